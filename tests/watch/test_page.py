@@ -131,7 +131,7 @@ def test_what_if_continues_without_a_jump_and_comes_back(viewer: Any, served: An
     for old, new in zip(hips, viewer.state("hips"), strict=True):
         assert distance(old, new) < 0.002
     link = viewer.state("link")
-    viewer.page.get_by_role("button", name="back to what was played").click()
+    viewer.page.get_by_role("button", name="back to the played rally").click()
     viewer.until(lambda: viewer.state("strokes") == played)
     viewer.page.goto("about:blank")
     viewer.open(served.address + link)
@@ -156,9 +156,9 @@ def test_learn_mode_asks_before_it_shows_the_better_stroke(viewer: Any, served: 
     asked = 0
     while True:
         viewer.until(
-            lambda: viewer.page.locator(".quiz button").count() > 0 or viewer.page.get_by_text("Accuracy by exact").count() > 0
+            lambda: viewer.page.locator(".quiz button").count() > 0 or viewer.page.get_by_text("Accuracy: 100 %").count() > 0
         )
-        if viewer.page.get_by_text("Accuracy by exact").count():
+        if viewer.page.get_by_text("Accuracy: 100 %").count():
             break
         question, time, contacts, analysis = viewer.state("asked", "time", "contacts", "analysis")
         assert time < contacts[question], "it stops before the decision"
@@ -170,7 +170,7 @@ def test_learn_mode_asks_before_it_shows_the_better_stroke(viewer: Any, served: 
         asked += 1
         viewer.page.locator("section[aria-label='Find the better stroke'] > button").click()
     assert asked >= 1
-    assert viewer.page.get_by_text("of what the choices could make was made").count() == 2
+    assert viewer.page.get_by_text(": accuracy ").count() == 2
 
 
 KEYS = {
@@ -352,7 +352,7 @@ def test_a_shared_page_opens_from_disk(viewer: Any, served: Any, browser: Any, t
     with viewer.page.expect_download() as download:
         seek(viewer, viewer.state("duration") - 0.3)
         viewer.press(">", ">")
-        viewer.page.get_by_role("button", name="Film this rally").click()
+        viewer.page.get_by_role("button", name="Record video").click()
     assert download.value.suggested_filename == "rally-3.webm"
     with av.open(str(download.value.path())) as film:
         picture = next(film.decode(video=0)).to_ndarray(format="rgb24")

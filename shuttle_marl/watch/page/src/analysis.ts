@@ -104,7 +104,7 @@ export class Curve {
       "aria-label",
       steps.length
         ? `Probability that A wins the rally, from ${percent(steps[0]!.win)} to ${percent(steps.at(-1)!.win)}`
-        : "Strokes of the rally in time",
+        : "Timeline of the strokes",
     );
     this.drawing.replaceChildren(...parts, this.cursor);
   }
@@ -191,7 +191,7 @@ function endLine(rally: RallyFacts): HTMLElement {
 }
 
 export class OptionTable {
-  readonly element = h("section", { class: "panel", "aria-label": "Strokes to choose from" });
+  readonly element = h("section", { class: "panel", "aria-label": "Legal strokes" });
 
   constructor(private readonly tryOut: (stroke: number) => void) {}
 
@@ -268,11 +268,11 @@ export class Chances {
 
 /** The court from above: target areas of the policy and path of the shuttle. Seat 0 is on the left. */
 export class LandingMap {
-  readonly element = h("section", { class: "panel", "aria-label": "Where the striker's policy aims" });
+  readonly element = h("section", { class: "panel", "aria-label": "Target areas of the striker's policy" });
   private readonly drawing = s("svg", { class: "map", viewBox: "-7 -3.35 14 6.7", role: "img" });
 
   constructor(private readonly hall: HallFacts) {
-    this.element.append(h("h2", {}, h("span", {}, "Where it aims"), h("span", {}, "policy")), this.drawing);
+    this.element.append(h("h2", {}, h("span", {}, "Target areas"), h("span", {}, "policy")), this.drawing);
   }
 
   show(rally: RallyFacts, index: number, landing: number[] | null): void {

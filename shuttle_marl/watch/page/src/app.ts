@@ -258,7 +258,9 @@ export class App {
       this.leave();
       this.enter("watch");
       await this.go(course.number, null, true);
-      layout.say(shown.rally.winner === null ? "The policy plays this rally from its start" : "The policy plays on");
+      layout.say(
+        shown.rally.winner === null ? "The policy replays this rally from the start" : "The policy continues the match",
+      );
       return;
     }
     const { stroke, time } = player;

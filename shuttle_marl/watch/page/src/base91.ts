@@ -36,7 +36,7 @@ export function decode(text: string): Uint8Array<ArrayBuffer> {
   for (let i = 0; i < text.length; i++) {
     const value = VALUES.get(text.charCodeAt(i));
     if (value === undefined) {
-      throw new Error("this page is damaged; take another copy");
+      throw new Error("this page is damaged; use another copy");
     }
     if (first < 0) {
       first = value;

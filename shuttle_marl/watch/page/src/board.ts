@@ -114,7 +114,7 @@ export class Board {
       const mine = ofShot.filter((s) => s.area === area);
       const share = mine.length ? Math.max(...mine.map((s) => s.p_succ)) : 0;
       const best = this.best(mine);
-      const facts = mine.length ? [`good with ${percent(share)}`, best && `wins ${best}`] : ["– not from here"];
+      const facts = mine.length ? [`P(success) ${percent(share)}`, best && `wins ${best}`] : ["not legal here"];
       return h(
         "button",
         {
@@ -145,7 +145,7 @@ export class Board {
     const now = this.selected;
     const option = now ? this.values.get(now.stroke) : undefined;
     const chances = now
-      ? `good ${percent(now.p_succ)} · returned ${percent(now.p_ret)}${option ? ` · wins ${percent(option.win)}` : ""}`
+      ? `P(success) ${percent(now.p_succ)} · P(returned) ${percent(now.p_ret)}${option ? ` · wins ${percent(option.win)}` : ""}`
       : "";
     replaceChildren(
       this.element,

@@ -23,7 +23,7 @@ function distances(count: number): number[] {
   return count ? [0, ...out] : [];
 }
 
-function foretold(values: Float64Array, i: number, distance: number): number {
+function predicted(values: Float64Array, i: number, distance: number): number {
   if (!distance) {
     return 0;
   }
@@ -65,7 +65,7 @@ class Reader implements Steps {
     let [folded, factor, byte] = [0, 1, 0];
     do {
       if (this.at >= this.bytes.length) {
-        throw new Error("a motion of this page that is cut off");
+        throw new Error("truncated motion in this page");
       }
       byte = this.bytes[this.at++]!;
       folded += (byte & 127) * factor;
@@ -83,7 +83,7 @@ function run(steps: Steps, columns: Float64Array[], widths: number[], near: Uint
     columns.forEach((column, k) => {
       for (let frame = distance; frame < count; frame += 2 * distance || count) {
         const width = widths[k]! * (near[frame] ? 1 / 3 : share);
-        column[frame] = steps.next(column[frame]!, foretold(column, frame, distance), width);
+        column[frame] = steps.next(column[frame]!, predicted(column, frame, distance), width);
       }
     });
   }

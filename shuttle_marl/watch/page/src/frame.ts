@@ -46,7 +46,7 @@ export class Frames {
     try {
       this.stage = new Stage(hall, model, quality, still);
     } catch {
-      this.stage = null; // no WebGL: the rally is described in words
+      this.stage = null; // no WebGL: the rally is described as text
     }
   }
 

@@ -43,11 +43,11 @@ export function keyList(): [string, string][] {
     [", .", "frame"],
     ["< >", "speed"],
     ["1 – 6", "camera"],
-    ["f", "other end"],
-    ["r", "slow replay"],
+    ["f", "switch ends"],
+    ["r", "slow-motion replay"],
     ["t T", "take over A, B"],
     ["n", "new match"],
-    ["w", "in words"],
+    ["w", "text mode"],
     ["h", "keys"],
   ];
 }
@@ -56,7 +56,7 @@ export class Layout {
   readonly court = h("div", { class: "court" });
   readonly notice = h("div", { class: "notice hidden", role: "alert" });
   readonly banner = h("div", { class: "banner hidden" });
-  private readonly told = h("ol", { "aria-live": "polite" });
+  private readonly lines = h("ol", { "aria-live": "polite" });
   readonly what = h("p", { class: "what" });
   readonly clock = h("span", { class: "clock" });
   readonly scrubber: HTMLInputElement;
@@ -81,7 +81,7 @@ export class Layout {
       "Keys",
       h("ul", { class: "keys" }, ...keyList().map(([key, what]) => h("li", {}, h("kbd", {}, key), ` ${what}`))),
     );
-    this.summary = dialog("The game", h("div"));
+    this.summary = dialog("Game summary", h("div"));
     this.play = h("button", { class: "play", onclick: () => hooks.toggle(), "aria-label": "Play" }, icon("play"));
     this.speed = h(
       "select",
@@ -95,11 +95,11 @@ export class Layout {
       max: 1,
       step: 0.02,
       value: 0,
-      "aria-label": "Time in the rally",
+      "aria-label": "Position in the rally",
       oninput: () => hooks.seek(Number(this.scrubber.value)),
     });
     this.autoNext = toggleButton("auto-next", true, (on) => hooks.autoNext(on));
-    this.textButton = toggleButton("In words", false, (on) => hooks.textMode(on));
+    this.textButton = toggleButton("Text", false, (on) => hooks.textMode(on));
     this.tabs = modes.map((mode) =>
       h(
         "button",
@@ -108,13 +108,14 @@ export class Layout {
       ),
     );
     parts.curve.append(this.transport());
-    const canvas = parts.canvas ?? h("p", { class: "end" }, "This browser draws no 3D; the rally is told in words.");
+    const canvas =
+      parts.canvas ?? h("p", { class: "end" }, "This browser does not support WebGL 2; the rally is described as text.");
     this.court.append(canvas, ...parts.overlays, this.banner, this.notice);
     this.words = h(
       "section",
-      { class: "panel", "aria-label": "In words" },
-      h("h2", {}, "In words"),
-      h("div", { class: "told", role: "region", "aria-label": "The rally in words", tabindex: 0 }, this.told),
+      { class: "panel", "aria-label": "Rally as text" },
+      h("h2", {}, "Rally as text"),
+      h("div", { class: "told", role: "region", "aria-label": "Strokes of the rally as text", tabindex: 0 }, this.lines),
     );
     const keys = h(
       "section",
@@ -135,8 +136,8 @@ export class Layout {
             h("button", { onclick: () => hooks.savePage(true) }, "Save the match so far (.html)"),
             h("button", { onclick: () => hooks.savePicture() }, "Save picture (.png)"),
             filmFormat()
-              ? h("button", { onclick: () => hooks.saveFilm() }, "Film this rally (.webm)")
-              : h("p", { class: "quiet" }, "This browser makes no films"),
+              ? h("button", { onclick: () => hooks.saveFilm() }, "Record video (.webm)")
+              : h("p", { class: "quiet" }, "This browser cannot record video"),
           ),
         )
       : h("button", { onclick: () => hooks.savePicture() }, "Save picture");
@@ -145,7 +146,7 @@ export class Layout {
         "header",
         { class: "top" },
         h("h1", {}, "shuttle_marl"),
-        h("div", { class: "tabs", role: "tablist", "aria-label": "What to do" }, ...this.tabs),
+        h("div", { class: "tabs", role: "tablist", "aria-label": "Mode" }, ...this.tabs),
         this.what,
         isMatch ? h("button", { onclick: () => hooks.newMatch() }, "New match") : null,
         this.textButton,
@@ -171,12 +172,12 @@ export class Layout {
     return h(
       "div",
       { class: "transport", role: "group", "aria-label": "Playback" },
-      button("first", "Rally before", () => hooks.rally(-1)),
-      button("back", "Stroke before", () => hooks.stroke(-1)),
+      button("first", "Previous rally", () => hooks.rally(-1)),
+      button("back", "Previous stroke", () => hooks.stroke(-1)),
       this.play,
       button("forward", "Next stroke", () => hooks.stroke(1)),
       button("last", "Next rally", () => hooks.rally(1)),
-      button("replay", "Last stroke again, slowly", () => hooks.replay()),
+      button("replay", "Replay the last stroke in slow motion", () => hooks.replay()),
       this.speed,
       toggleButton("loop rally", false, (on) => hooks.loop(on)),
       this.autoNext,
@@ -236,14 +237,14 @@ export class Layout {
     }
   }
 
-  /** Begins to tell another rally. */
+  /** Starts the text of another rally. */
   tellFromStart(words: string): void {
-    this.told.replaceChildren();
+    this.lines.replaceChildren();
     this.tell(words);
   }
 
   tell(words: string): void {
-    this.told.append(h("li", {}, words));
+    this.lines.append(h("li", {}, words));
   }
 }
 

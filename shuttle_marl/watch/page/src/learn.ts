@@ -107,7 +107,7 @@ export class Learn {
       ),
     );
     this.element.append(
-      h("p", { style: "margin:8px 0" }, "What is best here, with perfect play from then on?"),
+      h("p", { style: "margin:8px 0" }, "Which stroke is best if both play perfectly afterwards?"),
       h("div", { class: "quiz" }, ...buttons),
     );
     buttons[0]?.focus();
@@ -129,13 +129,13 @@ export class Learn {
     });
     this.hooks.reveal(question);
     const best = value.options.find((option) => option.stroke === value.better)!;
-    const told = right ? "Yes." : `Better is ${name(best)}: your stroke gives away ${percent(given.regret)}.`;
-    const next = h("button", { onclick: () => this.next() }, this.left.length ? "Next" : "Accuracy of both");
+    const verdict = right ? "Correct." : `Better: ${name(best)}. The regret of your stroke is ${percent(given.regret)}.`;
+    const next = h("button", { onclick: () => this.next() }, this.left.length ? "Next" : "Show accuracy");
     this.element.append(
       h(
         "p",
         { style: "margin:8px 0" },
-        `${told} The played stroke gave away ${percent(value.regret)} of the rally. ${value.sure}`,
+        `${verdict} The regret of the stroke played is ${percent(value.regret)}. ${value.sure}`,
       ),
       next,
     );
@@ -149,17 +149,17 @@ export class Learn {
         "p",
         {},
         h("b", { class: seat ? "b" : "a" }, this.rally!.names[seat]!),
-        share === null ? ": no stroke" : `: ${percent(share)} of what the choices could make was made`,
+        share === null ? ": no strokes" : `: accuracy ${percent(share)}`,
       ),
     );
-    const score = this.asked ? `${this.right} of ${this.asked} found. ` : "No decision of this rally gave away much. ";
+    const score = this.asked ? `${this.right} of ${this.asked} correct.` : "No decision of this rally has a large regret.";
     const done = h("button", { onclick: () => this.hooks.finish() }, "Next rally");
     replaceChildren(
       this.element,
       h("h2", {}, "Find the better stroke"),
       h("p", {}, score),
       ...accuracy,
-      h("p", { class: "quiet" }, "Accuracy by exact regret: 100 % is perfect play, 0 % always the worst stroke."),
+      h("p", { class: "quiet" }, "Accuracy: 100 % is perfect play, 0 % the worst stroke at every decision."),
       done,
     );
     this.hooks.reveal(Infinity);

@@ -29,7 +29,7 @@ async function served(): Promise<{ hello: Hello; source: Source }> {
   const lost = h(
     "div",
     { class: "notice hidden", role: "alert", style: "position:fixed;bottom:12px;z-index:9" },
-    "The server does not answer; waiting for it …",
+    "No connection to the server; reconnecting …",
   );
   document.body.append(lost);
   const address = `${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/ws`;
@@ -75,12 +75,12 @@ async function saved(shared: Shared): Promise<{ hello: Hello; source: Source }> 
   const { facts: hello } = await openShared<Hello>(shared.hello);
   const find = <F>(key: string) => {
     const reply = shared.replies[key];
-    return reply === undefined ? Promise.reject(new Error("this page was saved without that rally")) : openShared<F>(reply);
+    return reply === undefined ? Promise.reject(new Error("the saved page does not contain this rally")) : openShared<F>(reply);
   };
   const source: Source = {
     rally: async ({ rally }) => unpacked(await find(`rally ${rally}`)),
     analysis: async ({ rally }) => (await find<Analysis>(`analysis ${rally}`)).facts,
-    options: () => Promise.reject(new Error("a saved page plays no one")),
+    options: () => Promise.reject(new Error("a saved page cannot play; start the server")),
     styles: async () => (await find<Styles>("styles")).facts,
     model: (athlete) => ungzipped(shared.models[athlete]!),
     share: null,

@@ -123,7 +123,7 @@ class Reader {
   bytes(count: number): Uint8Array {
     this.offset += count;
     if (this.offset > this.data.length) {
-      throw new Error("a packed motion that is cut off");
+      throw new Error("truncated packed motion");
     }
     return this.data.subarray(this.offset - count, this.offset);
   }
@@ -167,14 +167,14 @@ export class Motion {
   static async unpack(content: ArrayBuffer, before: Motion | null = null): Promise<Motion> {
     const magic = new Uint8Array(content, 0, 5);
     if (String.fromCharCode(...magic.subarray(0, 4)) !== "SMOT" || magic[4] !== 1) {
-      throw new Error("no packed motion of version 1");
+      throw new Error("not a packed motion of version 1");
     }
     const data = await inflated(new Uint8Array(content, 5));
     const size = new DataView(data.buffer, data.byteOffset).getUint32(0, true);
     const head: Head = JSON.parse(new TextDecoder().decode(data.subarray(4, 4 + size)));
     const { first, frames: count, strokes } = head;
     if (first && (!before || before.frames < first)) {
-      throw new Error("a packed motion that continues another one");
+      throw new Error("the frames before this packed motion are missing");
     }
     const total = first + count;
     const out = {

@@ -6,14 +6,14 @@ import type { RallyFacts } from "./wire.gen";
 /** One stroke as a sentence. */
 export function strokeSentence(rally: RallyFacts, i: number): string {
   const stroke = rally.strokes[i]!;
-  const effort = stroke.effort ? `, ${stroke.effort} attack${stroke.effort > 1 ? "s" : ""} before` : "";
+  const effort = stroke.effort ? `, ${stroke.effort} previous attack${stroke.effort > 1 ? "s" : ""}` : "";
   return (
     `${i + 1}. ${rally.names[stroke.seat]}: ${words(stroke.shot)} to ${words(stroke.area)}, ${words(stroke.technique)} from ` +
-    `${stroke.height} the net, ${Math.round(3.6 * stroke.speed)} km/h; good with ${percent(stroke.p_succ)}, returned with ${percent(stroke.p_ret)}${effort}.`
+    `${stroke.height} the net, ${Math.round(3.6 * stroke.speed)} km/h; P(success) ${percent(stroke.p_succ)}, P(returned) ${percent(stroke.p_ret)}${effort}.`
   );
 }
 
-/** How a rally ended, in words. */
+/** The end of a rally as a sentence. */
 export function endSentence(rally: RallyFacts): string {
   if (rally.winner === null || !rally.after) {
     return "";

@@ -31,7 +31,7 @@ export class Saving {
   copyLink(): void {
     this.updateAddress();
     navigator.clipboard?.writeText(location.href).catch(() => {});
-    this.layout.say("The address names seed, rally and stroke; it is in the clipboard");
+    this.layout.say("Link copied; it contains seed, rally and stroke");
   }
 
   /** Saves the current frame. */
@@ -50,7 +50,7 @@ export class Saving {
     this.player.seek(0);
     this.player.playing = true;
     this.recorder.start(this.stage.canvas, `rally-${this.course.number + 1}.webm`);
-    this.layout.say("filming until the rally is over, or is paused");
+    this.layout.say("recording until the rally ends or is paused");
   }
 
   /** Stops a running recording. */
@@ -65,15 +65,15 @@ export class Saving {
     if (!source.share || !names) {
       return;
     }
-    layout.say("making the page …");
+    layout.say("creating the page …");
     const numbers = match && course.plan ? Array.from({ length: course.number + 1 }, (_, i) => i) : [course.number];
     const name = match ? "match.html" : `rally-${course.number + 1}.html`;
     try {
       const wanted = numbers.map((number) => course.wanted(number));
-      const progress = (done: number) => layout.say(`making the page … rally ${done + 1} of ${numbers.length}`);
+      const progress = (done: number) => layout.say(`creating the page … rally ${done + 1} of ${numbers.length}`);
       const page = await source.share(wanted, `${names[0]} v ${names[1]}`, this.link, progress);
       save(page, name);
-      layout.say(`saved, ${(page.size / 1e6).toFixed(1)} MB; it opens from disk`);
+      layout.say(`saved (${(page.size / 1e6).toFixed(1)} MB); the page opens without a server`);
     } catch (error) {
       layout.say((error as Error).message, true);
     }

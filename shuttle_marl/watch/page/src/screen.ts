@@ -72,7 +72,7 @@ export class Screen {
     this.moves = new MoveList((stroke) => acts.seekStroke(stroke));
     this.options = new OptionTable((stroke) => acts.whatIf(stroke));
     this.landing = new LandingMap(hello.hall);
-    this.back = h("button", { class: "back hidden", onclick: () => acts.backToPlayed() }, "What if · back to what was played");
+    this.back = h("button", { class: "back hidden", onclick: () => acts.backToPlayed() }, "What if · back to the played rally");
     const card = (seat: number) =>
       new SideCard(
         seat,

@@ -83,7 +83,7 @@ export class Stage {
       powerPreference: "high-performance",
     });
     if (!context) {
-      throw new Error("this browser draws no 3D (WebGL 2); the rally is told in words below");
+      throw new Error("this browser does not support WebGL 2; the rally is described as text");
     }
     this.renderer = new THREE.WebGLRenderer({ canvas: this.canvas, context });
     this.eye.layers.enable(BEHIND);

@@ -40,8 +40,8 @@ export async function summary(
       "li",
       { style: "margin:6px 0" },
       h("button", { onclick: () => go(number, i) }, `rally ${number + 1}, stroke ${i + 1}`),
-      ` ${words(stroke.shot)} to ${words(stroke.area)} gave away ${percent(value.regret)}`,
-      better ? `; better: ${words(better.shot)} to ${words(better.area)}` : "",
+      ` ${words(stroke.shot)} to ${words(stroke.area)} · regret ${percent(value.regret)}`,
+      better ? ` · better: ${words(better.shot)} to ${words(better.area)}` : "",
     );
   });
   const mean = strokes.length ? strokes.reduce((sum, { value }) => sum + value.regret, 0) / strokes.length : 0;
@@ -50,7 +50,7 @@ export async function summary(
     h(
       "p",
       {},
-      `${score}. You chose ${strokes.length} strokes; each gave away ${(100 * mean).toFixed(1)} % of a rally on average. The costliest:`,
+      `${score}. You chose ${strokes.length} strokes, with a mean regret of ${(100 * mean).toFixed(1)} %. Largest regrets:`,
     ),
     h("ol", {}, ...rows),
   ];
