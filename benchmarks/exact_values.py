@@ -45,7 +45,7 @@ Times = tuple[float, float]
 
 
 def thirty_policies(game: Game) -> list[TabulatedPolicy]:
-    """The behaviour-cloned players, the styles and random, and the same at other temperatures until there are 30."""
+    """30 policies: behaviour-cloned players, styles and random, and the same at other temperatures."""
     families = ("bc", "attacking", "defensive", "safe", "random")
     names = [name for name in registry.names(game) if name.partition(":")[0] in families]
     names += [f"{name}@{temperature}" for temperature in (0.5, 2) for name in names]
@@ -64,7 +64,7 @@ def median_seconds(call: Callable[[], Any], repeat: int) -> Times:
 
 
 def compile_seconds() -> Times:
-    """Times of the first sweep when nothing is compiled yet."""
+    """Times of the first sweep, with compilation."""
     with tempfile.TemporaryDirectory() as empty:
         environment = {**os.environ, "NUMBA_CACHE_DIR": empty}
         done = subprocess.run([sys.executable, "-c", _COMPILE], env=environment, capture_output=True, text=True, check=True)
@@ -73,7 +73,7 @@ def compile_seconds() -> Times:
 
 
 def measure(repeat: int) -> list[dict[str, Any]]:
-    """All measurements: what was called, and its times."""
+    """All measurements: solver and times."""
     game = default_game()
     warm_up(game)
     bc, other = (tabulate(registry.resolve(name, game), game, name) for name in ("bc", "attacking"))

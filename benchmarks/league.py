@@ -28,11 +28,11 @@ from shuttle_marl.league.tournament import MatchOptions, Tournament, round_robin
 
 STYLES: Final = ("safe", "attacking", "defensive")
 _EXACT_PAIRS: Final = 60
-"""Pairs that are solved to measure the speed; a pool of 100 has 4,950."""
+"""Number of pairs solved to measure the speed; a pool of 100 has 4,950."""
 
 
 def pool(size: int) -> list[str]:
-    """Names of so many different entrants."""
+    """Names of a number of different entrants."""
     temperatures = (f"{0.3 + 0.05 * i:.2f}" for i in itertools.count())
     names = (f"{style}@{temperature}" for temperature in temperatures for style in STYLES)
     return list(itertools.islice(names, size))

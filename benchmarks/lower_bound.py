@@ -65,7 +65,7 @@ def _read_and_show(
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class LowerBound:
-    """The least a stroke costs, found in real play.
+    """Minimum memory accesses of a stroke, recorded from play.
 
     Attributes:
         read_bytes: bytes of the two tables that a stroke reads.
@@ -83,7 +83,7 @@ class LowerBound:
 
 
 def lower_bound_of(game: Game, threads: int) -> LowerBound:
-    """The reads that random play of a game needs, ready to be timed."""
+    """Record the reads of random play of a game, for timing."""
     tables = tables_of(game)
     batch = RallyBatch(game, _BATCH, seed=1)
     states, pairs = [], []

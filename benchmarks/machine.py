@@ -6,10 +6,10 @@ from typing import Any
 
 
 def this_machine() -> dict[str, Any]:
-    """Python, kind of machine and number of cores of this process."""
+    """Python version, architecture and number of cores available to this process."""
     return {"python": platform.python_version(), "machine": platform.machine(), "cores": os.cpu_count()}
 
 
 def machine(result: dict[str, Any]) -> str:
-    """The machine of a result, in words."""
+    """Description of the machine of a result."""
     return f"Python {result['python']}, {result['machine']}, {result['cores']} cores."

@@ -16,20 +16,20 @@ from shuttle_marl.staging.motion import Motion, against_parents
 from shuttle_marl.staging.skeleton import BONE
 
 _WINDOW: Final = 0.12
-"""Seconds around a contact in which the fastest instant of the racket is looked for."""
+"""Window around a contact for the maximum racket speed [s]."""
 _AROUND: Final = 0.5
-"""Seconds around a contact in which the greatest vertical acceleration is looked for."""
+"""Window around a contact for the maximum vertical acceleration [s]."""
 _ABSORBED: Final = 0.4
-"""Seconds after a landing in which the hips sink."""
+"""Time after a landing in which the hips sink [s]."""
 _TOUCHING: Final = 0.02
 """Height of the ball of a foot below which it is on the floor [m]."""
 _TOGETHER: Final = 0.04
-"""Seconds within which both feet land as one [s]."""
+"""Maximum interval between the landings of both feet of a hop [s]."""
 _STILL: Final = 0.02
 """Speed of the fastest bone below which a player is motionless [m/s]."""
 _FAST_WRIST: Final = np.radians(2000.0)
 _HIGH: Final = 1.2
-"""Contacts above this height are those of net shots that are met early [m]."""
+"""Minimum contact height of a net shot taken early [m]."""
 _NEAR_SHOULDER: Final = 0.05
 _HANGING: Final = 0.10
 _JUMPED: Final = ("smash", "half-smash")
@@ -77,7 +77,7 @@ class Life:
 
 
 def measure_life(motion: Motion) -> Life:
-    """Measure how alive a motion is."""
+    """Measure a motion."""
     trajectory, frames = motion.trajectory, motion.contact_frame
     rally, n = trajectory.rally, len(motion.contact_frame)
     shot = rally.catalogue.shot[rally.stroke].astype(np.int64)
@@ -155,7 +155,7 @@ def _velocity(path: F64, frame: int, fps: int) -> F64:
 
 
 def _impact(motion: Motion, strings: F64, i: int, frame: int) -> tuple[float, float, float]:
-    """Speed of the strings against the shuttle's, seconds from the contact to their fastest instant, cosine of the directions."""
+    """Strings relative to the shuttle: speed, time from the contact to the maximum speed [s], cosine of the directions."""
     _, out = (v[0] for v in motion.trajectory.flight.at(i, np.array([0.0])))
     racket = _velocity(strings, frame, motion.fps)
     speed, leaving = float(np.linalg.norm(racket)), float(np.linalg.norm(out))
@@ -165,7 +165,7 @@ def _impact(motion: Motion, strings: F64, i: int, frame: int) -> tuple[float, fl
     top = int(around.argmax())
     late = float(rows[top] - frame)
     if 0 < top < len(rows) - 1:
-        # The top of the parabola through three frames.
+        # Vertex of the parabola through three frames.
         a, b, c = around[top - 1 : top + 2]
         late += float(0.5 * (a - c) / min(a - 2 * b + c, -1e-9))
     return speed / leaving, late / motion.fps, float(racket @ out) / max(speed * leaving, 1e-9)
@@ -184,7 +184,7 @@ def _vertical(motion: Motion, seat: int, frame: int) -> float:
 
 
 def _sink(motion: Motion, seat: int, frame: int) -> float:
-    """Depth to which the hips sink after the jump in which the player is at a contact; NaN if they do not land [m]."""
+    """Depth to which the hips sink after a jumped contact [m]; NaN without a landing."""
     down = np.flatnonzero((_off_floor(motion, seat)[frame:] < _TOUCHING).any(axis=1))
     after = round(_ABSORBED * motion.fps)
     if not len(down) or frame + down[0] + after >= len(motion.time):
@@ -194,7 +194,7 @@ def _sink(motion: Motion, seat: int, frame: int) -> float:
 
 
 def _steps(motion: Motion) -> F64:
-    """Ways of the hips from one landing to the next step while the rally lasts [m]; a hop, both feet at once, is no step."""
+    """Distances of the hips between steps during the rally [m]; a hop with both feet is not a step."""
     if not len(motion.contact_frame):
         return np.zeros(0)
     over = round(float(motion.trajectory.end_time[-1]) * motion.fps)
@@ -211,13 +211,13 @@ def _steps(motion: Motion) -> F64:
 
 
 def _landings(motion: Motion, seat: int, foot: int) -> I64:
-    """Frames in which a foot is put down somewhere."""
+    """Frames in which a foot lands."""
     planted = motion.planted[:, seat, foot]
     return np.flatnonzero(planted[1:] & ~planted[:-1]).astype(np.int64) + 1
 
 
 def _stillness(motion: Motion) -> tuple[int, int]:
-    """Frames in which a player is motionless before the serve and after the rally, and how many frames those are."""
+    """Number of motionless frames before the serve and after the rally, and the total number of these frames."""
     frames = np.arange(1, len(motion.time))
     trajectory = motion.trajectory
     if len(motion.contact_frame):
@@ -228,7 +228,7 @@ def _stillness(motion: Motion) -> tuple[int, int]:
 
 
 def _fast_wrists(motion: Motion) -> int:
-    """Frames in which a hand that plays turns too fast against the forearm."""
+    """Number of frames in which the racket hand rotates too fast relative to the forearm."""
     count = 0
     for seat in (0, 1):
         hand = BONE["RightHand" if motion.handedness[seat] == "right" else "LeftHand"]

@@ -194,7 +194,7 @@ def _inverse(m: F64) -> F64:
 
 
 def _signed(a: F64, b: F64, axis: F64) -> F64:
-    """Angle that turns ``a`` into ``b`` about a unit ``axis``, positive by the right hand."""
+    """Signed angle from ``a`` to ``b`` about a unit ``axis``, by the right-hand rule."""
     angle: F64 = np.arctan2(
         (cross(a, b) * axis).sum(axis=-1), (a * b).sum(axis=-1) - (a * axis).sum(axis=-1) * (b * axis).sum(axis=-1)
     )
@@ -202,7 +202,7 @@ def _signed(a: F64, b: F64, axis: F64) -> F64:
 
 
 def _about(axis: F64, angle: F64, v: F64) -> F64:
-    """Vectors turned about unit axes, each ``[F, 3]``, by ``[F]`` angles."""
+    """Rotate vectors ``[F, 3]`` about unit axes ``[F, 3]`` by angles ``[F]``."""
     c, s = np.cos(angle)[:, None], np.sin(angle)[:, None]
     out: F64 = c * v + s * cross(axis, v) + (1 - c) * (axis * v).sum(axis=1, keepdims=True) * axis
     return out
@@ -339,14 +339,14 @@ def _clearance(motion: Motion, i: int) -> float:
 
 
 def _ends_truly(motion: Motion, i: int, frame: int) -> bool:
-    """Whether a stroke ends as it must."""
+    """Whether a stroke ends according to its outcome."""
     trajectory, stroke = motion.trajectory, motion.trajectory.rally.stroke[i]
     x, y, z = motion.shuttle[frame].astype(np.float64) * np.array([facing(int(trajectory.rally.striker[i]))] * 2 + [1.0])
     meant = int(area_of(np.array(x), np.array(y))) == trajectory.rally.catalogue.area[stroke]
     serve = bool(trajectory.rally.catalogue.is_serve[stroke])
     in_box = abs(x) <= HALF_WIDTH and (SHORT_SERVICE if serve else 0.0) <= y <= HALF_LENGTH
     if trajectory.end[i] in (RETURN, OPEN):
-        # Serves are struck on from where the server may not stand, so their place is moved into the service court.
+        # The contact of a serve is in front of the server, so its position is moved into the service court.
         return meant or serve
     if trajectory.end[i] == WIN:
         return bool((meant or serve) and in_box and z < 0.05)

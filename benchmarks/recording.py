@@ -32,12 +32,12 @@ from shuttle_marl.recording import RallyLog, RallyLogWriter, replay
 _POOL: Final = ("bc", "attacking", "safe", "random")
 _MATCHES: Final = 20_000
 _IN_MEMORY: Final = 256
-"""Batches that are copied from memory."""
+"""Number of batches that are copied from memory."""
 _FOUND: Final = 100
 
 
 def cpu_seconds(work: Callable[[], object], repeat: int) -> float:
-    """Least CPU time of ``repeat`` calls [s]."""
+    """Minimum CPU time of ``repeat`` calls [s]."""
     times = []
     for _ in range(repeat):
         begun = time.process_time()
@@ -47,7 +47,7 @@ def cpu_seconds(work: Callable[[], object], repeat: int) -> float:
 
 
 def tournament(folder: Path, matches: int, repeat: int) -> dict[str, float]:
-    """Play and record; the log of the last run stays."""
+    """Play and record tournaments; the log of the last one is kept."""
     run_league(LeagueConfig(pool=_POOL, matches=200, out=folder / "warm", batch=1 << 14))
     speed, cpu = [], []
     for i in range(repeat):
@@ -60,7 +60,7 @@ def tournament(folder: Path, matches: int, repeat: int) -> dict[str, float]:
 
 
 def log(path: Path, folder: Path, repeat: int) -> dict[str, float]:
-    """Read back, find, play again, and write once more."""
+    """Read, access at random, replay and rewrite the log."""
     with RallyLog(path) as found:
         strokes, rallies, size = found.n_strokes, found.n_rallies, found.size
         reading = cpu_seconds(lambda: [len(batch.stroke) for _, batch in found.batches()], repeat)
@@ -99,7 +99,7 @@ def _find(path: Path, number: int) -> float:
 
 
 class _Timed:
-    """A training log whose CPU time is counted."""
+    """A training log that measures its CPU time."""
 
     def __init__(self, inner: Any) -> None:
         self._inner = inner
@@ -109,7 +109,7 @@ class _Timed:
         def call(*args: Any) -> Any:
             if name == "close":
                 self._inner.flush()
-                # Now, because the thread that replays rallies begins with the first of them.
+                # Measured from here, because the replaying thread starts with the first rally.
                 threads = [thread for thread in threading.enumerate() if thread.name.startswith("recording ")]
                 clocks = [time.pthread_getcpuclockid(thread.ident or 0) for thread in threads]
                 self.cpu += sum(time.clock_gettime(clock) for clock in clocks)
@@ -124,7 +124,7 @@ class _Timed:
 
 
 def training(folder: Path, strokes: int, repeat: int) -> dict[str, float]:
-    """Train with every rally recorded, and see what of it is the recording."""
+    """Train with every rally recorded, and measure the fraction of CPU time spent on recording."""
     from shuttle_marl.training import PPOConfig, train  # noqa: PLC0415  torch, which nothing above needs
     from shuttle_marl.training.checkpoints import open_log  # noqa: PLC0415
 
@@ -153,7 +153,7 @@ def training(folder: Path, strokes: int, repeat: int) -> dict[str, float]:
 
 
 def measure(matches: int, strokes: int, repeat: int) -> dict[str, Any]:
-    """Everything; see the keys."""
+    """All measurements, by key."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         played = tournament(folder, matches, repeat)

@@ -79,13 +79,13 @@ def self_play_rallies(policy: str, n: int, *, seed: int) -> list[Rally]:
 
 
 def pack_error(motion: Motion, again: Motion) -> float:
-    """Greatest distance between strings, bones and shuttles of two motions [m]."""
+    """Maximum distance between strings, bones and shuttles of two motions [m]."""
     names = ("sweet_spot", "position", "shuttle")
     return max(float(np.linalg.norm(getattr(motion, name) - getattr(again, name), axis=-1).max()) for name in names)
 
 
 def continued(rally: Rally, seed: int, hands: tuple[str, str], athletes: tuple[str, str]) -> list[float]:
-    """CPU seconds of each extension of a rally that is staged as it is played: a stroke of a player and the reply to it."""
+    """CPU seconds of each extension of a rally staged during play, by a stroke and the reply."""
     motion = stage(first_strokes(rally, 0), seed=seed, handedness=hands, athletes=athletes)
     seconds = []
     for k in range(2, len(rally) + 2, 2):
@@ -97,7 +97,7 @@ def continued(rally: Rally, seed: int, hands: tuple[str, str], athletes: tuple[s
 
 
 def first_strokes(rally: Rally, strokes: int) -> Rally:
-    """The first strokes of a rally, while it was open."""
+    """The first strokes of a rally, as an open rally."""
     if strokes == len(rally):
         return rally
     ending = RETURNED_BELOW + int(rally.catalogue.height[rally.stroke[strokes]])

@@ -33,7 +33,7 @@ class Timing:
 
 
 def cpu_seconds(command: list[str], repeat: int) -> float:
-    """Least CPU time of ``repeat`` runs of a command [s].
+    """Minimum CPU time of ``repeat`` runs of a command [s].
 
     Raises:
         subprocess.CalledProcessError: the command fails.

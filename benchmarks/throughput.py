@@ -10,8 +10,8 @@ seconds for several threads. The fastest turn is reported, because other load ca
 ``states``, ``legal_pairs``) at the end. ``bound_per_s`` is the limit from the reads of a stroke alone
 (:mod:`benchmarks.lower_bound`), ``load`` the load average at the start of a measurement.
 
-What counts as a stroke: of ``vector``, ``match_vector`` and ``gymnasium`` the learner's stroke together with the reply to it, of
-environments of other libraries an action.
+For ``vector``, ``match_vector`` and ``gymnasium``, the learner's stroke and the reply count as one stroke; in environments of
+other libraries, an action counts.
 """
 
 import json
@@ -44,12 +44,12 @@ _QUICK_SIZES: Final = SIZES[:3]
 _SIZE_BATCH: Final = 4096
 _FLOOR_BATCH: Final = 8192
 SIZED: Final = {"kernel": kernel, "kernel_observed": kernel_observed}
-"""Cases that are measured in games of other sizes too, and beside their lower bound."""
+"""Cases that are also measured in games of other sizes, and compared with their lower bound."""
 _NAMES: Final = (*BATCHED, *SINGLE)
 
 
 def speeds(plays: Sequence[Play], seconds: float, turns: int, threads: int) -> list[list[float]]:
-    """Strokes a second of each turn; what plays takes turns.
+    """Strokes per second of each turn; the environments alternate.
 
     A turn is over when its time is, but not amid a call; where all turns would need more than four times their time on the
     clock, there are fewer.
@@ -72,12 +72,12 @@ def speeds(plays: Sequence[Play], seconds: float, turns: int, threads: int) -> l
 
 
 def peak_mb() -> float:
-    """Most memory that this process has held, in units of 1024 * 1024 bytes."""
+    """Peak memory of this process [MiB]."""
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
 def row(what: str, batch: int, threads: int, found: Sequence[float], **more: Any) -> Row:
-    """A measurement, as it stands in the results."""
+    """A measurement, as a row of the results."""
     return {
         "what": what,
         "batch": batch,
@@ -90,7 +90,7 @@ def row(what: str, batch: int, threads: int, found: Sequence[float], **more: Any
 
 
 def measure_batched(what: str, batches: Sequence[int], threads: Sequence[int], seconds: float, turns: int) -> list[Row]:
-    """All batches of one name, small ones first, so that the peak of the memory is that of the batch."""
+    """All batch sizes of one case in increasing order, so that the peak memory is that of the batch."""
     found = []
     for batch in sorted(batches):
         for count in threads if what not in ONE_THREAD else (1,):
@@ -104,13 +104,13 @@ def measure_batched(what: str, batches: Sequence[int], threads: Sequence[int], s
 
 
 def measure_single(names: Sequence[str], seconds: float, turns: int) -> list[Row]:
-    """Environments that are played one at a time, in turns."""
+    """Environments without batches, which alternate in one process."""
     found = speeds([SINGLE[name](1, 1) for name in names], seconds, turns, threads=1)
     return [row(name, 1, 1, measured) for name, measured in zip(names, found, strict=True)]
 
 
 def measure_size(size: tuple[int, int] | None, seconds: float, turns: int) -> list[Row]:
-    """The kernel in a synthetic game of a catalogue and a number of legal strokes; None: in the shipped game."""
+    """The kernel in a synthetic game with a given catalogue size and number of legal strokes; None: the shipped game."""
     game = game_of_size(*size) if size else default_game()
     about = {"strokes": game.n_strokes, "states": game.n_states, "legal_pairs": game.n_pairs, "synthetic": size is not None}
     found = speeds([make(_SIZE_BATCH, 1, game) for make in SIZED.values()], seconds, turns, threads=1)
@@ -126,7 +126,7 @@ def measure(
     *,
     sizes: Sequence[tuple[int, int]],
 ) -> list[Row]:
-    """All that is asked for, one fresh process after the other."""
+    """Run the requested cases, each in a fresh process."""
     jobs: list[tuple[Callable[..., list[Row]], tuple[Any, ...]]] = [
         (measure_batched, (name, batches, threads, seconds, turns)) for name in BATCHED if name in only
     ]

@@ -18,7 +18,7 @@ Play = Callable[[], int]
 Maker = Callable[[int, int], Play]
 
 _AT_ONCE: Final = 16_384
-"""Strokes of one call, about."""
+"""Approximate number of strokes per call."""
 
 
 def game_of_size(catalogue: int, replies: int) -> Game:
@@ -47,7 +47,7 @@ def _steps(batch: int) -> int:
 
 
 def kernel(batch: int, threads: int, game: Game | None = None) -> Play:
-    """Rows that play random legal strokes by themselves; nothing is observed."""
+    """The kernel plays random legal strokes in all rows, without observations."""
     from shuttle_marl.kernel import RallyBatch
 
     rows = RallyBatch(game or default_game(), batch, threads=threads)
@@ -61,7 +61,7 @@ def kernel(batch: int, threads: int, game: Game | None = None) -> Play:
 
 
 def kernel_observed(batch: int, threads: int, game: Game | None = None) -> Play:
-    """Random legal strokes from outside, each checked; what every striker sees, and the mask."""
+    """Random legal strokes as actions, each checked, with observations and masks."""
     from shuttle_marl.kernel import RallyBatch
 
     rows = RallyBatch(game or default_game(), batch, threads=threads)
@@ -231,6 +231,6 @@ SINGLE: Final[dict[str, Maker]] = {
     "connect_four_v3": _loop(_classic("connect_four_v3")),
     "tictactoe_v3": _loop(_classic("tictactoe_v3")),
 }
-"""One environment at a time; these take turns in one process."""
+"""Environments without batches, which alternate in one process."""
 ONE_THREAD: Final = ("cartpole_vector", *SINGLE)
 """Cases that cannot use a second thread."""

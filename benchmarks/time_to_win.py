@@ -82,7 +82,7 @@ seconds of learning, so that evaluating takes a small part of the time."""
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Reached:
-    """When a learner reached a target, or where it stood when its time was up.
+    """Time at which a learner reached a target, or its state at the time limit.
 
     Attributes:
         learner: which one, with its settings.

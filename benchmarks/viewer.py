@@ -73,7 +73,7 @@ def until(page: Page, script: str, seconds: float = 120.0) -> None:
 
 
 def frames(page: Page, address: str) -> dict[str, Any]:
-    """First picture of a warm server, script of a frame while it plays, draw calls from every camera in full quality."""
+    """Time to the first picture of a warm server, script time per frame, and draw calls from every camera in full quality."""
     page.goto(f"{address}#rally=1")
     until(page, "!!(window.viewer && window.viewer.state().ready && window.viewer.state().analysis)")
     page.goto("about:blank")
@@ -101,7 +101,7 @@ def frames(page: Page, address: str) -> dict[str, Any]:
 
 
 def turns(page: Page, address: str, count: int) -> dict[str, Any]:
-    """From the choice of a stroke to the first frame that moves."""
+    """Time from the choice of a stroke to the first frame that moves."""
     page.goto(f"{address}#seed=3&a=bc&b=bc&rally=1")
     until(page, "!!(window.viewer && window.viewer.state().ready)")
     page.keyboard.press("t")
@@ -118,7 +118,7 @@ def turns(page: Page, address: str, count: int) -> dict[str, Any]:
 
 
 def rally(address: str, seed: int, number: int) -> tuple[float, bool]:
-    """Ask for a rally as a page does: seconds until it is there, and whether there is one."""
+    """Request a rally as a page does; returns the seconds until the reply, and whether it contains a rally."""
     plan = {"seed": seed, "sides": [{"policy": "bc"}, {"policy": "bc"}]}
     begun = time.monotonic()
     with connect(address.replace("http", "ws") + "ws", max_size=None, proxy=None) as socket:
@@ -130,7 +130,7 @@ def rally(address: str, seed: int, number: int) -> tuple[float, bool]:
 
 
 def viewers(address: str) -> dict[str, Any]:
-    """Many who ask for the same rally at once: the slowest."""
+    """Slowest of many simultaneous requests for one rally."""
     with ThreadPoolExecutor(_VIEWERS) as pool:
         seconds = [found[0] for found in pool.map(lambda _: rally(address, 77, 0), range(_VIEWERS))]
     return {"viewers": _VIEWERS, "viewers_slowest_s": round(max(seconds), 2)}
@@ -143,7 +143,7 @@ def resident(pid: int) -> float:
 
 
 def memory(page: Page, address: str, pid: int, matches: int, rallies: int) -> dict[str, Any]:
-    """Memory of server and page after each match of a session, of which some rallies are shown."""
+    """Memory of server and page after each match of a session, in which some rallies are shown."""
     server, heap = [], []
     page.goto("about:blank")
     page.goto(f"{address}#rally=1")
@@ -160,7 +160,7 @@ def memory(page: Page, address: str, pid: int, matches: int, rallies: int) -> di
 
 
 def run(*, quick: bool = False) -> dict[str, Any]:
-    """Measure; see the keys."""
+    """All measurements, by key."""
     with serving() as (address, pid), sync_playwright() as playwright:
         browser = playwright.chromium.launch(
             executable_path=browser_program(), args=[*browser_flags(), "--enable-precise-memory-info"]

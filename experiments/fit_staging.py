@@ -157,7 +157,7 @@ def _bases(shot: I64, area: I64, c: dict[str, npt.NDArray[Any]], following: Bool
 
 
 def _faults(shot: I64, c: dict[str, npt.NDArray[Any]]) -> dict[str, float]:
-    """Share of the faults of each shot type that do not cross the net; the others land out."""
+    """Fraction of the faults of each shot type that do not cross the net; the others land out."""
     fault = c["outcome"] == Outcome.FAULT
     net = np.isin(c["reason"], [REASONS.index("net"), REASONS.index("short")])
     out = c["reason"] == REASONS.index("out")

@@ -3,8 +3,8 @@
     python -m experiments.human --data DATA [--split validation] [--picture FILE] [--json]
 
 With TAU, ``human:TAU`` moves from perfect play to the average player ``bc`` (:func:`shuttle_marl.exact.solve_soft`). For each
-TAU: the fraction of rallies won against ``bc``, at home and away, and the cross-entropy on real strokes of unseen matches, in
-nats per stroke. Then TAU is fitted for each player with a clone: the one under which ``human:TAU:PLAYER`` gives their strokes the
+TAU: the fraction of rallies won against ``bc``, in the game and in its refits, and the cross-entropy on real strokes of
+unseen matches, in nats per stroke. Then TAU is fitted for each player with a clone: the one under which ``human:TAU:PLAYER`` gives their strokes the
 highest likelihood, infinity being the clone itself. A low TAU says that among their usual strokes a player prefers those with a
 higher value in the game.
 
@@ -40,9 +40,9 @@ from shuttle_marl.game.tabulated import from_pair_probabilities
 from shuttle_marl.policy import Scorer, baselines
 
 TAUS: Final = (0.01, 0.02, 0.03, 0.05, 0.07, 0.1, 0.14, 0.2, 0.3, 0.5, 1.0, 2.0)
-"""Values of TAU that are tried, beside infinity."""
+"""Values of TAU, in addition to infinity."""
 LEAST_STROKES: Final = 200
-"""A player with fewer strokes in the split gets no TAU."""
+"""Minimum number of strokes of a player in the split."""
 _TOLERANCE: Final = 1e-7
 _TICKS: Final = (2, 2.5, 3, 4, 5, 7, 10, 15, 20, 30)
 
@@ -66,9 +66,9 @@ class Answers:
         return np.asarray(-np.log(np.bincount(self.row, probability[self.pair % len(probability)], len(self.strokes))))
 
     def of(self, which: Bools) -> "Answers":
-        """Those of some strokes."""
+        """Selection of strokes."""
         kept = which[self.row]
-        # Rallies keep their numbers, and rows of other strokes are never read.
+        # Rallies keep their numbers; rows of other strokes are not read.
         return Answers(strokes=_taken(self.strokes, which), row=(np.cumsum(which) - 1)[self.row[kept]], pair=self.pair[kept])
 
 
@@ -93,7 +93,7 @@ def answers(game: Game, strokes: Strokes) -> Answers:
 
 
 def curve(game: Game, real: Answers, console: Console) -> list[dict[str, Any]]:
-    """Strength and likeness of ``human:TAU`` for every TAU, None for infinity: ``bc``."""
+    """Strength and likeness of ``human:TAU`` for every TAU; None is infinity (``bc``)."""
     prior = PairPolicy(game=game, probability=baselines.probabilities(None, game))
     scorer, refits = Scorer(game), refits_of(game)
     found: list[dict[str, Any]] = []
@@ -243,7 +243,7 @@ def _tau(tau: float | None) -> str:
 
 
 def measure(game: Game, strokes: Strokes, console: Console) -> dict[str, Any]:
-    """All figures of a game on real strokes of matches that it was not fitted on."""
+    """All figures of a game on real strokes of unseen matches."""
     real = answers(game, strokes)
     return {
         "game": game.hash,

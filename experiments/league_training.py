@@ -142,7 +142,7 @@ def _interval(values: list[float]) -> dict[str, Any] | None:
 
 
 def _line(result: dict[str, Any]) -> dict[str, Any]:
-    """The line of the curve of the main agent that a run ended with."""
+    """Learning curve entry of the final main agent of a run."""
     line: dict[str, Any] = next(line for line in result["curve"] if line["policy"] == result["main_agent"])
     return line
 

@@ -48,9 +48,9 @@ PAPER: Final = {
 }
 """Rows of the paper's table, on its own private data."""
 LEAST_ROWS: Final = 200
-"""A player with fewer strokes in the split gets no row."""
+"""Minimum number of strokes of a player for a row."""
 LEAST_PLAYERS: Final = 4
-"""At least the players with most strokes get one."""
+"""Minimum number of players with a row."""
 HEADINGS: Final = ("strokes scored", "predicted by", "number", "shot type", "area", "area, shot type known")
 COLUMNS: Final = ("shot_type", "area", "area_given_type")
 
@@ -139,7 +139,7 @@ def table(imitator: Imitator, models: FittedModels, strokes: pa.Table) -> dict[s
 
 
 def without_height(models: FittedModels, rows: Rows, *, own: bool = True) -> Prediction:
-    """Choices of the game's players without their contact height, averaged over those that the game expects.
+    """Choices of the game's players without their contact height, averaged over the heights expected by the game.
 
     Args:
         models: of the game.
@@ -147,7 +147,7 @@ def without_height(models: FittedModels, rows: Rows, *, own: bool = True) -> Pre
         own: use the striker's own model where there is one.
     """
     above = np.full(len(rows), (rows.codes["contact"][rows.stroke > 1] == 1).mean())
-    # Serves are struck below the net. The stroke before is in the row before, unless it was dropped.
+    # Serves are struck below the net. The previous row is the previous stroke, unless that was dropped.
     above[rows.stroke == 1] = 0.0
     known = np.flatnonzero(rows.codes["incoming_shot"] < N_SHOTS)
     known = known[rows.codes["area"][known - 1] >= 0]
@@ -163,7 +163,7 @@ def without_height(models: FittedModels, rows: Rows, *, own: bool = True) -> Pre
 
 
 def table_rows(result: dict[str, Any], players: int | None = None) -> list[tuple[str, ...]]:
-    """Cells of the table by row, columns as in :data:`HEADINGS`; of so many players, by default of all."""
+    """Cells of the table by row, with columns :data:`HEADINGS`, for a number of players (default: all)."""
     lines = [(name, by, scores) for name, group in result["rows"].items() for by, scores in group.items()]
     for name, group in list(result["players"].items())[:players]:
         clone = "own clone" if group["own_model"] else "average clone"
@@ -198,7 +198,7 @@ def _scores(prediction: Prediction, rows: Rows, which: Bools) -> dict[str, Any]:
 
 
 def _most_strokes(rows: Rows) -> list[str]:
-    """Players with most strokes, most first."""
+    """Players in decreasing order of their number of strokes."""
     names, counts = np.unique(rows.striker, return_counts=True)
     ranked = np.lexsort((names, -counts))
     return [str(names[i]) for place, i in enumerate(ranked) if place < LEAST_PLAYERS or counts[i] >= LEAST_ROWS]

@@ -61,7 +61,7 @@ def observed(rows: Rows, seed: int = 0) -> dict[str, dict[str, float]]:
 
 
 def simulated(model: str) -> dict[str, float]:
-    """The same figures of behaviour cloning against itself, exactly."""
+    """The same figures of behaviour cloning in self-play, computed exactly."""
     figures = play_statistics(baselines.load(None, load_game(model)))
     shares = {"mean rally": figures["mean_rally"], "fault share": figures["fault_share"], "winner share": figures["winner_share"]}
     return {**shares, **figures["shot_mix"]}

@@ -35,7 +35,7 @@ COMMANDS: Final[dict[str, tuple[str, ...]]] = {
     "sac": ("training", "sac", *_TRAIN, "{out}"),
     "self-play": ("training", "ppo", "--opponent", "self", *_TRAIN, "{out}"),
 }
-"""Arguments behind ``python -m shuttle_marl.``, by name; ``{out}`` is a folder of the command's own."""
+"""Arguments after ``python -m shuttle_marl.``, by name; ``{out}`` is a separate folder for each command."""
 _LEFT_OUT: Final = ("manifest.json", "tensorboard")
 _PRINTED: Final = "printed.txt"
 _TIMES: Final = ("second", "time", "per_s")
@@ -98,7 +98,7 @@ def _files(folder: Path) -> set[str]:
 
 
 def _difference(files: tuple[Path, Path], checkouts: tuple[Path, Path]) -> str:
-    """The difference of two files of other bytes; empty if only what may differ does."""
+    """The difference of two unequal files; empty if only excluded parts differ."""
     if files[0].suffix == ".mcap":
         return _other_strokes([_strokes(file, checkout) for file, checkout in zip(files, checkouts, strict=True)])
     texts = [_lines_without_times(file) for file in files]
@@ -108,7 +108,7 @@ def _difference(files: tuple[Path, Path], checkouts: tuple[Path, Path]) -> str:
 
 
 def _lines_without_times(file: Path) -> list[Any] | None:
-    """JSON, or a line of JSON each, without times; None if the file holds something else."""
+    """Content of a JSON or JSON-lines file without times; None for other files."""
     try:
         text = file.read_text(encoding="utf-8")
         return [_without_times(json.loads(part)) for part in (text.splitlines() if file.suffix == ".jsonl" else [text])]
@@ -146,7 +146,7 @@ def main(
     out: Path | None = None,
     only: tuple[str, ...] = tuple(COMMANDS),
 ) -> None:
-    """Compare what two checkouts compute.
+    """Compare the results of two checkouts.
 
     Args:
         before: Root of a checkout.

@@ -51,7 +51,7 @@ from shuttle_marl.policy.registry import resolve
 SAMPLE: Final = Path(__file__).parents[1] / "datasets" / "sample" / "strokes.parquet"
 _GROUPS: Final = {"MS": "men's singles", "WS": "women's singles"}
 _DRAWN: Final = range(9, 14)
-"""Lengths of rallies with a readable picture."""
+"""Range of rally lengths for the picture."""
 
 
 def stroke_value(

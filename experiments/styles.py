@@ -2,7 +2,7 @@
 
     python -m experiments.styles [--quick] [--out FOLDER] [--resume] [--json FILE]
 
-Every style is a documented change of the reward (`shuttle_marl.training.collecting`), trained with several seeds against
+Every style is a documented change of the reward (`shuttle_marl.training.learner`), trained with several seeds against
 `bc`. The figures of an agent are exact (expected visits of every state against `bc`), so only the training varies between
 seeds. Styles are compared by Welch's t-test over seeds, and with `bc` by a one-sample t-test; p-values are adjusted for
 multiple comparisons (Benjamini & Yekutieli 2001, which allows for dependence).

@@ -7,13 +7,13 @@ from collections.abc import Sequence
 from typing import Final
 
 COMMANDS: Final = {
-    "analysis": "figures and pictures of recorded rallies, beside real matches",
+    "analysis": "summaries and pictures of recorded rallies, compared with real matches",
     "data": "download, convert, import, summarise and check annotated matches",
     "dynamics": "fit, evaluate and describe the models of the game",
     "exact": "solve the game, and measure policies against the solution",
     "league": "play a tournament between policies",
-    "policies": "list every policy by name",
-    "recording": "read, check, repair and export the log of every rally",
+    "policies": "list all policies by name",
+    "recording": "read, check, recover and export rally logs",
     "training": "train an agent with PPO, A2C or SAC",
     "watch": "watch matches in 3D, analyse them, and play yourself",
 }
@@ -65,7 +65,7 @@ def _usage() -> str:
     return (
         f"usage: shuttle-marl COMMAND …\n\n{lines}\n\n"
         "`shuttle-marl COMMAND --help` lists the options of a command, `--version` prints the version, and "
-        f"`--completion SHELL`\na completion script for {', '.join(SHELLS)}, to be evaluated in the shell's start file.\n"
+        f"`--completion SHELL`\na completion script for {', '.join(SHELLS)}, for the start file of the shell.\n"
     )
 
 

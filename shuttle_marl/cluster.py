@@ -123,7 +123,7 @@ class Cluster:
 
         Args:
             function: a function of the package whose result depends only on its arguments.
-            arguments: of the function; a :class:`Shared` one stands for its value.
+            arguments: its arguments; a :class:`Shared` is replaced by its value.
         """
         task = Task(self, function, arguments)
         self._start(task)
@@ -136,7 +136,7 @@ class Cluster:
 
     def advance(self) -> None:
         """Collect finished tasks and restart lost ones; run one in this process if no worker is left."""
-        # Results are fetched as soon as they are there: a machine that dies later takes none of them with it.
+        # Results are fetched as soon as they are complete, so that a machine that fails later loses none.
         over = self._backend.wait(list(self._open), _PATIENCE)
         for started in over:
             task = self._open.pop(started)
@@ -157,7 +157,7 @@ class Cluster:
             return
         message = (
             f"a task was lost {_ATTEMPTS} times with its worker, perhaps for lack of memory ({error}); continue with --resume on "
-            "machines with more memory for every processor"
+            "machines with more memory per processor"
         )
         task.end(functools.partial(_raise, ClusterError(message)))
 

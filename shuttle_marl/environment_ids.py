@@ -1,7 +1,7 @@
 """Registration of the environment ids with Gymnasium and PettingZoo, when both are imported, in either order.
 
 Gymnasium 1.0 stopped reading entry points, so a package registers its environments when it is imported. Importing a library
-for that would make ``import shuttle_marl`` ten times slower; instead the registration waits until another module does.
+for that would make ``import shuttle_marl`` ten times slower; instead registration is deferred until another module imports it.
 """
 
 import importlib.util
@@ -13,8 +13,8 @@ from types import ModuleType
 
 
 def register_for_gymnasium() -> None:
-    """Register ``shuttle_marl/Rally-v0`` and ``shuttle_marl/Match-v0``; the environments are imported when they are made."""
-    from gymnasium.envs import registration  # noqa: PLC0415  waits until Gymnasium is wanted
+    """Register ``shuttle_marl/Rally-v0`` and ``shuttle_marl/Match-v0``; the environments are imported on creation."""
+    from gymnasium.envs import registration  # noqa: PLC0415  imported on demand
 
     for name in ("Rally", "Match"):
         if f"shuttle_marl/{name}-v0" not in registration.registry:
@@ -26,8 +26,8 @@ def register_for_gymnasium() -> None:
 
 
 def register_for_pettingzoo() -> None:
-    """Register ``shuttle_marl/rally-v0`` and ``shuttle_marl/match-v0`` with PettingZoo; before 1.27 it has no registry."""
-    import pettingzoo  # noqa: PLC0415  waits until PettingZoo is wanted
+    """Register ``shuttle_marl/rally-v0`` and ``shuttle_marl/match-v0`` with PettingZoo; versions before 1.27 have no registry."""
+    import pettingzoo  # noqa: PLC0415  imported on demand
 
     known = getattr(pettingzoo, "aec_registry", None)
     for name in ("rally", "match"):
@@ -36,7 +36,7 @@ def register_for_pettingzoo() -> None:
 
 
 class _AfterImport(MetaPathFinder):
-    """Lets Python find a library as always, and registers when it has been imported, not when it was only looked for."""
+    """Import hook that registers the environments after a library was imported, but not if it was only searched for."""
 
     def __init__(self, library: str, register: Callable[[], None]) -> None:
         self._library, self._register = library, register
@@ -66,7 +66,7 @@ class _AfterImport(MetaPathFinder):
 
 
 def register_when_imported() -> None:
-    """Register now with what is imported already, and with the others when they will be."""
+    """Register with libraries that are already imported, and with the others after their import."""
     libraries = (
         ("gymnasium", "gymnasium.envs.registration", register_for_gymnasium),
         ("pettingzoo", "pettingzoo", register_for_pettingzoo),

@@ -7,7 +7,7 @@ from typing import Final
 
 _PACKAGE: Final = "shuttle-marl"
 _APART: Final = ("ray",)
-"""Extras that `make install` leaves out."""
+"""Extras that `make install` omits."""
 
 
 def install_hint(extra: str) -> str:

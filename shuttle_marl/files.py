@@ -76,7 +76,7 @@ def _unwritable(path: Path, *errors: type[Exception]) -> Iterator[None]:
     try:
         yield
     except errors as error:
-        raise FileWriteError(f"{path}: cannot be written ({problem(error)}); nothing there was changed") from error
+        raise FileWriteError(f"{path}: cannot be written ({problem(error)}); no file was changed") from error
 
 
 def open_file(path: Path) -> BinaryIO:
@@ -88,7 +88,7 @@ def open_file(path: Path) -> BinaryIO:
     handle = os.open(path, os.O_RDONLY | _BINARY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0))
     if not stat.S_ISREG(os.fstat(handle).st_mode):
         os.close(handle)
-        raise OSError(errno.EINVAL, "no regular file", str(path))
+        raise OSError(errno.EINVAL, "not a regular file", str(path))
     return os.fdopen(handle, "rb")
 
 
@@ -140,7 +140,7 @@ def read_json(path: Path, kind: type[T], *, sealed: bool = False) -> T:
             if not isinstance(fields, dict):
                 raise FileReadError("not a JSON object")
             if fields.pop(_SEAL, None) != _digest(fields):
-                raise FileReadError("it was changed after it was written: its checksum does not fit")
+                raise FileReadError("it was changed after it was written: its checksum does not match")
         return msgspec.convert(fields, kind)
     except RecursionError as error:
         raise FileReadError("nested too deeply") from error

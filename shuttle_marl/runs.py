@@ -1,4 +1,4 @@
-"""Run folders: created, resumed, locked by one process, and described so that runs can be reproduced."""
+"""Run folders: creation, resuming, locking, and the manifest that makes runs reproducible."""
 
 import contextlib
 import importlib.metadata
@@ -44,8 +44,9 @@ def open_run(
         called: description of the run in errors; default: ``named NAME``.
 
     Raises:
-        RunError: the folder holds a run that was to be neither resumed nor replaced; or the run to resume does not exist or was
-            started with other flags; or another process uses the folder; or the folder cannot be created or written.
+        RunError: the folder contains a run, and neither resuming nor replacing was requested; or the run to resume does
+            not exist or was started with other flags; or another process uses the folder; or the folder cannot be created or
+            written.
     """
     _check_name(out)
     default = Path("runs") / name
@@ -117,7 +118,7 @@ def _make(folder: Path, *, exist_ok: bool) -> bool:
     except OSError as error:
         if isinstance(error, FileExistsError) and not exist_ok:
             return False
-        raise RunError(f"{folder}: the run folder cannot be made ({error.strerror}); name another with --out") from error
+        raise RunError(f"{folder}: the run folder cannot be created ({error.strerror}); name another with --out") from error
     return True
 
 
@@ -125,10 +126,10 @@ def _check_free(out: Path, *, overwrite: bool) -> None:
     if not out.exists() or (out.is_dir() and all(_LEFTOVER.fullmatch(path.name) for path in _entries(out))):
         return
     if not (out / CONFIG).is_file():
-        raise RunError(f"{out}: holds something that is no run; name another folder with --out")
+        raise RunError(f"{out}: contains files that are not a run; name another folder with --out")
     if not overwrite:
         state = "a finished run" if is_finished(out) else "an unfinished run"
-        raise RunError(f"{out}: holds {state}; --resume continues it, --overwrite replaces it, --out names another")
+        raise RunError(f"{out}: contains {state}; --resume continues it, --overwrite replaces it, --out names another")
 
 
 def _entries(folder: Path) -> list[Path]:
@@ -150,7 +151,7 @@ def _to_resume(out: Path | None, default: Path, called: str) -> Path:
         folders = [path.parent for path in newest if not is_finished(path.parent)]
     if not folders or not (folders[-1] / CONFIG).is_file():
         where = f"in {out}" if out else f"{called} in {default.parent}"
-        raise RunError(f"there is no run to resume {where}; leave --resume out to start one")
+        raise RunError(f"no run to resume {where}; omit --resume to start one")
     return folders[-1]
 
 

@@ -75,7 +75,7 @@ def open_parquet(path: Path) -> pq.ParquetFile:
         file.seek(max(0, start - _SEAL))
         seal = file.read(min(start, _SEAL))
         if seal.startswith(_MARK) and seal[len(_MARK) :] != _digest(file, (0, start - _SEAL), (start, size)):
-            raise pa.ArrowInvalid("it was changed after it was written: its checksum does not fit")
+            raise pa.ArrowInvalid("it was changed after it was written: its checksum does not match")
     return pq.ParquetFile(path, page_checksum_verification=True)
 
 
@@ -124,7 +124,7 @@ def _footer(file: BinaryIO) -> tuple[int, int]:
         start = size - _END - int.from_bytes(end[:4], "little")
         if end.endswith(b"PAR1") and start >= 4:
             return start, size
-    raise pa.ArrowInvalid("it is no Parquet file, or its end is missing")
+    raise pa.ArrowInvalid("not a Parquet file, or truncated")
 
 
 def _digest(file: BinaryIO, *ranges: tuple[int, int]) -> bytes:

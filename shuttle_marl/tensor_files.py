@@ -50,11 +50,11 @@ def read_tensors(path: Path, sha256: str | None = None) -> Tensors:
     """
     content = read_file(path)
     if sha256 is not None and hashlib.sha256(content).hexdigest() != sha256:
-        raise ValueError("it was changed after it was written: its checksum does not fit")
+        raise ValueError("it was changed after it was written: its checksum does not match")
     try:
         arrays = load(content)
     except (SafetensorError, KeyError) as error:
-        raise ValueError(f"no safetensors file: {error}") from error
+        raise ValueError(f"not a safetensors file: {error}") from error
     # `load` omits the metadata. It has validated the header, whose length is in the first eight bytes.
     header = json.loads(content[8 : 8 + int.from_bytes(content[:8], "little")])
     return Tensors(header.get("__metadata__", {}), arrays)

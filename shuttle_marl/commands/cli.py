@@ -121,7 +121,7 @@ def run(commands: Command | dict[str, Command], *, prog: str, description: str, 
             return 141
         if error.errno in NO_ROOM:
             _drop_output()
-            return _fail(prog, f"{_file(error, 'the output')} cannot be written ({error.strerror}); make room")
+            return _fail(prog, f"{_file(error, 'the output')} cannot be written ({error.strerror}); free disk space")
         if error.errno not in _FIXABLE or error.filename is None:
             raise
         return _fail(prog, f"{_file(error, '')} cannot be used ({error.strerror}); name another file or folder")
@@ -208,7 +208,7 @@ def check_free(path: Path, *, overwrite: bool = False) -> None:
     """
     taken = path.is_file() or (path.is_dir() and any(path.iterdir()))
     if taken and not overwrite:
-        raise ShuttleError(f"{path}: is there already; --overwrite replaces it, --out names another")
+        raise ShuttleError(f"{path}: already exists; --overwrite replaces it, --out names another")
 
 
 def _table(title: str | Text, *left: str, right: Sequence[str] = ()) -> Table:
@@ -260,7 +260,7 @@ def play(cards: Sequence["Scorecard"]) -> Table:
 
 def holes(policy: str, found: "Holes") -> Table:
     """The states in which a policy loses most, one per row."""
-    title = Text(f"Where {printable(policy)} loses most to its best response")
+    title = Text(f"Largest losses of {printable(policy)} to its best response")
     right = ("in self-play", "against its best response", "lost a stroke", "lost a rally")
     table = _table(title, "state", "plays, better", right=right)
     for column in table.columns[:2]:
@@ -293,12 +293,12 @@ def home_and_away(rows: Sequence[Headlines]) -> Table:
 
 
 def home_and_away_json(home: Mapping[str, float | None], away: "Mapping[str, Spread] | None") -> dict[str, Any]:
-    """Results at home and away as JSON; null away without refits."""
+    """Results in the game and in its refits as JSON; ``away`` is null without refits."""
     return {"home": home, "away": None if away is None else {name: figure.as_json() for name, figure in away.items()}}
 
 
 def print_home_and_away(rows: Sequence[Headlines], refits: "Sequence[Game]", *, asked: bool) -> None:
-    """Print results at home and away if requested, or why there are none."""
+    """Print results in the game and in its refits if requested, or why there are none."""
     if not asked or not rows:
         return
     out = console()
@@ -308,7 +308,7 @@ def print_home_and_away(rows: Sequence[Headlines], refits: "Sequence[Game]", *, 
     out.print(home_and_away(rows))
     out.print(
         f"refits: the same policies, played in {len(refits)} refits of the game on resampled matches: mean, and\n"
-        "95 % interval for one more refit. The best response behind exploitability knows the refit."
+        "95 % interval for one more refit. Exploitability uses the best response in the refit."
     )
 
 

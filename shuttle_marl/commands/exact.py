@@ -153,9 +153,9 @@ def evaluate(
     console.print(cli.play(cards))
     best = scorer.reference_best
     console.print(
-        f"normalised: 0 is bc, 1 is the best response to bc ({100 * best.rally:.2f} % of rallies). exploitability: what the "
-        "best response to the policy gains; it wins half of it above 50 % of rallies. regret: loss against perfect play. "
-        "thin: share of its strokes that the data hardly know, with fewer than five real ones behind them."
+        f"normalised: 0 is bc, 1 is the best response to bc ({100 * best.rally:.2f} % of rallies). exploitability: gain "
+        "of the best response, which wins 50 % of rallies plus half of it. regret: loss against perfect play. "
+        "thin: fraction of its strokes with fewer than five real strokes behind them."
     )
     cli.print_home_and_away(
         [(card.policy, card.home, card.away) for card in cards if not card.sampled], scorer.refits, asked=away
@@ -263,7 +263,7 @@ def holes(
 
     _check_at_least(at_least)
     if top < 1:
-        raise ExactError(f"--top {top}: expected a number from 1 on")
+        raise ExactError(f"--top {top}: expected 1 or more")
     tables = model.load()
     least = least_support(tables) if at_least is None else at_least
     found = find(*model.tabulate([policy], tables), top=top, at_least=least)
@@ -273,10 +273,10 @@ def holes(
     console = cli.console()
     console.print(cli.holes(policy, found))
     console.print(
-        f"{len(found.holes)} of {found.states:,} states with a loss hold {cli.percent(found.share)} of it. The policy loses "
-        f"{found.loss:.5f} a rally to its best response, which gives up {found.given_up:.5f} of perfect play to get it: "
+        f"{len(found.holes)} of {found.states:,} states with a loss account for {cli.percent(found.share)} of it. The policy "
+        f"loses {found.loss:.5f} a rally to its best response, which gives up {found.given_up:.5f} of perfect play in exchange: "
         f"exploitability {found.exploitability:.5f} (within {found.error_bound:.0e}). in self-play, against its best response: "
-        "how often it strikes there in a rally, both serving equally often. "
+        "expected visits of the policy in a rally, with each player serving half of the rallies. "
         f"Better strokes have at least {least} real ones behind them where a state has any such ({_AT_LEAST})."
     )
 

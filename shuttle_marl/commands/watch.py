@@ -139,7 +139,7 @@ def watch(
         if video is not None:
             _film(running, listener, f"{address}?quality=full#rally={first + 1}", video)
             return
-        console.print(f"{address} shows the match; Ctrl-C ends it", soft_wrap=True)
+        console.print(f"{address} shows the match; press Ctrl-C to stop", soft_wrap=True)
         threading.Thread(target=answers.warm, daemon=True).start()
         if server.browser:
             webbrowser.open(address)

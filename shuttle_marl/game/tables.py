@@ -253,7 +253,7 @@ class Game(Layout):
         """Read tables written by :meth:`save`.
 
         Raises:
-            GameError: the file is missing or damaged, its hash does not fit, or an index in its tables leads out of them.
+            GameError: the file is missing or damaged, its hash does not match, or an index in its tables leads out of them.
         """
         try:
             header, arrays = read_tensors(path)

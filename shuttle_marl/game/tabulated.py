@@ -215,7 +215,7 @@ class TabulatedPolicy:
             raise PolicyError(f"{path}: a cumulative probability falls; the file is damaged, save the policy again")
         table = cls(game=game, cumulative=cumulative)
         if header.get("hash") != table.hash:
-            raise PolicyError(f"{path}: the table does not fit its hash; the file is damaged, save the policy again")
+            raise PolicyError(f"{path}: the table does not match its hash; the file is damaged, save the policy again")
         return table
 
 

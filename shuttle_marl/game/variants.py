@@ -154,5 +154,5 @@ def unpacked(tensors: Tensors, game: Game, name: str) -> Game:
     steps[:, _order(game)] = np.frombuffer(content, dtype=np.int8).reshape(3, -1)
     variant = moved(game, steps, np.ascontiguousarray(tensors.arrays[f"{name}.fault_odds"]))
     if variant.hash != hashes_of(tensors)[name]:
-        raise GameError(f"variant {name} does not fit its hash")
+        raise GameError(f"variant {name} does not match its hash")
     return variant

@@ -17,7 +17,7 @@ from shuttle_marl.league.style import Style
 from shuttle_marl.league.tournament import PairResult
 
 ANCHOR: Final = "minimax"
-"""Perfect play, which can take all probability of an equilibrium; meta-games are also solved without it."""
+"""Perfect play, which can have all the weight in an equilibrium; meta-games are also solved without it."""
 _MOST_CYCLES: Final = 20
 _SURE: Final = 5e-7
 _DECIMALS: Final = 6
@@ -30,7 +30,7 @@ class MetaGame:
     Attributes:
         names: the entrants.
         nash_average: ``[N]`` maximum-entropy equilibrium, with the probability of winning a match as payoff.
-        maximal_lottery: ``[N]`` the same where the payoff is only which entrant wins more often.
+        maximal_lottery: ``[N]`` the same for the sign of the advantage.
         alpha_rank: ``[N]`` stationary distribution of an evolving population.
     """
 
@@ -42,7 +42,7 @@ class MetaGame:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Cycle:
-    """Three entrants each of which beats the next, and the last the first.
+    """Cycle of three entrants: each beats the next, and the last beats the first.
 
     Attributes:
         names: the entrants.
@@ -100,7 +100,7 @@ class Assessment:
         cyclic_share: fraction of the squared log-odds that no rating can express (Jiang, Lim, Yao & Ye, Math. Programming 2011).
         cycles: of three entrants, the clearest first.
         flips: neighbours in the ranking.
-        stability: None without results away from home.
+        stability: None without results in refits.
         styles: by name, of entrants with a table.
     """
 

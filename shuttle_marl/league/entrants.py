@@ -1,4 +1,4 @@
-"""Configuration of a tournament, and its entrants: tables, or calls where a policy reads the score."""
+"""Configuration of a tournament, and its entrants: tabulated, or called at every stroke if they read the score."""
 
 import dataclasses
 import json
@@ -30,7 +30,7 @@ _MOST_ELO: Final = 1000
 _OWN_PLAYERS: Final = 6
 """Number of individual players in the default pool; ``--pool`` takes any number."""
 ANCHORS: Final = ("minimax", "best-response:bc")
-"""Solved policies of the default pool, the ends of the scale."""
+"""Solved policies of the default pool, reference points of the scale."""
 TRAINED: Final = ("a2c", "ppo", "sac", "ppo:self-play")
 """Trained agents of the default pool; see docs/training.md."""
 
@@ -58,7 +58,7 @@ class LeagueConfig:
     """Rounds of a Swiss tournament; 0: the binary logarithm of the number of entrants."""
     decide: float | None = None
     """Stop a pairing with an entrant that has no table when a sequential test has decided which entrant is better, with errors of
-    5 % at a difference of so many Elo points; default: play all matches."""
+    5 % at this difference in Elo points; default: play all matches."""
     seed: int = 0
     """Random seed: the same seed gives the same rallies."""
     out: Path | None = None
@@ -78,13 +78,13 @@ class LeagueConfig:
     rules: RulesName = "21"
     """Points of a game: 21 (best of three, the rules of the sport), or its trials: 15 (best of three), 11 (best of five)."""
     exact: bool = True
-    """Also solve every pair, the best response to every entrant, and its style exactly: seconds for each entrant."""
+    """Also compute exact results of every pair, best responses, and styles; takes seconds per entrant."""
     away: bool = False
-    """Solve all pairs in the refits of the game too: how the ranking holds if other matches had been recorded. Changes no
+    """Also solve all pairs in the refits of the game, which shows how the ranking depends on the recorded matches. Changes no
     other figure; takes some minutes."""
     holes: int = 0
-    """Show in the report the states in which each of the best so many entrants loses most to its best response; takes a few
-    seconds for each, and changes no figure."""
+    """Number of top entrants for which the report shows the states in which they lose most to their best response; takes a few
+    seconds each, and changes no figure."""
     workers: int = 1
     """Threads that play pairings of policies with tables; results do not depend on it."""
     ray: str | None = None
@@ -115,7 +115,7 @@ class LeagueConfig:
         if twice:
             raise LeagueError(f"--pool names {', '.join(twice)} twice; name every entrant once")
         if self.rounds < 0 or (self.rounds and self.format != "swiss"):
-            raise LeagueError(f"--rounds {self.rounds}: expected 1 or more, with --format swiss; 0 for as many as are needed")
+            raise LeagueError(f"--rounds {self.rounds}: expected 1 or more, with --format swiss; 0 for the default")
         if self.decide is not None and not 0 < self.decide <= _MOST_ELO:
             raise LeagueError(f"--decide {self.decide:g}: expected Elo points above 0, up to {_MOST_ELO}")
         if self.extend and (self.out is None or not self.pool):
@@ -137,8 +137,8 @@ class LeagueConfig:
 def default_pool(game: Game) -> tuple[str, ...]:
     """Behaviour-cloned players (the average and the first few individuals), scripted styles, random, trained agents, anchors.
 
-    The anchors mark the ends of the scale: perfect play, and the best response to ``bc``. Only policies that can play this game
-    enter: players of its model, and agents that were trained on it.
+    The anchors are reference points of the scale: perfect play, and the best response to ``bc``. Only policies that can play this
+    game enter: players of its model, and agents that were trained on it.
     """
     names = registry.names(game)
     bc = [name for name in names if name.partition(":")[0] == "bc"]
@@ -172,13 +172,13 @@ def enter(name: str, game: Game, *, requested: bool = True) -> Entrant:
     """Resolve an entrant and evaluate it in every state.
 
     Args:
-        name: of the policy.
+        name: name of the policy.
         game: the tables.
-        requested: whether the user gave the name, and not only the files of a run, which may be a stranger's.
+        requested: whether the user gave the name; names from the files of a run are untrusted.
 
     Raises:
         PolicyError: no policy has that name, or it would run code or open files that the user did not request. A policy that
-            raises or returns no distribution enters, and forfeits.
+            raises or returns an invalid distribution is entered, and forfeits.
     """
     try:
         policy = resolve(name, game) if requested else resolve_recorded(name, game)

@@ -38,8 +38,8 @@ def open_run(config: LeagueConfig) -> contextlib.AbstractContextManager[Path]:
     """Create or resume the run folder, and lock it.
 
     Raises:
-        RunError: the folder holds a run that was to be neither resumed nor replaced; or the run to resume does not exist or was
-            started with other flags.
+        RunError: the folder contains a run, and neither resuming nor replacing was requested; or the run to resume does not exist
+            or was started with other flags.
     """
     return runs.open_run(
         config.out,
@@ -61,7 +61,7 @@ def continued(config: LeagueConfig) -> LeagueConfig:
     folder = config.out
     if folder is None or not (config.resume or config.extend) or not (folder / runs.CONFIG).is_file():
         if config.extend:
-            raise LeagueError(f"{folder}: holds no run to extend")
+            raise LeagueError(f"{folder}: contains no run to extend")
         return config
     earlier = runs.read_json(folder / runs.CONFIG, _Entrants)
     pool, grown = earlier.pool, earlier.grown

@@ -1,15 +1,14 @@
-"""Games whose strategies are policies: equilibria and rankings of a matrix of payoffs.
+"""Meta-games: equilibria and rankings of a payoff matrix whose strategies are policies.
 
-A payoff is what the policy of the row gets against that of the column, on any scale. In the game between N policies both players
-choose from the same ones and one wins what the other loses, so the matrix is antisymmetric. Its equilibria are:
+An entry is the payoff of the row policy against the column policy, on any scale. The symmetric zero-sum game between N policies
+has an antisymmetric matrix.
 
-- of :func:`nash`: a strategy of each player that nothing beats, for any matrix; there may be many, this is one with few
-  policies;
-- of :func:`nash_average`: the one with most entropy, which is unique and treats copies of a policy as one (Balduzzi et al.,
-  NeurIPS 2018);
-- of :func:`maximal_lottery`: the same of margins of votes (Fishburn 1984; Lanctot et al. 2023, arXiv 2312.03121).
-
-:func:`alpha_rank` is no equilibrium, but says where evolution spends its time (Omidshafiei et al., Scientific Reports 2019).
+- :func:`nash`: a Nash equilibrium of any zero-sum matrix game, by linear programming; one of possibly many, with small support.
+- :func:`nash_average`: the maximum-entropy equilibrium of an antisymmetric matrix, which is unique and invariant to copies of a
+  policy (Balduzzi et al., NeurIPS 2018).
+- :func:`maximal_lottery`: the same for margins of votes (Fishburn 1984; Lanctot et al. 2023, arXiv 2312.03121).
+- :func:`alpha_rank`: not an equilibrium, but the stationary distribution of an evolving population (Omidshafiei et al.,
+  Scientific Reports 2019).
 """
 
 import math
@@ -24,23 +23,23 @@ from shuttle_marl.arrays import F64, Bools
 from shuttle_marl.errors import ShuttleError
 
 _ROUNDING: Final = 1e-9
-"""Payoffs, as shares of the largest one, that differ by less are the same."""
+"""Payoffs that differ by less, relative to the largest one, are equal."""
 _LEAST_LOG: Final = -600.0
-"""Log of the least probability in a chain, so that none is 0 and products of two are numbers still."""
+"""Lower bound of log rates, so that neither rates nor products of two of them underflow."""
 _NEWTON_STEPS: Final = 50
 
 
 class MetaGameError(ShuttleError):
-    """Payoffs that make no game."""
+    """Invalid payoff matrix or parameters."""
 
 
 class Equilibrium(NamedTuple):
     """An equilibrium of a zero-sum game.
 
     Attributes:
-        row: ``[N]`` probabilities of the player who chooses a row.
-        column: ``[M]`` those of the player who chooses a column.
-        value: what the player of the row gets.
+        row: ``[N]`` strategy of the row player.
+        column: ``[M]`` strategy of the column player.
+        value: payoff of the row player.
     """
 
     row: F64
@@ -49,23 +48,23 @@ class Equilibrium(NamedTuple):
 
 
 def nash(payoff: npt.ArrayLike) -> Equilibrium:
-    """An equilibrium of a zero-sum game, by linear programming.
+    """A Nash equilibrium of a zero-sum game, by linear programming.
 
     Args:
-        payoff: ``[N, M]`` of the row against the column.
+        payoff: ``[N, M]`` payoff of the row player.
 
     Raises:
-        MetaGameError: it is no matrix of finite numbers.
+        MetaGameError: the payoff is not a matrix of finite numbers.
     """
     a = _matrix(payoff)
     return Equilibrium(row=_maximin(a), column=_maximin(-a.T), value=float((_maximin(a) @ a).min()))
 
 
 def _maximin(a: F64) -> F64:
-    """``[N]`` probabilities of rows whose least payoff is largest."""
+    """``[N]`` maximin strategy of the row player."""
     rows, columns = a.shape
     scale = max(float(np.abs(a).max()), 1e-300)
-    # Variables: the probabilities and the payoff v, which no column makes smaller.
+    # Variables: the probabilities and the value v, a lower bound of the payoff against every column.
     found = linprog(
         np.r_[np.zeros(rows), -1.0],
         A_ub=np.c_[-a.T / scale, np.ones(columns)],
@@ -81,35 +80,35 @@ def _maximin(a: F64) -> F64:
 
 
 def uniform(payoff: npt.ArrayLike) -> F64:
-    """``[N]`` equal probabilities."""
+    """``[N]`` uniform strategy."""
     count = len(_matrix(payoff))
     return np.full(count, 1 / count)
 
 
 def nash_average(payoff: npt.ArrayLike) -> F64:
-    """``[N]`` probabilities of the equilibrium with most entropy of a symmetric zero-sum game.
+    """``[N]`` maximum-entropy equilibrium of a symmetric zero-sum game.
 
     Args:
-        payoff: ``[N, N]``, antisymmetric: what one wins the other loses.
+        payoff: ``[N, N]`` antisymmetric matrix.
 
     Raises:
-        MetaGameError: it is not antisymmetric.
+        MetaGameError: the matrix is not antisymmetric.
     """
     a = _antisymmetric(payoff)
     a = np.round(a / max(float(np.abs(a).max()), 1e-300) / _ROUNDING) * _ROUNDING
     support = _largest_support(a)
-    # Rows of the support tie with each other in every equilibrium; the others may only lose.
+    # All rows of the support have payoff 0 against every equilibrium; the other rows have at most 0.
     return _most_entropy(a, support)
 
 
 def _largest_support(a: F64) -> Bools:
-    """``[N]`` policies that some equilibrium plays.
+    """``[N]`` union of the supports of all equilibria.
 
-    Strategies that are not normalised form a cone, in which one can be found whose every positive entry is 1 or more: by a linear
-    program that maximises the sum of the entries, each counted up to 1.
+    Unnormalised equilibria form a cone. It contains one in which every entry of the largest support is at least 1, which a linear
+    program finds: it maximises the sum of the entries, each counted up to 1.
     """
     n = len(a)
-    # Variables: p = counted + surplus, both from 0 on, the first at most 1; nothing may win against p.
+    # Variables: p = counted + surplus, both non-negative, counted at most 1; no row may have a positive payoff against p.
     against = -np.hstack([a.T, a.T])
     bounds: list[tuple[float, float | None]] = [(0, 1)] * n + [(0, None)] * n
     found = linprog(np.r_[-np.ones(n), np.zeros(n)], A_ub=against, b_ub=np.zeros(n), bounds=bounds, method="highs-ds")
@@ -119,10 +118,10 @@ def _largest_support(a: F64) -> Bools:
 
 
 def _most_entropy(a: F64, support: Bools) -> F64:
-    """``[N]`` the equilibrium with most entropy, by its dual.
+    """``[N]`` maximum-entropy equilibrium, by its dual problem.
 
-    The equilibrium is ``p = softmax(A weight)`` over the support. The weights of the policies, which are not negative outside of
-    the support, make the logarithm of the sum of the exponentials least: a smooth convex function.
+    The equilibrium is ``p = softmax(A weight)`` over the support. The weights, non-negative outside of the support, minimise
+    ``logsumexp(A weight)``, a smooth convex function.
     """
     rows = a[support]
     free = np.flatnonzero(support)
@@ -138,7 +137,7 @@ def _most_entropy(a: F64, support: Bools) -> F64:
     bounds: list[tuple[float | None, float | None]] = [(None, None)] * len(free) + [(0, None)] * len(outside)
     options = {"ftol": 1e-16, "gtol": 1e-12, "maxiter": 10_000, "maxfun": 100_000}
     weight: F64 = minimize(dual, np.zeros(len(order)), jac=True, method="L-BFGS-B", bounds=bounds, options=options).x
-    # Newton's method over what is not at its bound gets the last digits.
+    # Newton's method over the weights that are not at their bounds, for full precision.
     moving = np.r_[np.ones(len(free), np.bool_), weight[len(free) :] > 0]
     for _ in range(_NEWTON_STEPS):
         p = softmax(rows @ weight)
@@ -159,40 +158,40 @@ def _most_entropy(a: F64, support: Bools) -> F64:
 
 
 def maximal_lottery(votes: npt.ArrayLike) -> F64:
-    """``[N]`` probabilities of the maximal lottery with most entropy: it is liked at least as well as any other lottery.
+    """``[N]`` maximal lottery of maximum entropy: no other lottery is preferred to it by a majority in expectation.
 
     Args:
-        votes: ``[N, N]`` how often, or with what probability, the row was better than the column; only the difference of the two
-            numbers of a pair counts.
+        votes: ``[N, N]`` number or fraction of votes that prefer the row to the column; only the differences between the two
+            numbers of a pair count.
 
     Raises:
-        MetaGameError: it is no square matrix of finite numbers.
+        MetaGameError: the votes are not a square matrix of finite numbers.
     """
     counts = _square(votes)
     return nash_average(counts - counts.T)
 
 
 def alpha_rank(payoff: npt.ArrayLike, *, alpha: float = 100.0, population: int = 50, noise: float = 0.01) -> F64:
-    """``[N]`` shares of the time that a population spends at each policy when mutants appear rarely and the fitter ones spread.
+    """``[N]`` stationary distribution of a population that consists of one policy at a time, with rare mutants.
 
-    A mutant r takes over a population of s with the probability of fixation ``(1 - exp(-u)) / (1 - exp(-m u))``, ``u = alpha
+    A mutant r replaces a population of s with the fixation probability ``(1 - exp(-u)) / (1 - exp(-m u))``, ``u = alpha
     (payoff[r, s] - payoff[s, r])``.
 
     Args:
-        payoff: ``[N, N]`` of the row against the column.
-        alpha: strength of selection; infinite: the better one always wins but for the noise.
-        population: number m of its members.
-        noise: probability with which the worse one takes over where alpha is infinite.
+        payoff: ``[N, N]`` payoff of the row against the column.
+        alpha: selection intensity; infinite: the fitter policy replaces the other with probability 1 - noise.
+        population: population size m.
+        noise: probability that the less fit policy replaces the other if alpha is infinite.
 
     Raises:
-        MetaGameError: payoffs that are not finite, or a number out of its range.
+        MetaGameError: the payoffs are not finite, or a parameter is out of range.
     """
     a = _square(payoff)
     if not (alpha > 0 and population >= 2 and 0 < noise < 1):
         raise MetaGameError(
-            f"alpha {alpha}, population {population}, noise {noise}: expected a number above 0, 2 or more, and a number in (0, 1)"
+            f"alpha {alpha}, population {population}, noise {noise}: expected alpha > 0, population >= 2 and 0 < noise < 1"
         )
-    gain = a.T - a  # of the mutant of the column over the population of the row
+    gain = a.T - a  # advantage of the mutant (column) over the population (row)
     if math.isinf(alpha):
         rate = np.where(np.abs(gain) < 1e-14, 0.5, np.where(gain > 0, 1 - noise, noise))
     else:
@@ -201,7 +200,7 @@ def alpha_rank(payoff: npt.ArrayLike, *, alpha: float = 100.0, population: int =
 
 
 def _log_fixation(u: F64, m: int) -> F64:
-    """Log of the probability that one mutant takes over m - 1 others, u its advantage in the log of the odds of copying."""
+    """Log of the fixation probability of one mutant among m - 1 others with advantage u."""
     size = np.maximum(np.abs(u), 1e-12)
     # log(exp(x) - 1) = x + log(1 - exp(-x)) for x > 0; the two signs of u differ by exp((m - 1) u).
     log = np.log(-np.expm1(-size)) - np.log(-np.expm1(-m * size))
@@ -209,10 +208,10 @@ def _log_fixation(u: F64, m: int) -> F64:
 
 
 def _stationary(rate: F64) -> F64:
-    """``[N]`` stationary distribution of a chain with these positive rates between its states.
+    """``[N]`` stationary distribution of a Markov chain with these positive rates.
 
-    By elimination of one state after another without a subtraction (Grassmann, Taksar & Heyman 1985), so that small shares are as
-    precise as large ones.
+    The GTH algorithm (Grassmann, Taksar & Heyman 1985) eliminates states without subtractions, so small probabilities have the
+    relative precision of large ones.
     """
     c = rate.copy()
     np.fill_diagonal(c, 0.0)
@@ -224,7 +223,7 @@ def _stationary(rate: F64) -> F64:
     out[0] = 1.0
     for k in range(1, count):
         out[k] = out[:k] @ c[:k, k]
-        out /= out.max()  # shares far apart would leave the range of a number
+        out /= out.max()  # prevents overflow
     return _normalised(out)
 
 
@@ -238,14 +237,14 @@ def _matrix(payoff: npt.ArrayLike) -> F64:
 def _square(payoff: npt.ArrayLike) -> F64:
     a = _matrix(payoff)
     if a.shape[0] != a.shape[1]:
-        raise MetaGameError(f"payoffs of shape {a.shape}: expected as many rows as columns")
+        raise MetaGameError(f"payoffs of shape {a.shape}: expected a square matrix")
     return a
 
 
 def _antisymmetric(payoff: npt.ArrayLike) -> F64:
     a = _square(payoff)
     if not np.allclose(a, -a.T, rtol=0, atol=1e-6 * max(float(np.abs(a).max()), 1e-300)):
-        raise MetaGameError("payoffs of a game in which one player does not lose what the other wins; expected a = -a.T")
+        raise MetaGameError("the payoff matrix is not antisymmetric; expected a = -a.T")
     return np.asarray((a - a.T) / 2)
 
 

@@ -1,6 +1,6 @@
-"""Ranking of the entrants of a tournament: ratings with intervals, exact figures, and the tables of both.
+"""Ranking of the entrants of a tournament: ratings with intervals, exact figures, and their tables.
 
-Exact figures are the limits of the samples after infinitely many matches.
+Exact figures are the limits of the sampled ones for infinitely many matches.
 """
 
 import dataclasses
@@ -25,26 +25,24 @@ if TYPE_CHECKING:
     from shuttle_marl.exact.away import Spread, Values
 
 _DECIMALS: Final = 6
-"""Figures are rounded to so many decimals, far above their error bound, so that files have the same bytes on every machine."""
+"""Decimals of figures in files: coarser than the error bound, so that files are identical on all machines."""
 _AWAY: Final = 1e-7
-"""Error bound of odds in refits, which are further than that from each other."""
+"""Error bound of odds in refits; refits differ by more."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class ExactOdds:
-    """Exact figures of N entrants; NaN for one without a table: it reads the score, or it forfeits.
+    """Exact figures of N entrants; NaN for entrants without a table, which read the score or forfeited.
 
     Attributes:
         names: the entrants.
-        match: ``[N, N]`` probability that the entrant of the row wins a match against that of the column, the first server
-            drawn at random.
-        exploitability: ``[N]`` what the best response to an entrant gains, as a value from 0 to 1.
+        match: ``[N, N]`` probability that the row wins a match against the column, with a random first server.
+        exploitability: ``[N]`` gain of the best response, as a value from 0 to 1.
         normalised_score: ``[N]`` 0 for ``bc``, 1 for the best response to it, by rallies won against ``bc``; NaN for all if the
             game has no ``bc``.
-        away: ``[N]`` share of the matches that an entrant wins against all others that have a table, in refits of the game; None
-            if it was not asked for.
-        away_shares: ``[R, N]`` the same in each of the R refits; without any if it was not asked for.
-        problem: why there are no figures at all; empty if there are.
+        away: ``[N]`` fraction of matches won against all others with a table, in refits of the game; None if not requested.
+        away_shares: ``[R, N]`` the same in each of the R refits; empty if not requested.
+        problem: reason why there are no figures; empty if there are.
     """
 
     names: tuple[str, ...]
@@ -56,7 +54,7 @@ class ExactOdds:
     problem: str = ""
 
     def share(self, name: str, opponents: Sequence[str]) -> float:
-        """Expected share of the matches won against those of the opponents that have a table; NaN without any."""
+        """Expected fraction of matches won against the opponents that have a table; NaN if none has."""
         shares = self.match[self.names.index(name), [self.names.index(other) for other in opponents]]
         known = shares[~np.isnan(shares)]
         return float(known.mean()) if len(known) else float("nan")
@@ -71,9 +69,9 @@ def exact_odds(game: Game, entrants: Sequence[Entrant], refits: Sequence[Game] =
 
     Args:
         game: the tables.
-        entrants: N of them.
-        refits: other fits of the game, two or more, in which the pairs are solved too; none: they are not.
-        rules: when games and matches are won.
+        entrants: the N entrants.
+        refits: two or more refits of the game, in which the pairs are solved too; empty: skipped.
+        rules: scoring rules of games and matches.
     """
     from shuttle_marl.exact import ExactError  # noqa: PLC0415  numba
 
@@ -120,7 +118,7 @@ def _fill(blank: ExactOdds, game: Game, tables: Mapping[int, TabulatedPolicy], r
 
 
 def _away(n: int, tables: Mapping[int, TabulatedPolicy], refits: Sequence[Game], rules: Rules) -> "tuple[Spread, F64]":
-    """``[N]`` share of the matches won against all others over refits, and ``[R, N]`` in each; NaN without a table."""
+    """``[N]`` fraction of matches won against all others over refits, and ``[R, N]`` in each; NaN without a table."""
     from shuttle_marl.exact.away import moved, of_all_pairs, over  # noqa: PLC0415  numba
     from shuttle_marl.exact.known import crossplay  # noqa: PLC0415  numba
 
@@ -132,13 +130,13 @@ def _away(n: int, tables: Mapping[int, TabulatedPolicy], refits: Sequence[Game],
         return {"share": share}
 
     each: list[F64] = []
-    # The pairs of one refit keep all cores busy, and so the refits come in their order.
+    # Refits are solved one after another, because the pairs of one use all cores.
     return over(refits, shares, at_once=1)["share"], np.array(each)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Standing:
-    """One entrant's place. Pairings that were forfeited count nowhere, for neither side.
+    """Rank and figures of one entrant. Forfeited pairings count for neither side.
 
     Attributes:
         rank: from 1; entrants that forfeited are ranked behind all others.
@@ -146,22 +144,22 @@ class Standing:
         rating: Bradley-Terry rating in Elo points, mean of the pool 0; NaN without matches.
         rating_low: lower end of its 95 % interval.
         rating_high: upper end.
-        rating_exact: what the rating would be after infinitely many matches of every pair, mean of those with a table 0; NaN
+        rating_exact: limit of the rating for infinitely many matches of every pair, with mean 0 over entrants with a table; NaN
             without a table.
-        rank_low, rank_high: 95 % interval of the rank among those that played; 0 without matches.
+        rank_low, rank_high: 95 % interval of the rank among entrants with matches; 0 without matches.
         matches: matches played.
-        wins: of those won.
-        share: share of matches won; NaN without matches.
+        wins: matches won.
+        share: fraction of matches won; NaN without matches.
         share_low: lower end of its 95 % Wilson interval.
         share_high: upper end.
-        rally_share: share of rallies won.
-        serving: share of rallies won when serving.
-        receiving: share of rallies won when receiving.
+        rally_share: fraction of rallies won.
+        serving: fraction of rallies won when serving.
+        receiving: fraction of rallies won when receiving.
         forfeits: pairings that this entrant forfeited.
-        exact_share: exact expected share of the matches won against the opponents that have a table; NaN without.
-        away_share: mean of the same in refits of the game, against all others; NaN without, or if it was not asked for.
-        away_low, away_high: its 95 % interval in one more refit.
-        exploitability: what its best response gains on the entrant, as a value from 0 to 1; NaN without a table.
+        exact_share: exact expected fraction of matches won against the opponents that have a table; NaN if there are none.
+        away_share: mean of the same in refits of the game, against all others; NaN if not requested.
+        away_low, away_high: its 95 % prediction interval for one more refit.
+        exploitability: gain of the best response to the entrant, as a value from 0 to 1; NaN without a table.
         normalised_score: by rallies won against ``bc``: 0 for ``bc``, 1 for the best response to it; NaN without a table.
     """
 
@@ -191,7 +189,7 @@ class Standing:
 
 
 def rank(pool: Sequence[str], results: Sequence[PairResult], seed: int, exact: ExactOdds | None = None) -> list[Standing]:
-    """Rank the entrants by rating, best first; with their exact figures where they are given."""
+    """Rank the entrants by rating, best first, with exact figures if given."""
     played, cells, pairs = played_cells(pool, results)
     theta, drawn = ratings(cells, pairs, len(pool), seed)
     rating, (low, high) = ELO * theta, np.percentile(ELO * drawn, TAILS, axis=0)
@@ -211,7 +209,7 @@ def rank(pool: Sequence[str], results: Sequence[PairResult], seed: int, exact: E
 
 
 def played_cells(pool: Sequence[str], results: Sequence[PairResult]) -> tuple[list[PairResult], F64, Intp]:
-    """The P pairings that were not forfeited, ``[P, 3]`` their cells and ``[P, 2]`` their entrants, as the fit takes them."""
+    """The P pairings that were not forfeited, and for the fit their cells ``[P, 3]`` and entrants ``[P, 2]``."""
     played = [result for result in results if not result.forfeit]
     place = {name: i for i, name in enumerate(pool)}
     pairs = np.array([[place[name] for name in r.names] for r in played], dtype=np.intp).reshape(-1, 2)
@@ -253,7 +251,7 @@ def _with_exact(standing: Standing, played: Sequence[PairResult], exact: ExactOd
         away_low=low,
         away_high=high,
         exact_share=exact.share(name, opponents),
-        # The mean of ratings is 0 to rounding errors of the machine only.
+        # Rounding removes differences between machines.
         rating_exact=round(rating, _DECIMALS),
         exploitability=float(exact.exploitability[i]),
         normalised_score=float(exact.normalised_score[i]),
@@ -261,7 +259,7 @@ def _with_exact(standing: Standing, played: Sequence[PairResult], exact: ExactOd
 
 
 def ranking_table(standings: Sequence[Standing]) -> pa.Table:
-    """The standings as a table with their fields as columns; null where an entrant without matches has no figure."""
+    """The standings as a table with a column per field; NaN becomes null."""
     rows = [
         {name: None if isinstance(value, float) and math.isnan(value) else value for name, value in row.items()}
         for row in map(dataclasses.asdict, standings)
@@ -271,7 +269,7 @@ def ranking_table(standings: Sequence[Standing]) -> pa.Table:
 
 
 def results_table(results: Sequence[PairResult], exact: ExactOdds | None = None) -> pa.Table:
-    """Two rows a pairing, the first entrant at seat 0 and at seat 1.
+    """Two rows per pairing, with the first entrant at seat 0 and at seat 1.
 
     Returns:
         Columns ``pairing``, ``player``, ``opponent``, ``seat``, those of :data:`COUNTS`, ``mean_rally_length`` (null

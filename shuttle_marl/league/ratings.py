@@ -1,8 +1,8 @@
 """Bradley-Terry ratings: the fit, its intervals, and diagnostics.
 
-Model: entrant i beats j with probability 1 / (1 + exp(theta_j - theta_i)) (Bradley & Terry, Biometrika 1952). Fitted to all
-matches at once, so unlike with Elo's updates their order does not matter. Intervals resample cells of swapped seats, because the
-two matches of a cell share their draws and are not independent.
+Model: entrant i beats j with probability 1 / (1 + exp(theta_j - theta_i)) (Bradley & Terry, Biometrika 1952). It is
+fitted to all matches at once, so unlike Elo updates it does not depend on their order. Intervals resample cells, because the two
+matches of a cell have the same random numbers and are dependent.
 """
 
 import dataclasses
@@ -121,7 +121,7 @@ def expected_share(theta: F64, pairs: Intp) -> F64:
 
 
 def ratings(cells: F64, pairs: Intp, n: int, seed: int, replicates: int = 1000) -> tuple[F64, F64]:
-    """Ratings and their Bayesian bootstrap (Rubin, Ann. Statist. 1981) over cells, whose two matches share their draws.
+    """Ratings and their Bayesian bootstrap (Rubin, Ann. Statist. 1981) over cells of two dependent matches.
 
     Args:
         cells: ``[P, 3]`` numbers of cells in which the first entrant of a pairing won no match, one, and both.

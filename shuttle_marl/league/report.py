@@ -36,21 +36,20 @@ HEADINGS = (
     "normalised",
 )
 _REPORT_ONLY: Final = (4, 5, 7, 11, 12)
-"""Columns that the console leaves out: exact rating, ranks, the interval of the matches won, serving, receiving."""
+"""Columns omitted in the console: exact rating, ranks, the interval of the matches won, serving, receiving."""
 _ABOUT_AWAY: Final = (
-    "- away: the same in refits of the game on resampled matches, which the same data could have given: mean, and 95 % interval "
-    "for one more refit.",
+    "- away: the same in refits of the game on resampled matches: mean, and 95 % prediction interval for one more refit.",
 )
 LEAST_SHOWN: Final = 0.0005
-"""Least probability of a player that a table of equilibria shows."""
+"""Minimum probability of a player in a table of equilibria."""
 _WORST: Final = 10
-"""So many pairs that fit worst are shown."""
+"""Number of worst-fitting pairs shown."""
 _MARKUP: Final = re.compile(r"[\\`*\[\]<>|~&#]|(?<![A-Za-z0-9])_|_(?![A-Za-z0-9])")
-"""Characters that mean something in Markdown or HTML; an underscore within a word does not."""
+"""Special characters of Markdown or HTML; an underscore within a word is none."""
 
 
 def cells(standing: Standing) -> tuple[str, ...]:
-    """A row of the ranked table, as :data:`HEADINGS` has it."""
+    """A row of the ranking, with columns :data:`HEADINGS`."""
     player = f"{standing.player} (forfeited {standing.forfeits})" if standing.forfeits else standing.player
     return (
         str(standing.rank),
@@ -78,14 +77,14 @@ def _away(standing: Standing) -> str:
 
 
 def ranked_table(standings: Sequence[Standing], left_out: Sequence[int] = ()) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Headings and rows of the ranked table, without some columns and without those in which nothing stands."""
+    """Headings and rows of the ranking, without the given columns and without empty ones."""
     rows = [cells(standing) for standing in standings]
     kept = [i for i in range(len(HEADINGS)) if i not in left_out and any(row[i] for row in rows)]
     return tuple(HEADINGS[i] for i in kept), [tuple(row[i] for i in kept) for row in rows]
 
 
 def console_table(standings: Sequence[Standing], form: Format = "round-robin") -> Table:
-    """The ranked table for the console, without the columns that only the report has."""
+    """The ranking for the console, without the columns of :data:`_REPORT_ONLY`."""
     table = Table(title=TITLES[form], title_justify="left", header_style="bold")
     headings, rows = ranked_table(standings, _REPORT_ONLY)
     for heading in headings:
@@ -103,7 +102,7 @@ def report(
     exact: ExactOdds,
     assessment: Assessment,
 ) -> str:
-    """Content of ``report.md``: the ranked table, who beat whom, how firm that is, who forfeited, what the numbers mean."""
+    """Content of ``report.md``: ranking, payoffs, meta-games, stability of the ranks, forfeits, and definitions."""
     played = [result for result in results if not result.forfeit]
     rallies = sum(counts["rallies"] for result in played for counts in result.seats)
     strokes = sum(counts["strokes"] for result in played for counts in result.seats)
@@ -118,41 +117,40 @@ def report(
         "",
         *_markdown(*ranked_table(standings)),
         "",
-        "## Who beat whom",
+        "## Payoffs, sampled",
         "",
-        "Share of the matches that the player of the row won against the player of the column.",
+        "Fraction of matches that the row won against the column.",
         "",
         *_payoffs(standings, {names: share for result in played for names, share in _shares(result).items()}),
         "",
-        "## Who beats whom, exactly",
+        "## Payoffs, exact",
         "",
-        exact.problem
-        or "Probability that the player of the row wins a match against the player of the column, without sampling.",
+        exact.problem or "Exact probability that the row wins a match against the column.",
         "",
         *_payoffs(standings, {(a, b): exact.pair((a, b)) for a in exact.names for b in exact.names if a != b}),
         "",
     ]
-    lines += [*_games(assessment), *_firmness(assessment)]
+    lines += [*_games(assessment), *_stability(assessment)]
     if len(played) < len(results):
         lines += ["## Forfeits", ""]
         lines += ["- " + _plain(_forfeit(result)) for result in results if result.forfeit]
-        lines += ["", "Forfeited pairings count for neither side; entrants that forfeited are ranked behind all others.", ""]
+        lines += ["", "Forfeited pairings count for neither side; entrants that forfeited are ranked last.", ""]
     lines += [
-        "## What the numbers mean",
+        "## Definitions",
         "",
-        "- rating: Bradley-Terry, in Elo points (400 points are odds of ten to one), mean of the pool 0, fitted to all "
-        "matches at once, with Jeffreys' prior, which keeps the ratings of the unbeaten finite. Its interval comes from 1,000 "
-        "bootstrap draws of the cells: two matches with the seats swapped and each seat's luck kept.",
-        "- exact rating: what the rating would be after infinitely many matches of every pair that has tables.",
-        "- ranks: 95 % interval of the place, from the differences to all others at the same time.",
-        "- matches won: its interval is Wilson's and takes matches as independent; those of a cell are negatively correlated, "
-        "so it is a little too wide.",
-        "- exact: the expected share of matches won, without sampling, against the entrants that have a table. Those that read "
-        "the score have none, nor any other exact figure.",
+        "- rating: Bradley-Terry rating in Elo points (400 points are odds of ten to one), mean of the pool 0, fitted to all "
+        "matches at once with Jeffreys' prior, which keeps the ratings of unbeaten entrants finite. The interval comes from "
+        "1,000 bootstrap samples of the cells, pairs of matches with swapped seats and the same random numbers.",
+        "- exact rating: limit of the rating for infinitely many matches of every pair with tables.",
+        "- ranks: 95 % interval of the rank, from simultaneous intervals of the differences to all others.",
+        "- matches won: the interval is Wilson's for independent matches; those of a cell are negatively correlated, so it is "
+        "slightly too wide.",
+        "- exact: exact expected fraction of matches won against the entrants that have a table. Entrants that read the score "
+        "have no table and no exact figures.",
         *_ABOUT_AWAY[: exact.away is not None],
-        "- exploitability: what the best response to the player gains, as a value from 0 to 1; it wins half of it above 50 % "
-        "of the rallies. 0 is perfect play.",
-        "- normalised: by rallies won against `bc`; 0 is `bc` itself, 1 the best response to it.",
+        "- exploitability: gain of the best response, as a value from 0 to 1: the best response wins 50 % of the rallies plus "
+        "half of it. 0 is perfect play.",
+        "- normalised: score from rallies won against `bc`; 0 is `bc` itself, 1 the best response to it.",
         _recorded(config),
         "",
     ]
@@ -161,11 +159,11 @@ def report(
 
 def _games(assessment: Assessment) -> list[str]:
     """Sections on the game between the entrants, and on cycles."""
-    lines = ["## The game between the players", ""]
+    lines = ["## Meta-game", ""]
     lines += [
-        "Each of two chooses a player to play for them. Nash averaging: the equilibrium of most entropy, by matches won. Maximal "
-        "lottery: the same if it only counts who wins more often than not. alpha-rank: shares of an evolving population. Players "
-        "that none of them plays are left out.",
+        "Each of two choosers selects an entrant. Nash averaging: the maximum-entropy equilibrium of the match win probability. "
+        "Maximal lottery: the same for its sign. alpha-rank: stationary distribution of an evolving population. Entrants with "
+        "probability 0 in all three are omitted.",
         "",
     ]
     for about, game in assessment.games.items():
@@ -178,7 +176,7 @@ def _games(assessment: Assessment) -> list[str]:
         lines += [*_markdown(["player", "Nash averaging", "maximal lottery", "alpha-rank"], rows), ""]
     lines += [
         f"{_percent(assessment.cyclic_share)} of the squared log-odds are cycles, which no rating can express. "
-        + ("These beat each other in a circle:" if assessment.cycles else "There are no three that beat each other in a circle."),
+        + ("Cycles of three entrants:" if assessment.cycles else "There are no cycles of three entrants."),
         "",
     ]
     for cycle in assessment.cycles:
@@ -187,13 +185,13 @@ def _games(assessment: Assessment) -> list[str]:
     return [*lines, ""] if assessment.cycles else lines
 
 
-def _firmness(assessment: Assessment) -> list[str]:
-    """Sections on how firmly the ranks stand: removed matches, the misfit of the ratings, and refits of the game."""
+def _stability(assessment: Assessment) -> list[str]:
+    """Section on the stability of the ranks: removed matches, misfit of the ratings, and refits of the game."""
     fit, stable = assessment.misfit, assessment.stability
-    lines = ["## How firm the ranks are", ""]
+    lines = ["## Stability of the ranks", ""]
     if assessment.flips:
         lines += [
-            f"The fewest of {assessment.flips[0].played:,} matches that change the order of neighbours if they are removed.",
+            f"Smallest number of the {assessment.flips[0].played:,} matches whose removal swaps two neighbours.",
             "",
         ]
         rows = [[flip.above, flip.below, "none" if flip.matches is None else f"{flip.matches:,}"] for flip in assessment.flips]
@@ -212,15 +210,15 @@ def _firmness(assessment: Assessment) -> list[str]:
         ]
     if stable is not None:
         lines += [
-            "Ranks by exact matches won in the refits of the game; Kendall's tau to the ranks here is "
-            f"{stable.agreement.mean():.2f} on average, {stable.agreement.min():.2f} at least.",
+            "Ranks by exact matches won in the refits of the game; mean Kendall's tau with the ranks above "
+            f"{stable.agreement.mean():.2f}, minimum {stable.agreement.min():.2f}.",
             "",
         ]
         rows = [
             [name, str(home), f"{away.min()} to {away.max()}", _percent(float((away == home).mean()))]
             for name, home, away in zip(stable.names, stable.home, stable.away.T, strict=True)
         ]
-        lines += [*_markdown(["player", "rank", "in refits", "the same"], rows), ""]
+        lines += [*_markdown(["player", "rank", "in refits", "unchanged"], rows), ""]
     return lines
 
 
@@ -237,7 +235,7 @@ def _recorded(config: LeagueConfig) -> str:
 
 
 def _shares(result: PairResult) -> dict[tuple[str, str], float]:
-    """Share of the matches of a pairing that each of the two won, by (player, opponent)."""
+    """Fraction of the matches of a pairing that each entrant won, by (player, opponent)."""
     counts = {names: result.seen_by(names[0]) for names in (result.names, result.names[::-1])}
     return {(name, other): count["wins"] / count["matches"] for (name, other), count in counts.items()}
 
@@ -254,7 +252,7 @@ def _markdown(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> list[st
 
 
 def _plain(text: str) -> str:
-    """Text for Markdown that is shown as it is."""
+    """Text, escaped for Markdown."""
     return _MARKUP.sub(r"\\\g<0>", printable(text))
 
 

@@ -54,7 +54,7 @@ class LeagueRun:
     Attributes:
         folder: the run folder.
         standings: the ranked table, best first.
-        results: of every pairing.
+        results: results of every pairing.
     """
 
     folder: Path
@@ -66,8 +66,8 @@ def run_league(config: LeagueConfig, console: Console | None = None) -> LeagueRu
     """Play a tournament, or the rest of one, and write its run folder.
 
     Args:
-        config: of the tournament.
-        console: shows progress; None: no output.
+        config: configuration of the tournament.
+        console: console for progress; None: no output.
 
     Raises:
         PolicyError: an entrant does not exist; nothing was written.
@@ -87,7 +87,7 @@ def run_league(config: LeagueConfig, console: Console | None = None) -> LeagueRu
     # A policy may change the working directory, here and while it plays.
     with (
         contextlib.chdir(Path.cwd()),
-        console.status("evaluating the entrants in every state"),
+        console.status("tabulating the entrants"),
         time_limit(config.policy_timeout),
     ):
         entrants = [enter(name, game, requested=name in requested) for name in config.pool]
@@ -243,8 +243,8 @@ def _exact(config: LeagueConfig, game: Game, entrants: Sequence[Entrant], consol
     refits = refits_of(game) if config.away else ()
     if config.away and len(refits) < 2:
         refits = ()
-        _say(console, "the model has fewer than two refits on resampled matches, so there are no results away from home")
-    with console.status("solving every pair exactly"):
+        _say(console, "the model has fewer than two refits, so there are no results in refits (--away)")
+    with console.status("solving all pairs"):
         exact = exact_odds(game, entrants, refits, RULES[config.rules])
     if exact.problem:
         _say(console, f"no exact results: {exact.problem}")

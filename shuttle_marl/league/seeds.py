@@ -1,7 +1,7 @@
-"""Figures over training seeds: the interquartile mean, the probability of improvement, and their intervals.
+"""Statistics over training seeds: interquartile mean, probability of improvement, and bootstrap intervals.
 
-As Agarwal et al. (NeurIPS 2021, arXiv 2108.13264) advise where there are few runs: the mean of the middle half is hardly moved by
-one run, and the bootstrap is stratified, so each task keeps its number of runs.
+As recommended by Agarwal et al. (NeurIPS 2021, arXiv 2108.13264) for few runs: the interquartile mean is robust to single runs,
+and the bootstrap is stratified by task.
 """
 
 from collections.abc import Sequence
@@ -17,7 +17,7 @@ _TRIMMED: Final = 0.25
 
 
 class Interval(NamedTuple):
-    """A figure and its 95 % interval; NaN ends where there is one run only."""
+    """A figure and its 95 % interval; the bounds are NaN for a single run."""
 
     value: float
     low: float
@@ -28,12 +28,12 @@ def interquartile_mean(tasks: Sequence[Sequence[float]], seed: int = 0) -> Inter
     """Mean of the middle half of all runs of all tasks.
 
     Args:
-        tasks: figures of the runs, by task; one run or more of each.
-        seed: of the resampling.
+        tasks: figures of the runs of each task, at least one.
+        seed: random seed of the bootstrap.
     """
 
     def middle(*columns: F64, axis: int = -1) -> F64:
-        # The runs of all tasks are one sample.
+        # The runs of all tasks are pooled.
         return np.asarray(trim_mean(np.concatenate(columns, axis=axis), _TRIMMED, axis=axis))
 
     samples = [np.asarray(task, dtype=np.float64) for task in tasks]
@@ -41,16 +41,16 @@ def interquartile_mean(tasks: Sequence[Sequence[float]], seed: int = 0) -> Inter
 
 
 def probability_of_improvement(ours: Sequence[float], theirs: Sequence[float], seed: int = 0) -> Interval:
-    """Probability that a run of ours has a larger figure than one of theirs, half of it where they are equal.
+    """Probability that a run of ours has a larger figure than a run of theirs; ties count half.
 
     Args:
-        ours: figures of one way to train, one or more.
-        theirs: of the other.
-        seed: of the resampling.
+        ours: figures of the runs of one method, at least one.
+        theirs: figures of the runs of the other method.
+        seed: random seed of the bootstrap.
     """
 
     def larger(x: F64, y: F64, axis: int = -1) -> F64:
-        # The statistic of Mann and Whitney, from the ranks of all runs together.
+        # The Mann-Whitney statistic, from the ranks in the pooled runs.
         ranks = rankdata(np.concatenate([x, y], axis=axis), axis=axis)
         n, m = x.shape[axis], y.shape[axis]
         own = np.take(ranks, np.arange(n), axis=axis).sum(axis=axis)

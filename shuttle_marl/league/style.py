@@ -1,4 +1,4 @@
-"""Styles: how much of a policy's play is that of people, and the mix of its strokes. Exact, from its table."""
+"""Styles of policies: similarity to human play and shot mix, computed exactly from their tables."""
 
 import dataclasses
 import os
@@ -15,7 +15,7 @@ from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve
 
 PEOPLE: Final = "bc"
-"""The average player of the data, imitated."""
+"""Behaviour clone of the average player."""
 AXES: Final[dict[str, tuple[str, ...]]] = {
     "smash": ("smash", "half-smash"),
     "drop": ("drop",),
@@ -26,7 +26,7 @@ AXES: Final[dict[str, tuple[str, ...]]] = {
     "net kill": ("net-kill",),
     "drive, push": ("drive", "push"),
 }
-"""Shot types of a style; serves are none."""
+"""Shot types of each axis; serves belong to none."""
 _TOLERANCE: Final = 1e-7
 _DECIMALS: Final = 6
 
@@ -36,10 +36,10 @@ class Style:
     """Style of a policy.
 
     Attributes:
-        likeness: share of the strokes in common with ``bc``: the smaller of the two probabilities of every stroke, summed, in the
-            states that ``bc`` meets when it plays itself; 1 for ``bc``.
-        rally_length: expected strokes of a rally against ``bc``.
-        shots: share of each of :data:`AXES` among the strokes after the serve, against ``bc``.
+        likeness: overlap with ``bc``: sum of the smaller of the two probabilities of every stroke, averaged over the states of
+            ``bc`` in self-play; 1 for ``bc``.
+        rally_length: expected number of strokes of a rally against ``bc``.
+        shots: fraction of each of :data:`AXES` among the strokes after the serve, against ``bc``.
     """
 
     likeness: float
@@ -48,7 +48,7 @@ class Style:
 
 
 def styles(game: Game, tables: Mapping[str, TabulatedPolicy]) -> dict[str, Style]:
-    """The styles of policies by name; without any where the game has no ``bc``."""
+    """Styles of policies by name; empty if the game has no ``bc``."""
     from shuttle_marl.exact import visits  # noqa: PLC0415  numba
 
     try:

@@ -259,7 +259,7 @@ def message_of_chunk(body: bytes) -> Message:
         raise DamagedLogError("the sizes in a chunk disagree")
     data = _DECOMPRESS[chunk.compression](chunk.data, chunk.uncompressed_size)
     if zlib.crc32(data) != chunk.uncompressed_crc:
-        raise DamagedLogError("the checksum of a chunk does not fit")
+        raise DamagedLogError("the checksum of a chunk does not match")
     found = [*itertools.islice(records(data), _MAX_RECORDS + 1)]
     if len(found) > _MAX_RECORDS:
         raise DamagedLogError(f"more than {_MAX_RECORDS} records in a chunk")

@@ -136,7 +136,7 @@ def read_summary(file: BinaryIO, size: int) -> list[tuple[int, bytes]]:
     file.seek(footer.summary_start)
     summary = file.read(size - tail - footer.summary_start)
     if zlib.crc32(end[: FRAME.size + FOOTER_LENGTH - 4], zlib.crc32(summary)) != footer.summary_crc:
-        raise DamagedLogError("the checksum of its summary does not fit")
+        raise DamagedLogError("the checksum of its summary does not match")
     return list(records(summary))
 
 
@@ -227,7 +227,7 @@ class LogFile:
             raise DamagedLogError("the index of its rallies is missing")
         body = read_record(self._file, places[0], self.size, Opcode.ATTACHMENT)
         if zlib.crc32(body[:-4]) != int.from_bytes(body[-4:], "little"):
-            raise DamagedLogError("the checksum of its index does not fit")
+            raise DamagedLogError("the checksum of its index does not match")
         with pa.ipc.open_stream(Attachment.read(stream(body)).data) as reader:
             if reader.schema != INDEX_SCHEMA:
                 raise DamagedLogError("its index has other columns than this version has")

@@ -181,7 +181,7 @@ def _check_data(path: Path) -> None:
         if FRAME.unpack(file.read(FRAME.size)) != (Opcode.DATA_END, 4):
             raise DamagedLogError("its data does not end where the summary says")
         if DataEnd.read(stream(file.read(4))).data_section_crc != crc:
-            raise DamagedLogError("the checksum of its data does not fit")
+            raise DamagedLogError("the checksum of its data does not match")
 
 
 def _check_matches(files: Sequence[LogFile], offset: int) -> list[str]:

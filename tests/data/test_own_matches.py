@@ -78,7 +78,7 @@ def test_the_template_is_a_file_to_start_from(tmp_path: Path, capsys: pytest.Cap
         ["import", *files[:1], "--columns", files[1], "--out", str(tmp_path / "x.parquet")],
     ):
         assert main(again) == 1
-        assert "is there already" in capsys.readouterr().err
+        assert "already exists" in capsys.readouterr().err
     assert main(["import", files[0], "--columns", files[1], "--out", str(tmp_path / "x.parquet"), "--overwrite"]) == 0
 
 

@@ -206,7 +206,7 @@ def test_match_listed_twice(tmp_path: Path) -> None:
 def test_unreadable_file(path: Path) -> None:
     path.unlink()
     path.mkdir()
-    assert str(refused(path)) == f"{path}: cannot be read (no regular file)"
+    assert str(refused(path)) == f"{path}: cannot be read (not a regular file)"
 
 
 def test_both_sets_are_read(tmp_path: Path) -> None:

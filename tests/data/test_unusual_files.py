@@ -70,16 +70,16 @@ def test_a_fifo_is_refused_at_once(root: Path, name: str) -> None:
     assert done.returncode == 1
     assert "Traceback" not in done.stderr
     if name in ("homography.csv", "one/set1.csv", "."):
-        assert "no regular file" in " ".join(done.stderr.split())
+        assert "not a regular file" in " ".join(done.stderr.split())
 
 
 def test_a_device_is_refused(root: Path) -> None:
     path = root / "ShuttleSet" / "set" / "one" / "set1.csv"
     path.unlink()
     path.symlink_to("/dev/zero")
-    with pytest.raises(DataError, match="no regular file"):
+    with pytest.raises(DataError, match="not a regular file"):
         clean_matches(root)
-    with pytest.raises(DataError, match="no regular file"):
+    with pytest.raises(DataError, match="not a regular file"):
         load_strokes("/dev/null")
 
 

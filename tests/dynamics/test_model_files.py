@@ -82,7 +82,7 @@ def flip(model: Path, name: str, flips: int) -> None:
 def test_files_of_another_model_are_refused(model: Path, name: str) -> None:
     header, arrays = read_tensors(model / name)
     save_file({key: array.copy() for key, array in arrays.items()}, model / name, metadata={**header, "note": "another"})
-    with pytest.raises(ShuttleError, match="its checksum does not fit"):
+    with pytest.raises(ShuttleError, match="its checksum does not match"):
         READERS[name](model)
     write_card(model, read_model_card(model))
     READERS[name](model)

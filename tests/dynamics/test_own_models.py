@@ -145,7 +145,7 @@ def test_from_a_file_to_the_league(number: int, prior: str | None, tmp_path: Pat
     assert "--validation-share 0.2" in capsys.readouterr().err
     assert dynamics.main(["fit", *flags, "--validation-share", "0.2"]) == 0
     assert dynamics.main(["fit", *flags, "--validation-share", "0.2"]) == 1
-    assert "is there already" in capsys.readouterr().err
+    assert "already exists" in capsys.readouterr().err
     card = read_model_card(model)
     assert card["data"]["sources"] == ["our club"]
     assert variants(str(model)) == card["variants"] == refits

@@ -57,7 +57,7 @@ def test_perfect_play_has_no_holes() -> None:
 
 def test_the_command_lists_holes(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["holes", "attacking", "--top", "3", "--game", reduced_model()]) == 0
-    assert "attacking loses most" in capsys.readouterr().out
+    assert "Largest losses of attacking" in capsys.readouterr().out
     assert main(["holes", "attacking", "--top", "3", "--game", reduced_model(), "--json"]) == 0
     figures = json.loads(capsys.readouterr().out)
     assert len(figures["holes"]) == 3

@@ -174,8 +174,8 @@ def test_a_run_shows_exact_odds_beside_the_sampled_ones(tmp_path: Path) -> None:
     wins = sum(row["wins"] for row in rows[:2]) / 60
     assert abs(wins - exact) < 0.2
     report = (run.folder / "report.md").read_text()
-    assert "## Who beats whom, exactly" in report
-    assert f"{100 * exact:.1f} %" in report.split("## Who beats whom, exactly")[1]
+    assert "## Payoffs, exact" in report
+    assert f"{100 * exact:.1f} %" in report.split("## Payoffs, exact")[1]
 
 
 def test_anchors_stand_in_the_default_pool() -> None:

@@ -445,7 +445,7 @@ def test_a_finished_run_is_never_overwritten_silently(small_model: str, tmp_path
     second = run_league(LeagueConfig(**config))
     assert [first.folder, second.folder] == [Path("runs/league-0"), Path("runs/league-0-2")]
     before = files(first.folder)
-    with pytest.raises(LeagueError, match="holds a finished run; --resume continues it, --overwrite replaces it"):
+    with pytest.raises(LeagueError, match="contains a finished run; --resume continues it, --overwrite replaces it"):
         run_league(LeagueConfig(**config, out=first.folder))
     again = run_league(LeagueConfig(**config, out=first.folder, resume=True))
     assert repr(again.standings) == repr(first.standings)  # NaN is not equal to itself
@@ -507,12 +507,12 @@ def test_folders_that_hold_something_else(small_model: str, tmp_path: Path) -> N
     config: dict[str, Any] = {"pool": ("random", "safe"), "matches": 2, "game": small_model}
     ways: tuple[dict[str, Any], ...] = ({}, {"overwrite": True})
     for flags in ways:
-        with pytest.raises(LeagueError, match="holds something that is no run"):
+        with pytest.raises(LeagueError, match="contains files that are not a run"):
             run_league(LeagueConfig(**config, out=tmp_path / "photos", **flags))
     assert (tmp_path / "photos" / "cat.jpg").read_bytes() == b"meow"
     with pytest.raises(LeagueError, match="file"):
         run_league(LeagueConfig(**config, out=tmp_path / "file"))
-    with pytest.raises(LeagueError, match="cannot be made"):
+    with pytest.raises(LeagueError, match="cannot be created"):
         run_league(LeagueConfig(**config, out=tmp_path / "file" / "below"))
     run_league(LeagueConfig(**config, out=tmp_path / "empty"))
 
@@ -575,7 +575,7 @@ def test_the_command_prints_the_table_and_a_forfeit(
     rows = pyarrow.csv.read_csv(out / "results.csv").to_pylist()
     assert [row["forfeit"] for row in rows] == ["my_broken:policy"] * 2 + [""] * 2 + ["my_broken:policy"] * 2
     assert main(flags) == 1
-    assert "holds a finished run" in capsys.readouterr().err
+    assert "contains a finished run" in capsys.readouterr().err
 
 
 def test_without_exact_figures_the_results_are_the_same(tmp_path: Path) -> None:

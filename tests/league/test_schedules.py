@@ -181,7 +181,7 @@ def test_what_cannot_be_added(small_model: str, tmp_path: Path) -> None:
         ({"pool": POOL[:1], "matches": 2}, "are already in this run"),
         ({"pool": POOL[2:], "matches": 4}, "other flags (matches: 2 then, 4 now)"),
         ({"pool": POOL[2:], "matches": 2, "format": "gauntlet"}, "other flags (format"),
-        ({"pool": POOL[2:], "matches": 2, "out": tmp_path / "none"}, "holds no run"),
+        ({"pool": POOL[2:], "matches": 2, "out": tmp_path / "none"}, "contains no run"),
         ({"pool": ()}, "give both"),
         ({"pool": POOL, "format": "swiss"}, "not available with"),
     )

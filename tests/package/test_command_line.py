@@ -75,7 +75,7 @@ def test_the_output_does_not_fit_on_the_disk(flags: tuple[str, ...], monkeypatch
     with Path("/dev/full").open("w") as full:
         command = [sys.executable, *flags, "-c", TALKS.format(lines=1)]
         done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False, timeout=60)
-    assert done.stderr == "error: tea: the output cannot be written (No space left on device); make room\n"
+    assert done.stderr == "error: tea: the output cannot be written (No space left on device); free disk space\n"
     assert done.returncode == 1
 
 

@@ -50,7 +50,7 @@ def test_an_impossible_name_is_an_error_that_says_so(tmp_path: Path, name: str) 
 def test_only_regular_files_are_opened(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "fifo")
     for path in (tmp_path, tmp_path / "fifo", Path("/dev/null")):
-        with pytest.raises(OSError, match="no regular file"):
+        with pytest.raises(OSError, match="not a regular file"):
             open_file(path)
     (tmp_path / "file").write_bytes(b"content")
     with open_file(tmp_path / "file") as file:
@@ -85,7 +85,7 @@ def test_a_flipped_bit_in_a_table_is_found_or_changes_nothing(tmp_path: Path) ->
 
 def test_a_table_that_is_none_is_refused_quickly(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "fifo")
-    with pytest.raises(OSError, match="no regular file"):
+    with pytest.raises(OSError, match="not a regular file"):
         open_parquet(tmp_path / "fifo")
     for content in (b"", b"PAR1", b"PAR1PAR1", b"PAR1\xff\xff\xff\xffPAR1", b"x" * 100):
         (tmp_path / "bad").write_bytes(content)

@@ -139,7 +139,7 @@ def hostile_archive() -> bytes:
     [
         ("mine.pt", pickle.dumps(Runs()), "not weights alone"),
         ("mine.pt", b"", "not weights alone"),
-        ("mine.safetensors", b"x" * 100, "no safetensors file"),
+        ("mine.safetensors", b"x" * 100, "not a safetensors file"),
         ("mine.zip", hostile_archive(), "not weights alone"),
         ("mine.zip", b"PK", "no archive of Stable-Baselines3"),
         ("nowhere.pt", None, "No such file"),

@@ -235,7 +235,7 @@ def test_what_is_no_file_is_refused_quickly(tmp_path: Path, capsys: pytest.Captu
     for path in (tmp_path / "a.mcap", tmp_path / "b.mcap.part", Path("/dev/zero"), tmp_path):
         for command in (["info"], ["check"], ["recover"], ["show", "--rally", "0"], ["export", str(tmp_path / "x.csv")]):
             assert recording.main([command[0], str(path), *command[1:]]) == 1
-            assert "no regular file" in capsys.readouterr().err
+            assert "not a regular file" in capsys.readouterr().err
 
 
 def test_recovering_nothing_is_an_error(log_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -205,7 +205,7 @@ def test_the_agent_is_played_by_name_and_knows_its_game(tmp_path: Path) -> None:
         resolve(f"agent:{done.folder / 'agent'}", other)
     network = done.folder / "agent" / "network.safetensors"
     network.write_bytes(network.read_bytes()[:-7] + b"damaged")
-    with pytest.raises(PolicyError, match="checksum does not fit"):
+    with pytest.raises(PolicyError, match="checksum does not match"):
         resolve(f"agent:{done.folder / 'agent'}", GAME)
     with pytest.raises(PolicyError, match="no trained agent"):
         resolve(f"agent:{tmp_path}", GAME)

@@ -1,1 +1,1 @@
-"""Reports of tournaments and training runs as one HTML file each, which asks for nothing from anywhere."""
+"""Reports of tournaments and training runs as self-contained HTML files."""

@@ -300,13 +300,13 @@ def _meta_game(about: str, game: MetaGame) -> Table:
 
 
 def _cycles(assessment: Assessment) -> Table:
-    headings = ("this", "beats this", "beats this, which beats the first", "first win", "second", "third", "closest")
+    headings = ("first", "beats second", "beats third, which beats the first", "first win", "second", "third", "closest")
     rows = [[*map(name, cycle.names), *map(percent, cycle.wins), percent(min(cycle.wins))] for cycle in assessment.cycles]
     return Table([Column(heading, name, left=i < 3) for i, heading in enumerate(headings)], rows)
 
 
 def _robustness(assessment: Assessment) -> list[Table]:
-    """Tables of how firm the ranks are: removed matches, refits of the game, and the misfit of the ratings."""
+    """Tables on the stability of the ranks: removed matches, refits of the game, and the misfit of the ratings."""
     tables, fit, stable = [], assessment.misfit, assessment.stability
     if assessment.flips:
         played = assessment.flips[0].played
@@ -321,7 +321,7 @@ def _robustness(assessment: Assessment) -> list[Table]:
                     Column("of all", lambda flip: percent(math.nan if flip.matches is None else flip.matches / played, 3),
                            ascending=True),
                 ],
-                f"Least number of the {played:,} matches whose removal changes the order of neighbours",
+                f"Smallest number of the {played:,} matches whose removal swaps two neighbours",
             )
         )  # fmt: skip
     if stable is not None:
@@ -411,7 +411,7 @@ def compare(folders: Sequence[Path]) -> bytes:
         folders: of tournaments, of training runs, or of both.
 
     Raises:
-        LeagueError: a folder holds no run, or an unfinished tournament, or is given twice.
+        LeagueError: a folder contains no run, or an unfinished tournament, or is given twice.
     """
     names = _names(folders)
     tournaments: dict[str, dict[str, Any]] = {}
@@ -425,7 +425,7 @@ def compare(folders: Sequence[Path]) -> bytes:
             curve = read_curve(folder, name_of_run)
             trained[name_of_run] = ComparedRun(curve=curve, settings=json.dumps(settings, sort_keys=True))
         else:
-            raise LeagueError(f"{folder}: holds neither a finished tournament ({REPORT}) nor a training run ({METRICS})")
+            raise LeagueError(f"{folder}: contains neither a finished tournament ({REPORT}) nor a training run ({METRICS})")
     return render(
         "comparison.html.j2",
         title="Comparison of runs",
@@ -463,7 +463,7 @@ def _compare_tournaments(reports: Mapping[str, dict[str, Any]]) -> dict[str, Any
                 for figure in _RATING:
                     row[figure] = math.nan if row[figure] is None else float(row[figure])
     except (KeyError, TypeError, ValueError) as error:
-        raise LeagueError(f"{run}/{REPORT}: is not the report of a tournament ({type(error).__name__}: {error})") from error
+        raise LeagueError(f"{run}/{REPORT}: not the report of a tournament ({type(error).__name__}: {error})") from error
     columns: list[Column[str]] = [Column("player", name, left=True)]
     for run, ranking in rankings.items():
         columns += _rating_columns(run, ranking)
