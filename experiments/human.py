@@ -3,10 +3,10 @@
     python -m experiments.human --data DATA [--split validation] [--picture FILE] [--json]
 
 With TAU, ``human:TAU`` moves from perfect play to the average player ``bc`` (:func:`shuttle_marl.exact.solve_soft`). For each
-TAU: the fraction of rallies won against ``bc``, in the game and in its refits, and the cross-entropy on real strokes of
-unseen matches, in nats per stroke. Then TAU is fitted for each player with a clone: the one under which ``human:TAU:PLAYER`` gives their strokes the
-highest likelihood, infinity being the clone itself. A low TAU says that among their usual strokes a player prefers those with a
-higher value in the game.
+TAU: the fraction of rallies won against ``bc``, in the game and in its refits, and the cross-entropy on real strokes of unseen
+matches, in nats per stroke. Then TAU is fitted for each player with a clone: the one under which ``human:TAU:PLAYER`` gives their
+strokes the highest likelihood, infinity being the clone itself. A low TAU says that among their usual strokes a player prefers
+those with a higher value in the game.
 
 The target of a fault is unknown: faults are scored by shot type and technique, other strokes by the area too.
 """
