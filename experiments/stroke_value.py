@@ -38,6 +38,7 @@ from shuttle_marl.analysis import (
 from shuttle_marl.analysis.pictures import COLOURS, INK, SHORT_NAMES
 from shuttle_marl.analysis.values import LEAST_MATCHES, LEAST_STROKES
 from shuttle_marl.commands.cli import run
+from shuttle_marl.data import anonymised
 from shuttle_marl.exact.away import Spread, Values, moved, over
 from shuttle_marl.files import replace_file
 from shuttle_marl.game import load_game
@@ -62,6 +63,7 @@ def stroke_value(
     model: str = "default",
     least_matches: int = LEAST_MATCHES,
     least_strokes: int = LEAST_STROKES,
+    anonymous: bool = False,
     json: bool = False,
 ) -> None:
     """Rank players by value added per stroke.
@@ -73,11 +75,13 @@ def stroke_value(
         model: a shipped model or a model folder.
         least_matches: players with fewer matches are left out.
         least_strokes: players with fewer strokes are left out.
+        anonymous: replace the names of players and matches by pseudonyms.
         json: print JSON.
     """
     path = data or Path(os.environ.get("SHUTTLESET") or SAMPLE)
     game = load_game(model)
     policy, strokes = tabulate(resolve(reference, game), game, reference), strokes_of(path)
+    strokes = anonymised(strokes) if anonymous else strokes
     valued = add_values(strokes, policy)
     least = {"least_matches": least_matches, "least_strokes": least_strokes}
     players = rank_players(valued, **least, centred=True)

@@ -26,6 +26,7 @@ def analysis(
     reference: str = "bc",
     model: tyro.conf.OmitArgPrefixes[RallyGameOptions] = _MODEL,
     rallies: int = 20_000,
+    anonymous: bool = False,
     json: bool = False,
 ) -> None:
     """Summarise the play of every player of a rally log or of annotated matches, with the value of their strokes.
@@ -37,17 +38,20 @@ def analysis(
         reference: policy whose play the values assume.
         model: game on which values are computed.
         rallies: approximate number of rallies sampled from a log, the same number from each pairing.
+        anonymous: replace the names of players and matches by pseudonyms.
         json: print JSON.
     """
     from shuttle_marl import table_files  # noqa: PLC0415  keeps --help fast
     from shuttle_marl.analysis import add_values, rally_table, strokes_of, summarise  # noqa: PLC0415
     from shuttle_marl.analysis.summary import players_of  # noqa: PLC0415
+    from shuttle_marl.data import anonymised  # noqa: PLC0415
     from shuttle_marl.game.tabulated import tabulate  # noqa: PLC0415
     from shuttle_marl.policy.registry import resolve  # noqa: PLC0415
 
     tables = model.load_for(path)
     policy = tabulate(resolve(reference, tables), tables, reference)
-    valued = add_values(strokes_of(path, rallies=rallies), policy)
+    strokes = strokes_of(path, rallies=rallies)
+    valued = add_values(anonymised(strokes) if anonymous else strokes, policy)
     summaries = {name: summarise(valued, name) for name in players_of(valued)[:_SHOWN]}
     if against is not None:
         summaries[against.resolve().name] = summarise(add_values(strokes_of(against, rallies=rallies), policy))

@@ -16,7 +16,7 @@ from shuttle_marl.data.column_map import TEMPLATE_CSV, template_map
 from shuttle_marl.data.own import import_matches
 from shuttle_marl.data.schema import DROP_REASONS, Account
 from shuttle_marl.data.strict_csv import DataError
-from shuttle_marl.data.table import Report, load_account, provenance_of, write_parquet
+from shuttle_marl.data.table import Report, anonymised, load_account, provenance_of, write_parquet
 from shuttle_marl.data.table import validate as check
 from shuttle_marl.data.upstream import SPLITS, Split
 from shuttle_marl.errors import command, printable
@@ -66,18 +66,21 @@ def convert(root: Root, *, out: Path, overwrite: bool = False) -> None:
     sys.stdout.write(f"{out}: {cleaned.strokes.num_rows} strokes\n{_NOTE}\n")
 
 
-def import_own(file: File, *, columns: Path, out: Path, overwrite: bool = False) -> None:
+def import_own(file: File, *, columns: Path, out: Path, anonymous: bool = False, overwrite: bool = False) -> None:
     """Import your own matches from a CSV file with a row per stroke, and write a Parquet file.
 
     Args:
         file: The CSV file, in UTF-8.
         columns: Column map, a TOML file; `data template` writes an example.
         out: Parquet file to write.
+        anonymous: Replace the names of players and matches by pseudonyms.
         overwrite: Replace an existing file.
     """
     cli.check_free(out, overwrite=overwrite)
     cleaned, provenance = import_matches(file, columns)
-    write_parquet(cleaned.strokes, out, account=cleaned.account, provenance=provenance)
+    write_parquet(
+        anonymised(cleaned.strokes) if anonymous else cleaned.strokes, out, account=cleaned.account, provenance=provenance
+    )
     _show(cleaned.account)
     sys.stdout.write(f"{printable(str(out))}: {cleaned.strokes.num_rows} strokes\n")
 

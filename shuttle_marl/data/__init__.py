@@ -6,7 +6,7 @@ Most users only need :func:`load_strokes`.
 from shuttle_marl.data.cleaning import clean_matches
 from shuttle_marl.data.schema import OUTCOMES, REASONS, STROKES, Account, Cleaned, Outcome
 from shuttle_marl.data.strict_csv import DataError
-from shuttle_marl.data.table import load_account, load_strokes
+from shuttle_marl.data.table import anonymised, load_account, load_strokes
 from shuttle_marl.data.upstream import SPLITS, Split, matches_of, split_of
 
 __all__ = [
@@ -19,6 +19,7 @@ __all__ = [
     "DataError",
     "Outcome",
     "Split",
+    "anonymised",
     "clean_matches",
     "load_account",
     "load_strokes",

@@ -10,6 +10,7 @@ from typing import Any, Final
 
 import pooch
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from shuttle_marl import __version__, table_files
@@ -119,6 +120,23 @@ def provenance_of(root: Path, cleaned: Cleaned) -> dict[str, Any]:
         "licence": upstream.LICENCE_NOTE,
         "citations": list(upstream.CITATIONS),
     }
+
+
+def anonymised(strokes: pa.Table) -> pa.Table:
+    """Strokes with pseudonyms for players (``player-01``) and matches (``match-001``).
+
+    The numbers follow the SHA-256 of the names, so they reveal no order; the same names give the same pseudonyms.
+    """
+    for columns, form in ((("player", "opponent"), "player-{:02d}"), (("match",), "match-{:03d}")):
+        names = sorted(
+            {name for column in columns for name in pc.unique(strokes[column]).to_pylist() if name is not None},
+            key=lambda name: hashlib.sha256(name.encode()).digest(),
+        )
+        pseudonym = {name: form.format(number) for number, name in enumerate(names, 1)}
+        for column in columns:
+            named = pa.array([pseudonym.get(name) for name in strokes[column].to_pylist()], strokes[column].type)
+            strokes = strokes.set_column(strokes.schema.get_field_index(column), strokes.schema.field(column), named)
+    return strokes
 
 
 def _open(path: Path) -> pq.ParquetFile:

@@ -19,6 +19,10 @@ _OBSERVED: Final = (
     "elsewhere or more often. The further a policy departs from human play, the weaker its support in the data. Values of the "
     "game are exact consequences of its tables, not evidence about badminton."
 )
+_NAMED: Final = (
+    "**Named players.** Results of public matches are summarised with numbers of strokes and intervals. They describe these "
+    "matches; they do not judge persons, and are not for selection, contracts or betting."
+)
 
 
 def strokes_hash(strokes: pa.Table) -> str:
@@ -69,6 +73,8 @@ def as_markdown(card: dict[str, Any]) -> str:
         f"Seed {card['seed']}.",
         "",
         _OBSERVED,
+        "",
+        _NAMED,
         "",
         f"The game: {card['game']['strokes']} strokes, {card['game']['states']:,} states, {card['game']['legal_pairs']:,} legal "
         f"pairs; {100 * card['game']['clipped']:.1f} % of them were clipped to the range supported by the data.",
