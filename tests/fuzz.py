@@ -393,11 +393,16 @@ def replace_file(path: Path, rng: random.Random) -> None:
             pass
 
 
+_MOST_JSON = 1 << 26
+"""Size of the largest JSON file whose checksums are updated [bytes]; another mutation may have made it larger."""
+
+
 def update_checksums(path: Path, before: str) -> None:
     """Write the hash of a forged file into the JSON files beside it, and seal those again."""
     after = hashlib.sha256(path.read_bytes()).hexdigest()
     for other in path.parent.glob("*.json"):
-        if other != path and other.is_file() and not other.is_symlink() and before in (text := other.read_text(errors="replace")):
+        readable = other != path and other.is_file() and not other.is_symlink() and other.stat().st_size <= _MOST_JSON
+        if readable and before in (text := other.read_text(errors="replace")):
             other.write_bytes(sealed(text.replace(before, after).encode()))
 
 

@@ -109,10 +109,10 @@ def card(
     content = read_model_card(model_folder(model))
     try:
         sys.stdout.write(json_format.dumps(content) + "\n" if json else as_markdown(content))
-    except (LookupError, TypeError, ValueError, AttributeError) as error:
+        if plot is not None:
+            plot_reliability(content, plot)
+    except (LookupError, TypeError, ValueError, ArithmeticError, AttributeError) as error:
         raise ShuttleError(f"{model}: its card lacks what this version writes ({error!r:.200}); fit the model again") from error
-    if plot is not None:
-        plot_reliability(content, plot)
 
 
 def _read_json(path: Path) -> dict[str, Any]:
