@@ -40,12 +40,12 @@ _LISTED: Final = 20
 
 
 class ShuttleEnv(AECEnv[str, Observation, int]):
-    """Two players, stroke by stroke. What a finished rally means is up to the subclass.
+    """Turn-based environment of two players; subclasses define what happens at the end of a rally.
 
     Attributes:
         game: the tables of the game.
-        last_seed: the seed of the draws; episode e of it depends on nothing else.
-        episode: number of the episode since that seed was given, from 0.
+        last_seed: the last seed; an episode depends only on it and on its number.
+        episode: number of the episode since the last seed, from 0.
     """
 
     rewards: dict[str, float]
@@ -102,15 +102,15 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
 
     @property
     def state_number(self) -> int:
-        """State of the agent to move, as in :mod:`shuttle_marl.game.tables`; what policies and exact values are tables over."""
+        """State index of the agent to move in :mod:`shuttle_marl.game.tables`, for tables of policies and values."""
         return self._state
 
     def choice_draw(self) -> int:
-        """The number in [0, 65535) by which a policy chooses the stroke that is due; see :mod:`shuttle_marl.game.draws`."""
+        """Random number in [0, 65535) for the choice of the next stroke; see :mod:`shuttle_marl.game.draws`."""
         return self._draws.choice(self._rally, 0 if self._state == ROOT else len(self._strokes))
 
     def score_of(self, player: int) -> tuple[int, int, int, int] | None:  # noqa: ARG002
-        """Own points, the opponent's points, own games and the opponent's games; None where there is no match."""
+        """Own points, the opponent's points, own games and the opponent's games; None without a match."""
         return None
 
     def observation_space(self, agent: str) -> spaces.Space[Any]:
@@ -125,7 +125,7 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         """Start the next episode; with a seed, the first episode of that seed. ``options`` is not used.
 
         Raises:
-            OptionError: the seed is no whole number.
+            OptionError: the seed is not an integer.
         """
         if seed is not None or self.last_seed is None:
             self.last_seed = secrets.randbits(63) if seed is None else whole_number("seed", seed)
@@ -141,7 +141,7 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
             self.render()
 
     def observe(self, agent: str) -> Observation:
-        """Observation and action mask of an agent; the mask of the one not to hit is zero, as are both before the first reset."""
+        """Observation and action mask of an agent; the mask is zero if it is not its turn, and before the first reset."""
         player = _INDEX[agent]
         strikes = player == self._striker
         row = self._stepper.observe(self._state, receiver=not strikes)
@@ -153,8 +153,8 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
 
         Raises:
             ActionError: not an integer, or not in the catalogue.
-            IllegalStrokeError: not legal in the state; nothing has changed.
-            ResetNeeded: no episode has begun.
+            IllegalStrokeError: not legal in the state; the environment is unchanged.
+            ResetNeeded: no episode has started.
         """
         self._require_begun()
         agent = self.agent_selection
@@ -189,7 +189,7 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         """End the episode as a loss of the agent to move, who tried an illegal stroke; -1 for it, +1 for the other.
 
         Args:
-            stroke: catalogue index of the stroke that was tried, if it has one.
+            stroke: catalogue index of the illegal stroke, if it has one.
         """
         self._require_begun()
         loser = self._striker
@@ -207,10 +207,10 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         """The rally as text (``ansi``), as a picture from above (``rgb_array``), or in a window (``human``).
 
         Raises:
-            RenderError: a picture is wanted and pygame is not installed.
+            RenderError: pygame is required but not installed.
         """
         if self.render_mode is None:
-            gymnasium.logger.warn("render() does nothing: make the environment with render_mode='human', 'rgb_array' or 'ansi'")
+            gymnasium.logger.warn("render() does nothing; create the environment with render_mode='human', 'rgb_array' or 'ansi'")
             return None
         if self.render_mode == "ansi":
             return as_text(self.snapshot())
@@ -230,7 +230,7 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
             self._renderer = None
 
     def snapshot(self) -> Snapshot:
-        """The rally so far; after its end, until the next serve is struck, the whole rally."""
+        """The rally so far, or the last rally until the next serve."""
         between_rallies = self._state == ROOT and bool(self._strokes)
         return Snapshot(
             game=self.game,
@@ -245,11 +245,11 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         )
 
     def _begin_episode(self) -> int:
-        """Prepare ``_draws`` and ``_rally``; returns who serves first."""
+        """Prepare ``_draws`` and ``_rally``; returns the first server."""
         raise NotImplementedError
 
     def _end_rally(self, winner: int) -> None:
-        """Count a rally; begin the next one or end the episode."""
+        """Count a rally; start the next one or end the episode."""
         self._end_episode(winner)
 
     def _end_episode(self, winner: int) -> None:
@@ -277,7 +277,7 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
 
     def _require_begun(self) -> None:
         if self.last_seed is None:
-            raise ResetNeeded("no episode has begun; call reset() first")
+            raise ResetNeeded("no episode has started; call reset() first")
 
     def _clear_episode(self) -> None:
         self.rewards = {"player_0": 0.0, "player_1": 0.0}
@@ -318,7 +318,7 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
     def _refusal(self, action: Any, stroke: int) -> ActionError:
         names = self.game.catalogue.names
         if not 0 <= stroke < len(names):
-            return ActionError(f"{self.agent_selection}: action {action!r} is no stroke; expected 0 to {len(names) - 1}")
+            return ActionError(f"{self.agent_selection}: action {action!r} is not a stroke; expected 0 to {len(names) - 1}")
         legal = self.game.legal_strokes(self._state).tolist()
         listed = ", ".join(f"{i} {names[i]}" for i in legal[:_LISTED])
         more = f" and {len(legal) - _LISTED} more" if len(legal) > _LISTED else ""
@@ -332,9 +332,9 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
 class CheckedEnv(OrderEnforcingWrapper[str, Observation, Any]):
     """PettingZoo's checks in one wrapper: the order of calls, actions out of bounds, illegal strokes.
 
-    A stroke that is not legal in the state ends the episode: -1 for who tried it, +1 for the other, and
-    ``info["reason"]`` says so. PettingZoo's ``TerminateIllegalWrapper`` pays the other nothing and explains nothing, so
-    the game would not be zero-sum; and a chain of three wrappers takes three times as long as the environment itself.
+    An illegal stroke ends the episode: -1 for the striker, +1 for the other agent, and ``info["reason"]`` is ``illegal stroke``.
+    PettingZoo's ``TerminateIllegalWrapper`` gives the other agent no reward, so the game would not be zero-sum; and three nested
+    wrappers take three times as long as the environment.
     """
 
     def __init__(self, env: ShuttleEnv) -> None:
@@ -356,7 +356,7 @@ class CheckedEnv(OrderEnforcingWrapper[str, Observation, Any]):
         )
 
     def step(self, action: Any) -> None:
-        """Play a stroke, or lose by it.
+        """Play a stroke; an illegal one loses the episode.
 
         Raises:
             ActionError: the action is not in the action space.

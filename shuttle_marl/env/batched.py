@@ -1,7 +1,7 @@
-"""Thousands of rallies at once for TorchRL: ``RallyEnv`` for self-play, ``VersusEnv`` against opponents in the environment.
+"""Batched TorchRL environments: ``RallyEnv`` for self-play, ``VersusEnv`` against opponents.
 
-Both step the compiled kernel and hold their rallies in numpy arrays, so they are stateful and locked to their batch size.
-Given the same strokes they play the rallies of ``rally_v0`` with the same seed: row b of B plays the episodes b, b + B, …
+Both use the compiled kernel and store their rallies in numpy arrays, so they are stateful and locked to their batch size.
+The same seed and strokes give the rallies of ``rally_v0``: row b of B plays the episodes b, b + B, …
 """
 
 from typing import Any, cast
@@ -23,18 +23,18 @@ _SEEDS = 1 << 63
 
 
 class _BatchedEnv(EnvBase):
-    """The TorchRL side of a batch of the kernel.
+    """TorchRL environment of a batch of the kernel.
 
     Entries of its tensordicts, batch size ``[B]``:
 
     - ``observation``: ``[B, 6]`` int32: own last stroke and incoming stroke as catalogue indices (n: none yet), contact
-      offered (1: above the net), net shots in a row (3: three or more), own effort and the opponent's.
+      height (1: above the net), consecutive net shots (3: three or more), own effort and the opponent's.
     - ``action_mask``: ``[B, n]`` bool legal strokes.
     - ``action``: ``[B]`` int64 catalogue index.
     - ``reward``: ``[B, 1]`` float32; ``done``, ``terminated``: ``[B, 1]`` bool.
 
-    ``rollout`` and the collectors reset rows in the same call as the step. So where ``("next", "terminated")`` holds, the
-    rest of ``"next"`` belongs to the next rally already; no estimator looks at it there.
+    ``rollout`` and the collectors reset rows in the same call as the step. So where ``("next", "terminated")`` is True, the
+    other entries of ``"next"`` belong to the next rally; estimators ignore them there.
     """
 
     batch_locked = True
@@ -42,7 +42,7 @@ class _BatchedEnv(EnvBase):
     def __init__(self, game: Game, batch: RallyBatch | LearnerBatch, seed: int) -> None:
         size = len(batch)
         super().__init__(batch_size=torch.Size([size]))
-        # EnvBase is an nn.Module, whose __setattr__ wants the call above first.
+        # EnvBase is an nn.Module, so attributes can only be set after the call above.
         self.game = game
         self._batch = batch
         self._next_seed: int | None = seed
@@ -62,17 +62,17 @@ class _BatchedEnv(EnvBase):
 
     @property
     def states(self) -> I32:
-        """``[B]`` state of each striker, as in :mod:`shuttle_marl.game.tables`; a copy."""
+        """``[B]`` state index of each striker in :mod:`shuttle_marl.game.tables`; a copy."""
         return self._batch.rows.state.copy()
 
     def rand_action(self, tensordict: TensorDictBase | None = None) -> TensorDictBase:
-        """A legal stroke for each row, equally likely, by the draw of the stroke that is due."""
+        """Sample a legal stroke uniformly for each row, with the random number of the next stroke."""
         if tensordict is None:
             tensordict = TensorDict(batch_size=self.batch_size)
         return cast(TensorDictBase, tensordict.set("action", torch.from_numpy(self._batch.random_strokes())))
 
     def _set_seed(self, seed: int | None) -> None:
-        """The next reset begins with rally 0 of this seed."""
+        """The next reset starts with rally 0 of this seed."""
         self._next_seed = None if seed is None else whole_number("seed", seed) % _SEEDS
 
     def _reset(self, tensordict: TensorDictBase | None = None, **_: Any) -> TensorDictBase:
@@ -94,7 +94,7 @@ class _BatchedEnv(EnvBase):
         return TensorDict({**entries, "terminated": done.clone()}, self.batch_size)
 
     def _step_and_maybe_reset(self, tensordict: TensorDictBase) -> tuple[TensorDictBase, TensorDictBase]:
-        """Step and reset in one call of the kernel; TorchRL's own way takes three to five times as long.
+        """Step and reset in one call of the kernel; TorchRL's own implementation takes three to five times as long.
 
         This overrides a private method of TorchRL, which is why its version is pinned.
         """
@@ -105,7 +105,7 @@ class _BatchedEnv(EnvBase):
         return tensordict, _unchecked({**begun, "done": none, "terminated": none.clone()}, self.batch_size)
 
     def _play(self, tensordict: TensorDictBase, *, reset: bool) -> tuple[dict[str, torch.Tensor], torch.Tensor]:
-        """Observation, reward and done after a stroke in every row, and done once more."""
+        """Entries with observation, reward and done after a stroke in every row; and done."""
         seen = self._batch.new_observations()
         reward, over = self._batch.step(tensordict.get("action").numpy(), reset=reset, observed=seen)
         done = torch.from_numpy(over).unsqueeze(-1)
@@ -117,28 +117,27 @@ def _tensors(seen: Observations) -> dict[str, torch.Tensor]:
 
 
 def _unchecked(entries: dict[str, torch.Tensor], batch_size: torch.Size) -> TensorDict:
-    """A tensordict without the checks of its shapes, which cost more than a step."""
+    """A tensordict without shape checks, which take longer than a step."""
     return TensorDict._new_unsafe(source=entries, batch_size=batch_size)
 
 
 class RallyEnv(_BatchedEnv):
-    """B rallies in the striker's view: every row of a rollout is one stroke, by the two players in turn.
+    """B rallies for self-play: each step of a rollout is one stroke, of the two players in turn, observed by the striker.
 
-    The reward is the striker's, and so is the value: the value of the next state belongs to the opponent. Estimators of
-    return and advantage with ``gamma=-1`` are then the exact recursion of a zero-sum game, for self-play in which both
-    players learn.
+    Rewards and values are those of the striker, so the value of the next state belongs to the opponent: estimators of returns and
+    advantages with ``gamma=-1`` are exact in this zero-sum game.
 
     Args:
         batch: number of rallies B.
-        game: the tables, or a model by name or folder; None: the benchmark's.
-        profile: variant of that model, such as ``men`` or ``women``; None: its game itself, the average of the two.
-        seed: names the draws of the rallies.
-        server: seat that serves, 0 or 1; None: at random.
-        threads: threads that share the rows; never changes a result.
+        game: the tables, or a model by name or folder; None: the default game.
+        profile: variant of that model, such as ``men`` or ``women``; None: the average of both.
+        seed: random seed.
+        server: seat that serves, 0 or 1; None: random.
+        threads: number of threads; does not change results.
 
     Raises:
-        KernelError: an option that it cannot take.
-        GameError: there is no such model.
+        KernelError: an invalid option.
+        GameError: the model does not exist.
     """
 
     def __init__(
@@ -156,25 +155,25 @@ class RallyEnv(_BatchedEnv):
 
 
 class VersusEnv(_BatchedEnv):
-    """B rallies of a learner against opponents: a row of a rollout is the learner's stroke and the reply to it.
+    """B rallies of a learner against opponents: each step of a rollout is the learner's stroke and the reply.
 
-    An ordinary environment for one agent (``gamma=1``). A rally that ends on the opponent's serve never comes to the
-    learner; :attr:`unseen` counts those, and win rates have to count them too.
+    A single-agent environment (``gamma=1``). Rallies that end on the opponent's serve are skipped and counted in :attr:`unseen`;
+    include them in win rates.
 
     Args:
         batch: number of rallies B.
-        opponents: name of a policy, a policy, or several; row b meets number b modulo K.
-        game: the tables, or a model by name or folder; None: the benchmark's.
-        profile: variant of that model, such as ``men`` or ``women``; None: its game itself, the average of the two.
-        seed: names the draws of the rallies and of the opponents.
+        opponents: name of a policy, a policy, or a sequence of K; row b plays number b modulo K.
+        game: the tables, or a model by name or folder; None: the default game.
+        profile: variant of that model, such as ``men`` or ``women``; None: the average of both.
+        seed: random seed of rallies and opponents.
         seat: seat of the learner, 0 or 1.
-        server: seat that serves, 0 or 1; None: at random.
-        threads: threads that share the rows; never changes a result.
+        server: seat that serves, 0 or 1; None: random.
+        threads: number of threads; does not change results.
 
     Raises:
-        KernelError: an option that it cannot take.
-        PolicyError: there is no such opponent, it is no distribution over the legal strokes, or it reads the score.
-        GameError: there is no such model.
+        KernelError: an invalid option.
+        PolicyError: an opponent does not exist, reads the score, or does not return a distribution over the legal strokes.
+        GameError: the model does not exist.
     """
 
     def __init__(

@@ -24,14 +24,14 @@ def env(
     Args:
         action: ``flat``: catalogue index, ``Discrete(n)``; ``components``: shot type, area, height and technique,
             ``MultiDiscrete([13, 9, 2, 3])``.
-        mask: ``observation``: beside the observation, in a dictionary; ``info``: in ``info["action_mask"]``; ``none``: nowhere.
-            Observations are plain vectors with the last two.
-        info: ``full``: what happened, with text and None; ``none``: numbers alone. Default: full with ``mask="observation"``,
-            else none.
-        **kwargs: those of :class:`raw_env`.
+        mask: place of the mask: ``observation`` (in the dictionary of the observation), ``info`` (``info["action_mask"]``) or
+            ``none``. Observations are plain vectors with the last two.
+        info: ``full``: last stroke and result, with text and None; ``none``: numbers only. Default: full with
+            ``mask="observation"``, else none.
+        **kwargs: arguments of :class:`raw_env`.
 
     Raises:
-        OptionError: an option that is not among those.
+        OptionError: an invalid option.
     """
     return wrapped(raw_env(**kwargs), action, mask, info)
 
@@ -40,17 +40,17 @@ class raw_env(ShuttleEnv):
     """A match: best of three games to 21; the winner of a rally serves next.
 
     Args:
-        first_server: who serves first, 0 or 1; None: at random, seeded.
+        first_server: first server, 0 or 1; None: random.
         reward: ``match``: +1 and -1 at the end of the match; ``rally``: +1 and -1 at the end of every rally.
         rules: points, lead, cap and games.
-        game: the tables, or a model by name or folder; None: the benchmark's.
-        profile: variant of that model, such as ``men`` or ``women``; None: its game itself, the average of the two.
-        max_strokes: strokes after which a match is cut off (truncated); None: never.
+        game: the tables, or a model by name or folder; None: the default game.
+        profile: variant of that model, such as ``men`` or ``women``; None: the average of both.
+        max_strokes: maximum number of strokes, after which the match is truncated; None: no limit.
         render_mode: ``human``, ``rgb_array``, ``ansi``, or None.
 
     Raises:
-        OptionError: an option that is not among those.
-        GameError: there is no such model.
+        OptionError: an invalid option.
+        GameError: the model does not exist.
     """
 
     metadata: ClassVar[dict[str, Any]] = {
@@ -73,7 +73,7 @@ class raw_env(ShuttleEnv):
     ) -> None:
         super().__init__(game=game, profile=profile, max_strokes=max_strokes, render_mode=render_mode, extra_width=SCORE_WIDTH)
         if first_server not in (None, 0, 1):
-            raise OptionError(f"first_server {first_server!r}: expected 0, 1, or None to draw it at random")
+            raise OptionError(f"first_server {first_server!r}: expected 0, 1, or None for a random server")
         if reward not in ("match", "rally"):
             raise OptionError(f"reward {reward!r}: expected 'match' or 'rally'")
         self.first_server = first_server
@@ -111,7 +111,7 @@ class raw_env(ShuttleEnv):
         super()._end_episode(winner)
 
     def _set_score(self, score: Score) -> None:
-        """Set the score, and what both players observe of it."""
+        """Set the score and its observations."""
         self._score = score
         rows = []
         for own in (0, 1):

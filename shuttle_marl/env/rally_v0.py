@@ -19,31 +19,31 @@ def env(
     Args:
         action: ``flat``: catalogue index, ``Discrete(n)``; ``components``: shot type, area, height and technique,
             ``MultiDiscrete([13, 9, 2, 3])``.
-        mask: ``observation``: beside the observation, in a dictionary; ``info``: in ``info["action_mask"]``; ``none``: nowhere.
-            Observations are plain vectors with the last two.
-        info: ``full``: what happened, with text and None; ``none``: numbers alone. Default: full with ``mask="observation"``,
-            else none.
-        **kwargs: those of :class:`raw_env`.
+        mask: place of the mask: ``observation`` (in the dictionary of the observation), ``info`` (``info["action_mask"]``) or
+            ``none``. Observations are plain vectors with the last two.
+        info: ``full``: last stroke and result, with text and None; ``none``: numbers only. Default: full with
+            ``mask="observation"``, else none.
+        **kwargs: arguments of :class:`raw_env`.
 
     Raises:
-        OptionError: an option that is not among those.
+        OptionError: an invalid option.
     """
     return wrapped(raw_env(**kwargs), action, mask, info)
 
 
 class raw_env(ShuttleEnv):
-    """One rally: +1 for who wins it, -1 for the other, at its end.
+    """One rally, with reward +1 for the winner and -1 for the loser at its end.
 
     Args:
-        server: who serves, 0 or 1; None: at random, seeded.
-        game: the tables, or a model by name or folder; None: the benchmark's.
-        profile: variant of that model, such as ``men`` or ``women``; None: its game itself, the average of the two.
-        max_strokes: strokes after which a rally is cut off (truncated); None: never.
+        server: server, 0 or 1; None: random.
+        game: the tables, or a model by name or folder; None: the default game.
+        profile: variant of that model, such as ``men`` or ``women``; None: the average of both.
+        max_strokes: maximum number of strokes, after which the rally is truncated; None: no limit.
         render_mode: ``human``, ``rgb_array``, ``ansi``, or None.
 
     Raises:
-        OptionError: an option that is not among those.
-        GameError: there is no such model.
+        OptionError: an invalid option.
+        GameError: the model does not exist.
     """
 
     metadata: ClassVar[dict[str, Any]] = {
@@ -64,7 +64,7 @@ class raw_env(ShuttleEnv):
     ) -> None:
         super().__init__(game=game, profile=profile, max_strokes=max_strokes, render_mode=render_mode, extra_width=0)
         if server not in (None, 0, 1):
-            raise OptionError(f"server {server!r}: expected 0, 1, or None to draw it at random")
+            raise OptionError(f"server {server!r}: expected 0, 1, or None for a random server")
         self.server = server
 
     def _begin_episode(self) -> int:

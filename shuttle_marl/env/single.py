@@ -1,7 +1,7 @@
-"""One player's seat, as a Gymnasium environment: a step is the learner's stroke and the opponent's reply.
+"""Gymnasium environments for one agent against an opponent: a step is the learner's stroke and the opponent's reply.
 
-``Rally-v0`` and ``Match-v0`` of the namespace ``shuttle_marl`` put an opponent into ``rally_v0`` and ``match_v0``. They have
-no rules of their own: rallies, observations, masks, pictures and draws are those of the environment inside.
+``shuttle_marl/Rally-v0`` and ``shuttle_marl/Match-v0`` wrap ``rally_v0`` and ``match_v0``: rules, observations, masks, rendering
+and random numbers are those of the wrapped environment.
 """
 
 from typing import Any, Literal, cast
@@ -28,15 +28,15 @@ Seat = Literal[0, 1]
 
 
 class Opponent:
-    """Chooses one stroke at a time: from a table, or by asking a policy that reads the score.
+    """Chooses strokes from a table, or by calling a policy that reads the score.
 
     Attributes:
-        name: the policy's name.
+        name: name of the policy.
         policy: the policy.
-        reads_score: whether it has to be told the score.
+        reads_score: whether the policy needs the score.
 
     Raises:
-        PolicyError: there is no such policy, or it is no distribution over the legal strokes.
+        PolicyError: the policy does not exist, or does not return a distribution over the legal strokes.
     """
 
     def __init__(self, opponent: str | Policy, game: Game) -> None:
@@ -46,41 +46,40 @@ class Opponent:
         self._chooser = self.policy if self.reads_score else tabulate(self.policy, game, self.name)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return Opponent, (self._given, self._game)  # by name, where it has one: a table is megabytes
+        return Opponent, (self._given, self._game)  # by name if possible, because a table has megabytes
 
     def choose(self, state: int, draw: int, score: tuple[int, int, int, int] | None) -> int:
-        """Catalogue index of the stroke that is played in a state.
+        """Catalogue index of the stroke in a state.
 
         Args:
-            state: state of the opponent, who is the striker.
+            state: state with the opponent as the striker.
             draw: uniform integer in [0, 65535).
             score: the opponent's points, the other's points, the opponent's games and the other's games.
 
         Raises:
-            PolicyError: a policy that reads the score raised, or returned no distribution.
+            PolicyError: a policy that reads the score raised, or returned an invalid distribution.
         """
         return choose(self._chooser, self._game, state, draw, score, self.name)
 
 
 class SingleEnv(gymnasium.Env[Observation, np.int64]):
-    """The learner at one seat and an opponent at the other.
+    """Single-agent environment with an opponent at the other seat.
 
-    An episode of which the learner never gets to strike, because the opponent ends it first, never comes to the learner: the
-    environment counts it in :attr:`unseen` and continues with the next one. Win rates have to count those too.
+    Episodes that end before the learner's first stroke are skipped and counted in :attr:`unseen`; include them in win rates.
 
-    A stroke that is not legal in the state loses the episode, as in ``rally_v0.env()``: reward -1, ``terminated``, and
-    ``info["reason"]`` says so.
+    An illegal stroke loses the episode, as in ``rally_v0.env()``: reward -1, ``terminated``, and ``info["reason"]`` is ``illegal
+    stroke``.
 
     Attributes:
-        raw: the PettingZoo environment inside.
-        opponent: who plays at the other seat.
+        raw: the wrapped PettingZoo environment.
+        opponent: the opponent.
         seat: the learner's seat, 0 or 1.
     """
 
     metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": 2}  # noqa: RUF012  as in gymnasium.Env
 
     def __init__(self, raw: ShuttleEnv, opponent: Opponent, seat: Seat, mask: MaskView, info: InfoView | None) -> None:
-        self._mask, self._told = mask, checked_views(mask, info)
+        self._mask, self._info_view = mask, checked_views(mask, info)
         if seat not in (0, 1):
             raise OptionError(f"seat {seat!r}: expected 0 or 1")
         self.raw, self.opponent, self.seat = raw, opponent, seat
@@ -110,7 +109,7 @@ class SingleEnv(gymnasium.Env[Observation, np.int64]):
         return won, lost
 
     def action_masks(self) -> Bools:
-        """``[n]`` legal strokes, none before the first reset; sb3-contrib asks for them by this name."""
+        """``[n]`` mask of legal strokes for sb3-contrib; all False before the first reset."""
         return self.raw.observe(self._agent)["action_mask"].astype(bool)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, dict[str, Any]]:
@@ -142,7 +141,7 @@ class SingleEnv(gymnasium.Env[Observation, np.int64]):
             PolicyError: an opponent that reads the score raised, or returned no distribution.
         """
         if self._over:
-            raise ResetNeeded("this episode is over, or none has begun; call reset() first")
+            raise ResetNeeded("the episode is over or has not started; call reset() first")
         try:
             self.raw.step(cast(int, action))
         except IllegalStrokeError as illegal:
@@ -161,7 +160,7 @@ class SingleEnv(gymnasium.Env[Observation, np.int64]):
         self.raw.close()
 
     def _await_turn(self) -> float:
-        """Let the opponent strike until the learner is to, or the episode is over; returns the learner's reward for it."""
+        """Play the opponent's strokes until the learner's turn or the end of the episode; returns the learner's reward."""
         raw, reward = self.raw, 0.0
         while raw.agent_selection != self._agent and not raw.terminations[self._agent]:
             draw, score = raw.choice_draw(), raw.score_of(1 - self.seat)
@@ -175,7 +174,7 @@ class SingleEnv(gymnasium.Env[Observation, np.int64]):
 
     def _info(self) -> dict[str, Any]:
         info: dict[str, Any] = {"unseen": self._unseen.copy()}
-        if self._told == "full":
+        if self._info_view == "full":
             info.update(self.raw.infos[self._agent])
         if self._mask == "info":
             info["action_mask"] = self.raw.observe(self._agent)["action_mask"]
@@ -183,24 +182,24 @@ class SingleEnv(gymnasium.Env[Observation, np.int64]):
 
 
 class SingleRallyEnv(SingleEnv):
-    """``shuttle_marl/Rally-v0``: one rally against an opponent; +1 to who wins it, -1 to the other.
+    """``shuttle_marl/Rally-v0``: one rally against an opponent, with reward +1 for a win and -1 for a loss.
 
     Args:
         opponent: name of a policy, or a policy.
-        seat: the learner's seat; it only says which half of the draws for the serve is the learner's.
-        server: seat that serves, 0 or 1; None: at random, seeded.
-        game: the tables, or a model by name or folder; None: the benchmark's.
-        profile: variant of that model, such as ``men`` or ``women``; None: its game itself, the average of the two.
-        mask: ``observation``: beside the observation, in a dictionary; ``info``: in ``info["action_mask"]``; ``none``: nowhere.
-            Observations are plain vectors with the last two.
-        info: ``full``: what happened, with text and None; ``none``: numbers alone. Default: full with ``mask="observation"``,
-            else none.
+        seat: the learner's seat; with a random server it only decides for which draws the learner serves.
+        server: seat that serves, 0 or 1; None: random.
+        game: the tables, or a model by name or folder; None: the default game.
+        profile: variant of that model, such as ``men`` or ``women``; None: the average of both.
+        mask: place of the mask: ``observation`` (in the dictionary of the observation), ``info`` (``info["action_mask"]``) or
+            ``none``. Observations are plain vectors with the last two.
+        info: ``full``: last stroke and result, with text and None; ``none``: numbers only. Default: full with
+            ``mask="observation"``, else none.
         render_mode: ``human``, ``rgb_array``, ``ansi``, or None.
 
     Raises:
-        OptionError: an option that is not among those, or an opponent that reads the score, of which a rally has none.
-        PolicyError: there is no such opponent, or it is no distribution over the legal strokes.
-        GameError: there is no such model.
+        OptionError: an invalid option, or an opponent that reads the score, which a rally does not have.
+        PolicyError: the opponent does not exist, or does not return a distribution over the legal strokes.
+        GameError: the model does not exist.
     """
 
     def __init__(
@@ -218,34 +217,34 @@ class SingleRallyEnv(SingleEnv):
         raw = rally_v0.raw_env(server=server, game=game, profile=profile, render_mode=render_mode)
         other = Opponent(opponent, raw.game)
         if other.reads_score:
-            raise OptionError(f"opponent {other.name!r} reads the score, and a rally has none; play it in shuttle_marl/Match-v0")
+            raise OptionError(f"opponent {other.name!r} reads the score, which a rally does not have; use shuttle_marl/Match-v0")
         super().__init__(raw, other, seat, mask, info)
 
 
 class SingleMatchEnv(SingleEnv):
     """``shuttle_marl/Match-v0``: a match against an opponent, who may read the score.
 
-    With ``reward="rally"`` a step pays for every rally that ended since the last one, also those that ended before the
-    learner's first stroke, so the sum over an episode is the points won less the points lost.
+    With ``reward="rally"``, the reward of a step includes all rallies that ended since the last step, also before the learner's
+    first stroke, so the return of an episode is the difference of points.
 
     Args:
         opponent: name of a policy, or a policy.
         seat: the learner's seat.
-        first_server: seat that serves first, 0 or 1; None: at random, seeded.
+        first_server: seat that serves first, 0 or 1; None: random.
         reward: ``match``: +1 and -1 at the end of the match; ``rally``: +1 and -1 at the end of every rally.
         rules: points, lead, cap and games.
-        game: the tables, or a model by name or folder; None: the benchmark's.
-        profile: variant of that model, such as ``men`` or ``women``; None: its game itself, the average of the two.
-        mask: ``observation``: beside the observation, in a dictionary; ``info``: in ``info["action_mask"]``; ``none``: nowhere.
-            Observations are plain vectors with the last two.
-        info: ``full``: what happened, with text and None; ``none``: numbers alone. Default: full with ``mask="observation"``,
-            else none.
+        game: the tables, or a model by name or folder; None: the default game.
+        profile: variant of that model, such as ``men`` or ``women``; None: the average of both.
+        mask: place of the mask: ``observation`` (in the dictionary of the observation), ``info`` (``info["action_mask"]``) or
+            ``none``. Observations are plain vectors with the last two.
+        info: ``full``: last stroke and result, with text and None; ``none``: numbers only. Default: full with
+            ``mask="observation"``, else none.
         render_mode: ``human``, ``rgb_array``, ``ansi``, or None.
 
     Raises:
-        OptionError: an option that is not among those.
-        PolicyError: there is no such opponent, or it is no distribution over the legal strokes.
-        GameError: there is no such model.
+        OptionError: an invalid option.
+        PolicyError: the opponent does not exist, or does not return a distribution over the legal strokes.
+        GameError: the model does not exist.
     """
 
     def __init__(

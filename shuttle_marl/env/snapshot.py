@@ -1,7 +1,7 @@
-"""A moment of an environment: in words, and as the plan of a picture, positions in metres seen from above.
+"""State of an environment for rendering: as text, and as positions on the court in metres.
 
-The environment knows areas, not positions, so contact points are placed in the area by a fixed rule: the same rally
-always gives the same picture. Plan frame: X along the court from player 0 (X < 0) to player 1, Y to player 0's right,
+The environment has areas, not positions, so contact points within an area follow a fixed rule: the same rally always gives
+the same picture. Court frame: X along the court from player 0 (X < 0) to player 1, Y to player 0's right,
 which is down in the picture; the origin is under the middle of the net.
 """
 
@@ -31,16 +31,16 @@ class Snapshot:
     """The rally so far, or the last rally until the next serve is struck.
 
     Attributes:
-        game: the game that is played.
+        game: the game.
         names: names of players 0 and 1.
-        title: what is played, such as ``rally 3``.
+        title: title, such as ``rally 3``.
         strokes: strokes of the rally.
-        server: who served it, or is to serve.
-        striker: who is to hit; None where the rally is over.
-        winner: who won the rally; None while it continues or where it was cut off.
-        reason: why the rally ended: ``fault``, ``winner``, ``illegal stroke`` or ``too many strokes``; None before.
-        by_game: points of players 0 and 1 in each game so far; empty where there is no match around the rally.
-        match_winner: who won the match; None while it continues.
+        server: server of the rally.
+        striker: player to hit next; None if the rally is over.
+        winner: winner of the rally; None while it continues or if it was truncated.
+        reason: reason of the end: ``fault``, ``winner``, ``illegal stroke`` or ``too many strokes``; None before.
+        by_game: points of players 0 and 1 in each game so far; empty without a match.
+        match_winner: winner of the match; None while it continues.
     """
 
     game: Game
@@ -56,7 +56,7 @@ class Snapshot:
 
 
 def as_text(snapshot: Snapshot) -> str:
-    """Score, the strokes in words with their probabilities and outcomes, and how the rally stands."""
+    """Score, strokes with probabilities and outcomes, and state of the rally, as text."""
     names = snapshot.names
     lines = [f"{snapshot.title}, {names[snapshot.server]} serves"]
     lines += score_lines(snapshot)
@@ -71,19 +71,19 @@ def as_text(snapshot: Snapshot) -> str:
 
 
 def shot_in_words(catalogue: Catalogue, stroke: int) -> str:
-    """The shot type in words: ``cross-court net shot``."""
+    """Shot type as text: ``cross-court net shot``."""
     return SHOTS[catalogue.shot[stroke]].replace("-", " ").replace("cross court", "cross-court")
 
 
 def in_words(catalogue: Catalogue, stroke: int) -> str:
-    """A stroke in words: ``smash to the middle left, forehand above the net``."""
+    """Stroke as text: ``smash to the middle left, forehand above the net``."""
     area = AREAS[catalogue.area[stroke]].replace("-", " ")
     technique = TECHNIQUES[catalogue.technique[stroke]].replace("-", " ")
     return f"{shot_in_words(catalogue, stroke)} to the {area}, {technique} {HEIGHTS[catalogue.height[stroke]]} the net"
 
 
 def score_lines(snapshot: Snapshot) -> list[str]:
-    """One line a player with the points of every game; none where there is no match around the rally."""
+    """One line per player with the points of every game; empty without a match."""
     if not snapshot.by_game:
         return []
     width = max(map(len, snapshot.names))
@@ -92,7 +92,7 @@ def score_lines(snapshot: Snapshot) -> list[str]:
 
 
 def effort_in_words(snapshot: Snapshot, player: int) -> str:
-    """A player's effort after the strokes of the rally, of the highest one: ``1 of 2``."""
+    """A player's current effort and the maximum: ``1 of 2``."""
     attacks = sum(snapshot.game.catalogue.is_attack[stroke.stroke] for stroke in snapshot.strokes if stroke.player == player)
     highest = snapshot.game.levels - 1
     return f"{min(attacks, highest)} of {highest}"
@@ -104,7 +104,7 @@ def standing(snapshot: Snapshot) -> str:
     if snapshot.striker is not None and snapshot.reason is None:
         return f"{names[snapshot.striker]} is to {'hit' if snapshot.strokes else 'serve'}"
     if snapshot.reason is None:
-        return "no rally has begun"
+        return "no rally has started"
     if snapshot.winner is None:
         return f"no result: {snapshot.reason}"
     text = f"{names[snapshot.winner]} wins the rally ({snapshot.reason})"
@@ -120,9 +120,9 @@ _SPREAD: Final = (0.45, 0.55)
 _BASE: Final = (0.0, -3.4)
 """Base position of players between strokes, in their own frame [m]."""
 _RETURNED: Final = 0.55
-"""Share of the way to the base covered while the shuttle flies."""
+"""Fraction of the path to the base covered during a flight."""
 _FAULT_REACH: Final = 0.62
-"""Share of the way to its target after which a faulty stroke is drawn as ended."""
+"""Fraction of the path to its target at which a fault is drawn to end."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -130,10 +130,10 @@ class Flight:
     """The shuttle from one contact to the next.
 
     Attributes:
-        stroke: the stroke that was played.
-        start: where it was struck [m].
-        end: where it is taken, lands, or is drawn as lost [m].
-        peak: height above the straight line half-way [m].
+        stroke: the stroke.
+        start: contact point [m].
+        end: next contact, landing point, or drawn end of a fault [m].
+        peak: height above the straight line at its middle [m].
     """
 
     stroke: Stroke
@@ -144,14 +144,14 @@ class Flight:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Plan:
-    """Positions of all that is drawn on the court.
+    """Positions of all drawn objects.
 
     Attributes:
         flights: all strokes of the rally, in order.
-        shuttle: where the shuttle is [m].
-        bodies: where players 0 and 1 stand [m].
-        came_from: where they stood at their last contact, None for a player who is about to hit [m].
-        target: two corners of the area aimed at by the last stroke; None before the first.
+        shuttle: position of the shuttle [m].
+        bodies: positions of players 0 and 1 [m].
+        came_from: positions at their last contact [m]; None for the player to hit.
+        target: two corners of the target area of the last stroke; None before the first.
     """
 
     flights: tuple[Flight, ...]
@@ -192,7 +192,7 @@ def plan_of(snapshot: Snapshot) -> Plan:
             end = _between(contact, end, _FAULT_REACH)
         peak = _PEAK[catalogue.shot[played.stroke]]
         flights.append(Flight(stroke=played, start=contact, end=end, peak=peak))
-        # The striker is on the way back; the receiver has come to the shuttle, or nearly, if it was a winner.
+        # The striker returns to the base; the receiver has reached the shuttle, or only half of the path to a winner.
         came_from[player], came_from[1 - player] = stands[player], stands[1 - player]
         stands[player] = _between(stands[player], to_plan(player, *_BASE), _RETURNED)
         if played.outcome != FAULT:
@@ -213,14 +213,14 @@ def plan_of(snapshot: Snapshot) -> Plan:
 
 
 def _landing(player: int, area: int, number: int, stroke: int) -> Point:
-    """A point of the area that varies with the number of the stroke, so that paths do not cover each other."""
+    """Point in the area, varied by the number of the stroke, so that paths do not overlap."""
     x, y = area_centre(np.array(area))
     dx, dy = np.random.default_rng([number, stroke]).uniform(-1, 1, 2)
     return to_plan(player, float(x + dx * _SPREAD[0]), float(y + dy * _SPREAD[1]))
 
 
 def _stance(player: int, contact: Point, technique: int) -> Point:
-    """Position of a player who takes a shuttle: behind it, to its left for a forehand, to its right for a backhand."""
+    """Position of a player at a contact: behind the shuttle, left of it for a forehand, right of it for a backhand."""
     sideways = 0.45 if technique == 1 else -0.45
     back = to_plan(player, sideways, -0.35)
     return contact[0] + back[0], contact[1] + back[1]

@@ -1,4 +1,4 @@
-"""Thousands of rallies or matches against opponents as one Gymnasium vector environment, on the compiled kernel."""
+"""Gymnasium vector environments of rallies and matches against opponents, on the compiled kernel."""
 
 from typing import Any, Final, Literal
 
@@ -29,11 +29,11 @@ _REASONS: Final = np.array([OUTCOMES[FAULT], OUTCOMES[WINNER], ILLEGAL], dtype=o
 
 
 class VersusVectorEnv(VectorEnv[Any, Ints, npt.NDArray[Any]]):
-    """Base of the two: row b of B plays the episodes b, b + B, b + 2 B, … of the seed.
+    """Base class: row b of B plays the episodes b, b + B, b + 2 B, … of the seed.
 
-    Episodes begin again in the step in which they end (``AutoresetMode.SAME_STEP``). Where they end, ``infos["final_obs"]`` holds
-    the last observation of a row and ``infos["final_info"]`` the reason; ``infos["unseen"]`` is ``[B, 2]``: episodes that each
-    row won and lost before its learner's first stroke, so that they never came to the learner.
+    A row is reset in the step in which its episode ends (``AutoresetMode.SAME_STEP``); then ``infos["final_obs"]`` contains its
+    last observation and ``infos["final_info"]`` the reason. ``infos["unseen"]``, ``[B, 2]``, counts the skipped episodes that
+    each row won and lost before the learner's first stroke.
     """
 
     metadata: dict[str, Any] = {"render_modes": [], "autoreset_mode": AutoresetMode.SAME_STEP}  # noqa: RUF012
@@ -46,7 +46,7 @@ class VersusVectorEnv(VectorEnv[Any, Ints, npt.NDArray[Any]]):
         mask: MaskView,
         info: InfoView | None,
     ) -> None:
-        self._mask, self._told = mask, checked_views(mask, info)
+        self._mask, self._info = mask, checked_views(mask, info)
         self.game, self._kernel, self.num_envs = game, batch, len(batch)
         n = game.n_strokes
         self.single_action_space = spaces.Discrete(n)
@@ -69,24 +69,24 @@ class VersusVectorEnv(VectorEnv[Any, Ints, npt.NDArray[Any]]):
         return self.game.mask(self._kernel.rows.state)
 
     def random_actions(self) -> I64:
-        """``[B]`` a legal stroke for each row, equally likely, by the draw of the stroke that is due."""
+        """``[B]`` uniformly sampled legal strokes, with the random number of the next stroke of each row."""
         return self._kernel.random_strokes()
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Start the next episode in every row, up to the learner's first stroke.
 
         Args:
-            seed: begin again, with the first B episodes of this seed; without one at the first call, one is drawn.
-            options: ``reset_mask``: ``[B]`` bool, which rows; not together with a seed.
+            seed: start with the first B episodes of this seed; None: continue, or a random seed at the first call.
+            options: ``reset_mask``: ``[B]`` bool, the rows to reset; not together with a seed.
 
         Raises:
-            OptionError: a mask of another shape or type, or one together with a seed.
-            ResetNeeded: a mask before all rows were reset.
+            OptionError: the mask has another shape or type, or is combined with a seed.
+            ResetNeeded: a mask before the first reset of all rows.
         """
         mask = (options or {}).get("reset_mask")
         if mask is not None:
             if seed is not None:
-                raise OptionError("a seed begins all rows again; give either seed or options['reset_mask']")
+                raise OptionError("a seed resets all rows; give either seed or options['reset_mask']")
             if not isinstance(mask, np.ndarray) or mask.shape != (self.num_envs,) or mask.dtype != np.bool_:
                 raise OptionError(f"options['reset_mask']: expected a bool array of shape ({self.num_envs},)")
             self._require_begun()
@@ -98,7 +98,7 @@ class VersusVectorEnv(VectorEnv[Any, Ints, npt.NDArray[Any]]):
         return self._seen()
 
     def step(self, actions: Ints) -> tuple[Any, F32, Bools, Bools, dict[str, Any]]:
-        """Play a stroke and what the opponent plays until the next one, in every row; an illegal stroke loses the episode.
+        """Play a stroke and the opponent's reply in every row; an illegal stroke loses the episode.
 
         Args:
             actions: ``[B]`` catalogue indices.
@@ -107,21 +107,19 @@ class VersusVectorEnv(VectorEnv[Any, Ints, npt.NDArray[Any]]):
             Observations, ``[B]`` float32 rewards, ``[B]`` whether each episode was over, ``[B]`` False, and infos.
 
         Raises:
-            ActionError: an action that is no stroke of the catalogue.
-            ResetNeeded: no episode has begun.
+            ActionError: an action is not in the catalogue.
+            ResetNeeded: no episode has started.
         """
         self._require_begun()
         actions = np.asarray(actions)
         whole = actions.dtype.kind in "iu" and actions.shape == (self.num_envs,)
         if not whole or not ((actions >= 0) & (actions < self.game.n_strokes)).all():
-            raise ActionError(
-                f"actions {actions!r}: expected {self.num_envs} numbers from 0 to {self.game.n_strokes - 1}, all of them whole"
-            )
+            raise ActionError(f"actions {actions!r}: expected {self.num_envs} integers from 0 to {self.game.n_strokes - 1}")
         before = self._kernel.rows.state.copy()
         rewards, terminated, illegal = self._play(before, actions)
         final: dict[str, Any] = {}
         if terminated.any():
-            if self._told == "full":
+            if self._info == "full":
                 final = self._final(np.flatnonzero(terminated), terminated, before, illegal, rewards)
             self._kernel.reset(rows=terminated)
         seen, infos = self._seen()
@@ -129,22 +127,22 @@ class VersusVectorEnv(VectorEnv[Any, Ints, npt.NDArray[Any]]):
 
     def _require_begun(self) -> None:
         if not self._begun:
-            raise ResetNeeded("no episode has begun; call reset() first")
+            raise ResetNeeded("no episode has started; call reset() first")
 
     def _play(self, before: I32, actions: Ints) -> tuple[F32, Bools, Bools]:
-        """Rewards, which episodes are over, and which strokes were not legal, ``[B]`` each."""
+        """``[B]`` each: rewards, whether the episode is over, and whether the stroke was illegal."""
         raise NotImplementedError
 
     def _vectors(self) -> npt.NDArray[Any]:
-        """``[B, w]`` what the learners see, who are to strike."""
+        """``[B, w]`` observations of the learners, who are the strikers."""
         raise NotImplementedError
 
     def _final_vectors(self, rows: Intp, state: I32, own: Bools) -> npt.NDArray[Any]:
-        """``[D, w]`` what learners see whose episode is over; ``own``: whether the learner is the striker of the state."""
+        """``[D, w]`` final observations of finished episodes; ``own``: whether the learner is the striker of the state."""
         raise NotImplementedError
 
     def _won_by_stroke(self, rows: Intp, own: Bools, rewards: F32) -> Bools:
-        """``[D]`` whether the last stroke was a winner, and not a fault."""
+        """``[D]`` whether the last stroke was a winner rather than a fault."""
         raise NotImplementedError
 
     def _seen(self) -> tuple[Any, dict[str, Any]]:
@@ -159,9 +157,9 @@ class VersusVectorEnv(VectorEnv[Any, Ints, npt.NDArray[Any]]):
         return ({"observation": vectors, "action_mask": mask} if self._mask == "observation" else vectors), infos
 
     def _final(self, rows: Intp, over: Bools, before: I32, illegal: Bools, rewards: F32) -> dict[str, Any]:
-        """Gymnasium's ``final_obs`` and ``final_info`` of the episodes that are over."""
+        """Gymnasium's ``final_obs`` and ``final_info`` of finished episodes."""
         kernel, lost = self._kernel, illegal[rows]
-        # The learner looks from the other side where the last stroke was theirs.
+        # The learner is the receiver of the final state if the last stroke was theirs.
         own = lost | (kernel.rows.striker[rows] == kernel.opponents.seat[rows])
         vectors = self._final_vectors(rows, np.where(illegal, before, kernel.rows.state)[rows], own)
         nothing = np.zeros(self.game.n_strokes, np.int8)
@@ -179,27 +177,28 @@ class VersusVectorEnv(VectorEnv[Any, Ints, npt.NDArray[Any]]):
 
 
 class RallyVectorEnv(VersusVectorEnv):
-    """``shuttle_marl/Rally-v0`` B times.
+    """B copies of ``shuttle_marl/Rally-v0``.
 
     Args:
         num_envs: number of rallies B.
-        opponent: name of a policy, a policy, or K of them; row b meets number b modulo K.
+        opponent: name of a policy, a policy, or a sequence of K; row b plays number b modulo K.
         seat: the learner's seat, 0 or 1, in all rows or ``[B]`` in each.
-        server: seat that serves, 0 or 1; None: at random, seeded.
-        game: the tables, or a model by name or folder; None: the benchmark's.
-        profile: variant of that model, such as ``men`` or ``women``; None: its game itself, the average of the two.
+        server: seat that serves, 0 or 1; None: random.
+        game: the tables, or a model by name or folder; None: the default game.
+        profile: variant of that model, such as ``men`` or ``women``; None: the average of both.
         observation: ``features``: the 59 numbers of ``rally_v0``; ``tokens``: own last stroke, incoming stroke (n: none yet),
-            contact, net shots in a row, own effort and the opponent's as six integers, which cost less and suit embeddings.
-        mask: ``observation``: beside the observation, in a dictionary; ``info``: in ``infos["action_mask"]``; ``none``: nowhere.
-        info: ``full``, or ``none``: numbers alone, without ``final_obs`` and ``final_info``. Default: full with
+            contact height, consecutive net shots, own effort and the opponent's as six integers, for embeddings.
+        mask: place of the mask: ``observation`` (in the dictionary of the observation), ``info`` (``infos["action_mask"]``) or
+            ``none``.
+        info: ``full``, or ``none``: numbers only, without ``final_obs`` and ``final_info``. Default: full with
             ``mask="observation"``, else none.
-        threads: threads that share the rows; never changes a result.
+        threads: number of threads; does not change results.
 
     Raises:
-        OptionError: an option that is not among those.
+        OptionError: an invalid option.
         KernelError: likewise.
-        PolicyError: there is no such opponent, it is no distribution over the legal strokes, or it reads the score.
-        GameError: there is no such model.
+        PolicyError: an opponent does not exist, reads the score, or does not return a distribution over the legal strokes.
+        GameError: the model does not exist.
     """
 
     def __init__(
@@ -236,7 +235,7 @@ class RallyVectorEnv(VersusVectorEnv):
     def _play(self, before: I32, actions: Ints) -> tuple[F32, Bools, Bools]:
         illegal = self.game.rank(before, actions) < 0
         if illegal.any():
-            # The rally is lost whatever else is played in it, so let it continue with any legal stroke.
+            # The rally is lost anyway, so it continues with any legal stroke.
             actions = np.where(illegal, self.game.stroke_at(before, 0), actions)
         rewards, terminated = self._batch.step(actions, reset=False)
         rewards[illegal], terminated[illegal] = -1, True
@@ -257,29 +256,30 @@ class RallyVectorEnv(VersusVectorEnv):
 
 
 class MatchVectorEnv(VersusVectorEnv):
-    """``shuttle_marl/Match-v0`` B times: the same observations, rewards and draws, for opponents that do not read the score.
+    """B copies of ``shuttle_marl/Match-v0``, with the same episodes, for opponents that do not read the score.
 
-    ``infos["points"]`` and ``infos["games"]`` are ``[B, 2]``, the learner's own first.
+    ``infos["points"]`` and ``infos["games"]`` are ``[B, 2]``, the learner's first.
 
     Args:
         num_envs: number of matches B.
-        opponent: name of a policy, a policy, or K of them; row b meets number b modulo K.
+        opponent: name of a policy, a policy, or a sequence of K; row b plays number b modulo K.
         seat: the learner's seat, 0 or 1, in all rows or ``[B]`` in each.
-        first_server: seat that serves first, 0 or 1; None: at random, seeded.
+        first_server: seat that serves first, 0 or 1; None: random.
         reward: ``match``: +1 and -1 at the end of the match; ``rally``: +1 and -1 at the end of every rally.
         rules: points, lead, cap and games.
-        game: the tables, or a model by name or folder; None: the benchmark's.
-        profile: variant of that model, such as ``men`` or ``women``; None: its game itself, the average of the two.
-        mask: ``observation``: beside the observation, in a dictionary; ``info``: in ``infos["action_mask"]``; ``none``: nowhere.
-        info: ``full``, or ``none``: numbers alone, without ``final_obs`` and ``final_info``. Default: full with
+        game: the tables, or a model by name or folder; None: the default game.
+        profile: variant of that model, such as ``men`` or ``women``; None: the average of both.
+        mask: place of the mask: ``observation`` (in the dictionary of the observation), ``info`` (``infos["action_mask"]``) or
+            ``none``.
+        info: ``full``, or ``none``: numbers only, without ``final_obs`` and ``final_info``. Default: full with
             ``mask="observation"``, else none.
-        threads: threads that share the rows; never changes a result.
+        threads: number of threads; does not change results.
 
     Raises:
-        OptionError: an option that is not among those.
+        OptionError: an invalid option.
         KernelError: likewise.
-        PolicyError: there is no such opponent, it is no distribution over the legal strokes, or it reads the score.
-        GameError: there is no such model.
+        PolicyError: an opponent does not exist, reads the score, or does not return a distribution over the legal strokes.
+        GameError: the model does not exist.
     """
 
     def __init__(
@@ -343,12 +343,12 @@ class MatchVectorEnv(VersusVectorEnv):
         return seen, infos
 
     def _of_seats(self, values: I32, rows: Intp) -> tuple[I32, I32]:
-        """``[D]`` each: of the learner's seat, and of the other."""
+        """``[D]`` each: values of the learner's seat and of the opponent's."""
         seat = self._batch.opponents.seat[rows].astype(np.intp)
         return values[rows, seat], values[rows, 1 - seat]
 
     def _scores(self, rows: Intp) -> F32:
-        """``[D, 6]`` the score as each learner sees it; see ``match_v0``."""
+        """``[D, 6]`` score observed by each learner; see ``match_v0``."""
         matches = self._batch.matches
         shares = score_fractions(self._of_seats(matches.points, rows), self._of_seats(matches.games, rows), self.rules)
         serves = matches.server[rows] == self._batch.opponents.seat[rows]

@@ -14,9 +14,9 @@ from shuttle_marl.game.observation import PARTS, STROKE_WIDTH
 
 ActionView = Literal["flat", "components"]
 MaskView = Literal["observation", "info", "none"]
-"""Place of the mask of legal strokes: beside the observation in a dictionary, in the info, or nowhere."""
+"""Place of the mask of legal strokes: in the dictionary of the observation, in the info, or omitted."""
 InfoView = Literal["full", "none"]
-"""Whether the info tells about the last stroke, which takes text and None, or holds numbers alone."""
+"""Content of the info: the last stroke, with text and None, or numbers only."""
 
 _CUTS: Final = np.cumsum(PARTS)[:-1]
 
@@ -24,10 +24,9 @@ _CUTS: Final = np.cumsum(PARTS)[:-1]
 class ComponentEnv(CheckedEnv):
     """Actions as (shot type, area, height, technique), ``MultiDiscrete([13, 9, 2, 3])``.
 
-    ``action_mask`` is the concatenation of four masks, 13 + 9 + 2 + 3 = 27 int8: which shot types, areas, heights and
-    techniques occur among the legal strokes. It is a relaxation: four allowed components need not make a legal stroke,
-    and one that is not legal loses the episode. :func:`component_masks` cuts it into the four masks that
-    ``MultiDiscrete.sample`` takes.
+    ``action_mask`` is the concatenation of four masks, 13 + 9 + 2 + 3 = 27 int8: the shot types, areas, heights and
+    techniques of the legal strokes. It is a relaxation: four allowed components may not form a legal stroke, and an illegal
+    stroke loses the episode. :func:`component_masks` splits it into the four masks of ``MultiDiscrete.sample``.
     """
 
     def __init__(self, env: ShuttleEnv) -> None:
@@ -78,13 +77,13 @@ class ComponentEnv(CheckedEnv):
 
 
 class PlainEnv(OrderEnforcingWrapper[str, Any, Any]):
-    """Another view of observations and infos, for libraries that want a plain ``Box``, or numbers alone in the info."""
+    """View of observations and infos for libraries that need a plain ``Box``, or only numbers in the info."""
 
     def __init__(self, env: CheckedEnv, mask: MaskView, info: InfoView) -> None:
         super().__init__(env)
         self._mask, self._info = mask, info
-        self._told: Any = None
-        self._shown: dict[str, dict[str, Any]] = {}
+        self._full: Any = None
+        self._views: dict[str, dict[str, Any]] = {}
         self._spaces = {
             agent: env.observation_space(agent) if mask == "observation" else env.observation_space(agent)["observation"]
             for agent in env.possible_agents
@@ -95,26 +94,26 @@ class PlainEnv(OrderEnforcingWrapper[str, Any, Any]):
         """Infos of both agents.
 
         Raises:
-            AttributeError: no episode has begun.
+            AttributeError: no episode has started.
         """
-        told = self.__getattr__("infos")
-        if told is not self._told:
-            # Kept until the next stroke: callers compare infos, and of dictionaries with arrays only the same are equal.
-            self._told, self._shown = told, {agent: self._view_of(agent, info) for agent, info in told.items()}
-        return {agent: self._shown[agent] for agent in told}
+        full = self.__getattr__("infos")
+        if full is not self._full:
+            # Cached until the next stroke: callers compare infos, and dictionaries with arrays are equal only if identical.
+            self._full, self._views = full, {agent: self._view_of(agent, info) for agent, info in full.items()}
+        return {agent: self._views[agent] for agent in full}
 
-    def _view_of(self, agent: str, told: dict[str, Any]) -> dict[str, Any]:
-        shown = dict(told) if self._info == "full" else {}
+    def _view_of(self, agent: str, full: dict[str, Any]) -> dict[str, Any]:
+        view = dict(full) if self._info == "full" else {}
         if self._mask == "info":
-            shown["action_mask"] = self.env.observe(agent)["action_mask"]
-        return shown
+            view["action_mask"] = self.env.observe(agent)["action_mask"]
+        return view
 
     def observation_space(self, agent: str) -> spaces.Space[Any]:
         """The same object at every call."""
         return self._spaces[agent]
 
     def observe(self, agent: str) -> Any:
-        """Observation of an agent, without the mask unless that is asked for."""
+        """Observation of an agent, without the mask unless ``mask="observation"``."""
         seen = super().observe(agent)
         return seen if self._mask == "observation" else seen["observation"]
 
@@ -123,7 +122,7 @@ class PlainEnv(OrderEnforcingWrapper[str, Any, Any]):
 
 
 def checked_views(mask: MaskView, info: InfoView | None) -> InfoView:
-    """The view of the info; None: full where the mask is beside the observation, else none.
+    """Validate the views; the default of the info is full with ``mask="observation"``, else none.
 
     Raises:
         OptionError: an unknown view of the mask or of the info.
@@ -136,7 +135,7 @@ def checked_views(mask: MaskView, info: InfoView | None) -> InfoView:
 
 
 def component_masks(mask: I8) -> tuple[I8, ...]:
-    """Cut a ``[27]`` mask into those of shot type, area, height and technique."""
+    """Split a ``[27]`` mask into the masks of shot type, area, height and technique."""
     return tuple(np.split(mask, _CUTS))
 
 

@@ -222,7 +222,7 @@ def test_an_illegal_stroke_is_refused_by_the_raw_environment_and_changes_nothing
 def test_actions_outside_the_space_are_refused(make, action):
     env = make()
     env.reset(seed=0)
-    with pytest.raises(ActionError, match="is no stroke; expected 0 to") as caught:
+    with pytest.raises(ActionError, match="is not a stroke; expected 0 to") as caught:
         env.step(action)
     assert not isinstance(caught.value, IllegalStrokeError)
 
@@ -273,7 +273,7 @@ def test_nothing_is_legal_before_the_first_reset(module):
         seen = env.observe(agent)
         assert env.observation_space(agent).contains(seen)
         assert not seen["action_mask"].any()
-    assert env.render().endswith("no rally has begun\n")
+    assert env.render().endswith("no rally has started\n")
 
 
 def test_done_agents_take_no_stroke(play):

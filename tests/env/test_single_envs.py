@@ -215,7 +215,7 @@ def test_an_illegal_stroke_loses_the_episode(make: Any) -> None:
 def test_what_is_no_stroke_is_refused_and_nothing_changes(action: Any) -> None:
     env = SingleRallyEnv()
     seen, _ = env.reset(seed=1)
-    with pytest.raises(ActionError, match="is no stroke"):
+    with pytest.raises(ActionError, match="is not a stroke"):
         env.step(action)
     assert np.array_equal(env.action_masks(), seen["action_mask"])
     env.step(np.int64(np.flatnonzero(seen["action_mask"])[0]))
@@ -233,7 +233,7 @@ def test_a_step_before_the_first_reset_is_refused() -> None:
         (SingleRallyEnv, {"server": 2}, OptionError, "server 2"),
         (SingleRallyEnv, {"render_mode": "film"}, OptionError, "render_mode 'film'"),
         (SingleRallyEnv, {"opponent": "none such"}, PolicyError, "no policy 'none such'"),
-        (SingleRallyEnv, {"opponent": ByScore()}, OptionError, "'ByScore' reads the score, and a rally has none"),
+        (SingleRallyEnv, {"opponent": ByScore()}, OptionError, "'ByScore' reads the score, which a rally does not have"),
         (SingleRallyEnv, {"opponent": random_policy(random_game(1), 0)}, PolicyError, "tabulated for another game"),
         (SingleMatchEnv, {"reward": "points"}, OptionError, "reward 'points'"),
         (SingleMatchEnv, {"first_server": 2}, OptionError, "first_server 2"),

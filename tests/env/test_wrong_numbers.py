@@ -44,7 +44,7 @@ def test_a_seed_of_a_batched_environment_is_a_whole_number(make):
 def test_nothing_is_played_before_the_first_reset(make):
     for play in (lambda env: env.step(0), lambda env: env.step(None), lambda env: env.forfeit()):
         env = make()
-        with pytest.raises(ResetNeeded, match="no episode has begun; call reset"):
+        with pytest.raises(ResetNeeded, match="no episode has started; call reset"):
             play(env)
     seen, reward, terminated, truncated, info = make().last()
     assert not seen["action_mask"].any()
@@ -64,7 +64,7 @@ def test_batched_environments_refuse_strokes_that_are_not_whole(make):
 def test_the_vector_environment_refuses_actions_that_are_not_whole(type_):
     env = RallyVectorEnv(3)
     env.reset(seed=1)
-    with pytest.raises(ActionError, match=r"expected 3 numbers from 0 to \d+, all of them whole"):
+    with pytest.raises(ActionError, match=r"expected 3 integers from 0 to \d+"):
         env.step(np.zeros(3).astype(type_))
 
 
@@ -73,7 +73,7 @@ def test_the_vector_environment_refuses_actions_that_are_not_whole(type_):
 def test_environments_of_one_player_refuse_actions_that_are_not_whole(make, action):
     env = make(opponent="random")
     env.reset(seed=1)
-    with pytest.raises(ActionError, match="is no stroke"):
+    with pytest.raises(ActionError, match="is not a stroke"):
         env.step(action)
 
 
