@@ -159,7 +159,7 @@ def test_what_cannot_be_asked_for() -> None:
         MatchVectorEnv(2, opponent=ByScore())
     env = MatchVectorEnv(2)
     env.reset(seed=0)
-    with pytest.raises(ActionError, match="expected 2 numbers"):
+    with pytest.raises(ActionError, match="expected 2 integers"):
         env.step(np.array([0, default_game().n_strokes]))
     batch = env.versus
     over = batch.rows.live

@@ -230,7 +230,7 @@ def test_calls_out_of_order_and_range() -> None:
     env.reset(seed=1)
     state = env.versus.rows.state.copy()
     for actions in (np.array([0, 0, GAME.n_strokes]), np.array([0, -1, 0]), np.array([0, 0])):
-        with pytest.raises(ActionError, match="expected 3 numbers from 0 to"):
+        with pytest.raises(ActionError, match="expected 3 integers from 0 to"):
             env.step(actions)
     assert np.array_equal(env.versus.rows.state, state)
 
