@@ -326,6 +326,9 @@ def stroke_table(
     Returns:
         A table of schema :data:`shuttle_marl.data.schema.STROKES`, source ``simulated``. ``area`` of a fault is that of its
         landing, as in the annotated data.
+
+    Raises:
+        RecordingError: numbers of games, points or strokes are outside the schema.
     """
     row, position, seat = rallies.row_of_stroke, rallies.position, rallies.striker
     stroke = rallies.stroke.astype(np.int64)
@@ -377,7 +380,10 @@ def stroke_table(
         "points_opponent": after[row, 1 - seat],
         "label_area": pa.nulls(len(stroke), pa.int8()),
     }
-    return pa.table([_array(columns[field.name], field.type) for field in STROKES], schema=STROKES)
+    try:
+        return pa.table([_array(columns[field.name], field.type) for field in STROKES], schema=STROKES)
+    except pa.ArrowInvalid as error:
+        raise RecordingError(f"a score or a length of a rally that no match has ({error}); the log is damaged") from error
 
 
 def _first_frame(rallies: Rallies, frame: I64, new_match: Bools) -> I64:

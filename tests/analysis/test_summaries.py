@@ -18,7 +18,8 @@ from shuttle_marl.commands.recording import main as recording
 from shuttle_marl.data.schema import REASONS, STROKES, Outcome, violations
 from shuttle_marl.game.shipped import load_game, refits_of
 from shuttle_marl.game.stroke import SHOTS
-from shuttle_marl.recording import Rallies, RallyLog
+from shuttle_marl.recording import Rallies, RallyLog, RecordingError
+from shuttle_marl.recording.tables import stroke_table
 
 SAMPLE = Path(__file__).parents[2] / "datasets" / "sample" / "strokes.parquet"
 
@@ -189,6 +190,16 @@ def test_stroke_value_of_the_sample(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert f"players with fewer than {LEAST_MATCHES} matches or" in capsys.readouterr().out
     assert stroke_value.main(["--least-matches", "99"]) == 1
     assert "ask for fewer" in capsys.readouterr().err
+
+
+def test_scores_that_no_match_has(tournament: Path) -> None:
+    with RallyLog(tournament) as log:
+        rallies, names = log.batch(0)[1], [player.name for player in log.policies]
+        score = rallies.score.copy()
+        score[:, 2:] = 200
+        forged = dataclasses.replace(rallies, score=score)
+        with pytest.raises(RecordingError, match="a score or a length of a rally that no match has"):
+            stroke_table(forged, log.catalogue, names, ["match"] * len(rallies), np.random.default_rng(0))
 
 
 def test_the_game_is_that_of_the_log_and_never_silently_the_shipped_one(

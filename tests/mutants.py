@@ -1,0 +1,296 @@
+"""Mutation test: small changes of the code, each of which at least one fast test should notice.
+
+    python -m tests.mutants [--modules game exact league analysis] [--n 100] [--seed 0] [--jobs 2] [--json]
+
+A mutation replaces one comparison, arithmetic or boolean operator, number, truth value, ``not`` or returned value. Decorators,
+annotations, ``__all__`` and error messages stay. Each mutant of a random sample is a copy of the repository in a temporary
+folder, which holds its own machine code, so changes of compiled functions and of those they inline are compiled. The test files
+that call the changed function run on it, the quickest first, until a test fails. The output has the keys:
+
+- ``tried``: mutants of the sample; ``equivalent``: those that no test can notice, listed in ``equivalent_mutants.toml``.
+- ``killed``: a test failed; ``timeouts``: the tests took longer than ``--timeout`` seconds; ``survived``: all tests passed.
+- ``share``: fraction of mutants noticed, killed or timed out, of those that are not equivalent.
+- ``survivors``: file, line, and the source before and after of each survivor.
+"""
+
+import ast
+import copy
+import dataclasses
+import hashlib
+import importlib
+import json as json_
+import multiprocessing
+import multiprocessing.connection
+import os
+import random
+import shutil
+import signal
+import sys
+import tempfile
+import time
+import tomllib
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from types import FrameType
+from typing import Any, Final, Literal
+
+import pytest
+import tyro
+
+ROOT: Final = Path(__file__).resolve().parents[1]
+TESTS: Final = {
+    "analysis": ("analysis",),
+    "exact": ("exact",),
+    "game": ("rally", "scoring", "policy", "kernel/test_kernel_draws.py", "env/test_rally_env.py"),
+    "league": ("league",),
+}
+"""Folders and files of the tests of each package."""
+EQUIVALENT: Final = Path(__file__).with_name("equivalent_mutants.toml")
+OPERATORS: Final = {
+    **{"Lt": "LtE GtE", "LtE": "Lt Gt", "Gt": "GtE LtE", "GtE": "Gt Lt", "Eq": "NotEq", "NotEq": "Eq", "Is": "IsNot"},
+    **{"IsNot": "Is", "In": "NotIn", "NotIn": "In", "And": "Or", "Or": "And", "Add": "Sub", "Sub": "Add", "Mult": "Div"},
+    **{"Div": "Mult", "FloorDiv": "Mult", "Mod": "FloorDiv", "Pow": "Mult", "BitAnd": "BitOr", "BitOr": "BitAnd"},
+    **{"BitXor": "BitAnd", "LShift": "RShift", "RShift": "LShift"},
+}
+"""Classes of :mod:`ast` that replace an operator, one at a time."""
+COMPILERS: Final = {"compiled", "inlined", "cached"}
+"""Decorators of functions whose calls Python does not report."""
+LIBRARIES: Final = ("numba", "scipy.optimize", "scipy.stats", "torch", "pandas", "pyarrow.csv", "hypothesis", "sybil", "msgspec")
+"""Imported once, before the processes of the tests are forked."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Mutant:
+    """One change of a file.
+
+    Attributes:
+        file: path in the repository.
+        function: qualified name of the innermost function around the change; empty if there is none or it is compiled.
+        line: number of the first changed line.
+        before, after: source lines without and with the change.
+        source: content of the changed file.
+    """
+
+    file: str
+    function: str
+    line: int
+    before: str
+    after: str
+    source: str = dataclasses.field(repr=False)
+
+
+def variants(node: ast.AST) -> Iterator[ast.AST]:
+    """Copies of a node with one change of its own."""
+
+    def changed(**fields: Any) -> ast.AST:
+        new = copy.copy(node)
+        vars(new).update(fields)
+        return new
+
+    def is_sequence(x: ast.AST) -> bool:  # other operators would only raise TypeError
+        return isinstance(x, ast.JoinedStr | ast.List | ast.Tuple) or (isinstance(x, ast.Constant) and isinstance(x.value, str))
+
+    def others(op: ast.AST) -> list[Any]:
+        return [getattr(ast, name)() for name in OPERATORS.get(type(op).__name__, "").split()]
+
+    match node:
+        case ast.Compare(ops=ops):
+            yield from (changed(ops=[*ops[:at], op, *ops[at + 1 :]]) for at in range(len(ops)) for op in others(ops[at]))
+        case ast.BinOp(op=op) | ast.AugAssign(op=op) | ast.BoolOp(op=op):
+            if not any(map(is_sequence, ast.iter_child_nodes(node))):
+                yield from (changed(op=other) for other in others(op))
+        case ast.UnaryOp(op=ast.Not() | ast.USub(), operand=operand):
+            yield operand
+        case ast.Constant(value=bool(value)):
+            yield changed(value=not value)
+        case ast.Constant(value=int(value) | float(value)):
+            yield changed(value=value + 1)
+        case ast.Return(value=value) if value is not None and not (isinstance(value, ast.Constant) and value.value is None):
+            yield changed(value=ast.Constant(None))
+
+
+def mutants(file: str, source: str) -> Iterator[Mutant]:
+    """All mutants of a file."""
+    lines = source.encode().splitlines(keepends=True)
+
+    def visit(node: ast.AST, scope: str, function: str) -> Iterator[Mutant]:
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            names = {name.id for d in node.decorator_list for name in ast.walk(d) if isinstance(name, ast.Name)}
+            is_function = isinstance(node, ast.FunctionDef)
+            function = scope + node.name if is_function and not names & COMPILERS else ""
+            scope += f"{node.name}.<locals>." if is_function else f"{node.name}."
+            node.decorator_list = []
+        elif isinstance(node, ast.expr | ast.Return | ast.AugAssign):
+            yield from (make(node, variant, function) for variant in variants(node))
+        for child in ast.iter_child_nodes(node):
+            if not _is_excluded(node, child):
+                yield from visit(child, scope, function)
+
+    def make(node: Any, variant: ast.AST, function: str) -> Mutant:
+        first, last = node.lineno - 1, node.end_lineno
+        text = ast.unparse(variant) if isinstance(variant, ast.stmt | ast.Constant) else f"({ast.unparse(variant)})"
+        head, tail = lines[first][: node.col_offset], lines[last - 1][node.end_col_offset :]
+        new = head + text.encode() + tail + b"\n" * (last - 1 - first)  # other lines keep their numbers
+        before, after = (b" ".join(x.split()).decode() for x in (b"".join(lines[first:last]), new))
+        return Mutant(file, function, node.lineno, before, after, b"".join([*lines[:first], new, *lines[last:]]).decode())
+
+    yield from visit(ast.parse(source), "", "")
+
+
+def _is_excluded(node: ast.AST, child: ast.AST) -> bool:
+    if child in (getattr(node, "annotation", None), getattr(node, "returns", None)):
+        return True
+    match child:
+        case ast.Assign(targets=[ast.Name(id="__all__")]) | ast.If(test=ast.Name(id="TYPE_CHECKING")):
+            return True
+        case ast.Raise() | ast.JoinedStr() | ast.keyword(arg="strict") | ast.Call(func=ast.Attribute(value=ast.Name(id="_LOG"))):
+            return True
+    return False
+
+
+@dataclasses.dataclass
+class Task:
+    """Test files to run, on a mutant or to record their calls, and how that ended: an exit status, or None after a timeout."""
+
+    files: list[str]
+    mutant: Mutant | None = None
+    status: int | None = None
+    seconds: float = 0.0
+    calls: list[str] = dataclasses.field(default_factory=list)
+
+    @property
+    def verdict(self) -> str:
+        return "timeouts" if self.status is None else "survived" if self.status in (0, 5) else "killed"
+
+
+def _run_tests(copied: Path, files: list[str], record: bool) -> None:
+    """Run tests of a copy in this process, which is a fork; exit with the status of pytest."""
+    os.setsid()
+    os.chdir(copied)
+    os.environ |= {"PYTHONPATH": str(copied), "NUMBA_CACHE_DIR": ""}
+    for name in [name for name in sys.modules if name.split(".")[0] in ("shuttle_marl", "tests", "conftest", "docs")]:
+        del sys.modules[name]
+    sys.path[:] = [str(copied), *(path for path in sys.path if path and Path(path).resolve() != ROOT)]
+    output = os.open(f"output-{os.getpid()}.txt", os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+    os.dup2(output, 1), os.dup2(output, 2)
+    called = set()
+
+    def note(frame: FrameType, event: str, argument: object) -> None:
+        if event == "call":
+            called.add(frame.f_code)
+
+    sys.setprofile(note if record else None)
+    status = pytest.main(["-x", "-q", "-m", "not slow", "-p", "no:cacheprovider", "-p", "no:xdist", *files])
+    sys.setprofile(None)
+    own = [code for code in called if code.co_filename.startswith(str(copied / "shuttle_marl"))]
+    names = sorted(f"{code.co_filename.removeprefix(f'{copied}/')}:{code.co_qualname}" for code in own)
+    Path(f"calls-{os.getpid()}.json").write_text(json_.dumps(names))
+    os._exit(int(status))
+
+
+def run(tasks: list[Task], template: Path, jobs: int, timeout: float) -> Iterator[Task]:
+    """Run tasks in parallel, without a mutation in the template, else in copies of it: links, until a file is replaced."""
+    waiting = tasks[::-1]
+    running: dict[int, Any] = {}
+    while waiting or running:
+        while waiting and len(running) < jobs:
+            task, folder = waiting.pop(), template
+            if task.mutant:
+                folder = Path(tempfile.mkdtemp(dir=template.parent))
+                shutil.copytree(template, folder, copy_function=os.link, dirs_exist_ok=True)
+                (folder / task.mutant.file).unlink()
+                (folder / task.mutant.file).write_text(task.mutant.source, encoding="utf-8")
+            process = multiprocessing.get_context("fork").Process(target=_run_tests, args=(folder, task.files, not task.mutant))
+            process.start()
+            running[process.sentinel] = process, task, folder, time.monotonic()
+        multiprocessing.connection.wait(list(running), 1.0)
+        for sentinel, (process, task, folder, start) in list(running.items()):
+            task.seconds = time.monotonic() - start
+            if process.is_alive() and task.seconds <= timeout:
+                continue
+            task.status = process.exitcode
+            if process.is_alive():
+                os.killpg(process.pid, signal.SIGKILL)
+            process.join()
+            if task.mutant:
+                shutil.rmtree(folder, ignore_errors=True)
+            elif task.verdict == "survived":
+                task.calls = json_.loads((folder / f"calls-{process.pid}.json").read_text())
+            else:
+                output = (folder / f"output-{process.pid}.txt").read_text()
+                raise SystemExit(f"{task.files[0]} fails without a mutation:\n{output[-3000:]}")
+            del running[sentinel]
+            yield task
+
+
+def _record(files: list[str], template: Path, jobs: int, kept: Path) -> dict[str, dict[str, Any]]:
+    """For each test file, the functions that it calls and the seconds that it takes."""
+    found = json_.loads(kept.read_text()) if kept.exists() else {}
+    digests = {file: hashlib.sha256((ROOT / file).read_bytes()).hexdigest() for file in files}
+    tasks = [Task([file]) for file in files if found.get(file, {}).get("digest") != digests[file]]
+    for task in run(tasks, template, jobs, 3600.0):
+        found[task.files[0]] = {"digest": digests[task.files[0]], "seconds": task.seconds, "calls": task.calls}
+        kept.write_text(json_.dumps(found))
+    return found
+
+
+def _test_files(file: str) -> list[str]:
+    """Test files of the package of a file."""
+    found = [ROOT / "tests" / name for name in TESTS[file.split("/")[1]]]
+    files = [test for path in found for test in (sorted(path.glob("test_*.py")) if path.is_dir() else [path])]
+    return [test.relative_to(ROOT).as_posix() for test in files]
+
+
+def main(
+    modules: tuple[Literal["game", "exact", "league", "analysis"], ...] = ("game", "exact", "league", "analysis"),
+    n: int = 100,
+    seed: int = 0,
+    jobs: int = 2,
+    timeout: float = 600.0,
+    calls: Path | None = None,
+    json: bool = False,
+) -> None:
+    """Run the fast tests on mutants of the code.
+
+    Args:
+        modules: packages to change.
+        n: size of the random sample; 0: all mutants.
+        seed: random seed.
+        jobs: number of processes.
+        timeout: seconds after which tests are stopped.
+        calls: JSON file that keeps which functions each test file calls, to save that first run when only tests change.
+        json: print JSON.
+    """
+    for library in LIBRARIES:
+        importlib.import_module(library)
+    sources = [path for module in modules for path in sorted((ROOT / "shuttle_marl" / module).glob("*.py"))]
+    every = [m for path in sources for m in mutants(path.relative_to(ROOT).as_posix(), path.read_text(encoding="utf-8"))]
+    sample = random.Random(seed).sample(every, min(n or len(every), len(every)))
+    known = tomllib.loads(EQUIVALENT.read_text(encoding="utf-8"))["mutant"]
+    equivalent = {(entry["file"], entry["before"], entry["after"]) for entry in known}
+    todo = [mutant for mutant in sample if (mutant.file, mutant.before, mutant.after) not in equivalent]
+    counts: Counter[str] = Counter()
+    survivors = []
+    with tempfile.TemporaryDirectory(prefix="mutants-", ignore_cleanup_errors=True) as folder:
+        template, ignored = Path(folder) / "template", (".git", ".venv", "node_modules", "raw", ".*_cache")
+        shutil.copytree(ROOT, template, symlinks=True, ignore=shutil.ignore_patterns(*ignored))
+        tests = sorted({file for mutant in todo for file in _test_files(mutant.file)})
+        seen = _record(tests, template, jobs, calls or Path(folder) / "calls.json")
+        tasks = []
+        for mutant in todo:
+            files = sorted(_test_files(mutant.file), key=lambda file: seen[file]["seconds"])
+            callers = [file for file in files if f"{mutant.file}:{mutant.function}" in seen[file]["calls"]]
+            tasks.append(Task(callers or files, mutant))
+        for task in run(tasks, template, jobs, timeout):
+            counts[task.verdict] += 1
+            if task.verdict == "survived":
+                survivors.append({name: getattr(task.mutant, name) for name in ("file", "line", "before", "after")})
+            print(f"{task.verdict} in {task.seconds:.0f} s: {task.mutant}", file=sys.stderr, flush=True)
+    result: dict[str, Any] = {"tried": len(sample), **{name: counts[name] for name in ("killed", "survived", "timeouts")}}
+    result |= {"equivalent": len(sample) - len(todo), "share": 1 - counts["survived"] / max(1, len(todo)), "survivors": survivors}
+    print(json_.dumps(result) if json else "\n".join(f"{name}: {value}" for name, value in result.items()))
+
+
+if __name__ == "__main__":
+    tyro.cli(main)

@@ -1,0 +1,65 @@
+"""The mutation test: which changes it makes, and a small sample of it."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+from tests.mutants import mutants
+
+SOURCE = '''"""A module of 1 page."""
+__all__ = ["f", 2]
+LIMIT: Final[Literal[3]] = 4
+@cache(maxsize=5)
+def f(x: "int | 6", *names: str) -> Literal[7]:
+    """Eight is 8."""
+    if not x <= LIMIT and -x in names:
+        raise ValueError(f"{x + 9}", 10)
+    x += [True]
+    return (
+        x
+        - g(zip(x, x, strict=False)))
+class C:
+    @compiled
+    def g(self):
+        def inner(): return None
+        return lambda: "é" + self, 1.5
+'''
+
+
+def test_one_change_each() -> None:
+    found = [(mutant.line, mutant.function, mutant.after) for mutant in mutants("m.py", SOURCE)]
+    assert found == [
+        (3, "", "LIMIT: Final[Literal[3]] = 5"),
+        (7, "f", "if (not x <= LIMIT or -x in names):"),
+        (7, "f", "if (x <= LIMIT) and -x in names:"),
+        (7, "f", "if not (x < LIMIT) and -x in names:"),
+        (7, "f", "if not (x > LIMIT) and -x in names:"),
+        (7, "f", "if not x <= LIMIT and (-x not in names):"),
+        (7, "f", "if not x <= LIMIT and (x) in names:"),
+        (9, "f", "x += [False]"),
+        (10, "f", "return None"),
+        (11, "f", "(x + g(zip(x, x, strict=False))))"),
+        (17, "", "return None"),
+        (17, "", 'return lambda: "é" + self, 2.5'),
+    ]
+
+
+def test_other_lines_keep_their_numbers() -> None:
+    for mutant in mutants("m.py", SOURCE):
+        compile(mutant.source, "m.py", "exec")
+        lines, changed = SOURCE.splitlines(), mutant.source.splitlines()
+        assert len(changed) == len(lines)
+        assert next(i for i, pair in enumerate(zip(lines, changed, strict=True), 1) if pair[0] != pair[1]) == mutant.line
+
+
+@pytest.mark.slow(minutes=True)
+def test_a_sample_of_the_code() -> None:
+    command = [sys.executable, "-m", "tests.mutants", "--modules", "analysis", "--n", "2", "--seed", "1", "--jobs", "1", "--json"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr[-4000:]
+    counts = json.loads(done.stdout)
+    assert counts["tried"] == 2 == sum(counts[name] for name in ("killed", "survived", "timeouts", "equivalent"))
+    assert counts["killed"] >= 1
+    assert [set(entry) for entry in counts["survivors"]] == [{"file", "line", "before", "after"}] * counts["survived"]
