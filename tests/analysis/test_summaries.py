@@ -3,6 +3,7 @@
 import dataclasses
 import json
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import pyarrow as pa
@@ -10,7 +11,7 @@ import pytest
 
 from experiments import stroke_value
 from shuttle_marl.analysis import AnalysisError, pictures, rally_table, strokes_of, strokes_of_log, summarise
-from shuttle_marl.analysis.summary import ENDINGS, players_of
+from shuttle_marl.analysis.summary import ENDINGS, _sample, players_of
 from shuttle_marl.analysis.values import LEAST_MATCHES
 from shuttle_marl.commands.analysis import main as analysis
 from shuttle_marl.commands.options import RallyGameOptions
@@ -190,6 +191,29 @@ def test_stroke_value_of_the_sample(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert f"players with fewer than {LEAST_MATCHES} matches or" in capsys.readouterr().out
     assert stroke_value.main(["--least-matches", "99"]) == 1
     assert "ask for fewer" in capsys.readouterr().err
+
+
+def test_no_more_rallies_are_sampled_than_asked_for(tournament: Path) -> None:
+    """Whole matches are sampled, so the last one may exceed the number; with one batch per match, by one match at most."""
+    with RallyLog(tournament) as log:
+        whole = log.batch(0)[1]
+        mine = whole.select(whole.pairing == 0)
+
+        class Split:
+            """The same log in batches of one match."""
+
+            def batches_of_pairing(self, pairing: int) -> np.ndarray:
+                return np.unique(mine.match)
+
+            def batch(self, number: int) -> tuple[int, Rallies]:
+                return 0, mine.select(mine.match == number)
+
+        lengths = np.bincount(mine.match)
+        wanted = int(lengths[:2].max()) + 1
+        parts = _sample(cast(RallyLog, Split()), 0, wanted)
+    total = sum(map(len, parts))
+    assert wanted <= total < wanted + lengths.max()
+    assert len(parts) == 2 < len(lengths)
 
 
 def test_scores_that_no_match_has(tournament: Path) -> None:

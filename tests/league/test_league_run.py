@@ -138,6 +138,18 @@ def test_the_log_reproduces_the_results_exactly(finished: Path) -> None:
     assert sum(row["matches"] for row in rows) == 60
 
 
+def test_the_payoffs_of_the_report_are_the_fractions_of_matches_won(finished: Path) -> None:
+    rows = pyarrow.parquet.read_table(finished / "results.parquet").to_pylist()
+    text = (finished / "report.md").read_text()
+    for first, second in {(row["player"], row["opponent"]) for row in rows}:
+        both = [row for row in rows if (row["player"], row["opponent"]) == (first, second)]
+        share = sum(row["wins"] for row in both) / sum(row["matches"] for row in both)
+        lines = [[cell.strip() for cell in line.strip("|").split("|")] for line in text.splitlines() if line.startswith("|")]
+        heading = next(line for line in lines if set(POOL) <= set(line))
+        row = next(line for line in lines if line[0] == first and len(line) == len(heading))
+        assert row[heading.index(second)] == f"{100 * share:.1f} %"
+
+
 def test_the_log_is_whole_and_plays_again_the_same(finished: Path) -> None:
     checked = check(finished / "rallies.mcap", reduced_game())
     assert checked.problems == ()
