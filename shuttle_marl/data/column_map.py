@@ -152,6 +152,9 @@ class ColumnMap:
             raise ValueError("[columns] needs ending or winner")
         if "area" not in columns and not {"landing_x", "landing_y"} <= set(columns):
             raise ValueError("[columns] needs area, or landing_x and landing_y")
+        for name, column in columns.items():
+            if not isinstance(column, str):
+                raise ValueError(f"[columns] {name} = {column!r}; expected the name of a column, in quotes")
         for name, words in values.items():
             for word, meant in words.items():
                 if name == "player":

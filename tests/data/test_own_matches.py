@@ -198,6 +198,7 @@ def test_who_won_and_how_it_ended_agree(tmp_path: Path) -> None:
     [
         ('gme = "x"', "no column 'gme'; did you mean game"),
         ('game = "nowhere"', "missing column nowhere"),
+        ("game = 3", r"\[columns\] game = 3; expected the name of a column, in quotes"),
         ('[values.shot]\n"x" = "smsh"', "'x' = 'smsh'; expected one of short-serve"),
         ("[values.rally]", "no column with words 'rally'"),
         ("[[", "no readable TOML"),
