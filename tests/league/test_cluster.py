@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from filelock import FileLock
 from safetensors.numpy import load
 
 from shuttle_marl import cluster as module
@@ -179,7 +180,14 @@ needs_ray = pytest.mark.skipif(importlib.util.find_spec("ray") is None, reason="
 
 
 @pytest.fixture
-def nodes(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[str, Callable[[], None]]]:
+def no_other_cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """No other test runs Ray meanwhile: ``auto`` finds any cluster of the machine."""
+    with FileLock(tmp_path_factory.getbasetemp().parent / "ray.lock"):
+        yield
+
+
+@pytest.fixture
+def nodes(no_other_cluster: None, monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[str, Callable[[], None]]]:
     """A cluster of two nodes with a processor each: its address, and what kills the second one."""
     monkeypatch.setenv("RAY_USAGE_STATS_ENABLED", "0")
     # Workers import the tests' game and the package from where these tests do.
@@ -255,7 +263,9 @@ def test_training_on_two_nodes_of_which_one_dies(nodes: tuple[str, Callable[[], 
 
 @pytest.mark.slow
 @needs_ray
-def test_ray_on_this_machine_and_no_cluster_anywhere(small_model: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ray_on_this_machine_and_no_cluster_anywhere(
+    no_other_cluster: None, small_model: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join(filter(None, sys.path)))
     config: dict[str, Any] = {**PLAYED, "pool": ("attacking", "safe", "random"), "game": small_model}
     run_league(LeagueConfig(**config, out=tmp_path / "serial"))
