@@ -26,7 +26,7 @@ def missing(reason: str) -> None:
 def chromium(folder: Path) -> str:
     """Chromium: of the machine, else from npm, unpacked into a folder.
 
-    Of that one it is a script that names its libraries and its own renderer; those of the machine may be of another age.
+    The one from npm is a script that sets its libraries, fonts and renderer; those of the machine may be too old or missing.
     """
     try:
         return browser_program()
@@ -36,7 +36,7 @@ def chromium(folder: Path) -> str:
     if program is None or npm is None:
         missing("needs Chromium, or Node and npm to fetch it")
     shutil.copytree(_BROWSER, folder, dirs_exist_ok=True)
-    # It unpacks itself into the folder for temporary files, where another version or half of it may lie.
+    # It is unpacked into the folder for temporary files, which may hold another version or an incomplete one.
     place = {**os.environ, "TMPDIR": str(folder)}
     done = subprocess.run(
         [str(npm), "ci", "--ignore-scripts", "--no-audit", "--no-fund"], cwd=folder, capture_output=True, check=False
@@ -45,6 +45,9 @@ def chromium(folder: Path) -> str:
         missing(f"Chromium cannot be fetched: {done.stderr.decode()[-500:]}")
     said = subprocess.run([str(program), "where.mjs"], cwd=folder, env=place, capture_output=True, check=True).stdout
     found = {name: shlex.quote(value) for name, value in json.loads(said).items()}
+    # Its configuration looks for fonts in /tmp; without any font Chromium ends as soon as it draws text.
+    fonts = folder / "fonts" / "fonts.conf"
+    fonts.write_text(fonts.read_text().replace(">/tmp/", f">{folder}/"))
     script = folder / "chromium.sh"
     script.write_text(
         "#!/bin/sh\n"
