@@ -51,7 +51,7 @@ def run(name: str, python: str = sys.executable, timeout: float = 900) -> dict[s
         The last line that it printed, the CPU seconds, and the game.
 
     Raises:
-        ShuttleError: there is no such recipe, or it failed.
+        ShuttleError: the recipe does not exist, or it failed.
     """
     known = recipes()
     if name not in known:

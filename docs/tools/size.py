@@ -227,7 +227,7 @@ def imported_scripts(entry: Path) -> set[Path]:
     """A TypeScript module and all modules that it imports, directly or not.
 
     Raises:
-        SizeError: there is no such module.
+        SizeError: the module does not exist.
     """
     if not entry.is_file():
         raise SizeError(f"{entry}: no such module of the page")

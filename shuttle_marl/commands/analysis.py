@@ -152,4 +152,6 @@ def _print_table(summaries: dict[str, "Summary"], ratings: dict[str, float]) -> 
 COMMANDS: Final = analysis
 
 
-main: Final = cli.entry_point(COMMANDS, "python -m shuttle_marl.analysis", __doc__ or "")
+main: Final = cli.entry_point(
+    COMMANDS, "python -m shuttle_marl.analysis", "Summaries and pictures of recorded rallies, compared with real matches."
+)

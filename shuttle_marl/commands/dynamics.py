@@ -133,4 +133,4 @@ def _read_json(path: Path) -> dict[str, Any]:
 COMMANDS: Final[dict[str, Command]] = {"fit": fit, "evaluate": evaluate, "card": card}
 
 
-main: Final = entry_point(COMMANDS, "python -m shuttle_marl.dynamics", __doc__ or "")
+main: Final = entry_point(COMMANDS, "python -m shuttle_marl.dynamics", "Fit, evaluate and describe the models of the game.")

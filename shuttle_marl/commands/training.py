@@ -72,4 +72,4 @@ def sac(config: tyro.conf.OmitArgPrefixes[SACConfig], seeds: Seeds = 1, jobs: Jo
 COMMANDS: Final[dict[str, Command]] = {"ppo": ppo, "a2c": a2c, "sac": sac}
 
 
-main: Final = entry_point(COMMANDS, "python -m shuttle_marl.training", __doc__ or "")
+main: Final = entry_point(COMMANDS, "python -m shuttle_marl.training", "Train an agent with PPO, A2C or SAC.")

@@ -48,7 +48,7 @@ def extend(key: U64, number: int | Ints) -> U64:
 
 
 def pairing_key(*names: str) -> int:
-    """The number that names the draws of two who play each other, whatever the order of their names."""
+    """Seed key of the matches between two policies; it does not depend on the order of their names."""
     digest = hashlib.sha256("\n".join(sorted(names)).encode()).digest()
     return int.from_bytes(digest[:8], "big") >> 1
 

@@ -57,7 +57,7 @@ def model_folder(name: str = "default") -> Path:
     """Folder of a shipped model, or of the model in the folder ``name``; a variant (``MODEL:VARIANT``) is in that of its model.
 
     Raises:
-        GameError: there is no such model.
+        GameError: the model does not exist.
     """
     return _origin(name).folder
 
@@ -67,7 +67,7 @@ def load_game(name: str = "default") -> Game:
     """The game of a shipped model, or of the model in the folder ``name``, or a variant of one: ``MODEL:VARIANT``.
 
     Raises:
-        GameError: there is no such model or variant, or its file is damaged.
+        GameError: the model or variant does not exist, or its file is damaged.
     """
     origin = _origin(name)
     game = Game.load(origin.folder / GAME) if origin.variant is None else _load_variant(name, *origin)
@@ -79,7 +79,7 @@ def variants(name: str = "default") -> list[str]:
     """Names of the variants of a model: profiles by discipline, then refits.
 
     Raises:
-        GameError: there is no such model, or its file of variants is damaged.
+        GameError: the model does not exist, or its file of variants is damaged.
     """
     folder = model_folder(name)
     return list(_variant_hashes(folder)) if (folder / VARIANTS).is_file() else []
@@ -276,7 +276,7 @@ def resolve_game(game: Game | str | None, profile: str | None = None) -> Game:
         profile: a variant of that model, such as ``men`` or ``women``; None: the game itself.
 
     Raises:
-        GameError: there is no such model or variant, or its tables are damaged.
+        GameError: the model or variant does not exist, or its tables are damaged.
     """
     if profile is None:
         return game if isinstance(game, Game) else load_game("default" if game is None else game)

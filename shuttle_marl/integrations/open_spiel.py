@@ -70,7 +70,7 @@ class RallyGame(pyspiel.Game):
 
     Raises:
         OptionError: a parameter that is not among those.
-        GameError: there is no such model.
+        GameError: the model does not exist.
     """
 
     def __init__(self, params: Mapping[str, Any] | None = None, tables: Game | None = None) -> None:

@@ -256,7 +256,7 @@ def _partners(order: list[int], played: set[tuple[int, int]]) -> list[tuple[int,
 
 
 _MATCHES_A_LOOK: Final = 32
-"""Matches between two looks at a sequential test, whatever the batch size, because looks decide which matches are played."""
+"""Matches between two evaluations of a sequential test; fixed, because these decide which matches are played."""
 ERROR: Final = 0.05
 """Probability of each of the two errors, at the two hypotheses."""
 BOUND: Final = math.log((1 - ERROR) / ERROR)

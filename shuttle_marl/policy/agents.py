@@ -96,7 +96,7 @@ def load_shipped(key: str, argument: str | None, game: Game) -> Policy:
     """The shipped agent of a name such as ``ppo`` or ``ppo:attacking`` for a game.
 
     Raises:
-        PolicyError: there is no such agent, or it is damaged.
+        PolicyError: the agent does not exist, or it is damaged.
     """
     name = key if argument is None else f"{key}:{argument}"
     model = folder_of(game)

@@ -112,7 +112,7 @@ def probabilities(player: str | None, game: Game) -> F64:
     """``[base pairs]`` positive probability of each legal pair, for the average player (None) or an individual.
 
     Raises:
-        PolicyError: there is no such player, or the game was not loaded from a model.
+        PolicyError: the player does not exist, or the game was not loaded from a model.
     """
     origin = origin_of(game)
     if origin is None:

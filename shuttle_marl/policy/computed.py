@@ -113,7 +113,7 @@ def human_policy(tau: float, player: str | None, game: Game) -> TabulatedPolicy:
         game: the tables.
 
     Raises:
-        PolicyError: there is no such player, or the game was not loaded from a model.
+        PolicyError: the player does not exist, or the game was not loaded from a model.
     """
     from shuttle_marl.exact.optimal import solve_soft  # noqa: PLC0415
     from shuttle_marl.exact.profile import PairPolicy  # noqa: PLC0415  numba

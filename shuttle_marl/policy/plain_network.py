@@ -191,7 +191,7 @@ def load_weights(path: Path) -> Policy:
     """The policy in a file of weights, safetensors or a state dictionary of PyTorch.
 
     Raises:
-        PolicyError: there is no such file, or it holds no chain of linear layers.
+        PolicyError: the file does not exist, or it holds no chain of linear layers.
     """
     try:
         if path.suffix == ".safetensors":
@@ -218,7 +218,7 @@ def from_sb3(path: Path | str) -> Policy:
         path: the archive, as ``model.save(path)`` writes it.
 
     Raises:
-        PolicyError: there is no such file, or the policy is not the default architecture for vectors.
+        PolicyError: the file does not exist, or the policy is not the default architecture for vectors.
     """
     path = Path(path)
     try:

@@ -172,7 +172,7 @@ def resolve(name: str, game: Game) -> TabulatedPolicy | GamePolicy:
         The policy, under the time limit of :func:`shuttle_marl.policy.foreign.time_limit` within that context.
 
     Raises:
-        PolicyError: there is no such policy (the message suggests names), or it cannot be loaded.
+        PolicyError: the policy does not exist (the message suggests names), or it cannot be loaded.
     """
     _check_depth(name)
     base, temperature = _split(name)

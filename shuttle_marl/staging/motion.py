@@ -269,7 +269,7 @@ class Motion:
             first: first packed frame; the reader has the previous frames.
 
         Raises:
-            StagingError: there is no such frame.
+            StagingError: the frame does not exist.
         """
         frames = len(self.time)
         if not 0 <= first < frames:

@@ -45,7 +45,7 @@ class Recorded(Protocol):
         """A rally.
 
         Raises:
-            ShuttleError: there is no such rally, or it cannot be shown.
+            ShuttleError: the rally does not exist, or it cannot be shown.
         """
         ...
 
