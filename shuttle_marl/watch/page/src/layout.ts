@@ -115,7 +115,11 @@ export class Layout {
       "section",
       { class: "panel", "aria-label": "Rally as text" },
       h("h2", {}, "Rally as text"),
-      h("div", { class: "announcements", role: "region", "aria-label": "Strokes of the rally as text", tabindex: 0 }, this.lines),
+      h(
+        "div",
+        { class: "announcements", role: "region", "aria-label": "Strokes of the rally as text", tabindex: 0 },
+        this.lines,
+      ),
     );
     const keys = h(
       "section",
