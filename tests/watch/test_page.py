@@ -380,4 +380,4 @@ def test_page_is_accessible(viewer: Any, served: Any, width: int, height: int) -
     assert violations() == [], "hints"
     assert viewer.page.evaluate("document.documentElement.scrollWidth") <= width
     viewer.press("w")
-    assert viewer.page.locator(".told li").count() >= 1
+    assert viewer.page.locator(".announcements li").count() >= 1
