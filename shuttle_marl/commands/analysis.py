@@ -1,4 +1,4 @@
-"""``python -m shuttle_marl.analysis``: summaries and pictures of recorded rallies, compared with real matches."""
+"""Summaries and pictures of recorded rallies, compared with real matches."""
 
 import dataclasses
 import math
@@ -152,6 +152,4 @@ def _print_table(summaries: dict[str, "Summary"], ratings: dict[str, float]) -> 
 COMMANDS: Final = analysis
 
 
-main: Final = cli.entry_point(
-    COMMANDS, "python -m shuttle_marl.analysis", "Summaries and pictures of recorded rallies, compared with real matches."
-)
+main: Final = cli.entry_point(COMMANDS, "python -m shuttle_marl.analysis", __doc__ or "")

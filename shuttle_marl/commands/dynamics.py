@@ -1,4 +1,4 @@
-"""``python -m shuttle_marl.dynamics fit | evaluate | card``: fit, evaluate and describe the models of the game."""
+"""Fit, evaluate and describe the models of the game."""
 
 import json as json_format
 import sys
@@ -133,4 +133,4 @@ def _read_json(path: Path) -> dict[str, Any]:
 COMMANDS: Final[dict[str, Command]] = {"fit": fit, "evaluate": evaluate, "card": card}
 
 
-main: Final = entry_point(COMMANDS, "python -m shuttle_marl.dynamics", "Fit, evaluate and describe the models of the game.")
+main: Final = entry_point(COMMANDS, "python -m shuttle_marl.dynamics", __doc__ or "")

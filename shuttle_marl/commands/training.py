@@ -1,4 +1,4 @@
-"""``python -m shuttle_marl.training ppo | a2c | sac``: train an agent."""
+"""Train an agent with PPO, A2C or SAC."""
 
 import os
 from typing import Annotated, Final
@@ -72,4 +72,4 @@ def sac(config: tyro.conf.OmitArgPrefixes[SACConfig], seeds: Seeds = 1, jobs: Jo
 COMMANDS: Final[dict[str, Command]] = {"ppo": ppo, "a2c": a2c, "sac": sac}
 
 
-main: Final = entry_point(COMMANDS, "python -m shuttle_marl.training", "Train an agent with PPO, A2C or SAC.")
+main: Final = entry_point(COMMANDS, "python -m shuttle_marl.training", __doc__ or "")

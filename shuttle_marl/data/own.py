@@ -159,7 +159,7 @@ class _Import:
         return _nullable(np.where(fine, np.nan_to_num(values), 0).astype(np.int64), ~fine)
 
     def _code(self, name: str, missing: int, *, without: I64 | None = None) -> I64:
-        """Codes of the words of a column; ``without``: codes if there is no such column."""
+        """Codes of the words of a column; ``without``: codes if the column is not mapped."""
         if name not in self._map.columns:
             assert without is not None
             return without
