@@ -13,9 +13,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from shuttle_marl.arrays import F64, I32, I64, U16
+from shuttle_marl.arrays import F64, I32, I64, U16, Ints
 from shuttle_marl.game.layout import Layout
-from shuttle_marl.game.shipped import PROFILES, load_game, origin_named, variants
+from shuttle_marl.game.shipped import PROFILES, load_game, origin_named, origin_of, resolve_game, variants
 from shuttle_marl.game.skill import AVERAGE, Day, Skill, day_of, load_skill
 from shuttle_marl.game.stroke import frozen
 from shuttle_marl.game.tables import Game, GameError, Origin
@@ -132,19 +132,37 @@ class SeatGame(Game):
         folder, variant = origin_named(self.pair.model)
         return Origin(folder, variant or self.pair.discipline)
 
+    def meets(self, other: "SeatGame") -> bool:
+        """Whether other tables are those of the opponent: of the other player against this one."""
+        mine, theirs = self.pair.players, other.pair.players
+        return (mine[self.seat], mine[1 - self.seat]) == (theirs[1 - other.seat], theirs[other.seat])
+
     @property
-    def whole(self) -> bool:
-        """Whether these are all the strokes of the pair's game, with their probabilities."""
-        return self.hash == self.pair.seats[self.seat].hash
+    def opposite(self) -> Game:
+        """The tables with which the other player of the pair strikes."""
+        return self.pair.seats[1 - self.seat]
 
 
 AnyGame = Game | PairGame
 """A game in which both players strike with the same tables, or that of a pair."""
 
 
-def seats_of(game: AnyGame) -> tuple[Game, Game]:
-    """The tables with which seats 0 and 1 strike; the same object twice in a game that is not that of a pair."""
-    return game.seats if isinstance(game, PairGame) else (game, game)
+def opponent_tables(game: AnyGame, seat: int | Ints) -> Game:
+    """The tables with which the opponent of a learner strikes.
+
+    Args:
+        game: the game.
+        seat: seat of the learner, or ``[B]`` seats, which are equal in the game of a pair.
+
+    Raises:
+        GameError: the seats of the game of a pair differ, because the opponent would be another player in each.
+    """
+    if not isinstance(game, PairGame):
+        return game
+    learners = np.unique(seat)
+    if len(learners) != 1 or learners[0] not in (0, 1):
+        raise GameError(f"seat {seat!r}: in the game of {game.title} expected 0 or 1 for all rows, the player that learns")
+    return game.seats[1 - int(learners[0])]
 
 
 def _seat(pair: PairGame, seat: int) -> SeatGame:
@@ -190,6 +208,33 @@ def pair_game(a: str, b: str, *, date: Day = None, discipline: str | None = None
         date=None if date is None else day_of(date),
         discipline=chosen,
     )
+
+
+def resolve_players(game: AnyGame | str | None, profile: str | None, players: tuple[str, str] | None) -> AnyGame:
+    """The game of two players, or :func:`shuttle_marl.game.shipped.resolve_game` without players.
+
+    Args:
+        game: a model by name or folder, or its game; None: the default model. The game of a pair is returned as it is.
+        profile: a variant of that model, such as ``men``; None: the game itself, or with players that of their discipline.
+        players: names of the players at seats 0 and 1; None: both strike with the same tables.
+
+    Raises:
+        GameError: as :func:`pair_game`, or two names are expected, or the game belongs to no model.
+    """
+    if isinstance(game, PairGame):
+        if profile is not None or players is not None:
+            raise GameError(f"the game of {game.title} together with players or a profile; give one of them")
+        return game
+    if players is None:
+        return resolve_game(game, profile)
+    if isinstance(players, str) or len(players) != 2:
+        raise GameError(f"players {players!r}: expected two names, such as ('viktor-axelsen', 'kento-momota')")
+    if isinstance(game, Game):
+        origin = origin_of(game)
+        if origin is None:
+            raise GameError("players need a model with their skill; this game was not loaded from one")
+        game = str(origin.folder) if origin.variant is None else f"{origin.folder}:{origin.variant}"
+    return pair_game(*players, discipline=profile, game=game or "default")
 
 
 @functools.lru_cache(maxsize=32)

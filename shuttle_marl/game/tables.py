@@ -124,6 +124,16 @@ class Game(Layout):
         )
 
     @property
+    def seats(self) -> "tuple[Game, Game]":
+        """The tables with which seats 0 and 1 strike: these, twice (:class:`shuttle_marl.game.pairs.PairGame` has two)."""
+        return self, self
+
+    @property
+    def opposite(self) -> "Game":
+        """The tables with which the opponent of a player with these tables strikes: the same ones."""
+        return self
+
+    @property
     def origin(self) -> Origin | None:
         """Where the game comes from, if it knows; :func:`shuttle_marl.game.shipped.origin_of` also knows loaded games."""
         return None
