@@ -128,9 +128,13 @@ class SeatGame(Game):
 
     @property
     def origin(self) -> Origin:
-        """The model, and the variant of the discipline, for policies of the model."""
-        folder, variant = origin_named(self.pair.model)
-        return Origin(folder, variant or self.pair.discipline)
+        """The model, and the discipline as the variant, for policies of the model."""
+        return Origin(origin_named(self.pair.model).folder, self.pair.discipline or AVERAGE)
+
+    @property
+    def average(self) -> Game:
+        """The game of the model, without skill and discipline, whose agents can play this one."""
+        return load_game(str(origin_named(self.pair.model).folder))
 
     def meets(self, other: "SeatGame") -> bool:
         """Whether other tables are those of the opponent: of the other player against this one."""

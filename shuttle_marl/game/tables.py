@@ -134,6 +134,11 @@ class Game(Layout):
         return self
 
     @property
+    def average(self) -> "Game":
+        """The game without skill of players, whose agents can play this one: the same one."""
+        return self
+
+    @property
     def origin(self) -> Origin | None:
         """Where the game comes from, if it knows; :func:`shuttle_marl.game.shipped.origin_of` also knows loaded games."""
         return None
