@@ -14,7 +14,7 @@ import tyro
 from shuttle_marl.commands import cli
 from shuttle_marl.commands.options import Appearance, RallyGameOptions
 from shuttle_marl.errors import printable
-from shuttle_marl.game.tables import Game
+from shuttle_marl.game.pairs import AnyGame, pair_game
 from shuttle_marl.watch import WatchError
 
 if TYPE_CHECKING:
@@ -30,16 +30,26 @@ class MatchOptions:
     """The match that a page shows first.
 
     Attributes:
-        a: policy of the near player.
-        b: policy of the far player.
+        a: policy of the near player; default: ppo, or with --players that player, imitated.
+        b: policy of the far player; default: bc, or with --players that player, imitated.
         temperature: temperatures of both policies; 1: unchanged, 0: greedy.
         seed: random seed.
+        players: near and far player, with their skill: the game of this pair; default: both strike with the same probabilities.
+        date: day of their skill, such as 2021-07-31; default: the last one known.
     """
 
-    a: str = "ppo"
-    b: str = "bc"
+    a: str | None = None
+    b: str | None = None
     temperature: tuple[float, float] = (1.0, 1.0)
     seed: int = 0
+    players: tuple[str, str] | None = None
+    date: str | None = None
+
+    @property
+    def policies(self) -> tuple[str, str]:
+        """Policies of the near and the far player; by default those of the players, imitated, where they are known."""
+        first, second = ("ppo", "bc") if self.players is None else (f"bc:{name}" for name in self.players)
+        return self.a or first, self.b or second
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -119,13 +129,13 @@ def watch(
     console = cli.console(stderr=True)
     if video is not None:
         check_video(video)
-    sides = [{"policy": name, "temperature": t} for name, t in zip((match.a, match.b), match.temperature, strict=True)]
+    sides = [{"policy": name, "temperature": t} for name, t in zip(match.policies, match.temperature, strict=True)]
     plan = Plan.parse({"seed": match.seed, "sides": sides})
     try:
         page = build(lambda words: console.print(words, soft_wrap=True))
     except BuildError as error:
         raise WatchError(str(error)) from error
-    policies = PolicyTables(model.load_for(rallies.replay or rallies.real), (match.a, match.b))
+    policies = PolicyTables(_game(match, rallies, model), match.policies)
     recorded, first = _recorded(rallies, policies.game), rallies.rally or 0
     with (
         contextlib.closing(bind(server.host, server.port)) as listener,
@@ -147,7 +157,20 @@ def watch(
             running.run(sockets=[listener])
 
 
-def _recorded(options: RallyOptions, game: Game) -> "Recorded | None":
+def _game(match: MatchOptions, rallies: RallyOptions, model: AdviceOptions) -> AnyGame:
+    """The game of the recorded rallies, of two players, or of a model.
+
+    Raises:
+        WatchError: players and a rally log, which has its own.
+    """
+    if match.players is None:
+        return model.load_for(rallies.replay or rallies.real)
+    if rallies.replay is not None:
+        raise WatchError("--players and --replay: a rally log names the players it was played with; leave out --players")
+    return pair_game(*match.players, date=match.date, discipline=model.profile, game=model.game or "default")
+
+
+def _recorded(options: RallyOptions, game: AnyGame) -> "Recorded | None":
     """The recorded rallies to show; None: a match.
 
     Raises:

@@ -18,10 +18,11 @@ from shuttle_marl.arrays import F64
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.game import court
 from shuttle_marl.game.draws import stream
+from shuttle_marl.game.layout import Layout
+from shuttle_marl.game.pairs import AnyGame, PairGame
 from shuttle_marl.game.rules import OUTCOMES
 from shuttle_marl.game.shipped import RELIABLE, least_support, real_strokes
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
-from shuttle_marl.game.tables import Game
 from shuttle_marl.policy import registry
 from shuttle_marl.staging.trajectory import facing
 from shuttle_marl.watch import WatchError, messages
@@ -83,7 +84,7 @@ def rounded(value: float) -> float:
     return round(float(value), 7)
 
 
-def stroke_facts(game: Game, stroke: int, seat: int) -> messages.StrokeFacts:
+def stroke_facts(game: Layout, stroke: int, seat: int) -> messages.StrokeFacts:
     """Words of a stroke of the catalogue, and the area at which a seat aims with it."""
     catalogue, sign = game.catalogue, facing(seat)
     (x0, x1), (y0, y1) = court.area_box(int(catalogue.area[stroke]), serve=bool(catalogue.is_serve[stroke]))
@@ -99,12 +100,12 @@ def stroke_facts(game: Game, stroke: int, seat: int) -> messages.StrokeFacts:
     )
 
 
-def rally_facts(game: Game, rally: CourtRally, motion: staging.Motion) -> messages.RallyFacts:
+def rally_facts(game: AnyGame, rally: CourtRally, motion: staging.Motion) -> messages.RallyFacts:
     """A rally without its motion: score, strokes with their probabilities, positions and times, and a person's turn."""
     winner = rally.winner
     return messages.RallyFacts(
         number=rally.number,
-        names=rally.names,
+        names=_shown_names(game, rally.names),
         server=rally.server,
         points=rally.points,
         games=rally.games,
@@ -118,12 +119,23 @@ def rally_facts(game: Game, rally: CourtRally, motion: staging.Motion) -> messag
     )
 
 
+def _shown_names(game: AnyGame, names: tuple[str, str]) -> tuple[str, str]:
+    """Names of the policies, behind those of the players whose skill they have."""
+    if not isinstance(game, PairGame):
+        return names
+    players = (
+        player if name == f"bc:{player}" else f"{player} ({name})" for player, name in zip(game.players, names, strict=True)
+    )
+    return next(players), next(players)
+
+
 def _player(motion: staging.Motion, seat: int) -> messages.PlayerFacts:
     return messages.PlayerFacts(athlete=motion.skeletons[seat].name, hand=motion.handedness[seat])
 
 
-def _turn(game: Game, rally: CourtRally, state: int) -> messages.Turn:
+def _turn(game: AnyGame, rally: CourtRally, state: int) -> messages.Turn:
     seat = (rally.server + len(rally)) % 2
+    game = game.seats[seat]
     strokes = game.legal_strokes(state).tolist()
     good, returned, _ = game.stroke_probabilities(game.pair_at(state, np.arange(len(strokes))))
     legal = [
@@ -140,8 +152,8 @@ def _score_after(rally: CourtRally, winner: int) -> messages.ScoreFacts:
     return messages.ScoreFacts(points=points, games=after.games, over=after.over, game_won=game_won)
 
 
-def _stroke(game: Game, rally: CourtRally, motion: staging.Motion, i: int, state: int) -> messages.Stroke:
-    trajectory, stroke = motion.trajectory, int(rally.stroke[i])
+def _stroke(game: AnyGame, rally: CourtRally, motion: staging.Motion, i: int, state: int) -> messages.Stroke:
+    trajectory, stroke, game = motion.trajectory, int(rally.stroke[i]), game.seats[int(rally.striker[i])]
     pair = int(game.pair(state, stroke))
     good, returned, _ = (rounded(float(p)) for p in game.stroke_probabilities(pair))
     real = real_strokes(game)
@@ -188,7 +200,7 @@ class StrokeValues:
 
     def __init__(self, policies: PolicyTables, at_least: int | None = None) -> None:
         self._policies, self._game = policies, policies.game
-        self._at_least = least_support(policies.game) if at_least is None else at_least
+        self._at_least = least_support(policies.game.seats[0]) if at_least is None else at_least
         self._styles = OnceCache(_MAX_STYLES)
 
     def players(self, sides: tuple[Side, Side]) -> Players:
@@ -197,7 +209,7 @@ class StrokeValues:
         Raises:
             PolicyError: a policy cannot be loaded.
         """
-        first, second = (self._policies.table(side) for side in sides)
+        first, second = (self._policies.table(side, seat) for seat, side in enumerate(sides))
         return Players(tables=(first, second), value=self._policies.values(sides))
 
     def decision(self, state: int, seat: int, players: Players) -> Decision:
@@ -391,8 +403,9 @@ class Answers:
         return messages.Hello(
             version=__version__,
             game=self._game.hash[:12],
+            pair=self._game.title if isinstance(self._game, PairGame) else None,
             hall=hall_facts(),
-            policies=list(dict.fromkeys([*(side.policy for side in self._plan.sides), *registry.names(self._game)])),
+            policies=list(dict.fromkeys([*(side.policy for side in self._plan.sides), *registry.names(self._game.seats[0])])),
             plan=self._plan,
             recorded=None if recorded is None else messages.RecordedFacts(recorded.title, recorded.count, self._first_shown),
         )

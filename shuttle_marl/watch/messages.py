@@ -154,10 +154,15 @@ class RecordedFacts(Struct):
 
 
 class Hello(Struct):
-    """Reply to :class:`HelloRequest`."""
+    """Reply to :class:`HelloRequest`.
+
+    Attributes:
+        pair: the two players whose skill the game has, in words; None: both sides strike with the same probabilities.
+    """
 
     version: str
     game: str
+    pair: str | None
     hall: HallFacts
     policies: list[str]
     plan: Plan

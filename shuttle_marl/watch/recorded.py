@@ -13,10 +13,11 @@ from shuttle_marl.data import load_strokes
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.errors import printable
 from shuttle_marl.game.draws import stream
+from shuttle_marl.game.pairs import AnyGame
 from shuttle_marl.game.rules import FAULT, WINNER, IllegalStrokeError
 from shuttle_marl.game.scoring import Score
 from shuttle_marl.game.stroke import N_SERVES
-from shuttle_marl.game.tables import ROOT, Game
+from shuttle_marl.game.tables import ROOT
 from shuttle_marl.recording.reader import RallyLog
 from shuttle_marl.scene.report import staging_key
 from shuttle_marl.watch import WatchError
@@ -67,7 +68,7 @@ class LogRallies:
         RecordingError: the log cannot be read, or was played on another game.
     """
 
-    def __init__(self, path: Path, game: Game) -> None:
+    def __init__(self, path: Path, game: AnyGame) -> None:
         self._log, self._game = RallyLog(path), game
         self._lock = threading.RLock()  # a log is one open file, and requests are answered by several threads
         self._players, self._games = LogPlayers(self._log, game), OnceCache(_MAX_MATCHES)
@@ -156,7 +157,7 @@ class RealRallies:
         WatchError: it holds no whole rally.
     """
 
-    def __init__(self, path: Path, game: Game) -> None:
+    def __init__(self, path: Path, game: AnyGame) -> None:
         table = load_strokes(path)
         self._game = game
         self._columns = {

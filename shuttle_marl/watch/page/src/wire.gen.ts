@@ -10,6 +10,7 @@ export type HelloRequest = object;
 export interface Hello {
   version: string;
   game: string;
+  pair: string | null;
   hall: HallFacts;
   policies: string[];
   plan: Plan;
