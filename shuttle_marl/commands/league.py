@@ -26,7 +26,7 @@ def play(config: tyro.conf.OmitArgPrefixes[LeagueConfig]) -> None:
     log = run.folder / RALLIES
     if log.exists():
         game = () if config.game == "default" else ("--game", config.game)
-        profile = () if config.profile is None else ("--profile", config.profile)
+        profile = () if config.profile is None or config.players else ("--profile", config.profile)
         out.print(f"watch it: {command('watch', '--replay', str(log), *game, *profile)}", soft_wrap=True)
 
 
