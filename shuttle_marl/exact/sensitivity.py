@@ -5,8 +5,8 @@ the values of the next states to the receiver with contact below and above, the 
 
     Q = -f + (1 - f) ((1 - r) - r C),        C = (1 - a) B + a A,
 
-and a probability p changes by p (1 - p) with its log-odds. A change of the outcomes of strokes changes the value of a rally by the
-change of Q in every state, weighted by the expected visits (the derivative of a fixed point; policies do not change).
+and a probability p changes by p (1 - p) with its log-odds. A change of the outcomes of strokes changes the value of a rally by
+the change of Q in every state, weighted by the expected visits (the derivative of a fixed point; policies do not change).
 """
 
 import dataclasses
@@ -28,8 +28,8 @@ class Sensitivity:
 
     Attributes:
         value: exact values of player 0 against player 1.
-        win: ``[2, 3, 13]`` derivative of the probability that player 0 wins a rally, both serving equally often, by the log-odds of
-            a fault, of a return, and of a contact above, in the strokes of player 0 and of player 1, by shot type.
+        win: ``[2, 3, 13]`` derivative of the probability that player 0 wins a rally, both serving equally often, by the log-odds
+            of a fault, of a return, and of a contact above, in the strokes of player 0 and of player 1, by shot type.
     """
 
     value: ProfileValue
