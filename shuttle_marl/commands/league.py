@@ -138,8 +138,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         return cli.run(train, prog=f"python -m shuttle_marl.league {TRAIN}", description=description, argv=args[1:])
     if any(arg.partition("=")[0] == PAIRS for arg in args):
         description = (
-            "Every pair of real players in its own game: the probability of winning a rally and a match, with the interval of the "
-            "players' skill. It predicts results as accurately as ratings do."
+            "Every pair of real players in its own game: the probability of winning a rally and a match, with the interval of "
+            "the players' skill. It predicts results as accurately as ratings do."
         )
         return cli.run(pairs, prog="python -m shuttle_marl.league", description=description, argv=args)
     if args[:1] == [REPORT]:

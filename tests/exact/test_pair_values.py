@@ -135,9 +135,7 @@ def test_policies_of_the_seats(pair: PairGame) -> None:
     assert first.hash == best_response(bc[1]).policy.hash != second.hash == best_response(bc[0]).policy.hash
 
 
-def test_derivatives_are_those_of_finite_differences(
-    pair: PairGame, clones: tuple[TabulatedPolicy, TabulatedPolicy]
-) -> None:
+def test_derivatives_are_those_of_finite_differences(pair: PairGame, clones: tuple[TabulatedPolicy, TabulatedPolicy]) -> None:
     found, rng, width = sensitivity(*clones), np.random.default_rng(1), 0.125
     assert found.value.odds().rally == pytest.approx(evaluate(*clones).odds().rally, abs=1e-8)
     used = np.argwhere(np.abs(found.win) > 2e-3)

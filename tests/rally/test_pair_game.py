@@ -117,7 +117,7 @@ def test_the_last_skill_on_or_before_the_day() -> None:
         assert table.since(A, day) == datetime.date(expected, 1, 1), day
     assert table.since("average") is None
     assert pair(date="2019-03-01").hash == pair(date=first).hash != pair().hash
-    with pytest.raises(GameError, match="date '1.1.2020': expected year-month-day"):
+    with pytest.raises(GameError, match=r"date '1\.1\.2020': expected year-month-day"):
         pair(date="1.1.2020")
 
 
