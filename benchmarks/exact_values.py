@@ -1,4 +1,4 @@
-"""Time of the exact solvers on the shipped game: minimax, profiles, best responses, human and robust play, pairs, a cross-play of 30.
+"""Time of the exact solvers on the shipped game: minimax, profiles, best responses, human and robust play, pairs, cross-play.
 
     python -m benchmarks.exact_values [--repeat N] [--json]
 
