@@ -14,7 +14,8 @@ import tyro
 from shuttle_marl.commands import cli
 from shuttle_marl.commands.options import Appearance, RallyGameOptions
 from shuttle_marl.errors import printable
-from shuttle_marl.game.pairs import AnyGame, pair_game
+from shuttle_marl.game.pairs import AnyGame, PairGame, pair_game
+from shuttle_marl.policy.baselines import imitation
 from shuttle_marl.watch import WatchError
 
 if TYPE_CHECKING:
@@ -45,10 +46,11 @@ class MatchOptions:
     players: tuple[str, str] | None = None
     date: str | None = None
 
-    @property
-    def policies(self) -> tuple[str, str]:
-        """Policies of the near and the far player; by default those of the players, imitated, where they are known."""
-        first, second = ("ppo", "bc") if self.players is None else (f"bc:{name}" for name in self.players)
+    def policies(self, game: AnyGame) -> tuple[str, str]:
+        """Policies of the near and the far player; by default the players of the game of a pair, imitated."""
+        first, second = ("ppo", "bc")
+        if self.players is not None and isinstance(game, PairGame):
+            first, second = map(imitation, game.players, game.seats)
         return self.a or first, self.b or second
 
 
@@ -129,13 +131,14 @@ def watch(
     console = cli.console(stderr=True)
     if video is not None:
         check_video(video)
-    sides = [{"policy": name, "temperature": t} for name, t in zip(match.policies, match.temperature, strict=True)]
-    plan = Plan.parse({"seed": match.seed, "sides": sides})
     try:
         page = build(lambda words: console.print(words, soft_wrap=True))
     except BuildError as error:
         raise WatchError(str(error)) from error
-    policies = PolicyTables(_game(match, rallies, model), match.policies)
+    game = _game(match, rallies, model)
+    names = match.policies(game)
+    sides = [{"policy": name, "temperature": t} for name, t in zip(names, match.temperature, strict=True)]
+    plan, policies = Plan.parse({"seed": match.seed, "sides": sides}), PolicyTables(game, names)
     recorded, first = _recorded(rallies, policies.game), rallies.rally or 0
     with (
         contextlib.closing(bind(server.host, server.port)) as listener,
@@ -161,12 +164,12 @@ def _game(match: MatchOptions, rallies: RallyOptions, model: AdviceOptions) -> A
     """The game of the recorded rallies, of two players, or of a model.
 
     Raises:
-        WatchError: players and a rally log, which has its own.
+        WatchError: players and recorded rallies, which have their own.
     """
     if match.players is None:
         return model.load_for(rallies.replay or rallies.real)
-    if rallies.replay is not None:
-        raise WatchError("--players and --replay: a rally log names the players it was played with; leave out --players")
+    if rallies.replay is not None or rallies.real is not None:
+        raise WatchError("--players and recorded rallies, which name their own players; leave out --players")
     return pair_game(*match.players, date=match.date, discipline=model.profile, game=model.game or "default")
 
 

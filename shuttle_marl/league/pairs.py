@@ -26,7 +26,7 @@ from shuttle_marl.game.skill import COMPONENTS, GROUPS, Day, Skill, load_skill
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.league.entrants import LeagueError
-from shuttle_marl.policy import baselines
+from shuttle_marl.policy.baselines import imitation
 from shuttle_marl.policy.registry import resolve
 
 _NORMAL: Final = 1.959964
@@ -140,7 +140,7 @@ def predict_pairs(
 def predict(pair: PairGame, policy: str | None = None) -> Prediction:
     """Predict the result of one pair; arguments and errors as for :func:`predict_pairs`."""
     first, second = (
-        _table(tables, policy or imitated(player, tables)) for player, tables in zip(pair.players, pair.seats, strict=True)
+        _table(tables, policy or imitation(player, tables)) for player, tables in zip(pair.players, pair.seats, strict=True)
     )
     found = sensitivity(first, second, tolerance=_TOLERANCE)
     odds, skill = found.value.odds(), pair.skill
@@ -161,11 +161,6 @@ def predict(pair: PairGame, policy: str | None = None) -> Prediction:
         match_high=_shifted(odds, width),
         reasons=_reasons(pair, slopes),
     )
-
-
-def imitated(player: str, game: Game) -> str:
-    """Name of the policy that imitates a player, or the average one where the model has no choices of the player."""
-    return f"bc:{player}" if player in baselines.players(game) else "bc"
 
 
 def _table(game: Game, name: str) -> TabulatedPolicy:

@@ -125,6 +125,11 @@ def probabilities(player: str | None, game: Game) -> F64:
     return known.pair_probabilities(game, player, origin.variant)
 
 
+def imitation(player: str, game: Game) -> str:
+    """Name of the policy that imitates a player, or the average one where the model has no choices of the player."""
+    return f"bc:{player}" if player in players(game) else "bc"
+
+
 @functools.lru_cache(maxsize=8)
 def load(player: str | None, game: Game) -> TabulatedPolicy:
     """The average player (None) or an individual as a table.

@@ -154,15 +154,10 @@ class RecordedFacts(Struct):
 
 
 class Hello(Struct):
-    """Reply to :class:`HelloRequest`.
-
-    Attributes:
-        pair: the two players whose skill the game has, in words; None: both sides strike with the same probabilities.
-    """
+    """Reply to :class:`HelloRequest`."""
 
     version: str
     game: str
-    pair: str | None
     hall: HallFacts
     policies: list[str]
     plan: Plan
@@ -234,9 +229,14 @@ class PlayerFacts(Struct):
 
 
 class RallyFacts(Struct):
-    """A rally without its motion."""
+    """A rally without its motion.
+
+    Attributes:
+        pair: the two players whose skill the game has, in words; None: both sides strike with the same probabilities.
+    """
 
     number: int
+    pair: str | None
     names: tuple[str, str]
     server: int
     points: Pair

@@ -51,7 +51,11 @@ class Recorded(Protocol):
         ...
 
     def players(self, number: int) -> Players | None:
-        """Players of a rally; None: unknown."""
+        """Policies of a rally; None: unknown."""
+        ...
+
+    def people(self, number: int) -> tuple[str, str] | None:
+        """Names of the people at seats 0 and 1 of a real rally; None: policies played."""
         ...
 
 
@@ -112,6 +116,9 @@ class LogRallies:
         with self._lock:
             found = self._players.of_rally(number)
         return None if found.value is None else found
+
+    def people(self, number: int) -> None:
+        """None: policies played."""
 
     def _finished(self, pairing: int, match: int) -> dict[int, tuple[tuple[int, int], ...]]:
         """Points of the games before each rally of a match, by the number of the rally."""
@@ -190,6 +197,10 @@ class RealRallies:
 
     def players(self, number: int) -> None:
         """Not known: people played."""
+
+    def people(self, number: int) -> tuple[str, str] | None:
+        """Names at seats 0 and 1."""
+        return self._rallies[number].players if 0 <= number < self.count else None
 
     def rally(self, number: int) -> CourtRally:
         """A rally; see :class:`Recorded`."""

@@ -1,6 +1,9 @@
 """The live court and recorded rallies in the game of a pair."""
 
+import dataclasses
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -19,12 +22,17 @@ from shuttle_marl.watch.answers import Answers
 from shuttle_marl.watch.match_log import MatchLog
 from shuttle_marl.watch.plan import Plan
 from shuttle_marl.watch.policies import PolicyTables
+from shuttle_marl.watch.recorded import Recorded
 from shuttle_marl.watch.stager import Stager
-from tests.reduced import reduced_model
+from tests.reduced import reduced_game, reduced_model
 
 A, B = "viktor-axelsen", "kento-momota"
 PAIR = pair_game(A, B, game=reduced_model())
 PLAN = Plan.parse({"seed": 3, "sides": [{"policy": f"bc:{A}"}, {"policy": "minimax"}]})
+
+
+FIRST = messages.RallyRequest(id=0, plan=PLAN, rally=0)
+STAGER = Stager(("male", "male"), ("right", "right"))
 
 
 @pytest.fixture(scope="module")
@@ -34,15 +42,15 @@ def policies() -> PolicyTables:
 
 @pytest.fixture(scope="module")
 def answers(policies: PolicyTables) -> Answers:
-    return Answers(policies, PLAN, Stager(("male", "male"), ("right", "right")))
+    return Answers(policies, PLAN, STAGER)
 
 
 def test_the_page_shows_the_players_and_their_game(answers: Answers) -> None:
     hello = answers._hello()
-    assert (hello.pair, hello.game) == (f"{A} against {B}", PAIR.hash[:12])
+    assert hello.game == PAIR.hash[:12]
     reply, _ = answers._reply(messages.RallyRequest(id=0, plan=PLAN, rally=0))
     assert isinstance(reply, messages.RallyReply)
-    assert reply.rally.names == (A, f"{B} (minimax)")
+    assert (reply.rally.names, reply.rally.pair) == ((A, f"{B} (minimax)"), f"{A} against {B}")
     for stroke in reply.rally.strokes:
         game = PAIR.seats[stroke.seat]
         good, returned, _ = game.stroke_probabilities(game.pair(stroke.state, stroke.stroke))
@@ -87,11 +95,32 @@ def test_a_log_of_a_pair(tmp_path: Path, policies: PolicyTables, answers: Answer
 def test_options_of_the_command() -> None:
     advice = AdviceOptions(game=reduced_model())
     match = MatchOptions(players=(A, B), date="2020-02-02")
-    assert match.policies == (f"bc:{A}", f"bc:{B}")
-    assert MatchOptions(players=(A, B), a="minimax").policies == ("minimax", f"bc:{B}")
-    assert MatchOptions().policies == ("ppo", "bc")
+    assert match.policies(PAIR) == (f"bc:{A}", f"bc:{B}")
+    assert MatchOptions(players=(A, B), a="minimax").policies(PAIR) == ("minimax", f"bc:{B}")
+    assert MatchOptions().policies(reduced_game()) == ("ppo", "bc")
     game = _game(match, RallyOptions(), advice)
     assert isinstance(game, PairGame)
     assert (game.players, str(game.date)) == ((A, B), "2020-02-02")
     with pytest.raises(WatchError, match="leave out --players"):
         _game(match, RallyOptions(replay=Path("x.mcap")), advice)
+
+
+@pytest.mark.parametrize(
+    ("people", "known"), [((A, B), True), ((B, A), True), ((A, "somebody"), False), ((A, "an-se-young"), False)]
+)
+def test_real_rallies_have_the_values_of_the_two_people(people: tuple[str, str], known: bool) -> None:
+    """Where the model has the skill of both, in one discipline; else those of imitated elite players."""
+    rally = dataclasses.replace(Answers(PolicyTables(PAIR), PLAN, STAGER)._played(FIRST), names=people)
+    recorded = SimpleNamespace(rally=lambda _: rally, people=lambda _: people, players=lambda _: None, count=1, title="real")
+    answers = Answers(PolicyTables(reduced_game()), PLAN, STAGER, recorded=cast(Recorded, recorded))
+    asked = messages.AnalysisRequest(id=0, rally=0)
+    found, facts = answers._reply(asked)[0], answers._reply(messages.RallyRequest(id=0, rally=0))[0]
+    assert isinstance(found, messages.Analysis)
+    assert isinstance(facts, messages.RallyReply)
+    game = pair_game(*people, game=reduced_model()) if known else reduced_game()
+    assert facts.rally.pair == (game.title if isinstance(game, PairGame) else None)
+    assert facts.rally.names == people
+    names = [f"bc:{name}" if known else "bc" for name in people]
+    first, second = (tabulate(resolve(name, tables), tables) for name, tables in zip(names, game.seats, strict=True))
+    odds = evaluate(first, second).odds()
+    assert found.strokes[0].win == pytest.approx(odds.serving if rally.server == 0 else odds.receiving, abs=1e-6)

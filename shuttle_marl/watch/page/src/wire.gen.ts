@@ -10,7 +10,6 @@ export type HelloRequest = object;
 export interface Hello {
   version: string;
   game: string;
-  pair: string | null;
   hall: HallFacts;
   policies: string[];
   plan: Plan;
@@ -129,6 +128,7 @@ export interface RallyReply {
 /** A rally without its motion. */
 export interface RallyFacts {
   number: number;
+  pair: string | null;
   names: [string, string];
   server: number;
   points: [number, number];
