@@ -132,6 +132,12 @@ class SeatGame(Game):
         return Origin(origin_named(self.pair_game.model).folder, self.pair_game.discipline or AVERAGE)
 
     @property
+    def profile(self) -> Game:
+        """The game of the discipline, without skill, in which imitated players choose as they do here."""
+        folder, discipline = self.origin
+        return load_game(f"{folder}:{discipline}") if discipline in variants(str(folder)) else self.average
+
+    @property
     def average(self) -> Game:
         """The game of the model, without skill and discipline, whose agents can play this one."""
         return load_game(str(origin_named(self.pair_game.model).folder))
