@@ -157,6 +157,17 @@ AnyGame = Game | PairGame
 """A game in which both players strike with the same tables, or that of a pair."""
 
 
+def seat_names(game: AnyGame, policies: tuple[str, str]) -> tuple[str, str]:
+    """Names of the seats: of the policies, in the game of a pair behind those of the players whose skill they have."""
+    if not isinstance(game, PairGame):
+        return policies
+    first, second = (
+        player if policy in (player, f"bc:{player}") else f"{player} ({policy})"
+        for player, policy in zip(game.players, policies, strict=True)
+    )
+    return first, second
+
+
 def opponent_tables(game: AnyGame, seat: int | Ints) -> Game:
     """The tables with which the opponent of a learner strikes.
 

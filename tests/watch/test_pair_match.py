@@ -17,6 +17,7 @@ from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording import Derived, RallyLog
 from shuttle_marl.recording.replay import check
+from shuttle_marl.scene.report import report_rally
 from shuttle_marl.watch import WatchError, messages
 from shuttle_marl.watch.answers import Answers
 from shuttle_marl.watch.match_log import MatchLog
@@ -50,7 +51,7 @@ def test_the_page_shows_the_players_and_their_game(answers: Answers) -> None:
     assert hello.game == PAIR.hash[:12]
     reply, _ = answers._reply(messages.RallyRequest(id=0, plan=PLAN, rally=0))
     assert isinstance(reply, messages.RallyReply)
-    assert (reply.rally.names, reply.rally.pair) == ((A, f"{B} (minimax)"), f"{A} against {B}")
+    assert (reply.rally.names, reply.rally.skill) == ((A, f"{B} (minimax)"), "with the skill of both players")
     for stroke in reply.rally.strokes:
         game = PAIR.seats[stroke.seat]
         good, returned, _ = game.stroke_probabilities(game.pair(stroke.state, stroke.stroke))
@@ -85,6 +86,7 @@ def test_a_log_of_a_pair(tmp_path: Path, policies: PolicyTables, answers: Answer
         assert [table.game.hash for table in players.tables if table] == [seat.hash for seat in PAIR.seats]
         found = analyse_rally(opened.rally(0).row(0, opened.catalogue), game, players)
         derived = opened.stroke_table(Derived(opened, game)).to_pydict()
+        assert report_rally(opened, 0, game, known).names == (A, f"{B} (minimax)")
     p_succ = found.of_strokes("p_succ")
     assert np.abs(np.array(derived["p_succ"]) - p_succ).max() < 1e-6
     # The receiver strikes with other tables than the server.
@@ -118,7 +120,7 @@ def test_real_rallies_have_the_values_of_the_two_people(people: tuple[str, str],
     assert isinstance(found, messages.Analysis)
     assert isinstance(facts, messages.RallyReply)
     game = pair_game(*people, game=reduced_model()) if known else reduced_game()
-    assert facts.rally.pair == (game.title if isinstance(game, PairGame) else None)
+    assert (facts.rally.skill is not None) == isinstance(game, PairGame)
     assert facts.rally.names == people
     names = [f"bc:{name}" if known else "bc" for name in people]
     first, second = (tabulate(resolve(name, tables), tables) for name, tables in zip(names, game.seats, strict=True))
