@@ -4,6 +4,7 @@ import dataclasses
 import json
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -99,7 +100,7 @@ def test_reasons_are_the_offsets_with_the_largest_effects() -> None:
 
 
 def some_predictions() -> list[Prediction]:
-    figures = dict.fromkeys(("rally_low", "rally_high", "match_low", "match_high"), 0.5)
+    figures: dict[str, Any] = dict.fromkeys(("rally_low", "rally_high", "match_low", "match_high"), 0.5)
     return [
         Prediction(players=players, hash="", rally_win=rally, match_win=match, reasons={}, **figures)
         for players, rally, match in (((A, B), 0.6, 0.9), ((A, "lee-zii-jia"), 0.7, 0.95), ((B, "lee-zii-jia"), 0.5, 0.4))
