@@ -1,0 +1,340 @@
+"""Skill of single players: partially pooled offsets of the average game's log-odds, by Laplace-approximated marginal likelihood.
+
+Each of three components has a mixed logistic regression (:mod:`shuttle_marl.dynamics.mixed`) whose fixed part is the average
+player's prediction for strokes of matches to which it was not fitted:
+
+=========  ====================================  ==============
+component  a positive offset means               strokes
+=========  ====================================  ==============
+success    more faults                           known outcome
+return     the stroke is returned more often     good strokes
+contact    the stroke is met above more often    returned ones
+=========  ====================================  ==============
+
+**Offsets.** A stroke's log-odds add an offset of its striker and one of its receiver. Each is a general offset plus one of the
+group of shots (:data:`GROUPS`). General offsets follow a random walk over the dates of the player's matches (Ingram, J. Quant.
+Anal. Sports 2019, for tennis), so a rating holds as of a day.
+
+**Nuisance effects** are the match, each side of a match (the form of the day), and the group of shots in each annotated data set.
+Without them, annotators who label differently pass for players who play differently.
+
+The eight variances are those of maximum marginal likelihood, or those of a prior model.
+"""
+
+import dataclasses
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+from safetensors.numpy import save
+from scipy.optimize import minimize
+from scipy.sparse import block_diag, csr_matrix, identity
+
+from shuttle_marl.arrays import F64, I8, I32, I64, Bools
+from shuttle_marl.data.upstream import date_of
+from shuttle_marl.dynamics.features import Rows
+from shuttle_marl.dynamics.mixed import MixedModel, Posterior, fit_variances, posterior
+from shuttle_marl.dynamics.models import sigmoid
+from shuttle_marl.dynamics.network import fold_of_match
+from shuttle_marl.files import replace_file
+from shuttle_marl.game.stroke import SHOTS
+
+SKILL: Final = "skill.safetensors"
+"""The players' offsets in a model folder."""
+COMPONENTS: Final = ("success", "return", "contact")
+ROLES: Final = ("striker", "receiver")
+GROUPS: Final[dict[str, tuple[str, ...]]] = {
+    "attack": ("smash", "half-smash", "net-kill"),
+    "net": ("net-shot", "cross-court-net-shot"),
+    "rear": ("clear", "drop"),
+    "lift": ("lift", "push"),
+    "block": ("block", "drive"),
+    "serve": ("short-serve", "long-serve"),
+}
+"""Shot types that share an offset."""
+GROUP: Final[I8] = np.array([[shot in shots for shots in GROUPS.values()].index(True) for shot in SHOTS], dtype=np.int8)
+"""``[13]`` group of each shot type."""
+VARIANCES: Final = ("striker", "striker_group", "receiver", "receiver_group", "year", "match", "side", "match_group", "source")
+"""Variance components: general and group offsets of each role, growth of the general ones per year, nuisance effects."""
+_FOLDS: Final = 5
+_YEAR: Final = 365.25
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Predicted:
+    """Strokes of one component with the average player's predictions.
+
+    Attributes:
+        rows: N strokes.
+        logit: ``[N]`` log-odds from models that were not fitted to the match.
+        label: ``[N]`` what happened: a fault, a return, or a contact above the net.
+    """
+
+    rows: Rows
+    logit: F64
+    label: Bools
+
+    def take(self, which: Bools) -> "Predicted":
+        """Strokes by mask."""
+        return Predicted(rows=self.rows.take(which), logit=self.logit[which], label=self.label[which])
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Skill:
+    """Offsets of players on the days of their matches (knots), sorted by player and day.
+
+    Attributes:
+        players: identifiers.
+        discipline: ``[players]`` index into :data:`~shuttle_marl.dynamics.features.DISCIPLINES`.
+        strokes: ``[players]`` strokes struck.
+        matches: ``[players]`` matches.
+        player: ``[K]`` index into players.
+        day: ``[K]`` days since 1970-01-01.
+        offset: ``[K, 3, 2, 7]`` by component, role, and general or group of shots.
+        deviation: ``[K, 3, 2, 7]`` posterior standard deviations.
+        sd: ``[3, 9]`` standard deviations of the :data:`VARIANCES` of each component; those of groups of sources, sides and
+            matches are no part of the offsets.
+    """
+
+    players: tuple[str, ...]
+    discipline: I8
+    strokes: I32
+    matches: I32
+    player: I32
+    day: I32
+    offset: F64
+    deviation: F64
+    sd: F64
+
+    def knot(self, players: npt.NDArray[np.str_], day: I64) -> I64:
+        """``[N]`` knot of each player as of a day: the last one until then, or else the first; -1 for other players."""
+        names = np.array(self.players)
+        index = np.minimum(np.searchsorted(names, players), len(names) - 1)
+        known = names[index] == players
+        # Days of a player as one ordered key with those of all players.
+        key = self.player.astype(np.int64) * (1 << 32) + self.day
+        last = np.searchsorted(key, index * (1 << 32) + day, side="right") - 1
+        return np.where(known, np.maximum(last, np.searchsorted(self.player, index)), -1)
+
+    def shift(self, component: str, rows: Rows) -> F64:
+        """``[N]`` offset of each stroke's log-odds as of its match, of its striker and receiver; 0 for unknown players."""
+        day, group = _days(rows)[rows.match], 1 + GROUP[rows.codes["shot"]].astype(np.int64)
+        total = np.zeros(len(rows))
+        for role, name in enumerate(ROLES):
+            knot = self.knot(getattr(rows, name), day)
+            table = self.offset[knot, COMPONENTS.index(component), role]
+            total += np.where(knot < 0, 0.0, table[:, 0] + table[np.arange(len(rows)), group])
+        return total
+
+    def save(self, folder: Path) -> None:
+        """Write the offsets; the format is that which :mod:`shuttle_marl.game` reads."""
+        arrays = {
+            "offset": self.offset.astype(np.float32), "deviation": self.deviation.astype(np.float32),
+            "player": self.player, "day": self.day, "group": GROUP,
+            "discipline": self.discipline, "strokes": self.strokes, "matches": self.matches,
+        }  # fmt: skip
+        header = json.dumps({"players": self.players}, sort_keys=True)
+        replace_file(folder / SKILL, save(arrays, metadata={"skill": header}))
+
+
+def fit_skill(
+    predicted: Mapping[str, Predicted], sources: Mapping[str, str], sd: F64 | None = None
+) -> Skill:  # fmt: skip
+    """Fit the offsets of all players.
+
+    Args:
+        predicted: strokes by component, all from one table of matches.
+        sources: data set of each match by name.
+        sd: ``[3, 9]`` standard deviations of the components, such as those of a prior model; None: estimate them.
+    """
+    design = _Design.of(predicted, sources)
+    fits = [
+        _posterior(design.model(predicted[name]), None if sd is None else sd[number]) for number, name in enumerate(COMPONENTS)
+    ]
+    struck = predicted["success"].rows
+    striker = design.index(struck.striker)
+    players = len(design.players)
+    pairs = np.unique(np.stack([striker, struck.match]), axis=1)[0]
+    discipline = np.zeros(players, dtype=np.int8)
+    for name in ROLES:
+        discipline[design.index(getattr(struck, name))] = struck.codes["discipline"]
+    return Skill(
+        players=tuple(design.players.tolist()),
+        discipline=discipline,
+        strokes=np.bincount(striker, minlength=players).astype(np.int32),
+        matches=np.bincount(pairs, minlength=players).astype(np.int32),
+        player=design.knot_player.astype(np.int32),
+        day=design.knot_day.astype(np.int32),
+        offset=np.stack([design.offsets(found.mode) for found in fits], axis=1),
+        deviation=np.stack([design.offsets(found.deviation) for found in fits], axis=1),
+        sd=np.stack([found.sd for found in fits]),
+    )
+
+
+def check(predicted: Mapping[str, Predicted], sources: Mapping[str, str], sd: F64) -> dict[str, dict[str, float]]:
+    """Slope of truth on predicted offset by component, each match predicted from the others; 1 if the shrinkage is right.
+
+    Args:
+        predicted, sources: as for :func:`fit_skill`.
+        sd: ``[3, 9]`` standard deviations of the components.
+
+    Returns:
+        ``slope`` with the bounds ``low`` and ``high`` of its 95 % interval (clustered by match), and ``gain``, the reduction of
+        the log-loss by the offsets.
+    """
+    matches = np.unique(predicted["success"].rows.match)
+    fold = np.zeros(int(matches[-1]) + 1, dtype=np.int64)
+    fold[matches] = fold_of_match(matches, _FOLDS)
+    shift = {name: np.zeros(len(part.label)) for name, part in predicted.items()}
+    for k in np.unique(fold[matches]):
+        inside = {name: fold[part.rows.match] == k for name, part in predicted.items()}
+        if not all((~mask).any() for mask in inside.values()):
+            continue
+        others = fit_skill({name: part.take(~inside[name]) for name, part in predicted.items()}, sources, sd)
+        for name, part in predicted.items():
+            shift[name][inside[name]] = others.shift(name, part.rows.take(inside[name]))
+    return {name: slope_on_offset(part, shift[name]) for name, part in predicted.items()}
+
+
+def slope_on_offset(part: Predicted, shift: F64) -> dict[str, float]:
+    """Logistic regression of the labels on the offsets ``[N]``, beside the average prediction; see :func:`check`."""
+    x = np.stack([np.ones_like(shift), shift], axis=1)
+
+    def loss(line: F64) -> tuple[float, F64]:
+        z = part.logit + x @ line
+        return float(np.logaddexp(0, z).sum() - z[part.label].sum()), x.T @ (sigmoid(z) - part.label)
+
+    line = minimize(loss, np.zeros(2), jac=True, method="BFGS").x
+    p = sigmoid(part.logit + x @ line)
+    score = np.zeros((len(part.rows.matches), 2))
+    np.add.at(score, part.rows.match, x * (p - part.label)[:, None])
+    bread = np.linalg.pinv(x.T @ (x * (p * (1 - p))[:, None]))
+    error = 1.96 * float(np.sqrt((bread @ score.T @ score @ bread)[1, 1]))
+    losses = [float(np.logaddexp(0, np.where(part.label, -z, z)).mean()) for z in (part.logit, part.logit + shift)]
+    slope = float(line[1])
+    return {"slope": slope, "low": slope - error, "high": slope + error, "gain": losses[0] - losses[1]}
+
+
+def summary(skill: Skill, checked: dict[str, dict[str, float]]) -> dict[str, Any]:
+    """Entry of the model card."""
+    deviations = {
+        name: dict(zip(VARIANCES, row, strict=True)) for name, row in zip(COMPONENTS, skill.sd.tolist(), strict=True)
+    }  # fmt: skip
+    return {"players": len(skill.players), "knots": len(skill.day), "deviations": deviations, "check": checked}
+
+
+def deviations_of(card: Mapping[str, Any]) -> F64 | None:
+    """``[3, 9]`` standard deviations in the card of a model; None if it has no offsets of players."""
+    found = card.get("skill")
+    return None if found is None else np.array([[found["deviations"][c][name] for name in VARIANCES] for c in COMPONENTS])
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class _Design:
+    """Effects of all components.
+
+    They are, in this order: general offsets of strikers ``[K]``, of receivers ``[K]``, offsets of strikers in groups ``[P, 6]``,
+    of receivers ``[P, 6]``, matches ``[M]``, sides ``[M, 2]``, groups in data sets ``[S, 6]``.
+    """
+
+    players: npt.NDArray[np.str_]
+    knot_player: I64
+    knot_day: I64
+    day: I64
+    source: I64
+
+    @classmethod
+    def of(cls, predicted: Mapping[str, Predicted], sources: Mapping[str, str]) -> "_Design":
+        strokes = [part.rows for part in predicted.values()]
+        players = np.unique(np.concatenate([getattr(rows, role) for rows in strokes for role in ROLES]))
+        day = _days(strokes[0])
+        found = [
+            np.stack([np.searchsorted(players, getattr(rows, role)), day[rows.match]]) for rows in strokes for role in ROLES
+        ]
+        knot_player, knot_day = np.unique(np.concatenate(found, axis=1), axis=1)
+        names = [sources.get(match, "") for match in strokes[0].matches]
+        source = np.unique(names, return_inverse=True)[1]
+        return cls(players=players, knot_player=knot_player, knot_day=knot_day, day=day, source=source)
+
+    def index(self, players: npt.NDArray[np.str_]) -> I64:
+        """``[N]`` index of each player."""
+        return np.searchsorted(self.players, players)
+
+    def model(self, part: Predicted) -> MixedModel:
+        """The mixed model of a component."""
+        rows, groups = part.rows, len(GROUPS)
+        roles = [self.index(getattr(rows, role)) for role in ROLES]
+        side = (roles[0] > roles[1]).astype(np.int64)
+        # Strokes of one side of a match in one group have the same effects.
+        key = (rows.match.astype(np.int64) * 2 + side) * groups + GROUP[rows.codes["shot"]]
+        distinct, first, row = np.unique(key, return_index=True, return_inverse=True)
+        match, group = rows.match[first].astype(np.int64), distinct % groups
+        striker, receiver = (role[first] for role in roles)
+        knots, players, matches = len(self.knot_day), len(self.players), len(self.day)
+        sizes = (knots, knots, players * groups, players * groups, matches, 2 * matches, matches * groups, (self.source.max() + 1) * groups)
+        parts = (
+            self._knot(striker, self.day[match]),
+            self._knot(receiver, self.day[match]),
+            striker * groups + group,
+            receiver * groups + group,
+            match,
+            distinct // groups,
+            match * groups + group,
+            self.source[match] * groups + group,
+        )
+        start = np.cumsum([0, *sizes])
+        columns = np.stack([index + offset for index, offset in zip(parts, start, strict=False)], axis=1)
+        used = len(parts)
+        x = csr_matrix(
+            (np.ones(columns.size), columns.ravel(), np.arange(0, columns.size + 1, used)), shape=(len(distinct), start[-1])
+        )
+        walk, is_first, years = self._walk()
+        roles_of = [VARIANCES.index(name) for name in ("striker", "receiver")]
+        others = [VARIANCES.index(name) for name in ("striker_group", "receiver_group", "match", "side", "match_group", "source")]
+        component = np.concatenate([
+            *(np.where(is_first, role, VARIANCES.index("year")) for role in roles_of),
+            *(np.full(size, variance) for size, variance in zip(sizes[2:], others, strict=True)),
+        ])  # fmt: skip
+        return MixedModel(
+            x=x,
+            row=row,
+            offset=part.logit,
+            label=part.label,
+            difference=csr_matrix(block_diag([walk, walk, identity(int(start[-1] - start[2]))])),
+            component=component,
+            scale=np.concatenate([years, years, np.ones(int(start[-1] - start[2]))]),
+        )
+
+    def offsets(self, effects: F64) -> F64:
+        """``[K, 2, 7]`` offsets of the players at each knot, or their standard deviations."""
+        knots, players, groups = len(self.knot_day), len(self.players), len(GROUPS)
+        general = effects[: 2 * knots].reshape(2, knots).T
+        grouped = effects[2 * knots :][: 2 * players * groups].reshape(2, players, groups).swapaxes(0, 1)
+        return np.concatenate([general[:, :, None], grouped[self.knot_player]], axis=2)
+
+    def _knot(self, player: I64, day: I64) -> I64:
+        key = self.knot_player * (1 << 32) + self.knot_day
+        return np.searchsorted(key, player * (1 << 32) + day)
+
+    def _walk(self) -> tuple[csr_matrix, Bools, F64]:
+        """``[K, K]`` differences of the random walks, whether a knot is a player's first, and ``[K]`` years since the last."""
+        knots = len(self.knot_day)
+        is_first = np.r_[True, np.diff(self.knot_player) != 0]
+        later = np.flatnonzero(~is_first)
+        before = csr_matrix((np.ones(len(later)), (later, later - 1)), shape=(knots, knots))
+        years = np.where(is_first, 1.0, np.diff(self.knot_day, prepend=0) / _YEAR)
+        return csr_matrix(identity(knots) - before), is_first, years
+
+
+def _posterior(model: MixedModel, sd: F64 | None) -> Posterior:
+    return fit_variances(model) if sd is None else posterior(model, sd)
+
+
+def _days(rows: Rows) -> I64:
+    """``[matches]`` day of each match; matches of unknown date have the last one of the others, or day 0."""
+    dates = [date_of(match) for match in rows.matches]
+    days = np.array([-1 if date is None else (np.datetime64(date) - np.datetime64(0, "D")).astype(int) for date in dates])
+    return np.where([date is None for date in dates], max(0, int(days.max(initial=0))), days).astype(np.int64)
