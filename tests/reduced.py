@@ -81,7 +81,9 @@ def random_skill(players: Sequence[str], seed: int = 27) -> bytes:
     rng, m = np.random.default_rng(seed), len(players)
     shape = (2 * m, len(COMPONENTS), len(ROLES), 1 + len(GROUPS))
     of_shot = {"serve": "serve", "clear": "rear", "drop": "rear", "smash": "attack", "kill": "attack", "lift": "lift"}
-    groups = [next((name for part, name in of_shot.items() if part in shot), "net" if "net" in shot else "block") for shot in SHOTS]
+    groups = [
+        next((name for part, name in of_shot.items() if part in shot), "net" if "net" in shot else "block") for shot in SHOTS
+    ]
     arrays = {
         "offset": rng.normal(0, 0.2, shape).astype(np.float32),
         "deviation": rng.uniform(0.05, 0.1, shape).astype(np.float32),

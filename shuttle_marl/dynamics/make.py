@@ -41,8 +41,8 @@ from shuttle_marl.dynamics.players import (
     labelled,
     labels_of,
     player_choices,
-    player_shifts,
 )
+from shuttle_marl.dynamics.skill import Predicted, check, deviations_of, fit_skill, summary
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.exact.profile import PairPolicy
 from shuttle_marl.files import replace_file
@@ -77,11 +77,13 @@ class Prior:
         models: the models.
         game: the game, whose layout the fit shares.
         support: support in its data.
+        skill: standard deviations of its offsets of players (:attr:`~shuttle_marl.dynamics.skill.FittedSkill.sd`), if it has any.
     """
 
     models: FittedModels
     game: Game
     support: Support
+    skill: F64 | None
 
 
 def fit_from(prior: Prior, train: Rows, validation: Rows | None, *, report: Report) -> Fit:
@@ -97,7 +99,7 @@ def fit_from(prior: Prior, train: Rows, validation: Rows | None, *, report: Repo
     shares = np.bincount(train.codes["discipline"], minlength=len(prior.models.share)) / len(train)
     report("choices of strokes, as a correction")
     networks, chosen = _with_choices(prior.models.networks, train, validation)
-    models = dataclasses.replace(prior.models, networks=networks, share=shares, striker={}, receiver={})
+    models = dataclasses.replace(prior.models, networks=networks, share=shares)
     report("faults, returns and contacts, as corrections")
     fault, share = _faults(models, known)
     weights = models.situations.weights(known)
@@ -119,16 +121,15 @@ def fit_from(prior: Prior, train: Rows, validation: Rows | None, *, report: Repo
     calibration = models.calibration.copy()
     calibration[:, 1] += list(shifts.values())
     models = dataclasses.replace(models, calibration=calibration)
+    predicted = {
+        "success": Predicted(rows=known, logit=log_odds(marginal(shifts["success"])), label=label["success"]),
+        "return": Predicted(rows=good, logit=returned + shifts["return"], label=label["return"]),
+        "contact": Predicted(rows=met, logit=above + shifts["contact"], label=label["contact"]),
+    }
     if validation is not None:
-        report("players")
-        training = {
-            "striker": (known, log_odds(marginal(shifts["success"])), label["success"]),
-            "receiver": (good, returned + shifts["return"], label["return"]),
-        }
-        of_players, pooled = player_shifts(models, training, validation)
-        choices, of_choices = player_choices(networks, train, validation, None)
-        models = dataclasses.replace(models, striker=of_players["striker"], receiver=of_players["receiver"], choices=choices)
-        chosen |= {**pooled, "choices": of_choices}
+        report("choices of players")
+        choices, chosen["choices"] = player_choices(networks, train, validation, None)
+        models = dataclasses.replace(models, choices=choices)
     support = _moved(
         prior.support, shifts, support_of(known, intended_targets(networks["target"], networks["success"], known), prior.game)
     )
@@ -137,7 +138,9 @@ def fit_from(prior: Prior, train: Rows, validation: Rows | None, *, report: Repo
         "situations": {"effort": models.situations.effort.tolist(), "duel": models.situations.duel},
         "prior": {"game": prior.game.hash, "shifts": shifts},
     }
-    return Fit(models=models, game=prior.game, support=support, profiles=(support, support), chosen=chosen)
+    return Fit(
+        models=models, game=prior.game, support=support, profiles=(support, support), predicted=predicted, chosen=chosen
+    )  # fmt: skip
 
 
 def _faults(models: FittedModels, rows: Rows) -> tuple[F64, F64]:
@@ -284,6 +287,11 @@ def make_model(
     save_support(out, fitted.support)
     game.save(out / GAME)
     save_clones(out, fitted.models.choices, log_choice, of_profiles)
+    report("skill of players")
+    sources = dict(zip(strokes["match"].to_pylist(), strokes["source"].to_pylist(), strict=True))
+    skill = fit_skill(fitted.predicted, sources, None if start is None else start.skill)
+    skill.save(out)
+    checked = check(fitted.predicted, sources, skill.sd)
     scores = evaluate(fitted.models, train, validation, report=report)
     card = {
         "name": out.name,
@@ -309,6 +317,7 @@ def make_model(
         },
         "players": list(fitted.models.choices.players),
         "chosen": fitted.chosen,
+        "skill": summary(skill, checked),
         "validation": scores,
         "health": solved,
         "support_rule": _RULE,
@@ -421,7 +430,12 @@ def _checked_refits(refits: int | None, matches: int) -> int:
 
 def _prior(name: str) -> Prior:
     folder = model_folder(name)
-    return Prior(models=FittedModels.load(folder), game=load_game(str(folder)), support=load_support(folder))
+    return Prior(
+        models=FittedModels.load(folder),
+        game=load_game(str(folder)),
+        support=load_support(folder),
+        skill=deviations_of(read_model_card(folder)),
+    )
 
 
 def _with_prefix(prefix: str, report: Callable[[str], None]) -> Callable[[str], None]:

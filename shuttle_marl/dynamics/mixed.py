@@ -1,8 +1,8 @@
 """Logistic regression with normal random effects; variances by Laplace-approximated marginal likelihood.
 
-The log-odds of row i are an offset plus x_i'b. The effects b have the prior precision P = D' diag(1 / v) D: their innovations D b
-are independent, with mean 0 and variance v_j = s_j exp(2 t_c), where s_j is a known scale and t_c the log standard deviation of the
-variance component c of innovation j. D is the identity for independent effects, and takes differences of a random walk.
+The log-odds of row i are an offset plus x_i'b. The effects b have the prior precision P = D' diag(1 / v) D: their innovations
+D b are independent, with mean 0 and variance v_j = s_j exp(2 t_c), where s_j is a known scale and t_c the log standard deviation
+of the variance component c of innovation j. D is the identity for independent effects, and takes differences of a random walk.
 
 With the posterior mode b and H = X'WX + P, the negative log marginal likelihood is approximately
 -l(b) + b'Pb / 2 + log|H| / 2 - log|P| / 2 (Tierney and Kadane, JASA 1986), as in lme4 (Bates et al., J. Stat. Softw. 2015).
@@ -16,7 +16,7 @@ import numpy as np
 from scipy.linalg import cho_solve, cholesky
 from scipy.linalg.lapack import dpotri
 from scipy.optimize import minimize
-from scipy.sparse import csr_matrix, identity
+from scipy.sparse import csr_matrix
 from scipy.special import expit
 
 from shuttle_marl.arrays import F64, Bools, Ints
@@ -49,19 +49,6 @@ class MixedModel:
     difference: csr_matrix
     component: Ints
     scale: F64
-
-    @classmethod
-    def independent(cls, x: csr_matrix, row: Ints, offset: F64, label: Bools, component: Ints) -> "MixedModel":
-        """A model of independent effects."""
-        effects = x.shape[1]
-        return cls(
-            x=x, row=row, offset=offset, label=label, difference=csr_matrix(identity(effects)), component=component,
-            scale=np.ones(effects),
-        )  # fmt: skip
-
-    def with_observations(self, row: Ints, offset: F64, label: Bools) -> "MixedModel":
-        """The same effects with other observations."""
-        return dataclasses.replace(self, row=row, offset=offset, label=label)
 
     @property
     def components(self) -> int:
@@ -139,7 +126,7 @@ def gradient_of(model: MixedModel, found: Posterior) -> F64:
     moved = model.difference @ (found.covariance @ (model.x.T @ (leverage * slope)))
     spread = np.asarray(model.difference.multiply(model.difference @ found.covariance).sum(axis=1)).ravel()
     terms = (innovation**2 + spread - moved * innovation) / variance - 1
-    return np.bincount(model.component, terms, model.components)
+    return np.asarray(np.bincount(model.component, terms, model.components), dtype=np.float64)
 
 
 def fit_variances(model: MixedModel, start: float = 0.1) -> Posterior:

@@ -15,13 +15,14 @@ contact    the stroke is met above more often    returned ones
 group of shots (:data:`GROUPS`). General offsets follow a random walk over the dates of the player's matches (Ingram, J. Quant.
 Anal. Sports 2019, for tennis), so a rating holds as of a day.
 
-**Nuisance effects** are the match, each side of a match (the form of the day), and the group of shots in each annotated data set.
-Without them, annotators who label differently pass for players who play differently.
+**Nuisance effects** are the match, each side of a match (the form of the day), the group of shots in each match, and in each
+annotated data set. Without them, annotators who label differently pass for players who play differently.
 
-The eight variances are those of maximum marginal likelihood, or those of a prior model.
+The nine variances are those of maximum marginal likelihood, or those of a prior model.
 """
 
 import dataclasses
+import datetime
 import json
 from collections.abc import Mapping
 from pathlib import Path
@@ -32,21 +33,20 @@ import numpy.typing as npt
 from safetensors.numpy import save
 from scipy.optimize import minimize
 from scipy.sparse import block_diag, csr_matrix, identity
+from threadpoolctl import threadpool_limits
 
-from shuttle_marl.arrays import F64, I8, I32, I64, Bools
+from shuttle_marl.arrays import F64, I8, I64, Bools
 from shuttle_marl.data.upstream import date_of
 from shuttle_marl.dynamics.features import Rows
-from shuttle_marl.dynamics.mixed import MixedModel, Posterior, fit_variances, posterior
+from shuttle_marl.dynamics.mixed import MixedModel, fit_variances, posterior
 from shuttle_marl.dynamics.models import sigmoid
 from shuttle_marl.dynamics.network import fold_of_match
 from shuttle_marl.files import replace_file
-from shuttle_marl.game.stroke import SHOTS
+from shuttle_marl.game.shipped import SKILL
+from shuttle_marl.game.skill import AVERAGE, COMPONENTS, GROUPS, ROLES, Skill
+from shuttle_marl.game.stroke import N_SHOTS, SHOTS
 
-SKILL: Final = "skill.safetensors"
-"""The players' offsets in a model folder."""
-COMPONENTS: Final = ("success", "return", "contact")
-ROLES: Final = ("striker", "receiver")
-GROUPS: Final[dict[str, tuple[str, ...]]] = {
+SHOTS_OF_GROUP: Final[dict[str, tuple[str, ...]]] = {
     "attack": ("smash", "half-smash", "net-kill"),
     "net": ("net-shot", "cross-court-net-shot"),
     "rear": ("clear", "drop"),
@@ -54,13 +54,14 @@ GROUPS: Final[dict[str, tuple[str, ...]]] = {
     "block": ("block", "drive"),
     "serve": ("short-serve", "long-serve"),
 }
-"""Shot types that share an offset."""
-GROUP: Final[I8] = np.array([[shot in shots for shots in GROUPS.values()].index(True) for shot in SHOTS], dtype=np.int8)
+"""Shot types that share an offset, by the group (:data:`~shuttle_marl.game.skill.GROUPS`)."""
+GROUP: Final[I8] = np.array([[shot in SHOTS_OF_GROUP[group] for group in GROUPS].index(True) for shot in SHOTS], dtype=np.int8)
 """``[13]`` group of each shot type."""
 VARIANCES: Final = ("striker", "striker_group", "receiver", "receiver_group", "year", "match", "side", "match_group", "source")
-"""Variance components: general and group offsets of each role, growth of the general ones per year, nuisance effects."""
+"""Variance components: general and group offsets of each role, change of the general ones in a year, nuisance effects."""
 _FOLDS: Final = 5
 _YEAR: Final = 365.25
+_EPOCH: Final = datetime.date(1970, 1, 1)
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -83,66 +84,37 @@ class Predicted:
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class Skill:
-    """Offsets of players on the days of their matches (knots), sorted by player and day.
+class FittedSkill:
+    """Result of a fit.
 
     Attributes:
-        players: identifiers.
-        discipline: ``[players]`` index into :data:`~shuttle_marl.dynamics.features.DISCIPLINES`.
-        strokes: ``[players]`` strokes struck.
-        matches: ``[players]`` matches.
-        player: ``[K]`` index into players.
-        day: ``[K]`` days since 1970-01-01.
-        offset: ``[K, 3, 2, 7]`` by component, role, and general or group of shots.
-        deviation: ``[K, 3, 2, 7]`` posterior standard deviations.
-        sd: ``[3, 9]`` standard deviations of the :data:`VARIANCES` of each component; those of groups of sources, sides and
-            matches are no part of the offsets.
+        skill: offsets of the players on the days of their matches.
+        sd: ``[3, 9]`` standard deviations of the :data:`VARIANCES` of each component.
     """
 
-    players: tuple[str, ...]
-    discipline: I8
-    strokes: I32
-    matches: I32
-    player: I32
-    day: I32
-    offset: F64
-    deviation: F64
+    skill: Skill
     sd: F64
 
-    def knot(self, players: npt.NDArray[np.str_], day: I64) -> I64:
-        """``[N]`` knot of each player as of a day: the last one until then, or else the first; -1 for other players."""
-        names = np.array(self.players)
-        index = np.minimum(np.searchsorted(names, players), len(names) - 1)
-        known = names[index] == players
-        # Days of a player as one ordered key with those of all players.
-        key = self.player.astype(np.int64) * (1 << 32) + self.day
-        last = np.searchsorted(key, index * (1 << 32) + day, side="right") - 1
-        return np.where(known, np.maximum(last, np.searchsorted(self.player, index)), -1)
-
-    def shift(self, component: str, rows: Rows) -> F64:
-        """``[N]`` offset of each stroke's log-odds as of its match, of its striker and receiver; 0 for unknown players."""
-        day, group = _days(rows)[rows.match], 1 + GROUP[rows.codes["shot"]].astype(np.int64)
-        total = np.zeros(len(rows))
-        for role, name in enumerate(ROLES):
-            knot = self.knot(getattr(rows, name), day)
-            table = self.offset[knot, COMPONENTS.index(component), role]
-            total += np.where(knot < 0, 0.0, table[:, 0] + table[np.arange(len(rows)), group])
-        return total
-
     def save(self, folder: Path) -> None:
-        """Write the offsets; the format is that which :mod:`shuttle_marl.game` reads."""
-        arrays = {
-            "offset": self.offset.astype(np.float32), "deviation": self.deviation.astype(np.float32),
-            "player": self.player, "day": self.day, "group": GROUP,
-            "discipline": self.discipline, "strokes": self.strokes, "matches": self.matches,
-        }  # fmt: skip
-        header = json.dumps({"players": self.players}, sort_keys=True)
+        """Write the offsets to a model folder; :func:`shuttle_marl.game.skill.load_skill` reads them."""
+        arrays = {f.name: getattr(self.skill, f.name) for f in dataclasses.fields(Skill) if f.name != "players"}
+        header = json.dumps({"players": self.skill.players}, sort_keys=True)
         replace_file(folder / SKILL, save(arrays, metadata={"skill": header}))
 
 
-def fit_skill(
-    predicted: Mapping[str, Predicted], sources: Mapping[str, str], sd: F64 | None = None
-) -> Skill:  # fmt: skip
+def shifts(skill: Skill, component: str, rows: Rows) -> F64:
+    """``[N]`` offset of each stroke's log-odds by both players as of the day of the match; unknown players have none."""
+    parties = np.stack([rows.match.astype(str), *(getattr(rows, role) for role in ROLES)])
+    found, row = np.unique(parties, axis=1, return_inverse=True)
+    known = {*skill.players}
+    table = np.zeros((found.shape[1], len(COMPONENTS), N_SHOTS))
+    for i, (match, striker, receiver) in enumerate(found.T.tolist()):
+        names = (name if name in known else AVERAGE for name in (striker, receiver))
+        table[i] = skill.of_shots(next(names), next(names), date_of(rows.matches[int(match)]))
+    return np.asarray(table[row.ravel(), COMPONENTS.index(component), rows.codes["shot"]])
+
+
+def fit_skill(predicted: Mapping[str, Predicted], sources: Mapping[str, str], sd: F64 | None = None) -> FittedSkill:
     """Fit the offsets of all players.
 
     Args:
@@ -151,27 +123,32 @@ def fit_skill(
         sd: ``[3, 9]`` standard deviations of the components, such as those of a prior model; None: estimate them.
     """
     design = _Design.of(predicted, sources)
-    fits = [
-        _posterior(design.model(predicted[name]), None if sd is None else sd[number]) for number, name in enumerate(COMPONENTS)
-    ]
-    struck = predicted["success"].rows
+    # Another order of summation would give other offsets.
+    with threadpool_limits(1):
+        models = [design.model(predicted[name]) for name in COMPONENTS]
+        fits = [fit_variances(model) if sd is None else posterior(model, sd[c]) for c, model in enumerate(models)]
+    struck, players = predicted["success"].rows, len(design.players)
     striker = design.index(struck.striker)
-    players = len(design.players)
     pairs = np.unique(np.stack([striker, struck.match]), axis=1)[0]
     discipline = np.zeros(players, dtype=np.int8)
-    for name in ROLES:
-        discipline[design.index(getattr(struck, name))] = struck.codes["discipline"]
-    return Skill(
+    for role in ROLES:
+        discipline[design.index(getattr(struck, role))] = struck.codes["discipline"]
+    offset, deviation = (
+        np.stack([design.offsets(x) for x in values], axis=1).astype(np.float32)
+        for values in ([found.mode for found in fits], [found.deviation for found in fits])
+    )
+    skill = Skill(
         players=tuple(design.players.tolist()),
+        offset=offset,
+        deviation=deviation,
+        player=design.knot_player.astype(np.int32),
+        day=design.knot_day.astype(np.int32),
+        group=GROUP,
         discipline=discipline,
         strokes=np.bincount(striker, minlength=players).astype(np.int32),
         matches=np.bincount(pairs, minlength=players).astype(np.int32),
-        player=design.knot_player.astype(np.int32),
-        day=design.knot_day.astype(np.int32),
-        offset=np.stack([design.offsets(found.mode) for found in fits], axis=1),
-        deviation=np.stack([design.offsets(found.deviation) for found in fits], axis=1),
-        sd=np.stack([found.sd for found in fits]),
     )
+    return FittedSkill(skill=skill, sd=np.stack([found.sd for found in fits]))
 
 
 def check(predicted: Mapping[str, Predicted], sources: Mapping[str, str], sd: F64) -> dict[str, dict[str, float]]:
@@ -193,9 +170,9 @@ def check(predicted: Mapping[str, Predicted], sources: Mapping[str, str], sd: F6
         inside = {name: fold[part.rows.match] == k for name, part in predicted.items()}
         if not all((~mask).any() for mask in inside.values()):
             continue
-        others = fit_skill({name: part.take(~inside[name]) for name, part in predicted.items()}, sources, sd)
+        others = fit_skill({name: part.take(~inside[name]) for name, part in predicted.items()}, sources, sd).skill
         for name, part in predicted.items():
-            shift[name][inside[name]] = others.shift(name, part.rows.take(inside[name]))
+            shift[name][inside[name]] = shifts(others, name, part.rows.take(inside[name]))
     return {name: slope_on_offset(part, shift[name]) for name, part in predicted.items()}
 
 
@@ -218,12 +195,16 @@ def slope_on_offset(part: Predicted, shift: F64) -> dict[str, float]:
     return {"slope": slope, "low": slope - error, "high": slope + error, "gain": losses[0] - losses[1]}
 
 
-def summary(skill: Skill, checked: dict[str, dict[str, float]]) -> dict[str, Any]:
-    """Entry of the model card."""
-    deviations = {
-        name: dict(zip(VARIANCES, row, strict=True)) for name, row in zip(COMPONENTS, skill.sd.tolist(), strict=True)
-    }  # fmt: skip
-    return {"players": len(skill.players), "knots": len(skill.day), "deviations": deviations, "check": checked}
+def summary(fitted: FittedSkill, checked: dict[str, dict[str, float]]) -> dict[str, Any]:
+    """Entry of the model card; ``checked`` as :func:`check` gives it."""
+    rows = zip(COMPONENTS, fitted.sd.tolist(), strict=True)
+    days = [str(_EPOCH + datetime.timedelta(days=int(day))) for day in (fitted.skill.day.min(), fitted.skill.day.max())]
+    return {
+        "players": len(fitted.skill.players),
+        "days": days,
+        "deviations": {name: dict(zip(VARIANCES, row, strict=True)) for name, row in rows},
+        "check": checked,
+    }
 
 
 def deviations_of(card: Mapping[str, Any]) -> F64 | None:
@@ -237,7 +218,7 @@ class _Design:
     """Effects of all components.
 
     They are, in this order: general offsets of strikers ``[K]``, of receivers ``[K]``, offsets of strikers in groups ``[P, 6]``,
-    of receivers ``[P, 6]``, matches ``[M]``, sides ``[M, 2]``, groups in data sets ``[S, 6]``.
+    of receivers ``[P, 6]``, matches ``[M]``, sides ``[M, 2]``, groups in matches ``[M, 6]`` and in data sets ``[S, 6]``.
     """
 
     players: npt.NDArray[np.str_]
@@ -251,9 +232,7 @@ class _Design:
         strokes = [part.rows for part in predicted.values()]
         players = np.unique(np.concatenate([getattr(rows, role) for rows in strokes for role in ROLES]))
         day = _days(strokes[0])
-        found = [
-            np.stack([np.searchsorted(players, getattr(rows, role)), day[rows.match]]) for rows in strokes for role in ROLES
-        ]
+        found = [np.stack([np.searchsorted(players, getattr(rows, role)), day[rows.match]]) for rows in strokes for role in ROLES]
         knot_player, knot_day = np.unique(np.concatenate(found, axis=1), axis=1)
         names = [sources.get(match, "") for match in strokes[0].matches]
         source = np.unique(names, return_inverse=True)[1]
@@ -272,17 +251,21 @@ class _Design:
         key = (rows.match.astype(np.int64) * 2 + side) * groups + GROUP[rows.codes["shot"]]
         distinct, first, row = np.unique(key, return_index=True, return_inverse=True)
         match, group = rows.match[first].astype(np.int64), distinct % groups
+        matches, of_match = np.unique(match, return_inverse=True)
         striker, receiver = (role[first] for role in roles)
-        knots, players, matches = len(self.knot_day), len(self.players), len(self.day)
-        sizes = (knots, knots, players * groups, players * groups, matches, 2 * matches, matches * groups, (self.source.max() + 1) * groups)
+        knots, players = len(self.knot_day), len(self.players)
+        sizes = [
+            *(knots, knots, players * groups, players * groups),
+            *(len(matches), 2 * len(matches), len(matches) * groups, int(self.source.max() + 1) * groups),
+        ]
         parts = (
             self._knot(striker, self.day[match]),
             self._knot(receiver, self.day[match]),
             striker * groups + group,
             receiver * groups + group,
-            match,
-            distinct // groups,
-            match * groups + group,
+            of_match,
+            of_match * 2 + side[first],
+            of_match * groups + group,
             self.source[match] * groups + group,
         )
         start = np.cumsum([0, *sizes])
@@ -329,12 +312,8 @@ class _Design:
         return csr_matrix(identity(knots) - before), is_first, years
 
 
-def _posterior(model: MixedModel, sd: F64 | None) -> Posterior:
-    return fit_variances(model) if sd is None else posterior(model, sd)
-
-
 def _days(rows: Rows) -> I64:
     """``[matches]`` day of each match; matches of unknown date have the last one of the others, or day 0."""
-    dates = [date_of(match) for match in rows.matches]
-    days = np.array([-1 if date is None else (np.datetime64(date) - np.datetime64(0, "D")).astype(int) for date in dates])
-    return np.where([date is None for date in dates], max(0, int(days.max(initial=0))), days).astype(np.int64)
+    days = [None if (date := date_of(match)) is None else (date - _EPOCH).days for match in rows.matches]
+    last = max((day for day in days if day is not None), default=0)
+    return np.array([last if day is None else day for day in days], dtype=np.int64)

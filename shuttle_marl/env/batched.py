@@ -193,7 +193,13 @@ class VersusEnv(_BatchedEnv):
     ) -> None:
         resolved = resolve_players(game, profile, players)
         versus = LearnerBatch(
-            resolved, batch, opponents=tabulated(opponents, opponent_tables(resolved, seat)), seed=seed, seat=seat, server=server, threads=threads
+            resolved,
+            batch,
+            opponents=tabulated(opponents, opponent_tables(resolved, seat)),
+            seed=seed,
+            seat=seat,
+            server=server,
+            threads=threads,
         )
         super().__init__(resolved, versus, seed)
 

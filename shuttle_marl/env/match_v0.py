@@ -73,7 +73,9 @@ class raw_env(ShuttleEnv):
         max_strokes: int | None = None,
         render_mode: RenderMode | None = None,
     ) -> None:
-        super().__init__(game=game, profile=profile, players=players, max_strokes=max_strokes, render_mode=render_mode, extra_width=SCORE_WIDTH)
+        super().__init__(
+            game=game, profile=profile, players=players, max_strokes=max_strokes, render_mode=render_mode, extra_width=SCORE_WIDTH
+        )
         if first_server not in (None, 0, 1):
             raise OptionError(f"first_server {first_server!r}: expected 0, 1, or None for a random server")
         if reward not in ("match", "rally"):

@@ -64,7 +64,9 @@ class raw_env(ShuttleEnv):
         max_strokes: int | None = None,
         render_mode: RenderMode | None = None,
     ) -> None:
-        super().__init__(game=game, profile=profile, players=players, max_strokes=max_strokes, render_mode=render_mode, extra_width=0)
+        super().__init__(
+            game=game, profile=profile, players=players, max_strokes=max_strokes, render_mode=render_mode, extra_width=0
+        )
         if server not in (None, 0, 1):
             raise OptionError(f"server {server!r}: expected 0, 1, or None for a random server")
         self.server = server

@@ -267,6 +267,12 @@ class SingleMatchEnv(SingleEnv):
         render_mode: RenderMode | None = None,
     ) -> None:
         raw = match_v0.raw_env(
-            first_server=first_server, reward=reward, rules=rules, game=game, profile=profile, players=players, render_mode=render_mode
+            first_server=first_server,
+            reward=reward,
+            rules=rules,
+            game=game,
+            profile=profile,
+            players=players,
+            render_mode=render_mode,
         )
         super().__init__(raw, Opponent(opponent, opponent_tables(raw.game, seat)), seat, mask, info)

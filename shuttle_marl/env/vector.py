@@ -220,7 +220,12 @@ class RallyVectorEnv(VersusVectorEnv):
             raise OptionError(f"observation {observation!r}: expected 'features' or 'tokens'")
         tables = resolve_players(game, profile, players)
         self._batch = LearnerBatch(
-            tables, num_envs, opponents=tabulated(opponent, opponent_tables(tables, seat)), seat=seat, server=server, threads=threads
+            tables,
+            num_envs,
+            opponents=tabulated(opponent, opponent_tables(tables, seat)),
+            seat=seat,
+            server=server,
+            threads=threads,
         )
         self._features = stepper_of(tables).observations if observation == "features" else None
         highest = tables.highest_observation

@@ -351,7 +351,9 @@ _with_argument(
     "program of your own in any language, asked for every stroke in lines of JSON",
 )  # fmt: skip
 _with_argument(
-    "table:FILE", "FILE", "a file",
+    "table:FILE",
+    "FILE",
+    "a file",
     lambda file, game: dataclasses.replace(TabulatedPolicy.load(Path(file), game.average), game=game),
     "policy kept as a table",
 )
