@@ -164,9 +164,9 @@ def _skill(skill: dict[str, Any]) -> list[str]:
         "## Skill of players",
         "",
         f"Offsets of {skill['players']} players, from matches of {' to '.join(skill['days'])}. Standard deviations of the "
-        "log-odds: general offsets and those of groups of shots for strikers and receivers, change in a year, and nuisance effects of the "
-        "match, the side, the group of shots in a match, and the group of shots in a data set. Slope of truth on offsets that "
-        "were estimated from other matches; 1 if the shrinkage is right.",
+        "log-odds: general offsets and those of groups of shots for strikers and receivers, change in a year, and nuisance "
+        "effects of the match, the side, the group of shots in a match, and the group of shots in a data set. Slope of truth on "
+        "offsets that were estimated from other matches; 1 if the shrinkage is right.",
         "",
         "| component | " + " | ".join(name.replace("_", " and ") for name in names) + " | slope (95 %, by match) |",
         "|---" * (len(names) + 2) + "|",

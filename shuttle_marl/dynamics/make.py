@@ -42,7 +42,7 @@ from shuttle_marl.dynamics.players import (
     labels_of,
     player_choices,
 )
-from shuttle_marl.dynamics.skill import Predicted, check, deviations_of, fit_skill, summary
+from shuttle_marl.dynamics.skill import FittedSkill, Predicted, check, deviations_in, fit_skill, summary
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.exact.profile import PairPolicy
 from shuttle_marl.files import replace_file
@@ -271,27 +271,14 @@ def make_model(
         if start is None
         else fit_from(start, train, validation, report=report)
     )
-    report("compiling the game")
-    game, probabilities = fitted.compiled()
-    log_choice = pair_log_choices(fitted.models, game)
-    report("compiling the games of men's and women's singles")
-    # With a single discipline, the game is that of this discipline.
-    played = np.flatnonzero(fitted.models.share).tolist()
-    profiles = {PROFILES[discipline]: fitted.profile(discipline) for discipline in played} if len(played) > 1 else {}
-    variants = {name: profile.compiled()[0] for name, profile in profiles.items()}
-    of_profiles = {name: pair_log_choices(profile.models, game) for name, profile in profiles.items()}
-    report("solving the game")
-    weight = np.tile(np.exp(log_choice.astype(np.float64)), game.n_blocks)
-    solved = health(PairPolicy(game=game, probability=game.normalized(weight)), fitted.support.strokes)
-    fitted.models.save(out)
-    save_support(out, fitted.support)
-    game.save(out / GAME)
-    save_clones(out, fitted.models.choices, log_choice, of_profiles)
-    report("skill of players")
     sources = dict(zip(strokes["match"].to_pylist(), strokes["source"].to_pylist(), strict=True))
-    skill = fit_skill(fitted.predicted, sources, None if start is None else start.skill)
-    skill.save(out)
-    checked = check(fitted.predicted, sources, skill.sd)
+    skill_prior = None if start is None else start.skill
+    written = save_fit(out, fitted, sources, skill_prior, report=report)
+    game, variants = written.game, written.variants
+    report("solving the game")
+    weight = np.tile(np.exp(written.log_choice.astype(np.float64)), game.n_blocks)
+    solved = health(PairPolicy(game=game, probability=game.normalized(weight)), fitted.support.strokes)
+    checked = check(fitted.predicted, sources, written.skill.sd)
     scores = evaluate(fitted.models, train, validation, report=report)
     card = {
         "name": out.name,
@@ -312,12 +299,12 @@ def make_model(
             "states": game.n_states,
             "legal_pairs": game.n_pairs,
             "efforts": game.levels,
-            "clipped": float(probabilities.clipped.mean()),
+            "clipped": written.clipped,
             "share": dict(zip(PROFILES, fitted.models.share.tolist(), strict=True)),
         },
         "players": list(fitted.models.choices.players),
         "chosen": fitted.chosen,
-        "skill": summary(skill, checked),
+        "skill": summary(written.skill, checked),
         "validation": scores,
         "health": solved,
         "support_rule": _RULE,
@@ -340,6 +327,55 @@ def make_model(
         # After each refit, so that an interrupted command leaves a complete folder.
         save_variants(out, game, variants, card)
     return read_model_card(out)
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Written:
+    """What :func:`save_fit` has written.
+
+    Attributes:
+        game: the game.
+        variants: the games of men's and women's singles, by name; none if the fit has a single discipline.
+        log_choice: ``[base pairs]`` log-probabilities of the average player.
+        skill: offsets of the players.
+        clipped: fraction of the legal pairs that were clipped to the supported range.
+    """
+
+    game: Game
+    variants: dict[str, Game]
+    log_choice: F32
+    skill: FittedSkill
+    clipped: float
+
+
+def save_fit(out: Path, fitted: Fit, sources: Mapping[str, str], skill_sd: F64 | None, *, report: Report) -> Written:
+    """Compile a fit, fit the skill of its players, and write all files of a model folder but the variants and the card.
+
+    Args:
+        out: the folder.
+        fitted: the fit.
+        sources: data set of each match by name.
+        skill_sd: standard deviations of the skill in a prior model; None: estimate them.
+        report: called with a line before each stage.
+    """
+    report("compiling the game")
+    game, probabilities = fitted.compiled()
+    log_choice = pair_log_choices(fitted.models, game)
+    report("compiling the games of men's and women's singles")
+    # With a single discipline, the game is that of this discipline.
+    played = np.flatnonzero(fitted.models.share).tolist()
+    profiles = {PROFILES[discipline]: fitted.profile(discipline) for discipline in played} if len(played) > 1 else {}
+    variants = {name: profile.compiled()[0] for name, profile in profiles.items()}
+    of_profiles = {name: pair_log_choices(profile.models, game) for name, profile in profiles.items()}
+    report("skill of players")
+    skill = fit_skill(fitted.predicted, sources, skill_sd)
+    fitted.models.save(out)
+    save_support(out, fitted.support)
+    game.save(out / GAME)
+    save_clones(out, fitted.models.choices, log_choice, of_profiles)
+    skill.save(out)
+    clipped = float(probabilities.clipped.mean())
+    return Written(game=game, variants=variants, log_choice=log_choice, skill=skill, clipped=clipped)
 
 
 def rows_of(rows: Rows, split: Split) -> Rows:
@@ -434,7 +470,7 @@ def _prior(name: str) -> Prior:
         models=FittedModels.load(folder),
         game=load_game(str(folder)),
         support=load_support(folder),
-        skill=deviations_of(read_model_card(folder)),
+        skill=deviations_in(read_model_card(folder)),
     )
 
 

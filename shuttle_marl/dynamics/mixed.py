@@ -16,16 +16,55 @@ import numpy as np
 from scipy.linalg import cho_solve, cholesky
 from scipy.linalg.lapack import dpotri
 from scipy.optimize import minimize
-from scipy.sparse import csr_matrix
+from scipy.sparse import csr_matrix, identity
 from scipy.special import expit
 
-from shuttle_marl.arrays import F64, Bools, Ints
+from shuttle_marl.arrays import F64, I64, Bools, Ints
 
 BOUNDS: Final = (0.005, 2.0)
 """Range of a standard deviation; the lower bound stands for no variance."""
 _TOLERANCE: Final = 1e-9
 """Squared Newton decrement at convergence, in nats."""
 _STEPS: Final = 50
+_YEAR: Final = 365.25
+_DAYS: Final = 1 << 32
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Walks:
+    """Random walks of several players, at the days (knots) on which each is observed; sorted by player and day.
+
+    Attributes:
+        player: ``[K]`` number of the player.
+        day: ``[K]`` day.
+    """
+
+    player: I64
+    day: I64
+
+    @classmethod
+    def of(cls, player: I64, day: I64) -> "Walks":
+        """Walks with knots at all pairs ``[N]`` of a player and a day."""
+        knots = np.unique(np.stack([player, day]), axis=1)
+        return cls(player=knots[0], day=knots[1])
+
+    def __len__(self) -> int:
+        return len(self.day)
+
+    def index(self, player: I64, day: I64) -> I64:
+        """``[N]`` knot of each player as of a day: the last one on or before it, else the first; -1 for unknown players."""
+        first, last = (np.searchsorted(self.player, player, side=side) for side in ("left", "right"))
+        key = self.player * _DAYS + self.day
+        until = np.searchsorted(key, player * _DAYS + day, side="right") - 1
+        return np.where(first < last, np.maximum(first, until), -1)
+
+    def innovations(self) -> tuple[csr_matrix, Bools, F64]:
+        """``[K, K]`` innovations of the values, whether each is a player's first value, and ``[K]`` years since the previous."""
+        first = np.r_[True, np.diff(self.player) != 0]
+        later = np.flatnonzero(~first)
+        before = csr_matrix((np.ones(len(later)), (later, later - 1)), shape=(len(self), len(self)))
+        years = np.where(first, 1.0, np.diff(self.day, prepend=0) / _YEAR)
+        return csr_matrix(identity(len(self)) - before), first, years
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)

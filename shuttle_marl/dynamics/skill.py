@@ -35,10 +35,10 @@ from scipy.optimize import minimize
 from scipy.sparse import block_diag, csr_matrix, identity
 from threadpoolctl import threadpool_limits
 
-from shuttle_marl.arrays import F64, I8, I64, Bools
+from shuttle_marl.arrays import F64, I8, I64, Bools, Ints
 from shuttle_marl.data.upstream import date_of
 from shuttle_marl.dynamics.features import Rows
-from shuttle_marl.dynamics.mixed import MixedModel, fit_variances, posterior
+from shuttle_marl.dynamics.mixed import MixedModel, Walks, fit_variances, posterior
 from shuttle_marl.dynamics.models import sigmoid
 from shuttle_marl.dynamics.network import fold_of_match
 from shuttle_marl.files import replace_file
@@ -60,7 +60,6 @@ GROUP: Final[I8] = np.array([[shot in SHOTS_OF_GROUP[group] for group in GROUPS]
 VARIANCES: Final = ("striker", "striker_group", "receiver", "receiver_group", "year", "match", "side", "match_group", "source")
 """Variance components: general and group offsets of each role, change of the general ones in a year, nuisance effects."""
 _FOLDS: Final = 5
-_YEAR: Final = 365.25
 _EPOCH: Final = datetime.date(1970, 1, 1)
 
 
@@ -141,8 +140,8 @@ def fit_skill(predicted: Mapping[str, Predicted], sources: Mapping[str, str], sd
         players=tuple(design.players.tolist()),
         offset=offset,
         deviation=deviation,
-        player=design.knot_player.astype(np.int32),
-        day=design.knot_day.astype(np.int32),
+        player=design.walks.player.astype(np.int32),
+        day=design.walks.day.astype(np.int32),
         group=GROUP,
         discipline=discipline,
         strokes=np.bincount(striker, minlength=players).astype(np.int32),
@@ -159,8 +158,7 @@ def check(predicted: Mapping[str, Predicted], sources: Mapping[str, str], sd: F6
         sd: ``[3, 9]`` standard deviations of the components.
 
     Returns:
-        ``slope`` with the bounds ``low`` and ``high`` of its 95 % interval (clustered by match), and ``gain``, the reduction of
-        the log-loss by the offsets.
+        What :func:`slope_on_offset` returns for each component.
     """
     matches = np.unique(predicted["success"].rows.match)
     fold = np.zeros(int(matches[-1]) + 1, dtype=np.int64)
@@ -173,26 +171,35 @@ def check(predicted: Mapping[str, Predicted], sources: Mapping[str, str], sd: F6
         others = fit_skill({name: part.take(~inside[name]) for name, part in predicted.items()}, sources, sd).skill
         for name, part in predicted.items():
             shift[name][inside[name]] = shifts(others, name, part.rows.take(inside[name]))
-    return {name: slope_on_offset(part, shift[name]) for name, part in predicted.items()}
+    return {name: slope_on_offset(part.logit, shift[name], part.label, part.rows.match) for name, part in predicted.items()}
 
 
-def slope_on_offset(part: Predicted, shift: F64) -> dict[str, float]:
-    """Logistic regression of the labels on the offsets ``[N]``, beside the average prediction; see :func:`check`."""
+def slope_on_offset(logit: F64, shift: F64, label: Bools, match: Ints) -> dict[str, float]:
+    """Logistic regression of labels on offsets of log-odds, with an intercept.
+
+    Args:
+        logit: ``[N]`` log-odds without offset.
+        shift: ``[N]`` predicted offsets.
+        label: ``[N]`` observations.
+        match: ``[N]`` match of each.
+
+    Returns:
+        ``slope``, and the bounds ``low`` and ``high`` of its 95 % interval, with errors clustered by match.
+    """
     x = np.stack([np.ones_like(shift), shift], axis=1)
 
     def loss(line: F64) -> tuple[float, F64]:
-        z = part.logit + x @ line
-        return float(np.logaddexp(0, z).sum() - z[part.label].sum()), x.T @ (sigmoid(z) - part.label)
+        z = logit + x @ line
+        return float(np.logaddexp(0, z).sum() - z[label].sum()), x.T @ (sigmoid(z) - label)
 
     line = minimize(loss, np.zeros(2), jac=True, method="BFGS").x
-    p = sigmoid(part.logit + x @ line)
-    score = np.zeros((len(part.rows.matches), 2))
-    np.add.at(score, part.rows.match, x * (p - part.label)[:, None])
+    p = sigmoid(logit + x @ line)
+    index = np.unique(match, return_inverse=True)[1]
+    score = np.zeros((index.max() + 1, 2))
+    np.add.at(score, index, x * (p - label)[:, None])
     bread = np.linalg.pinv(x.T @ (x * (p * (1 - p))[:, None]))
-    error = 1.96 * float(np.sqrt((bread @ score.T @ score @ bread)[1, 1]))
-    losses = [float(np.logaddexp(0, np.where(part.label, -z, z)).mean()) for z in (part.logit, part.logit + shift)]
-    slope = float(line[1])
-    return {"slope": slope, "low": slope - error, "high": slope + error, "gain": losses[0] - losses[1]}
+    slope, error = float(line[1]), 1.96 * float(np.sqrt((bread @ score.T @ score @ bread)[1, 1]))
+    return {"slope": slope, "low": slope - error, "high": slope + error}
 
 
 def summary(fitted: FittedSkill, checked: dict[str, dict[str, float]]) -> dict[str, Any]:
@@ -207,7 +214,7 @@ def summary(fitted: FittedSkill, checked: dict[str, dict[str, float]]) -> dict[s
     }
 
 
-def deviations_of(card: Mapping[str, Any]) -> F64 | None:
+def deviations_in(card: Mapping[str, Any]) -> F64 | None:
     """``[3, 9]`` standard deviations in the card of a model; None if it has no offsets of players."""
     found = card.get("skill")
     return None if found is None else np.array([[found["deviations"][c][name] for name in VARIANCES] for c in COMPONENTS])
@@ -222,8 +229,7 @@ class _Design:
     """
 
     players: npt.NDArray[np.str_]
-    knot_player: I64
-    knot_day: I64
+    walks: Walks
     day: I64
     source: I64
 
@@ -231,12 +237,12 @@ class _Design:
     def of(cls, predicted: Mapping[str, Predicted], sources: Mapping[str, str]) -> "_Design":
         strokes = [part.rows for part in predicted.values()]
         players = np.unique(np.concatenate([getattr(rows, role) for rows in strokes for role in ROLES]))
-        day = _days(strokes[0])
-        found = [np.stack([np.searchsorted(players, getattr(rows, role)), day[rows.match]]) for rows in strokes for role in ROLES]
-        knot_player, knot_day = np.unique(np.concatenate(found, axis=1), axis=1)
+        day = days_of(strokes[0])
+        of_rows = [(np.searchsorted(players, getattr(rows, role)), day[rows.match]) for rows in strokes for role in ROLES]
+        walks = Walks.of(*(np.concatenate(column) for column in zip(*of_rows, strict=True)))
         names = [sources.get(match, "") for match in strokes[0].matches]
         source = np.unique(names, return_inverse=True)[1]
-        return cls(players=players, knot_player=knot_player, knot_day=knot_day, day=day, source=source)
+        return cls(players=players, walks=walks, day=day, source=source)
 
     def index(self, players: npt.NDArray[np.str_]) -> I64:
         """``[N]`` index of each player."""
@@ -253,14 +259,14 @@ class _Design:
         match, group = rows.match[first].astype(np.int64), distinct % groups
         matches, of_match = np.unique(match, return_inverse=True)
         striker, receiver = (role[first] for role in roles)
-        knots, players = len(self.knot_day), len(self.players)
+        knots, players = len(self.walks), len(self.players)
         sizes = [
             *(knots, knots, players * groups, players * groups),
             *(len(matches), 2 * len(matches), len(matches) * groups, int(self.source.max() + 1) * groups),
         ]
         parts = (
-            self._knot(striker, self.day[match]),
-            self._knot(receiver, self.day[match]),
+            self.walks.index(striker, self.day[match]),
+            self.walks.index(receiver, self.day[match]),
             striker * groups + group,
             receiver * groups + group,
             of_match,
@@ -274,7 +280,7 @@ class _Design:
         x = csr_matrix(
             (np.ones(columns.size), columns.ravel(), np.arange(0, columns.size + 1, used)), shape=(len(distinct), start[-1])
         )
-        walk, is_first, years = self._walk()
+        walk, is_first, years = self.walks.innovations()
         roles_of = [VARIANCES.index(name) for name in ("striker", "receiver")]
         others = [VARIANCES.index(name) for name in ("striker_group", "receiver_group", "match", "side", "match_group", "source")]
         component = np.concatenate([
@@ -293,26 +299,13 @@ class _Design:
 
     def offsets(self, effects: F64) -> F64:
         """``[K, 2, 7]`` offsets of the players at each knot, or their standard deviations."""
-        knots, players, groups = len(self.knot_day), len(self.players), len(GROUPS)
+        knots, players, groups = len(self.walks), len(self.players), len(GROUPS)
         general = effects[: 2 * knots].reshape(2, knots).T
         grouped = effects[2 * knots :][: 2 * players * groups].reshape(2, players, groups).swapaxes(0, 1)
-        return np.concatenate([general[:, :, None], grouped[self.knot_player]], axis=2)
-
-    def _knot(self, player: I64, day: I64) -> I64:
-        key = self.knot_player * (1 << 32) + self.knot_day
-        return np.searchsorted(key, player * (1 << 32) + day)
-
-    def _walk(self) -> tuple[csr_matrix, Bools, F64]:
-        """``[K, K]`` differences of the random walks, whether a knot is a player's first, and ``[K]`` years since the last."""
-        knots = len(self.knot_day)
-        is_first = np.r_[True, np.diff(self.knot_player) != 0]
-        later = np.flatnonzero(~is_first)
-        before = csr_matrix((np.ones(len(later)), (later, later - 1)), shape=(knots, knots))
-        years = np.where(is_first, 1.0, np.diff(self.knot_day, prepend=0) / _YEAR)
-        return csr_matrix(identity(knots) - before), is_first, years
+        return np.concatenate([general[:, :, None], grouped[self.walks.player]], axis=2)
 
 
-def _days(rows: Rows) -> I64:
+def days_of(rows: Rows) -> I64:
     """``[matches]`` day of each match; matches of unknown date have the last one of the others, or day 0."""
     days = [None if (date := date_of(match)) is None else (date - _EPOCH).days for match in rows.matches]
     last = max((day for day in days if day is not None), default=0)
