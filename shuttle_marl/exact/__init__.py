@@ -24,7 +24,7 @@ if TYPE_CHECKING:
         solve_robust,
         solve_soft,
     )
-    from shuttle_marl.exact.profile import Crossplay, PairPolicy, StatePolicy, crossplay, evaluate
+    from shuttle_marl.exact.profile import Crossplay, PairPolicy, StatePolicy, crossplay, evaluate, moved
     from shuttle_marl.exact.regret import Hole, Holes, Regret, holes, policy_regret
     from shuttle_marl.exact.solver import ProfileValue
 
@@ -51,6 +51,7 @@ __all__ = [
     "evaluate",
     "holes",
     "least_gain",
+    "moved",
     "nash_conv",
     "policy_regret",
     "solve",
@@ -78,7 +79,7 @@ __getattr__, __dir__, _ = lazy_loader.attach(
             "solve_robust",
             "solve_soft",
         ),
-        "profile": ("Crossplay", "PairPolicy", "StatePolicy", "crossplay", "evaluate"),
+        "profile": ("Crossplay", "PairPolicy", "StatePolicy", "crossplay", "evaluate", "moved"),
         "regret": ("Hole", "Holes", "Regret", "holes", "policy_regret"),
         "solver": ("ProfileValue",),
     },

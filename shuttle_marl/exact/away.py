@@ -18,7 +18,7 @@ from shuttle_marl.arrays import F64
 from shuttle_marl.exact.fixed_point import ExactError
 from shuttle_marl.exact.known import pair_odds
 from shuttle_marl.exact.optimal import Solution, best_response
-from shuttle_marl.exact.profile import Crossplay, evaluate
+from shuttle_marl.exact.profile import Crossplay, evaluate, moved
 from shuttle_marl.game.scoring import BWF, Rules
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
@@ -75,11 +75,6 @@ def over(
     with ThreadPoolExecutor(at_once or min(len(games), os.cpu_count() or 1)) as threads:
         found = list(threads.map(figures, games))
     return {name: spread([each[name] for each in found]) for name in found[0]}
-
-
-def moved(policy: TabulatedPolicy, game: Game) -> TabulatedPolicy:
-    """The table of a policy in another game of the same layout."""
-    return TabulatedPolicy(game=game, cumulative=policy.cumulative)
 
 
 def of_pair(policy: TabulatedPolicy, opponent: TabulatedPolicy, refit: Game) -> dict[str, Values]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from shuttle_marl.arrays import F64
 from shuttle_marl.exact.fixed_point import ROUNDING, TOLERANCE, solve_linear
-from shuttle_marl.exact.profile import StatePolicy, check_same_layout, induced
+from shuttle_marl.exact.profile import StatePolicy, check_opponents, induced
 from shuttle_marl.exact.sweeps import propagate
 from shuttle_marl.game.stroke import N_SHOTS
 from shuttle_marl.game.tables import ROOT
@@ -94,7 +94,7 @@ def visits(
     Raises:
         ExactError: the two games have different layouts, or play may never end.
     """
-    check_same_layout(policy.game, opponent.game)
+    check_opponents(policy.game, opponent.game)
     chains = [induced(policy), induced(opponent)]
     backward = [functools.partial(propagate, chain.game, chain.weight) for chain in chains]
     size = len(chains[0].reward)
