@@ -32,7 +32,7 @@ from shuttle_marl.watch.match import CourtRally, Match, play_rally
 from shuttle_marl.watch.match_log import MatchLog
 from shuttle_marl.watch.plan import Plan, Side
 from shuttle_marl.watch.policies import OnceCache, PolicyTables
-from shuttle_marl.watch.recorded import Recorded
+from shuttle_marl.watch.recorded import People, Recorded
 from shuttle_marl.watch.stager import Stager
 
 
@@ -476,9 +476,10 @@ class Answers:
         found: StrokeValues = self._pairs.get(people, lambda: self._values_of_people(people))
         return found
 
-    def _values_of_people(self, people: tuple[str, str]) -> StrokeValues:
+    def _values_of_people(self, people: People) -> StrokeValues:
         try:
-            return StrokeValues(PolicyTables(resolve_players(self._game, None, people)), self._at_least)
+            game = resolve_players(self._game, None, people.names, date=people.date)
+            return StrokeValues(PolicyTables(game), self._at_least)
         except GameError:  # the model has no skill, or not theirs
             return self._values
 
