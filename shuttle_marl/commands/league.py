@@ -143,7 +143,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if any(arg.partition("=")[0] == PAIRS for arg in args):
         description = (
             "Every pair of real players in its own game: the probability of winning a rally and a match, with the interval of "
-            "the players' skill. It predicts results as accurately as ratings do."
+            "the players' skill. It predicts results as accurately as ratings do, and is not for selection, contracts or betting."
         )
         return cli.run(pairs, prog="python -m shuttle_marl.league", description=description, argv=args)
     if args[:1] == [REPORT]:
