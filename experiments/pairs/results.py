@@ -1,8 +1,8 @@
 """Log-loss of results of rallies in unseen matches: a coin, Bradley-Terry, the game of the pair, and the mean of the last two.
 
 **Bradley-Terry.** The log-odds that the server wins a rally are an advantage of the serve, the difference of both players'
-ratings, and an effect of the match. Ratings follow a random walk by date (Ingram, J. Quant. Anal. Sports 2019); variances are those of
-maximum marginal likelihood (:mod:`shuttle_marl.dynamics.mixed`).
+ratings, and an effect of the match. Ratings follow a random walk by date (Ingram, J. Quant. Anal. Sports 2019); variances are
+those of maximum marginal likelihood (:mod:`shuttle_marl.dynamics.mixed`).
 
 **Pair.** The probability is exact, in the game of the pair as of the day of the match. Each player is imitated: with the
 player's own choices where the model has them, else with those of the average player of the discipline.
@@ -76,8 +76,8 @@ def results(parts: Sequence[Part]) -> dict[str, Any]:
     """Scores of the predictions of the unseen rallies of all parts.
 
     Returns:
-        ``results``: log-loss of each prediction; ``difference``: from the coin, with intervals by match; ``calibration``: slope of
-        the results on the log-odds of the game of the pair; ``correlation``: of its shares of rallies and the real ones, over
+        ``results``: log-loss of each prediction; ``difference``: from the coin, with intervals by match; ``calibration``: slope
+        of the results on the log-odds of the game of the pair; ``correlation``: of its shares of rallies and the real ones, over
         matches, about one half; ``seconds`` for each pair.
     """
     won, match = [], []
