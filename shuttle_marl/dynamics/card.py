@@ -54,7 +54,7 @@ def add_truth(folder: Path, truth: dict[str, Any]) -> None:
         GameError: the model card cannot be read.
         FileWriteError: it cannot be written.
     """
-    wanted = ("split", "cross", "matches", "strokes", "decision_slope", "promised_realised")
+    wanted = ("split", "cross", "train_only", "matches", "strokes", "decision_slope", "promised_realised")
     if missing := [name for name in wanted if name not in truth]:
         raise ShuttleError(f"not a result of experiments.truth: {', '.join(missing)} missing; create one with --json")
     write_card(folder, {**read_model_card(folder), "truth": {name: truth[name] for name in wanted}})

@@ -505,7 +505,7 @@ def save_clones(
         profiles: log-probabilities of the average player of each discipline.
     """
     clones: dict[str, npt.NDArray[Any]] = {
-        "log_choice": log_choice,
+        "log_choice": log_choice.astype(np.float16),
         **{f"log_choice.{name}": values.astype(np.float16) for name, values in profiles.items()},
         "style": choices.style.reshape(*choices.style.shape[:3], N_SHOTS, N_TECHNIQUES),
         "area": choices.area,
@@ -516,7 +516,7 @@ def save_clones(
 def save_variants(folder: Path, game: Game, variants: Mapping[str, Game], card: dict[str, Any]) -> None:
     """Write the variants of a model and its card."""
     if variants:
-        replace_file(folder / VARIANTS, packed(game, variants))
+        replace_file(folder / VARIANTS, packed(game, variants, coarse=[name for name in variants if name not in PROFILES]))
     else:
         (folder / VARIANTS).unlink(missing_ok=True)  # of a replaced model
     write_card(folder, {**card, "variants": list(variants)})

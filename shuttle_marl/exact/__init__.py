@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     )
     from shuttle_marl.exact.profile import Crossplay, PairPolicy, StatePolicy, crossplay, evaluate, moved
     from shuttle_marl.exact.regret import Hole, Holes, Regret, holes, policy_regret
+    from shuttle_marl.exact.sensitivity import Sensitivity, sensitivity
     from shuttle_marl.exact.solver import ProfileValue
 
 __all__ = [
@@ -41,6 +42,7 @@ __all__ = [
     "Regret",
     "Response",
     "RobustSolution",
+    "Sensitivity",
     "SoftSolution",
     "Solution",
     "Spread",
@@ -54,6 +56,7 @@ __all__ = [
     "moved",
     "nash_conv",
     "policy_regret",
+    "sensitivity",
     "solve",
     "solve_robust",
     "solve_soft",
@@ -81,6 +84,7 @@ __getattr__, __dir__, _ = lazy_loader.attach(
         ),
         "profile": ("Crossplay", "PairPolicy", "StatePolicy", "crossplay", "evaluate", "moved"),
         "regret": ("Hole", "Holes", "Regret", "holes", "policy_regret"),
+        "sensitivity": ("Sensitivity", "sensitivity"),
         "solver": ("ProfileValue",),
     },
 )

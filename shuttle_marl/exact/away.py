@@ -10,6 +10,7 @@ import math
 import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from typing import TypeVar
 
 import numpy as np
 from scipy.special import stdtrit
@@ -19,11 +20,13 @@ from shuttle_marl.exact.fixed_point import ExactError
 from shuttle_marl.exact.known import pair_odds
 from shuttle_marl.exact.optimal import Solution, best_response
 from shuttle_marl.exact.profile import Crossplay, evaluate, moved
+from shuttle_marl.game.pairs import AnyGame
 from shuttle_marl.game.scoring import BWF, Rules
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 
 Values = float | F64
+GameT = TypeVar("GameT", bound=AnyGame)
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -58,7 +61,7 @@ def spread(values: Sequence[Values]) -> Spread:
 
 
 def over(
-    games: Sequence[Game], figures: Callable[[Game], Mapping[str, Values]], *, at_once: int | None = None
+    games: Sequence[GameT], figures: Callable[[GameT], Mapping[str, Values]], *, at_once: int | None = None
 ) -> dict[str, Spread]:
     """The spread of each figure over games.
 

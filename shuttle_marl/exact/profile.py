@@ -128,7 +128,7 @@ def check_opponents(first: Game, second: Game) -> None:
     check_same_layout(first, second)
     for game, other in ((first, second), (second, first)):
         if isinstance(game, SeatGame) and not (isinstance(other, SeatGame) and game.meets(other)):
-            players = game.pair.players
+            players = game.pair_game.players
             raise ExactError(
                 f"{players[game.seat]} strikes with the tables of a pair, and the opponent does not strike as "
                 f"{players[1 - game.seat]} does; move its policy to those tables with exact.moved(policy, game.opposite)"

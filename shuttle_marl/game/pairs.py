@@ -67,7 +67,7 @@ class PairGame(Layout):
         """The tables with which seats 0 and 1 strike."""
         layout = {name: getattr(self, name) for name in LAYOUT}
         first, second = (
-            SeatGame(**layout, threshold=threshold, fault_odds=self.fault_odds, pair=self, seat=seat)
+            SeatGame(**layout, threshold=threshold, fault_odds=self.fault_odds, pair_game=self, seat=seat)
             for seat, threshold in enumerate(self.threshold)
         )
         return first, second
@@ -116,35 +116,41 @@ class SeatGame(Game):
     """The tables with which one player of a pair strikes.
 
     Attributes:
-        pair: the game of the pair.
+        pair_game: the game of the pair.
         seat: seat of the player.
     """
 
-    pair: PairGame
+    pair_game: PairGame
     seat: int
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _seat, (self.pair, self.seat)
+        return _seat, (self.pair_game, self.seat)
 
     @property
     def origin(self) -> Origin:
         """The model, and the discipline as the variant, for policies of the model."""
-        return Origin(origin_named(self.pair.model).folder, self.pair.discipline or AVERAGE)
+        return Origin(origin_named(self.pair_game.model).folder, self.pair_game.discipline or AVERAGE)
+
+    @property
+    def profile(self) -> Game:
+        """The game of the discipline, without skill, in which imitated players choose as they do here."""
+        folder, discipline = self.origin
+        return load_game(f"{folder}:{discipline}") if discipline in variants(str(folder)) else self.average
 
     @property
     def average(self) -> Game:
         """The game of the model, without skill and discipline, whose agents can play this one."""
-        return load_game(str(origin_named(self.pair.model).folder))
+        return load_game(str(origin_named(self.pair_game.model).folder))
 
     def meets(self, other: "SeatGame") -> bool:
         """Whether other tables are those of the opponent: of the other player against this one."""
-        mine, theirs = self.pair.players, other.pair.players
+        mine, theirs = self.pair_game.players, other.pair_game.players
         return (mine[self.seat], mine[1 - self.seat]) == (theirs[1 - other.seat], theirs[other.seat])
 
     @property
     def opposite(self) -> Game:
         """The tables with which the other player of the pair strikes."""
-        return self.pair.seats[1 - self.seat]
+        return self.pair_game.seats[1 - self.seat]
 
 
 AnyGame = Game | PairGame

@@ -151,6 +151,48 @@ def read_model(folder: Path, name: str) -> Tensors:
     return read_tensors(folder / name, known)
 
 
+class Factor(NamedTuple):
+    """Fraction of a predicted advantage that was realised in matches to which the game was not fitted, with a 95 % interval."""
+
+    value: float
+    low: float
+    high: float
+
+
+def factors_of(folder: Path) -> dict[str, Factor] | None:
+    """Factors of a model by horizon: after 1, 4 and 8 strokes, and at the end of the rally (``end``).
+
+    They are fitted to training matches by ``experiments.truth --cross 4 --train-only`` and stored in the card by
+    ``dynamics card --truth``. A predicted advantage times its factor is the advantage to expect in real matches.
+
+    Returns:
+        The factors; None for models whose card has none.
+
+    Raises:
+        GameError: the model card cannot be read, or its factors are invalid.
+    """
+    truth = read_model_card(folder).get("truth")
+    if not isinstance(truth, dict) or not truth.get("train_only"):
+        return None
+    try:
+        return {
+            str(name): Factor(*(float(slope[key]) for key in Factor._fields)) for name, slope in truth["decision_slope"].items()
+        }
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise GameError(f"{folder / CARD}: invalid factors of advantages ({error!r}); store them again with --truth") from error
+
+
+def factor_of(game: Game, horizon: str = "end") -> Factor | None:
+    """Factor of the advantages of a game at a horizon; None where it is not known: for games without a model or factors.
+
+    Raises:
+        GameError: the model card cannot be read.
+    """
+    folder = folder_of(game)
+    factors = None if folder is None else factors_of(folder)
+    return None if factors is None else factors.get(horizon)
+
+
 def default_game() -> Game:
     """The benchmark's game: the symmetric average profile, as shipped."""
     return load_game()

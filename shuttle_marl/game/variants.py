@@ -9,8 +9,8 @@ same hash, on every machine.
 import decimal
 import functools
 import json
-import zlib
-from collections.abc import Mapping
+import lzma
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from typing import Any, Final
 
@@ -25,8 +25,12 @@ from shuttle_marl.tensor_files import Tensors, parsed
 
 STEP: Final = 0.0625
 """Difference of log-odds of one step."""
+COARSE: Final = 4
+"""Steps of refits are multiples of this: their sampling errors are about five steps, and coarse steps take half the space."""
 _MOST: Final = 127
-_RARE: Final = 0.01
+_MEMORY: Final = 64 * 2**20
+"""Memory limit of the decompression [bytes]."""
+_RARE: Final = 0.004
 _SLACK: Final = 1e-6
 
 
@@ -101,16 +105,17 @@ def with_odds(game: Game, up: U64, down: U64, fault_odds: I32 | None = None) -> 
     return replace(game, threshold=table, fault_odds=game.fault_odds if fault_odds is None else fault_odds)
 
 
-def steps_between(game: Game, other: Game) -> I8:
-    """``[3, base pairs]`` steps that lead from a game to another one of the same layout.
+def steps_between(game: Game, other: Game, unit: int = 1) -> I8:
+    """``[3, base pairs]`` steps that lead from a game to another one of the same layout, in multiples of ``unit``.
 
-    To the nearest; of faults and winners upwards where they end few rallies, so that every stroke still ends as many.
+    To the nearest multiple; of faults and winners upwards where they end few rallies, so that every stroke still ends as many.
     """
     parts = zip(_shares(game.threshold), _shares(other.threshold), strict=True)
-    steps = np.stack([(_log_odds(*after) - _log_odds(*before)) / STEP for before, after in parts])
+    steps = np.stack([(_log_odds(*after) - _log_odds(*before)) / (unit * STEP) for before, after in parts])
     rare = other.threshold[:, 1] < _RARE * ONE
     steps[:2, rare] = np.ceil(steps[:2, rare] - _SLACK)
-    return np.clip(np.rint(steps), -_MOST, _MOST).astype(np.int8)
+    most = _MOST // unit
+    return (unit * np.clip(np.rint(steps), -most, most)).astype(np.int8)
 
 
 def _log_odds(part: U64, whole: U64) -> F64:
@@ -123,19 +128,20 @@ def _order(game: Game) -> Intp:
     return np.argsort(game.base_pair_edge, kind="stable")
 
 
-def packed(game: Game, others: Mapping[str, Game]) -> bytes:
+def packed(game: Game, others: Mapping[str, Game], *, coarse: Collection[str] = ()) -> bytes:
     """Content of a file of variants (safetensors).
 
     Args:
         game: the game of the model.
-        others: variants by name, of the same layout; what is stored is their nearest steps.
+        others: variants by name, of the same layout; their nearest steps are stored.
+        coarse: names of variants that are stored in multiples of :data:`COARSE` steps.
     """
     order = _order(game)
     arrays: dict[str, npt.NDArray[Any]] = {}
     hashes = {}
     for name, other in others.items():
-        steps = steps_between(game, other)
-        arrays[f"{name}.steps"] = np.frombuffer(zlib.compress(steps[:, order].tobytes(), 9), dtype=np.uint8)
+        steps = steps_between(game, other, COARSE if name in coarse else 1)
+        arrays[f"{name}.steps"] = np.frombuffer(lzma.compress(steps[:, order].tobytes()), dtype=np.uint8)
         arrays[f"{name}.fault_odds"] = other.fault_odds
         hashes[name] = moved(game, steps, other.fault_odds).hash
     # One entry only: safetensors writes several in no fixed order, and the same fit must give the same file.
@@ -170,9 +176,9 @@ def unpacked(tensors: Tensors, game: Game, name: str) -> Game:
         raise ValueError("its variants are of another game")
     try:
         # A byte more than a table has, so that what is too long is noticed and never unpacked.
-        unpacker = zlib.decompressobj()
+        unpacker = lzma.LZMADecompressor(memlimit=_MEMORY)
         content = unpacker.decompress(tensors.arrays[f"{name}.steps"].tobytes(), 3 * game.n_base_pairs + 1)
-    except zlib.error as error:
+    except lzma.LZMAError as error:
         raise ValueError(f"variant {name} cannot be unpacked: {error}") from error
     if len(content) != 3 * game.n_base_pairs:
         raise ValueError(f"variant {name} has {len(content)} steps, expected {3 * game.n_base_pairs}")

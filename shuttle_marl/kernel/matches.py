@@ -200,8 +200,8 @@ def play_matches(
     Args:
         game: the tables.
         matches: entrants, first servers and draws.
-        policies: the entrants, tabulated for this game, or for either seat of the game of a pair. Packing them once with :func:`~shuttle_marl.kernel.pack` saves time if
-            the same policies play several times.
+        policies: the entrants, tabulated for this game, or for either seat of the game of a pair. Packing them once with
+            :func:`~shuttle_marl.kernel.pack` saves time if the same policies play several times.
         rules: when a game and a match are won.
         keep_strokes: whether to return the strokes, or only their number.
         threads: number of threads; does not change results. None: number of processors.
