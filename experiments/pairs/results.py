@@ -97,16 +97,18 @@ def results(parts: Sequence[Part]) -> dict[str, Any]:
         pairs += count
     label, signed = np.concatenate(won), np.concatenate(match)
     index, side = np.abs(signed), np.sign(signed)
-    p = {name: np.concatenate(values) for name, values in predicted.items()}
-    losses = {name: log_losses(label, values) for name, values in p.items()}
+    joined = {name: np.concatenate(values) for name, values in predicted.items()}
+    losses = {name: log_losses(label, values) for name, values in joined.items()}
     games = np.unique(index, return_inverse=True)[1]
-    shares = [np.bincount(games, side * (values - 0.5)) / np.bincount(games) for values in (p["pair"], label.astype(np.float64))]
+    shares = [
+        np.bincount(games, side * (values - 0.5)) / np.bincount(games) for values in (joined["pair"], label.astype(np.float64))
+    ]
     return {
         "rallies": len(label),
         "matches": int(games.max()) + 1,
         "results": {name: float(values.mean()) for name, values in losses.items()},
         "difference": {name: difference_by_match(losses[name], losses["coin"], index) for name in PREDICTIONS[1:]},
-        "calibration": slope_on_offset(np.zeros(len(label)), log_odds(p["pair"]), label, index),
+        "calibration": slope_on_offset(np.zeros(len(label)), log_odds(joined["pair"]), label, index),
         "correlation": float(shares[0] @ shares[1] / np.sqrt((shares[0] @ shares[0]) * (shares[1] @ shares[1]))),
         "seconds": seconds / max(1, pairs),
     }

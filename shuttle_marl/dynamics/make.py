@@ -315,7 +315,7 @@ def make_model(
     }
     save_variants(out, game, variants, card)
     for number in range(1, refits + 1):
-        report_refit = _with_prefix(f"refit {number} of {refits}: ", report)
+        report_refit = prefixed(f"refit {number} of {refits}: ", report)
         resample = resampled(train, [seed, number])
         refit = (
             fit(resample, None, seed=seed + 1000 * number, config=config or QUICK, layout=game, report=report_refit)
@@ -474,7 +474,8 @@ def _prior(name: str) -> Prior:
     )
 
 
-def _with_prefix(prefix: str, report: Callable[[str], None]) -> Callable[[str], None]:
+def prefixed(prefix: str, report: Report) -> Report:
+    """A report with a prefix in each line."""
     return lambda line: report(prefix + line)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.special import expit
 
-from shuttle_marl.arrays import F64
+from shuttle_marl.arrays import F64, Ints
 from shuttle_marl.data.upstream import date_of, matches_of
 from shuttle_marl.dynamics.features import Rows
 from shuttle_marl.dynamics.skill import (
@@ -34,7 +34,7 @@ SD = np.array([0.3, 0.25, 0.25, 0.2, 0.1, 0.1, 0.1, 0.1, 0.1])
 """Standard deviations of the simulated players, in the order of :data:`~shuttle_marl.dynamics.skill.VARIANCES`."""
 
 
-def rows_of(match: F64, striker: F64, receiver: F64, shot: F64, names: tuple[str, ...]) -> Rows:
+def rows_of(match: Ints, striker: Ints, receiver: Ints, shot: Ints, names: tuple[str, ...]) -> Rows:
     """Rows of which only the players, the match and the shot type matter."""
     players = np.array([f"p{i:02d}" for i in range(PLAYERS)])
     n, zero = len(match), np.zeros(len(match), np.int16)
