@@ -19,7 +19,7 @@ from experiments.pairs.strokes import components
 from experiments.truth.matches import strokes_of
 from shuttle_marl.data.table import write_parquet
 from shuttle_marl.data.upstream import matches_of
-from shuttle_marl.dynamics.skill import VARIANCES
+from shuttle_marl.dynamics.skill import VARIANCES, Predicted
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game.pairs import pair_game
 from shuttle_marl.game.shipped import load_game
@@ -112,18 +112,32 @@ def test_results_are_scored(part: Part) -> None:
     json.dumps(found)
 
 
-def test_strokes_are_scored_and_updated(part: Part, monkeypatch: pytest.MonkeyPatch) -> None:
-    sd = np.full((3, len(VARIANCES)), 0.3)
-    monkeypatch.setattr(of_strokes, "deviations_in", lambda card: sd)
-    found = components([part])
-    for one in found.values():
-        # Offsets at random of players who are average: worse, and corrected by the first game.
+def test_strokes_are_scored(part: Part, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(of_strokes, "deviations_in", lambda card: np.full((3, len(VARIANCES)), 0.1))
+    for one in components([part]).values():
+        # Offsets at random, of players who are average.
         assert one["difference"] > 0
         assert one["pair"] == pytest.approx(one["average"] + one["difference"])
         assert one["offset"]["high"] < 1
-        assert one["update"]["difference"] < 0
         assert one["update"]["rows"] < one["rows"] == one["both_seen"]["rows"]
         assert np.isnan(one["one_unseen"]["pair"])
+
+
+def test_the_first_game_updates_the_offsets(part: Part) -> None:
+    rows, first = part.unseen.strokes.rows, part.unseen.game == 1
+    opening, later = rows.take(first), rows.take(~first)
+    rng, name = np.random.default_rng(0), "viktor-axelsen"
+    label = rng.random(len(opening)) < expit(-1 + 1.0 * (opening.striker == name))
+    stage = Predicted(rows=opening, logit=np.full(len(opening), -1.0), label=label)
+    sd = np.where(np.array(VARIANCES) == "side", 1.0, 0.05)
+    change = of_strokes._update((stage, np.zeros(len(opening))), later, load_skill(part.folder), sd, "success")
+    assert change[later.striker == name].mean() == pytest.approx(1, abs=0.15)
+    assert change[later.striker != name].mean() == pytest.approx(0, abs=0.15)
+    # A match without a first game is left as it is.
+    nothing = of_strokes._update(
+        (stage.take(np.zeros(len(label), bool)), np.zeros(0)), later, load_skill(part.folder), sd, "return"
+    )
+    assert nothing == pytest.approx(0)
 
 
 def test_the_command(
@@ -137,13 +151,12 @@ def test_the_command(
     named = table.set_column(table.schema.get_field_index("match"), table.schema.field("match"), renamed)
     write_parquet(named, data, account=types.SimpleNamespace(as_json=dict), provenance={})
     monkeypatch.setattr(of_strokes, "deviations_in", lambda card: np.full((3, len(VARIANCES)), 0.3))
-    command = ["--data", str(data), "--split", "test", "--model", reduced_model()]
-    assert main([*command, "--json"]) == 0
-    result = json.loads(capsys.readouterr().out)
+    out = tmp_path / "pairs.json"
+    assert main(["--data", str(data), "--split", "test", "--model", reduced_model(), "--out", str(out)]) == 0
+    assert "bradley terry" in capsys.readouterr().out
+    result = json.loads(out.read_text())
     assert result["components"]["success"].keys() >= {"average", "pair", "difference", "low", "high"}
     assert result["calibration"].keys() == {"slope", "low", "high"}
-    assert main(command) == 0
-    assert "bradley terry" in capsys.readouterr().out
     assert main(["--data", str(data), "--split", "validation"]) == 1
     assert "no match of the split 'validation'" in capsys.readouterr().err
     assert main(["--data", str(data)]) == 1
