@@ -90,13 +90,17 @@ def player_choices(
     shifts: dict[str, F64] = {}
     for kind, name, slots in (("style", "choice", ("incoming_shot", "contact")), ("area", "target", ("shot", "technique"))):
         network = networks[name]
-        ours, theirs = (rows.take(labelled(name, rows) & (empty.index(rows.striker) >= 0)) for rows in (train, others))
+        every = train.take(labelled(name, train))
+        members = softmax(network.logits(every.codes))
+        # Over all matches, because the folds are numbered by them: some matches have none of these players.
+        base = members.mean(axis=0) if folds is None else unseen(members, every.match, folds)
+        own = empty.index(every.striker) >= 0
+        ours, base = every.take(own), base[own]
+        theirs = others.take(labelled(name, others) & (empty.index(others.striker) >= 0))
         own_label, label = (labels_of(name, rows) for rows in (ours, theirs))
         own_cell, cell = (
             rows.codes[slots[0]].astype(np.int64) * SLOTS[slots[1]] + rows.codes[slots[1]] for rows in (ours, theirs)
         )
-        members = softmax(network.logits(ours.codes))
-        base = members.mean(axis=0) if folds is None else unseen(members, ours.match, folds)
         average = softmax(network.logits(theirs.codes)).mean(axis=0)
         player = empty.index(ours.striker)
         candidates: list[tuple[float, float, F64]] = []
