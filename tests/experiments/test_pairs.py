@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-import types
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +16,7 @@ from experiments.pairs.parts import Annotated, Part
 from experiments.pairs.results import Rallies, bradley_terry, pair_probabilities, rallies_of, results
 from experiments.pairs.strokes import components
 from experiments.truth.matches import strokes_of
+from shuttle_marl.data.schema import Account
 from shuttle_marl.data.table import write_parquet
 from shuttle_marl.data.upstream import matches_of
 from shuttle_marl.dynamics.skill import VARIANCES, Predicted
@@ -27,6 +27,8 @@ from shuttle_marl.game.skill import load_skill
 from shuttle_marl.policy import baselines
 from shuttle_marl.recording.tables import simulate
 from tests.reduced import reduced_model
+
+NO_ACCOUNT = Account(matches=0, rallies=0, rallies_kept=0, strokes=0, strokes_kept=0, dropped={}, area_agreement=None)
 
 
 @pytest.fixture(scope="module")
@@ -149,7 +151,7 @@ def test_the_command(
     renamed = pa.array([published[match] for match in table["match"].to_pylist()])
     data = tmp_path / "strokes.parquet"
     named = table.set_column(table.schema.get_field_index("match"), table.schema.field("match"), renamed)
-    write_parquet(named, data, account=types.SimpleNamespace(as_json=dict), provenance={})
+    write_parquet(named, data, account=NO_ACCOUNT, provenance={})
     monkeypatch.setattr(of_strokes, "deviations_in", lambda card: np.full((3, len(VARIANCES)), 0.3))
     out = tmp_path / "pairs.json"
     assert main(["--data", str(data), "--split", "test", "--model", reduced_model(), "--out", str(out)]) == 0
