@@ -14,7 +14,7 @@ from experiments.truth.matches import Strokes, folds_of
 from experiments.truth.worlds import SOURCES
 from shuttle_marl.arrays import I64
 from shuttle_marl.dynamics.fit import fit
-from shuttle_marl.dynamics.make import prefixed, save_fit, save_variants
+from shuttle_marl.dynamics.make import save_fit, save_variants
 from shuttle_marl.dynamics.network import QUICK
 from shuttle_marl.dynamics.players import player_choices
 from shuttle_marl.dynamics.skill import summary
@@ -72,8 +72,11 @@ def crossed(
     parts = []
     for k in range(count):
         seen = played.take(fold != k)
-        prefix = f"part {k + 1} of {count}: "
-        model = _fitted(seen, sources, folder, seed, prefixed(prefix, report))
+
+        def report_part(line: str, number: int = k + 1) -> None:
+            report(f"part {number} of {count}: {line}")
+
+        model = _fitted(seen, sources, folder, seed, report_part)
         parts.append(Part(folder=model, seen=seen, unseen=played.take(fold == k)))
     return parts
 
