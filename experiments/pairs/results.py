@@ -2,7 +2,7 @@
 
 **Bradley-Terry.** The log-odds that the server wins a rally are an advantage of the serve, the difference of both players'
 ratings, and an effect of the match. Ratings follow a random walk by date (Ingram, J. Quant. Anal. Sports 2019); variances are
-those of maximum marginal likelihood (:mod:`shuttle_marl.dynamics.mixed`).
+estimated as those of the players' skill (:mod:`shuttle_marl.dynamics.mixed`).
 
 **Pair.** The probability is exact, in the game of the pair as of the day of the match. Each player is imitated: with the
 player's own choices where the model has them, else with those of the average player of the discipline.
@@ -24,7 +24,7 @@ from shuttle_marl.data.upstream import date_of
 from shuttle_marl.dynamics.evaluate import difference_by_match, log_losses
 from shuttle_marl.dynamics.mixed import MixedModel, Walks, fit_variances
 from shuttle_marl.dynamics.models import log_odds, sigmoid
-from shuttle_marl.dynamics.skill import days_of, slope_on_offset
+from shuttle_marl.dynamics.skill import YEAR, days_of, slope_on_offset
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game.pairs import pair_game
 from shuttle_marl.game.shipped import PROFILES, variants
@@ -174,7 +174,8 @@ def bradley_terry(seen: Rallies, unseen: Rallies) -> F64:
             difference=csr_matrix(block_diag([walk, identity(others)])),
             component=np.r_[np.where(first, 0, 1), np.full(others - len(PROFILES), 2), np.full(len(PROFILES), 3)],
             scale=np.r_[years, np.ones(others)],
-        )
+        ),
+        np.array([np.inf, YEAR, np.inf, np.inf]),
     ).mode
 
     def rating(names: npt.NDArray[np.str_]) -> F64:

@@ -118,6 +118,14 @@ def test_variances_are_recovered() -> None:
     assert np.sqrt(np.mean(np.square(none))) < 0.15
 
 
+def test_a_prior_shrinks_the_standard_deviation_of_its_component() -> None:
+    model, _ = simulated((0.4, 0.25), 1)
+    free, firm, firmer = (fit_variances(model, np.array([np.inf, mean])).sd for mean in (np.inf, 0.05, 0.005))
+    assert free == pytest.approx(fit_variances(model).sd)
+    assert free[1] > firm[1] > firmer[1]
+    assert firmer[0] == pytest.approx(free[0], abs=0.1)
+
+
 def test_lme4_finds_the_same() -> None:
     """``glmer(cbind(incidence, size - incidence) ~ period + (1 | herd), binomial)`` of lme4 1.1, from its documentation."""
     intercept, periods = -1.3983, np.array([0, -0.9919, -1.1282, -1.5797])
