@@ -21,7 +21,7 @@ from shuttle_marl.game.draws import stream
 from shuttle_marl.game.layout import Layout
 from shuttle_marl.game.pairs import AnyGame, PairGame, resolve_players
 from shuttle_marl.game.rules import OUTCOMES
-from shuttle_marl.game.shipped import RELIABLE, least_support, real_strokes
+from shuttle_marl.game.shipped import RELIABLE, factor_of, least_support, real_strokes
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
 from shuttle_marl.game.tables import GameError
 from shuttle_marl.policy import registry
@@ -209,6 +209,11 @@ class StrokeValues:
         self._policies, self.game = policies, policies.game
         self._at_least = least_support(policies.game.seats[0]) if at_least is None else at_least
         self._styles = OnceCache(_MAX_STYLES)
+        factor = factor_of(policies.game.seats[0])
+        self._realised = ""
+        if factor is not None:
+            share, low, high = (f"{part:.0%}" for part in factor)
+            self._realised = f" In real matches, {share} ({low} to {high}) of a predicted advantage was realised."
 
     def players(self, sides: tuple[Side, Side]) -> Players:
         """Two policies and their values against each other.
@@ -255,7 +260,7 @@ class StrokeValues:
             mark=self._mark(regret, int(choice.pair[rank])),
             better=int(choice.stroke[better]),
             options=self.options(choice, always=(rank, better)),
-            sure=_support_sentence(choice.support[[rank, better]]),
+            sure=_support_sentence(choice.support[[rank, better]]) + self._realised,
         )
 
     def options(self, choice: Decision, *, always: tuple[int, ...] = (), limit: int = SHOWN) -> list[messages.Option]:
