@@ -1,0 +1,39 @@
+"""The tasks by name."""
+
+import difflib
+from typing import Final
+
+from shuttle_marl.game.shipped import resolve_game
+from shuttle_marl.suite import frozen
+from shuttle_marl.suite.players import Equilibrium, Exploit
+from shuttle_marl.suite.task import Arena, Split, SuiteError, Task
+
+TASKS: Final[dict[str, Task]] = {task.name: task for task in (Exploit(), Equilibrium())}
+
+
+def find_task(name: str) -> Task:
+    """A task by name.
+
+    Raises:
+        SuiteError: there is no such task.
+    """
+    if name not in TASKS:
+        close = difflib.get_close_matches(name, TASKS, n=2, cutoff=0.4)
+        raise SuiteError(f"no task {name!r}; {f'did you mean {close[0]}?' if close else ''} there are: {', '.join(TASKS)}")
+    return TASKS[name]
+
+
+def arena_of(task: Task, model: str, split: Split, *, quick: bool = False, secret: str | None = None) -> Arena:
+    """The game and the split of a task.
+
+    Raises:
+        SuiteError: the task has no such split, or the secret is wrong.
+        GameError: the model does not exist.
+    """
+    if split not in task.splits:
+        raise SuiteError(f"{task.name} has no split {split!r}; there are: {', '.join(task.splits)}")
+    if split == "hidden":
+        secret = frozen.checked_secret(secret, frozen.load())
+    variant = task.variants.get(split)
+    name = model if variant is None else f"{model}:{variant}"
+    return Arena(game=resolve_game(name), model=name, split=split, quick=quick, secret=secret)
