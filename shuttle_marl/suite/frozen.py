@@ -24,7 +24,7 @@ class Frozen:
     Attributes:
         game: hash of the game; None: not frozen.
         commitment: SHA-256 of the secret of the hidden split; None: there is none.
-        cases: fingerprint of each case, by ``TASK/SPLIT/CASE``.
+        cases: fingerprint of each case, by ``TASK/SPLIT/CASE/SEED``.
     """
 
     game: str | None = None

@@ -89,7 +89,7 @@ class _PlayerTask(Task):
         )
         return outcome_of(made(method, setting, self.name), arena.game, self.name, setting.budget)
 
-    def given(self, arena: Arena, case: Case) -> Iterable[str]:
+    def given(self, arena: Arena, case: Case, seed: int) -> Iterable[str]:  # noqa: ARG002
         opponent = case.options.get("opponent")
         return () if opponent is None else (arena.policy(opponent).hash,)
 
@@ -118,7 +118,7 @@ class Exploit(_PlayerTask):
             for budget in budgets
         ]
 
-    def score(self, arena: Arena, case: Case, outcome: Outcome) -> dict[str, float]:
+    def score(self, arena: Arena, case: Case, seed: int, outcome: Outcome) -> dict[str, float]:  # noqa: ARG002
         """Normalised score, fraction of rallies won, and exploitability."""
         player, opponent = required(outcome), arena.policy(case.options["opponent"])
         odds, reference, best = (
@@ -151,7 +151,7 @@ class Equilibrium(_PlayerTask):
         budgets = (QUICK_STROKES,) if arena.quick else (10**6, 10**7, 10**8)
         return [Case(name=f"{budget:,}", options={"budget": budget}) for budget in budgets]
 
-    def score(self, arena: Arena, case: Case, outcome: Outcome) -> dict[str, float]:  # noqa: ARG002
+    def score(self, arena: Arena, case: Case, seed: int, outcome: Outcome) -> dict[str, float]:  # noqa: ARG002
         """Exploitability, and fraction of rallies won against bc."""
         player = required(outcome)
         return {"exploitability": exploitability(player), "rally_win": odds_against(player, arena.policy(_REFERENCE)).rally}

@@ -5,10 +5,11 @@ from typing import Final
 
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.suite import frozen
+from shuttle_marl.suite.offline import Evaluate, Offline
 from shuttle_marl.suite.players import Equilibrium, Exploit
 from shuttle_marl.suite.task import Arena, Split, SuiteError, Task
 
-TASKS: Final[dict[str, Task]] = {task.name: task for task in (Exploit(), Equilibrium())}
+TASKS: Final[dict[str, Task]] = {task.name: task for task in (Exploit(), Equilibrium(), Offline(), Evaluate())}
 
 
 def find_task(name: str) -> Task:

@@ -151,8 +151,8 @@ def play_unit(unit: _Unit) -> None:
     config, task = unit.config, find_task(unit.config.task)
     arena = arena_of(task, config.game.model, config.split, quick=config.quick, secret=unit.secret)
     case = task.cases(arena)[unit.case]
-    fingerprint = task.fingerprint(arena, case)
-    frozen.load().check(task, config.split, case.name, fingerprint, arena.game)
+    fingerprint = task.fingerprint(arena, case, unit.seed)
+    frozen.load().check(task, config.split, f"{case.name}/{unit.seed}", fingerprint, arena.game)
     begun = time.monotonic()
     work = unit.folder / "work" / f"{unit.case:03d}-{unit.seed}"
     work.mkdir(parents=True, exist_ok=True)
@@ -164,7 +164,7 @@ def play_unit(unit: _Unit) -> None:
         fingerprint=fingerprint,
         policies={role: policy.hash for role, policy in outcome.policies.items()},
         answers=dict(outcome.answers),
-        scores=task.score(arena, case, outcome),
+        scores=task.score(arena, case, unit.seed, outcome),
         seconds=seconds,
         strokes=outcome.strokes,
         curve=tuple(outcome.curve),

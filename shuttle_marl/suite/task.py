@@ -19,9 +19,10 @@ from shuttle_marl.arrays import F64
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.exact.known import best_odds, pair_odds
 from shuttle_marl.exact.match import Odds
+from shuttle_marl.exact.profile import PairPolicy
 from shuttle_marl.game.policy import Policy
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
+from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities, tabulate
 from shuttle_marl.policy import baselines
 from shuttle_marl.policy.registry import resolve
 
@@ -148,7 +149,7 @@ class Task(abc.ABC):
         """
 
     @abc.abstractmethod
-    def score(self, arena: Arena, case: Case, outcome: Outcome) -> dict[str, float]:
+    def score(self, arena: Arena, case: Case, seed: int, outcome: Outcome) -> dict[str, float]:
         """Scores of an outcome by name; :attr:`metric` is one of them.
 
         Raises:
@@ -156,12 +157,12 @@ class Task(abc.ABC):
         """
 
     @abc.abstractmethod
-    def given(self, arena: Arena, case: Case) -> Iterable[str]:
-        """Hashes of everything that the case gives to a method or scores with, except the game."""
+    def given(self, arena: Arena, case: Case, seed: int) -> Iterable[str]:
+        """Hashes of everything that a unit gives to a method or scores with, except the game."""
 
-    def fingerprint(self, arena: Arena, case: Case) -> str:
-        """SHA-256 of the game, the name of the case and what it gives; a stored unit is of the same case if they agree."""
-        parts = [arena.game.hash, self.name, case.name, *self.given(arena, case)]
+    def fingerprint(self, arena: Arena, case: Case, seed: int) -> str:
+        """SHA-256 of the game, the name of the case and what it gives; two units are the same if they agree."""
+        parts = [arena.game.hash, self.name, case.name, *self.given(arena, case, seed)]
         return hashlib.sha256("\n".join(parts).encode()).hexdigest()
 
 
@@ -209,6 +210,8 @@ def table_of(player: Any, game: Game, name: str) -> TabulatedPolicy:
         player = _Stateless(found) if player.startswith("program:") else found
     if isinstance(player, TabulatedPolicy):
         return tabulate(player, game, name)
+    if isinstance(player, PairPolicy):
+        return from_pair_probabilities(game, player.pair_probabilities())
     if hasattr(player, "table"):
         return table_of(player.table, game, name)
     if callable(getattr(player, "probabilities", None)):

@@ -57,11 +57,11 @@ def _refused(folder: Path, config: RunConfig, task: Task, arena: Arena, number: 
         entry = store.read_entry(store.entry_path(folder, number, seed))
         if (entry.case, entry.seed) != (case.name, seed):
             raise SuiteError(f"the entry is of case {entry.case!r} and seed {entry.seed}")
-        fingerprint = task.fingerprint(arena, case)
+        fingerprint = task.fingerprint(arena, case, seed)
         if entry.fingerprint != fingerprint:
             raise SuiteError(f"the case has fingerprint {entry.fingerprint[:12]}; expected {fingerprint[:12]}")
-        frozen.load().check(task, config.split, case.name, fingerprint, arena.game)
-        scores = task.score(arena, case, store.read_outcome(folder, entry, arena.game))
+        frozen.load().check(task, config.split, f"{case.name}/{seed}", fingerprint, arena.game)
+        scores = task.score(arena, case, seed, store.read_outcome(folder, entry, arena.game))
         for name, value in scores.items():
             if not abs(value - entry.scores.get(name, float("nan"))) <= TOLERANCE:
                 raise SuiteError(f"{name} is {value:.9f}, not {entry.scores.get(name)}")

@@ -10,7 +10,7 @@ import inspect
 from collections.abc import Callable
 from typing import Any, Final
 
-from shuttle_marl.errors import described
+from shuttle_marl.errors import ShuttleError, described
 from shuttle_marl.policy.foreign import import_attribute
 from shuttle_marl.suite.task import SuiteError
 
@@ -41,6 +41,22 @@ BASELINES: Final[dict[str, dict[str, str]]] = {
         "bc": "references:bc",
         "minimax": "references:minimax",
         "random": "references:random",
+    },
+    "offline": {
+        "clone": "learned:Clone",
+        "one-step": "learned:OneStep",
+        "fitted-q": "learned:FittedQ",
+        "bcq": "learned:ConstrainedQ",
+        "model": "learned:Model",
+        "model-pessimistic": "learned:PessimisticModel",
+    },
+    "evaluate": {
+        "importance-sampling": "estimators:ImportanceSampling",
+        "weighted-importance-sampling": "estimators:WeightedImportanceSampling",
+        "per-decision": "estimators:PerDecision",
+        "doubly-robust": "estimators:DoublyRobust",
+        "fitted-q-evaluation": "estimators:FittedQEvaluation",
+        "model": "estimators:ModelBased",
     },
 }
 """Baselines by kind of task, as ``MODULE:ATTRIBUTE`` within this package."""
@@ -91,12 +107,21 @@ def made(method: Method, setting: Any, name: str) -> Any:
         SuiteError: it raised.
     """
     try:
-        try:
-            inspect.signature(method).bind()
-        except TypeError:
-            return method(setting)
-        return method()
-    except (KeyboardInterrupt, SuiteError):
+        inspect.signature(method).bind()
+    except TypeError:
+        return called(name, method, setting)
+    return called(name, method)
+
+
+def called(name: str, function: Callable[..., Any], *arguments: Any) -> Any:
+    """Call code of a method.
+
+    Raises:
+        SuiteError: it raised.
+    """
+    try:
+        return function(*arguments)
+    except ShuttleError:
         raise
     except Exception as error:
         raise SuiteError(f"method {name!r} raised {described(error)}") from error
