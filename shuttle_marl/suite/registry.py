@@ -1,15 +1,17 @@
 """The tasks by name."""
 
 import difflib
+import functools
 from typing import Final
 
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.suite import frozen
+from shuttle_marl.suite.adapt import Adapt
 from shuttle_marl.suite.offline import Evaluate, Offline
 from shuttle_marl.suite.players import Equilibrium, Exploit
 from shuttle_marl.suite.task import Arena, Split, SuiteError, Task
 
-TASKS: Final[dict[str, Task]] = {task.name: task for task in (Exploit(), Equilibrium(), Offline(), Evaluate())}
+TASKS: Final[dict[str, Task]] = {task.name: task for task in (Exploit(), Equilibrium(), Adapt(), Offline(), Evaluate())}
 
 
 def find_task(name: str) -> Task:
@@ -24,6 +26,7 @@ def find_task(name: str) -> Task:
     return TASKS[name]
 
 
+@functools.lru_cache(maxsize=4)
 def arena_of(task: Task, model: str, split: Split, *, quick: bool = False, secret: str | None = None) -> Arena:
     """The game and the split of a task.
 

@@ -114,5 +114,7 @@ def _by_stratum(cases: Sequence[Case], entries: Mapping[tuple[str, int], Entry])
 
 
 def _columns(cases: Sequence[Case], entries: Mapping[tuple[str, int], Entry], name: str) -> list[F64]:
-    """Values of a score by stratum, in the order of cases and seeds."""
-    return [np.array(by_name[name]) for by_name in _by_stratum(cases, entries).values()]
+    """Values of a score by stratum, in the order of cases and seeds; without controls."""
+    counting = {case.name for case in cases if case.counts}
+    counted = {unit: entry for unit, entry in entries.items() if unit[0] in counting}
+    return [np.array(by_name[name]) for by_name in _by_stratum(cases, counted).values()]

@@ -71,11 +71,18 @@ def shrunk_means(game: Game, pair: Ints, values: Floats, *, prior: float, shrink
     return estimate
 
 
-def cloned(game: Game, pair: Ints, *, shrink: float = SHRINK) -> F64:
-    """``[base pairs]`` behaviour cloned from strokes: the probability of each stroke in its state."""
+def cloned(game: Game, pair: Ints, *, shrink: float = SHRINK, prior: F64 | None = None) -> F64:
+    """``[base pairs]`` behaviour cloned from strokes: the probability of each stroke in its state.
+
+    Args:
+        game: the rules.
+        pair: ``[M]`` legal pairs of the strokes.
+        shrink: pseudo-observations of the coarser cell.
+        prior: ``[base pairs]`` probabilities without observations; None: all legal strokes are equally likely.
+    """
     state = game.base_pair_state
     base = np.asarray(pair) % game.n_base_pairs
-    chance: F64 = 1.0 / np.bincount(state)[state]
+    chance: F64 = 1.0 / np.bincount(state)[state] if prior is None else prior
     for cell, stroke_cell in zip(state_cells(game), _stroke_cells(game), strict=True):
         number = np.bincount(cell[state[base]], minlength=int(cell.max()) + 1)[cell[state]]
         played = np.bincount(stroke_cell[base], minlength=int(stroke_cell.max()) + 1)[stroke_cell]

@@ -45,11 +45,13 @@ class Case:
     Attributes:
         name: unique within the task and the split.
         stratum: cases whose scores are exchangeable for the bootstrap share it; default: the name.
+        counts: whether its scores count in the aggregates; controls do not.
         options: what the task needs to set the case up, as JSON.
     """
 
     name: str
     stratum: str = ""
+    counts: bool = True
     options: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
     def __post_init__(self) -> None:

@@ -42,6 +42,17 @@ BASELINES: Final[dict[str, dict[str, str]]] = {
         "minimax": "references:minimax",
         "random": "references:random",
     },
+    "adapt": {
+        "minimax": "adapters:Minimax",
+        "best-response-bc": "adapters:RestrictedNash",
+        "restricted-nash": "adapters:RestrictedNash",
+        "bandit": "adapters:Bandit",
+        "bayes": "adapters:Bayes",
+        "thompson": "adapters:Thompson",
+        "posterior-mean": "adapters:PosteriorMean",
+        "counts": "adapters:Counts",
+        "tilt": "tilt:Tilt",
+    },
     "offline": {
         "clone": "learned:Clone",
         "one-step": "learned:OneStep",
