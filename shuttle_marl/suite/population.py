@@ -92,9 +92,8 @@ def _rng(arena: Arena, family: str, number: int) -> np.random.Generator:
 
 def _mixture(game: Game, policies: list[TabulatedPolicy], weights: list[float] | F64) -> TabulatedPolicy:
     """The policy that draws one of several for every stroke."""
-    return from_pair_probabilities(
-        game, sum(w * policy.pair_probabilities() for w, policy in zip(weights, policies, strict=True))
-    )
+    parts = [weight * policy.pair_probabilities() for weight, policy in zip(weights, policies, strict=True)]
+    return from_pair_probabilities(game, np.sum(parts, axis=0))
 
 
 def tilted(arena: Arena, shift: F64) -> TabulatedPolicy:

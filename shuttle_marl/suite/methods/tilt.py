@@ -1,8 +1,8 @@
 """Tilt: maximum a posteriori estimate of the opponent as a shifted known type, and a restricted response to it.
 
-The log-probabilities of the posterior mean of the known types are shifted by a sum over features of the stroke: its shot type, area,
-technique with shot type, shot type by incoming shot type and contact, and area by shot type. The shifts have a normal prior, so that
-after few rallies the estimate is the mean of the known types. The argument is p of the restricted Nash response.
+The log-probabilities of the posterior mean of the known types are shifted by a sum over features of the stroke: shot type,
+area, technique by shot type, shot type by incoming shot type and contact, and area by shot type. The shifts have a normal prior,
+so that after few rallies the estimate is the mean of the known types. The argument is p of the restricted Nash response.
 """
 
 import functools
