@@ -120,6 +120,8 @@ class RunOptions:
     """Model of the game: a shipped one or a folder."""
     secret: Secret = None
     """Seed of the hidden split."""
+    data: Path | None = None
+    """Annotated matches, for imitate: the folder of `data download`, or a file of `data convert`."""
     out: Path | None = None
     """Run folder; default runs/TASK-METHOD-SPLIT, with a number appended if that exists."""
     resume: bool = False
@@ -159,18 +161,19 @@ def score(folder: Folder, *, secret: Secret = None, json_output: Json = False) -
     _print_summary(folder, secret, json_output=json_output)
 
 
-def verify(folder: Folder, *, secret: Secret = None, json_output: Json = False) -> None:
+def verify(folder: Folder, *, secret: Secret = None, data: Path | None = None, json_output: Json = False) -> None:
     """Recompute every score of a run from its policies and answers; exits with 1 if one is refused.
 
     Args:
         folder: of the run.
         secret: seed of the hidden split.
+        data: annotated matches, for imitate.
         json_output: print JSON.
     """
     from shuttle_marl.suite.task import SuiteError  # noqa: PLC0415  numba
     from shuttle_marl.suite.verify import NOT_VERIFIED, verify_run  # noqa: PLC0415
 
-    findings = verify_run(folder, secret=secret, progress=_progress)
+    findings = verify_run(folder, secret=secret, data=data, progress=_progress)
     refused = [finding for finding in findings if finding.reason is not None]
     if json_output:
         cli.print_json(
@@ -217,6 +220,73 @@ def board(
         replace_file(out, text.encode())
 
 
+def new_submission(task: Task, *, out: Path = Path(), language: Literal["python", "perl"] = "python") -> None:
+    """Write a template of a method, at most 40 lines that run as they are, and a card.
+
+    Args:
+        task: name of the task.
+        out: folder.
+        language: of the template.
+    """
+    from shuttle_marl.suite.maintain import new_submission as write  # noqa: PLC0415  numba
+
+    cli.console().print(f"run it in {out} with\n  {write(task, out, language)}", soft_wrap=True)
+
+
+def data(
+    task: Task,
+    *,
+    out: Path,
+    split: Split = "dev",
+    seeds: int | None = None,
+    quick: bool = False,
+    game: str = "default",
+    json_output: Json = False,
+) -> None:
+    """Write the logs of offline and evaluate as Parquet files, or the positions of text as JSON lines, and their hashes.
+
+    Args:
+        task: name of the task.
+        out: folder.
+        split: part of the task.
+        seeds: number of seeds, from 0; default: that of the task.
+        quick: the smallest cases only.
+        game: model of the game.
+        json_output: print JSON.
+    """
+    from shuttle_marl.suite.maintain import write_data  # noqa: PLC0415  numba
+
+    hashes = write_data(task, out, split, game, seeds, quick=quick)
+    if json_output:
+        cli.print_json(hashes)
+    else:
+        cli.console().print(cli.facts(hashes))
+
+
+def freeze(
+    *,
+    tasks: tuple[str, ...] = (),
+    secret_file: File = None,
+    data: Path | None = None,
+    game: str = "default",
+    out: File = None,
+) -> None:
+    """For maintainers: freeze the game and all cases in the settings of the package.
+
+    Args:
+        tasks: names of tasks; default: all, without imitate-v0 if there is no --data.
+        secret_file: file with the secret of the hidden split, created if it does not exist; never commit it.
+        data: annotated matches, for imitate-v0.
+        game: model of the game.
+        out: file to write; default: that of the package.
+    """
+    from shuttle_marl.suite.frozen import FROZEN  # noqa: PLC0415  numba
+    from shuttle_marl.suite.maintain import freeze as write  # noqa: PLC0415
+
+    done = write(out or FROZEN, tasks, model=game, secret_file=secret_file, data=data, progress=_progress)
+    cli.console().print(cli.facts({"game": str(done.game), "commitment": str(done.commitment), "cases": f"{len(done.cases):,}"}))
+
+
 def _print_summary(folder: Path, secret: str | None, *, json_output: bool) -> None:
     from shuttle_marl.suite.board import number  # noqa: PLC0415  numba
     from shuttle_marl.suite.results import summarise  # noqa: PLC0415
@@ -237,7 +307,7 @@ def _print_summary(folder: Path, secret: str | None, *, json_output: bool) -> No
 
 
 def _progress(units: Sequence[Any]) -> Any:
-    return track(units, "verifying", console=cli.console(stderr=True), transient=True)
+    return track(units, "cases", console=cli.console(stderr=True), transient=True)
 
 
 COMMANDS: Final[dict[str, cli.Command]] = {
@@ -247,6 +317,9 @@ COMMANDS: Final[dict[str, cli.Command]] = {
     "score": score,
     "verify": verify,
     "board": board,
+    "new-submission": new_submission,
+    "data": data,
+    "freeze": freeze,
 }
 
 

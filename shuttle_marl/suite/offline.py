@@ -60,7 +60,9 @@ class LogSetting:
     folder: Path
 
 
-class _LogTask(Task):
+class LogTask(Task):
+    """A task with logs; the dev split is the game of one discipline."""
+
     variants: ClassVar[Mapping[str, str]] = {"dev": "women"}
 
     def behaviours(self, arena: Arena) -> tuple[str, ...]:
@@ -82,7 +84,7 @@ def log_of_unit(arena: Arena, case: Case, seed: int) -> Log:
     return _log(arena, case.options["behaviour"], case.options["strokes"], seed)
 
 
-class Offline(_LogTask):
+class Offline(LogTask):
     """Learn from a fixed log and nothing else.
 
     Given: 10^4, 10^5 or (bc) 10^6 own strokes of a behaviour policy against bc, with the replies. Score: fraction of rallies won
@@ -141,7 +143,7 @@ def in_game(policy: TabulatedPolicy, game: Game) -> TabulatedPolicy:
     return TabulatedPolicy(game=game, cumulative=policy.cumulative)
 
 
-class Evaluate(_LogTask):
+class Evaluate(LogTask):
     """Estimate the value of 32 policies from a log (off-policy evaluation).
 
     Given: 10^4 or 10^5 own strokes of a behaviour policy against bc with their probabilities, and 32 policies: 16 named ones and

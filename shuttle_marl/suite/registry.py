@@ -2,16 +2,22 @@
 
 import difflib
 import functools
+from pathlib import Path
 from typing import Final
 
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.suite import frozen
 from shuttle_marl.suite.adapt import Adapt
+from shuttle_marl.suite.imitate import Imitate
 from shuttle_marl.suite.offline import Evaluate, Offline
 from shuttle_marl.suite.players import Equilibrium, Exploit
+from shuttle_marl.suite.robust import Robust
 from shuttle_marl.suite.task import Arena, Split, SuiteError, Task
+from shuttle_marl.suite.text import Text
 
-TASKS: Final[dict[str, Task]] = {task.name: task for task in (Exploit(), Equilibrium(), Adapt(), Offline(), Evaluate())}
+TASKS: Final[dict[str, Task]] = {
+    task.name: task for task in (Exploit(), Equilibrium(), Adapt(), Offline(), Evaluate(), Imitate(), Robust(), Text())
+}
 
 
 def find_task(name: str) -> Task:
@@ -27,7 +33,9 @@ def find_task(name: str) -> Task:
 
 
 @functools.lru_cache(maxsize=4)
-def arena_of(task: Task, model: str, split: Split, *, quick: bool = False, secret: str | None = None) -> Arena:
+def arena_of(
+    task: Task, model: str, split: Split, *, quick: bool = False, secret: str | None = None, data: Path | None = None
+) -> Arena:
     """The game and the split of a task.
 
     Raises:
@@ -40,4 +48,4 @@ def arena_of(task: Task, model: str, split: Split, *, quick: bool = False, secre
         secret = frozen.checked_secret(secret, frozen.load())
     variant = task.variants.get(split)
     name = model if variant is None else f"{model}:{variant}"
-    return Arena(game=resolve_game(name), model=name, split=split, quick=quick, secret=secret)
+    return Arena(game=resolve_game(name), model=name, split=split, quick=quick, secret=secret, data=data)

@@ -38,6 +38,7 @@ class SuiteRun:
         workers: parallel processes; does not change results.
         model: model of the game.
         secret: seed of the hidden split.
+        data: annotated matches, for ``imitate``.
         out: run folder; None: ``runs/TASK-METHOD-SPLIT``.
         resume: continue the run in that folder.
         overwrite: replace it.
@@ -51,6 +52,7 @@ class SuiteRun:
     workers: int = 1
     model: str = "default"
     secret: str | None = None
+    data: Path | None = None
     out: Path | None = None
     resume: bool = False
     overwrite: bool = False
@@ -71,6 +73,7 @@ class _Unit:
     folder: Path
     config: RunConfig
     secret: str | None
+    data: Path | None
     case: int
     seed: int
 
@@ -84,7 +87,7 @@ def run_method(options: SuiteRun, console: Console | None = None) -> Path:
     """
     task = find_task(options.task)
     find(task.name, options.method)
-    arena = arena_of(task, options.model, options.split, quick=options.quick, secret=options.secret)
+    arena = arena_of(task, options.model, options.split, quick=options.quick, secret=options.secret, data=options.data)
     config = RunConfig(
         task=task.name,
         method=options.method,
@@ -101,7 +104,7 @@ def run_method(options: SuiteRun, console: Console | None = None) -> Path:
         store.write_card(folder, {"method": options.method, "authors": None, "paper": None, "tuning_strokes": None})
         numbers = [(case, seed) for case in range(len(task.cases(arena))) for seed in range(config.seeds)]
         units = [
-            _Unit(folder=folder, config=config, secret=options.secret, case=case, seed=seed)
+            _Unit(folder=folder, config=config, secret=options.secret, data=options.data, case=case, seed=seed)
             for case, seed in numbers
             if not store.entry_path(folder, case, seed).exists()
         ]
@@ -149,7 +152,7 @@ def _end_with_parent() -> None:
 def play_unit(unit: _Unit) -> None:
     """Play, score and store one unit."""
     config, task = unit.config, find_task(unit.config.task)
-    arena = arena_of(task, config.game.model, config.split, quick=config.quick, secret=unit.secret)
+    arena = arena_of(task, config.game.model, config.split, quick=config.quick, secret=unit.secret, data=unit.data)
     case = task.cases(arena)[unit.case]
     fingerprint = task.fingerprint(arena, case, unit.seed)
     frozen.load().check(task, config.split, f"{case.name}/{unit.seed}", fingerprint, arena.game)

@@ -26,12 +26,19 @@ class Finding:
     reason: str | None
 
 
-def verify_run(folder: Path, *, secret: str | None = None, progress: Callable[[Any], Any] = lambda units: units) -> list[Finding]:
+def verify_run(
+    folder: Path,
+    *,
+    secret: str | None = None,
+    data: Path | None = None,
+    progress: Callable[[Any], Any] = lambda units: units,
+) -> list[Finding]:
     """Recompute all scores of a run from its policies and answers.
 
     Args:
         folder: of the run.
         secret: seed of the hidden split.
+        data: annotated matches, for ``imitate``.
         progress: wraps the units, to show progress.
 
     Raises:
@@ -39,7 +46,7 @@ def verify_run(folder: Path, *, secret: str | None = None, progress: Callable[[A
     """
     config = store.read_config(folder)
     task = find_task(config.task)
-    arena = arena_of(task, config.game.model, config.split, quick=config.quick, secret=secret)
+    arena = arena_of(task, config.game.model, config.split, quick=config.quick, secret=secret, data=data)
     cases = task.cases(arena)
     units = [(number, seed) for number in range(len(cases)) for seed in range(config.seeds)]
     return [

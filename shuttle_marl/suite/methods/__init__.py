@@ -69,8 +69,21 @@ BASELINES: Final[dict[str, dict[str, str]]] = {
         "fitted-q-evaluation": "estimators:FittedQEvaluation",
         "model": "estimators:ModelBased",
     },
+    "imitate": {"bc": "imitation:Named", "policy": "imitation:Named", "counts": "imitation:Counts"},
+    "robust": {
+        "minimax": "references:minimax",
+        "minimax-robust": "robust:minimax_robust",
+        "mean-game": "robust:mean_game",
+        "human": "robust:human",
+        "bc": "references:bc",
+    },
+    "text": {"random": "text:RandomLegal", "policy": "text:Policy", "chat": "text:chat"},
 }
 """Baselines by kind of task, as ``MODULE:ATTRIBUTE`` within this package."""
+
+
+PROGRAMS: Final = ("exploit", "equilibrium", "robust", "text")
+"""Kinds of tasks whose methods may be programs."""
 
 
 def kind_of(task: str) -> str:
@@ -96,7 +109,7 @@ def find(task: str, name: str) -> Method:
         module, _, attribute = known[key].partition(":")
         method: Method = getattr(importlib.import_module(f"{__name__}.{module}"), attribute)
         return functools.partial(method, argument=argument) if colon else method
-    if key == "program" and argument:
+    if key == "program" and argument and kind_of(task) in PROGRAMS:
         return functools.partial(_program, name)
     if not colon or not argument:
         raise SuiteError(f"no method {name!r} of {task}; there are: {', '.join(known)}. Your own is given as MODULE:ATTRIBUTE")
