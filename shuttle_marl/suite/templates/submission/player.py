@@ -14,15 +14,14 @@ def train(setting: Any) -> Any:
     env = gymnasium.make("shuttle_marl:shuttle_marl/Rally-v0", opponent=setting.opponent or "bc", game=game)
     won, tried, strokes = np.ones((14, game.n_strokes)), np.full((14, game.n_strokes), 2.0), 0
     while strokes < min(setting.budget, 10_000) - 200:
-        seen, _ = env.reset(seed=setting.seed if strokes == 0 else None)
-        played, over, reward = [], False, 0.0
+        (seen, _), played, over = env.reset(seed=None if strokes else setting.seed), [], False
         while not over:
             stroke = int(rng.choice(np.flatnonzero(seen["action_mask"])))
             incoming = seen["observation"][27:40]
             played.append((int(incoming.argmax()) if incoming.any() else 13, stroke))
             seen, reward, over, _, _ = env.step(stroke)
         for shot, stroke in played:
-            won[shot, stroke] += reward > 0
+            won[shot, stroke] += float(reward) > 0
             tried[shot, stroke] += 1
         strokes += len(played)
     return Trained(player=Player(won / tried), strokes=strokes)
