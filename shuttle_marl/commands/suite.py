@@ -116,6 +116,8 @@ class RunOptions:
     """The smallest cases and budgets only, to test a method; not a score."""
     workers: int = 1
     """Parallel processes; results do not depend on it."""
+    ray: str | None = None
+    """Ray cluster that plays the units: local, auto, HOST:PORT of its head, or ray://HOST:PORT; replaces --workers."""
     game: str = "default"
     """Model of the game: a shipped one or a folder."""
     secret: Secret = None

@@ -14,6 +14,7 @@ from rich.console import Console
 from rich.progress import track
 
 from shuttle_marl import runs
+from shuttle_marl.cluster import open_cluster
 from shuttle_marl.suite import frozen, store
 from shuttle_marl.suite.methods import find
 from shuttle_marl.suite.registry import arena_of, find_task
@@ -36,6 +37,7 @@ class SuiteRun:
         seeds: number of seeds, from 0; None: the default of the task.
         quick: the smallest cases and budgets only, for a test of the method.
         workers: parallel processes; does not change results.
+        ray: address of a Ray cluster that plays the units instead; None: none.
         model: model of the game.
         secret: seed of the hidden split.
         data: annotated matches, for ``imitate``.
@@ -50,6 +52,7 @@ class SuiteRun:
     seeds: int | None = None
     quick: bool = False
     workers: int = 1
+    ray: str | None = None
     model: str = "default"
     secret: str | None = None
     data: Path | None = None
@@ -108,33 +111,35 @@ def run_method(options: SuiteRun, console: Console | None = None) -> Path:
             for case, seed in numbers
             if not store.entry_path(folder, case, seed).exists()
         ]
-        _play_all(units, options.workers, console or Console(quiet=True))
+        _play_all(folder, units, options, console or Console(quiet=True))
         runs.write_json(folder / store.RESULTS, summarise(folder, options.secret))
         runs.write_json(folder / runs.MANIFEST, {"status": "finished", **about})
     return folder
 
 
-def _play_all(units: Sequence[_Unit], workers: int, console: Console) -> None:
-    for _ in track(_played(units, workers), "units", len(units), console=console, transient=True):
-        pass
+def _play_all(folder: Path, units: Sequence[_Unit], options: SuiteRun, console: Console) -> None:
+    for played in track(_played(units, options), "units", len(units), console=console, transient=True):
+        store.write_entry(folder, played.path, played.entry, played.policies)
 
 
-def _played(units: Sequence[_Unit], workers: int) -> Iterator[None]:
-    if workers == 1 or len(units) <= 1:
-        for unit in units:
-            play_unit(unit)
-            yield
-        return
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(min(workers, len(units)), mp_context=context, initializer=_end_with_parent) as pool:
-        waiting = [pool.submit(play_unit, unit) for unit in units]
-        try:
-            for done in as_completed(waiting):
-                done.result()
-                yield
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise
+def _played(units: Sequence[_Unit], options: SuiteRun) -> Iterator["PlayedUnit"]:
+    if options.ray is not None:
+        with open_cluster(options.ray, PACKAGES) as cluster:
+            tasks = [cluster.submit(play_unit, unit) for unit in units]
+            for task in tasks:
+                yield task.result()
+    elif options.workers == 1 or len(units) <= 1:
+        yield from map(play_unit, units)
+    else:
+        context = multiprocessing.get_context("spawn")
+        with ProcessPoolExecutor(min(options.workers, len(units)), mp_context=context, initializer=_end_with_parent) as pool:
+            waiting = [pool.submit(play_unit, unit) for unit in units]
+            try:
+                for done in as_completed(waiting):
+                    yield done.result()
+            except BaseException:
+                pool.shutdown(cancel_futures=True)
+                raise
 
 
 def _end_with_parent() -> None:
@@ -149,8 +154,23 @@ def _end_with_parent() -> None:
     threading.Thread(target=wait, daemon=True).start()
 
 
-def play_unit(unit: _Unit) -> None:
-    """Play, score and store one unit."""
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class PlayedUnit:
+    """A unit that was played and scored.
+
+    Attributes:
+        path: file of the entry.
+        entry: the entry.
+        policies: compressed table of each policy, by its hash.
+    """
+
+    path: Path
+    entry: Entry
+    policies: dict[str, bytes]
+
+
+def play_unit(unit: _Unit) -> PlayedUnit:
+    """Play and score one unit, in any process."""
     config, task = unit.config, find_task(unit.config.task)
     arena = arena_of(task, config.game.model, config.split, quick=config.quick, secret=unit.secret, data=unit.data)
     case = task.cases(arena)[unit.case]
@@ -172,6 +192,9 @@ def play_unit(unit: _Unit) -> None:
         strokes=outcome.strokes,
         curve=tuple(outcome.curve),
     )
-    store.write_entry(unit.folder, store.entry_path(unit.folder, unit.case, unit.seed), entry, outcome)
     if not any(work.iterdir()):
         work.rmdir()
+    path = store.entry_path(unit.folder, unit.case, unit.seed)
+    return PlayedUnit(
+        path=path, entry=entry, policies={policy.hash: store.packed(policy.cumulative) for policy in outcome.policies.values()}
+    )

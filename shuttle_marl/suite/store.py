@@ -100,11 +100,17 @@ def entry_path(folder: Path, case: int, seed: int) -> Path:
     return folder / ENTRIES / f"{case:03d}-{seed}.json"
 
 
-def write_entry(folder: Path, path: Path, entry: Entry, outcome: Outcome) -> None:
-    """Write the policies of a unit, and then its entry."""
-    for policy in outcome.policies.values():
-        save_policy(folder, policy)
+def write_entry(folder: Path, path: Path, entry: Entry, policies: Mapping[str, bytes]) -> None:
+    """Write the packed policies of a unit by their hashes, and then its entry."""
+    for digest, content in policies.items():
+        if not (target := policy_path(folder, digest)).exists():
+            replace_file(target, content)
     replace_file(path, seal(dataclasses.asdict(entry)))
+
+
+def policy_path(folder: Path, digest: str) -> Path:
+    """File of a policy."""
+    return folder / POLICIES / f"{digest}.zst"
 
 
 def read_entry(path: Path) -> Entry:
@@ -129,13 +135,6 @@ def read_outcome(folder: Path, entry: Entry, game: Game) -> Outcome:
     return Outcome(policies=policies, answers=entry.answers, strokes=entry.strokes, curve=entry.curve)
 
 
-def save_policy(folder: Path, policy: TabulatedPolicy) -> None:
-    """Write the table of a policy, unless it is there."""
-    path = folder / POLICIES / f"{policy.hash}.zst"
-    if not path.exists():
-        replace_file(path, packed(policy.cumulative))
-
-
 def load_policy(folder: Path, digest: str, game: Game) -> TabulatedPolicy:
     """Read the table of a policy by its hash.
 
@@ -143,7 +142,7 @@ def load_policy(folder: Path, digest: str, game: Game) -> TabulatedPolicy:
         SuiteError: it is missing, damaged, of another game, or does not have this hash.
         PolicyError: it is no table over the legal strokes of the game.
     """
-    path = folder / POLICIES / f"{digest}.zst"
+    path = policy_path(folder, digest)
     try:
         cumulative = unpacked(read_file(path, 4 * game.n_pairs), game)
     except (OSError, ValueError, zstandard.ZstdError) as error:

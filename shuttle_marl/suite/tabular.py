@@ -123,7 +123,14 @@ def best_of(game: Game, allowed: F64 | None = None) -> Backup:
     return best
 
 
-def fitted_q(data: Transitions, backup: Backup, *, shrink: float = SHRINK, fit: Callable[[F64], F64] | None = None) -> F64:
+def fitted_q(
+    data: Transitions,
+    backup: Backup,
+    *,
+    shrink: float = SHRINK,
+    fit: Callable[[F64], F64] | None = None,
+    sweeps: int = _SWEEPS,
+) -> F64:
     """Fitted Q iteration (Ernst, Geurts & Wehenkel, JMLR 2005): ``[base pairs]`` probability of winning after each stroke.
 
     Args:
@@ -131,13 +138,14 @@ def fitted_q(data: Transitions, backup: Backup, *, shrink: float = SHRINK, fit: 
         backup: value of the next state.
         shrink: pseudo-observations of the coarser cell.
         fit: maps ``[M]`` targets to ``[base pairs]`` Q-values; default: :func:`shrunk_means`.
+        sweeps: largest number of iterations.
     """
     game, prior = data.game, float(data.won[data.first].mean())
     fit = fit or (lambda target: shrunk_means(game, data.pair, target, prior=prior, shrink=shrink))
     going = data.following >= 0
     states, index = np.unique(game.base(data.following[going]), return_inverse=True)
     q = fit(data.won.astype(np.float64))
-    for _ in range(_SWEEPS):
+    for _ in range(sweeps):
         target = data.reward.astype(np.float64)
         target[going] = backup(q, states.astype(np.int32))[index]
         updated = fit(target)

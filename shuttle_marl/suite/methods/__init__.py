@@ -21,6 +21,7 @@ BASELINES: Final[dict[str, dict[str, str]]] = {
         "ppo": "training:ppo",
         "a2c": "training:a2c",
         "sac": "training:sac",
+        "maskable-ppo": "sb3:maskable_ppo",
         "constant": "constant:constant",
         "constant-by-incoming": "constant:by_incoming",
         "bc": "references:bc",
@@ -60,6 +61,8 @@ BASELINES: Final[dict[str, dict[str, str]]] = {
         "bcq": "learned:ConstrainedQ",
         "model": "learned:Model",
         "model-pessimistic": "learned:PessimisticModel",
+        "fitted-q-boosted": "boosted:BoostedQ",
+        "model-boosted": "boosted:BoostedModel",
     },
     "evaluate": {
         "importance-sampling": "estimators:ImportanceSampling",
