@@ -25,8 +25,9 @@ if TYPE_CHECKING:
         solve_robust,
         solve_soft,
     )
-    from shuttle_marl.exact.profile import Crossplay, PairPolicy, StatePolicy, crossplay, evaluate
+    from shuttle_marl.exact.profile import Crossplay, PairPolicy, StatePolicy, crossplay, evaluate, moved
     from shuttle_marl.exact.regret import Hole, Holes, Regret, holes, policy_regret
+    from shuttle_marl.exact.sensitivity import Sensitivity, sensitivity
     from shuttle_marl.exact.solver import ProfileValue
 
 __all__ = [
@@ -42,6 +43,7 @@ __all__ = [
     "Regret",
     "Response",
     "RobustSolution",
+    "Sensitivity",
     "SoftSolution",
     "Solution",
     "Spread",
@@ -52,9 +54,11 @@ __all__ = [
     "evaluate",
     "holes",
     "least_gain",
+    "moved",
     "nash_conv",
     "policy_regret",
     "restricted_response",
+    "sensitivity",
     "solve",
     "solve_robust",
     "solve_soft",
@@ -81,8 +85,9 @@ __getattr__, __dir__, _ = lazy_loader.attach(
             "solve_robust",
             "solve_soft",
         ),
-        "profile": ("Crossplay", "PairPolicy", "StatePolicy", "crossplay", "evaluate"),
+        "profile": ("Crossplay", "PairPolicy", "StatePolicy", "crossplay", "evaluate", "moved"),
         "regret": ("Hole", "Holes", "Regret", "holes", "policy_regret"),
+        "sensitivity": ("Sensitivity", "sensitivity"),
         "solver": ("ProfileValue",),
     },
 )
