@@ -26,10 +26,10 @@ from shuttle_marl.suite.task import Split
 
 VARIANTS: Final = {
     "adapt-v0": ("restricted-nash:0.25", "restricted-nash:0.5", "restricted-nash:0.75", "counts:0.8", "tilt:0.8"),
-    "offline-v0": ("fitted-q:32", "model:32"),
+    "offline-v0": ("fitted-q:8", "model:8"),
     "robust-v0": ("human:0.1",),
     "text-v0": ("policy:bc", "policy:safe", "policy:human:0.05", "policy:best-response:bc", "policy:minimax"),
-    "imitate-v0": ("counts:32", "policy:human:0.05", "policy:minimax"),
+    "imitate-v0": ("counts:8", "policy:human:0.05", "policy:minimax"),
 }
 """Baselines with arguments, besides those without."""
 LEFT_OUT: Final = {"text-v0": ("policy", "chat"), "imitate-v0": ("policy",)}

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import ClassVar
 
-from shuttle_marl.exact.away import moved
+from shuttle_marl.exact import moved
 from shuttle_marl.exact.known import best_odds, pair_odds
 from shuttle_marl.game.shipped import refits_of
 from shuttle_marl.game.tables import Game

@@ -18,7 +18,7 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.suite.logs import Log, Transitions
 
-SHRINK = 8.0
+SHRINK = 32.0
 """Pseudo-observations of the coarser cell."""
 _SWEEPS = 30
 _LEAST = 64

@@ -147,7 +147,7 @@ def test_the_posterior_finds_a_known_type(arena: Arena) -> None:
         agent.observe_rally(rally)
     assert agent.posterior.sum() == pytest.approx(1, abs=1e-9)
     assert names[int(agent.posterior.argmax())] == "defensive"
-    assert agent.mean().pair_probabilities() == pytest.approx(setting.known["defensive"].pair_probabilities(), abs=0.2)
+    assert agent.mean().block_probabilities(0) == pytest.approx(setting.known["defensive"].block_probabilities(0), abs=0.2)
 
 
 def test_counts_approach_the_opponent(arena: Arena) -> None:
@@ -183,6 +183,5 @@ def test_shifts_are_the_maximum_a_posteriori() -> None:
 def test_mean_policy_weights_the_strokes() -> None:
     first, second = (tabulate(resolve(name, GAME), GAME) for name in ("attacking", "safe"))
     mean = mean_policy(GAME, {first: 0.25, second: 0.75})
-    assert mean.pair_probabilities() == pytest.approx(
-        0.25 * first.pair_probabilities() + 0.75 * second.pair_probabilities(), abs=2 / 65535
-    )
+    expected = 0.25 * first.block_probabilities(0) + 0.75 * second.block_probabilities(0)
+    assert mean.block_probabilities(0) == pytest.approx(expected)

@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 
 from shuttle_marl.commands.suite import main
-from shuttle_marl.exact import best_response, solve
-from shuttle_marl.exact.away import moved
+from shuttle_marl.exact import best_response, moved, solve
 from shuttle_marl.game.shipped import refits_of
 from shuttle_marl.suite import SuiteRun, frozen, run_method, store, summarise, verify_run
 from shuttle_marl.suite.imitate import HumanStrokes, ranks

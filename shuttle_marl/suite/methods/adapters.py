@@ -12,15 +12,15 @@ from scipy.special import logsumexp
 
 from shuttle_marl.arrays import F64
 from shuttle_marl.exact.known import pair_odds
-from shuttle_marl.exact.optimal import restricted_response
+from shuttle_marl.exact.optimal import best_response, restricted_response
 from shuttle_marl.exact.profile import PairPolicy, StatePolicy
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities
+from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.policy.computed import best_response_policy, minimax_policy
 from shuttle_marl.suite.adapt import AdaptSetting, PlayedRally
 from shuttle_marl.suite.tabular import cloned
 
-TOLERANCE = 1e-6
+TOLERANCE = 1e-5
 FORGET = 0.01
 """Fraction of the posterior that returns to the prior after every rally (fixed share, Herbster & Warmuth 1998)."""
 _FLOOR = 1e-4
@@ -45,7 +45,7 @@ class RestrictedNash(Minimax):
     """Restricted Nash response to bc (Johanson, Zinkevich & Bowling 2007); the argument is p, 1: the best response to bc."""
 
     def __init__(self, setting: AdaptSetting, argument: str = "1") -> None:
-        self._policy = restricted_response(setting.known["bc"], float(argument), tolerance=TOLERANCE).policy
+        self._policy = respond(setting.known["bc"], float(argument))
 
 
 class Population:
@@ -96,9 +96,9 @@ class PosteriorMean(Population):
 
     def policy_for_next_rally(self) -> TabulatedPolicy:
         """The restricted response to the mean."""
-        return restricted_response(self.mean(), self.p, tolerance=TOLERANCE).policy
+        return respond(self.mean(), self.p)
 
-    def mean(self) -> TabulatedPolicy:
+    def mean(self) -> PairPolicy:
         """The mean of the known types that matter."""
         return mean_policy(self.game, dict(zip(self.types, self.posterior, strict=True)))
 
@@ -136,7 +136,7 @@ class Counts:
 
     def policy_for_next_rally(self) -> TabulatedPolicy:
         """The restricted response to the estimate."""
-        return restricted_response(self.estimate(), self.p, tolerance=TOLERANCE).policy
+        return respond(self.estimate(), self.p)
 
     def observe_rally(self, rally: PlayedRally) -> None:
         """Count the opponent's strokes."""
@@ -148,12 +148,19 @@ class Counts:
         return PairPolicy(game=self.game, probability=cloned(self.game, pairs, shrink=self.shrink, prior=self.prior))
 
 
-def mean_policy(game: Game, weights: Mapping[TabulatedPolicy, float], *, least: float = 1e-3) -> TabulatedPolicy:
-    """Mean of policies, stroke by stroke; weights below ``least`` are left out."""
+def respond(opponent: StatePolicy, p: float) -> TabulatedPolicy:
+    """The restricted Nash response to a model of the opponent; with p = 1 the best response, which takes half of the time."""
+    if p == 1:
+        return best_response(opponent, tolerance=TOLERANCE).policy
+    return restricted_response(opponent, p, tolerance=TOLERANCE).policy
+
+
+def mean_policy(game: Game, weights: Mapping[TabulatedPolicy, float], *, least: float = 1e-3) -> PairPolicy:
+    """Mean of policies, stroke by stroke, as they play at effort 0; weights below ``least`` are left out."""
     kept = {policy: weight for policy, weight in weights.items() if weight >= least}
     total = sum(kept.values())
-    parts = [weight / total * policy.pair_probabilities() for policy, weight in kept.items()]
-    return from_pair_probabilities(game, np.sum(parts, axis=0))
+    parts = [weight / total * policy.block_probabilities(0) for policy, weight in kept.items()]
+    return PairPolicy(game=game, probability=np.sum(parts, axis=0))
 
 
 @functools.lru_cache(maxsize=1)

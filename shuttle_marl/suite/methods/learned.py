@@ -1,6 +1,6 @@
 """Baselines of ``offline``: tabular, with estimates shrunk towards coarser cells (:mod:`shuttle_marl.suite.tabular`).
 
-The argument of a name, as in ``fitted-q:32``, is the number of pseudo-observations of the coarser cell, or what the class says.
+The argument of a name, as in ``fitted-q:8``, is the number of pseudo-observations of the coarser cell, or what the class says.
 """
 
 import dataclasses

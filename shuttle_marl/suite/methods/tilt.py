@@ -12,12 +12,11 @@ import numpy as np
 from scipy.optimize import minimize
 
 from shuttle_marl.arrays import F64, I64
-from shuttle_marl.exact.optimal import restricted_response
 from shuttle_marl.exact.profile import PairPolicy
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.suite.adapt import AdaptSetting, PlayedRally
-from shuttle_marl.suite.methods.adapters import TOLERANCE, PosteriorMean
+from shuttle_marl.suite.methods.adapters import PosteriorMean, respond
 
 _DEVIATIONS = (1.0, 0.7, 0.7, 0.5, 0.5)
 """Standard deviation of the shifts of each group of features."""
@@ -41,7 +40,7 @@ class Tilt(PosteriorMean):
 
     def policy_for_next_rally(self) -> TabulatedPolicy:
         """The restricted response to the estimate."""
-        return restricted_response(self.estimate(), self.p, tolerance=TOLERANCE).policy
+        return respond(self.estimate(), self.p)
 
     def estimate(self) -> PairPolicy:
         """The opponent, estimated."""
