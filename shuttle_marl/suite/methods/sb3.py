@@ -21,7 +21,7 @@ def maskable_ppo(setting: PlayerSetting) -> Trained:
 
     def make() -> "gymnasium.Env[Any, Any]":
         return gymnasium.make(
-            "shuttle_marl:shuttle_marl/Rally-v0", opponent=setting.opponent or "bc", game=setting.game, mask="method"
+            "shuttle_marl:shuttle_marl/Rally-v0", opponent=setting.opponent or "bc", game=setting.game, mask="info"
         )
 
     # Rollouts of 128 strokes of each environment; the last one may not pass the budget.
