@@ -62,7 +62,7 @@ def add_values(strokes: pa.Table, reference: TabulatedPolicy) -> pa.Table:
     """
     game = reference.game
     rows = rows_from_strokes(strokes)
-    nearest = _nearest(game.catalogue)
+    nearest = nearest_strokes(game.catalogue)
     own, incoming = (strokes_before(rows, name, nearest, game.n_strokes) for name in ("own", "incoming"))
     contact = rows.codes["contact"].astype(np.int64)
     state = states_of(game, rows, own, incoming)
@@ -89,7 +89,7 @@ def add_values(strokes: pa.Table, reference: TabulatedPolicy) -> pa.Table:
     return strokes
 
 
-def _nearest(catalogue: Catalogue) -> I64:
+def nearest_strokes(catalogue: Catalogue) -> I64:
     """``[13, 9, 2, 3]`` catalogue index of the nearest stroke to each combination; -1 if there is none of the shot and height."""
     exact = catalogue.by_parts.astype(np.int64)
     area, technique = np.arange(N_AREAS), np.arange(N_TECHNIQUES)

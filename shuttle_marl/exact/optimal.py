@@ -297,6 +297,57 @@ def best_response(
     return Response(game=tables, rank=own.ranks(value.striking[1]), value=value, sweeps=sweeps)
 
 
+def restricted_response(policy: StatePolicy | InducedChain, p: float, *, tolerance: float = TOLERANCE) -> Response:
+    """The best response to an opponent who plays a policy with probability ``p`` at each stroke, and else the best stroke.
+
+    The restricted Nash response (Johanson, Zinkevich & Bowling, NeurIPS 2007), with the restriction drawn for each stroke rather
+    than for a whole rally: 1 is the best response to the policy, 0 is minimax.
+
+    Args:
+        policy: of the opponent, player 1, or its chain.
+        p: from 0 to 1.
+        tolerance: largest acceptable error bound of a value.
+
+    Returns:
+        The response; its value is against the restricted opponent.
+
+    Raises:
+        ExactError: ``p`` is not from 0 to 1, or play may never end.
+    """
+    if not 0 <= p <= 1:
+        raise ExactError(f"restricted response with p = {p}: expected a number from 0 to 1")
+    chain = policy if isinstance(policy, InducedChain) else induced(policy)
+    own = _BestStrokes((chain.game,))
+    value, sweeps = solve_players(own, _Restricted(chain, own, p), tolerance)
+    return Response(game=chain.game, rank=own.ranks(value.striking[1]), value=value, sweeps=sweeps)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Restricted:
+    """A player who follows a policy with probability ``p`` at each stroke, and else plays the best stroke."""
+
+    chain: InducedChain
+    free: _BestStrokes
+    p: float
+
+    @property
+    def game(self) -> Game:
+        return self.chain.game
+
+    @property
+    def contraction(self) -> float:
+        return self.p * self.chain.contraction + (1 - self.p) * self.free.contraction
+
+    def block_sweep(self, block: int, plain: F64, after_attack: F64) -> tuple[F64, BlockLinear]:
+        bound, of_bound = self.chain.block_sweep(block, plain, after_attack)
+        free, of_free = self.free.block_sweep(block, plain, after_attack)
+
+        def linear(plain: F64, after_attack: F64) -> F64:
+            return self.p * of_bound(plain, after_attack) + (1 - self.p) * of_free(plain, after_attack)
+
+        return self.p * bound + (1 - self.p) * free, linear
+
+
 def limited(game: Game, at_least: float) -> Game:
     """The game in which strokes with too few real strokes behind them are faults, so that perfect play does without them."""
     if at_least <= 0:

@@ -7,6 +7,7 @@ import dataclasses
 import functools
 import hashlib
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -190,6 +191,22 @@ class TabulatedPolicy:
         replace_file(path, tensor_bytes({"cumulative": self.cumulative}, header))
 
     @classmethod
+    def checked(cls, cumulative: npt.NDArray[Any], game: Game, where: str) -> "TabulatedPolicy":
+        """A table from untrusted numbers.
+
+        Raises:
+            PolicyError: they are no cumulative probabilities over the legal pairs of the game; ``where`` begins the message.
+        """
+        last = game.last_pairs
+        if cumulative.shape != (game.n_pairs,) or cumulative.dtype != np.uint16 or (cumulative[last] != CHOICE_ONE).any():
+            raise PolicyError(f"{where}: not a table over the {game.n_pairs:,} legal pairs of this game; save the policy again")
+        falls = cumulative[1:] < cumulative[:-1]
+        falls[last[:-1]] = False
+        if falls.any():
+            raise PolicyError(f"{where}: a cumulative probability falls; the file is damaged, save the policy again")
+        return cls(game=game, cumulative=cumulative)
+
+    @classmethod
     def load(cls, path: Path, game: Game) -> "TabulatedPolicy":
         """Read a table written by :meth:`save`.
 
@@ -206,14 +223,7 @@ class TabulatedPolicy:
             raise PolicyError(
                 f"{path}: the policy was tabulated for game {made_for}, this is {game.hash[:12]}; tabulate it again"
             )
-        last = game.last_pairs
-        if cumulative.shape != (game.n_pairs,) or cumulative.dtype != np.uint16 or (cumulative[last] != CHOICE_ONE).any():
-            raise PolicyError(f"{path}: not a table over the {game.n_pairs:,} legal pairs of this game; save the policy again")
-        falls = cumulative[1:] < cumulative[:-1]
-        falls[last[:-1]] = False
-        if falls.any():
-            raise PolicyError(f"{path}: a cumulative probability falls; the file is damaged, save the policy again")
-        table = cls(game=game, cumulative=cumulative)
+        table = cls.checked(cumulative, game, str(path))
         if header.get("hash") != table.hash:
             raise PolicyError(f"{path}: the table does not match its hash; the file is damaged, save the policy again")
         return table

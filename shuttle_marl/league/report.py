@@ -133,7 +133,7 @@ def report(
     lines += [*_games(assessment), *_stability(assessment)]
     if len(played) < len(results):
         lines += ["## Forfeits", ""]
-        lines += ["- " + _plain(_forfeit(result)) for result in results if result.forfeit]
+        lines += ["- " + escaped(_forfeit(result)) for result in results if result.forfeit]
         lines += ["", "Forfeited pairings count for neither side; entrants that forfeited are ranked last.", ""]
     lines += [
         "## Definitions",
@@ -181,7 +181,7 @@ def _games(assessment: Assessment) -> list[str]:
     ]
     for cycle in assessment.cycles:
         steps = [f"{name} beats ({_percent(win)})" for name, win in zip(cycle.names, cycle.wins, strict=True)]
-        lines.append("- " + _plain(f"{', '.join(steps)} {cycle.names[0]}"))
+        lines.append("- " + escaped(f"{', '.join(steps)} {cycle.names[0]}"))
     return [*lines, ""] if assessment.cycles else lines
 
 
@@ -248,10 +248,10 @@ def _payoffs(standings: Sequence[Standing], share: Mapping[tuple[str, str], floa
 
 def _markdown(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
     lines = [headings, ["---"] * len(headings), *rows]
-    return ["| " + " | ".join(map(_plain, line)) + " |" for line in lines]
+    return ["| " + " | ".join(map(escaped, line)) + " |" for line in lines]
 
 
-def _plain(text: str) -> str:
+def escaped(text: str) -> str:
     """Text, escaped for Markdown."""
     return _MARKUP.sub(r"\\\g<0>", printable(text))
 

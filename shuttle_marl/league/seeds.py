@@ -5,7 +5,7 @@ and the bootstrap is stratified by task.
 """
 
 from collections.abc import Sequence
-from typing import Final, NamedTuple
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 from scipy.stats import bootstrap, rankdata, trim_mean
@@ -31,12 +31,23 @@ def interquartile_mean(tasks: Sequence[Sequence[float]], seed: int = 0) -> Inter
         tasks: figures of the runs of each task, at least one.
         seed: random seed of the bootstrap.
     """
+    return stratified(tasks, "iqm", seed)
+
+
+def stratified(strata: Sequence[Sequence[float] | F64], statistic: Literal["iqm", "mean"], seed: int = 0) -> Interval:
+    """A statistic of pooled figures; the bootstrap resamples within each stratum.
+
+    Args:
+        strata: figures of each stratum, at least one.
+        statistic: interquartile mean, or mean.
+        seed: random seed of the bootstrap.
+    """
+    trimmed = _TRIMMED if statistic == "iqm" else 0.0
 
     def middle(*columns: F64, axis: int = -1) -> F64:
-        # The runs of all tasks are pooled.
-        return np.asarray(trim_mean(np.concatenate(columns, axis=axis), _TRIMMED, axis=axis))
+        return np.asarray(trim_mean(np.concatenate(columns, axis=axis), trimmed, axis=axis))
 
-    samples = [np.asarray(task, dtype=np.float64) for task in tasks]
+    samples = [np.asarray(stratum, dtype=np.float64) for stratum in strata]
     return _interval(float(middle(*samples)), samples, middle, seed)
 
 

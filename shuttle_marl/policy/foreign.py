@@ -73,6 +73,26 @@ class FunctionPolicy:
         return self.function(states)
 
 
+def import_attribute(name: str) -> Any:
+    """The attribute ``module:attribute``; the module may be in the current folder.
+
+    Raises:
+        PolicyError: the module or the attribute does not exist, or importing it raised.
+    """
+    module_name, _, attribute = name.partition(":")
+    module = _import(name, module_name)
+    try:
+        return operator.attrgetter(attribute)(module)
+    except AttributeError as error:
+        close = difflib.get_close_matches(attribute, [a for a in vars(module) if not a.startswith("_")], n=4, cutoff=0.5)
+        hint = f"; did you mean {', '.join(close)}?" if close else ""
+        raise PolicyError(f"policy {name!r}: module {module_name!r} has no {attribute!r}{hint}") from error
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:
+        raise PolicyError(f"policy {name!r}: finding it in its module raised {described(error)}") from error
+
+
 def from_module(name: str, game: Game) -> Policy:
     """Import a policy.
 
@@ -84,18 +104,7 @@ def from_module(name: str, game: Game) -> Policy:
     Raises:
         PolicyError: the module or the attribute does not exist, raises, or is not a policy.
     """
-    module_name, _, attribute = name.partition(":")
-    module = _import(name, module_name)
-    try:
-        thing: Any = operator.attrgetter(attribute)(module)
-    except AttributeError as error:
-        close = difflib.get_close_matches(attribute, [a for a in vars(module) if not a.startswith("_")], n=4, cutoff=0.5)
-        hint = f"; did you mean {', '.join(close)}?" if close else ""
-        raise PolicyError(f"policy {name!r}: module {module_name!r} has no {attribute!r}{hint}") from error
-    except KeyboardInterrupt:
-        raise
-    except BaseException as error:
-        raise PolicyError(f"policy {name!r}: finding it in its module raised {described(error)}") from error
+    thing = import_attribute(name)
     if inspect.isclass(thing):
         thing = _instance(name, thing, game)
     if callable(getattr(thing, "probabilities", None)):

@@ -10,7 +10,7 @@ import pyarrow.compute as pc
 import pytest
 
 from shuttle_marl.analysis import add_values, rally_table, rank_players, strokes_of
-from shuttle_marl.analysis.values import COLUMNS, _nearest
+from shuttle_marl.analysis.values import COLUMNS, nearest_strokes
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game.stroke import Catalogue
@@ -123,7 +123,7 @@ def test_only_unknown_values_are_null(valued: pa.Table, bc: TabulatedPolicy) -> 
 
 def test_the_nearest_stroke_of_the_catalogue(bc: TabulatedPolicy) -> None:
     catalogue = bc.game.catalogue
-    nearest = _nearest(catalogue)
+    nearest = nearest_strokes(catalogue)
     there = catalogue.by_parts >= 0
     assert (nearest[there] == catalogue.by_parts[there]).all()
     shot, area, height, technique = np.nonzero(nearest >= 0)
@@ -133,7 +133,7 @@ def test_the_nearest_stroke_of_the_catalogue(bc: TabulatedPolicy) -> None:
     little = Catalogue.from_names(
         ["smash:back-left:above:forehand", "smash:front-right:above:forehand", "smash:middle-centre:above:backhand"]
     )
-    near = _nearest(little)
+    near = nearest_strokes(little)
     smash = 5
     assert near[smash, 5, 1, 0] == 0, "middle-left: back-left is nearer than front-right"
     assert near[smash, 1, 1, 0] == 1
@@ -142,7 +142,7 @@ def test_the_nearest_stroke_of_the_catalogue(bc: TabulatedPolicy) -> None:
     assert near[smash, 8, 1, 2] == 0
     assert (near[smash, :, 0] == -1).all()
     assert (near[0] == -1).all()
-    alone = _nearest(Catalogue.from_names(["smash:front-left:above:forehand"]))
+    alone = nearest_strokes(Catalogue.from_names(["smash:front-left:above:forehand"]))
     assert (alone[smash, :, 1] == 0).all(), "also at the largest distance: the opposite corner with another technique"
 
 

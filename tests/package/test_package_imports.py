@@ -23,6 +23,7 @@ TABLE_LAYERS = (
     "league",
     "staging",
     "scene",
+    "suite",
     "watch",
 )
 """Layers that run on tables: they work without PyTorch."""

@@ -1,0 +1,328 @@
+"""The benchmark suite: tasks with exact scores, runs of methods, verification, and the leaderboard (docs/suite)."""
+
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any, Final, Literal
+
+import tyro
+from rich.progress import track
+
+from shuttle_marl.commands import cli
+from shuttle_marl.commands.options import File, Json
+from shuttle_marl.files import replace_file
+
+Task = Annotated[str, tyro.conf.Positional]
+Folder = Annotated[Path, tyro.conf.Positional]
+Folders = Annotated[tuple[Path, ...], tyro.conf.Positional]
+Split = Literal["dev", "test", "hidden"]
+Secret = Annotated[str | None, tyro.conf.arg(metavar="HEX")]
+_PRELIMINARY: Final = "The game of the suite is not frozen yet: tasks take the installed one, and scores are preliminary."
+
+
+def list_tasks(*, json_output: Json = False) -> None:
+    """List the tasks, and the baselines of each.
+
+    Args:
+        json_output: print JSON.
+    """
+    from shuttle_marl.suite.frozen import load  # noqa: PLC0415  numba
+    from shuttle_marl.suite.methods import BASELINES, kind_of  # noqa: PLC0415
+    from shuttle_marl.suite.registry import TASKS  # noqa: PLC0415
+
+    frozen = load()
+    rows: list[dict[str, Any]] = [
+        {
+            "task": name,
+            "about": " ".join((task.__doc__ or "").split()),
+            "protocol": task.protocol,
+            "metric": task.metric,
+            "higher_is_better": task.higher_is_better,
+            "optimum": task.optimum,
+            "target": task.target,
+            "splits": list(task.splits),
+            "seeds": task.seeds,
+            "baselines": list(BASELINES[kind_of(name)]),
+        }
+        for name, task in TASKS.items()
+    ]
+    if json_output:
+        cli.print_json({"game": frozen.game, "tasks": rows})
+        return
+    out = cli.console()
+    for row in rows:
+        out.print(f"{row['task']}: {row['about']}", soft_wrap=True)
+        out.print(f"  baselines: {', '.join(row['baselines'])}\n", soft_wrap=True)
+    if frozen.game is None:
+        out.print(_PRELIMINARY)
+
+
+def show(
+    task: Task,
+    *,
+    split: Split = "test",
+    quick: bool = False,
+    game: str = "default",
+    secret: Secret = None,
+    json_output: Json = False,
+) -> None:
+    """Show a task: what is given, what is scored, how a method is called, and its cases.
+
+    Args:
+        task: name of the task.
+        split: part of the task.
+        quick: the cases of a quick run.
+        game: model of the game.
+        secret: seed of the hidden split.
+        json_output: print JSON.
+    """
+    from shuttle_marl.suite.frozen import load  # noqa: PLC0415  numba
+    from shuttle_marl.suite.registry import arena_of, find_task  # noqa: PLC0415
+
+    found = find_task(task)
+    arena = arena_of(found, game, split, quick=quick, secret=secret)
+    cases = found.cases(arena)
+    fields: dict[str, Any] = {
+        "task": found.name,
+        "about": " ".join((found.__doc__ or "").split()),
+        "protocol": found.protocol,
+        "metric": found.metric,
+        "optimum": found.optimum,
+        "target": found.target,
+        "seeds": found.seeds,
+        "game": arena.game.hash,
+        "official": load().official(arena.game.hash),
+        "split": split,
+        "cases": [case.name for case in cases],
+    }
+    if json_output:
+        cli.print_json(fields)
+        return
+    rows = {name: str(value) for name, value in fields.items() if name != "cases" and value not in (None, "")}
+    cli.console().print(cli.facts({**rows, f"{len(cases)} cases": ", ".join(fields["cases"])}))
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class RunOptions:
+    """Options of a run."""
+
+    method: str
+    """Baseline of the task, program:COMMAND, or MODULE:ATTRIBUTE."""
+    split: Split = "dev"
+    """Part of the task: dev for tuning, test for the scores that are reported."""
+    seeds: int | None = None
+    """Number of seeds, from 0; default: that of the task."""
+    quick: bool = False
+    """The smallest cases and budgets only, to test a method; not a score."""
+    workers: int = 1
+    """Parallel processes; results do not depend on it."""
+    ray: str | None = None
+    """Ray cluster that plays the units: local, auto, HOST:PORT of its head, or ray://HOST:PORT; replaces --workers."""
+    game: str = "default"
+    """Model of the game: a shipped one or a folder."""
+    secret: Secret = None
+    """Seed of the hidden split."""
+    data: Path | None = None
+    """Annotated matches, for imitate: the folder of `data download`, or a file of `data convert`."""
+    out: Path | None = None
+    """Run folder; default runs/TASK-METHOD-SPLIT, with a number appended if that exists."""
+    resume: bool = False
+    """Continue the run in --out (or the default folder)."""
+    overwrite: bool = False
+    """Replace the run in --out."""
+
+
+def run(task: Task, options: tyro.conf.OmitArgPrefixes[RunOptions], *, json_output: Json = False) -> None:
+    """Run a method on a task, and write a folder that can be submitted.
+
+    Args:
+        task: name of the task.
+        options: of the run.
+        json_output: print JSON.
+    """
+    from shuttle_marl.suite.run import SuiteRun, run_method  # noqa: PLC0415  numba
+
+    fields = {field.name: getattr(options, field.name) for field in dataclasses.fields(options)}
+    folder = run_method(SuiteRun(task=task, model=fields.pop("game"), **fields), cli.console(stderr=True))
+    _print_summary(folder, options.secret, json_output=json_output)
+
+
+def score(folder: Folder, *, secret: Secret = None, json_output: Json = False) -> None:
+    """Aggregate the stored scores of a run, and write results.json; `verify` recomputes them.
+
+    Args:
+        folder: of the run.
+        secret: seed of the hidden split.
+        json_output: print JSON.
+    """
+    from shuttle_marl import runs  # noqa: PLC0415
+    from shuttle_marl.suite.results import summarise  # noqa: PLC0415  numba
+    from shuttle_marl.suite.store import RESULTS  # noqa: PLC0415
+
+    runs.write_json(folder / RESULTS, summarise(folder, secret))
+    _print_summary(folder, secret, json_output=json_output)
+
+
+def verify(folder: Folder, *, secret: Secret = None, data: Path | None = None, json_output: Json = False) -> None:
+    """Recompute every score of a run from its policies and answers; exits with 1 if one is refused.
+
+    Args:
+        folder: of the run.
+        secret: seed of the hidden split.
+        data: annotated matches, for imitate.
+        json_output: print JSON.
+    """
+    from shuttle_marl.suite.task import SuiteError  # noqa: PLC0415  numba
+    from shuttle_marl.suite.verify import NOT_VERIFIED, verify_run  # noqa: PLC0415
+
+    findings = verify_run(folder, secret=secret, data=data, progress=_progress)
+    refused = [finding for finding in findings if finding.reason is not None]
+    if json_output:
+        cli.print_json(
+            {
+                "folder": str(folder),
+                "units": len(findings),
+                "reproduced": len(findings) - len(refused),
+                "refused": [dataclasses.asdict(finding) for finding in refused],
+                "not_verified": list(NOT_VERIFIED),
+            }
+        )
+    else:
+        out = cli.console()
+        for finding in refused:
+            out.print(f"refused: {finding.case}, seed {finding.seed}: {finding.reason}", soft_wrap=True)
+        out.print(f"{len(findings) - len(refused)} of {len(findings)} units reproduced. Not verified: {', '.join(NOT_VERIFIED)}.")
+    if refused:
+        raise SuiteError(f"{folder}: {len(refused)} of {len(findings)} units are refused")
+
+
+def board(
+    folders: Folders = (),
+    *,
+    results: File = None,
+    check: bool = True,
+    out: File = None,
+    html: bool = False,
+) -> None:
+    """Write the leaderboard from run folders, best method first, with the optimum and the open gap.
+
+    Args:
+        folders: run folders.
+        results: a file of `python -m experiments.suite`, whose rows are added as they are.
+        check: verify the folders; entries that are not verified are marked.
+        out: write the board here; default: print it.
+        html: write HTML instead of Markdown.
+    """
+    from shuttle_marl.suite.board import render, rows_of  # noqa: PLC0415  numba
+
+    text = render(rows_of(folders, results, check=check, progress=_progress), "html" if html else "md")
+    if out is None:
+        print(text, end="")  # noqa: T201
+    else:
+        replace_file(out, text.encode())
+
+
+def new_submission(task: Task, *, out: Path = Path(), language: Literal["python", "perl"] = "python") -> None:
+    """Write a template of a method, at most 40 lines that run as they are, and a card.
+
+    Args:
+        task: name of the task.
+        out: folder.
+        language: of the template.
+    """
+    from shuttle_marl.suite.maintain import new_submission as write  # noqa: PLC0415  numba
+
+    cli.console().print(f"run it in {out} with\n  {write(task, out, language)}", soft_wrap=True)
+
+
+def data(
+    task: Task,
+    *,
+    out: Path,
+    split: Split = "dev",
+    seeds: int | None = None,
+    quick: bool = False,
+    game: str = "default",
+    json_output: Json = False,
+) -> None:
+    """Write the logs of offline and evaluate as Parquet files, or the positions of text as JSON lines, and their hashes.
+
+    Args:
+        task: name of the task.
+        out: folder.
+        split: part of the task.
+        seeds: number of seeds, from 0; default: that of the task.
+        quick: the smallest cases only.
+        game: model of the game.
+        json_output: print JSON.
+    """
+    from shuttle_marl.suite.maintain import write_data  # noqa: PLC0415  numba
+
+    hashes = write_data(task, out, split, game, seeds, quick=quick)
+    if json_output:
+        cli.print_json(hashes)
+    else:
+        cli.console().print(cli.facts(hashes))
+
+
+def freeze(
+    *,
+    tasks: tuple[str, ...] = (),
+    secret_file: File = None,
+    data: Path | None = None,
+    game: str = "default",
+    out: File = None,
+) -> None:
+    """For maintainers: freeze the game and all cases in the settings of the package.
+
+    Args:
+        tasks: names of tasks; default: all, without imitate-v0 if there is no --data.
+        secret_file: file with the secret of the hidden split, created if it does not exist; never commit it.
+        data: annotated matches, for imitate-v0.
+        game: model of the game.
+        out: file to write; default: that of the package.
+    """
+    from shuttle_marl.suite.frozen import FROZEN  # noqa: PLC0415  numba
+    from shuttle_marl.suite.maintain import freeze as write  # noqa: PLC0415
+
+    done = write(out or FROZEN, tasks, model=game, secret_file=secret_file, data=data, progress=_progress)
+    cli.console().print(cli.facts({"game": str(done.game), "commitment": str(done.commitment), "cases": f"{len(done.cases):,}"}))
+
+
+def _print_summary(folder: Path, secret: str | None, *, json_output: bool) -> None:
+    from shuttle_marl.suite.board import number  # noqa: PLC0415  numba
+    from shuttle_marl.suite.results import summarise  # noqa: PLC0415
+
+    found = summarise(folder, secret)
+    if json_output:
+        cli.print_json({"folder": str(folder), **found})
+        return
+    rows = {"task": f"{found['task']}, {found['split']}", "method": found["method"], "seeds": str(found["seeds"])}
+    for name, each in found["scores"].items():
+        interval = "" if each["low"] is None else f" ({number(each['low'], name)} to {number(each['high'], name)})"
+        rows[name] = number(each["value"], name) + interval
+    rows["seconds"] = f"{found['seconds']:.1f}"
+    rows["folder"] = str(folder)
+    cli.console().print(cli.facts(rows))
+    if not found["official"]:
+        cli.console().print("preliminary: a quick run, or a game that is not the frozen one of the suite")
+
+
+def _progress(units: Sequence[Any]) -> Any:
+    return track(units, "cases", console=cli.console(stderr=True), transient=True)
+
+
+COMMANDS: Final[dict[str, cli.Command]] = {
+    "list": list_tasks,
+    "show": show,
+    "run": run,
+    "score": score,
+    "verify": verify,
+    "board": board,
+    "new-submission": new_submission,
+    "data": data,
+    "freeze": freeze,
+}
+
+
+main: Final = cli.entry_point(COMMANDS, "python -m shuttle_marl.suite", __doc__ or "")

@@ -1,0 +1,42 @@
+"""The benchmark suite: frozen tasks with exact scores, methods, runs that can be verified, and the leaderboard.
+
+Names are imported when first used, because the solvers need numba.
+"""
+
+from typing import TYPE_CHECKING
+
+import lazy_loader
+
+if TYPE_CHECKING:
+    from shuttle_marl.suite.players import PlayerSetting, Trained
+    from shuttle_marl.suite.registry import TASKS, find_task
+    from shuttle_marl.suite.results import difference, summarise
+    from shuttle_marl.suite.run import SuiteRun, run_method
+    from shuttle_marl.suite.task import SuiteError, Task
+    from shuttle_marl.suite.verify import verify_run
+
+__all__ = [
+    "TASKS",
+    "PlayerSetting",
+    "SuiteError",
+    "SuiteRun",
+    "Task",
+    "Trained",
+    "difference",
+    "find_task",
+    "run_method",
+    "summarise",
+    "verify_run",
+]
+
+__getattr__, __dir__, _ = lazy_loader.attach(
+    __name__,
+    submod_attrs={
+        "players": ("PlayerSetting", "Trained"),
+        "registry": ("TASKS", "find_task"),
+        "results": ("difference", "summarise"),
+        "run": ("SuiteRun", "run_method"),
+        "task": ("SuiteError", "Task"),
+        "verify": ("verify_run",),
+    },
+)

@@ -1,0 +1,179 @@
+"""The task ``adapt-v0``: play an unknown opponent for 500 rallies, and adapt."""
+
+import dataclasses
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any, ClassVar, Final, Protocol
+
+import numpy as np
+
+from shuttle_marl.arrays import I32, I64, Bools
+from shuttle_marl.exact.known import best_odds, pair_odds
+from shuttle_marl.game.draws import stream
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tabulated import TabulatedPolicy
+from shuttle_marl.kernel import play_rallies
+from shuttle_marl.suite.methods import Method, called, made
+from shuttle_marl.suite.population import ADAPT_RALLIES, CONTROL, FAMILIES, Opponent, known, opponent
+from shuttle_marl.suite.task import Arena, Case, Outcome, Split, Statistic, SuiteError, Task, required, table_of
+
+CHANGES: Final = (0, 2, 5, 10, 20, 40, 80, 160, 320)
+"""Rallies before which the policy may change."""
+HORIZONS: Final = (20, 100, 500)
+"""Numbers of rallies over which the regret is averaged."""
+RISK_FROM: Final = 20
+"""Rally from which the exploitability of the policies is averaged."""
+_OPPONENTS: Final = 20
+_CONTROLS: Final = 10
+_TOLERANCE: Final = 1e-6
+"""Error bound of values, far below the differences between methods."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class PlayedRally:
+    """A rally that a method observes; its seat is 0.
+
+    Attributes:
+        state: ``[N]`` state of each stroke.
+        pair: ``[N]`` legal pair of the state and the stroke.
+        stroke: ``[N]`` catalogue index.
+        own: ``[N]`` whether the method struck; else the opponent.
+        won: whether the method won the rally.
+    """
+
+    state: I32
+    pair: I64
+    stroke: I32
+    own: Bools
+    won: bool
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class AdaptSetting:
+    """What a method of ``adapt`` is given; nothing tells who the opponent is.
+
+    Attributes:
+        game: the tables.
+        known: known opponents by name; the opponent may be none of them.
+        seed: random seed of the method.
+        folder: folder for files of the method.
+    """
+
+    game: Game
+    known: Mapping[str, TabulatedPolicy]
+    seed: int
+    folder: Path
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        raise SuiteError(f"the method reads {name!r} of its setting: methods of adapt-v0 are not told who the opponent is")
+
+
+class Adapter(Protocol):
+    """What a method of ``adapt`` returns."""
+
+    def policy_for_next_rally(self) -> Any:
+        """The policy to play from the next rally on; it is asked before the rallies :data:`CHANGES`."""
+
+    def observe_rally(self, rally: PlayedRally) -> None:
+        """A rally that was played."""
+
+
+class Adapt(Task):
+    """Adapt to an unknown opponent within 500 rallies.
+
+    Given: the game, about 25 known opponents, and rallies against one that is not known; the policy may change before rallies 0,
+    2, 5, 10, 20, 40, 80, 160 and 320. Score: regret, the fraction of rallies lost against the best response to what the opponent
+    plays, averaged over 20, 100 and 500 rallies; and exploitability of what is played from rally 20 on.
+    """
+
+    name = "adapt-v0"
+    metric = "regret_500"
+    higher_is_better = False
+    optimum = 0.0
+    statistic: ClassVar[Statistic] = "mean"
+    seeds = 1
+    splits: ClassVar[tuple[Split, ...]] = ("dev", "test", "hidden")
+    protocol = "method(setting: AdaptSetting) -> object with observe_rally(rally) and policy_for_next_rally() -> player"
+    target = "regret 1.5, 0.8 and 0.4 % after 20, 100 and 500 rallies in unseen families, at an exploitability of 6 % or less"
+
+    def cases(self, arena: Arena) -> list[Case]:
+        """Opponents of each family, and controls, which do not count in the score."""
+        numbers = dict.fromkeys(FAMILIES[: 2 if arena.quick else None], 1 if arena.quick else _OPPONENTS)
+        if not arena.quick:
+            numbers[CONTROL] = _CONTROLS
+        return [
+            Case(
+                name=f"{family}/{number}", stratum=family, counts=family != CONTROL, options={"family": family, "number": number}
+            )
+            for family, size in numbers.items()
+            for number in range(size)
+        ]
+
+    def play(self, arena: Arena, case: Case, method: Method, seed: int, folder: Path) -> Outcome:
+        """Play the rallies; stores the policy that was played from each change on."""
+        setting = AdaptSetting(game=arena.game, known=known(arena), seed=seed, folder=folder)
+        agent = made(method, setting, self.name)
+        if not all(callable(getattr(agent, name, None)) for name in ("observe_rally", "policy_for_next_rally")):
+            raise SuiteError(f"method of {self.name}: expected an object with observe_rally and policy_for_next_rally")
+        against, policies = _opponent(arena, case), {}
+        for start, policy_at, last in _blocks(against):
+            if start in CHANGES:
+                table = table_of(called(self.name, agent.policy_for_next_rally), arena.game, self.name)
+                policies[str(start)] = table
+            key = int(stream(seed, *_words(case.name), start)[0] >> np.uint64(1))
+            for rally in observed(arena.game, (table, policy_at), last - start, key):
+                called(self.name, agent.observe_rally, rally)
+        return Outcome(policies=policies)
+
+    def given(self, arena: Arena, case: Case, seed: int) -> Iterable[str]:  # noqa: ARG002
+        """The opponent and the known population."""
+        against = _opponent(arena, case)
+        hashes = (policy.hash for policy in (*against.policies, *known(arena).values()))
+        return (*map(str, against.starts), *hashes)
+
+    def score(self, arena: Arena, case: Case, seed: int, outcome: Outcome) -> dict[str, float]:  # noqa: ARG002
+        """Mean regret over each horizon, and exploitability."""
+        against = _opponent(arena, case)
+        tables = [required(outcome, str(start)) for start in CHANGES]
+        regret, blocks = np.zeros(ADAPT_RALLIES), _blocks(against)
+        played = [(tables[np.searchsorted(CHANGES, start, side="right") - 1], policy) for start, policy, _ in blocks]
+        best = dict(zip(against.policies, best_odds(against.policies, tolerance=_TOLERANCE), strict=True))
+        for (start, policy, last), odds in zip(blocks, pair_odds(played, tolerance=_TOLERANCE), strict=True):
+            regret[start:last] = best[policy].rally - odds.rally
+        at_risk = [
+            (start, last) for start, last in zip(CHANGES, (*CHANGES[1:], ADAPT_RALLIES), strict=True) if start >= RISK_FROM
+        ]
+        risk = best_odds([tables[CHANGES.index(start)] for start, _ in at_risk], tolerance=_TOLERANCE)
+        return {
+            **{f"regret_{horizon}": float(regret[:horizon].mean()) for horizon in HORIZONS},
+            "exploitability": float(np.average([odds.value for odds in risk], weights=[last - start for start, last in at_risk])),
+        }
+
+
+def _opponent(arena: Arena, case: Case) -> Opponent:
+    return opponent(arena, case.options["family"], case.options["number"])
+
+
+def _words(name: str) -> list[int]:
+    """Numbers that name a stream of draws."""
+    return [int.from_bytes(name.encode()[i : i + 7], "big") for i in range(0, len(name.encode()), 7)]
+
+
+def _blocks(against: Opponent) -> list[tuple[int, TabulatedPolicy, int]]:
+    """Rallies in which neither side changes: first one, policy of the opponent, and end."""
+    starts = sorted({*CHANGES, *against.starts})
+    return [(start, against.at(start), last) for start, last in zip(starts, (*starts[1:], ADAPT_RALLIES), strict=True)]
+
+
+def observed(game: Game, players: tuple[TabulatedPolicy, TabulatedPolicy], number: int, seed: int) -> Iterable[PlayedRally]:
+    """Play rallies of two policies, as the player at seat 0 observes them."""
+    rallies = play_rallies(game, players, number, seed=seed)
+    state, stroke = rallies.states(game), rallies.stroke.astype(np.int32)
+    pair, own = game.pair(state, stroke).astype(np.int64), rallies.striker == 0
+    for i in range(len(rallies)):
+        part = slice(*rallies.first_stroke[[i, i + 1]].tolist())
+        yield PlayedRally(
+            state=state[part], pair=pair[part], stroke=stroke[part], own=own[part], won=bool(rallies.winner[i] == 0)
+        )

@@ -1,0 +1,90 @@
+"""The frozen settings of the suite: hash of the game and fingerprints of the cases of every task.
+
+``frozen.json`` is written by ``python -m shuttle_marl.suite freeze``, for maintainers. As long as it names no game, tasks take
+the installed one, and scores are preliminary.
+"""
+
+import dataclasses
+import hashlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Final
+
+from shuttle_marl.files import FileReadError, read_json, replace_file, seal
+from shuttle_marl.game.tables import Game
+from shuttle_marl.suite.task import SuiteError, Task
+
+FROZEN: Final = Path(__file__).parent / "frozen.json"
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Frozen:
+    """Content of ``frozen.json``.
+
+    Attributes:
+        game: hash of the game; None: not frozen.
+        commitment: SHA-256 of the secret of the hidden split; None: there is none.
+        cases: fingerprint of each case, by ``TASK/SPLIT/CASE/SEED``.
+    """
+
+    game: str | None = None
+    commitment: str | None = None
+    cases: Mapping[str, str] = dataclasses.field(default_factory=dict)
+
+    def official(self, digest: str) -> bool:
+        """Whether the hash is that of the frozen game."""
+        return self.game == digest
+
+    def check(self, task: Task, split: str, case: str, fingerprint: str, game: Game) -> None:
+        """Check that a case is the frozen one; cases of other games are not checked.
+
+        Raises:
+            SuiteError: the case was changed, or depends on another version of a library.
+        """
+        known = self.cases.get(f"{task.name}/{split}/{case}")
+        if self.official(game.hash) and known is not None and known != fingerprint:
+            raise SuiteError(
+                f"{task.name} {case} ({split}): its fingerprint is {fingerprint[:12]}, the frozen one {known[:12]}; "
+                "install the version of the package that the task was frozen with"
+            )
+
+
+def load(path: Path = FROZEN) -> Frozen:
+    """Read the frozen settings.
+
+    Raises:
+        SuiteError: the file is damaged.
+    """
+    if not path.is_file():
+        return Frozen()
+    try:
+        return read_json(path, Frozen, sealed=True)
+    except FileReadError as error:
+        raise SuiteError(f"{path}: no readable frozen settings ({error}); install the package again") from error
+
+
+def save(frozen: Frozen, path: Path = FROZEN) -> None:
+    """Write the frozen settings."""
+    replace_file(path, seal({**dataclasses.asdict(frozen), "cases": dict(sorted(frozen.cases.items()))}))
+
+
+def commitment(secret: str) -> str:
+    """SHA-256 of a secret of the hidden split, hexadecimal."""
+    return hashlib.sha256(bytes.fromhex(secret)).hexdigest()
+
+
+def checked_secret(secret: str | None, frozen: Frozen) -> str:
+    """The secret of the hidden split.
+
+    Raises:
+        SuiteError: it is missing, is not 64 hexadecimal digits, or does not match the commitment.
+    """
+    if secret is None:
+        raise SuiteError("the hidden split needs --secret, which is published with a later version of the task")
+    try:
+        known = len(secret) == 64 and commitment(secret) == frozen.commitment
+    except ValueError:
+        known = False
+    if not known:
+        raise SuiteError("--secret: expected the 64 hexadecimal digits whose SHA-256 is the commitment of the task")
+    return secret

@@ -1,0 +1,164 @@
+"""The task ``imitate-v0``: predict the next stroke of people in matches that were not seen.
+
+The matches are not part of the package: ``--data`` names a folder of the download, or a Parquet file of ``data convert``.
+"""
+
+import dataclasses
+import functools
+import hashlib
+from collections.abc import Iterable
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+import pyarrow as pa
+
+from shuttle_marl.arrays import F64, I64, Bools
+from shuttle_marl.data.schema import Outcome as Ending
+from shuttle_marl.game.tables import Game
+from shuttle_marl.suite.methods import Method, called, made
+from shuttle_marl.suite.task import Arena, Case, Outcome, SuiteError, Task, exploitability, odds_against, required, table_of
+
+_FOLDS = 5
+_FLOOR = 1e-6
+"""Least probability of a stroke in the log-loss."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class HumanStrokes:
+    """Strokes of people; those with an unknown state, and faults, whose target is unknown, are left out.
+
+    Attributes:
+        game: the tables.
+        state: ``[N]`` state of each stroke.
+        pair: ``[N]`` legal pair of the state and the nearest stroke of the catalogue.
+        player: ``[N]`` name of the striker.
+        match: ``[N]`` name of the match.
+    """
+
+    game: Game
+    state: I64
+    pair: I64
+    player: list[str]
+    match: list[str]
+
+    def take(self, rows: Bools) -> "HumanStrokes":
+        """Some of the strokes."""
+        numbers = np.flatnonzero(rows).tolist()
+        return HumanStrokes(
+            game=self.game,
+            state=self.state[rows],
+            pair=self.pair[rows],
+            player=[self.player[i] for i in numbers],
+            match=[self.match[i] for i in numbers],
+        )
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ImitateSetting:
+    """What a method of ``imitate`` is given besides the strokes: the game, a seed, and a folder for files."""
+
+    game: Game
+    seed: int
+    folder: Path
+
+
+class Imitate(Task):
+    """Predict the next stroke of people, and play like them at a given strength.
+
+    Given: the strokes of the training matches. Score: log-loss of the whole stroke (type, area, contact, technique) in unseen
+    matches, in nats; also how often the stroke is among the one or three likeliest, and what the policy loses to perfect play.
+    """
+
+    name = "imitate-v0"
+    metric = "log_loss"
+    higher_is_better = False
+    seeds = 1
+    protocol: ClassVar[str] = "method(setting: ImitateSetting) -> object with fit(strokes: HumanStrokes) -> player"
+    target = "a log-loss below that of bc"
+
+    def cases(self, arena: Arena) -> list[Case]:  # noqa: ARG002
+        """One."""
+        return [Case(name="matches")]
+
+    def play(self, arena: Arena, case: Case, method: Method, seed: int, folder: Path) -> Outcome:  # noqa: ARG002
+        """Fit the method to the training matches."""
+        train, _ = parts(arena)
+        learner = made(method, ImitateSetting(game=arena.game, seed=seed, folder=folder), self.name)
+        if not callable(getattr(learner, "fit", None)):
+            raise SuiteError(f"method of {self.name}: expected an object with fit(strokes)")
+        return Outcome(policies={"player": table_of(called(self.name, learner.fit, train), arena.game, self.name)})
+
+    def given(self, arena: Arena, case: Case, seed: int) -> Iterable[str]:  # noqa: ARG002
+        """The strokes of both parts."""
+        return [hashlib.sha256(part.pair.tobytes()).hexdigest() for part in parts(arena)]
+
+    def score(self, arena: Arena, case: Case, seed: int, outcome: Outcome) -> dict[str, float]:  # noqa: ARG002
+        """Log-loss, top-1 and top-3, and rallies lost to perfect play."""
+        player, unseen = required(outcome), parts(arena)[1]
+        rank = ranks(player.pair_probabilities(), unseen)
+        return {
+            "log_loss": float(-np.log(np.maximum(player.probability_of(unseen.pair), _FLOOR)).mean()),
+            "top_1": float((rank < 1).mean()),
+            "top_3": float((rank < 3).mean()),
+            "regret": 0.5 - odds_against(player, arena.policy("minimax")).rally,
+            "exploitability": exploitability(player),
+        }
+
+
+def ranks(probability: F64, strokes: HumanStrokes) -> I64:
+    """``[N]`` number of legal strokes that are likelier than the one played, from ``[P]`` probabilities."""
+    row, pair = strokes.game.pairs(strokes.state)
+    likelier = probability[pair] > probability[strokes.pair][row]
+    return np.bincount(row, likelier, len(strokes.state)).astype(np.int64)
+
+
+def parts(arena: Arena) -> tuple[HumanStrokes, HumanStrokes]:
+    """Strokes to learn from, and those to predict.
+
+    The test split predicts the validation matches of the data set. The dev split predicts a fifth of the training matches, which
+    the models of the package, such as ``bc``, have seen.
+
+    Raises:
+        SuiteError: no data were named.
+        DataError: they cannot be read.
+    """
+    if arena.data is None:
+        raise SuiteError("imitate-v0 needs annotated matches: --data names the folder of `data download`")
+    return _parts(arena.game, arena.data, dev=arena.split == "dev")
+
+
+@functools.lru_cache(maxsize=2)
+def _parts(game: Game, data: Path, *, dev: bool) -> tuple[HumanStrokes, HumanStrokes]:
+    from shuttle_marl.data import load_strokes  # noqa: PLC0415
+    from shuttle_marl.data.upstream import matches_of  # noqa: PLC0415
+
+    strokes = human_strokes(load_strokes(data), game)
+    match = np.array(strokes.match)
+    train = np.isin(match, list(matches_of("train")))
+    unseen = np.isin(match, list(matches_of("validation")))
+    if dev:
+        names = sorted(matches_of("train"), key=lambda name: hashlib.sha256(name.encode()).hexdigest())
+        unseen = np.isin(match, names[::_FOLDS])
+        train &= ~unseen
+    if not (train.any() and unseen.any()):
+        raise SuiteError(f"{data}: holds no strokes of the training or of the validation matches")
+    return strokes.take(train), strokes.take(unseen)
+
+
+def human_strokes(table: pa.Table, game: Game) -> HumanStrokes:
+    """The strokes of a table of :data:`shuttle_marl.data.schema.STROKES` in the states of a game."""
+    from shuttle_marl.analysis.values import nearest_strokes  # noqa: PLC0415
+    from shuttle_marl.dynamics.features import rows_from_strokes, states_of, strokes_before  # noqa: PLC0415
+
+    rows = rows_from_strokes(table)
+    nearest = nearest_strokes(game.catalogue)
+    own, incoming = (strokes_before(rows, name, nearest, game.n_strokes) for name in ("own", "incoming"))
+    state = states_of(game, rows, own, incoming)
+    codes = rows.codes
+    stroke = nearest[codes["shot"], codes["area"], codes["contact"], codes["technique"]]
+    pair = np.where((state >= 0) & (stroke >= 0), game.pair(np.maximum(state, 0), np.maximum(stroke, 0)), -1)
+    kept = (pair >= 0) & (rows.outcome != Ending.FAULT)
+    player, match = table["player"].to_pylist(), table["match"].to_pylist()
+    whole = HumanStrokes(game=game, state=state.astype(np.int64), pair=pair.astype(np.int64), player=player, match=match)
+    return whole.take(kept)

@@ -1,0 +1,135 @@
+"""Baselines of ``evaluate``: estimators of the fraction of rallies that a policy wins, from the log of another policy.
+
+The only reward comes at the end of a rally: 1 for winning it. With rho_t the probability of the t-th own stroke of a rally under
+the policy over that under the behaviour, and w the product over the rally:
+
+- importance sampling: mean of w * won; weighted: sum of w * won over the sum of w;
+- per decision (Precup, Sutton & Singh 2000): every reward is weighted by the strokes before it, so here it is the first one;
+- doubly robust (Jiang & Li 2016, arXiv 1511.03722): V_t = v(s_t) + rho_t (r_t + V_{t+1} - q(s_t, a_t)), backwards in a rally;
+- fitted Q evaluation (Le, Voloshin & Yue 2019, arXiv 1903.08738), and the exact value in an estimated model.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from shuttle_marl.arrays import F64
+from shuttle_marl.exact import evaluate
+from shuttle_marl.exact.profile import PairPolicy
+from shuttle_marl.game.tabulated import TabulatedPolicy
+from shuttle_marl.suite.logs import Log, Transitions
+from shuttle_marl.suite.tabular import SHRINK, by_state, cloned, estimated_game, expected_under, fitted_q
+
+_TOLERANCE = 1e-6
+
+
+def ratios(data: Transitions, policy: TabulatedPolicy) -> F64:
+    """``[M]`` probability of each stroke under the policy over that under the behaviour."""
+    return np.asarray(policy.probability_of(data.pair) / data.probability)
+
+
+def rally_weights(data: Transitions, policy: TabulatedPolicy) -> F64:
+    """``[R]`` product of the ratios of each rally with an own stroke."""
+    return np.asarray(np.multiply.reduceat(ratios(data, policy), np.flatnonzero(data.first)))
+
+
+class ImportanceSampling:
+    """Unbiased, with a variance that grows with the length of rallies."""
+
+    def estimate(self, log: Log, policies: Sequence[TabulatedPolicy]) -> list[float]:
+        """One number for each policy."""
+        data = log.transitions
+        won = data.won[data.first]
+        return [float(((rally_weights(data, policy) * won).sum() + data.idle_wins) / data.n_rallies) for policy in policies]
+
+
+class PerDecision:
+    """Importance sampling of single rewards: doubly robust without a model.
+
+    Equal to :class:`ImportanceSampling`, because the only reward comes last.
+    """
+
+    def estimate(self, log: Log, policies: Sequence[TabulatedPolicy]) -> list[float]:
+        """One number for each policy."""
+        data, found = log.transitions, []
+        for policy in policies:
+            none = np.zeros(len(data))
+            returns = doubly_robust(data, ratios(data, policy), none, none)
+            found.append(float((returns.sum() + data.idle_wins) / data.n_rallies))
+        return found
+
+
+class WeightedImportanceSampling:
+    """Biased, with a smaller variance."""
+
+    def estimate(self, log: Log, policies: Sequence[TabulatedPolicy]) -> list[float]:
+        """One number for each policy."""
+        data, found = log.transitions, []
+        idle = data.n_rallies - int(data.first.sum())
+        for policy in policies:
+            weight = rally_weights(data, policy)
+            found.append(float(((weight * data.won[data.first]).sum() + data.idle_wins) / (weight.sum() + idle)))
+        return found
+
+
+class FittedQEvaluation:
+    """Q-values of the policy, fitted to own transitions."""
+
+    def estimate(self, log: Log, policies: Sequence[TabulatedPolicy]) -> list[float]:
+        """One number for each policy."""
+        data = log.transitions
+        found = []
+        for policy in policies:
+            _, v = q_and_v(data, policy)
+            found.append(float((v[data.first].sum() + data.idle_wins) / data.n_rallies))
+        return found
+
+
+class DoublyRobust:
+    """Fitted Q evaluation, corrected by importance sampling."""
+
+    def estimate(self, log: Log, policies: Sequence[TabulatedPolicy]) -> list[float]:
+        """One number for each policy."""
+        data, found = log.transitions, []
+        for policy in policies:
+            q, v = q_and_v(data, policy)
+            found.append(float((doubly_robust(data, ratios(data, policy), q, v).sum() + data.idle_wins) / data.n_rallies))
+        return found
+
+
+class ModelBased:
+    """Exact value in a game whose outcomes and opponent are estimated from the log."""
+
+    def estimate(self, log: Log, policies: Sequence[TabulatedPolicy]) -> list[float]:
+        """One number for each policy."""
+        game = estimated_game(log)
+        opponent = PairPolicy(game=game, probability=cloned(log.game, log.pair[~log.own]))
+        players = [TabulatedPolicy(game=game, cumulative=policy.cumulative) for policy in policies]
+        return [evaluate(player, opponent, tolerance=_TOLERANCE).odds().rally for player in players]
+
+
+def q_and_v(data: Transitions, policy: TabulatedPolicy, *, shrink: float = SHRINK) -> tuple[F64, F64]:
+    """``[M]`` each: fitted value of the stroke played, and of its state."""
+    game = data.game
+    # Q-values do not depend on the efforts, and few policies do.
+    chance = policy.block_probabilities(0)
+    q = fitted_q(data, expected_under(game, chance), shrink=shrink)
+    states, index = np.unique(game.base(data.state), return_inverse=True)
+    return q[data.pair % game.n_base_pairs], by_state(game, chance * q, states, np.add)[index]
+
+
+def doubly_robust(data: Transitions, rho: F64, q: F64, v: F64) -> F64:
+    """``[R]`` doubly robust estimate of each rally with an own stroke.
+
+    Args:
+        data: own transitions.
+        rho: ``[M]`` ratios.
+        q, v: ``[M]`` estimated values of the stroke played and of its state.
+    """
+    length = np.diff(np.append(np.flatnonzero(data.first), len(data)))
+    start, value = np.flatnonzero(data.first), np.zeros(len(length))
+    # The t-th strokes of all rallies together, from the last one.
+    for t in range(int(length.max()) - 1, -1, -1):
+        rows = start[length > t] + t
+        value[length > t] = v[rows] + rho[rows] * (data.reward[rows] + value[length > t] - q[rows])
+    return value

@@ -1,0 +1,136 @@
+"""Baselines of ``offline``: tabular, with estimates shrunk towards coarser cells (:mod:`shuttle_marl.suite.tabular`).
+
+The argument of a name, as in ``fitted-q:8``, is the number of pseudo-observations of the coarser cell, or what the class says.
+"""
+
+import dataclasses
+from typing import ClassVar
+
+import numpy as np
+
+from shuttle_marl.arrays import F64
+from shuttle_marl.exact import best_response
+from shuttle_marl.exact.profile import PairPolicy
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tabulated import TabulatedPolicy
+from shuttle_marl.suite.logs import Log, Transitions
+from shuttle_marl.suite.offline import LogSetting
+from shuttle_marl.suite.tabular import (
+    SHRINK,
+    best_of,
+    by_state,
+    cloned,
+    counts,
+    estimated_game,
+    fitted_q,
+    greedy,
+    shrunk_means,
+    with_faults,
+)
+
+_TOLERANCE = 1e-6
+
+
+@dataclasses.dataclass(frozen=True)
+class Clone:
+    """Behaviour cloning: play as the log (Pomerleau 1991)."""
+
+    setting: LogSetting
+    argument: str = str(SHRINK)
+    track: ClassVar[str] = "own"
+
+    def fit(self, data: Transitions) -> PairPolicy:
+        """The behaviour policy."""
+        return PairPolicy(game=data.game, probability=cloned(data.game, data.pair, shrink=float(self.argument)))
+
+
+@dataclasses.dataclass(frozen=True)
+class OneStep:
+    """One step of policy improvement over the behaviour (Brandfonbrener et al. 2021, arXiv 2106.08909)."""
+
+    setting: LogSetting
+    argument: str = str(SHRINK)
+    track: ClassVar[str] = "own"
+
+    def fit(self, data: Transitions) -> PairPolicy:
+        """Greedy in the Q-values of the behaviour, estimated by the results of its rallies."""
+        won = data.won.astype(np.float64)
+        q = shrunk_means(data.game, data.pair, won, prior=float(won.mean()), shrink=float(self.argument))
+        return greedy(data.game, q)
+
+
+@dataclasses.dataclass(frozen=True)
+class FittedQ:
+    """Fitted Q iteration (Ernst, Geurts & Wehenkel, JMLR 2005)."""
+
+    setting: LogSetting
+    argument: str = str(SHRINK)
+    track: ClassVar[str] = "own"
+
+    def fit(self, data: Transitions) -> PairPolicy:
+        """Greedy in the fitted Q-values."""
+        return greedy(data.game, fitted_q(data, best_of(data.game), shrink=float(self.argument)))
+
+
+@dataclasses.dataclass(frozen=True)
+class ConstrainedQ:
+    """Discrete batch-constrained Q-learning (Fujimoto et al. 2019, arXiv 1910.01708).
+
+    Only strokes are considered whose cloned probability is at least ``argument`` times that of the likeliest stroke.
+    """
+
+    setting: LogSetting
+    argument: str = "0.3"
+    track: ClassVar[str] = "own"
+
+    def fit(self, data: Transitions) -> PairPolicy:
+        """Greedy in the fitted Q-values, within the support of the behaviour."""
+        game, chance = data.game, cloned(data.game, data.pair)
+        states = np.flatnonzero(game.playable[: game.n_base_states])
+        likeliest = np.zeros(game.n_base_states)
+        likeliest[states] = by_state(game, chance, states, np.maximum)
+        allowed = (chance >= float(self.argument) * likeliest[game.base_pair_state]).astype(np.float64)
+        return greedy(game, fitted_q(data, best_of(game, allowed)), allowed)
+
+
+@dataclasses.dataclass(frozen=True)
+class Model:
+    """Best response in an estimated model: outcomes of strokes and the opponent, both shrunk means."""
+
+    setting: LogSetting
+    argument: str = str(SHRINK)
+
+    def fit(self, log: Log) -> TabulatedPolicy:
+        """The exact best response in the estimated game."""
+        shrink = float(self.argument)
+        return respond(log, estimated_game(log, shrink=shrink), shrink)
+
+
+@dataclasses.dataclass(frozen=True)
+class PessimisticModel:
+    """The same with a penalty for strokes that are rare in the log (MOReL, Kidambi et al. 2020, arXiv 2005.05951).
+
+    ``argument`` over the square root of the observations is added to the probability of a fault.
+    """
+
+    setting: LogSetting
+    argument: str = "0.1"
+
+    def fit(self, log: Log) -> TabulatedPolicy:
+        """The exact best response in the pessimistic game."""
+        penalty = float(self.argument) / np.sqrt(counts(log.game, log.pair[log.own]) + 1)
+        return respond(log, estimated_game(log), SHRINK, penalty=penalty)
+
+
+def respond(log: Log, game: Game, shrink: float, *, penalty: F64 | None = None) -> TabulatedPolicy:
+    """The best response to the cloned opponent in an estimated game, as a table of the rules.
+
+    Args:
+        log: strokes of both players.
+        game: estimated from them.
+        shrink: pseudo-observations of the coarser cell in the model of the opponent.
+        penalty: ``[base pairs]`` by which the probability of the player's faults is raised.
+    """
+    opponent = PairPolicy(game=game, probability=cloned(log.game, log.pair[~log.own], shrink=shrink))
+    own = game if penalty is None else with_faults(game, penalty)
+    return TabulatedPolicy(game=log.game, cumulative=best_response(opponent, game=own, tolerance=_TOLERANCE).policy.cumulative)

@@ -1,0 +1,40 @@
+"""Baselines of ``text``: policies by name, and chat models through a command."""
+
+import random
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from shuttle_marl.game.policy import States, checked_probabilities
+from shuttle_marl.policy.registry import resolve
+from shuttle_marl.suite.text import ChatProgram, TextSetting
+
+
+class RandomLegal:
+    """A random legal stroke."""
+
+    def __init__(self, setting: TextSetting) -> None:
+        self._random = random.Random(setting.seed)
+
+    def answer(self, position: Mapping[str, Any]) -> str:
+        """One of the legal strokes."""
+        return self._random.choice(position["legal"])
+
+
+class Policy:
+    """The likeliest stroke of a policy of the game, whose name is the argument."""
+
+    def __init__(self, setting: TextSetting, argument: str = "bc") -> None:
+        self._game, self._policy = setting.game, resolve(argument, setting.game)
+
+    def answer(self, position: Mapping[str, Any]) -> str:
+        """Its likeliest legal stroke; the first one in the catalogue if several are."""
+        state = self._game.state_of(*position["observation"])
+        chance = checked_probabilities(self._policy, States(game=self._game, state=np.atleast_1d(state)), "policy")[0]
+        return self._game.catalogue.names[int(chance.argmax())]
+
+
+def chat(setting: TextSetting, argument: str) -> ChatProgram:  # noqa: ARG001
+    """Any chat model: a command that reads a prompt and writes an answer."""
+    return ChatProgram(argument)

@@ -1,0 +1,82 @@
+"""PPO, A2C and SAC of :mod:`shuttle_marl.training`, with its default settings, against the opponent or in self-play."""
+
+import dataclasses
+import json
+from typing import Any, Final
+
+from shuttle_marl import runs
+from shuttle_marl.suite.players import PlayerSetting, Trained
+
+_SHARE: Final = 0.97
+"""Fraction of the budget that is planned; the rest is for the ends of rallies."""
+_ITERATIONS: Final = 12
+"""Iterations of a run with a small budget."""
+
+
+def ppo(setting: PlayerSetting) -> Trained:
+    """PPO (Schulman et al. 2017, arXiv 1707.06347)."""
+    return _train("ppo", setting)
+
+
+def a2c(setting: PlayerSetting) -> Trained:
+    """A2C (Mnih et al. 2016, arXiv 1602.01783)."""
+    return _train("a2c", setting)
+
+
+def sac(setting: PlayerSetting) -> Trained:
+    """SAC (Haarnoja et al. 2018, arXiv 1801.01290) for discrete actions (Christodoulou 2019, arXiv 1910.07207)."""
+    return _train("sac", setting)
+
+
+def ppo_best_response(setting: PlayerSetting) -> Trained:
+    """Self-play with a fraction of rallies against the exact best response."""
+    return _train("ppo", setting, variant="best-response")
+
+
+def ppo_restarts(setting: PlayerSetting) -> Trained:
+    """Self-play from states that the exact best response reaches."""
+    return _train("ppo", setting, variant="restarts")
+
+
+def ppo_pool(setting: PlayerSetting) -> Trained:
+    """Self-play with a fraction of rallies against earlier policies."""
+    return _train("ppo", setting, variant="pool")
+
+
+def ppo_magnet(setting: PlayerSetting) -> Trained:
+    """Magnetic mirror descent (Sokota et al. 2023, arXiv 2206.05825)."""
+    return _train("ppo", setting, variant="magnet")
+
+
+def ppo_nash(setting: PlayerSetting) -> Trained:
+    """NashPG (arXiv 2510.18183)."""
+    return _train("ppo", setting, variant="nash")
+
+
+def _train(algorithm: str, setting: PlayerSetting, **options: Any) -> Trained:
+    from shuttle_marl.training import A2CConfig, PPOConfig, SACConfig, train  # noqa: PLC0415  torch
+
+    default = {"ppo": PPOConfig, "a2c": A2CConfig, "sac": SACConfig}[algorithm]
+    opponent = "self" if setting.opponent is None else setting.opponent
+    folder = setting.folder / algorithm
+    config = default(
+        opponent=(opponent,),
+        strokes=setting.budget,
+        batch=min(default().batch, max(256, setting.budget // _ITERATIONS)),
+        seed=setting.seed,
+        game=setting.model,
+        record="none",
+        exploitability=False,
+        out=folder,
+        resume=(folder / runs.CONFIG).exists(),
+        **options,
+    )
+    # Rallies are played to their end, so iterations are a little longer than their batches.
+    while sum(map(config.batch_of, range(config.iterations))) > _SHARE * setting.budget:
+        config = dataclasses.replace(config, strokes=int(config.strokes * _SHARE))
+    done = train(config)
+    lines = (done.folder / "metrics.jsonl").read_text(encoding="utf-8").splitlines()
+    points = [json.loads(line) for line in lines]
+    figure = "normalised_score" if setting.opponent is not None else "exploitability"
+    curve = tuple((float(point["strokes"]), float(point[figure])) for point in points if point[figure] is not None)
+    return Trained(player=done.policy, strokes=done.strokes, curve=curve)

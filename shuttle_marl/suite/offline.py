@@ -1,0 +1,232 @@
+"""The tasks ``offline-v0`` and ``evaluate-v0``: learning, and evaluation of policies, from a fixed log."""
+
+import dataclasses
+import functools
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, ClassVar, Final
+
+import numpy as np
+from scipy.stats import spearmanr
+
+from shuttle_marl.exact.known import pair_odds
+from shuttle_marl.exact.match import normalised_score
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tabulated import TabulatedPolicy
+from shuttle_marl.suite.logs import OPPONENT, Log, behaviour, blank, generate
+from shuttle_marl.suite.methods import Method, called, find, made
+from shuttle_marl.suite.task import (
+    Arena,
+    Case,
+    Outcome,
+    SuiteError,
+    Task,
+    best_against,
+    exploitability,
+    odds_against,
+    required,
+    table_of,
+)
+
+BEHAVIOURS: Final = ("bc", "bc+0.1*minimax", "attacking@greedy", "minimax", "bc:PLAYER")
+"""Behaviour policies of the logs; PLAYER is the first imitated player of the split."""
+NAMED: Final = (
+    "bc", "bc@0.7", "bc@0.4", "bc@greedy", "bc:PLAYER", "attacking", "attacking@greedy", "defensive", "defensive@greedy", "safe",
+    "safe@greedy", "minimax", "human:0.05", "human:0.2", "random", "bc+0.5*minimax",
+)  # fmt: skip
+"""Targets of ``evaluate`` by name."""
+TRAINED: Final = (
+    "one-step", "one-step:2", "one-step:8", "fitted-q", "fitted-q:2", "fitted-q:8", "bcq", "bcq:0.1", "bcq:0.5", "model",
+    "model:2", "model:8", "model-pessimistic", "model-pessimistic:0.2", "clone", "clone:8",
+)  # fmt: skip
+"""Targets of ``evaluate`` that methods of ``offline`` trained on the log."""
+_QUICK: Final = 3000
+_FRESH: Final = 1000
+"""Added to the seed of a fresh log."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class LogSetting:
+    """What a method of ``offline`` and ``evaluate`` is given besides the log.
+
+    Attributes:
+        game: the rules: states and legal strokes; its probabilities are meaningless.
+        seed: random seed.
+        folder: folder for files of the method.
+    """
+
+    game: Game
+    seed: int
+    folder: Path
+
+
+class LogTask(Task):
+    """A task with logs; the dev split is the game of one discipline."""
+
+    variants: ClassVar[Mapping[str, str]] = {"dev": "women"}
+
+    def behaviours(self, arena: Arena) -> tuple[str, ...]:
+        """Names of the behaviour policies of the split."""
+        return tuple(_of_split(name, arena) for name in BEHAVIOURS[: 1 if arena.quick else None])
+
+
+def _of_split(name: str, arena: Arena) -> str:
+    return name.replace("PLAYER", arena.players[0])
+
+
+@functools.lru_cache(maxsize=2)
+def _log(arena: Arena, name: str, strokes: int, seed: int) -> Log:
+    return generate(arena, name, strokes, seed)
+
+
+def log_of_unit(arena: Arena, case: Case, seed: int) -> Log:
+    """The log of a unit."""
+    return _log(arena, case.options["behaviour"], case.options["strokes"], seed)
+
+
+class Offline(LogTask):
+    """Learn from a fixed log and nothing else.
+
+    Given: 10^4, 10^5 or (bc) 10^6 own strokes of a behaviour policy against bc, with the replies. Score: fraction of rallies won
+    against bc, scaled so that 0 is bc and 1 the best response. A method reads the strokes of both players, or its own transitions
+    alone (``track = "own"``).
+    """
+
+    name = "offline-v0"
+    protocol = "method(setting: LogSetting) -> object with fit(log) -> player; log is a Log, or Transitions if track is 'own'"
+    optimum = 1.0
+    target = "0.9 at 10^5 strokes, 0.75 at 10^4, and never below the behaviour policy on narrow logs"
+
+    def cases(self, arena: Arena) -> list[Case]:
+        """Each behaviour policy with each number of strokes."""
+        sizes = (_QUICK,) if arena.quick else (10**4, 10**5)
+        pairs = [(name, size) for name in self.behaviours(arena) for size in sizes]
+        if not arena.quick:
+            pairs.append(("bc", 10**6))
+        return [Case(name=f"{name}/{size:,}", options={"behaviour": name, "strokes": size}) for name, size in pairs]
+
+    def play(self, arena: Arena, case: Case, method: Method, seed: int, folder: Path) -> Outcome:
+        """Fit the method to the log."""
+        log = log_of_unit(arena, case, seed)
+        player = fitted(method, log, LogSetting(game=log.game, seed=seed, folder=folder), self.name)
+        return Outcome(policies={"player": in_game(player, arena.game)})
+
+    def given(self, arena: Arena, case: Case, seed: int) -> Iterable[str]:
+        """The log."""
+        return (log_of_unit(arena, case, seed).hash, arena.policy(OPPONENT).hash)
+
+    def score(self, arena: Arena, case: Case, seed: int, outcome: Outcome) -> dict[str, float]:  # noqa: ARG002
+        """Normalised score, fraction of rallies won, and exploitability."""
+        player, opponent = required(outcome), arena.policy(OPPONENT)
+        odds, best = odds_against(player, opponent), best_against(opponent)
+        score = normalised_score(odds.rally, 0.5, best.rally)
+        assert score is not None  # a best response to bc beats it
+        return {"score": score, "rally_win": odds.rally, "exploitability": exploitability(player)}
+
+
+def fitted(method: Method, log: Log, setting: LogSetting, name: str) -> TabulatedPolicy:
+    """The table of the player that a method fits to a log.
+
+    Raises:
+        SuiteError: the method raised, or did not return a player.
+        PolicyError: the player is no policy.
+    """
+    learner = made(method, setting, name)
+    if not callable(getattr(learner, "fit", None)):
+        raise SuiteError(f"method of {name}: expected an object with fit(log), got a {type(learner).__name__}")
+    data = log.transitions if getattr(learner, "track", "both") == "own" else log
+    return table_of(called(name, learner.fit, data), log.game, name)
+
+
+def in_game(policy: TabulatedPolicy, game: Game) -> TabulatedPolicy:
+    """A table of the rules alone as a table of the game."""
+    return TabulatedPolicy(game=game, cumulative=policy.cumulative)
+
+
+class Evaluate(LogTask):
+    """Estimate the value of 32 policies from a log (off-policy evaluation).
+
+    Given: 10^4 or 10^5 own strokes of a behaviour policy against bc with their probabilities, and 32 policies: 16 named ones and
+    16 trained by methods of ``offline`` on the same log (``same``) or on another one (``fresh``). Score: root mean square error
+    of the estimated fractions of rallies won, clipped to [0, 1]; also bias, rank correlation, and regret of the policy chosen.
+    """
+
+    name = "evaluate-v0"
+    metric = "error"
+    seeds = 2
+    higher_is_better = False
+    optimum = 0.0
+    protocol = "method(setting: LogSetting) -> object with estimate(log, policies) -> one number from 0 to 1 for each policy"
+    target = "bias below 3 % on the same log, at a rank correlation of 0.9"
+
+    def cases(self, arena: Arena) -> list[Case]:
+        """Each behaviour policy with each number of strokes, on the log that the policies were trained on, and on a fresh one."""
+        sizes = (_QUICK,) if arena.quick else (10**4, 10**5)
+        return [
+            Case(name=f"{name}/{size:,}/{which}", options={"behaviour": name, "strokes": size, "log": which})
+            for name in self.behaviours(arena)
+            for size in sizes
+            for which in ("same", "fresh")
+        ]
+
+    def _log(self, arena: Arena, case: Case, seed: int) -> Log:
+        return log_of_unit(arena, case, seed + (_FRESH if case.options["log"] == "fresh" else 0))
+
+    def play(self, arena: Arena, case: Case, method: Method, seed: int, folder: Path) -> Outcome:
+        """Ask the method for its estimates."""
+        log = self._log(arena, case, seed)
+        policies = targets(arena, case, seed)
+        estimator = made(method, LogSetting(game=log.game, seed=seed, folder=folder), self.name)
+        if not callable(getattr(estimator, "estimate", None)):
+            raise SuiteError(f"method of {self.name}: expected an object with estimate(log, policies)")
+        # Names would tell what a policy is.
+        tables = [in_game(policy, log.game) for policy in policies.values()]
+        found = called(self.name, estimator.estimate, log, tables)
+        values = np.asarray(found, dtype=np.float64)
+        if values.shape != (len(policies),) or not np.isfinite(values).all():
+            raise SuiteError(f"method of {self.name}: expected {len(policies)} finite estimates, got shape {values.shape}")
+        return Outcome(answers={"estimates": np.clip(values, 0, 1).tolist()})
+
+    def given(self, arena: Arena, case: Case, seed: int) -> Iterable[str]:
+        """The log and the policies."""
+        return (self._log(arena, case, seed).hash, *(policy.hash for policy in targets(arena, case, seed).values()))
+
+    def score(self, arena: Arena, case: Case, seed: int, outcome: Outcome) -> dict[str, float]:
+        """Error, bias, rank correlation and regret; bias also of the trained policies alone."""
+        policies, estimates = targets(arena, case, seed), outcome.answers.get("estimates")
+        if not isinstance(estimates, list) or len(estimates) != len(policies):
+            raise SuiteError(f"expected {len(policies)} estimates")
+        estimated = np.array([float(value) for value in estimates])
+        if not ((estimated >= 0) & (estimated <= 1)).all():
+            raise SuiteError("an estimate is not a number from 0 to 1")
+        odds = pair_odds([(policy, arena.policy(OPPONENT)) for policy in policies.values()])
+        return errors(estimated, np.array([each.rally for each in odds]), [name in TRAINED for name in policies])
+
+
+def errors(estimated: Any, true: Any, trained: Sequence[bool]) -> dict[str, float]:
+    """Figures of estimates ``[K]`` against true values ``[K]``; ``trained``: which policies were trained on a log."""
+    off = estimated - true
+    rank = spearmanr(estimated, true).statistic if np.ptp(estimated) > 0 else 0.0
+    return {
+        "error": float(np.sqrt(np.mean(off**2))),
+        "bias": float(np.mean(off)),
+        "bias_trained": float(np.mean(off[np.asarray(trained)])) if any(trained) else 0.0,
+        "rank_correlation": float(rank),
+        "regret": float(true.max() - true[int(np.argmax(estimated))]),
+    }
+
+
+def targets(arena: Arena, case: Case, seed: int) -> dict[str, TabulatedPolicy]:
+    """The policies to be evaluated in a unit, by name."""
+    return _targets(arena, case.options["behaviour"], case.options["strokes"], seed)
+
+
+@functools.lru_cache(maxsize=2)
+def _targets(arena: Arena, behaviour_name: str, strokes: int, seed: int) -> dict[str, TabulatedPolicy]:
+    log = _log(arena, behaviour_name, strokes, seed)
+    setting = LogSetting(game=blank(arena.game), seed=seed, folder=Path())
+    found = {name: behaviour(arena, _of_split(name, arena)) for name in NAMED}
+    for name in TRAINED:
+        method = find(Offline.name, name)
+        found[name] = in_game(fitted(method, log, setting, name), arena.game)
+    return found

@@ -1,0 +1,51 @@
+"""The tasks by name."""
+
+import difflib
+import functools
+from pathlib import Path
+from typing import Final
+
+from shuttle_marl.game.shipped import resolve_game
+from shuttle_marl.suite import frozen
+from shuttle_marl.suite.adapt import Adapt
+from shuttle_marl.suite.imitate import Imitate
+from shuttle_marl.suite.offline import Evaluate, Offline
+from shuttle_marl.suite.players import Equilibrium, Exploit
+from shuttle_marl.suite.robust import Robust
+from shuttle_marl.suite.task import Arena, Split, SuiteError, Task
+from shuttle_marl.suite.text import Text
+
+TASKS: Final[dict[str, Task]] = {
+    task.name: task for task in (Exploit(), Equilibrium(), Adapt(), Offline(), Evaluate(), Imitate(), Robust(), Text())
+}
+
+
+def find_task(name: str) -> Task:
+    """A task by name.
+
+    Raises:
+        SuiteError: there is no such task.
+    """
+    if name not in TASKS:
+        close = difflib.get_close_matches(name, TASKS, n=2, cutoff=0.4)
+        raise SuiteError(f"no task {name!r}; {f'did you mean {close[0]}?' if close else ''} there are: {', '.join(TASKS)}")
+    return TASKS[name]
+
+
+@functools.lru_cache(maxsize=4)
+def arena_of(
+    task: Task, model: str, split: Split, *, quick: bool = False, secret: str | None = None, data: Path | None = None
+) -> Arena:
+    """The game and the split of a task.
+
+    Raises:
+        SuiteError: the task has no such split, or the secret is wrong.
+        GameError: the model does not exist.
+    """
+    if split not in task.splits:
+        raise SuiteError(f"{task.name} has no split {split!r}; there are: {', '.join(task.splits)}")
+    if split == "hidden":
+        secret = frozen.checked_secret(secret, frozen.load())
+    variant = task.variants.get(split)
+    name = model if variant is None else f"{model}:{variant}"
+    return Arena(game=resolve_game(name), model=name, split=split, quick=quick, secret=secret, data=data)

@@ -1,0 +1,86 @@
+"""The task ``robust-v0``: play that holds in refits of the game on resampled matches."""
+
+import dataclasses
+from collections.abc import Iterable
+from pathlib import Path
+from typing import ClassVar
+
+from shuttle_marl.exact import moved
+from shuttle_marl.exact.known import best_odds, pair_odds
+from shuttle_marl.game.shipped import refits_of
+from shuttle_marl.game.tables import Game
+from shuttle_marl.suite.methods import Method, made
+from shuttle_marl.suite.players import outcome_of
+from shuttle_marl.suite.task import Arena, Case, Outcome, SuiteError, Task, required
+
+_REFERENCE = "bc"
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class RobustSetting:
+    """What a method of ``robust`` is given.
+
+    Attributes:
+        game: the tables.
+        refits: some refits of the game; it is scored in others.
+        seed: random seed.
+        folder: folder for files of the method.
+    """
+
+    game: Game
+    refits: tuple[Game, ...]
+    seed: int
+    folder: Path
+
+
+class Robust(Task):
+    """Play well in a game that is known with errors.
+
+    Given: the game and half of its refits on resampled matches. Score: the fraction of rallies won against the best response in
+    each of the other refits, at worst; also its mean, and the same against bc. The dev split uses the given half alone.
+    """
+
+    name = "robust-v0"
+    metric = "worst"
+    seeds = 1
+    protocol: ClassVar[str] = "method(setting: RobustSetting) -> a player: policy, name, or object with act or table"
+    target = "above minimax:robust"
+
+    def cases(self, arena: Arena) -> list[Case]:  # noqa: ARG002
+        """One."""
+        return [Case(name="refits")]
+
+    def play(self, arena: Arena, case: Case, method: Method, seed: int, folder: Path) -> Outcome:  # noqa: ARG002
+        """Call the method."""
+        setting = RobustSetting(game=arena.game, refits=refits(arena)[0], seed=seed, folder=folder)
+        return outcome_of(made(method, setting, self.name), arena.game, self.name, None)
+
+    def given(self, arena: Arena, case: Case, seed: int) -> Iterable[str]:  # noqa: ARG002
+        """The refits."""
+        return [game.hash for part in refits(arena) for game in part]
+
+    def score(self, arena: Arena, case: Case, seed: int, outcome: Outcome) -> dict[str, float]:  # noqa: ARG002
+        """Worst and mean results against the best response and against bc; exploitability in the game itself."""
+        player, reference, games = required(outcome), arena.policy(_REFERENCE), refits(arena)[1]
+        guaranteed = [1 - odds.rally for odds in best_odds([moved(player, game) for game in games])]
+        won = [pair_odds([(moved(player, game), moved(reference, game))])[0].rally for game in games]
+        return {
+            "worst": min(guaranteed),
+            "mean": sum(guaranteed) / len(games),
+            "rally_win_worst": min(won),
+            "rally_win_mean": sum(won) / len(games),
+            "exploitability": best_odds([player])[0].value,
+        }
+
+
+def refits(arena: Arena) -> tuple[tuple[Game, ...], tuple[Game, ...]]:
+    """Refits that a method is given, and those in which it is scored.
+
+    Raises:
+        SuiteError: the game has fewer than two refits.
+    """
+    found = refits_of(arena.game)
+    if len(found) < 2:
+        raise SuiteError("robust-v0 needs a game with two refits or more on resampled matches")
+    half = len(found) // 2
+    return (found[: half // 2], found[half // 2 : half]) if arena.split == "dev" else (found[:half], found[half:])

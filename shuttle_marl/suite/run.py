@@ -1,0 +1,200 @@
+"""Run a method on a task: units in parallel, resumable, each stored and scored."""
+
+import dataclasses
+import multiprocessing
+import os
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from pathlib import Path
+from typing import Final
+
+from rich.console import Console
+from rich.progress import track
+
+from shuttle_marl import runs
+from shuttle_marl.cluster import open_cluster
+from shuttle_marl.suite import frozen, store
+from shuttle_marl.suite.methods import find
+from shuttle_marl.suite.registry import arena_of, find_task
+from shuttle_marl.suite.results import summarise
+from shuttle_marl.suite.store import Entry, RunConfig
+from shuttle_marl.suite.task import Split, SuiteError
+
+PACKAGES: Final = ("numpy", "scipy", "numba", "msgspec", "zstandard")
+_MOST_WORKERS: Final = 512
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SuiteRun:
+    """Options of a run.
+
+    Attributes:
+        task: name of the task.
+        method: baseline, ``program:COMMAND`` or ``MODULE:ATTRIBUTE``.
+        split: part of the task.
+        seeds: number of seeds, from 0; None: the default of the task.
+        quick: the smallest cases and budgets only, for a test of the method.
+        workers: parallel processes; does not change results.
+        ray: address of a Ray cluster that plays the units instead; None: none.
+        model: model of the game.
+        secret: seed of the hidden split.
+        data: annotated matches, for ``imitate``.
+        out: run folder; None: ``runs/TASK-METHOD-SPLIT``.
+        resume: continue the run in that folder.
+        overwrite: replace it.
+    """
+
+    task: str
+    method: str
+    split: Split = "dev"
+    seeds: int | None = None
+    quick: bool = False
+    workers: int = 1
+    ray: str | None = None
+    model: str = "default"
+    secret: str | None = None
+    data: Path | None = None
+    out: Path | None = None
+    resume: bool = False
+    overwrite: bool = False
+
+    def __post_init__(self) -> None:
+        if self.seeds is not None and self.seeds < 1:
+            raise SuiteError(f"--seeds {self.seeds}: expected 1 or more")
+        if not 1 <= self.workers <= _MOST_WORKERS:
+            raise SuiteError(f"--workers {self.workers}: expected 1 to {_MOST_WORKERS}")
+        if self.resume and self.overwrite:
+            raise SuiteError("--resume continues a run and --overwrite replaces it; give one of them")
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class _Unit:
+    """One case and seed, as it is sent to a worker."""
+
+    folder: Path
+    config: RunConfig
+    secret: str | None
+    data: Path | None
+    case: int
+    seed: int
+
+
+def run_method(options: SuiteRun, console: Console | None = None) -> Path:
+    """Run a method, or continue an interrupted run; returns the run folder.
+
+    Raises:
+        SuiteError, PolicyError: the task or the method does not exist, or the method failed; finished units are kept.
+        RunError: the folder cannot be used.
+    """
+    task = find_task(options.task)
+    find(task.name, options.method)
+    arena = arena_of(task, options.model, options.split, quick=options.quick, secret=options.secret, data=options.data)
+    config = RunConfig(
+        task=task.name,
+        method=options.method,
+        split=options.split,
+        quick=options.quick,
+        seeds=options.seeds or (1 if options.quick else task.seeds),
+        game=store.GameOf(model=options.model, hash=arena.game.hash),
+    )
+    words = "".join(c if c.isalnum() or c in "-_." else "-" for c in f"{task.name}-{options.method}-{options.split}")
+    fixed = dataclasses.asdict(config)
+    with runs.open_run(options.out, words[:80], fixed, resume=options.resume, overwrite=options.overwrite) as folder:
+        about = runs.describe(PACKAGES)
+        runs.write_json(folder / runs.MANIFEST, {"status": "running", **about})
+        store.write_card(folder, {"method": options.method, "authors": None, "paper": None, "tuning_strokes": None})
+        numbers = [(case, seed) for case in range(len(task.cases(arena))) for seed in range(config.seeds)]
+        units = [
+            _Unit(folder=folder, config=config, secret=options.secret, data=options.data, case=case, seed=seed)
+            for case, seed in numbers
+            if not store.entry_path(folder, case, seed).exists()
+        ]
+        _play_all(folder, units, options, console or Console(quiet=True))
+        runs.write_json(folder / store.RESULTS, summarise(folder, options.secret))
+        runs.write_json(folder / runs.MANIFEST, {"status": "finished", **about})
+    return folder
+
+
+def _play_all(folder: Path, units: Sequence[_Unit], options: SuiteRun, console: Console) -> None:
+    for played in track(_played(units, options), "units", len(units), console=console, transient=True):
+        store.write_entry(folder, played.path, played.entry, played.policies)
+
+
+def _played(units: Sequence[_Unit], options: SuiteRun) -> Iterator["PlayedUnit"]:
+    if options.ray is not None:
+        with open_cluster(options.ray, PACKAGES) as cluster:
+            tasks = [cluster.submit(play_unit, unit) for unit in units]
+            for task in tasks:
+                yield task.result()
+    elif options.workers == 1 or len(units) <= 1:
+        yield from map(play_unit, units)
+    else:
+        context = multiprocessing.get_context("spawn")
+        with ProcessPoolExecutor(min(options.workers, len(units)), mp_context=context, initializer=_end_with_parent) as pool:
+            waiting = [pool.submit(play_unit, unit) for unit in units]
+            try:
+                for done in as_completed(waiting):
+                    yield done.result()
+            except BaseException:
+                pool.shutdown(cancel_futures=True)
+                raise
+
+
+def _end_with_parent() -> None:
+    """End this worker when its parent process ends for any reason."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+
+    def wait() -> None:
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=wait, daemon=True).start()
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class PlayedUnit:
+    """A unit that was played and scored.
+
+    Attributes:
+        path: file of the entry.
+        entry: the entry.
+        policies: compressed table of each policy, by its hash.
+    """
+
+    path: Path
+    entry: Entry
+    policies: dict[str, bytes]
+
+
+def play_unit(unit: _Unit) -> PlayedUnit:
+    """Play and score one unit, in any process."""
+    config, task = unit.config, find_task(unit.config.task)
+    arena = arena_of(task, config.game.model, config.split, quick=config.quick, secret=unit.secret, data=unit.data)
+    case = task.cases(arena)[unit.case]
+    fingerprint = task.fingerprint(arena, case, unit.seed)
+    frozen.load().check(task, config.split, f"{case.name}/{unit.seed}", fingerprint, arena.game)
+    begun = time.monotonic()
+    work = unit.folder / "work" / f"{unit.case:03d}-{unit.seed}"
+    work.mkdir(parents=True, exist_ok=True)
+    outcome = task.play(arena, case, find(task.name, config.method), unit.seed, work)
+    seconds = time.monotonic() - begun
+    entry = Entry(
+        case=case.name,
+        seed=unit.seed,
+        fingerprint=fingerprint,
+        policies={role: policy.hash for role, policy in outcome.policies.items()},
+        answers=dict(outcome.answers),
+        scores=task.score(arena, case, unit.seed, outcome),
+        seconds=seconds,
+        strokes=outcome.strokes,
+        curve=tuple(outcome.curve),
+    )
+    if not any(work.iterdir()):
+        work.rmdir()
+    path = store.entry_path(unit.folder, unit.case, unit.seed)
+    return PlayedUnit(
+        path=path, entry=entry, policies={policy.hash: store.packed(policy.cumulative) for policy in outcome.policies.values()}
+    )

@@ -1,0 +1,209 @@
+"""The folder of a run, which is also a submission.
+
+- ``config.json``: task, method, split, seeds, and the game;
+- ``card.json``: what the author says about the method; edited by hand, never scored;
+- ``entries/CASE-SEED.json``: one unit: fingerprint of the case, hashes of the policies, answers, scores, curve, seconds; with a
+  checksum;
+- ``policies/HASH.zst``: one table of a policy, compressed; HASH is the SHA-256 of its numbers;
+- ``work/CASE-SEED/``: files of the method, which nothing reads;
+- ``results.json``: aggregates, recomputed by ``score``.
+"""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Final
+
+import msgspec
+import numpy as np
+import zstandard
+
+from shuttle_marl import runs
+from shuttle_marl.arrays import U16
+from shuttle_marl.files import FileReadError, Sha256, problem, read_file, read_json, replace_file, seal
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tabulated import TabulatedPolicy
+from shuttle_marl.suite.task import Outcome, Split, SuiteError
+
+ENTRIES: Final = "entries"
+POLICIES: Final = "policies"
+CARD: Final = "card.json"
+RESULTS: Final = "results.json"
+_LEVEL: Final = 9
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class GameOf:
+    """Game of a run: the model it was loaded from, and the hash of its tables."""
+
+    model: str
+    hash: Sha256
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class RunConfig:
+    """Content of ``config.json``: everything that decides the results.
+
+    Attributes:
+        task, method: names.
+        split, quick: part of the task.
+        seeds: seeds from 0.
+        game: the game.
+    """
+
+    task: str
+    method: str
+    split: Split
+    quick: bool
+    seeds: Annotated[int, msgspec.Meta(ge=1, le=10**4)]
+    game: GameOf
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Entry:
+    """Content of a file in ``entries``.
+
+    Attributes:
+        case, seed: the unit.
+        fingerprint: of the case, see :meth:`shuttle_marl.suite.task.Task.fingerprint`.
+        policies: hash of each policy by role.
+        answers, strokes, curve: see :class:`shuttle_marl.suite.task.Outcome`.
+        scores: by name.
+        seconds: time of the method, without scoring.
+    """
+
+    case: str
+    seed: int
+    fingerprint: str
+    policies: Mapping[str, Sha256]
+    answers: Mapping[str, Any]
+    scores: Mapping[str, float]
+    seconds: float
+    strokes: int | None = None
+    curve: Sequence[tuple[float, float]] = ()
+
+
+def read_config(folder: Path) -> RunConfig:
+    """Configuration of a run.
+
+    Raises:
+        SuiteError: the folder holds no run.
+    """
+    try:
+        return read_json(folder / runs.CONFIG, RunConfig)
+    except FileReadError as error:
+        raise SuiteError(f"{folder}: no run of the suite ({runs.CONFIG}: {error}); `suite run TASK` writes one") from error
+
+
+def entry_path(folder: Path, case: int, seed: int) -> Path:
+    """File of a unit; cases are counted from 0."""
+    return folder / ENTRIES / f"{case:03d}-{seed}.json"
+
+
+def write_entry(folder: Path, path: Path, entry: Entry, policies: Mapping[str, bytes]) -> None:
+    """Write the packed policies of a unit by their hashes, and then its entry."""
+    for digest, content in policies.items():
+        if not (target := policy_path(folder, digest)).exists():
+            replace_file(target, content)
+    replace_file(path, seal(dataclasses.asdict(entry)))
+
+
+def policy_path(folder: Path, digest: str) -> Path:
+    """File of a policy."""
+    return folder / POLICIES / f"{digest}.zst"
+
+
+def read_entry(path: Path) -> Entry:
+    """Read a unit.
+
+    Raises:
+        SuiteError: it is missing, damaged, or was changed.
+    """
+    try:
+        return read_json(path, Entry, sealed=True)
+    except FileReadError as error:
+        raise SuiteError(f"{path}: {error}") from error
+
+
+def read_outcome(folder: Path, entry: Entry, game: Game) -> Outcome:
+    """The outcome of a unit, with its policies.
+
+    Raises:
+        SuiteError, PolicyError: a policy is missing, damaged, or of another game.
+    """
+    policies = {role: load_policy(folder, digest, game) for role, digest in entry.policies.items()}
+    return Outcome(policies=policies, answers=entry.answers, strokes=entry.strokes, curve=entry.curve)
+
+
+def load_policy(folder: Path, digest: str, game: Game) -> TabulatedPolicy:
+    """Read the table of a policy by its hash.
+
+    Raises:
+        SuiteError: it is missing, damaged, of another game, or does not have this hash.
+        PolicyError: it is no table over the legal strokes of the game.
+    """
+    path = policy_path(folder, digest)
+    try:
+        cumulative = unpacked(read_file(path, 4 * game.n_pairs), game)
+    except (OSError, ValueError, zstandard.ZstdError) as error:
+        raise SuiteError(f"{path}: the policy cannot be read ({problem(error)}); run the method again") from error
+    policy = TabulatedPolicy.checked(cumulative, game, str(path))
+    if policy.hash != digest:
+        raise SuiteError(f"{path}: the table was changed: its hash is {policy.hash[:12]}")
+    return policy
+
+
+def packed(cumulative: U16) -> bytes:
+    """A table as its differences modulo 2^16, low bytes before high bytes, compressed by zstd."""
+    differences = np.diff(cumulative, prepend=np.uint16(0)).astype("<u2")
+    return zstandard.ZstdCompressor(level=_LEVEL).compress(differences.view(np.uint8).reshape(-1, 2).T.tobytes())
+
+
+def unpacked(content: bytes, game: Game) -> U16:
+    """Reverse :func:`packed`.
+
+    Raises:
+        ValueError: it does not have as many numbers as the game has legal pairs.
+        zstandard.ZstdError: it is not compressed by zstd.
+    """
+    size = 2 * game.n_pairs
+    with zstandard.ZstdDecompressor().stream_reader(content) as reader:
+        # One byte more, so that a file that would expand to more is found, and never expanded.
+        numbers = reader.read(size + 1)
+    if len(numbers) != size:
+        raise ValueError(f"it is of another game; expected the {game.n_pairs:,} legal pairs of game {game.hash[:12]}")
+    differences = np.frombuffer(numbers, dtype=np.uint8).reshape(2, -1).T.copy().view("<u2").ravel()
+    return np.cumsum(differences, dtype=np.uint16)
+
+
+def write_card(folder: Path, fields: Mapping[str, Any]) -> None:
+    """Write the card of a run, unless its author has written one."""
+    if not (folder / CARD).exists():
+        runs.write_json(folder / CARD, dict(fields))
+
+
+def read_card(folder: Path) -> dict[str, Any]:
+    """The card of a run; empty if it cannot be read."""
+    try:
+        return read_json(folder / CARD, dict[str, Any])
+    except FileReadError:
+        return {}
+
+
+def read_entries(folder: Path, names: Sequence[str], seeds: int) -> dict[tuple[str, int], Entry]:
+    """Units of a run by case and seed; missing ones are left out.
+
+    Raises:
+        SuiteError: a unit is damaged, or is not of the case and seed of its file.
+    """
+    found = {}
+    for number, name in enumerate(names):
+        for seed in range(seeds):
+            path = entry_path(folder, number, seed)
+            if not path.exists():
+                continue
+            entry = read_entry(path)
+            if (entry.case, entry.seed) != (name, seed):
+                raise SuiteError(f"{path}: is of case {entry.case!r} and seed {entry.seed}; expected {name!r} and {seed}")
+            found[name, seed] = entry
+    return found

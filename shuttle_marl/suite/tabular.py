@@ -1,0 +1,197 @@
+"""Estimates from few strokes: means over cells of similar strokes, shrunk towards coarser cells.
+
+The cells of a legal pair form a hierarchy: the shot type; with incoming shot type and contact; with the whole stroke and the
+incoming stroke; with the own last stroke. An estimate at a level is the mean of its cell, with ``SHRINK`` pseudo-observations of
+the level above. Efforts and duels are ignored.
+"""
+
+import dataclasses
+import functools
+from collections.abc import Callable
+
+import numpy as np
+
+from shuttle_marl.arrays import F64, I32, I64, Floats, Ints
+from shuttle_marl.exact.profile import PairPolicy
+from shuttle_marl.game.rules import OUTCOMES
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.thresholds import ONE
+from shuttle_marl.suite.logs import Log, Transitions
+
+SHRINK = 32.0
+"""Pseudo-observations of the coarser cell."""
+_SWEEPS = 30
+_LEAST = 64
+"""Least probability that a stroke ends a rally, in units of 1/65536."""
+
+
+@functools.lru_cache(maxsize=4)
+def state_cells(game: Game) -> tuple[I64, ...]:
+    """``[base states]`` each: cell of every state, from coarse to fine."""
+    state = np.arange(game.n_base_states)
+    own, incoming, contact = (np.asarray(part(state), dtype=np.int64) for part in (game.own, game.incoming, game.contact))
+    shot = np.append(game.catalogue.shot, game.catalogue.shot.max() + 1).astype(np.int64)
+    n = game.n_strokes + 1
+    parts = (np.zeros_like(state), 2 * shot[incoming] + contact, 2 * incoming + contact, 2 * (n * own + incoming) + contact)
+    return tuple(np.unique(part, return_inverse=True)[1].astype(np.int64) for part in parts)
+
+
+@functools.lru_cache(maxsize=4)
+def pair_cells(game: Game) -> tuple[I64, ...]:
+    """``[base pairs]`` each: cell of every legal pair, from coarse to fine."""
+    state, stroke = game.base_pair_state, game.base_pair_stroke.astype(np.int64)
+    what = (game.catalogue.shot[stroke].astype(np.int64), game.catalogue.shot[stroke].astype(np.int64), stroke, stroke)
+    parts = (cell[state] * game.n_strokes + each for cell, each in zip(state_cells(game), what, strict=True))
+    return tuple(np.unique(part, return_inverse=True)[1].astype(np.int64) for part in parts)
+
+
+def counts(game: Game, pair: Ints) -> F64:
+    """``[base pairs]`` number of observations in the finest cell of each pair."""
+    cell = pair_cells(game)[-1]
+    return np.bincount(cell[pair % game.n_base_pairs], minlength=int(cell.max()) + 1)[cell].astype(np.float64)
+
+
+def shrunk_means(game: Game, pair: Ints, values: Floats, *, prior: float, shrink: float = SHRINK) -> F64:
+    """``[base pairs]`` mean of the values of similar strokes.
+
+    Args:
+        game: the rules.
+        pair: ``[M]`` legal pair of each observation.
+        values: ``[M]`` its value.
+        prior: estimate without any observation.
+        shrink: pseudo-observations of the coarser cell.
+    """
+    base = np.asarray(pair) % game.n_base_pairs
+    estimate = np.full(game.n_base_pairs, prior)
+    for cell in pair_cells(game):
+        size = int(cell.max()) + 1
+        number = np.bincount(cell[base], minlength=size)[cell]
+        total = np.bincount(cell[base], values, size)[cell]
+        estimate = (total + shrink * estimate) / (number + shrink)
+    return estimate
+
+
+def cloned(game: Game, pair: Ints, *, shrink: float = SHRINK, prior: F64 | None = None) -> F64:
+    """``[base pairs]`` behaviour cloned from strokes: the probability of each stroke in its state.
+
+    Args:
+        game: the rules.
+        pair: ``[M]`` legal pairs of the strokes.
+        shrink: pseudo-observations of the coarser cell.
+        prior: ``[base pairs]`` probabilities without observations; None: all legal strokes are equally likely.
+    """
+    state = game.base_pair_state
+    base = np.asarray(pair) % game.n_base_pairs
+    chance: F64 = 1.0 / np.bincount(state)[state] if prior is None else prior
+    for cell, stroke_cell in zip(state_cells(game), _stroke_cells(game), strict=True):
+        number = np.bincount(cell[state[base]], minlength=int(cell.max()) + 1)[cell[state]]
+        played = np.bincount(stroke_cell[base], minlength=int(stroke_cell.max()) + 1)[stroke_cell]
+        chance = (played + shrink * chance) / (number + shrink)
+    return np.asarray(chance / np.bincount(state, chance, game.n_base_states)[state])
+
+
+@functools.lru_cache(maxsize=4)
+def _stroke_cells(game: Game) -> tuple[I64, ...]:
+    """``[base pairs]`` each: cell of the state and the whole stroke."""
+    state, stroke = game.base_pair_state, game.base_pair_stroke.astype(np.int64)
+    parts = (cell[state] * game.n_strokes + stroke for cell in state_cells(game))
+    return tuple(np.unique(part, return_inverse=True)[1].astype(np.int64) for part in parts)
+
+
+Backup = Callable[[F64, I32], F64]
+"""Maps Q-values ``[base pairs]`` and base states ``[U]`` to the values of those states."""
+
+
+def by_state(game: Game, values: F64, states: Ints, reduce: np.ufunc) -> F64:
+    """``[U]`` reduction of ``[base pairs]`` values over the legal strokes of base states."""
+    row, pair = game.pairs(states)
+    start = np.flatnonzero(np.diff(row, prepend=-1))
+    return np.asarray(reduce.reduceat(values[pair], start))
+
+
+def expected_under(game: Game, chance: F64) -> Backup:
+    """Values under a policy ``[base pairs]``."""
+    return lambda q, states: by_state(game, chance * q, states, np.add)
+
+
+def best_of(game: Game, allowed: F64 | None = None) -> Backup:
+    """Values of the best stroke, of those with ``allowed`` (``[base pairs]``) above 0."""
+
+    def best(q: F64, states: I32) -> F64:
+        return by_state(game, q if allowed is None else np.where(allowed > 0, q, -np.inf), states, np.maximum)
+
+    return best
+
+
+def fitted_q(
+    data: Transitions,
+    backup: Backup,
+    *,
+    shrink: float = SHRINK,
+    fit: Callable[[F64], F64] | None = None,
+    sweeps: int = _SWEEPS,
+) -> F64:
+    """Fitted Q iteration (Ernst, Geurts & Wehenkel, JMLR 2005): ``[base pairs]`` probability of winning after each stroke.
+
+    Args:
+        data: own transitions.
+        backup: value of the next state.
+        shrink: pseudo-observations of the coarser cell.
+        fit: maps ``[M]`` targets to ``[base pairs]`` Q-values; default: :func:`shrunk_means`.
+        sweeps: largest number of iterations.
+    """
+    game, prior = data.game, float(data.won[data.first].mean())
+    fit = fit or (lambda target: shrunk_means(game, data.pair, target, prior=prior, shrink=shrink))
+    going = data.following >= 0
+    states, index = np.unique(game.base(data.following[going]), return_inverse=True)
+    q = fit(data.won.astype(np.float64))
+    for _ in range(sweeps):
+        target = data.reward.astype(np.float64)
+        target[going] = backup(q, states.astype(np.int32))[index]
+        updated = fit(target)
+        done, q = float(np.abs(updated - q).max()) < 1e-4, updated
+        if done:
+            break
+    return q
+
+
+def greedy(game: Game, q: F64, allowed: F64 | None = None) -> PairPolicy:
+    """The policy that plays the first best stroke, of those with ``allowed`` above 0."""
+    values = q if allowed is None else np.where(allowed > 0, q, -np.inf)
+    order = np.lexsort((-game.base_pair_rank, values, game.base_pair_state))
+    last = np.append(np.diff(game.base_pair_state[order]) > 0, True)
+    chance = np.zeros(game.n_base_pairs)
+    chance[order[last]] = 1.0
+    return PairPolicy(game=game, probability=chance)
+
+
+def estimated_game(log: Log, *, shrink: float = SHRINK) -> Game:
+    """The game with outcomes estimated from the strokes of both players.
+
+    Args:
+        log: strokes of both players.
+        shrink: pseudo-observations of the coarser cell.
+    """
+    prior = 1 / len(OUTCOMES)
+    shares = [
+        shrunk_means(log.game, log.pair, (log.outcome == outcome).astype(np.float64), prior=prior, shrink=shrink)
+        for outcome in range(len(OUTCOMES))
+    ]
+    return game_of(log.game, np.stack(shares, axis=1))
+
+
+def game_of(game: Game, shares: F64) -> Game:
+    """The game with outcomes of given probabilities ``[base pairs, 4]``, at all efforts."""
+    cumulative = np.cumsum(shares / shares.sum(axis=1, keepdims=True), axis=1)[:, :3] * ONE
+    # Every stroke ends some rallies, so that play ends.
+    cumulative[:, 1] = np.maximum(cumulative[:, 1], _LEAST)
+    threshold = np.maximum.accumulate(np.clip(np.rint(cumulative), 0, ONE - 1), axis=1).astype(np.uint16)
+    return dataclasses.replace(game, threshold=threshold)
+
+
+def with_faults(game: Game, penalty: F64) -> Game:
+    """The game in which ``penalty`` (``[base pairs]``) is added to the probability of a fault."""
+    shares = game.outcome_probabilities(slice(0, game.n_base_pairs))
+    fault = np.minimum(shares[:, 0] + penalty, 1.0)
+    others = shares[:, 1:] * ((1 - fault) / np.maximum(1 - shares[:, 0], 1e-9))[:, None]
+    return game_of(game, np.column_stack([fault, others]))

@@ -1,0 +1,252 @@
+"""The interface of a task: cases, what a method plays in each, and exact scores of what it played.
+
+A run is a set of *units*, one for each case and seed. In a unit the method is called once, and its outcome is stored: tables of
+policies and, for some tasks, answers in JSON. Scores are a function of the case and the stored outcome alone, so everyone can
+recompute them.
+"""
+
+import abc
+import dataclasses
+import functools
+import hashlib
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, ClassVar, Final, Literal
+
+import numpy as np
+
+from shuttle_marl.arrays import F64
+from shuttle_marl.errors import ShuttleError
+from shuttle_marl.exact.known import best_odds, pair_odds
+from shuttle_marl.exact.match import Odds
+from shuttle_marl.exact.profile import PairPolicy
+from shuttle_marl.game.policy import Policy
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities, tabulate
+from shuttle_marl.policy import baselines
+from shuttle_marl.policy.registry import resolve
+
+Split = Literal["dev", "test", "hidden"]
+"""Part of a task: for tuning, for scores, and with a secret seed (``adapt`` alone)."""
+Statistic = Literal["iqm", "mean"]
+SPLITS: Final[tuple[Split, ...]] = ("dev", "test", "hidden")
+QUICK_STROKES: Final = 20_000
+"""Budget of a quick run, in strokes of the learner."""
+
+
+class SuiteError(ShuttleError):
+    """A task, a method or a submission that cannot be used."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Case:
+    """One part of a task.
+
+    Attributes:
+        name: unique within the task and the split.
+        stratum: cases whose scores are exchangeable for the bootstrap share it; default: the name.
+        counts: whether its scores count in the aggregates; controls do not.
+        options: what the task needs to set the case up, as JSON.
+    """
+
+    name: str
+    stratum: str = ""
+    counts: bool = True
+    options: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if not self.stratum:
+            object.__setattr__(self, "stratum", self.name)
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Outcome:
+    """What a method produced in a unit.
+
+    Attributes:
+        policies: tables by role, such as ``player``.
+        answers: JSON values by name, for tasks that score more than policies.
+        strokes: strokes that the learner declares to have used; None: unknown or not applicable.
+        curve: score after so many strokes, as pairs.
+    """
+
+    policies: Mapping[str, TabulatedPolicy] = dataclasses.field(default_factory=dict)
+    answers: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    strokes: int | None = None
+    curve: Sequence[tuple[float, float]] = ()
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Arena:
+    """Game and split of a run; values that several cases share are computed once.
+
+    Attributes:
+        game: the tables.
+        model: name or folder of the model of the game.
+        split: part of the task.
+        quick: the smallest cases and budgets only.
+        secret: seed of the hidden split, hexadecimal.
+        data: folder with annotated matches, for ``imitate``.
+    """
+
+    game: Game
+    model: str = "default"
+    split: Split = "dev"
+    quick: bool = False
+    secret: str | None = None
+    data: Path | None = None
+
+    def policy(self, name: str) -> TabulatedPolicy:
+        """Table of a policy by name."""
+        return _tables(self.game, name)
+
+    @functools.cached_property
+    def players(self) -> tuple[str, ...]:
+        """Imitated players of this split: no player is in both splits."""
+        return tuple(baselines.players(self.game)[self.split == "dev" :: 2])
+
+
+@functools.lru_cache(maxsize=64)
+def _tables(game: Game, name: str) -> TabulatedPolicy:
+    return tabulate(resolve(name, game), game, name)
+
+
+class Task(abc.ABC):
+    """A versioned task. Its docstring says what is given, what is scored, and the budget, in one sentence each."""
+
+    name: ClassVar[str]
+    protocol: ClassVar[str]
+    """What a method is called with and returns, in one line."""
+    metric: ClassVar[str] = "score"
+    """Entry of the scores that ranks methods."""
+    higher_is_better: ClassVar[bool] = True
+    statistic: ClassVar[Statistic] = "iqm"
+    seeds: ClassVar[int] = 5
+    """Default number of seeds."""
+    splits: ClassVar[tuple[Split, ...]] = ("dev", "test")
+    variants: ClassVar[Mapping[str, str]] = {}
+    """Variant of the model that a split is played on, such as the game of one discipline."""
+    optimum: ClassVar[float | None] = None
+    """Score of perfect play; None: not known."""
+    target: ClassVar[str] = ""
+    """A result that is hard but looks possible, in words."""
+
+    @abc.abstractmethod
+    def cases(self, arena: Arena) -> list[Case]:
+        """Cases of the split."""
+
+    @abc.abstractmethod
+    def play(self, arena: Arena, case: Case, method: Any, seed: int, folder: Path) -> Outcome:
+        """Call the method in a case.
+
+        Args:
+            arena: game and split.
+            case: one of :meth:`cases`.
+            method: see :func:`shuttle_marl.suite.methods.find`.
+            seed: random seed of the unit.
+            folder: folder for files of the method, which may contain those of an interrupted call.
+
+        Raises:
+            PolicyError, SuiteError: the method failed, or returned something illegal.
+        """
+
+    @abc.abstractmethod
+    def score(self, arena: Arena, case: Case, seed: int, outcome: Outcome) -> dict[str, float]:
+        """Scores of an outcome by name; :attr:`metric` is one of them.
+
+        Raises:
+            SuiteError: the outcome lacks something, or holds something illegal.
+        """
+
+    @abc.abstractmethod
+    def given(self, arena: Arena, case: Case, seed: int) -> Iterable[str]:
+        """Hashes of everything that a unit gives to a method or scores with, except the game."""
+
+    def fingerprint(self, arena: Arena, case: Case, seed: int) -> str:
+        """SHA-256 of the game, the name of the case and what it gives; two units are the same if they agree."""
+        parts = [arena.game.hash, self.name, case.name, *self.given(arena, case, seed)]
+        return hashlib.sha256("\n".join(parts).encode()).hexdigest()
+
+
+def required(outcome: Outcome, role: str = "player") -> TabulatedPolicy:
+    """The policy of a role.
+
+    Raises:
+        SuiteError: the outcome has none.
+    """
+    if role not in outcome.policies:
+        raise SuiteError(f"no policy {role!r} is stored; run the method again")
+    return outcome.policies[role]
+
+
+def odds_against(policy: TabulatedPolicy, opponent: TabulatedPolicy) -> Odds:
+    """Exact odds of a policy against an opponent, from the cache or solved."""
+    return pair_odds([(policy, opponent)])[0]
+
+
+def best_against(opponent: TabulatedPolicy) -> Odds:
+    """Exact odds of the best response to an opponent against it."""
+    return best_odds([opponent])[0]
+
+
+def exploitability(policy: TabulatedPolicy) -> float:
+    """Gain of the best response to a policy, from 0 to 1."""
+    return best_against(policy).value
+
+
+def table_of(player: Any, game: Game, name: str) -> TabulatedPolicy:
+    """The table of what a method returned: a policy, the name of one, or an object with ``table`` or ``act``.
+
+    Args:
+        player: a policy; a name of the registry, such as ``agent:FOLDER`` or ``program:COMMAND``; an object with an attribute
+            ``table``, which is one of these; or one with ``act(observation, mask)``, which chooses one stroke for an observation.
+        game: the tables.
+        name: of the method, for errors.
+
+    Raises:
+        PolicyError: the policy raises, reads the score, or is no distribution over the legal strokes.
+        SuiteError: it is none of these.
+    """
+    if isinstance(player, str):
+        found = resolve(player, game)
+        player = _Stateless(found) if player.startswith("program:") else found
+    if isinstance(player, TabulatedPolicy):
+        return tabulate(player, game, name)
+    if isinstance(player, PairPolicy):
+        return from_pair_probabilities(game, player.pair_probabilities())
+    if hasattr(player, "table"):
+        return table_of(player.table, game, name)
+    if callable(getattr(player, "probabilities", None)):
+        return tabulate(player, game, name)
+    if callable(getattr(player, "act", None)):
+        return tabulate(_Acting(player.act, game), game, name)
+    raise SuiteError(
+        f"method {name!r} returned a {type(player).__name__}; expected a policy, the name of one, or an object with act or table"
+    )
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Acting:
+    """A player that chooses one stroke for each observation, as a policy."""
+
+    act: Any
+    game: Game
+
+    def probabilities(self, states: Any) -> F64:
+        from shuttle_marl.game.observation import observations  # noqa: PLC0415
+
+        p = np.zeros((len(states), self.game.n_strokes))
+        seen = observations(self.game, states.state)
+        for row in range(len(states)):
+            p[row, int(self.act(seen[row], states.mask[row]))] = 1.0
+        return p
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Stateless:
+    """A program as a policy that does not read the score, which is null in all its decisions."""
+
+    program: Policy
+
+    def probabilities(self, states: Any) -> Any:
+        return self.program.probabilities(states)

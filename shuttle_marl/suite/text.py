@@ -1,0 +1,238 @@
+"""The task ``text-v0``: positions in words, one stroke as the answer; for language models, programs and policies.
+
+A position is a JSON object with the keys ``id``, ``text``, ``legal`` (names of the legal strokes) and ``observation`` (numbers
+of the state). An answer is the name of a stroke. Values are those of perfect play.
+"""
+
+import dataclasses
+import functools
+import hashlib
+import json
+import shlex
+import subprocess
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, ClassVar, Final
+
+import numpy as np
+
+from shuttle_marl.arrays import F64, I64
+from shuttle_marl.exact import solve, visits
+from shuttle_marl.game.rules import OUTCOMES
+from shuttle_marl.game.stroke import HEIGHTS
+from shuttle_marl.game.tables import Game
+from shuttle_marl.suite.methods import Method, called, made
+from shuttle_marl.suite.methods.constant import incoming_cells, list_policy, mean_losses
+from shuttle_marl.suite.task import Arena, Case, Outcome, SuiteError, Task
+
+POSITIONS: Final = 500
+_QUICK: Final = 20
+_CANDIDATES: Final = 40_000
+"""Commonest states of bc from which positions are chosen."""
+_HARD: Final = 0.02
+"""Loss of both constant lists in a position, as a probability of winning the rally."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class TextSetting:
+    """What a method of ``text`` is given besides the positions.
+
+    Attributes:
+        game: the tables, for policies; language models do without.
+        seed: random seed.
+        folder: folder for files of the method.
+    """
+
+    game: Game
+    seed: int
+    folder: Path
+
+    def program(self, name: str) -> "LineProgram":
+        """``program:COMMAND``, which answers positions in lines of JSON."""
+        return LineProgram(name.partition(":")[2])
+
+
+class Text(Task):
+    """Choose a stroke in 500 positions that are described in words.
+
+    Given: positions in which constant lists of strokes fail, with the legal strokes. Score: mean regret of the answers, as the
+    probability of winning the rally that they lose against perfect play; an illegal answer counts as the worst legal stroke. Also
+    the fraction of legal answers, and the mean probability with which bc plays them.
+    """
+
+    name = "text-v0"
+    metric = "regret"
+    higher_is_better = False
+    optimum = 0.0
+    seeds = 1
+    statistic = "mean"
+    variants: ClassVar[Mapping[str, str]] = {"dev": "women"}
+    protocol = "method(setting: TextSetting) -> object with answer(position: dict) -> name of a stroke"
+    target = "a regret below 1.5 %"
+
+    def cases(self, arena: Arena) -> list[Case]:  # noqa: ARG002
+        """One."""
+        return [Case(name="positions")]
+
+    def play(self, arena: Arena, case: Case, method: Method, seed: int, folder: Path) -> Outcome:  # noqa: ARG002
+        """Ask for one answer in each position."""
+        player = made(method, TextSetting(game=arena.game, seed=seed, folder=folder), self.name)
+        if not callable(getattr(player, "answer", None)):
+            raise SuiteError(f"method of {self.name}: expected an object with answer(position)")
+        answers = [called(self.name, player.answer, position) for position in positions(arena)]
+        return Outcome(answers={"strokes": [answer if isinstance(answer, str) else None for answer in answers]})
+
+    def given(self, arena: Arena, case: Case, seed: int) -> Iterable[str]:  # noqa: ARG002
+        """The positions."""
+        return (hashlib.sha256(json_lines(positions(arena))).hexdigest(),)
+
+    def score(self, arena: Arena, case: Case, seed: int, outcome: Outcome) -> dict[str, float]:  # noqa: ARG002
+        """Regret, fraction of legal answers, and probability under bc."""
+        game, states, names = arena.game, chosen_states(arena), list(arena.game.catalogue.names)
+        answers = outcome.answers.get("strokes")
+        if not isinstance(answers, list) or len(answers) != len(states):
+            raise SuiteError(f"expected {len(states)} answers")
+        regret, bc = regrets(game), arena.policy("bc")
+        lost, legal, likeness = [], [], []
+        for state, answer in zip(states.tolist(), answers, strict=True):
+            pair = int(game.pair(state, names.index(answer))) if answer in names else -1
+            legal.append(pair >= 0)
+            lost.append(float(regret[pair] if pair >= 0 else regret[game.pairs_of(state)].max()))
+            likeness.append(float(bc.probability_of(np.array([pair]))[0]) if pair >= 0 else 0.0)
+        return {"regret": float(np.mean(lost)), "legal": float(np.mean(legal)), "likeness": float(np.mean(likeness))}
+
+
+@functools.lru_cache(maxsize=2)
+def regrets(game: Game) -> F64:
+    """``[P]`` probability of winning the rally that each legal stroke loses against the best one, under perfect play."""
+    solution = solve(game)
+    q = game.stroke_values(solution.value[1])
+    best = np.zeros(game.n_states)
+    best[game.playable] = np.maximum.reduceat(q, game.first_pairs)
+    return np.asarray((game.of_pairs(best) - q) / 2)
+
+
+@functools.lru_cache(maxsize=2)
+def chosen_states(arena: Arena) -> I64:
+    """States of the positions: hard for both constant lists, an equal number after each incoming shot type if possible."""
+    game, bc = arena.game, arena.policy("bc")
+    weight, value = visits(bc, bc, tolerance=1e-6).states[0], solve(game).value[1]
+    common = np.argsort(-weight, kind="stable")[:_CANDIDATES]
+    common = common[weight[common] > 0]
+    regret, hard = regrets(game), np.ones(len(common), dtype=bool)
+    for cell in (np.zeros(game.n_base_states, dtype=np.int64), incoming_cells(game)):
+        listed = list_policy(game, cell, mean_losses(game, cell, value, weight))
+        row, pair = game.pairs(common)
+        hard &= np.bincount(row, listed.probability_of(pair) * regret[pair]) > _HARD
+    found = common[hard]
+    if not len(found):
+        raise SuiteError("text-v0: constant lists are almost optimal in all common states of this game")
+    shot = np.append(game.catalogue.shot, -1)[game.incoming(found)]
+    # The k-th commonest state of every shot type comes before the next ones of any.
+    place = np.zeros(len(found), dtype=np.int64)
+    for each in np.unique(shot):
+        place[shot == each] = np.arange((shot == each).sum())
+    return np.asarray(found[np.argsort(place, kind="stable")][: _QUICK if arena.quick else POSITIONS], dtype=np.int64)
+
+
+def positions(arena: Arena) -> list[dict[str, Any]]:
+    """The positions of the split, see the description of this module."""
+    return [position(arena.game, state, number) for number, state in enumerate(chosen_states(arena).tolist())]
+
+
+def position(game: Game, state: int, number: int = 0) -> dict[str, Any]:
+    """A state as a position."""
+    legal = [game.catalogue.names[stroke] for stroke in game.legal_strokes(state)]
+    return {"id": number, "text": described(game, state), "legal": legal, "observation": game.observation(state).tolist()}
+
+
+def described(game: Game, state: int) -> str:
+    """A state in words, from the view of the striker."""
+    own, incoming, contact, duel, effort, other = game.observation(state).tolist()
+    if incoming == game.n_strokes:
+        return "You serve."
+    words = [f"Your opponent played: {_stroke(game, incoming)}. You reach the shuttle {HEIGHTS[contact]} the net."]
+    if own < game.n_strokes:
+        words.append(f"Your own last stroke was: {_stroke(game, own)}.")
+    if duel > 1:
+        words.append(f"The last {duel} strokes were net shots.")
+    if game.levels > 1:
+        words.append(
+            f"Attacks so far in this rally (at most {game.levels - 1} are counted): you {effort}, your opponent {other}."
+        )
+    return " ".join(words)
+
+
+def _stroke(game: Game, stroke: int) -> str:
+    shot, area, height, technique = game.catalogue.names[stroke].split(":")
+    return f"{shot.replace('-', ' ')} to the {area.replace('-', ' ')}, hit {height} the net, {technique.replace('-', ' ')}"
+
+
+RULES: Final = (
+    "You are playing a rally of badminton singles. Strokes are named SHOT:TARGET:CONTACT:TECHNIQUE; targets are areas of the "
+    f"opponent's half. A stroke ends as one of: {', '.join(OUTCOMES)}. Choose the stroke that wins the rally most often. "
+    "Answer with the name of one legal stroke and nothing else."
+)
+
+
+def prompt(place: Mapping[str, Any]) -> str:
+    """A position as a question to a chat model."""
+    return f"{RULES}\n\n{place['text']}\n\nLegal strokes: {', '.join(place['legal'])}\n"
+
+
+def read_answer(text: str, legal: Sequence[str]) -> str | None:
+    """The last legal stroke that an answer names; None if it names none."""
+    found = [(text.rfind(name), name) for name in legal if name in text]
+    return max(found)[1] if found else None
+
+
+class ChatProgram:
+    """Any chat model through a command: it reads a prompt from standard input and writes an answer, ``chat:COMMAND``.
+
+    Args:
+        command: program and arguments in shell syntax; no shell is started.
+        seconds: time limit for an answer.
+    """
+
+    def __init__(self, command: str, seconds: float = 120.0) -> None:
+        self._command, self._seconds = shlex.split(command), seconds
+
+    def answer(self, place: Mapping[str, Any]) -> str | None:
+        """The stroke that the model names; None if it names none, or fails."""
+        try:
+            done = subprocess.run(
+                self._command, input=prompt(place), capture_output=True, text=True, timeout=self._seconds, check=False
+            )
+        except (OSError, subprocess.TimeoutExpired) as error:
+            raise SuiteError(f"chat:{shlex.join(self._command)}: {error}") from error
+        return read_answer(done.stdout, place["legal"])
+
+
+class LineProgram:
+    """A program that reads each position as a line of JSON and answers with one line, the name of a stroke.
+
+    Args:
+        command: program and arguments in shell syntax; no shell is started.
+    """
+
+    def __init__(self, command: str) -> None:
+        try:
+            self._process = subprocess.Popen(shlex.split(command), stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        except (OSError, ValueError) as error:
+            raise SuiteError(f"program:{command}: cannot be started ({error})") from error
+
+    def answer(self, place: Mapping[str, Any]) -> str:
+        """Its answer."""
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        self._process.stdin.write(json.dumps(place) + "\n")
+        self._process.stdin.flush()
+        line = self._process.stdout.readline()
+        if not line:
+            raise SuiteError(f"the program closed its output at position {place['id']}")
+        return line.strip()
+
+
+def json_lines(places: Sequence[Mapping[str, Any]]) -> bytes:
+    """Positions as a file of JSON lines."""
+    return b"".join(json.dumps(place).encode() + b"\n" for place in places)

@@ -1,0 +1,77 @@
+"""Verification of a run: every score is recomputed from the stored policies and answers."""
+
+import dataclasses
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final
+
+from shuttle_marl.errors import ShuttleError
+from shuttle_marl.suite import frozen, store
+from shuttle_marl.suite.registry import arena_of, find_task
+from shuttle_marl.suite.store import RunConfig
+from shuttle_marl.suite.task import Arena, SuiteError, Task
+
+TOLERANCE: Final = 1e-9
+"""Largest difference between a recomputed score and the stored one."""
+NOT_VERIFIED: Final = ("strokes used", "tuning", "seconds", "that the method produced these policies")
+"""What no recomputation can show."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Finding:
+    """Verification of a unit: recomputed, or the reason why it is refused."""
+
+    case: str
+    seed: int
+    reason: str | None
+
+
+def verify_run(
+    folder: Path,
+    *,
+    secret: str | None = None,
+    data: Path | None = None,
+    progress: Callable[[Any], Any] = lambda units: units,
+) -> list[Finding]:
+    """Recompute all scores of a run from its policies and answers.
+
+    Args:
+        folder: of the run.
+        secret: seed of the hidden split.
+        data: annotated matches, for ``imitate``.
+        progress: wraps the units, to show progress.
+
+    Raises:
+        SuiteError: the folder holds no run.
+    """
+    config = store.read_config(folder)
+    task = find_task(config.task)
+    arena = arena_of(task, config.game.model, config.split, quick=config.quick, secret=secret, data=data)
+    cases = task.cases(arena)
+    units = [(number, seed) for number in range(len(cases)) for seed in range(config.seeds)]
+    return [
+        Finding(case=cases[number].name, seed=seed, reason=_refused(folder, config, task, arena, number, seed))
+        for number, seed in progress(units)
+    ]
+
+
+def _refused(folder: Path, config: RunConfig, task: Task, arena: Arena, number: int, seed: int) -> str | None:
+    """Why a unit is refused; None if its scores are reproduced."""
+    case = task.cases(arena)[number]
+    try:
+        if config.game.hash != arena.game.hash:
+            raise SuiteError(f"played on game {config.game.hash[:12]}; this is {arena.game.hash[:12]}")
+        entry = store.read_entry(store.entry_path(folder, number, seed))
+        if (entry.case, entry.seed) != (case.name, seed):
+            raise SuiteError(f"the entry is of case {entry.case!r} and seed {entry.seed}")
+        fingerprint = task.fingerprint(arena, case, seed)
+        if entry.fingerprint != fingerprint:
+            raise SuiteError(f"the case has fingerprint {entry.fingerprint[:12]}; expected {fingerprint[:12]}")
+        frozen.load().check(task, config.split, f"{case.name}/{seed}", fingerprint, arena.game)
+        scores = task.score(arena, case, seed, store.read_outcome(folder, entry, arena.game))
+        for name, value in scores.items():
+            if not abs(value - entry.scores.get(name, float("nan"))) <= TOLERANCE:
+                raise SuiteError(f"{name} is {value:.9f}, not {entry.scores.get(name)}")
+    except ShuttleError as error:
+        return str(error)
+    return None

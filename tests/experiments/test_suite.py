@@ -1,0 +1,43 @@
+"""The experiment that fills the leaderboard, at a small size."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from experiments.suite import QUICK, Suite, main
+from shuttle_marl.commands.suite import main as suite
+from shuttle_marl.suite import TASKS
+from tests.reduced import reduced_model
+
+
+def test_the_board_is_made_from_the_results(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out, results = tmp_path / "runs", tmp_path / "suite.json"
+    tasks = ("exploit-v0", "robust-v0", "text-v0")
+    flags = ["--quick", "--game", reduced_model(), "--workers", "1", "--out", str(out), "--json", str(results)]
+    assert main([*flags, "--tasks", *tasks, "--split", "test"]) == 0, capsys.readouterr().err
+    rows = json.loads(results.read_text())["rows"]
+    assert [row["task"] for row in rows] == list(tasks)
+    for row in rows:
+        assert {"task", "method", "split", "score", "low", "high", "seeds", "exploitability", "seconds"} <= set(row)
+        assert row["verified"] is True
+    first = results.read_text()
+    assert main([*flags, "--tasks", *tasks, "--split", "test", "--resume"]) == 0
+    assert [row["score"] for row in json.loads(results.read_text())["rows"]] == [
+        row["score"] for row in json.loads(first)["rows"]
+    ]
+    capsys.readouterr()
+    assert suite(("board", "--results", str(results))) == 0
+    assert "## robust-v0, test" in capsys.readouterr().out
+
+
+def test_all_baselines_are_run() -> None:
+    runs = Suite(data=Path("data")).runs()
+    assert {task for task, _ in runs} == set(TASKS) == set(QUICK)
+    assert len(set(runs)) == len(runs)
+    assert "imitate-v0" not in {task for task, _ in Suite().runs()}
+
+
+def test_methods_belong_to_one_task(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--methods", "bc"]) == 1
+    assert "one of --tasks" in capsys.readouterr().err

@@ -1,0 +1,187 @@
+"""The task adapt-v0: populations, play, regret, and what a method may know."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from shuttle_marl.exact import best_response, evaluate, restricted_response, solve
+from shuttle_marl.exact.fixed_point import ExactError
+from shuttle_marl.game.tabulated import tabulate
+from shuttle_marl.policy import baselines
+from shuttle_marl.policy.registry import resolve
+from shuttle_marl.suite import SuiteRun, run_method, store, summarise, verify_run
+from shuttle_marl.suite import frozen as frozen_settings
+from shuttle_marl.suite.adapt import CHANGES, observed
+from shuttle_marl.suite.frozen import Frozen, checked_secret, commitment
+from shuttle_marl.suite.methods.adapters import Counts, PosteriorMean, mean_policy
+from shuttle_marl.suite.methods.tilt import features, fitted_shift, shifted
+from shuttle_marl.suite.population import FAMILIES, known, opponent
+from shuttle_marl.suite.registry import arena_of, find_task
+from shuttle_marl.suite.task import Arena, SuiteError
+from tests.reduced import reduced_game, reduced_model
+
+GAME = reduced_game()
+TASK = find_task("adapt-v0")
+SECRET = "5" * 64
+
+
+@pytest.fixture(scope="module")
+def arena() -> Arena:
+    return arena_of(TASK, reduced_model(), "dev", quick=True)
+
+
+def run(tmp_path: Path, method: str) -> Path:
+    return run_method(SuiteRun(task="adapt-v0", method=method, model=reduced_model(), quick=True, out=tmp_path / "run"))
+
+
+def test_a_restricted_response_lies_between_minimax_and_the_best_response() -> None:
+    bc = tabulate(resolve("bc", GAME), GAME)
+    best, perfect = best_response(bc), solve(GAME)
+    assert restricted_response(bc, 1.0).value.odds().value == pytest.approx(best.value.odds().value, abs=1e-8)
+    assert restricted_response(bc, 0.0).value.odds().value == pytest.approx(0, abs=1e-8)
+    policies = [restricted_response(bc, p).policy for p in (0, 0.3, 0.6, 1)]
+    won = [evaluate(policy, bc).odds().rally for policy in policies]
+    risk = [best_response(policy).value.odds().value for policy in policies]
+    assert won == sorted(won)
+    assert risk == sorted(risk)
+    assert policies[0].hash == perfect.policy[0].hash
+    with pytest.raises(ExactError, match="from 0 to 1"):
+        restricted_response(bc, 1.5)
+
+
+def test_populations_share_no_player_and_follow_from_their_seed(arena: Arena) -> None:
+    test = arena_of(TASK, reduced_model(), "test", quick=True)
+    players = baselines.players(GAME)
+    named = {name.partition(":")[2] for name in known(arena) if name.startswith("bc:")}
+    assert named == set(players[0::3])
+    for family in FAMILIES:
+        one, other = opponent(arena, family, 3), opponent(test, family, 3)
+        assert [policy.hash for policy in one.policies] != [policy.hash for policy in other.policies]
+        again = opponent(Arena(game=GAME, split="dev"), family, 3)
+        assert [policy.hash for policy in again.policies] == [policy.hash for policy in one.policies]
+        assert again.starts == one.starts
+    switcher = opponent(arena, "switcher", 0)
+    assert 100 <= switcher.starts[1] <= 400
+    assert switcher.at(switcher.starts[1] - 1) is switcher.policies[0]
+    assert switcher.at(switcher.starts[1]) is switcher.policies[1]
+
+
+def test_the_hidden_split_needs_the_secret_of_the_commitment(monkeypatch: pytest.MonkeyPatch) -> None:
+    frozen = Frozen(commitment=commitment(SECRET))
+    assert checked_secret(SECRET, frozen) == SECRET
+    for wrong in ("6" * 64, "x" * 64, "5" * 62, None):
+        with pytest.raises(SuiteError, match="--secret"):
+            checked_secret(wrong, frozen)
+    monkeypatch.setattr(frozen_settings, "load", lambda: frozen)
+    hidden = arena_of(TASK, reduced_model(), "hidden", secret=SECRET)
+    public = arena_of(TASK, reduced_model(), "test")
+    assert opponent(hidden, "synthetic", 0).policies[0].hash != opponent(public, "synthetic", 0).policies[0].hash
+
+
+class Oracle:
+    """Plays the best response to the first opponent of the dev split, which a method cannot know."""
+
+    def __init__(self, setting: Any) -> None:
+        self.rallies: list[Any] = []
+        hidden = opponent(arena_of(TASK, reduced_model(), "dev", quick=True), "synthetic", 0).policies[0]
+        self.policy = best_response(hidden).policy
+
+    def policy_for_next_rally(self) -> Any:
+        assert len(self.rallies) in CHANGES
+        return self.policy
+
+    def observe_rally(self, rally: Any) -> None:
+        assert (np.diff(rally.own.astype(int)) != 0).all()
+        self.rallies.append(rally)
+
+
+class Peeking(Oracle):
+    def __init__(self, setting: Any) -> None:
+        super().__init__(setting)
+        self.name = setting.opponent
+
+
+def test_regret_is_exact(tmp_path: Path, arena: Arena) -> None:
+    folder = run(tmp_path, f"{__name__}:Oracle")
+    first, second = (store.read_entry(store.entry_path(folder, number, 0)) for number in (0, 1))
+    assert first.scores["regret_500"] == pytest.approx(0, abs=1e-6)
+    player, human = store.load_policy(folder, first.policies["0"], GAME), opponent(arena, "human", 0).policies[0]
+    lost = best_response(human).value.odds().rally - evaluate(player, human).odds().rally
+    assert [second.scores[f"regret_{n}"] for n in (20, 500)] == pytest.approx([lost, lost], abs=2e-6)
+    assert second.scores["exploitability"] == pytest.approx(best_response(player).value.odds().value, abs=2e-6)
+    assert [finding.reason for finding in verify_run(folder)] == [None, None]
+    assert set(first.policies) == {str(change) for change in CHANGES}
+
+
+def test_a_method_that_reads_the_opponent_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(SuiteError, match="reads 'opponent' of its setting"):
+        run(tmp_path, f"{__name__}:Peeking")
+
+
+@pytest.mark.parametrize(
+    "method", ["minimax", "restricted-nash:0.5", "bandit", "bayes", "thompson", "posterior-mean", "counts:0.8"]
+)
+def test_baselines(tmp_path: Path, method: str) -> None:
+    found = summarise(run(tmp_path, method))
+    assert 0 <= found["score"] < 0.3
+    assert (found["exploitability"] < 1e-5) == (method == "minimax")
+
+
+def test_tilt_learns(tmp_path: Path) -> None:
+    found = summarise(run(tmp_path, "tilt"))["scores"]
+    assert found["regret_500"]["value"] < found["regret_20"]["value"]
+
+
+class _Setting:
+    def __init__(self, arena: Arena) -> None:
+        self.game, self.known, self.seed = GAME, known(arena), 0
+
+
+def test_the_posterior_finds_a_known_type(arena: Arena) -> None:
+    setting: Any = _Setting(arena)
+    names = list(setting.known)
+    agent = PosteriorMean(setting)
+    for rally in observed(GAME, (setting.known["bc"], setting.known["defensive"]), 40, 1):
+        agent.observe_rally(rally)
+    assert agent.posterior.sum() == pytest.approx(1, abs=1e-9)
+    assert names[int(agent.posterior.argmax())] == "defensive"
+    assert agent.mean().block_probabilities(0) == pytest.approx(setting.known["defensive"].block_probabilities(0), abs=0.2)
+
+
+def test_counts_approach_the_opponent(arena: Arena) -> None:
+    setting: Any = _Setting(arena)
+    agent = Counts(setting)
+    for rally in observed(GAME, (setting.known["bc"], setting.known["attacking"]), 3000, 1):
+        agent.observe_rally(rally)
+
+    def distance(policy: Any) -> float:
+        return float(
+            np.abs(policy.block_probabilities(0)[:2000] - setting.known["attacking"].block_probabilities(0)[:2000]).sum()
+        )
+
+    assert distance(agent.estimate()) < 0.5 * distance(setting.known["bc"])
+
+
+def test_shifts_are_the_maximum_a_posteriori() -> None:
+    feature, deviation = features(GAME)
+    rng = np.random.default_rng(0)
+    base = np.log(baselines.probabilities(None, GAME))
+    played = rng.choice(GAME.n_base_pairs, 200)
+    theta = fitted_shift(GAME, base, feature, deviation, played, np.zeros(len(deviation)))
+
+    def loss(theta: Any) -> float:
+        chance = shifted(GAME, base, feature, theta)
+        return float(-np.log(chance[played]).sum() + 0.5 * ((theta / deviation) ** 2).sum())
+
+    assert loss(theta) < loss(np.zeros_like(theta))
+    for step in rng.normal(size=(5, len(theta))):
+        assert loss(theta) < loss(theta + 0.1 * step)
+
+
+def test_mean_policy_weights_the_strokes() -> None:
+    first, second = (tabulate(resolve(name, GAME), GAME) for name in ("attacking", "safe"))
+    mean = mean_policy(GAME, {first: 0.25, second: 0.75})
+    expected = 0.25 * first.block_probabilities(0) + 0.75 * second.block_probabilities(0)
+    assert mean.block_probabilities(0) == pytest.approx(expected)

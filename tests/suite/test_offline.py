@@ -1,0 +1,226 @@
+"""Logs, estimators on a game of three strokes computed by hand, and learning from logs."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from shuttle_marl.exact import evaluate
+from shuttle_marl.game.rules import FAULT, WINNER
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities
+from shuttle_marl.rally.record import Rallies
+from shuttle_marl.suite import SuiteRun, run_method, summarise, verify_run
+from shuttle_marl.suite.logs import Log, behaviour, blank, generate, log_of
+from shuttle_marl.suite.methods import BASELINES, find
+from shuttle_marl.suite.methods.estimators import (
+    ImportanceSampling,
+    ModelBased,
+    PerDecision,
+    WeightedImportanceSampling,
+    doubly_robust,
+    q_and_v,
+    ratios,
+)
+from shuttle_marl.suite.methods.learned import Clone, Model, OneStep
+from shuttle_marl.suite.offline import LogSetting, errors, fitted, in_game
+from shuttle_marl.suite.registry import arena_of, find_task
+from shuttle_marl.suite.tabular import best_of, by_state, cloned, estimated_game, fitted_q, greedy, with_faults
+from shuttle_marl.suite.task import SuiteError
+from tests.exact.exact_games import THREE_STROKES, hand_made
+from tests.reduced import reduced_game, reduced_model
+
+GAME = reduced_game()
+CLEAR = "clear:back-left:above:forehand"
+SERVE, CLEARED, SMASH, LIFT = range(4)
+
+
+def three_strokes() -> Game:
+    """A serve, and then a lift from below, or a clear or a smash from above."""
+    return hand_made((THREE_STROKES[0], CLEAR, THREE_STROKES[1], THREE_STROKES[2]))
+
+
+def smashing(game: Game, fraction: float) -> TabulatedPolicy:
+    """The policy that smashes this fraction of what is offered above the net, and clears the rest."""
+    stroke = game.pair_stroke
+    chance = np.where(stroke == SMASH, fraction, np.where(stroke == CLEARED, 1 - fraction, 1.0))
+    return from_pair_probabilities(game, chance)
+
+
+def by_hand(game: Game) -> Log:
+    """Five rallies of the learner, at seat 0, who smashes half of the time.
+
+    1: serve, lift, smash: winner. 2: serve, smash of the opponent: winner. 3: serve of the opponent, clear: fault.
+    4: serve of the opponent: fault. 5: serve of the opponent, smash: winner.
+    """
+    strokes = [[SERVE, LIFT, SMASH], [SERVE, SMASH], [SERVE, CLEARED], [SERVE], [SERVE, SMASH]]
+    n = len(strokes)
+    rallies = Rallies(
+        pairing=np.zeros(n, np.uint32),
+        match=np.arange(n, dtype=np.uint32),
+        rally=np.zeros(n, np.uint16),
+        policy=np.zeros((n, 2), np.uint16),
+        server=np.array([0, 0, 1, 1, 1], np.uint8),
+        winner=np.array([0, 1, 1, 0, 0], np.uint8),
+        reason=np.array([WINNER, WINNER, FAULT, FAULT, WINNER], np.uint8),
+        score=np.zeros((n, 4), np.uint8),
+        length=np.array([len(part) for part in strokes], np.int32),
+        stroke=np.concatenate(strokes).astype(np.uint8),
+    )
+    return log_of(game, rallies, smashing(game, 0.5))
+
+
+def test_estimators_equal_values_computed_by_hand() -> None:
+    game = three_strokes()
+    log, target = by_hand(game), smashing(game, 0.8)
+    data = log.transitions
+    assert data.reward.tolist() == [0, 1, 0, 0, 1]
+    assert data.following.tolist() == [data.state[1], -1, -1, -1, -1]
+    assert (data.n_rallies, data.idle_wins) == (5, 1)
+    # Ratios: 1 for the serves; 0.8 / 0.5 for smashes; 0.2 / 0.5 for the clear.
+    assert ratios(data, target) == pytest.approx([1, 1.6, 1, 0.4, 1.6], abs=1e-4)
+    # Rallies: 1.6 won, 1 lost, 0.4 lost, 1.6 won, and one won without a stroke.
+    assert ImportanceSampling().estimate(log, [target]) == pytest.approx([(1.6 + 1.6 + 1) / 5], abs=1e-4)
+    assert PerDecision().estimate(log, [target]) == pytest.approx([(1.6 + 1.6 + 1) / 5], abs=1e-4)
+    assert WeightedImportanceSampling().estimate(log, [target]) == pytest.approx([4.2 / 5.6], abs=1e-4)
+    # With q = v = 0.5: 0.5 + 1.6 * 0.5 = 1.3 after a winning smash, and 0.5 + (1.3 - 0.5) = 1.3 before the serve.
+    half = np.full(5, 0.5)
+    assert doubly_robust(data, ratios(data, target), half, half) == pytest.approx([1.3, 0, 0.3, 1.3], abs=1e-4)
+    # Smashes won and the clear lost: 0.8 before them; the serve led to 0.8 once, and to a loss once.
+    q, v = q_and_v(data, target, shrink=1e-9)
+    assert q == pytest.approx([0.4, 1, 0.4, 0, 1], abs=1e-4)
+    assert v == pytest.approx([0.4, 0.8, 0.4, 0.8, 0.8], abs=1e-4)
+
+
+def test_on_policy_estimates_are_the_fraction_won() -> None:
+    game = three_strokes()
+    log, same = by_hand(game), smashing(game, 0.5)
+    for estimator in (ImportanceSampling(), PerDecision(), WeightedImportanceSampling()):
+        assert estimator.estimate(log, [same]) == pytest.approx([3 / 5], abs=1e-4)
+
+
+def test_counts_computed_by_hand() -> None:
+    game = three_strokes()
+    log = by_hand(game)
+    chance = cloned(log.game, log.transitions.pair, shrink=1e-9)
+    after_serve = game.pair(game.state_of(4, SERVE, 1), np.array([CLEARED, SMASH]))
+    assert chance[after_serve] == pytest.approx([0.5, 0.5], abs=1e-6)
+    shares = estimated_game(log, shrink=1e-9).outcome_probabilities(slice(0, game.n_base_pairs))
+    # Serves: one returned below (the lift), three returned above, one fault.
+    assert shares[0] == pytest.approx([1 / 5, 0, 1 / 5, 3 / 5], abs=2e-3)
+    # The lift was returned from above.
+    assert shares[game.pair(game.state_of(4, SERVE, 0), LIFT)] == pytest.approx([0, 0, 0, 1], abs=2e-3)
+
+
+def test_greedy_and_best_respect_what_is_allowed() -> None:
+    game = three_strokes()
+    q = np.where(game.base_pair_stroke == SMASH, 0.9, 0.5)
+    allowed = (game.base_pair_stroke != SMASH).astype(float)
+    state = np.array([game.state_of(4, SERVE, 1)])
+    assert best_of(game)(q, state) == [0.9]
+    assert best_of(game, allowed)(q, state) == [0.5]
+    assert by_state(game, q, state, np.add) == pytest.approx([1.4])
+    for policy, stroke in ((greedy(game, q), SMASH), (greedy(game, q, allowed), CLEARED)):
+        assert policy.probability[game.pair(state, stroke)] == [1.0]
+        assert np.bincount(game.base_pair_state, policy.probability)[game.playable[: game.n_base_states]] == pytest.approx(1)
+
+
+def test_a_large_log_recovers_the_game() -> None:
+    arena = arena_of(find_task("offline-v0"), reduced_model(), "test")
+    log = generate(arena, "bc@1.5", 300_000, seed=1)
+    target, opponent = arena.policy("bc@0.7"), arena.policy("bc")
+    true = evaluate(target, opponent).odds().rally
+    assert ModelBased().estimate(log, [in_game(target, log.game)]) == pytest.approx([true], abs=0.01)
+    _, v = q_and_v(log.transitions, in_game(target, log.game))
+    data = log.transitions
+    assert (v[data.first].sum() + data.idle_wins) / data.n_rallies == pytest.approx(true, abs=0.02)
+
+
+def test_logs_depend_on_their_seed_alone_and_hide_the_probabilities() -> None:
+    arena = arena_of(find_task("offline-v0"), reduced_model(), "test")
+    log, again, other = (generate(arena, "bc+0.1*minimax", 2000, seed) for seed in (0, 0, 1))
+    assert log.hash == again.hash != other.hash
+    assert log.own.sum() >= 2000 > log.own[log.rally < log.rally[-1]].sum()
+    assert (log.game.threshold == blank(GAME).threshold).all()
+    assert log.game.hash != GAME.hash
+    mixed = behaviour(arena, "bc+0.1*minimax").pair_probabilities()
+    parts = 0.9 * arena.policy("bc").pair_probabilities() + 0.1 * arena.policy("minimax").pair_probabilities()
+    assert mixed == pytest.approx(parts, abs=2 / 65535)
+    assert log.probability[log.own] == pytest.approx(mixed[log.pair[log.own]], abs=1e-6)
+    table = log.table()
+    assert table.num_rows == len(log)
+    assert table["stroke"][0].as_py() == GAME.catalogue.names[log.stroke[0]]
+
+
+def test_methods_beat_the_behaviour(tmp_path: Path) -> None:
+    task = find_task("offline-v0")
+    arena = arena_of(task, reduced_model(), "test")
+    setting = LogSetting(game=blank(GAME), seed=0, folder=tmp_path)
+
+    def won(method: Any, strokes: int) -> float:
+        player = in_game(fitted(method, generate(arena, "bc", strokes, 0), setting, "offline"), GAME)
+        return evaluate(player, arena.policy("bc")).odds().rally
+
+    assert won(Clone, 50_000) == pytest.approx(0.5, abs=0.01)
+    assert 0.5 < won(OneStep, 50_000) < won(Model, 200_000)
+
+
+def test_pessimism_adds_to_faults() -> None:
+    penalty = np.linspace(0, 0.5, GAME.n_base_pairs)
+    before, after = (g.outcome_probabilities(slice(0, g.n_base_pairs)) for g in (GAME, with_faults(GAME, penalty)))
+    assert after[:, 0] == pytest.approx(np.minimum(before[:, 0] + penalty, 1), abs=1e-4)
+    assert after.sum(axis=1) == pytest.approx(1)
+
+
+def test_fitted_q_is_the_best_value_of_the_data() -> None:
+    game = three_strokes()
+    data = by_hand(game).transitions
+    q = fitted_q(data, best_of(data.game), shrink=1e-9)
+    # The best stroke wins, so the serve is worth one half: it led to a certain win once and to a loss once.
+    assert q[data.pair[0]] == pytest.approx(0.5, abs=1e-4)
+
+
+def test_errors_are_as_defined() -> None:
+    found = errors(np.array([0.5, 0.7, 0.4]), np.array([0.6, 0.5, 0.2]), [False, False, True])
+    assert found["error"] == pytest.approx(np.sqrt((0.01 + 0.04 + 0.04) / 3))
+    assert found["bias"] == pytest.approx(0.1)
+    assert found["bias_trained"] == pytest.approx(0.2)
+    assert found["rank_correlation"] == pytest.approx(0.5)
+    assert found["regret"] == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize("method", BASELINES["offline"])
+def test_baselines_of_offline(method: str, tmp_path: Path) -> None:
+    folder = run_method(SuiteRun(task="offline-v0", method=method, model=reduced_model(), quick=True, out=tmp_path / "run"))
+    assert -0.2 < summarise(folder)["score"] < 1
+    assert [finding.reason for finding in verify_run(folder)] == [None]
+
+
+def test_a_run_of_evaluate_is_verified(tmp_path: Path) -> None:
+    folder = run_method(
+        SuiteRun(
+            task="evaluate-v0", method="weighted-importance-sampling", model=reduced_model(), quick=True, out=tmp_path / "run"
+        )
+    )
+    found = summarise(folder)
+    assert 0 < found["score"] < 0.5
+    assert -1 <= found["scores"]["rank_correlation"]["value"] <= 1
+    assert [finding.reason for finding in verify_run(folder)] == [None, None]
+
+
+class Half:
+    def estimate(self, log: Log, policies: Any) -> list[float]:
+        return [0.5]
+
+
+def test_estimates_are_checked(tmp_path: Path) -> None:
+    with pytest.raises(SuiteError, match="expected 32 finite estimates"):
+        run_method(
+            SuiteRun(task="evaluate-v0", method=f"{__name__}:Half", model=reduced_model(), quick=True, out=tmp_path / "run")
+        )
+    with pytest.raises(SuiteError, match=r"expected an object with fit"):
+        run_method(
+            SuiteRun(task="offline-v0", method=f"{__name__}:Half", model=reduced_model(), quick=True, out=tmp_path / "two")
+        )
+    assert find("offline-v0", "model:2").keywords == {"argument": "2"}  # type: ignore[attr-defined]

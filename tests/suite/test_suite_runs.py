@@ -1,0 +1,234 @@
+"""Runs of the suite: stored units, resuming, exact scores, verification, and the board."""
+
+import dataclasses
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from shuttle_marl import runs
+from shuttle_marl.commands.suite import main
+from shuttle_marl.exact import best_response, evaluate
+from shuttle_marl.files import seal
+from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
+from shuttle_marl.kernel import play_rallies
+from shuttle_marl.policy.registry import resolve
+from shuttle_marl.suite import store
+from shuttle_marl.suite.board import render
+from shuttle_marl.suite.registry import TASKS
+from shuttle_marl.suite.results import difference, summarise
+from shuttle_marl.suite.run import SuiteRun, run_method
+from shuttle_marl.suite.task import SuiteError
+from shuttle_marl.suite.verify import verify_run
+from tests.reduced import reduced_game, reduced_model
+
+GAME = reduced_game()
+
+
+def table(name: str) -> TabulatedPolicy:
+    return tabulate(resolve(name, GAME), GAME, name)
+
+
+def noisy(setting: Any) -> TabulatedPolicy:
+    """A method that depends on the seed."""
+    return table(f"bc@{0.3 + 0.1 * setting.seed}")
+
+
+def illegal(setting: Any) -> Any:
+    class Illegal:
+        def probabilities(self, states: Any) -> Any:
+            p = np.zeros((len(states), states.game.n_strokes))
+            p[:, 0] = 1.0
+            return p
+
+    return Illegal()
+
+
+def greedy(setting: Any) -> Any:
+    class First:
+        def act(self, observation: Any, mask: Any) -> int:
+            return int(mask.argmax())
+
+    return First()
+
+
+def played(tmp_path: Path, method: str, task: str = "exploit-v0", **options: Any) -> Path:
+    name = method.replace(":", "-")
+    return run_method(SuiteRun(task=task, method=method, model=reduced_model(), quick=True, out=tmp_path / name, **options))
+
+
+def reasons(folder: Path) -> list[str | None]:
+    return [finding.reason for finding in verify_run(folder)]
+
+
+def first_entry(folder: Path) -> tuple[Path, dict[str, Any]]:
+    path = store.entry_path(folder, 0, 0)
+    return path, json.loads(path.read_text())
+
+
+def forge(path: Path, fields: dict[str, Any]) -> None:
+    """Write an entry with a valid checksum."""
+    path.write_bytes(seal({name: value for name, value in fields.items() if name != "checksum"}))
+
+
+def test_scores_are_exact_and_verified(tmp_path: Path) -> None:
+    folder = played(tmp_path, f"{__name__}:noisy", seeds=2)
+    result, safe, bc = summarise(folder), table("safe"), table("bc")
+    wins = [evaluate(table(f"bc@{temperature}"), safe).odds().rally for temperature in (0.3, 0.4)]
+    low, high = evaluate(bc, safe).odds().rally, best_response(safe).value.odds().rally
+    assert result["scores"]["rally_win"]["value"] == pytest.approx(np.mean(wins), abs=1e-9)
+    assert result["score"] == pytest.approx((np.mean(wins) - low) / (high - low), abs=1e-8)
+    assert result["low"] < result["score"] < result["high"]
+    assert reasons(folder) == [None, None]
+
+
+def test_references_bound_the_scale(tmp_path: Path) -> None:
+    assert summarise(played(tmp_path, "best-response"))["score"] == pytest.approx(1, abs=1e-9)
+    assert summarise(played(tmp_path, "bc"))["score"] == pytest.approx(0, abs=1e-9)
+    assert summarise(played(tmp_path / "e", "minimax", "equilibrium-v0"))["exploitability"] == pytest.approx(0, abs=1e-9)
+    one, some = (summarise(played(tmp_path, name))["score"] for name in ("constant", "constant-by-incoming"))
+    assert 0 < one < some < 1
+
+
+def test_fictitious_play_approaches_the_equilibrium(tmp_path: Path) -> None:
+    found = summarise(played(tmp_path, "fictitious-play", "equilibrium-v0"))
+    assert 0 < found["exploitability"] < 0.2 * best_response(table("bc")).value.odds().value
+
+
+def test_a_score_is_within_the_interval_of_a_simulation(tmp_path: Path) -> None:
+    folder = played(tmp_path, f"{__name__}:noisy")
+    entry = store.read_entry(store.entry_path(folder, 0, 0))
+    player = store.read_outcome(folder, entry, GAME).policies["player"]
+    rallies = play_rallies(GAME, (player, table("safe")), 20_000, seed=3)
+    won = float((rallies.winner == 0).mean())
+    assert entry.scores["rally_win"] == pytest.approx(won, abs=4 * 0.5 / np.sqrt(20_000))
+
+
+def test_players_that_act_are_tabulated(tmp_path: Path) -> None:
+    folder = played(tmp_path, f"{__name__}:greedy")
+    player = store.read_outcome(folder, store.read_entry(store.entry_path(folder, 0, 0)), GAME).policies["player"]
+    first = np.zeros(GAME.n_pairs)
+    first[GAME.first_pairs] = 1
+    assert np.array_equal(player.pair_probabilities(), first)
+
+
+def test_an_illegal_stroke_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(Exception, match="plays the illegal stroke"):
+        played(tmp_path, f"{__name__}:illegal")
+
+
+def test_a_run_is_resumed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = played(tmp_path, f"{__name__}:noisy", seeds=2)
+    whole = summarise(folder)
+    kept = store.entry_path(folder, 0, 0).read_bytes()
+    store.entry_path(folder, 0, 1).unlink()
+    with pytest.raises(SuiteError, match="1 of 2 units are missing"):
+        summarise(folder)
+    played(tmp_path, f"{__name__}:noisy", seeds=2, resume=True)
+    assert store.entry_path(folder, 0, 0).read_bytes() == kept
+    again = summarise(folder)
+    assert {**again, "seconds": 0} == {**whole, "seconds": 0}
+    with pytest.raises(runs.RunError, match="other flags"):
+        played(tmp_path, f"{__name__}:noisy", seeds=3, resume=True)
+
+
+def test_changed_submissions_are_refused(tmp_path: Path) -> None:
+    folder = played(tmp_path, "bc")
+    path, entry = first_entry(folder)
+    original = path.read_bytes()
+
+    path.write_bytes(original.replace(b'"rally_win": 0.', b'"rally_win": 0.9'))
+    assert "checksum" in str(reasons(folder)[0])
+    forge(path, {**entry, "scores": {**entry["scores"], "score": 0.5}})
+    assert "score is" in str(reasons(folder)[0])
+    forge(path, {**entry, "fingerprint": "0" * 64})
+    assert "fingerprint" in str(reasons(folder)[0])
+    path.write_bytes(original)
+    assert reasons(folder) == [None]
+
+    (policy,) = (folder / store.POLICIES).iterdir()
+    content = policy.read_bytes()
+    numbers = store.unpacked(content, GAME).copy()
+    numbers[np.flatnonzero((numbers > 0) & (numbers < 65534) & (numbers % 2 == 0))[0]] ^= 1  # one bit
+    policy.write_bytes(store.packed(numbers))
+    assert "the table was changed" in str(reasons(folder)[0])
+    policy.write_bytes(store.packed(numbers[1:]))
+    assert "expected the" in str(reasons(folder)[0])
+    numbers[1] = 65535
+    policy.write_bytes(store.packed(numbers))
+    assert "a cumulative probability falls" in str(reasons(folder)[0])
+    policy.write_bytes(b"nonsense")
+    assert "cannot be read" in str(reasons(folder)[0])
+    policy.write_bytes(content)
+
+    config = json.loads((folder / runs.CONFIG).read_text())
+    (folder / runs.CONFIG).write_text(json.dumps({**config, "game": {**config["game"], "hash": "f" * 64}}))
+    assert "played on game ffffffffffff" in str(reasons(folder)[0])
+
+
+def test_an_entry_of_another_unit_is_refused(tmp_path: Path) -> None:
+    folder = played(tmp_path, f"{__name__}:noisy", seeds=2)
+    store.entry_path(folder, 0, 1).write_bytes(store.entry_path(folder, 0, 0).read_bytes())
+    assert reasons(folder)[0] is None
+    assert "seed 0" in str(reasons(folder)[1])
+
+
+def test_paired_differences(tmp_path: Path) -> None:
+    better = played(tmp_path, "best-response", seeds=2)
+    worse = played(tmp_path, f"{__name__}:noisy", seeds=2)
+    found = difference(TASKS["exploit-v0"], better, worse)
+    assert found.value == pytest.approx(1 - summarise(worse)["score"], abs=1e-9)
+    assert found.low <= found.value <= found.high
+    with pytest.raises(SuiteError, match="different cases or seeds"):
+        difference(TASKS["exploit-v0"], better, played(tmp_path, "bc"))
+
+
+def test_the_board_orders_and_escapes(tmp_path: Path) -> None:
+    row = summarise(played(tmp_path, "bc"))
+    rows = [
+        {**row, "method": "<b>x</b>|y", "score": 0.4, "tuning_strokes": None, "verified": True},
+        {**row, "method": "other", "score": 0.6, "tuning_strokes": 100, "verified": False},
+    ]
+    markdown, html = render(rows, "md"), render(rows, "html")
+    assert markdown.index("| other") < markdown.index("| \\<b")
+    assert "\\<b\\>x\\</b\\>\\|y" in markdown
+    assert "<b>x" not in html
+    assert "&lt;b&gt;x" in html
+    # A refused entry is not the best one.
+    assert "open gap 0.600" in markdown
+    assert "Preliminary" in markdown
+
+
+def test_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+    def told(*arguments: str) -> Any:
+        assert main((*arguments, "--json")) == 0, capsys.readouterr().err
+        return json.loads(capsys.readouterr().out)
+
+    tasks = told("list")["tasks"]
+    assert [task["task"] for task in tasks] == list(TASKS)
+    assert all(task["about"] and task["protocol"] and task["baselines"] for task in tasks)
+    found = told("run", "exploit-v0", "--method", "bc", "--quick", "--game", reduced_model())
+    assert (found["score"], found["official"]) == (pytest.approx(0, abs=1e-9), False)
+    assert told("score", found["folder"])["score"] == found["score"]
+    assert told("verify", found["folder"])["reproduced"] == 1
+    assert main(("board", found["folder"], "--out", "board.html", "--html")) == 0
+    assert "exploit-v0" in (tmp_path / "board.html").read_text()
+    path, entry = first_entry(Path(found["folder"]))
+    forge(path, {**entry, "scores": {**entry["scores"], "score": 0.5}})
+    assert main(("verify", found["folder"])) == 1
+    printed = capsys.readouterr()
+    assert "refused: safe" in printed.out
+    assert main(("run", "exploit-v0", "--method", "nothing")) == 1
+    assert "no method 'nothing'" in capsys.readouterr().err
+
+
+def test_stored_entries_are_complete(tmp_path: Path) -> None:
+    folder = played(tmp_path, "constant")
+    _, entry = first_entry(folder)
+    assert set(entry) == {field.name for field in dataclasses.fields(store.Entry)} | {"checksum"}
+    assert entry["strokes"] == 0
+    assert json.loads((folder / runs.MANIFEST).read_text())["status"] == "finished"

@@ -1,0 +1,229 @@
+"""The tasks imitate, robust and text; programs, templates, data, and the frozen settings."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from shuttle_marl.commands.suite import main
+from shuttle_marl.exact import best_response, moved, solve
+from shuttle_marl.game.shipped import refits_of
+from shuttle_marl.suite import SuiteRun, frozen, run_method, store, summarise, verify_run
+from shuttle_marl.suite.imitate import HumanStrokes, ranks
+from shuttle_marl.suite.maintain import freeze, new_submission, write_data
+from shuttle_marl.suite.registry import TASKS, arena_of, find_task
+from shuttle_marl.suite.task import SuiteError
+from shuttle_marl.suite.text import ChatProgram, chosen_states, described, position, positions, prompt, read_answer, regrets
+from shuttle_marl.table_files import read_parquet
+from tests.reduced import reduced_game, reduced_model
+
+GAME = reduced_game()
+
+
+def run(tmp_path: Path, task: str, method: str, **options: Any) -> Path:
+    options = {"quick": True, "out": tmp_path / "run", **options}
+    return run_method(SuiteRun(task=task, method=method, model=reduced_model(), **options))
+
+
+def accepted(folder: Path) -> bool:
+    return all(finding.reason is None for finding in verify_run(folder))
+
+
+def test_robust_is_the_worst_of_the_refits(tmp_path: Path) -> None:
+    folder = run(tmp_path, "robust-v0", "minimax", split="test")
+    policy = solve(GAME).policy[0]
+    given, scored = refits_of(GAME)
+    won = 1 - best_response(moved(policy, scored)).value.odds().rally
+    found = summarise(folder)
+    assert found["score"] == pytest.approx(won, abs=1e-6)
+    assert found["scores"]["mean"]["value"] == found["score"]
+    assert accepted(folder)
+    best = summarise(run(tmp_path / "two", "robust-v0", "minimax-robust", split="test"))
+    assert 0 < best["score"] < 0.5
+    assert given.hash != scored.hash
+
+
+@pytest.mark.parametrize("method", ["mean-game", "human:0.1", "bc"])
+def test_baselines_of_robust(tmp_path: Path, method: str) -> None:
+    assert 0 < summarise(run(tmp_path, "robust-v0", method, split="test"))["score"] < 0.5
+
+
+def test_text_scores_regret_and_legality(tmp_path: Path) -> None:
+    arena = arena_of(find_task("text-v0"), reduced_model(), "test", quick=True)
+    places = positions(arena)
+    regret = regrets(GAME)
+    assert regret.min() == 0
+    best = summarise(run(tmp_path / "best", "text-v0", "policy:minimax", split="test"))["scores"]
+    assert (best["regret"]["value"], best["legal"]["value"]) == (pytest.approx(0, abs=1e-9), 1)
+    folder = run(tmp_path / "wrong", "text-v0", f"{__name__}:Wrong", split="test")
+    worst = summarise(folder)["scores"]
+    states = chosen_states(arena).tolist()
+    assert worst["regret"]["value"] == pytest.approx(np.mean([regret[GAME.pairs_of(state)].max() for state in states]))
+    assert worst["legal"]["value"] == 0
+    assert accepted(folder)
+    assert len(places) == len(states)
+    chosen = GAME.pair(states[0], GAME.catalogue.names.index(places[0]["legal"][0]))
+    assert regret[chosen] == pytest.approx(regret[GAME.pairs_of(states[0])][0])
+
+
+class Wrong:
+    def answer(self, position: Any) -> str:
+        return "smash"
+
+
+def test_positions_are_described_in_words() -> None:
+    state = int(GAME.playable.argmax())
+    assert described(GAME, state) == "You serve."
+    later = int(np.flatnonzero((GAME.own(np.arange(GAME.n_states)) < GAME.n_strokes) & GAME.playable)[-1])
+    place = position(GAME, later)
+    assert place["text"].startswith("Your opponent played: ")
+    assert "Your own last stroke was: " in place["text"]
+    assert set(place["legal"]) == {GAME.catalogue.names[stroke] for stroke in GAME.legal_strokes(later)}
+    assert all(name in prompt(place) for name in place["legal"])
+
+
+def test_answers_of_chat_models_are_read() -> None:
+    legal = ["smash:a", "clear:b"]
+    assert read_answer("I considered smash:a, but clear:b is better.", legal) == "clear:b"
+    assert read_answer("no idea", legal) is None
+    echo = ChatProgram(f"{sys.executable} -c \"import sys; print(sys.stdin.read().split('strokes: ')[1].split(', ')[0])\"")
+    place = position(GAME, 0)
+    assert echo.answer(place) == place["legal"][0]
+    with pytest.raises(SuiteError, match="chat:"):
+        ChatProgram("/no/such/program").answer(place)
+
+
+def test_a_program_answers_positions(tmp_path: Path) -> None:
+    program = tmp_path / "player.py"
+    program.write_text(
+        "import json, sys\nfor line in sys.stdin:\n    print(json.loads(line)['legal'][0], flush=True)\n", encoding="utf-8"
+    )
+    found = summarise(run(tmp_path, "text-v0", f"program:{sys.executable} {program}", split="test"))
+    assert found["scores"]["legal"]["value"] == 1
+
+
+def test_imitation_is_scored_on_unseen_strokes() -> None:
+    pairs = np.array([GAME.pairs_of(0).start, GAME.pairs_of(0).start + 1])
+    strokes = HumanStrokes(game=GAME, state=np.zeros(2, np.int64), pair=pairs, player=["a", "b"], match=["m", "m"])
+    probability = np.zeros(GAME.n_pairs)
+    probability[pairs] = [0.2, 0.7]
+    assert ranks(probability, strokes).tolist() == [1, 0]
+    assert strokes.take(np.array([False, True])).player == ["b"]
+
+
+@pytest.mark.skipif("SHUTTLESET" not in os.environ, reason="needs annotated matches")
+def test_imitation_of_real_matches(tmp_path: Path) -> None:
+    data = Path(os.environ["SHUTTLESET"])
+    folders = [
+        run(tmp_path / name.replace(":", "-"), "imitate-v0", name, split="test", data=data)
+        for name in ("counts", "bc", "policy:random")
+    ]
+    counts, bc, uniform = (summarise(folder)["score"] for folder in folders)
+    assert max(counts, bc) < uniform
+    assert [finding.reason for finding in verify_run(folders[0], data=data)] == [None]
+
+
+def test_imitation_needs_data(tmp_path: Path) -> None:
+    with pytest.raises(SuiteError, match="--data"):
+        run(tmp_path, "imitate-v0", "bc")
+
+
+COMMANDS = {
+    "exploit-v0": "my_player:train",
+    "robust-v0": "my_robust_player:train",
+    "adapt-v0": "my_adapter:Adapter",
+    "offline-v0": "my_offline:Learner",
+    "evaluate-v0": "my_estimator:Estimator",
+    "text-v0": "my_text:Player",
+}
+
+
+@pytest.mark.parametrize("task", COMMANDS)
+def test_templates_run_as_they_are(task: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    line = new_submission(task, tmp_path)
+    assert line.endswith(f"run {task} --method {COMMANDS[task]} --quick")
+    (source,) = tmp_path.glob("my_*.py")
+    assert len(source.read_text().splitlines()) <= 40
+    split = "test" if task == "robust-v0" else "dev"
+    folder = run(tmp_path, task, COMMANDS[task], split=split)
+    assert accepted(folder)
+    assert np.isfinite(summarise(folder)["score"])
+    sys.modules.pop(source.stem)
+    with pytest.raises(SuiteError, match="already exists"):
+        new_submission(task, tmp_path)
+
+
+@pytest.mark.skipif(shutil.which("perl") is None, reason="needs Perl")
+def test_the_template_in_perl_plays_and_is_a_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert "'program:perl player.pl'" in new_submission("exploit-v0", tmp_path, "perl")
+    folder = run(tmp_path, "exploit-v0", "program:perl player.pl")
+    entry = store.read_entry(store.entry_path(folder, 0, 0))
+    player = store.read_outcome(folder, entry, GAME).policies["player"]
+    assert set(np.unique(player.cumulative)) <= {0, 65535}
+    assert accepted(folder)
+    with pytest.raises(SuiteError, match="no template in Perl"):
+        new_submission("adapt-v0", tmp_path, "perl")
+    assert len((tmp_path / "player.pl").read_text().splitlines()) <= 40
+
+
+def test_the_printed_command_runs_from_its_folder(tmp_path: Path) -> None:
+    assert main(("new-submission", "text-v0", "--out", str(tmp_path))) == 0
+    line = [sys.executable, "-m", "shuttle_marl.suite", "run", "text-v0", "--method", "my_text:Player", "--quick", "--json"]
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
+    done = subprocess.run(
+        [*line, "--game", reduced_model()], cwd=tmp_path, capture_output=True, text=True, check=False, env=environment
+    )
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["scores"]["legal"]["value"] == 1
+
+
+def test_data_are_written_with_their_hashes(tmp_path: Path) -> None:
+    found = write_data("offline-v0", tmp_path, "dev", reduced_model(), 2, quick=True)
+    assert len(found) == 2
+    name, digest = next(iter(found.items()))
+    table = read_parquet(tmp_path / name)
+    assert {"state", "stroke", "probability", "won"} <= set(table.column_names)
+    arena = arena_of(find_task("offline-v0"), reduced_model(), "dev", quick=True)
+    given = find_task("offline-v0").given(arena, find_task("offline-v0").cases(arena)[0], 0)
+    assert digest in given
+    lines = write_data("text-v0", tmp_path, "dev", reduced_model(), None, quick=True)
+    assert list(lines) == ["positions.jsonl"]
+    assert json.loads((tmp_path / "positions.jsonl").read_text().splitlines()[0])["legal"]
+    with pytest.raises(SuiteError, match="has no data"):
+        write_data("adapt-v0", tmp_path, "dev", reduced_model(), None)
+
+
+def test_frozen_cases_are_checked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path, secret = tmp_path / "frozen.json", tmp_path / "secret"
+    monkeypatch.setattr(frozen, "FROZEN", path)
+    monkeypatch.setattr(frozen.load, "__defaults__", (path,))
+    done = freeze(path, ["robust-v0", "text-v0"], model=reduced_model(), secret_file=secret)
+    assert frozen.load() == done
+    assert done.commitment == frozen.commitment(secret.read_text())
+    assert {name.split("/")[0] for name in done.cases} == {"robust-v0", "text-v0"}
+    folder = run(tmp_path, "robust-v0", "minimax", split="test", quick=False)
+    assert summarise(folder)["official"]
+    assert accepted(folder)
+    # Another population under the same name is noticed.
+    changed = dict.fromkeys(done.cases, "0" * 64)
+    frozen.save(frozen.Frozen(game=done.game, commitment=None, cases=changed), path)
+    assert "the frozen one 000000000000" in str(verify_run(folder)[0].reason)
+    # Other tasks are added to the frozen ones of the same game.
+    more = freeze(path, ["equilibrium-v0"], model=reduced_model())
+    assert {name.split("/")[0] for name in more.cases} == {"robust-v0", "text-v0", "equilibrium-v0"}
+
+
+def test_every_task_has_baselines_and_splits() -> None:
+    for task in TASKS.values():
+        arena = arena_of(task, reduced_model(), "dev", quick=True)
+        cases = task.cases(arena)
+        assert len({case.name for case in cases}) == len(cases) > 0
