@@ -4,6 +4,7 @@ import { type FrameListener, Frames } from "./frame";
 import { keyTable, listen } from "./keys";
 import type { Mode } from "./layout";
 import { readLink } from "./link";
+import { confirmed } from "./menus";
 import { EARLY, type Player } from "./player";
 import { Rallies, type Shown, type Source } from "./rallies";
 import { Saving } from "./saving";
@@ -53,11 +54,12 @@ export class App {
     const acts = this.acts();
     this.screen = new Screen(hello, this.frames, acts, source.share !== null);
     const { layout } = this.screen;
-    this.keys = keyTable(acts, this.player, this.stage, layout);
+    this.keys = keyTable(acts, this.player, this.stage, layout, this.live);
     this.rallies = new Rallies(
       source,
       async (rally) => this.stage?.prepare(rally),
       (error) => layout.say(error.message, true),
+      (pending) => layout.showBusy(pending ? "computing …" : null),
     );
     this.values = new StrokeValues(source, this.course, this.rallies, this.screen);
     this.saving = new Saving(this.course, this.player, this.stage, source, layout);
@@ -71,7 +73,7 @@ export class App {
   private acts(): Acts {
     return {
       mode: (mode) => this.setMode(mode),
-      newMatch: () => this.newMatch(),
+      newMatch: () => this.askNewMatch(),
       copyLink: () => this.saving.copyLink(),
       savePicture: () => {
         this.draw();
@@ -102,6 +104,11 @@ export class App {
       hints: () => this.source.options(this.course.wanted(this.course.number)),
       gameOver: (rally) => void this.showGame(rally).catch((error: Error) => this.screen.layout.say(error.message, true)),
     };
+  }
+
+  /** Whether the page shows a match that can be changed and played. */
+  private get live(): boolean {
+    return this.hello.recorded === null && this.source.share !== null;
   }
 
   // Navigation.
@@ -209,8 +216,17 @@ export class App {
     }
   }
 
-  newMatch(): void {
-    if (this.course.plan && this.source.share) {
+  /** Starts a new match; asks first while a person plays. */
+  private askNewMatch(): void {
+    if (this.course.person) {
+      confirmed("Start a new match?", "The score of this match is lost.", "New match", () => this.newMatch());
+    } else {
+      this.newMatch();
+    }
+  }
+
+  private newMatch(): void {
+    if (this.live) {
       this.course.newMatch();
       this.values.played.length = 0;
       void this.go(0, null, true);
@@ -335,9 +351,9 @@ export class App {
     void this.go(this.course.number, Math.max(this.player.stroke, 0));
   }
 
-  /** Handles a key; returns whether it has an action. */
+  /** Handles a key; returns whether it has an action. While a person plays, `n` is the net shot alone. */
   key(key: string): boolean {
-    if (this.screen.board.key(key)) {
+    if (this.screen.board.key(key) || (key === "n" && this.course.person)) {
       return true;
     }
     const act = this.keys[key];

@@ -1,7 +1,7 @@
 // Overlays of the court: score, shot, speed, cameras.
 
-import { h, percent, replaceChildren, words } from "./dom";
-import { CAMERAS, type Camera, COLOURS } from "./stage";
+import { h, percent, replaceChildren, sideColour, words } from "./dom";
+import { CAMERAS, type Camera } from "./stage";
 import type { RallyFacts, Stroke } from "./wire.gen";
 
 export class ScoreBug {
@@ -21,7 +21,7 @@ export class ScoreBug {
       ...[0, 1].map((seat) =>
         h(
           "div",
-          { class: `row${seat === serving ? " serving" : ""}`, style: `--mine:${COLOURS[seat]}` },
+          { class: `row${seat === serving ? " serving" : ""}`, style: `--mine:${sideColour(seat)}` },
           h("i"),
           h("span", { class: "dot", title: "serves" }),
           h("span", { class: "name" }, rally.names[seat]!),
@@ -33,8 +33,8 @@ export class ScoreBug {
   }
 }
 
-function fact(name: string, value: string, style = ""): HTMLElement {
-  return h("dl", {}, h("dt", {}, name), h("dd", { style }, value));
+function fact(name: string, value: string, kind = "", style = ""): HTMLElement {
+  return h("dl", { class: kind }, h("dt", {}, name), h("dd", { style }, value));
 }
 
 /** The current stroke. */
@@ -54,16 +54,17 @@ export class Chip {
     if (!stroke) {
       return;
     }
-    this.element.style.setProperty("--mine", COLOURS[stroke.seat]!);
-    const effort = stroke.effort === null ? null : fact("Attacks so far", `${stroke.effort} : ${stroke.opponent_effort}`);
+    this.element.style.setProperty("--mine", sideColour(stroke.seat));
+    const effort =
+      stroke.effort === null ? null : fact("attacks so far", `${stroke.effort} : ${stroke.opponent_effort}`, "minor");
     replaceChildren(
       this.element,
       h("div", { class: "shot" }, words(stroke.shot)),
-      fact("Target", words(stroke.area)),
-      fact("Contact", `${stroke.height} net`),
-      fact("Stroke", words(stroke.technique)),
-      fact("P(success)", percent(stroke.p_succ), "color:var(--green)"),
-      fact("P(returned)", percent(stroke.p_ret), "color:var(--gold)"),
+      fact("target", words(stroke.area)),
+      fact("in", percent(stroke.p_succ), "", "color:var(--green)"),
+      fact("comes back", percent(stroke.p_ret), "", "color:var(--gold)"),
+      fact("technique", words(stroke.technique), "technique"),
+      fact("contact", `${stroke.height} net`, "minor"),
       effort,
     );
     replaceChildren(
@@ -77,7 +78,17 @@ export class Chip {
 
 export function cameraButtons(choose: (camera: Camera) => void): { element: HTMLElement; show(camera: Camera): void } {
   const buttons = CAMERAS.map((camera, i) =>
-    h("button", { onclick: () => choose(camera), "aria-pressed": "false", title: `Camera ${i + 1}` }, `${i + 1} ${camera}`),
+    h(
+      "button",
+      {
+        onclick: () => choose(camera),
+        "aria-pressed": "false",
+        "aria-label": `${i + 1} ${camera}`,
+        title: `Camera ${i + 1}: ${camera}`,
+        "data-number": i + 1,
+      },
+      `${i + 1} ${camera}`,
+    ),
   );
   const element = h("div", { class: "cameras", role: "group", "aria-label": "Cameras" }, ...buttons);
   return {

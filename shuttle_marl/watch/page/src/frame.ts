@@ -98,14 +98,7 @@ export class Frames {
     }
     const now = performance.now();
     const resting = stage.lite && player.waits && now - this.drawnAt < RESTING;
-    const seen = [
-      this.version,
-      resting ? this.drawnTime : player.time,
-      stage.camera,
-      stage.flipped,
-      stage.raised,
-      this.aim,
-    ].join();
+    const seen = [this.version, resting ? this.drawnTime : player.time, stage.camera, stage.flipped, this.aim].join();
     if (seen !== this.seen) {
       this.seen = seen;
       this.unsettled = stage.lite ? 1 : SETTLING;

@@ -125,7 +125,7 @@ export class Learn {
       button.classList.toggle("right", option.stroke === value.better);
       button.classList.toggle("wrong", option === given && !right);
       const wasPlayed = option.stroke === played.stroke ? " · played" : "";
-      button.lastElementChild!.textContent = `wins ${percent(option.best)}${wasPlayed}`;
+      button.lastElementChild!.textContent = `wins ${percent(option.best)} with perfect play${wasPlayed}`;
     });
     this.hooks.reveal(question);
     const best = value.options.find((option) => option.stroke === value.better)!;

@@ -39,11 +39,13 @@ export class Rallies {
   /**
    * @param prepare awaited before a rally is shown.
    * @param failed receives errors.
+   * @param waits told when a requested rally is awaited, and when it is there.
    */
   constructor(
     private readonly source: Source,
     private readonly prepare: (rally: RallyFacts) => Promise<void>,
     private readonly failed: (error: Error) => void,
+    private readonly waits: (pending: boolean) => void,
   ) {}
 
   load(wanted: Wanted, before: Motion | null = null): Promise<Shown> {
@@ -64,6 +66,7 @@ export class Rallies {
   async fetch(wanted: Wanted, before: Motion | null = null, undo: () => void = () => {}): Promise<Shown | null> {
     const request = ++this.request;
     this.pending = true;
+    this.waits(true);
     try {
       const shown = await this.load(wanted, before);
       await this.prepare(shown.rally);
@@ -77,6 +80,7 @@ export class Rallies {
     } finally {
       if (request === this.request) {
         this.pending = false;
+        this.waits(false);
       }
     }
   }

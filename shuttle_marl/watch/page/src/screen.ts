@@ -1,16 +1,17 @@
 // View of a rally at a given time: the court, its overlays, and the panels.
 
-import { Chances, Curve, LandingMap, MoveList, OptionTable } from "./analysis";
+import { Curve, MoveList, OptionTable } from "./analysis";
 import { Board } from "./board";
 import { Chip, cameraButtons, ScoreBug } from "./court_view";
-import { h, replaceChildren } from "./dom";
+import { does, h, replaceChildren } from "./dom";
 import type { Frames } from "./frame";
 import { type Hooks, Layout, MODES, type Mode } from "./layout";
 import { Learn } from "./learn";
-import { endSentence, startSentence, strokeSentence } from "./narration";
+import { endSentence, reason, startSentence, strokeSentence } from "./narration";
 import { EARLY, type Player } from "./player";
 import { SideCard, StylePanel } from "./sides";
 import type { Camera, Stage } from "./stage";
+import { Chances, LandingMap } from "./stroke_panels";
 import type { Analysis, Hello, Option, RallyFacts, Side, Turn } from "./wire.gen";
 
 export interface Acts extends Hooks {
@@ -68,11 +69,11 @@ export class Screen {
     const match = hello.recorded === null;
     this.modes = match && live ? MODES : MODES.slice(0, 3);
     this.cameras = cameraButtons((camera) => acts.camera(camera));
-    this.curve = new Curve((time) => acts.seek(time));
     this.moves = new MoveList((stroke) => acts.seekStroke(stroke));
-    this.options = new OptionTable((stroke) => acts.whatIf(stroke));
+    this.options = new OptionTable(live ? (stroke) => acts.whatIf(stroke) : null);
     this.landing = new LandingMap(hello.hall);
     this.back = h("button", { class: "back hidden", onclick: () => acts.backToPlayed() }, "What if · back to the played rally");
+    this.curve = new Curve((time) => acts.seek(time), this.back);
     const card = (seat: number) =>
       new SideCard(
         seat,
@@ -94,9 +95,10 @@ export class Screen {
     this.layout = new Layout(
       {
         canvas: stage?.canvas ?? null,
-        overlays: [this.bug.element, this.cameras.element, this.chip.element, this.chip.speed, this.back, this.board.element],
+        overlays: [this.bug.element, this.cameras.element, this.chip.element, this.chip.speed],
         left: [...(match && live ? this.sides.map((side) => side.element) : []), match ? this.styles.element : null],
-        right: [this.learn.element, this.moves.element, this.options.element, this.chances.element, this.landing.element],
+        task: [this.learn.element, this.board.element],
+        right: [this.moves.element, this.options.element, this.chances.element, this.landing.element],
         curve: this.curve.element,
       },
       this.modes,
@@ -104,7 +106,7 @@ export class Screen {
       live,
       match && live,
     );
-    this.layout.showMode(this.mode, this.modes);
+    this.layout.showMode(this.mode);
     this.layout.showText(!stage);
     stage?.canvas.addEventListener("click", (event) => {
       const place = stage.floorAt(event.clientX, event.clientY);
@@ -125,7 +127,7 @@ export class Screen {
 
   showMode(mode: Mode): void {
     this.mode = mode;
-    this.layout.showMode(mode, this.modes);
+    this.layout.showMode(mode);
   }
 
   /**
@@ -145,6 +147,7 @@ export class Screen {
     this.board.show(null);
     this.layout.quiet();
     this.layout.scrubber.max = String(this.player.duration);
+    this.board.playing = seat !== null;
     this.layout.what.textContent = `${rally.names[0]} (A) v ${rally.names[1]} (B) · ${where} · rally ${rally.number + 1}`;
     sides?.forEach((side, i) => this.sides[i]!.show(side, seat === i));
     this.layout.tellFromStart(startSentence(rally));
@@ -218,9 +221,6 @@ export class Screen {
     if (rally.turn && rally.turn !== this.answered && player.stroke === rally.turn.number - 1) {
       this.board.show(rally.turn);
     }
-    if (this.stage) {
-      this.stage.raised = this.board.turn ? 0.2 : 0;
-    }
     const question = this.learn.current;
     if (question !== null && !player.playing && Math.abs(player.time - (rally.strokes[question]!.time - BEFORE)) < 0.05) {
       this.learn.ask();
@@ -235,7 +235,7 @@ export class Screen {
     const at = Math.max(stroke, 0);
     const known = this.hidden === null ? this.mode !== "play" || rally.winner !== null : at < this.hidden;
     this.moves.mark(stroke);
-    this.options.show(rally, at, known ? this.analysis?.strokes[at] : undefined);
+    this.options.show(rally, at, known ? this.analysis?.strokes[at] : undefined, this.mode === "learn");
     this.chances.show(rally, at);
     const landing = known ? (this.analysis?.landings[at]?.[rally.strokes[at]?.seat ?? 0] ?? null) : null;
     this.landing.show(rally, at, landing);
@@ -248,12 +248,16 @@ export class Screen {
   private rallyEnded(rally: RallyFacts): void {
     const after = rally.after!;
     this.ended = true;
-    const won = after.over ? "wins the match" : after.game_won ? "wins the game" : "wins the rally";
+    const won = after.over ? " the match" : after.game_won ? " the game" : " the rally";
     replaceChildren(
       this.layout.banner,
-      h("b", { class: rally.winner ? "b" : "a" }, rally.names[rally.winner!]!),
-      ` ${won}`,
-      h("small", {}, `${after.points[0]} – ${after.points[1]}${after.over && this.live ? " · n: new match" : ""}`),
+      h("b", { class: rally.winner ? "b" : "a" }, does(rally.names[rally.winner!]!, "win", true)),
+      won,
+      h(
+        "small",
+        {},
+        `${reason(rally)} · ${after.points[0]} – ${after.points[1]}${after.over && this.live ? " · n: new match" : ""}`,
+      ),
     );
     this.layout.banner.classList.remove("hidden");
     this.layout.tell(endSentence(rally));

@@ -1,7 +1,7 @@
 // Selection of both players, and bars of their playing styles.
 
-import { h, percent, replaceChildren, words } from "./dom";
-import { COLOURS } from "./stage";
+import { h, percent, replaceChildren, sideColour, words } from "./dom";
+import { term } from "./glossary";
 import type { Side, Styles } from "./wire.gen";
 
 export class SideCard {
@@ -24,7 +24,7 @@ export class SideCard {
       max: 2,
       step: 0.1,
       value: 1,
-      "aria-label": `Temperature of side ${name}`,
+      "aria-label": `Variety: temperature of side ${name}`,
     });
     const changed = () => {
       this.output.textContent = label(Number(this.slider.value));
@@ -41,10 +41,10 @@ export class SideCard {
     );
     this.element = h(
       "section",
-      { class: "panel side", style: `--mine:${COLOURS[seat]}`, "aria-label": `Side ${name}` },
+      { class: "panel side", style: `--mine:${sideColour(seat)}`, "aria-label": `Side ${name}` },
       h("h2", {}, h("span", {}, `Side ${name}`), h("b", {}, seat ? "far court" : "near court")),
       this.select,
-      h("label", {}, "temperature", this.slider, this.output),
+      h("div", { class: "variety" }, term("variety"), this.slider, this.output),
       this.take,
     );
   }
@@ -66,7 +66,7 @@ export class SideCard {
 }
 
 function label(temperature: number): string {
-  return temperature === 0 ? "greedy" : temperature.toFixed(1);
+  return temperature === 0 ? "none" : temperature.toFixed(1);
 }
 
 function bar(
@@ -90,7 +90,7 @@ function bar(
 }
 
 export class StylePanel {
-  readonly element = h("section", { class: "panel", "aria-label": "Style of both players" });
+  readonly element = h("section", { class: "panel styles", "aria-label": "Style of both players" });
 
   constructor() {
     this.show(null);
@@ -104,7 +104,7 @@ export class StylePanel {
     const most = Math.max(...styles.shots.flatMap(({ values, reference }) => [...values, reference ?? 0]));
     replaceChildren(
       this.element,
-      h("h2", {}, h("span", {}, "Style"), h("span", {}, "A | B")),
+      h("h2", {}, term("style", "Style"), h("span", {}, "A | B")),
       h(
         "div",
         { class: "bars" },
@@ -112,7 +112,12 @@ export class StylePanel {
           bar(name, values, reference, Math.max(...values, reference ?? 0, 1e-9), percent),
         ),
       ),
-      h("h3", { style: "margin-top:10px" }, h("span", {}, "Shot mix"), h("span", { style: "color:var(--gold)" }, "| elite")),
+      h(
+        "h3",
+        { style: "margin-top:10px" },
+        term("shot mix", "Shot mix"),
+        h("span", { style: "color:var(--gold)" }, "| average pro"),
+      ),
       h(
         "div",
         { class: "bars" },

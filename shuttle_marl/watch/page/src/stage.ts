@@ -23,6 +23,7 @@ const TOUCHED = matchMedia("(pointer: coarse)");
 const BLEND = 180; // [ms]
 const CLICK = 5; // maximum pointer movement of a click [px]
 const LATE = 80; // frame time above which software rendering lowers the resolution [ms]
+const CORNERS = 0.4; // tangent of the horizontal angle of a near corner, seen from the broadcast camera
 const FEWER = 0.6; // the lower resolution, as a fraction of the page resolution
 
 interface View {
@@ -45,8 +46,6 @@ export class Stage {
   readonly lite: boolean;
   camera: Camera = "broadcast";
   flipped = false;
-  /** Vertical shift of the picture as a fraction of its height, to make room below. */
-  raised = 0;
   /** Whether the last pointer gesture was a drag. */
   dragged = false;
   private readonly renderer: THREE.WebGLRenderer;
@@ -201,12 +200,6 @@ export class Stage {
     const last = rally.strokes.at(-1);
     const over = last !== undefined && rally.winner !== null && time >= last.end_time;
     this.marks.showLanding(over ? last.end_point : null, last?.end === "winner");
-    const { width, height } = this.canvas;
-    if (this.raised) {
-      this.eye.setViewOffset(width, height, 0, this.raised * height, width, height);
-    } else {
-      this.eye.clearViewOffset();
-    }
     // Software rendering draws the static background once per view.
     if (this.lite && this.camera !== "free" && this.camera !== "follow") {
       this.backdrop.render(this.scene, this.eye);
@@ -264,6 +257,8 @@ export class Stage {
     const end = this.flipped ? -1 : 1;
     // A narrow window needs a wider angle to hold the whole court.
     const wide = Math.max(1, 1.45 / this.eye.aspect);
+    // The angle at which the broadcast camera sees both near corners.
+    const whole = (360 / Math.PI) * Math.atan(CORNERS / this.eye.aspect);
     switch (this.camera) {
       case "side":
         return { eye: at(-end * 10.2, 0, 2.6), look: at(0, 0, 1.25), fov: 44 * Math.min(wide, 1.6) };
@@ -286,7 +281,7 @@ export class Stage {
       default: {
         const shuttle = motion.shuttleAt(time, [0, 0, 0]);
         const sway = rally.strokes.length && !this.lite ? 0.1 * shuttle[0] : 0;
-        return { eye: at(sway, -end * 13.8, 6.7), look: at(0.4 * sway, -end * 0.5, 0.42), fov: 35.5 * Math.min(wide, 1.5) };
+        return { eye: at(sway, -end * 13.8, 6.7), look: at(0.4 * sway, -end * 0.5, 0.42), fov: Math.max(35.5, whole) };
       }
     }
   }
@@ -299,6 +294,29 @@ export class Stage {
     }
     const v = athlete.sweetSpot.getWorldPosition(new THREE.Vector3());
     return [-v.x, v.z, v.y];
+  }
+
+  /** Smallest rectangle of the window that contains the joints of a player: left, top, right, bottom; null before the first. */
+  outline(seat: number): [number, number, number, number] | null {
+    const athlete = this.athletes?.[seat];
+    if (!athlete) {
+      return null;
+    }
+    const box = this.canvas.getBoundingClientRect();
+    const out: [number, number, number, number] = [Infinity, Infinity, -Infinity, -Infinity];
+    athlete.root.traverse((part) => {
+      if (part instanceof THREE.Bone) {
+        const { x, y } = part.getWorldPosition(new THREE.Vector3()).project(this.eye);
+        const [left, top] = [box.left + ((x + 1) / 2) * box.width, box.top + ((1 - y) / 2) * box.height];
+        [out[0], out[1], out[2], out[3]] = [
+          Math.min(out[0], left),
+          Math.min(out[1], top),
+          Math.max(out[2], left),
+          Math.max(out[3], top),
+        ];
+      }
+    });
+    return out;
   }
 
   /** Point of the floor at window coordinates, or null. */
