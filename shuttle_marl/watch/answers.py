@@ -227,6 +227,8 @@ class StrokeValues:
         win, chosen = choice.value, float(choice.win[rank])
         better = choice.best(self._at_least)
         regret = max(0.0, float(choice.optimal[better] - choice.optimal[rank]))
+        asked = choice.best(RELIABLE)
+        reliable = bool((choice.support[[rank, asked]] >= RELIABLE).all())
         return messages.StrokeValue(
             win=rounded(win if choice.seat == 0 else 1 - win),
             chosen=rounded(chosen if choice.seat == 0 else 1 - chosen),
@@ -235,7 +237,8 @@ class StrokeValues:
             regret=rounded(regret),
             mark=self._mark(regret, int(choice.pair[rank])),
             better=int(choice.stroke[better]),
-            options=self.options(choice, always=(rank, better)),
+            question=int(choice.stroke[asked]) if reliable else None,
+            options=self.options(choice, always=tuple(dict.fromkeys((rank, better, asked)))),
             sure=_support_sentence(choice.support[[rank, better]]),
         )
 
@@ -289,7 +292,8 @@ class StrokeValues:
         ]
         order = np.argsort(-np.maximum(mixes[0], mixes[1]), kind="stable")
         shots_ = [messages.StyleFigure(SHOTS[k], (float(mixes[0][k]), float(mixes[1][k])), float(reference[k])) for k in order]
-        return messages.Styles(figures=figures, shots=shots_)
+        first, second = (rounded(self._policies.values((side, ELITE)).odds().rally) for side in sides)
+        return messages.Styles(figures=figures, shots=shots_, strength=(first, second))
 
     def _mark(self, regret: float, pair: int) -> str:
         if regret >= _POOR:

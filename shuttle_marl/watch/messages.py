@@ -267,7 +267,10 @@ class Option(StrokeFacts, kw_only=True):
 
 
 class StrokeValue(Struct, kw_only=True):
-    """Values of a stroke of a rally; ``win``, ``chosen`` and ``match`` are probabilities that seat 0 wins."""
+    """Values of a stroke of a rally; ``win``, ``chosen`` and ``match`` are probabilities that seat 0 wins.
+
+    ``question`` is the best stroke with enough real strokes to ask for it, None if the stroke played has too few.
+    """
 
     win: float
     chosen: float
@@ -276,6 +279,7 @@ class StrokeValue(Struct, kw_only=True):
     regret: float
     mark: str
     better: int
+    question: int | None
     options: list[Option]
     sure: str
 
@@ -306,10 +310,11 @@ class StyleFigure(Struct):
 
 
 class Styles(Struct):
-    """Reply to :class:`StylesRequest`."""
+    """Reply to :class:`StylesRequest`; ``strength``: fraction of rallies that each player wins against imitated elite players."""
 
     figures: list[StyleFigure]
     shots: list[StyleFigure]
+    strength: tuple[float, float]
 
 
 Reply = Hello | RallyReply | Analysis | OptionsReply | Styles

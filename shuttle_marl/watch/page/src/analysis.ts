@@ -2,6 +2,7 @@
 
 import { h, percent, replaceChildren, s, sideColour, signed, words } from "./dom";
 import { term } from "./glossary";
+import { displayName } from "./names";
 import type { Analysis, RallyFacts, StrokeValue } from "./wire.gen";
 
 /** Probability that seat 0 wins the rally, over time. */
@@ -186,7 +187,7 @@ function endLine(rally: RallyFacts): HTMLElement {
   return h(
     "p",
     { class: "end" },
-    h("b", { class: seat ? "b" : "a" }, rally.names[seat]!),
+    h("b", { class: seat ? "b" : "a" }, displayName(rally.names[seat]!)),
     ` ${rally.names[seat] === "you" ? "win" : "wins"} the rally (${rally.reason}), ${rally.after?.points.join(" – ")}`,
   );
 }
@@ -251,7 +252,7 @@ export class OptionTable {
       h(
         "h2",
         {},
-        h("span", {}, `${rally.names[stroke.seat]} at stroke ${index + 1}`),
+        h("span", {}, `${displayName(rally.names[stroke.seat]!)} at stroke ${index + 1}`),
         value.regret > 5e-4 ? term("regret", `regret ${points(value.regret)}`) : h("span", {}, "best"),
       ),
       h("table", { class: "options" }, h("thead", {}, head), h("tbody", {}, ...rows)),

@@ -10,6 +10,7 @@ import { Rallies, type Shown, type Source } from "./rallies";
 import { Saving } from "./saving";
 import { type Acts, Screen } from "./screen";
 import type { Stage } from "./stage";
+import { openStartCard } from "./start";
 import { state } from "./state";
 import { StrokeValues } from "./strokeValues";
 import { summary } from "./summary";
@@ -66,8 +67,11 @@ export class App {
     listen((key) => this.key(key), this.screen.board.element);
     window.addEventListener("hashchange", () => this.visit());
     const first = location.hash ? place.rally : (hello.recorded?.first ?? 0);
-    void this.go(first, place.stroke, place.stroke === null);
+    const opened = this.go(first, place.stroke, place.stroke === null);
     this.frames.start(this.listener);
+    if (!location.hash && this.live) {
+      openStartCard((mode) => void opened.then(() => this.setMode(mode)));
+    }
   }
 
   private acts(): Acts {
@@ -98,6 +102,11 @@ export class App {
       seekStroke: (stroke) => this.seekStroke(stroke),
       whatIf: (stroke) => void this.whatIf(stroke),
       backToPlayed: () => this.backToPlayed(),
+      playFrom: (stroke) => {
+        this.player.stopAt = null;
+        this.player.seek(Math.max(0, (this.shown?.rally.strokes[stroke]?.time ?? 0) - 0.7));
+        this.player.playing = true;
+      },
       changeSide: (seat, side) => this.changeSide(seat, side),
       takeOver: (seat) => void this.takeOver(seat),
       hit: (stroke) => void this.hit(stroke),
@@ -346,9 +355,11 @@ export class App {
     }
   }
 
-  private backToPlayed(): void {
-    this.course.back();
-    void this.go(this.course.number, Math.max(this.player.stroke, 0));
+  private async backToPlayed(): Promise<void> {
+    if (this.course.isTried) {
+      this.course.back();
+      await this.go(this.course.number, Math.max(this.player.stroke, 0));
+    }
   }
 
   /** Handles a key; returns whether it has an action. While a person plays, `n` is the net shot alone. */

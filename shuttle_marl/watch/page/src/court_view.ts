@@ -1,6 +1,7 @@
 // Overlays of the court: score, shot, speed, cameras.
 
 import { h, percent, replaceChildren, sideColour, words } from "./dom";
+import { displayName } from "./names";
 import { CAMERAS, type Camera } from "./stage";
 import type { RallyFacts, Stroke } from "./wire.gen";
 
@@ -24,7 +25,7 @@ export class ScoreBug {
           { class: `row${seat === serving ? " serving" : ""}`, style: `--mine:${sideColour(seat)}` },
           h("i"),
           h("span", { class: "dot", title: "serves" }),
-          h("span", { class: "name" }, rally.names[seat]!),
+          h("span", { class: "name" }, displayName(rally.names[seat]!)),
           h("span", { class: "sets" }, ...rally.finished.map((game) => h("span", {}, String(game[seat])))),
           h("span", { class: "points" }, String(points[seat])),
         ),

@@ -2,6 +2,7 @@
 
 import type { Motion } from "./motion";
 import { Player } from "./player";
+import type { Flight } from "./shuttle";
 import { Stage } from "./stage";
 import type { HallFacts, RallyFacts } from "./wire.gen";
 
@@ -26,6 +27,8 @@ export class Frames {
   readonly durations: number[] = [];
   /** Target area of a person: x0, x1, y0, y1. */
   aim: [number, number, number, number] | null = null;
+  /** Flight of a stroke that is pointed at. */
+  flight: Flight | null = null;
   /** Whether frames are drawn on demand only, for a video. */
   onDemand = false;
   private shown: { rally: RallyFacts; motion: Motion } | null = null;
@@ -98,7 +101,14 @@ export class Frames {
     }
     const now = performance.now();
     const resting = stage.lite && player.waits && now - this.drawnAt < RESTING;
-    const seen = [this.version, resting ? this.drawnTime : player.time, stage.camera, stage.flipped, this.aim].join();
+    const seen = [
+      this.version,
+      resting ? this.drawnTime : player.time,
+      stage.camera,
+      stage.flipped,
+      this.aim,
+      this.flight?.shot,
+    ].join();
     if (seen !== this.seen) {
       this.seen = seen;
       this.unsettled = stage.lite ? 1 : SETTLING;
@@ -106,7 +116,7 @@ export class Frames {
     if (this.unsettled > 0 || stage.camera === "free") {
       this.unsettled--;
       [this.drawnAt, this.drawnTime] = [now, player.time];
-      stage.draw(rally, motion, player.time, this.aim);
+      stage.draw(rally, motion, player.time, this.aim, this.flight);
     }
   }
 }

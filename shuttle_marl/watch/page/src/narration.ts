@@ -1,6 +1,7 @@
 // Text description of a rally, for screen readers and text mode.
 
 import { does, percent, words } from "./dom";
+import { displayName } from "./names";
 import type { RallyFacts } from "./wire.gen";
 
 /** One stroke as a sentence. */
@@ -8,7 +9,7 @@ export function strokeSentence(rally: RallyFacts, i: number): string {
   const stroke = rally.strokes[i]!;
   const effort = stroke.effort ? `, ${stroke.effort} previous attack${stroke.effort > 1 ? "s" : ""}` : "";
   return (
-    `${i + 1}. ${rally.names[stroke.seat]}: ${words(stroke.shot)} to ${words(stroke.area)}, ${words(stroke.technique)} from ` +
+    `${i + 1}. ${displayName(rally.names[stroke.seat]!)}: ${words(stroke.shot)} to ${words(stroke.area)}, ${words(stroke.technique)} from ` +
     `${stroke.height} the net, ${Math.round(3.6 * stroke.speed)} km/h; in ${percent(stroke.p_succ)}, comes back ${percent(stroke.p_ret)}${effort}.`
   );
 }
@@ -20,7 +21,7 @@ export function endSentence(rally: RallyFacts): string {
   }
   const last = rally.strokes.at(-1)!;
   const how = ending(last.end);
-  return `${does(rally.names[rally.winner]!, "win", true)} the rally: the ${words(last.shot)} ${how}. ${rally.after.points[0]} to ${rally.after.points[1]}.`;
+  return `${does(displayName(rally.names[rally.winner]!), "win", true)} the rally: the ${words(last.shot)} ${how}. ${rally.after.points[0]} to ${rally.after.points[1]}.`;
 }
 
 function ending(end: string): string {
@@ -34,5 +35,5 @@ export function reason(rally: RallyFacts): string {
 }
 
 export function startSentence(rally: RallyFacts): string {
-  return `Rally ${rally.number + 1}, ${rally.points[0]} to ${rally.points[1]}, games ${rally.games[0]} to ${rally.games[1]}. ${does(rally.names[rally.server]!, "serve", true)}.`;
+  return `Rally ${rally.number + 1}, ${rally.points[0]} to ${rally.points[1]}, games ${rally.games[0]} to ${rally.games[1]}. ${does(displayName(rally.names[rally.server]!), "serve", true)}.`;
 }

@@ -7,18 +7,22 @@ import { does, h, replaceChildren } from "./dom";
 import type { Frames } from "./frame";
 import { type Hooks, Layout, MODES, type Mode } from "./layout";
 import { Learn } from "./learn";
+import { displayName } from "./names";
 import { endSentence, reason, startSentence, strokeSentence } from "./narration";
 import { EARLY, type Player } from "./player";
 import { SideCard, StylePanel } from "./sides";
 import type { Camera, Stage } from "./stage";
 import { Chances, LandingMap } from "./stroke_panels";
-import type { Analysis, Hello, Option, RallyFacts, Side, Turn } from "./wire.gen";
+import type { Analysis, Hello, Option, RallyFacts, Side, Styles, Turn } from "./wire.gen";
 
 export interface Acts extends Hooks {
   camera(camera: Camera): void;
   seekStroke(stroke: number): void;
   whatIf(stroke: number): void;
-  backToPlayed(): void;
+  /** Shows the rally as it was played, if a stroke was tried. */
+  backToPlayed(): Promise<void>;
+  /** Plays the rally from shortly before a stroke. */
+  playFrom(stroke: number): void;
   changeSide(seat: number, side: Side): void;
   takeOver(seat: number): void;
   hit(stroke: number): void;
@@ -72,7 +76,11 @@ export class Screen {
     this.moves = new MoveList((stroke) => acts.seekStroke(stroke));
     this.options = new OptionTable(live ? (stroke) => acts.whatIf(stroke) : null);
     this.landing = new LandingMap(hello.hall);
-    this.back = h("button", { class: "back hidden", onclick: () => acts.backToPlayed() }, "What if · back to the played rally");
+    this.back = h(
+      "button",
+      { class: "back hidden", onclick: () => void acts.backToPlayed() },
+      "What if · back to the played rally",
+    );
     this.curve = new Curve((time) => acts.seek(time), this.back);
     const card = (seat: number) =>
       new SideCard(
@@ -85,7 +93,19 @@ export class Screen {
     this.learn = new Learn({
       stopBefore: (stroke) => this.stopBefore(stroke),
       reveal: (upTo) => this.reveal(upTo),
-      finish: () => acts.rally(1),
+      nextRally: () => acts.rally(1),
+      point: (option) => this.point(option),
+      playFrom: async (stroke) => {
+        await acts.backToPlayed();
+        acts.playFrom(stroke);
+      },
+      playInstead: live
+        ? (stroke, other) => {
+            acts.seekStroke(stroke);
+            acts.whatIf(other);
+          }
+        : null,
+      back: () => acts.backToPlayed(),
     });
     this.board = new Board(hello.hall, {
       hit: (stroke) => acts.hit(stroke),
@@ -110,8 +130,9 @@ export class Screen {
     this.layout.showText(!stage);
     stage?.canvas.addEventListener("click", (event) => {
       const place = stage.floorAt(event.clientX, event.clientY);
-      if (place && this.board.turn && !stage.dragged) {
+      if (place && !stage.dragged) {
         this.board.aimAt(...place);
+        this.learn.answerAt(...place);
       }
     });
     new ResizeObserver(() => this.resize()).observe(this.layout.court);
@@ -142,8 +163,11 @@ export class Screen {
     this.ended = false;
     this.analysis = null;
     this.saidStroke = -2;
-    this.hidden = this.mode === "learn" ? 0 : null;
-    this.learn.end();
+    const quiz = this.mode === "learn" && this.learn.covers(rally);
+    this.hidden = this.mode === "learn" && !quiz ? 0 : null;
+    if (!quiz) {
+      this.learn.end();
+    }
     this.board.show(null);
     this.layout.quiet();
     this.layout.scrubber.max = String(this.player.duration);
@@ -162,6 +186,19 @@ export class Screen {
     if (this.mode === "learn") {
       this.learn.begin(this.rally!, analysis);
     }
+  }
+
+  /** Draws the target and the flight of an answer. */
+  private point(option: Option | null): void {
+    const stroke = this.rally?.strokes[this.learn.current ?? -1];
+    const pointed = option && stroke ? { box: option.box, from: stroke.contact, shot: option.shot } : null;
+    this.frames.aim = pointed?.box ?? null;
+    this.frames.flight = pointed;
+  }
+
+  showStyles(styles: Styles): void {
+    this.styles.show(styles);
+    styles.strength.forEach((share, seat) => this.sides[seat]!.showStrength(share));
   }
 
   private showValues(): void {
@@ -251,7 +288,7 @@ export class Screen {
     const won = after.over ? " the match" : after.game_won ? " the game" : " the rally";
     replaceChildren(
       this.layout.banner,
-      h("b", { class: rally.winner ? "b" : "a" }, does(rally.names[rally.winner!]!, "win", true)),
+      h("b", { class: rally.winner ? "b" : "a" }, does(displayName(rally.names[rally.winner!]!), "win", true)),
       won,
       h(
         "small",

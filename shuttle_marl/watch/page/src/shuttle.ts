@@ -124,10 +124,38 @@ export class Shuttle {
   }
 }
 
+/** A stroke that is pointed at: its contact [m], target area and shot. */
+export interface Flight {
+  from: Vec3;
+  box: [number, number, number, number];
+  shot: string;
+}
+
+/** Height by which the sketch of a flight rises above the straight line [m]. */
+const RISE: Record<string, number> = { clear: 3.2, lift: 4.2, "long-serve": 4.5, drop: 0.5, drive: 0.25, push: 0.6 };
+const OVER_NET = 1.65; // smallest height of a sketch above the net [m]
+const SKETCH = 32;
+
+/** Points of the sketch of a flight: a parabola over the net to the middle of the target. */
+function sketch({ from: [x, y, z], box: [x0, x1, y0, y1], shot }: Flight): THREE.Vector3[] {
+  const [tx, ty] = [(x0 + x1) / 2, (y0 + y1) / 2];
+  const net = y / (y - ty);
+  const needed = (OVER_NET - (1 - net) * z) / (4 * net * (1 - net));
+  const rise = Math.max(RISE[shot] ?? 0, needed, 0);
+  return Array.from({ length: SKETCH }, (_, i) => {
+    const t = i / (SKETCH - 1);
+    return at(x + t * (tx - x), y + t * (ty - y), Math.max(0.02, (1 - t) * z + 4 * rise * t * (1 - t)));
+  });
+}
+
 /** Markers of the target area of a stroke and of the point where a rally ended. */
 export class Marks {
   readonly area: THREE.Group;
   readonly landing: THREE.Mesh;
+  readonly flight = new THREE.Line(
+    new THREE.BufferGeometry(),
+    new THREE.LineDashedMaterial({ color: 0xfbbf24, dashSize: 0.25, gapSize: 0.15, fog: false }),
+  );
   private readonly fill: THREE.Mesh<THREE.PlaneGeometry, THREE.MeshBasicMaterial>;
   private readonly edge: THREE.LineLoop<THREE.BufferGeometry, THREE.LineBasicMaterial>;
 
@@ -156,6 +184,15 @@ export class Marks {
       this.area.scale.set(x1 - x0, 1, y1 - y0);
       this.fill.material.color.copy(colour);
       this.edge.material.color.copy(colour);
+    }
+  }
+
+  showFlight(flight: Flight | null): void {
+    this.flight.visible = flight !== null;
+    this.flight.frustumCulled = false;
+    if (flight) {
+      this.flight.geometry.setFromPoints(sketch(flight));
+      this.flight.computeLineDistances();
     }
   }
 

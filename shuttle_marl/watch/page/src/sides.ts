@@ -2,6 +2,7 @@
 
 import { h, percent, replaceChildren, sideColour, words } from "./dom";
 import { term } from "./glossary";
+import { displayName, grouped } from "./names";
 import type { Side, Styles } from "./wire.gen";
 
 export class SideCard {
@@ -10,13 +11,18 @@ export class SideCard {
   private readonly slider: HTMLInputElement;
   private readonly output = h("output");
   private readonly take: HTMLButtonElement;
+  private readonly identifier = h("code");
+  private readonly strength = h("span");
+  private readonly meter = h("span", { class: "meter" });
 
   constructor(seat: number, policies: string[], change: (side: Side) => void, takeOver: () => void) {
     const name = "AB"[seat]!;
     this.select = h(
       "select",
       { "aria-label": `Player of side ${name}` },
-      ...policies.map((policy) => h("option", { value: policy }, policy)),
+      ...grouped(policies).map(([group, members]) =>
+        h("optgroup", { label: group }, ...members.map((policy) => h("option", { value: policy }, displayName(policy)))),
+      ),
     );
     this.slider = h("input", {
       type: "range",
@@ -44,6 +50,8 @@ export class SideCard {
       { class: "panel side", style: `--mine:${sideColour(seat)}`, "aria-label": `Side ${name}` },
       h("h2", {}, h("span", {}, `Side ${name}`), h("b", {}, seat ? "far court" : "near court")),
       this.select,
+      h("p", { class: "identifier" }, this.identifier, this.strength),
+      this.meter,
       h("div", { class: "variety" }, term("variety"), this.slider, this.output),
       this.take,
     );
@@ -51,17 +59,23 @@ export class SideCard {
 
   show(side: Side, person: boolean): void {
     if (![...this.select.options].some((option) => option.value === side.policy)) {
-      this.select.append(h("option", { value: side.policy }, side.policy));
+      this.select.append(h("option", { value: side.policy }, displayName(side.policy)));
     }
     this.select.value = side.policy;
+    this.identifier.textContent = side.policy;
     this.slider.value = String(side.temperature);
     this.output.textContent = label(side.temperature);
+    if (person) {
+      this.identifier.textContent = `you replace ${side.policy}`;
+    }
     this.take.setAttribute("aria-pressed", String(person));
     this.take.firstElementChild!.textContent = person ? "Hand back" : "Take over";
   }
 
-  set disabled(value: boolean) {
-    this.select.disabled = this.slider.disabled = this.take.disabled = value;
+  /** Shows the share of rallies that the player wins against the average pro. */
+  showStrength(share: number): void {
+    replaceChildren(this.strength, term("strength", `strength ${percent(share)}`));
+    replaceChildren(this.meter, h("i", { style: `width:${100 * share}%;background:var(--mine)` }));
   }
 }
 

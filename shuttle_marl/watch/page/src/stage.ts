@@ -7,7 +7,7 @@ import { clone } from "three/addons/utils/SkeletonUtils.js";
 import { Athlete, type Kit } from "./athlete";
 import { at, Backdrop, BEHIND, buildHall, DARK, simplify } from "./hall";
 import type { Motion } from "./motion";
-import { Marks, Shuttle } from "./shuttle";
+import { type Flight, Marks, Shuttle } from "./shuttle";
 import type { HallFacts, RallyFacts, Vec3 } from "./wire.gen";
 
 export const CAMERAS = ["broadcast", "side", "corner", "follow", "top", "free"] as const;
@@ -95,7 +95,14 @@ export class Stage {
     this.renderer.setPixelRatio(this.lite ? 1 : Math.min(window.devicePixelRatio, 2));
     buildHall(this.scene, facts, this.lite);
     this.shuttle = new Shuttle(facts.shuttle);
-    this.scene.add(this.shuttle.root, this.shuttle.trail, this.shuttle.shade, this.marks.area, this.marks.landing);
+    this.scene.add(
+      this.shuttle.root,
+      this.shuttle.trail,
+      this.shuttle.shade,
+      this.marks.area,
+      this.marks.landing,
+      this.marks.flight,
+    );
     this.controls = new OrbitControls(this.eye, this.canvas);
     this.controls.enabled = false;
     this.controls.maxPolarAngle = 0.495 * Math.PI;
@@ -170,7 +177,13 @@ export class Stage {
   }
 
   /** Draws a rally at a time [s]; `target` replaces the target area of the stroke unless it is null. */
-  draw(rally: RallyFacts, motion: Motion, time: number, target: [number, number, number, number] | null): void {
+  draw(
+    rally: RallyFacts,
+    motion: Motion,
+    time: number,
+    target: [number, number, number, number] | null,
+    flight: Flight | null,
+  ): void {
     if (!this.athletes) {
       return;
     }
@@ -196,6 +209,7 @@ export class Stage {
     this.aimAt(rally, motion, time);
     this.shuttle.show(motion, time, stroke?.time ?? 0, flying, colour, this.eye.position);
     this.area = target ?? (flying ? stroke.box : null);
+    this.marks.showFlight(flight);
     this.marks.showArea(this.area, target ? new THREE.Color("#fbbf24") : colour);
     const last = rally.strokes.at(-1);
     const over = last !== undefined && rally.winner !== null && time >= last.end_time;

@@ -40,7 +40,7 @@ export class StrokeValues {
         const styles = await source.styles(wanted);
         if (now()) {
           this.styled = sides;
-          screen.styles.show(styles);
+          screen.showStyles(styles);
         }
       }
     } catch (error) {

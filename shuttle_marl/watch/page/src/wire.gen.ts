@@ -229,6 +229,7 @@ export interface StrokeValue {
   regret: number;
   mark: string;
   better: number;
+  question: number | null;
   options: Option[];
   sure: string;
 }
@@ -272,10 +273,11 @@ export interface StylesRequest {
   tried?: Record<string, number>;
 }
 
-/** Reply to StylesRequest. */
+/** Reply to StylesRequest; ``strength``: fraction of rallies that each player wins against imitated elite players. */
 export interface Styles {
   figures: StyleFigure[];
   shots: StyleFigure[];
+  strength: [number, number];
 }
 
 /** A statistic of both players beside that of imitated elite players. */
