@@ -20,6 +20,12 @@ export function winSteps(rally: RallyFacts, analysis: Analysis): { time: number;
   return steps;
 }
 
+/** Probability that seat 0 wins the rally at a time; null before the values are known. */
+export function winAt(rally: RallyFacts, analysis: Analysis | null, time: number): number | null {
+  const steps = analysis ? winSteps(rally, analysis) : [];
+  return (steps.findLast((step) => step.time <= time + 1e-6) ?? steps[0])?.win ?? null;
+}
+
 /** Change of seat 0's probability of winning from a stroke to the next decision. */
 export function change(analysis: Analysis, i: number): number | null {
   const now = analysis.strokes[i]?.win ?? null;

@@ -63,7 +63,7 @@ export class App {
       (pending) => layout.showBusy(pending ? "computing …" : null),
     );
     this.values = new StrokeValues(source, this.course, this.rallies, this.screen);
-    this.saving = new Saving(this.course, this.player, this.stage, source, layout);
+    this.saving = new Saving(this.course, this.player, this.frames, source, this.screen);
     listen((key) => this.key(key), this.screen.board.element);
     window.addEventListener("hashchange", () => this.visit());
     const first = location.hash ? place.rally : (hello.recorded?.first ?? 0);
@@ -79,10 +79,7 @@ export class App {
       mode: (mode) => this.setMode(mode),
       newMatch: () => this.askNewMatch(),
       copyLink: () => this.saving.copyLink(),
-      savePicture: () => {
-        this.draw();
-        this.saving.picture();
-      },
+      savePicture: () => this.saving.picture(() => this.draw()),
       savePage: (match) => void this.saving.page(match),
       saveFilm: () => this.saving.film(),
       rally: (step) => void this.go(this.course.number + step),
@@ -381,6 +378,9 @@ export class App {
   }
 
   private drawn(ended: boolean): void {
+    if (!this.frames.onDemand) {
+      this.saving.drawn();
+    }
     if (ended) {
       this.atEnd();
     }
@@ -409,16 +409,20 @@ export class App {
 
   draw(): void {
     this.frames.draw(this.listener);
+    if (this.frames.onDemand) {
+      this.saving.drawn();
+    }
   }
 
-  /** Hides everything except the court, for a video. */
-  film(): void {
+  /** Fills the window with the court and its overlays, for a video; resolves when the values of the strokes are known. */
+  async film(): Promise<void> {
     this.player.playing = false;
     this.frames.onDemand = true;
     document.body.classList.add("film");
-    this.stage?.drawWhole();
-    this.screen.resize();
+    this.saving.fillWindow();
     this.seek(0);
+    await this.values.latest;
+    this.draw();
   }
 
   /** State of the page for tests and scripts. */

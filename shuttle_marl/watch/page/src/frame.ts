@@ -34,6 +34,8 @@ export class Frames {
   private shown: { rally: RallyFacts; motion: Motion } | null = null;
   private last = 0; // time of the last frame [ms]
   private version = 0; // increases with each rally shown
+  private size: [number, number] = [1, 1]; // of the court on the page
+  private fixed: [number, number] | null = null;
   private seen = ""; // state that the last frame depends on
   private unsettled = 0; // frames to draw although nothing changed
   private drawnAt = 0;
@@ -60,8 +62,16 @@ export class Frames {
   }
 
   resize(width: number, height: number): void {
-    this.stage?.resize(width, height);
+    this.size = [width, height];
+    this.stage?.resize(...(this.fixed ?? this.size));
     this.seen = "";
+  }
+
+  /** Draws with a fixed number of pixels from now on, whatever the size of the window; null: as the window. */
+  fix(size: [number, number] | null): void {
+    this.fixed = size;
+    this.stage?.drawWhole(size !== null);
+    this.resize(...this.size);
   }
 
   start(listener: FrameListener): void {

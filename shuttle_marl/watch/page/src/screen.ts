@@ -1,7 +1,8 @@
 // View of a rally at a given time: the court, its overlays, and the panels.
 
-import { Curve, MoveList, OptionTable } from "./analysis";
+import { Curve, MoveList, OptionTable, winAt } from "./analysis";
 import { Board } from "./board";
+import type { Moment } from "./card";
 import { Chip, cameraButtons, ScoreBug } from "./court_view";
 import { does, h, replaceChildren } from "./dom";
 import type { Frames } from "./frame";
@@ -188,6 +189,20 @@ export class Screen {
     }
   }
 
+  /** What a picture of the current moment shows; null before the first rally. */
+  get moment(): Moment | null {
+    const { rally, player } = this;
+    if (!rally) {
+      return null;
+    }
+    const win = winAt(rally, this.hidden === null ? this.analysis : null, player.time);
+    return { rally, stroke: player.stroke, over: this.isOver(rally), win };
+  }
+
+  private isOver(rally: RallyFacts): boolean {
+    return rally.winner !== null && this.player.time >= (rally.strokes.at(-1)?.end_time ?? Infinity);
+  }
+
   /** Draws the target and the flight of an answer. */
   private point(option: Option | null): void {
     const stroke = this.rally?.strokes[this.learn.current ?? -1];
@@ -238,7 +253,7 @@ export class Screen {
       return;
     }
     this.moves.keepInView();
-    const over = rally.winner !== null && player.time >= (rally.strokes.at(-1)?.end_time ?? Infinity);
+    const over = this.isOver(rally);
     this.bug.show(rally, over);
     this.chip.show(rally, player.stroke);
     this.curve.move(player.time);

@@ -225,10 +225,10 @@ export class Stage {
     }
   }
 
-  /** Keeps the full resolution from now on, so that the frames of a video depend on the rally only. */
-  drawWhole(): void {
-    this.hurried = false;
-    this.renderer.setPixelRatio(1);
+  /** Whether every frame has the full resolution at one pixel per unit, so that it depends on the rally only. */
+  drawWhole(on: boolean): void {
+    this.hurried = !on;
+    this.renderer.setPixelRatio(on || this.lite ? 1 : Math.min(window.devicePixelRatio, 2));
   }
 
   /** Lowers the resolution after several slow frames. */

@@ -9,6 +9,8 @@ import type { RallyFacts } from "./wire.gen";
 export class StrokeValues {
   /** Rallies of the match that a person played to their end. */
   readonly played: Played[] = [];
+  /** Resolves when the last request is answered. */
+  latest: Promise<void> = Promise.resolve();
   private styled = ""; // sides whose style is shown
 
   constructor(
@@ -19,7 +21,12 @@ export class StrokeValues {
   ) {}
 
   /** Requests stroke values and styles; shows them unless another rally was requested meanwhile. */
-  async request(rally: RallyFacts): Promise<void> {
+  request(rally: RallyFacts): Promise<void> {
+    this.latest = this.requested(rally);
+    return this.latest;
+  }
+
+  private async requested(rally: RallyFacts): Promise<void> {
     const { course, source, screen } = this;
     const { request } = this.rallies;
     const wanted = course.wanted(course.number);
