@@ -5,6 +5,7 @@ A request names all it needs, so pages can reconnect and share links.
 
 import contextlib
 import dataclasses
+from collections.abc import Iterator
 from typing import Final
 
 import msgspec
@@ -27,6 +28,7 @@ from shuttle_marl.staging.trajectory import facing
 from shuttle_marl.watch import WatchError, messages
 from shuttle_marl.watch.match import CourtRally, Match, play_rally
 from shuttle_marl.watch.match_log import MatchLog
+from shuttle_marl.watch.overview import match_overview
 from shuttle_marl.watch.plan import Plan, Side
 from shuttle_marl.watch.policies import OnceCache, PolicyTables
 from shuttle_marl.watch.recorded import Recorded
@@ -332,6 +334,7 @@ def _support_sentence(support: F64) -> str:
 
 _MAX_MATCHES: Final = 64
 _MAX_PACKED: Final = 8
+_MAX_OVERVIEWS: Final = 16
 
 
 class Answers:
@@ -361,6 +364,7 @@ class Answers:
         self._game, self._policies, self._plan = policies.game, policies, plan
         self._recorded, self._first_shown = recorded, first
         self._values, self._stager, self._log = StrokeValues(policies, at_least), stager, log
+        self._overviews = OnceCache(_MAX_OVERVIEWS)
         self._matches, self._packed = OnceCache(_MAX_MATCHES), OnceCache(_MAX_PACKED)
 
     def __call__(self, request: messages.Request) -> bytes:
@@ -381,6 +385,10 @@ class Answers:
             return self._values.analysis(self._played(request), self._players(request)), b""
         if isinstance(request, messages.OptionsRequest):
             return self._options(request), b""
+        if isinstance(request, messages.MatchRequest):
+            whole = request.plan is not None and request.person is None and not request.partial
+            about = replace(request, id=0, rally=0 if whole else request.rally)
+            return self._overviews.get(msgspec.json.encode(about), lambda: self._overview(about)), b""
         return self._styles(request), b""
 
     def warm(self) -> None:
@@ -417,6 +425,25 @@ class Answers:
             raise WatchError("the rally is over; there is nothing to choose")
         choice = self._values.decision(rally.turn, (rally.server + len(rally)) % 2, self._players(query))
         return messages.OptionsReply(self._values.options(choice, limit=len(choice.stroke)))
+
+    def _overview(self, query: messages.MatchRequest) -> messages.MatchReply:
+        rallies = self._rallies_of(query)
+        players = ((rally, self._players(replace(query, rally=rally.number))) for rally in rallies)
+        return match_overview(((rally, who, self._values.analysis(rally, who)) for rally, who in players), self._game)
+
+    def _rallies_of(self, query: messages.MatchRequest) -> Iterator[CourtRally]:
+        """Finished rallies of a match in their order."""
+        ends = query.partial or query.person is not None
+        number = 0 if self._recorded is None or query.plan is not None else _first_of(self._recorded, query.rally)
+        before: CourtRally | None = None
+        while query.plan is not None or self._recorded is None or number < self._recorded.count:
+            rally = self._played(replace(query, rally=number, tried={}))
+            if rally.winner is None or (before is not None and not _continues(before, rally)):
+                return
+            yield rally
+            if rally.score.after(rally.winner).over or (ends and number >= query.rally):
+                return
+            before, number = rally, number + 1
 
     def _styles(self, query: messages.Query) -> messages.Styles:
         if query.plan is None:
@@ -467,6 +494,19 @@ class Answers:
         if stroke:
             return int(motion.contact_frame[stroke - 1]) + 1
         return len(self._motion(before, self._played(before)).time)
+
+
+def _continues(before: CourtRally, rally: CourtRally) -> bool:
+    """Whether a rally is a later one of the same match."""
+    earlier, later = ((sum(one.games), sum(one.points)) for one in (before, rally))
+    return before.names == rally.names and earlier < later
+
+
+def _first_of(recorded: Recorded, number: int) -> int:
+    """Number of the first rally of the match of a rally."""
+    while number > 0 and _continues(recorded.rally(number - 1), recorded.rally(number)):
+        number -= 1
+    return number
 
 
 def _branch(query: messages.Query, rally: CourtRally) -> tuple[messages.Query, int] | None:

@@ -76,7 +76,18 @@ class StylesRequest(Query, kw_only=True, tag_field="op", tag="styles", frozen=Tr
     id: int
 
 
-Request = HelloRequest | RallyRequest | AnalysisRequest | OptionsRequest | StylesRequest
+class MatchRequest(Query, kw_only=True, tag_field="op", tag="match", frozen=True):
+    """Overview of the match of a rally.
+
+    Attributes:
+        partial: whether it ends with that rally; matches of a person always do.
+    """
+
+    id: int
+    partial: bool = False
+
+
+Request = HelloRequest | RallyRequest | AnalysisRequest | OptionsRequest | StylesRequest | MatchRequest
 
 
 class CourtFacts(Struct):
@@ -317,13 +328,47 @@ class Styles(Struct):
     strength: tuple[float, float]
 
 
-Reply = Hello | RallyReply | Analysis | OptionsReply | Styles
+class MatchRally(Struct):
+    """A rally of a match: probability that seat 0 wins the match and score before it, winner, number of strokes."""
+
+    number: int
+    win: float
+    points: Pair
+    games: Pair
+    winner: int
+    strokes: int
+
+
+class Moment(Struct):
+    """A costly stroke: ``regret`` and ``cost`` are the probabilities of winning the rally and the match that it loses."""
+
+    rally: int
+    stroke: int
+    seat: int
+    shot: str
+    mark: str
+    regret: float
+    cost: float
+
+
+class MatchReply(Struct):
+    """Reply to :class:`MatchRequest`; ``marks``: numbers of ``!!``, ``!``, ``?!`` and ``?`` of both sides."""
+
+    rallies: list[MatchRally]
+    win_after: float | None
+    moments: list[Moment]
+    accuracy: tuple[float | None, float | None]
+    marks: tuple[list[int], list[int]]
+
+
+Reply = Hello | RallyReply | Analysis | OptionsReply | Styles | MatchReply
 REPLIES: Final[Mapping[type[Struct], type[Struct]]] = {
     HelloRequest: Hello,
     RallyRequest: RallyReply,
     AnalysisRequest: Analysis,
     OptionsRequest: OptionsReply,
     StylesRequest: Styles,
+    MatchRequest: MatchReply,
 }
 """Type of the reply to each type of request."""
 

@@ -122,6 +122,24 @@ def test_every_mode_and_a_rally_by_keyboard_alone(viewer: Any, served: Any) -> N
     assert viewer.state("plan")["seed"] == 5, "n is the net shot only"
 
 
+def test_the_costliest_stroke_of_a_match_is_two_clicks_away(viewer: Any, served: Any) -> None:
+    viewer.open(f"{served.address}{PLACE}").analysed()
+    viewer.page.get_by_role("tab", name="Analyse").click()
+    viewer.page.locator(".moments button").first.click()
+    viewer.until(lambda: viewer.state("match") is not None)
+    costliest = viewer.state("match")["moments"][0]
+    viewer.until(lambda: viewer.state("rally", "stroke") == [costliest["rally"], costliest["stroke"]])
+
+
+def test_a_first_visit_offers_three_ways_to_begin(viewer: Any, served: Any) -> None:
+    viewer.open(served.address).page.get_by_role("button", name="Play one").click()
+    viewer.until(lambda: viewer.state("turn") is not None)
+    assert viewer.page.locator("dialog[open]").count() == 0
+    viewer.page.goto("about:blank")
+    viewer.open(f"{served.address}{PLACE}")
+    assert viewer.page.locator("dialog[open]").count() == 0, "a link opens what it names"
+
+
 def test_menus_close_and_terms_are_explained(viewer: Any, served: Any) -> None:
     viewer.open(f"{served.address}{PLACE}")
     copy = viewer.page.get_by_role("button", name="Copy link")

@@ -1,6 +1,7 @@
 """The page in a browser: it is driven as a viewer drives it, and looked at through ``window.viewer``."""
 
 import math
+import struct
 import time
 from pathlib import Path
 from typing import Any
@@ -156,19 +157,34 @@ def test_learn_mode_asks_before_it_shows_the_better_stroke(viewer: Any, served: 
     asked = 0
     while True:
         viewer.until(
-            lambda: viewer.page.locator(".quiz button").count() > 0 or viewer.page.get_by_text("Accuracy: 100 %").count() > 0
+            lambda: (
+                viewer.page.locator(".quiz button:enabled").count() > 0 or viewer.page.get_by_text("Accuracy: 100 %").count() > 0
+            )
         )
         if viewer.page.get_by_text("Accuracy: 100 %").count():
             break
         question, time, contacts, analysis = viewer.state("asked", "time", "contacts", "analysis")
         assert time < contacts[question], "it stops before the decision"
         assert viewer.page.locator(".moves button").count() == question, "nothing is told before"
-        assert analysis["strokes"][question]["regret"] >= 0.03
+        value = analysis["strokes"][question]
+        options = {option["stroke"]: option for option in value["options"]}
+        best, played = options[value["question"]], options[viewer.state("strokes")[question]]
+        assert min(best["support"], played["support"]) >= 20
+        assert best["best"] - played["best"] >= 0.03
+        viewer.page.locator(".quiz button").nth(1).hover()
+        assert viewer.state("target") in [option["box"] for option in options.values()], "the answer pointed at is drawn"
         viewer.page.locator(".quiz button").first.click()
         assert viewer.page.locator(".quiz .right").count() == 1
-        assert viewer.page.get_by_text("real stroke").count() >= 1
+        assert viewer.page.get_by_text("real strokes stand behind both").count() == 1
+        strokes = viewer.state("strokes")
+        if asked == 0:  # both continuations
+            viewer.page.get_by_role("button", name="Play the better one").click()
+            viewer.until(lambda: viewer.state("strokes") != strokes)
+            assert viewer.state("strokes")[question] == value["question"]
+            viewer.page.get_by_role("button", name="Play what was played").click()
+            viewer.until(lambda: viewer.state("strokes") == strokes)
         asked += 1
-        viewer.page.locator("section[aria-label='Find the better stroke'] > button").click()
+        viewer.page.locator(".learn .row button").first.click()
     assert asked >= 1
     assert viewer.page.get_by_text(": accuracy ").count() == 2
 
@@ -332,6 +348,9 @@ def test_a_shared_page_opens_from_disk(viewer: Any, served: Any, browser: Any, t
     shared = type(viewer)(context.new_page()).open(file.as_uri())
     assert shared.state("strokes", "rally", "stroke") == [strokes, 2, 1]
     shared.analysed()
+    shared.page.locator(".options .try").first.wait_for()
+    assert shared.page.locator(".options button.try").count() == 0, "no server, no what if"
+    assert shared.page.get_by_text("take over").count() == 0
     viewer.page.get_by_text("Share", exact=True).click()
     with viewer.page.expect_download() as download:
         viewer.page.get_by_role("button", name="Save the match so far").click()
@@ -350,7 +369,9 @@ def test_a_shared_page_opens_from_disk(viewer: Any, served: Any, browser: Any, t
     with viewer.page.expect_download() as download:
         viewer.page.get_by_text("Share", exact=True).click()
         viewer.page.get_by_role("button", name="Save picture").click()
-    assert download.value.path().read_bytes()[:4] == b"\x89PNG"
+    content = download.value.path().read_bytes()
+    assert content[:4] == b"\x89PNG"
+    assert struct.unpack(">II", content[16:24]) == (1920, 1080)
     with viewer.page.expect_download() as download:
         seek(viewer, viewer.state("duration") - 0.3)
         viewer.press(">", ">")
@@ -359,6 +380,7 @@ def test_a_shared_page_opens_from_disk(viewer: Any, served: Any, browser: Any, t
     assert download.value.suggested_filename == "rally-3.webm"
     with av.open(str(download.value.path())) as film:
         picture = next(film.decode(video=0)).to_ndarray(format="rgb24")
+    assert picture.shape == (1080, 1920, 3)
     assert picture.std() > 10, "a court, not one colour"
 
 

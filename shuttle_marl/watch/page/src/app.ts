@@ -96,6 +96,7 @@ export class App {
           this.stage.camera = camera;
         }
       },
+      open: (rally, stroke) => void this.go(rally, stroke, false),
       seekStroke: (stroke) => this.seekStroke(stroke),
       whatIf: (stroke) => void this.whatIf(stroke),
       backToPlayed: () => this.backToPlayed(),

@@ -1,7 +1,7 @@
 // Cache of requested rallies; replies that a later request supersedes are dropped.
 
 import type { Motion } from "./motion";
-import type { Analysis, Option, Person, Plan, RallyFacts, Styles } from "./wire.gen";
+import type { Analysis, MatchReply, Option, Person, Plan, RallyFacts, Styles } from "./wire.gen";
 
 /** A requested rally: of a match by its plan, or a recorded one. */
 export interface Wanted {
@@ -22,6 +22,7 @@ export interface Source {
   analysis(wanted: Wanted): Promise<Analysis>;
   options(wanted: Wanted): Promise<Option[]>;
   styles(wanted: Wanted): Promise<Styles>;
+  match(wanted: Wanted): Promise<MatchReply>;
   model(athlete: string): Promise<ArrayBuffer>;
   /** Creates a page that opens from disk with these rallies; null on such a page. */
   share: ((wanted: Wanted[], title: string, hash: string, progress: (done: number) => void) => Promise<Blob>) | null;

@@ -8,6 +8,7 @@ import { does, h, replaceChildren } from "./dom";
 import type { Frames } from "./frame";
 import { type Hooks, Layout, MODES, type Mode } from "./layout";
 import { Learn } from "./learn";
+import { MatchPanel } from "./match_panel";
 import { displayName } from "./names";
 import { endSentence, reason, startSentence, strokeSentence } from "./narration";
 import { EARLY, type Player } from "./player";
@@ -19,6 +20,8 @@ import type { Analysis, Hello, Option, RallyFacts, Side, Styles, Turn } from "./
 export interface Acts extends Hooks {
   camera(camera: Camera): void;
   seekStroke(stroke: number): void;
+  /** Shows a rally, from a stroke or from its start. */
+  open(rally: number, stroke: number | null): void;
   whatIf(stroke: number): void;
   /** Shows the rally as it was played, if a stroke was tried. */
   backToPlayed(): Promise<void>;
@@ -41,6 +44,7 @@ export class Screen {
   readonly layout: Layout;
   readonly learn: Learn;
   readonly board: Board;
+  readonly match: MatchPanel;
   readonly styles = new StylePanel();
   private readonly modes: readonly Mode[];
   private readonly bug = new ScoreBug();
@@ -76,6 +80,7 @@ export class Screen {
     this.cameras = cameraButtons((camera) => acts.camera(camera));
     this.moves = new MoveList((stroke) => acts.seekStroke(stroke));
     this.options = new OptionTable(live ? (stroke) => acts.whatIf(stroke) : null);
+    this.match = new MatchPanel((rally, stroke) => acts.open(rally, stroke));
     this.landing = new LandingMap(hello.hall);
     this.back = h(
       "button",
@@ -119,7 +124,7 @@ export class Screen {
         overlays: [this.bug.element, this.cameras.element, this.chip.element, this.chip.speed],
         left: [...(match && live ? this.sides.map((side) => side.element) : []), match ? this.styles.element : null],
         task: [this.learn.element, this.board.element],
-        right: [this.moves.element, this.options.element, this.chances.element, this.landing.element],
+        right: [this.match.element, this.moves.element, this.options.element, this.chances.element, this.landing.element],
         curve: this.curve.element,
       },
       this.modes,
@@ -149,6 +154,9 @@ export class Screen {
 
   showMode(mode: Mode): void {
     this.mode = mode;
+    if (mode !== "analyse") {
+      this.match.show(null, ["", ""], 0);
+    }
     this.layout.showMode(mode);
   }
 

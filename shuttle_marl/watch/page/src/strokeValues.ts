@@ -1,16 +1,17 @@
 // Requests stroke values and styles of the rally on the page, and shows them when they arrive.
 
-import type { Rallies, Source } from "./rallies";
+import type { Rallies, Source, Wanted } from "./rallies";
 import type { Screen } from "./screen";
 import type { Played } from "./summary";
 import type { Timeline } from "./timeline";
-import type { RallyFacts } from "./wire.gen";
+import type { MatchReply, RallyFacts } from "./wire.gen";
 
 export class StrokeValues {
   /** Rallies of the match that a person played to their end. */
   readonly played: Played[] = [];
   /** Resolves when the last request is answered. */
   latest: Promise<void> = Promise.resolve();
+  private match: { key: string; reply: Promise<MatchReply | null> } = { key: "", reply: Promise.resolve(null) };
   private styled = ""; // sides whose style is shown
 
   constructor(
@@ -24,6 +25,15 @@ export class StrokeValues {
   request(rally: RallyFacts): Promise<void> {
     this.latest = this.requested(rally);
     return this.latest;
+  }
+
+  /** The match of a rally; asked once while its plan stays. A saved rally has none. */
+  private overview(wanted: Wanted): Promise<MatchReply | null> {
+    const key = JSON.stringify(wanted.plan ? [wanted.plan, wanted.person && wanted.rally] : wanted.rally);
+    if (key !== this.match.key) {
+      this.match = { key, reply: this.source.match(wanted).catch(() => null) };
+    }
+    return this.match.reply;
   }
 
   private async requested(rally: RallyFacts): Promise<void> {
@@ -41,6 +51,12 @@ export class StrokeValues {
         const analysis = await asked;
         if (now()) {
           screen.showAnalysis(analysis);
+        }
+      }
+      if (screen.mode === "analyse") {
+        const match = await this.overview(wanted);
+        if (now() && screen.mode === "analyse") {
+          screen.match.show(match, rally.names, rally.number);
         }
       }
       if (wanted.plan && sides !== this.styled) {

@@ -287,6 +287,45 @@ export interface StyleFigure {
   reference: number | null;
 }
 
+/** Overview of the match of a rally. */
+export interface MatchRequest {
+  rally: number;
+  plan?: Plan | null;
+  person?: Person | null;
+  tried?: Record<string, number>;
+  partial: boolean;
+}
+
+/** Reply to MatchRequest; ``marks``: numbers of ``!!``, ``!``, ``?!`` and ``?`` of both sides. */
+export interface MatchReply {
+  rallies: MatchRally[];
+  win_after: number | null;
+  moments: Moment[];
+  accuracy: [number | null, number | null];
+  marks: [number[], number[]];
+}
+
+/** A rally of a match: probability that seat 0 wins the match and score before it, winner, number of strokes. */
+export interface MatchRally {
+  number: number;
+  win: number;
+  points: [number, number];
+  games: [number, number];
+  winner: number;
+  strokes: number;
+}
+
+/** A costly stroke: ``regret`` and ``cost`` are the probabilities of winning the rally and the match that it loses. */
+export interface Moment {
+  rally: number;
+  stroke: number;
+  seat: number;
+  shot: string;
+  mark: string;
+  regret: number;
+  cost: number;
+}
+
 /** Requests by operation. */
 export interface Requests {
   hello: HelloRequest;
@@ -294,6 +333,7 @@ export interface Requests {
   analysis: AnalysisRequest;
   options: OptionsRequest;
   styles: StylesRequest;
+  match: MatchRequest;
 }
 
 /** Replies by operation. */
@@ -303,4 +343,5 @@ export interface Replies {
   analysis: Analysis;
   options: OptionsReply;
   styles: Styles;
+  match: MatchReply;
 }
