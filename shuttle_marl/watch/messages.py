@@ -329,7 +329,10 @@ class Styles(Struct):
 
 
 class MatchRally(Struct):
-    """A rally of a match: probability that seat 0 wins the match and score before it, winner, number of strokes."""
+    """A rally of a match: probability that seat 0 wins the match and score before it, winner, number of strokes.
+
+    ``swing`` is the largest change of the probability of winning the rally by a stroke.
+    """
 
     number: int
     win: float
@@ -337,6 +340,7 @@ class MatchRally(Struct):
     games: Pair
     winner: int
     strokes: int
+    swing: float
 
 
 class Moment(Struct):

@@ -38,8 +38,10 @@ def match_overview(
         if winner is None or players.value is None:
             break
         won, lost = match_win_after(players.value, rally.points, rally.games, rally.score.rules)
+        swing = np.abs(np.diff([*(value.win for value in values.strokes), float(winner == 0)])).max()
+        win, size = round(values.strokes[0].match, 5), len(rally)
         rows.append(
-            messages.MatchRally(rally.number, round(values.strokes[0].match, 5), rally.points, rally.games, winner, len(rally))
+            messages.MatchRally(rally.number, win, rally.points, rally.games, winner, size, round(float(swing), 5))
         )
         after = round((won, lost)[winner], 5)
         seats = rally.striker.tolist()

@@ -9,7 +9,7 @@ import { EARLY, type Player } from "./player";
 import { Rallies, type Shown, type Source } from "./rallies";
 import { Saving } from "./saving";
 import { type Acts, Screen } from "./screen";
-import type { Stage } from "./stage";
+import type { Camera, Stage } from "./stage";
 import { openStartCard } from "./start";
 import { state } from "./state";
 import { StrokeValues } from "./strokeValues";
@@ -17,6 +17,7 @@ import { summary } from "./summary";
 import { Timeline } from "./timeline";
 import type { Hello, RallyFacts, Side } from "./wire.gen";
 
+const LONG = 20; // strokes of a rally whose end is replayed
 const STILL = matchMedia("(prefers-reduced-motion: reduce)");
 
 export class App {
@@ -32,6 +33,7 @@ export class App {
   private shown: Shown | null = null;
   private loopRally = false;
   private autoNext = true;
+  private replayed: Camera | null = null; // the camera before a slow replay
   private chosenAt = 0;
   private readonly listener: FrameListener = {
     advanced: (ended) => this.advanced(ended),
@@ -85,11 +87,12 @@ export class App {
       rally: (step) => void this.go(this.course.number + step),
       stroke: (step) => this.stepStroke(step),
       toggle: () => this.toggle(),
-      replay: () => this.player.replayLast(),
+      replay: () => this.player.replay(),
       speed: (speed) => (this.player.speed = speed),
       loop: (on) => (this.loopRally = on),
       autoNext: (on) => (this.autoNext = on),
       seek: (time) => this.seek(time),
+      sound: () => this.screen.toggleSound(),
       textMode: (on) => this.screen.layout.showText(on),
       camera: (camera) => {
         if (this.stage) {
@@ -142,6 +145,10 @@ export class App {
     const { course, frames, player, hello } = this;
     const { rally, motion } = shown;
     this.saving.endFilm();
+    if (this.replayed && this.stage) {
+      this.stage.camera = this.replayed;
+    }
+    this.replayed = null;
     this.shown = shown;
     frames.show(rally, motion, time);
     player.playing = playing;
@@ -397,6 +404,8 @@ export class App {
     if (this.loopRally) {
       this.player.seek(0);
       this.player.playing = true;
+    } else if (this.replaysBest(rally)) {
+      return;
     } else if (
       this.autoNext &&
       !this.rallies.pending &&
@@ -406,6 +415,28 @@ export class App {
     ) {
       void this.go(this.course.number + 1, null, true);
     }
+  }
+
+  /** Replays the best stroke of a remarkable rally from the side, once, before the next rally; returns whether it does. */
+  private replaysBest(rally: RallyFacts): boolean {
+    const { player, stage, screen, autoNext } = this;
+    if (this.replayed) {
+      if (stage) {
+        stage.camera = this.replayed;
+      }
+      this.replayed = null;
+      return false;
+    }
+    const best = screen.analysis?.strokes.findLastIndex(({ mark }) => mark === "!!") ?? -1;
+    const last = rally.strokes.length - 1;
+    if (!stage || STILL.matches || !autoNext || screen.mode !== "watch" || (best < 0 && last + 1 < LONG)) {
+      return false;
+    }
+    this.replayed = stage.camera;
+    stage.camera = "side";
+    player.replay(best < 0 ? last : best, true);
+    screen.layout.say("Slow replay");
+    return true;
   }
 
   draw(): void {

@@ -2,7 +2,7 @@
 
 import { h, percent, replaceChildren, sideColour, words } from "./dom";
 import { displayName } from "./names";
-import { CAMERAS, type Camera } from "./stage";
+import { CAMERAS, type Camera, type Stage } from "./stage";
 import type { RallyFacts, Stroke } from "./wire.gen";
 
 export class ScoreBug {
@@ -74,6 +74,29 @@ export class Chip {
       " km/h",
       h("div", {}, `stroke ${index + 1} of ${rally.strokes.length}`),
     );
+  }
+}
+
+const SPEED_SHOWN = 0.8; // time for which the speed stays at the racket [s]
+
+/** The speed of the shuttle, at the racket. */
+export class SpeedLabel {
+  readonly element = h("div", { class: "pop hidden", "aria-hidden": "true" });
+  private shown = -1;
+
+  show(rally: RallyFacts, index: number, time: number, stage: Stage): void {
+    const stroke = rally.strokes[index];
+    const place = stroke && time < stroke.time + SPEED_SHOWN ? stage.placeOf(stroke.contact) : null;
+    this.element.classList.toggle("hidden", !place);
+    if (place && stroke) {
+      if (this.shown !== index) {
+        this.element.textContent = `${Math.round(3.6 * stroke.speed)} km/h`;
+      }
+      this.shown = index;
+      this.element.style.transform = `translate(${Math.round(place[0] + 12)}px, ${Math.round(place[1] - 30)}px)`;
+    } else {
+      this.shown = -1;
+    }
   }
 }
 

@@ -118,6 +118,7 @@ export class Frames {
       stage.flipped,
       this.aim,
       this.flight?.shot,
+      player.playing,
     ].join();
     if (seen !== this.seen) {
       this.seen = seen;
@@ -126,7 +127,7 @@ export class Frames {
     if (this.unsettled > 0 || stage.camera === "free") {
       this.unsettled--;
       [this.drawnAt, this.drawnTime] = [now, player.time];
-      stage.draw(rally, motion, player.time, this.aim, this.flight);
+      stage.draw(rally, motion, player.time, this.aim, this.flight, !player.playing && !player.waits);
     }
   }
 }

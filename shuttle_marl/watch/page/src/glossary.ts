@@ -24,6 +24,8 @@ const SENTENCES = {
   target: "Percentages are the probability that the stroke is in; after a hint, the probability of winning the rally.",
   words: "Every stroke as a sentence, for reading and for screen readers.",
   accuracy: "Mean position of the chosen strokes between the worst legal stroke (0 %) and the best one (100 %).",
+  rallies:
+    "Rallies of this match: winner, score before, number of strokes, and the largest change of the probability of winning by one stroke.",
   match: "Probability that side A wins the match, before each rally. Click a rally to open it.",
 } as const;
 

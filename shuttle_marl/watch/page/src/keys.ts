@@ -17,6 +17,7 @@ export function keyList(match: boolean): { general: [string, string][]; play: [s
     ["1 – 6", "camera"],
     ["f", "switch ends"],
     ["r", "slow-motion replay"],
+    ["m", "sound"],
     ["w", "in words"],
     ["h", "keys"],
   ];
@@ -74,6 +75,7 @@ export function keyTable(
       }
     },
     ...(match ? matchKeys : {}),
+    m: () => acts.sound(),
     w: () => layout.showText(!document.body.classList.contains("text")),
     h: () => layout.toggleHelp(),
     "?": () => layout.toggleHelp(),

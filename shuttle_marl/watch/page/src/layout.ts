@@ -28,6 +28,7 @@ export interface Hooks {
   autoNext(on: boolean): void;
   seek(time: number): void;
   textMode(on: boolean): void;
+  sound(): void;
 }
 
 /** Containers of panels. */
@@ -59,6 +60,7 @@ export class Layout {
   private readonly autoNext: HTMLButtonElement;
   private readonly words: HTMLElement;
   private readonly textButton: HTMLButtonElement;
+  private readonly soundButton: HTMLButtonElement;
   private timer = 0;
   private busyTimer = 0;
 
@@ -93,6 +95,7 @@ export class Layout {
     });
     this.autoNext = toggleButton("auto-next", true, (on) => hooks.autoNext(on));
     this.textButton = toggleButton("In words", false, (on) => hooks.textMode(on));
+    this.soundButton = toggleButton("Sound", false, () => hooks.sound());
     this.tabs = tabList("Mode", modes, "page", (mode) => hooks.mode(mode));
     parts.curve.append(this.transport());
     const canvas =
@@ -143,6 +146,7 @@ export class Layout {
         ...actions(
           isMatch ? h("button", { onclick: () => hooks.newMatch() }, "New match") : null,
           this.textButton,
+          this.soundButton,
           share,
           h("button", { onclick: () => this.toggleHelp() }, "Keys ", h("kbd", {}, "h")),
         ),
@@ -211,6 +215,10 @@ export class Layout {
   showText(on: boolean): void {
     document.body.classList.toggle("text", on);
     this.textButton.setAttribute("aria-pressed", String(on));
+  }
+
+  showSound(on: boolean): void {
+    this.soundButton.setAttribute("aria-pressed", String(on));
   }
 
   toggleHelp(): void {

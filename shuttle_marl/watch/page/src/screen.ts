@@ -3,7 +3,7 @@
 import { Curve, MoveList, OptionTable, winAt } from "./analysis";
 import { Board } from "./board";
 import type { Moment } from "./card";
-import { Chip, cameraButtons, ScoreBug } from "./court_view";
+import { Chip, cameraButtons, ScoreBug, SpeedLabel } from "./court_view";
 import { does, h, replaceChildren } from "./dom";
 import type { Frames } from "./frame";
 import { type Hooks, Layout, MODES, type Mode } from "./layout";
@@ -12,7 +12,9 @@ import { MatchPanel } from "./match_panel";
 import { displayName } from "./names";
 import { endSentence, reason, startSentence, strokeSentence } from "./narration";
 import { EARLY, type Player } from "./player";
+import { RallyBrowser } from "./rally_browser";
 import { SideCard, StylePanel } from "./sides";
+import { Sound } from "./sound";
 import type { Camera, Stage } from "./stage";
 import { Chances, LandingMap } from "./stroke_panels";
 import type { Analysis, Hello, Option, RallyFacts, Side, Styles, Turn } from "./wire.gen";
@@ -45,10 +47,14 @@ export class Screen {
   readonly learn: Learn;
   readonly board: Board;
   readonly match: MatchPanel;
+  /** Rallies of a recorded match; null in a match between policies. */
+  readonly browser: RallyBrowser | null;
   readonly styles = new StylePanel();
+  private readonly sound = new Sound();
   private readonly modes: readonly Mode[];
   private readonly bug = new ScoreBug();
   private readonly chip = new Chip();
+  private readonly speed = new SpeedLabel();
   private readonly cameras;
   private readonly curve: Curve;
   private readonly moves: MoveList;
@@ -81,6 +87,7 @@ export class Screen {
     this.moves = new MoveList((stroke) => acts.seekStroke(stroke));
     this.options = new OptionTable(live ? (stroke) => acts.whatIf(stroke) : null);
     this.match = new MatchPanel((rally, stroke) => acts.open(rally, stroke));
+    this.browser = match || !live ? null : new RallyBrowser((rally) => acts.open(rally, null));
     this.landing = new LandingMap(hello.hall);
     this.back = h(
       "button",
@@ -121,8 +128,12 @@ export class Screen {
     this.layout = new Layout(
       {
         canvas: stage?.canvas ?? null,
-        overlays: [this.bug.element, this.cameras.element, this.chip.element, this.chip.speed],
-        left: [...(match && live ? this.sides.map((side) => side.element) : []), match ? this.styles.element : null],
+        overlays: [this.bug.element, this.cameras.element, this.chip.element, this.chip.speed, this.speed.element],
+        left: [
+          ...(match && live ? this.sides.map((side) => side.element) : []),
+          match ? this.styles.element : null,
+          this.browser?.element ?? null,
+        ],
         task: [this.learn.element, this.board.element],
         right: [this.match.element, this.moves.element, this.options.element, this.chances.element, this.landing.element],
         curve: this.curve.element,
@@ -150,6 +161,11 @@ export class Screen {
     if (clientWidth && clientHeight) {
       this.frames.resize(clientWidth, clientHeight);
     }
+  }
+
+  /** Switches the sound. */
+  toggleSound(): void {
+    this.layout.showSound(this.sound.toggle());
   }
 
   showMode(mode: Mode): void {
@@ -267,6 +283,7 @@ export class Screen {
     this.curve.move(player.time);
     if (this.stage) {
       this.cameras.show(this.stage.camera);
+      this.speed.show(rally, player.stroke, player.time, this.stage);
     }
     const time = player.waits ? player.duration - EARLY : player.time;
     this.layout.scrubber.value = String(time);
@@ -288,6 +305,9 @@ export class Screen {
   }
 
   private showStroke(rally: RallyFacts, stroke: number): void {
+    if (this.player.playing && stroke > this.saidStroke && stroke >= 0) {
+      this.sound.hit(rally.strokes[stroke]!.speed);
+    }
     if (this.mode === "play") {
       this.showValues();
     }
@@ -308,6 +328,10 @@ export class Screen {
   private rallyEnded(rally: RallyFacts): void {
     const after = rally.after!;
     this.ended = true;
+    if (this.player.playing) {
+      this.sound[rally.strokes.at(-1)?.end === "net" ? "net" : "bounce"]();
+      this.sound.crowd(rally.strokes.length);
+    }
     const won = after.over ? " the match" : after.game_won ? " the game" : " the rally";
     replaceChildren(
       this.layout.banner,

@@ -176,13 +176,19 @@ export class Stage {
     this.blend = { motion, time, began: performance.now() };
   }
 
-  /** Draws a rally at a time [s]; `target` replaces the target area of the stroke unless it is null. */
+  /**
+   * Draws a rally at a time [s].
+   * @param target replaces the target area of the stroke unless it is null.
+   * @param flight flight that is sketched; null: none.
+   * @param paused whether the whole flight of the shuttle is drawn.
+   */
   draw(
     rally: RallyFacts,
     motion: Motion,
     time: number,
     target: [number, number, number, number] | null,
     flight: Flight | null,
+    paused: boolean,
   ): void {
     if (!this.athletes) {
       return;
@@ -207,7 +213,8 @@ export class Stage {
     const flying = stroke !== undefined && time < stroke.end_time + 0.25;
     const colour = this.colours[stroke?.seat ?? 0]!;
     this.aimAt(rally, motion, time);
-    this.shuttle.show(motion, time, stroke?.time ?? 0, flying, colour, this.eye.position);
+    const pixels = this.canvas.height / this.renderer.getPixelRatio() / (2 * Math.tan((this.eye.fov * Math.PI) / 360));
+    this.shuttle.show(motion, time, flying ? stroke : null, paused, colour, this.eye.position, pixels);
     this.area = target ?? (flying ? stroke.box : null);
     this.marks.showFlight(flight);
     this.marks.showArea(this.area, target ? new THREE.Color("#fbbf24") : colour);
@@ -249,12 +256,15 @@ export class Stage {
     this.controls.enabled = this.camera === "free" || !TOUCHED.matches;
     this.canvas.style.touchAction = this.controls.enabled ? "none" : "pan-y";
     if (this.camera === "free") {
+      this.eye.up.copy(THREE.Object3D.DEFAULT_UP);
       if (changed) {
         this.controls.target.copy(this.aim.look);
       }
       this.controls.update();
       return;
     }
+    // From above, the court lies across a wide window.
+    this.eye.up.copy(this.turned ? at(this.flipped ? -1 : 1, 0, 0) : THREE.Object3D.DEFAULT_UP);
     const wanted = this.view(rally, motion, time);
     const share = changed || this.still || this.lite ? 1 : 0.14;
     this.aim.eye.lerp(wanted.eye, this.camera === "follow" ? Math.min(share, 0.2) || 1 : share);
@@ -265,6 +275,10 @@ export class Stage {
     this.eye.fov = this.aim.fov;
     this.eye.updateProjectionMatrix();
     this.eye.lookAt(this.aim.look);
+  }
+
+  private get turned(): boolean {
+    return this.camera === "top" && this.eye.aspect > 1.2;
   }
 
   private view(rally: RallyFacts, motion: Motion, time: number): View {
@@ -285,7 +299,13 @@ export class Stage {
         };
       }
       case "top":
-        return { eye: at(0, -end * 0.01, 15.5), look: at(0, 0, 0), fov: 52 * Math.min(wide, 1.25) };
+        return this.turned
+          ? {
+              eye: at(0, -end * 0.01, 15.5),
+              look: at(0, 0, 0),
+              fov: Math.max(29, (360 / Math.PI) * Math.atan(0.5 / this.eye.aspect)),
+            }
+          : { eye: at(0, -end * 0.01, 15.5), look: at(0, 0, 0), fov: 52 * Math.min(wide, 1.25) };
       case "follow": {
         const seat = this.flipped ? 1 : 0;
         const hips = motion.hipsAt(time, seat, [0, 0, 0]);
@@ -308,6 +328,13 @@ export class Stage {
     }
     const v = athlete.sweetSpot.getWorldPosition(new THREE.Vector3());
     return [-v.x, v.z, v.y];
+  }
+
+  /** Place of a point of the court within the canvas [px]; null before the first rally or behind the camera. */
+  placeOf(point: Vec3): [number, number] | null {
+    const { x, y, z } = at(...point).project(this.eye);
+    const { clientWidth, clientHeight } = this.canvas;
+    return z < 1 ? [((x + 1) / 2) * clientWidth, ((1 - y) / 2) * clientHeight] : null;
   }
 
   /** Smallest rectangle of the window that contains the joints of a player: left, top, right, bottom; null before the first. */

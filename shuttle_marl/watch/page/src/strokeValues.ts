@@ -11,7 +11,11 @@ export class StrokeValues {
   readonly played: Played[] = [];
   /** Resolves when the last request is answered. */
   latest: Promise<void> = Promise.resolve();
-  private match: { key: string; reply: Promise<MatchReply | null> } = { key: "", reply: Promise.resolve(null) };
+  private match: { key: string; reply: Promise<MatchReply | null>; rallies: [number, number] | null } = {
+    key: "",
+    reply: Promise.resolve(null),
+    rallies: null,
+  };
   private styled = ""; // sides whose style is shown
 
   constructor(
@@ -29,9 +33,16 @@ export class StrokeValues {
 
   /** The match of a rally; asked once while its plan stays. A saved rally has none. */
   private overview(wanted: Wanted): Promise<MatchReply | null> {
-    const key = JSON.stringify(wanted.plan ? [wanted.plan, wanted.person && wanted.rally] : wanted.rally);
-    if (key !== this.match.key) {
-      this.match = { key, reply: this.source.match(wanted).catch(() => null) };
+    const key = JSON.stringify([wanted.plan, wanted.person && wanted.rally]);
+    const known = this.match.rallies;
+    const inside = wanted.plan !== null || (known !== null && known[0] <= wanted.rally && wanted.rally <= known[1]);
+    if (key !== this.match.key || !inside) {
+      const reply = this.source.match(wanted).catch(() => null);
+      const match: typeof this.match = { key, reply, rallies: null };
+      this.match = match;
+      void reply.then((found) => {
+        match.rallies = found?.rallies.length ? [found.rallies[0]!.number, found.rallies.at(-1)!.number] : null;
+      });
     }
     return this.match.reply;
   }
@@ -53,10 +64,11 @@ export class StrokeValues {
           screen.showAnalysis(analysis);
         }
       }
-      if (screen.mode === "analyse") {
+      if (screen.mode === "analyse" || screen.browser) {
         const match = await this.overview(wanted);
-        if (now() && screen.mode === "analyse") {
-          screen.match.show(match, rally.names, rally.number);
+        if (now()) {
+          screen.browser?.show(match, rally.number);
+          screen.match.show(screen.mode === "analyse" ? match : null, rally.names, rally.number);
         }
       }
       if (wanted.plan && sides !== this.styled) {

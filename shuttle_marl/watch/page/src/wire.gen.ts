@@ -313,6 +313,7 @@ export interface MatchRally {
   games: [number, number];
   winner: number;
   strokes: number;
+  swing: number;
 }
 
 /** A costly stroke: ``regret`` and ``cost`` are the probabilities of winning the rally and the match that it loses. */
