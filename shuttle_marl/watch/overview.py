@@ -1,4 +1,4 @@
-"""A match at a glance: probability of winning it over its rallies, its costliest strokes, and accuracy and marks of both sides."""
+"""A match at a glance: probability of winning it over its rallies, costliest strokes, accuracy and marks of both sides."""
 
 from collections import Counter
 from collections.abc import Iterable
@@ -40,9 +40,7 @@ def match_overview(
         won, lost = match_win_after(players.value, rally.points, rally.games, rally.score.rules)
         swing = np.abs(np.diff([*(value.win for value in values.strokes), float(winner == 0)])).max()
         win, size = round(values.strokes[0].match, 5), len(rally)
-        rows.append(
-            messages.MatchRally(rally.number, win, rally.points, rally.games, winner, size, round(float(swing), 5))
-        )
+        rows.append(messages.MatchRally(rally.number, win, rally.points, rally.games, winner, size, round(float(swing), 5)))
         after = round((won, lost)[winner], 5)
         seats = rally.striker.tolist()
         for i, (value, seat) in enumerate(zip(values.strokes, seats, strict=True)):
@@ -62,4 +60,3 @@ def match_overview(
         accuracy=(means[0], means[1]),
         marks=([marks[0][mark] for mark in MARKS], [marks[1][mark] for mark in MARKS]),
     )
-

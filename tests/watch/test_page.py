@@ -144,7 +144,7 @@ def test_analysis_marks_values_and_seeks(viewer: Any, served: Any) -> None:
     analysis, winner, contacts = viewer.state("analysis", "winner", "contacts")
     assert len(analysis["strokes"]) == len(contacts)
     assert analysis["win_after"] == float(winner == 0)
-    viewer.page.locator(".moves button").nth(2).click()
+    viewer.page.locator(".moves li button").nth(2).click()
     assert viewer.state("stroke", "time") == [2, pytest.approx(contacts[2])]
     curve = viewer.page.locator("svg.curve").bounding_box()
     viewer.page.mouse.click(curve["x"] + curve["width"] / 2, curve["y"] + 20)
@@ -165,7 +165,7 @@ def test_learn_mode_asks_before_it_shows_the_better_stroke(viewer: Any, served: 
             break
         question, time, contacts, analysis = viewer.state("asked", "time", "contacts", "analysis")
         assert time < contacts[question], "it stops before the decision"
-        assert viewer.page.locator(".moves button").count() == question, "nothing is told before"
+        assert viewer.page.locator(".moves li button").count() == question, "nothing is told before"
         value = analysis["strokes"][question]
         options = {option["stroke"]: option for option in value["options"]}
         best, played = options[value["question"]], options[viewer.state("strokes")[question]]
@@ -179,10 +179,10 @@ def test_learn_mode_asks_before_it_shows_the_better_stroke(viewer: Any, served: 
         strokes = viewer.state("strokes")
         if asked == 0:  # both continuations
             viewer.page.get_by_role("button", name="Play the better one").click()
-            viewer.until(lambda: viewer.state("strokes") != strokes)
+            viewer.until(lambda strokes=strokes: viewer.state("strokes") != strokes)
             assert viewer.state("strokes")[question] == value["question"]
             viewer.page.get_by_role("button", name="Play what was played").click()
-            viewer.until(lambda: viewer.state("strokes") == strokes)
+            viewer.until(lambda strokes=strokes: viewer.state("strokes") == strokes)
         asked += 1
         viewer.page.locator(".learn .row button").first.click()
     assert asked >= 1
