@@ -1,4 +1,4 @@
-"""Time of the exact solvers on the shipped game: minimax, profiles, best responses, human and robust play, a cross-play of 30.
+"""Time of the exact solvers on the shipped game: minimax, profiles, best responses, human and robust play, pairs, cross-play.
 
     python -m benchmarks.exact_values [--repeat N] [--json]
 
@@ -25,9 +25,12 @@ from benchmarks.machine import this_machine
 from shuttle_marl.exact import best_response, crossplay, evaluate, policy_regret, solve, solve_robust, solve_soft, visits
 from shuttle_marl.exact.sweeps import warm_up
 from shuttle_marl.game import default_game
-from shuttle_marl.game.shipped import refits_of
+from shuttle_marl.game.pairs import pair_game
+from shuttle_marl.game.shipped import folder_of, refits_of
+from shuttle_marl.game.skill import has_skill
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
+from shuttle_marl.league.pairs import players_of, predict
 from shuttle_marl.policy import registry
 
 _POLICIES = 30
@@ -72,6 +75,23 @@ def compile_seconds() -> Times:
     return wall, cpu
 
 
+def of_a_pair() -> dict[str, Callable[[], Any]]:
+    """Construction, solution and prediction of the first two men whose skill the model has."""
+    names = players_of("men")[:2]
+    pair = pair_game(*names)
+
+    def construct() -> None:
+        pair_game.cache_clear()
+        for seat in pair_game(*names).seats:
+            _ = seat.limits
+
+    return {
+        "tables of a pair": construct,
+        "minimax of a pair": lambda: solve(pair),
+        "prediction of a pair": lambda: predict(pair),
+    }
+
+
 def measure(repeat: int) -> list[dict[str, Any]]:
     """All measurements: solver and times."""
     game = default_game()
@@ -89,6 +109,9 @@ def measure(repeat: int) -> list[dict[str, Any]]:
     several = [game, *refits_of(game)]
     if len(several) > 1:
         calls[f"robust play over {len(several)} games"] = lambda: solve_robust(several)
+    folder = folder_of(game)
+    if folder is not None and has_skill(folder):
+        calls |= of_a_pair()
     times = {what: median_seconds(call, repeat) for what, call in calls.items()}
     policies = thirty_policies(game)
     times[f"cross-play of {len(policies)}"] = median_seconds(lambda: crossplay(policies), 1)

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from shuttle_marl.env import match_v0, rally_v0
     from shuttle_marl.env.batched import RallyEnv, VersusEnv
     from shuttle_marl.exact import best_response, crossplay, evaluate, nash_conv, solve
-    from shuttle_marl.game import Game, Policy, Rules, Score, States, default_game, load_game, tabulate
+    from shuttle_marl.game import Game, Policy, Rules, Score, States, default_game, load_game, pair_game, tabulate
     from shuttle_marl.kernel import play_matches
     from shuttle_marl.league import LeagueConfig, run_league
     from shuttle_marl.policy import register, resolve
@@ -47,6 +47,7 @@ __all__ = [
     "load_game",
     "match_v0",
     "nash_conv",
+    "pair_game",
     "play_matches",
     "rally_v0",
     "rank_players",
@@ -65,7 +66,7 @@ __getattr__, _, _ = lazy_loader.attach(
         "env": ["match_v0", "rally_v0"],
         "env.batched": ["RallyEnv", "VersusEnv"],
         "exact": ["best_response", "crossplay", "evaluate", "nash_conv", "solve"],
-        "game": ["Game", "Policy", "Rules", "Score", "States", "default_game", "load_game", "tabulate"],
+        "game": ["Game", "Policy", "Rules", "Score", "States", "default_game", "load_game", "pair_game", "tabulate"],
         "kernel": ["play_matches"],
         "league": ["LeagueConfig", "run_league"],
         "policy": ["register", "resolve"],

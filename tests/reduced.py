@@ -7,8 +7,10 @@ what is computed, and of commands, need no more; tests of what is shipped take t
 import atexit
 import functools
 import hashlib
+import json
 import shutil
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +25,7 @@ from shuttle_marl.game.shipped import (
     GAME,
     NETWORKS,
     PROFILES,
+    SKILL,
     SUPPORT,
     VARIANTS,
     default_game,
@@ -31,10 +34,12 @@ from shuttle_marl.game.shipped import (
     read_model,
     read_model_card,
 )
-from shuttle_marl.game.stroke import Catalogue
+from shuttle_marl.game.skill import COMPONENTS, GROUPS, ROLES
+from shuttle_marl.game.stroke import SHOTS, Catalogue
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import base_pairs, layout
 from shuttle_marl.game.variants import packed
+from shuttle_marl.tensor_files import tensor_bytes
 
 Ints = npt.NDArray[np.integer[Any]]
 
@@ -64,10 +69,32 @@ def reduced_model() -> str:
     others = {name: reduced(load_game(f"default:{name}")) for name in (*PROFILES, *REFITS)}
     (folder / VARIANTS).write_bytes(packed(game, others))
     shutil.copy(source / NETWORKS, folder)
+    (folder / SKILL).write_bytes(random_skill(json.loads(players.metadata["players"])))
     hashes = {file.name: hashlib.sha256(file.read_bytes()).hexdigest() for file in folder.iterdir()}
     card = {**read_model_card(source), "game_hash": game.hash, "variants": list(others), "sha256": hashes}
     (folder / CARD).write_bytes(seal(card))
     return str(folder)
+
+
+def random_skill(players: Sequence[str], seed: int = 27) -> bytes:
+    """Content of a file of skill: random offsets of these players at two days each; every third player is a woman."""
+    rng, m = np.random.default_rng(seed), len(players)
+    shape = (2 * m, len(COMPONENTS), len(ROLES), 1 + len(GROUPS))
+    of_shot = {"serve": "serve", "clear": "rear", "drop": "rear", "smash": "attack", "kill": "attack", "lift": "lift"}
+    groups = [
+        next((name for part, name in of_shot.items() if part in shot), "net" if "net" in shot else "block") for shot in SHOTS
+    ]
+    arrays = {
+        "offset": rng.normal(0, 0.2, shape).astype(np.float32),
+        "deviation": rng.uniform(0.05, 0.1, shape).astype(np.float32),
+        "player": np.repeat(np.arange(m, dtype=np.int32), 2),
+        "day": np.tile(np.array([17897, 18628], np.int32), m),  # the first days of 2019 and 2021
+        "group": np.array([GROUPS.index(name) for name in groups], np.int8),
+        "discipline": (np.arange(m) % 3 == 2).astype(np.int8),
+        "strokes": rng.integers(500, 5000, m).astype(np.int32),
+        "matches": rng.integers(1, 20, m).astype(np.int32),
+    }
+    return tensor_bytes(arrays, {"skill": json.dumps({"players": list(players)}, sort_keys=True)})
 
 
 def reduced_game() -> Game:

@@ -12,16 +12,21 @@ from rich.console import Console
 from rich.table import Table
 
 from experiments.truth import decisions, likeness
+from experiments.truth.calibration import calibration
 from experiments.truth.decisions import Promises
+from experiments.truth.legality import illegal, judged_strokes
 from experiments.truth.matches import Strokes, of_splits, strokes_of
+from experiments.truth.memory import memory
+from experiments.truth.paired import differences, load_values, save_values
 from experiments.truth.transfer import thin_support, transfer
 from experiments.truth.worlds import Fitter, World, by_discipline, cross_parts, shipped_world
+from shuttle_marl.arrays import I64
 from shuttle_marl.commands.cli import run
 from shuttle_marl.data import Split, load_strokes
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game.policy import UniformPolicy
-from shuttle_marl.game.shipped import PROFILES
+from shuttle_marl.game.shipped import PROFILES, factors_of, model_folder
 from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.recording.tables import simulate
 from shuttle_marl.runs import describe, write_json
@@ -36,10 +41,13 @@ def truth(
     split: Split | None = None,
     cross: int | None = None,
     game: str = "default",
+    train_only: bool = False,
     profiles: bool = False,
     halvings: int = 2,
     seed: int = 0,
     fits: Path = Path("runs/truth"),
+    values: Path | None = None,
+    against: Path | None = None,
     out: Path | None = None,
     json_output: Annotated[bool, tyro.conf.arg(name="json")] = False,
 ) -> None:
@@ -51,10 +59,13 @@ def truth(
         cross: instead of one split, fit this many games, each without one part of the training and validation matches, and
             compare every match with the game that was fitted without it.
         game: with --split, the shipped model or model folder to compare.
+        train_only: with --cross, use the training matches only: the factors of the model card (`card --truth`).
         profiles: compare every match with the game of its own discipline instead of the game of both.
         halvings: halvings of the training matches for the transfer; two games are fitted for each; 0: no transfer.
         seed: random seed of the fits, halvings and simulated matches.
         fits: cache folder of fitted games.
+        values: file for the values and advantages of all strokes, for --against.
+        against: file of --values of another game on the same matches; adds the paired differences to it.
         out: JSON file for the result, with its provenance.
         json_output: print JSON.
     """
@@ -66,14 +77,23 @@ def truth(
     strokes = strokes_of(load_strokes(data))
     fitter = Fitter(strokes, fits, seed=seed, report=lambda line: console.print(line, markup=False))
     if cross is not None:
-        parts = cross_parts(of_splits(strokes, "train", "validation"), cross, fitter, seed=seed, profiles=profiles)
+        judged = of_splits(strokes, "train") if train_only else of_splits(strokes, "train", "validation")
+        parts = cross_parts(judged, cross, fitter, seed=seed, profiles=profiles)
     else:
         judged = of_splits(strokes, split or "validation")
         parts = [
             (shipped_world(game if discipline is None else f"{game}:{PROFILES[discipline]}"), part)
             for discipline, part in by_discipline(judged, profiles)
         ]
-    result = {"split": split, "cross": cross, **compare(parts, seed=seed)}
+    real, promised = judged_by(parts)
+    factors = None if cross is not None else factors_of(model_folder(game))
+    result: dict[str, Any] = {"split": split, "cross": cross, "train_only": train_only, **compare(parts, seed=seed)}
+    if cross is not None or factors is not None:
+        result["calibration"] = calibration(real, promised, parts_of(parts), factors, seed)
+    if values is not None:
+        save_values(values, real, promised)
+    if against is not None:
+        result["against"] = differences(real, promised, load_values(against, real), seed)
     if halvings:
         result["transfer"] = transfer(of_splits(strokes, "train"), fitter, halvings=halvings, seed=seed)
     if out is not None:
@@ -91,8 +111,8 @@ def compare(parts: Sequence[tuple[World, Strokes]], *, seed: int) -> dict[str, A
         parts: worlds, each with matches that took no part in fitting it.
         seed: of the simulated matches and of everything that is resampled.
     """
-    real = Strokes.joined([strokes for _, strokes in parts])
-    said = Promises.joined([decisions.promises(world.bc, strokes) for world, strokes in parts])
+    real, said = judged_by(parts)
+    known, forbidden = (np.concatenate(side) for side in zip(*(judged_strokes(w.game, s) for w, s in parts), strict=True))
     simulated = Strokes.joined([_simulated(world, strokes, seed + i) for i, (world, strokes) in enumerate(parts)])
     return {
         "matches": len(np.unique(real.rows.match)),
@@ -101,12 +121,25 @@ def compare(parts: Sequence[tuple[World, Strokes]], *, seed: int) -> dict[str, A
         "value_error": decisions.value_error(real, said),
         "promised_realised": decisions.promised_realised(real, said),
         "value_log_loss": decisions.value_log_loss(real, said),
+        "memory": memory(real, said),
+        "illegal": illegal(real, said, known, forbidden),
         "two_sample_auc": likeness.two_sample_auc(simulated, real, seed),
         "rally_length": likeness.rally_length(simulated, real, seed),
         "divergence": likeness.divergence(simulated, real, seed),
         "random_vs_bc": float(np.mean([_random_wins(world) for world, _ in parts])),
         "support": _mean([thin_support(world) for world, _ in parts]),
     }
+
+
+def judged_by(parts: Sequence[tuple[World, Strokes]]) -> tuple[Strokes, Promises]:
+    """The strokes of all parts, and their promises."""
+    real = Strokes.joined([strokes for _, strokes in parts])
+    return real, Promises.joined([decisions.promises(world.bc, strokes) for world, strokes in parts])
+
+
+def parts_of(parts: Sequence[tuple[World, Strokes]]) -> I64:
+    """``[N]`` part of each stroke of :func:`judged_by`."""
+    return np.repeat(np.arange(len(parts)), [len(strokes) for _, strokes in parts])
 
 
 def _simulated(world: World, real: Strokes, seed: int) -> Strokes:
@@ -149,7 +182,23 @@ def _print(result: dict[str, Any]) -> None:
         )
     console.print(strokes)
     auc, length = result["two_sample_auc"], result["rally_length"]
+    forbidden = result["illegal"]
+    error = forbidden["value_error"]
     lines = [
+        *(
+            f"slope on calibrated advantages, {name}: {found['slope']:.2f} ({found['low']:.2f} to {found['high']:.2f}), "
+            f"factor {found['factor']:.2f}"
+            for name, found in result.get("calibration", {}).items()
+        ),
+        f"illegal strokes: {100 * forbidden['share']:.2f} %, after a drop met above the net "
+        f"{100 * forbidden['after_drop_above']:.1f} %, where the value errs by {error['points']:+.1f} points "
+        f"({error['low']:+.1f} to {error['high']:+.1f})",
+        "memory of an advantage 1 to 8 strokes ago: "
+        + ", ".join(f"{lag}: {found['value']:+.2f}" for lag, found in result["memory"].items()),
+        *(
+            f"against the other game, {name}: {found['value']:+.5f} ({found['low']:+.5f} to {found['high']:+.5f})"
+            for name, found in result.get("against", {}).items()
+        ),
         f"log-loss of the value: {result['value_log_loss']:.5f}",
         f"classifying simulated and real rallies: AUC {auc['value']:.3f} (real from real {auc['real_against_real']:.3f}), by "
         + ", ".join(auc["gives_away"]),

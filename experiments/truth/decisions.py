@@ -14,7 +14,7 @@ from typing import Any, Final
 import numpy as np
 
 from experiments.truth.matches import Strokes, ratio_by_match, states_of
-from shuttle_marl.arrays import F64, Ints
+from shuttle_marl.arrays import F64, Bools, Ints
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tabulated import TabulatedPolicy
@@ -90,25 +90,45 @@ def realised(strokes: Strokes, value: F64, horizon: int | None) -> F64:
 
 def decision_slope(strokes: Strokes, promised: Promises) -> dict[str, dict[str, float]]:
     """Slopes after 1, 4 and 8 strokes and at the end of the rally, each with its interval and number of strokes."""
-    return {
-        "end" if horizon is None else str(horizon): slope(strokes, promised, realised(strokes, promised.value, horizon))
-        for horizon in (*HORIZONS, None)
-    }
+    return {name: slope(strokes, promised, happened) for name, happened in outcomes(strokes, promised)}
+
+
+def outcomes(strokes: Strokes, promised: Promises) -> list[tuple[str, F64]]:
+    """Name of each horizon (1, 4, 8, end), and the outcomes ``[N]`` of the strokes there."""
+    return [
+        ("end" if horizon is None else str(horizon), realised(strokes, promised.value, horizon)) for horizon in (*HORIZONS, None)
+    ]
 
 
 def slope(strokes: Strokes, promised: Promises, happened: F64) -> dict[str, float]:
     """Slope of ``[N]`` what happened, above V(s), on the advantages, with its interval and number of strokes."""
+    x, y, match = centred(strokes, promised, happened)
+    return {**ratio_by_match(x * y, x * x, match), "n": len(x)}
+
+
+def centred(strokes: Strokes, promised: Promises, happened: F64, among: Bools | None = None) -> tuple[F64, F64, Ints]:
+    """Regressor, response and match of the strokes of a slope, without the effects of player and match.
+
+    Args:
+        strokes: N strokes.
+        promised: their promises.
+        happened: ``[N]`` outcomes.
+        among: ``[N]`` strokes to use; None: all with known promises and outcome.
+
+    Returns:
+        ``[M]`` each: advantage, outcome above V(s), match.
+    """
     used = np.isfinite(promised.advantage) & np.isfinite(happened) & np.isfinite(promised.value)
+    if among is not None:
+        used &= among
     match = strokes.rows.match[used]
     player = np.unique(strokes.rows.striker, return_inverse=True)[1][used]
     group = np.unique(match.astype(np.int64) * (player.max(initial=0) + 1) + player, return_inverse=True)[1]
-    x = _centred(promised.advantage[used], group)
-    y = _centred((happened - promised.value)[used], group)
-    return {**ratio_by_match(x * y, x * x, match), "n": int(used.sum())}
 
+    def without_mean(x: F64) -> F64:
+        return np.asarray(x - (np.bincount(group, x) / np.bincount(group))[group])
 
-def _centred(x: F64, group: Ints) -> F64:
-    return np.asarray(x - (np.bincount(group, x) / np.bincount(group))[group])
+    return without_mean(promised.advantage[used]), without_mean((happened - promised.value)[used]), match
 
 
 def value_error(strokes: Strokes, promised: Promises) -> dict[str, dict[str, dict[str, float]]]:
@@ -141,8 +161,12 @@ def _points(error: F64, match: Ints) -> dict[str, float]:
     return {"points": found["value"], "low": found["low"], "high": found["high"], "n": len(error)}
 
 
+def value_log_losses(strokes: Strokes, promised: Promises) -> F64:
+    """``[N]`` log-loss in nats of V as a forecast of who wins the rally, NaN where one is unknown; that of a coin is 0.6931."""
+    p = np.where(strokes.result != 0, (1 + promised.value * strokes.result) / 2, np.nan)
+    return np.asarray(-np.log(np.clip(p, 1e-9, 1)))
+
+
 def value_log_loss(strokes: Strokes, promised: Promises) -> float:
-    """Mean log-loss in nats of V as a forecast of who wins the rally; a coin's is 0.6931."""
-    used = np.isfinite(promised.value) & (strokes.result != 0)
-    p = np.clip((1 + promised.value[used] * strokes.result[used]) / 2, 1e-9, 1)
-    return float(-np.log(p).mean())
+    """Mean of :func:`value_log_losses`."""
+    return float(np.nanmean(value_log_losses(strokes, promised)))

@@ -15,15 +15,16 @@ import json as json_format
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import Annotated, Any
 
 import numpy as np
 import tyro
 from rich.console import Console
 from rich.table import Table
 
-from experiments.truth.decisions import HORIZONS, Promises, decision_slope, promises, realised, slope, worth
+from experiments.truth.decisions import HORIZONS, Promises, decision_slope, promises, slope, worth
 from experiments.truth.matches import Strokes, folds_of, of_splits, strokes_of
+from experiments.truth.memory import memory
 from experiments.truth.worlds import Fitter, World, cross_parts
 from shuttle_marl.arrays import F64
 from shuttle_marl.commands.cli import run
@@ -31,9 +32,6 @@ from shuttle_marl.data import load_strokes
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.exact import evaluate
 from shuttle_marl.runs import describe, write_json
-
-LAGS: Final = (1, 2, 4, 6, 8)
-"""Strokes ago of the advantages whose memory is measured."""
 
 
 def limits(
@@ -121,25 +119,6 @@ def slopes_if_true(said: World, true: World, strokes: Strokes) -> dict[str, floa
         following = true.game.sum_by_state(played * true.game.stroke_values(following))
     expected["end"] = worth(true.bc, strokes, evaluate(true.bc, true.bc).striking[0])
     return {horizon: slope(strokes, promised, happens)["value"] for horizon, happens in expected.items()}
-
-
-def memory(strokes: Strokes, promised: Promises) -> dict[str, dict[str, float]]:
-    """Slopes of (result of the rally - V of the state now) on the advantage of an earlier stroke, for all of :data:`LAGS`.
-
-    Advantages of the opponent count with the opposite sign. Effects of player and match are removed.
-    """
-    ended = realised(strokes, promised.value, None)
-    return {
-        str(lag): slope(strokes, Promises(value=promised.value, advantage=_ago(strokes, promised.advantage, lag)), ended)
-        for lag in LAGS
-    }
-
-
-def _ago(strokes: Strokes, advantage: F64, lag: int) -> F64:
-    """``[N]`` advantage of the stroke ``lag`` strokes ago to the one who strikes now; NaN where there is none."""
-    earlier = np.maximum(np.arange(len(strokes)) - lag, 0)
-    same = (strokes.rally[earlier] == strokes.rally) & (strokes.number - strokes.number[earlier] == lag)
-    return np.where(same, advantage[earlier] * (1 if lag % 2 == 0 else -1), np.nan)
 
 
 def _print(result: dict[str, Any]) -> None:

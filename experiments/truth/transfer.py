@@ -13,7 +13,7 @@ from scipy import stats
 from experiments.truth.matches import Strokes, folds_of
 from experiments.truth.worlds import Fitter, World
 from shuttle_marl.exact import best_response, evaluate, solve, visits
-from shuttle_marl.exact.away import moved
+from shuttle_marl.exact.profile import moved
 from shuttle_marl.game.tabulated import TabulatedPolicy
 
 

@@ -25,7 +25,8 @@ from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities
 from shuttle_marl.policy import baselines
 
 Report = Callable[[str], None]
-_SOURCES: Final = Path(__file__).parents[2] / "shuttle_marl" / "dynamics"
+SOURCES: Final = Path(__file__).parents[2] / "shuttle_marl" / "dynamics"
+"""Source code of the models; fits are cached by its hash."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -66,7 +67,7 @@ class Fitter:
     def __init__(self, strokes: Strokes, folder: Path, *, seed: int, report: Report) -> None:
         self._strokes, self._folder, self._seed, self._report = strokes, folder, seed, report
         digest = hashlib.sha256(str((seed, torch.__version__)).encode())
-        for source in sorted(_SOURCES.glob("*.py")):
+        for source in sorted(SOURCES.glob("*.py")):
             digest.update(source.read_bytes())
         for name, code in sorted(strokes.rows.codes.items()):
             digest.update(name.encode() + np.ascontiguousarray(code).tobytes())

@@ -14,12 +14,14 @@ import numpy as np
 from shuttle_marl.arrays import F64, I32, I64
 from shuttle_marl.errors import printable
 from shuttle_marl.exact import ProfileValue, Solution, evaluate
+from shuttle_marl.game.layout import Layout
+from shuttle_marl.game.pairs import AnyGame
 from shuttle_marl.game.policy import Policy, PolicyError
 from shuttle_marl.game.rules import IllegalStrokeError
 from shuttle_marl.game.scoring import BWF, Rules, Score, match_win_probability
 from shuttle_marl.game.shipped import real_strokes
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
+from shuttle_marl.game.tabulated import TabulatedPolicy, hash_of, tabulate
 from shuttle_marl.policy.registry import resolve_recorded
 from shuttle_marl.rally.record import Rally
 from shuttle_marl.recording.header import Player
@@ -90,11 +92,11 @@ class Decision:
         return int(np.argmax(np.where(enough, self.optimal, -np.inf) if enough.any() else self.optimal))
 
 
-def decision(game: Game, state: int, seat: int, players: Players, solution: Solution | None = None) -> Decision:
+def decision(game: AnyGame, state: int, seat: int, players: Players, solution: Solution | None = None) -> Decision:
     """Values of all legal strokes of a state.
 
     Args:
-        game: tables of the game.
+        game: tables of the game, or the game of a pair.
         state: state of the striker.
         seat: seat of the striker.
         players: policies of both seats.
@@ -103,6 +105,7 @@ def decision(game: Game, state: int, seat: int, players: Players, solution: Solu
     Raises:
         GameError: the support of the game's model cannot be read.
     """
+    game = game.seats[seat]
     stroke = game.legal_strokes(state)
     pair = game.pair_at(state, np.arange(len(stroke)))
     good, returned, _ = game.stroke_probabilities(pair)
@@ -146,13 +149,13 @@ class RallyAnalysis:
 
 
 def analyse_rally(
-    rally: Rally, game: Game, players: Players, *, rules: Rules = BWF, solution: Solution | None = None
+    rally: Rally, game: AnyGame, players: Players, *, rules: Rules = BWF, solution: Solution | None = None
 ) -> RallyAnalysis:
     """Values of every stroke of a rally.
 
     Args:
         rally: a rally, finished or still being played, with the score before it.
-        game: tables of the game.
+        game: tables of the game, or the game of a pair.
         players: policies of both seats.
         rules: rules of the match.
         solution: the solved game, for :attr:`Decision.optimal`.
@@ -176,7 +179,7 @@ def analyse_rally(
     return RallyAnalysis(decisions=decisions, rank=rank, rally_win=rally_win, match_win=match_win)
 
 
-def legal_states(rally: Rally, game: Game) -> tuple[I64, I64]:
+def legal_states(rally: Rally, game: Layout) -> tuple[I64, I64]:
     """State in which each stroke was struck, and position of the stroke among the legal ones, ``[n]`` each.
 
     Raises:
@@ -234,7 +237,7 @@ class LogPlayers:
         RecordingError: the log was played on another game.
     """
 
-    def __init__(self, log: RallyLog, game: Game, resolve: Resolve = resolve_recorded) -> None:
+    def __init__(self, log: RallyLog, game: AnyGame, resolve: Resolve = resolve_recorded) -> None:
         require_game(log, game)
         self.unknown: dict[str, str] = {}
         self._log, self._game, self._resolve = log, game, resolve
@@ -251,21 +254,22 @@ class LogPlayers:
         return self._players(first, second)
 
     def _evaluated(self, first: Player, second: Player) -> Players:
-        tables = self._table(first), self._table(second)
+        tables = self._table(first, 0), self._table(second, 1)
         value = None if tables[0] is None or tables[1] is None else evaluate(tables[0], tables[1])
         return Players(tables=tables, value=value)
 
-    def _tabulated(self, player: Player) -> TabulatedPolicy | None:
+    def _tabulated(self, player: Player, seat: int) -> TabulatedPolicy | None:
         try:
-            table = tabulate(self._resolve(player.name, self._game), self._game, player.name)
+            tables = [tabulate(self._resolve(player.name, game), game, player.name) for game in self._game.seats]
+            played = hash_of(*tables)
             if not player.hash:
                 raise PolicyError("the log holds no hash of its table, so it cannot be compared with the policy that played")
-            if table.hash != player.hash:
+            if player.hash not in (played, tables[seat].hash):
                 raise PolicyError(
-                    f"the policy of this name is not the one that played: its table is {table.hash[:12]}, "
+                    f"the policy of this name is not the one that played: its table is {played[:12]}, "
                     f"in the log {player.hash[:12]}"
                 )
         except PolicyError as error:
             self.unknown[printable(player.name)] = printable(str(error))
             return None
-        return table
+        return tables[seat]

@@ -48,7 +48,7 @@ def analysis(
     from shuttle_marl.game.tabulated import tabulate  # noqa: PLC0415
     from shuttle_marl.policy.registry import resolve  # noqa: PLC0415
 
-    tables = model.load_for(path)
+    tables = model.load_for(path).seats[0].average
     policy = tabulate(resolve(reference, tables), tables, reference)
     strokes = strokes_of(path, rallies=rallies)
     valued = add_values(anonymised(strokes) if anonymous else strokes, policy)

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from shuttle_marl.exact.away import Spread
     from shuttle_marl.exact.regret import Holes
     from shuttle_marl.game.tables import Game
+    from shuttle_marl.league.pairs import PlayerRow, Prediction
     from shuttle_marl.policy.scorecard import Scorecard
 
 Command = Callable[..., object]
@@ -320,6 +321,32 @@ def matrix(title: str, names: Sequence[str], probabilities: F64) -> Table:
         table.add_column(_name(name), justify="right", no_wrap=True)
     for i, name in enumerate(names):
         table.add_row(_name(name), *("" if i == j else percent(probabilities[i, j]) for j in range(len(names))))
+    return table
+
+
+def player_rows(rows: "Sequence[PlayerRow]") -> Table:
+    """Table of players by their mean predicted results."""
+    right = ("skill as of", "strokes in the data", "rallies won", "matches won")
+    table = _table("Predicted against all others", "player", right=right)
+    for row in rows:
+        table.add_row(_name(row.name), row.since, f"{row.strokes:,}", percent(row.rally_win), percent(row.match_win))
+    return table
+
+
+def pair_rows(rows: "Sequence[Prediction]") -> Table:
+    """Table of predictions of pairs, with real results where there are any."""
+    right = ("rallies won", "95 % interval", "matches won", "95 % interval", "real rallies", "real matches")
+    table = _table("Predicted, first player against second", "players", right=right)
+    for row in rows:
+        real = (f"{row.rallies_won} of {row.rallies}", f"{row.matches_won} of {row.matches}") if row.matches else ("", "")
+        table.add_row(
+            Text(printable(" against ".join(row.players))),
+            percent(row.rally_win),
+            f"{100 * row.rally_low:.1f} to {100 * row.rally_high:.1f}",
+            percent(row.match_win),
+            f"{100 * row.match_low:.0f} to {100 * row.match_high:.0f}",
+            *real,
+        )
     return table
 
 

@@ -299,7 +299,8 @@ def crossplay(
     import numpy as np  # noqa: PLC0415
 
     from shuttle_marl.exact import crossplay as play_all  # noqa: PLC0415  numba
-    from shuttle_marl.exact.away import moved, of_all_pairs, over  # noqa: PLC0415
+    from shuttle_marl.exact.away import of_all_pairs, over  # noqa: PLC0415
+    from shuttle_marl.exact.profile import moved  # noqa: PLC0415
 
     _check_some(policies)
     tables = model.load()

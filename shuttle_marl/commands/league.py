@@ -1,5 +1,6 @@
 """``python -m shuttle_marl.league``: a tournament; ``… train``: policies that learn; ``… report``: runs compared."""
 
+import dataclasses
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,7 +11,8 @@ import tyro
 from shuttle_marl.commands import cli
 from shuttle_marl.errors import command, printable
 from shuttle_marl.files import replace_file
-from shuttle_marl.league.entrants import LeagueConfig
+from shuttle_marl.game.shipped import Profile
+from shuttle_marl.league.entrants import LeagueConfig, LeagueError
 from shuttle_marl.league.folder import RALLIES
 from shuttle_marl.league.report import console_table
 from shuttle_marl.league.run import run_league
@@ -26,7 +28,7 @@ def play(config: tyro.conf.OmitArgPrefixes[LeagueConfig]) -> None:
     log = run.folder / RALLIES
     if log.exists():
         game = () if config.game == "default" else ("--game", config.game)
-        profile = () if config.profile is None else ("--profile", config.profile)
+        profile = () if config.profile is None or config.players else ("--profile", config.profile)
         out.print(f"watch it: {command('watch', '--replay', str(log), *game, *profile)}", soft_wrap=True)
 
 
@@ -71,9 +73,58 @@ def report(runs: Annotated[tuple[Path, ...], tyro.conf.Positional], *, out: Path
     cli.console().print(f"report: {printable(str(out))}", soft_wrap=True)
 
 
+def pairs(
+    *,
+    pairs: Profile,
+    game: str = "default",
+    date: str | None = None,
+    policy: str | None = None,
+    data: Path | None = None,
+    out: Path | None = None,
+    json_output: Annotated[bool, tyro.conf.arg(name="json")] = False,
+) -> None:
+    """Predict the result of every pair of real players, each in the game of that pair, beside real results.
+
+    Args:
+        pairs: men or women: the players of that discipline.
+        game: model of the game: a shipped one or a folder.
+        date: day of the players' skill, such as 2021-07-31; default: the last one known.
+        policy: policy of all players; default: each imitated.
+        data: annotated matches, for the real results: a stroke table, or a folder with the raw files.
+        out: file for the predictions of all pairs, NAME.csv or NAME.parquet.
+        json_output: print the predictions as JSON.
+    """
+    from rich.progress import track  # noqa: PLC0415  these keep --help quick
+
+    from shuttle_marl.data import load_strokes  # noqa: PLC0415
+    from shuttle_marl.league.pairs import pairs_table, players_of, predict_pairs, ranked, with_results  # noqa: PLC0415
+    from shuttle_marl.table_files import csv_bytes, parquet_bytes  # noqa: PLC0415
+
+    if out is not None and out.suffix not in (".csv", ".parquet"):
+        raise LeagueError(f"--out {out}: expected a name that ends in .csv or .parquet")
+    strokes = None if data is None else load_strokes(data)
+    players = players_of(pairs, game)
+    numbers = range(len(players) * (len(players) - 1) // 2)
+    progress = iter(track(numbers, "pairs", console=cli.console(stderr=True), transient=True))
+    predictions = predict_pairs(players, game=game, date=date, policy=policy, progress=lambda: next(progress))
+    if strokes is not None:
+        predictions = with_results(predictions, strokes)
+    rows = ranked(players, predictions, game, date)
+    if out is not None:
+        table = pairs_table(predictions)
+        replace_file(out, csv_bytes(table) if out.suffix == ".csv" else parquet_bytes(table))
+    if json_output:
+        cli.print_json({"players": [dataclasses.asdict(row) for row in rows], "pairs": [*map(dataclasses.asdict, predictions)]})
+        return
+    cli.console().print(cli.player_rows(rows))
+    met = sorted((each for each in predictions if each.matches), key=lambda each: -each.rallies)
+    cli.console().print(cli.pair_rows(met or predictions))
+
+
 COMMANDS: Final = play
 TRAIN: Final = "train"
 REPORT: Final = "report"
+PAIRS: Final = "--pairs"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -85,6 +136,12 @@ def main(argv: Sequence[str] | None = None) -> int:
             "exploitability are solved exactly, and all is saved: --resume continues after the last round."
         )
         return cli.run(train, prog=f"python -m shuttle_marl.league {TRAIN}", description=description, argv=args[1:])
+    if any(arg.partition("=")[0] == PAIRS for arg in args):
+        description = (
+            "Every pair of real players in its own game: the probability of winning a rally and a match, with the interval of "
+            "the players' skill. It predicts results as accurately as ratings do."
+        )
+        return cli.run(pairs, prog="python -m shuttle_marl.league", description=description, argv=args)
     if args[:1] == [REPORT]:
         description = (
             "One HTML file that compares runs: ratings of tournaments, curves of training runs, figures over training seeds."
@@ -94,6 +151,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         "A round robin between policies: every pair plays the same number of matches, seats and first serve balanced. "
         "Writes a run folder with results, ratings, a report and every rally played. "
         f"`python -m shuttle_marl.league {TRAIN} --help`: a league that learns. "
+        f"`python -m shuttle_marl.league {PAIRS} men`: real players against each other. "
         f"`python -m shuttle_marl.league {REPORT} RUN…`: runs side by side."
     )
     return cli.run(COMMANDS, prog="python -m shuttle_marl.league", description=description, argv=args)

@@ -13,6 +13,7 @@ from shuttle_marl.game.shipped import Profile, resolve_game
 from shuttle_marl.policy.foreign import POLICY_TIMEOUT, time_limit
 
 if TYPE_CHECKING:
+    from shuttle_marl.game.pairs import AnyGame
     from shuttle_marl.game.tables import Game
     from shuttle_marl.game.tabulated import TabulatedPolicy
 
@@ -48,7 +49,7 @@ class RallyGameOptions:
     profile: Profile | None = None
     """Men or women: the game of that discipline alone."""
 
-    def load_for(self, path: Path | None) -> "Game":
+    def load_for(self, path: Path | None) -> "AnyGame":
         """The game of a rally log; for annotated matches the shipped one, with a notice.
 
         Args:
@@ -61,13 +62,17 @@ class RallyGameOptions:
         from shuttle_marl.recording import RallyLog, RecordingError  # noqa: PLC0415  pyarrow
         from shuttle_marl.recording.reader import is_log  # noqa: PLC0415
 
-        if path is None or self.game is not None or self.profile is not None:
-            return resolve_game(self.game, self.profile)
-        if not is_log(path):
+        if path is None or not is_log(path):
+            if path is None or self.game is not None or self.profile is not None:
+                return resolve_game(self.game, self.profile)
             console(stderr=True).print("game: the shipped one, of elite men's and women's singles; --game MODEL names another")
             return resolve_game(None)
         with RallyLog(path) as log:
-            played = log.files[0].header.game
+            played, pair = log.files[0].header.game, log.files[0].header.pair
+        if pair is not None:
+            return pair.game(self.game or "default")
+        if self.game is not None or self.profile is not None:
+            return resolve_game(self.game, self.profile)
         game = shipped_game(played)
         if game is None:
             raise RecordingError(f"{path}: played on game {played[:12]}, which is not shipped; name its model with --game")

@@ -60,6 +60,7 @@ def info(path: Log, *, json_output: Annotated[bool, tyro.conf.arg(name="json")] 
             "pairings": len(log.pairings),
             "seeds": list(dict.fromkeys(header.seed for header in headers)),
             "game": headers[0].game,
+            "players": [] if headers[0].pair is None else list(headers[0].pair.players),
             "draws": list(dict.fromkeys(header.draws for header in headers)),
             "record": list(dict.fromkeys(header.record for header in headers)),
             "columns": list(headers[0].columns),

@@ -14,7 +14,8 @@ import tyro
 from shuttle_marl.commands import cli
 from shuttle_marl.commands.options import Appearance, RallyGameOptions
 from shuttle_marl.errors import printable
-from shuttle_marl.game.tables import Game
+from shuttle_marl.game.pairs import AnyGame, PairGame, pair_game
+from shuttle_marl.policy.baselines import imitation
 from shuttle_marl.watch import WatchError
 
 if TYPE_CHECKING:
@@ -30,16 +31,27 @@ class MatchOptions:
     """The match that a page shows first.
 
     Attributes:
-        a: policy of the near player.
-        b: policy of the far player.
+        a: policy of the near player; default: ppo, or with --players that player, imitated.
+        b: policy of the far player; default: bc, or with --players that player, imitated.
         temperature: temperatures of both policies; 1: unchanged, 0: greedy.
         seed: random seed.
+        players: near and far player, with their skill: the game of this pair; default: both strike with the same probabilities.
+        date: day of their skill, such as 2021-07-31; default: the last one known.
     """
 
-    a: str = "ppo"
-    b: str = "bc"
+    a: str | None = None
+    b: str | None = None
     temperature: tuple[float, float] = (1.0, 1.0)
     seed: int = 0
+    players: tuple[str, str] | None = None
+    date: str | None = None
+
+    def policies(self, game: AnyGame) -> tuple[str, str]:
+        """Policies of the near and the far player; by default the players of the game of a pair, imitated."""
+        first, second = ("ppo", "bc")
+        if self.players is not None and isinstance(game, PairGame):
+            first, second = map(imitation, game.players, game.seats)
+        return self.a or first, self.b or second
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -119,13 +131,14 @@ def watch(
     console = cli.console(stderr=True)
     if video is not None:
         check_video(video)
-    sides = [{"policy": name, "temperature": t} for name, t in zip((match.a, match.b), match.temperature, strict=True)]
-    plan = Plan.parse({"seed": match.seed, "sides": sides})
     try:
         page = build(lambda words: console.print(words, soft_wrap=True))
     except BuildError as error:
         raise WatchError(str(error)) from error
-    policies = PolicyTables(model.load_for(rallies.replay or rallies.real), (match.a, match.b))
+    game = _game(match, rallies, model)
+    names = match.policies(game)
+    sides = [{"policy": name, "temperature": t} for name, t in zip(names, match.temperature, strict=True)]
+    plan, policies = Plan.parse({"seed": match.seed, "sides": sides}), PolicyTables(game, names)
     recorded, first = _recorded(rallies, policies.game), rallies.rally or 0
     with (
         contextlib.closing(bind(server.host, server.port)) as listener,
@@ -147,7 +160,20 @@ def watch(
             running.run(sockets=[listener])
 
 
-def _recorded(options: RallyOptions, game: Game) -> "Recorded | None":
+def _game(match: MatchOptions, rallies: RallyOptions, model: AdviceOptions) -> AnyGame:
+    """The game of the recorded rallies, of two players, or of a model.
+
+    Raises:
+        WatchError: players and recorded rallies, which have their own.
+    """
+    if match.players is None:
+        return model.load_for(rallies.replay or rallies.real)
+    if rallies.replay is not None or rallies.real is not None:
+        raise WatchError("--players and recorded rallies, which name their own players; leave out --players")
+    return pair_game(*match.players, date=match.date, discipline=model.profile, game=model.game or "default")
+
+
+def _recorded(options: RallyOptions, game: AnyGame) -> "Recorded | None":
     """The recorded rallies to show; None: a match.
 
     Raises:

@@ -10,7 +10,7 @@ import pyarrow as pa
 from shuttle_marl.dynamics.evaluate import criteria
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.files import replace_file, seal
-from shuttle_marl.game.shipped import BC, CARD, GAME, NETWORKS, SUPPORT, VARIANTS, read_model_card
+from shuttle_marl.game.shipped import BC, CARD, GAME, NETWORKS, SKILL, SUPPORT, VARIANTS, read_model_card
 from shuttle_marl.game.stroke import SHOTS
 
 _OBSERVED: Final = (
@@ -40,7 +40,8 @@ def write_card(folder: Path, card: dict[str, Any]) -> None:
     Raises:
         FileWriteError: it cannot be written.
     """
-    files = [name for name in (GAME, BC, NETWORKS, SUPPORT, VARIANTS) if (folder / name).is_file() or name != VARIANTS]
+    optional = (SKILL, VARIANTS)
+    files = [name for name in (GAME, BC, NETWORKS, SUPPORT, *optional) if (folder / name).is_file() or name not in optional]
     hashes = {name: sha256((folder / name).read_bytes()).hexdigest() for name in files}
     replace_file(folder / CARD, seal({**card, "sha256": hashes}))
 
@@ -53,7 +54,7 @@ def add_truth(folder: Path, truth: dict[str, Any]) -> None:
         GameError: the model card cannot be read.
         FileWriteError: it cannot be written.
     """
-    wanted = ("split", "cross", "matches", "strokes", "decision_slope", "promised_realised")
+    wanted = ("split", "cross", "train_only", "matches", "strokes", "decision_slope", "promised_realised")
     if missing := [name for name in wanted if name not in truth]:
         raise ShuttleError(f"not a result of experiments.truth: {', '.join(missing)} missing; create one with --json")
     write_card(folder, {**read_model_card(folder), "truth": {name: truth[name] for name in wanted}})
@@ -114,6 +115,8 @@ def as_markdown(card: dict[str, Any]) -> str:
             "",
         ]
     lines += _situations(card)
+    if "skill" in card:
+        lines += _skill(card["skill"])
     lines += _solved(health)
     if "truth" in card:
         lines += _truth(card["truth"])
@@ -150,6 +153,29 @@ def _situations(card: dict[str, Any]) -> list[str]:
         lines.append(
             f"Variants: {', '.join(card['variants'])}. The numbered ones are refits on resampled training matches; their "
             "differences show the uncertainty of the fit."
+        )
+    return [*lines, ""]
+
+
+def _skill(skill: dict[str, Any]) -> list[str]:
+    """Variances of the players' offsets, and the check of their shrinkage."""
+    names = list(next(iter(skill["deviations"].values())))
+    lines = [
+        "## Skill of players",
+        "",
+        f"Offsets of {skill['players']} players, from matches of {' to '.join(skill['days'])}. Standard deviations of the "
+        "log-odds: general offsets and those of groups of shots for strikers and receivers, change in a year, and nuisance "
+        "effects of the match, the side, the group of shots in a match, and the group of shots in a data set. Slope of truth on "
+        "offsets that were estimated from other matches; 1 if the shrinkage is right.",
+        "",
+        "| component | " + " | ".join(name.replace("_", " and ") for name in names) + " | slope (95 %, by match) |",
+        "|---" * (len(names) + 2) + "|",
+    ]
+    for component, deviations in skill["deviations"].items():
+        slope = skill["check"][component]
+        lines.append(
+            f"| {component} | " + " | ".join(f"{deviations[name]:.3f}" for name in names) + f" | {slope['slope']:.2f} "
+            f"({slope['low']:.2f} to {slope['high']:.2f}) |"
         )
     return [*lines, ""]
 

@@ -1,11 +1,11 @@
 """Compilation of fitted models to the tables of a game, within the support of the training matches.
 
-**Catalogue.** It contains a stroke if at least 3 % of the good strokes of its shot type go to its area, at least 2 % have its
-height and technique, and at least 15 good strokes equal it.
+**Catalogue.** It contains a stroke if at least 3 % of the good strokes of its shot type go to its area, and at least 20 good
+strokes equal it.
 
-**Legality.** A stroke is a legal reply if its shot type, height and technique occur at least five times against the incoming
-shot type in its area; for contact heights without such a stroke, against the incoming shot type in any area, or else against
-any stroke.
+**Legality.** A stroke is a legal reply if it occurs at least five times against the incoming shot type. Where a shot type, height
+and technique occur five times, but no single target does, their most frequent target is legal. For contact heights without such a
+stroke, the strokes are legal whose shot type, height and technique occur five times against any stroke.
 
 **Extremes.** Faults and winners are counted in nested cells: shot type and area; the whole stroke; against one incoming shot
 type; against one incoming shot type and area. The rate of a cell is shrunk to that of the enclosing cell with the weight of 40
@@ -34,8 +34,7 @@ from shuttle_marl.game.tabulated import base_pairs, layout, thresholds
 from shuttle_marl.game.thresholds import ONE
 
 AREA_SHARE: Final = 0.03
-TECHNIQUE_SHARE: Final = 0.02
-MIN_STROKES: Final = 15
+MIN_STROKES: Final = 20
 MIN_REPLIES: Final = 5
 PRIOR_STROKES: Final = 40.0
 CREDIBLE: Final = 0.90
@@ -47,33 +46,36 @@ def catalogue_of(rows: Rows) -> Catalogue:
     c = {name: good.codes[name].astype(np.int64) for name in ("shot", "area", "contact", "technique")}
     count = np.zeros((N_SHOTS, N_AREAS, 2, N_TECHNIQUES), dtype=np.int64)
     np.add.at(count, (c["shot"], c["area"], c["contact"], c["technique"]), 1)
-    total = np.maximum(count.sum(axis=(1, 2, 3)), 1)
-    in_area = count.sum(axis=(2, 3)) / total[:, None] >= AREA_SHARE
-    in_style = count.sum(axis=1) / total[:, None, None] >= TECHNIQUE_SHARE
-    supported = np.argwhere((count >= MIN_STROKES) & in_area[:, :, None, None] & in_style[:, None])
+    to_area = count.sum(axis=(2, 3))
+    in_area = to_area >= AREA_SHARE * np.maximum(to_area.sum(axis=1, keepdims=True), 1)
+    supported = np.argwhere((count >= MIN_STROKES) & in_area[:, :, None, None])
     return Catalogue(*(np.ascontiguousarray(column, dtype=np.int8) for column in supported.T))
 
 
 def replies_of(rows: Rows, catalogue: Catalogue) -> Bools:
     """``[n + 1, n]`` legal replies to each stroke (row n: at the serve), by the rule of this module."""
-    n = len(catalogue)
-    count = np.zeros((N_SHOTS + 2, N_AREAS + 2, N_SHOTS, 2, N_TECHNIQUES), dtype=np.int64)
-    names = ("incoming_shot", "incoming_area", "shot", "contact", "technique")
-    np.add.at(count, tuple(rows.codes[name].astype(np.int64) for name in names), 1)
-    seen = count[:N_SHOTS, :N_AREAS]
+    n, aimed = len(catalogue), rows.take(rows.codes["area"] >= 0)
+    count = np.zeros((N_SHOTS + 2, N_SHOTS, N_AREAS, 2, N_TECHNIQUES), dtype=np.int64)
+    styled = np.zeros((N_SHOTS + 2, N_SHOTS, 2, N_TECHNIQUES), dtype=np.int64)
+    context = ("incoming_shot", "shot", "area", "contact", "technique")
+    np.add.at(count, tuple(aimed.codes[name].astype(np.int64) for name in context), 1)
+    np.add.at(styled, tuple(rows.codes[name].astype(np.int64) for name in context if name != "area"), 1)
     style = (catalogue.shot, catalogue.height, catalogue.technique)
-    anywhere, anything = seen.sum(axis=1), seen.sum(axis=(0, 1))
+    # The most frequent target among the strokes of the catalogue.
+    listed = np.zeros_like(count[0], dtype=bool)
+    listed[catalogue.shot, catalogue.area, catalogue.height, catalogue.technique] = True
+    most = np.where(listed, count, 0).max(axis=2)
     replies = np.zeros((n + 1, n), dtype=bool)
     replies[n] = catalogue.is_serve
-    for y in range(n):
+    for shot in range(N_SHOTS):
+        times = count[shot][catalogue.shot, catalogue.area, catalogue.height, catalogue.technique]
+        frequent = (times > 0) & (times == most[shot][style]) & (styled[shot][style] >= MIN_REPLIES)
+        legal = ((times >= MIN_REPLIES) | frequent) & ~catalogue.is_serve
         for contact in (0, 1):
-            candidates = (catalogue.height == contact) & ~catalogue.is_serve
-            shot, area = catalogue.shot[y], catalogue.area[y]
-            for support in (seen[shot, area], anywhere[shot], anything):
-                allowed = candidates & (support[style] >= MIN_REPLIES)
-                if allowed.any():
-                    replies[y] |= allowed
-                    break
+            from_here = catalogue.height == contact
+            if not (legal & from_here).any():
+                legal |= from_here & ~catalogue.is_serve & (styled[:N_SHOTS].sum(axis=0)[style] >= MIN_REPLIES)
+        replies[:n][catalogue.shot == shot] = legal
     return replies
 
 

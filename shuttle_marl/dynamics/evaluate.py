@@ -106,15 +106,12 @@ def evaluate(models: FittedModels, train: Rows, test: Rows, *, report: Callable[
     """
 
     def success(rows: Rows) -> F64:
-        return 1 - models.fault_without_target(rows, models.shift_of(rows.striker, models.striker))
-
-    def returned(rows: Rows) -> F64:
-        return models.returned(rows.codes, shift=models.shift_of(rows.receiver, models.receiver))
+        return 1 - models.fault_without_target(rows)
 
     tasks: dict[str, tuple[Any, Callable[[Rows], Bools], Callable[[Rows], F64], tuple[str, ...]]] = {
         # The target of a fault is unknown, so neither models nor trees may read it (no leak).
         "success": (known_outcome, lambda rows: rows.outcome != Outcome.FAULT, success, (*_CONTEXT, *_SITUATION)),
-        "return": (was_good, lambda rows: rows.outcome == Outcome.RETURNED, returned, _STROKE),
+        "return": (was_good, lambda rows: rows.outcome == Outcome.RETURNED, lambda rows: models.returned(rows.codes), _STROKE),
         "contact": (was_met, lambda rows: rows.next_contact == 1, lambda rows: models.above(rows.codes), _STROKE),
     }
     out: dict[str, Any] = {}

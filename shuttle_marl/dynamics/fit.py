@@ -45,8 +45,9 @@ from shuttle_marl.dynamics.models import (
     was_met,
 )
 from shuttle_marl.dynamics.network import QUICK, Ensemble, EnsembleConfig, fold_of_match, unseen
-from shuttle_marl.dynamics.players import player_choices, player_shifts
+from shuttle_marl.dynamics.players import player_choices
 from shuttle_marl.dynamics.situations import Situations, fit_situations
+from shuttle_marl.dynamics.skill import Predicted
 from shuttle_marl.dynamics.trees import Trees, fit_trees
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.game.court import N_AREAS
@@ -72,6 +73,7 @@ class Fit:
         game: layout of the game, without thresholds.
         support: support in the data of every edge of the game.
         profiles: support in the strokes of each discipline.
+        predicted: strokes by component with the average player's predictions from models that were not fitted to the match.
         chosen: calibration, offsets, and the settings chosen on the validation matches with their scores.
     """
 
@@ -79,6 +81,7 @@ class Fit:
     game: Game
     support: Support
     profiles: tuple[Support, ...]
+    predicted: dict[str, Predicted]
     chosen: dict[str, Any]
 
     def profile(self, discipline: int) -> "Fit":
@@ -167,26 +170,25 @@ def fit(
         calibration=calibration,
         situations=situations,
         share=counts / counts.sum(),
-        striker={},
-        receiver={},
         choices=PlayerChoices(players=(), style=np.zeros((0, 15, 2, 39)), area=np.zeros((0, 13, 3, 9))),
     )
     chosen: dict[str, Any] = {
         "calibration": calibration.tolist(),
         "situations": {"effort": situations.effort.tolist(), "duel": situations.duel},
     }
+    marginal = situations.mixed(calibration[0, 0] * fold_fault + calibration[0, 1], situations.weights(known))
+    predicted = {
+        "success": Predicted(
+            rows=known, logit=log_odds((share * marginal).sum(axis=1)), label=known.outcome == Outcome.FAULT
+        ),
+        "return": Predicted(rows=good, logit=calibration[1, 0] * fold_return + calibration[1, 1], label=returned),
+        "contact": Predicted(rows=met, logit=calibration[2, 0] * fold_above + calibration[2, 1], label=met_above),
+    }  # fmt: skip
     models = average
     if validation is not None:
-        report("players")
-        marginal = situations.mixed(calibration[0, 0] * fold_fault + calibration[0, 1], situations.weights(known))
-        out_of_fold = {
-            "striker": (known, log_odds((share * marginal).sum(axis=1)), known.outcome == Outcome.FAULT),
-            "receiver": (good, calibration[1, 0] * fold_return + calibration[1, 1], returned),
-        }
-        shifts, pooled = player_shifts(average, out_of_fold, validation)
-        choices, pooled["choices"] = player_choices(networks, train, validation, config.folds)
-        models = dataclasses.replace(average, striker=shifts["striker"], receiver=shifts["receiver"], choices=choices)
-        chosen = {**pooled, **chosen}
+        report("choices of players")
+        choices, chosen["choices"] = player_choices(networks, train, validation, config.folds)
+        models = dataclasses.replace(average, choices=choices)
 
     report("catalogue, legality, support")
     game = layout or layout_of(train)
@@ -194,7 +196,7 @@ def fit(
     support = support_of(known, intended, game)
     masks = [known.codes["discipline"] == discipline for discipline in range(len(DISCIPLINES))]
     profiles = tuple(support_of(known.take(mask), intended[mask], game) if mask.any() else support for mask in masks)
-    return Fit(models=models, game=game, support=support, profiles=profiles, chosen=chosen)
+    return Fit(models=models, game=game, support=support, profiles=profiles, predicted=predicted, chosen=chosen)
 
 
 def layout_of(rows: Rows) -> Game:

@@ -92,7 +92,6 @@ class FittedModels:
         calibration: ``[3, 2]`` slope and intercept of the calibrated logit of fault, return and contact.
         situations: effect of effort and long duels on the log-odds of a fault.
         share: ``[2]`` fraction of each discipline in the training strokes, the weights of the average game.
-        striker, receiver: logit shifts of single players for fault and return, by identifier.
         choices: choices of single players.
     """
 
@@ -102,8 +101,6 @@ class FittedModels:
     calibration: F64
     situations: Situations
     share: F64
-    striker: dict[str, float]
-    receiver: dict[str, float]
     choices: PlayerChoices
 
     def targets(self, codes: dict[str, I16]) -> F64:
@@ -114,21 +111,15 @@ class FittedModels:
         """``[N, 13 * 3]`` probability of each shot type and technique given the state."""
         return mean_probabilities(self.networks["choice"], codes)
 
-    def fault(self, codes: dict[str, I16], shift: F64 | float = 0.0) -> F64:
-        """``[N]`` probability that the striker faults, for a known target, at effort 0 and outside of long duels.
-
-        Args:
-            codes: attribute codes with ``area``.
-            shift: of the logit, for single strikers (``[N]`` or a number).
-        """
+    def fault(self, codes: dict[str, I16]) -> F64:
+        """``[N]`` probability that the striker faults, for a known target (``area``), at effort 0 and outside of long duels."""
         probability = 1 - softmax(self.networks["success"].logits(codes))[..., GOOD]
-        if "success" in self.trees:
-            shift = shift + self.trees["success"].logits(codes)
+        shift = self.trees["success"].logits(codes) if "success" in self.trees else 0.0
         return _calibrated(probability, self.calibration[0], shift)
 
-    def returned(self, codes: dict[str, I16], shift: F64 | float = 0.0) -> F64:
-        """``[N]`` probability that the opponent returns a good stroke; ``shift`` for single receivers."""
-        return _calibrated(self._blended("return", codes), self.calibration[1], shift)
+    def returned(self, codes: dict[str, I16]) -> F64:
+        """``[N]`` probability that the opponent returns a good stroke."""
+        return _calibrated(self._blended("return", codes), self.calibration[1])
 
     def above(self, codes: dict[str, I16]) -> F64:
         """``[N]`` probability that a returned stroke is met above the net."""
@@ -141,15 +132,11 @@ class FittedModels:
             others.append(self.trees[name].logits(codes))
         return sigmoid(blended_logits(self.networks[name].logits(codes)[..., 0], others))
 
-    def fault_without_target(self, rows: Rows, shift: F64 | float = 0.0) -> F64:
+    def fault_without_target(self, rows: Rows) -> F64:
         """``[N]`` probability of a fault, marginalised over the target."""
         shares = self.targets(rows.codes)
-        faults = np.stack([self.fault(rows.with_area(a), shift=shift) for a in range(N_AREAS)], axis=1)
+        faults = np.stack([self.fault(rows.with_area(a)) for a in range(N_AREAS)], axis=1)
         return np.asarray((shares * self.situations.mixed(log_odds(faults), self.situations.weights(rows))).sum(axis=1))
-
-    def shift_of(self, players: npt.NDArray[np.str_], shifts: dict[str, float]) -> F64:
-        """``[N]`` logit shift of each player, 0 by default."""
-        return np.array([shifts.get(player, 0.0) for player in players.tolist()])
 
     def averaged(self, probability: Callable[[dict[str, I16]], F64], codes: dict[str, I16]) -> F64:
         """``[N]`` mean over the disciplines of a probability, one of the methods above."""
@@ -184,8 +171,6 @@ class FittedModels:
             tensors |= {f"trees.{name}.{key}": torch.from_numpy(array) for key, array in vars(trees).items()}
         described = {
             "specs": {name: dataclasses.asdict(n.spec) for name, n in self.networks.items()},
-            "striker": self.striker,
-            "receiver": self.receiver,
             "duel": self.situations.duel,
             "duel_share": self.situations.duel_share,
             "players": self.choices.players,
@@ -221,8 +206,6 @@ class FittedModels:
                 calibration=checked(arrays["calibration"], np.float64, (3, 2)),
                 situations=_situations(described, arrays),
                 share=checked(arrays["share"], np.float64, (len(DISCIPLINES),)),
-                striker=_shifts(described["striker"]),
-                receiver=_shifts(described["receiver"]),
                 choices=PlayerChoices(
                     players=players,
                     style=checked(arrays["players.style"], np.float64, styles),
@@ -268,18 +251,6 @@ def _situations(described: dict[str, Any], arrays: dict[str, npt.NDArray[Any]]) 
         effort_share=checked(arrays["effort_share"], np.float64, (SLOTS["own_shot"], len(effort))),
         duel_share=float(duel[1]),
     )
-
-
-def _shifts(values: Any) -> dict[str, float]:
-    """Shifts of logits by player.
-
-    Raises:
-        ValueError: a shift is not finite.
-    """
-    shifts = {str(player): float(shift) for player, shift in values.items()}
-    if not np.isfinite(list(shifts.values())).all():
-        raise ValueError("a shift of a player is not finite")
-    return shifts
 
 
 def _calibrated(members: F64, line: F64, shift: F64 | float = 0.0) -> F64:

@@ -41,8 +41,8 @@ from shuttle_marl.dynamics.players import (
     labelled,
     labels_of,
     player_choices,
-    player_shifts,
 )
+from shuttle_marl.dynamics.skill import FittedSkill, Predicted, check, deviations_in, fit_skill, summary
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.exact.profile import PairPolicy
 from shuttle_marl.files import replace_file
@@ -77,11 +77,13 @@ class Prior:
         models: the models.
         game: the game, whose layout the fit shares.
         support: support in its data.
+        skill: standard deviations of its offsets of players (:attr:`~shuttle_marl.dynamics.skill.FittedSkill.sd`), if it has any.
     """
 
     models: FittedModels
     game: Game
     support: Support
+    skill: F64 | None
 
 
 def fit_from(prior: Prior, train: Rows, validation: Rows | None, *, report: Report) -> Fit:
@@ -97,7 +99,7 @@ def fit_from(prior: Prior, train: Rows, validation: Rows | None, *, report: Repo
     shares = np.bincount(train.codes["discipline"], minlength=len(prior.models.share)) / len(train)
     report("choices of strokes, as a correction")
     networks, chosen = _with_choices(prior.models.networks, train, validation)
-    models = dataclasses.replace(prior.models, networks=networks, share=shares, striker={}, receiver={})
+    models = dataclasses.replace(prior.models, networks=networks, share=shares)
     report("faults, returns and contacts, as corrections")
     fault, share = _faults(models, known)
     weights = models.situations.weights(known)
@@ -119,16 +121,15 @@ def fit_from(prior: Prior, train: Rows, validation: Rows | None, *, report: Repo
     calibration = models.calibration.copy()
     calibration[:, 1] += list(shifts.values())
     models = dataclasses.replace(models, calibration=calibration)
+    predicted = {
+        "success": Predicted(rows=known, logit=log_odds(marginal(shifts["success"])), label=label["success"]),
+        "return": Predicted(rows=good, logit=returned + shifts["return"], label=label["return"]),
+        "contact": Predicted(rows=met, logit=above + shifts["contact"], label=label["contact"]),
+    }
     if validation is not None:
-        report("players")
-        training = {
-            "striker": (known, log_odds(marginal(shifts["success"])), label["success"]),
-            "receiver": (good, returned + shifts["return"], label["return"]),
-        }
-        of_players, pooled = player_shifts(models, training, validation)
-        choices, of_choices = player_choices(networks, train, validation, None)
-        models = dataclasses.replace(models, striker=of_players["striker"], receiver=of_players["receiver"], choices=choices)
-        chosen |= {**pooled, "choices": of_choices}
+        report("choices of players")
+        choices, chosen["choices"] = player_choices(networks, train, validation, None)
+        models = dataclasses.replace(models, choices=choices)
     support = _moved(
         prior.support, shifts, support_of(known, intended_targets(networks["target"], networks["success"], known), prior.game)
     )
@@ -137,7 +138,9 @@ def fit_from(prior: Prior, train: Rows, validation: Rows | None, *, report: Repo
         "situations": {"effort": models.situations.effort.tolist(), "duel": models.situations.duel},
         "prior": {"game": prior.game.hash, "shifts": shifts},
     }
-    return Fit(models=models, game=prior.game, support=support, profiles=(support, support), chosen=chosen)
+    return Fit(
+        models=models, game=prior.game, support=support, profiles=(support, support), predicted=predicted, chosen=chosen
+    )  # fmt: skip
 
 
 def _faults(models: FittedModels, rows: Rows) -> tuple[F64, F64]:
@@ -268,22 +271,14 @@ def make_model(
         if start is None
         else fit_from(start, train, validation, report=report)
     )
-    report("compiling the game")
-    game, probabilities = fitted.compiled()
-    log_choice = pair_log_choices(fitted.models, game)
-    report("compiling the games of men's and women's singles")
-    # With a single discipline, the game is that of this discipline.
-    played = np.flatnonzero(fitted.models.share).tolist()
-    profiles = {PROFILES[discipline]: fitted.profile(discipline) for discipline in played} if len(played) > 1 else {}
-    variants = {name: profile.compiled()[0] for name, profile in profiles.items()}
-    of_profiles = {name: pair_log_choices(profile.models, game) for name, profile in profiles.items()}
+    sources = dict(zip(strokes["match"].to_pylist(), strokes["source"].to_pylist(), strict=True))
+    skill_prior = None if start is None else start.skill
+    written = save_fit(out, fitted, sources, skill_prior, report=report)
+    game, variants = written.game, written.variants
     report("solving the game")
-    weight = np.tile(np.exp(log_choice.astype(np.float64)), game.n_blocks)
+    weight = np.tile(np.exp(written.log_choice.astype(np.float64)), game.n_blocks)
     solved = health(PairPolicy(game=game, probability=game.normalized(weight)), fitted.support.strokes)
-    fitted.models.save(out)
-    save_support(out, fitted.support)
-    game.save(out / GAME)
-    save_clones(out, fitted.models.choices, log_choice, of_profiles)
+    checked = check(fitted.predicted, sources, written.skill.sd)
     scores = evaluate(fitted.models, train, validation, report=report)
     card = {
         "name": out.name,
@@ -304,11 +299,12 @@ def make_model(
             "states": game.n_states,
             "legal_pairs": game.n_pairs,
             "efforts": game.levels,
-            "clipped": float(probabilities.clipped.mean()),
+            "clipped": written.clipped,
             "share": dict(zip(PROFILES, fitted.models.share.tolist(), strict=True)),
         },
         "players": list(fitted.models.choices.players),
         "chosen": fitted.chosen,
+        "skill": summary(written.skill, checked),
         "validation": scores,
         "health": solved,
         "support_rule": _RULE,
@@ -331,6 +327,55 @@ def make_model(
         # After each refit, so that an interrupted command leaves a complete folder.
         save_variants(out, game, variants, card)
     return read_model_card(out)
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Written:
+    """What :func:`save_fit` has written.
+
+    Attributes:
+        game: the game.
+        variants: the games of men's and women's singles, by name; none if the fit has a single discipline.
+        log_choice: ``[base pairs]`` log-probabilities of the average player.
+        skill: offsets of the players.
+        clipped: fraction of the legal pairs that were clipped to the supported range.
+    """
+
+    game: Game
+    variants: dict[str, Game]
+    log_choice: F32
+    skill: FittedSkill
+    clipped: float
+
+
+def save_fit(out: Path, fitted: Fit, sources: Mapping[str, str], skill_sd: F64 | None, *, report: Report) -> Written:
+    """Compile a fit, fit the skill of its players, and write all files of a model folder but the variants and the card.
+
+    Args:
+        out: the folder.
+        fitted: the fit.
+        sources: data set of each match by name.
+        skill_sd: standard deviations of the skill in a prior model; None: estimate them.
+        report: called with a line before each stage.
+    """
+    report("compiling the game")
+    game, probabilities = fitted.compiled()
+    log_choice = pair_log_choices(fitted.models, game)
+    report("compiling the games of men's and women's singles")
+    # With a single discipline, the game is that of this discipline.
+    played = np.flatnonzero(fitted.models.share).tolist()
+    profiles = {PROFILES[discipline]: fitted.profile(discipline) for discipline in played} if len(played) > 1 else {}
+    variants = {name: profile.compiled()[0] for name, profile in profiles.items()}
+    of_profiles = {name: pair_log_choices(profile.models, game) for name, profile in profiles.items()}
+    report("skill of players")
+    skill = fit_skill(fitted.predicted, sources, skill_sd)
+    fitted.models.save(out)
+    save_support(out, fitted.support)
+    game.save(out / GAME)
+    save_clones(out, fitted.models.choices, log_choice, of_profiles)
+    skill.save(out)
+    clipped = float(probabilities.clipped.mean())
+    return Written(game=game, variants=variants, log_choice=log_choice, skill=skill, clipped=clipped)
 
 
 def rows_of(rows: Rows, split: Split) -> Rows:
@@ -421,7 +466,12 @@ def _checked_refits(refits: int | None, matches: int) -> int:
 
 def _prior(name: str) -> Prior:
     folder = model_folder(name)
-    return Prior(models=FittedModels.load(folder), game=load_game(str(folder)), support=load_support(folder))
+    return Prior(
+        models=FittedModels.load(folder),
+        game=load_game(str(folder)),
+        support=load_support(folder),
+        skill=deviations_in(read_model_card(folder)),
+    )
 
 
 def _with_prefix(prefix: str, report: Callable[[str], None]) -> Callable[[str], None]:
@@ -455,7 +505,7 @@ def save_clones(
         profiles: log-probabilities of the average player of each discipline.
     """
     clones: dict[str, npt.NDArray[Any]] = {
-        "log_choice": log_choice,
+        "log_choice": log_choice.astype(np.float16),
         **{f"log_choice.{name}": values.astype(np.float16) for name, values in profiles.items()},
         "style": choices.style.reshape(*choices.style.shape[:3], N_SHOTS, N_TECHNIQUES),
         "area": choices.area,
@@ -466,7 +516,7 @@ def save_clones(
 def save_variants(folder: Path, game: Game, variants: Mapping[str, Game], card: dict[str, Any]) -> None:
     """Write the variants of a model and its card."""
     if variants:
-        replace_file(folder / VARIANTS, packed(game, variants))
+        replace_file(folder / VARIANTS, packed(game, variants, coarse=[name for name in variants if name not in PROFILES]))
     else:
         (folder / VARIANTS).unlink(missing_ok=True)  # of a replaced model
     write_card(folder, {**card, "variants": list(variants)})

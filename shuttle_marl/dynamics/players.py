@@ -1,4 +1,4 @@
-"""Single players by partial pooling: shifts of the average player's logits, shrunk towards zero.
+"""Choices of single players by partial pooling: shifts of the average player's logits, shrunk towards zero.
 
 The precision of the prior, which sets the strength of the shrinkage, is chosen on the validation matches.
 """
@@ -12,10 +12,9 @@ import numpy.typing as npt
 import torch
 
 from shuttle_marl.arrays import F64, I64, Bools, Ints
-from shuttle_marl.data.schema import Outcome
 from shuttle_marl.dynamics.features import SLOTS, Rows
-from shuttle_marl.dynamics.fitted import FittedModels, PlayerChoices, tilted
-from shuttle_marl.dynamics.models import known_outcome, latent_target, log_loss, log_odds, sigmoid, softmax, was_good
+from shuttle_marl.dynamics.fitted import PlayerChoices, tilted
+from shuttle_marl.dynamics.models import latent_target, softmax
 from shuttle_marl.dynamics.network import Ensemble, unseen
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.stroke import N_TECHNIQUES
@@ -23,7 +22,6 @@ from shuttle_marl.game.stroke import N_TECHNIQUES
 MIN_STROKES: Final = 1000
 """Training strokes from which a player gets a model."""
 CHOICE_PRECISIONS: Final = (3.0, 10.0, 30.0, 100.0)
-_SHIFT_PRECISIONS: Final = (3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)
 
 
 def fit_choice_shifts(
@@ -60,60 +58,6 @@ def fit_choice_shifts(
     optimiser.step(closure)  # type: ignore[no-untyped-call]
     total = shared.detach()[:, None] + within.detach().view(players, cells, -1)
     return np.asarray(total.numpy())
-
-
-def fit_logit_shifts(logit: F64, label: Bools, player: Ints, precision: float) -> F64:
-    """Maximum a posteriori shift ``[max + 1]`` of each player's logit under a normal prior, by Newton's method."""
-    n = int(player.max()) + 1
-    shift = np.zeros(n)
-    for _ in range(30):
-        p = 1 / (1 + np.exp(-(logit + shift[player])))
-        gradient = np.bincount(player, weights=label - p, minlength=n) - precision * shift
-        shift += gradient / (np.bincount(player, weights=p * (1 - p), minlength=n) + precision)
-    return shift
-
-
-def player_shifts(
-    models: FittedModels, training: dict[str, tuple[Rows, F64, Bools]], validation: Rows
-) -> tuple[dict[str, dict[str, float]], dict[str, Any]]:
-    """Shifts of the logits of single strikers (fault) and receivers (return).
-
-    Args:
-        models: of the average player.
-        training: by role, rows, ``[N]`` logits from models that were not fitted to the match, and ``[N]`` labels.
-        validation: rows on which the precision of the prior is chosen.
-
-    Returns:
-        By role, shifts by player; and the chosen precision with the log-loss of each candidate.
-    """
-    rows_of_role = {"striker": validation.take(known_outcome(validation)), "receiver": validation.take(was_good(validation))}
-    base = {
-        "striker": log_odds(models.fault_without_target(rows_of_role["striker"])),
-        "receiver": log_odds(models.returned(rows_of_role["receiver"].codes)),
-    }
-    label = {
-        "striker": rows_of_role["striker"].outcome == Outcome.FAULT,
-        "receiver": rows_of_role["receiver"].outcome == Outcome.RETURNED,
-    }
-    shifts: dict[str, dict[str, float]] = {}
-    chosen: dict[str, Any] = {}
-    for role, (rows, logit, observed) in training.items():
-        names, index = np.unique(getattr(rows, role), return_inverse=True)
-        candidates: list[tuple[float, float, dict[str, float]]] = []
-        for precision in (*_SHIFT_PRECISIONS, np.inf):
-            values = np.zeros(len(names))
-            if np.isfinite(precision):
-                values = fit_logit_shifts(logit, observed, index, precision)
-            shift = dict(zip(names.tolist(), values.tolist(), strict=True))
-            shifted = sigmoid(base[role] + models.shift_of(getattr(rows_of_role[role], role), shift))
-            candidates.append((log_loss(label[role], shifted), precision, shift))
-        best = min(candidates, key=lambda candidate: candidate[0])
-        shifts[role] = best[2] if np.isfinite(best[1]) else {}
-        chosen[role] = {
-            "log_loss_by_precision": {str(precision): loss for loss, precision, _ in candidates},
-            "precision": str(best[1]),
-        }
-    return shifts, chosen
 
 
 def player_choices(

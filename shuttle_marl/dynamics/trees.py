@@ -1,4 +1,7 @@
-"""Boosted trees over attribute codes (LightGBM, Ke et al., NIPS 2017), stored as arrays and evaluated without LightGBM."""
+"""Boosted trees over attribute codes (LightGBM, Ke et al., NIPS 2017), stored as arrays and evaluated without LightGBM.
+
+They are evaluated with bit masks of the reachable leaves (QuickScorer, Lucchese et al., SIGIR 2015).
+"""
 
 import dataclasses
 from typing import Any, Final, Self
@@ -6,13 +9,15 @@ from typing import Any, Final, Self
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.arrays import F64, I16, I32, Bools
+from shuttle_marl.arrays import F64, I16, I32, U8, Bools
 from shuttle_marl.dynamics.features import SLOTS
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.extras import install_hint
 from shuttle_marl.kernel.compiling import compiled
 from shuttle_marl.tensor_files import checked
 
+_LOWEST: Final = np.array([0, *((bits & -bits).bit_length() - 1 for bits in range(1, 256))], dtype=np.uint8)
+"""``[256]`` position of the lowest bit."""
 INPUTS: Final = tuple(SLOTS)
 """Inputs of the trees, in this order."""
 PARAMETERS: Final[dict[str, Any]] = {
@@ -58,7 +63,7 @@ class Trees:
     def logits(self, codes: dict[str, I16]) -> F64:
         """``[N]`` sums of leaves."""
         columns = np.stack([codes[name] for name in INPUTS], axis=1)
-        return np.asarray(_leaf_sums(columns, self.attribute, self.left, self.child, self.value))
+        return np.asarray(_leaf_sums(columns, self._masks(), _LOWEST, self.value))
 
     @classmethod
     def checked(cls, arrays: dict[str, npt.NDArray[Any]]) -> Self:
@@ -80,17 +85,41 @@ class Trees:
             raise ValueError("a node of a tree has an unknown child")
         return cls(attribute=attribute, left=left, child=child, value=value)
 
+    def _masks(self) -> U8:
+        """``[attributes, codes, T]`` leaves that a tree can still reach, one bit each, by the code of one attribute."""
+        trees, nodes = self.attribute.shape
+        # Leaves below each child, from the last node to the first, since children come after their parents.
+        below = np.zeros((trees, nodes, 2), dtype=np.uint8)
+        for node in range(nodes - 1, -1, -1):
+            child = self.child[:, node]
+            inner = below[np.arange(trees)[:, None], np.maximum(child, 0)]
+            below[:, node] = np.where(child < 0, 1 << (-1 - np.minimum(child, -1)), inner[..., 0] | inner[..., 1])
+        used = np.zeros((trees, nodes), dtype=bool)
+        used[:, 0] = True
+        tree, node = np.nonzero(self.child.max(axis=2) >= 0)
+        for side in (0, 1):
+            inner = self.child[tree, node, side] >= 0
+            used[tree[inner], self.child[tree, node, side][inner]] = True
+        masks = np.full((len(INPUTS), max(SLOTS.values()), trees), 255, dtype=np.uint8)
+        codes = np.arange(masks.shape[1])
+        for tree, node in np.argwhere(used):
+            first = (self.left[tree, node] >> codes) & 1 == 1
+            lost = np.where(first, below[tree, node, 1], below[tree, node, 0]).astype(np.uint8)
+            masks[self.attribute[tree, node], :, tree] &= ~lost
+        return masks
+
 
 @compiled
-def _leaf_sums(columns: I16, attribute: I32, left: I32, child: I32, value: F64) -> F64:
+def _leaf_sums(columns: I16, masks: U8, lowest: U8, value: F64) -> F64:
+    """Sums of the leaves that are left when the leaves on the other side of each test are removed (QuickScorer)."""
     out = np.zeros(len(columns))
+    left = np.empty(masks.shape[2], dtype=np.uint8)
     for row in range(len(columns)):
+        left[:] = masks[0, columns[row, 0]]
+        for attribute in range(1, masks.shape[0]):
+            left &= masks[attribute, columns[row, attribute]]
         for tree in range(len(value)):
-            node = np.int32(0)
-            while node >= 0:
-                code = columns[row, attribute[tree, node]]
-                node = child[tree, node, 0 if (left[tree, node] >> code) & 1 == 1 else 1]
-            out[row] += value[tree, -1 - node]
+            out[row] += value[tree, lowest[left[tree]]]
     return out
 
 

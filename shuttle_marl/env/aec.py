@@ -17,9 +17,9 @@ from shuttle_marl.arrays import F32, U8
 from shuttle_marl.env.snapshot import Snapshot, as_text
 from shuttle_marl.errors import ActionError, OptionError, whole_number
 from shuttle_marl.game.observation import RALLY_WIDTH
+from shuttle_marl.game.pairs import AnyGame, PairGame, resolve_players
 from shuttle_marl.game.rules import FAULT, OUTCOMES, RETURNED_BELOW, IllegalStrokeError
-from shuttle_marl.game.shipped import resolve_game
-from shuttle_marl.game.tables import ROOT, Game
+from shuttle_marl.game.tables import ROOT
 from shuttle_marl.rally.stepper import RallyDraws, Stroke, stepper_of
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
     """Turn-based environment of two players; subclasses define what happens at the end of a rally.
 
     Attributes:
-        game: the tables of the game.
+        game: the tables of the game, or the game of a pair.
         last_seed: the last seed; an episode depends only on it and on its number.
         episode: number of the episode since the last seed, from 0.
     """
@@ -56,8 +56,9 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
     def __init__(
         self,
         *,
-        game: Game | str | None,
+        game: AnyGame | str | None,
         profile: str | None,
+        players: tuple[str, str] | None,
         max_strokes: int | None,
         render_mode: RenderMode | None,
         extra_width: int,
@@ -65,7 +66,7 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         super().__init__()
         if render_mode not in (None, *RENDER_MODES):
             raise OptionError(f"render_mode {render_mode!r}: expected one of {', '.join(RENDER_MODES)}, or None")
-        self.game = resolve_game(game, profile)
+        self.game = resolve_players(game, profile, players)
         self.render_mode = render_mode
         self.max_strokes = None if max_strokes is None else whole_number("max_strokes", max_strokes, 1)
         self.last_seed: int | None = None
@@ -234,7 +235,7 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         between_rallies = self._state == ROOT and bool(self._strokes)
         return Snapshot(
             game=self.game,
-            names=AGENTS,
+            names=self.game.players if isinstance(self.game, PairGame) else AGENTS,
             title=self._title(),
             strokes=tuple(self._strokes),
             server=self._strokes[0].player if self._strokes else self._striker,

@@ -13,8 +13,7 @@ from torchrl.envs import EnvBase
 
 from shuttle_marl.arrays import I32
 from shuttle_marl.errors import whole_number
-from shuttle_marl.game.shipped import resolve_game
-from shuttle_marl.game.tables import Game
+from shuttle_marl.game.pairs import AnyGame, opponent_tables, resolve_players
 from shuttle_marl.kernel import LearnerBatch, RallyBatch
 from shuttle_marl.kernel.rows import Observations, Server
 from shuttle_marl.policy.registry import Opponents, tabulated
@@ -39,7 +38,7 @@ class _BatchedEnv(EnvBase):
 
     batch_locked = True
 
-    def __init__(self, game: Game, batch: RallyBatch | LearnerBatch, seed: int) -> None:
+    def __init__(self, game: AnyGame, batch: RallyBatch | LearnerBatch, seed: int) -> None:
         size = len(batch)
         super().__init__(batch_size=torch.Size([size]))
         # EnvBase is an nn.Module, so attributes can only be set after the call above.
@@ -129,8 +128,9 @@ class RallyEnv(_BatchedEnv):
 
     Args:
         batch: number of rallies B.
-        game: the tables, or a model by name or folder; None: the default game.
+        game: the tables, the game of a pair, or a model by name or folder; None: the default game.
         profile: variant of that model, such as ``men`` or ``women``; None: the average of both.
+        players: names of the players at seats 0 and 1, for the game of that pair; None: both strike with the same tables.
         seed: random seed.
         server: seat that serves, 0 or 1; None: random.
         threads: number of threads; does not change results.
@@ -144,13 +144,14 @@ class RallyEnv(_BatchedEnv):
         self,
         batch: int = 1024,
         *,
-        game: Game | str | None = None,
+        game: AnyGame | str | None = None,
         profile: str | None = None,
+        players: tuple[str, str] | None = None,
         seed: int = 0,
         server: Server = None,
         threads: int = 1,
     ) -> None:
-        resolved = resolve_game(game, profile)
+        resolved = resolve_players(game, profile, players)
         super().__init__(resolved, RallyBatch(resolved, batch, seed=seed, server=server, threads=threads), seed)
 
 
@@ -163,8 +164,9 @@ class VersusEnv(_BatchedEnv):
     Args:
         batch: number of rallies B.
         opponents: name of a policy, a policy, or a sequence of K; row b plays number b modulo K.
-        game: the tables, or a model by name or folder; None: the default game.
+        game: the tables, the game of a pair, or a model by name or folder; None: the default game.
         profile: variant of that model, such as ``men`` or ``women``; None: the average of both.
+        players: names of the players at seats 0 and 1, for the game of that pair; None: both strike with the same tables.
         seed: random seed of rallies and opponents.
         seat: seat of the learner, 0 or 1.
         server: seat that serves, 0 or 1; None: random.
@@ -181,16 +183,23 @@ class VersusEnv(_BatchedEnv):
         batch: int = 1024,
         *,
         opponents: Opponents = "bc",
-        game: Game | str | None = None,
+        game: AnyGame | str | None = None,
         profile: str | None = None,
+        players: tuple[str, str] | None = None,
         seed: int = 0,
         seat: int = 0,
         server: Server = None,
         threads: int = 1,
     ) -> None:
-        resolved = resolve_game(game, profile)
+        resolved = resolve_players(game, profile, players)
         versus = LearnerBatch(
-            resolved, batch, opponents=tabulated(opponents, resolved), seed=seed, seat=seat, server=server, threads=threads
+            resolved,
+            batch,
+            opponents=tabulated(opponents, opponent_tables(resolved, seat)),
+            seed=seed,
+            seat=seat,
+            server=server,
+            threads=threads,
         )
         super().__init__(resolved, versus, seed)
 

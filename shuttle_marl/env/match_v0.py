@@ -9,8 +9,8 @@ from shuttle_marl.env.aec import AGENTS, RENDER_MODES, CheckedEnv, RenderMode, S
 from shuttle_marl.env.wrappers import ActionView, InfoView, MaskView, PlainEnv, wrapped
 from shuttle_marl.errors import OptionError
 from shuttle_marl.game.observation import RALLY_WIDTH, SCORE_WIDTH
+from shuttle_marl.game.pairs import AnyGame
 from shuttle_marl.game.scoring import BWF, Rules, Score, score_fractions
-from shuttle_marl.game.tables import Game
 from shuttle_marl.rally.stepper import RallyDraws
 
 __all__ = ["env", "raw_env"]
@@ -43,8 +43,9 @@ class raw_env(ShuttleEnv):
         first_server: first server, 0 or 1; None: random.
         reward: ``match``: +1 and -1 at the end of the match; ``rally``: +1 and -1 at the end of every rally.
         rules: points, lead, cap and games.
-        game: the tables, or a model by name or folder; None: the default game.
+        game: the tables, the game of a pair, or a model by name or folder; None: the default game.
         profile: variant of that model, such as ``men`` or ``women``; None: the average of both.
+        players: names of the players at seats 0 and 1, for the game of that pair; None: both strike with the same tables.
         max_strokes: maximum number of strokes, after which the match is truncated; None: no limit.
         render_mode: ``human``, ``rgb_array``, ``ansi``, or None.
 
@@ -66,12 +67,15 @@ class raw_env(ShuttleEnv):
         first_server: Literal[0, 1] | None = None,
         reward: Literal["match", "rally"] = "match",
         rules: Rules = BWF,
-        game: Game | str | None = None,
+        game: AnyGame | str | None = None,
         profile: str | None = None,
+        players: tuple[str, str] | None = None,
         max_strokes: int | None = None,
         render_mode: RenderMode | None = None,
     ) -> None:
-        super().__init__(game=game, profile=profile, max_strokes=max_strokes, render_mode=render_mode, extra_width=SCORE_WIDTH)
+        super().__init__(
+            game=game, profile=profile, players=players, max_strokes=max_strokes, render_mode=render_mode, extra_width=SCORE_WIDTH
+        )
         if first_server not in (None, 0, 1):
             raise OptionError(f"first_server {first_server!r}: expected 0, 1, or None for a random server")
         if reward not in ("match", "rally"):

@@ -5,7 +5,7 @@ from typing import Any, ClassVar, Literal
 from shuttle_marl.env.aec import RENDER_MODES, CheckedEnv, RenderMode, ShuttleEnv
 from shuttle_marl.env.wrappers import ActionView, InfoView, MaskView, PlainEnv, wrapped
 from shuttle_marl.errors import OptionError
-from shuttle_marl.game.tables import Game
+from shuttle_marl.game.pairs import AnyGame
 from shuttle_marl.rally.stepper import RallyDraws
 
 __all__ = ["env", "raw_env"]
@@ -36,8 +36,9 @@ class raw_env(ShuttleEnv):
 
     Args:
         server: server, 0 or 1; None: random.
-        game: the tables, or a model by name or folder; None: the default game.
+        game: the tables, the game of a pair, or a model by name or folder; None: the default game.
         profile: variant of that model, such as ``men`` or ``women``; None: the average of both.
+        players: names of the players at seats 0 and 1, for the game of that pair; None: both strike with the same tables.
         max_strokes: maximum number of strokes, after which the rally is truncated; None: no limit.
         render_mode: ``human``, ``rgb_array``, ``ansi``, or None.
 
@@ -57,12 +58,15 @@ class raw_env(ShuttleEnv):
         self,
         *,
         server: Literal[0, 1] | None = None,
-        game: Game | str | None = None,
+        game: AnyGame | str | None = None,
         profile: str | None = None,
+        players: tuple[str, str] | None = None,
         max_strokes: int | None = None,
         render_mode: RenderMode | None = None,
     ) -> None:
-        super().__init__(game=game, profile=profile, max_strokes=max_strokes, render_mode=render_mode, extra_width=0)
+        super().__init__(
+            game=game, profile=profile, players=players, max_strokes=max_strokes, render_mode=render_mode, extra_width=0
+        )
         if server not in (None, 0, 1):
             raise OptionError(f"server {server!r}: expected 0, 1, or None for a random server")
         self.server = server

@@ -16,6 +16,7 @@ from shuttle_marl.env import match_v0, rally_v0
 from shuttle_marl.env.aec import AGENTS, RENDER_MODES, Observation, RenderMode, ShuttleEnv
 from shuttle_marl.env.wrappers import InfoView, MaskView, checked_views
 from shuttle_marl.errors import OptionError
+from shuttle_marl.game.pairs import AnyGame, opponent_tables
 from shuttle_marl.game.policy import Policy, reads_score
 from shuttle_marl.game.rules import IllegalStrokeError
 from shuttle_marl.game.scoring import BWF, Rules
@@ -93,8 +94,8 @@ class SingleEnv(gymnasium.Env[Observation, np.int64]):
         self._over = True
 
     @property
-    def game(self) -> Game:
-        """The tables of the game."""
+    def game(self) -> AnyGame:
+        """The tables of the game, or the game of a pair."""
         return self.raw.game
 
     @property
@@ -188,8 +189,9 @@ class SingleRallyEnv(SingleEnv):
         opponent: name of a policy, or a policy.
         seat: the learner's seat; with a random server it only decides for which draws the learner serves.
         server: seat that serves, 0 or 1; None: random.
-        game: the tables, or a model by name or folder; None: the default game.
+        game: the tables, the game of a pair, or a model by name or folder; None: the default game.
         profile: variant of that model, such as ``men`` or ``women``; None: the average of both.
+        players: names of the players at seats 0 and 1, for the game of that pair; None: both strike with the same tables.
         mask: place of the mask: ``observation`` (in the dictionary of the observation), ``info`` (``info["action_mask"]``) or
             ``none``. Observations are plain vectors with the last two.
         info: ``full``: last stroke and result, with text and None; ``none``: numbers only. Default: full with
@@ -208,14 +210,15 @@ class SingleRallyEnv(SingleEnv):
         opponent: str | Policy = "bc",
         seat: Seat = 0,
         server: Seat | None = None,
-        game: Game | str | None = None,
+        game: AnyGame | str | None = None,
         profile: str | None = None,
+        players: tuple[str, str] | None = None,
         mask: MaskView = "observation",
         info: InfoView | None = None,
         render_mode: RenderMode | None = None,
     ) -> None:
-        raw = rally_v0.raw_env(server=server, game=game, profile=profile, render_mode=render_mode)
-        other = Opponent(opponent, raw.game)
+        raw = rally_v0.raw_env(server=server, game=game, profile=profile, players=players, render_mode=render_mode)
+        other = Opponent(opponent, opponent_tables(raw.game, seat))
         if other.reads_score:
             raise OptionError(f"opponent {other.name!r} reads the score, which a rally does not have; use shuttle_marl/Match-v0")
         super().__init__(raw, other, seat, mask, info)
@@ -233,8 +236,9 @@ class SingleMatchEnv(SingleEnv):
         first_server: seat that serves first, 0 or 1; None: random.
         reward: ``match``: +1 and -1 at the end of the match; ``rally``: +1 and -1 at the end of every rally.
         rules: points, lead, cap and games.
-        game: the tables, or a model by name or folder; None: the default game.
+        game: the tables, the game of a pair, or a model by name or folder; None: the default game.
         profile: variant of that model, such as ``men`` or ``women``; None: the average of both.
+        players: names of the players at seats 0 and 1, for the game of that pair; None: both strike with the same tables.
         mask: place of the mask: ``observation`` (in the dictionary of the observation), ``info`` (``info["action_mask"]``) or
             ``none``. Observations are plain vectors with the last two.
         info: ``full``: last stroke and result, with text and None; ``none``: numbers only. Default: full with
@@ -255,13 +259,20 @@ class SingleMatchEnv(SingleEnv):
         first_server: Seat | None = None,
         reward: Literal["match", "rally"] = "match",
         rules: Rules = BWF,
-        game: Game | str | None = None,
+        game: AnyGame | str | None = None,
         profile: str | None = None,
+        players: tuple[str, str] | None = None,
         mask: MaskView = "observation",
         info: InfoView | None = None,
         render_mode: RenderMode | None = None,
     ) -> None:
         raw = match_v0.raw_env(
-            first_server=first_server, reward=reward, rules=rules, game=game, profile=profile, render_mode=render_mode
+            first_server=first_server,
+            reward=reward,
+            rules=rules,
+            game=game,
+            profile=profile,
+            players=players,
+            render_mode=render_mode,
         )
-        super().__init__(raw, Opponent(opponent, raw.game), seat, mask, info)
+        super().__init__(raw, Opponent(opponent, opponent_tables(raw.game, seat)), seat, mask, info)

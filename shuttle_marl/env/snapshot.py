@@ -20,9 +20,9 @@ from shuttle_marl.game.court import (
     SIDE_CUT,
     area_centre,
 )
+from shuttle_marl.game.layout import Layout
 from shuttle_marl.game.rules import FAULT, OUTCOMES, WINNER
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES, Catalogue
-from shuttle_marl.game.tables import Game
 from shuttle_marl.rally.stepper import Stroke
 
 
@@ -43,7 +43,7 @@ class Snapshot:
         match_winner: winner of the match; None while it continues.
     """
 
-    game: Game
+    game: Layout
     names: tuple[str, str]
     title: str
     strokes: tuple[Stroke, ...]

@@ -14,10 +14,9 @@ from shuttle_marl.env.aec import ILLEGAL
 from shuttle_marl.env.wrappers import InfoView, MaskView, checked_views
 from shuttle_marl.errors import ActionError, OptionError
 from shuttle_marl.game.observation import RALLY_WIDTH, SCORE_WIDTH, SWAP, with_efforts
+from shuttle_marl.game.pairs import AnyGame, opponent_tables, resolve_players
 from shuttle_marl.game.rules import FAULT, OUTCOMES, WINNER
 from shuttle_marl.game.scoring import BWF, Rules, score_fractions
-from shuttle_marl.game.shipped import resolve_game
-from shuttle_marl.game.tables import Game
 from shuttle_marl.kernel import LearnerBatch, LearnerMatchBatch
 from shuttle_marl.kernel.rows import Server
 from shuttle_marl.policy.registry import Opponents, tabulated
@@ -40,7 +39,7 @@ class VersusVectorEnv(VectorEnv[Any, Ints, npt.NDArray[Any]]):
 
     def __init__(
         self,
-        game: Game,
+        game: AnyGame,
         batch: LearnerBatch | LearnerMatchBatch,
         vector: spaces.Box,
         mask: MaskView,
@@ -184,8 +183,9 @@ class RallyVectorEnv(VersusVectorEnv):
         opponent: name of a policy, a policy, or a sequence of K; row b plays number b modulo K.
         seat: the learner's seat, 0 or 1, in all rows or ``[B]`` in each.
         server: seat that serves, 0 or 1; None: random.
-        game: the tables, or a model by name or folder; None: the default game.
+        game: the tables, the game of a pair, or a model by name or folder; None: the default game.
         profile: variant of that model, such as ``men`` or ``women``; None: the average of both.
+        players: names of the players at seats 0 and 1, for the game of that pair; None: both strike with the same tables.
         observation: ``features``: the 59 numbers of ``rally_v0``; ``tokens``: own last stroke, incoming stroke (n: none yet),
             contact height, consecutive net shots, own effort and the opponent's as six integers, for embeddings.
         mask: place of the mask: ``observation`` (in the dictionary of the observation), ``info`` (``infos["action_mask"]``) or
@@ -208,8 +208,9 @@ class RallyVectorEnv(VersusVectorEnv):
         opponent: Opponents = "bc",
         seat: int | Ints = 0,
         server: Server = None,
-        game: Game | str | None = None,
+        game: AnyGame | str | None = None,
         profile: str | None = None,
+        players: tuple[str, str] | None = None,
         observation: Literal["features", "tokens"] = "features",
         mask: MaskView = "observation",
         info: InfoView | None = None,
@@ -217,9 +218,14 @@ class RallyVectorEnv(VersusVectorEnv):
     ) -> None:
         if observation not in ("features", "tokens"):
             raise OptionError(f"observation {observation!r}: expected 'features' or 'tokens'")
-        tables = resolve_game(game, profile)
+        tables = resolve_players(game, profile, players)
         self._batch = LearnerBatch(
-            tables, num_envs, opponents=tabulated(opponent, tables), seat=seat, server=server, threads=threads
+            tables,
+            num_envs,
+            opponents=tabulated(opponent, opponent_tables(tables, seat)),
+            seat=seat,
+            server=server,
+            threads=threads,
         )
         self._features = stepper_of(tables).observations if observation == "features" else None
         highest = tables.highest_observation
@@ -267,8 +273,9 @@ class MatchVectorEnv(VersusVectorEnv):
         first_server: seat that serves first, 0 or 1; None: random.
         reward: ``match``: +1 and -1 at the end of the match; ``rally``: +1 and -1 at the end of every rally.
         rules: points, lead, cap and games.
-        game: the tables, or a model by name or folder; None: the default game.
+        game: the tables, the game of a pair, or a model by name or folder; None: the default game.
         profile: variant of that model, such as ``men`` or ``women``; None: the average of both.
+        players: names of the players at seats 0 and 1, for the game of that pair; None: both strike with the same tables.
         mask: place of the mask: ``observation`` (in the dictionary of the observation), ``info`` (``infos["action_mask"]``) or
             ``none``.
         info: ``full``, or ``none``: numbers only, without ``final_obs`` and ``final_info``. Default: full with
@@ -291,21 +298,22 @@ class MatchVectorEnv(VersusVectorEnv):
         first_server: Server = None,
         reward: Literal["match", "rally"] = "match",
         rules: Rules = BWF,
-        game: Game | str | None = None,
+        game: AnyGame | str | None = None,
         profile: str | None = None,
+        players: tuple[str, str] | None = None,
         mask: MaskView = "observation",
         info: InfoView | None = None,
         threads: int = 1,
     ) -> None:
         if reward not in ("match", "rally"):
             raise OptionError(f"reward {reward!r}: expected 'match' or 'rally'")
-        tables = resolve_game(game, profile)
+        tables = resolve_players(game, profile, players)
         self.rules = rules
         self._features = stepper_of(tables).observations
         self._batch = LearnerMatchBatch(
             tables,
             num_envs,
-            opponents=tabulated(opponent, tables),
+            opponents=tabulated(opponent, opponent_tables(tables, seat)),
             seat=seat,
             server=first_server,
             rules=rules,

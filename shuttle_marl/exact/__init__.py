@@ -24,8 +24,9 @@ if TYPE_CHECKING:
         solve_robust,
         solve_soft,
     )
-    from shuttle_marl.exact.profile import Crossplay, PairPolicy, StatePolicy, crossplay, evaluate
+    from shuttle_marl.exact.profile import Crossplay, PairPolicy, StatePolicy, crossplay, evaluate, moved
     from shuttle_marl.exact.regret import Hole, Holes, Regret, holes, policy_regret
+    from shuttle_marl.exact.sensitivity import Sensitivity, sensitivity
     from shuttle_marl.exact.solver import ProfileValue
 
 __all__ = [
@@ -41,6 +42,7 @@ __all__ = [
     "Regret",
     "Response",
     "RobustSolution",
+    "Sensitivity",
     "SoftSolution",
     "Solution",
     "Spread",
@@ -51,8 +53,10 @@ __all__ = [
     "evaluate",
     "holes",
     "least_gain",
+    "moved",
     "nash_conv",
     "policy_regret",
+    "sensitivity",
     "solve",
     "solve_robust",
     "solve_soft",
@@ -78,8 +82,9 @@ __getattr__, __dir__, _ = lazy_loader.attach(
             "solve_robust",
             "solve_soft",
         ),
-        "profile": ("Crossplay", "PairPolicy", "StatePolicy", "crossplay", "evaluate"),
+        "profile": ("Crossplay", "PairPolicy", "StatePolicy", "crossplay", "evaluate", "moved"),
         "regret": ("Hole", "Holes", "Regret", "holes", "policy_regret"),
+        "sensitivity": ("Sensitivity", "sensitivity"),
         "solver": ("ProfileValue",),
     },
 )

@@ -10,6 +10,7 @@ import math
 import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from typing import TypeVar
 
 import numpy as np
 from scipy.special import stdtrit
@@ -18,12 +19,14 @@ from shuttle_marl.arrays import F64
 from shuttle_marl.exact.fixed_point import ExactError
 from shuttle_marl.exact.known import pair_odds
 from shuttle_marl.exact.optimal import Solution, best_response
-from shuttle_marl.exact.profile import Crossplay, evaluate
+from shuttle_marl.exact.profile import Crossplay, evaluate, moved
+from shuttle_marl.game.pairs import AnyGame
 from shuttle_marl.game.scoring import BWF, Rules
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 
 Values = float | F64
+GameT = TypeVar("GameT", bound=AnyGame)
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -58,7 +61,7 @@ def spread(values: Sequence[Values]) -> Spread:
 
 
 def over(
-    games: Sequence[Game], figures: Callable[[Game], Mapping[str, Values]], *, at_once: int | None = None
+    games: Sequence[GameT], figures: Callable[[GameT], Mapping[str, Values]], *, at_once: int | None = None
 ) -> dict[str, Spread]:
     """The spread of each figure over games.
 
@@ -75,11 +78,6 @@ def over(
     with ThreadPoolExecutor(at_once or min(len(games), os.cpu_count() or 1)) as threads:
         found = list(threads.map(figures, games))
     return {name: spread([each[name] for each in found]) for name in found[0]}
-
-
-def moved(policy: TabulatedPolicy, game: Game) -> TabulatedPolicy:
-    """The table of a policy in another game of the same layout."""
-    return TabulatedPolicy(game=game, cumulative=policy.cumulative)
 
 
 def of_pair(policy: TabulatedPolicy, opponent: TabulatedPolicy, refit: Game) -> dict[str, Values]:

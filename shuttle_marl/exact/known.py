@@ -41,15 +41,15 @@ def pair_odds(pairs: Sequence[Pair], *, tolerance: float = TOLERANCE) -> list[Od
     """Odds of the first policy of each pair against the second; unknown pairs are solved on all cores.
 
     Args:
-        pairs: each of one game.
+        pairs: each of one game, or of both tables of the game of a pair.
         tolerance: largest acceptable error bound of a value.
 
     Raises:
         ExactError: play may never end.
     """
     # A pair and its reverse are one problem.
-    ordered = [(a, b) if a.hash <= b.hash else (b, a) for a, b in pairs]
-    keys = [_key("pair", a.game.hash, a.hash, b.hash, repr(tolerance)) for a, b in ordered]
+    ordered = [(a, b) if (a.hash, a.game.hash) <= (b.hash, b.game.hash) else (b, a) for a, b in pairs]
+    keys = [_key("pair", a.game.hash, b.game.hash, a.hash, b.hash, repr(tolerance)) for a, b in ordered]
     missing = dict(zip(keys, ordered, strict=True))
 
     def solve(wanted: Sequence[bytes]) -> list[Odds]:
@@ -67,17 +67,21 @@ def _swapped(odds: Odds) -> Odds:
     return Odds(serving=1 - odds.receiving, receiving=1 - odds.serving, error_bound=odds.error_bound)
 
 
-def crossplay(policies: Sequence[TabulatedPolicy], *, tolerance: float = TOLERANCE) -> Crossplay:
-    """:func:`shuttle_marl.exact.crossplay` of tabulated policies of one game, with the cache."""
-    n = len(policies)
-    rows, columns = np.triu_indices(n)
-    found = pair_odds(
-        [(policies[i], policies[j]) for i, j in zip(rows.tolist(), columns.tolist(), strict=True)], tolerance=tolerance
-    )
-    serving = np.empty((n, n))
-    serving[columns, rows] = [1 - odds.receiving for odds in found]
+def crossplay(
+    policies: Sequence[TabulatedPolicy], opponents: Sequence[TabulatedPolicy] | None = None, *, tolerance: float = TOLERANCE
+) -> Crossplay:
+    """:func:`shuttle_marl.exact.crossplay` of tabulated policies, with the cache."""
+    n, m = len(policies), len(policies if opponents is None else opponents)
+    rows, columns = (index.ravel() for index in (np.triu_indices(n) if opponents is None else np.indices((n, m))))
+    pairs = [(policies[i], (opponents or policies)[j]) for i, j in zip(rows.tolist(), columns.tolist(), strict=True)]
+    found = pair_odds(pairs, tolerance=tolerance)
+    serving, receiving = np.empty((n, m)), np.empty((n, m))
+    if opponents is None:
+        serving[columns, rows] = [1 - odds.receiving for odds in found]
+        receiving[columns, rows] = [1 - odds.serving for odds in found]
     serving[rows, columns] = [odds.serving for odds in found]
-    return Crossplay(serving=serving, error_bound=max((odds.error_bound for odds in found), default=0.0))
+    receiving[rows, columns] = [odds.receiving for odds in found]
+    return Crossplay(serving=serving, receiving=receiving, error_bound=max((odds.error_bound for odds in found), default=0.0))
 
 
 def best_odds(policies: Sequence[TabulatedPolicy], *, tolerance: float = TOLERANCE) -> list[Odds]:
@@ -90,7 +94,7 @@ def best_odds(policies: Sequence[TabulatedPolicy], *, tolerance: float = TOLERAN
     Raises:
         ExactError: play may never end.
     """
-    keys = [_key("best response", policy.game.hash, policy.hash, repr(tolerance)) for policy in policies]
+    keys = [_key("best response", p.game.opposite.hash, p.game.hash, p.hash, repr(tolerance)) for p in policies]
     by_key = dict(zip(keys, policies, strict=True))
 
     def solve(wanted: Sequence[bytes]) -> list[Odds]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from shuttle_marl.arrays import F64
 from shuttle_marl.exact.fixed_point import ROUNDING, TOLERANCE, solve_linear
-from shuttle_marl.exact.profile import StatePolicy, check_same_layout, induced
+from shuttle_marl.exact.profile import InducedChain, StatePolicy, check_opponents, induced
 from shuttle_marl.exact.sweeps import propagate
 from shuttle_marl.game.stroke import N_SHOTS
 from shuttle_marl.game.tables import ROOT
@@ -77,6 +77,7 @@ def visits(
     *,
     server: Literal[0, 1] | None = None,
     tolerance: float = TOLERANCE,
+    chains: tuple[InducedChain, InducedChain] | None = None,
 ) -> Visits:
     """Expected visits when player 0 plays ``policy`` and player 1 plays ``opponent``.
 
@@ -90,12 +91,13 @@ def visits(
         opponent: of player 1.
         server: the server; None: each player half of the time.
         tolerance: largest acceptable error bound.
+        chains: chains of both policies, if known.
 
     Raises:
         ExactError: the two games have different layouts, or play may never end.
     """
-    check_same_layout(policy.game, opponent.game)
-    chains = [induced(policy), induced(opponent)]
+    check_opponents(policy.game, opponent.game)
+    chains = chains or (induced(policy), induced(opponent))
     backward = [functools.partial(propagate, chain.game, chain.weight) for chain in chains]
     size = len(chains[0].reward)
     start = np.zeros((2, size))

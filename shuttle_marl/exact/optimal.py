@@ -23,10 +23,18 @@ import numpy as np
 from shuttle_marl.arrays import F64, I32
 from shuttle_marl.exact.fixed_point import TOLERANCE, ExactError, largest_continuation
 from shuttle_marl.exact.match import Odds
-from shuttle_marl.exact.profile import InducedChain, PairPolicy, StatePolicy, check_same_layout, induced
+from shuttle_marl.exact.profile import (
+    InducedChain,
+    PairPolicy,
+    StatePolicy,
+    check_opponents,
+    check_same_layout,
+    induced,
+)
 from shuttle_marl.exact.solver import BlockLinear, ProfileValue, solve_players, successors
 from shuttle_marl.exact.sweeps import after_block_choices, after_block_soft_values, block_choices, block_soft_values
 from shuttle_marl.game.draws import CHOICE_ONE
+from shuttle_marl.game.pairs import AnyGame, PairGame
 from shuttle_marl.game.shipped import supported
 from shuttle_marl.game.tables import ROOT, Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
@@ -105,21 +113,24 @@ class RobustSolution:
         return self.value.odds()
 
 
-def solve(game: Game, other: Game | None = None, *, tolerance: float = TOLERANCE) -> Solution:
+def solve(game: AnyGame, other: Game | None = None, *, tolerance: float = TOLERANCE) -> Solution:
     """Minimax value and policies.
 
     Args:
-        game: the tables with which player 0 strikes.
-        other: the tables with which player 1 strikes, of the same layout; None: the symmetric game.
+        game: the tables with which player 0 strikes, or the game of a pair, which has those of player 1 too.
+        other: the tables with which player 1 strikes, of the same layout; None: the symmetric game, or that of the pair.
         tolerance: largest acceptable error bound.
 
     Raises:
         ExactError: the layouts differ, or some stroke never ends a rally.
     """
-    if other is not None:
-        check_same_layout(game, other)
-    theirs = None if other is None or other is game else _BestStrokes((other,))
-    return Solution(games=(game, other or game), **_equilibrium(_BestStrokes((game,)), theirs, tolerance))
+    if other is None:
+        game, other = game.seats if isinstance(game, PairGame) else (game, game.opposite)
+    elif isinstance(game, PairGame):
+        raise ExactError(f"the game of {game.title} has the tables of both players; solve it alone")
+    check_opponents(game, other)
+    theirs = None if other is game else _BestStrokes((other,))
+    return Solution(games=(game, other), **_equilibrium(_BestStrokes((game,)), theirs, tolerance))
 
 
 def _equilibrium(
@@ -268,7 +279,8 @@ def best_response(
 
     Args:
         policy: of the opponent, player 1, or its chain.
-        game: the tables with which the responder, player 0, strikes; None: the symmetric game.
+        game: the tables with which the responder, player 0, strikes; None: the symmetric game, or those of the other player of
+            the pair.
         at_least: real strokes in the data behind every stroke of the response; in a state without such a stroke it plays the one
             with the most (:func:`shuttle_marl.game.shipped.supported`).
         tolerance: largest acceptable error bound.
@@ -277,9 +289,9 @@ def best_response(
         ExactError: the layouts differ, or play may never end.
         GameError: ``at_least`` is above 0, and the model has no counts of real strokes.
     """
-    tables = game or policy.game
+    tables = game or policy.game.opposite
     own = _BestStrokes((limited(tables, at_least),))
-    check_same_layout(own.game, policy.game)
+    check_opponents(tables, policy.game)
     opponent = policy if isinstance(policy, InducedChain) else induced(policy)
     value, sweeps = solve_players(own, opponent, tolerance)
     return Response(game=tables, rank=own.ranks(value.striking[1]), value=value, sweeps=sweeps)
@@ -298,12 +310,14 @@ def nash_conv(policy: StatePolicy, opponent: StatePolicy | None = None, *, toler
 
     Args:
         policy: of player 0.
-        opponent: of player 1; None: ``policy`` in both seats.
+        opponent: of player 1; None: the same strokes as ``policy``, with the tables of the other player in the game of a pair.
         tolerance: largest acceptable error bound of a best response.
 
     Raises:
         ExactError: the layouts differ, or play may never end.
     """
+    if opponent is None and policy.game.opposite is not policy.game:
+        opponent = PairPolicy(game=policy.game.opposite, probability=policy.pair_probabilities())
     answer = best_response(policy, game=opponent.game if opponent else None, tolerance=tolerance)
     other = answer if opponent is None else best_response(opponent, game=policy.game, tolerance=tolerance)
     # The game is zero-sum, so the values of the profile itself cancel.

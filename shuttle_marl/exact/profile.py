@@ -5,7 +5,7 @@ import itertools
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from shuttle_marl.exact.fixed_point import FIRST_RALLY_STATE, TOLERANCE, ExactEr
 from shuttle_marl.exact.match import Odds
 from shuttle_marl.exact.solver import BlockLinear, ProfileValue, solve_players
 from shuttle_marl.exact.sweeps import Weights, block_mean, played
+from shuttle_marl.game.pairs import SeatGame
 from shuttle_marl.game.scoring import BWF, Rules, match_win_probability
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
@@ -57,6 +58,9 @@ class PairPolicy:
         """``[base pairs]`` the same in one block of states."""
         alike = len(self.probability) == self.game.n_base_pairs
         return self.probability if alike else self.probability[self.game.block_pairs(block)]
+
+
+PolicyT = TypeVar("PolicyT", TabulatedPolicy, PairPolicy)
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -115,6 +119,36 @@ def induced(policy: StatePolicy) -> InducedChain:
     return InducedChain(game=game, reward=reward, weight=tuple(weights), contraction=largest)
 
 
+def check_opponents(first: Game, second: Game) -> None:
+    """Check that two players can meet: same layout, and if one has tables of a pair, the other has those of the opponent.
+
+    Raises:
+        ExactError: they cannot.
+    """
+    check_same_layout(first, second)
+    for game, other in ((first, second), (second, first)):
+        if isinstance(game, SeatGame) and not (isinstance(other, SeatGame) and game.meets(other)):
+            players = game.pair_game.players
+            raise ExactError(
+                f"{players[game.seat]} strikes with the tables of a pair, and the opponent does not strike as "
+                f"{players[1 - game.seat]} does; move its policy to those tables with exact.moved(policy, game.opposite)"
+            )
+
+
+def moved(policy: PolicyT, game: Game) -> PolicyT:
+    """A policy in another game of the same layout: the same strokes in every state, with the outcomes of those tables.
+
+    Args:
+        policy: a table or a :class:`PairPolicy`.
+        game: the tables, such as one of :attr:`shuttle_marl.game.pairs.PairGame.seats`.
+
+    Raises:
+        ExactError: the layouts differ.
+    """
+    check_same_layout(policy.game, game)
+    return dataclasses.replace(policy, game=game)
+
+
 def check_same_layout(first: Game, second: Game) -> None:
     """Check that two games have the same states and strokes; their probabilities may differ.
 
@@ -155,7 +189,7 @@ def evaluate(policy: StatePolicy, opponent: StatePolicy, *, tolerance: float = T
     Raises:
         ExactError: the two games have different layouts, or play may never end.
     """
-    check_same_layout(policy.game, opponent.game)
+    check_opponents(policy.game, opponent.game)
     first = induced(policy)
     return evaluate_chains(first, first if opponent is policy else induced(opponent), tolerance=tolerance)
 
@@ -170,25 +204,22 @@ class Crossplay:
     """Odds of N policies against each other.
 
     Attributes:
-        serving: ``[N, N]`` probability that the policy of the row wins a rally that it serves against the policy of the column.
+        serving: ``[N, M]`` probability that the policy of the row wins a rally that it serves against the policy of the column.
+        receiving: ``[N, M]`` probability that the policy of the row wins a rally that the policy of the column serves.
         error_bound: absolute error bound of all probabilities.
     """
 
     serving: F64
+    receiving: F64
     error_bound: float
 
     @property
-    def receiving(self) -> F64:
-        """``[N, N]`` probability that the policy of the row wins a rally that the policy of the column serves."""
-        return 1 - self.serving.T
-
-    @property
     def rally(self) -> F64:
-        """``[N, N]`` probability that the policy of the row wins a rally, both serving equally often."""
+        """``[N, M]`` probability that the policy of the row wins a rally, both serving equally often."""
         return (self.serving + self.receiving) / 2
 
     def match(self, rules: Rules = BWF) -> F64:
-        """``[N, N]`` probability that the policy of the row wins a match, the first serve drawn at random."""
+        """``[N, M]`` probability that the policy of the row wins a match, the first serve drawn at random."""
         return match_win_probability(self.serving, self.receiving, rules=rules)
 
 
@@ -216,7 +247,11 @@ def odds_of_pairs(
 
 
 def crossplay(
-    policies: Sequence[StatePolicy], *, tolerance: float = TOLERANCE, progress: Callable[[], object] | None = None
+    policies: Sequence[StatePolicy],
+    opponents: Sequence[StatePolicy] | None = None,
+    *,
+    tolerance: float = TOLERANCE,
+    progress: Callable[[], object] | None = None,
 ) -> Crossplay:
     """Exact odds of every pair of policies, including each against itself.
 
@@ -224,20 +259,29 @@ def crossplay(
 
     Args:
         policies: N policies of games with the same layout.
+        opponents: M policies of the opponent, such as those of the other player of a pair; None: the same N.
         tolerance: largest acceptable error bound of a value.
-        progress: called when one of the ``N (N + 1) / 2`` pairs is solved.
+        progress: called when one of the ``N (N + 1) / 2`` or ``N M`` pairs is solved.
 
     Raises:
-        ExactError: there is no policy, two games have different layouts, or play may never end.
+        ExactError: there is no policy, two games have different layouts, policies of a pair do not meet those of the other
+            player, or play may never end.
     """
-    if not policies:
+    everyone = [*policies, *(opponents or ())]
+    if not policies or (opponents is not None and not opponents):
         raise ExactError("crossplay of no policies: give one or more")
-    for policy in policies[1:]:
-        check_same_layout(policies[0].game, policy.game)
     n = len(policies)
-    pairs = list(itertools.combinations_with_replacement(range(n), 2))
-    serving = np.empty((n, n))
-    found = odds_of_pairs(policies, pairs, tolerance=tolerance, progress=progress)
-    for (i, j), (first, second) in zip(pairs, found, strict=True):
-        serving[i, j], serving[j, i] = first.serving, second.serving
-    return Crossplay(serving=serving, error_bound=max(odds.error_bound for odds, _ in found))
+    if opponents is None:
+        pairs = list(itertools.combinations_with_replacement(range(n), 2))
+    else:
+        pairs = list(itertools.product(range(n), range(n, len(everyone))))
+    for i, j in pairs:
+        check_opponents(everyone[i].game, everyone[j].game)
+    found = odds_of_pairs(everyone, pairs, tolerance=tolerance, progress=progress)
+    serving, receiving = (np.full((len(everyone), len(everyone)), np.nan) for _ in range(2))
+    for (i, j), both in zip(pairs, found, strict=True):
+        for row, column, odds in ((i, j, both[0]), (j, i, both[1])):
+            serving[row, column], receiving[row, column] = odds.serving, odds.receiving
+    columns = slice(0 if opponents is None else n, None)
+    bound = max(odds.error_bound for odds, _ in found)
+    return Crossplay(serving=serving[:n, columns], receiving=receiving[:n, columns], error_bound=bound)

@@ -14,6 +14,7 @@ import lazy_loader
 
 if TYPE_CHECKING:
     from shuttle_marl.game.observation import observations
+    from shuttle_marl.game.pairs import PairGame, pair_game
     from shuttle_marl.game.policy import (
         Policy,
         PolicyError,
@@ -38,6 +39,7 @@ __all__ = [
     "Catalogue",
     "Game",
     "GameError",
+    "PairGame",
     "Policy",
     "PolicyError",
     "Rules",
@@ -51,6 +53,7 @@ __all__ = [
     "load_game",
     "model_folder",
     "observations",
+    "pair_game",
     "reads_score",
     "strike",
     "tabulate",
@@ -60,6 +63,7 @@ __getattr__, __dir__, _ = lazy_loader.attach(
     __name__,
     submod_attrs={
         "observation": ("observations",),
+        "pairs": ("PairGame", "pair_game"),
         "policy": (
             "Policy",
             "PolicyError",

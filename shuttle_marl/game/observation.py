@@ -7,9 +7,9 @@ import numpy.typing as npt
 
 from shuttle_marl.arrays import F32, I32, Ints
 from shuttle_marl.game.court import N_AREAS
-from shuttle_marl.game.layout import LONGEST_DUEL
+from shuttle_marl.game.layout import LONGEST_DUEL, Layout
 from shuttle_marl.game.stroke import HEIGHTS, N_SHOTS, N_TECHNIQUES
-from shuttle_marl.game.tables import Game, GameError
+from shuttle_marl.game.tables import GameError
 
 PARTS: Final = (N_SHOTS, N_AREAS, len(HEIGHTS), N_TECHNIQUES)
 """Number of shot types, areas, heights and techniques: the four components of a stroke."""
@@ -32,7 +32,7 @@ SWAP: Final = np.r_[STROKE_WIDTH : 2 * STROKE_WIDTH, :STROKE_WIDTH, CONTACT, SER
 """Permutation that turns the striker's observation into the receiver's."""
 
 
-def stroke_features(game: Game) -> F32:
+def stroke_features(game: Layout) -> F32:
     """``[n + 1, 27]`` one-hots of shot type, area, height and technique; the last row ("none yet") is zero."""
     catalogue = game.catalogue
     table = np.zeros((len(catalogue) + 1, STROKE_WIDTH), dtype=np.float32)
@@ -43,7 +43,7 @@ def stroke_features(game: Game) -> F32:
     return table
 
 
-def features(game: Game) -> F32:
+def features(game: Layout) -> F32:
     """``[base states, 59]`` observation of the striker in every state without efforts; :func:`with_efforts` writes those.
 
     0-26 own last stroke, 27-53 the incoming stroke, 54 the contact offered (1 above, 0 below the net), 55 whether a serve
@@ -55,7 +55,7 @@ def features(game: Game) -> F32:
     return np.concatenate([strokes[own], strokes[incoming], rest], axis=1, dtype=np.float32)
 
 
-def with_efforts(game: Game, rows: F32, state: Ints) -> F32:
+def with_efforts(game: Layout, rows: F32, state: Ints) -> F32:
     """``[B, 59]`` observations of ``[B]`` states, from the rows of :func:`features`."""
     found: F32 = rows.take(game.base(state), axis=0)
     highest = max(1, game.levels - 1)
@@ -64,12 +64,12 @@ def with_efforts(game: Game, rows: F32, state: Ints) -> F32:
     return found
 
 
-def observations(game: Game, state: Ints) -> F32:
+def observations(game: Layout, state: Ints) -> F32:
     """``[B, 59]`` what the striker sees in each of ``[B]`` states, as ``rally_v0`` shows it."""
     return with_efforts(game, features(game), np.asarray(state))
 
 
-def states_of(game: Game, observation: npt.ArrayLike) -> I32:
+def states_of(game: Layout, observation: npt.ArrayLike) -> I32:
     """``[B]`` states of ``[B, 59]`` observations of the player who is to strike: the inverse of :func:`observations`.
 
     Args:
@@ -93,5 +93,5 @@ def states_of(game: Game, observation: npt.ArrayLike) -> I32:
     wrong = state < 0
     wrong[~wrong] = np.abs(observations(game, state[~wrong]) - seen[~wrong, :RALLY_WIDTH]).max(axis=1, initial=0) > 1e-3
     if wrong.any():
-        raise GameError(f"observation {int(wrong.argmax())} is of no state of game {game.hash[:12]} with this player to strike")
+        raise GameError(f"observation {int(wrong.argmax())} is of no state of the game with this player to strike")
     return state

@@ -6,7 +6,7 @@ import numpy as np
 
 from shuttle_marl.arrays import I8, I32, Ints
 from shuttle_marl.errors import ActionError
-from shuttle_marl.game.layout import LONGEST_DUEL
+from shuttle_marl.game.layout import LONGEST_DUEL, Layout
 from shuttle_marl.game.tables import Game
 
 OUTCOMES: Final = ("fault", "winner", "returned from below", "returned from above")
@@ -26,7 +26,7 @@ class IllegalStrokeError(ActionError):
         self.stroke, self.row = stroke, row
 
 
-def states_of_rallies(game: Game, stroke: Ints, position: Ints) -> I32:
+def states_of_rallies(game: Layout, stroke: Ints, position: Ints) -> I32:
     """The state in which each stroke of rallies was struck.
 
     Args:

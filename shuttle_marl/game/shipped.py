@@ -7,14 +7,14 @@ such as ``default:men`` means one of its variants: the game of one discipline, o
 import copyreg
 import functools
 from pathlib import Path
-from typing import Any, Final, Literal, NamedTuple
+from typing import Any, Final, Literal
 
 import numpy as np
 
 from shuttle_marl.arrays import F64, Bools
 from shuttle_marl.errors import command
 from shuttle_marl.files import FileReadError, read_sealed
-from shuttle_marl.game.tables import Game, GameError
+from shuttle_marl.game.tables import Game, GameError, Origin
 from shuttle_marl.game.variants import hashes_of, unpacked
 from shuttle_marl.tensor_files import Tensors, checked, read_tensors
 
@@ -30,6 +30,8 @@ Profile = Literal["men", "women"]
 """Names of the games of one discipline."""
 PROFILES: Final = ("men", "women")
 """Variants that are the games of one discipline; the others are refits, named by their number from 1."""
+SKILL: Final = "skill.safetensors"
+"""Skill of the players, as differences from the average player."""
 SUPPORT: Final = "support.safetensors"
 """Data file beside the models: the torch reference of the tables needs it."""
 RELIABLE: Final = 20
@@ -41,15 +43,6 @@ CARD: Final = "card.json"
 _MODELS: Final = Path(__file__).parent.parent / "models"
 
 
-class Origin(NamedTuple):
-    """The model and the variant that a game was loaded from."""
-
-    folder: Path
-    """The model folder."""
-    variant: str | None
-    """Name of the variant; None: the game of the model itself."""
-
-
 _ORIGINS: dict[str, Origin] = {}
 
 
@@ -59,7 +52,7 @@ def model_folder(name: str = "default") -> Path:
     Raises:
         GameError: the model does not exist.
     """
-    return _origin(name).folder
+    return origin_named(name).folder
 
 
 @functools.cache
@@ -69,7 +62,7 @@ def load_game(name: str = "default") -> Game:
     Raises:
         GameError: the model or variant does not exist, or its file is damaged.
     """
-    origin = _origin(name)
+    origin = origin_named(name)
     game = Game.load(origin.folder / GAME) if origin.variant is None else _load_variant(name, *origin)
     _ORIGINS[game.hash] = origin
     return game
@@ -85,7 +78,12 @@ def variants(name: str = "default") -> list[str]:
     return list(_variant_hashes(folder)) if (folder / VARIANTS).is_file() else []
 
 
-def _origin(name: str) -> Origin:
+def origin_named(name: str) -> Origin:
+    """Folder and variant that a name means.
+
+    Raises:
+        GameError: the model does not exist.
+    """
     model, _, variant = name.rpartition(":")
     # The name of a folder may hold a colon itself.
     for whole, part in ((name, None), (model, variant)):
@@ -153,6 +151,48 @@ def read_model(folder: Path, name: str) -> Tensors:
     return read_tensors(folder / name, known)
 
 
+class Factor(NamedTuple):
+    """Fraction of a predicted advantage that was realised in matches to which the game was not fitted, with a 95 % interval."""
+
+    value: float
+    low: float
+    high: float
+
+
+def factors_of(folder: Path) -> dict[str, Factor] | None:
+    """Factors of a model by horizon: after 1, 4 and 8 strokes, and at the end of the rally (``end``).
+
+    They are fitted to training matches by ``experiments.truth --cross 4 --train-only`` and stored in the card by
+    ``dynamics card --truth``. A predicted advantage times its factor is the advantage to expect in real matches.
+
+    Returns:
+        The factors; None for models whose card has none.
+
+    Raises:
+        GameError: the model card cannot be read, or its factors are invalid.
+    """
+    truth = read_model_card(folder).get("truth")
+    if not isinstance(truth, dict) or not truth.get("train_only"):
+        return None
+    try:
+        return {
+            str(name): Factor(*(float(slope[key]) for key in Factor._fields)) for name, slope in truth["decision_slope"].items()
+        }
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise GameError(f"{folder / CARD}: invalid factors of advantages ({error!r}); store them again with --truth") from error
+
+
+def factor_of(game: Game, horizon: str = "end") -> Factor | None:
+    """Factor of the advantages of a game at a horizon; None where it is not known: for games without a model or factors.
+
+    Raises:
+        GameError: the model card cannot be read.
+    """
+    folder = folder_of(game)
+    factors = None if folder is None else factors_of(folder)
+    return None if factors is None else factors.get(horizon)
+
+
 def default_game() -> Game:
     """The benchmark's game: the symmetric average profile, as shipped."""
     return load_game()
@@ -169,7 +209,7 @@ def origin_of(game: Game) -> Origin | None:
 
     Games of the shipped default are known in every process, also where they were not loaded.
     """
-    return _origin_of_hash(game.hash)
+    return game.origin or _origin_of_hash(game.hash)
 
 
 def shipped_game(digest: str) -> Game | None:

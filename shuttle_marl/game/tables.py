@@ -17,7 +17,7 @@ import functools
 import hashlib
 import json
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -38,6 +38,15 @@ _MOST_ODDS: Final = 1 << 20
 
 class GameError(ShuttleError):
     """Tables that cannot be read or do not form a game."""
+
+
+class Origin(NamedTuple):
+    """The model and the variant that a game was loaded from."""
+
+    folder: Path
+    """The model folder."""
+    variant: str | None
+    """Name of the variant; None: the game of the model itself."""
 
 
 def _no_effort() -> I32:
@@ -113,6 +122,26 @@ class Game(Layout):
         return dataclasses.replace(
             self, reply_start=start, reply_count=count, reply_edge=self.reply_edge[kept[:-1]], threshold=self.threshold[keep]
         )
+
+    @property
+    def seats(self) -> "tuple[Game, Game]":
+        """The tables with which seats 0 and 1 strike: these, twice (:class:`shuttle_marl.game.pairs.PairGame` has two)."""
+        return self, self
+
+    @property
+    def opposite(self) -> "Game":
+        """The tables with which the opponent of a player with these tables strikes: the same ones."""
+        return self
+
+    @property
+    def average(self) -> "Game":
+        """The game without skill of players, whose agents can play this one: the same one."""
+        return self
+
+    @property
+    def origin(self) -> Origin | None:
+        """Where the game comes from, if it knows; :func:`shuttle_marl.game.shipped.origin_of` also knows loaded games."""
+        return None
 
     @property
     def levels(self) -> int:
@@ -241,7 +270,7 @@ class Game(Layout):
                 raise GameError("table reply_start: the legal strokes of a state depend on the duel")
 
     def _arrays(self) -> dict[str, npt.NDArray[np.generic]]:
-        return {f.name: getattr(self, f.name) for f in dataclasses.fields(self) if f.name != "catalogue"}
+        return {f.name: getattr(self, f.name) for f in dataclasses.fields(Game) if f.name != "catalogue"}
 
     def save(self, path: Path, metadata: dict[str, str] | None = None) -> None:
         """Write the tables as safetensors, beside and moved into place."""

@@ -241,6 +241,13 @@ def tabulate(policy: Policy, game: Game, name: str = "policy") -> TabulatedPolic
     return TabulatedPolicy(game=game, cumulative=cumulative)
 
 
+def hash_of(first: TabulatedPolicy, second: TabulatedPolicy) -> str:
+    """Hash of a policy from its tables at seats 0 and 1: that of the table if they are the same, else of both."""
+    if first.hash == second.hash:
+        return first.hash
+    return hashlib.sha256(f"seats {first.hash} {second.hash}".encode()).hexdigest()
+
+
 def from_pair_probabilities(game: Game, p: Floats) -> TabulatedPolicy:
     """Compile ``[P]`` probabilities to a table; rounds the cumulative probability to 1/65535.
 

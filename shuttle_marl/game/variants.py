@@ -9,8 +9,8 @@ same hash, on every machine.
 import decimal
 import functools
 import json
-import zlib
-from collections.abc import Mapping
+import lzma
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from typing import Any, Final
 
@@ -18,27 +18,45 @@ import numpy as np
 import numpy.typing as npt
 from safetensors.numpy import save
 
-from shuttle_marl.arrays import F64, I8, I32, U64, Intp, Ints
+from shuttle_marl.arrays import F64, I8, I32, I64, U64, Intp, Ints
 from shuttle_marl.game.tables import Game, GameError
 from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.tensor_files import Tensors, parsed
 
 STEP: Final = 0.0625
 """Difference of log-odds of one step."""
+COARSE: Final = 4
+"""Steps of refits are multiples of this: their sampling errors are about five steps, and coarse steps take half the space."""
 _MOST: Final = 127
-_RARE: Final = 0.01
+_MEMORY: Final = 64 * 2**20
+"""Memory limit of the decompression [bytes]."""
+_RARE: Final = 0.004
 _SLACK: Final = 1e-6
 
 
+Odds = tuple[U64, U64]
+"""What odds are multiplied and divided by, in units of 1/65536."""
+
+
 @functools.cache
-def _multipliers() -> tuple[U64, U64]:
+def _multipliers() -> Odds:
     """``[256]`` each, by a step as an unsigned byte: what the odds are multiplied and divided by, in units of 1/65536."""
+    return odds_of_steps(np.maximum(np.arange(256, dtype=np.uint8).view(np.int8).astype(np.int64), -_MOST))
+
+
+def odds_of_steps(steps: I64, *, step: float = STEP) -> Odds:
+    """Multipliers and divisors of odds, exact by definition.
+
+    Args:
+        steps: whole numbers of any shape, at most 127 :data:`STEP` in size.
+        step: difference of log-odds of one step; a power of two.
+    """
+    sizes, place = np.unique(np.abs(steps), return_inverse=True)
     with decimal.localcontext(decimal.Context(prec=40)):
-        odds = [(decimal.Decimal(STEP) * k).exp() * ONE for k in range(_MOST + 1)]
-        rising = np.array([int(x.to_integral_value(decimal.ROUND_HALF_EVEN)) for x in odds], dtype=np.uint64)
-    steps = np.arange(256, dtype=np.uint8).view(np.int8).astype(np.int64)
-    up, down = np.maximum(steps, 0), np.minimum(np.maximum(-steps, 0), _MOST)
-    return rising[up], rising[down]
+        odds = [(decimal.Decimal(step) * k).exp() * ONE for k in sizes.tolist()]
+        whole = np.array([int(x.to_integral_value(decimal.ROUND_HALF_EVEN)) for x in odds], dtype=np.uint64)
+    rising, none = whole[place.reshape(steps.shape)], np.uint64(ONE)
+    return np.where(steps > 0, rising, none), np.where(steps < 0, rising, none)
 
 
 def _shares(threshold: Ints) -> tuple[tuple[U64, U64], ...]:
@@ -48,9 +66,8 @@ def _shares(threshold: Ints) -> tuple[tuple[U64, U64], ...]:
     return (fault, np.full_like(fault, one)), (winner - fault, one - fault), (below - winner, one - winner)
 
 
-def _moved(part: U64, whole: U64, step: I8, of: U64) -> U64:
-    """The share part / whole with its odds moved by steps, of another whole, to the nearest unit (halves up)."""
-    up, down = (table[step.view(np.uint8)] for table in _multipliers())
+def _moved(part: U64, whole: U64, up: U64, down: U64, of: U64) -> U64:
+    """The share part / whole with its odds multiplied by up / down, of another whole, to the nearest unit (halves up)."""
     inside = part * up
     total = inside + (whole - part) * down
     # At most 2^16 * 2^28 * 2^17, which 64 bits hold; a whole is never 0, because an outcome is left for it.
@@ -66,25 +83,39 @@ def moved(game: Game, steps: I8, fault_odds: I32 | None = None) -> Game:
         steps: ``[3, base pairs]`` of fault, winner given a good stroke, and from below given a return.
         fault_odds: ``[L]`` odds of a fault by effort; default as before.
     """
+    up, down = (table[steps.view(np.uint8)] for table in _multipliers())
+    return with_odds(game, up, down, fault_odds)
+
+
+def with_odds(game: Game, up: U64, down: U64, fault_odds: I32 | None = None) -> Game:
+    """A game of the same layout with other odds.
+
+    Args:
+        game: the tables to start from.
+        up, down: ``[3, base pairs]`` what the odds of fault, winner given a good stroke, and from below given a return are
+            multiplied and divided by, as :func:`odds_of_steps` gives them.
+        fault_odds: ``[L]`` odds of a fault by effort; default as before.
+    """
     faults, winners, belows = _shares(game.threshold)
     one, most = np.uint64(ONE), np.uint64(ONE - 1)
-    fault = np.minimum(_moved(*faults, steps[0], np.full_like(faults[0], one)), most)
-    winner = np.minimum(fault + _moved(*winners, steps[1], one - fault), most)
-    below = np.minimum(winner + _moved(*belows, steps[2], one - winner), most)
+    fault = np.minimum(_moved(*faults, up[0], down[0], np.full_like(faults[0], one)), most)
+    winner = np.minimum(fault + _moved(*winners, up[1], down[1], one - fault), most)
+    below = np.minimum(winner + _moved(*belows, up[2], down[2], one - winner), most)
     table = np.stack([fault, winner, below], axis=1).astype(np.uint16)
     return replace(game, threshold=table, fault_odds=game.fault_odds if fault_odds is None else fault_odds)
 
 
-def steps_between(game: Game, other: Game) -> I8:
-    """``[3, base pairs]`` steps that lead from a game to another one of the same layout.
+def steps_between(game: Game, other: Game, unit: int = 1) -> I8:
+    """``[3, base pairs]`` steps that lead from a game to another one of the same layout, in multiples of ``unit``.
 
-    To the nearest; of faults and winners upwards where they end few rallies, so that every stroke still ends as many.
+    To the nearest multiple; of faults and winners upwards where they end few rallies, so that every stroke still ends as many.
     """
     parts = zip(_shares(game.threshold), _shares(other.threshold), strict=True)
-    steps = np.stack([(_log_odds(*after) - _log_odds(*before)) / STEP for before, after in parts])
+    steps = np.stack([(_log_odds(*after) - _log_odds(*before)) / (unit * STEP) for before, after in parts])
     rare = other.threshold[:, 1] < _RARE * ONE
     steps[:2, rare] = np.ceil(steps[:2, rare] - _SLACK)
-    return np.clip(np.rint(steps), -_MOST, _MOST).astype(np.int8)
+    most = _MOST // unit
+    return (unit * np.clip(np.rint(steps), -most, most)).astype(np.int8)
 
 
 def _log_odds(part: U64, whole: U64) -> F64:
@@ -97,19 +128,20 @@ def _order(game: Game) -> Intp:
     return np.argsort(game.base_pair_edge, kind="stable")
 
 
-def packed(game: Game, others: Mapping[str, Game]) -> bytes:
+def packed(game: Game, others: Mapping[str, Game], *, coarse: Collection[str] = ()) -> bytes:
     """Content of a file of variants (safetensors).
 
     Args:
         game: the game of the model.
-        others: variants by name, of the same layout; what is stored is their nearest steps.
+        others: variants by name, of the same layout; their nearest steps are stored.
+        coarse: names of variants that are stored in multiples of :data:`COARSE` steps.
     """
     order = _order(game)
     arrays: dict[str, npt.NDArray[Any]] = {}
     hashes = {}
     for name, other in others.items():
-        steps = steps_between(game, other)
-        arrays[f"{name}.steps"] = np.frombuffer(zlib.compress(steps[:, order].tobytes(), 9), dtype=np.uint8)
+        steps = steps_between(game, other, COARSE if name in coarse else 1)
+        arrays[f"{name}.steps"] = np.frombuffer(lzma.compress(steps[:, order].tobytes()), dtype=np.uint8)
         arrays[f"{name}.fault_odds"] = other.fault_odds
         hashes[name] = moved(game, steps, other.fault_odds).hash
     # One entry only: safetensors writes several in no fixed order, and the same fit must give the same file.
@@ -144,9 +176,9 @@ def unpacked(tensors: Tensors, game: Game, name: str) -> Game:
         raise ValueError("its variants are of another game")
     try:
         # A byte more than a table has, so that what is too long is noticed and never unpacked.
-        unpacker = zlib.decompressobj()
+        unpacker = lzma.LZMADecompressor(memlimit=_MEMORY)
         content = unpacker.decompress(tensors.arrays[f"{name}.steps"].tobytes(), 3 * game.n_base_pairs + 1)
-    except zlib.error as error:
+    except lzma.LZMAError as error:
         raise ValueError(f"variant {name} cannot be unpacked: {error}") from error
     if len(content) != 3 * game.n_base_pairs:
         raise ValueError(f"variant {name} has {len(content)} steps, expected {3 * game.n_base_pairs}")

@@ -16,7 +16,7 @@ import numpy as np
 
 from shuttle_marl.arrays import I8, I16, I32, I64, U64, Bools
 from shuttle_marl.game.draws import GOLDEN, MIX_1, MIX_2
-from shuttle_marl.game.tables import Game
+from shuttle_marl.game.pairs import AnyGame, PairGame
 from shuttle_marl.kernel.checks import KernelError
 from shuttle_marl.kernel.compiling import inlined
 
@@ -38,7 +38,8 @@ class Tables(NamedTuple):
 
     Attributes:
         limits: ``[L * base pairs]`` uint64 three thresholds of a base pair in the lowest 48 bits, the fault's lowest; indexed by
-            (own effort, base pair).
+            (own effort, base pair). In the game of a pair ``[2 * L * base pairs]``: those of seat 0, then those of seat 1.
+        seat: index of the first thresholds of seat 1; 0 if both seats strike with the same ones.
         head: ``[base states, 4]`` int32 of each base state: first pair, number of legal strokes, index of its first reply, row of
             ``rank`` and ``mask``.
         inverse: 2^57 divided by the number of base states, rounded up: the block of a state follows by a multiplication.
@@ -55,6 +56,7 @@ class Tables(NamedTuple):
     """
 
     limits: U64
+    seat: np.int64
     head: I32
     inverse: np.uint64
     first: I32
@@ -70,7 +72,7 @@ class Tables(NamedTuple):
 
 
 @functools.lru_cache(maxsize=8)
-def tables_of(game: Game) -> Tables:
+def tables_of(game: AnyGame) -> Tables:
     """Packed tables of a game (cached).
 
     Raises:
@@ -80,7 +82,8 @@ def tables_of(game: Game) -> Tables:
     # With e = inverse * size - 2^57 < size, the block of s comes out right where s * e < 2^57, that is for all s < B size.
     if game.n_blocks * size * size >= 1 << 57 or game.n_pairs >= 1 << 31:
         raise KernelError(f"the game has {game.n_states:,} states and {game.n_pairs:,} legal pairs: too many for the kernel")
-    t = game.limits.reshape(-1, 3).astype(np.uint64)
+    seats = game.seats if isinstance(game, PairGame) else (game,)
+    t = np.concatenate([tables.limits.reshape(-1, 3) for tables in seats]).astype(np.uint64)
     base, block = np.arange(size), np.arange(game.n_blocks, dtype=np.int32)
     effort = block // game.levels
     row = 2 * game.incoming(base) + game.contact(base)
@@ -88,6 +91,7 @@ def tables_of(game: Game) -> Tables:
     first = np.stack([block * size, block * game.n_base_pairs, effort * game.n_base_pairs], axis=1, dtype=np.int32)
     return Tables(
         limits=t[:, 0] | (t[:, 1] << np.uint64(16)) | (t[:, 2] << np.uint64(32)),
+        seat=np.int64(len(t) // 2 if isinstance(game, PairGame) else 0),
         head=np.ascontiguousarray(head),
         inverse=np.uint64(-(-(1 << int(_SHIFT)) // size)),
         first=np.ascontiguousarray(first),
@@ -159,9 +163,9 @@ def stroke_of(tables: Tables, legal: Legal, k: int) -> int:
 
 
 @inlined
-def limits_of(tables: Tables, legal: Legal, k: int) -> np.uint64:
-    """Thresholds of the k-th legal stroke."""
-    limits: np.uint64 = tables.limits[np.uint64(legal.limit + k)]
+def limits_of(tables: Tables, legal: Legal, k: int, seat: int) -> np.uint64:
+    """Thresholds of the k-th legal stroke of a seat."""
+    limits: np.uint64 = tables.limits[np.uint64(legal.limit + k + tables.seat * seat)]
     return limits
 
 
@@ -180,10 +184,10 @@ def next_state(arrival: int, outcome: int) -> int:
 
 
 @inlined
-def strike_one(tables: Tables, s: int, k: int, bits: np.uint64) -> tuple[int, int]:
-    """Outcome of the k-th legal stroke of a state by a draw, and the next state; see :func:`next_state`."""
+def strike_one(tables: Tables, s: int, k: int, seat: int, bits: np.uint64) -> tuple[int, int]:
+    """Outcome of the k-th legal stroke of a seat in a state by a draw, and the next state; see :func:`next_state`."""
     legal = legal_strokes(tables, s)
-    outcome = outcome_of(limits_of(tables, legal, k), bits)
+    outcome = outcome_of(limits_of(tables, legal, k, seat), bits)
     return outcome, next_state(arrival_of(tables, legal, k), outcome)
 
 
@@ -267,9 +271,9 @@ def new_block() -> Block:
 
 
 @inlined
-def choose_stroke(tables: Tables, block: Block, j: int, legal: Legal, k: int) -> None:
-    """Set the stroke of row j of a block to the k-th of its legal strokes."""
-    block.limit[j] = legal.limit + k
+def choose_stroke(tables: Tables, block: Block, j: int, legal: Legal, k: int, seat: int) -> None:
+    """Set the stroke of row j of a block, struck by a seat, to the k-th of its legal strokes."""
+    block.limit[j] = legal.limit + k + tables.seat * seat
     block.reply[j] = legal.reply + k
     block.arrival[j] = arrival_of(tables, legal, k)
 

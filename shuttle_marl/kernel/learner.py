@@ -10,9 +10,9 @@ import numpy as np
 
 from shuttle_marl.arrays import F32, I8, I16, I32, I64, U64, Bools, Ints
 from shuttle_marl.game import draws
+from shuttle_marl.game.pairs import AnyGame
 from shuttle_marl.game.rules import FAULT, WINNER
 from shuttle_marl.game.scoring import BWF, Rules, RulesTuple, count_rally
-from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.kernel.checks import KernelError, checked_array
 from shuttle_marl.kernel.compiling import compiled, inlined
@@ -77,7 +77,7 @@ def _begin(tables: Tables, rows: Rows, opponents: Opponents, i: int, serving: Se
     if rows.striker[i] == opponents.seat[i]:
         return int64(OPEN)
     k = table_choice(opponents.players, opponents.opponent[i], 0, legal_strokes(tables, 0).pair, bits)
-    outcome, rows.state[i] = strike_one(tables, 0, k, bits)
+    outcome, rows.state[i] = strike_one(tables, 0, k, 1 - opponents.seat[i], bits)
     rows.stroke[i] = 1
     rows.striker[i] = opponents.seat[i]
     rows.live[i] = outcome >= OPEN
@@ -122,7 +122,8 @@ def _step_rallies(
             at = np.uint64(block.listed[r])
             s = part.state[at]
             legal = legal_strokes(tables, s)
-            choose_stroke(tables, block, r, legal, table_choice(opponents.players, opponent[at], s, legal.pair, block.bits[r]))
+            k = table_choice(opponents.players, opponent[at], s, legal.pair, block.bits[r])
+            choose_stroke(tables, block, r, legal, k, part.striker[at])
         read_limits(tables, block, replies)
         for r in range(replies):
             at = np.uint64(block.listed[r])
@@ -158,7 +159,7 @@ class OpponentBatch(Batch):
 
     def __init__(
         self,
-        game: Game,
+        game: AnyGame,
         batch: int,
         *,
         opponents: Sequence[TabulatedPolicy],
@@ -233,7 +234,7 @@ class LearnerBatch(OpponentBatch):
 
     def __init__(
         self,
-        game: Game,
+        game: AnyGame,
         batch: int,
         *,
         opponents: Sequence[TabulatedPolicy],
@@ -342,7 +343,7 @@ def _begin_rally(rows: Rows, matches: MatchRows, i: int, server: int) -> None:
 @inlined
 def _stroke(tables: Tables, rows: Rows, i: int, k: int, bits: np.uint64) -> int:
     """Play the k-th legal stroke of a row's state; returns its outcome."""
-    outcome, rows.state[i] = strike_one(tables, rows.state[i], k, bits)
+    outcome, rows.state[i] = strike_one(tables, rows.state[i], k, rows.striker[i], bits)
     rows.stroke[i] += 1
     rows.striker[i] ^= 1
     return outcome
@@ -463,7 +464,7 @@ class LearnerMatchBatch(OpponentBatch):
 
     def __init__(
         self,
-        game: Game,
+        game: AnyGame,
         batch: int,
         *,
         opponents: Sequence[TabulatedPolicy],

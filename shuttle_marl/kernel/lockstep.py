@@ -14,6 +14,7 @@ import numpy as np
 
 from shuttle_marl.arrays import I8, I32, U64, Bools, Intp, UInts
 from shuttle_marl.game import draws
+from shuttle_marl.game.pairs import AnyGame, PairGame
 from shuttle_marl.game.policy import Policy, PolicyError, States, checked_probabilities, drawn_strokes
 from shuttle_marl.game.rules import WINNER, strike
 from shuttle_marl.game.scoring import BWF, Rules, count_rally
@@ -75,7 +76,7 @@ _REPORT_EVERY: Final = 64
 
 
 def play(
-    game: Game,
+    game: AnyGame,
     matches: Matches,
     choose: Choose,
     *,
@@ -113,7 +114,7 @@ def play(
         k = choose(entrant[2 * match + striker], state, draws.choice_draw(bits), striker, slots[_POINTS:])
         if keep_strokes:
             log.write_strokes(match, game.stroke_at(state, k))
-        outcome, following = strike(game, state, k, draws.outcome_draw(bits))
+        outcome, following = _strike(game, striker, state, k, draws.outcome_draw(bits))
         stroke += 1
         ended = np.flatnonzero(following < 0)
         if len(ended):
@@ -134,6 +135,17 @@ def play(
             progress(unreported)
             unreported = 0
     return MatchResults(games, log.read(matches.entrant))
+
+
+def _strike(game: AnyGame, striker: I32, state: I32, k: Intp, draw: I32) -> tuple[I8, I32]:
+    """:func:`shuttle_marl.game.rules.strike`, by seat in the game of a pair."""
+    if not isinstance(game, PairGame):
+        return strike(game, state, k, draw)
+    outcome, following = np.empty(len(state), np.int8), np.empty(len(state), np.int32)
+    for seat, tables in enumerate(game.seats):
+        at = striker == seat
+        outcome[at], following[at] = strike(tables, state[at], k[at], draw[at])
+    return outcome, following
 
 
 def ask(policy: Policy, name: str, game: Game, state: I32, draw: I32, striker: I32, score: I32) -> Intp:

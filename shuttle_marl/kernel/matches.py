@@ -13,8 +13,8 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from shuttle_marl.arrays import I8, I32, U8, U64, UInts
+from shuttle_marl.game.pairs import AnyGame
 from shuttle_marl.game.scoring import BWF, Rules, RulesTuple, count_rally
-from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.kernel.checks import checked_array, checked_number
 from shuttle_marl.kernel.compiling import compiled, inlined
@@ -117,7 +117,7 @@ def _play(tables: Tables, setup: _Setup, lanes: Rows, live: int, log: _Log, step
             s = part.state[j]
             player = entrant[np.uint64(part.rally[j]), np.uint64(part.striker[j])]
             legal = legal_strokes(tables, s)
-            choose_stroke(tables, block, j, legal, table_choice(players, player, s, legal.pair, block.bits[j]))
+            choose_stroke(tables, block, j, legal, table_choice(players, player, s, legal.pair, block.bits[j]), part.striker[j])
         read_limits(tables, block, live)
         play(part, block)
         if keep:
@@ -186,7 +186,7 @@ def _play_block(tables: Tables, players: Players, matches: Matches, rules: Rules
 
 
 def play_matches(
-    game: Game,
+    game: AnyGame,
     matches: Matches,
     policies: Sequence[TabulatedPolicy] | Players,
     *,
@@ -200,8 +200,8 @@ def play_matches(
     Args:
         game: the tables.
         matches: entrants, first servers and draws.
-        policies: the entrants, tabulated for this game. Packing them once with :func:`~shuttle_marl.kernel.pack` saves time if
-            the same policies play several times.
+        policies: the entrants, tabulated for this game, or for either seat of the game of a pair. Packing them once with
+            :func:`~shuttle_marl.kernel.pack` saves time if the same policies play several times.
         rules: when a game and a match are won.
         keep_strokes: whether to return the strokes, or only their number.
         threads: number of threads; does not change results. None: number of processors.

@@ -7,7 +7,7 @@ import numpy as np
 
 from shuttle_marl.arrays import I32, U8, U16
 from shuttle_marl.game.draws import CHOICE_ONE
-from shuttle_marl.game.tables import Game
+from shuttle_marl.game.pairs import AnyGame
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.kernel.checks import KernelError, checked_array
 from shuttle_marl.kernel.compiling import compiled, inlined
@@ -91,7 +91,7 @@ def _write_guides(cumulative: U16, pair_start: I32, guide: U8) -> None:
             write_guide(cumulative, pair_start[s], guide[s])
 
 
-def empty_players(game: Game, count: int) -> Players:
+def empty_players(game: AnyGame, count: int) -> Players:
     """Tables of ``count`` policies, filled with zeros.
 
     Raises:
@@ -103,8 +103,8 @@ def empty_players(game: Game, count: int) -> Players:
     return Players(np.zeros((count, game.n_pairs), np.uint16), np.zeros((count, game.n_states, GUIDES), np.uint8))
 
 
-def pack(policies: Sequence[TabulatedPolicy], game: Game) -> Players:
-    """Pack policies that are tabulated for one game.
+def pack(policies: Sequence[TabulatedPolicy], game: AnyGame) -> Players:
+    """Pack policies that are tabulated for one game, or for either seat of the game of a pair.
 
     Raises:
         KernelError: no policy, a policy of another game, or more than 256 legal strokes in a state.
@@ -117,13 +117,13 @@ def pack(policies: Sequence[TabulatedPolicy], game: Game) -> Players:
     return players
 
 
-def put_player(players: Players, number: int, policy: TabulatedPolicy, game: Game) -> None:
+def put_player(players: Players, number: int, policy: TabulatedPolicy, game: AnyGame) -> None:
     """Replace one of the packed policies.
 
     Raises:
         KernelError: a policy of another game or without a table of its states, or an invalid number.
     """
-    if policy.game.hash != game.hash:
+    if policy.game.hash not in (tables.hash for tables in game.seats):
         raise KernelError("a policy was tabulated for another game; tabulate it for this one")
     if not 0 <= number < len(players.cumulative):
         raise KernelError(f"policy number {number}: expected 0 to {len(players.cumulative) - 1}")
@@ -134,7 +134,7 @@ def put_player(players: Players, number: int, policy: TabulatedPolicy, game: Gam
     _write_guides(players.cumulative[number], game.pair_start, players.guide[number])
 
 
-def check_players(players: Players, game: Game, count: int | None = None) -> None:
+def check_players(players: Players, game: AnyGame, count: int | None = None) -> None:
     """Check that packed policies only choose strokes that exist.
 
     Args:

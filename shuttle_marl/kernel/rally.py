@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 
 from shuttle_marl.arrays import F32, I16, I64, Bools, Ints
-from shuttle_marl.game.tables import Game
+from shuttle_marl.game.pairs import AnyGame
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.kernel.checks import checked_number
 from shuttle_marl.kernel.compiling import compiled
@@ -91,11 +91,12 @@ def _run(tables: Tables, rows: Rows, players: Players, tally: I64, serving: Serv
                 for j in range(count):
                     s = part.state[j]
                     legal = legal_strokes(tables, s)
-                    choose_stroke(tables, block, j, legal, table_choice(players, part.striker[j], s, legal.pair, block.bits[j]))
+                    k = table_choice(players, part.striker[j], s, legal.pair, block.bits[j])
+                    choose_stroke(tables, block, j, legal, k, part.striker[j])
             else:
                 for j in range(count):
                     legal = legal_strokes(tables, part.state[j])
-                    choose_stroke(tables, block, j, legal, uniform_choice(legal.n, block.bits[j]))
+                    choose_stroke(tables, block, j, legal, uniform_choice(legal.n, block.bits[j]), part.striker[j])
             read_limits(tables, block, count)
             play(part, block)
             for i in range(list_where(block, count, over=True)):
@@ -136,7 +137,7 @@ class RallyBatch(Batch):
         threads: number of threads; does not change results.
     """
 
-    def __init__(self, game: Game, batch: int, *, seed: int = 0, server: Server = None, threads: int = 1) -> None:
+    def __init__(self, game: AnyGame, batch: int, *, seed: int = 0, server: Server = None, threads: int = 1) -> None:
         super().__init__(game, batch, server=server, threads=threads)
         self.reset(seed)
 

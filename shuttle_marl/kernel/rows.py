@@ -11,8 +11,8 @@ import numpy as np
 
 from shuttle_marl.arrays import F32, I8, I16, I32, I64, U64, Bools, Ints
 from shuttle_marl.game import draws
+from shuttle_marl.game.pairs import AnyGame
 from shuttle_marl.game.rules import IllegalStrokeError
-from shuttle_marl.game.tables import Game
 from shuttle_marl.kernel.checks import KernelError, check_room, checked_array, checked_number
 from shuttle_marl.kernel.compiling import compiled, inlined
 from shuttle_marl.kernel.core import (
@@ -146,7 +146,7 @@ def strike(tables: Tables, part: Rows, rank: I16, block: Block) -> None:
     """Play the legal stroke of position ``rank`` in every row."""
     draw_strokes(part, block.bits)
     for j in range(rank.size):
-        choose_stroke(tables, block, j, legal_strokes(tables, part.state[j]), rank[j])
+        choose_stroke(tables, block, j, legal_strokes(tables, part.state[j]), rank[j], part.striker[j])
     read_limits(tables, block, rank.size)
     play(part, block)
 
@@ -274,7 +274,7 @@ def in_slices(work: Callable[[int, int], Any], size: int, threads: int) -> None:
 class Batch:
     """Base of the batches of rallies and matches."""
 
-    def __init__(self, game: Game, batch: int, *, server: Server, threads: int) -> None:
+    def __init__(self, game: AnyGame, batch: int, *, server: Server, threads: int) -> None:
         if server not in (None, 0, 1):
             raise KernelError(f"server {server!r}: expected 0, 1, or None for a random server")
         self.game = game

@@ -228,7 +228,7 @@ def _look_up(tables: Tables, rallies: BlockRallies, lanes: Lanes, count: int, t:
         k = lanes.rank[i]
         at = np.uint64(lanes.rally[i]), np.uint64(t)
         rallies.state[at], rallies.pair[at], rallies.limit[at] = lanes.state[i], legal.pair + k, legal.limit + k
-        lanes.limits[i] = limits_of(tables, legal, k)
+        lanes.limits[i] = limits_of(tables, legal, k, (rallies.server[lanes.rally[i]] + t) & 1)
         lanes.arrival[i] = arrival_of(tables, legal, k)
 
 

@@ -12,11 +12,12 @@ import tyro
 from shuttle_marl.arrays import I32, Intp
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.game.draws import CHOICE_ONE, chosen
+from shuttle_marl.game.pairs import AnyGame, PairGame, pair_game
 from shuttle_marl.game.policy import Policy, PolicyError, reads_score
 from shuttle_marl.game.scoring import RulesName
-from shuttle_marl.game.shipped import Profile
+from shuttle_marl.game.shipped import Profile, resolve_game
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
+from shuttle_marl.game.tabulated import TabulatedPolicy, hash_of, tabulate
 from shuttle_marl.kernel.lockstep import ask
 from shuttle_marl.policy import registry
 from shuttle_marl.policy.foreign import POLICY_TIMEOUT
@@ -75,6 +76,11 @@ class LeagueConfig:
     """Model of the game: a shipped one or a folder."""
     profile: Profile | None = None
     """The game of one discipline; default: the average of both."""
+    players: tuple[str, str] | None = None
+    """Two players, in whose game every pairing is played: seat 0 has the skill of the first one, seat 1 that of the second, and
+    each entrant plays both. Default: both seats strike with the same probabilities."""
+    date: str | None = None
+    """Day of the skill of the players, such as 2021-07-31; default: the last one known."""
     rules: RulesName = "21"
     """Points of a game: 21 (best of three, the rules of the sport), or its trials: 15 (best of three), 11 (best of five)."""
     exact: bool = True
@@ -105,6 +111,10 @@ class LeagueConfig:
             raise LeagueError(f"--workers {self.workers}: expected 1 to {_MOST_WORKERS}")
         if not self.exact and (self.away or self.holes):
             raise LeagueError("--away and --holes need exact results; leave out --no-exact")
+        if self.date is not None and self.players is None:
+            raise LeagueError(f"--date {self.date}: is the day of the skill of --players; give both")
+        if self.players is not None and self.holes:
+            raise LeagueError("--holes is not available with --players, whose seats have different strokes")
         if self.holes < 0:
             raise LeagueError(f"--holes {self.holes}: expected 0 or more")
         if self.batch < 1:
@@ -130,17 +140,28 @@ class LeagueConfig:
     def fixed(self) -> dict[str, Any]:
         """All options that affect the results, as JSON."""
         names = ("pool", "matches", "format", "rounds", "decide", "seed", "record", "game", "profile", "rules", "grown")
-        fixed: dict[str, Any] = json.loads(json.dumps({name: getattr(self, name) for name in names}))
+        pair = ("players", "date") if self.players is not None else ()
+        fixed: dict[str, Any] = json.loads(json.dumps({name: getattr(self, name) for name in (*names, *pair)}))
         return fixed
 
+    def load(self) -> AnyGame:
+        """The game that is played.
 
-def default_pool(game: Game) -> tuple[str, ...]:
+        Raises:
+            GameError: the model does not exist, or has no skill of the players.
+        """
+        if self.players is None:
+            return resolve_game(self.game, self.profile)
+        return pair_game(*self.players, date=self.date, discipline=self.profile, game=self.game)
+
+
+def default_pool(game: AnyGame) -> tuple[str, ...]:
     """Behaviour-cloned players (the average and the first few individuals), scripted styles, random, trained agents, anchors.
 
     The anchors are reference points of the scale: perfect play, and the best response to ``bc``. Only policies that can play this
     game enter: players of its model, and agents that were trained on it.
     """
-    names = registry.names(game)
+    names = registry.names(game.seats[0])
     bc = [name for name in names if name.partition(":")[0] == "bc"]
     others = ("attacking", "defensive", "safe", "random", *TRAINED, *ANCHORS)
     return (*bc[: 1 + _OWN_PLAYERS], *(name for name in others if name in names))
@@ -154,21 +175,23 @@ class Entrant:
         name: as given in the pool.
         policy: the policy of that name.
         table: the policy in every state; None if it reads the score or failed.
+        opposite: the same at seat 1 of the game of a pair; None in other games.
         failure: reason why the entrant forfeits every match; empty if it does not.
     """
 
     name: str
     policy: Policy
     table: TabulatedPolicy | None = None
+    opposite: TabulatedPolicy | None = None
     failure: str = ""
 
     @property
     def hash(self) -> str:
-        """SHA-256 of the table, hexadecimal; empty without one."""
-        return "" if self.table is None else self.table.hash
+        """SHA-256 of the table, or of those of both seats, hexadecimal; empty without one."""
+        return "" if self.table is None else hash_of(self.table, self.opposite or self.table)
 
 
-def enter(name: str, game: Game, *, requested: bool = True) -> Entrant:
+def enter(name: str, game: AnyGame, *, requested: bool = True) -> Entrant:
     """Resolve an entrant and evaluate it in every state.
 
     Args:
@@ -181,13 +204,15 @@ def enter(name: str, game: Game, *, requested: bool = True) -> Entrant:
             raises or returns an invalid distribution is entered, and forfeits.
     """
     try:
-        policy = resolve(name, game) if requested else resolve_recorded(name, game)
+        policies = [(resolve if requested else resolve_recorded)(name, seat) for seat in dict.fromkeys(game.seats)]
     except UnrequestedError as error:
         raise PolicyError(f"{error}; to allow it, repeat it in --pool") from error
+    policy = policies[0]
     try:
         if reads_score(policy):
             return Entrant(name=name, policy=policy)
-        return Entrant(name=name, policy=policy, table=tabulate(policy, game, name))
+        first, *second = (tabulate(policy, seat, name) for policy, seat in zip(policies, game.seats, strict=False))
+        return Entrant(name=name, policy=policy, table=first, opposite=second[0] if second else None)
     except PolicyError as error:
         return Entrant(name=name, policy=policy, failure=str(error))
 
@@ -200,16 +225,23 @@ class ForfeitError(Exception):
         self.name, self.reason = name, reason
 
 
+def seat_tables(game: AnyGame, entrants: Sequence[Entrant]) -> list[TabulatedPolicy | None]:
+    """Tables of all entrants, in the game of a pair first those of seat 0, then those of seat 1."""
+    first = [entrant.table for entrant in entrants]
+    return [*first, *(entrant.opposite for entrant in entrants)] if isinstance(game, PairGame) else first
+
+
 class Strikers:
     """Chooses the strokes of a batch in which any of the entrants may strike.
 
     The tables of all entrants are stacked, so a stroke takes one row look-up and one comparison.
     """
 
-    def __init__(self, game: Game, entrants: Sequence[Entrant]) -> None:
+    def __init__(self, game: AnyGame, entrants: Sequence[Entrant]) -> None:
         self._game, self._entrants = game, entrants
         self._sampled = [i for i, entrant in enumerate(entrants) if entrant.table is None and not entrant.failure]
-        tables = [np.empty((0, 0), dtype=np.uint16) if e.table is None else e.table.padded for e in entrants]
+        tables = [np.empty((0, 0), dtype=np.uint16) if table is None else table.padded for table in seat_tables(game, entrants)]
+        self._second = len(entrants) if isinstance(game, PairGame) else 0
         width = max(table.shape[1] for table in tables)
         self._rows = np.full((sum(map(len, tables)), width), CHOICE_ONE, dtype=np.uint16)
         self._first_row = np.cumsum([0, *map(len, tables)])[:-1].astype(np.int32)
@@ -224,21 +256,22 @@ class Strikers:
         """
         sampled = [i for i in self._sampled if (entrant == i).any()]
         if not sampled:
-            return self._read(entrant, state, draw)
+            return self._read(entrant + self._second * striker, state, draw)
         k = np.empty(len(state), dtype=np.intp)
         rest = np.flatnonzero(~np.isin(entrant, sampled))
-        k[rest] = self._read(entrant[rest], state[rest], draw[rest])
+        k[rest] = self._read(entrant[rest] + self._second * striker[rest], state[rest], draw[rest])
         for i in sampled:
-            at = np.flatnonzero(entrant == i)
-            k[at] = self._ask(i, state[at], draw[at], striker[at], score[:, at])
+            for seat, tables in enumerate(dict.fromkeys(self._game.seats)):
+                at = np.flatnonzero((entrant == i) & ((striker == seat) if self._second else True))
+                k[at] = self._ask(i, tables, state[at], draw[at], striker[at], score[:, at])
         return k
 
     def _read(self, entrant: I32, state: I32, draw: I32) -> Intp:
         return chosen(self._rows.take(self._first_row[entrant] + state, axis=0), draw)
 
-    def _ask(self, i: int, state: I32, draw: I32, striker: I32, score: I32) -> Intp:
+    def _ask(self, i: int, game: Game, state: I32, draw: I32, striker: I32, score: I32) -> Intp:
         entrant = self._entrants[i]
         try:
-            return ask(entrant.policy, entrant.name, self._game, state, draw, striker, score)
+            return ask(entrant.policy, entrant.name, game, state, draw, striker, score)
         except PolicyError as error:
             raise ForfeitError(entrant.name, str(error)) from error

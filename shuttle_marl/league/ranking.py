@@ -5,7 +5,7 @@ Exact figures are the limits of the sampled ones for infinitely many matches.
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -13,6 +13,8 @@ import pyarrow as pa
 from scipy.stats import binomtest
 
 from shuttle_marl.arrays import F64, Intp
+from shuttle_marl.exact.fixed_point import TOLERANCE
+from shuttle_marl.game.pairs import AnyGame, PairGame
 from shuttle_marl.game.policy import PolicyError
 from shuttle_marl.game.scoring import BWF, Rules
 from shuttle_marl.game.tables import Game
@@ -64,7 +66,7 @@ class ExactOdds:
         return float(self.match[self.names.index(names[0]), self.names.index(names[1])])
 
 
-def exact_odds(game: Game, entrants: Sequence[Entrant], refits: Sequence[Game] = (), rules: Rules = BWF) -> ExactOdds:
+def exact_odds(game: AnyGame, entrants: Sequence[Entrant], refits: Sequence[AnyGame] = (), rules: Rules = BWF) -> ExactOdds:
     """Solve every pair of entrants, and the best response to each.
 
     Args:
@@ -83,12 +85,17 @@ def exact_odds(game: Game, entrants: Sequence[Entrant], refits: Sequence[Game] =
     )
     tables = {i: entrant.table for i, entrant in enumerate(entrants) if entrant.table is not None}
     try:
+        if isinstance(game, PairGame):
+            return _fill_pair(blank, {i: entrants[i] for i in tables}, refits, rules) if tables else blank
         return _fill(blank, game, tables, refits, rules) if tables else blank
     except ExactError as error:
         return dataclasses.replace(blank, problem=str(error))
 
 
-def _fill(blank: ExactOdds, game: Game, tables: Mapping[int, TabulatedPolicy], refits: Sequence[Game], rules: Rules) -> ExactOdds:
+def _fill(
+    blank: ExactOdds, game: Game, tables: Mapping[int, TabulatedPolicy], refits: Sequence[AnyGame], rules: Rules
+) -> ExactOdds:
+    from shuttle_marl.exact import moved  # noqa: PLC0415  numba
     from shuttle_marl.exact.known import best_odds, crossplay  # noqa: PLC0415  numba
     from shuttle_marl.policy.scorecard import Scorer  # noqa: PLC0415  numba
 
@@ -113,19 +120,59 @@ def _fill(blank: ExactOdds, game: Game, tables: Mapping[int, TabulatedPolicy], r
     filled = dataclasses.replace(blank, match=match, exploitability=exploitability, normalised_score=normalised)
     if not refits:
         return filled
-    away, shares = _away(len(match), tables, refits, rules)
+
+    def in_refit(refit: AnyGame) -> F64:
+        return crossplay([moved(table, refit.seats[0]) for table in policies], tolerance=_AWAY).match(rules)
+
+    away, shares = _away(len(match), at, refits, in_refit)
     return dataclasses.replace(filled, away=away, away_shares=shares)
 
 
-def _away(n: int, tables: Mapping[int, TabulatedPolicy], refits: Sequence[Game], rules: Rules) -> "tuple[Spread, F64]":
-    """``[N]`` fraction of matches won against all others over refits, and ``[R, N]`` in each; NaN without a table."""
-    from shuttle_marl.exact.away import moved, of_all_pairs, over  # noqa: PLC0415  numba
+def _fill_pair(blank: ExactOdds, entrants: Mapping[int, Entrant], refits: Sequence[AnyGame], rules: Rules) -> ExactOdds:
+    """Figures in the game of a pair: means over both seats of each entrant."""
+    from shuttle_marl.exact import moved  # noqa: PLC0415  numba
+    from shuttle_marl.exact.known import best_odds  # noqa: PLC0415  numba
+
+    at = list(entrants)
+    tables = [(e.table, e.opposite) for e in entrants.values() if e.table is not None and e.opposite is not None]
+    match, exploitability = blank.match.copy(), blank.exploitability.copy()
+    match[np.ix_(at, at)] = np.round(_both_seats(tables, rules), _DECIMALS)
+    gains = [[odds.value for odds in best_odds([both[seat] for both in tables])] for seat in (0, 1)]
+    exploitability[at] = np.round(np.mean(gains, axis=0), _DECIMALS) + 0.0
+    filled = dataclasses.replace(blank, match=match, exploitability=exploitability)
+    if not refits:
+        return filled
+
+    def in_refit(refit: AnyGame) -> F64:
+        first, second = refit.seats
+        return _both_seats([(moved(a, first), moved(b, second)) for a, b in tables], rules, _AWAY)
+
+    away, shares = _away(len(match), at, refits, in_refit)
+    return dataclasses.replace(filled, away=away, away_shares=shares)
+
+
+def _both_seats(tables: Sequence[tuple[TabulatedPolicy, TabulatedPolicy]], rules: Rules, tolerance: float = TOLERANCE) -> F64:
+    """``[N, N]`` probability that the row wins a match against the column, half of the time from each seat."""
     from shuttle_marl.exact.known import crossplay  # noqa: PLC0415  numba
 
-    def shares(refit: Game) -> "dict[str, Values]":
-        odds = crossplay([moved(table, refit) for table in tables.values()], tolerance=_AWAY)
-        share = np.full(n, np.nan)
-        share[list(tables)] = np.round(of_all_pairs(odds, rules)["match_share"], _DECIMALS)
+    win = crossplay([first for first, _ in tables], [second for _, second in tables], tolerance=tolerance).match(rules)
+    return np.asarray((win + 1 - win.T) / 2)
+
+
+def _away(n: int, at: Sequence[int], refits: Sequence[AnyGame], match: Callable[[AnyGame], F64]) -> "tuple[Spread, F64]":
+    """``[N]`` fraction of matches won against all others over refits, and ``[R, N]`` in each; NaN without a table.
+
+    Args:
+        n: number of entrants.
+        at: indices of the M entrants with a table.
+        refits: of the game.
+        match: ``[M, M]`` probability that the row wins a match against the column in a refit.
+    """
+    from shuttle_marl.exact.away import over  # noqa: PLC0415  numba
+
+    def shares(refit: AnyGame) -> "dict[str, Values]":
+        win, share = match(refit), np.full(n, np.nan)
+        share[at] = np.round((win.sum(axis=1) - win.diagonal()) / max(1, len(at) - 1), _DECIMALS)
         each.append(share)
         return {"share": share}
 

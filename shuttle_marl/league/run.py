@@ -21,9 +21,9 @@ from shuttle_marl import runs
 from shuttle_marl.cluster import Cluster, open_cluster
 from shuttle_marl.errors import printable
 from shuttle_marl.files import replace_file
+from shuttle_marl.game.pairs import AnyGame, PairGame
 from shuttle_marl.game.scoring import RULES
-from shuttle_marl.game.shipped import least_support, refits_of, resolve_game
-from shuttle_marl.game.tables import Game
+from shuttle_marl.game.shipped import least_support, refits_of
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.league import folder as run_folder
 from shuttle_marl.league.assessment import as_json, assess
@@ -35,7 +35,7 @@ from shuttle_marl.league.report import report
 from shuttle_marl.league.style import styles
 from shuttle_marl.league.tournament import MatchOptions, Pairing, PairResult, Tournament, stages
 from shuttle_marl.policy.foreign import time_limit
-from shuttle_marl.recording import LogHeader, Player, RallyRecorder, Sampling
+from shuttle_marl.recording import LogHeader, Pair, Player, RallyRecorder, Sampling
 from shuttle_marl.recording.recover import rallies_of_pairings
 from shuttle_marl.recording.recover import resume as resume_log
 from shuttle_marl.table_files import csv_bytes, write_parquet
@@ -77,7 +77,7 @@ def run_league(config: LeagueConfig, console: Console | None = None) -> LeagueRu
         ClusterError: the cluster cannot be used (nothing was written), or loses pairings repeatedly.
     """
     console = console or Console(quiet=True)
-    game = resolve_game(config.game, config.profile)
+    game = config.load()
     try:
         config = dataclasses.replace(config, pool=config.pool or default_pool(game))
         requested = set(config.pool)
@@ -103,7 +103,9 @@ def run_league(config: LeagueConfig, console: Console | None = None) -> LeagueRu
             raise LeagueError(str(error)) from error
 
 
-def _run(config: LeagueConfig, game: Game, entrants: Sequence[Entrant], console: Console, cluster: Cluster | None) -> LeagueRun:
+def _run(
+    config: LeagueConfig, game: AnyGame, entrants: Sequence[Entrant], console: Console, cluster: Cluster | None
+) -> LeagueRun:
     with run_folder.open_run(config) as opened:
         folder = opened.absolute()
         about = run_folder.manifest(config, game, entrants)
@@ -137,7 +139,7 @@ def _run(config: LeagueConfig, game: Game, entrants: Sequence[Entrant], console:
 
 def _play(
     config: LeagueConfig,
-    game: Game,
+    game: AnyGame,
     entrants: Sequence[Entrant],
     known: Sequence[Sequence[Pairing]],
     results: list[PairResult],
@@ -206,7 +208,7 @@ def _play(
 
 def _open_recorder(
     config: LeagueConfig,
-    game: Game,
+    game: AnyGame,
     entrants: Sequence[Entrant],
     known: Sequence[Sequence[Pairing]],
     results: Sequence[PairResult],
@@ -229,6 +231,7 @@ def _open_recorder(
         pairings=tuple(pairing.key for pairings in known for pairing in pairings),
         rules=RULES[config.rules],
         record=config.record,
+        pair=Pair.of(game),
     )
     if every == 1:
         recorded = sum(counts["rallies"] for result in results[first:end] for counts in result.seats)
@@ -237,10 +240,12 @@ def _open_recorder(
     return RallyRecorder(resume_log(path, header, recorded))
 
 
-def _exact(config: LeagueConfig, game: Game, entrants: Sequence[Entrant], console: Console) -> ExactOdds:
+def _exact(config: LeagueConfig, game: AnyGame, entrants: Sequence[Entrant], console: Console) -> ExactOdds:
     if not config.exact:
         return exact_odds(game, [dataclasses.replace(entrant, table=None) for entrant in entrants])
-    refits = refits_of(game) if config.away else ()
+    refits: Sequence[AnyGame] = ()
+    if config.away:
+        refits = game.refits() if isinstance(game, PairGame) else refits_of(game)
     if config.away and len(refits) < 2:
         refits = ()
         _say(console, "the model has fewer than two refits, so there are no results in refits (--away)")
@@ -253,7 +258,7 @@ def _exact(config: LeagueConfig, game: Game, entrants: Sequence[Entrant], consol
 
 def _write_tables(
     config: LeagueConfig,
-    game: Game,
+    game: AnyGame,
     entrants: Sequence[Entrant],
     known: Sequence[Sequence[Pairing]],
     results: Sequence[PairResult],
@@ -262,7 +267,7 @@ def _write_tables(
 ) -> list[Standing]:
     standings = rank(config.pool, results, config.seed, exact)
     tables = {entrant.name: entrant.table for entrant in entrants if entrant.table is not None}
-    assessment = assess(standings, config.pool, results, exact, styles(game, tables) if config.exact else {})
+    assessment = assess(standings, config.pool, results, exact, styles(game.seats[0], tables) if config.exact else {})
     table = results_table(results, exact)
     replace_file(folder / "results.csv", csv_bytes(table))
     write_parquet(folder / "results.parquet", table)
@@ -283,9 +288,9 @@ def _write_tables(
     return standings
 
 
-def _holes(game: Game, tables: Mapping[str, TabulatedPolicy], best: int) -> "dict[str, Holes]":
+def _holes(game: AnyGame, tables: Mapping[str, TabulatedPolicy], best: int) -> "dict[str, Holes]":
     """States in which the best policies lose most to their best responses."""
-    if not best:
+    if not best or isinstance(game, PairGame):
         return {}
     from shuttle_marl.exact import ExactError, solve  # noqa: PLC0415  numba
     from shuttle_marl.exact.optimal import limited  # noqa: PLC0415  numba

@@ -16,10 +16,10 @@ from shuttle_marl.arrays import F64, Bools
 from shuttle_marl.cluster import Cluster, Shared, Task
 from shuttle_marl.files import Count
 from shuttle_marl.game import draws
+from shuttle_marl.game.pairs import AnyGame, PairGame
 from shuttle_marl.game.scoring import BWF, Rules
-from shuttle_marl.game.tables import Game
 from shuttle_marl.kernel.lockstep import Matches, play
-from shuttle_marl.league.entrants import Entrant, ForfeitError, Format, Strikers
+from shuttle_marl.league.entrants import Entrant, ForfeitError, Format, Strikers, seat_tables
 from shuttle_marl.rally.record import Rallies
 
 if TYPE_CHECKING:
@@ -336,7 +336,13 @@ class Tournament:
     """
 
     def __init__(
-        self, game: Game, entrants: Sequence[Entrant], options: MatchOptions, *, workers: int = 1, cluster: Cluster | None = None
+        self,
+        game: AnyGame,
+        entrants: Sequence[Entrant],
+        options: MatchOptions,
+        *,
+        workers: int = 1,
+        cluster: Cluster | None = None,
     ) -> None:
         self._game, self._entrants, self._options = game, entrants, options
         self._workers, self._cluster = workers if cluster is None else cluster.slots, cluster
@@ -436,7 +442,10 @@ class Tournament:
         """Play matches between entrants that all have a table."""
         from shuttle_marl.kernel import play_matches  # noqa: PLC0415  numba is slow to import
 
-        seated = Matches(entrant=self._table_of[matches.entrant], first_server=matches.first_server, key=matches.key)
+        # The tables of seat 1 in the game of a pair are behind those of seat 0.
+        second = (self._table_of >= 0).sum() if isinstance(self._game, PairGame) else 0
+        entrant = self._table_of[matches.entrant] + np.array([0, second], dtype=np.int32)
+        seated = Matches(entrant=entrant, first_server=matches.first_server, key=matches.key)
         options = self._options
         return play_matches(
             self._game,
@@ -460,10 +469,10 @@ class Tournament:
 
     @functools.cached_property
     def _players(self) -> "Players":
-        """The tables of all entrants that have one, in order."""
+        """The tables of all entrants that have one, in order; see :func:`shuttle_marl.league.entrants.seat_tables`."""
         from shuttle_marl.kernel import pack  # noqa: PLC0415  numba is slow to import
 
-        return pack([entrant.table for entrant in self._entrants if entrant.table is not None], self._game)
+        return pack([table for table in seat_tables(self._game, self._entrants) if table is not None], self._game)
 
     @functools.cached_property
     def _strikers(self) -> Strikers:

@@ -6,6 +6,7 @@ folder; :mod:`shuttle_marl.policy.network` computes the same table on every mach
 """
 
 import contextlib
+import dataclasses
 import hashlib
 from pathlib import Path
 from typing import Any, Final
@@ -51,6 +52,7 @@ def load_agent(folder: Path, game: Game) -> TabulatedPolicy:
         PolicyError: the folder holds no agent, a damaged one, or one trained on another game.
     """
     card = read_card(folder)
+    seat, game = game, game.average
     if card.get("game") != game.hash:
         other = "" if card.get("catalogue") == game.catalogue.version else ", whose strokes are not these"
         raise PolicyError(
@@ -71,7 +73,7 @@ def load_agent(folder: Path, game: Game) -> TabulatedPolicy:
 
         return PolicyNetwork.of_tensors(weights, game).table(game)
 
-    return cached_table(game, f"network {_EVALUATION} {digest}", evaluate)
+    return dataclasses.replace(cached_table(game, f"network {_EVALUATION} {digest}", evaluate), game=seat)
 
 
 def read_card(folder: Path) -> dict[str, Any]:
@@ -120,7 +122,7 @@ def about(name: str) -> str:
 
 def _trained_on(folder: Path, game: Game) -> bool:
     with contextlib.suppress(PolicyError):
-        return read_card(folder).get("game") == game.hash
+        return read_card(folder).get("game") == game.average.hash
     return False
 
 

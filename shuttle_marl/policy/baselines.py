@@ -17,8 +17,9 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.arrays import F32, F64, I64
+from shuttle_marl.arrays import F64, I64
 from shuttle_marl.game.court import N_AREAS, area_centre
+from shuttle_marl.game.pairs import SeatGame
 from shuttle_marl.game.policy import PolicyError, States
 from shuttle_marl.game.shipped import BC, PROFILES, folder_of, origin_of, read_model
 from shuttle_marl.game.stroke import HEIGHTS, N_SHOTS, N_TECHNIQUES, SHOTS
@@ -41,7 +42,7 @@ class BehaviourClones:
         area: ``[M, 13, 3, 9]`` shifts by shot type, technique and target.
     """
 
-    log_choice: F32
+    log_choice: npt.NDArray[np.float16]
     profiles: dict[str, npt.NDArray[np.float16]]
     players: tuple[str, ...]
     style: F64
@@ -84,7 +85,7 @@ def clones(folder: Path) -> BehaviourClones:
         pairs = arrays["log_choice"].shape[:1]
         of_profiles = {name: f"log_choice.{name}" for name in PROFILES}
         return BehaviourClones(
-            log_choice=checked(arrays["log_choice"], np.float32, pairs),
+            log_choice=checked(arrays["log_choice"], np.float16, pairs),
             profiles={name: checked(arrays[key], np.float16, pairs) for name, key in of_profiles.items() if key in arrays},
             players=tuple(players),
             style=checked(arrays["style"], np.float64, (m, N_SHOTS + 2, len(HEIGHTS), N_SHOTS, N_TECHNIQUES)),
@@ -125,13 +126,20 @@ def probabilities(player: str | None, game: Game) -> F64:
     return known.pair_probabilities(game, player, origin.variant)
 
 
-@functools.lru_cache(maxsize=8)
+def imitation(player: str, game: Game) -> str:
+    """Name of the policy that imitates a player, or the average one where the model has no choices of the player."""
+    return f"bc:{player}" if player in players(game) else "bc"
+
+
+@functools.lru_cache(maxsize=32)
 def load(player: str | None, game: Game) -> TabulatedPolicy:
     """The average player (None) or an individual as a table.
 
     Raises:
         PolicyError: as :func:`probabilities`.
     """
+    if isinstance(game, SeatGame):  # choices do not depend on skill, so all pairs share a table
+        return dataclasses.replace(load(player, game.profile), game=game)
     return from_pair_probabilities(game, np.tile(probabilities(player, game), game.n_blocks))
 
 

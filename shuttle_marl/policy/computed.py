@@ -74,17 +74,18 @@ def _warn_once(message: str) -> None:
 
 @functools.lru_cache(maxsize=4)
 def minimax_policy(game: Game) -> TabulatedPolicy:
-    """The minimax policy of a game."""
+    """The minimax policy of a game, or of a player in the game of a pair."""
     from shuttle_marl.exact.optimal import solve  # noqa: PLC0415  numba
 
-    return cached_table(game, f"minimax {solvers_hash()}", lambda: solve(game).policy[0])
+    return cached_table(game, f"minimax {game.opposite.hash} {solvers_hash()}", lambda: solve(game).policy[0])
 
 
 def best_response_policy(policy: TabulatedPolicy) -> TabulatedPolicy:
     """The best response to a policy."""
     from shuttle_marl.exact.optimal import best_response  # noqa: PLC0415  numba
 
-    return cached_table(policy.game, f"best-response {policy.hash} {solvers_hash()}", lambda: best_response(policy).policy)
+    key = f"best-response {policy.game.hash} {policy.hash} {solvers_hash()}"
+    return cached_table(policy.game.opposite, key, lambda: best_response(policy).policy)
 
 
 @functools.lru_cache(maxsize=4)
@@ -118,12 +119,13 @@ def human_policy(tau: float, player: str | None, game: Game) -> TabulatedPolicy:
     from shuttle_marl.exact.optimal import solve_soft  # noqa: PLC0415
     from shuttle_marl.exact.profile import PairPolicy  # noqa: PLC0415  numba
 
-    average = PairPolicy(game=game, probability=baselines.probabilities(None, game))
-    own = average if player is None else PairPolicy(game=game, probability=baselines.probabilities(player, game))
+    average = PairPolicy(game=game.opposite, probability=baselines.probabilities(None, game.opposite))
+    same = player is None and game.opposite is game
+    own = average if same else PairPolicy(game=game, probability=baselines.probabilities(player, game))
     priors = hashlib.sha256(own.probability.tobytes() + average.probability.tobytes()).hexdigest()
     return cached_table(
         game,
-        f"human {tau!r} {priors} {solvers_hash()}",
+        f"human {tau!r} {game.opposite.hash} {priors} {solvers_hash()}",
         lambda: from_pair_probabilities(game, solve_soft(own, average, tau=tau).policy[0].probability),
     )
 

@@ -326,7 +326,7 @@ register(
 )
 _with_argument(
     "best-response:POLICY", "bc", "the name of a policy",
-    lambda name, game: computed.best_response_policy(tabulate(resolve(name, game), game, name)),
+    lambda name, game: computed.best_response_policy(tabulate(resolve(name, game.opposite), game.opposite, name)),
     "best response to another policy, solved exactly",
     names=lambda game: ("best-response:bc",) if baselines.known_for(game) else (),
 )  # fmt: skip
@@ -351,5 +351,9 @@ _with_argument(
     "program of your own in any language, asked for every stroke in lines of JSON",
 )  # fmt: skip
 _with_argument(
-    "table:FILE", "FILE", "a file", lambda file, game: TabulatedPolicy.load(Path(file), game), "policy kept as a table"
+    "table:FILE",
+    "FILE",
+    "a file",
+    lambda file, game: dataclasses.replace(TabulatedPolicy.load(Path(file), game.average), game=game),
+    "policy kept as a table",
 )

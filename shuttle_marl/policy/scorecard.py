@@ -14,13 +14,13 @@ import numpy as np
 from scipy.stats import binomtest
 
 from shuttle_marl.arrays import I32, Bools, Intp
-from shuttle_marl.exact.away import Spread, moved, over
+from shuttle_marl.exact.away import Spread, over
 from shuttle_marl.exact.fixed_point import TOLERANCE
 from shuttle_marl.exact.known import best_odds
 from shuttle_marl.exact.match import Odds, normalised_score
 from shuttle_marl.exact.occupancy import Visits, visits
 from shuttle_marl.exact.optimal import Solution, best_response, solve
-from shuttle_marl.exact.profile import evaluate
+from shuttle_marl.exact.profile import evaluate, moved
 from shuttle_marl.exact.regret import policy_regret
 from shuttle_marl.game import draws
 from shuttle_marl.game.policy import Policy, reads_score

@@ -9,9 +9,9 @@ import numpy as np
 
 from shuttle_marl.arrays import F32, I8, I32, I64, U8, U16, U32, Bools, Ints, UInts
 from shuttle_marl.errors import ShuttleError
+from shuttle_marl.game.layout import Layout
 from shuttle_marl.game.rules import OUTCOMES, RETURNED_BELOW, WINNER, states_of_rallies
 from shuttle_marl.game.stroke import Catalogue
-from shuttle_marl.game.tables import Game
 
 PER_STROKE: Final = ("stroke", "log_probability", "value")
 """Columns of :class:`Rallies` with one entry for each stroke; the others have one for each rally."""
@@ -121,7 +121,7 @@ class Rally:
         following = RETURNED_BELOW + self.catalogue.height[self.stroke[1:]].astype(np.int64)
         return np.r_[following, self.ending][: len(self.stroke)]
 
-    def states(self, game: Game) -> I32:
+    def states(self, game: Layout) -> I32:
         """``[n]`` state of the game in which each stroke was struck, -1 where the game has no such state."""
         return states_of_rallies(game, self.stroke, np.arange(len(self.stroke)))
 
@@ -221,7 +221,7 @@ class Rallies:
             number=int(self.rally[i]),
         )
 
-    def states(self, game: Game) -> I32:
+    def states(self, game: Layout) -> I32:
         """``[N]`` state of the game in which each stroke was struck, -1 where the game has no such state."""
         return states_of_rallies(game, self.stroke, self.position)
 

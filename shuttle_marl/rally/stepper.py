@@ -24,6 +24,7 @@ import numpy.typing as npt
 from shuttle_marl.arrays import F32, I8, U64
 from shuttle_marl.game.draws import choice_draw, draw, first_server, outcome_draw, stream
 from shuttle_marl.game.observation import EFFORT, SWAP, features
+from shuttle_marl.game.pairs import AnyGame
 from shuttle_marl.game.policy import Policy, States, checked_probabilities, drawn_strokes
 from shuttle_marl.game.rules import RETURNED_BELOW
 from shuttle_marl.game.tables import Game
@@ -50,21 +51,21 @@ class Stroke(NamedTuple):
 
 
 class Stepper:
-    """A game prepared for playing strokes one at a time; read-only. :func:`stepper_of` shares one per game.
+    """A game, or that of a pair, prepared for playing strokes one at a time; read-only. :func:`stepper_of` shares one per game.
 
     Attributes:
-        game: the tables.
+        game: the tables, or the game of a pair.
         observations: ``[base states, 59]`` float32 observation of the striker in each state, efforts zero.
     """
 
-    def __init__(self, game: Game) -> None:
+    def __init__(self, game: AnyGame) -> None:
         self.game = game
         self.observations = features(game)
         self._masks = np.ascontiguousarray(game.reply_mask.reshape(-1, game.n_strokes).astype(np.int8))
         self._n, self._one, self._swap = game.n_strokes, ONE, SWAP
         # A memoryview yields Python integers four times as fast as an array, without the memory of a list.
         self._rank = _view(game.reply_rank)
-        self._limits = [_view(limits) for limits in game.limits]
+        self._limits = [[_view(limits) for limits in tables.limits] for tables in game.seats]
         self._pair_start = _view(game.base_pair_start)
         self._first_reply = _view(game.first_reply)
         self._arrival = _view(2 * game.reply_edge + game.edge_attack[game.reply_edge])
@@ -112,7 +113,7 @@ class Stepper:
         block, base = divmod(state, self._size)
         k = self._rank[(2 * self._incoming[base >> 1] + (base & 1)) * self._n + stroke]
         entry = 3 * (self._pair_start[base] + k)
-        limits = self._limits[block // self._levels]
+        limits = self._limits[player][block // self._levels]
         fault, winner, one = limits[entry], limits[entry + 1], self._one
         outcome = (draw >= fault) + (draw >= winner) + (draw >= limits[entry + 2])
         arrival = self._arrival[self._first_reply[base] + k]
@@ -132,7 +133,7 @@ def _view(table: npt.NDArray[Any]) -> memoryview:
 
 
 @functools.lru_cache(maxsize=8)
-def stepper_of(game: Game) -> Stepper:
+def stepper_of(game: AnyGame) -> Stepper:
     """The stepper of a game, built once."""
     return Stepper(game)
 

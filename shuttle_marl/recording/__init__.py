@@ -6,7 +6,7 @@ the format.
 """
 
 from shuttle_marl.rally.record import Rallies
-from shuttle_marl.recording.header import SINGLE_RALLY, LogHeader, Player, RecordingError, Sampling
+from shuttle_marl.recording.header import SINGLE_RALLY, LogHeader, Pair, Player, RecordingError, Sampling
 from shuttle_marl.recording.reader import RallyLog
 from shuttle_marl.recording.recorder import RallyLogWriter, RallyRecorder
 from shuttle_marl.recording.recover import recover
@@ -17,6 +17,7 @@ __all__ = [
     "SINGLE_RALLY",
     "Derived",
     "LogHeader",
+    "Pair",
     "Player",
     "Rallies",
     "RallyLog",

@@ -13,6 +13,7 @@ from shuttle_marl import __version__
 from shuttle_marl.arrays import U64, Bools, Ints
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.game.draws import stream as draw_stream
+from shuttle_marl.game.pairs import AnyGame, PairGame, pair_game
 from shuttle_marl.game.scoring import BWF, Rules
 from shuttle_marl.rally.record import OPTIONAL, Rallies
 
@@ -58,6 +59,36 @@ class Player:
 
     name: str
     hash: str = ""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Pair:
+    """The players whose skill the seats have.
+
+    Attributes:
+        players: names at seats 0 and 1.
+        date: day of their skill in ISO 8601; None: the last one known.
+        discipline: ``men`` or ``women``; None: the average of both.
+    """
+
+    players: tuple[str, str]
+    date: str | None = None
+    discipline: str | None = None
+
+    @classmethod
+    def of(cls, game: AnyGame) -> "Pair | None":
+        """The players of a game; None if it is not that of a pair."""
+        if not isinstance(game, PairGame):
+            return None
+        return cls(players=game.players, date=None if game.date is None else str(game.date), discipline=game.discipline)
+
+    def game(self, model: str = "default") -> PairGame:
+        """The game of these players in a model.
+
+        Raises:
+            GameError: the model has no skill of these players.
+        """
+        return pair_game(*self.players, date=self.date, discipline=self.discipline, game=model)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -112,7 +143,7 @@ class LogHeader:
 
     Attributes:
         seed: random seed.
-        game: hash of the game, see :attr:`shuttle_marl.game.tables.Game.hash`.
+        game: hash of the game, see :attr:`shuttle_marl.game.tables.Game.hash`, or of the game of a pair.
         strokes: names of the catalogue, by number.
         policies: policies, by number.
         pairings: key of each pairing, by number, from 0 up to 2^64; its draws follow from it.
@@ -121,6 +152,7 @@ class LogHeader:
         draws: numbers from which the draws of a rally follow, see :data:`Draws`.
         record: sample of the matches, see :meth:`Sampling.parse`.
         columns: the columns of :data:`shuttle_marl.rally.record.OPTIONAL` in the log, in that order.
+        pair: the players whose skill the seats have; None: both seats strike with the same tables.
         software: program that wrote the log.
         part: number of this file in the log, from 0; equality ignores this field and the next.
         first_rally: number of the first rally of this file.
@@ -139,6 +171,7 @@ class LogHeader:
     draws: Draws = "league"
     record: str = "all"
     columns: tuple[str, ...] = ()
+    pair: Pair | None = None
     software: str = f"shuttle_marl {__version__}"
     part: int = dataclasses.field(default=0, compare=False)
     first_rally: int = dataclasses.field(default=0, compare=False)
@@ -150,6 +183,8 @@ class LogHeader:
             raise RecordingError(f"strokes and policies: expected names of up to {MAX_NAME} characters")
         if self.columns != tuple(name for name in OPTIONAL if name in self.columns):
             raise RecordingError(f"columns {self.columns}: expected some of {OPTIONAL}, in that order")
+        if self.pair is not None and not all(len(name) <= MAX_NAME for name in self.pair.players):
+            raise RecordingError(f"players: expected names of up to {MAX_NAME} characters")
         for name, least, limit in (("matches_per_draw", 1, 1 << 32), ("part", 0, 1 << 31), ("first_rally", 0, 1 << 62)):
             if not least <= getattr(self, name) < limit:
                 raise RecordingError(f"{name} {getattr(self, name)}: expected a number from {least} up to {limit}")
@@ -181,7 +216,10 @@ class LogHeader:
 
     def to_metadata(self) -> dict[str, str]:
         """The MCAP metadata record: the header as canonical JSON, its SHA-256 and the version of the schema."""
-        text = json.dumps(dataclasses.asdict(self), sort_keys=True, separators=(",", ":"), ensure_ascii=False)
+        fields = dataclasses.asdict(self)
+        if self.pair is None:
+            del fields["pair"]
+        text = json.dumps(fields, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
         return {"header": text, "sha256": hashlib.sha256(text.encode()).hexdigest(), "version": str(VERSION)}
 
     @classmethod

@@ -12,11 +12,13 @@ from mcap.opcode import Opcode
 from mcap.records import DataEnd, Footer
 
 from shuttle_marl.arrays import I32, I64, Bools
+from shuttle_marl.errors import printable
 from shuttle_marl.files import open_file
 from shuttle_marl.game import draws
+from shuttle_marl.game.layout import Layout
+from shuttle_marl.game.pairs import AnyGame
 from shuttle_marl.game.rules import WINNER, strike
 from shuttle_marl.game.scoring import Rules, count_rally, is_over
-from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.rally.record import Rallies
 from shuttle_marl.recording.chunks import FRAME, stream
@@ -27,7 +29,7 @@ from shuttle_marl.recording.reader import RallyLog
 _BLOCK: Final = 1 << 20
 
 
-def require_game(log: RallyLog, game: Game) -> None:
+def require_game(log: RallyLog, game: AnyGame) -> None:
     """Check that a log was played on a game.
 
     Raises:
@@ -35,12 +37,14 @@ def require_game(log: RallyLog, game: Game) -> None:
     """
     played = log.files[0].header.game
     if played != game.hash:
+        pair = log.files[0].header.pair
+        of = "" if pair is None else f" of {printable(' against '.join(pair.players))}"
         raise RecordingError(
-            f"{log.path}: played on game {played[:12]}, not on {game.hash[:12]}; name its model with --game (and --profile)"
+            f"{log.path}: played on game {played[:12]}{of}, not on {game.hash[:12]}; name its model with --game (and --profile)"
         )
 
 
-def states(game: Game, rallies: Rallies) -> tuple[I32, I32]:
+def states(game: Layout, rallies: Rallies) -> tuple[I32, I32]:
     """``[N]`` each: state in which every stroke was struck, and its position among the legal strokes.
 
     Both are -1 if the stroke or the incoming stroke is illegal.
@@ -65,7 +69,7 @@ class Replay:
     wrong: tuple[int, ...]
 
 
-def replay(log: RallyLog, game: Game, policies: Mapping[str, TabulatedPolicy] | None = None) -> Replay:
+def replay(log: RallyLog, game: AnyGame, policies: Mapping[str, TabulatedPolicy] | None = None) -> Replay:
     """Replay every rally of a log from its draws.
 
     If the draws are unknown, only the legality of the strokes and the winners are checked.
@@ -93,7 +97,7 @@ def replay(log: RallyLog, game: Game, policies: Mapping[str, TabulatedPolicy] | 
     return Replay(rallies=rallies, strokes=strokes, wrong=tuple(wrong))
 
 
-def _wrong_strokes(header: LogHeader, game: Game, rallies: Rallies, policies: Mapping[int, TabulatedPolicy]) -> Bools:
+def _wrong_strokes(header: LogHeader, game: AnyGame, rallies: Rallies, policies: Mapping[int, TabulatedPolicy]) -> Bools:
     """``[N]`` whether a stroke is illegal, or differs in its outcome or its policy's choice from the replay."""
     state, k = states(game, rallies)
     wrong = state < 0
@@ -102,12 +106,15 @@ def _wrong_strokes(header: LogHeader, game: Game, rallies: Rallies, policies: Ma
     legal = np.flatnonzero(~wrong)
     key = header.rally_key(rallies)
     bits = draws.draw(key[rallies.row_of_stroke[legal]], rallies.position[legal])
-    outcome, _ = strike(game, state[legal], k[legal], draws.outcome_draw(bits))
-    wrong[legal] = outcome != rallies.outcome(game.catalogue)[legal]
+    played = rallies.outcome(game.catalogue)
+    for seat, tables in enumerate(game.seats):
+        mine = np.flatnonzero(rallies.striker[legal] == seat)
+        outcome, _ = strike(tables, state[legal[mine]], k[legal[mine]], draws.outcome_draw(bits[mine]))
+        wrong[legal[mine]] = outcome != played[legal[mine]]
     policy = rallies.policy[rallies.row_of_stroke[legal], rallies.striker[legal]]
-    for i, played in policies.items():
+    for i, table in policies.items():
         mine = np.flatnonzero(policy == i)
-        wrong[legal[mine]] |= played.choose(state[legal[mine]], draws.choice_draw(bits[mine])) != k[legal[mine]]
+        wrong[legal[mine]] |= table.choose(state[legal[mine]], draws.choice_draw(bits[mine])) != k[legal[mine]]
     return wrong
 
 
@@ -135,7 +142,7 @@ class Checked:
     problems: tuple[str, ...]
 
 
-def check(path: Path, game: Game | None = None) -> Checked:
+def check(path: Path, game: AnyGame | None = None) -> Checked:
     """Check a log.
 
     Args:

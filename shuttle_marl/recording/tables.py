@@ -22,6 +22,7 @@ from shuttle_marl.data.upstream import discipline
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.files import replacing
 from shuttle_marl.game import court, draws
+from shuttle_marl.game.pairs import AnyGame
 from shuttle_marl.game.stroke import N_SERVES, Catalogue
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities
@@ -50,7 +51,7 @@ class Derived:
         RecordingError: the log was played on another game.
     """
 
-    def __init__(self, log: RallyLog, game: Game, policies: Mapping[str, TabulatedPolicy] | None = None) -> None:
+    def __init__(self, log: RallyLog, game: AnyGame, policies: Mapping[str, TabulatedPolicy] | None = None) -> None:
         require_game(log, game)
         self._game = game
         chosen = policies or {}
@@ -67,7 +68,8 @@ class Derived:
         state, k = states(self._game, rallies)
         pair = self._game.pair_at(np.maximum(state, 0), np.maximum(k, 0))
         names = ("p_succ", "p_ret", "p_above")
-        known = self._game.stroke_probabilities(pair)
+        first, second = (tables.stroke_probabilities(pair) for tables in self._game.seats)
+        known = [np.where(rallies.striker, *both) for both in zip(second, first, strict=True)]
         columns = {name: np.where(state < 0, np.nan, p) for name, p in zip(names, known, strict=True)}
         found: dict[str, npt.NDArray[np.generic]] = {"state": state, **columns}
         if self._policies:
@@ -80,7 +82,7 @@ class Derived:
         return found
 
 
-def export(source: Path, target: Path, rows: Literal["rallies", "strokes"], game: Game | None = None) -> int:
+def export(source: Path, target: Path, rows: Literal["rallies", "strokes"], game: AnyGame | None = None) -> int:
     """Write a log as a table, complete or not at all.
 
     Args:

@@ -19,11 +19,14 @@ from shuttle_marl.arrays import F64
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.game import court
 from shuttle_marl.game.draws import stream
+from shuttle_marl.game.layout import Layout
+from shuttle_marl.game.pairs import AnyGame, PairGame, resolve_players
 from shuttle_marl.game.rules import OUTCOMES
 from shuttle_marl.game.shipped import RELIABLE, least_support, real_strokes
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
-from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tables import GameError
 from shuttle_marl.policy import registry
+from shuttle_marl.policy.baselines import imitation
 from shuttle_marl.staging.trajectory import facing
 from shuttle_marl.watch import WatchError, messages
 from shuttle_marl.watch.match import CourtRally, Match, play_rally
@@ -85,7 +88,7 @@ def rounded(value: float) -> float:
     return round(float(value), 7)
 
 
-def stroke_facts(game: Game, stroke: int, seat: int) -> messages.StrokeFacts:
+def stroke_facts(game: Layout, stroke: int, seat: int) -> messages.StrokeFacts:
     """Words of a stroke of the catalogue, and the area at which a seat aims with it."""
     catalogue, sign = game.catalogue, facing(seat)
     (x0, x1), (y0, y1) = court.area_box(int(catalogue.area[stroke]), serve=bool(catalogue.is_serve[stroke]))
@@ -101,12 +104,13 @@ def stroke_facts(game: Game, stroke: int, seat: int) -> messages.StrokeFacts:
     )
 
 
-def rally_facts(game: Game, rally: CourtRally, motion: staging.Motion) -> messages.RallyFacts:
+def rally_facts(game: AnyGame, rally: CourtRally, motion: staging.Motion) -> messages.RallyFacts:
     """A rally without its motion: score, strokes with their probabilities, positions and times, and a person's turn."""
     winner = rally.winner
     return messages.RallyFacts(
         number=rally.number,
-        names=rally.names,
+        pair=game.title if isinstance(game, PairGame) else None,
+        names=_shown_names(game, rally.names),
         server=rally.server,
         points=rally.points,
         games=rally.games,
@@ -120,12 +124,24 @@ def rally_facts(game: Game, rally: CourtRally, motion: staging.Motion) -> messag
     )
 
 
+def _shown_names(game: AnyGame, names: tuple[str, str]) -> tuple[str, str]:
+    """Names of the policies, behind those of the players whose skill they have."""
+    if not isinstance(game, PairGame):
+        return names
+    players = (
+        player if name in (player, f"bc:{player}") else f"{player} ({name})"
+        for player, name in zip(game.players, names, strict=True)
+    )
+    return next(players), next(players)
+
+
 def _player(motion: staging.Motion, seat: int) -> messages.PlayerFacts:
     return messages.PlayerFacts(athlete=motion.skeletons[seat].name, hand=motion.handedness[seat])
 
 
-def _turn(game: Game, rally: CourtRally, state: int) -> messages.Turn:
+def _turn(game: AnyGame, rally: CourtRally, state: int) -> messages.Turn:
     seat = (rally.server + len(rally)) % 2
+    game = game.seats[seat]
     strokes = game.legal_strokes(state).tolist()
     good, returned, _ = game.stroke_probabilities(game.pair_at(state, np.arange(len(strokes))))
     legal = [
@@ -142,8 +158,8 @@ def _score_after(rally: CourtRally, winner: int) -> messages.ScoreFacts:
     return messages.ScoreFacts(points=points, games=after.games, over=after.over, game_won=game_won)
 
 
-def _stroke(game: Game, rally: CourtRally, motion: staging.Motion, i: int, state: int) -> messages.Stroke:
-    trajectory, stroke = motion.trajectory, int(rally.stroke[i])
+def _stroke(game: AnyGame, rally: CourtRally, motion: staging.Motion, i: int, state: int) -> messages.Stroke:
+    trajectory, stroke, game = motion.trajectory, int(rally.stroke[i]), game.seats[int(rally.striker[i])]
     pair = int(game.pair(state, stroke))
     good, returned, _ = (rounded(float(p)) for p in game.stroke_probabilities(pair))
     real = real_strokes(game)
@@ -186,11 +202,14 @@ class StrokeValues:
     Args:
         policies: policies, their values and the solved game.
         at_least: real strokes behind strokes that are advised; None: :func:`shuttle_marl.game.shipped.least_support`.
+
+    Attributes:
+        game: the game.
     """
 
     def __init__(self, policies: PolicyTables, at_least: int | None = None) -> None:
-        self._policies, self._game = policies, policies.game
-        self._at_least = least_support(policies.game) if at_least is None else at_least
+        self._policies, self.game = policies, policies.game
+        self._at_least = least_support(policies.game.seats[0]) if at_least is None else at_least
         self._styles = OnceCache(_MAX_STYLES)
 
     def players(self, sides: tuple[Side, Side]) -> Players:
@@ -199,16 +218,16 @@ class StrokeValues:
         Raises:
             PolicyError: a policy cannot be loaded.
         """
-        first, second = (self._policies.table(side) for side in sides)
+        first, second = (self._policies.table(side, seat) for seat, side in enumerate(sides))
         return Players(tables=(first, second), value=self._policies.values(sides))
 
     def decision(self, state: int, seat: int, players: Players) -> Decision:
         """The decision of a seat in a state."""
-        return analyse_decision(self._game, state, seat, players, self._policies.solution)
+        return analyse_decision(self.game, state, seat, players, self._policies.solution)
 
     def analysis(self, rally: CourtRally, players: Players) -> messages.Analysis:
         """Values of every stroke of a rally."""
-        found = analyse_rally(rally, self._game, players, rules=rally.score.rules, solution=self._policies.solution)
+        found = analyse_rally(rally, self.game, players, rules=rally.score.rules, solution=self._policies.solution)
         strokes = zip(found.decisions, found.rank.tolist(), found.match_win.tolist(), strict=False)
         fractions: tuple[list[float], list[float]] = ([], [])
         for choice, rank in zip(found.decisions, found.rank, strict=True):
@@ -219,7 +238,7 @@ class StrokeValues:
         return messages.Analysis(
             number=rally.number,
             strokes=[self._stroke(choice, rank, match_win) for choice, rank, match_win in strokes],
-            landings=[_landings(self._game.catalogue.area, choice) for choice in found.decisions],
+            landings=[_landings(self.game.catalogue.area, choice) for choice in found.decisions],
             win_after=float(found.rally_win[-1]) if over else None,
             match_after=float(found.match_win[-1]) if over else None,
             accuracy=(accuracy[0], accuracy[1]),
@@ -256,7 +275,7 @@ class StrokeValues:
         listed = list(dict.fromkeys([*order[: limit - len(always)], *always, *order]))[:limit]
         return [
             messages.Option(
-                **msgspec.structs.asdict(stroke_facts(self._game, int(choice.stroke[k]), choice.seat)),
+                **msgspec.structs.asdict(stroke_facts(self.game, int(choice.stroke[k]), choice.seat)),
                 p_succ=rounded(choice.p_succ[k]),
                 p_ret=rounded(choice.p_ret[k]),
                 support=None if np.isnan(choice.support[k]) else round(float(choice.support[k]), 1),
@@ -294,8 +313,9 @@ class StrokeValues:
         ]
         order = np.argsort(-np.maximum(mixes[0], mixes[1]), kind="stable")
         shots_ = [messages.StyleFigure(SHOTS[k], (float(mixes[0][k]), float(mixes[1][k])), float(reference[k])) for k in order]
-        first, second = (rounded(self._policies.values((side, ELITE)).odds().rally) for side in sides)
-        return messages.Styles(figures=figures, shots=shots_, strength=(first, second))
+        first = self._policies.values((sides[0], ELITE)).odds().rally
+        second = 1 - self._policies.values((ELITE, sides[1])).odds().rally
+        return messages.Styles(figures=figures, shots=shots_, strength=(rounded(first), rounded(second)))
 
     def _mark(self, regret: float, pair: int) -> str:
         if regret >= _POOR:
@@ -335,6 +355,8 @@ def _support_sentence(support: F64) -> str:
 _MAX_MATCHES: Final = 64
 _MAX_PACKED: Final = 8
 _MAX_OVERVIEWS: Final = 16
+_MAX_PAIRS: Final = 3
+"""Number of games of pairs in memory, of hundreds of megabytes each."""
 
 
 class Answers:
@@ -365,7 +387,8 @@ class Answers:
         self._recorded, self._first_shown = recorded, first
         self._values, self._stager, self._log = StrokeValues(policies, at_least), stager, log
         self._overviews = OnceCache(_MAX_OVERVIEWS)
-        self._matches, self._packed = OnceCache(_MAX_MATCHES), OnceCache(_MAX_PACKED)
+        self._matches, self._packed, self._pairs = OnceCache(_MAX_MATCHES), OnceCache(_MAX_PACKED), OnceCache(_MAX_PAIRS)
+        self._at_least = at_least
 
     def __call__(self, request: messages.Request) -> bytes:
         """The encoded reply to a request.
@@ -382,7 +405,7 @@ class Answers:
         if isinstance(request, messages.RallyRequest):
             return self._rally(request)
         if isinstance(request, messages.AnalysisRequest):
-            return self._values.analysis(self._played(request), self._players(request)), b""
+            return self._values_of(request).analysis(self._played(request), self._players(request)), b""
         if isinstance(request, messages.OptionsRequest):
             return self._options(request), b""
         if isinstance(request, messages.MatchRequest):
@@ -404,7 +427,7 @@ class Answers:
             version=__version__,
             game=self._game.hash[:12],
             hall=hall_facts(),
-            policies=list(dict.fromkeys([*(side.policy for side in self._plan.sides), *registry.names(self._game)])),
+            policies=list(dict.fromkeys([*(side.policy for side in self._plan.sides), *registry.names(self._game.seats[0])])),
             plan=self._plan,
             recorded=None if recorded is None else messages.RecordedFacts(recorded.title, recorded.count, self._first_shown),
         )
@@ -417,19 +440,24 @@ class Answers:
         # A page that has the motion up to the branch needs only the frames after it.
         first = self._first_frame(request, rally, motion) if request.have else 0
         packed: bytes = self._packed.get((motion, first), lambda: motion.pack(first))
-        return messages.RallyReply(rally_facts(self._game, rally, motion)), packed
+        return messages.RallyReply(rally_facts(self._values_of(request).game, rally, motion)), packed
 
     def _options(self, query: messages.Query) -> messages.OptionsReply:
         rally = self._played(query)
         if rally.turn is None:
             raise WatchError("the rally is over; there is nothing to choose")
-        choice = self._values.decision(rally.turn, (rally.server + len(rally)) % 2, self._players(query))
-        return messages.OptionsReply(self._values.options(choice, limit=len(choice.stroke)))
+        values = self._values_of(query)
+        choice = values.decision(rally.turn, (rally.server + len(rally)) % 2, self._players(query))
+        return messages.OptionsReply(values.options(choice, limit=len(choice.stroke)))
 
     def _overview(self, query: messages.MatchRequest) -> messages.MatchReply:
-        rallies = self._rallies_of(query)
-        players = ((rally, self._players(replace(query, rally=rally.number))) for rally in rallies)
-        return match_overview(((rally, who, self._values.analysis(rally, who)) for rally, who in players), self._game)
+        def analysed() -> Iterator[tuple[CourtRally, Players, messages.Analysis]]:
+            for rally in self._rallies_of(query):
+                one = replace(query, rally=rally.number)
+                players = self._players(one)
+                yield rally, players, self._values_of(one).analysis(rally, players)
+
+        return match_overview(analysed())
 
     def _rallies_of(self, query: messages.MatchRequest) -> Iterator[CourtRally]:
         """Finished rallies of a match in their order."""
@@ -465,15 +493,35 @@ class Answers:
             raise WatchError("the policies of this rally are unknown; no stroke can be tried")
         chosen = {**dict(enumerate(rally.stroke[:k].tolist())), **query.tried}
         about = rally.number, rally.names, rally.score
-        branch = play_rally(self._game, (first, second), stream(rally.key, k), about, chosen)
+        branch = play_rally(self._values_of(query).game, (first, second), stream(rally.key, k), about, chosen)
         return dataclasses.replace(branch, key=rally.key, chosen=tuple(sorted(query.tried)))
 
     def _players(self, query: messages.Query) -> Players:
         if query.plan is not None:
             return self._values.players(query.plan.sides_in(query.rally))
         found = None if self._recorded is None else self._recorded.players(query.rally)
+        if found is not None:
+            return found
+        values = self._values_of(query)
+        if isinstance(values.game, PairGame):
+            first, second = map(imitation, values.game.players, values.game.seats)
+            return values.players((Side(policy=first), Side(policy=second)))
         # Rallies of unknown players have the values of imitated elite players.
-        return found or self._values.players((ELITE, ELITE))
+        return values.players((ELITE, ELITE))
+
+    def _values_of(self, query: messages.Query) -> StrokeValues:
+        """Values of strokes in the game of the two people who played a real rally, if the model has their skill."""
+        people = None if query.plan is not None or self._recorded is None else self._recorded.people(query.rally)
+        if people is None or isinstance(self._game, PairGame):
+            return self._values
+        found: StrokeValues = self._pairs.get(people, lambda: self._values_of_people(people))
+        return found
+
+    def _values_of_people(self, people: tuple[str, str]) -> StrokeValues:
+        try:
+            return StrokeValues(PolicyTables(resolve_players(self._game, None, people)), self._at_least)
+        except GameError:  # the model has no skill, or not theirs
+            return self._values
 
     def _motion(self, query: messages.Query, rally: CourtRally) -> staging.Motion:
         def compute() -> staging.Motion:

@@ -15,10 +15,11 @@ import numpy as np
 from shuttle_marl.arrays import U64
 from shuttle_marl.errors import printable
 from shuttle_marl.game.draws import choice_draw, draw, first_server, outcome_draw, stream
+from shuttle_marl.game.pairs import AnyGame
 from shuttle_marl.game.policy import Policy
 from shuttle_marl.game.rules import RETURNED_BELOW
 from shuttle_marl.game.scoring import Score
-from shuttle_marl.game.tables import ROOT, Game
+from shuttle_marl.game.tables import ROOT
 from shuttle_marl.rally.record import Rally
 from shuttle_marl.rally.stepper import choose, stepper_of
 from shuttle_marl.watch import WatchError
@@ -57,7 +58,7 @@ class Match:
         policies: policies of the players.
     """
 
-    def __init__(self, plan: Plan, game: Game, policies: PolicyTables) -> None:
+    def __init__(self, plan: Plan, game: AnyGame, policies: PolicyTables) -> None:
         self.plan, self._game, self._policies = plan, game, policies
         self._scores = [Score(server=int(first_server(draw(stream(plan.seed, 0, 0), 0))[0]))]
         self._lock = threading.Lock()
@@ -90,7 +91,7 @@ class Match:
             names[person.seat] = PERSON
         return play_rally(
             self._game,
-            (self._policies.policy(sides[0]), self._policies.policy(sides[1])),
+            (self._policies.policy(sides[0], 0), self._policies.policy(sides[1], 1)),
             stream(self.plan.seed, 0, number),
             (number, (names[0], names[1]), self._scores[number]),
             self.plan.chosen_in(number),
@@ -99,7 +100,7 @@ class Match:
 
 
 def play_rally(
-    game: Game,
+    game: AnyGame,
     policies: tuple[Policy, Policy],
     key: U64,
     about: tuple[int, tuple[str, str], Score],
@@ -135,8 +136,8 @@ def play_rally(
             turn = state
             break
         else:
-            policy = policies[striker]
-            stroke = choose(policy, game, state, int(choice_draw(bits)[0]), score.seen_by(striker), type(policy).__name__)
+            policy, tables = policies[striker], game.seats[striker]
+            stroke = choose(policy, tables, state, int(choice_draw(bits)[0]), score.seen_by(striker), type(policy).__name__)
         strokes.append(stroke)
         played, state = stepper.step(state, striker, stroke, int(outcome_draw(bits)[0]))
         ending = played.outcome

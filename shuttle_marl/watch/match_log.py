@@ -8,9 +8,9 @@ from typing import Final
 
 import numpy as np
 
-from shuttle_marl.game.tables import Game
+from shuttle_marl.game.pairs import AnyGame
 from shuttle_marl.rally.record import Rallies
-from shuttle_marl.recording.header import LogHeader, Player
+from shuttle_marl.recording.header import LogHeader, Pair, Player
 from shuttle_marl.recording.recorder import RallyRecorder
 from shuttle_marl.watch.match import PERSON, CourtRally
 from shuttle_marl.watch.plan import Plan
@@ -29,7 +29,7 @@ class MatchLog:
         policies: policies of the opponents.
     """
 
-    def __init__(self, folder: Path, game: Game, policies: PolicyTables) -> None:
+    def __init__(self, folder: Path, game: AnyGame, policies: PolicyTables) -> None:
         self._folder, self._game, self._policies = folder, game, policies
         self._open: OrderedDict[object, RallyRecorder] = OrderedDict()
         self._recorded: set[tuple[object, int]] = set()
@@ -68,11 +68,16 @@ class MatchLog:
             self._open.popitem(last=False)[1].close()
         sides = plan.sides_in(rally.number)
         players = tuple(
-            Player(name=name) if name == PERSON else Player(name=name, hash=self._policies.table(side).hash)
-            for name, side in zip(rally.names, sides, strict=True)
+            Player(name=name) if name == PERSON else Player(name=name, hash=self._policies.table(side, seat).hash)
+            for seat, (name, side) in enumerate(zip(rally.names, sides, strict=True))
         )
         header = LogHeader(
-            seed=plan.seed, game=self._game.hash, strokes=self._game.catalogue.names, policies=players, draws="match_v0"
+            seed=plan.seed,
+            game=self._game.hash,
+            strokes=self._game.catalogue.names,
+            policies=players,
+            draws="match_v0",
+            pair=Pair.of(self._game),
         )
         self._count += 1
         self._folder.mkdir(parents=True, exist_ok=True)

@@ -240,9 +240,14 @@ class PlayerFacts(Struct):
 
 
 class RallyFacts(Struct):
-    """A rally without its motion."""
+    """A rally without its motion.
+
+    Attributes:
+        pair: the two players whose skill the game has, in words; None: both sides strike with the same probabilities.
+    """
 
     number: int
+    pair: str | None
     names: tuple[str, str]
     server: int
     points: Pair

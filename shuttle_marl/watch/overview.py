@@ -8,7 +8,6 @@ import numpy as np
 
 from shuttle_marl.analysis.rally import Players, match_win_after
 from shuttle_marl.game.stroke import SHOTS
-from shuttle_marl.game.tables import Game
 from shuttle_marl.watch import messages
 from shuttle_marl.watch.match import CourtRally
 
@@ -18,13 +17,12 @@ MARKS: Final = ("!!", "!", "?!", "?")
 
 
 def match_overview(
-    rallies: Iterable[tuple[CourtRally, Players, messages.Analysis]], game: Game, moments: int = MOMENTS
+    rallies: Iterable[tuple[CourtRally, Players, messages.Analysis]], moments: int = MOMENTS
 ) -> messages.MatchReply:
     """The overview of a match.
 
     Args:
         rallies: finished rallies of the match in their order, with their players and the values of their strokes.
-        game: tables of the game.
         moments: maximum number of costliest strokes. The cost of a stroke is its regret times the difference that the rally
             makes to the probability of winning the match.
     """
@@ -45,7 +43,7 @@ def match_overview(
         seats = rally.striker.tolist()
         for i, (value, seat) in enumerate(zip(values.strokes, seats, strict=True)):
             marks[seat][value.mark] += 1
-            shot = SHOTS[game.catalogue.shot[rally.stroke[i]]]
+            shot = SHOTS[rally.catalogue.shot[rally.stroke[i]]]
             costly.append(messages.Moment(rally.number, i, seat, shot, value.mark, value.regret, value.regret * (won - lost)))
         for seat, share in enumerate(values.accuracy):
             if share is not None:

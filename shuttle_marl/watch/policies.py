@@ -9,8 +9,8 @@ from collections.abc import Callable, Hashable, Sequence
 from typing import Any, Final, TypeVar
 
 from shuttle_marl.exact import ProfileValue, Solution, Visits, evaluate, solve, visits
+from shuttle_marl.game.pairs import AnyGame, PairGame
 from shuttle_marl.game.policy import Policy, TemperedPolicy
-from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve, resolve_recorded
 from shuttle_marl.watch.plan import Side
@@ -52,39 +52,43 @@ class PolicyTables:
     """Policies of one game.
 
     Args:
-        game: tables of the game.
+        game: tables of the game, or the game of a pair.
         trusted: names that the user gave, which may name modules and files.
     """
 
-    def __init__(self, game: Game, trusted: Sequence[str] = ()) -> None:
+    def __init__(self, game: AnyGame, trusted: Sequence[str] = ()) -> None:
         self.game = game
         self._trusted = frozenset(trusted)
+        self._asymmetric = isinstance(game, PairGame)
         self._policies, self._tables = OnceCache(_MAX_TABLES), OnceCache(_MAX_TABLES)
         self._values, self._visits, self._solution = OnceCache(_MAX_VALUES), OnceCache(_MAX_VALUES), OnceCache(1)
 
-    def table(self, side: Side) -> TabulatedPolicy:
-        """The tabulated policy of a side.
+    def table(self, side: Side, seat: int = 0) -> TabulatedPolicy:
+        """The tabulated policy of a side at a seat.
 
         Raises:
             PolicyError: the policy is unknown, may not be named by a page, or reads the score.
         """
-        return self._tables.get(side, lambda: tabulate(self.policy(side), self.game, side.policy))
+        seat = seat if self._asymmetric else 0
+        game = self.game.seats[seat]
+        return self._tables.get((side, seat), lambda: tabulate(self.policy(side, seat), game, side.policy))
 
-    def policy(self, side: Side) -> Policy:
-        """The policy of a side, for single states: tabulating all states would take longer.
+    def policy(self, side: Side, seat: int = 0) -> Policy:
+        """The policy of a side at a seat, for single states: tabulating all states would take longer.
 
         Raises:
             PolicyError: the policy is unknown, or may not be named by a page.
         """
-        return self._policies.get(side, lambda: self._resolved(side))
+        seat = seat if self._asymmetric else 0
+        return self._policies.get((side, seat), lambda: self._resolved(side, seat))
 
-    def _resolved(self, side: Side) -> Policy:
-        policy = (resolve if side.policy in self._trusted else resolve_recorded)(side.policy, self.game)
+    def _resolved(self, side: Side, seat: int) -> Policy:
+        policy = (resolve if side.policy in self._trusted else resolve_recorded)(side.policy, self.game.seats[seat])
         return policy if side.temperature == 1 else TemperedPolicy(policy, side.temperature)
 
     def values(self, sides: tuple[Side, Side]) -> ProfileValue:
         """Exact values of seat 0 against seat 1."""
-        return self._values.get(sides, lambda: evaluate(self.table(sides[0]), self.table(sides[1])))
+        return self._values.get(sides, lambda: evaluate(self.table(sides[0], 0), self.table(sides[1], 1)))
 
     @property
     def solution(self) -> Solution:
@@ -93,4 +97,4 @@ class PolicyTables:
 
     def visits(self, sides: tuple[Side, Side]) -> Visits:
         """Expected visits of seat 0 against seat 1 in a rally, both serving equally often."""
-        return self._visits.get(sides, lambda: visits(self.table(sides[0]), self.table(sides[1])))
+        return self._visits.get(sides, lambda: visits(self.table(sides[0], 0), self.table(sides[1], 1)))

@@ -13,10 +13,11 @@ from shuttle_marl.data import load_strokes
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.errors import printable
 from shuttle_marl.game.draws import stream
+from shuttle_marl.game.pairs import AnyGame
 from shuttle_marl.game.rules import FAULT, WINNER, IllegalStrokeError
 from shuttle_marl.game.scoring import Score
 from shuttle_marl.game.stroke import N_SERVES
-from shuttle_marl.game.tables import ROOT, Game
+from shuttle_marl.game.tables import ROOT
 from shuttle_marl.recording.reader import RallyLog
 from shuttle_marl.scene.report import staging_key
 from shuttle_marl.watch import WatchError
@@ -50,7 +51,11 @@ class Recorded(Protocol):
         ...
 
     def players(self, number: int) -> Players | None:
-        """Players of a rally; None: unknown."""
+        """Policies of a rally; None: unknown."""
+        ...
+
+    def people(self, number: int) -> tuple[str, str] | None:
+        """Names of the people at seats 0 and 1 of a real rally; None: policies played."""
         ...
 
 
@@ -67,7 +72,7 @@ class LogRallies:
         RecordingError: the log cannot be read, or was played on another game.
     """
 
-    def __init__(self, path: Path, game: Game) -> None:
+    def __init__(self, path: Path, game: AnyGame) -> None:
         self._log, self._game = RallyLog(path), game
         self._lock = threading.RLock()  # a log is one open file, and requests are answered by several threads
         self._players, self._games = LogPlayers(self._log, game), OnceCache(_MAX_MATCHES)
@@ -111,6 +116,9 @@ class LogRallies:
         with self._lock:
             found = self._players.of_rally(number)
         return None if found.value is None else found
+
+    def people(self, number: int) -> None:
+        """None: policies played."""
 
     def _finished(self, pairing: int, match: int) -> dict[int, tuple[tuple[int, int], ...]]:
         """Points of the games before each rally of a match, by the number of the rally."""
@@ -156,7 +164,7 @@ class RealRallies:
         WatchError: it holds no whole rally.
     """
 
-    def __init__(self, path: Path, game: Game) -> None:
+    def __init__(self, path: Path, game: AnyGame) -> None:
         table = load_strokes(path)
         self._game = game
         self._columns = {
@@ -189,6 +197,10 @@ class RealRallies:
 
     def players(self, number: int) -> None:
         """Not known: people played."""
+
+    def people(self, number: int) -> tuple[str, str] | None:
+        """Names at seats 0 and 1."""
+        return self._rallies[number].players if 0 <= number < self.count else None
 
     def rally(self, number: int) -> CourtRally:
         """A rally; see :class:`Recorded`."""

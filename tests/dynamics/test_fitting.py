@@ -15,7 +15,7 @@ from shuttle_marl.dynamics.features import SLOTS, Rows, rows_from_strokes
 from shuttle_marl.dynamics.fit import fit
 from shuttle_marl.dynamics.models import fit_ridge, ridge_logits
 from shuttle_marl.dynamics.network import EnsembleConfig, fold_of_match, unseen
-from shuttle_marl.dynamics.players import fit_choice_shifts, fit_logit_shifts
+from shuttle_marl.dynamics.players import fit_choice_shifts
 from shuttle_marl.errors import ShuttleError
 
 SAMPLE = Path(__file__).parents[2] / "datasets" / "sample" / "strokes.parquet"
@@ -72,20 +72,6 @@ def test_the_hash_of_strokes_is_that_of_their_columns() -> None:
     fields = [field.with_metadata({"description": "other words"}) for field in table.schema]
     assert strokes_hash(table.cast(pa.schema(fields))) == strokes_hash(table)
     assert strokes_hash(table.slice(1)) != strokes_hash(table)
-
-
-def test_logit_shifts_are_shrunk() -> None:
-    rng = np.random.default_rng(0)
-    player = np.repeat([0, 1, 2], [4000, 4000, 20])
-    truth = np.array([0.6, -0.6, 0.6])
-    label = rng.random(len(player)) < expit(-1 + truth[player])
-    shift = fit_logit_shifts(np.full(len(player), -1.0), label, player, precision=20.0)
-    assert shift[:2] == pytest.approx(truth[:2], abs=0.15)
-    assert abs(shift[2]) < 0.3
-    # At the optimum the gradient vanishes.
-    p = expit(-1 + shift[player])
-    gradient = np.bincount(player, label - p) - 20.0 * shift
-    assert np.abs(gradient).max() < 1e-6
 
 
 def test_choice_shifts_move_towards_what_a_player_does() -> None:

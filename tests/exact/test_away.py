@@ -8,8 +8,9 @@ from scipy import stats
 
 from shuttle_marl.commands import exact as commands
 from shuttle_marl.exact import ExactError, best_response, evaluate, solve
-from shuttle_marl.exact.away import moved, over, spread
+from shuttle_marl.exact.away import over, spread
 from shuttle_marl.exact.fixed_point import newton
+from shuttle_marl.exact.profile import moved
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve

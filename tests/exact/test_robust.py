@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from shuttle_marl.exact import ExactError, best_response, solve, solve_robust
-from shuttle_marl.exact.away import moved
+from shuttle_marl.exact.profile import moved
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import ROOT, Game
 from shuttle_marl.game.tabulated import TabulatedPolicy

@@ -121,7 +121,7 @@ def test_what_if_continues_without_a_jump_and_comes_back(viewer: Any, served: An
     hips = viewer.state("hips")
     seek(viewer, contacts[2])
     table = viewer.page.locator("table.options")
-    table.locator("tr:not(.chosen) button").first.click()
+    table.locator("tbody tr:not(.chosen) button").first.click()
     viewer.until(lambda: viewer.state("strokes") != played)
     viewer.press(" ") if viewer.state("playing") else None
     again, times = viewer.state("strokes", "contacts")
@@ -320,7 +320,7 @@ def test_a_log_is_replayed(viewer: Any, page_folder: Any, tmp_path: Any) -> None
         assert viewer.state("points") == rally.score[0, :2].tolist()
         played = viewer.state("strokes")
         seek(viewer, viewer.state("contacts")[0])
-        viewer.page.locator("table.options tr:not(.chosen) button").first.click()
+        viewer.page.locator("table.options tbody tr:not(.chosen) button").first.click()
         viewer.until(lambda: viewer.state("strokes") != played)
 
 

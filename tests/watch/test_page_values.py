@@ -119,7 +119,7 @@ def test_a_match_at_a_glance(values: StrokeValues) -> None:
         assert 0 <= moment.cost <= moment.regret
     marks = [value.mark for analysis in analyses for value in analysis.strokes]
     assert [a + b for a, b in zip(*found.marks, strict=True)] == [marks.count(mark) for mark in ("!!", "!", "?!", "?")]
-    part = match_overview(((rally, players, analysis) for rally, analysis in zip(rallies[:4], analyses, strict=False)), game)
+    part = match_overview(((rally, players, analysis) for rally, analysis in zip(rallies[:4], analyses, strict=False)))
     partial, _ = answers._reply(messages.MatchRequest(id=2, rally=3, plan=plan, partial=True))
     assert partial == part
     assert part.rallies == found.rallies[:4]

@@ -9,6 +9,7 @@ SHA-256 of their names, 14 in all. The training split is the rest.
 
 import concurrent.futures
 import contextlib
+import datetime
 import errno
 import functools
 import hashlib
@@ -100,6 +101,22 @@ def split_of(match: str) -> Split | None:
 def matches_of(split: Split) -> Sequence[str]:
     """Names of the matches of a split."""
     return [match for match, other in _by_match().items() if other == split]
+
+
+@functools.cache
+def _dates() -> dict[str, datetime.date]:
+    dates = json.loads(files(__name__).joinpath("dates.json").read_text(encoding="utf-8"))
+    return {match: datetime.date.fromisoformat(date) for match, date in dates.items()}
+
+
+def date_of(match: str) -> datetime.date | None:
+    """Date of a match: of a published one as listed, of another the ISO date (``2025-03-01``) in its name; None without one."""
+    if match in _dates():
+        return _dates()[match]
+    for text in re.findall(r"(?<!\d)\d{4}-\d{2}-\d{2}(?!\d)", match):
+        with contextlib.suppress(ValueError):  # not a day of the calendar
+            return datetime.date.fromisoformat(text)
+    return None
 
 
 def player_id(name: str) -> str:

@@ -153,7 +153,8 @@ export class App {
     frames.show(rally, motion, time);
     player.playing = playing;
     document.body.dataset["ready"] = "";
-    const where = hello.recorded ? hello.recorded.title : `seed ${course.plan!.seed}`;
+    const match = hello.recorded ? hello.recorded.title : `seed ${course.plan!.seed}`;
+    const where = rally.pair ? `${match}, game of ${rally.pair}` : match;
     this.screen.show(rally, where, course.sides, course.person?.seat ?? null, course.isTried);
     this.saving.updateAddress();
     void this.values.request(rally);

@@ -1,0 +1,120 @@
+"""``python -m experiments.pairs --data DATA (--cross 4 | --split test) [--json]``"""
+
+import json as json_format
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import tyro
+from rich.console import Console
+from rich.table import Table
+
+from experiments.pairs.parts import Annotated as AnnotatedStrokes
+from experiments.pairs.parts import Part, crossed
+from experiments.pairs.results import results
+from experiments.pairs.strokes import components
+from experiments.truth.matches import strokes_of
+from shuttle_marl.commands.cli import run
+from shuttle_marl.data import Split, load_strokes, matches_of
+from shuttle_marl.errors import ShuttleError
+from shuttle_marl.game.shipped import model_folder
+from shuttle_marl.runs import describe, write_json
+
+
+def pairs(
+    *,
+    data: Path,
+    split: Split | None = None,
+    cross: int | None = None,
+    model: str = "default",
+    seed: int = 0,
+    fits: Path = Path("runs/pairs"),
+    out: Path | None = None,
+    json_output: Annotated[bool, tyro.conf.arg(name="json")] = False,
+) -> None:
+    """Compare the games of pairs of players with matches that were not used to fit them.
+
+    Args:
+        data: folder of the download, or a Parquet file of `data convert`.
+        split: matches to compare with a shipped model, which was fitted to the training matches.
+        cross: instead of one split, fit this many models, each without one part of the training and validation matches, and
+            compare every match with the model that was fitted without it.
+        model: with --split, the shipped model or model folder to compare.
+        seed: random seed of the parts and the fits.
+        fits: cache folder of fitted models.
+        out: JSON file for the result, with its provenance.
+        json_output: print JSON.
+    """
+    if (split is None) == (cross is None):
+        raise ShuttleError("expected either --split NAME or --cross NUMBER")
+    if cross is not None and cross < 2:
+        raise ShuttleError(f"--cross {cross}: expected 2 or more parts")
+    console = Console(stderr=True, highlight=False)
+    table = load_strokes(data)
+    every = AnnotatedStrokes(strokes=strokes_of(table), game=table["game"].to_numpy().astype(np.int64))
+    if cross is not None:
+        sources = dict(zip(table["match"].to_pylist(), table["source"].to_pylist(), strict=True))
+        played = _of_splits(every, "train", "validation")
+        parts = crossed(played, sources, cross, fits, seed=seed, report=lambda line: console.print(line, markup=False))
+    else:
+        parts = [
+            Part(folder=model_folder(model), seen=_of_splits(every, "train"), unseen=_of_splits(every, split or "validation"))
+        ]
+    result = {"split": split, "cross": cross, **results(parts), "components": components(parts)}
+    if out is not None:
+        write_json(out, {**describe(("numpy", "torch")), **result})
+    if json_output:
+        sys.stdout.write(json_format.dumps(result) + "\n")
+    else:
+        _print(result)
+
+
+def _of_splits(every: AnnotatedStrokes, *splits: Split) -> AnnotatedStrokes:
+    """The strokes of some splits.
+
+    Raises:
+        ShuttleError: the data has none of one of them.
+    """
+    which = [every.strokes.in_matches(matches_of(split)) for split in splits]
+    for split, found in zip(splits, which, strict=True):
+        if not found.any():
+            raise ShuttleError(f"no match of the split {split!r} in the data; is the download complete?")
+    return every.take(np.logical_or.reduce(which))
+
+
+def _print(result: dict[str, Any]) -> None:
+    console = Console(highlight=False)
+    losses = Table("prediction", "log-loss", "difference from a coin, e-5", "95 % interval", title="Results of unseen rallies")
+    for name, loss in result["results"].items():
+        found = result["difference"].get(name)
+        cells = ["", ""] if found is None else [f"{1e5 * found['mean']:+.0f}", _interval(found)]
+        losses.add_row(name.replace("_", " "), f"{loss:.5f}", *cells)
+    console.print(losses)
+    slope = result["calibration"]
+    console.print(
+        f"slope of results on the pair's log-odds {slope['slope']:.2f} ({slope['low']:.2f} to {slope['high']:.2f}); correlation "
+        f"of predicted and real shares {result['correlation']:.2f}; {result['seconds']:.1f} s a pair"
+    )
+    strokes = Table("component", "strokes of", "log-loss", "difference, e-5", "95 % interval", title="Strokes of unseen matches")
+    for name, found in result["components"].items():
+        subsets = {"all": found, **{key: found[key] for key in ("both_seen", "one_unseen", "update")}}
+        for key, one in subsets.items():
+            strokes.add_row(
+                name, key.replace("_", " "), f"{one['average']:.5f}", f"{1e5 * one['difference']:+.0f}", _interval(one)
+            )
+    console.print(strokes)
+
+
+def _interval(found: dict[str, float]) -> str:
+    return f"{1e5 * found['low']:+.0f} to {1e5 * found['high']:+.0f}"
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line; returns the exit status."""
+    return run(pairs, prog="experiments.pairs", description=__doc__ or "", argv=argv)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,93 @@
+"""Models fitted without some matches, together with those matches."""
+
+import dataclasses
+import hashlib
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import torch
+
+from experiments.truth.matches import Strokes, folds_of
+from experiments.truth.worlds import SOURCES
+from shuttle_marl.arrays import I64
+from shuttle_marl.dynamics.fit import fit
+from shuttle_marl.dynamics.make import save_fit, save_variants
+from shuttle_marl.dynamics.network import QUICK
+from shuttle_marl.dynamics.skill import summary
+from shuttle_marl.game.shipped import CARD
+
+Report = Callable[[str], None]
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Annotated:
+    """N annotated strokes.
+
+    Attributes:
+        strokes: in their rallies.
+        game: ``[N]`` game of the match, from 1.
+    """
+
+    strokes: Strokes
+    game: I64
+
+    def take(self, which: npt.NDArray[np.bool_]) -> "Annotated":
+        """The strokes of whole rallies, by mask."""
+        return Annotated(strokes=self.strokes.take(which), game=self.game[which])
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Part:
+    """A model and matches that took no part in fitting it.
+
+    Attributes:
+        folder: of the model.
+        seen: the strokes that it was fitted to.
+        unseen: the others.
+    """
+
+    folder: Path
+    seen: Annotated
+    unseen: Annotated
+
+
+def crossed(
+    played: Annotated, sources: Mapping[str, str], count: int, folder: Path, *, seed: int, report: Report
+) -> list[Part]:  # fmt: skip
+    """Models that are each fitted without one part of the matches.
+
+    Args:
+        played: strokes of all matches.
+        sources: data set of each match by name.
+        count: number of parts.
+        folder: cache of the models; their names are hashes of the strokes, the seed and the source code of the dynamics.
+        seed: of the parts and of the fits.
+        report: called with a line before each stage of a fit.
+    """
+    fold = folds_of(played.strokes, count, seed)
+    parts = []
+    for k in range(count):
+        seen = played.take(fold != k)
+        model = _fitted(seen, sources, folder, seed, lambda line, k=k: report(f"part {k + 1} of {count}: {line}"))
+        parts.append(Part(folder=model, seen=seen, unseen=played.take(fold == k)))
+    return parts
+
+
+def _fitted(seen: Annotated, sources: Mapping[str, str], cache: Path, seed: int, report: Report) -> Path:
+    """Folder of the model that is fitted to some strokes."""
+    rows = seen.strokes.rows
+    digest = hashlib.sha256(json.dumps([seed, torch.__version__, seen.strokes.matches]).encode())
+    for source in sorted(SOURCES.glob("*.py")):
+        digest.update(source.read_bytes())
+    for name, code in sorted(rows.codes.items()):
+        digest.update(name.encode() + np.ascontiguousarray(code).tobytes())
+    folder = cache / digest.hexdigest()[:16]
+    if not (folder / CARD).is_file():
+        fitted = fit(rows, None, seed=seed, config=QUICK, report=report)
+        written = save_fit(folder, fitted, sources, None, report=report)
+        # The card comes last: a folder with a card is complete.
+        save_variants(folder, written.game, written.variants, {"name": folder.name, "skill": summary(written.skill, {})})
+    return folder

@@ -1,0 +1,69 @@
+"""How much of a predicted advantage is realised: factors by horizon, and their check on matches that did not fit them.
+
+The factor of a horizon is the decision slope (:mod:`experiments.truth.decisions`) on training matches. A calibrated advantage is
+the predicted advantage times the factor; its slope on other matches is 1 in expectation.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from experiments.truth.decisions import Promises, centred, outcomes
+from experiments.truth.matches import RESAMPLES, Strokes
+from shuttle_marl.arrays import F64, I64, Ints
+from shuttle_marl.errors import ShuttleError
+from shuttle_marl.game.shipped import Factor
+
+
+def calibration(
+    strokes: Strokes, promised: Promises, part: Ints, factors: Mapping[str, Factor] | None = None, seed: int = 0
+) -> dict[str, dict[str, float]]:
+    """Slopes of outcomes on calibrated advantages, at each horizon.
+
+    Args:
+        strokes: N strokes.
+        promised: their promises, by games that were fitted without them.
+        part: ``[N]`` part of each stroke's match; with one part, ``factors`` are needed.
+        factors: factor of each horizon, fitted to other matches; None: the factor of each part is fitted to the other parts.
+        seed: random seed of the bootstrap over matches, which also repeats the fit of the factors.
+
+    Returns:
+        For each horizon ``slope`` with its 95 % interval ``low`` to ``high``, and ``factor``, the mean over strokes.
+
+    Raises:
+        ShuttleError: neither factors nor a second part.
+    """
+    parts = np.unique(part)
+    if factors is None and len(parts) < 2:
+        raise ShuttleError("calibration: one part of the matches and no factors; expected factors fitted to other matches")
+    part_of_match = np.zeros(int(strokes.rows.match.max()) + 1, dtype=np.int64)
+    part_of_match[strokes.rows.match] = part
+    out = {}
+    for name, happened in outcomes(strokes, promised):
+        x, y, match = centred(strokes, promised, happened)
+        matches, index = np.unique(match, return_inverse=True)
+        sums = np.stack([np.bincount(index, x * y), np.bincount(index, x * x)])
+        member = part_of_match[matches] == parts[:, None]
+        known = None if factors is None else factors[name].value
+        draws = np.random.default_rng(seed).integers(0, len(matches), (RESAMPLES, len(matches)))
+        slope, factor = _slope(sums, member, np.arange(len(matches))[None], known)
+        low, high = np.nanquantile(_slope(sums, member, draws, known)[0], [0.025, 0.975])
+        out[name] = {"slope": float(slope[0]), "low": float(low), "high": float(high), "factor": float(factor[0])}
+    return out
+
+
+def _slope(sums: F64, member: Ints, draws: I64, factor: float | None) -> tuple[F64, F64]:
+    """Slope on calibrated advantages, and mean factor, of resamples of the matches.
+
+    Args:
+        sums: ``[2, M]`` sums of products xy and xx of each match.
+        member: ``[K, M]`` whether a match belongs to a part.
+        draws: ``[B, M]`` matches of each resample.
+        factor: the factor; None: that of the other parts of the resample.
+    """
+    by_part = np.stack([(sums[:, None] * own)[..., draws].sum(axis=-1) for own in member.astype(np.float64)], axis=1)[:, :, 0]
+    xy, xx = by_part  # [K, B] each
+    with np.errstate(invalid="ignore", divide="ignore"):
+        factors = (xy.sum(axis=0) - xy) / (xx.sum(axis=0) - xx) if factor is None else np.full_like(xy, factor)
+        weight = xx / xx.sum(axis=0)
+        return (factors * xy).sum(axis=0) / (factors**2 * xx).sum(axis=0), (weight * factors).sum(axis=0)

@@ -1,0 +1,312 @@
+"""Skill of single players: partially pooled offsets of the average game's log-odds, by Laplace-approximated marginal likelihood.
+
+Each of three components has a mixed logistic regression (:mod:`shuttle_marl.dynamics.mixed`) whose fixed part is the average
+player's prediction for strokes of matches to which it was not fitted:
+
+=========  ====================================  ==============
+component  a positive offset means               strokes
+=========  ====================================  ==============
+success    more faults                           known outcome
+return     the stroke is returned more often     good strokes
+contact    the stroke is met above more often    returned ones
+=========  ====================================  ==============
+
+**Offsets.** A stroke's log-odds add an offset of its striker and one of its receiver. Each is a general offset plus one of the
+group of shots (:data:`GROUPS`). General offsets follow a random walk over the dates of the player's matches (Ingram, J. Quant.
+Anal. Sports 2019, for tennis), so a rating holds as of a day.
+
+**Nuisance effects** are the match, each side of a match (the form of the day), the group of shots in each match, and in each
+annotated data set. Without them, annotators who label differently pass for players who play differently.
+
+The nine variances are those of maximum marginal likelihood, or those of a prior model.
+"""
+
+import dataclasses
+import datetime
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+from safetensors.numpy import save
+from scipy.optimize import minimize
+from scipy.sparse import block_diag, csr_matrix, identity
+from threadpoolctl import threadpool_limits
+
+from shuttle_marl.arrays import F64, I8, I64, Bools, Ints
+from shuttle_marl.data.upstream import date_of
+from shuttle_marl.dynamics.features import Rows
+from shuttle_marl.dynamics.mixed import MixedModel, Walks, fit_variances, posterior
+from shuttle_marl.dynamics.models import sigmoid
+from shuttle_marl.dynamics.network import fold_of_match
+from shuttle_marl.files import replace_file
+from shuttle_marl.game.shipped import SKILL
+from shuttle_marl.game.skill import AVERAGE, COMPONENTS, GROUPS, ROLES, Skill
+from shuttle_marl.game.stroke import N_SHOTS, SHOTS
+
+SHOTS_OF_GROUP: Final[dict[str, tuple[str, ...]]] = {
+    "attack": ("smash", "half-smash", "net-kill"),
+    "net": ("net-shot", "cross-court-net-shot"),
+    "rear": ("clear", "drop"),
+    "lift": ("lift", "push"),
+    "block": ("block", "drive"),
+    "serve": ("short-serve", "long-serve"),
+}
+"""Shot types that share an offset, by the group (:data:`~shuttle_marl.game.skill.GROUPS`)."""
+GROUP: Final[I8] = np.array([[shot in SHOTS_OF_GROUP[group] for group in GROUPS].index(True) for shot in SHOTS], dtype=np.int8)
+"""``[13]`` group of each shot type."""
+VARIANCES: Final = ("striker", "striker_group", "receiver", "receiver_group", "year", "match", "side", "match_group", "source")
+"""Variance components: general and group offsets of each role, change of the general ones in a year, nuisance effects."""
+_FOLDS: Final = 5
+_EPOCH: Final = datetime.date(1970, 1, 1)
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Predicted:
+    """Strokes of one component with the average player's predictions.
+
+    Attributes:
+        rows: N strokes.
+        logit: ``[N]`` log-odds from models that were not fitted to the match.
+        label: ``[N]`` what happened: a fault, a return, or a contact above the net.
+    """
+
+    rows: Rows
+    logit: F64
+    label: Bools
+
+    def take(self, which: Bools) -> "Predicted":
+        """Strokes by mask."""
+        return Predicted(rows=self.rows.take(which), logit=self.logit[which], label=self.label[which])
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class FittedSkill:
+    """Result of a fit.
+
+    Attributes:
+        skill: offsets of the players on the days of their matches.
+        sd: ``[3, 9]`` standard deviations of the :data:`VARIANCES` of each component.
+    """
+
+    skill: Skill
+    sd: F64
+
+    def save(self, folder: Path) -> None:
+        """Write the offsets to a model folder; :func:`shuttle_marl.game.skill.load_skill` reads them."""
+        arrays = {f.name: getattr(self.skill, f.name) for f in dataclasses.fields(Skill) if f.name != "players"}
+        header = json.dumps({"players": self.skill.players}, sort_keys=True)
+        replace_file(folder / SKILL, save(arrays, metadata={"skill": header}))
+
+
+def shifts(skill: Skill, component: str, rows: Rows) -> F64:
+    """``[N]`` offset of each stroke's log-odds by both players as of the day of the match; unknown players have none."""
+    parties = np.stack([rows.match.astype(str), *(getattr(rows, role) for role in ROLES)])
+    found, row = np.unique(parties, axis=1, return_inverse=True)
+    known = {*skill.players}
+    table = np.zeros((found.shape[1], len(COMPONENTS), N_SHOTS))
+    for i, (match, striker, receiver) in enumerate(found.T.tolist()):
+        names = (name if name in known else AVERAGE for name in (striker, receiver))
+        table[i] = skill.of_shots(next(names), next(names), date_of(rows.matches[int(match)]))
+    return np.asarray(table[row.ravel(), COMPONENTS.index(component), rows.codes["shot"]])
+
+
+def fit_skill(predicted: Mapping[str, Predicted], sources: Mapping[str, str], sd: F64 | None = None) -> FittedSkill:
+    """Fit the offsets of all players.
+
+    Args:
+        predicted: strokes by component, all from one table of matches.
+        sources: data set of each match by name.
+        sd: ``[3, 9]`` standard deviations of the components, such as those of a prior model; None: estimate them.
+    """
+    design = _Design.of(predicted, sources)
+    # Another order of summation would give other offsets.
+    with threadpool_limits(1):
+        models = [design.model(predicted[name]) for name in COMPONENTS]
+        fits = [fit_variances(model) if sd is None else posterior(model, sd[c]) for c, model in enumerate(models)]
+    struck, players = predicted["success"].rows, len(design.players)
+    striker = design.index(struck.striker)
+    pairs = np.unique(np.stack([striker, struck.match]), axis=1)[0]
+    discipline = np.zeros(players, dtype=np.int8)
+    for role in ROLES:
+        discipline[design.index(getattr(struck, role))] = struck.codes["discipline"]
+    offset, deviation = (
+        np.stack([design.offsets(x) for x in values], axis=1).astype(np.float32)
+        for values in ([found.mode for found in fits], [found.deviation for found in fits])
+    )
+    skill = Skill(
+        players=tuple(design.players.tolist()),
+        offset=offset,
+        deviation=deviation,
+        player=design.walks.player.astype(np.int32),
+        day=design.walks.day.astype(np.int32),
+        group=GROUP,
+        discipline=discipline,
+        strokes=np.bincount(striker, minlength=players).astype(np.int32),
+        matches=np.bincount(pairs, minlength=players).astype(np.int32),
+    )
+    return FittedSkill(skill=skill, sd=np.stack([found.sd for found in fits]))
+
+
+def check(predicted: Mapping[str, Predicted], sources: Mapping[str, str], sd: F64) -> dict[str, dict[str, float]]:
+    """Slope of truth on predicted offset by component, each match predicted from the others; 1 if the shrinkage is right.
+
+    Args:
+        predicted, sources: as for :func:`fit_skill`.
+        sd: ``[3, 9]`` standard deviations of the components.
+
+    Returns:
+        What :func:`slope_on_offset` returns for each component.
+    """
+    matches = np.unique(predicted["success"].rows.match)
+    fold = np.zeros(int(matches[-1]) + 1, dtype=np.int64)
+    fold[matches] = fold_of_match(matches, _FOLDS)
+    shift = {name: np.zeros(len(part.label)) for name, part in predicted.items()}
+    for k in np.unique(fold[matches]):
+        inside = {name: fold[part.rows.match] == k for name, part in predicted.items()}
+        if not all((~mask).any() for mask in inside.values()):
+            continue
+        others = fit_skill({name: part.take(~inside[name]) for name, part in predicted.items()}, sources, sd).skill
+        for name, part in predicted.items():
+            shift[name][inside[name]] = shifts(others, name, part.rows.take(inside[name]))
+    return {name: slope_on_offset(part.logit, shift[name], part.label, part.rows.match) for name, part in predicted.items()}
+
+
+def slope_on_offset(logit: F64, shift: F64, label: Bools, match: Ints) -> dict[str, float]:
+    """Logistic regression of labels on offsets of log-odds, with an intercept.
+
+    Args:
+        logit: ``[N]`` log-odds without offset.
+        shift: ``[N]`` predicted offsets.
+        label: ``[N]`` observations.
+        match: ``[N]`` match of each.
+
+    Returns:
+        ``slope``, and the bounds ``low`` and ``high`` of its 95 % interval, with errors clustered by match.
+    """
+    x = np.stack([np.ones_like(shift), shift], axis=1)
+
+    def loss(line: F64) -> tuple[float, F64]:
+        z = logit + x @ line
+        return float(np.logaddexp(0, z).sum() - z[label].sum()), x.T @ (sigmoid(z) - label)
+
+    line = minimize(loss, np.zeros(2), jac=True, method="BFGS").x
+    p = sigmoid(logit + x @ line)
+    index = np.unique(match, return_inverse=True)[1]
+    score = np.zeros((index.max() + 1, 2))
+    np.add.at(score, index, x * (p - label)[:, None])
+    bread = np.linalg.pinv(x.T @ (x * (p * (1 - p))[:, None]))
+    slope, error = float(line[1]), 1.96 * float(np.sqrt((bread @ score.T @ score @ bread)[1, 1]))
+    return {"slope": slope, "low": slope - error, "high": slope + error}
+
+
+def summary(fitted: FittedSkill, checked: dict[str, dict[str, float]]) -> dict[str, Any]:
+    """Entry of the model card; ``checked`` as :func:`check` gives it."""
+    rows = zip(COMPONENTS, fitted.sd.tolist(), strict=True)
+    days = [str(_EPOCH + datetime.timedelta(days=int(day))) for day in (fitted.skill.day.min(), fitted.skill.day.max())]
+    return {
+        "players": len(fitted.skill.players),
+        "days": days,
+        "deviations": {name: dict(zip(VARIANCES, row, strict=True)) for name, row in rows},
+        "check": checked,
+    }
+
+
+def deviations_in(card: Mapping[str, Any]) -> F64 | None:
+    """``[3, 9]`` standard deviations in the card of a model; None if it has no offsets of players."""
+    found = card.get("skill")
+    return None if found is None else np.array([[found["deviations"][c][name] for name in VARIANCES] for c in COMPONENTS])
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class _Design:
+    """Effects of all components.
+
+    They are, in this order: general offsets of strikers ``[K]``, of receivers ``[K]``, offsets of strikers in groups ``[P, 6]``,
+    of receivers ``[P, 6]``, matches ``[M]``, sides ``[M, 2]``, groups in matches ``[M, 6]`` and in data sets ``[S, 6]``.
+    """
+
+    players: npt.NDArray[np.str_]
+    walks: Walks
+    day: I64
+    source: I64
+
+    @classmethod
+    def of(cls, predicted: Mapping[str, Predicted], sources: Mapping[str, str]) -> "_Design":
+        strokes = [part.rows for part in predicted.values()]
+        players = np.unique(np.concatenate([getattr(rows, role) for rows in strokes for role in ROLES]))
+        day = days_of(strokes[0])
+        of_rows = [(np.searchsorted(players, getattr(rows, role)), day[rows.match]) for rows in strokes for role in ROLES]
+        walks = Walks.of(*(np.concatenate(column) for column in zip(*of_rows, strict=True)))
+        names = [sources.get(match, "") for match in strokes[0].matches]
+        source = np.unique(names, return_inverse=True)[1]
+        return cls(players=players, walks=walks, day=day, source=source)
+
+    def index(self, players: npt.NDArray[np.str_]) -> I64:
+        """``[N]`` index of each player."""
+        return np.searchsorted(self.players, players)
+
+    def model(self, part: Predicted) -> MixedModel:
+        """The mixed model of a component."""
+        rows, groups = part.rows, len(GROUPS)
+        roles = [self.index(getattr(rows, role)) for role in ROLES]
+        side = (roles[0] > roles[1]).astype(np.int64)
+        # Strokes of one side of a match in one group have the same effects.
+        key = (rows.match.astype(np.int64) * 2 + side) * groups + GROUP[rows.codes["shot"]]
+        distinct, first, row = np.unique(key, return_index=True, return_inverse=True)
+        match, group = rows.match[first].astype(np.int64), distinct % groups
+        matches, of_match = np.unique(match, return_inverse=True)
+        striker, receiver = (role[first] for role in roles)
+        knots, players = len(self.walks), len(self.players)
+        sizes = [
+            *(knots, knots, players * groups, players * groups),
+            *(len(matches), 2 * len(matches), len(matches) * groups, int(self.source.max() + 1) * groups),
+        ]
+        parts = (
+            self.walks.index(striker, self.day[match]),
+            self.walks.index(receiver, self.day[match]),
+            striker * groups + group,
+            receiver * groups + group,
+            of_match,
+            of_match * 2 + side[first],
+            of_match * groups + group,
+            self.source[match] * groups + group,
+        )
+        start = np.cumsum([0, *sizes])
+        columns = np.stack([index + offset for index, offset in zip(parts, start, strict=False)], axis=1)
+        used = len(parts)
+        x = csr_matrix(
+            (np.ones(columns.size), columns.ravel(), np.arange(0, columns.size + 1, used)), shape=(len(distinct), start[-1])
+        )
+        walk, is_first, years = self.walks.innovations()
+        roles_of = [VARIANCES.index(name) for name in ("striker", "receiver")]
+        others = [VARIANCES.index(name) for name in ("striker_group", "receiver_group", "match", "side", "match_group", "source")]
+        component = np.concatenate([
+            *(np.where(is_first, role, VARIANCES.index("year")) for role in roles_of),
+            *(np.full(size, variance) for size, variance in zip(sizes[2:], others, strict=True)),
+        ])  # fmt: skip
+        return MixedModel(
+            x=x,
+            row=row,
+            offset=part.logit,
+            label=part.label,
+            difference=csr_matrix(block_diag([walk, walk, identity(int(start[-1] - start[2]))])),
+            component=component,
+            scale=np.concatenate([years, years, np.ones(int(start[-1] - start[2]))]),
+        )
+
+    def offsets(self, effects: F64) -> F64:
+        """``[K, 2, 7]`` offsets of the players at each knot, or their standard deviations."""
+        knots, players, groups = len(self.walks), len(self.players), len(GROUPS)
+        general = effects[: 2 * knots].reshape(2, knots).T
+        grouped = effects[2 * knots :][: 2 * players * groups].reshape(2, players, groups).swapaxes(0, 1)
+        return np.concatenate([general[:, :, None], grouped[self.walks.player]], axis=2)
+
+
+def days_of(rows: Rows) -> I64:
+    """``[matches]`` day of each match; matches of unknown date have the last one of the others, or day 0."""
+    days = [None if (date := date_of(match)) is None else (date - _EPOCH).days for match in rows.matches]
+    last = max((day for day in days if day is not None), default=0)
+    return np.array([last if day is None else day for day in days], dtype=np.int64)

@@ -1,0 +1,153 @@
+"""Exact values of the game of a pair, against simulation, value iteration and finite differences."""
+
+import dataclasses
+import itertools
+
+import numpy as np
+import pytest
+
+from shuttle_marl.exact import (
+    ExactError,
+    best_response,
+    crossplay,
+    evaluate,
+    moved,
+    nash_conv,
+    sensitivity,
+    solve,
+    visits,
+)
+from shuttle_marl.exact import known as cached
+from shuttle_marl.game.pairs import STEP, PairGame, pair_game
+from shuttle_marl.game.tables import ROOT
+from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
+from shuttle_marl.game.variants import odds_of_steps, with_odds
+from shuttle_marl.kernel import play_rallies
+from shuttle_marl.policy.registry import resolve
+from tests.exact.value_iteration import ValueIteration
+from tests.reduced import reduced_model
+
+A, B = "viktor-axelsen", "kento-momota"
+
+
+@pytest.fixture(scope="module")
+def pair() -> PairGame:
+    return pair_game(A, B, game=reduced_model())
+
+
+@pytest.fixture(scope="module")
+def clones(pair: PairGame) -> tuple[TabulatedPolicy, TabulatedPolicy]:
+    return seated(pair, f"bc:{A}", f"bc:{B}")
+
+
+def seated(pair: PairGame, *names: str) -> tuple[TabulatedPolicy, TabulatedPolicy]:
+    first, second = (tabulate(resolve(name, game), game, name) for name, game in zip(names, pair.seats, strict=True))
+    return first, second
+
+
+def test_exact_value_is_that_of_played_rallies(pair: PairGame, clones: tuple[TabulatedPolicy, TabulatedPolicy]) -> None:
+    odds, n = evaluate(*clones).odds(), 100_000
+    played = play_rallies(pair, clones, n, seed=1)
+    for server, probability in enumerate((odds.serving, odds.receiving)):
+        won = played.winner[played.server == server] == 0
+        assert abs(won.mean() - probability) < 4 * np.sqrt(probability * (1 - probability) / len(won))
+    # The players differ, or nothing was tested.
+    assert abs(odds.rally - evaluate(*(moved(table, table.game.average) for table in clones)).odds().rally) > 0.02
+
+
+def test_perfect_play_is_that_of_value_iteration(pair: PairGame) -> None:
+    solution, (first, second) = solve(pair), (ValueIteration(game) for game in pair.seats)
+    striking = np.zeros((2, pair.n_states))
+    for _ in range(400):
+        striking = np.stack([
+            first._over_states(np.maximum, first.quality(-striking[1])),
+            second._over_states(np.maximum, second.quality(-striking[0])),
+        ])  # fmt: skip
+    for seat in (0, 1):
+        assert np.abs(solution.value[seat] - striking[seat]).max() < 1e-8
+        assert solution.policy[seat].game is pair.seats[seat]
+    assert nash_conv(*solution.policy).nash_conv < 1e-8
+    assert solution.value_at_serve == solution.value[0][ROOT]
+
+
+def test_exchanged_players_have_mirrored_values(pair: PairGame, clones: tuple[TabulatedPolicy, TabulatedPolicy]) -> None:
+    other = pair.swapped
+    mirrored = evaluate(moved(clones[1], other.seats[0]), moved(clones[0], other.seats[1]))
+    here = evaluate(*clones)
+    for seat in (0, 1):
+        assert np.abs(here.striking[seat] - mirrored.striking[1 - seat]).max() < 1e-8
+    assert here.odds(0).match() == pytest.approx(1 - mirrored.odds(0).match(), abs=1e-7)
+    assert solve(pair).value[0][ROOT] == pytest.approx(solve(other).value[1][ROOT], abs=1e-8)
+
+
+def test_average_players_have_the_values_of_the_average_game() -> None:
+    both = pair_game("average", "average", game=reduced_model())
+    (first, second), game = seated(both, "bc", "bc"), both.seats[0].average
+    plain = moved(first, game)
+    assert evaluate(first, second).odds() == pytest.approx(evaluate(plain, plain).odds(), abs=1e-8)
+    assert solve(both).value_at_serve == pytest.approx(solve(game).value_at_serve, abs=1e-8)
+
+
+def test_best_responses_are_those_of_the_other_player(pair: PairGame, clones: tuple[TabulatedPolicy, TabulatedPolicy]) -> None:
+    answer = best_response(clones[1])
+    assert answer.game is pair.seats[0]
+    assert evaluate(answer.policy, clones[1]).odds().value == pytest.approx(answer.value.odds().value, abs=1e-8)
+    own, theirs = answer.value.odds().value, best_response(clones[0]).value.odds().value
+    assert nash_conv(*clones).nash_conv == pytest.approx(own + theirs, abs=1e-8)
+    # The same strokes by the other player, where no opponent is given.
+    alone = nash_conv(clones[0], moved(clones[0], pair.seats[1])).nash_conv
+    assert nash_conv(clones[0]).nash_conv == pytest.approx(alone, abs=1e-6)
+
+
+def test_crossplay_of_both_players(pair: PairGame) -> None:
+    names = ("bc", "random")
+    first, second = zip(*(seated(pair, name, name) for name in names), strict=True)
+    odds, again = crossplay(first, second), cached.crossplay(first, second)
+    for i, j in itertools.product(range(2), repeat=2):
+        expected = evaluate(first[i], second[j]).odds()
+        assert (odds.serving[i, j], odds.receiving[i, j]) == pytest.approx((expected.serving, expected.receiving), abs=1e-8)
+    assert np.abs(odds.match() - again.match()).max() < 1e-6
+    assert odds.error_bound < 1e-8
+
+
+def test_tables_of_a_pair_meet_only_each_other(pair: PairGame, clones: tuple[TabulatedPolicy, TabulatedPolicy]) -> None:
+    average = moved(clones[0], clones[0].game.average)
+    for opponent in (clones[0], average):
+        with pytest.raises(ExactError, match=f"{A} strikes with the tables of a pair, and the opponent does not strike as {B}"):
+            evaluate(clones[0], opponent)
+    with pytest.raises(ExactError, match="does not strike"):
+        visits(average, clones[1])
+    with pytest.raises(ExactError, match="does not strike"):
+        crossplay(clones)
+    with pytest.raises(ExactError, match="solve it alone"):
+        solve(pair, pair.seats[1])
+    # Another refit of the same pair is no obstacle: it has the same players.
+    refit = pair.refits()[0]
+    evaluate(clones[0], moved(clones[1], refit.seats[1]))
+
+
+def test_policies_of_the_seats(pair: PairGame) -> None:
+    solution = solve(pair)
+    for seat, table in enumerate(seated(pair, "minimax", "minimax")):
+        assert table.hash == solution.policy[seat].hash
+    bc = seated(pair, "bc", "bc")
+    first, second = seated(pair, "best-response:bc", "best-response:bc")
+    assert first.hash == best_response(bc[1]).policy.hash != second.hash == best_response(bc[0]).policy.hash
+
+
+def test_derivatives_are_those_of_finite_differences(pair: PairGame, clones: tuple[TabulatedPolicy, TabulatedPolicy]) -> None:
+    found, rng, width = sensitivity(*clones), np.random.default_rng(1), 0.125
+    assert found.value.odds().rally == pytest.approx(evaluate(*clones).odds().rally, abs=1e-8)
+    used = np.argwhere(np.abs(found.win) > 2e-3)
+    for seat, component, shot in rng.permutation(used)[:12]:
+        changed = []
+        for sign in (1, -1):
+            steps = np.zeros((3, 13), np.int64)
+            steps[component, shot] = sign * round(width / STEP) * (1 if component == 0 else -1)
+            game = pair.seats[seat]
+            up, down = (odds[:, game.catalogue.shot[game.base_pair_stroke]] for odds in odds_of_steps(steps, step=STEP))
+            tables = list(clones)
+            tables[seat] = dataclasses.replace(clones[seat], game=with_odds(game, up, down))
+            changed.append(evaluate(tables[0], tables[1]).odds().rally)
+        slope = (changed[0] - changed[1]) / (2 * width)
+        assert found.win[seat, component, shot] == pytest.approx(slope, rel=0.03, abs=2e-4)

@@ -1,0 +1,138 @@
+"""The game of a pair in the kernel, the stepper and all environments: the same rallies everywhere."""
+
+import numpy as np
+import pytest
+import torch
+
+from shuttle_marl.env import match_v0, rally_v0
+from shuttle_marl.env.batched import RallyEnv, VersusEnv
+from shuttle_marl.env.single import SingleMatchEnv, SingleRallyEnv
+from shuttle_marl.env.vector import MatchVectorEnv, RallyVectorEnv
+from shuttle_marl.game.pairs import pair_game
+from shuttle_marl.game.rules import IllegalStrokeError
+from shuttle_marl.game.tables import GameError
+from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
+from shuttle_marl.kernel import KernelError, RallyBatch, play_matches, play_rallies
+from shuttle_marl.kernel.lockstep import play
+from shuttle_marl.league.entrants import Entrant, Strikers
+from shuttle_marl.policy.registry import resolve
+from tests.exact.exact_games import random_game, random_policy
+from tests.kernel.episodes import compare_with_rally_v0
+from tests.kernel.test_matches_kernel import RULES, assert_same, some_matches
+from tests.reduced import reduced_game, reduced_model
+
+A, B = "viktor-axelsen", "kento-momota"
+PAIR = pair_game(A, B, game=reduced_model())
+NAMES = ("bc", "minimax", "random")
+
+
+def seated(name: str) -> list[TabulatedPolicy]:
+    return [tabulate(resolve(name, game), game, name) for game in PAIR.seats]
+
+
+def test_matches_are_those_of_the_lockstep() -> None:
+    """Every entrant strikes at seat 0 with the tables of one player, at seat 1 with those of the other."""
+    wanted, tables = some_matches(60, len(NAMES), 1), [seated(name) for name in NAMES]
+    entrants = [
+        Entrant(name=n, policy=first, table=first, opposite=second) for n, (first, second) in zip(NAMES, tables, strict=True)
+    ]
+    expected = play(PAIR, wanted, Strikers(PAIR, entrants).choose, rules=RULES["to five"])
+    packed = [table for seat in zip(*tables, strict=True) for table in seat]
+    by_seat = type(wanted)(
+        entrant=wanted.entrant + np.array([0, len(NAMES)], np.int32), first_server=wanted.first_server, key=wanted.key
+    )
+    played = play_matches(PAIR, by_seat, packed, rules=RULES["to five"])
+    relabelled = played.rallies.policy % len(NAMES)
+    assert np.array_equal(relabelled, expected.rallies.policy)
+    played.rallies.policy[:] = relabelled
+    assert_same(played, expected)
+
+
+def test_rallies_are_those_of_the_environment() -> None:
+    bc = seated("bc")
+    compare_with_rally_v0(3, play_rallies(PAIR, (bc[0], bc[1]), 60, seed=3), game=PAIR)
+    # And not those of the average game.
+    with pytest.raises((AssertionError, IllegalStrokeError)):
+        compare_with_rally_v0(3, play_rallies(PAIR, (bc[0], bc[1]), 60, seed=3), game=reduced_game())
+
+
+def test_batches_are_those_of_the_environment() -> None:
+    """RallyBatch and RallyEnv step given strokes; the strokes decide who strikes with which tables."""
+    batch, env, size = RallyBatch(PAIR, 8, seed=5), RallyEnv(8, game=reduced_model(), players=(A, B), seed=5), 8
+    raws = []
+    for row in range(size):
+        raw = rally_v0.raw_env(players=(A, B), game=reduced_model())
+        raw.reset(seed=5)
+        for _ in range(row):
+            raw.reset()
+        raws.append(raw)
+    now = env.reset()
+    for _ in range(60):
+        strokes = batch.random_strokes()
+        reward, done = batch.step(strokes, reset=False)
+        stepped = env.step(now.set("action", torch.from_numpy(strokes)))["next"]
+        assert torch.equal(stepped["reward"].squeeze(-1), torch.from_numpy(reward))
+        for raw, stroke, won, over in zip(raws, strokes.tolist(), reward, done, strict=True):
+            striker = raw.agent_selection
+            raw.step(stroke)
+            assert (raw.rewards[striker], raw.terminations[striker]) == (won, over)
+        if done.any():
+            break
+        now = stepped
+
+
+@pytest.mark.parametrize("seat", [0, 1])
+def test_learners_against_the_other_player(seat: int) -> None:
+    """The Gymnasium environments of one rally and of many, and TorchRL's, play the same episodes."""
+    options = {"game": reduced_model(), "players": (A, B)}
+    single = SingleRallyEnv(opponent="minimax", seat=seat, **options)
+    vector = RallyVectorEnv(1, opponent="minimax", seat=seat, **options)
+    versus = VersusEnv(1, opponents="minimax", seat=seat, seed=4, **options)
+    assert single.opponent.policy.hash == seated("minimax")[1 - seat].hash
+    seen, _ = single.reset(seed=4)
+    vector.reset(seed=4)
+    now = versus.reset()
+    for step in range(300):
+        assert single.state_number == vector._batch.rows.state[0] == versus.states[0]
+        legal = np.flatnonzero(seen["action_mask"])
+        stroke = int(legal[step % len(legal)])
+        seen, reward, over, _, _ = single.step(stroke)
+        _, rewards, overs, _, _ = vector.step(np.array([stroke]))
+        stepped = versus.step_and_maybe_reset(now.set("action", torch.tensor([stroke])))
+        assert reward == rewards[0] == stepped[0]["next", "reward"].item()
+        assert over == overs[0] == stepped[0]["next", "terminated"].item()
+        now = stepped[1]
+        if over:
+            seen, _ = single.reset()
+
+
+def test_matches_of_learners() -> None:
+    options = {"game": reduced_model(), "players": (A, B), "reward": "rally", "rules": RULES["to five"]}
+    single, vector = SingleMatchEnv(opponent="bc", **options), MatchVectorEnv(1, opponent="bc", **options)
+    seen, _ = single.reset(seed=2)
+    vector.reset(seed=2)
+    over = False
+    while not over:
+        stroke = int(np.flatnonzero(seen["action_mask"])[0])
+        seen, reward, over, _, _ = single.step(stroke)
+        _, rewards, overs, _, _ = vector.step(np.array([stroke]))
+        assert (reward, over) == (rewards[0], overs[0])
+    assert single.raw.snapshot().names == (A, B)
+
+
+def test_the_players_are_named_and_the_average_game_is_the_default() -> None:
+    env = match_v0.env(players=(A, B), game=reduced_model(), render_mode="ansi")
+    env.reset(seed=1)
+    assert env.unwrapped.game.hash == PAIR.hash
+    text = env.render()
+    assert isinstance(text, str)
+    assert A in text
+    assert rally_v0.raw_env(game=reduced_model()).game is reduced_game()
+    assert rally_v0.raw_env(game=PAIR).game is PAIR
+
+
+def test_what_does_not_fit_is_refused() -> None:
+    with pytest.raises(GameError, match="expected 0 or 1 for all rows"):
+        RallyVectorEnv(4, game=PAIR, seat=np.array([0, 1, 0, 1]))
+    with pytest.raises(KernelError, match="tabulated for another game"):
+        RallyBatch(PAIR, 4).run(3, (seated("bc")[0], random_policy(random_game(1), 0)))

@@ -1,0 +1,157 @@
+"""Leagues in the game of a pair, and predictions of real players."""
+
+import dataclasses
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+from shuttle_marl.commands.league import main
+from shuttle_marl.exact import evaluate
+from shuttle_marl.game import pairs as pairs_module
+from shuttle_marl.game.pairs import pair_game
+from shuttle_marl.game.shipped import model_folder
+from shuttle_marl.game.skill import Skill, load_skill
+from shuttle_marl.game.tabulated import tabulate
+from shuttle_marl.league.entrants import LeagueConfig, LeagueError
+from shuttle_marl.league.pairs import Prediction, pairs_table, players_of, predict, predict_pairs, ranked, with_results
+from shuttle_marl.league.run import run_league
+from shuttle_marl.policy.registry import resolve
+from shuttle_marl.recording import RallyLog
+from shuttle_marl.recording.header import Pair
+from shuttle_marl.recording.replay import check
+from shuttle_marl.table_files import read_parquet
+from tests.reduced import reduced_game, reduced_model
+
+A, B = "viktor-axelsen", "kento-momota"
+
+
+def test_a_league_in_the_game_of_a_pair(tmp_path: Path) -> None:
+    config = LeagueConfig(
+        pool=("bc", "minimax", "random"), matches=60, players=(A, B), game=reduced_model(), out=tmp_path / "run", away=True
+    )
+    run = run_league(config)
+    pair = pair_game(A, B, game=reduced_model())
+    assert json.loads((tmp_path / "run" / "config.json").read_text())["players"] == [A, B]
+    seats = [[tabulate(resolve(name, game), game, name) for game in pair.seats] for name in config.pool]
+    for standing in run.standings:
+        place = config.pool.index(standing.player)
+        own, others = seats[place], [*seats[:place], *seats[place + 1 :]]
+        # Half of the matches as each of the players.
+        wins = [(evaluate(own[0], s[1]).odds().match() + 1 - evaluate(s[0], own[1]).odds().match()) / 2 for s in others]
+        assert standing.exact_share == pytest.approx(np.mean(wins), abs=1e-5)
+        assert standing.share_low - 0.1 < standing.exact_share < standing.share_high + 0.1
+    assert {s.player: s.exploitability for s in run.standings}["minimax"] < 1e-6
+    log = tmp_path / "run" / "rallies.mcap"
+    with RallyLog(log) as opened:
+        header = opened.header
+    assert (header.pair, header.game) == (Pair(players=(A, B), discipline="men"), pair.hash)
+    assert header.pair is not None
+    assert check(log, header.pair.game(reduced_model())).problems == ()
+    assert len(check(log, dataclasses.replace(pair, threshold=pair.threshold)).problems) == 0
+    with pytest.raises(Exception, match=f"of {A} against {B}, not on"):
+        check(log, reduced_game())
+
+
+def test_options_that_do_not_fit() -> None:
+    with pytest.raises(LeagueError, match="give both"):
+        LeagueConfig(date="2021-01-01")
+    with pytest.raises(LeagueError, match="--holes is not available with --players"):
+        LeagueConfig(players=(A, B), holes=2)
+    assert "players" not in LeagueConfig().fixed()
+
+
+def test_predictions_are_exact_and_contain_the_uncertainty_of_the_skill(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The interval is that of draws of the offsets from their posterior deviations."""
+    pair = pair_game(A, B, game=reduced_model())
+    found = predict(pair)
+    tables = [tabulate(resolve(f"bc:{name}", game), game) for name, game in zip((A, B), pair.seats, strict=True)]
+    odds = evaluate(*tables).odds()
+    assert found.rally_win == pytest.approx(odds.rally, abs=1e-6)
+    assert found.match_win == pytest.approx(odds.match(), abs=1e-5)
+    skill, rng, drawn = load_skill(model_folder(reduced_model())), np.random.default_rng(7), []
+    for _ in range(40):
+        moved = skill.offset + (skill.deviation * rng.normal(size=skill.offset.shape)).astype(np.float32)
+        monkeypatch.setattr(pairs_module, "load_skill", _constant(dataclasses.replace(skill, offset=moved)))
+        pair_game.cache_clear()
+        drawn.append(predict(pair_game(A, B, game=reduced_model())).rally_win)
+    monkeypatch.undo()
+    pair_game.cache_clear()
+    deviation = (found.rally_high - found.rally_low) / (2 * 1.96)
+    # 40 draws know a deviation to 11 %.
+    assert deviation == pytest.approx(np.std(drawn, ddof=1), rel=0.35)
+    assert found.match_low < found.match_win < found.match_high
+
+
+def _constant(skill: Skill) -> Callable[[Path], Skill]:
+    return lambda _: skill
+
+
+def test_reasons_are_the_offsets_with_the_largest_effects() -> None:
+    found = predict(pair_game("average", A, game=reduced_model()), "bc")
+    assert len(found.reasons) == 8
+    assert all(reason.startswith(A) for reason in found.reasons)
+    points = list(found.reasons.values())
+    assert [abs(p) for p in points] == sorted((abs(p) for p in points), reverse=True)
+
+
+def some_predictions() -> list[Prediction]:
+    figures = dict.fromkeys(("rally_low", "rally_high", "match_low", "match_high"), 0.5)
+    return [
+        Prediction(players=players, hash="", rally_win=rally, match_win=match, reasons={}, **figures)
+        for players, rally, match in (((A, B), 0.6, 0.9), ((A, "lee-zii-jia"), 0.7, 0.95), ((B, "lee-zii-jia"), 0.5, 0.4))
+    ]
+
+
+def test_players_by_their_results_against_all_others() -> None:
+    rows = ranked([B, A, "lee-zii-jia"], some_predictions(), reduced_model(), "2020-01-01")
+    assert [row.name for row in rows] == [A, "lee-zii-jia", B]
+    assert [row.match_win for row in rows] == pytest.approx([0.925, 0.325, 0.25])
+    assert rows[0].rally_win == pytest.approx(0.65)
+    assert rows[0].since == "2019-01-01"
+
+
+def test_real_results(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two matches between the first two, of which one went to B by games although A won as many rallies."""
+    wins = [("m", 1, A), ("m", 1, A), ("m", 2, B), ("m", 3, B), ("n", 1, A), ("o", 1, None), ("p", 1, A)]
+    others = {"p": "somebody-else"}
+    rallies = pa.table(
+        {
+            "match": [match for match, _, _ in wins],
+            "game": [game for _, game, _ in wins],
+            "server": [A for _ in wins],
+            "receiver": [others.get(match, B) for match, _, _ in wins],
+            "winner": [winner for _, _, winner in wins],
+        }
+    )
+    monkeypatch.setattr("shuttle_marl.league.pairs.rally_table", lambda _: rallies)
+    first, second, _ = with_results(some_predictions(), rallies)
+    assert (first.rallies, first.rallies_won, first.matches, first.matches_won) == (5, 3, 2, 1)
+    assert (second.rallies, second.matches) == (0, 0)
+
+
+def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "pairs.parquet"
+    assert main(["--pairs", "women", "--game", reduced_model(), "--out", str(out), "--json"]) == 0
+    shown, table = json.loads(capsys.readouterr().out), read_parquet(out)
+    players = players_of("women", reduced_model())
+    n = len(players)
+    assert sorted(row["name"] for row in shown["players"]) == sorted(players)
+    assert len(shown["pairs"]) == table.num_rows == n * (n - 1) // 2
+    predictions = predict_pairs(players[:2], game=reduced_model())
+    assert pairs_table(predictions).to_pylist()[0] == table.to_pylist()[0]
+    assert main(["--pairs", "women", "--game", reduced_model()]) == 0
+    assert f"{players[0]} against {players[1]}" in capsys.readouterr().out
+    assert main(["--pairs", "women", "--game", reduced_model(), "--out", "pairs.txt"]) == 1
+    assert "expected a name that ends in .csv or .parquet" in capsys.readouterr().err
+
+
+def test_a_discipline_without_players(monkeypatch: pytest.MonkeyPatch) -> None:
+    skill = load_skill(model_folder(reduced_model()))
+    nobody: Skill = dataclasses.replace(skill, discipline=np.zeros_like(skill.discipline))
+    monkeypatch.setattr("shuttle_marl.league.pairs.load_skill", lambda _: nobody)
+    with pytest.raises(LeagueError, match="0 players of that discipline"):
+        players_of("women", reduced_model())
