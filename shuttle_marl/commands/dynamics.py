@@ -1,6 +1,7 @@
 """Fit, evaluate and describe the models of the game."""
 
 import json as json_format
+import os
 import sys
 from pathlib import Path
 from typing import Annotated, Any, Final
@@ -25,6 +26,7 @@ def fit(
     refits: int | None = None,
     validation_share: float | None = None,
     prior: str | None = None,
+    jobs: int | None = None,
     overwrite: bool = False,
 ) -> None:
     """Fit the models to the training matches and compile the game; takes a few minutes, and a few more for each refit.
@@ -37,12 +39,18 @@ def fit(
             default: 8; 0 with --prior, or for fewer than 6 training matches.
         validation_share: fraction of your own matches for validation, such as 0.2; the published matches have a fixed split.
         prior: model to correct instead of a full fit, such as default; for few matches.
+        jobs: number of refits at once; default: one for each core, at most 4.
         overwrite: replace an existing model.
     """
     from shuttle_marl.dynamics.make import make_model  # noqa: PLC0415  torch
 
     check_free(out, overwrite=overwrite)
-    card = make_model(data, out, seed=seed, refits=refits, validation_share=validation_share, prior=prior, report=_report)
+    jobs = min(4, os.cpu_count() or 1) if jobs is None else jobs
+    if jobs < 1:
+        raise ShuttleError(f"--jobs {jobs}: expected 1 or more")
+    card = make_model(
+        data, out, seed=seed, refits=refits, validation_share=validation_share, prior=prior, jobs=jobs, report=_report
+    )
     warnings = card["health"]["warnings"]
     variants = f", variants {', '.join(card['variants'])}" if card["variants"] else ""
     console().print(

@@ -3,9 +3,9 @@
 **Catalogue.** It contains a stroke if at least 3 % of the good strokes of its shot type go to its area, and at least 20 good
 strokes equal it.
 
-**Legality.** A stroke is a legal reply if it occurs at least five times against the incoming shot type. Where a shot type, height
-and technique occur five times, but no single target does, their most frequent target is legal. For contact heights without such a
-stroke, the strokes are legal whose shot type, height and technique occur five times against any stroke.
+**Legality.** A stroke is a legal reply if it occurs at least eight times against the incoming shot type. The most frequent target
+of a shot type, height and technique is also legal if these occur five times against it, with any target. For contact heights
+without such a stroke, the strokes are legal whose shot type, height and technique occur five times against any stroke.
 
 **Extremes.** Faults and winners are counted in nested cells: shot type and area; the whole stroke; against one incoming shot
 type; against one incoming shot type and area. The rate of a cell is shrunk to that of the enclosing cell with the weight of 40
@@ -35,7 +35,8 @@ from shuttle_marl.game.thresholds import ONE
 
 AREA_SHARE: Final = 0.03
 MIN_STROKES: Final = 20
-MIN_REPLIES: Final = 5
+MIN_REPLIES: Final = 8
+MIN_STYLE: Final = 5
 PRIOR_STROKES: Final = 40.0
 CREDIBLE: Final = 0.90
 
@@ -69,12 +70,12 @@ def replies_of(rows: Rows, catalogue: Catalogue) -> Bools:
     replies[n] = catalogue.is_serve
     for shot in range(N_SHOTS):
         times = count[shot][catalogue.shot, catalogue.area, catalogue.height, catalogue.technique]
-        frequent = (times > 0) & (times == most[shot][style]) & (styled[shot][style] >= MIN_REPLIES)
+        frequent = (times > 0) & (times == most[shot][style]) & (styled[shot][style] >= MIN_STYLE)
         legal = ((times >= MIN_REPLIES) | frequent) & ~catalogue.is_serve
         for contact in (0, 1):
             from_here = catalogue.height == contact
             if not (legal & from_here).any():
-                legal |= from_here & ~catalogue.is_serve & (styled[:N_SHOTS].sum(axis=0)[style] >= MIN_REPLIES)
+                legal |= from_here & ~catalogue.is_serve & (styled[:N_SHOTS].sum(axis=0)[style] >= MIN_STYLE)
         replies[:n][catalogue.shot == shot] = legal
     return replies
 

@@ -4,7 +4,9 @@ import dataclasses
 import hashlib
 import json
 import math
+import multiprocessing
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any, Final
 
@@ -238,6 +240,7 @@ def make_model(
     validation_share: float | None = None,
     prior: str | None = None,
     config: EnsembleConfig | None = None,
+    jobs: int = 1,
     report: Callable[[str], None],
 ) -> dict[str, Any]:
     """Fit and compile models, and write them with their card.
@@ -251,6 +254,7 @@ def make_model(
         validation_share: fraction of the unpublished matches for validation; None: all matches are published ones.
         prior: name or folder of a model to correct; None: fit without prior.
         config: settings of the networks; None: the default, and quick refits.
+        jobs: number of refits at once, one process each; it does not change the result.
         report: called with a line before each stage.
 
     Returns:
@@ -314,19 +318,46 @@ def make_model(
         ],
     }
     save_variants(out, game, variants, card)
-    for number in range(1, refits + 1):
-        report_refit = _with_prefix(f"refit {number} of {refits}: ", report)
-        resample = resampled(train, [seed, number])
-        refit = (
-            fit(resample, None, seed=seed + 1000 * number, config=config or QUICK, layout=game, report=report_refit)
-            if start is None
-            else fit_from(start, resample, None, report=report_refit)
-        )
-        report_refit("compiling")
-        variants[str(number)] = refit.compiled()[0]
-        # After each refit, so that an interrupted command leaves a complete folder.
-        save_variants(out, game, variants, card)
+    if refits:
+        task = Refit(train=train, layout=game, seed=seed, config=config or QUICK, prior=start)
+        with ProcessPoolExecutor(min(jobs, refits), mp_context=multiprocessing.get_context("spawn")) as pool:
+            for number, refit in enumerate(pool.map(task, range(1, refits + 1)), 1):
+                report(f"refit {number} of {refits} is fitted")
+                variants[str(number)] = refit
+                # After each refit, so that an interrupted command leaves a complete folder.
+                save_variants(out, game, variants, card)
     return read_model_card(out)
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Refit:
+    """A fit to resampled matches, for a process of its own.
+
+    Attributes:
+        train: strokes of the training matches.
+        layout: game whose layout is used.
+        seed: random seed of the first fit; refits use others.
+        config: settings of the networks.
+        prior: model to correct; None: fit without prior.
+    """
+
+    train: Rows
+    layout: Game
+    seed: int
+    config: EnsembleConfig
+    prior: Prior | None
+
+    def __call__(self, number: int) -> Game:
+        """The game of refit ``number``, from 1."""
+        rows = resampled(self.train, [self.seed, number])
+        if self.prior is not None:
+            return fit_from(self.prior, rows, None, report=_silent).compiled()[0]
+        seed = self.seed + 1000 * number
+        return fit(rows, None, seed=seed, config=self.config, layout=self.layout, report=_silent).compiled()[0]
+
+
+def _silent(line: str) -> None:
+    """Report nothing: processes share one terminal."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -472,10 +503,6 @@ def _prior(name: str) -> Prior:
         support=load_support(folder),
         skill=deviations_in(read_model_card(folder)),
     )
-
-
-def _with_prefix(prefix: str, report: Callable[[str], None]) -> Callable[[str], None]:
-    return lambda line: report(prefix + line)
 
 
 def resampled(rows: Rows, seed: Sequence[int]) -> Rows:

@@ -7,7 +7,7 @@ such as ``default:men`` means one of its variants: the game of one discipline, o
 import copyreg
 import functools
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
 
