@@ -148,6 +148,9 @@ def test_menus_close_and_terms_are_explained(viewer: Any, served: Any) -> None:
         assert copy.is_visible()
         close()
         assert not copy.is_visible()
+    sound = viewer.page.get_by_role("button", name="Sound", exact=True)
+    assert sound.get_attribute("aria-pressed") == "false", "silent until asked for"
+    assert viewer.press("m").page.get_by_role("button", name="Sound", pressed=True).count() == 1
     unexplained = viewer.page.locator(".panel > h2, .panel h3").evaluate_all(
         "(all) => all.filter((e) => !e.querySelector('.why') && !e.closest('.side, .keylist')).map((e) => e.textContent)"
     )

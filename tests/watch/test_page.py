@@ -331,6 +331,9 @@ def test_a_real_match_is_shown(viewer: Any, page_folder: Any) -> None:
         assert viewer.state("rally") == 3
         assert sum(viewer.state("points")) == 3
         assert len(viewer.state("strokes")) >= 1
+        viewer.page.locator(".browser [data-rally='5']").click()
+        viewer.until(lambda: viewer.state("rally") == 5)
+        assert viewer.page.locator(".browser [aria-current]").get_attribute("data-rally") == "5"
 
 
 def test_a_shared_page_opens_from_disk(viewer: Any, served: Any, browser: Any, tmp_path: Any) -> None:

@@ -40,7 +40,10 @@ function plainName(name: string): string {
   if (/^(ppo|a2c|sac)$/.test(key)) {
     return argument ? `${key.toUpperCase()} agent, ${argument.replaceAll("-", " ")}` : `${key.toUpperCase()} agent`;
   }
-  return key === "human" && argument ? `Strong, close to people (${argument})` : name;
+  if (key === "human" && argument) {
+    return `Strong, close to people (${argument})`;
+  }
+  return /^[a-z]+(-[a-z]+)+$/.test(name) ? capitalized(name.replaceAll("-", " ")) : name; // a person of a data set
 }
 
 /** Identifiers in groups, in the order of the list. */
