@@ -77,7 +77,7 @@ export class Chip {
   }
 }
 
-const SPEED_SHOWN = 0.8; // time for which the speed stays at the racket [s]
+const SPEED_SHOWN = 0.6; // time for which the speed stays at the racket [s]
 
 /** The speed of the shuttle, at the racket. */
 export class SpeedLabel {
@@ -93,7 +93,7 @@ export class SpeedLabel {
         this.element.textContent = `${Math.round(3.6 * stroke.speed)} km/h`;
       }
       this.shown = index;
-      this.element.style.transform = `translate(${Math.round(place[0] + 12)}px, ${Math.round(place[1] - 30)}px)`;
+      this.element.style.transform = `translate(${Math.round(place[0] + 24)}px, ${Math.round(place[1] - 40)}px)`;
     } else {
       this.shown = -1;
     }
