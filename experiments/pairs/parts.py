@@ -16,6 +16,7 @@ from shuttle_marl.arrays import I64
 from shuttle_marl.dynamics.fit import fit
 from shuttle_marl.dynamics.make import save_fit, save_variants
 from shuttle_marl.dynamics.network import QUICK
+from shuttle_marl.dynamics.players import player_choices
 from shuttle_marl.dynamics.skill import summary
 from shuttle_marl.game.shipped import CARD
 
@@ -71,7 +72,11 @@ def crossed(
     parts = []
     for k in range(count):
         seen = played.take(fold != k)
-        model = _fitted(seen, sources, folder, seed, lambda line, k=k: report(f"part {k + 1} of {count}: {line}"))
+
+        def report_part(line: str, number: int = k + 1) -> None:
+            report(f"part {number} of {count}: {line}")
+
+        model = _fitted(seen, sources, folder, seed, report_part)
         parts.append(Part(folder=model, seen=seen, unseen=played.take(fold == k)))
     return parts
 
@@ -87,6 +92,9 @@ def _fitted(seen: Annotated, sources: Mapping[str, str], cache: Path, seed: int,
     folder = cache / digest.hexdigest()[:16]
     if not (folder / CARD).is_file():
         fitted = fit(rows, None, seed=seed, config=QUICK, report=report)
+        report("choices of players")
+        choices, _ = player_choices(fitted.models.networks, rows, None, QUICK.folds)
+        fitted = dataclasses.replace(fitted, models=dataclasses.replace(fitted.models, choices=choices))
         written = save_fit(folder, fitted, sources, None, report=report)
         # The card comes last: a folder with a card is complete.
         save_variants(folder, written.game, written.variants, {"name": folder.name, "skill": summary(written.skill, {})})

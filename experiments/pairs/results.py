@@ -1,8 +1,8 @@
 """Log-loss of results of rallies in unseen matches: a coin, Bradley-Terry, the game of the pair, and the mean of the last two.
 
 **Bradley-Terry.** The log-odds that the server wins a rally are an advantage of the serve, the difference of both players'
-ratings, and an effect of the match. Ratings follow a random walk by date (Ingram, J. Quant. Anal. Sports 2019); variances are those of
-maximum marginal likelihood (:mod:`shuttle_marl.dynamics.mixed`).
+ratings, and an effect of the match. Ratings follow a random walk by date (Ingram, J. Quant. Anal. Sports 2019); variances are
+estimated as those of the players' skill (:mod:`shuttle_marl.dynamics.mixed`).
 
 **Pair.** The probability is exact, in the game of the pair as of the day of the match. Each player is imitated: with the
 player's own choices where the model has them, else with those of the average player of the discipline.
@@ -24,7 +24,7 @@ from shuttle_marl.data.upstream import date_of
 from shuttle_marl.dynamics.evaluate import difference_by_match, log_losses
 from shuttle_marl.dynamics.mixed import MixedModel, Walks, fit_variances
 from shuttle_marl.dynamics.models import log_odds, sigmoid
-from shuttle_marl.dynamics.skill import days_of, slope_on_offset
+from shuttle_marl.dynamics.skill import YEAR, days_of, slope_on_offset
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game.pairs import pair_game
 from shuttle_marl.game.shipped import PROFILES, variants
@@ -76,8 +76,8 @@ def results(parts: Sequence[Part]) -> dict[str, Any]:
     """Scores of the predictions of the unseen rallies of all parts.
 
     Returns:
-        ``results``: log-loss of each prediction; ``difference``: from the coin, with intervals by match; ``calibration``: slope of
-        the results on the log-odds of the game of the pair; ``correlation``: of its shares of rallies and the real ones, over
+        ``results``: log-loss of each prediction; ``difference``: from the coin, with intervals by match; ``calibration``: slope
+        of the results on the log-odds of the game of the pair; ``correlation``: of its shares of rallies and the real ones, over
         matches, about one half; ``seconds`` for each pair.
     """
     won, match = [], []
@@ -97,16 +97,18 @@ def results(parts: Sequence[Part]) -> dict[str, Any]:
         pairs += count
     label, signed = np.concatenate(won), np.concatenate(match)
     index, side = np.abs(signed), np.sign(signed)
-    p = {name: np.concatenate(values) for name, values in predicted.items()}
-    losses = {name: log_losses(label, values) for name, values in p.items()}
+    joined = {name: np.concatenate(values) for name, values in predicted.items()}
+    losses = {name: log_losses(label, values) for name, values in joined.items()}
     games = np.unique(index, return_inverse=True)[1]
-    shares = [np.bincount(games, side * (values - 0.5)) / np.bincount(games) for values in (p["pair"], label.astype(np.float64))]
+    shares = [
+        np.bincount(games, side * (values - 0.5)) / np.bincount(games) for values in (joined["pair"], label.astype(np.float64))
+    ]
     return {
         "rallies": len(label),
         "matches": int(games.max()) + 1,
         "results": {name: float(values.mean()) for name, values in losses.items()},
         "difference": {name: difference_by_match(losses[name], losses["coin"], index) for name in PREDICTIONS[1:]},
-        "calibration": slope_on_offset(np.zeros(len(label)), log_odds(p["pair"]), label, index),
+        "calibration": slope_on_offset(np.zeros(len(label)), log_odds(joined["pair"]), label, index),
         "correlation": float(shares[0] @ shares[1] / np.sqrt((shares[0] @ shares[0]) * (shares[1] @ shares[1]))),
         "seconds": seconds / max(1, pairs),
     }
@@ -172,7 +174,8 @@ def bradley_terry(seen: Rallies, unseen: Rallies) -> F64:
             difference=csr_matrix(block_diag([walk, identity(others)])),
             component=np.r_[np.where(first, 0, 1), np.full(others - len(PROFILES), 2), np.full(len(PROFILES), 3)],
             scale=np.r_[years, np.ones(others)],
-        )
+        ),
+        np.array([np.inf, YEAR, np.inf, np.inf]),
     ).mode
 
     def rating(names: npt.NDArray[np.str_]) -> F64:

@@ -12,11 +12,11 @@ from experiments.truth.decisions import Promises, centred, outcomes
 from experiments.truth.matches import RESAMPLES, Strokes
 from shuttle_marl.arrays import F64, I64, Ints
 from shuttle_marl.errors import ShuttleError
-from shuttle_marl.game.shipped import Factor
+from shuttle_marl.game.shipped import Estimate
 
 
 def calibration(
-    strokes: Strokes, promised: Promises, part: Ints, factors: Mapping[str, Factor] | None = None, seed: int = 0
+    strokes: Strokes, promised: Promises, part: Ints, factors: Mapping[str, Estimate] | None = None, seed: int = 0
 ) -> dict[str, dict[str, float]]:
     """Slopes of outcomes on calibrated advantages, at each horizon.
 

@@ -22,6 +22,8 @@ from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES, SHOTS, TECHNIQUES
 
 HALVINGS: Final = 20
 """Random halvings of the real matches behind every figure of real against real."""
+_LISTED: Final = 10
+"""Features that are reported."""
 _FOLDS: Final = 5
 _LAGS: Final = (1, 2, 3, 4)
 
@@ -61,14 +63,24 @@ def two_sample_auc(simulated: Strokes, real: Strokes, seed: int = 0, halvings: i
         halvings: random halvings behind the figure of real against real.
 
     Returns:
-        ``value``, ``real_against_real`` (the same for random halves of the real matches), and
-        ``gives_away``: the features with most gain, as shares.
+        ``value``, ``real_against_real`` (the same for random halves of the real matches), and ``gives_away``: for the features
+        with most gain, their share of the gain, their means ``simulated`` and ``real``, and the ``difference`` of these in
+        standard deviations over real rallies.
     """
     sides = [_features(simulated), _features(real)]
     value, gain = _auc(sides, seed)
     alike = [_auc([_features(real.take(half)), _features(real.take(~half))], seed)[0] for half in _halvings(real, seed, halvings)]
-    order = np.argsort(-gain)[:8]
-    return {"value": value, "real_against_real": float(np.mean(alike)), "gives_away": {_NAMES[i]: float(gain[i]) for i in order}}
+    means, spread = [side.values.mean(axis=0) for side in sides], sides[1].values.std(axis=0)
+    gives_away = {
+        _NAMES[i]: {
+            "gain": float(gain[i]),
+            "simulated": float(means[0][i]),
+            "real": float(means[1][i]),
+            "difference": float((means[0][i] - means[1][i]) / spread[i]),
+        }
+        for i in np.argsort(-gain)[:_LISTED]
+    }
+    return {"value": value, "real_against_real": float(np.mean(alike)), "gives_away": gives_away}
 
 
 def _auc(sides: list["_Features"], seed: int) -> tuple[float, F64]:

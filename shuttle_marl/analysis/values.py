@@ -19,11 +19,12 @@ from shuttle_marl.dynamics.features import Rows, rows_from_strokes, states_of, s
 from shuttle_marl.exact import evaluate, visits
 from shuttle_marl.game import rules
 from shuttle_marl.game.court import N_AREAS
+from shuttle_marl.game.shipped import factor_of
 from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES, Catalogue
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 
-COLUMNS: Final = ("win_before", "win_after", "value_added", "decision", "execution")
+COLUMNS: Final = ("win_before", "win_after", "value_added", "decision", "execution", "decision_expected")
 """Columns of :func:`add_values`."""
 _UNKNOWN: Final = -1
 
@@ -42,7 +43,9 @@ def add_values(strokes: pa.Table, reference: TabulatedPolicy) -> pa.Table:
     0 for a fault, and for a returned stroke 1 minus the opponent's ``win_before``, which depends on the contact that the opponent
     reaches but not on the reply. ``value_added`` is the difference, from -1 to 1; over a rally the server's values minus the
     receiver's sum to the outcome minus the probability at the serve. ``decision`` is the part due to the choice of the stroke
-    (its expected value minus that of the reference's choice), ``execution`` the rest: skill and luck. The target of a fault is
+    (its expected value minus that of the reference's choice), ``execution`` the rest: skill and luck. ``decision_expected`` is
+    the part of the decision that real matches realise (:func:`shuttle_marl.game.shipped.factor_of`); null where it is unknown.
+    The target of a fault is
     not recorded; its decision is the mean over the targets of the same shot type and technique, weighted by the probability
     that the reference aims and faults there.
 
@@ -79,6 +82,7 @@ def add_values(strokes: pa.Table, reference: TabulatedPolicy) -> pa.Table:
         "value_added": after - before,
         "decision": decision,
         "execution": after - before - decision,
+        "decision_expected": decision * (np.nan if (factor := factor_of(game)) is None else factor.value),
     }
     for name, column in columns.items():
         strokes = strokes.append_column(name, pa.array(column, pa.float64(), from_pandas=True))

@@ -15,7 +15,7 @@ from shuttle_marl.commands import cli
 from shuttle_marl.commands.options import File, GameOptions, Json, Policies, Policy, PolicyOptions, SampleOptions
 from shuttle_marl.errors import printable
 from shuttle_marl.exact.fixed_point import ExactError
-from shuttle_marl.game.shipped import RELIABLE, least_support, real_strokes, refits_of
+from shuttle_marl.game.shipped import RELIABLE, Estimate, factor_of, least_support, real_strokes, refits_of
 from shuttle_marl.policy.foreign import time_limit
 
 if TYPE_CHECKING:
@@ -41,6 +41,7 @@ Model = tyro.conf.OmitArgPrefixes[GameOptions]
 PlayedModel = tyro.conf.OmitArgPrefixes[PolicyOptions]
 AtLeast = Annotated[int | None, tyro.conf.arg(metavar="INT")]
 _AT_LEAST: Final = "--at-least N sets the number"
+_EXPECTED: Final = "the part of the edge over 50 % that unseen matches realise, docs/truth.md"
 _GAME: Final = GameOptions()
 _PLAYED: Final = PolicyOptions()
 _NO_PLOT: Final = PlotOptions()
@@ -199,6 +200,7 @@ def best_response(
     least = least_support(tables) if at_least is None else at_least
     answer = respond(opponent, at_least=least)
     odds, seen = answer.value.odds(), visits(answer.policy, opponent)
+    expected = _expected_wins(tables, odds.rally)
     mix = [dict(zip(SHOTS, seen.shot_mix(player).tolist(), strict=True)) for player in (0, 1)]
     support = _support(tables, seen.base_pairs(0).sum(axis=0))
     if save is not None:
@@ -211,6 +213,7 @@ def best_response(
         "rally_win_serving": odds.serving,
         "rally_win_receiving": odds.receiving,
         "match_win": odds.match(),
+        "expected_rally_win": None if expected is None else expected._asdict(),
         "exploitability": odds.value,
         "rally_length": seen.rally_length,
         "endings": seen.endings(),
@@ -236,10 +239,22 @@ def best_response(
         f"shots of {policy}": cli.shares(mix[1]),
         "real strokes behind it": _support_text(support, least),
     }  # fmt: skip
+    if expected is not None:
+        low, high = cli.percent(expected.low), cli.percent(expected.high)
+        rows["to expect in real matches"] = f"{cli.percent(expected.value)} of rallies ({low} to {high}): {_EXPECTED}"
     if save is not None:
         rows["saved as"] = f"table:{save}"
     cli.console().print(cli.facts(rows))
     cli.print_home_and_away([("the response", figures["home"], spreads)], others, asked=away)
+
+
+def _expected_wins(game: "Game", rally_win: float) -> Estimate | None:
+    """Fraction of rallies to expect in real matches; None where it is not known."""
+    factor = factor_of(game)
+    if factor is None:
+        return None
+    edge = factor.scaled(rally_win - 0.5)
+    return Estimate(*(0.5 + part for part in edge))
 
 
 def holes(
@@ -279,6 +294,12 @@ def holes(
         "expected visits of the policy in a rally, with each player serving half of the rallies. "
         f"Better strokes have at least {least} real ones behind them where a state has any such ({_AT_LEAST})."
     )
+    factor = factor_of(tables)
+    if factor is not None:
+        console.print(
+            f"In matches that no fit used, {cli.percent(factor.value)} ({cli.percent(factor.low)} to {cli.percent(factor.high)}) "
+            "of a predicted advantage was realised by the end of the rally (docs/truth.md)."
+        )
 
 
 def crossplay(

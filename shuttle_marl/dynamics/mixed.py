@@ -168,20 +168,24 @@ def gradient_of(model: MixedModel, found: Posterior) -> F64:
     return np.asarray(np.bincount(model.component, terms, model.components), dtype=np.float64)
 
 
-def fit_variances(model: MixedModel, start: float = 0.1) -> Posterior:
+def fit_variances(model: MixedModel, mean: F64 | None = None, start: float = 0.1) -> Posterior:
     """The posterior at the standard deviations of maximum marginal likelihood.
 
     Args:
         model: the model.
+        mean: ``[C]`` means of exponential priors of the standard deviations, which favour no variance (Simpson et al., Stat. Sci.
+            2017); infinite, or None, for no prior.
         start: initial standard deviation of all components.
     """
+    rate = np.zeros(model.components) if mean is None else 1 / mean
     mode: F64 | None = None
 
     def objective(log_sd: F64) -> tuple[float, F64]:
         nonlocal mode
-        found = posterior(model, np.exp(log_sd), mode)
+        sd = np.exp(log_sd)
+        found = posterior(model, sd, mode)
         mode = found.mode
-        return -found.log_likelihood, -gradient_of(model, found)
+        return float(rate @ sd) - found.log_likelihood, rate * sd - gradient_of(model, found)
 
     bounds = [tuple(np.log(BOUNDS))] * model.components
     first = np.full(model.components, np.log(start))

@@ -22,6 +22,8 @@ from shuttle_marl.game.stroke import N_TECHNIQUES
 MIN_STROKES: Final = 1000
 """Training strokes from which a player gets a model."""
 CHOICE_PRECISIONS: Final = (3.0, 10.0, 30.0, 100.0)
+_TYPICAL_PRECISION: Final = {"style": 30.0, "area": 3.0}
+"""Precisions that were chosen for the shipped model."""
 
 
 def fit_choice_shifts(
@@ -61,19 +63,21 @@ def fit_choice_shifts(
 
 
 def player_choices(
-    networks: dict[str, Ensemble], train: Rows, validation: Rows, folds: int | None
+    networks: dict[str, Ensemble], train: Rows, validation: Rows | None, folds: int | None
 ) -> tuple[PlayerChoices, dict[str, Any]]:
     """Shifts of single players' choices.
 
     Args:
         networks: the ensembles by name.
-        train, validation: strokes in context.
+        train: strokes in context.
+        validation: strokes of other matches, on which the precision of the prior is chosen (the strongest one where these
+            players have none); None: that of the shipped model.
         folds: folds of the training matches left out by members of the networks; None: the networks were fitted to other matches.
 
     Returns:
-        The shifts of players with enough strokes; and the precision of the prior, chosen on validation (the strongest one where
-        these players have no validation strokes).
+        The shifts of players with enough strokes, and the precision with its score.
     """
+    others = train.take(np.zeros(len(train), dtype=np.bool_)) if validation is None else validation
     names = tuple(_with_enough_strokes(train.striker))
     empty = PlayerChoices(
         players=names,
@@ -86,17 +90,21 @@ def player_choices(
     shifts: dict[str, F64] = {}
     for kind, name, slots in (("style", "choice", ("incoming_shot", "contact")), ("area", "target", ("shot", "technique"))):
         network = networks[name]
-        ours, theirs = (rows.take(labelled(name, rows) & (empty.index(rows.striker) >= 0)) for rows in (train, validation))
+        every = train.take(labelled(name, train))
+        members = softmax(network.logits(every.codes))
+        # Over all matches, because the folds are numbered by them: some matches have none of these players.
+        base = members.mean(axis=0) if folds is None else unseen(members, every.match, folds)
+        own = empty.index(every.striker) >= 0
+        ours, base = every.take(own), base[own]
+        theirs = others.take(labelled(name, others) & (empty.index(others.striker) >= 0))
         own_label, label = (labels_of(name, rows) for rows in (ours, theirs))
         own_cell, cell = (
             rows.codes[slots[0]].astype(np.int64) * SLOTS[slots[1]] + rows.codes[slots[1]] for rows in (ours, theirs)
         )
-        members = softmax(network.logits(ours.codes))
-        base = members.mean(axis=0) if folds is None else unseen(members, ours.match, folds)
         average = softmax(network.logits(theirs.codes)).mean(axis=0)
         player = empty.index(ours.striker)
         candidates: list[tuple[float, float, F64]] = []
-        for precision in CHOICE_PRECISIONS:
+        for precision in CHOICE_PRECISIONS if validation is not None else (_TYPICAL_PRECISION[kind],):
             shift = fit_choice_shifts(
                 base, own_cell, SLOTS[slots[0]] * SLOTS[slots[1]], player, len(names), own_label, precision
             )  # fmt: skip

@@ -104,8 +104,10 @@ class Trees:
         codes = np.arange(masks.shape[1])
         for tree, node in np.argwhere(used):
             first = (self.left[tree, node] >> codes) & 1 == 1
+            kept = np.where(first, below[tree, node, 0], below[tree, node, 1]).astype(np.uint8)
             lost = np.where(first, below[tree, node, 1], below[tree, node, 0]).astype(np.uint8)
-            masks[self.attribute[tree, node], :, tree] &= ~lost
+            # A tree without a split has the same leaf on both sides.
+            masks[self.attribute[tree, node], :, tree] &= ~lost | kept
         return masks
 
 

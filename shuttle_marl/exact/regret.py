@@ -25,7 +25,7 @@ from shuttle_marl.exact.occupancy import visits
 from shuttle_marl.exact.optimal import Response, Solution, best_response, limited, solve
 from shuttle_marl.exact.profile import StatePolicy, induced
 from shuttle_marl.exact.solver import sweep
-from shuttle_marl.game.shipped import real_strokes, supported
+from shuttle_marl.game.shipped import Estimate, factor_of, real_strokes, supported
 from shuttle_marl.game.tabulated import TabulatedPolicy
 
 
@@ -100,6 +100,7 @@ class Hole:
         best_real: the same behind ``best``.
         regret: mean loss of a stroke there, as a value from 0 to 2.
         loss: expected loss there in a rally against the best response: ``against_best_response * regret``.
+        expected: the part of ``regret`` to expect in real matches (:func:`shuttle_marl.game.shipped.factor_of`); None: not known.
     """
 
     state: int
@@ -114,6 +115,7 @@ class Hole:
     best_real: float | None
     regret: float
     loss: float
+    expected: Estimate | None
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -143,7 +145,11 @@ class Holes:
 
     def as_json(self) -> dict[str, Any]:
         """The figures as JSON."""
-        return {**dataclasses.asdict(self), "share": self.share}
+        listed = [
+            {**dataclasses.asdict(hole), "expected": None if hole.expected is None else hole.expected._asdict()}
+            for hole in self.holes
+        ]
+        return {**dataclasses.asdict(self), "holes": listed, "share": self.share}
 
 
 def holes(
@@ -172,7 +178,7 @@ def holes(
     game = policy.game
     solution = solution or solve(limited(game, at_least), tolerance=tolerance)
     response = response or best_response(policy, at_least=at_least, tolerance=tolerance)
-    real, allowed = real_strokes(game), supported(game, at_least)
+    real, allowed, factor = real_strokes(game), supported(game, at_least), factor_of(game)
     mine = policy_regret(policy, response.policy, solution=solution, tolerance=tolerance)
     theirs = policy_regret(response.policy, policy, solution=solution, tolerance=tolerance)
     alone = visits(policy, policy, tolerance=tolerance).states[0]
@@ -201,6 +207,7 @@ def holes(
                 best_real=behind[best],
                 regret=float(mine.state[state]),
                 loss=float(lost[state]),
+                expected=None if factor is None else factor.scaled(float(mine.state[state])),
             )
         )
     return Holes(

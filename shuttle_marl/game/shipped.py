@@ -151,18 +151,24 @@ def read_model(folder: Path, name: str) -> Tensors:
     return read_tensors(folder / name, known)
 
 
-class Factor(NamedTuple):
-    """Fraction of a predicted advantage that was realised in matches to which the game was not fitted, with a 95 % interval."""
+class Estimate(NamedTuple):
+    """An estimate with its 95 % interval."""
 
     value: float
     low: float
     high: float
 
+    def scaled(self, number: float) -> "Estimate":
+        """The estimate times a number; the interval stays in order."""
+        low, high = sorted((number * self.low, number * self.high))
+        return Estimate(number * self.value, low, high)
 
-def factors_of(folder: Path) -> dict[str, Factor] | None:
-    """Factors of a model by horizon: after 1, 4 and 8 strokes, and at the end of the rally (``end``).
 
-    They are fitted to training matches by ``experiments.truth --cross 4 --train-only`` and stored in the card by
+def factors_of(folder: Path) -> dict[str, Estimate] | None:
+    """Estimates of a model by horizon: after 1, 4 and 8 strokes, and at the end of the rally (``end``).
+
+    A factor is the fraction of a predicted advantage that was realised in matches to which the game was not fitted. The factors
+    are fitted to training matches by ``experiments.truth --cross 4 --train-only`` and stored in the card by
     ``dynamics card --truth``. A predicted advantage times its factor is the advantage to expect in real matches.
 
     Returns:
@@ -176,14 +182,15 @@ def factors_of(folder: Path) -> dict[str, Factor] | None:
         return None
     try:
         return {
-            str(name): Factor(*(float(slope[key]) for key in Factor._fields)) for name, slope in truth["decision_slope"].items()
+            str(name): Estimate(*(float(slope[key]) for key in Estimate._fields))
+            for name, slope in truth["decision_slope"].items()
         }
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise GameError(f"{folder / CARD}: invalid factors of advantages ({error!r}); store them again with --truth") from error
 
 
-def factor_of(game: Game, horizon: str = "end") -> Factor | None:
-    """Factor of the advantages of a game at a horizon; None where it is not known: for games without a model or factors.
+def factor_of(game: Game, horizon: str = "end") -> Estimate | None:
+    """Estimate of the advantages of a game at a horizon; None where it is not known: for games without a model or factors.
 
     Raises:
         GameError: the model card cannot be read.

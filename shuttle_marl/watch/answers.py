@@ -20,9 +20,9 @@ from shuttle_marl.errors import ShuttleError
 from shuttle_marl.game import court
 from shuttle_marl.game.draws import stream
 from shuttle_marl.game.layout import Layout
-from shuttle_marl.game.pairs import AnyGame, PairGame, resolve_players
+from shuttle_marl.game.pairs import AnyGame, PairGame, resolve_players, seat_names
 from shuttle_marl.game.rules import OUTCOMES
-from shuttle_marl.game.shipped import RELIABLE, least_support, real_strokes
+from shuttle_marl.game.shipped import RELIABLE, factor_of, least_support, real_strokes
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
 from shuttle_marl.game.tables import GameError
 from shuttle_marl.policy import registry
@@ -34,7 +34,7 @@ from shuttle_marl.watch.match_log import MatchLog
 from shuttle_marl.watch.overview import match_overview
 from shuttle_marl.watch.plan import Plan, Side
 from shuttle_marl.watch.policies import OnceCache, PolicyTables
-from shuttle_marl.watch.recorded import Recorded
+from shuttle_marl.watch.recorded import People, Recorded
 from shuttle_marl.watch.stager import Stager
 
 
@@ -109,8 +109,8 @@ def rally_facts(game: AnyGame, rally: CourtRally, motion: staging.Motion) -> mes
     winner = rally.winner
     return messages.RallyFacts(
         number=rally.number,
-        pair=game.title if isinstance(game, PairGame) else None,
-        names=_shown_names(game, rally.names),
+        skill=_skill(game),
+        names=seat_names(game, rally.names),
         server=rally.server,
         points=rally.points,
         games=rally.games,
@@ -124,15 +124,10 @@ def rally_facts(game: AnyGame, rally: CourtRally, motion: staging.Motion) -> mes
     )
 
 
-def _shown_names(game: AnyGame, names: tuple[str, str]) -> tuple[str, str]:
-    """Names of the policies, behind those of the players whose skill they have."""
+def _skill(game: AnyGame) -> str | None:
     if not isinstance(game, PairGame):
-        return names
-    players = (
-        player if name in (player, f"bc:{player}") else f"{player} ({name})"
-        for player, name in zip(game.players, names, strict=True)
-    )
-    return next(players), next(players)
+        return None
+    return "with the skill of both players" + ("" if game.date is None else f" as of {game.date}")
 
 
 def _player(motion: staging.Motion, seat: int) -> messages.PlayerFacts:
@@ -211,6 +206,11 @@ class StrokeValues:
         self._policies, self.game = policies, policies.game
         self._at_least = least_support(policies.game.seats[0]) if at_least is None else at_least
         self._styles = OnceCache(_MAX_STYLES)
+        factor = factor_of(policies.game.seats[0])
+        self._realised = ""
+        if factor is not None:
+            share, low, high = (f"{part:.0%}" for part in factor)
+            self._realised = f" In real matches, {share} ({low} to {high}) of a predicted advantage was realised."
 
     def players(self, sides: tuple[Side, Side]) -> Players:
         """Two policies and their values against each other.
@@ -260,7 +260,7 @@ class StrokeValues:
             better=int(choice.stroke[better]),
             question=int(choice.stroke[asked]) if reliable else None,
             options=self.options(choice, always=tuple(dict.fromkeys((rank, better, asked)))),
-            sure=_support_sentence(choice.support[[rank, better]]),
+            sure=_support_sentence(choice.support[[rank, better]]) + self._realised,
         )
 
     def options(self, choice: Decision, *, always: tuple[int, ...] = (), limit: int = SHOWN) -> list[messages.Option]:
@@ -517,9 +517,10 @@ class Answers:
         found: StrokeValues = self._pairs.get(people, lambda: self._values_of_people(people))
         return found
 
-    def _values_of_people(self, people: tuple[str, str]) -> StrokeValues:
+    def _values_of_people(self, people: People) -> StrokeValues:
         try:
-            return StrokeValues(PolicyTables(resolve_players(self._game, None, people)), self._at_least)
+            game = resolve_players(self._game, None, people.names, date=people.date)
+            return StrokeValues(PolicyTables(game), self._at_least)
         except GameError:  # the model has no skill, or not theirs
             return self._values
 

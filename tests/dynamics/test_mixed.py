@@ -1,0 +1,156 @@
+"""Mixed logistic regression against quadrature, a direct optimiser, and lme4."""
+
+import numpy as np
+import pytest
+from scipy.integrate import dblquad, quad
+from scipy.optimize import minimize
+from scipy.sparse import csr_matrix, identity
+from scipy.special import expit, gammaln
+from scipy.stats import multivariate_normal, norm
+
+from shuttle_marl.arrays import F64, I64
+from shuttle_marl.dynamics.mixed import MixedModel, Walks, fit_variances, gradient_of, posterior
+
+CBPP = (
+    "2/14 3/12 4/9 0/5", "3/22 1/18 1/21 -", "8/22 2/16 0/16 2/20", "2/10 0/10 2/9 0/6", "5/18 0/25 0/24 1/4",
+    "3/17 0/17 0/18 1/20", "8/16 1/10 3/9 0/5", "12/34 - - -", "2/9 0/6 0/8 0/6", "1/22 1/22 0/18 2/22", "0/25 5/27 3/22 1/22",
+    "2/10 1/8 0/6 0/5", "1/21 2/24 0/19 0/23", "11/19 0/2 0/3 0/2", "1/19 1/15 1/15 0/15",
+)  # fmt: skip
+"""Cattle with pleuropneumonia of the examined ones, by herd and period (Lesnoff et al., Prev. Vet. Med. 2004; lme4's cbpp)."""
+
+
+def independent(component: I64, x: F64, row: I64, offset: F64, label: F64) -> MixedModel:
+    effects = len(component)
+    return MixedModel(
+        x=csr_matrix(x), row=row, offset=offset, label=label.astype(bool), difference=csr_matrix(identity(effects)),
+        component=component, scale=np.ones(effects),
+    )  # fmt: skip
+
+
+def simulated(sd: tuple[float, float], seed: int, players: int = 30, n: int = 6000) -> tuple[MixedModel, F64]:
+    """Players with a general effect and one in each of three situations; the model and the true effects."""
+    rng = np.random.default_rng(seed)
+    player, situation = rng.integers(players, size=n), rng.integers(3, size=n)
+    effects = np.r_[rng.normal(0, sd[0], players), rng.normal(0, sd[1], 3 * players)]
+    row, offset = player * 3 + situation, rng.normal(-1, 1, n)
+    x = np.concatenate([np.repeat(np.eye(players), 3, axis=0), np.eye(3 * players)], axis=1)
+    label = rng.random(n) < expit(offset + (x @ effects)[row])
+    component = np.repeat([0, 1], [players, 3 * players])
+    return independent(component, x, row, offset, label), effects
+
+
+def test_the_marginal_likelihood_is_that_of_quadrature() -> None:
+    rng = np.random.default_rng(0)
+    row, offset, sd = np.repeat([0, 1, 2], [40, 60, 80]), rng.normal(-1, 1, 180), 0.7
+    label = rng.random(180) < expit(offset + np.array([0.8, -0.5, 0.1])[row])
+    model = independent(np.zeros(3, np.int64), np.eye(3), row, offset, label)
+
+    def density(b: float, k: int) -> float:
+        p = expit(offset[row == k] + b)
+        return float(np.where(label[row == k], p, 1 - p).prod() * norm.pdf(b, 0, sd))
+
+    exact = sum(np.log(quad(density, -6, 6, args=(k,), epsabs=0, points=[-1, 0, 1])[0]) for k in range(3))
+    assert posterior(model, np.array([sd])).log_likelihood == pytest.approx(exact, abs=0.03)
+    # Without observations, the integral is that of the prior.
+    empty = independent(np.zeros(3, np.int64), np.eye(3), row[:0], offset[:0], label[:0])
+    assert posterior(empty, np.array([sd])).log_likelihood == pytest.approx(0, abs=1e-12)
+
+
+def walking(seed: int) -> MixedModel:
+    """One player on two days, 1.5 years apart."""
+    rng = np.random.default_rng(seed)
+    walks = Walks.of(np.zeros(2, np.int64), np.array([100, 648]))
+    difference, first, years = walks.innovations()
+    row = np.repeat([0, 1], [70, 90])
+    return MixedModel(
+        x=csr_matrix(np.eye(2)), row=row, offset=np.full(160, -0.5), label=rng.random(160) < np.array([0.5, 0.3])[row],
+        difference=difference, component=np.where(first, 0, 1), scale=years,
+    )  # fmt: skip
+
+
+def test_a_random_walk_is_that_of_quadrature() -> None:
+    model, sd = walking(1), np.array([0.6, 0.4])
+    years = 548 / 365.25
+    covariance = np.array([[0.36, 0.36], [0.36, 0.36 + 0.16 * years]])
+
+    def density(b: float, a: float) -> float:
+        p = expit(-0.5 + np.array([a, b])[model.row])
+        return float(np.where(model.label, p, 1 - p).prod() * multivariate_normal.pdf([a, b], cov=covariance))
+
+    scale = 2.0 ** len(model.label)
+    integral = dblquad(lambda b, a: scale * density(b, a), -2, 2, -2, 2, epsabs=1e-3, epsrel=1e-3)[0]
+    assert posterior(model, sd).log_likelihood == pytest.approx(np.log(integral / scale), abs=0.03)
+
+
+def test_the_mode_is_that_of_a_penalised_regression() -> None:
+    (plain, _), walk = simulated((0.4, 0.2), 3, players=5, n=400), walking(2)
+    for model, sd in ((plain, np.array([0.4, 0.2])), (walk, np.array([0.6, 0.4]))):
+        x = model.x.toarray()[model.row]
+        inverse = np.linalg.inv(model.difference.toarray())
+        precision = np.linalg.inv(inverse @ np.diag(model.scale * sd[model.component] ** 2) @ inverse.T)
+
+        def loss(b: F64, x: F64 = x, model: MixedModel = model, precision: F64 = precision) -> float:
+            z = model.offset + x @ b
+            return float(np.logaddexp(0, np.where(model.label, -z, z)).sum() + b @ precision @ b / 2)
+
+        found = posterior(model, sd)
+        assert found.mode == pytest.approx(minimize(loss, np.zeros(x.shape[1]), tol=1e-8).x, abs=1e-4)
+        p = expit(model.offset + x @ found.mode)
+        hessian = x.T @ (x * (p * (1 - p))[:, None]) + precision
+        assert found.covariance == pytest.approx(np.linalg.inv(hessian), rel=1e-6, abs=1e-9)
+
+
+def test_the_gradient_is_that_of_the_marginal_likelihood() -> None:
+    model, _ = simulated((0.3, 0.2), 4, n=3000)
+    for sd in (np.array([0.3, 0.1]), np.array([0.05, 0.6])):
+        gradient = gradient_of(model, posterior(model, sd))
+        for c in range(2):
+            step = np.exp(1e-4 * np.eye(2)[c])
+            change = posterior(model, sd * step).log_likelihood - posterior(model, sd / step).log_likelihood
+            assert gradient[c] == pytest.approx(change / 2e-4, abs=1e-3)
+
+
+def test_variances_are_recovered() -> None:
+    found = [fit_variances(simulated((0.4, 0.25), seed)[0]).sd for seed in range(8)]
+    assert np.mean(found, axis=0) == pytest.approx([0.4, 0.25], abs=0.05)
+    # Without variance, the bias is that of an estimate that cannot be negative.
+    none = [fit_variances(simulated((0.4, 0.0), seed)[0]).sd[1] for seed in range(6)]
+    assert np.sqrt(np.mean(np.square(none))) < 0.15
+
+
+def test_a_prior_shrinks_the_standard_deviation_of_its_component() -> None:
+    model, _ = simulated((0.4, 0.25), 1)
+    free, firm, firmer = (fit_variances(model, np.array([np.inf, mean])).sd for mean in (np.inf, 0.05, 0.005))
+    assert free == pytest.approx(fit_variances(model).sd)
+    assert free[1] > firm[1] > firmer[1]
+    assert firmer[0] == pytest.approx(free[0], abs=0.1)
+
+
+def test_lme4_finds_the_same() -> None:
+    """``glmer(cbind(incidence, size - incidence) ~ period + (1 | herd), binomial)`` of lme4 1.1, from its documentation."""
+    intercept, periods = -1.3983, np.array([0, -0.9919, -1.1282, -1.5797])
+    constant, herds, offsets, labels = 0.0, [], [], []
+    for herd, line in enumerate(CBPP):
+        for period, cell in enumerate(line.split()):
+            if cell != "-":
+                cases, size = map(int, cell.split("/"))
+                herds += [herd] * size
+                offsets += [intercept + periods[period]] * size
+                labels += [True] * cases + [False] * (size - cases)
+                constant += float(gammaln(size + 1) - gammaln(cases + 1) - gammaln(size - cases + 1))
+    model = independent(np.zeros(15, np.int64), np.eye(15), np.array(herds), np.array(offsets), np.array(labels))
+    found = fit_variances(model)
+    assert found.sd[0] == pytest.approx(0.6421, abs=2e-4)
+    assert found.log_likelihood + constant == pytest.approx(-92.0266, abs=1e-3)
+
+
+def test_knots_as_of_a_day() -> None:
+    walks = Walks.of(np.array([4, 2, 4, 4]), np.array([30, 7, 10, 30]))
+    assert walks.player.tolist() == [2, 4, 4]
+    assert walks.day.tolist() == [7, 10, 30]
+    players, days = np.array([2, 2, 4, 4, 4, 4, 3, 9]), np.array([0, 99, 9, 10, 29, 31, 10, 10])
+    assert walks.index(players, days).tolist() == [0, 0, 1, 1, 1, 2, -1, -1]
+    difference, first, years = walks.innovations()
+    assert first.tolist() == [True, True, False]
+    assert years == pytest.approx([1, 1, 20 / 365.25])
+    assert (difference @ np.array([5.0, 1.0, 4.0])).tolist() == [5, 1, 3]
