@@ -11,6 +11,10 @@ export class RallyBrowser {
 
   constructor(private readonly open: (rally: number) => void) {}
 
+  /**
+   * @param match the match; null: as before.
+   * @param current number of the rally on the court.
+   */
   show(match: MatchReply | null, current: number): void {
     if (match && match !== this.match) {
       this.match = match;
@@ -33,7 +37,7 @@ export class RallyBrowser {
     }
     for (const button of this.list.querySelectorAll("button")) {
       const here = button.dataset["rally"] === String(current);
-      button.toggleAttribute("aria-current", here);
+      button.removeAttribute("aria-current");
       if (here) {
         button.setAttribute("aria-current", "true");
         this.element.scrollTop = button.offsetTop - this.element.clientHeight / 2;

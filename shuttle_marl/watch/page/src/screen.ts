@@ -197,6 +197,7 @@ export class Screen {
     this.layout.quiet();
     this.layout.scrubber.max = String(this.player.duration);
     this.board.playing = seat !== null;
+    this.browser?.show(null, rally.number);
     this.layout.what.textContent = `${rally.names[0]} (A) v ${rally.names[1]} (B) · ${where} · rally ${rally.number + 1}`;
     sides?.forEach((side, i) => this.sides[i]!.show(side, seat === i));
     this.layout.tellFromStart(startSentence(rally));
