@@ -78,11 +78,11 @@ _BAND: Final = (0.02, 0.25, 0.08)
 _FEATHER: Final = (0.95, 0.95, 0.95)
 
 KITS: Final[tuple[tuple[Colour, Colour], ...]] = (
-    ((0.70, 0.04, 0.05), (0.03, 0.03, 0.05)),
     ((0.03, 0.16, 0.62), (0.80, 0.80, 0.82)),
+    ((0.70, 0.04, 0.05), (0.03, 0.03, 0.05)),
 )
-"""Linear colours of shirt and shorts of seats 0 and 1."""
-NAME_COLOURS: Final = (colour(1.0, 0.55, 0.50), colour(0.55, 0.75, 1.0))
+"""Linear colours of shirt and shorts of seats 0 and 1: blue and red, as in the live court."""
+NAME_COLOURS: Final = (colour(0.55, 0.75, 1.0), colour(1.0, 0.55, 0.50))
 
 _FLOOR, _MAT = colour(0.10, 0.16, 0.24), colour(0.06, 0.42, 0.30)
 _SHADOW: Final = colour(0.0, 0.04, 0.02, 0.55)

@@ -5,6 +5,7 @@ A request names all it needs, so pages can reconnect and share links.
 
 import contextlib
 import dataclasses
+from collections.abc import Iterator
 from typing import Final
 
 import msgspec
@@ -30,6 +31,7 @@ from shuttle_marl.staging.trajectory import facing
 from shuttle_marl.watch import WatchError, messages
 from shuttle_marl.watch.match import CourtRally, Match, play_rally
 from shuttle_marl.watch.match_log import MatchLog
+from shuttle_marl.watch.overview import match_overview
 from shuttle_marl.watch.plan import Plan, Side
 from shuttle_marl.watch.policies import OnceCache, PolicyTables
 from shuttle_marl.watch.recorded import People, Recorded
@@ -246,6 +248,8 @@ class StrokeValues:
         win, chosen = choice.value, float(choice.win[rank])
         better = choice.best(self._at_least)
         regret = max(0.0, float(choice.optimal[better] - choice.optimal[rank]))
+        asked = choice.best(RELIABLE)
+        reliable = bool((choice.support[[rank, asked]] >= RELIABLE).all())
         return messages.StrokeValue(
             win=rounded(win if choice.seat == 0 else 1 - win),
             chosen=rounded(chosen if choice.seat == 0 else 1 - chosen),
@@ -254,7 +258,8 @@ class StrokeValues:
             regret=rounded(regret),
             mark=self._mark(regret, int(choice.pair[rank])),
             better=int(choice.stroke[better]),
-            options=self.options(choice, always=(rank, better)),
+            question=int(choice.stroke[asked]) if reliable else None,
+            options=self.options(choice, always=tuple(dict.fromkeys((rank, better, asked)))),
             sure=_support_sentence(choice.support[[rank, better]]) + self._realised,
         )
 
@@ -308,7 +313,9 @@ class StrokeValues:
         ]
         order = np.argsort(-np.maximum(mixes[0], mixes[1]), kind="stable")
         shots_ = [messages.StyleFigure(SHOTS[k], (float(mixes[0][k]), float(mixes[1][k])), float(reference[k])) for k in order]
-        return messages.Styles(figures=figures, shots=shots_)
+        first = self._policies.values((sides[0], ELITE)).odds().rally
+        second = 1 - self._policies.values((ELITE, sides[1])).odds().rally
+        return messages.Styles(figures=figures, shots=shots_, strength=(rounded(first), rounded(second)))
 
     def _mark(self, regret: float, pair: int) -> str:
         if regret >= _POOR:
@@ -347,6 +354,7 @@ def _support_sentence(support: F64) -> str:
 
 _MAX_MATCHES: Final = 64
 _MAX_PACKED: Final = 8
+_MAX_OVERVIEWS: Final = 16
 _MAX_PAIRS: Final = 3
 """Number of games of pairs in memory, of hundreds of megabytes each."""
 
@@ -378,6 +386,7 @@ class Answers:
         self._game, self._policies, self._plan = policies.game, policies, plan
         self._recorded, self._first_shown = recorded, first
         self._values, self._stager, self._log = StrokeValues(policies, at_least), stager, log
+        self._overviews = OnceCache(_MAX_OVERVIEWS)
         self._matches, self._packed, self._pairs = OnceCache(_MAX_MATCHES), OnceCache(_MAX_PACKED), OnceCache(_MAX_PAIRS)
         self._at_least = at_least
 
@@ -399,6 +408,10 @@ class Answers:
             return self._values_of(request).analysis(self._played(request), self._players(request)), b""
         if isinstance(request, messages.OptionsRequest):
             return self._options(request), b""
+        if isinstance(request, messages.MatchRequest):
+            whole = request.plan is not None and request.person is None and not request.partial
+            about = replace(request, id=0, rally=0 if whole else request.rally)
+            return self._overviews.get(msgspec.json.encode(about), lambda: self._overview(about)), b""
         return self._styles(request), b""
 
     def warm(self) -> None:
@@ -436,6 +449,29 @@ class Answers:
         values = self._values_of(query)
         choice = values.decision(rally.turn, (rally.server + len(rally)) % 2, self._players(query))
         return messages.OptionsReply(values.options(choice, limit=len(choice.stroke)))
+
+    def _overview(self, query: messages.MatchRequest) -> messages.MatchReply:
+        def analysed() -> Iterator[tuple[CourtRally, Players, messages.Analysis]]:
+            for rally in self._rallies_of(query):
+                one = replace(query, rally=rally.number)
+                players = self._players(one)
+                yield rally, players, self._values_of(one).analysis(rally, players)
+
+        return match_overview(analysed())
+
+    def _rallies_of(self, query: messages.MatchRequest) -> Iterator[CourtRally]:
+        """Finished rallies of a match in their order."""
+        ends = query.partial or query.person is not None
+        number = 0 if self._recorded is None or query.plan is not None else _first_of(self._recorded, query.rally)
+        before: CourtRally | None = None
+        while query.plan is not None or self._recorded is None or number < self._recorded.count:
+            rally = self._played(replace(query, rally=number, tried={}))
+            if rally.winner is None or (before is not None and not _continues(before, rally)):
+                return
+            yield rally
+            if rally.score.after(rally.winner).over or (ends and number >= query.rally):
+                return
+            before, number = rally, number + 1
 
     def _styles(self, query: messages.Query) -> messages.Styles:
         if query.plan is None:
@@ -507,6 +543,19 @@ class Answers:
         if stroke:
             return int(motion.contact_frame[stroke - 1]) + 1
         return len(self._motion(before, self._played(before)).time)
+
+
+def _continues(before: CourtRally, rally: CourtRally) -> bool:
+    """Whether a rally is a later one of the same match."""
+    earlier, later = ((sum(one.games), sum(one.points)) for one in (before, rally))
+    return before.names == rally.names and earlier < later
+
+
+def _first_of(recorded: Recorded, number: int) -> int:
+    """Number of the first rally of the match of a rally."""
+    while number > 0 and _continues(recorded.rally(number - 1), recorded.rally(number)):
+        number -= 1
+    return number
 
 
 def _branch(query: messages.Query, rally: CourtRally) -> tuple[messages.Query, int] | None:

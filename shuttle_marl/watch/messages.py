@@ -76,7 +76,18 @@ class StylesRequest(Query, kw_only=True, tag_field="op", tag="styles", frozen=Tr
     id: int
 
 
-Request = HelloRequest | RallyRequest | AnalysisRequest | OptionsRequest | StylesRequest
+class MatchRequest(Query, kw_only=True, tag_field="op", tag="match", frozen=True):
+    """Overview of the match of a rally.
+
+    Attributes:
+        partial: whether it ends with that rally; matches of a person always do.
+    """
+
+    id: int
+    partial: bool = False
+
+
+Request = HelloRequest | RallyRequest | AnalysisRequest | OptionsRequest | StylesRequest | MatchRequest
 
 
 class CourtFacts(Struct):
@@ -272,7 +283,10 @@ class Option(StrokeFacts, kw_only=True):
 
 
 class StrokeValue(Struct, kw_only=True):
-    """Values of a stroke of a rally; ``win``, ``chosen`` and ``match`` are probabilities that seat 0 wins."""
+    """Values of a stroke of a rally; ``win``, ``chosen`` and ``match`` are probabilities that seat 0 wins.
+
+    ``question`` is the best stroke with enough real strokes to ask for it, None if the stroke played has too few.
+    """
 
     win: float
     chosen: float
@@ -281,6 +295,7 @@ class StrokeValue(Struct, kw_only=True):
     regret: float
     mark: str
     better: int
+    question: int | None
     options: list[Option]
     sure: str
 
@@ -311,19 +326,58 @@ class StyleFigure(Struct):
 
 
 class Styles(Struct):
-    """Reply to :class:`StylesRequest`."""
+    """Reply to :class:`StylesRequest`; ``strength``: fraction of rallies that each player wins against imitated elite players."""
 
     figures: list[StyleFigure]
     shots: list[StyleFigure]
+    strength: tuple[float, float]
 
 
-Reply = Hello | RallyReply | Analysis | OptionsReply | Styles
+class MatchRally(Struct):
+    """A rally of a match: probability that seat 0 wins the match and score before it, winner, number of strokes.
+
+    ``swing`` is the largest change of the probability of winning the rally by a stroke.
+    """
+
+    number: int
+    win: float
+    points: Pair
+    games: Pair
+    winner: int
+    strokes: int
+    swing: float
+
+
+class Moment(Struct):
+    """A costly stroke: ``regret`` and ``cost`` are the probabilities of winning the rally and the match that it loses."""
+
+    rally: int
+    stroke: int
+    seat: int
+    shot: str
+    mark: str
+    regret: float
+    cost: float
+
+
+class MatchReply(Struct):
+    """Reply to :class:`MatchRequest`; ``marks``: numbers of ``!!``, ``!``, ``?!`` and ``?`` of both sides."""
+
+    rallies: list[MatchRally]
+    win_after: float | None
+    moments: list[Moment]
+    accuracy: tuple[float | None, float | None]
+    marks: tuple[list[int], list[int]]
+
+
+Reply = Hello | RallyReply | Analysis | OptionsReply | Styles | MatchReply
 REPLIES: Final[Mapping[type[Struct], type[Struct]]] = {
     HelloRequest: Hello,
     RallyRequest: RallyReply,
     AnalysisRequest: Analysis,
     OptionsRequest: OptionsReply,
     StylesRequest: Styles,
+    MatchRequest: MatchReply,
 }
 """Type of the reply to each type of request."""
 

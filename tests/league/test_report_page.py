@@ -1,5 +1,6 @@
 """Reports as pages: what they say, that text from outside stays text, and in a browser that they work without a network."""
 
+import dataclasses
 import html.parser
 import json
 import math
@@ -13,6 +14,7 @@ from playwright.sync_api import Browser
 from scipy.stats import mannwhitneyu
 
 from shuttle_marl.commands.league import main
+from shuttle_marl.errors import printable
 from shuttle_marl.league import LeagueConfig, LeagueError
 from shuttle_marl.league.assessment import assess
 from shuttle_marl.league.page import charts
@@ -84,6 +86,20 @@ def parsed(content: bytes) -> _Tags:
     tags = _Tags()
     tags.feed(content.decode())
     return tags
+
+
+def test_the_report_begins_with_who_is_first() -> None:
+    report = tournament()
+    first = [standing.player for standing in report.standings if standing.rank_low == 1]
+    assert first[0] == report.standings[0].player
+    text = " ".join("".join(parsed(page(report)).words).split())
+    name = printable(first[-1])
+    sentence = f"{name} is ranked first:" if len(first) == 1 else f"{name} share the first rank:"
+    assert sentence in text
+    for standing in report.standings:
+        standing_alone = dataclasses.replace(standing, rank_low=2)
+        report = dataclasses.replace(report, standings=[standing_alone if s is standing else s for s in report.standings])
+    assert "No matches were played." in page(report).decode()
 
 
 def test_text_from_outside_is_text() -> None:

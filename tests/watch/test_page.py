@@ -1,6 +1,7 @@
 """The page in a browser: it is driven as a viewer drives it, and looked at through ``window.viewer``."""
 
 import math
+import struct
 import time
 from pathlib import Path
 from typing import Any
@@ -120,7 +121,7 @@ def test_what_if_continues_without_a_jump_and_comes_back(viewer: Any, served: An
     hips = viewer.state("hips")
     seek(viewer, contacts[2])
     table = viewer.page.locator("table.options")
-    table.locator("tr:not(.chosen) button").first.click()
+    table.locator("tbody tr:not(.chosen) button").first.click()
     viewer.until(lambda: viewer.state("strokes") != played)
     viewer.press(" ") if viewer.state("playing") else None
     again, times = viewer.state("strokes", "contacts")
@@ -143,7 +144,7 @@ def test_analysis_marks_values_and_seeks(viewer: Any, served: Any) -> None:
     analysis, winner, contacts = viewer.state("analysis", "winner", "contacts")
     assert len(analysis["strokes"]) == len(contacts)
     assert analysis["win_after"] == float(winner == 0)
-    viewer.page.locator(".moves button").nth(2).click()
+    viewer.page.locator(".moves li button").nth(2).click()
     assert viewer.state("stroke", "time") == [2, pytest.approx(contacts[2])]
     curve = viewer.page.locator("svg.curve").bounding_box()
     viewer.page.mouse.click(curve["x"] + curve["width"] / 2, curve["y"] + 20)
@@ -156,19 +157,34 @@ def test_learn_mode_asks_before_it_shows_the_better_stroke(viewer: Any, served: 
     asked = 0
     while True:
         viewer.until(
-            lambda: viewer.page.locator(".quiz button").count() > 0 or viewer.page.get_by_text("Accuracy: 100 %").count() > 0
+            lambda: (
+                viewer.page.locator(".quiz button:enabled").count() > 0 or viewer.page.get_by_text("Accuracy: 100 %").count() > 0
+            )
         )
         if viewer.page.get_by_text("Accuracy: 100 %").count():
             break
         question, time, contacts, analysis = viewer.state("asked", "time", "contacts", "analysis")
         assert time < contacts[question], "it stops before the decision"
-        assert viewer.page.locator(".moves button").count() == question, "nothing is told before"
-        assert analysis["strokes"][question]["regret"] >= 0.03
+        assert viewer.page.locator(".moves li button").count() == question, "nothing is told before"
+        value = analysis["strokes"][question]
+        options = {option["stroke"]: option for option in value["options"]}
+        best, played = options[value["question"]], options[viewer.state("strokes")[question]]
+        assert min(best["support"], played["support"]) >= 20
+        assert best["best"] - played["best"] >= 0.03
+        viewer.page.locator(".quiz button").nth(1).hover()
+        assert viewer.state("target") in [option["box"] for option in options.values()], "the answer pointed at is drawn"
         viewer.page.locator(".quiz button").first.click()
         assert viewer.page.locator(".quiz .right").count() == 1
-        assert viewer.page.get_by_text("real stroke").count() >= 1
+        assert viewer.page.get_by_text("real strokes stand behind both").count() == 1
+        strokes = viewer.state("strokes")
+        if asked == 0:  # both continuations
+            viewer.page.get_by_role("button", name="Play the better one").click()
+            viewer.until(lambda strokes=strokes: viewer.state("strokes") != strokes)
+            assert viewer.state("strokes")[question] == value["question"]
+            viewer.page.get_by_role("button", name="Play what was played").click()
+            viewer.until(lambda strokes=strokes: viewer.state("strokes") == strokes)
         asked += 1
-        viewer.page.locator("section[aria-label='Find the better stroke'] > button").click()
+        viewer.page.locator(".learn .row button").first.click()
     assert asked >= 1
     assert viewer.page.get_by_text(": accuracy ").count() == 2
 
@@ -187,10 +203,9 @@ def aim_by_clicking(viewer: Any) -> None:
     """Click another target of the shot that is chosen, on the court."""
     turn, selected = viewer.state("turn", "selected")
     box = viewer.page.locator(".court canvas").bounding_box()
-    board = viewer.page.locator(".board").bounding_box()
-    for part in range(1, 200):  # from the top of the picture to the board
+    for part in range(1, 200):  # from the top of the picture down
         x = round(box["x"] + box["width"] * (0.3 + 0.4 * (part % 10) / 10))
-        y = round(box["y"] + (board["y"] - box["y"]) * part / 200)
+        y = round(box["y"] + box["height"] * part / 200)
         script = "([x, y]) => document.elementFromPoint(x, y)?.tagName === 'CANVAS' ? window.viewer.floorAt(x, y) : null"
         place = viewer.page.evaluate(script, [x, y])
         there = [
@@ -249,7 +264,9 @@ def test_waiting_players_breathe_unless_reduced_motion_is_preferred(viewer: Any,
     viewer.press("i").until(lambda: "wins" in viewer.page.locator("section.board").inner_text())
     viewer.press("Enter")
     viewer.until(lambda: len(viewer.state("strokes")) >= 1)
-    viewer.press("n").until(lambda: viewer.state("plan")["seed"] != 2)
+    viewer.page.get_by_role("button", name="New match").click()
+    viewer.page.get_by_role("dialog", name="Start a new match?").get_by_role("button", name="New match").click()
+    viewer.until(lambda: viewer.state("plan")["seed"] != 2)
     viewer.until(lambda: viewer.state("strokes") == [] or viewer.state("server") == 1)
     assert viewer.state("rally", "person") == [0, {"seat": 0, "rally": 0, "stroke": 0}]
 
@@ -303,7 +320,7 @@ def test_a_log_is_replayed(viewer: Any, page_folder: Any, tmp_path: Any) -> None
         assert viewer.state("points") == rally.score[0, :2].tolist()
         played = viewer.state("strokes")
         seek(viewer, viewer.state("contacts")[0])
-        viewer.page.locator("table.options tr:not(.chosen) button").first.click()
+        viewer.page.locator("table.options tbody tr:not(.chosen) button").first.click()
         viewer.until(lambda: viewer.state("strokes") != played)
 
 
@@ -314,6 +331,9 @@ def test_a_real_match_is_shown(viewer: Any, page_folder: Any) -> None:
         assert viewer.state("rally") == 3
         assert sum(viewer.state("points")) == 3
         assert len(viewer.state("strokes")) >= 1
+        viewer.page.locator(".browser [data-rally='5']").click()
+        viewer.until(lambda: viewer.state("rally") == 5)
+        assert viewer.page.locator(".browser [aria-current]").get_attribute("data-rally") == "5"
 
 
 def test_a_shared_page_opens_from_disk(viewer: Any, served: Any, browser: Any, tmp_path: Any) -> None:
@@ -331,6 +351,10 @@ def test_a_shared_page_opens_from_disk(viewer: Any, served: Any, browser: Any, t
     shared = type(viewer)(context.new_page()).open(file.as_uri())
     assert shared.state("strokes", "rally", "stroke") == [strokes, 2, 1]
     shared.analysed()
+    shared.page.locator(".options .try").first.wait_for()
+    assert shared.page.locator(".options button.try").count() == 0, "no server, no what if"
+    assert shared.page.get_by_text("take over").count() == 0
+    viewer.page.get_by_text("Share", exact=True).click()
     with viewer.page.expect_download() as download:
         viewer.page.get_by_role("button", name="Save the match so far").click()
     download.value.save_as(tmp_path / "match.html")
@@ -346,16 +370,20 @@ def test_a_shared_page_opens_from_disk(viewer: Any, served: Any, browser: Any, t
     assert shared.outside == []
     context.close()
     with viewer.page.expect_download() as download:
-        viewer.page.get_by_text("Share", exact=True).click() if not viewer.page.get_by_text("Save picture").is_visible() else None
+        viewer.page.get_by_text("Share", exact=True).click()
         viewer.page.get_by_role("button", name="Save picture").click()
-    assert download.value.path().read_bytes()[:4] == b"\x89PNG"
+    content = download.value.path().read_bytes()
+    assert content[:4] == b"\x89PNG"
+    assert struct.unpack(">II", content[16:24]) == (1920, 1080)
     with viewer.page.expect_download() as download:
         seek(viewer, viewer.state("duration") - 0.3)
         viewer.press(">", ">")
+        viewer.page.get_by_text("Share", exact=True).click()
         viewer.page.get_by_role("button", name="Record video").click()
     assert download.value.suggested_filename == "rally-3.webm"
     with av.open(str(download.value.path())) as film:
         picture = next(film.decode(video=0)).to_ndarray(format="rgb24")
+    assert picture.shape == (1080, 1920, 3)
     assert picture.std() > 10, "a court, not one colour"
 
 

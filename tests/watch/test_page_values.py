@@ -1,16 +1,22 @@
 """Values that the page shows: those of the exact solvers."""
 
+import itertools
+
 import numpy as np
 import pytest
 
 from shuttle_marl.exact import evaluate, solve
 from shuttle_marl.game import default_game
+from shuttle_marl.game.shipped import RELIABLE, real_strokes
 from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.watch.answers import StrokeValues
+from shuttle_marl.watch import messages
+from shuttle_marl.watch.answers import Answers, StrokeValues
 from shuttle_marl.watch.match import Match
+from shuttle_marl.watch.overview import match_overview
 from shuttle_marl.watch.plan import Plan, Side
 from shuttle_marl.watch.policies import PolicyTables
+from shuttle_marl.watch.stager import Stager
 
 SIDES = (Side(policy="bc"), Side(policy="attacking"))
 
@@ -60,3 +66,68 @@ def test_an_analysis_follows_the_rally(values: StrokeValues) -> None:
             assert 0 <= entry.match <= 1
             assert (entry.mark in ("?", "?!")) == (entry.regret >= 0.1)
         assert all(share is None or 0 <= share <= 1 for share in found.accuracy)
+
+
+def test_questions_rest_on_enough_real_strokes_behind_both_answers(values: StrokeValues) -> None:
+    game = default_game()
+    real = real_strokes(game)
+    assert real is not None
+    match = Match(Plan(seed=9, sides=SIDES), game, PolicyTables(game))
+    asked, perfect = 0, solve(game).value[0]
+    for number in range(10):
+        rally = match.rally(number)
+        for i, entry in enumerate(values.analysis(rally, values.players(SIDES)).strokes):
+            state = int(rally.states(game)[i])
+            legal = game.legal_strokes(state)
+            pair = game.pair_at(state, np.arange(len(legal)))
+            support = dict(zip(legal.tolist(), real[game.base_pair_edge[pair % game.n_base_pairs]], strict=True))
+            best = dict(zip(legal.tolist(), game.stroke_values(perfect, pair), strict=True))
+            enough = {stroke: best[stroke] for stroke in support if support[stroke] >= RELIABLE}
+            if entry.question is None:
+                assert support[rally.stroke[i]] < RELIABLE or not enough
+                continue
+            asked += 1
+            assert {entry.question, rally.stroke[i]} <= enough.keys() & {option.stroke for option in entry.options}
+            assert best[entry.question] == max(enough.values())
+    assert asked >= 10
+
+
+@pytest.mark.slow
+def test_a_match_at_a_glance(values: StrokeValues) -> None:
+    game, policies = default_game(), PolicyTables(default_game())
+    plan = Plan(seed=9, sides=SIDES)
+    match, players = Match(plan, game, policies), values.players(SIDES)
+    answers = Answers(policies, plan, Stager(("male", "male"), ("right", "right")))
+    found, _ = answers._reply(messages.MatchRequest(id=1, rally=3, plan=plan))
+    assert isinstance(found, messages.MatchReply)
+    rallies = [match.rally(row.number) for row in found.rallies]
+    assert [row.winner for row in found.rallies] == [rally.winner for rally in rallies]
+    last = rallies[-1]
+    assert last.winner is not None
+    score = last.score.after(last.winner)
+    assert score.over
+    assert found.win_after == float(score.winner == 0)
+    for before, after in itertools.pairwise(found.rallies):  # a rally that A wins never lowers its probability of winning
+        assert (after.win >= before.win) if before.winner == 0 else (after.win <= before.win)
+    analyses = [values.analysis(rally, players) for rally in rallies]
+    regrets = [[value.regret for value in analysis.strokes] for analysis in analyses]
+    costs = [moment.cost for moment in found.moments]
+    assert len(costs) == 5
+    for moment in found.moments:
+        assert moment.regret == regrets[moment.rally][moment.stroke]
+        assert moment.seat == rallies[moment.rally].striker[moment.stroke]
+        assert 0 <= moment.cost <= moment.regret
+    marks = [value.mark for analysis in analyses for value in analysis.strokes]
+    assert [a + b for a, b in zip(*found.marks, strict=True)] == [marks.count(mark) for mark in ("!!", "!", "?!", "?")]
+    part = match_overview(((rally, players, analysis) for rally, analysis in zip(rallies[:4], analyses, strict=False)))
+    partial, _ = answers._reply(messages.MatchRequest(id=2, rally=3, plan=plan, partial=True))
+    assert partial == part
+    assert part.rallies == found.rallies[:4]
+    assert part.win_after == found.rallies[4].win
+
+
+@pytest.mark.slow
+def test_strength_is_the_share_of_rallies_against_the_average_player(values: StrokeValues) -> None:
+    game = default_game()
+    attacking, elite = (tabulate(resolve(name, game), game) for name in ("attacking", "bc"))
+    assert values.styles(SIDES).strength == pytest.approx((0.5, evaluate(attacking, elite).odds().rally), abs=1e-6)

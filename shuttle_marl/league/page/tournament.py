@@ -188,6 +188,7 @@ def page(report: TournamentReport) -> bytes:
         title=TITLES[report.config.format],
         subtitle=f"seed {report.config.seed} · game {report.config.game} ({report.game[:12]}) · {report.config.rules} points",
         totals={"players": len(standings)} | {what: sum(seat[what] for r in played for seat in r.seats) for what in counted},
+        summary=_summary(standings),
         ranking=_ranking(report),
         rating_chart=charts.forest([(s.player, s.rating, s.rating_low, s.rating_high, s.rating_exact) for s in standings], "Elo"),
         payoff_chart=charts.heat_map([s.player for s in standings], assessment.win[order][:, order]),
@@ -205,6 +206,16 @@ def page(report: TournamentReport) -> bytes:
         pairings=_pairings(report),
         forfeits=table([result for result in report.results if result.forfeit], _FORFEITS),
     )
+
+
+def _summary(standings: Sequence[Standing]) -> str:
+    """Who is first, in a sentence: all entrants whose 95 % interval of the rank includes 1."""
+    first = [standing.player for standing in standings if standing.rank_low == 1]
+    if not first:
+        return "No matches were played."
+    if len(first) == 1:
+        return f"{first[0]} is ranked first: no other 95 % interval of the rank includes 1."
+    return f"{', '.join(first[:-1])} and {first[-1]} share the first rank: their 95 % intervals of the rank include it."
 
 
 def _ranking(report: TournamentReport) -> Table:

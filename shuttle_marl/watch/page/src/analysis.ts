@@ -1,8 +1,9 @@
 // Panels that show the values of strokes.
 
-import { h, percent, replaceChildren, s, signed, words } from "./dom";
-import { COLOURS } from "./stage";
-import type { Analysis, HallFacts, RallyFacts, StrokeValue } from "./wire.gen";
+import { h, percent, replaceChildren, s, sideColour, signed, words } from "./dom";
+import { term } from "./glossary";
+import { displayName } from "./names";
+import type { Analysis, RallyFacts, StrokeValue } from "./wire.gen";
 
 /** Probability that seat 0 wins the rally, over time. */
 export function winSteps(rally: RallyFacts, analysis: Analysis): { time: number; win: number }[] {
@@ -19,6 +20,12 @@ export function winSteps(rally: RallyFacts, analysis: Analysis): { time: number;
   return steps;
 }
 
+/** Probability that seat 0 wins the rally at a time; null before the values are known. */
+export function winAt(rally: RallyFacts, analysis: Analysis | null, time: number): number | null {
+  const steps = analysis ? winSteps(rally, analysis) : [];
+  return (steps.findLast((step) => step.time <= time + 1e-6) ?? steps[0])?.win ?? null;
+}
+
 /** Change of seat 0's probability of winning from a stroke to the next decision. */
 export function change(analysis: Analysis, i: number): number | null {
   const now = analysis.strokes[i]?.win ?? null;
@@ -27,21 +34,22 @@ export function change(analysis: Analysis, i: number): number | null {
 }
 
 export class Curve {
-  readonly element = h("div", { class: "panel bottom" });
+  readonly element = h("section", { class: "panel bottom", "aria-label": "Timeline of the rally" });
   private readonly drawing = s("svg", { class: "curve", viewBox: "0 0 1000 96", preserveAspectRatio: "none", role: "img" });
   private readonly cursor = s("line", {
     y1: 0,
     y2: 96,
-    stroke: "#ffffff",
+    stroke: "var(--text)",
     "stroke-width": 2,
     "vector-effect": "non-scaling-stroke",
   });
   private readonly names = h("div", { "aria-hidden": "true" });
   private duration = 1;
 
-  constructor(seek: (time: number) => void) {
+  /** @param back button that leaves a "what if". */
+  constructor(seek: (time: number) => void, back: HTMLElement) {
     this.element.append(
-      h("h2", {}, h("span", {}, "Win probability (A) · click to seek")),
+      h("h2", {}, term("win probability", "Win probability (A)"), back),
       h("div", { class: "timeline" }, this.drawing, this.names),
     );
     this.drawing.addEventListener("click", (event) => {
@@ -60,7 +68,7 @@ export class Curve {
         x2: 1000,
         y1: y(0.5),
         y2: y(0.5),
-        stroke: "#2b3c5c",
+        stroke: "var(--off)",
         "stroke-dasharray": "6 6",
         "vector-effect": "non-scaling-stroke",
       }),
@@ -75,7 +83,7 @@ export class Curve {
         free = stroke.time / duration + width;
         this.names.append(h("span", { style: `left:${(100 * stroke.time) / duration}%` }, name));
       }
-      const colour = COLOURS[stroke.seat]!;
+      const colour = sideColour(stroke.seat);
       parts.push(
         s("line", {
           x1: x(stroke.time),
@@ -95,9 +103,9 @@ export class Curve {
         path += `H${x(step.time)}V${y(step.win)}`;
       }
       path += "H1000";
-      parts.push(s("path", { d: `${path}V92H0Z`, fill: COLOURS[0], "fill-opacity": 0.2 }));
+      parts.push(s("path", { d: `${path}V92H0Z`, fill: "var(--a)", "fill-opacity": 0.2 }));
       parts.push(
-        s("path", { d: path, fill: "none", stroke: COLOURS[0], "stroke-width": 2, "vector-effect": "non-scaling-stroke" }),
+        s("path", { d: path, fill: "none", stroke: "var(--a)", "stroke-width": 2, "vector-effect": "non-scaling-stroke" }),
       );
     }
     this.drawing.setAttribute(
@@ -134,7 +142,7 @@ export class MoveList {
         "button",
         { onclick: () => this.seek(i) },
         h("span", { class: "quiet" }, String(i + 1)),
-        h("span", { class: "dot", style: `background:${COLOURS[stroke.seat]}` }),
+        h("span", { class: "dot", style: `background:${sideColour(stroke.seat)}` }),
         h(
           "span",
           { class: "what" },
@@ -151,7 +159,7 @@ export class MoveList {
       "h2",
       {},
       h("span", {}, `Rally ${rally.number + 1} · ${rally.strokes.length} stroke${rally.strokes.length === 1 ? "" : "s"}`),
-      h("span", {}, "change (A)"),
+      term("change", "change (A)"),
     );
     const ended = rally.winner === null || upTo < rally.strokes.length ? null : endLine(rally);
     replaceChildren(this.element, heading, h("ol", {}, ...this.rows.map((row) => h("li", {}, row))), ended);
@@ -185,17 +193,24 @@ function endLine(rally: RallyFacts): HTMLElement {
   return h(
     "p",
     { class: "end" },
-    h("b", { class: seat ? "b" : "a" }, rally.names[seat]!),
-    ` wins the rally (${rally.reason}), ${rally.after?.points.join(" – ")}`,
+    h("b", { class: seat ? "b" : "a" }, displayName(rally.names[seat]!)),
+    ` ${rally.names[seat] === "you" ? "win" : "wins"} the rally (${rally.reason}), ${rally.after?.points.join(" – ")}`,
   );
+}
+
+/** A probability in percent with one decimal, so that close strokes differ. */
+function points(p: number): string {
+  return `${(100 * p).toFixed(1)} %`;
 }
 
 export class OptionTable {
   readonly element = h("section", { class: "panel", "aria-label": "Legal strokes" });
 
-  constructor(private readonly tryOut: (stroke: number) => void) {}
+  /** @param tryOut plays a stroke instead; null: this page has no server that could. */
+  constructor(private readonly tryOut: ((stroke: number) => void) | null) {}
 
-  show(rally: RallyFacts, index: number, value: StrokeValue | undefined): void {
+  /** @param perfect whether the values assume perfect play, as the questions of Learn do. */
+  show(rally: RallyFacts, index: number, value: StrokeValue | undefined, perfect: boolean): void {
     const stroke = rally.strokes[index];
     this.element.classList.toggle("hidden", !stroke || !value);
     if (!stroke || !value) {
@@ -206,9 +221,16 @@ export class OptionTable {
     const rows = value.options.map((option) => {
       const chosen = option.stroke === stroke.stroke;
       const name = `${words(option.shot)} → ${words(option.area)}`;
+      const { tryOut } = this;
       const button = h(
-        "button",
-        { onclick: () => this.tryOut(option.stroke), title: `What if: ${name}, ${words(option.technique)}` },
+        tryOut ? "button" : "div",
+        tryOut
+          ? {
+              class: "try",
+              onclick: () => tryOut(option.stroke),
+              title: `What if: ${name}, ${words(option.technique)}`,
+            }
+          : { class: "try", title: `${name}, ${words(option.technique)}` },
         h("i", { style: `width:${(100 * option.probability) / most}%` }),
         h("span", {}, name, option.technique === "forehand" ? "" : option.technique === "backhand" ? " · bh" : " · ath"),
       );
@@ -217,139 +239,30 @@ export class OptionTable {
         { class: `${chosen ? "chosen " : ""}${option.stroke === value.better ? "best" : ""}` },
         h("td", {}, button),
         h("td", {}, percent(option.probability)),
-        h("td", {}, option.win.toFixed(3)),
-        h("td", {}, option.p_succ.toFixed(2)),
-        h("td", {}, option.p_ret.toFixed(2)),
+        h("td", {}, points(perfect ? option.best : option.win)),
+        h("td", {}, percent(option.p_succ)),
+        h("td", {}, percent(option.p_ret)),
       );
     });
     const head = h(
       "tr",
       {},
-      ...["stroke · click: what if", "policy", "wins", "succ.", "ret."].map((name) => h("th", { scope: "col" }, name)),
+      h("th", { scope: "col" }, this.tryOut ? "click: what if" : "stroke"),
+      h("th", { scope: "col" }, term("chosen")),
+      h("th", { scope: "col" }, perfect ? term("perfect play", "wins*") : term("as they play", "wins")),
+      h("th", { scope: "col" }, term("in")),
+      h("th", { scope: "col" }, term("comes back", "back")),
     );
     replaceChildren(
       this.element,
       h(
         "h2",
         {},
-        h("span", {}, `${rally.names[stroke.seat]} at stroke ${index + 1}`),
-        h("span", {}, value.regret > 5e-4 ? `regret ${value.regret.toFixed(3)}` : "best"),
+        h("span", {}, `${displayName(rally.names[stroke.seat]!)} at stroke ${index + 1}`),
+        value.regret > 5e-4 ? term("regret", `regret ${points(value.regret)}`) : h("span", {}, "best"),
       ),
       h("table", { class: "options" }, h("thead", {}, head), h("tbody", {}, ...rows)),
-      h("p", { class: "quiet" }, value.sure),
+      h("p", { class: "quiet" }, `${perfect ? "* If both play perfectly afterwards. " : ""}${value.sure}`),
     );
-  }
-}
-
-/** P(success) and P(returned) of the current stroke. */
-export class Chances {
-  readonly element = h("section", { class: "panel pair", "aria-label": "Probabilities of the stroke" });
-
-  show(rally: RallyFacts, index: number): void {
-    const stroke = rally.strokes[Math.max(index, 0)];
-    if (!stroke) {
-      return;
-    }
-    const part = (name: string, p: number, colour: string) =>
-      h(
-        "div",
-        {},
-        h("h3", {}, name),
-        h("b", { style: `color:${colour}` }, p.toFixed(2)),
-        h("div", { class: "meter" }, h("i", { style: `width:${100 * p}%;background:${colour}` })),
-      );
-    replaceChildren(
-      this.element,
-      part("P(success)", stroke.p_succ, "var(--green)"),
-      part("P(returned)", stroke.p_ret, "var(--gold)"),
-    );
-  }
-}
-
-/** The court from above: target areas of the policy and path of the shuttle. Seat 0 is on the left. */
-export class LandingMap {
-  readonly element = h("section", { class: "panel", "aria-label": "Target areas of the striker's policy" });
-  private readonly drawing = s("svg", { class: "map", viewBox: "-7 -3.35 14 6.7", role: "img" });
-
-  constructor(private readonly hall: HallFacts) {
-    this.element.append(h("h2", {}, h("span", {}, "Target areas"), h("span", {}, "policy")), this.drawing);
-  }
-
-  show(rally: RallyFacts, index: number, landing: number[] | null): void {
-    const { court } = this.hall;
-    const [hl, hw, fw] = [court.length / 2, court.half_width, court.width / 2];
-    const parts: SVGElement[] = [s("rect", { x: -7, y: -3.35, width: 14, height: 6.7, rx: 0.2, fill: "#0f6d51" })];
-    const stroke = rally.strokes[index];
-    const most = Math.max(...(landing ?? [1]));
-    if (stroke && landing) {
-      this.hall.areas.forEach(({ box: [[x0, x1], [y0, y1]] }, area) => {
-        const sign = stroke.seat ? -1 : 1;
-        const share = landing[area]!;
-        const [left, top] = [Math.min(sign * y0, sign * y1), Math.min(sign * x0, sign * x1)];
-        parts.push(
-          s("rect", {
-            x: left,
-            y: top,
-            width: y1 - y0,
-            height: x1 - x0,
-            fill: "#fbbf24",
-            "fill-opacity": (0.85 * share) / most,
-          }),
-        );
-        if (share >= 0.05) {
-          parts.push(
-            s(
-              "text",
-              {
-                x: left + (y1 - y0) / 2,
-                y: top + (x1 - x0) / 2 + 0.16,
-                "font-size": 0.5,
-                fill: "#06101f",
-                "text-anchor": "middle",
-                "font-weight": 700,
-              },
-              String(Math.round(100 * share)),
-            ),
-          );
-        }
-      });
-    }
-    const line = (x1: number, y1: number, x2: number, y2: number) =>
-      s("line", { x1, y1, x2, y2, stroke: "#f4f7f4", "stroke-width": 0.05 });
-    for (const side of [-1, 1]) {
-      parts.push(line(-hl, side * fw, hl, side * fw), line(-hl, side * hw, hl, side * hw), line(side * hl, -fw, side * hl, fw));
-      parts.push(
-        line(side * court.short_service, -fw, side * court.short_service, fw),
-        line(side * court.short_service, 0, side * hl, 0),
-      );
-    }
-    parts.push(s("line", { x1: 0, y1: -fw, x2: 0, y2: fw, stroke: "#ffffff", "stroke-width": 0.09 }));
-    if (stroke) {
-      const [from, to] = [stroke.contact, stroke.end_point];
-      parts.push(
-        s("line", {
-          x1: from[1],
-          y1: from[0],
-          x2: to[1],
-          y2: to[0],
-          stroke: "#ffffff",
-          "stroke-width": 0.06,
-          "stroke-dasharray": "0.2 0.15",
-        }),
-      );
-      parts.push(
-        s("circle", {
-          cx: from[1],
-          cy: from[0],
-          r: 0.19,
-          fill: COLOURS[stroke.seat]!,
-          stroke: "#06101f",
-          "stroke-width": 0.05,
-        }),
-      );
-      parts.push(s("circle", { cx: to[1], cy: to[0], r: 0.16, fill: "#ffffff", stroke: "#06101f", "stroke-width": 0.05 }));
-    }
-    this.drawing.setAttribute("aria-label", stroke ? `${words(stroke.shot)} to ${words(stroke.area)}` : "The court from above");
-    this.drawing.replaceChildren(...parts);
   }
 }

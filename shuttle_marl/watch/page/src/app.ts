@@ -4,17 +4,20 @@ import { type FrameListener, Frames } from "./frame";
 import { keyTable, listen } from "./keys";
 import type { Mode } from "./layout";
 import { readLink } from "./link";
+import { confirmed } from "./menus";
 import { EARLY, type Player } from "./player";
 import { Rallies, type Shown, type Source } from "./rallies";
 import { Saving } from "./saving";
 import { type Acts, Screen } from "./screen";
-import type { Stage } from "./stage";
+import type { Camera, Stage } from "./stage";
+import { openStartCard } from "./start";
 import { state } from "./state";
 import { StrokeValues } from "./strokeValues";
 import { summary } from "./summary";
 import { Timeline } from "./timeline";
 import type { Hello, RallyFacts, Side } from "./wire.gen";
 
+const LONG = 20; // strokes of a rally whose end is replayed
 const STILL = matchMedia("(prefers-reduced-motion: reduce)");
 
 export class App {
@@ -30,6 +33,7 @@ export class App {
   private shown: Shown | null = null;
   private loopRally = false;
   private autoNext = true;
+  private replayed: Camera | null = null; // the camera before a slow replay
   private chosenAt = 0;
   private readonly listener: FrameListener = {
     advanced: (ended) => this.advanced(ended),
@@ -53,55 +57,68 @@ export class App {
     const acts = this.acts();
     this.screen = new Screen(hello, this.frames, acts, source.share !== null);
     const { layout } = this.screen;
-    this.keys = keyTable(acts, this.player, this.stage, layout);
+    this.keys = keyTable(acts, this.player, this.stage, layout, this.live);
     this.rallies = new Rallies(
       source,
       async (rally) => this.stage?.prepare(rally),
       (error) => layout.say(error.message, true),
+      (pending) => layout.showBusy(pending ? "computing …" : null),
     );
     this.values = new StrokeValues(source, this.course, this.rallies, this.screen);
-    this.saving = new Saving(this.course, this.player, this.stage, source, layout);
+    this.saving = new Saving(this.course, this.player, this.frames, source, this.screen);
     listen((key) => this.key(key), this.screen.board.element);
     window.addEventListener("hashchange", () => this.visit());
     const first = location.hash ? place.rally : (hello.recorded?.first ?? 0);
-    void this.go(first, place.stroke, place.stroke === null);
+    const opened = this.go(first, place.stroke, place.stroke === null);
     this.frames.start(this.listener);
+    if (!location.hash && this.live) {
+      openStartCard((mode) => void opened.then(() => this.setMode(mode)));
+    }
   }
 
   private acts(): Acts {
     return {
       mode: (mode) => this.setMode(mode),
-      newMatch: () => this.newMatch(),
+      newMatch: () => this.askNewMatch(),
       copyLink: () => this.saving.copyLink(),
-      savePicture: () => {
-        this.draw();
-        this.saving.picture();
-      },
+      savePicture: () => this.saving.picture(() => this.draw()),
       savePage: (match) => void this.saving.page(match),
       saveFilm: () => this.saving.film(),
       rally: (step) => void this.go(this.course.number + step),
       stroke: (step) => this.stepStroke(step),
       toggle: () => this.toggle(),
-      replay: () => this.player.replayLast(),
+      replay: () => this.player.replay(),
       speed: (speed) => (this.player.speed = speed),
       loop: (on) => (this.loopRally = on),
       autoNext: (on) => (this.autoNext = on),
       seek: (time) => this.seek(time),
+      sound: () => this.screen.toggleSound(),
       textMode: (on) => this.screen.layout.showText(on),
       camera: (camera) => {
         if (this.stage) {
           this.stage.camera = camera;
         }
       },
+      open: (rally, stroke) => void this.go(rally, stroke, false),
       seekStroke: (stroke) => this.seekStroke(stroke),
       whatIf: (stroke) => void this.whatIf(stroke),
       backToPlayed: () => this.backToPlayed(),
+      playFrom: (stroke) => {
+        this.player.stopAt = null;
+        this.player.seek(Math.max(0, (this.shown?.rally.strokes[stroke]?.time ?? 0) - 0.7));
+        this.player.playing = true;
+      },
       changeSide: (seat, side) => this.changeSide(seat, side),
       takeOver: (seat) => void this.takeOver(seat),
       hit: (stroke) => void this.hit(stroke),
       hints: () => this.source.options(this.course.wanted(this.course.number)),
       gameOver: (rally) => void this.showGame(rally).catch((error: Error) => this.screen.layout.say(error.message, true)),
     };
+  }
+
+  /** Whether the page shows a match that can be changed and played. */
+  private get live(): boolean {
+    return this.hello.recorded === null && this.source.share !== null;
   }
 
   // Navigation.
@@ -128,6 +145,10 @@ export class App {
     const { course, frames, player, hello } = this;
     const { rally, motion } = shown;
     this.saving.endFilm();
+    if (this.replayed && this.stage) {
+      this.stage.camera = this.replayed;
+    }
+    this.replayed = null;
     this.shown = shown;
     frames.show(rally, motion, time);
     player.playing = playing;
@@ -210,8 +231,17 @@ export class App {
     }
   }
 
-  newMatch(): void {
-    if (this.course.plan && this.source.share) {
+  /** Starts a new match; asks first while a person plays. */
+  private askNewMatch(): void {
+    if (this.course.person) {
+      confirmed("Start a new match?", "The score of this match is lost.", "New match", () => this.newMatch());
+    } else {
+      this.newMatch();
+    }
+  }
+
+  private newMatch(): void {
+    if (this.live) {
       this.course.newMatch();
       this.values.played.length = 0;
       void this.go(0, null, true);
@@ -331,14 +361,16 @@ export class App {
     }
   }
 
-  private backToPlayed(): void {
-    this.course.back();
-    void this.go(this.course.number, Math.max(this.player.stroke, 0));
+  private async backToPlayed(): Promise<void> {
+    if (this.course.isTried) {
+      this.course.back();
+      await this.go(this.course.number, Math.max(this.player.stroke, 0));
+    }
   }
 
-  /** Handles a key; returns whether it has an action. */
+  /** Handles a key; returns whether it has an action. While a person plays, `n` is the net shot alone. */
   key(key: string): boolean {
-    if (this.screen.board.key(key)) {
+    if (this.screen.board.key(key) || (key === "n" && this.course.person)) {
       return true;
     }
     const act = this.keys[key];
@@ -355,6 +387,9 @@ export class App {
   }
 
   private drawn(ended: boolean): void {
+    if (!this.frames.onDemand) {
+      this.saving.drawn();
+    }
     if (ended) {
       this.atEnd();
     }
@@ -370,6 +405,8 @@ export class App {
     if (this.loopRally) {
       this.player.seek(0);
       this.player.playing = true;
+    } else if (this.replaysBest(rally)) {
+      return;
     } else if (
       this.autoNext &&
       !this.rallies.pending &&
@@ -381,18 +418,44 @@ export class App {
     }
   }
 
-  draw(): void {
-    this.frames.draw(this.listener);
+  /** Replays the best stroke of a remarkable rally from the side, once, before the next rally; returns whether it does. */
+  private replaysBest(rally: RallyFacts): boolean {
+    const { player, stage, screen, autoNext } = this;
+    if (this.replayed) {
+      if (stage) {
+        stage.camera = this.replayed;
+      }
+      this.replayed = null;
+      return false;
+    }
+    const best = screen.analysis?.strokes.findLastIndex(({ mark }) => mark === "!!") ?? -1;
+    const last = rally.strokes.length - 1;
+    if (!stage || STILL.matches || !autoNext || screen.mode !== "watch" || (best < 0 && last + 1 < LONG)) {
+      return false;
+    }
+    this.replayed = stage.camera;
+    stage.camera = "side";
+    player.replay(best < 0 ? last : best, true);
+    screen.layout.say("Slow replay");
+    return true;
   }
 
-  /** Hides everything except the court, for a video. */
-  film(): void {
+  draw(): void {
+    this.frames.draw(this.listener);
+    if (this.frames.onDemand) {
+      this.saving.drawn();
+    }
+  }
+
+  /** Fills the window with the court and its overlays, for a video; resolves when the values of the strokes are known. */
+  async film(): Promise<void> {
     this.player.playing = false;
     this.frames.onDemand = true;
     document.body.classList.add("film");
-    this.stage?.drawWhole();
-    this.screen.resize();
+    this.saving.fillWindow();
     this.seek(0);
+    await this.values.latest;
+    this.draw();
   }
 
   /** State of the page for tests and scripts. */

@@ -1,7 +1,7 @@
-// The board of a person who plays: legal strokes, targets, techniques; others are dimmed.
+// The board of a person who plays: legal strokes, targets, techniques.
 
-import { h, percent, replaceChildren, words } from "./dom";
-import { COLOURS } from "./stage";
+import { h, percent, replaceChildren, sideColour, words } from "./dom";
+import { term } from "./glossary";
 import type { HallFacts, Option, Turn, TurnStroke } from "./wire.gen";
 
 const KEYS: Record<string, string> = {
@@ -27,7 +27,7 @@ export interface BoardHooks {
 }
 
 export class Board {
-  readonly element = h("section", { class: "board hidden", "aria-label": "Your stroke" });
+  readonly element = h("section", { class: "panel board hidden", "aria-label": "Your stroke" });
   turn: Turn | null = null;
   private shot = "";
   private area = "";
@@ -45,16 +45,26 @@ export class Board {
     }
     this.turn = turn;
     this.values.clear();
-    this.element.classList.toggle("hidden", turn === null);
     document.body.classList.toggle("choosing", turn !== null);
     if (turn) {
-      this.element.style.setProperty("--mine", COLOURS[turn.seat]!);
       this.shot = this.area = this.technique = "";
       this.choose({});
       (this.element.querySelector(".shots button:not(:disabled)") as HTMLElement | null)?.focus({ preventScroll: true });
     } else {
       this.hooks.aim(null);
+      this.wait();
     }
+  }
+
+  /** Whether a person plays: then the board stays, so that nothing moves between two strokes. */
+  set playing(on: boolean) {
+    this.element.classList.toggle("hidden", !on);
+  }
+
+  private wait(): void {
+    const height = this.element.clientHeight;
+    this.element.style.minHeight = height ? `${height}px` : "";
+    replaceChildren(this.element, h("h2", {}, h("span", {}, "Your stroke")), h("p", { class: "quiet" }, "The rally goes on …"));
   }
 
   get selected(): TurnStroke | undefined {
@@ -91,21 +101,21 @@ export class Board {
     const focused = (document.activeElement as HTMLElement | null)?.dataset["key"];
     const serves = strokes[0]!.shot.endsWith("serve");
     const shots = this.hall.shots.filter((shot) => shot.endsWith("serve") === serves);
-    const shotButtons = shots.map((shot) => {
-      const mine = strokes.filter((s) => s.shot === shot);
-      const best = this.best(mine);
+    const legal = shots.filter((shot) => strokes.some((s) => s.shot === shot));
+    const shotButtons = legal.map((shot) => {
+      const best = this.best(strokes.filter((s) => s.shot === shot));
       return h(
         "button",
         {
-          disabled: !mine.length,
           "aria-pressed": String(shot === this.shot),
           "data-key": `shot ${shot}`,
           onclick: () => this.choose({ shot }),
         },
         words(shot),
-        h("small", {}, mine.length ? `${KEYS[shot]}  ${best ? `wins ${best}` : ""}` : "–"),
+        h("small", {}, h("kbd", {}, KEYS[shot]!), best ? ` wins ${best}` : ""),
       );
     });
+    const folded = shots.filter((shot) => !legal.includes(shot));
     const ofShot = strokes.filter((s) => s.shot === this.shot);
     // As the striker sees the other half: far areas above, their own left on the left.
     const order = [6, 7, 8, 3, 4, 5, 0, 1, 2];
@@ -114,7 +124,7 @@ export class Board {
       const mine = ofShot.filter((s) => s.area === area);
       const share = mine.length ? Math.max(...mine.map((s) => s.p_succ)) : 0;
       const best = this.best(mine);
-      const facts = mine.length ? [`P(success) ${percent(share)}`, best && `wins ${best}`] : ["not legal here"];
+      const facts = mine.length ? [`in ${percent(share)}`, best && `wins ${best}`] : ["not legal here"];
       return h(
         "button",
         {
@@ -123,48 +133,58 @@ export class Board {
           "data-key": `area ${area}`,
           "aria-label": [words(area), ...facts].filter(Boolean).join(", "),
           title: `${words(area)} (${keypad(place)})`,
-          style: mine.length ? `background:hsl(${Math.round(120 * share ** 3)} 55% 24%)` : "",
+          style: mine.length ? `background:${shade(share)}` : "",
           onclick: () => this.choose({ area }),
         },
         mine.length ? (best ?? percent(share)) : "–",
       );
     });
-    const techniques = this.hall.techniques.map((technique) => {
-      const there = ofShot.some((s) => s.area === this.area && s.technique === technique);
-      return h(
+    const there = (technique: string) => ofShot.some((s) => s.area === this.area && s.technique === technique);
+    const techniques = this.hall.techniques.filter(there).map((technique) =>
+      h(
         "button",
         {
-          disabled: !there,
           "aria-pressed": String(technique === this.technique),
           "data-key": `technique ${technique}`,
           onclick: () => this.choose({ technique }),
         },
         words(technique),
-      );
-    });
+      ),
+    );
     const now = this.selected;
     const option = now ? this.values.get(now.stroke) : undefined;
     const chances = now
-      ? `P(success) ${percent(now.p_succ)} · P(returned) ${percent(now.p_ret)}${option ? ` · wins ${percent(option.win)}` : ""}`
+      ? `in ${percent(now.p_succ)} · comes back ${percent(now.p_ret)}${option ? ` · wins ${percent(option.win)}` : ""}`
       : "";
     replaceChildren(
       this.element,
       h(
-        "div",
+        "h2",
         {},
-        h("h2", {}, h("span", {}, `Your stroke · ${"AB"[seat]} · ${serves ? "serve" : `from ${height} the net`}`)),
-        h("div", { class: "shots" }, ...shotButtons),
+        term("your stroke", `Your ${serves ? "serve" : "stroke"}`),
+        h("span", {}, serves ? "" : `from ${height} the net`),
+      ),
+      h(
+        "div",
+        { class: "halves" },
         h(
           "div",
-          { class: "row" },
-          ...techniques,
-          h("button", { "data-key": "hint", onclick: () => void this.askHints() }, "Hint ", h("kbd", {}, "i")),
-          h("span", { role: "status" }, chances),
-          h("button", { class: "hit", "data-key": "hit", onclick: () => this.hit() }, "Hit ", h("kbd", {}, "Enter")),
+          {},
+          h("div", { class: "shots" }, ...shotButtons),
+          folded.length ? h("p", { class: "folded" }, `Not from here: ${folded.map(words).join(", ")}`) : null,
         ),
+        h("div", { class: "targets", role: "group", "aria-label": "Target; or click the court" }, ...areaButtons),
       ),
-      h("div", {}, h("h2", {}, h("span", {}, "Target · or click the court")), h("div", { class: "targets" }, ...areaButtons)),
+      h("div", { class: "row techniques", role: "group", "aria-label": "Technique" }, ...techniques),
+      h(
+        "div",
+        { class: "row" },
+        h("button", { "data-key": "hint", onclick: () => void this.askHints() }, "Hint ", h("kbd", {}, "i")),
+        h("span", { role: "status" }, chances),
+        h("button", { class: "hit", "data-key": "hit", onclick: () => this.hit() }, "Hit ", h("kbd", {}, "Enter")),
+      ),
     );
+    this.element.style.setProperty("--mine", sideColour(seat));
     if (focused) {
       (this.element.querySelector(`[data-key="${CSS.escape(focused)}"]`) as HTMLElement | null)?.focus({ preventScroll: true });
     }
@@ -232,6 +252,12 @@ export class Board {
     }
     return false;
   }
+}
+
+/** Colour of a probability on the panel, from red to green; text on it keeps its contrast. */
+function shade(p: number): string {
+  const hue = Math.round(120 * p ** 3);
+  return `light-dark(hsl(${hue} 60% 86%), hsl(${hue} 55% 22%))`;
 }
 
 /** Numeric keypad key of a cell of the area grid. */

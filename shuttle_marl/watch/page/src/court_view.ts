@@ -1,7 +1,8 @@
 // Overlays of the court: score, shot, speed, cameras.
 
-import { h, percent, replaceChildren, words } from "./dom";
-import { CAMERAS, type Camera, COLOURS } from "./stage";
+import { h, percent, replaceChildren, sideColour, words } from "./dom";
+import { displayName } from "./names";
+import { CAMERAS, type Camera, type Stage } from "./stage";
 import type { RallyFacts, Stroke } from "./wire.gen";
 
 export class ScoreBug {
@@ -21,10 +22,10 @@ export class ScoreBug {
       ...[0, 1].map((seat) =>
         h(
           "div",
-          { class: `row${seat === serving ? " serving" : ""}`, style: `--mine:${COLOURS[seat]}` },
+          { class: `row${seat === serving ? " serving" : ""}`, style: `--mine:${sideColour(seat)}` },
           h("i"),
           h("span", { class: "dot", title: "serves" }),
-          h("span", { class: "name" }, rally.names[seat]!),
+          h("span", { class: "name" }, displayName(rally.names[seat]!)),
           h("span", { class: "sets" }, ...rally.finished.map((game) => h("span", {}, String(game[seat])))),
           h("span", { class: "points" }, String(points[seat])),
         ),
@@ -33,8 +34,8 @@ export class ScoreBug {
   }
 }
 
-function fact(name: string, value: string, style = ""): HTMLElement {
-  return h("dl", {}, h("dt", {}, name), h("dd", { style }, value));
+function fact(name: string, value: string, kind = "", style = ""): HTMLElement {
+  return h("dl", { class: kind }, h("dt", {}, name), h("dd", { style }, value));
 }
 
 /** The current stroke. */
@@ -54,16 +55,17 @@ export class Chip {
     if (!stroke) {
       return;
     }
-    this.element.style.setProperty("--mine", COLOURS[stroke.seat]!);
-    const effort = stroke.effort === null ? null : fact("Attacks so far", `${stroke.effort} : ${stroke.opponent_effort}`);
+    this.element.style.setProperty("--mine", sideColour(stroke.seat));
+    const effort =
+      stroke.effort === null ? null : fact("attacks so far", `${stroke.effort} : ${stroke.opponent_effort}`, "minor");
     replaceChildren(
       this.element,
       h("div", { class: "shot" }, words(stroke.shot)),
-      fact("Target", words(stroke.area)),
-      fact("Contact", `${stroke.height} net`),
-      fact("Stroke", words(stroke.technique)),
-      fact("P(success)", percent(stroke.p_succ), "color:var(--green)"),
-      fact("P(returned)", percent(stroke.p_ret), "color:var(--gold)"),
+      fact("target", words(stroke.area)),
+      fact("in", percent(stroke.p_succ), "", "color:var(--green)"),
+      fact("comes back", percent(stroke.p_ret), "", "color:var(--gold)"),
+      fact("technique", words(stroke.technique), "technique"),
+      fact("contact", `${stroke.height} net`, "minor"),
       effort,
     );
     replaceChildren(
@@ -75,9 +77,42 @@ export class Chip {
   }
 }
 
+const SPEED_SHOWN = 0.6; // time for which the speed stays at the racket [s]
+
+/** The speed of the shuttle, at the racket. */
+export class SpeedLabel {
+  readonly element = h("div", { class: "pop hidden", "aria-hidden": "true" });
+  private shown = -1;
+
+  show(rally: RallyFacts, index: number, time: number, stage: Stage): void {
+    const stroke = rally.strokes[index];
+    const place = stroke && time < stroke.time + SPEED_SHOWN ? stage.placeOf(stroke.contact) : null;
+    this.element.classList.toggle("hidden", !place);
+    if (place && stroke) {
+      if (this.shown !== index) {
+        this.element.textContent = `${Math.round(3.6 * stroke.speed)} km/h`;
+      }
+      this.shown = index;
+      this.element.style.transform = `translate(${Math.round(place[0] + 24)}px, ${Math.round(place[1] - 40)}px)`;
+    } else {
+      this.shown = -1;
+    }
+  }
+}
+
 export function cameraButtons(choose: (camera: Camera) => void): { element: HTMLElement; show(camera: Camera): void } {
   const buttons = CAMERAS.map((camera, i) =>
-    h("button", { onclick: () => choose(camera), "aria-pressed": "false", title: `Camera ${i + 1}` }, `${i + 1} ${camera}`),
+    h(
+      "button",
+      {
+        onclick: () => choose(camera),
+        "aria-pressed": "false",
+        "aria-label": `${i + 1} ${camera}`,
+        title: `Camera ${i + 1}: ${camera}`,
+        "data-number": i + 1,
+      },
+      `${i + 1} ${camera}`,
+    ),
   );
   const element = h("div", { class: "cameras", role: "group", "aria-label": "Cameras" }, ...buttons);
   return {

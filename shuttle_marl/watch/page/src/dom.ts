@@ -63,6 +63,16 @@ export function words(name: string): string {
     .replace("cross court", "cross-court");
 }
 
+/** Colour of a side, on panels and overlays. */
+export function sideColour(seat: number): string {
+  return seat ? "var(--b)" : "var(--a)";
+}
+
+/** A name with a verb: "bc wins", "you win"; `start`: at the start of a sentence. */
+export function does(name: string, verb: string, start = false): string {
+  return name === "you" ? `${start ? "You" : "you"} ${verb}` : `${name} ${verb}s`;
+}
+
 export function replaceChildren(parent: Element, ...children: Child[]): void {
   parent.replaceChildren(
     ...children.filter((child): child is Node | string => child !== null && child !== undefined && child !== false),

@@ -2,6 +2,7 @@
 
 import type { Motion } from "./motion";
 import { Player } from "./player";
+import type { Flight } from "./shuttle";
 import { Stage } from "./stage";
 import type { HallFacts, RallyFacts } from "./wire.gen";
 
@@ -26,11 +27,15 @@ export class Frames {
   readonly durations: number[] = [];
   /** Target area of a person: x0, x1, y0, y1. */
   aim: [number, number, number, number] | null = null;
+  /** Flight of a stroke that is pointed at. */
+  flight: Flight | null = null;
   /** Whether frames are drawn on demand only, for a video. */
   onDemand = false;
   private shown: { rally: RallyFacts; motion: Motion } | null = null;
   private last = 0; // time of the last frame [ms]
   private version = 0; // increases with each rally shown
+  private size: [number, number] = [1, 1]; // of the court on the page
+  private fixed: [number, number] | null = null;
   private seen = ""; // state that the last frame depends on
   private unsettled = 0; // frames to draw although nothing changed
   private drawnAt = 0;
@@ -57,8 +62,16 @@ export class Frames {
   }
 
   resize(width: number, height: number): void {
-    this.stage?.resize(width, height);
+    this.size = [width, height];
+    this.stage?.resize(...(this.fixed ?? this.size));
     this.seen = "";
+  }
+
+  /** Draws with a fixed number of pixels from now on, whatever the size of the window; null: as the window. */
+  fix(size: [number, number] | null): void {
+    this.fixed = size;
+    this.stage?.drawWhole(size !== null);
+    this.resize(...this.size);
   }
 
   start(listener: FrameListener): void {
@@ -103,8 +116,9 @@ export class Frames {
       resting ? this.drawnTime : player.time,
       stage.camera,
       stage.flipped,
-      stage.raised,
       this.aim,
+      this.flight?.shot,
+      player.playing,
     ].join();
     if (seen !== this.seen) {
       this.seen = seen;
@@ -113,7 +127,7 @@ export class Frames {
     if (this.unsettled > 0 || stage.camera === "free") {
       this.unsettled--;
       [this.drawnAt, this.drawnTime] = [now, player.time];
-      stage.draw(rally, motion, player.time, this.aim);
+      stage.draw(rally, motion, player.time, this.aim, this.flight, !player.playing && !player.waits);
     }
   }
 }

@@ -199,7 +199,7 @@ function addBoards(scene: THREE.Scene): void {
   texture.wrapS = THREE.RepeatWrapping;
   const board = (length: number, x: number, z: number, turn: number) => {
     const map = texture.clone();
-    map.repeat.set(length / 12, 1);
+    map.repeat.set(Math.round(length / 4) / 3, 1); // three words to a texture of 12 m, and whole ones only
     const mesh = new THREE.Mesh(new THREE.PlaneGeometry(length, 0.78), new THREE.MeshBasicMaterial({ map }));
     mesh.position.set(x, 0.39, z);
     mesh.rotation.y = turn;

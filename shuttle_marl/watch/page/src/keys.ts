@@ -1,16 +1,61 @@
 // Keyboard shortcuts of the page.
 
+import { hideTip } from "./glossary";
 import type { Layout } from "./layout";
 import { type Player, SPEEDS } from "./player";
 import type { Acts } from "./screen";
 import { CAMERAS, type Stage } from "./stage";
 
+/** Keys and what they do: everywhere, in a match between policies, and while a person plays. */
+export function keyList(match: boolean): { general: [string, string][]; play: [string, string][] } {
+  const general: [string, string][] = [
+    ["space", "play, pause"],
+    ["← →", "stroke"],
+    ["↑ ↓", "rally"],
+    [", .", "frame"],
+    ["< >", "speed"],
+    ["1 – 6", "camera"],
+    ["f", "switch ends"],
+    ["r", "slow-motion replay"],
+    ["m", "sound"],
+    ["w", "in words"],
+    ["h", "keys"],
+  ];
+  if (!match) {
+    return { general, play: [] };
+  }
+  general.push(["t T", "take over A, B"], ["n", "new match (asks while you play)"]);
+  return {
+    general,
+    play: [
+      ["c l d s", "clear, lift, drop, smash or short serve"],
+      ["a v p k", "half smash, drive, push, net kill"],
+      ["n x b g", "net shot, cross-court, block, long serve"],
+      ["1 – 9", "target, as on a keypad"],
+      ["q", "technique"],
+      ["i", "hint"],
+      ["Enter", "hit"],
+    ],
+  };
+}
+
 /** Actions of keys outside of the stroke board. */
-export function keyTable(acts: Acts, player: Player, stage: Stage | null, layout: Layout): Record<string, () => void> {
+export function keyTable(
+  acts: Acts,
+  player: Player,
+  stage: Stage | null,
+  layout: Layout,
+  match: boolean,
+): Record<string, () => void> {
   const speed = (step: number) => {
     const at = SPEEDS.findIndex((speed) => speed >= player.speed);
     player.speed = SPEEDS[Math.min(Math.max(at + step, 0), SPEEDS.length - 1)]!;
     layout.speed.value = String(player.speed);
+  };
+  const matchKeys = {
+    n: () => acts.newMatch(),
+    t: () => acts.takeOver(0),
+    T: () => acts.takeOver(1),
   };
   return {
     " ": () => acts.toggle(),
@@ -29,12 +74,12 @@ export function keyTable(acts: Acts, player: Player, stage: Stage | null, layout
         stage.flipped = !stage.flipped;
       }
     },
-    n: () => acts.newMatch(),
-    t: () => acts.takeOver(0),
-    T: () => acts.takeOver(1),
+    ...(match ? matchKeys : {}),
+    m: () => acts.sound(),
     w: () => layout.showText(!document.body.classList.contains("text")),
     h: () => layout.toggleHelp(),
     "?": () => layout.toggleHelp(),
+    Escape: () => hideTip(),
   };
 }
 

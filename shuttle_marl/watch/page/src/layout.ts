@@ -1,9 +1,13 @@
 // Layout of the page.
 
 import { h, replaceChildren } from "./dom";
+import { term } from "./glossary";
 import { icon } from "./icons";
+import { keyList } from "./keys";
+import { dialog, menu } from "./menus";
 import { SPEEDS } from "./player";
 import { filmFormat } from "./recorder";
+import { type Tabs, tabList } from "./tabs";
 
 export const MODES = ["watch", "analyse", "learn", "play"] as const;
 export type Mode = (typeof MODES)[number];
@@ -24,6 +28,7 @@ export interface Hooks {
   autoNext(on: boolean): void;
   seek(time: number): void;
   textMode(on: boolean): void;
+  sound(): void;
 }
 
 /** Containers of panels. */
@@ -31,25 +36,10 @@ export interface Parts {
   canvas: HTMLCanvasElement | null;
   overlays: HTMLElement[];
   left: (HTMLElement | null)[];
+  /** What the viewer has to do: a question, or the choice of a stroke. */
+  task: HTMLElement[];
   right: HTMLElement[];
   curve: HTMLElement;
-}
-
-export function keyList(): [string, string][] {
-  return [
-    ["space", "play, pause"],
-    ["← →", "stroke"],
-    ["↑ ↓", "rally"],
-    [", .", "frame"],
-    ["< >", "speed"],
-    ["1 – 6", "camera"],
-    ["f", "switch ends"],
-    ["r", "slow-motion replay"],
-    ["t T", "take over A, B"],
-    ["n", "new match"],
-    ["w", "text mode"],
-    ["h", "keys"],
-  ];
 }
 
 export class Layout {
@@ -64,11 +54,15 @@ export class Layout {
   readonly summary: HTMLDialogElement;
   private readonly play: HTMLButtonElement;
   private readonly help: HTMLDialogElement;
-  private readonly tabs: HTMLButtonElement[];
+  private readonly tabs: Tabs<Mode>;
+  private readonly busy = h("p", { class: "busy hidden", role: "status" });
+  private readonly panel = h("div", { class: "page", role: "tabpanel", id: "page" });
   private readonly autoNext: HTMLButtonElement;
   private readonly words: HTMLElement;
   private readonly textButton: HTMLButtonElement;
+  private readonly soundButton: HTMLButtonElement;
   private timer = 0;
+  private busyTimer = 0;
 
   constructor(
     parts: Parts,
@@ -77,10 +71,11 @@ export class Layout {
     canShare: boolean,
     isMatch: boolean,
   ) {
-    this.help = dialog(
-      "Keys",
-      h("ul", { class: "keys" }, ...keyList().map(([key, what]) => h("li", {}, h("kbd", {}, key), ` ${what}`))),
-    );
+    const keys = keyList(isMatch);
+    const list = (entries: [string, string][]) =>
+      h("ul", { class: "keys" }, ...entries.map(([key, what]) => h("li", {}, h("kbd", {}, key), ` ${what}`)));
+    const playing = keys.play.length ? [h("h3", {}, "While you play"), list(keys.play)] : [];
+    this.help = dialog("Keys", h("div", {}, list(keys.general), ...playing));
     this.summary = dialog("Game summary", h("div"));
     this.play = h("button", { class: "play", onclick: () => hooks.toggle(), "aria-label": "Play" }, icon("play"));
     this.speed = h(
@@ -99,71 +94,65 @@ export class Layout {
       oninput: () => hooks.seek(Number(this.scrubber.value)),
     });
     this.autoNext = toggleButton("auto-next", true, (on) => hooks.autoNext(on));
-    this.textButton = toggleButton("Text", false, (on) => hooks.textMode(on));
-    this.tabs = modes.map((mode) =>
-      h(
-        "button",
-        { role: "tab", "aria-selected": "false", onclick: () => hooks.mode(mode) },
-        mode[0]!.toUpperCase() + mode.slice(1),
-      ),
-    );
+    this.textButton = toggleButton("In words", false, (on) => hooks.textMode(on));
+    this.soundButton = toggleButton("Sound", false, () => hooks.sound());
+    this.tabs = tabList("Mode", modes, "page", (mode) => hooks.mode(mode));
     parts.curve.append(this.transport());
     const canvas =
       parts.canvas ?? h("p", { class: "end" }, "This browser does not support WebGL 2; the rally is described as text.");
-    this.court.append(canvas, ...parts.overlays, this.banner, this.notice);
+    this.court.append(canvas, ...parts.overlays, this.banner, this.busy);
     this.words = h(
       "section",
-      { class: "panel", "aria-label": "Rally as text" },
-      h("h2", {}, "Rally as text"),
+      { class: "panel words", "aria-label": "The rally in words" },
+      h("h2", {}, term("words", "In words")),
       h(
         "div",
-        { class: "announcements", role: "region", "aria-label": "Strokes of the rally as text", tabindex: 0 },
+        { class: "announcements", role: "region", "aria-label": "Strokes of the rally in words", tabindex: 0 },
         this.lines,
       ),
     );
-    const keys = h(
+    const keyPanel = h(
       "section",
-      { class: "panel", "aria-label": "Keys" },
-      h("h2", {}, "Keys"),
-      h("div", { class: "keys" }, ...keyList().map(([key, what]) => h("span", {}, h("kbd", {}, key), ` ${what}`))),
+      { class: "panel keylist", "aria-label": "Keys" },
+      h("h2", {}, h("span", {}, "Keys")),
+      list(keys.general),
     );
     const share = canShare
-      ? h(
-          "details",
-          { class: "menu" },
-          h("summary", {}, "Share"),
-          h(
-            "div",
-            {},
-            h("button", { onclick: () => hooks.copyLink() }, "Copy link"),
-            h("button", { onclick: () => hooks.savePage(false) }, "Save this rally (.html)"),
-            h("button", { onclick: () => hooks.savePage(true) }, "Save the match so far (.html)"),
-            h("button", { onclick: () => hooks.savePicture() }, "Save picture (.png)"),
-            filmFormat()
-              ? h("button", { onclick: () => hooks.saveFilm() }, "Record video (.webm)")
-              : h("p", { class: "quiet" }, "This browser cannot record video"),
-          ),
+      ? menu(
+          "Share",
+          h("button", { onclick: () => hooks.copyLink() }, "Copy link"),
+          h("button", { onclick: () => hooks.savePage(false) }, "Save this rally (.html)"),
+          h("button", { onclick: () => hooks.savePage(true) }, "Save the match so far (.html)"),
+          h("button", { onclick: () => hooks.savePicture() }, "Save picture (.png)"),
+          filmFormat()
+            ? h("button", { onclick: () => hooks.saveFilm() }, "Record video (.webm)")
+            : h("p", { class: "quiet" }, "This browser cannot record video"),
         )
       : h("button", { onclick: () => hooks.savePicture() }, "Save picture");
+    this.panel.append(
+      h("div", { class: "column agents" }, ...parts.left.filter((part) => part !== null), keyPanel),
+      this.court,
+      h("div", { class: "column task" }, ...parts.task),
+      parts.curve,
+      h("div", { class: "column facts" }, ...parts.right, this.words),
+    );
     document.body.append(
       h(
         "header",
         { class: "top" },
         h("h1", {}, "shuttle_marl"),
-        h("div", { class: "tabs", role: "tablist", "aria-label": "Mode" }, ...this.tabs),
+        this.tabs.element,
         this.what,
-        isMatch ? h("button", { onclick: () => hooks.newMatch() }, "New match") : null,
-        this.textButton,
-        share,
-        h("button", { onclick: () => this.toggleHelp() }, "Keys ", h("kbd", {}, "h")),
+        ...actions(
+          isMatch ? h("button", { onclick: () => hooks.newMatch() }, "New match") : null,
+          this.textButton,
+          this.soundButton,
+          share,
+          h("button", { onclick: () => this.toggleHelp() }, "Keys ", h("kbd", {}, "h")),
+        ),
       ),
-      h(
-        "main",
-        { class: "page" },
-        h("div", { class: "column agents" }, ...parts.left.filter((part) => part !== null), keys),
-        h("div", { class: "middle" }, this.court, parts.curve),
-        h("div", { class: "column facts" }, ...parts.right, this.words),
-      ),
+      h("main", {}, this.panel),
+      this.notice,
       this.help,
       this.summary,
     );
@@ -190,12 +179,24 @@ export class Layout {
     );
   }
 
-  showMode(mode: Mode, modes: readonly Mode[]): void {
-    this.tabs.forEach((tab, i) => {
-      tab.setAttribute("aria-selected", String(modes[i] === mode));
-      tab.tabIndex = modes[i] === mode ? 0 : -1;
-    });
+  showMode(mode: Mode): void {
+    this.tabs.show(mode);
+    this.panel.setAttribute("aria-labelledby", `tab-${mode}`);
     document.body.dataset["mode"] = mode;
+  }
+
+  /** Says what the page waits for; null: nothing. Short waits are not announced. */
+  showBusy(what: string | null): void {
+    clearTimeout(this.busyTimer);
+    if (what === null) {
+      this.busy.classList.add("hidden");
+      this.busy.textContent = "";
+    } else {
+      this.busyTimer = window.setTimeout(() => {
+        this.busy.textContent = what;
+        this.busy.classList.remove("hidden");
+      }, 250);
+    }
   }
 
   showPlaying(playing: boolean): void {
@@ -214,6 +215,10 @@ export class Layout {
   showText(on: boolean): void {
     document.body.classList.toggle("text", on);
     this.textButton.setAttribute("aria-pressed", String(on));
+  }
+
+  showSound(on: boolean): void {
+    this.soundButton.setAttribute("aria-pressed", String(on));
   }
 
   toggleHelp(): void {
@@ -268,14 +273,30 @@ function toggleButton(name: string, on: boolean, act: (on: boolean) => void): HT
   return button;
 }
 
-function dialog(name: string, content: HTMLElement): HTMLDialogElement {
-  const close = h("button", { onclick: () => element.close() }, "Close");
-  const element: HTMLDialogElement = h(
-    "dialog",
-    { "aria-label": name },
-    h("h2", {}, name),
-    content,
-    h("p", { style: "margin-top:14px" }, close),
-  );
-  return element;
+/** Buttons of the header; on narrow screens a button opens them. */
+function actions(...buttons: (HTMLElement | null)[]): HTMLElement[] {
+  const more = h("button", { class: "more", "aria-expanded": "false", "aria-controls": "actions" }, "Menu");
+  const element = h("div", { class: "actions", id: "actions" }, ...buttons);
+  const open = (on: boolean) => {
+    element.classList.toggle("open", on);
+    more.setAttribute("aria-expanded", String(on));
+  };
+  more.addEventListener("click", () => open(!element.classList.contains("open")));
+  document.addEventListener("pointerdown", ({ target }) => {
+    if (!element.contains(target as Node) && target !== more) {
+      open(false);
+    }
+  });
+  element.addEventListener("keydown", ({ key }) => {
+    if (key === "Escape" && element.classList.contains("open")) {
+      open(false);
+      more.focus();
+    }
+  });
+  element.addEventListener("click", ({ target }) => {
+    if ((target as HTMLElement).tagName === "BUTTON") {
+      open(false);
+    }
+  });
+  return [element, more];
 }

@@ -1,31 +1,40 @@
 // Quiz: stops before the costliest decisions of a rally and asks for a better stroke.
 
 import { h, percent, replaceChildren, words } from "./dom";
+import { term } from "./glossary";
+import { displayName } from "./names";
 import type { Analysis, Option, RallyFacts, StrokeValue } from "./wire.gen";
 
 const QUESTIONS = 3;
-const WORTH_ASKING = 0.03; // minimum regret of a question
+const WORTH_ASKING = 0.03; // minimum loss of the stroke played, as a probability of winning the rally
 const ANSWERS = 4;
+const RALLIES = 20; // rallies without a question that are skipped
 
-/** Numbers of the costliest decisions of a rally, in order of time. */
-export function questions(analysis: Analysis): number[] {
-  const found = analysis.strokes
-    .map((value, i) => ({ i, regret: value.regret }))
-    .filter(({ regret }) => regret >= WORTH_ASKING);
-  found.sort((a, b) => b.regret - a.regret);
-  return found
-    .slice(0, QUESTIONS)
-    .map(({ i }) => i)
-    .sort((a, b) => a - b);
+interface Question {
+  stroke: number;
+  best: Option;
+  played: Option;
 }
 
-/** Answers of a question: the best stroke, the one played, and others, ordered by area to hide which is which. */
-export function answers(value: StrokeValue, played: number): Option[] {
-  const pick = (stroke: number) => value.options.find((option) => option.stroke === stroke);
-  const first = [pick(value.better), pick(played)].filter((option) => option !== undefined);
-  const others = value.options.filter((option) => !first.includes(option));
-  const chosen = [...first, ...others].slice(0, ANSWERS);
-  return chosen.sort((a, b) => a.stroke - b.stroke);
+/** The costliest decisions whose best and played strokes have enough real strokes behind them, in order of time. */
+export function questions(rally: RallyFacts, analysis: Analysis): Question[] {
+  const found = analysis.strokes.flatMap((value, stroke): Question[] => {
+    const pick = (wanted: number) => value.options.find((option) => option.stroke === wanted);
+    const [best, played] = [value.question === null ? undefined : pick(value.question), pick(rally.strokes[stroke]!.stroke)];
+    return best && played && best.best - played.best >= WORTH_ASKING ? [{ stroke, best, played }] : [];
+  });
+  const loss = ({ best, played }: Question) => best.best - played.best;
+  return found
+    .sort((a, b) => loss(b) - loss(a))
+    .slice(0, QUESTIONS)
+    .sort((a, b) => a.stroke - b.stroke);
+}
+
+/** Answers of a question: the best stroke, the one played, and worse ones, ordered by area to hide which is which. */
+function answers({ best, played }: Question, value: StrokeValue): Option[] {
+  const others = value.options.filter((option) => option !== best && option !== played && option.best < best.best);
+  const bySupport = others.sort((a, b) => (b.support ?? 0) - (a.support ?? 0));
+  return [best, played, ...bySupport].slice(0, ANSWERS).sort((a, b) => a.stroke - b.stroke);
 }
 
 function name(option: Option): string {
@@ -35,134 +44,201 @@ function name(option: Option): string {
 export interface LearnHooks {
   stopBefore(stroke: number): void;
   reveal(upTo: number): void;
-  finish(): void;
+  nextRally(): void;
+  /** Draws the target and the flight of a stroke; null: of none. */
+  point(option: Option | null): void;
+  /** Plays the rally on from a stroke. */
+  playFrom(stroke: number): Promise<void>;
+  /** Plays another stroke instead; null: this page cannot. */
+  playInstead: ((stroke: number, other: number) => void) | null;
+  /** Shows the rally as it was played. */
+  back(): Promise<void>;
 }
 
 export class Learn {
-  readonly element = h("section", { class: "panel hidden", "aria-label": "Find the better stroke", "aria-live": "polite" });
+  readonly element = h("section", {
+    class: "panel learn hidden",
+    "aria-label": "Find the better stroke",
+    "aria-live": "polite",
+  });
   private rally: RallyFacts | null = null;
   private analysis: Analysis | null = null;
-  private left: number[] = [];
+  private question: Question | null = null;
+  private options: Option[] = [];
+  private left: Question[] = [];
   private right = 0;
   private asked = 0;
-  current: number | null = null;
+  private skipped = 0;
+  private answered = false;
 
   constructor(private readonly hooks: LearnHooks) {}
 
+  /** Stroke of the question; null: none is asked. */
+  get current(): number | null {
+    return this.question?.stroke ?? null;
+  }
+
+  /** Whether a rally is that of the quiz, as played or with another stroke. */
+  covers(rally: RallyFacts): boolean {
+    return this.rally?.number === rally.number && this.answered;
+  }
+
+  /** Starts the quiz of a rally unless it runs already; without a question, the next rally is tried. */
   begin(rally: RallyFacts, analysis: Analysis): void {
-    this.rally = rally;
-    this.analysis = analysis;
-    this.left = questions(analysis);
-    this.right = this.asked = 0;
+    if (this.rally) {
+      return;
+    }
+    this.left = questions(rally, analysis);
     this.element.classList.remove("hidden");
-    this.next();
+    if (!this.left.length && this.skipped < RALLIES && !rally.after?.over) {
+      this.skipped++;
+      replaceChildren(
+        this.element,
+        h("h2", {}, h("span", {}, "Find the better stroke")),
+        h("p", {}, "Looking for a question …"),
+      );
+      this.hooks.nextRally();
+      return;
+    }
+    [this.rally, this.analysis] = [rally, analysis];
+    this.right = this.asked = this.skipped = 0;
+    void this.next();
   }
 
   end(): void {
-    this.current = null;
+    this.rally = this.question = null;
+    this.answered = false;
+    this.hooks.point(null);
     this.element.classList.add("hidden");
   }
 
-  private next(): void {
+  private async next(): Promise<void> {
+    this.hooks.point(null);
+    await this.hooks.back();
+    this.answered = false;
     const question = this.left.shift();
-    if (question === undefined) {
+    if (!question) {
       this.tellAccuracy();
       return;
     }
-    this.current = question;
-    const stroke = this.rally!.strokes[question]!;
+    this.question = question;
+    const stroke = this.rally!.strokes[question.stroke]!;
     replaceChildren(
       this.element,
       h(
         "h2",
         {},
-        h("span", {}, "Find the better stroke"),
+        term("better stroke", "Find the better stroke"),
         h("span", {}, `${this.asked + 1} of ${this.asked + this.left.length + 1}`),
       ),
       h(
         "p",
         {},
-        h("b", { class: stroke.seat ? "b" : "a" }, this.rally!.names[stroke.seat]!),
-        ` is about to play stroke ${question + 1}, from ${stroke.height} the net.`,
+        h("b", { class: stroke.seat ? "b" : "a" }, displayName(this.rally!.names[stroke.seat]!)),
+        ` plays stroke ${question.stroke + 1}, from ${stroke.height} the net.`,
       ),
     );
-    this.hooks.stopBefore(question);
+    this.hooks.stopBefore(question.stroke);
   }
 
   /** Shows the question when the playback reaches the decision. */
   ask(): void {
-    const question = this.current;
-    if (question === null || this.element.querySelector(".quiz")) {
+    if (!this.question || this.element.querySelector(".quiz")) {
       return;
     }
-    const played = this.rally!.strokes[question]!;
-    const value = this.analysis!.strokes[question]!;
-    const options = answers(value, played.stroke);
-    const buttons = options.map((option) =>
-      h(
+    const value = this.analysis!.strokes[this.question.stroke]!;
+    this.options = answers(this.question, value);
+    const buttons = this.options.map((option) => {
+      const point = () => this.hooks.point(option);
+      return h(
         "button",
-        { onclick: () => this.answer(option, value, buttons, options) },
+        { onclick: () => this.answer(option), onpointerenter: point, onfocus: point },
         h("span", {}, name(option)),
         h("span", { class: "quiet" }),
-      ),
-    );
+      );
+    });
     this.element.append(
-      h("p", { style: "margin:8px 0" }, "Which stroke is best if both play perfectly afterwards?"),
+      h("p", {}, "Which stroke is best if both play perfectly afterwards?"),
       h("div", { class: "quiz" }, ...buttons),
     );
-    buttons[0]?.focus();
+    buttons[0]?.focus({ preventScroll: true });
+    this.hooks.point(null); // nothing is pointed at before the viewer does
   }
 
-  private answer(given: Option, value: StrokeValue, buttons: HTMLButtonElement[], options: Option[]): void {
-    const question = this.current!;
-    const played = this.rally!.strokes[question]!;
-    const right = given.stroke === value.better;
+  /** Answers with the target at a point of the court; of several such answers, the first gets the focus. */
+  answerAt(x: number, y: number): void {
+    const inside = ({ box: [x0, x1, y0, y1] }: Option) => x0 <= x && x <= x1 && y0 <= y && y <= y1;
+    const found = this.answered ? [] : this.options.filter(inside);
+    if (found.length === 1) {
+      this.answer(found[0]!);
+    } else if (found.length) {
+      this.buttons[this.options.indexOf(found[0]!)]?.focus({ preventScroll: true });
+    }
+  }
+
+  private get buttons(): HTMLButtonElement[] {
+    return [...this.element.querySelectorAll<HTMLButtonElement>(".quiz button")];
+  }
+
+  private answer(given: Option): void {
+    const { stroke, best, played } = this.question!;
+    const right = given === best;
     this.asked++;
     this.right += right ? 1 : 0;
-    buttons.forEach((button, i) => {
-      const option = options[i]!;
+    this.answered = true;
+    this.buttons.forEach((button, i) => {
+      const option = this.options[i]!;
       button.disabled = true;
-      button.classList.toggle("right", option.stroke === value.better);
+      button.classList.toggle("right", option === best);
       button.classList.toggle("wrong", option === given && !right);
-      const wasPlayed = option.stroke === played.stroke ? " · played" : "";
-      button.lastElementChild!.textContent = `wins ${percent(option.best)}${wasPlayed}`;
+      button.lastElementChild!.textContent = `${percent(option.best)}${option === played ? " · played" : ""}`;
     });
-    this.hooks.reveal(question);
-    const best = value.options.find((option) => option.stroke === value.better)!;
-    const verdict = right ? "Correct." : `Better: ${name(best)}. The regret of your stroke is ${percent(given.regret)}.`;
-    const next = h("button", { onclick: () => this.next() }, this.left.length ? "Next" : "Show accuracy");
+    this.hooks.point(best);
+    this.hooks.reveal(stroke);
+    const lost = (option: Option) => percent(best.best - option.best);
+    const verdict = right ? "Correct." : `Better: ${name(best)}; yours loses ${lost(given)}.`;
+    const support = Math.round(Math.min(best.support!, played.support!));
+    const { playInstead, playFrom } = this.hooks;
+    const next = h("button", { onclick: () => void this.next() }, this.left.length ? "Next question" : "Show accuracy");
     this.element.append(
       h(
         "p",
-        { style: "margin:8px 0" },
-        `${verdict} The regret of the stroke played is ${percent(value.regret)}. ${value.sure}`,
+        {},
+        `${verdict} The stroke played loses ${lost(played)}. Percentages: winning the rally with perfect play afterwards. ` +
+          `At least ${support.toLocaleString("en")} real strokes stand behind both.`,
       ),
-      next,
+      h(
+        "div",
+        { class: "row" },
+        next,
+        playInstead ? h("button", { onclick: () => playInstead(stroke, best.stroke) }, "Play the better one") : null,
+        h("button", { onclick: () => void playFrom(stroke) }, "Play what was played"),
+      ),
     );
-    next.focus();
+    next.focus({ preventScroll: true });
   }
 
   private tellAccuracy(): void {
-    this.current = null;
+    this.question = null;
     const accuracy = this.analysis!.accuracy.map((share, seat) =>
       h(
         "p",
         {},
-        h("b", { class: seat ? "b" : "a" }, this.rally!.names[seat]!),
+        h("b", { class: seat ? "b" : "a" }, displayName(this.rally!.names[seat]!)),
         share === null ? ": no strokes" : `: accuracy ${percent(share)}`,
       ),
     );
-    const score = this.asked ? `${this.right} of ${this.asked} correct.` : "No decision of this rally has a large regret.";
-    const done = h("button", { onclick: () => this.hooks.finish() }, "Next rally");
+    const score = this.asked ? `${this.right} of ${this.asked} correct.` : "No decision of this rally is worth a question.";
+    const done = h("button", { onclick: () => this.hooks.nextRally() }, "Next rally");
     replaceChildren(
       this.element,
-      h("h2", {}, "Find the better stroke"),
+      h("h2", {}, term("accuracy", "Accuracy")),
       h("p", {}, score),
       ...accuracy,
       h("p", { class: "quiet" }, "Accuracy: 100 % is perfect play, 0 % the worst stroke at every decision."),
       done,
     );
     this.hooks.reveal(Infinity);
-    done.focus();
+    done.focus({ preventScroll: true });
   }
 }

@@ -8,7 +8,7 @@ import { h } from "./dom";
 import { Motion } from "./motion";
 import type { Source, Wanted } from "./rallies";
 import { openShared, readShared, type Shared, sharedPage, ungzipped } from "./share";
-import type { Analysis, Hello, RallyFacts, RallyRequest, Styles } from "./wire.gen";
+import type { Analysis, Hello, MatchReply, RallyFacts, RallyRequest, Styles } from "./wire.gen";
 
 declare global {
   interface Window {
@@ -41,6 +41,7 @@ async function served(): Promise<{ hello: Hello; source: Source }> {
     analysis: async (wanted) => (await server.ask("analysis", query(wanted))).facts,
     options: async (wanted) => (await server.ask("options", query(wanted))).facts.options,
     styles: async (wanted) => (await server.ask("styles", query(wanted))).facts,
+    match: async (wanted) => (await server.ask("match", { ...query(wanted), partial: false })).facts,
     model,
     share: async (rallies, title, hash, progress) => {
       const [script = "", style = ""] = await Promise.all(
@@ -56,6 +57,10 @@ async function served(): Promise<{ hello: Hello; source: Source }> {
         replies.set(`analysis ${wanted.rally}`, (await server.ask("analysis", query(wanted))).raw);
         if (wanted.plan && !replies.has("styles")) {
           replies.set("styles", (await server.ask("styles", query(wanted))).raw);
+          if (rallies.length > 1) {
+            const last = { ...query(rallies.at(-1)!), partial: true };
+            replies.set("match", (await server.ask("match", last)).raw);
+          }
         }
       }
       const models = new Map(await Promise.all([...athletes].map(async (name) => [name, await model(name)] as const)));
@@ -82,6 +87,7 @@ async function saved(shared: Shared): Promise<{ hello: Hello; source: Source }> 
     analysis: async ({ rally }) => (await find<Analysis>(`analysis ${rally}`)).facts,
     options: () => Promise.reject(new Error("a saved page cannot play; start the server")),
     styles: async () => (await find<Styles>("styles")).facts,
+    match: async () => (await find<MatchReply>("match")).facts,
     model: (athlete) => ungzipped(shared.models[athlete]!),
     share: null,
   };

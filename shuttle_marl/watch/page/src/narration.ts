@@ -1,6 +1,7 @@
 // Text description of a rally, for screen readers and text mode.
 
-import { percent, words } from "./dom";
+import { does, percent, words } from "./dom";
+import { displayName } from "./names";
 import type { RallyFacts } from "./wire.gen";
 
 /** One stroke as a sentence. */
@@ -8,8 +9,8 @@ export function strokeSentence(rally: RallyFacts, i: number): string {
   const stroke = rally.strokes[i]!;
   const effort = stroke.effort ? `, ${stroke.effort} previous attack${stroke.effort > 1 ? "s" : ""}` : "";
   return (
-    `${i + 1}. ${rally.names[stroke.seat]}: ${words(stroke.shot)} to ${words(stroke.area)}, ${words(stroke.technique)} from ` +
-    `${stroke.height} the net, ${Math.round(3.6 * stroke.speed)} km/h; P(success) ${percent(stroke.p_succ)}, P(returned) ${percent(stroke.p_ret)}${effort}.`
+    `${i + 1}. ${displayName(rally.names[stroke.seat]!)}: ${words(stroke.shot)} to ${words(stroke.area)}, ${words(stroke.technique)} from ` +
+    `${stroke.height} the net, ${Math.round(3.6 * stroke.speed)} km/h; in ${percent(stroke.p_succ)}, comes back ${percent(stroke.p_ret)}${effort}.`
   );
 }
 
@@ -19,10 +20,20 @@ export function endSentence(rally: RallyFacts): string {
     return "";
   }
   const last = rally.strokes.at(-1)!;
-  const how = { winner: "is not returned", out: "lands out", net: "goes into the net" }[last.end] ?? "ends the rally";
-  return `${rally.names[rally.winner]} wins the rally: the ${words(last.shot)} ${how}. ${rally.after.points[0]} to ${rally.after.points[1]}.`;
+  const how = ending(last.end);
+  return `${does(displayName(rally.names[rally.winner]!), "win", true)} the rally: the ${words(last.shot)} ${how}. ${rally.after.points[0]} to ${rally.after.points[1]}.`;
+}
+
+function ending(end: string): string {
+  return { winner: "is not returned", out: "lands out", net: "goes into the net" }[end] ?? "ends the rally";
+}
+
+/** Why a rally ended, in a few words: "smash not returned". */
+export function reason(rally: RallyFacts): string {
+  const last = rally.strokes.at(-1)!;
+  return `${words(last.shot)} ${ending(last.end).replace("is not", "not").replace("goes into", "into").replace("lands ", "")}`;
 }
 
 export function startSentence(rally: RallyFacts): string {
-  return `Rally ${rally.number + 1}, ${rally.points[0]} to ${rally.points[1]}, games ${rally.games[0]} to ${rally.games[1]}. ${rally.names[rally.server]} serves.`;
+  return `Rally ${rally.number + 1}, ${rally.points[0]} to ${rally.points[1]}, games ${rally.games[0]} to ${rally.games[1]}. ${does(displayName(rally.names[rally.server]!), "serve", true)}.`;
 }

@@ -1,7 +1,7 @@
 // Cache of requested rallies; replies that a later request supersedes are dropped.
 
 import type { Motion } from "./motion";
-import type { Analysis, Option, Person, Plan, RallyFacts, Styles } from "./wire.gen";
+import type { Analysis, MatchReply, Option, Person, Plan, RallyFacts, Styles } from "./wire.gen";
 
 /** A requested rally: of a match by its plan, or a recorded one. */
 export interface Wanted {
@@ -22,6 +22,7 @@ export interface Source {
   analysis(wanted: Wanted): Promise<Analysis>;
   options(wanted: Wanted): Promise<Option[]>;
   styles(wanted: Wanted): Promise<Styles>;
+  match(wanted: Wanted): Promise<MatchReply>;
   model(athlete: string): Promise<ArrayBuffer>;
   /** Creates a page that opens from disk with these rallies; null on such a page. */
   share: ((wanted: Wanted[], title: string, hash: string, progress: (done: number) => void) => Promise<Blob>) | null;
@@ -39,11 +40,13 @@ export class Rallies {
   /**
    * @param prepare awaited before a rally is shown.
    * @param failed receives errors.
+   * @param waits told when a requested rally is awaited, and when it is there.
    */
   constructor(
     private readonly source: Source,
     private readonly prepare: (rally: RallyFacts) => Promise<void>,
     private readonly failed: (error: Error) => void,
+    private readonly waits: (pending: boolean) => void,
   ) {}
 
   load(wanted: Wanted, before: Motion | null = null): Promise<Shown> {
@@ -64,6 +67,7 @@ export class Rallies {
   async fetch(wanted: Wanted, before: Motion | null = null, undo: () => void = () => {}): Promise<Shown | null> {
     const request = ++this.request;
     this.pending = true;
+    this.waits(true);
     try {
       const shown = await this.load(wanted, before);
       await this.prepare(shown.rally);
@@ -77,6 +81,7 @@ export class Rallies {
     } finally {
       if (request === this.request) {
         this.pending = false;
+        this.waits(false);
       }
     }
   }

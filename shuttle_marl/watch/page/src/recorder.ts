@@ -14,6 +14,10 @@ export class Recorder {
 
   constructor(private readonly done: (film: Blob, name: string) => void) {}
 
+  get isRunning(): boolean {
+    return this.running !== null;
+  }
+
   start(canvas: HTMLCanvasElement, name: string): void {
     const parts: Blob[] = [];
     const recorder = new MediaRecorder(canvas.captureStream(50), { mimeType: filmFormat()!, videoBitsPerSecond: RATE });

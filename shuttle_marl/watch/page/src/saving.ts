@@ -1,23 +1,30 @@
 // Exports: link, picture, video, page.
 
+import { cardSize, drawCard } from "./card";
+import type { Frames } from "./frame";
 import type { Layout } from "./layout";
 import type { Player } from "./player";
 import type { Source } from "./rallies";
 import { Recorder } from "./recorder";
+import type { Screen } from "./screen";
 import { save } from "./share";
-import type { Stage } from "./stage";
 import type { Timeline } from "./timeline";
 
 export class Saving {
   private readonly recorder = new Recorder(save);
+  private readonly card = document.createElement("canvas");
 
   constructor(
     private readonly course: Timeline,
     private readonly player: Player,
-    private readonly stage: Stage | null,
+    private readonly frames: Frames,
     private readonly source: Source,
-    private readonly layout: Layout,
+    private readonly screen: Screen,
   ) {}
+
+  private get layout(): Layout {
+    return this.screen.layout;
+  }
 
   get link(): string {
     return this.course.link(this.player.stroke);
@@ -34,28 +41,65 @@ export class Saving {
     this.layout.say("Link copied; it contains seed, rally and stroke");
   }
 
-  /** Saves the current frame. */
-  picture(): void {
+  /** Draws the current moment into the card. */
+  private drawCard(): void {
+    const { stage } = this.frames;
+    const { moment } = this.screen;
+    if (stage && moment) {
+      drawCard(this.card, stage.canvas, moment);
+    }
+  }
+
+  private prepare(size: [number, number]): void {
+    [this.card.width, this.card.height] = size;
+    this.frames.fix(size);
+  }
+
+  /** Saves the current moment, in full high definition on any machine. */
+  picture(draw: () => void): void {
+    this.layout.showText(false);
+    this.prepare(cardSize());
+    draw();
+    this.drawCard();
+    this.frames.fix(null);
     const name = `rally-${this.course.number + 1}.png`;
-    this.stage?.canvas.toBlob((picture) => picture && save(picture, name));
+    this.card.toBlob((picture) => picture && save(picture, name));
   }
 
   /** Plays the rally from its start at the selected speed and records it. */
   film(): void {
-    if (!this.stage) {
+    if (!this.frames.stage) {
       return;
     }
     this.layout.showText(false);
     this.recorder.stop();
     this.player.seek(0);
     this.player.playing = true;
-    this.recorder.start(this.stage.canvas, `rally-${this.course.number + 1}.webm`);
+    this.prepare(cardSize());
+    this.recorder.start(this.card, `rally-${this.course.number + 1}.webm`);
     this.layout.say("recording until the rally ends or is paused");
+  }
+
+  /** Fills the window with the card, for a video. */
+  fillWindow(): void {
+    this.card.className = "card";
+    this.layout.court.append(this.card);
+    this.prepare([innerWidth, innerHeight]);
+  }
+
+  /** Adds the frame that was drawn to the film. */
+  drawn(): void {
+    if (this.recorder.isRunning || this.card.isConnected) {
+      this.drawCard();
+    }
   }
 
   /** Stops a running recording. */
   endFilm(): void {
-    this.recorder.stop();
+    if (this.recorder.isRunning) {
+      this.recorder.stop();
+      this.frames.fix(null);
+    }
   }
 
   /** Saves the rally, or the match up to it, as a page that opens from disk. */

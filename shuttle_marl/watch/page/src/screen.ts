@@ -1,23 +1,34 @@
 // View of a rally at a given time: the court, its overlays, and the panels.
 
-import { Chances, Curve, LandingMap, MoveList, OptionTable } from "./analysis";
+import { Curve, MoveList, OptionTable, winAt } from "./analysis";
 import { Board } from "./board";
-import { Chip, cameraButtons, ScoreBug } from "./court_view";
-import { h, replaceChildren } from "./dom";
+import type { Moment } from "./card";
+import { Chip, cameraButtons, ScoreBug, SpeedLabel } from "./court_view";
+import { does, h, replaceChildren } from "./dom";
 import type { Frames } from "./frame";
 import { type Hooks, Layout, MODES, type Mode } from "./layout";
 import { Learn } from "./learn";
-import { endSentence, startSentence, strokeSentence } from "./narration";
+import { MatchPanel } from "./match_panel";
+import { displayName } from "./names";
+import { endSentence, reason, startSentence, strokeSentence } from "./narration";
 import { EARLY, type Player } from "./player";
+import { RallyBrowser } from "./rally_browser";
 import { SideCard, StylePanel } from "./sides";
+import { Sound } from "./sound";
 import type { Camera, Stage } from "./stage";
-import type { Analysis, Hello, Option, RallyFacts, Side, Turn } from "./wire.gen";
+import { Chances, LandingMap } from "./stroke_panels";
+import type { Analysis, Hello, Option, RallyFacts, Side, Styles, Turn } from "./wire.gen";
 
 export interface Acts extends Hooks {
   camera(camera: Camera): void;
   seekStroke(stroke: number): void;
+  /** Shows a rally, from a stroke or from its start. */
+  open(rally: number, stroke: number | null): void;
   whatIf(stroke: number): void;
-  backToPlayed(): void;
+  /** Shows the rally as it was played, if a stroke was tried. */
+  backToPlayed(): Promise<void>;
+  /** Plays the rally from shortly before a stroke. */
+  playFrom(stroke: number): void;
   changeSide(seat: number, side: Side): void;
   takeOver(seat: number): void;
   hit(stroke: number): void;
@@ -35,10 +46,15 @@ export class Screen {
   readonly layout: Layout;
   readonly learn: Learn;
   readonly board: Board;
+  readonly match: MatchPanel;
+  /** Rallies of a recorded match; null in a match between policies. */
+  readonly browser: RallyBrowser | null;
   readonly styles = new StylePanel();
+  private readonly sound = new Sound();
   private readonly modes: readonly Mode[];
   private readonly bug = new ScoreBug();
   private readonly chip = new Chip();
+  private readonly speed = new SpeedLabel();
   private readonly cameras;
   private readonly curve: Curve;
   private readonly moves: MoveList;
@@ -68,11 +84,17 @@ export class Screen {
     const match = hello.recorded === null;
     this.modes = match && live ? MODES : MODES.slice(0, 3);
     this.cameras = cameraButtons((camera) => acts.camera(camera));
-    this.curve = new Curve((time) => acts.seek(time));
     this.moves = new MoveList((stroke) => acts.seekStroke(stroke));
-    this.options = new OptionTable((stroke) => acts.whatIf(stroke));
+    this.options = new OptionTable(live ? (stroke) => acts.whatIf(stroke) : null);
+    this.match = new MatchPanel((rally, stroke) => acts.open(rally, stroke));
+    this.browser = match || !live ? null : new RallyBrowser((rally) => acts.open(rally, null));
     this.landing = new LandingMap(hello.hall);
-    this.back = h("button", { class: "back hidden", onclick: () => acts.backToPlayed() }, "What if · back to the played rally");
+    this.back = h(
+      "button",
+      { class: "back hidden", onclick: () => void acts.backToPlayed() },
+      "What if · back to the played rally",
+    );
+    this.curve = new Curve((time) => acts.seek(time), this.back);
     const card = (seat: number) =>
       new SideCard(
         seat,
@@ -84,7 +106,19 @@ export class Screen {
     this.learn = new Learn({
       stopBefore: (stroke) => this.stopBefore(stroke),
       reveal: (upTo) => this.reveal(upTo),
-      finish: () => acts.rally(1),
+      nextRally: () => acts.rally(1),
+      point: (option) => this.point(option),
+      playFrom: async (stroke) => {
+        await acts.backToPlayed();
+        acts.playFrom(stroke);
+      },
+      playInstead: live
+        ? (stroke, other) => {
+            acts.seekStroke(stroke);
+            acts.whatIf(other);
+          }
+        : null,
+      back: () => acts.backToPlayed(),
     });
     this.board = new Board(hello.hall, {
       hit: (stroke) => acts.hit(stroke),
@@ -94,9 +128,14 @@ export class Screen {
     this.layout = new Layout(
       {
         canvas: stage?.canvas ?? null,
-        overlays: [this.bug.element, this.cameras.element, this.chip.element, this.chip.speed, this.back, this.board.element],
-        left: [...(match && live ? this.sides.map((side) => side.element) : []), match ? this.styles.element : null],
-        right: [this.learn.element, this.moves.element, this.options.element, this.chances.element, this.landing.element],
+        overlays: [this.bug.element, this.cameras.element, this.chip.element, this.chip.speed, this.speed.element],
+        left: [
+          ...(match && live ? this.sides.map((side) => side.element) : []),
+          match ? this.styles.element : null,
+          this.browser?.element ?? null,
+        ],
+        task: [this.learn.element, this.board.element],
+        right: [this.match.element, this.moves.element, this.options.element, this.chances.element, this.landing.element],
         curve: this.curve.element,
       },
       this.modes,
@@ -104,12 +143,13 @@ export class Screen {
       live,
       match && live,
     );
-    this.layout.showMode(this.mode, this.modes);
+    this.layout.showMode(this.mode);
     this.layout.showText(!stage);
     stage?.canvas.addEventListener("click", (event) => {
       const place = stage.floorAt(event.clientX, event.clientY);
-      if (place && this.board.turn && !stage.dragged) {
+      if (place && !stage.dragged) {
         this.board.aimAt(...place);
+        this.learn.answerAt(...place);
       }
     });
     new ResizeObserver(() => this.resize()).observe(this.layout.court);
@@ -123,9 +163,17 @@ export class Screen {
     }
   }
 
+  /** Switches the sound. */
+  toggleSound(): void {
+    this.layout.showSound(this.sound.toggle());
+  }
+
   showMode(mode: Mode): void {
     this.mode = mode;
-    this.layout.showMode(mode, this.modes);
+    if (mode !== "analyse") {
+      this.match.show(null, ["", ""], 0);
+    }
+    this.layout.showMode(mode);
   }
 
   /**
@@ -140,11 +188,16 @@ export class Screen {
     this.ended = false;
     this.analysis = null;
     this.saidStroke = -2;
-    this.hidden = this.mode === "learn" ? 0 : null;
-    this.learn.end();
+    const quiz = this.mode === "learn" && this.learn.covers(rally);
+    this.hidden = this.mode === "learn" && !quiz ? 0 : null;
+    if (!quiz) {
+      this.learn.end();
+    }
     this.board.show(null);
     this.layout.quiet();
     this.layout.scrubber.max = String(this.player.duration);
+    this.board.playing = seat !== null;
+    this.browser?.show(null, rally.number);
     this.layout.what.textContent = `${rally.names[0]} (A) v ${rally.names[1]} (B) · ${where} · rally ${rally.number + 1}`;
     sides?.forEach((side, i) => this.sides[i]!.show(side, seat === i));
     this.layout.tellFromStart(startSentence(rally));
@@ -159,6 +212,33 @@ export class Screen {
     if (this.mode === "learn") {
       this.learn.begin(this.rally!, analysis);
     }
+  }
+
+  /** What a picture of the current moment shows; null before the first rally. */
+  get moment(): Moment | null {
+    const { rally, player } = this;
+    if (!rally) {
+      return null;
+    }
+    const win = winAt(rally, this.hidden === null ? this.analysis : null, player.time);
+    return { rally, stroke: player.stroke, over: this.isOver(rally), win };
+  }
+
+  private isOver(rally: RallyFacts): boolean {
+    return rally.winner !== null && this.player.time >= (rally.strokes.at(-1)?.end_time ?? Infinity);
+  }
+
+  /** Draws the target and the flight of an answer. */
+  private point(option: Option | null): void {
+    const stroke = this.rally?.strokes[this.learn.current ?? -1];
+    const pointed = option && stroke ? { box: option.box, from: stroke.contact, shot: option.shot } : null;
+    this.frames.aim = pointed?.box ?? null;
+    this.frames.flight = pointed;
+  }
+
+  showStyles(styles: Styles): void {
+    this.styles.show(styles);
+    styles.strength.forEach((share, seat) => this.sides[seat]!.showStrength(share));
   }
 
   private showValues(): void {
@@ -198,12 +278,13 @@ export class Screen {
       return;
     }
     this.moves.keepInView();
-    const over = rally.winner !== null && player.time >= (rally.strokes.at(-1)?.end_time ?? Infinity);
+    const over = this.isOver(rally);
     this.bug.show(rally, over);
     this.chip.show(rally, player.stroke);
     this.curve.move(player.time);
     if (this.stage) {
       this.cameras.show(this.stage.camera);
+      this.speed.show(rally, player.stroke, player.time, this.stage);
     }
     const time = player.waits ? player.duration - EARLY : player.time;
     this.layout.scrubber.value = String(time);
@@ -218,9 +299,6 @@ export class Screen {
     if (rally.turn && rally.turn !== this.answered && player.stroke === rally.turn.number - 1) {
       this.board.show(rally.turn);
     }
-    if (this.stage) {
-      this.stage.raised = this.board.turn ? 0.2 : 0;
-    }
     const question = this.learn.current;
     if (question !== null && !player.playing && Math.abs(player.time - (rally.strokes[question]!.time - BEFORE)) < 0.05) {
       this.learn.ask();
@@ -228,6 +306,9 @@ export class Screen {
   }
 
   private showStroke(rally: RallyFacts, stroke: number): void {
+    if (this.player.playing && stroke > this.saidStroke && stroke >= 0) {
+      this.sound.hit(rally.strokes[stroke]!.speed);
+    }
     if (this.mode === "play") {
       this.showValues();
     }
@@ -235,7 +316,7 @@ export class Screen {
     const at = Math.max(stroke, 0);
     const known = this.hidden === null ? this.mode !== "play" || rally.winner !== null : at < this.hidden;
     this.moves.mark(stroke);
-    this.options.show(rally, at, known ? this.analysis?.strokes[at] : undefined);
+    this.options.show(rally, at, known ? this.analysis?.strokes[at] : undefined, this.mode === "learn");
     this.chances.show(rally, at);
     const landing = known ? (this.analysis?.landings[at]?.[rally.strokes[at]?.seat ?? 0] ?? null) : null;
     this.landing.show(rally, at, landing);
@@ -248,12 +329,20 @@ export class Screen {
   private rallyEnded(rally: RallyFacts): void {
     const after = rally.after!;
     this.ended = true;
-    const won = after.over ? "wins the match" : after.game_won ? "wins the game" : "wins the rally";
+    if (this.player.playing) {
+      this.sound[rally.strokes.at(-1)?.end === "net" ? "net" : "bounce"]();
+      this.sound.crowd(rally.strokes.length);
+    }
+    const won = after.over ? " the match" : after.game_won ? " the game" : " the rally";
     replaceChildren(
       this.layout.banner,
-      h("b", { class: rally.winner ? "b" : "a" }, rally.names[rally.winner!]!),
-      ` ${won}`,
-      h("small", {}, `${after.points[0]} – ${after.points[1]}${after.over && this.live ? " · n: new match" : ""}`),
+      h("b", { class: rally.winner ? "b" : "a" }, does(displayName(rally.names[rally.winner!]!), "win", true)),
+      won,
+      h(
+        "small",
+        {},
+        `${reason(rally)} · ${after.points[0]} – ${after.points[1]}${after.over && this.live ? " · n: new match" : ""}`,
+      ),
     );
     this.layout.banner.classList.remove("hidden");
     this.layout.tell(endSentence(rally));

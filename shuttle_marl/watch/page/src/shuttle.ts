@@ -3,10 +3,15 @@
 import * as THREE from "three";
 import { at, joined } from "./hall";
 import type { Motion } from "./motion";
-import type { HallFacts, Vec3 } from "./wire.gen";
+import type { HallFacts, Stroke, Vec3 } from "./wire.gen";
 
 const TRAIL = 0.42; // [s]
-const POINTS = 40;
+const SMASH_TRAIL = 0.8; // of fast strokes [s]
+const FAST = 45; // [m/s]
+const WIDTH = 0.075; // half width of the trail [m]
+const SMALLEST = 6; // diameter of the shuttle on the screen [px]
+const DIAMETER = 0.065; // [m]
+const POINTS = 48;
 const FORWARD = new THREE.Vector3(0, 1, 0);
 
 export class Shuttle {
@@ -15,6 +20,7 @@ export class Shuttle {
   readonly shade: THREE.Mesh;
   private readonly position: THREE.BufferAttribute;
   private readonly colours: THREE.BufferAttribute;
+  private readonly scale: number;
   private readonly place: Vec3 = [0, 0, 0];
   private readonly way: Vec3 = [0, 0, 0];
 
@@ -24,6 +30,7 @@ export class Shuttle {
     feathers: count,
     feather: [[near, narrow, ahead], [far, wide, behind]],
   }: HallFacts["shuttle"]) {
+    this.scale = scale;
     // The cork points along y; the origin lies in the cork.
     const cork = new THREE.Mesh(
       joined([
@@ -55,7 +62,6 @@ export class Shuttle {
     );
     cork.castShadow = skirt.castShadow = true;
     this.root.add(cork, skirt);
-    this.root.scale.setScalar(scale);
     this.shade = new THREE.Mesh(
       new THREE.CircleGeometry(0.075, 20).rotateX(-Math.PI / 2),
       new THREE.MeshBasicMaterial({ color: 0x000000, transparent: true, opacity: 0.5, depthWrite: false }),
@@ -84,22 +90,45 @@ export class Shuttle {
     this.trail.frustumCulled = false;
   }
 
-  /** Moves to the position at a time; the trail starts at the last contact. */
-  show(motion: Motion, time: number, since: number, moving: boolean, colour: THREE.Color, eye: THREE.Vector3): void {
+  /**
+   * Moves to the position at a time.
+   * @param flight the last stroke, along which the trail is drawn; null: the shuttle rests. When paused, the whole flight is drawn.
+   * @param pixels size of one metre at a distance of one metre on the screen [px].
+   */
+  show(
+    motion: Motion,
+    time: number,
+    flight: Stroke | null,
+    paused: boolean,
+    colour: THREE.Color,
+    eye: THREE.Vector3,
+    pixels: number,
+  ): void {
     this.root.position.copy(at(...motion.shuttleAt(time, this.place)));
+    const size = (pixels * DIAMETER) / Math.max(0.1, this.root.position.distanceTo(eye));
+    this.root.scale.setScalar(this.scale * Math.max(1, SMALLEST / size));
     const heading = at(...motion.headingAt(time, this.way)).normalize();
     this.root.quaternion.setFromUnitVectors(FORWARD, heading);
     this.shade.position.set(this.root.position.x, 0.006, this.root.position.z);
     const height = this.root.position.y;
     this.shade.scale.setScalar(1 + 0.12 * height);
     (this.shade.material as THREE.MeshBasicMaterial).opacity = 0.55 / (1 + 0.35 * height);
-    this.trail.visible = moving;
-    if (moving) {
-      this.drawTrail(motion, time, Math.max(since, time - TRAIL), colour, eye);
+    this.trail.visible = flight !== null;
+    if (flight) {
+      const lasts = paused ? Infinity : flight.speed >= FAST ? SMASH_TRAIL : TRAIL;
+      const end = paused ? Math.max(time, flight.end_time) : time;
+      this.drawTrail(motion, end, Math.max(flight.time, time - lasts), colour, eye, paused);
     }
   }
 
-  private drawTrail(motion: Motion, time: number, start: number, colour: THREE.Color, eye: THREE.Vector3): void {
+  private drawTrail(
+    motion: Motion,
+    time: number,
+    start: number,
+    colour: THREE.Color,
+    eye: THREE.Vector3,
+    whole: boolean,
+  ): void {
     const point: Vec3 = [0, 0, 0];
     const here = new THREE.Vector3();
     const before = new THREE.Vector3();
@@ -113,21 +142,49 @@ export class Shuttle {
       aside
         .crossVectors(along, before.subVectors(eye, here))
         .normalize()
-        .multiplyScalar(0.032 * (0.12 + 0.88 * u));
+        .multiplyScalar(WIDTH * (whole ? 0.4 : 0.12 + 0.88 * u));
       this.position.setXYZ(2 * i, here.x + aside.x, here.y + aside.y, here.z + aside.z);
       this.position.setXYZ(2 * i + 1, here.x - aside.x, here.y - aside.y, here.z - aside.z);
       for (const k of [2 * i, 2 * i + 1]) {
-        this.colours.setXYZW(k, colour.r, colour.g, colour.b, 0.75 * u * u);
+        this.colours.setXYZW(k, colour.r, colour.g, colour.b, whole ? 0.5 : 0.75 * u * u);
       }
     }
     this.position.needsUpdate = this.colours.needsUpdate = true;
   }
 }
 
+/** A stroke that is pointed at: its contact [m], target area and shot. */
+export interface Flight {
+  from: Vec3;
+  box: [number, number, number, number];
+  shot: string;
+}
+
+/** Height by which the sketch of a flight rises above the straight line [m]. */
+const RISE: Record<string, number> = { clear: 3.2, lift: 4.2, "long-serve": 4.5, drop: 0.5, drive: 0.25, push: 0.6 };
+const OVER_NET = 1.65; // smallest height of a sketch above the net [m]
+const SKETCH = 32;
+
+/** Points of the sketch of a flight: a parabola over the net to the middle of the target. */
+function sketch({ from: [x, y, z], box: [x0, x1, y0, y1], shot }: Flight): THREE.Vector3[] {
+  const [tx, ty] = [(x0 + x1) / 2, (y0 + y1) / 2];
+  const net = y / (y - ty);
+  const needed = (OVER_NET - (1 - net) * z) / (4 * net * (1 - net));
+  const rise = Math.max(RISE[shot] ?? 0, needed, 0);
+  return Array.from({ length: SKETCH }, (_, i) => {
+    const t = i / (SKETCH - 1);
+    return at(x + t * (tx - x), y + t * (ty - y), Math.max(0.02, (1 - t) * z + 4 * rise * t * (1 - t)));
+  });
+}
+
 /** Markers of the target area of a stroke and of the point where a rally ended. */
 export class Marks {
   readonly area: THREE.Group;
   readonly landing: THREE.Mesh;
+  readonly flight = new THREE.Line(
+    new THREE.BufferGeometry(),
+    new THREE.LineDashedMaterial({ color: 0xfbbf24, dashSize: 0.25, gapSize: 0.15, fog: false }),
+  );
   private readonly fill: THREE.Mesh<THREE.PlaneGeometry, THREE.MeshBasicMaterial>;
   private readonly edge: THREE.LineLoop<THREE.BufferGeometry, THREE.LineBasicMaterial>;
 
@@ -156,6 +213,15 @@ export class Marks {
       this.area.scale.set(x1 - x0, 1, y1 - y0);
       this.fill.material.color.copy(colour);
       this.edge.material.color.copy(colour);
+    }
+  }
+
+  showFlight(flight: Flight | null): void {
+    this.flight.visible = flight !== null;
+    this.flight.frustumCulled = false;
+    if (flight) {
+      this.flight.geometry.setFromPoints(sketch(flight));
+      this.flight.computeLineDistances();
     }
   }
 

@@ -1,7 +1,8 @@
 // Selection of both players, and bars of their playing styles.
 
-import { h, percent, replaceChildren, words } from "./dom";
-import { COLOURS } from "./stage";
+import { h, percent, replaceChildren, sideColour, words } from "./dom";
+import { term } from "./glossary";
+import { displayName, grouped } from "./names";
 import type { Side, Styles } from "./wire.gen";
 
 export class SideCard {
@@ -10,13 +11,18 @@ export class SideCard {
   private readonly slider: HTMLInputElement;
   private readonly output = h("output");
   private readonly take: HTMLButtonElement;
+  private readonly identifier = h("code");
+  private readonly strength = h("span");
+  private readonly meter = h("span", { class: "meter" });
 
   constructor(seat: number, policies: string[], change: (side: Side) => void, takeOver: () => void) {
     const name = "AB"[seat]!;
     this.select = h(
       "select",
       { "aria-label": `Player of side ${name}` },
-      ...policies.map((policy) => h("option", { value: policy }, policy)),
+      ...grouped(policies).map(([group, members]) =>
+        h("optgroup", { label: group }, ...members.map((policy) => h("option", { value: policy }, displayName(policy)))),
+      ),
     );
     this.slider = h("input", {
       type: "range",
@@ -24,7 +30,7 @@ export class SideCard {
       max: 2,
       step: 0.1,
       value: 1,
-      "aria-label": `Temperature of side ${name}`,
+      "aria-label": `Variety: temperature of side ${name}`,
     });
     const changed = () => {
       this.output.textContent = label(Number(this.slider.value));
@@ -41,32 +47,40 @@ export class SideCard {
     );
     this.element = h(
       "section",
-      { class: "panel side", style: `--mine:${COLOURS[seat]}`, "aria-label": `Side ${name}` },
+      { class: "panel side", style: `--mine:${sideColour(seat)}`, "aria-label": `Side ${name}` },
       h("h2", {}, h("span", {}, `Side ${name}`), h("b", {}, seat ? "far court" : "near court")),
       this.select,
-      h("label", {}, "temperature", this.slider, this.output),
+      h("p", { class: "identifier" }, this.identifier, this.strength),
+      this.meter,
+      h("div", { class: "variety" }, term("variety"), this.slider, this.output),
       this.take,
     );
   }
 
   show(side: Side, person: boolean): void {
     if (![...this.select.options].some((option) => option.value === side.policy)) {
-      this.select.append(h("option", { value: side.policy }, side.policy));
+      this.select.append(h("option", { value: side.policy }, displayName(side.policy)));
     }
     this.select.value = side.policy;
+    this.identifier.textContent = side.policy;
     this.slider.value = String(side.temperature);
     this.output.textContent = label(side.temperature);
+    if (person) {
+      this.identifier.textContent = `you replace ${side.policy}`;
+    }
     this.take.setAttribute("aria-pressed", String(person));
     this.take.firstElementChild!.textContent = person ? "Hand back" : "Take over";
   }
 
-  set disabled(value: boolean) {
-    this.select.disabled = this.slider.disabled = this.take.disabled = value;
+  /** Shows the share of rallies that the player wins against the average pro. */
+  showStrength(share: number): void {
+    replaceChildren(this.strength, term("strength", `strength ${percent(share)}`));
+    replaceChildren(this.meter, h("i", { style: `width:${100 * share}%;background:var(--mine)` }));
   }
 }
 
 function label(temperature: number): string {
-  return temperature === 0 ? "greedy" : temperature.toFixed(1);
+  return temperature === 0 ? "none" : temperature.toFixed(1);
 }
 
 function bar(
@@ -90,7 +104,7 @@ function bar(
 }
 
 export class StylePanel {
-  readonly element = h("section", { class: "panel", "aria-label": "Style of both players" });
+  readonly element = h("section", { class: "panel styles", "aria-label": "Style of both players" });
 
   constructor() {
     this.show(null);
@@ -104,7 +118,7 @@ export class StylePanel {
     const most = Math.max(...styles.shots.flatMap(({ values, reference }) => [...values, reference ?? 0]));
     replaceChildren(
       this.element,
-      h("h2", {}, h("span", {}, "Style"), h("span", {}, "A | B")),
+      h("h2", {}, term("style", "Style"), h("span", {}, "A | B")),
       h(
         "div",
         { class: "bars" },
@@ -112,7 +126,12 @@ export class StylePanel {
           bar(name, values, reference, Math.max(...values, reference ?? 0, 1e-9), percent),
         ),
       ),
-      h("h3", { style: "margin-top:10px" }, h("span", {}, "Shot mix"), h("span", { style: "color:var(--gold)" }, "| elite")),
+      h(
+        "h3",
+        { style: "margin-top:10px" },
+        term("shot mix", "Shot mix"),
+        h("span", { style: "color:var(--gold)" }, "| average pro"),
+      ),
       h(
         "div",
         { class: "bars" },

@@ -7,7 +7,7 @@ import { clone } from "three/addons/utils/SkeletonUtils.js";
 import { Athlete, type Kit } from "./athlete";
 import { at, Backdrop, BEHIND, buildHall, DARK, simplify } from "./hall";
 import type { Motion } from "./motion";
-import { Marks, Shuttle } from "./shuttle";
+import { type Flight, Marks, Shuttle } from "./shuttle";
 import type { HallFacts, RallyFacts, Vec3 } from "./wire.gen";
 
 export const CAMERAS = ["broadcast", "side", "corner", "follow", "top", "free"] as const;
@@ -23,6 +23,7 @@ const TOUCHED = matchMedia("(pointer: coarse)");
 const BLEND = 180; // [ms]
 const CLICK = 5; // maximum pointer movement of a click [px]
 const LATE = 80; // frame time above which software rendering lowers the resolution [ms]
+const CORNERS = 0.4; // tangent of the horizontal angle of a near corner, seen from the broadcast camera
 const FEWER = 0.6; // the lower resolution, as a fraction of the page resolution
 
 interface View {
@@ -45,8 +46,6 @@ export class Stage {
   readonly lite: boolean;
   camera: Camera = "broadcast";
   flipped = false;
-  /** Vertical shift of the picture as a fraction of its height, to make room below. */
-  raised = 0;
   /** Whether the last pointer gesture was a drag. */
   dragged = false;
   private readonly renderer: THREE.WebGLRenderer;
@@ -96,7 +95,14 @@ export class Stage {
     this.renderer.setPixelRatio(this.lite ? 1 : Math.min(window.devicePixelRatio, 2));
     buildHall(this.scene, facts, this.lite);
     this.shuttle = new Shuttle(facts.shuttle);
-    this.scene.add(this.shuttle.root, this.shuttle.trail, this.shuttle.shade, this.marks.area, this.marks.landing);
+    this.scene.add(
+      this.shuttle.root,
+      this.shuttle.trail,
+      this.shuttle.shade,
+      this.marks.area,
+      this.marks.landing,
+      this.marks.flight,
+    );
     this.controls = new OrbitControls(this.eye, this.canvas);
     this.controls.enabled = false;
     this.controls.maxPolarAngle = 0.495 * Math.PI;
@@ -170,8 +176,20 @@ export class Stage {
     this.blend = { motion, time, began: performance.now() };
   }
 
-  /** Draws a rally at a time [s]; `target` replaces the target area of the stroke unless it is null. */
-  draw(rally: RallyFacts, motion: Motion, time: number, target: [number, number, number, number] | null): void {
+  /**
+   * Draws a rally at a time [s].
+   * @param target replaces the target area of the stroke unless it is null.
+   * @param flight flight that is sketched; null: none.
+   * @param paused whether the whole flight of the shuttle is drawn.
+   */
+  draw(
+    rally: RallyFacts,
+    motion: Motion,
+    time: number,
+    target: [number, number, number, number] | null,
+    flight: Flight | null,
+    paused: boolean,
+  ): void {
     if (!this.athletes) {
       return;
     }
@@ -195,18 +213,14 @@ export class Stage {
     const flying = stroke !== undefined && time < stroke.end_time + 0.25;
     const colour = this.colours[stroke?.seat ?? 0]!;
     this.aimAt(rally, motion, time);
-    this.shuttle.show(motion, time, stroke?.time ?? 0, flying, colour, this.eye.position);
+    const pixels = this.canvas.height / this.renderer.getPixelRatio() / (2 * Math.tan((this.eye.fov * Math.PI) / 360));
+    this.shuttle.show(motion, time, flying ? stroke : null, paused, colour, this.eye.position, pixels);
     this.area = target ?? (flying ? stroke.box : null);
+    this.marks.showFlight(flight);
     this.marks.showArea(this.area, target ? new THREE.Color("#fbbf24") : colour);
     const last = rally.strokes.at(-1);
     const over = last !== undefined && rally.winner !== null && time >= last.end_time;
     this.marks.showLanding(over ? last.end_point : null, last?.end === "winner");
-    const { width, height } = this.canvas;
-    if (this.raised) {
-      this.eye.setViewOffset(width, height, 0, this.raised * height, width, height);
-    } else {
-      this.eye.clearViewOffset();
-    }
     // Software rendering draws the static background once per view.
     if (this.lite && this.camera !== "free" && this.camera !== "follow") {
       this.backdrop.render(this.scene, this.eye);
@@ -218,10 +232,10 @@ export class Stage {
     }
   }
 
-  /** Keeps the full resolution from now on, so that the frames of a video depend on the rally only. */
-  drawWhole(): void {
-    this.hurried = false;
-    this.renderer.setPixelRatio(1);
+  /** Whether every frame has the full resolution at one pixel per unit, so that it depends on the rally only. */
+  drawWhole(on: boolean): void {
+    this.hurried = !on;
+    this.renderer.setPixelRatio(on || this.lite ? 1 : Math.min(window.devicePixelRatio, 2));
   }
 
   /** Lowers the resolution after several slow frames. */
@@ -242,12 +256,15 @@ export class Stage {
     this.controls.enabled = this.camera === "free" || !TOUCHED.matches;
     this.canvas.style.touchAction = this.controls.enabled ? "none" : "pan-y";
     if (this.camera === "free") {
+      this.eye.up.copy(THREE.Object3D.DEFAULT_UP);
       if (changed) {
         this.controls.target.copy(this.aim.look);
       }
       this.controls.update();
       return;
     }
+    // From above, the court lies across a wide window.
+    this.eye.up.copy(this.turned ? at(this.flipped ? -1 : 1, 0, 0) : THREE.Object3D.DEFAULT_UP);
     const wanted = this.view(rally, motion, time);
     const share = changed || this.still || this.lite ? 1 : 0.14;
     this.aim.eye.lerp(wanted.eye, this.camera === "follow" ? Math.min(share, 0.2) || 1 : share);
@@ -260,10 +277,16 @@ export class Stage {
     this.eye.lookAt(this.aim.look);
   }
 
+  private get turned(): boolean {
+    return this.camera === "top" && this.eye.aspect > 1.2;
+  }
+
   private view(rally: RallyFacts, motion: Motion, time: number): View {
     const end = this.flipped ? -1 : 1;
     // A narrow window needs a wider angle to hold the whole court.
     const wide = Math.max(1, 1.45 / this.eye.aspect);
+    // The angle at which the broadcast camera sees both near corners.
+    const whole = (360 / Math.PI) * Math.atan(CORNERS / this.eye.aspect);
     switch (this.camera) {
       case "side":
         return { eye: at(-end * 10.2, 0, 2.6), look: at(0, 0, 1.25), fov: 44 * Math.min(wide, 1.6) };
@@ -276,7 +299,13 @@ export class Stage {
         };
       }
       case "top":
-        return { eye: at(0, -end * 0.01, 15.5), look: at(0, 0, 0), fov: 52 * Math.min(wide, 1.25) };
+        return this.turned
+          ? {
+              eye: at(0, -end * 0.01, 15.5),
+              look: at(0, 0, 0),
+              fov: Math.max(29, (360 / Math.PI) * Math.atan(0.5 / this.eye.aspect)),
+            }
+          : { eye: at(0, -end * 0.01, 15.5), look: at(0, 0, 0), fov: 52 * Math.min(wide, 1.25) };
       case "follow": {
         const seat = this.flipped ? 1 : 0;
         const hips = motion.hipsAt(time, seat, [0, 0, 0]);
@@ -286,7 +315,7 @@ export class Stage {
       default: {
         const shuttle = motion.shuttleAt(time, [0, 0, 0]);
         const sway = rally.strokes.length && !this.lite ? 0.1 * shuttle[0] : 0;
-        return { eye: at(sway, -end * 13.8, 6.7), look: at(0.4 * sway, -end * 0.5, 0.42), fov: 35.5 * Math.min(wide, 1.5) };
+        return { eye: at(sway, -end * 13.8, 6.7), look: at(0.4 * sway, -end * 0.5, 0.42), fov: Math.max(35.5, whole) };
       }
     }
   }
@@ -299,6 +328,36 @@ export class Stage {
     }
     const v = athlete.sweetSpot.getWorldPosition(new THREE.Vector3());
     return [-v.x, v.z, v.y];
+  }
+
+  /** Place of a point of the court within the canvas [px]; null before the first rally or behind the camera. */
+  placeOf(point: Vec3): [number, number] | null {
+    const { x, y, z } = at(...point).project(this.eye);
+    const { clientWidth, clientHeight } = this.canvas;
+    return z < 1 ? [((x + 1) / 2) * clientWidth, ((1 - y) / 2) * clientHeight] : null;
+  }
+
+  /** Smallest rectangle of the window that contains the joints of a player: left, top, right, bottom; null before the first. */
+  outline(seat: number): [number, number, number, number] | null {
+    const athlete = this.athletes?.[seat];
+    if (!athlete) {
+      return null;
+    }
+    const box = this.canvas.getBoundingClientRect();
+    const out: [number, number, number, number] = [Infinity, Infinity, -Infinity, -Infinity];
+    athlete.root.traverse((part) => {
+      if (part instanceof THREE.Bone) {
+        const { x, y } = part.getWorldPosition(new THREE.Vector3()).project(this.eye);
+        const [left, top] = [box.left + ((x + 1) / 2) * box.width, box.top + ((1 - y) / 2) * box.height];
+        [out[0], out[1], out[2], out[3]] = [
+          Math.min(out[0], left),
+          Math.min(out[1], top),
+          Math.max(out[2], left),
+          Math.max(out[3], top),
+        ];
+      }
+    });
+    return out;
   }
 
   /** Point of the floor at window coordinates, or null. */

@@ -44,6 +44,8 @@ export function state(
     shuttle: shown ? shown.motion.shuttleAt(player.time, [0, 0, 0]) : null,
     hips: shown ? [0, 1].map((seat) => shown.motion.hipsAt(player.time, seat, [0, 0, 0])) : null,
     rackets: [stage?.sweetSpot(0) ?? null, stage?.sweetSpot(1) ?? null],
+    match: screen.match.shown,
+    outlines: [stage?.outline(0) ?? null, stage?.outline(1) ?? null],
     analysis: screen.analysis,
     plan: course.plan,
     link: course.link(player.stroke),

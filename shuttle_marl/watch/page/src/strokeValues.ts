@@ -1,14 +1,21 @@
 // Requests stroke values and styles of the rally on the page, and shows them when they arrive.
 
-import type { Rallies, Source } from "./rallies";
+import type { Rallies, Source, Wanted } from "./rallies";
 import type { Screen } from "./screen";
 import type { Played } from "./summary";
 import type { Timeline } from "./timeline";
-import type { RallyFacts } from "./wire.gen";
+import type { MatchReply, RallyFacts } from "./wire.gen";
 
 export class StrokeValues {
   /** Rallies of the match that a person played to their end. */
   readonly played: Played[] = [];
+  /** Resolves when the last request is answered. */
+  latest: Promise<void> = Promise.resolve();
+  private match: { key: string; reply: Promise<MatchReply | null>; rallies: [number, number] | null } = {
+    key: "",
+    reply: Promise.resolve(null),
+    rallies: null,
+  };
   private styled = ""; // sides whose style is shown
 
   constructor(
@@ -19,7 +26,28 @@ export class StrokeValues {
   ) {}
 
   /** Requests stroke values and styles; shows them unless another rally was requested meanwhile. */
-  async request(rally: RallyFacts): Promise<void> {
+  request(rally: RallyFacts): Promise<void> {
+    this.latest = this.requested(rally);
+    return this.latest;
+  }
+
+  /** The match of a rally; asked once while its plan stays. A saved rally has none. */
+  private overview(wanted: Wanted): Promise<MatchReply | null> {
+    const key = JSON.stringify([wanted.plan, wanted.person && wanted.rally]);
+    const known = this.match.rallies;
+    const inside = wanted.plan !== null || (known !== null && known[0] <= wanted.rally && wanted.rally <= known[1]);
+    if (key !== this.match.key || !inside) {
+      const reply = this.source.match(wanted).catch(() => null);
+      const match: typeof this.match = { key, reply, rallies: null };
+      this.match = match;
+      void reply.then((found) => {
+        match.rallies = found?.rallies.length ? [found.rallies[0]!.number, found.rallies.at(-1)!.number] : null;
+      });
+    }
+    return this.match.reply;
+  }
+
+  private async requested(rally: RallyFacts): Promise<void> {
     const { course, source, screen } = this;
     const { request } = this.rallies;
     const wanted = course.wanted(course.number);
@@ -36,11 +64,18 @@ export class StrokeValues {
           screen.showAnalysis(analysis);
         }
       }
+      if (screen.mode === "analyse" || screen.browser) {
+        const match = await this.overview(wanted);
+        if (now()) {
+          screen.browser?.show(match, rally.number);
+          screen.match.show(screen.mode === "analyse" ? match : null, rally.names, rally.number);
+        }
+      }
       if (wanted.plan && sides !== this.styled) {
         const styles = await source.styles(wanted);
         if (now()) {
           this.styled = sides;
-          screen.styles.show(styles);
+          screen.showStyles(styles);
         }
       }
     } catch (error) {

@@ -230,6 +230,7 @@ export interface StrokeValue {
   regret: number;
   mark: string;
   better: number;
+  question: number | null;
   options: Option[];
   sure: string;
 }
@@ -273,10 +274,11 @@ export interface StylesRequest {
   tried?: Record<string, number>;
 }
 
-/** Reply to StylesRequest. */
+/** Reply to StylesRequest; ``strength``: fraction of rallies that each player wins against imitated elite players. */
 export interface Styles {
   figures: StyleFigure[];
   shots: StyleFigure[];
+  strength: [number, number];
 }
 
 /** A statistic of both players beside that of imitated elite players. */
@@ -286,6 +288,46 @@ export interface StyleFigure {
   reference: number | null;
 }
 
+/** Overview of the match of a rally. */
+export interface MatchRequest {
+  rally: number;
+  plan?: Plan | null;
+  person?: Person | null;
+  tried?: Record<string, number>;
+  partial: boolean;
+}
+
+/** Reply to MatchRequest; ``marks``: numbers of ``!!``, ``!``, ``?!`` and ``?`` of both sides. */
+export interface MatchReply {
+  rallies: MatchRally[];
+  win_after: number | null;
+  moments: Moment[];
+  accuracy: [number | null, number | null];
+  marks: [number[], number[]];
+}
+
+/** A rally of a match: probability that seat 0 wins the match and score before it, winner, number of strokes. */
+export interface MatchRally {
+  number: number;
+  win: number;
+  points: [number, number];
+  games: [number, number];
+  winner: number;
+  strokes: number;
+  swing: number;
+}
+
+/** A costly stroke: ``regret`` and ``cost`` are the probabilities of winning the rally and the match that it loses. */
+export interface Moment {
+  rally: number;
+  stroke: number;
+  seat: number;
+  shot: string;
+  mark: string;
+  regret: number;
+  cost: number;
+}
+
 /** Requests by operation. */
 export interface Requests {
   hello: HelloRequest;
@@ -293,6 +335,7 @@ export interface Requests {
   analysis: AnalysisRequest;
   options: OptionsRequest;
   styles: StylesRequest;
+  match: MatchRequest;
 }
 
 /** Replies by operation. */
@@ -302,4 +345,5 @@ export interface Replies {
   analysis: Analysis;
   options: OptionsReply;
   styles: Styles;
+  match: MatchReply;
 }

@@ -1,0 +1,60 @@
+"""A match at a glance: probability of winning it over its rallies, costliest strokes, accuracy and marks of both sides."""
+
+from collections import Counter
+from collections.abc import Iterable
+from typing import Final
+
+import numpy as np
+
+from shuttle_marl.analysis.rally import Players, match_win_after
+from shuttle_marl.game.stroke import SHOTS
+from shuttle_marl.watch import messages
+from shuttle_marl.watch.match import CourtRally
+
+MOMENTS: Final = 5
+"""Number of costliest strokes."""
+MARKS: Final = ("!!", "!", "?!", "?")
+
+
+def match_overview(
+    rallies: Iterable[tuple[CourtRally, Players, messages.Analysis]], moments: int = MOMENTS
+) -> messages.MatchReply:
+    """The overview of a match.
+
+    Args:
+        rallies: finished rallies of the match in their order, with their players and the values of their strokes.
+        moments: maximum number of costliest strokes. The cost of a stroke is its regret times the difference that the rally
+            makes to the probability of winning the match.
+    """
+    rows: list[messages.MatchRally] = []
+    costly: list[messages.Moment] = []
+    marks: tuple[Counter[str], Counter[str]] = (Counter(), Counter())
+    accuracy: tuple[list[tuple[float, int]], list[tuple[float, int]]] = ([], [])
+    after: float | None = None
+    for rally, players, values in rallies:
+        winner = rally.winner
+        if winner is None or players.value is None:
+            break
+        won, lost = match_win_after(players.value, rally.points, rally.games, rally.score.rules)
+        swing = np.abs(np.diff([*(value.win for value in values.strokes), float(winner == 0)])).max()
+        win, size = round(values.strokes[0].match, 5), len(rally)
+        rows.append(messages.MatchRally(rally.number, win, rally.points, rally.games, winner, size, round(float(swing), 5)))
+        after = round((won, lost)[winner], 5)
+        seats = rally.striker.tolist()
+        for i, (value, seat) in enumerate(zip(values.strokes, seats, strict=True)):
+            marks[seat][value.mark] += 1
+            shot = SHOTS[rally.catalogue.shot[rally.stroke[i]]]
+            costly.append(messages.Moment(rally.number, i, seat, shot, value.mark, value.regret, value.regret * (won - lost)))
+        for seat, share in enumerate(values.accuracy):
+            if share is not None:
+                accuracy[seat].append((share, seats.count(seat)))
+    # Where one side wins for certain, no stroke costs the match: then the cost of the rally decides.
+    costly.sort(key=lambda moment: (-round(moment.cost, 4), -moment.regret))
+    means = [float(np.average([a for a, _ in part], weights=[n for _, n in part])) if part else None for part in accuracy]
+    return messages.MatchReply(
+        rallies=rows,
+        win_after=after,
+        moments=[moment for moment in costly[:moments] if moment.regret > 0],
+        accuracy=(means[0], means[1]),
+        marks=([marks[0][mark] for mark in MARKS], [marks[1][mark] for mark in MARKS]),
+    )

@@ -1,0 +1,56 @@
+// Names of policies that a viewer knows, beside their identifiers.
+
+const KNOWN: Record<string, string> = {
+  bc: "Average pro",
+  minimax: "Perfect play",
+  "minimax:robust": "Perfect play, safe against errors of the model",
+  "best-response:bc": "Best reply to the average pro",
+  attacking: "Attacker",
+  defensive: "Defender",
+  safe: "Safe player",
+  random: "Random strokes",
+};
+const GROUPS: [string, (identifier: string) => boolean][] = [
+  ["Real players, imitated", (name) => /^bc(:|$)/.test(name)],
+  ["Perfect play", (name) => /^(minimax|best-response|human)/.test(name)],
+  ["Trained agents", (name) => /^(ppo|a2c|sac)(:|$)/.test(name)],
+  ["Simple styles", (name) => name in KNOWN],
+];
+
+function capitalized(words: string): string {
+  return words.replace(/(^|[ -])\p{L}/gu, (letter) => letter.toUpperCase());
+}
+
+/** Name of a policy that a viewer knows; its identifier if there is none. A suffix `@0.5` is its variety. */
+export function displayName(identifier: string): string {
+  const [name, variety] = identifier.split(/@(?=[^@]*$)/) as [string, string?];
+  const suffix = variety === undefined ? "" : variety === "greedy" ? ", no variety" : `, variety ${variety}`;
+  return `${plainName(name)}${suffix}`;
+}
+
+function plainName(name: string): string {
+  const [key, argument] = name.split(":", 2) as [string, string?];
+  const known = KNOWN[name];
+  if (known) {
+    return known;
+  }
+  if (key === "bc" && argument) {
+    return `${capitalized(argument.replaceAll("-", " "))} (imitated)`;
+  }
+  if (/^(ppo|a2c|sac)$/.test(key)) {
+    return argument ? `${key.toUpperCase()} agent, ${argument.replaceAll("-", " ")}` : `${key.toUpperCase()} agent`;
+  }
+  if (key === "human" && argument) {
+    return `Strong, close to people (${argument})`;
+  }
+  return /^[a-z]+(-[a-z]+)+$/.test(name) ? capitalized(name.replaceAll("-", " ")) : name; // a person of a data set
+}
+
+/** Identifiers in groups, in the order of the list. */
+export function grouped(identifiers: string[]): [string, string[]][] {
+  const of = (name: string) => GROUPS.find(([, test]) => test(name))?.[0] ?? "Others";
+  const groups = [...GROUPS.map(([group]) => group), "Others"];
+  return groups
+    .map((group): [string, string[]] => [group, identifiers.filter((name) => of(name) === group)])
+    .filter(([, members]) => members.length > 0);
+}

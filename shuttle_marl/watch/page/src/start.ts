@@ -1,0 +1,36 @@
+// The card of the first visit: three ways to begin, each one click.
+
+import { h } from "./dom";
+import type { Mode } from "./layout";
+
+const CHOICES: [Mode, string, string][] = [
+  ["watch", "Watch a rally", "Two players in 3D, with the chance of every stroke."],
+  ["learn", "Find the better shot", "The rally stops before a mistake. What would you play?"],
+  ["play", "Play one", "Choose shots and targets against an opponent."],
+];
+
+/** Opens the card; closing it watches the rally. */
+export function openStartCard(choose: (mode: Mode) => void): void {
+  const pick = (mode: Mode) => {
+    element.close();
+    if (mode !== "watch") {
+      choose(mode);
+    }
+  };
+  const element: HTMLDialogElement = h(
+    "dialog",
+    { class: "start", "aria-label": "Welcome" },
+    h("h2", {}, "Badminton, learned from real matches"),
+    h("p", { class: "quiet" }, "Every stroke on this court has a known chance of success, and the game is solved exactly."),
+    h(
+      "div",
+      { class: "choices" },
+      ...CHOICES.map(([mode, name, about]) =>
+        h("button", { onclick: () => pick(mode) }, h("b", {}, name), h("span", { class: "quiet" }, about)),
+      ),
+    ),
+  );
+  element.addEventListener("close", () => element.remove());
+  document.body.append(element);
+  element.showModal();
+}

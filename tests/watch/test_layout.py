@@ -1,0 +1,160 @@
+"""The page on phones, tablets and laptops: nothing overflows, nothing covers what must be seen, and the keyboard is enough."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+pytestmark = pytest.mark.slow
+
+SIZES = ((390, 664), (390, 844), (820, 1180), (1280, 720), (1366, 768), (1680, 980))
+MODES = ("watch", "analyse", "learn", "play")
+PLACE = "#seed=5&a=bc&b=minimax&rally=1&stroke=3"
+OVERFLOWS = """() => {
+  const out = [], width = document.documentElement.clientWidth;
+  for (const element of document.querySelectorAll('body *')) {
+    if (element.closest('.spoken, dialog, svg, select, option, .top .what, .top h1, .tip')) continue;
+    const style = getComputedStyle(element), box = element.getBoundingClientRect();
+    if (style.display === 'none' || style.visibility === 'hidden' || !box.width || !box.height) continue;
+    const name = `${element.tagName}.${element.className} ${element.textContent.slice(0, 30)}`;
+    if (box.right > width + 1 || box.left < -1) out.push(`outside the window: ${name}`);
+    const clips = style.overflowX === 'hidden' || style.overflowX === 'clip';
+    if (clips && element.clientWidth && element.scrollWidth > element.clientWidth + 1) out.push(`clipped: ${name}`);
+  }
+  return out;
+}"""
+Box = tuple[float, float, float, float]
+"""Left, top, right, bottom [px]."""
+
+
+def box(viewer: Any, selector: str) -> Box:
+    found = viewer.page.locator(selector).first.bounding_box()
+    return found["x"], found["y"], found["x"] + found["width"], found["y"] + found["height"]
+
+
+def boxes(viewer: Any, selector: str) -> list[Box]:
+    script = "(all) => all.map((e) => { const b = e.getBoundingClientRect(); return [b.left, b.top, b.right, b.bottom]; })"
+    return [tuple(found) for found in viewer.page.locator(selector).evaluate_all(script)]
+
+
+def disjoint(a: Box, b: Box) -> bool:
+    return a[2] <= b[0] + 1 or b[2] <= a[0] + 1 or a[3] <= b[1] + 1 or b[3] <= a[1] + 1
+
+
+def inside(a: Box, b: Box) -> bool:
+    return a[0] >= b[0] - 1 and a[1] >= b[1] - 1 and a[2] <= b[2] + 1 and a[3] <= b[3] + 1
+
+
+def sized(viewer: Any) -> Iterator[Box]:
+    """Give the page each size in turn, and draw it."""
+    for width, height in SIZES:
+        viewer.page.set_viewport_size({"width": width, "height": height})
+        viewer.page.evaluate("() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+        viewer.page.evaluate("scrollTo(0, 0); window.viewer.draw()")
+        assert viewer.page.evaluate(OVERFLOWS) == [], (width, height)
+        yield 0, 0, width, height
+
+
+def enter(viewer: Any, mode: str) -> None:
+    viewer.page.get_by_role("tab", name=mode.capitalize()).click()
+    viewer.until(lambda: viewer.state("turn" if mode == "play" else "analysis") is not None)
+    if mode == "learn":
+        viewer.page.locator(".quiz button").first.wait_for()
+    viewer.until(lambda: viewer.state("mode") == mode and not viewer.press(*" " * viewer.state("playing")).state("playing"))
+
+
+def test_nothing_overflows_and_nothing_is_covered(viewer: Any, served: Any) -> None:
+    viewer.open(f"{served.address}{PLACE}").analysed()
+    for window in sized(viewer):  # the stroke that is shown is in the view of its list, and its probabilities are on the court
+        if window[2] <= 760:
+            viewer.page.locator(".moves").scroll_into_view_if_needed()
+        assert inside(box(viewer, ".moves [aria-current]"), box(viewer, ".moves")), window
+        assert viewer.page.locator(".chip").inner_text().count("%") == 2
+    enter(viewer, "learn")
+    for window in sized(viewer):
+        court = box(viewer, ".court")
+        for answer in boxes(viewer, ".quiz button"):
+            assert inside(answer, window), window
+            assert disjoint(answer, court), window
+    viewer.page.set_viewport_size({"width": 1280, "height": 720})
+    enter(viewer, "play")
+    for window in sized(viewer):
+        court = box(viewer, ".court")
+        covers = [box(viewer, ".bug"), box(viewer, ".cameras"), *boxes(viewer, ".targets button, .shots button, .hit")]
+        assert len(covers) >= 2 + 9 + 1 + 1
+        assert viewer.page.locator(".chip:visible, .speed:visible, .pop:visible").count() == 0
+        assert inside(court, window), window
+        for outline in viewer.state("outlines"):
+            assert inside(outline, court), (window, outline, court)
+            assert all(disjoint(outline, cover) for cover in covers), (window, outline)
+        for i, cover in enumerate(covers):
+            assert inside(cover, window), (window, cover)
+            assert all(disjoint(cover, other) for other in covers[:i]), window
+    viewer.press("w")
+    for window in sized(viewer):
+        words, bug = box(viewer, ".words"), box(viewer, ".bug")
+        assert words[2] - words[0] <= 800, "one column"
+        assert bug[3] <= words[1], "the score is above"
+        assert all(words[3] <= side[1] for side in boxes(viewer, ".side")), window
+
+
+def test_every_mode_and_a_rally_by_keyboard_alone(viewer: Any, served: Any) -> None:
+    viewer.open(f"{served.address}#seed=5&a=bc&b=bc&rally=1&stroke=1")
+    viewer.press("Tab", "End")
+    for key, mode in (("Enter", "play"), ("Home", "watch"), ("ArrowRight", "analyse"), ("ArrowRight", "learn")):
+        viewer.press(*([key] if key == "Enter" else [key, "Enter"])).until(lambda mode=mode: viewer.state("mode") == mode)
+        focused = viewer.page.evaluate("document.activeElement.id")
+        if mode != "play":  # there the first stroke has the focus
+            assert focused == f"tab-{mode}"
+            assert viewer.page.locator("[role=tab][tabindex='0']").count() == 1
+        else:
+            viewer.until(lambda: viewer.state("turn") is not None)
+            viewer.page.get_by_role("tab", name="Play").focus()
+    viewer.press("ArrowRight", "Enter").until(lambda: viewer.state("turn") is not None)
+    assert viewer.state("stroke") == viewer.state("turn")["number"] - 1, "arrows of tabs step no strokes"
+    while viewer.state("winner") is None:
+        turn = viewer.state("turn")
+        if turn is None:
+            viewer.page.evaluate("window.viewer.seek(1e3)")
+        else:
+            serves = any(stroke["shot"].endswith("serve") for stroke in turn["strokes"])
+            viewer.press(*"n" * serves, "Enter")
+        viewer.page.wait_for_timeout(20)
+    assert viewer.state("plan")["seed"] == 5, "n is the net shot only"
+
+
+def test_the_costliest_stroke_of_a_match_is_two_clicks_away(viewer: Any, served: Any) -> None:
+    viewer.open(f"{served.address}{PLACE}").analysed()
+    viewer.page.get_by_role("tab", name="Analyse").click()
+    viewer.page.locator(".moments button").first.click()
+    viewer.until(lambda: viewer.state("match") is not None)
+    costliest = viewer.state("match")["moments"][0]
+    viewer.until(lambda: viewer.state("rally", "stroke") == [costliest["rally"], costliest["stroke"]])
+
+
+def test_a_first_visit_offers_three_ways_to_begin(viewer: Any, served: Any) -> None:
+    viewer.open(served.address).page.get_by_role("button", name="Play one").click()
+    viewer.until(lambda: viewer.state("turn") is not None)
+    assert viewer.page.locator("dialog[open]").count() == 0
+    viewer.page.goto("about:blank")
+    viewer.open(f"{served.address}{PLACE}")
+    assert viewer.page.locator("dialog[open]").count() == 0, "a link opens what it names"
+
+
+def test_menus_close_and_terms_are_explained(viewer: Any, served: Any) -> None:
+    viewer.open(f"{served.address}{PLACE}")
+    copy = viewer.page.get_by_role("button", name="Copy link")
+    for close in (lambda: viewer.press("Escape"), lambda: viewer.page.locator(".facts").click(position={"x": 3, "y": 300})):
+        viewer.page.get_by_text("Share", exact=True).click()
+        assert copy.is_visible()
+        close()
+        assert not copy.is_visible()
+    sound = viewer.page.get_by_role("button", name="Sound", exact=True)
+    assert sound.get_attribute("aria-pressed") == "false", "silent until asked for"
+    assert viewer.press("m").page.get_by_role("button", name="Sound", pressed=True).count() == 1
+    unexplained = viewer.page.locator(".panel > h2, .panel h3").evaluate_all(
+        "(all) => all.filter((e) => !e.querySelector('.why') && !e.closest('.side, .keylist')).map((e) => e.textContent)"
+    )
+    assert [heading for heading in unexplained if " at stroke " not in heading] == []
+    viewer.page.get_by_role("button", name="comes back:").first.hover()
+    assert "P(returned)" in viewer.page.get_by_role("tooltip").inner_text()
