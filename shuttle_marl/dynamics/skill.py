@@ -162,7 +162,7 @@ def check(predicted: Mapping[str, Predicted], sources: Mapping[str, str], sd: F6
         sd: ``[3, 9]`` standard deviations of the components.
 
     Returns:
-        What :func:`slope_on_offset` returns for each component.
+        What :func:`slope_on_offset` returns for each component; no component without a player of two matches.
     """
     matches = np.unique(predicted["success"].rows.match)
     fold = np.zeros(int(matches[-1]) + 1, dtype=np.int64)
@@ -175,7 +175,11 @@ def check(predicted: Mapping[str, Predicted], sources: Mapping[str, str], sd: F6
         others = fit_skill({name: part.take(~inside[name]) for name, part in predicted.items()}, sources, sd).skill
         for name, part in predicted.items():
             shift[name][inside[name]] = shifts(others, name, part.rows.take(inside[name]))
-    return {name: slope_on_offset(part.logit, shift[name], part.label, part.rows.match) for name, part in predicted.items()}
+    return {
+        name: slope_on_offset(part.logit, shift[name], part.label, part.rows.match)
+        for name, part in predicted.items()
+        if shift[name].any()
+    }
 
 
 def slope_on_offset(logit: F64, shift: F64, label: Bools, match: Ints) -> dict[str, float]:
