@@ -335,10 +335,13 @@ def player_rows(rows: "Sequence[PlayerRow]") -> Table:
 
 def pair_rows(rows: "Sequence[Prediction]") -> Table:
     """Table of predictions of pairs, with real results where there are any."""
-    right = ("rallies won", "95 % interval", "matches won", "95 % interval", "real rallies", "real matches")
-    table = _table("Predicted, first player against second", "players", right=right)
+    met = any(row.matches for row in rows)
+    right = ("rallies won", "95 % interval", "matches won", "95 % interval")
+    table = _table(
+        "Predicted, first player against second", "players", right=(*right, "real rallies", "real matches")[: 6 if met else 4]
+    )
     for row in rows:
-        real = (f"{row.rallies_won} of {row.rallies}", f"{row.matches_won} of {row.matches}") if row.matches else ("", "")
+        real = (f"{row.rallies_won} of {row.rallies}", f"{row.matches_won} of {row.matches}") if met else ()
         table.add_row(
             Text(printable(" against ".join(row.players))),
             percent(row.rally_win),
@@ -347,6 +350,14 @@ def pair_rows(rows: "Sequence[Prediction]") -> Table:
             f"{100 * row.match_low:.0f} to {100 * row.match_high:.0f}",
             *real,
         )
+    return table
+
+
+def reason_rows(prediction: "Prediction") -> Table:
+    """Table of the offsets with the largest effects."""
+    table = _table(f"Points of 100 rallies for {printable(prediction.players[0])}", "offset", right=("points",))
+    for reason, points in prediction.reasons.items():
+        table.add_row(Text(printable(reason)), f"{points:+.2f}")
     return table
 
 

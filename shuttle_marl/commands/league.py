@@ -76,6 +76,7 @@ def report(runs: Annotated[tuple[Path, ...], tyro.conf.Positional], *, out: Path
 def pairs(
     *,
     pairs: Profile,
+    players: tuple[str, ...] = (),
     game: str = "default",
     date: str | None = None,
     policy: str | None = None,
@@ -87,6 +88,7 @@ def pairs(
 
     Args:
         pairs: men or women: the players of that discipline.
+        players: only these players; of two, the reasons are printed too.
         game: model of the game: a shipped one or a folder.
         date: day of the players' skill, such as 2021-07-31; default: the last one known.
         policy: policy of all players; default: each imitated.
@@ -103,13 +105,13 @@ def pairs(
     if out is not None and out.suffix not in (".csv", ".parquet"):
         raise LeagueError(f"--out {out}: expected a name that ends in .csv or .parquet")
     strokes = None if data is None else load_strokes(data)
-    players = players_of(pairs, game)
-    numbers = range(len(players) * (len(players) - 1) // 2)
+    names = players_of(pairs, game, players)
+    numbers = range(len(names) * (len(names) - 1) // 2)
     progress = iter(track(numbers, "pairs", console=cli.console(stderr=True), transient=True))
-    predictions = predict_pairs(players, game=game, date=date, policy=policy, progress=lambda: next(progress))
+    predictions = predict_pairs(names, game=game, date=date, policy=policy, progress=lambda: next(progress))
     if strokes is not None:
         predictions = with_results(predictions, strokes)
-    rows = ranked(players, predictions, game, date)
+    rows = ranked(names, predictions, game, date)
     if out is not None:
         table = pairs_table(predictions)
         replace_file(out, csv_bytes(table) if out.suffix == ".csv" else parquet_bytes(table))
@@ -119,6 +121,8 @@ def pairs(
     cli.console().print(cli.player_rows(rows))
     met = sorted((each for each in predictions if each.matches), key=lambda each: -each.rallies)
     cli.console().print(cli.pair_rows(met or predictions))
+    if len(predictions) == 1:
+        cli.console().print(cli.reason_rows(predictions[0]))
 
 
 COMMANDS: Final = play
@@ -139,7 +143,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if any(arg.partition("=")[0] == PAIRS for arg in args):
         description = (
             "Every pair of real players in its own game: the probability of winning a rally and a match, with the interval of "
-            "the players' skill. It predicts results as accurately as ratings do."
+            "the players' skill. It predicts results as accurately as ratings do, and is not for selection, contracts or betting."
         )
         return cli.run(pairs, prog="python -m shuttle_marl.league", description=description, argv=args)
     if args[:1] == [REPORT]:

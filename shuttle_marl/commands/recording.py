@@ -16,7 +16,7 @@ from shuttle_marl.files import replace_file
 from shuttle_marl.game.court import AREAS
 from shuttle_marl.game.policy import Policy
 from shuttle_marl.game.rules import OUTCOMES
-from shuttle_marl.game.shipped import Profile, resolve_game
+from shuttle_marl.game.shipped import Profile
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
 from shuttle_marl.game.tables import Game
 from shuttle_marl.recording.header import RecordingError
@@ -128,7 +128,7 @@ def export(
         game: model on whose game the log was played; adds state and probabilities of every stroke (with --rows strokes).
         profile: men or women: the game of that discipline alone; default: the average of both.
     """
-    tables = None if game is None and profile is None else resolve_game(game, profile)
+    tables = None if game is None and profile is None else RallyGameOptions(game=game, profile=profile).load_for(path)
     if tables is not None and rows != "strokes":
         flag = f"--profile {profile}" if game is None else f"--game {game}"
         raise RecordingError(f"{flag} adds columns to strokes; add --rows strokes")

@@ -78,9 +78,11 @@ def crossplay(
     serving, receiving = np.empty((n, m)), np.empty((n, m))
     if opponents is None:
         serving[columns, rows] = [1 - odds.receiving for odds in found]
-        receiving[columns, rows] = [1 - odds.serving for odds in found]
     serving[rows, columns] = [odds.serving for odds in found]
-    receiving[rows, columns] = [odds.receiving for odds in found]
+    if opponents is None:
+        receiving = 1 - serving.T
+    else:
+        receiving[rows, columns] = [odds.receiving for odds in found]
     return Crossplay(serving=serving, receiving=receiving, error_bound=max((odds.error_bound for odds in found), default=0.0))
 
 

@@ -278,10 +278,9 @@ def crossplay(
     for i, j in pairs:
         check_opponents(everyone[i].game, everyone[j].game)
     found = odds_of_pairs(everyone, pairs, tolerance=tolerance, progress=progress)
-    serving, receiving = (np.full((len(everyone), len(everyone)), np.nan) for _ in range(2))
-    for (i, j), both in zip(pairs, found, strict=True):
-        for row, column, odds in ((i, j, both[0]), (j, i, both[1])):
-            serving[row, column], receiving[row, column] = odds.serving, odds.receiving
+    serving = np.full((len(everyone), len(everyone)), np.nan)
+    for (i, j), (first, second) in zip(pairs, found, strict=True):
+        serving[i, j], serving[j, i] = first.serving, second.serving
     columns = slice(0 if opponents is None else n, None)
     bound = max(odds.error_bound for odds, _ in found)
-    return Crossplay(serving=serving[:n, columns], receiving=receiving[:n, columns], error_bound=bound)
+    return Crossplay(serving=serving[:n, columns], receiving=(1 - serving.T)[:n, columns], error_bound=bound)

@@ -157,6 +157,17 @@ AnyGame = Game | PairGame
 """A game in which both players strike with the same tables, or that of a pair."""
 
 
+def seat_names(game: AnyGame, policies: tuple[str, str]) -> tuple[str, str]:
+    """Names of the seats: of the policies, in the game of a pair behind those of the players whose skill they have."""
+    if not isinstance(game, PairGame):
+        return policies
+    first, second = (
+        player if policy in (player, f"bc:{player}") else f"{player} ({policy})"
+        for player, policy in zip(game.players, policies, strict=True)
+    )
+    return first, second
+
+
 def opponent_tables(game: AnyGame, seat: int | Ints) -> Game:
     """The tables with which the opponent of a learner strikes.
 
@@ -220,13 +231,16 @@ def pair_game(a: str, b: str, *, date: Day = None, discipline: str | None = None
     )
 
 
-def resolve_players(game: AnyGame | str | None, profile: str | None, players: tuple[str, str] | None) -> AnyGame:
+def resolve_players(
+    game: AnyGame | str | None, profile: str | None, players: tuple[str, str] | None, *, date: Day = None
+) -> AnyGame:
     """The game of two players, or :func:`shuttle_marl.game.shipped.resolve_game` without players.
 
     Args:
         game: a model by name or folder, or its game; None: the default model. The game of a pair is returned as it is.
         profile: a variant of that model, such as ``men``; None: the game itself, or with players that of their discipline.
         players: names of the players at seats 0 and 1; None: both strike with the same tables.
+        date: day of the players' skill; None: the last one known.
 
     Raises:
         GameError: as :func:`pair_game`, or two names are expected, or the game belongs to no model.
@@ -244,7 +258,7 @@ def resolve_players(game: AnyGame | str | None, profile: str | None, players: tu
         if origin is None:
             raise GameError("players need a model with their skill; this game was not loaded from one")
         game = str(origin.folder) if origin.variant is None else f"{origin.folder}:{origin.variant}"
-    return pair_game(*players, discipline=profile, game=game or "default")
+    return pair_game(*players, date=date, discipline=profile, game=game or "default")
 
 
 @functools.lru_cache(maxsize=32)

@@ -154,7 +154,7 @@ class TabulatedPolicy:
         """``[B, n]`` probability of each stroke; see :class:`shuttle_marl.game.policy.Policy`."""
         game = self.game
         if states.game.hash != game.hash:
-            raise PolicyError("this policy was tabulated for another game; tabulate it again")
+            raise PolicyError("this policy was tabulated for another game; tabulate it for this one, or move it with exact.moved")
         p = np.zeros((len(states), game.n_strokes))
         rows, pairs = game.pairs(states.state)
         p[rows, game.base_pair_stroke[pairs % game.n_base_pairs]] = self.probability_of(pairs)

@@ -30,7 +30,7 @@ COARSE: Final = 4
 _MOST: Final = 127
 _MEMORY: Final = 64 * 2**20
 """Memory limit of the decompression [bytes]."""
-_RARE: Final = 0.004
+_RARE: Final = 0.006
 _SLACK: Final = 1e-6
 
 
@@ -180,6 +180,8 @@ def unpacked(tensors: Tensors, game: Game, name: str) -> Game:
         content = unpacker.decompress(tensors.arrays[f"{name}.steps"].tobytes(), 3 * game.n_base_pairs + 1)
     except lzma.LZMAError as error:
         raise ValueError(f"variant {name} cannot be unpacked: {error}") from error
+    if not unpacker.eof and len(content) <= 3 * game.n_base_pairs:
+        raise ValueError(f"variant {name} is cut short")
     if len(content) != 3 * game.n_base_pairs:
         raise ValueError(f"variant {name} has {len(content)} steps, expected {3 * game.n_base_pairs}")
     steps = np.empty((3, game.n_base_pairs), dtype=np.int8)

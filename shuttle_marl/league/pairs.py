@@ -88,15 +88,23 @@ class PlayerRow:
     match_win: float
 
 
-def players_of(discipline: Profile, game: str = "default") -> list[str]:
+def players_of(discipline: Profile, game: str = "default", some: Sequence[str] = ()) -> list[str]:
     """Players of a discipline whose skill a model has.
 
+    Args:
+        discipline: men or women.
+        game: a model by name or folder.
+        some: only these, in this order; empty: all.
+
     Raises:
-        GameError: the model has no skill.
-        LeagueError: it has fewer than two players of the discipline.
+        GameError: the model has no skill, or not of all these players.
+        LeagueError: fewer than two players, one given twice, or one of the other discipline.
     """
     skill = load_skill(model_folder(game))
-    names = [name for name in skill.players if skill.discipline_of(name) == discipline]
+    wrong = [name for name in some if skill.discipline_of(name) != discipline or some.count(name) > 1]
+    if wrong or len(some) == 1:
+        raise LeagueError(f"--players {' '.join(some)}: expected two or more, each once, who play {discipline}'s singles")
+    names = [*some] or [name for name in skill.players if skill.discipline_of(name) == discipline]
     if len(names) < 2:
         raise LeagueError(f"--pairs {discipline}: the model has {len(names)} players of that discipline; a pair needs two")
     return names

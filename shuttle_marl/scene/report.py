@@ -9,7 +9,7 @@ import numpy as np
 from shuttle_marl.analysis import LogPlayers, RallyAnalysis, analyse_rally
 from shuttle_marl.errors import printable
 from shuttle_marl.game.draws import stream
-from shuttle_marl.game.pairs import AnyGame
+from shuttle_marl.game.pairs import AnyGame, seat_names
 from shuttle_marl.game.rules import OUTCOMES, IllegalStrokeError
 from shuttle_marl.game.scoring import ends_changed
 from shuttle_marl.rally.record import Rallies, Rally
@@ -116,7 +116,7 @@ def report_rally(log: RallyLog, number: int, game: AnyGame, players: LogPlayers)
     first, second = (printable(log.policies[int(policy)].name) for policy in row.policy[0])
     return RallyReport(
         number=number,
-        names=(first, second),
+        names=seat_names(game, (first, second)),
         game=game,
         played=played,
         winner=int(row.winner[0]),

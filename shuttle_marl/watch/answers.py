@@ -19,7 +19,7 @@ from shuttle_marl.errors import ShuttleError
 from shuttle_marl.game import court
 from shuttle_marl.game.draws import stream
 from shuttle_marl.game.layout import Layout
-from shuttle_marl.game.pairs import AnyGame, PairGame, resolve_players
+from shuttle_marl.game.pairs import AnyGame, PairGame, resolve_players, seat_names
 from shuttle_marl.game.rules import OUTCOMES
 from shuttle_marl.game.shipped import RELIABLE, factor_of, least_support, real_strokes
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
@@ -32,7 +32,7 @@ from shuttle_marl.watch.match import CourtRally, Match, play_rally
 from shuttle_marl.watch.match_log import MatchLog
 from shuttle_marl.watch.plan import Plan, Side
 from shuttle_marl.watch.policies import OnceCache, PolicyTables
-from shuttle_marl.watch.recorded import Recorded
+from shuttle_marl.watch.recorded import People, Recorded
 from shuttle_marl.watch.stager import Stager
 
 
@@ -107,8 +107,8 @@ def rally_facts(game: AnyGame, rally: CourtRally, motion: staging.Motion) -> mes
     winner = rally.winner
     return messages.RallyFacts(
         number=rally.number,
-        pair=game.title if isinstance(game, PairGame) else None,
-        names=_shown_names(game, rally.names),
+        skill=_skill(game),
+        names=seat_names(game, rally.names),
         server=rally.server,
         points=rally.points,
         games=rally.games,
@@ -122,15 +122,10 @@ def rally_facts(game: AnyGame, rally: CourtRally, motion: staging.Motion) -> mes
     )
 
 
-def _shown_names(game: AnyGame, names: tuple[str, str]) -> tuple[str, str]:
-    """Names of the policies, behind those of the players whose skill they have."""
+def _skill(game: AnyGame) -> str | None:
     if not isinstance(game, PairGame):
-        return names
-    players = (
-        player if name in (player, f"bc:{player}") else f"{player} ({name})"
-        for player, name in zip(game.players, names, strict=True)
-    )
-    return next(players), next(players)
+        return None
+    return "with the skill of both players" + ("" if game.date is None else f" as of {game.date}")
 
 
 def _player(motion: staging.Motion, seat: int) -> messages.PlayerFacts:
@@ -486,9 +481,10 @@ class Answers:
         found: StrokeValues = self._pairs.get(people, lambda: self._values_of_people(people))
         return found
 
-    def _values_of_people(self, people: tuple[str, str]) -> StrokeValues:
+    def _values_of_people(self, people: People) -> StrokeValues:
         try:
-            return StrokeValues(PolicyTables(resolve_players(self._game, None, people)), self._at_least)
+            game = resolve_players(self._game, None, people.names, date=people.date)
+            return StrokeValues(PolicyTables(game), self._at_least)
         except GameError:  # the model has no skill, or not theirs
             return self._values
 

@@ -232,11 +232,11 @@ class RallyFacts(Struct):
     """A rally without its motion.
 
     Attributes:
-        pair: the two players whose skill the game has, in words; None: both sides strike with the same probabilities.
+        skill: skill of the players in the game of a pair, in words; None: both strike with the same probabilities.
     """
 
     number: int
-    pair: str | None
+    skill: str | None
     names: tuple[str, str]
     server: int
     points: Pair

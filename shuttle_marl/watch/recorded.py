@@ -1,9 +1,10 @@
 """Recorded rallies: of a rally log, and of annotated matches."""
 
 import dataclasses
+import datetime
 import threading
 from pathlib import Path
-from typing import Final, Protocol
+from typing import Final, NamedTuple, Protocol
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from shuttle_marl.analysis.rally import LogPlayers, Players, legal_states
 from shuttle_marl.arrays import I64
 from shuttle_marl.data import load_strokes
 from shuttle_marl.data.schema import Outcome
+from shuttle_marl.data.upstream import date_of
 from shuttle_marl.errors import printable
 from shuttle_marl.game.draws import stream
 from shuttle_marl.game.pairs import AnyGame
@@ -54,9 +56,18 @@ class Recorded(Protocol):
         """Policies of a rally; None: unknown."""
         ...
 
-    def people(self, number: int) -> tuple[str, str] | None:
-        """Names of the people at seats 0 and 1 of a real rally; None: policies played."""
+    def people(self, number: int) -> "People | None":
+        """The people who played a real rally; None: policies played."""
         ...
+
+
+class People(NamedTuple):
+    """The people who played a real rally."""
+
+    names: tuple[str, str]
+    """At seats 0 and 1."""
+    date: datetime.date | None
+    """Of the match; None: unknown."""
 
 
 class LogRallies:
@@ -198,9 +209,12 @@ class RealRallies:
     def players(self, number: int) -> None:
         """Not known: people played."""
 
-    def people(self, number: int) -> tuple[str, str] | None:
-        """Names at seats 0 and 1."""
-        return self._rallies[number].players if 0 <= number < self.count else None
+    def people(self, number: int) -> People | None:
+        """The people who played; see :class:`Recorded`."""
+        if not 0 <= number < self.count:
+            return None
+        found = self._rallies[number]
+        return People(found.players, date_of(str(self._columns["match"][found.rows[0]])))
 
     def rally(self, number: int) -> CourtRally:
         """A rally; see :class:`Recorded`."""

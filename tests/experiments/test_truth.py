@@ -12,15 +12,21 @@ import pytest
 
 from experiments.truth import limits, worlds
 from experiments.truth.__main__ import compare, main
-from experiments.truth.decisions import decision_slope, promised_realised, promises, value_error, value_log_loss
+from experiments.truth.calibration import calibration
+from experiments.truth.decisions import Promises, decision_slope, promised_realised, promises, value_error, value_log_loss
+from experiments.truth.legality import after_drop_above, illegal, judged_strokes
 from experiments.truth.likeness import divergence, rally_length, two_sample_auc
-from experiments.truth.limits import attainable, memory, slopes_if_true
+from experiments.truth.limits import attainable, slopes_if_true
 from experiments.truth.matches import Strokes, folds_of, ratio_by_match, states_of, strokes_of
+from experiments.truth.memory import memory
+from experiments.truth.paired import differences, load_values, save_values
 from experiments.truth.transfer import transfer
 from experiments.truth.worlds import Fitter, World, by_discipline, shipped_world
 from shuttle_marl.data import load_strokes
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.dynamics.features import Rows
+from shuttle_marl.errors import ShuttleError
+from shuttle_marl.game.shipped import Estimate
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
@@ -138,7 +144,8 @@ def test_other_play_is_told_apart_and_named(table: pa.Table, strokes: Strokes) -
     found = two_sample_auc(strokes_of(tired(table, faults=0.3)), some, halvings=1)
     assert found["value"] > 0.6
     assert {"strokes", "ended by a fault", "share of smash"} & set(found["gives_away"])
-    assert sum(found["gives_away"].values()) <= 1 + 1e-9
+    assert sum(feature["gain"] for feature in found["gives_away"].values()) <= 1 + 1e-9
+    assert found["gives_away"]["strokes"]["difference"] < -0.2  # tired players have shorter rallies
 
 
 def test_an_advantage_is_kept_where_the_other_half_is_the_same_world(world: World, strokes: Strokes) -> None:
@@ -193,6 +200,56 @@ def test_an_advantage_is_remembered_only_where_the_state_forgets(world: World, t
     assert all(is_near(slope, 0.0) for slope in wrong.values()), wrong
     tiring = strokes_of(tired(table, faults=0.05))
     assert all(slope["high"] < 0 for slope in memory(tiring, promises(world.bc, tiring)).values())
+
+
+def test_advantages_are_calibrated_on_matches_that_did_not_fit_the_factors(world: World, strokes: Strokes) -> None:
+    said = promises(world.bc, strokes)
+    exaggerated = Promises(value=said.value, advantage=2 * said.advantage)
+    found = calibration(strokes, exaggerated, folds_of(strokes, 4, seed=0))
+    for horizon, of_horizon in found.items():
+        assert of_horizon["low"] < 1 < of_horizon["high"], horizon
+        assert of_horizon["factor"] == pytest.approx(0.5, abs=0.15), horizon
+    half = dict.fromkeys(found, Estimate(0.5, 0.4, 0.6))
+    alone = calibration(strokes, exaggerated, np.zeros(len(strokes), np.int64), half)
+    uncalibrated = decision_slope(strokes, said)
+    for horizon, of_horizon in alone.items():
+        assert of_horizon["slope"] == pytest.approx(uncalibrated[horizon]["value"], abs=1e-9)
+    with pytest.raises(ShuttleError, match="no factors"):
+        calibration(strokes, said, np.zeros(len(strokes), np.int64))
+
+
+def test_strokes_that_a_game_forbids_are_counted(world: World, strokes: Strokes) -> None:
+    known, forbidden = judged_strokes(world.game, strokes)
+    assert known.all()
+    assert not forbidden.any()
+    smash = world.game.without("smash")
+    known, forbidden = judged_strokes(smash, strokes)
+    smashed = strokes.rows.codes["shot"] == SHOTS.index("smash")
+    after_smash = strokes.rows.codes["incoming_shot"] == SHOTS.index("smash")
+    assert (forbidden == (smashed & ~after_smash)).all()
+    assert known.all()
+    found = illegal(strokes, promises(world.bc, strokes), known, forbidden)
+    assert found["share"] == pytest.approx(smashed.sum() / known.sum())
+    drop = after_drop_above(strokes)
+    assert found["after_drop_above"] == pytest.approx(forbidden[drop].mean())
+    assert is_near({**found["value_error"], "value": found["value_error"]["points"]}, 0.0)
+
+
+def test_two_games_are_compared_on_the_same_strokes(world: World, strokes: Strokes, tmp_path: Path) -> None:
+    said, wrong = promises(world.bc, strokes), promises(misjudged(world, seed=0).bc, strokes)
+    save_values(tmp_path / "values", strokes, wrong)
+    again = load_values(tmp_path / "values", strokes)
+    np.testing.assert_array_equal(again.advantage, wrong.advantage)
+    same = differences(strokes, wrong, again)
+    assert all(change == {"value": 0.0, "low": 0.0, "high": 0.0} for change in same.values())
+    found = differences(strokes, said, wrong)
+    assert found["value_log_loss"]["high"] < 0
+    assert found["value_log_loss"]["value"] == pytest.approx(value_log_loss(strokes, said) - value_log_loss(strokes, wrong))
+    ours, theirs = decision_slope(strokes, said), decision_slope(strokes, wrong)
+    assert found["slope_end"]["value"] == pytest.approx(ours["end"]["value"] - theirs["end"]["value"])
+    assert found["slope_end"]["low"] > 0
+    with pytest.raises(ShuttleError, match="other strokes"):
+        load_values(tmp_path / "values", strokes.take(strokes.in_matches(strokes.rows.matches[:20])))
 
 
 def test_folds_are_even_within_each_discipline(strokes: Strokes) -> None:

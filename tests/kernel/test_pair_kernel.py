@@ -1,5 +1,7 @@
 """The game of a pair in the kernel, the stepper and all environments: the same rallies everywhere."""
 
+from typing import Any, Literal
+
 import numpy as np
 import pytest
 import torch
@@ -82,13 +84,15 @@ def test_batches_are_those_of_the_environment() -> None:
 
 
 @pytest.mark.parametrize("seat", [0, 1])
-def test_learners_against_the_other_player(seat: int) -> None:
+def test_learners_against_the_other_player(seat: Literal[0, 1]) -> None:
     """The Gymnasium environments of one rally and of many, and TorchRL's, play the same episodes."""
-    options = {"game": reduced_model(), "players": (A, B)}
+    options: dict[str, Any] = {"game": reduced_model(), "players": (A, B)}
     single = SingleRallyEnv(opponent="minimax", seat=seat, **options)
     vector = RallyVectorEnv(1, opponent="minimax", seat=seat, **options)
     versus = VersusEnv(1, opponents="minimax", seat=seat, seed=4, **options)
-    assert single.opponent.policy.hash == seated("minimax")[1 - seat].hash
+    opponent = single.opponent.policy
+    assert isinstance(opponent, TabulatedPolicy)
+    assert opponent.hash == seated("minimax")[1 - seat].hash
     seen, _ = single.reset(seed=4)
     vector.reset(seed=4)
     now = versus.reset()
@@ -107,7 +111,7 @@ def test_learners_against_the_other_player(seat: int) -> None:
 
 
 def test_matches_of_learners() -> None:
-    options = {"game": reduced_model(), "players": (A, B), "reward": "rally", "rules": RULES["to five"]}
+    options: dict[str, Any] = {"game": reduced_model(), "players": (A, B), "reward": "rally", "rules": RULES["to five"]}
     single, vector = SingleMatchEnv(opponent="bc", **options), MatchVectorEnv(1, opponent="bc", **options)
     seen, _ = single.reset(seed=2)
     vector.reset(seed=2)

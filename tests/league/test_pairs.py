@@ -4,6 +4,7 @@ import dataclasses
 import json
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -99,7 +100,7 @@ def test_reasons_are_the_offsets_with_the_largest_effects() -> None:
 
 
 def some_predictions() -> list[Prediction]:
-    figures = dict.fromkeys(("rally_low", "rally_high", "match_low", "match_high"), 0.5)
+    figures: dict[str, Any] = dict.fromkeys(("rally_low", "rally_high", "match_low", "match_high"), 0.5)
     return [
         Prediction(players=players, hash="", rally_win=rally, match_win=match, reasons={}, **figures)
         for players, rally, match in (((A, B), 0.6, 0.9), ((A, "lee-zii-jia"), 0.7, 0.95), ((B, "lee-zii-jia"), 0.5, 0.4))
@@ -145,8 +146,18 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     assert pairs_table(predictions).to_pylist()[0] == table.to_pylist()[0]
     assert main(["--pairs", "women", "--game", reduced_model()]) == 0
     assert f"{players[0]} against {players[1]}" in capsys.readouterr().out
+    assert main(["--pairs", "men", "--players", A, B, "--game", reduced_model()]) == 0
+    shown_text = capsys.readouterr().out
+    assert f"{A} against {B}" in shown_text
+    assert f"Points of 100 rallies for {A}" in shown_text
     assert main(["--pairs", "women", "--game", reduced_model(), "--out", "pairs.txt"]) == 1
     assert "expected a name that ends in .csv or .parquet" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("some", [(A,), (A, A), (A, "an-se-young")])
+def test_players_who_form_no_pair(some: tuple[str, ...]) -> None:
+    with pytest.raises(LeagueError, match="expected two or more, each once, who play men's singles"):
+        players_of("men", reduced_model(), some)
 
 
 def test_a_discipline_without_players(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -51,7 +51,7 @@ def test_rally_is_determined_by_its_random_numbers(tables: PolicyTables) -> None
             assert int(rank) == int(
                 table.choose(np.array([state]), ((bits >> np.uint64(32)) * np.uint64(65535)) >> np.uint64(32))[0]
             )
-            outcome, following = strike(game, np.array([state]), np.array([rank]), outcome_draw(bits))
+            outcome, following = strike(game.seats[rally.striker[i]], np.array([state]), np.array([rank]), outcome_draw(bits))
             assert (outcome[0] < RETURNED_BELOW) == (i == len(rally.stroke) - 1)
             state = int(following[0])
         assert played.rally(number + 1).score == rally.score.after(rally.winner or 0)

@@ -1,11 +1,13 @@
 """The live court and recorded rallies in the game of a pair."""
 
 import dataclasses
+import datetime
 from pathlib import Path
 from types import SimpleNamespace
 from typing import cast
 
 import numpy as np
+import pyarrow as pa
 import pytest
 
 from shuttle_marl.analysis.rally import LogPlayers, analyse_rally
@@ -17,12 +19,14 @@ from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording import Derived, RallyLog
 from shuttle_marl.recording.replay import check
+from shuttle_marl.scene.report import report_rally
+from shuttle_marl.table_files import read_parquet, write_parquet
 from shuttle_marl.watch import WatchError, messages
 from shuttle_marl.watch.answers import Answers
 from shuttle_marl.watch.match_log import MatchLog
 from shuttle_marl.watch.plan import Plan
 from shuttle_marl.watch.policies import PolicyTables
-from shuttle_marl.watch.recorded import Recorded
+from shuttle_marl.watch.recorded import People, RealRallies, Recorded
 from shuttle_marl.watch.stager import Stager
 from tests.reduced import reduced_game, reduced_model
 
@@ -32,6 +36,7 @@ PLAN = Plan.parse({"seed": 3, "sides": [{"policy": f"bc:{A}"}, {"policy": "minim
 
 
 FIRST = messages.RallyRequest(id=0, plan=PLAN, rally=0)
+ROOT = Path(__file__).parents[2]
 STAGER = Stager(("male", "male"), ("right", "right"))
 
 
@@ -50,7 +55,7 @@ def test_the_page_shows_the_players_and_their_game(answers: Answers) -> None:
     assert hello.game == PAIR.hash[:12]
     reply, _ = answers._reply(messages.RallyRequest(id=0, plan=PLAN, rally=0))
     assert isinstance(reply, messages.RallyReply)
-    assert (reply.rally.names, reply.rally.pair) == ((A, f"{B} (minimax)"), f"{A} against {B}")
+    assert (reply.rally.names, reply.rally.skill) == ((A, f"{B} (minimax)"), "with the skill of both players")
     for stroke in reply.rally.strokes:
         game = PAIR.seats[stroke.seat]
         good, returned, _ = game.stroke_probabilities(game.pair(stroke.state, stroke.stroke))
@@ -85,6 +90,7 @@ def test_a_log_of_a_pair(tmp_path: Path, policies: PolicyTables, answers: Answer
         assert [table.game.hash for table in players.tables if table] == [seat.hash for seat in PAIR.seats]
         found = analyse_rally(opened.rally(0).row(0, opened.catalogue), game, players)
         derived = opened.stroke_table(Derived(opened, game)).to_pydict()
+        assert report_rally(opened, 0, game, known).names == (A, f"{B} (minimax)")
     p_succ = found.of_strokes("p_succ")
     assert np.abs(np.array(derived["p_succ"]) - p_succ).max() < 1e-6
     # The receiver strikes with other tables than the server.
@@ -105,20 +111,35 @@ def test_options_of_the_command() -> None:
         _game(match, RallyOptions(replay=Path("x.mcap")), advice)
 
 
+def test_people_of_annotated_matches(tmp_path: Path) -> None:
+    """Names at the seats, and the date in the name of the match."""
+    strokes = read_parquet(ROOT / "datasets" / "sample" / "strokes.parquet")
+    named = pa.array([f"2021-03-04 {name}" for name in strokes["match"].to_pylist()])
+    dated = strokes.set_column(strokes.schema.get_field_index("match"), strokes.schema.field("match"), named)
+    write_parquet(tmp_path / "strokes.parquet", dated)
+    rallies = RealRallies(tmp_path / "strokes.parquet", reduced_game())
+    found = rallies.people(0)
+    assert found is not None
+    assert found.date == datetime.date(2021, 3, 4)
+    assert found.names == rallies.rally(0).names
+    assert rallies.people(rallies.count) is None
+
+
 @pytest.mark.parametrize(
     ("people", "known"), [((A, B), True), ((B, A), True), ((A, "somebody"), False), ((A, "an-se-young"), False)]
 )
 def test_real_rallies_have_the_values_of_the_two_people(people: tuple[str, str], known: bool) -> None:
     """Where the model has the skill of both, in one discipline; else those of imitated elite players."""
     rally = dataclasses.replace(Answers(PolicyTables(PAIR), PLAN, STAGER)._played(FIRST), names=people)
-    recorded = SimpleNamespace(rally=lambda _: rally, people=lambda _: people, players=lambda _: None, count=1, title="real")
+    played = People(people, datetime.date(2020, 5, 1))
+    recorded = SimpleNamespace(rally=lambda _: rally, people=lambda _: played, players=lambda _: None, count=1, title="real")
     answers = Answers(PolicyTables(reduced_game()), PLAN, STAGER, recorded=cast(Recorded, recorded))
     asked = messages.AnalysisRequest(id=0, rally=0)
     found, facts = answers._reply(asked)[0], answers._reply(messages.RallyRequest(id=0, rally=0))[0]
     assert isinstance(found, messages.Analysis)
     assert isinstance(facts, messages.RallyReply)
-    game = pair_game(*people, game=reduced_model()) if known else reduced_game()
-    assert facts.rally.pair == (game.title if isinstance(game, PairGame) else None)
+    game = pair_game(*people, date="2020-05-01", game=reduced_model()) if known else reduced_game()
+    assert facts.rally.skill == ("with the skill of both players as of 2020-05-01" if known else None)
     assert facts.rally.names == people
     names = [f"bc:{name}" if known else "bc" for name in people]
     first, second = (tabulate(resolve(name, tables), tables) for name, tables in zip(names, game.seats, strict=True))

@@ -133,7 +133,7 @@ export class App {
     player.playing = playing;
     document.body.dataset["ready"] = "";
     const match = hello.recorded ? hello.recorded.title : `seed ${course.plan!.seed}`;
-    const where = rally.pair ? `${match}, game of ${rally.pair}` : match;
+    const where = rally.skill ? `${match}, ${rally.skill}` : match;
     this.screen.show(rally, where, course.sides, course.person?.seat ?? null, course.isTried);
     this.saving.updateAddress();
     void this.values.request(rally);

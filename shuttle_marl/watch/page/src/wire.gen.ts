@@ -128,7 +128,7 @@ export interface RallyReply {
 /** A rally without its motion. */
 export interface RallyFacts {
   number: number;
-  pair: string | null;
+  skill: string | null;
   names: [string, string];
   server: number;
   points: [number, number];
