@@ -217,3 +217,38 @@ def stroke_value() -> str:
         "refit: 95 % interval for the same strokes, valued in one more refit of the game."
     )
     return "\n\n".join([*groups, played])
+
+
+def _with_interval(found: dict[str, float]) -> str:
+    """A difference of log-losses and its interval, in units of 10⁻⁵."""
+    return f"{1e5 * found['mean']:+.0f} ({1e5 * found['low']:+.0f} to {1e5 * found['high']:+.0f})"
+
+
+def pair_results() -> str:
+    """Log-losses of results of rallies, from ``experiments.pairs --cross``."""
+    result = saved("experiments", "pairs_cross")
+    rows = [
+        (name.replace("_", "-"), f"{loss:.5f}", _with_interval(result["difference"][name]) if name != "coin" else "")
+        for name, loss in result["results"].items()
+    ]
+    table = markdown(("prediction", "log-loss", "against a coin, 10⁻⁵"), rows, left=("prediction",))
+    slope = result["calibration"]
+    return (
+        f"{table}\n\n{result['rallies']:,} rallies of {result['matches']} matches, {result['cross']} parts; in brackets 95 % "
+        f"intervals. Slope of the results on the pair's log-odds {slope['slope']:.2f} ({slope['low']:.2f} to "
+        f"{slope['high']:.2f}); correlation of predicted and real shares {result['correlation']:.2f}. {_made_by(result)}."
+    )
+
+
+def pair_strokes() -> str:
+    """Differences of log-losses of strokes by the players' offsets, from ``experiments.pairs --cross``."""
+    components = saved("experiments", "pairs_cross")["components"]
+    subsets = ("both_seen", "one_unseen", "update")
+    rows = []
+    for name, found in components.items():
+        each = [{**one, "mean": one["difference"]} for one in (found, *(found[subset] for subset in subsets))]
+        slope = found["offset"]
+        cells = (f"{found['average']:.4f}", *map(_with_interval, each))
+        rows.append((name, *cells, f"{slope['slope']:.2f} ({slope['low']:.2f} to {slope['high']:.2f})"))
+    headings = ("component", "log-loss", "offsets, 10⁻⁵", "both players known", "one unknown", "updated, later games", "slope")
+    return markdown(headings, rows, left=("component",))

@@ -44,6 +44,8 @@ BLOCKS: Final[dict[str, Callable[[], str]]] = {
     "league": benchmark_tables.league,
     "league_training": experiment_tables.league_training,
     "next_stroke": experiment_tables.next_strokes,
+    "pair_results": experiment_tables.pair_results,
+    "pair_strokes": experiment_tables.pair_strokes,
     "paths": structure.paths,
     "recipes": experiment_tables.recipes,
     "recording": benchmark_tables.recording,

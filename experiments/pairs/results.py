@@ -175,7 +175,7 @@ def bradley_terry(seen: Rallies, unseen: Rallies) -> F64:
             component=np.r_[np.where(first, 0, 1), np.full(others - len(PROFILES), 2), np.full(len(PROFILES), 3)],
             scale=np.r_[years, np.ones(others)],
         ),
-        np.array([np.inf, YEAR, np.inf, np.inf]),
+        np.array([np.nan, YEAR, np.nan, np.nan]),
     ).mode
 
     def rating(names: npt.NDArray[np.str_]) -> F64:

@@ -172,11 +172,9 @@ def _skill(skill: dict[str, Any]) -> list[str]:
         "|---" * (len(names) + 2) + "|",
     ]
     for component, deviations in skill["deviations"].items():
-        slope = skill["check"][component]
-        lines.append(
-            f"| {component} | " + " | ".join(f"{deviations[name]:.3f}" for name in names) + f" | {slope['slope']:.2f} "
-            f"({slope['low']:.2f} to {slope['high']:.2f}) |"
-        )
+        slope = skill["check"].get(component)
+        checked = "too few matches" if slope is None else f"{slope['slope']:.2f} ({slope['low']:.2f} to {slope['high']:.2f})"
+        lines.append(f"| {component} | " + " | ".join(f"{deviations[name]:.3f}" for name in names) + f" | {checked} |")
     return [*lines, ""]
 
 

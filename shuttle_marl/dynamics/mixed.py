@@ -168,28 +168,27 @@ def gradient_of(model: MixedModel, found: Posterior) -> F64:
     return np.asarray(np.bincount(model.component, terms, model.components), dtype=np.float64)
 
 
-def fit_variances(model: MixedModel, mean: F64 | None = None, start: float = 0.1) -> Posterior:
+def fit_variances(model: MixedModel, fixed: F64 | None = None, start: float = 0.1) -> Posterior:
     """The posterior at the standard deviations of maximum marginal likelihood.
 
     Args:
         model: the model.
-        mean: ``[C]`` means of exponential priors of the standard deviations, which favour no variance (Simpson et al., Stat. Sci.
-            2017); infinite, or None, for no prior.
-        start: initial standard deviation of all components.
+        fixed: ``[C]`` standard deviations that are given; NaN, or None for all, where they are estimated.
+        start: initial standard deviation of the others.
     """
-    rate = np.zeros(model.components) if mean is None else 1 / mean
+    given = np.log(np.full(model.components, np.nan) if fixed is None else fixed)
     mode: F64 | None = None
 
     def objective(log_sd: F64) -> tuple[float, F64]:
         nonlocal mode
-        sd = np.exp(log_sd)
-        found = posterior(model, sd, mode)
+        found = posterior(model, np.exp(log_sd), mode)
         mode = found.mode
-        return float(rate @ sd) - found.log_likelihood, rate * sd - gradient_of(model, found)
+        return -found.log_likelihood, -gradient_of(model, found)
 
-    bounds = [tuple(np.log(BOUNDS))] * model.components
-    first = np.full(model.components, np.log(start))
-    found = minimize(objective, first, jac=True, method="L-BFGS-B", bounds=bounds, options={"ftol": 1e-9, "gtol": 1e-2})
+    low, high = (np.where(np.isnan(given), np.log(bound), given) for bound in BOUNDS)
+    first = np.where(np.isnan(given), np.log(start), given)
+    options = {"ftol": 1e-9, "gtol": 1e-2}
+    found = minimize(objective, first, jac=True, method="L-BFGS-B", bounds=np.stack([low, high], axis=1), options=options)
     return posterior(model, np.exp(found.x), mode)
 
 

@@ -18,8 +18,8 @@ Anal. Sports 2019, for tennis), so a rating holds as of a day.
 **Nuisance effects** are the match, each side of a match (the form of the day), the group of shots in each match, and in each
 annotated data set. Without them, annotators who label differently pass for players who play differently.
 
-The nine variances are those of maximum marginal likelihood, or those of a prior model. The change in a year has an exponential
-prior with mean :data:`YEAR`: a free one takes the form of a tournament for a change of skill, and predicts unseen matches worse.
+The variances are those of maximum marginal likelihood, or those of a prior model. The change in a year is given
+(:data:`YEAR`): an estimated one takes the form of a tournament for a change of skill, and predicts unseen matches worse.
 """
 
 import dataclasses
@@ -60,9 +60,9 @@ GROUP: Final[I8] = np.array([[shot in SHOTS_OF_GROUP[group] for group in GROUPS]
 """``[13]`` group of each shot type."""
 VARIANCES: Final = ("striker", "striker_group", "receiver", "receiver_group", "year", "match", "side", "match_group", "source")
 """Variance components: general and group offsets of each role, change of the general ones in a year, nuisance effects."""
-YEAR: Final = 0.03
-"""Prior mean of the standard deviation of the change of a general offset in a year."""
-_MEANS: Final = np.where(np.array(VARIANCES) == "year", YEAR, np.inf)
+YEAR: Final = 0.05
+"""Standard deviation of the change of a general offset in a year."""
+_FIXED: Final = np.where(np.array(VARIANCES) == "year", YEAR, np.nan)
 _FOLDS: Final = 5
 _EPOCH: Final = datetime.date(1970, 1, 1)
 
@@ -129,7 +129,7 @@ def fit_skill(predicted: Mapping[str, Predicted], sources: Mapping[str, str], sd
     # Another order of summation would give other offsets.
     with threadpool_limits(1):
         models = [design.model(predicted[name]) for name in COMPONENTS]
-        fits = [fit_variances(model, _MEANS) if sd is None else posterior(model, sd[c]) for c, model in enumerate(models)]
+        fits = [fit_variances(model, _FIXED) if sd is None else posterior(model, sd[c]) for c, model in enumerate(models)]
     struck, players = predicted["success"].rows, len(design.players)
     striker = design.index(struck.striker)
     pairs = np.unique(np.stack([striker, struck.match]), axis=1)[0]
@@ -162,7 +162,7 @@ def check(predicted: Mapping[str, Predicted], sources: Mapping[str, str], sd: F6
         sd: ``[3, 9]`` standard deviations of the components.
 
     Returns:
-        What :func:`slope_on_offset` returns for each component.
+        What :func:`slope_on_offset` returns for each component; no component without a player of two matches.
     """
     matches = np.unique(predicted["success"].rows.match)
     fold = np.zeros(int(matches[-1]) + 1, dtype=np.int64)
@@ -175,7 +175,11 @@ def check(predicted: Mapping[str, Predicted], sources: Mapping[str, str], sd: F6
         others = fit_skill({name: part.take(~inside[name]) for name, part in predicted.items()}, sources, sd).skill
         for name, part in predicted.items():
             shift[name][inside[name]] = shifts(others, name, part.rows.take(inside[name]))
-    return {name: slope_on_offset(part.logit, shift[name], part.label, part.rows.match) for name, part in predicted.items()}
+    return {
+        name: slope_on_offset(part.logit, shift[name], part.label, part.rows.match)
+        for name, part in predicted.items()
+        if shift[name].any()
+    }
 
 
 def slope_on_offset(logit: F64, shift: F64, label: Bools, match: Ints) -> dict[str, float]:

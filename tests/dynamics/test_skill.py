@@ -140,6 +140,15 @@ def test_the_check_finds_too_little_shrinkage(case: tuple[dict[str, Predicted], 
     assert check(half, sources(half), np.tile(8 * SD, (3, 1)))["success"]["high"] < 1
 
 
+def test_a_single_match_has_skill_and_no_check(case: tuple[dict[str, Predicted], F64, FittedSkill]) -> None:
+    predicted, _, _ = case
+    one = {name: part.take(part.rows.match == 3) for name, part in predicted.items()}
+    fitted = fit_skill(one, sources(one))
+    assert len(fitted.skill.players) == len(fitted.skill.day) == 2
+    assert np.isfinite(fitted.skill.offset).all()
+    assert check(one, sources(one), fitted.sd) == {}
+
+
 def test_the_slope_is_that_of_the_simulation() -> None:
     rng = np.random.default_rng(5)
     logit, shift = rng.normal(-1, 1, 20000), rng.normal(0, 0.5, 20000)
