@@ -42,7 +42,7 @@ def calibration(
     for name, happened in outcomes(strokes, promised):
         x, y, match = centred(strokes, promised, happened)
         matches, index = np.unique(match, return_inverse=True)
-        sums = np.stack([np.bincount(index, x * y), np.bincount(index, x * x)])
+        sums: F64 = np.stack([np.bincount(index, x * y), np.bincount(index, x * x)]).astype(np.float64)
         member = part_of_match[matches] == parts[:, None]
         known = None if factors is None else factors[name].value
         draws = np.random.default_rng(seed).integers(0, len(matches), (RESAMPLES, len(matches)))

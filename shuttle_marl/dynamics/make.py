@@ -532,7 +532,7 @@ def save_clones(
         profiles: log-probabilities of the average player of each discipline.
     """
     clones: dict[str, npt.NDArray[Any]] = {
-        "log_choice": log_choice.astype(np.float16),
+        "log_choice": log_choice,
         **{f"log_choice.{name}": values.astype(np.float16) for name, values in profiles.items()},
         "style": choices.style.reshape(*choices.style.shape[:3], N_SHOTS, N_TECHNIQUES),
         "area": choices.area,

@@ -96,10 +96,9 @@ class Trees:
             below[:, node] = np.where(child < 0, 1 << (-1 - np.minimum(child, -1)), inner[..., 0] | inner[..., 1])
         used = np.zeros((trees, nodes), dtype=bool)
         used[:, 0] = True
-        tree, node = np.nonzero(self.child.max(axis=2) >= 0)
         for side in (0, 1):
-            inner = self.child[tree, node, side] >= 0
-            used[tree[inner], self.child[tree, node, side][inner]] = True
+            tree_of, parent = np.nonzero(self.child[..., side] >= 0)
+            used[tree_of, self.child[tree_of, parent, side]] = True
         masks = np.full((len(INPUTS), max(SLOTS.values()), trees), 255, dtype=np.uint8)
         codes = np.arange(masks.shape[1])
         for tree, node in np.argwhere(used):

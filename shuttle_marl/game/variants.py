@@ -9,7 +9,7 @@ same hash, on every machine.
 import decimal
 import functools
 import json
-import lzma
+import zlib
 from collections.abc import Collection, Mapping
 from dataclasses import replace
 from typing import Any, Final
@@ -28,8 +28,6 @@ STEP: Final = 0.0625
 COARSE: Final = 4
 """Steps of refits are multiples of this: their sampling errors are about five steps, and coarse steps take half the space."""
 _MOST: Final = 127
-_MEMORY: Final = 64 * 2**20
-"""Memory limit of the decompression [bytes]."""
 _RARE: Final = 0.006
 _SLACK: Final = 1e-6
 
@@ -141,7 +139,7 @@ def packed(game: Game, others: Mapping[str, Game], *, coarse: Collection[str] = 
     hashes = {}
     for name, other in others.items():
         steps = steps_between(game, other, COARSE if name in coarse else 1)
-        arrays[f"{name}.steps"] = np.frombuffer(lzma.compress(steps[:, order].tobytes()), dtype=np.uint8)
+        arrays[f"{name}.steps"] = np.frombuffer(zlib.compress(steps[:, order].tobytes(), 9), dtype=np.uint8)
         arrays[f"{name}.fault_odds"] = other.fault_odds
         hashes[name] = moved(game, steps, other.fault_odds).hash
     # One entry only: safetensors writes several in no fixed order, and the same fit must give the same file.
@@ -176,12 +174,10 @@ def unpacked(tensors: Tensors, game: Game, name: str) -> Game:
         raise ValueError("its variants are of another game")
     try:
         # A byte more than a table has, so that what is too long is noticed and never unpacked.
-        unpacker = lzma.LZMADecompressor(memlimit=_MEMORY)
+        unpacker = zlib.decompressobj()
         content = unpacker.decompress(tensors.arrays[f"{name}.steps"].tobytes(), 3 * game.n_base_pairs + 1)
-    except lzma.LZMAError as error:
+    except zlib.error as error:
         raise ValueError(f"variant {name} cannot be unpacked: {error}") from error
-    if not unpacker.eof and len(content) <= 3 * game.n_base_pairs:
-        raise ValueError(f"variant {name} is cut short")
     if len(content) != 3 * game.n_base_pairs:
         raise ValueError(f"variant {name} has {len(content)} steps, expected {3 * game.n_base_pairs}")
     steps = np.empty((3, game.n_base_pairs), dtype=np.int8)

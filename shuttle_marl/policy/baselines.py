@@ -17,7 +17,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.arrays import F64, I64
+from shuttle_marl.arrays import F32, F64, I64
 from shuttle_marl.game.court import N_AREAS, area_centre
 from shuttle_marl.game.pairs import SeatGame
 from shuttle_marl.game.policy import PolicyError, States
@@ -42,7 +42,7 @@ class BehaviourClones:
         area: ``[M, 13, 3, 9]`` shifts by shot type, technique and target.
     """
 
-    log_choice: npt.NDArray[np.float16]
+    log_choice: F32
     profiles: dict[str, npt.NDArray[np.float16]]
     players: tuple[str, ...]
     style: F64
@@ -85,7 +85,7 @@ def clones(folder: Path) -> BehaviourClones:
         pairs = arrays["log_choice"].shape[:1]
         of_profiles = {name: f"log_choice.{name}" for name in PROFILES}
         return BehaviourClones(
-            log_choice=checked(arrays["log_choice"], np.float16, pairs),
+            log_choice=checked(arrays["log_choice"], np.float32, pairs),
             profiles={name: checked(arrays[key], np.float16, pairs) for name, key in of_profiles.items() if key in arrays},
             players=tuple(players),
             style=checked(arrays["style"], np.float64, (m, N_SHOTS + 2, len(HEIGHTS), N_SHOTS, N_TECHNIQUES)),

@@ -140,7 +140,7 @@ def test_srgb_colours_are_converted_to_linear(colour: list[float]) -> None:
 
 
 def test_players_are_drawn_where_they_stand(reel: Any, scene_file: Path) -> None:
-    """Red shirts on the half of seat 0, blue ones on that of seat 1, at the place that the transforms say."""
+    """Blue shirts on the half of seat 0, red ones on that of seat 1, at the place that the transforms say."""
     film = SceneFile(scene_file)
     camera = Camera()
     states = dict(reel.of("/rally/state"))
@@ -152,7 +152,7 @@ def test_players_are_drawn_where_they_stand(reel: Any, scene_file: Path) -> None
             x, y, _ = camera.project(at, 480, 270)[0]
             patch = image[round(y) - 14 : round(y) + 14, round(x) - 10 : round(x) + 10].reshape(-1, 3)
             red, green, blue = patch.T
-            own = (red > 1.6 * np.maximum(green, blue)) if seat == 0 else (blue > 1.4 * np.maximum(red, green))
+            own = (red > 1.6 * np.maximum(green, blue)) if seat == 1 else (blue > 1.4 * np.maximum(red, green))
             assert own.sum() > 15, (seconds, seat)
 
 
