@@ -144,14 +144,15 @@ def run(task: Task, options: tyro.conf.OmitArgPrefixes[RunOptions], *, json_outp
 
     fields = {field.name: getattr(options, field.name) for field in dataclasses.fields(options)}
     folder = run_method(SuiteRun(task=task, model=fields.pop("game"), **fields), cli.console(stderr=True))
-    _print_summary(folder, options.secret, json_output=json_output)
+    _print_summary(folder, options.secret, options.game, json_output=json_output)
 
 
-def score(folder: Folder, *, secret: Secret = None, json_output: Json = False) -> None:
+def score(folder: Folder, *, game: str | None = None, secret: Secret = None, json_output: Json = False) -> None:
     """Aggregate the stored scores of a run, and write results.json; `verify` recomputes them.
 
     Args:
         folder: of the run.
+        game: model of the game; default: the shipped one that the run names.
         secret: seed of the hidden split.
         json_output: print JSON.
     """
@@ -159,15 +160,18 @@ def score(folder: Folder, *, secret: Secret = None, json_output: Json = False) -
     from shuttle_marl.suite.results import summarise  # noqa: PLC0415  numba
     from shuttle_marl.suite.store import RESULTS  # noqa: PLC0415
 
-    runs.write_json(folder / RESULTS, summarise(folder, secret))
-    _print_summary(folder, secret, json_output=json_output)
+    runs.write_json(folder / RESULTS, summarise(folder, secret, game))
+    _print_summary(folder, secret, game, json_output=json_output)
 
 
-def verify(folder: Folder, *, secret: Secret = None, data: Path | None = None, json_output: Json = False) -> None:
+def verify(
+    folder: Folder, *, game: str | None = None, secret: Secret = None, data: Path | None = None, json_output: Json = False
+) -> None:
     """Recompute every score of a run from its policies and answers; exits with 1 if one is refused.
 
     Args:
         folder: of the run.
+        game: model of the game; default: the shipped one that the run names. Folders that a run names are not opened.
         secret: seed of the hidden split.
         data: annotated matches, for imitate.
         json_output: print JSON.
@@ -175,7 +179,7 @@ def verify(folder: Folder, *, secret: Secret = None, data: Path | None = None, j
     from shuttle_marl.suite.task import SuiteError  # noqa: PLC0415  numba
     from shuttle_marl.suite.verify import NOT_VERIFIED, verify_run  # noqa: PLC0415
 
-    findings = verify_run(folder, secret=secret, data=data, progress=_progress)
+    findings = verify_run(folder, game=game, secret=secret, data=data, progress=_progress)
     refused = [finding for finding in findings if finding.reason is not None]
     if json_output:
         cli.print_json(
@@ -201,6 +205,7 @@ def board(
     *,
     results: File = None,
     check: bool = True,
+    game: str | None = None,
     out: File = None,
     html: bool = False,
 ) -> None:
@@ -210,12 +215,13 @@ def board(
         folders: run folders.
         results: a file of `python -m experiments.suite`, whose rows are added as they are.
         check: verify the folders; entries that are not verified are marked.
+        game: model of the game; default: the shipped one that a run names.
         out: write the board here; default: print it.
         html: write HTML instead of Markdown.
     """
     from shuttle_marl.suite.board import render, rows_of  # noqa: PLC0415  numba
 
-    text = render(rows_of(folders, results, check=check, progress=_progress), "html" if html else "md")
+    text = render(rows_of(folders, results, check=check, game=game, progress=_progress), "html" if html else "md")
     if out is None:
         print(text, end="")  # noqa: T201
     else:
@@ -289,11 +295,11 @@ def freeze(
     cli.console().print(cli.facts({"game": str(done.game), "commitment": str(done.commitment), "cases": f"{len(done.cases):,}"}))
 
 
-def _print_summary(folder: Path, secret: str | None, *, json_output: bool) -> None:
+def _print_summary(folder: Path, secret: str | None, game: str | None, *, json_output: bool) -> None:
     from shuttle_marl.suite.board import number  # noqa: PLC0415  numba
     from shuttle_marl.suite.results import summarise  # noqa: PLC0415
 
-    found = summarise(folder, secret)
+    found = summarise(folder, secret, game)
     if json_output:
         cli.print_json({"folder": str(folder), **found})
         return

@@ -55,6 +55,11 @@ def model_folder(name: str = "default") -> Path:
     return origin_named(name).folder
 
 
+def is_shipped(name: str) -> bool:
+    """Whether a model of this name is part of the package."""
+    return name in {path.parent.name for path in _MODELS.glob(f"*/{GAME}")}
+
+
 @functools.cache
 def load_game(name: str = "default") -> Game:
     """The game of a shipped model, or of the model in the folder ``name``, or a variant of one: ``MODEL:VARIANT``.

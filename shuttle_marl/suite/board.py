@@ -43,6 +43,7 @@ def rows_of(
     results: Path | None = None,
     *,
     check: bool = True,
+    game: str | None = None,
     progress: Callable[[Any], Any] = lambda units: units,
 ) -> list[dict[str, Any]]:
     """Summaries of run folders and of a file of results, for :func:`render`.
@@ -51,6 +52,7 @@ def rows_of(
         folders: run folders.
         results: JSON file with ``rows``; None: none.
         check: verify the folders.
+        game: model of the game; None: the shipped model that a run names.
         progress: wraps the units of a folder.
 
     Raises:
@@ -58,8 +60,10 @@ def rows_of(
     """
     rows = []
     for folder in folders:
-        verified = all(finding.reason is None for finding in verify_run(folder, progress=progress)) if check else None
-        rows.append({**summarise(folder), "tuning_strokes": read_card(folder).get("tuning_strokes"), "verified": verified})
+        verified = all(finding.reason is None for finding in verify_run(folder, game=game, progress=progress)) if check else None
+        rows.append(
+            {**summarise(folder, game=game), "tuning_strokes": read_card(folder).get("tuning_strokes"), "verified": verified}
+        )
     if results is not None:
         try:
             rows += read_json(results, _Results).rows

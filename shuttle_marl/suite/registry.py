@@ -5,13 +5,15 @@ import functools
 from pathlib import Path
 from typing import Final
 
-from shuttle_marl.game.shipped import resolve_game
+from shuttle_marl.errors import printable
+from shuttle_marl.game.shipped import is_shipped, resolve_game
 from shuttle_marl.suite import frozen
 from shuttle_marl.suite.adapt import Adapt
 from shuttle_marl.suite.imitate import Imitate
 from shuttle_marl.suite.offline import Evaluate, Offline
 from shuttle_marl.suite.players import Equilibrium, Exploit
 from shuttle_marl.suite.robust import Robust
+from shuttle_marl.suite.store import RunConfig
 from shuttle_marl.suite.task import Arena, Split, SuiteError, Task
 from shuttle_marl.suite.text import Text
 
@@ -49,3 +51,24 @@ def arena_of(
     variant = task.variants.get(split)
     name = model if variant is None else f"{model}:{variant}"
     return Arena(game=resolve_game(name), model=name, split=split, quick=quick, secret=secret, data=data)
+
+
+def arena_of_run(
+    task: Task, config: RunConfig, model: str | None = None, *, secret: str | None = None, data: Path | None = None
+) -> Arena:
+    """The game and the split of a run whose folder may be a stranger's.
+
+    Args:
+        task: the task of the run.
+        config: configuration in the folder.
+        model: name or folder of the game that the user named; None: the shipped model of this name. A folder that the
+            configuration names is never opened.
+        secret: seed of the hidden split.
+        data: annotated matches, for ``imitate``.
+
+    Raises:
+        SuiteError: the configuration names a model that is not shipped.
+    """
+    if model is None and not is_shipped(config.game.model):
+        raise SuiteError(f"the run names the model {printable(config.game.model)!r}, which is not shipped; name it with --game")
+    return arena_of(task, model or config.game.model, config.split, quick=config.quick, secret=secret, data=data)

@@ -12,7 +12,7 @@ import numpy as np
 from shuttle_marl.arrays import F64
 from shuttle_marl.league.seeds import Interval, stratified
 from shuttle_marl.suite import frozen, store
-from shuttle_marl.suite.registry import arena_of, find_task
+from shuttle_marl.suite.registry import arena_of_run, find_task
 from shuttle_marl.suite.store import Entry
 from shuttle_marl.suite.task import Case, SuiteError, Task
 
@@ -20,19 +20,20 @@ PROFILE_POINTS: Final = 21
 """Number of thresholds of a performance profile."""
 
 
-def summarise(folder: Path, secret: str | None = None) -> dict[str, Any]:
+def summarise(folder: Path, secret: str | None = None, game: str | None = None) -> dict[str, Any]:
     """Aggregates of a run, from its entries as they are stored; :func:`shuttle_marl.suite.verify.verify_run` recomputes those.
 
     Args:
         folder: of the run.
         secret: seed of the hidden split.
+        game: model of the game; None: the shipped model that the run names.
 
     Raises:
         SuiteError: a unit is missing or damaged.
     """
     config = store.read_config(folder)
     task = find_task(config.task)
-    cases = cases_of(task, config, secret)
+    cases = cases_of(task, config, secret, game)
     entries = store.read_entries(folder, [case.name for case in cases], config.seeds)
     missing = len(cases) * config.seeds - len(entries)
     if missing:
@@ -69,9 +70,9 @@ def _known(bound: float) -> float | None:
     return None if np.isnan(bound) else bound
 
 
-def cases_of(task: Task, config: store.RunConfig, secret: str | None = None) -> list[Case]:
+def cases_of(task: Task, config: store.RunConfig, secret: str | None = None, game: str | None = None) -> list[Case]:
     """Cases of a run."""
-    return task.cases(arena_of(task, config.game.model, config.split, quick=config.quick, secret=secret))
+    return task.cases(arena_of_run(task, config, game, secret=secret))
 
 
 def aggregate(task: Task, cases: Sequence[Case], entries: Mapping[tuple[str, int], Entry], name: str) -> Interval:
@@ -79,7 +80,7 @@ def aggregate(task: Task, cases: Sequence[Case], entries: Mapping[tuple[str, int
     return stratified(_columns(cases, entries, name), task.statistic)
 
 
-def difference(task: Task, ours: Path, theirs: Path) -> Interval:
+def difference(task: Task, ours: Path, theirs: Path, game: str | None = None) -> Interval:
     """Mean difference of the main score in paired units, positive if the first run is better, with its 95 % interval.
 
     Raises:
@@ -88,7 +89,7 @@ def difference(task: Task, ours: Path, theirs: Path) -> Interval:
     columns = []
     for folder in (ours, theirs):
         config = store.read_config(folder)
-        cases = cases_of(task, config)
+        cases = cases_of(task, config, game=game)
         columns.append(_columns(cases, store.read_entries(folder, [case.name for case in cases], config.seeds), task.metric))
     shapes = [[len(column) for column in part] for part in columns]
     if shapes[0] != shapes[1]:

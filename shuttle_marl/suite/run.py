@@ -112,7 +112,7 @@ def run_method(options: SuiteRun, console: Console | None = None) -> Path:
             if not store.entry_path(folder, case, seed).exists()
         ]
         _play_all(folder, units, options, console or Console(quiet=True))
-        runs.write_json(folder / store.RESULTS, summarise(folder, options.secret))
+        runs.write_json(folder / store.RESULTS, summarise(folder, options.secret, options.model))
         runs.write_json(folder / runs.MANIFEST, {"status": "finished", **about})
     return folder
 

@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.suite import frozen, store
-from shuttle_marl.suite.registry import arena_of, find_task
+from shuttle_marl.suite.registry import arena_of_run, find_task
 from shuttle_marl.suite.store import RunConfig
 from shuttle_marl.suite.task import Arena, SuiteError, Task
 
@@ -29,6 +29,7 @@ class Finding:
 def verify_run(
     folder: Path,
     *,
+    game: str | None = None,
     secret: str | None = None,
     data: Path | None = None,
     progress: Callable[[Any], Any] = lambda units: units,
@@ -37,6 +38,7 @@ def verify_run(
 
     Args:
         folder: of the run.
+        game: model of the game; None: the shipped model that the run names.
         secret: seed of the hidden split.
         data: annotated matches, for ``imitate``.
         progress: wraps the units, to show progress.
@@ -46,7 +48,7 @@ def verify_run(
     """
     config = store.read_config(folder)
     task = find_task(config.task)
-    arena = arena_of(task, config.game.model, config.split, quick=config.quick, secret=secret, data=data)
+    arena = arena_of_run(task, config, game, secret=secret, data=data)
     cases = task.cases(arena)
     units = [(number, seed) for number in range(len(cases)) for seed in range(config.seeds)]
     return [

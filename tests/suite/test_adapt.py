@@ -111,7 +111,7 @@ def test_regret_is_exact(tmp_path: Path, arena: Arena) -> None:
     lost = best_response(human).value.odds().rally - evaluate(player, human).odds().rally
     assert [second.scores[f"regret_{n}"] for n in (20, 500)] == pytest.approx([lost, lost], abs=2e-6)
     assert second.scores["exploitability"] == pytest.approx(best_response(player).value.odds().value, abs=2e-6)
-    assert [finding.reason for finding in verify_run(folder)] == [None, None]
+    assert [finding.reason for finding in verify_run(folder, game=reduced_model())] == [None, None]
     assert set(first.policies) == {str(change) for change in CHANGES}
 
 
@@ -124,13 +124,13 @@ def test_a_method_that_reads_the_opponent_is_refused(tmp_path: Path) -> None:
     "method", ["minimax", "restricted-nash:0.5", "bandit", "bayes", "thompson", "posterior-mean", "counts:0.8"]
 )
 def test_baselines(tmp_path: Path, method: str) -> None:
-    found = summarise(run(tmp_path, method))
+    found = summarise(run(tmp_path, method), game=reduced_model())
     assert 0 <= found["score"] < 0.3
     assert (found["exploitability"] < 1e-5) == (method == "minimax")
 
 
 def test_tilt_learns(tmp_path: Path) -> None:
-    found = summarise(run(tmp_path, "tilt"))["scores"]
+    found = summarise(run(tmp_path, "tilt"), game=reduced_model())["scores"]
     assert found["regret_500"]["value"] < found["regret_20"]["value"]
 
 

@@ -193,8 +193,8 @@ def test_errors_are_as_defined() -> None:
 @pytest.mark.parametrize("method", BASELINES["offline"])
 def test_baselines_of_offline(method: str, tmp_path: Path) -> None:
     folder = run_method(SuiteRun(task="offline-v0", method=method, model=reduced_model(), quick=True, out=tmp_path / "run"))
-    assert -0.2 < summarise(folder)["score"] < 1
-    assert [finding.reason for finding in verify_run(folder)] == [None]
+    assert -0.2 < summarise(folder, game=reduced_model())["score"] < 1
+    assert [finding.reason for finding in verify_run(folder, game=reduced_model())] == [None]
 
 
 def test_a_run_of_evaluate_is_verified(tmp_path: Path) -> None:
@@ -203,10 +203,10 @@ def test_a_run_of_evaluate_is_verified(tmp_path: Path) -> None:
             task="evaluate-v0", method="weighted-importance-sampling", model=reduced_model(), quick=True, out=tmp_path / "run"
         )
     )
-    found = summarise(folder)
+    found = summarise(folder, game=reduced_model())
     assert 0 < found["score"] < 0.5
     assert -1 <= found["scores"]["rank_correlation"]["value"] <= 1
-    assert [finding.reason for finding in verify_run(folder)] == [None, None]
+    assert [finding.reason for finding in verify_run(folder, game=reduced_model())] == [None, None]
 
 
 class Half:

@@ -60,7 +60,7 @@ def played(tmp_path: Path, method: str, task: str = "exploit-v0", **options: Any
 
 
 def reasons(folder: Path) -> list[str | None]:
-    return [finding.reason for finding in verify_run(folder)]
+    return [finding.reason for finding in verify_run(folder, game=reduced_model())]
 
 
 def first_entry(folder: Path) -> tuple[Path, dict[str, Any]]:
@@ -73,9 +73,17 @@ def forge(path: Path, fields: dict[str, Any]) -> None:
     path.write_bytes(seal({name: value for name, value in fields.items() if name != "checksum"}))
 
 
+def test_a_model_folder_that_a_run_names_is_not_opened(tmp_path: Path) -> None:
+    folder = played(tmp_path, "bc")
+    with pytest.raises(SuiteError, match=r"not shipped; name it with --game"):
+        verify_run(folder)
+    with pytest.raises(SuiteError, match=r"not shipped; name it with --game"):
+        summarise(folder)
+
+
 def test_scores_are_exact_and_verified(tmp_path: Path) -> None:
     folder = played(tmp_path, f"{__name__}:noisy", seeds=2)
-    result, safe, bc = summarise(folder), table("safe"), table("bc")
+    result, safe, bc = summarise(folder, game=reduced_model()), table("safe"), table("bc")
     wins = [evaluate(table(f"bc@{temperature}"), safe).odds().rally for temperature in (0.3, 0.4)]
     low, high = evaluate(bc, safe).odds().rally, best_response(safe).value.odds().rally
     assert result["scores"]["rally_win"]["value"] == pytest.approx(np.mean(wins), abs=1e-9)
@@ -85,15 +93,19 @@ def test_scores_are_exact_and_verified(tmp_path: Path) -> None:
 
 
 def test_references_bound_the_scale(tmp_path: Path) -> None:
-    assert summarise(played(tmp_path, "best-response"))["score"] == pytest.approx(1, abs=1e-9)
-    assert summarise(played(tmp_path, "bc"))["score"] == pytest.approx(0, abs=1e-9)
-    assert summarise(played(tmp_path / "e", "minimax", "equilibrium-v0"))["exploitability"] == pytest.approx(0, abs=1e-9)
-    one, some = (summarise(played(tmp_path, name))["score"] for name in ("constant", "constant-by-incoming"))
+    assert summarise(played(tmp_path, "best-response"), game=reduced_model())["score"] == pytest.approx(1, abs=1e-9)
+    assert summarise(played(tmp_path, "bc"), game=reduced_model())["score"] == pytest.approx(0, abs=1e-9)
+    assert summarise(played(tmp_path / "e", "minimax", "equilibrium-v0"), game=reduced_model())[
+        "exploitability"
+    ] == pytest.approx(0, abs=1e-9)
+    one, some = (
+        summarise(played(tmp_path, name), game=reduced_model())["score"] for name in ("constant", "constant-by-incoming")
+    )
     assert 0 < one < some < 1
 
 
 def test_fictitious_play_approaches_the_equilibrium(tmp_path: Path) -> None:
-    found = summarise(played(tmp_path, "fictitious-play", "equilibrium-v0"))
+    found = summarise(played(tmp_path, "fictitious-play", "equilibrium-v0"), game=reduced_model())
     assert 0 < found["exploitability"] < 0.2 * best_response(table("bc")).value.odds().value
 
 
@@ -121,14 +133,14 @@ def test_an_illegal_stroke_is_refused(tmp_path: Path) -> None:
 
 def test_a_run_is_resumed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = played(tmp_path, f"{__name__}:noisy", seeds=2)
-    whole = summarise(folder)
+    whole = summarise(folder, game=reduced_model())
     kept = store.entry_path(folder, 0, 0).read_bytes()
     store.entry_path(folder, 0, 1).unlink()
     with pytest.raises(SuiteError, match="1 of 2 units are missing"):
-        summarise(folder)
+        summarise(folder, game=reduced_model())
     played(tmp_path, f"{__name__}:noisy", seeds=2, resume=True)
     assert store.entry_path(folder, 0, 0).read_bytes() == kept
-    again = summarise(folder)
+    again = summarise(folder, game=reduced_model())
     assert {**again, "seconds": 0} == {**whole, "seconds": 0}
     with pytest.raises(runs.RunError, match="other flags"):
         played(tmp_path, f"{__name__}:noisy", seeds=3, resume=True)
@@ -178,15 +190,15 @@ def test_an_entry_of_another_unit_is_refused(tmp_path: Path) -> None:
 def test_paired_differences(tmp_path: Path) -> None:
     better = played(tmp_path, "best-response", seeds=2)
     worse = played(tmp_path, f"{__name__}:noisy", seeds=2)
-    found = difference(TASKS["exploit-v0"], better, worse)
-    assert found.value == pytest.approx(1 - summarise(worse)["score"], abs=1e-9)
+    found = difference(TASKS["exploit-v0"], better, worse, reduced_model())
+    assert found.value == pytest.approx(1 - summarise(worse, game=reduced_model())["score"], abs=1e-9)
     assert found.low <= found.value <= found.high
     with pytest.raises(SuiteError, match="different cases or seeds"):
-        difference(TASKS["exploit-v0"], better, played(tmp_path, "bc"))
+        difference(TASKS["exploit-v0"], better, played(tmp_path, "bc"), reduced_model())
 
 
 def test_the_board_orders_and_escapes(tmp_path: Path) -> None:
-    row = summarise(played(tmp_path, "bc"))
+    row = summarise(played(tmp_path, "bc"), game=reduced_model())
     rows = [
         {**row, "method": "<b>x</b>|y", "score": 0.4, "tuning_strokes": None, "verified": True},
         {**row, "method": "other", "score": 0.6, "tuning_strokes": 100, "verified": False},
@@ -213,13 +225,13 @@ def test_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatc
     assert all(task["about"] and task["protocol"] and task["baselines"] for task in tasks)
     found = told("run", "exploit-v0", "--method", "bc", "--quick", "--game", reduced_model())
     assert (found["score"], found["official"]) == (pytest.approx(0, abs=1e-9), False)
-    assert told("score", found["folder"])["score"] == found["score"]
-    assert told("verify", found["folder"])["reproduced"] == 1
-    assert main(("board", found["folder"], "--out", "board.html", "--html")) == 0
+    assert told("score", found["folder"], "--game", reduced_model())["score"] == found["score"]
+    assert told("verify", found["folder"], "--game", reduced_model())["reproduced"] == 1
+    assert main(("board", found["folder"], "--game", reduced_model(), "--out", "board.html", "--html")) == 0
     assert "exploit-v0" in (tmp_path / "board.html").read_text()
     path, entry = first_entry(Path(found["folder"]))
     forge(path, {**entry, "scores": {**entry["scores"], "score": 0.5}})
-    assert main(("verify", found["folder"])) == 1
+    assert main(("verify", found["folder"], "--game", reduced_model())) == 1
     printed = capsys.readouterr()
     assert "refused: safe" in printed.out
     assert main(("run", "exploit-v0", "--method", "nothing")) == 1

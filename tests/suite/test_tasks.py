@@ -32,7 +32,7 @@ def run(tmp_path: Path, task: str, method: str, **options: Any) -> Path:
 
 
 def accepted(folder: Path) -> bool:
-    return all(finding.reason is None for finding in verify_run(folder))
+    return all(finding.reason is None for finding in verify_run(folder, game=reduced_model()))
 
 
 def test_robust_is_the_worst_of_the_refits(tmp_path: Path) -> None:
@@ -40,18 +40,18 @@ def test_robust_is_the_worst_of_the_refits(tmp_path: Path) -> None:
     policy = solve(GAME).policy[0]
     given, scored = refits_of(GAME)
     won = 1 - best_response(moved(policy, scored)).value.odds().rally
-    found = summarise(folder)
+    found = summarise(folder, game=reduced_model())
     assert found["score"] == pytest.approx(won, abs=1e-6)
     assert found["scores"]["mean"]["value"] == found["score"]
     assert accepted(folder)
-    best = summarise(run(tmp_path / "two", "robust-v0", "minimax-robust", split="test"))
+    best = summarise(run(tmp_path / "two", "robust-v0", "minimax-robust", split="test"), game=reduced_model())
     assert 0 < best["score"] < 0.5
     assert given.hash != scored.hash
 
 
 @pytest.mark.parametrize("method", ["mean-game", "human:0.1", "bc"])
 def test_baselines_of_robust(tmp_path: Path, method: str) -> None:
-    assert 0 < summarise(run(tmp_path, "robust-v0", method, split="test"))["score"] < 0.5
+    assert 0 < summarise(run(tmp_path, "robust-v0", method, split="test"), game=reduced_model())["score"] < 0.5
 
 
 def test_text_scores_regret_and_legality(tmp_path: Path) -> None:
@@ -59,10 +59,10 @@ def test_text_scores_regret_and_legality(tmp_path: Path) -> None:
     places = positions(arena)
     regret = regrets(GAME)
     assert regret.min() == 0
-    best = summarise(run(tmp_path / "best", "text-v0", "policy:minimax", split="test"))["scores"]
+    best = summarise(run(tmp_path / "best", "text-v0", "policy:minimax", split="test"), game=reduced_model())["scores"]
     assert (best["regret"]["value"], best["legal"]["value"]) == (pytest.approx(0, abs=1e-9), 1)
     folder = run(tmp_path / "wrong", "text-v0", f"{__name__}:Wrong", split="test")
-    worst = summarise(folder)["scores"]
+    worst = summarise(folder, game=reduced_model())["scores"]
     states = chosen_states(arena).tolist()
     assert worst["regret"]["value"] == pytest.approx(np.mean([regret[GAME.pairs_of(state)].max() for state in states]))
     assert worst["legal"]["value"] == 0
@@ -104,7 +104,7 @@ def test_a_program_answers_positions(tmp_path: Path) -> None:
     program.write_text(
         "import json, sys\nfor line in sys.stdin:\n    print(json.loads(line)['legal'][0], flush=True)\n", encoding="utf-8"
     )
-    found = summarise(run(tmp_path, "text-v0", f"program:{sys.executable} {program}", split="test"))
+    found = summarise(run(tmp_path, "text-v0", f"program:{sys.executable} {program}", split="test"), game=reduced_model())
     assert found["scores"]["legal"]["value"] == 1
 
 
@@ -124,9 +124,9 @@ def test_imitation_of_real_matches(tmp_path: Path) -> None:
         run(tmp_path / name.replace(":", "-"), "imitate-v0", name, split="test", data=data)
         for name in ("counts", "bc", "policy:random")
     ]
-    counts, bc, uniform = (summarise(folder)["score"] for folder in folders)
+    counts, bc, uniform = (summarise(folder, game=reduced_model())["score"] for folder in folders)
     assert max(counts, bc) < uniform
-    assert [finding.reason for finding in verify_run(folders[0], data=data)] == [None]
+    assert [finding.reason for finding in verify_run(folders[0], game=reduced_model(), data=data)] == [None]
 
 
 def test_imitation_needs_data(tmp_path: Path) -> None:
@@ -155,7 +155,7 @@ def test_templates_run_as_they_are(task: str, tmp_path: Path, monkeypatch: pytes
     split = "test" if task == "robust-v0" else "dev"
     folder = run(tmp_path, task, COMMANDS[task], split=split)
     assert accepted(folder)
-    assert np.isfinite(summarise(folder)["score"])
+    assert np.isfinite(summarise(folder, game=reduced_model())["score"])
     sys.modules.pop(source.stem)
     with pytest.raises(SuiteError, match="already exists"):
         new_submission(task, tmp_path)
@@ -211,12 +211,12 @@ def test_frozen_cases_are_checked(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     assert done.commitment == frozen.commitment(secret.read_text())
     assert {name.split("/")[0] for name in done.cases} == {"robust-v0", "text-v0"}
     folder = run(tmp_path, "robust-v0", "minimax", split="test", quick=False)
-    assert summarise(folder)["official"]
+    assert summarise(folder, game=reduced_model())["official"]
     assert accepted(folder)
     # Another population under the same name is noticed.
     changed = dict.fromkeys(done.cases, "0" * 64)
     frozen.save(frozen.Frozen(game=done.game, commitment=None, cases=changed), path)
-    assert "the frozen one 000000000000" in str(verify_run(folder)[0].reason)
+    assert "the frozen one 000000000000" in str(verify_run(folder, game=reduced_model())[0].reason)
     # Other tasks are added to the frozen ones of the same game.
     more = freeze(path, ["equilibrium-v0"], model=reduced_model())
     assert {name.split("/")[0] for name in more.cases} == {"robust-v0", "text-v0", "equilibrium-v0"}
