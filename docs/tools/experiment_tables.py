@@ -137,6 +137,47 @@ def _slope(found: dict[str, float]) -> str:
     return f"{found['value']:.2f} ({found['low']:.2f} to {found['high']:.2f})"
 
 
+def truth_calibration() -> str:
+    """Slopes on calibrated advantages, in matches that did not fit the factors."""
+    result = saved("experiments", "truth_cross")["calibration"]
+    headings = ["", *("end of the rally" if name == "end" else f"after {name}" for name in result)]
+    rows = [
+        ["factor, mean of the parts", *(f"{found['factor']:.2f}" for found in result.values())],
+        ["slope on calibrated advantages", *(_slope({**found, "value": found["slope"]}) for found in result.values())],
+    ]
+    return markdown(headings, rows, left=("",))
+
+
+def truth_legality() -> str:
+    """Illegal strokes, and differences to the rule of legality before."""
+    result = saved("experiments", "truth_cross")
+    found, change = result["illegal"], result["against"]
+    rows = [
+        ["strokes of people that are illegal", f"{100 * found['share']:.2f} %"],
+        ["the same after a drop met above the net", f"{100 * found['after_drop_above']:.1f} %"],
+        ["error of the value there, points", _points(found["value_error"])],
+        ["change of the slope at the end", _change(change["slope_end"], 1, 3)],
+        ["change of the log-loss of the value, 10⁻⁵", _change(change["value_log_loss"], 1e5, 1)],
+    ]
+    return markdown(("figure", "value (95 %)"), rows, left=("figure",))
+
+
+def _change(found: dict[str, float], scale: float, digits: int) -> str:
+    value, low, high = (f"{scale * found[name]:+.{digits}f}" for name in ("value", "low", "high"))
+    return f"{value} ({low} to {high})"
+
+
+def truth_told_apart() -> str:
+    """Features by which trees tell simulated rallies from real ones."""
+    found = saved("experiments", "truth_cross")["two_sample_auc"]["gives_away"]
+    rows = [
+        (name, f"{100 * each['gain']:.0f} %", f"{each['simulated']:.3f}", f"{each['real']:.3f}", f"{each['difference']:+.3f}")
+        for name, each in found.items()
+    ]
+    headings = ("feature", "part of the gain", "simulated", "real", "difference, standard deviations")
+    return markdown(headings, rows, left=("feature",))
+
+
 def truth_shots() -> str:
     """Predicted and realised advantages of shot types, and errors of the value after them."""
     result = saved("experiments", "truth_cross")

@@ -49,6 +49,29 @@ def _human() -> None:
     draw(saved("experiments", "human"), IMAGES / "human.png")
 
 
+def _truth() -> None:
+    """Realised fraction of predicted advantages by horizon, before and after calibration."""
+    from matplotlib.figure import Figure  # noqa: PLC0415  slow to import
+
+    result = saved("experiments", "truth_cross")
+    figure = Figure(figsize=(7, 3.4), layout="constrained")
+    axes = figure.subplots()
+    names = ["after 1 stroke", "after 4", "after 8", "end of the rally"]
+    slopes, calibrated = (list(result[name].values()) for name in ("decision_slope", "calibration"))
+    series = (
+        ("predicted advantages", slopes, "value", -0.08, "#0b6e4f"),
+        ("calibrated advantages", calibrated, "slope", 0.08, "#b8520a"),
+    )
+    for label, found, key, shift, colour in series:
+        x, y = [i + shift for i in range(len(found))], [each[key] for each in found]
+        error = [[each[key] - each["low"] for each in found], [each["high"] - each[key] for each in found]]
+        axes.errorbar(x, y, yerr=error, fmt="o", color=colour, capsize=3, label=label)
+    axes.axhline(1, color="0.6", linewidth=1)
+    axes.set(xticks=range(len(names)), xticklabels=names, ylabel="realised / predicted", ylim=(0, 1.6))
+    axes.legend(frameon=False, loc="lower left")
+    figure.savefig(IMAGES / "truth.png", dpi=120)
+
+
 def _analysis() -> None:
     with tempfile.TemporaryDirectory() as folder:
         run = Path(folder) / "run"
@@ -101,6 +124,7 @@ PICTURES: Final[dict[tuple[str, ...], tuple[Callable[[], None], str]]] = {
         "shuttle_marl/models/default/card.json",
     ),
     ("stroke_value.png",): (_stroke_value, "experiments/results/stroke_value.json"),
+    ("truth.png",): (_truth, "experiments/results/truth_cross.json"),
     ("value.png",): (
         _module(
             "shuttle_marl.exact", "solve", "--plot", str(IMAGES / "value.png"), "--incoming", "smash:middle-left:above:forehand"
