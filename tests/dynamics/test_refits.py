@@ -20,6 +20,7 @@ from tests.dynamics.test_fitting import SAMPLE
 
 TRUTH = {
     "split": None,
+    "train_only": False,
     "cross": 4,
     "matches": 40,
     "strokes": 1000,
@@ -62,7 +63,7 @@ def test_a_model_with_profiles_and_refits(tmp_path: Path, monkeypatch: pytest.Mo
     card = make_model(SAMPLE, tmp_path / "model", seed=1, refits=2, config=config, report=lines.append)
     name = str(tmp_path / "model")
     assert card["variants"] == variants(name) == ["men", "women", "1", "2"]
-    assert "refit 2 of 2: compiling" in lines
+    assert "refit 2 of 2 is fitted" in lines
     game = load_game(name)
     assert len({game.hash, *(load_game(f"{name}:{variant}").hash for variant in card["variants"])}) == 5
     assert len(refits_of(game)) == 2
