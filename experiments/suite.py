@@ -127,8 +127,8 @@ def suite(config: tyro.conf.OmitArgPrefixes[Suite], json: Path | None = None) ->
             run_method(options, console)
             verified = None
             if config.verify:
-                verified = all(finding.reason is None for finding in verify_run(out, data=config.data))
-            rows.append({**summarise(out), "verified": verified, "tuning_strokes": None})
+                verified = all(finding.reason is None for finding in verify_run(out, game=config.game, data=config.data))
+            rows.append({**summarise(out, game=config.game), "verified": verified, "tuning_strokes": None})
         save_results(folder, {"rows": rows}, json)
     Console(highlight=False, soft_wrap=True).print(f"{len(rows)} runs are in {folder}")
 
