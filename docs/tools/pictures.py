@@ -110,8 +110,9 @@ _COURT: Final = {
     ("film.webp", "moments.png", "scene.png"): "scene_picture",
     ("rally.png",): "rally_picture",
     ("strokes.png",): "strokes_picture",
-    tuple(
-        f"watch_{mode}_{size}.jpg" for mode in ("analyse", "learn", "play", "watch") for size in ("narrow", "wide")
+    (
+        "watch_players.jpg",
+        *(f"watch_{mode}_{size}.jpg" for mode in ("analyse", "learn", "play", "watch") for size in ("narrow", "wide")),
     ): "watch_pictures",
 }
 PICTURES: Final[dict[tuple[str, ...], tuple[Callable[[], None], str]]] = {

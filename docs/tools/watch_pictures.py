@@ -3,15 +3,18 @@
 Needs the extra ``video`` and Chromium. The page is served and drawn on this machine, in full quality.
 """
 
+import contextlib
+import itertools
 import re
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
-from playwright.sync_api import Page, sync_playwright
+from playwright.sync_api import Browser, Page, sync_playwright
 
 from shuttle_marl.files import replace_file
 from shuttle_marl.watch.server import browser_flags, browser_program
@@ -20,30 +23,49 @@ FOLDER: Final = Path(__file__).parents[1] / "images"
 SIZES: Final = {"wide": (1680, 980), "narrow": (390, 844)}
 MODES: Final = ("watch", "analyse", "learn", "play")
 _PLACE: Final = "#seed=11&a=ppo&b=bc&rally=4&stroke=5"
+_RALLY: Final = "#seed=0&a=bc:viktor-axelsen&b=bc:kento-momota&rally=1&stroke=9"
+PLAYERS: Final = ("viktor-axelsen", "kento-momota")
 _LIMIT: Final = 240_000
 
 
 def main() -> None:
-    """Serve the page, and take a picture of every mode in both sizes."""
-    command = [sys.executable, "-m", "shuttle_marl.watch", "--no-browser", "--port", "0"]
+    """Take a picture of every mode in both sizes, and one of two players with their own skill."""
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=browser_program(), args=browser_flags())
+        with _served() as address:
+            for size, mode in itertools.product(SIZES, MODES):
+                _take(browser, address, mode, size, FOLDER / f"watch_{mode}_{size}.jpg")
+        take_players(browser)
+        browser.close()
+
+
+def take_players(browser: Browser) -> None:
+    """Take the picture of two players with their own skill."""
+    with _served("--players", *PLAYERS) as address:
+        _take(browser, address, "watch", "wide", FOLDER / "watch_players.jpg", place=_RALLY)
+
+
+@contextlib.contextmanager
+def _served(*options: str) -> Iterator[str]:
+    """Address of a live court that is served meanwhile."""
+    command = [sys.executable, "-m", "shuttle_marl.watch", "--no-browser", "--port", "0", *options]
     server = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
     assert server.stderr is not None
     try:
-        found = next(match for line in server.stderr if (match := re.match(r"(http://\S+/) shows", line)))
-        with sync_playwright() as playwright:
-            browser = playwright.chromium.launch(executable_path=browser_program(), args=browser_flags())
-            for size, (width, height) in SIZES.items():
-                for mode in MODES:
-                    page = browser.new_page(viewport={"width": width, "height": height}, reduced_motion="reduce")
-                    page.set_default_timeout(_LIMIT)
-                    page.goto(f"{found[1]}?quality=full{_PLACE}")
-                    _show(page, mode)
-                    replace_file(FOLDER / f"watch_{mode}_{size}.jpg", page.screenshot(type="jpeg", quality=88))
-                    page.close()
-            browser.close()
+        yield next(match[1] for line in server.stderr if (match := re.match(r"(http://\S+/) shows", line)))
     finally:
         server.send_signal(signal.SIGINT)
         server.wait(20)
+
+
+def _take(browser: Browser, address: str, mode: str, size: str, picture: Path, *, place: str = _PLACE) -> None:
+    width, height = SIZES[size]
+    page = browser.new_page(viewport={"width": width, "height": height}, reduced_motion="reduce")
+    page.set_default_timeout(_LIMIT)
+    page.goto(f"{address}?quality=full{place}")
+    _show(page, mode)
+    replace_file(picture, page.screenshot(type="jpeg", quality=88))
+    page.close()
 
 
 def _until(page: Page, script: str) -> None:
