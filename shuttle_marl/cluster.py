@@ -9,8 +9,10 @@ import dataclasses
 import functools
 import importlib.metadata
 import logging
+import multiprocessing
 import os
 import platform
+import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Final, Generic, Protocol, TypeVar
 
@@ -275,3 +277,15 @@ def _versions(packages: tuple[str, ...]) -> dict[str, str]:
         except importlib.metadata.PackageNotFoundError:
             found[name] = ""
     return found
+
+
+def end_with_parent() -> None:
+    """End this worker when its parent process ends for any reason."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+
+    def wait() -> None:
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=wait, daemon=True).start()

@@ -18,6 +18,7 @@ from scipy.optimize import minimize_scalar
 
 from shuttle_marl import __version__
 from shuttle_marl.arrays import F32, F64, Bools
+from shuttle_marl.cluster import end_with_parent
 from shuttle_marl.data import load_strokes
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.data.upstream import Split, matches_of, split_of
@@ -320,7 +321,8 @@ def make_model(
     save_variants(out, game, variants, card)
     if refits:
         task = Refit(train=train, layout=game, seed=seed, config=config or QUICK, prior=start)
-        with ProcessPoolExecutor(min(jobs, refits), mp_context=multiprocessing.get_context("spawn")) as pool:
+        context = multiprocessing.get_context("spawn")
+        with ProcessPoolExecutor(min(jobs, refits), mp_context=context, initializer=end_with_parent) as pool:
             for number, refit in enumerate(pool.map(task, range(1, refits + 1)), 1):
                 report(f"refit {number} of {refits} is fitted")
                 variants[str(number)] = refit
@@ -362,7 +364,7 @@ def _silent(line: str) -> None:
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Written:
-    """What :func:`save_fit` has written.
+    """Result of :func:`save_fit`.
 
     Attributes:
         game: the game.

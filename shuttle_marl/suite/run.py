@@ -2,8 +2,6 @@
 
 import dataclasses
 import multiprocessing
-import os
-import threading
 import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -14,7 +12,7 @@ from rich.console import Console
 from rich.progress import track
 
 from shuttle_marl import runs
-from shuttle_marl.cluster import open_cluster
+from shuttle_marl.cluster import end_with_parent, open_cluster
 from shuttle_marl.suite import frozen, store
 from shuttle_marl.suite.methods import find
 from shuttle_marl.suite.registry import arena_of, find_task
@@ -132,7 +130,7 @@ def _played(units: Sequence[_Unit], options: SuiteRun) -> Iterator["PlayedUnit"]
         yield from map(play_unit, units)
     else:
         context = multiprocessing.get_context("spawn")
-        with ProcessPoolExecutor(min(options.workers, len(units)), mp_context=context, initializer=_end_with_parent) as pool:
+        with ProcessPoolExecutor(min(options.workers, len(units)), mp_context=context, initializer=end_with_parent) as pool:
             waiting = [pool.submit(play_unit, unit) for unit in units]
             try:
                 for done in as_completed(waiting):
@@ -140,18 +138,6 @@ def _played(units: Sequence[_Unit], options: SuiteRun) -> Iterator["PlayedUnit"]
             except BaseException:
                 pool.shutdown(cancel_futures=True)
                 raise
-
-
-def _end_with_parent() -> None:
-    """End this worker when its parent process ends for any reason."""
-    parent = multiprocessing.parent_process()
-    assert parent is not None
-
-    def wait() -> None:
-        parent.join()
-        os._exit(1)
-
-    threading.Thread(target=wait, daemon=True).start()
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

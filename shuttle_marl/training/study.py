@@ -2,8 +2,6 @@
 
 import dataclasses
 import multiprocessing
-import os
-import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
@@ -13,6 +11,7 @@ from rich.console import Console
 from rich.progress import track
 
 from shuttle_marl import runs
+from shuttle_marl.cluster import end_with_parent
 from shuttle_marl.league.seeds import interquartile_mean
 from shuttle_marl.policy.agents import read_card
 from shuttle_marl.training.config import TrainingConfig, TrainingError
@@ -110,18 +109,6 @@ def side_by_side(work: Callable[[_Config], None], configs: Sequence[_Config], jo
         except BaseException:
             pool.shutdown(cancel_futures=True)
             raise
-
-
-def end_with_parent() -> None:
-    """End this worker when its parent process ends for any reason."""
-    parent = multiprocessing.parent_process()
-    assert parent is not None
-
-    def wait() -> None:
-        parent.join()
-        os._exit(1)
-
-    threading.Thread(target=wait, daemon=True).start()
 
 
 def _train(config: TrainingConfig) -> None:

@@ -21,7 +21,7 @@ import torch
 from safetensors.numpy import save
 
 from shuttle_marl import exact
-from shuttle_marl.cluster import Cluster, Task
+from shuttle_marl.cluster import Cluster, Task, end_with_parent
 from shuttle_marl.files import FileReadError, open_file, problem, read_json, replace_file
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.game.tables import Game
@@ -36,7 +36,6 @@ from shuttle_marl.training.league.state import Turn, TurnResult
 from shuttle_marl.training.learner import SEEDS, RallyCollector, Trainer
 from shuttle_marl.training.networks import tabulated, weights_of
 from shuttle_marl.training.run import LEARNERS as ALGORITHMS
-from shuttle_marl.training.study import end_with_parent
 
 T = TypeVar("T")
 
