@@ -14,8 +14,9 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.kernel import play_rallies
 from shuttle_marl.suite.methods import Method, called, made
+from shuttle_marl.suite.options import Split, SuiteError
 from shuttle_marl.suite.population import ADAPT_RALLIES, CONTROL, FAMILIES, Opponent, known, opponent
-from shuttle_marl.suite.task import Arena, Case, Outcome, Split, Statistic, SuiteError, Task, required, table_of
+from shuttle_marl.suite.task import Arena, Case, Outcome, Statistic, Task, required, table_of
 
 CHANGES: Final = (0, 2, 5, 10, 20, 40, 80, 160, 320)
 """Rallies before which the policy may change."""
@@ -98,7 +99,7 @@ class Adapt(Task):
     protocol = "method(setting: AdaptSetting) -> object with observe_rally(rally) and policy_for_next_rally() -> player"
     target = "regret 1.5, 0.8 and 0.4 % after 20, 100 and 500 rallies in unseen families, at an exploitability of 6 % or less"
 
-    def cases(self, arena: Arena) -> list[Case]:
+    def all_cases(self, arena: Arena) -> list[Case]:
         """Opponents of each family, and controls, which do not count in the score."""
         numbers = dict.fromkeys(FAMILIES[: 2 if arena.quick else None], 1 if arena.quick else _OPPONENTS)
         if not arena.quick:

@@ -12,9 +12,9 @@ from shuttle_marl.suite import frozen
 from shuttle_marl.suite.frozen import Frozen
 from shuttle_marl.suite.methods import kind_of
 from shuttle_marl.suite.offline import LogTask, log_of_unit
+from shuttle_marl.suite.options import Split, SuiteError
 from shuttle_marl.suite.registry import TASKS, arena_of, find_task
 from shuttle_marl.suite.store import CARD
-from shuttle_marl.suite.task import Split, SuiteError
 from shuttle_marl.suite.text import Text, json_lines, positions
 from shuttle_marl.table_files import write_parquet
 
@@ -85,7 +85,7 @@ def write_data(task: str, out: Path, split: Split, model: str, seeds: int | None
     for case in found.cases(arena):
         for seed in range(seeds or found.seeds):
             log = log_of_unit(arena, case, seed)
-            name = f"{case.options['behaviour']}-{case.options['strokes']}-{seed}.parquet".replace(":", "-").replace("*", "x")
+            name = f"{case.options['behaviour']}-{case.budget}-{seed}.parquet".replace(":", "-").replace("*", "x")
             write_parquet(out / name, log.table())
             hashes[name] = log.hash
     return hashes

@@ -15,18 +15,8 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.suite.logs import OPPONENT, Log, behaviour, blank, generate
 from shuttle_marl.suite.methods import Method, called, find, made
-from shuttle_marl.suite.task import (
-    Arena,
-    Case,
-    Outcome,
-    SuiteError,
-    Task,
-    best_against,
-    exploitability,
-    odds_against,
-    required,
-    table_of,
-)
+from shuttle_marl.suite.options import SuiteError
+from shuttle_marl.suite.task import Arena, Case, Outcome, Task, best_against, exploitability, odds_against, required, table_of
 
 BEHAVIOURS: Final = ("bc", "bc+0.1*minimax", "attacking@greedy", "minimax", "bc:PLAYER")
 """Behaviour policies of the logs; PLAYER is the first imitated player of the split."""
@@ -81,7 +71,7 @@ def _log(arena: Arena, name: str, strokes: int, seed: int) -> Log:
 
 def log_of_unit(arena: Arena, case: Case, seed: int) -> Log:
     """The log of a unit."""
-    return _log(arena, case.options["behaviour"], case.options["strokes"], seed)
+    return _log(arena, case.options["behaviour"], case.budget, seed)
 
 
 class Offline(LogTask):
@@ -97,13 +87,13 @@ class Offline(LogTask):
     optimum = 1.0
     target = "0.9 at 10^5 strokes, 0.75 at 10^4, and never below the behaviour policy on narrow logs"
 
-    def cases(self, arena: Arena) -> list[Case]:
+    def all_cases(self, arena: Arena) -> list[Case]:
         """Each behaviour policy with each number of strokes."""
         sizes = (_QUICK,) if arena.quick else (10**4, 10**5)
         pairs = [(name, size) for name in self.behaviours(arena) for size in sizes]
         if not arena.quick:
             pairs.append(("bc", 10**6))
-        return [Case(name=f"{name}/{size:,}", options={"behaviour": name, "strokes": size}) for name, size in pairs]
+        return [Case(name=f"{name}/{size:,}", budget=size, options={"behaviour": name}) for name, size in pairs]
 
     def play(self, arena: Arena, case: Case, method: Method, seed: int, folder: Path) -> Outcome:
         """Fit the method to the log."""
@@ -159,11 +149,11 @@ class Evaluate(LogTask):
     protocol = "method(setting: LogSetting) -> object with estimate(log, policies) -> one number from 0 to 1 for each policy"
     target = "bias below 3 % on the same log, at a rank correlation of 0.9"
 
-    def cases(self, arena: Arena) -> list[Case]:
+    def all_cases(self, arena: Arena) -> list[Case]:
         """Each behaviour policy with each number of strokes, on the log that the policies were trained on, and on a fresh one."""
         sizes = (_QUICK,) if arena.quick else (10**4, 10**5)
         return [
-            Case(name=f"{name}/{size:,}/{which}", options={"behaviour": name, "strokes": size, "log": which})
+            Case(name=f"{name}/{size:,}/{which}", budget=size, options={"behaviour": name, "log": which})
             for name in self.behaviours(arena)
             for size in sizes
             for which in ("same", "fresh")
@@ -218,7 +208,7 @@ def errors(estimated: Any, true: Any, trained: Sequence[bool]) -> dict[str, floa
 
 def targets(arena: Arena, case: Case, seed: int) -> dict[str, TabulatedPolicy]:
     """The policies to be evaluated in a unit, by name."""
-    return _targets(arena, case.options["behaviour"], case.options["strokes"], seed)
+    return _targets(arena, case.options["behaviour"], case.budget, seed)
 
 
 @functools.lru_cache(maxsize=2)

@@ -10,8 +10,9 @@ from shuttle_marl.exact.known import best_odds, pair_odds
 from shuttle_marl.game.shipped import refits_of
 from shuttle_marl.game.tables import Game
 from shuttle_marl.suite.methods import Method, made
+from shuttle_marl.suite.options import SuiteError
 from shuttle_marl.suite.players import outcome_of
-from shuttle_marl.suite.task import Arena, Case, Outcome, SuiteError, Task, required
+from shuttle_marl.suite.task import Arena, Case, Outcome, Task, required
 
 _REFERENCE = "bc"
 
@@ -46,7 +47,7 @@ class Robust(Task):
     protocol: ClassVar[str] = "method(setting: RobustSetting) -> a player: policy, name, or object with act or table"
     target = "above minimax:robust"
 
-    def cases(self, arena: Arena) -> list[Case]:  # noqa: ARG002
+    def all_cases(self, arena: Arena) -> list[Case]:  # noqa: ARG002
         """One."""
         return [Case(name="refits")]
 

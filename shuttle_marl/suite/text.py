@@ -23,7 +23,8 @@ from shuttle_marl.game.stroke import HEIGHTS
 from shuttle_marl.game.tables import Game
 from shuttle_marl.suite.methods import Method, called, made
 from shuttle_marl.suite.methods.constant import incoming_cells, list_policy, mean_losses
-from shuttle_marl.suite.task import Arena, Case, Outcome, SuiteError, Task
+from shuttle_marl.suite.options import SuiteError
+from shuttle_marl.suite.task import Arena, Case, Outcome, Task
 
 POSITIONS: Final = 500
 _QUICK: Final = 20
@@ -70,7 +71,7 @@ class Text(Task):
     protocol = "method(setting: TextSetting) -> object with answer(position: dict) -> name of a stroke"
     target = "a regret below 1.5 %"
 
-    def cases(self, arena: Arena) -> list[Case]:  # noqa: ARG002
+    def all_cases(self, arena: Arena) -> list[Case]:  # noqa: ARG002
         """One."""
         return [Case(name="positions")]
 

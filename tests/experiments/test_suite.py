@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from experiments.suite import QUICK, Suite, main
+from experiments.suite import QUICK, Suite, jobs_of, main
 from shuttle_marl.commands.suite import main as suite
 from shuttle_marl.suite import TASKS
 from tests.reduced import reduced_model
@@ -32,10 +32,21 @@ def test_the_board_is_made_from_the_results(tmp_path: Path, capsys: pytest.Captu
 
 
 def test_all_baselines_are_run() -> None:
-    runs = Suite(data=Path("data")).runs()
-    assert {task for task, _ in runs} == set(TASKS) == set(QUICK)
-    assert len(set(runs)) == len(runs)
-    assert "imitate-v0" not in {task for task, _ in Suite().runs()}
+    jobs = jobs_of(Suite(data=Path("data"), game=reduced_model()), Path("runs"))
+    assert {job.options.task for job in jobs} == set(TASKS) == set(QUICK)
+    assert len({job.options.out for job in jobs}) == len(jobs)
+    assert [job.seconds for job in jobs] == sorted(job.seconds for job in jobs)
+    small = jobs_of(Suite(game=reduced_model(), budgets=(10**5,)), Path("runs"))
+    assert {job.options.budget for job in small} == {None, 10**5}
+    assert "imitate-v0" not in {job.options.task for job in small}
+
+
+def test_no_run_is_started_that_ends_too_late(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    flags = ("--quick", "--game", reduced_model(), "--workers", "1", "--out", str(tmp_path / "runs"), "--tasks", "robust-v0")
+    assert main([*flags, "--minutes", "0"]) == 0
+    assert "0 runs are in" in capsys.readouterr().err
+    assert main([*flags, "--plan"]) == 0
+    assert "robust-v0 minimax: 0.2 min\n1 runs, 0 minutes" in capsys.readouterr().err
 
 
 def test_methods_belong_to_one_task(capsys: pytest.CaptureFixture[str]) -> None:

@@ -17,9 +17,10 @@ from shuttle_marl.suite.adapt import CHANGES, observed
 from shuttle_marl.suite.frozen import Frozen, checked_secret, commitment
 from shuttle_marl.suite.methods.adapters import Counts, PosteriorMean, mean_policy
 from shuttle_marl.suite.methods.tilt import features, fitted_shift, shifted
+from shuttle_marl.suite.options import SuiteError
 from shuttle_marl.suite.population import FAMILIES, known, opponent
 from shuttle_marl.suite.registry import arena_of, find_task
-from shuttle_marl.suite.task import Arena, SuiteError
+from shuttle_marl.suite.task import Arena
 from tests.reduced import reduced_game, reduced_model
 
 GAME = reduced_game()
@@ -33,7 +34,7 @@ def arena() -> Arena:
 
 
 def run(tmp_path: Path, method: str) -> Path:
-    return run_method(SuiteRun(task="adapt-v0", method=method, model=reduced_model(), quick=True, out=tmp_path / "run"))
+    return run_method(SuiteRun(task="adapt-v0", method=method, game=reduced_model(), quick=True, out=tmp_path / "run"))
 
 
 def test_a_restricted_response_lies_between_minimax_and_the_best_response() -> None:

@@ -25,9 +25,9 @@ from shuttle_marl.suite.methods.estimators import (
 )
 from shuttle_marl.suite.methods.learned import Clone, Model, OneStep
 from shuttle_marl.suite.offline import LogSetting, errors, fitted, in_game
+from shuttle_marl.suite.options import SuiteError
 from shuttle_marl.suite.registry import arena_of, find_task
 from shuttle_marl.suite.tabular import best_of, by_state, cloned, estimated_game, fitted_q, greedy, with_faults
-from shuttle_marl.suite.task import SuiteError
 from tests.exact.exact_games import THREE_STROKES, hand_made
 from tests.reduced import reduced_game, reduced_model
 
@@ -192,7 +192,7 @@ def test_errors_are_as_defined() -> None:
 
 @pytest.mark.parametrize("method", BASELINES["offline"])
 def test_baselines_of_offline(method: str, tmp_path: Path) -> None:
-    folder = run_method(SuiteRun(task="offline-v0", method=method, model=reduced_model(), quick=True, out=tmp_path / "run"))
+    folder = run_method(SuiteRun(task="offline-v0", method=method, game=reduced_model(), quick=True, out=tmp_path / "run"))
     assert -0.2 < summarise(folder, game=reduced_model())["score"] < 1
     assert [finding.reason for finding in verify_run(folder, game=reduced_model())] == [None]
 
@@ -200,7 +200,7 @@ def test_baselines_of_offline(method: str, tmp_path: Path) -> None:
 def test_a_run_of_evaluate_is_verified(tmp_path: Path) -> None:
     folder = run_method(
         SuiteRun(
-            task="evaluate-v0", method="weighted-importance-sampling", model=reduced_model(), quick=True, out=tmp_path / "run"
+            task="evaluate-v0", method="weighted-importance-sampling", game=reduced_model(), quick=True, out=tmp_path / "run"
         )
     )
     found = summarise(folder, game=reduced_model())
@@ -217,10 +217,8 @@ class Half:
 def test_estimates_are_checked(tmp_path: Path) -> None:
     with pytest.raises(SuiteError, match="expected 32 finite estimates"):
         run_method(
-            SuiteRun(task="evaluate-v0", method=f"{__name__}:Half", model=reduced_model(), quick=True, out=tmp_path / "run")
+            SuiteRun(task="evaluate-v0", method=f"{__name__}:Half", game=reduced_model(), quick=True, out=tmp_path / "run")
         )
     with pytest.raises(SuiteError, match=r"expected an object with fit"):
-        run_method(
-            SuiteRun(task="offline-v0", method=f"{__name__}:Half", model=reduced_model(), quick=True, out=tmp_path / "two")
-        )
+        run_method(SuiteRun(task="offline-v0", method=f"{__name__}:Half", game=reduced_model(), quick=True, out=tmp_path / "two"))
     assert find("offline-v0", "model:2").keywords == {"argument": "2"}  # type: ignore[attr-defined]

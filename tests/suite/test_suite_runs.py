@@ -17,10 +17,10 @@ from shuttle_marl.kernel import play_rallies
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.suite import store
 from shuttle_marl.suite.board import render
+from shuttle_marl.suite.options import SuiteError
 from shuttle_marl.suite.registry import TASKS
 from shuttle_marl.suite.results import difference, summarise
 from shuttle_marl.suite.run import SuiteRun, run_method
-from shuttle_marl.suite.task import SuiteError
 from shuttle_marl.suite.verify import verify_run
 from tests.reduced import reduced_game, reduced_model
 
@@ -56,7 +56,7 @@ def greedy(setting: Any) -> Any:
 
 def played(tmp_path: Path, method: str, task: str = "exploit-v0", **options: Any) -> Path:
     name = method.replace(":", "-")
-    return run_method(SuiteRun(task=task, method=method, model=reduced_model(), quick=True, out=tmp_path / name, **options))
+    return run_method(SuiteRun(task=task, method=method, game=reduced_model(), quick=True, out=tmp_path / name, **options))
 
 
 def reasons(folder: Path) -> list[str | None]:

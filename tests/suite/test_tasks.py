@@ -17,8 +17,8 @@ from shuttle_marl.game.shipped import refits_of
 from shuttle_marl.suite import SuiteRun, frozen, run_method, store, summarise, verify_run
 from shuttle_marl.suite.imitate import HumanStrokes, ranks
 from shuttle_marl.suite.maintain import freeze, new_submission, write_data
+from shuttle_marl.suite.options import SuiteError
 from shuttle_marl.suite.registry import TASKS, arena_of, find_task
-from shuttle_marl.suite.task import SuiteError
 from shuttle_marl.suite.text import ChatProgram, chosen_states, described, position, positions, prompt, read_answer, regrets
 from shuttle_marl.table_files import read_parquet
 from tests.reduced import reduced_game, reduced_model
@@ -28,7 +28,7 @@ GAME = reduced_game()
 
 def run(tmp_path: Path, task: str, method: str, **options: Any) -> Path:
     options = {"quick": True, "out": tmp_path / "run", **options}
-    return run_method(SuiteRun(task=task, method=method, model=reduced_model(), **options))
+    return run_method(SuiteRun(task=task, method=method, game=reduced_model(), **options))
 
 
 def accepted(folder: Path) -> bool:
