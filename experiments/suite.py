@@ -32,7 +32,14 @@ from shuttle_marl.suite.options import Split
 from shuttle_marl.suite.registry import arena_of
 
 VARIANTS: Final = {
-    "adapt-v0": ("restricted-nash:0.25", "restricted-nash:0.5", "restricted-nash:0.75", "restricted-nash:0.9", "counts:0.8"),
+    "adapt-v0": (
+        "restricted-nash:0.25",
+        "restricted-nash:0.5",
+        "restricted-nash:0.75",
+        "restricted-nash:0.9",
+        "counts:0.8",
+        "tilted-mixture:1",
+    ),
     "offline-v0": ("fitted-q:8", "model:8"),
     "robust-v0": ("human:0.1",),
     "text-v0": ("policy:bc", "policy:safe", "policy:human:0.05", "policy:best-response:bc", "policy:minimax"),

@@ -52,7 +52,11 @@ BASELINES: Final[dict[str, dict[str, str]]] = {
         "thompson": "adapters:Thompson",
         "posterior-mean": "adapters:PosteriorMean",
         "counts": "adapters:Counts",
-        "tilt": "tilt:Tilt",
+        "tilted-mixture": "tilt:TiltedMixture",
+        "tilted-mixture-without-levels": "tilt:WithoutLevels",
+        "tilted-mixture-without-mixture": "tilt:WithoutMixture",
+        "tilted-mixture-without-tilt": "tilt:WithoutTilt",
+        "tilted-mixture-without-change": "tilt:WithoutChange",
     },
     "offline": {
         "clone": "learned:Clone",
