@@ -214,10 +214,11 @@ def data(
     split: Split = "dev",
     seeds: int | None = None,
     quick: bool = False,
+    minari: bool = False,
     game: str = "default",
     json_output: Json = False,
 ) -> None:
-    """Write the logs of offline and evaluate as Parquet files, or the positions of text as JSON lines, and their hashes.
+    """Write the logs of offline and evaluate as Parquet files or Minari data sets, or the positions of text as JSON lines.
 
     Args:
         task: name of the task.
@@ -225,12 +226,13 @@ def data(
         split: part of the task.
         seeds: number of seeds, from 0; default: that of the task.
         quick: the smallest cases only.
+        minari: write Minari data sets of the own strokes instead; the version of a data set is the seed.
         game: model of the game.
-        json_output: print JSON.
+        json_output: print the hashes of the logs as JSON.
     """
     from shuttle_marl.suite.maintain import write_data  # noqa: PLC0415  numba
 
-    hashes = write_data(task, out, split, game, seeds, quick=quick)
+    hashes = write_data(task, out, split, game, seeds, quick=quick, minari=minari)
     if json_output:
         cli.print_json(hashes)
     else:

@@ -19,7 +19,16 @@ from shuttle_marl.suite.verify import verify_run
 _TEMPLATES: Final = Path(__file__).parent / "templates"
 _PERCENT: Final = ("exploitability", "regret", "rally_win", "error", "bias", "legal", "away")
 """Beginnings of the names of scores that are printed in per cent."""
-_REFERENCES: Final = ("best-response", "minimax", "bc", "random", "constant", "constant-by-incoming", "fictitious-play", "psro-exact")
+_REFERENCES: Final = (
+    "best-response",
+    "minimax",
+    "bc",
+    "random",
+    "constant",
+    "constant-by-incoming",
+    "fictitious-play",
+    "psro-exact",
+)
 """Methods that read the tables or do not learn; they are not counted as the best baseline."""
 
 

@@ -11,6 +11,7 @@ from shuttle_marl.runs import write_json
 from shuttle_marl.suite import frozen
 from shuttle_marl.suite.frozen import Frozen
 from shuttle_marl.suite.methods import kind_of
+from shuttle_marl.suite.minari_data import write_minari
 from shuttle_marl.suite.offline import LogTask, log_of_unit
 from shuttle_marl.suite.options import Split, SuiteError
 from shuttle_marl.suite.registry import TASKS, arena_of, find_task
@@ -64,8 +65,10 @@ def new_submission(task: str, out: Path, language: Language = "python") -> str:
     return command("suite", "run", task, "--method", method, "--quick")
 
 
-def write_data(task: str, out: Path, split: Split, model: str, seeds: int | None, *, quick: bool = False) -> dict[str, str]:
-    """Write the logs of a task as Parquet files, or the positions of ``text`` as JSON lines.
+def write_data(
+    task: str, out: Path, split: Split, model: str, seeds: int | None, *, quick: bool = False, minari: bool = False
+) -> dict[str, str]:
+    """Write the logs of a task as Parquet files or Minari data sets, or the positions of ``text`` as JSON lines.
 
     Returns:
         SHA-256 of the content of each file by its name.
@@ -85,8 +88,13 @@ def write_data(task: str, out: Path, split: Split, model: str, seeds: int | None
     for case in found.cases(arena):
         for seed in range(seeds or found.seeds):
             log = log_of_unit(arena, case, seed)
-            name = f"{case.options['behaviour']}-{case.budget}-{seed}.parquet".replace(":", "-").replace("*", "x")
-            write_parquet(out / name, log.table())
+            name = f"{case.options['behaviour']}-{case.budget}".replace(":", "-").replace("*", "x").replace("+", "-")
+            if minari:
+                name = f"shuttle_marl/{name}-v{seed}"
+                write_minari(log.transitions, name, out, arena.model)
+            else:
+                name = f"{name}-{seed}.parquet"
+                write_parquet(out / name, log.table())
             hashes[name] = log.hash
     return hashes
 

@@ -13,13 +13,16 @@ import pytest
 
 from shuttle_marl.commands.suite import main
 from shuttle_marl.exact import best_response, moved, solve
+from shuttle_marl.game.observation import states_of
 from shuttle_marl.game.shipped import refits_of
 from shuttle_marl.suite import SuiteRun, frozen, run_method, store, summarise, verify_run
 from shuttle_marl.suite.imitate import HumanStrokes, ranks
+from shuttle_marl.suite.logs import generate
 from shuttle_marl.suite.maintain import freeze, new_submission, write_data
 from shuttle_marl.suite.options import SuiteError
 from shuttle_marl.suite.registry import TASKS, arena_of, find_task
 from shuttle_marl.suite.text import ChatProgram, chosen_states, described, position, positions, prompt, read_answer, regrets
+from shuttle_marl.suite.text_env import OVER, WAIT, TextRallyEnv, text_env
 from shuttle_marl.table_files import read_parquet
 from tests.reduced import reduced_game, reduced_model
 
@@ -142,6 +145,7 @@ COMMANDS = {
     "evaluate-v0": "my_estimator:Estimator",
     "text-v0": "my_text:Player",
 }
+DATA = os.environ.get("SHUTTLESET")
 
 
 @pytest.mark.parametrize("task", COMMANDS)
@@ -200,6 +204,52 @@ def test_data_are_written_with_their_hashes(tmp_path: Path) -> None:
     assert json.loads((tmp_path / "positions.jsonl").read_text().splitlines()[0])["legal"]
     with pytest.raises(SuiteError, match="has no data"):
         write_data("adapt-v0", tmp_path, "dev", reduced_model(), None)
+
+
+def test_minari_data_sets_are_the_transitions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    minari = pytest.importorskip("minari")
+    (name,) = write_data("offline-v0", tmp_path, "test", reduced_model(), 1, quick=True, minari=True)
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
+    read = list(minari.load_dataset(name).iterate_episodes())
+    data = generate(arena_of(find_task("offline-v0"), reduced_model(), "test", quick=True), "bc", 3000, 0).transitions
+    assert np.array_equal(np.concatenate([each.actions for each in read]), data.stroke)
+    assert np.array_equal(np.concatenate([each.rewards for each in read]), data.reward)
+    assert np.array_equal(np.concatenate([each.infos["state"][:-1, 0] for each in read]), data.state)
+    seen = np.concatenate([each.observations["observation"][:-1] for each in read])
+    assert np.array_equal(states_of(GAME, seen), data.state)
+    assert all(each.terminations[-1] and not each.terminations[:-1].any() for each in read)
+    env = minari.load_dataset(name).recover_environment()
+    assert env.observation_space.contains(env.reset(seed=0)[0])
+    with pytest.raises(SuiteError, match="exist"):
+        write_data("offline-v0", tmp_path, "test", reduced_model(), 1, quick=True, minari=True)
+
+
+def test_rallies_are_played_in_words() -> None:
+    env = TextRallyEnv(opponent="safe", game=GAME)
+    seen, _ = env.reset(seed=1)
+    rewards, over = [], False
+    while not over:
+        assert env.observation_space.contains(seen)
+        seen, reward, over, _, _ = env.step(f"I play {seen.split('Legal strokes: ')[1].split(', ')[0]}.")
+        rewards.append(reward)
+    assert (abs(sum(rewards)), seen) == (1, OVER)
+    env.reset()
+    assert env.step("no idea")[1:3] == (-1, True)
+
+
+def test_two_players_play_in_words() -> None:
+    env, strokes = text_env(game=GAME), 0
+    env.reset(seed=1)
+    for agent in env.agent_iter():
+        seen, _, terminated, truncated, _ = env.last()
+        assert env.observe(next(other for other in env.possible_agents if other != agent)) in (OVER, WAIT)
+        if terminated or truncated:
+            assert seen == OVER
+            env.step(None)
+        else:
+            strokes += 1
+            env.step(seen.split("Legal strokes: ")[1].split(", ")[0])
+    assert strokes > 0
 
 
 def test_frozen_cases_are_checked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
