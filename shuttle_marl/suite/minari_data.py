@@ -1,7 +1,8 @@
 """Logs of ``offline`` and ``evaluate`` as Minari data sets: the single-agent view, one episode for each rally with an own stroke.
 
-Minari is part of the extra ``minari``. Observations are those of ``shuttle_marl/Rally-v0``, with the mask of legal strokes; a reward is 1 for the last own stroke of a rally that was won. Infos hold the state of the game and the
-probability of the stroke under the behaviour policy. The observation after the last stroke is zero, because the rally is over.
+Minari is part of the extra ``minari``. Observations are those of ``shuttle_marl/Rally-v0``, with the mask of legal strokes. A
+reward is 1 for the last own stroke of a rally that was won. Infos hold the state of the game and the probability of the stroke
+under the behaviour policy. The observation after the last stroke is zero, because the rally is over.
 """
 
 import os
