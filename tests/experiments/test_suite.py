@@ -5,9 +5,11 @@ from pathlib import Path
 
 import pytest
 
+from experiments import suite_settings
 from experiments.suite import QUICK, Suite, jobs_of, main
 from shuttle_marl.commands.suite import main as suite
 from shuttle_marl.suite import TASKS
+from shuttle_marl.suite.population import FAMILIES
 from tests.reduced import reduced_model
 
 
@@ -52,3 +54,10 @@ def test_no_run_is_started_that_ends_too_late(tmp_path: Path, capsys: pytest.Cap
 def test_methods_belong_to_one_task(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--methods", "bc"]) == 1
     assert "one of --tasks" in capsys.readouterr().err
+
+
+def test_figures_of_the_settings(capsys: pytest.CaptureFixture[str]) -> None:
+    assert suite_settings.main(["--game", reduced_model(), "--tasks", "exploit-v0", "adapt-v0", "--opponents", "1"]) == 0
+    printed = capsys.readouterr().out
+    assert "score of constant, bc/100,000" in printed
+    assert all(f"regret of minimax, {family}" in printed for family in FAMILIES)
