@@ -8,9 +8,13 @@ import pytest
 from experiments import suite_settings
 from experiments.suite import QUICK, Suite, jobs_of, main
 from shuttle_marl.commands.suite import main as suite
-from shuttle_marl.suite import TASKS
+from shuttle_marl.game import default_game, load_game
+from shuttle_marl.game.shipped import variants
+from shuttle_marl.suite import TASKS, SuiteRun, run_method, summarise
 from shuttle_marl.suite.population import FAMILIES
 from tests.reduced import reduced_model
+
+RESULTS = Path(__file__).parents[2] / "experiments" / "results" / "suite.json"
 
 
 def test_the_board_is_made_from_the_results(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -49,6 +53,22 @@ def test_no_run_is_started_that_ends_too_late(tmp_path: Path, capsys: pytest.Cap
     assert "0 runs are in" in capsys.readouterr().err
     assert main([*flags, "--plan"]) == 0
     assert "robust-v0 minimax: 0.2 min\n1 runs, 0 minutes" in capsys.readouterr().err
+
+
+@pytest.mark.skipif(not RESULTS.is_file(), reason="no results are committed")
+def test_committed_results_are_of_this_game_and_reproduced(tmp_path: Path) -> None:
+    rows = json.loads(RESULTS.read_text())["rows"]
+    game = default_game()
+    games = {game.hash, *(load_game(f"default:{name}").hash for name in variants(game))}
+    assert [(row["task"], row["method"]) for row in rows if row["game"] not in games or row["verified"] is not True] == []
+    committed = next(row for row in rows if (row["task"], row["method"]) == ("exploit-v0", "minimax"))
+    options = SuiteRun(
+        task="exploit-v0", method="minimax", split="test", budget=committed["budget"], seeds=1, out=tmp_path / "run"
+    )
+    again = summarise(run_method(options))
+    assert {name: each["score"] for name, each in again["strata"].items()} == pytest.approx(
+        {name: each["score"] for name, each in committed["strata"].items()}, abs=1e-9
+    )
 
 
 def test_methods_belong_to_one_task(capsys: pytest.CaptureFixture[str]) -> None:

@@ -132,6 +132,17 @@ def test_imitation_of_real_matches(tmp_path: Path) -> None:
     assert [finding.reason for finding in verify_run(folders[0], game=reduced_model(), data=data)] == [None]
 
 
+@pytest.mark.skipif("SHUTTLESET" not in os.environ, reason="needs annotated matches")
+def test_the_template_of_imitate_runs_as_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    assert new_submission("imitate-v0", tmp_path).endswith("run imitate-v0 --method my_imitation:Imitator --quick")
+    assert len((tmp_path / "my_imitation.py").read_text().splitlines()) <= 40
+    folder = run(tmp_path, "imitate-v0", "my_imitation:Imitator", data=Path(os.environ["SHUTTLESET"]))
+    assert 0 < summarise(folder, game=reduced_model())["score"] < np.log(GAME.n_strokes)
+    sys.modules.pop("my_imitation")
+
+
 def test_imitation_needs_data(tmp_path: Path) -> None:
     with pytest.raises(SuiteError, match="--data"):
         run(tmp_path, "imitate-v0", "bc")
@@ -145,7 +156,6 @@ COMMANDS = {
     "evaluate-v0": "my_estimator:Estimator",
     "text-v0": "my_text:Player",
 }
-DATA = os.environ.get("SHUTTLESET")
 
 
 @pytest.mark.parametrize("task", COMMANDS)
