@@ -24,8 +24,8 @@ HORIZONS: Final = (20, 100, 500)
 """Numbers of rallies over which the regret is averaged."""
 RISK_FROM: Final = 20
 """Rally from which the exploitability of the policies is averaged."""
-_OPPONENTS: Final = 20
-_CONTROLS: Final = 10
+_OPPONENTS: Final = 10
+_CONTROLS: Final = 5
 _TOLERANCE: Final = 1e-6
 """Error bound of values, far below the differences between methods."""
 

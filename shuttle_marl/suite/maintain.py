@@ -119,12 +119,17 @@ def freeze(
         secret_file: file with the secret of the hidden split, created if it does not exist; never commit it.
         data: annotated matches.
         progress: wraps the cases.
+
+    Raises:
+        SuiteError: the file of the secret is in a Git repository.
     """
     game = arena_of(TASKS["exploit-v0"], model, "test").game
     before = frozen.load(path)
     kept = before if before.official(game.hash) else Frozen()
     secret, committed = None, kept.commitment
     if secret_file is not None:
+        if any((folder / ".git").exists() for folder in secret_file.resolve().parents):
+            raise SuiteError(f"--secret-file {secret_file}: is in a Git repository, where the secret could be committed")
         if not secret_file.exists():
             replace_file(secret_file, secrets.token_hex(32).encode())
         secret = secret_file.read_text(encoding="ascii").strip()

@@ -58,8 +58,7 @@ def test_no_run_is_started_that_ends_too_late(tmp_path: Path, capsys: pytest.Cap
 @pytest.mark.skipif(not RESULTS.is_file(), reason="no results are committed")
 def test_committed_results_are_of_this_game_and_reproduced(tmp_path: Path) -> None:
     rows = json.loads(RESULTS.read_text())["rows"]
-    game = default_game()
-    games = {game.hash, *(load_game(f"default:{name}").hash for name in variants(game))}
+    games = {default_game().hash, *(load_game(f"default:{name}").hash for name in variants())}
     assert [(row["task"], row["method"]) for row in rows if row["game"] not in games or row["verified"] is not True] == []
     committed = next(row for row in rows if (row["task"], row["method"]) == ("exploit-v0", "minimax"))
     options = SuiteRun(

@@ -277,6 +277,9 @@ def test_frozen_cases_are_checked(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     changed = dict.fromkeys(done.cases, "0" * 64)
     frozen.save(frozen.Frozen(game=done.game, commitment=None, cases=changed), path)
     assert "the frozen one 000000000000" in str(verify_run(folder, game=reduced_model())[0].reason)
+    (tmp_path / "repository" / ".git").mkdir(parents=True)
+    with pytest.raises(SuiteError, match="is in a Git repository"):
+        freeze(path, [], model=reduced_model(), secret_file=tmp_path / "repository" / "secret")
     # Other tasks are added to the frozen ones of the same game.
     more = freeze(path, ["equilibrium-v0"], model=reduced_model())
     assert {name.split("/")[0] for name in more.cases} == {"robust-v0", "text-v0", "equilibrium-v0"}
