@@ -9,9 +9,9 @@ from typing import Any, Final
 
 import gymnasium
 from gymnasium import spaces
-from pettingzoo.utils import BaseWrapper
 
 from shuttle_marl.env import rally_v0
+from shuttle_marl.env.aec import CheckedEnv
 from shuttle_marl.env.single import SingleRallyEnv
 from shuttle_marl.game.pairs import AnyGame
 from shuttle_marl.suite.text import position, prompt, read_answer
@@ -62,12 +62,12 @@ def words(game: AnyGame, state: int) -> str:
     return prompt(position(game, state))
 
 
-def text_env(**options: Any) -> "TextWrapper":
-    """``rally_v0.env`` in words, with its options."""
-    return TextWrapper(rally_v0.env(**options))
+def text_env(**options: Any) -> "TextEnv":
+    """``rally_v0`` in words, with the options of ``rally_v0.raw_env``."""
+    return TextEnv(rally_v0.raw_env(**options))
 
 
-class TextWrapper(BaseWrapper[str, Any, Any]):
+class TextEnv(CheckedEnv):
     """Observations and actions in words; an agent that does not strike is told to wait."""
 
     def observation_space(self, agent: str) -> spaces.Text:  # noqa: ARG002
@@ -78,19 +78,14 @@ class TextWrapper(BaseWrapper[str, Any, Any]):
         """Any text."""
         return WORDS
 
-    def observe(self, agent: str) -> str:
+    def observe(self, agent: str) -> Any:
         """The state in words."""
-        raw = self.unwrapped
-        if raw.terminations.get(agent, True) or raw.truncations[agent]:
+        raw = self._raw
+        if raw.terminations.get(agent, True):
             return OVER
         return words(raw.game, raw.state_number) if agent == raw.agent_selection else WAIT
 
-    def last(self, observe: bool = True) -> tuple[str | None, float, bool, bool, dict[str, Any]]:
-        """As in PettingZoo, with the observation in words."""
-        _, *rest = self.env.last(observe=False)
-        return (self.observe(self.agent_selection) if observe else None, *rest)
-
     def step(self, action: str | None) -> None:
         """Play the stroke that an answer names; None after the end of the rally."""
-        raw = self.unwrapped
-        self.env.step(None if action is None else stroke_of(raw.game, raw.state_number, action))
+        over = action is None or not self._raw.agents or self._raw.terminations[self._raw.agent_selection]
+        super().step(None if over else stroke_of(self._raw.game, self._raw.state_number, str(action)))

@@ -171,7 +171,8 @@ def deep_q(game: Game, opponent: TabulatedPolicy, strokes: int, config: QConfig,
     optimiser = learner.optimiser(learner.q)
     played = LearnerBatch(game, config.rows, opponents=[opponent], seed=seed)
     size, rows = min(config.buffer, strokes) // config.rows * config.rows, config.rows
-    memory = Transitions(*(np.zeros(size, dtype) for dtype in (np.int32, np.int64, np.float32, np.int32)))
+    none = np.zeros(size, np.int32)
+    memory = Transitions(state=none, stroke=none.copy(), reward=np.zeros(size, np.float32), following=none.copy())
     for turn in range(strokes // rows):
         state = played.rows.state.copy()
         epsilon = max(config.epsilon, 1 - 2 * turn * rows / strokes)

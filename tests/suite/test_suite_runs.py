@@ -17,10 +17,10 @@ from shuttle_marl.kernel import play_rallies
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.suite import store
 from shuttle_marl.suite.board import render
-from shuttle_marl.suite.options import SuiteError
+from shuttle_marl.suite.options import SuiteError, SuiteRun
 from shuttle_marl.suite.registry import TASKS
 from shuttle_marl.suite.results import difference, summarise
-from shuttle_marl.suite.run import SuiteRun, run_method
+from shuttle_marl.suite.run import run_method
 from shuttle_marl.suite.verify import verify_run
 from tests.reduced import reduced_game, reduced_model
 
