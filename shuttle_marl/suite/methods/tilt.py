@@ -4,8 +4,8 @@ The model has four parts, and subclasses leave one out each:
 
 - *levels*: the known types are extended by levels of reasoning (Camerer, Ho & Chong 2004): best responses to bc and to styles,
   best responses to those, and KL-regularised play around bc;
-- *mixture*: the opponent draws a type for every stroke; the weights are the maximum a posteriori under a Dirichlet prior, found
-  by expectation maximisation. Without it, the weights are the posterior over types;
+- *mixture*: the opponent draws a type for every stroke. The weights are the maximum a posteriori, found by expectation
+  maximisation; the mean of their Dirichlet prior is the posterior over types, which replaces them without this part;
 - *tilt*: the log-probabilities of the mixture are shifted by a sum over features of the stroke and the incoming one, the maximum
   a posteriori under a normal prior (L-BFGS);
 - *change*: strokes before a change of the opponent are dropped, found by the ratio of the likelihoods of one mixture and of two.
@@ -33,8 +33,8 @@ _ANSWERED: Final = ("bc", "attacking", "defensive", "safe")
 _TAUS: Final = (0.03, 0.07, 0.15)
 _SHARE: Final = 0.3
 """Prior probability of the levels together."""
-_STRENGTH: Final = 3.0
-"""Strokes that the prior of the weights counts as."""
+_STRENGTH: Final = 10.0
+"""Strokes that the posterior over types counts as, the prior mean of the weights."""
 _SWEEPS: Final = 60
 _FLOOR: Final = 1e-6
 _DEVIATIONS: Final = (1.0, 0.7, 0.7, 0.5, 0.5, 0.5)
@@ -86,7 +86,7 @@ class TiltedMixture(Population):
             ends = np.cumsum([len(rally) for rally in self.rallies])
             first = change_point(self.chance[:, pairs], ends, _STRENGTH * self.prior)
             self.rallies, pairs = self.rallies[first:], pairs[ends[first - 1] if first else 0 :]
-        weight = mixture_weights(self.chance[:, pairs], _STRENGTH * self.prior)[0] if self.mixture else self.posterior
+        weight = mixture_weights(self.chance[:, pairs], _STRENGTH * self.posterior)[0] if self.mixture else self.posterior
         chance = weight @ self.chance
         if self.tilt and len(pairs):
             base = np.log(np.maximum(chance, _FLOOR))
