@@ -13,7 +13,7 @@ import json as json_format
 import os
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -46,8 +46,8 @@ VARIANTS: Final = {
     "imitate-v0": ("counts:8", "policy:human:0.05", "policy:minimax"),
 }
 """Baselines with arguments, besides those without."""
-LEFT_OUT: Final = {"text-v0": ("policy", "chat"), "imitate-v0": ("policy",)}
-"""Methods that need an argument."""
+LEFT_OUT: Final = {"text-v0": ("policy", "chat"), "imitate-v0": ("policy",), "adapt-v0": ("restricted-nash",)}
+"""Methods that need an argument, or equal another one without."""
 QUICK: Final = {
     "exploit-v0": "constant",
     "equilibrium-v0": "minimax",
@@ -59,11 +59,17 @@ QUICK: Final = {
     "text-v0": "random",
 }
 """Cheapest baseline of each task."""
-UNIT: Final = {"exploit-v0": 1.0, "equilibrium-v0": 1.0, "adapt-v0": 4.0, "offline-v0": 1.0, "evaluate-v0": 15.0}
+FIXED: Final = ("bc", "minimax", "best-response", "random", "constant", "constant-by-incoming", "fictitious-play", "psro-exact")
+"""Methods that do not depend on the seed: one is enough."""
+UNIT: Final = {"exploit-v0": 1.5, "equilibrium-v0": 1.5, "adapt-v0": 4.0, "offline-v0": 1.5, "evaluate-v0": 3.0}
 """Seconds of a unit besides the method, on one core of the machine of the committed results; of other tasks: 10."""
-METHOD: Final = {"fictitious-play": 10.0, "constant": 5.0, "constant-by-incoming": 5.0}
-"""Seconds of a method in a unit, if more than one."""
-SPEED: Final = {"ppo": 1e6, "a2c": 1e6, "sac": 1e5, "maskable-ppo": 2e3}
+METHOD: Final = {
+    "tilted-mixture": 8.0, "posterior-mean": 5.0, "counts": 5.0, "bandit": 2.0, "bayes": 2.0, "thompson": 2.0, "constant": 5.0,
+    "constant-by-incoming": 5.0, "fictitious-play": 20.0, "psro-exact": 40.0, "cql": 6.0, "iql": 8.0, "fitted-q-boosted": 15.0,
+    "model-boosted": 15.0, "doubly-robust": 5.0, "fitted-q-evaluation": 5.0,
+}  # fmt: skip
+"""Seconds of a method in a unit, if more than half of one; a name also stands for those that begin with it and a hyphen."""
+SPEED: Final = {"ppo": 1e6, "a2c": 1e6, "sac": 1e5, "psro": 5e5, "dqn": 1.3e4, "maskable-ppo": 2e3}
 """Strokes of the budget trained in a second, on the same machine; methods that are not listed do not train."""
 ROW: Final = "row.json"
 
@@ -138,24 +144,34 @@ def jobs_of(config: Suite, folder: Path) -> list[Job]:
         methods = config.methods or ([QUICK[name]] if config.quick else [*plain, *VARIANTS.get(name, ())])
         cases = task.cases(arena)
         for budget in sorted({case.budget for case in cases}):
-            units = sum(case.budget == budget for case in cases) * (1 if config.quick else task.seeds)
+            units = sum(case.budget == budget for case in cases)
             if budget and config.budgets and budget not in config.budgets:
                 continue
             for method in methods:
-                key = method.partition(":")[0]
-                seconds = UNIT.get(name, 10.0) + METHOD.get(key, 1.0) + (budget / SPEED[key] if key in SPEED else 0)
+                seeds = 1 if config.quick or method in FIXED else task.seeds
+                seconds = UNIT.get(name, 10.0) + _of(METHOD, method, 0.5)
+                if _of(SPEED, method, 0) and method not in FIXED:
+                    seconds += budget / _of(SPEED, method, 0)
                 options = SuiteRun(
                     task=name,
                     method=method,
                     split=config.split,
                     budget=budget or None,
+                    seeds=seeds,
                     quick=config.quick,
                     game=config.game,
                     data=config.data,
                     out=folder / name / f"{method}-{budget}".replace(":", "-"),
                 )
-                found.append(Job(options=options, seconds=units * seconds, verify=config.verify))
+                found.append(Job(options=options, seconds=units * seeds * seconds, verify=config.verify))
     return sorted(found, key=lambda job: job.seconds)
+
+
+def _of(numbers: Mapping[str, float], method: str, otherwise: float) -> float:
+    """The number of a method, or of the longest name that begins its name."""
+    name = method.partition(":")[0]
+    found = [key for key in numbers if name == key or name.startswith(f"{key}-")]
+    return numbers[max(found, key=len)] if found else otherwise
 
 
 def run_job(job: Job) -> tuple[Job, float]:

@@ -26,7 +26,7 @@ RISK_FROM: Final = 20
 """Rally from which the exploitability of the policies is averaged."""
 _OPPONENTS: Final = 10
 _CONTROLS: Final = 5
-_TOLERANCE: Final = 1e-6
+_TOLERANCE: Final = 1e-5
 """Error bound of values, far below the differences between methods."""
 
 

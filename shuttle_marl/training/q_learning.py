@@ -49,12 +49,12 @@ class QConfig:
     hidden: int = 1
     learning_rate: float = 1e-3
     batch: int = 256
-    steps: int = 2000
+    steps: int = 1000
     target_interval: int = 200
     rows: int = 64
     buffer: int = 100_000
     epsilon: float = 0.05
-    alpha: float = 0.1
+    alpha: float = 5.0
     expectile: float = 0.7
     beta: float = 10.0
 

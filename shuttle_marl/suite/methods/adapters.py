@@ -20,7 +20,8 @@ from shuttle_marl.policy.computed import best_response_policy, minimax_policy
 from shuttle_marl.suite.adapt import AdaptSetting, PlayedRally
 from shuttle_marl.suite.tabular import cloned
 
-TOLERANCE = 1e-5
+TOLERANCE = 1e-4
+"""Error bound of responses, far below the error of a model of the opponent."""
 FORGET = 0.01
 """Fraction of the posterior that returns to the prior after every rally (fixed share, Herbster & Warmuth 1998)."""
 _FLOOR = 1e-4

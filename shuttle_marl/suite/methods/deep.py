@@ -32,7 +32,7 @@ class ConservativeQ:
     """Conservative Q-learning (Kumar et al. 2020, arXiv 2006.04779)."""
 
     setting: LogSetting
-    argument: str = "0.1"
+    argument: str = "5"
     track: ClassVar[str] = "own"
 
     def fit(self, data: Transitions) -> PairPolicy:
