@@ -51,7 +51,7 @@ class PlayedRally:
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class AdaptSetting:
-    """What a method of ``adapt`` is given; nothing tells who the opponent is.
+    """Setting of ``adapt``, the argument of a method; nothing tells who the opponent is.
 
     Attributes:
         game: the tables.
@@ -72,7 +72,7 @@ class AdaptSetting:
 
 
 class Adapter(Protocol):
-    """What a method of ``adapt`` returns."""
+    """The interface of methods of ``adapt``."""
 
     def policy_for_next_rally(self) -> Any:
         """The policy to play from the next rally on; it is asked before the rallies :data:`CHANGES`."""

@@ -57,7 +57,7 @@ class HumanStrokes:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ImitateSetting:
-    """What a method of ``imitate`` is given besides the strokes: the game, a seed, and a folder for files."""
+    """Setting of ``imitate``, the argument of a method: the game, a seed, and a folder for files."""
 
     game: Game
     seed: int

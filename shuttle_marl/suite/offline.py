@@ -45,7 +45,7 @@ _FRESH: Final = 1000
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class LogSetting:
-    """What a method of ``offline`` and ``evaluate`` is given besides the log.
+    """Setting of ``offline`` and ``evaluate``, the argument of a method.
 
     Attributes:
         game: the rules: states and legal strokes; its probabilities are meaningless.

@@ -27,7 +27,7 @@ _REFERENCE = "bc"
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class PlayerSetting:
-    """What a method of ``exploit`` and ``equilibrium`` is given.
+    """Setting of ``exploit`` and ``equilibrium``, the argument of a method.
 
     Attributes:
         game: the tables; environments take it as ``game``.

@@ -19,7 +19,7 @@ _REFERENCE = "bc"
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class RobustSetting:
-    """What a method of ``robust`` is given.
+    """Setting of ``robust``, the argument of a method.
 
     Attributes:
         game: the tables.
@@ -75,7 +75,7 @@ class Robust(Task):
 
 
 def refits(arena: Arena) -> tuple[tuple[Game, ...], tuple[Game, ...]]:
-    """Refits that a method is given, and those in which it is scored.
+    """Refits in the setting of a method, and refits of the score.
 
     Raises:
         SuiteError: the game has fewer than two refits.

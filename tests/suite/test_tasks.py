@@ -258,7 +258,7 @@ def test_two_players_play_in_words() -> None:
             env.step(None)
         else:
             strokes += 1
-            env.step(seen.split("Legal strokes: ")[1].split(", ")[0])
+            env.step(str(seen).split("Legal strokes: ")[1].split(", ")[0])
     assert strokes > 0
 
 
