@@ -17,6 +17,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
 import tyro
 from rich.console import Console
 
@@ -26,7 +27,8 @@ from shuttle_marl.cluster import in_processes
 from shuttle_marl.commands.cli import run as run_command
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.game.shipped import resolve_game
-from shuttle_marl.suite import TASKS, SuiteRun, run_method, summarise, verify_run
+from shuttle_marl.suite import TASKS, SuiteRun, difference, run_method, summarise, verify_run
+from shuttle_marl.suite.board import boards
 from shuttle_marl.suite.methods import BASELINES, kind_of
 from shuttle_marl.suite.options import Split
 from shuttle_marl.suite.registry import arena_of
@@ -187,6 +189,19 @@ def run_job(job: Job) -> tuple[Job, float]:
     return job, time.monotonic() - begun
 
 
+def rows_of(folder: Path, game: str) -> list[dict[str, Any]]:
+    """The rows of all finished runs, with the paired difference to the best learned method where the units are the same."""
+    rows = {path.parent: json_format.loads(path.read_text()) for path in sorted(folder.glob(f"*/*/{ROW}"))}
+    for board in boards(list(rows.values())):
+        folders = {row["method"]: out for out, row in rows.items() if any(row is other for other in board["rows"])}
+        for method, out in folders.items():
+            best = board["best"]
+            if best and method != best["method"] and rows[out]["seeds"] == best["seeds"]:
+                found = difference(TASKS[board["task"]], folders[best["method"]], out, game)
+                rows[out]["behind"] = {name: None if np.isnan(value) else value for name, value in found._asdict().items()}
+    return list(rows.values())
+
+
 def suite(config: tyro.conf.OmitArgPrefixes[Suite], json: Path | None = None) -> None:
     """Run all baselines, and write their summaries.
 
@@ -218,7 +233,7 @@ def suite(config: tyro.conf.OmitArgPrefixes[Suite], json: Path | None = None) ->
         for job, seconds in done:
             spent, estimated = spent + seconds, estimated + job.seconds
             console.print(_line(job, f"{seconds / 60:.1f} min, estimated {job.seconds / 60:.1f}"))
-        rows = [json_format.loads(path.read_text()) for path in sorted(folder.glob(f"*/*/{ROW}"))]
+        rows = rows_of(folder, config.game)
         save_results(folder, {"rows": rows}, json)
     left = f"; {len(waiting) - started} are left, --resume starts them" if started < len(waiting) else ""
     console.print(f"{len(rows)} runs are in {folder}{left}")

@@ -41,8 +41,11 @@ def _table(board: dict[str, Any]) -> str:
     for row in board["rows"]:
         scores = (number((row["scores"].get(name) or {}).get("value"), name) for name in columns)
         checked = "yes" if row["verified"] else "no"
-        rows.append((f"`{row['method']}`", _with_interval(row, metric), *scores, f"{row['seconds']:.0f}", checked))
-    table = markdown(("method", f"{metric} (95 %)", *columns, "seconds", "verified"), rows, left=("method",))
+        behind = row.get("behind")
+        apart = "" if behind is None else _with_interval({**behind, "score": behind["value"]}, metric)
+        rows.append((f"`{row['method']}`", _with_interval(row, metric), apart, *scores, f"{row['seconds']:.0f}", checked))
+    headings = ("method", f"{metric} (95 %)", "behind the best learned", *columns, "seconds", "verified")
+    table = markdown(headings, rows, left=("method",))
     state = "" if board["official"] else " Preliminary: the game is not the frozen one."
     return f"**{board['title']}**\n\n{table}\n\n{_best(board)}{state}"
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from experiments import suite_settings
-from experiments.suite import QUICK, Suite, jobs_of, main
+from experiments.suite import QUICK, Suite, jobs_of, main, rows_of
 from shuttle_marl.commands.suite import main as suite
 from shuttle_marl.game import default_game, load_game
 from shuttle_marl.game.shipped import variants
@@ -80,3 +80,13 @@ def test_figures_of_the_settings(capsys: pytest.CaptureFixture[str]) -> None:
     printed = capsys.readouterr().out
     assert "score of constant, bc/100,000" in printed
     assert all(f"regret of minimax, {family}" in printed for family in FAMILIES)
+
+
+def test_methods_are_compared_with_the_best_in_the_same_units(tmp_path: Path) -> None:
+    out = tmp_path / "runs"
+    flags = ["--quick", "--game", reduced_model(), "--workers", "1", "--out", str(out), "--tasks", "robust-v0", "--split", "test"]
+    assert main([*flags, "--methods", "human:0.1", "mean-game"]) == 0
+    rows = {row["method"]: row for row in rows_of(out, reduced_model())}
+    best, other = sorted(rows.values(), key=lambda row: -row["score"])
+    assert other["behind"]["value"] == pytest.approx(best["score"] - other["score"], abs=1e-12)
+    assert "behind" not in best
