@@ -1,5 +1,6 @@
 """Files around the tasks: templates of submissions, data of cases, and the frozen settings."""
 
+import dataclasses
 import secrets
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -135,15 +136,15 @@ def freeze(
         secret = secret_file.read_text(encoding="ascii").strip()
         committed = frozen.commitment(secret)
     cases = dict(kept.cases)
-    # The hidden split is opened with the commitment that is written here.
-    frozen.save(Frozen(game=game.hash, commitment=committed, cases=cases), path)
     names = tasks or [name for name in TASKS if data is not None or name != "imitate-v0"]
     units = []
     for name in names:
         task = find_task(name)
         for split in task.splits:
             if split != "hidden" or secret is not None:
-                arena = arena_of(task, model, split, secret=secret if split == "hidden" else None, data=data)
+                arena = arena_of(task, model, "test" if split == "hidden" else split, data=data)
+                if split == "hidden":
+                    arena = dataclasses.replace(arena, split=split, secret=secret)
                 units += [(task, split, arena, case, seed) for case in task.cases(arena) for seed in range(task.seeds)]
     for task, split, arena, case, seed in progress(units):
         cases[f"{task.name}/{split}/{case.name}/{seed}"] = task.fingerprint(arena, case, seed)

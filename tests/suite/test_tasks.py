@@ -15,11 +15,12 @@ from shuttle_marl.commands.suite import main
 from shuttle_marl.exact import best_response, moved, solve
 from shuttle_marl.game.observation import states_of
 from shuttle_marl.game.shipped import refits_of
-from shuttle_marl.suite import SuiteRun, frozen, run_method, store, summarise, verify_run
+from shuttle_marl.suite import SuiteRun, adapt, frozen, run_method, store, summarise, verify_run
 from shuttle_marl.suite.imitate import HumanStrokes, ranks
 from shuttle_marl.suite.logs import generate
 from shuttle_marl.suite.maintain import freeze, new_submission, write_data
 from shuttle_marl.suite.options import SuiteError
+from shuttle_marl.suite.population import FAMILIES
 from shuttle_marl.suite.registry import TASKS, arena_of, find_task
 from shuttle_marl.suite.text import ChatProgram, chosen_states, described, position, positions, prompt, read_answer, regrets
 from shuttle_marl.suite.text_env import OVER, WAIT, TextRallyEnv, text_env
@@ -283,6 +284,19 @@ def test_frozen_cases_are_checked(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     # Other tasks are added to the frozen ones of the same game.
     more = freeze(path, ["equilibrium-v0"], model=reduced_model())
     assert {name.split("/")[0] for name in more.cases} == {"robust-v0", "text-v0", "equilibrium-v0"}
+
+
+def test_hidden_opponents_are_frozen_from_the_secret(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(adapt, "_OPPONENTS", 1)
+    monkeypatch.setattr(adapt, "_CONTROLS", 0)
+    first, second = (
+        freeze(tmp_path / f"{name}.json", ["adapt-v0"], model=reduced_model(), secret_file=tmp_path / name) for name in "ab"
+    )
+    assert first.commitment != second.commitment
+    for family in FAMILIES:
+        test, hidden = f"adapt-v0/test/{family}/0/0", f"adapt-v0/hidden/{family}/0/0"
+        assert first.cases[test] == second.cases[test]
+        assert len({first.cases[test], first.cases[hidden], second.cases[hidden]}) == 3
 
 
 def test_every_task_has_baselines_and_splits() -> None:
