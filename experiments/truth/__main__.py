@@ -87,7 +87,7 @@ def truth(
         ]
     real, promised = judged_by(parts)
     factors = None if cross is not None else factors_of(model_folder(game))
-    result: dict[str, Any] = {"split": split, "cross": cross, "train_only": train_only, **compare(parts, seed=seed)}
+    result: dict[str, Any] = {"split": split, "cross": cross, "train_only": train_only, **compare(parts, real, promised, seed)}
     if cross is not None or factors is not None:
         result["calibration"] = calibration(real, promised, parts_of(parts), factors, seed)
     if values is not None:
@@ -104,25 +104,25 @@ def truth(
         _print(result)
 
 
-def compare(parts: Sequence[tuple[World, Strokes]], *, seed: int) -> dict[str, Any]:
-    """All figures but the transfer.
+def compare(parts: Sequence[tuple[World, Strokes]], real: Strokes, promised: Promises, seed: int) -> dict[str, Any]:
+    """All figures but the calibration and the transfer.
 
     Args:
         parts: worlds, each with matches that took no part in fitting it.
-        seed: of the simulated matches and of everything that is resampled.
+        real, promised: their strokes and promises, see :func:`judged_by`.
+        seed: random seed of the simulated matches and of the resampling.
     """
-    real, said = judged_by(parts)
     known, forbidden = (np.concatenate(side) for side in zip(*(judged_strokes(w.game, s) for w, s in parts), strict=True))
     simulated = Strokes.joined([_simulated(world, strokes, seed + i) for i, (world, strokes) in enumerate(parts)])
     return {
         "matches": len(np.unique(real.rows.match)),
         "strokes": len(real),
-        "decision_slope": decisions.decision_slope(real, said),
-        "value_error": decisions.value_error(real, said),
-        "promised_realised": decisions.promised_realised(real, said),
-        "value_log_loss": decisions.value_log_loss(real, said),
-        "memory": memory(real, said),
-        "illegal": illegal(real, said, known, forbidden),
+        "decision_slope": decisions.decision_slope(real, promised),
+        "value_error": decisions.value_error(real, promised),
+        "promised_realised": decisions.promised_realised(real, promised),
+        "value_log_loss": decisions.value_log_loss(real, promised),
+        "memory": memory(real, promised),
+        "illegal": illegal(real, promised, known, forbidden),
         "two_sample_auc": likeness.two_sample_auc(simulated, real, seed),
         "rally_length": likeness.rally_length(simulated, real, seed),
         "divergence": likeness.divergence(simulated, real, seed),

@@ -12,7 +12,7 @@ import lazy_loader
 if TYPE_CHECKING:
     from shuttle_marl.analysis.rally import Decision, LogPlayers, Players, RallyAnalysis, analyse_rally, decision
     from shuttle_marl.analysis.summary import AnalysisError, Summary, rally_table, strokes_of, strokes_of_log, summarise
-    from shuttle_marl.analysis.values import PlayerValue, add_values, rank_players
+    from shuttle_marl.analysis.values import PlayerValue, add_values, add_values_of_pairs, rank_players
 
 __all__ = [
     "AnalysisError",
@@ -23,6 +23,7 @@ __all__ = [
     "RallyAnalysis",
     "Summary",
     "add_values",
+    "add_values_of_pairs",
     "analyse_rally",
     "decision",
     "rally_table",
@@ -37,6 +38,6 @@ __getattr__, __dir__, _ = lazy_loader.attach(
     submod_attrs={
         "rally": ("Decision", "LogPlayers", "Players", "RallyAnalysis", "analyse_rally", "decision"),
         "summary": ("AnalysisError", "Summary", "rally_table", "strokes_of", "strokes_of_log", "summarise"),
-        "values": ("PlayerValue", "add_values", "rank_players"),
+        "values": ("PlayerValue", "add_values", "add_values_of_pairs", "rank_players"),
     },
 )

@@ -15,14 +15,17 @@ from scipy import stats
 from shuttle_marl.analysis.summary import AnalysisError
 from shuttle_marl.arrays import F64, I64, Intp
 from shuttle_marl.data.schema import Outcome
+from shuttle_marl.data.upstream import date_of
 from shuttle_marl.dynamics.features import Rows, rows_from_strokes, states_of, strokes_before
 from shuttle_marl.exact import evaluate, visits
 from shuttle_marl.game import rules
 from shuttle_marl.game.court import N_AREAS
+from shuttle_marl.game.pairs import AnyGame, SeatGame, resolve_players
 from shuttle_marl.game.shipped import factor_of
 from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES, Catalogue
-from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy
+from shuttle_marl.game.tables import Game, GameError
+from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
+from shuttle_marl.policy.registry import resolve
 
 COLUMNS: Final = ("win_before", "win_after", "value_added", "decision", "execution", "decision_expected")
 """Columns of :func:`add_values`."""
@@ -36,7 +39,7 @@ _DRAWS_AT_ONCE: Final = 1 << 22
 """Largest number of bootstrap samples in memory."""
 
 
-def add_values(strokes: pa.Table, reference: TabulatedPolicy) -> pa.Table:
+def add_values(strokes: pa.Table, reference: TabulatedPolicy, opponent: TabulatedPolicy | None = None) -> pa.Table:
     """Add the value of every stroke, if both players continue like a reference policy.
 
     ``win_before`` is the striker's probability of winning the rally before the stroke and ``win_after`` after it: 1 for a winner,
@@ -55,38 +58,89 @@ def add_values(strokes: pa.Table, reference: TabulatedPolicy) -> pa.Table:
 
     Args:
         strokes: table of schema :data:`shuttle_marl.data.schema.STROKES`, rallies in order.
-        reference: the policy, with its game.
+        reference: the policy, with its game; in the game of a pair that of seat 0.
+        opponent: in the game of a pair, the policy of seat 1; all strokes are then those of its two players.
 
     Returns:
         The table with float64 columns :data:`COLUMNS`.
     """
-    game = reference.game
+    sides = (reference,) if opponent is None else (reference, opponent)
+    second = np.zeros(len(strokes), dtype=bool)
+    if opponent is not None:
+        assert isinstance(opponent.game, SeatGame)
+        second = strokes["player"].to_numpy(zero_copy_only=False) == opponent.game.pair_game.players[1]
     rows = rows_from_strokes(strokes)
-    nearest = nearest_strokes(game.catalogue)
-    own, incoming = (strokes_before(rows, name, nearest, game.n_strokes) for name in ("own", "incoming"))
-    contact = rows.codes["contact"].astype(np.int64)
-    state = states_of(game, rows, own, incoming)
-    value = evaluate(reference, reference).striking[0]
-    # The mean over possible own last strokes, where the recorded one is unknown or impossible.
-    mean = _means_over_own(game, reference, value)
-    before = (1 + np.where(state >= 0, value[state], mean[incoming, contact])) / 2
+    nearest = nearest_strokes(reference.game.catalogue)
+    own, incoming = (strokes_before(rows, name, nearest, reference.game.n_strokes) for name in ("own", "incoming"))
+    state = states_of(reference.game, rows, own, incoming)
+    striking = evaluate(reference, sides[-1]).striking
+    before, decision = np.full(len(rows), np.nan), np.full(len(rows), np.nan)
+    for seat, policy in enumerate(sides):
+        mine = second == bool(seat)
+        theirs = sides[1 - seat] if opponent is not None else policy
+        # The mean over possible own last strokes, where the recorded one is unknown or impossible.
+        mean = _means_over_own(policy, theirs, striking[seat])[incoming, rows.codes["contact"].astype(np.int64)]
+        before[mine] = np.where(state >= 0, (1 + striking[seat][state]) / 2, (1 + mean) / 2)[mine]
+        decision[mine] = _decisions(policy, rows, state, nearest, striking[seat], striking[1 - seat])[mine]
     before[incoming == _UNKNOWN] = np.nan
     after = np.full(len(rows), np.nan)
     after[rows.outcome == Outcome.FAULT], after[rows.outcome == Outcome.WINNER] = 0.0, 1.0
     returned = np.flatnonzero((rows.outcome == Outcome.RETURNED) & (rows.next_contact >= 0))
     after[returned] = 1 - before[returned + 1]
-    decision = _decisions(reference, rows, state, nearest, value)
     columns = {
         "win_before": before,
         "win_after": after,
         "value_added": after - before,
         "decision": decision,
         "execution": after - before - decision,
-        "decision_expected": decision * (np.nan if (factor := factor_of(game)) is None else factor.value),
+        "decision_expected": decision * (np.nan if (factor := factor_of(reference.game)) is None else factor.value),
     }
     for name, column in columns.items():
         strokes = strokes.append_column(name, pa.array(column, pa.float64(), from_pandas=True))
     return strokes
+
+
+def add_values_of_pairs(strokes: pa.Table, reference: str, game: Game) -> pa.Table:
+    """Add the value of every stroke in the game of the two people who played it, where the model has their skill.
+
+    Args:
+        strokes: table of schema :data:`shuttle_marl.data.schema.STROKES`, rallies in order.
+        reference: name of the reference policy.
+        game: game of the other matches, and the model with the skill.
+
+    Returns:
+        The table with the columns of :func:`add_values` and ``value_game``, the hash of the game.
+
+    Raises:
+        PolicyError: the policy is unknown.
+        GameError: a file of the model is damaged.
+    """
+    match = strokes["match"].to_numpy(zero_copy_only=False)
+    starts = np.flatnonzero(np.concatenate([[True], match[1:] != match[:-1]])) if len(match) else np.zeros(1, dtype=np.intp)
+    parts: list[tuple[AnyGame, pa.Table]] = []
+    for start, end in zip(starts.tolist(), [*starts[1:].tolist(), len(match)], strict=True):
+        part = strokes.slice(start, end - start)
+        of_part = _game_of_people(part, game)
+        if parts and parts[-1][0] is of_part:
+            parts[-1] = (of_part, pa.concat_tables([parts[-1][1], part]))
+        else:
+            parts.append((of_part, part))
+    valued = []
+    for of_part, part in parts:
+        sides = [tabulate(resolve(reference, seat), seat, reference) for seat in dict.fromkeys(of_part.seats)]
+        valued.append(add_values(part, *sides).append_column("value_game", pa.array([of_part.hash] * len(part), pa.string())))
+    return pa.concat_tables(valued)
+
+
+def _game_of_people(strokes: pa.Table, game: Game) -> AnyGame:
+    """The game of the two people of a match; ``game`` itself if the model does not know them."""
+    people = sorted(strokes["player"].unique().to_pylist())
+    if len(people) != 2:
+        return game
+    try:
+        return resolve_players(game, None, (people[0], people[1]), date=date_of(strokes["match"][0].as_py()))
+    except GameError:
+        return game
 
 
 def nearest_strokes(catalogue: Catalogue) -> I64:
@@ -106,9 +160,10 @@ def nearest_strokes(catalogue: Catalogue) -> I64:
     return nearest
 
 
-def _means_over_own(game: Game, reference: TabulatedPolicy, value: F64) -> F64:
+def _means_over_own(policy: TabulatedPolicy, opponent: TabulatedPolicy, value: F64) -> F64:
     """``[n + 1, 2]`` mean value by incoming stroke and contact, with states weighted by their visits."""
-    weight = visits(reference, reference).states[0] + 1e-12
+    game = policy.game
+    weight = visits(policy, opponent).states[0] + 1e-12
     state = np.arange(game.n_states)
     group = 2 * game.incoming(state).astype(np.int64) + game.contact(state)
     size = 2 * (game.n_strokes + 1)
@@ -117,15 +172,23 @@ def _means_over_own(game: Game, reference: TabulatedPolicy, value: F64) -> F64:
         return np.asarray((np.bincount(group, weight * value, size) / total).reshape(-1, 2))
 
 
-def _decisions(reference: TabulatedPolicy, rows: Rows, state: I64, nearest: I64, value: F64) -> F64:
-    """``[N]`` gain in the probability of winning over the reference's choice; NaN where unknown."""
+def _decisions(reference: TabulatedPolicy, rows: Rows, state: I64, nearest: I64, value: F64, opponent: F64) -> F64:
+    """``[N]`` gain in the probability of winning over the reference's choice; NaN where unknown.
+
+    Args:
+        reference: policy of the striker.
+        rows: N strokes.
+        state: ``[N]`` states; -1: unknown.
+        nearest: as in :func:`nearest_strokes`.
+        value, opponent: ``[states]`` values of the striker and of the opponent, each before a stroke of its own.
+    """
     game = reference.game
     shot, area, technique = (rows.codes[part].astype(np.int64) for part in ("shot", "area", "technique"))
     stroke = np.where(area >= 0, nearest[shot, area, game.contact(state), technique], _UNKNOWN)
     pair = np.where((state >= 0) & (stroke >= 0), game.pair(state, stroke), -1)
     legal = (pair >= 0) & (rows.outcome != Outcome.FAULT)
     expected = np.full(len(rows), np.nan)
-    expected[legal] = game.stroke_values(value, pair[legal])
+    expected[legal] = game.stroke_values(opponent, pair[legal])
     # Where a fault lands says little about its target: take the mean over the targets.
     fault = np.flatnonzero((state >= 0) & (rows.outcome == Outcome.FAULT))
     row, pairs = game.pairs(state[fault])
@@ -135,7 +198,7 @@ def _decisions(reference: TabulatedPolicy, rows: Rows, state: I64, nearest: I64,
     weight = reference.probability_of(pairs) * game.outcome_probabilities(pairs)[:, rules.FAULT]
     total = np.bincount(row, weight, len(fault))
     with np.errstate(invalid="ignore"):
-        expected[fault] = np.bincount(row, weight * game.stroke_values(value, pairs), len(fault)) / total
+        expected[fault] = np.bincount(row, weight * game.stroke_values(opponent, pairs), len(fault)) / total
     return np.asarray((expected - value[state]) / 2)
 
 

@@ -42,25 +42,34 @@ def analysis(
         json: print JSON.
     """
     from shuttle_marl import table_files  # noqa: PLC0415  keeps --help fast
-    from shuttle_marl.analysis import add_values, rally_table, strokes_of, summarise  # noqa: PLC0415
+    from shuttle_marl.analysis import add_values_of_pairs, rally_table, strokes_of, summarise  # noqa: PLC0415
     from shuttle_marl.analysis.summary import players_of  # noqa: PLC0415
     from shuttle_marl.data import anonymised  # noqa: PLC0415
-    from shuttle_marl.game.tabulated import tabulate  # noqa: PLC0415
-    from shuttle_marl.policy.registry import resolve  # noqa: PLC0415
 
     tables = model.load_for(path).seats[0].average
-    policy = tabulate(resolve(reference, tables), tables, reference)
-    strokes = strokes_of(path, rallies=rallies)
-    valued = add_values(anonymised(strokes) if anonymous else strokes, policy)
+    valued = add_values_of_pairs(strokes_of(path, rallies=rallies), reference, tables)
+    games = dict(zip(*valued.select(["match", "value_game"]).to_pydict().values(), strict=True))
+    if anonymous:
+        valued = anonymised(valued.drop_columns("value_game"))  # which names the pair
     summaries = {name: summarise(valued, name) for name in players_of(valued)[:_SHOWN]}
     if against is not None:
-        summaries[against.resolve().name] = summarise(add_values(strokes_of(against, rallies=rallies), policy))
+        others = add_values_of_pairs(strokes_of(against, rallies=rallies), reference, tables)
+        summaries[against.resolve().name] = summarise(others)
     if out is not None:
         table_files.write_parquet(out / "strokes.parquet", valued)
         table_files.write_parquet(out / "rallies.parquet", rally_table(valued))
         name = "all together" if against is None else against.resolve().name
         _draw(out, summaries, name, summarise(valued) if against is None else summaries[name])
-    (_print_json if json else _print_table)(summaries, _ratings(path))
+    if json:
+        _print_json(summaries, _ratings(path))
+    else:
+        _print_table(summaries, _ratings(path))
+        pairs = sum(value != tables.hash for value in games.values())
+        cli.console().print(
+            f"values of {pairs} of {len(games)} matches in the game of the two people who played, with their skill, "
+            f"of the others in the average game {tables.hash[:12]}",
+            soft_wrap=True,
+        )
 
 
 def _ratings(path: Path) -> dict[str, float]:

@@ -9,10 +9,11 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pytest
 
-from shuttle_marl.analysis import add_values, rally_table, rank_players, strokes_of
+from shuttle_marl.analysis import add_values, add_values_of_pairs, rally_table, rank_players, strokes_of
 from shuttle_marl.analysis.values import COLUMNS, nearest_strokes
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.exact import evaluate
+from shuttle_marl.game.pairs import pair_game
 from shuttle_marl.game.stroke import Catalogue
 from shuttle_marl.game.tables import ROOT
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
@@ -76,6 +77,39 @@ def test_the_values_of_a_rally_add_up_to_its_outcome(valued: pa.Table, bc: Tabul
     ):
         sign = np.where(players[first:end] == server, 1.0, -1.0)
         assert sign @ added[first:end] == pytest.approx((server == winner) - serve, abs=1e-9)
+
+
+def test_values_of_two_people_are_those_of_their_game(tournament: Path, valued: pa.Table, bc: TabulatedPolicy) -> None:
+    people = {"bc": "viktor-axelsen", "attacking": "kento-momota"}
+    played = np.array(
+        [{a, b} == set(people) for a, b in zip(*valued.select(["player", "opponent"]).to_pydict().values(), strict=True)]
+    )
+    table = valued.drop_columns(list(COLUMNS)).filter(pa.array(played))
+    for name in ("player", "opponent"):
+        renamed = pa.array([people[player] for player in table[name].to_pylist()])
+        table = table.set_column(table.schema.get_field_index(name), name, renamed)
+    found = add_values_of_pairs(table, "bc", bc.game)
+    pair = pair_game(*sorted(people.values()))
+    assert set(found["value_game"].to_pylist()) == {pair.hash}
+    first, second = (tabulate(resolve("bc", seat), seat, "bc") for seat in pair.seats)
+    striking = np.stack(evaluate(first, second).striking)
+    with RallyLog(tournament) as log:
+        state, _ = states(bc.game, Rallies.concatenate([batch for _, batch in log.batches()]))
+    seat = (np.array(found["player"].to_pylist()) == pair.players[1]).astype(int)
+    assert np.allclose(column(found, "win_before"), (1 + striking[seat, state[played]]) / 2, atol=1e-12)
+    rallies = rally_table(found)
+    added, sign = column(found, "value_added"), np.where(np.array(found["player"].to_pylist()) == pair.players[0], 1.0, -1.0)
+    wins = np.add.reduceat(sign * added, rallies["first"].to_numpy())
+    served = np.array(rallies["server"].to_pylist()) == pair.players[0]
+    serve = np.where(served, 1 + striking[0, ROOT], 1 - striking[1, ROOT]) / 2
+    assert np.allclose(wins, (np.array(rallies["winner"].to_pylist()) == pair.players[0]) - serve, atol=1e-9)
+    assert np.abs(column(found, "win_before") - column(valued.filter(pa.array(played)), "win_before")).max() > 0.01
+
+
+def test_matches_of_others_have_values_of_the_average_game(valued: pa.Table, bc: TabulatedPolicy) -> None:
+    found = add_values_of_pairs(valued.drop_columns(list(COLUMNS)).slice(0, 500), "bc", bc.game)
+    assert set(found["value_game"].to_pylist()) == {bc.game.hash}
+    assert np.array_equal(column(found, "win_before")[:480], column(valued, "win_before")[:480])
 
 
 def test_the_reference_adds_no_value_against_itself(tmp_path: Path, bc: TabulatedPolicy) -> None:
