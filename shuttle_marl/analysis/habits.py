@@ -215,17 +215,16 @@ def habits(mine: Plays, others: Plays, *, dispersion: float | None = None, exact
                     kind=question.kind, about=about, answer=name, strokes=n, share=share, low=low, high=high, usual=usual, p=p
                 )
             )
-    return with_discoveries(found)
+    return sorted(with_discoveries(found), key=lambda habit: (not habit.clear, -abs(habit.share - habit.usual) * np.sqrt(habit.strokes)))
 
 
 def with_discoveries(found: Sequence[Habit]) -> list[Habit]:
-    """The habits, with those marked whose difference from the others is more than chance, clearest first."""
+    """The habits, with those marked whose difference from the others is more than chance."""
     clear = discoveries([habit.p for habit in found])
-    marked = [
-        dataclasses.replace(habit, clear=bool(is_clear) and abs(habit.share - habit.usual) >= LEAST_DIFFERENCE)
-        for habit, is_clear in zip(found, clear, strict=True)
+    return [
+        dataclasses.replace(habit, clear=bool(mark) and abs(habit.share - habit.usual) >= LEAST_DIFFERENCE)
+        for habit, mark in zip(found, clear, strict=True)
     ]
-    return sorted(marked, key=lambda habit: (not habit.clear, -abs(habit.share - habit.usual) * np.sqrt(habit.strokes)))
 
 
 def discoveries(p: Sequence[float]) -> Bools:

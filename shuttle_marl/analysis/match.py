@@ -1,0 +1,562 @@
+"""The match report: what decided a match, as figures.
+
+:func:`match_report` computes a :class:`MatchReport` from the strokes of one match, annotated or recorded.
+:mod:`shuttle_marl.coach` writes it as a page.
+"""
+
+import dataclasses
+import os
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, Final
+
+import numpy as np
+import pyarrow as pa
+from scipy import stats
+
+from shuttle_marl.analysis.advice import (
+    LEAST_REFITS,
+    LEAST_STEADY,
+    NORMAL,
+    TOLERANCE,
+    calibrated,
+    imitated,
+    meet,
+)
+from shuttle_marl.analysis.habits import (
+    Habit,
+    Plays,
+    area_shares,
+    discoveries,
+    habits,
+    interval,
+    plays_of_strokes,
+    with_discoveries,
+)
+from shuttle_marl.analysis.scouting import plain, rallies_won
+from shuttle_marl.analysis.summary import AnalysisError, rally_table
+from shuttle_marl.analysis.values import add_values, nearest_strokes
+from shuttle_marl.arrays import F64, I64
+from shuttle_marl.data.schema import DISCIPLINES, Outcome
+from shuttle_marl.data.upstream import date_of
+from shuttle_marl.dynamics.features import rows_from_strokes, states_of, strokes_before
+from shuttle_marl.exact import evaluate, moved
+from shuttle_marl.exact.match import Odds, Situation, match_table
+from shuttle_marl.game.pairs import AnyGame, PairGame, pair_game, resolve_players
+from shuttle_marl.game.scoring import BWF, Rules, Score
+from shuttle_marl.game.shipped import PROFILES, RELIABLE, Estimate, factor_of, real_strokes, refits_of, resolve_game, variants
+from shuttle_marl.game.skill import AVERAGE
+from shuttle_marl.game.stroke import SHOTS
+from shuttle_marl.game.tables import Game, GameError
+from shuttle_marl.game.tabulated import TabulatedPolicy
+from shuttle_marl.policy import baselines
+
+LENGTHS: Final = ((1, 3), (4, 7), (8, 12), (13, 9999))
+"""Classes of rallies by number of strokes."""
+MOMENTS: Final = 5
+_CANDIDATES: Final = 60
+_LEAST_COST: Final = 0.02
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class RallyRow:
+    """A rally of the match; players are 0 and 1.
+
+    Attributes:
+        key: game and number of the rally in the data.
+        points, games: score before it.
+        server, winner: numbers of the players; winner None: not recorded.
+        strokes: number of strokes.
+        ending: one of :data:`~shuttle_marl.analysis.summary.ENDINGS`.
+        last_shot: shot type of the last stroke.
+        before, after: probability that player 0 wins the match, before and after it.
+        decided: number of the stroke that changed the probability of winning the rally most, from 1, with the player who struck
+            it, its shot type, and the change for that player; None: not known.
+        seconds: time of the rally in the video [s]; None: unknown.
+    """
+
+    key: tuple[int, int]
+    points: tuple[int, int]
+    games: tuple[int, int]
+    server: int
+    winner: int | None
+    strokes: int
+    ending: str
+    last_shot: str
+    before: float
+    after: float
+    decided: tuple[int, int, str, float] | None
+    seconds: float | None
+
+    @property
+    def swing(self) -> float:
+        """Change of the probability that player 0 wins the match."""
+        return self.after - self.before
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ShotValue:
+    """Points that the strokes of one shot type added for a player, beyond an average player.
+
+    Attributes:
+        player: 0 or 1.
+        shot: shot type.
+        strokes: number of strokes with a known value.
+        points: sum of the values, with its 90 % interval over rallies.
+        clear: whether the mean differs from 0 by more than chance, with a correction for the number of tests.
+    """
+
+    player: int
+    shot: str
+    strokes: int
+    points: Estimate
+    clear: bool
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Choice:
+    """A costly decision.
+
+    Attributes:
+        player: who decided; ``rally``: index of the rally; ``stroke``: number of the stroke in it, from 1.
+        incoming: catalogue index of the incoming stroke, the number of strokes for a serve; ``contact``: 0 below, 1 above.
+        played, better: catalogue indices of the stroke and of a better one.
+        cost: rallies won less by this choice, per time, calibrated.
+        played_behind, better_behind: real strokes behind both.
+        times: number of times that the player chose so in the match.
+    """
+
+    player: int
+    rally: int
+    stroke: int
+    incoming: int
+    contact: int
+    played: int
+    better: int
+    cost: Estimate
+    played_behind: float
+    better_behind: float
+    times: int
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Won:
+    """Rallies won of some: label, player, numbers, and the 90 % interval of the share."""
+
+    label: str
+    player: int
+    rallies: int
+    won: int
+    low: float
+    high: float
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Heat:
+    """Targets of a player in won and in lost rallies: ``[9]`` counts, and areas that differ by more than chance."""
+
+    player: int
+    won: tuple[float, ...]
+    lost: tuple[float, ...]
+    clear: tuple[int, ...]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Change:
+    """A habit of a player in one game that differs from the same player's other games."""
+
+    player: int
+    game: int
+    habit: Habit
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class MatchReport:
+    """Figures of a match report.
+
+    Attributes:
+        match: name of the match.
+        players: names of players 0 and 1; 0 strikes first.
+        score: points of both in each game.
+        rules: of the match.
+        strokes: number of strokes.
+        skilled: whether the probabilities of winning are those of these two players; else of two alike.
+        before: probability that player 0 wins the match before its first rally.
+        rallies: all rallies.
+        moments: indices of the rallies with the largest swings, largest first.
+        values: value of the strokes by player and shot type.
+        choices: costly decisions, most costly first.
+        refits: number of refits behind them.
+        factor: share of predicted advantages that real matches realise; None: unknown.
+        serving, lengths: rallies won by server and kind of serve, and by length.
+        heat: targets in won and lost rallies.
+        changes: from game to game.
+        catalogue: names of the strokes of the game.
+    """
+
+    match: str
+    players: tuple[str, str]
+    score: tuple[tuple[int, int], ...]
+    rules: Rules
+    strokes: int
+    skilled: bool
+    before: float
+    rallies: Sequence[RallyRow]
+    moments: Sequence[int]
+    values: Sequence[ShotValue]
+    choices: Sequence[Choice]
+    refits: int
+    factor: Estimate | None
+    serving: Sequence[Won]
+    lengths: Sequence[Won]
+    heat: Sequence[Heat]
+    changes: Sequence[Change]
+    catalogue: Sequence[str]
+
+    def as_json(self) -> dict[str, Any]:
+        """The figures as JSON."""
+        figures: dict[str, Any] = plain({f.name: getattr(self, f.name) for f in dataclasses.fields(self) if f.name != "catalogue"})
+        names = (*self.catalogue, None)
+        for choice in figures["choices"]:
+            choice |= {part: names[choice[part]] for part in ("incoming", "played", "better")}
+        return figures
+
+
+def matches_in(strokes: pa.Table) -> list[str]:
+    """Names of the matches of a table, in their order."""
+    return list(strokes["match"].unique().to_pylist())
+
+
+def match_report(
+    strokes: pa.Table, *, game: AnyGame | None = None, rules: Rules = BWF, names: Mapping[str, str] | None = None
+) -> MatchReport:
+    """Compute a match report.
+
+    Args:
+        strokes: one match, of schema :data:`shuttle_marl.data.schema.STROKES`.
+        game: game of the values; None: the shipped one.
+        rules: of the match.
+        names: other names for the players, such as pseudonyms; they are known to the model by those in the table.
+
+    Raises:
+        AnalysisError: the table does not have one match of two players.
+        GameError: a file of the model is damaged.
+    """
+    people = tuple(strokes["player"].unique().to_pylist())
+    first = [strokes["player"][0].as_py(), strokes["opponent"][0].as_py()] if strokes.num_rows else []
+    if len(matches_in(strokes)) != 1 or not set(people) <= set(first):
+        raise AnalysisError(f"{len(matches_in(strokes))} matches of {len(people)} players: expected the strokes of one match of two")
+    players = (str(first[0]), str(first[1]))
+    match = str(strokes["match"][0].as_py())
+    base = resolve_game(None) if game is None else game.seats[0].average
+    discipline = PROFILES[DISCIPLINES.index(strokes["discipline"][0].as_py())]
+    played = _pair(base, players, match) if not isinstance(game, PairGame) else _seated(game, players)
+    average = _average(base, discipline)
+    valued = add_values(strokes, average)
+    rallies = _rallies(valued, players, rules, played)
+    plays = plays_of_strokes(strokes)
+    seat = (strokes["player"].to_numpy(zero_copy_only=False) == players[1]).astype(np.int64)
+    won = rallies_won(strokes)
+    choices, refits = _choices(strokes, average, discipline, seat)
+    shown = players if names is None else (names[players[0]], names[players[1]])
+    decided = [i for i, row in enumerate(rallies) if row.winner is not None]
+    return MatchReport(
+        match=match if names is None else "",
+        players=shown,
+        score=_score(rallies, rules),
+        rules=rules,
+        strokes=strokes.num_rows,
+        skilled=played is not None,
+        before=rallies[0].before,
+        rallies=rallies,
+        moments=sorted(decided, key=lambda i: -abs(rallies[i].swing))[:MOMENTS],
+        values=_values(valued, seat),
+        choices=choices,
+        refits=refits,
+        factor=factor_of(average.game),
+        serving=_serving(rallies, plays, strokes),
+        lengths=_lengths(rallies),
+        heat=[_heat(plays, seat == player, won, player) for player in (0, 1)],
+        changes=_changes(plays, seat, strokes),
+        catalogue=base.catalogue.names,
+    )
+
+
+def _pair(game: Game, players: tuple[str, str], match: str) -> PairGame | None:
+    try:
+        found = resolve_players(game, None, players, date=date_of(match))
+    except GameError:
+        return None
+    return found if isinstance(found, PairGame) else None
+
+
+def _seated(game: PairGame, players: tuple[str, str]) -> PairGame | None:
+    return game if players[0] == game.players[0] else game.swapped if players[0] == game.players[1] else None
+
+
+def _average(game: Game, discipline: str) -> TabulatedPolicy:
+    """The average player of a discipline, or of the game where the model does not tell disciplines apart."""
+    origin = game.origin
+    tables = resolve_game(game, discipline) if origin is not None and discipline in variants(str(origin.folder)) else game
+    return baselines.load(None, tables)
+
+
+def _rallies(valued: pa.Table, players: tuple[str, str], rules: Rules, pair: PairGame | None) -> list[RallyRow]:
+    """Rallies with the score and the probabilities of winning the match."""
+    odds = Odds(serving=0.5, receiving=0.5, error_bound=0.0) if pair is None else meet(*imitated(pair)).odds
+    table = match_table(odds.serving, odds.receiving, rules)
+    frame = rally_table(valued)
+    rows = frame.to_pylist()
+    starts = frame["first"].to_pylist()
+    column = {
+        name: valued[name].to_numpy(zero_copy_only=False)
+        for name in ("player", "stroke", "shot", "value_added", "points", "points_opponent", "clock")
+    }
+    score = Score(rules=rules, server=players.index(rows[0]["server"]))
+    out: list[RallyRow] = []
+    for row, start, end in zip(rows, starts, [*starts[1:], valued.num_rows], strict=True):
+        server = players.index(row["server"])
+        winner = None if row["winner"] is None else players.index(row["winner"])
+        if out and row["game"] != out[-1].key[0] and score.points != (0, 0):
+            # Rallies at the end of a game are missing: the leader won it.
+            while score.points != (0, 0):
+                score = score.after(int(score.points[1] > score.points[0]))
+        score = _as_recorded(score, column, start, players, winner)
+        after = score.after(winner) if winner is not None else score
+        chances = [_chance(odds, table, each, by) for each, by in ((score, server), (after, server if winner is None else winner))]
+        added = column["value_added"][start:end]
+        decided = None
+        if winner is not None and np.isfinite(added).any():
+            striker = np.array([players.index(name) for name in column["player"][start:end]])
+            gain = np.where(striker == winner, added, -added)
+            k = int(np.nanargmax(gain))
+            shot = SHOTS[int(column["shot"][start + k])]
+            decided = (int(column["stroke"][start + k]), int(striker[k]), shot, float(added[k]))
+        clock = column["clock"][start]
+        out.append(
+            RallyRow(
+                key=(row["game"], row["rally"]),
+                points=score.points,
+                games=score.games,
+                server=server,
+                winner=winner,
+                strokes=row["length"],
+                ending=str(row["ending"]),
+                last_shot=SHOTS[row["last_shot"]],
+                before=chances[0],
+                after=chances[1],
+                decided=decided,
+                seconds=None if clock is None or np.isnan(clock) else float(clock),
+            )
+        )
+        score = after
+    return out
+
+
+def _as_recorded(score: Score, column: Mapping[str, Any], row: int, players: tuple[str, str], winner: int | None) -> Score:
+    """The score before a rally, by the points in the data where there are any, because rallies may be missing."""
+    own, other = column["points"][row], column["points_opponent"][row]
+    if winner is None or own is None or other is None or np.isnan(own) or np.isnan(other):
+        return score
+    points = [int(own), int(other)] if players.index(column["player"][row]) == 0 else [int(other), int(own)]
+    points[winner] -= 1
+    return dataclasses.replace(score, points=(max(0, points[0]), max(0, points[1])))
+
+
+def _chance(odds: Odds, table: Mapping[Situation, tuple[float, float]], score: Score, server: int) -> float:
+    """Probability that player 0 wins the match before a rally; NaN at a score that the rules do not allow."""
+    if score.over:
+        return float(score.winner == 0)
+    won, lost = table.get((*score.games, *score.points, server), (float("nan"),) * 2)
+    return lost + (won - lost) * (odds.receiving if server else odds.serving)
+
+
+def _score(rallies: Sequence[RallyRow], rules: Rules) -> tuple[tuple[int, int], ...]:
+    """Points of both players at the end of each game."""
+    ends: dict[int, tuple[int, int]] = {}
+    for row in rallies:
+        points = list(row.points)
+        if row.winner is not None:
+            points[row.winner] += 1
+        ends[row.key[0]] = (points[0], points[1])
+    return tuple(ends[game] for game in sorted(ends))
+
+
+def _values(valued: pa.Table, seat: I64) -> list[ShotValue]:
+    """Value added by player and shot type; strokes of a rally depend on each other, so intervals are over rallies."""
+    added = valued["value_added"].to_numpy(zero_copy_only=False)
+    shot = valued["shot"].to_numpy().astype(np.int64)
+    rally = _rally_numbers(valued)
+    found: list[tuple[int, str, int, float, float]] = []
+    for player in (0, 1):
+        for kind, name in enumerate(SHOTS):
+            mine = np.flatnonzero((seat == player) & (shot == kind) & np.isfinite(added))
+            if len(mine) < RELIABLE:
+                continue
+            sums = np.bincount(np.unique(rally[mine], return_inverse=True)[1], added[mine])
+            # One more fault or winner, which costs or gains half a rally, could have happened where none did.
+            error = float(np.sqrt((sums**2).sum() + 0.25))
+            found.append((player, name, len(mine), float(added[mine].sum()), error))
+    clear = discoveries([float(2 * stats.norm.sf(abs(total) / error)) for *_, total, error in found])
+    return [
+        ShotValue(
+            player=player,
+            shot=name,
+            strokes=n,
+            points=Estimate(total, total - NORMAL * error, total + NORMAL * error),
+            clear=bool(mark),
+        )
+        for (player, name, n, total, error), mark in zip(found, clear, strict=True)
+    ]
+
+
+def _rally_numbers(strokes: pa.Table) -> I64:
+    first = rally_table(strokes)["first"].to_numpy()
+    return np.repeat(np.arange(len(first)), np.diff([*first, strokes.num_rows])).astype(np.int64)
+
+
+def _choices(strokes: pa.Table, average: TabulatedPolicy, discipline: str, seat: I64) -> tuple[list[Choice], int]:
+    """Decisions that cost most if both go on like average players, each compared with the best stroke that is known well enough."""
+    game = average.game
+    real = real_strokes(game)
+    values = [evaluate(average, average, tolerance=TOLERANCE).striking[0]]
+    games = [game]
+    if real is not None:
+        games += _refits(game, discipline)
+    refits = len(games) - 1
+    if real is None or refits < LEAST_REFITS:
+        return [], refits
+    with ThreadPoolExecutor(os.cpu_count()) as threads:
+        policies = [moved(average, each) for each in games[1:]]
+        values += [each.striking[0] for each in threads.map(lambda p: evaluate(p, p, tolerance=TOLERANCE), policies)]
+    rows = rows_from_strokes(strokes)
+    nearest = nearest_strokes(game.catalogue)
+    own, incoming = (strokes_before(rows, name, nearest, game.n_strokes) for name in ("own", "incoming"))
+    state = states_of(game, rows, own, incoming)
+    shot, area, technique = (rows.codes[part].astype(np.int64) for part in ("shot", "area", "technique"))
+    stroke = np.where((area >= 0) & (state >= 0), nearest[shot, area, rows.codes["contact"], technique], -1)
+    # Where a fault was aimed at is not recorded.
+    known = np.flatnonzero((stroke >= 0) & (rows.outcome != Outcome.FAULT))
+    known = known[game.rank(state[known], stroke[known]) >= 0]
+    pair = game.pair(state[known], stroke[known]).astype(np.int64)
+    row, pairs = game.pairs(state[known])
+    behind = real[game.base_pair_edge[pairs % game.n_base_pairs]]
+    worth = np.where(behind >= RELIABLE, game.stroke_values(values[0], pairs), -np.inf)
+    starts = np.flatnonzero(np.r_[True, np.diff(row) != 0])
+    best = np.array([start + int(part.argmax()) for start, part in zip(starts, np.split(worth, starts[1:]), strict=True)])
+    cost = (worth[best] - game.stroke_values(values[0], pair)) / 2
+    played_behind = real[game.base_pair_edge[pair % game.n_base_pairs]]
+    cost = np.where((played_behind >= RELIABLE) & np.isfinite(cost), cost, 0.0)
+    rally, number = _rally_numbers(strokes), rows.stroke.astype(np.int64)
+    factor, out, seen = factor_of(game), [], set()
+    for k in np.argsort(-cost, kind="stable")[:_CANDIDATES].tolist():
+        place = int(known[k])
+        better = int(pairs[best[k]])
+        costs = np.array(
+            [
+                float(each.stroke_values(v, np.array([better, pair[k]])) @ np.array([0.5, -0.5]))
+                for each, v in zip(games[1:], values[1:], strict=True)
+            ]
+        )
+        what = (int(seat[place]), int(incoming[place]), int(game.contact(state[place])), int(stroke[place]))
+        expected = calibrated(costs, factor)
+        if what in seen or (costs > 0).mean() < LEAST_STEADY or expected.value < _LEAST_COST:
+            continue
+        seen.add(what)
+        alike = (seat[known] == what[0]) & (incoming[known] == what[1]) & (stroke[known] == what[3])
+        out.append(
+            Choice(
+                player=what[0],
+                rally=int(rally[place]),
+                stroke=int(number[place]),
+                incoming=what[1],
+                contact=what[2],
+                played=what[3],
+                better=int(game.base_pair_stroke[better % game.n_base_pairs]),
+                cost=expected,
+                played_behind=float(played_behind[k]),
+                better_behind=float(behind[best[k]]),
+                times=int((alike & (rows.codes["contact"][known] == what[2])).sum()),
+            )
+        )
+    return sorted(out, key=lambda choice: -choice.cost.value)[:MOMENTS], refits
+
+
+def _refits(game: Game, discipline: str) -> list[Game]:
+    """The game of an average player of the discipline in the refits of its model."""
+    origin = game.origin
+    if origin is None:
+        return list(refits_of(game))
+    if origin.variant not in PROFILES:
+        return list(refits_of(game))
+    try:
+        pairs = pair_game(AVERAGE, AVERAGE, discipline=discipline, game=str(origin.folder)).refits()
+    except GameError:  # a model without the skill of players
+        return []
+    return [each.seats[0] for each in pairs]
+
+
+def _won(label: str, player: int, rallies: int, won: int) -> Won:
+    low, high = interval(won / rallies, rallies)
+    return Won(label=label, player=player, rallies=rallies, won=won, low=low, high=high)
+
+
+def _serving(rallies: Sequence[RallyRow], plays: Plays, strokes: pa.Table) -> list[Won]:
+    """Rallies won by each player as server, by kind of serve, and as receiver."""
+    first = rally_table(strokes)["first"].to_numpy()
+    serve = np.where(strokes["stroke"].to_numpy()[first] == 1, plays.shot[first], -1)
+    out = []
+    for player in (0, 1):
+        decided = [(i, row) for i, row in enumerate(rallies) if row.winner is not None]
+        served = [(i, row) for i, row in decided if row.server == player]
+        groups = {
+            "serving": served,
+            **{SHOTS[kind]: [each for each in served if serve[each[0]] == kind] for kind in (0, 1)},
+            "receiving": [each for each in decided if each[1].server != player],
+        }
+        for label, some in groups.items():
+            if some:
+                out.append(_won(label, player, len(some), sum(row.winner == player for _, row in some)))
+    return out
+
+
+def _lengths(rallies: Sequence[RallyRow]) -> list[Won]:
+    """Rallies won by player 0 by the number of strokes."""
+    out = []
+    for low, high in LENGTHS:
+        some = [row for row in rallies if row.winner is not None and low <= row.strokes <= high]
+        if some:
+            label = f"{low}\N{EN DASH}{high}" if high < LENGTHS[-1][1] else f"{low}+"
+            out.append(_won(label, 0, len(some), sum(row.winner == 0 for row in some)))
+    return out
+
+
+def _heat(plays: Plays, mine: Any, won: F64, player: int) -> Heat:
+    """Targets of a player in won and lost rallies."""
+    counts = [area_shares(plays, mine & (won == result))[0] for result in (1.0, 0.0)]
+    n = [max(1.0, float(count.sum())) for count in counts]
+    pooled = (counts[0] + counts[1]) / (n[0] + n[1])
+    error = np.sqrt(pooled * (1 - pooled) * (1 / n[0] + 1 / n[1]))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        z = np.nan_to_num((counts[0] / n[0] - counts[1] / n[1]) / error)
+    clear = np.flatnonzero(discoveries((2 * stats.norm.sf(np.abs(z))).tolist()))
+    won_of, lost_of = (tuple(float(x) for x in count) for count in counts)
+    return Heat(player=player, won=won_of, lost=lost_of, clear=tuple(int(area) for area in clear))
+
+
+def _changes(plays: Plays, seat: I64, strokes: pa.Table) -> list[Change]:
+    """Habits that differ between the games of a player by more than chance."""
+    game = strokes["game"].to_numpy().astype(np.int64)
+    found: list[tuple[int, int, Habit]] = []
+    for player in (0, 1):
+        for number in np.unique(game).tolist():
+            mine = seat == player
+            one, others = plays.take(mine & (game == number)), plays.take(mine & (game != number))
+            if len(one) and len(others):
+                found += [(player, number, habit) for habit in habits(one, others, dispersion=1.0)]
+    marked = with_discoveries([habit for *_, habit in found])
+    return [
+        Change(player=player, game=number, habit=habit)
+        for (player, number, _), habit in zip(found, marked, strict=True)
+        if habit.clear
+    ]
