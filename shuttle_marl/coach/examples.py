@@ -29,7 +29,7 @@ _FPS: Final = 25
 _MOST_BYTES: Final = 1_100_000
 """Largest total size of the motions; later examples are left out."""
 _ATTEMPTS: Final = 3000
-_LETTERS: Final = [chr(code) for code in range(33, 127) if chr(code) not in "\"'\\<"]
+_LETTERS: Final = [chr(code) for code in range(33, 127) if chr(code) not in '"\\<']
 
 
 def base91(content: bytes) -> str:
