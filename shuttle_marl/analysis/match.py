@@ -191,7 +191,7 @@ class MatchReport:
         serving, lengths: rallies won by server and kind of serve, and by length.
         heat: targets in won and lost rallies.
         changes: from game to game.
-        catalogue: names of the strokes of the game.
+        game: that of both players if the model knows them, else the average one.
     """
 
     match: str
@@ -211,12 +211,12 @@ class MatchReport:
     lengths: Sequence[Won]
     heat: Sequence[Heat]
     changes: Sequence[Change]
-    catalogue: Sequence[str]
+    game: AnyGame
 
     def as_json(self) -> dict[str, Any]:
         """The figures as JSON."""
-        figures: dict[str, Any] = plain({f.name: getattr(self, f.name) for f in dataclasses.fields(self) if f.name != "catalogue"})
-        names = (*self.catalogue, None)
+        figures: dict[str, Any] = plain({f.name: getattr(self, f.name) for f in dataclasses.fields(self) if f.name != "game"})
+        names = (*self.game.catalogue.names, None)
         for choice in figures["choices"]:
             choice |= {part: names[choice[part]] for part in ("incoming", "played", "better")}
         return figures
@@ -228,7 +228,7 @@ def matches_in(strokes: pa.Table) -> list[str]:
 
 
 def match_report(
-    strokes: pa.Table, *, game: AnyGame | None = None, rules: Rules = BWF, names: Mapping[str, str] | None = None
+    strokes: pa.Table, *, game: AnyGame | None = None, rules: Rules = BWF, odds: Odds | None = None
 ) -> MatchReport:
     """Compute a match report.
 
@@ -236,7 +236,8 @@ def match_report(
         strokes: one match, of schema :data:`shuttle_marl.data.schema.STROKES`.
         game: game of the values; None: the shipped one.
         rules: of the match.
-        names: other names for the players, such as pseudonyms; they are known to the model by those in the table.
+        odds: of the first striker against the other player; None: those of both players as they are imitated, and of equal
+            players if the model does not know them.
 
     Raises:
         AnalysisError: the table does not have one match of two players.
@@ -253,20 +254,20 @@ def match_report(
     played = _pair(base, players, match) if not isinstance(game, PairGame) else _seated(game, players)
     average = _average(base, discipline)
     valued = add_values(strokes, average)
-    rallies = _rallies(valued, players, rules, played)
+    known = meet(*imitated(played)).odds if odds is None and played is not None else odds
+    rallies = _rallies(valued, players, rules, known or Odds(serving=0.5, receiving=0.5, error_bound=0.0))
     plays = plays_of_strokes(strokes)
     seat = (strokes["player"].to_numpy(zero_copy_only=False) == players[1]).astype(np.int64)
     won = rallies_won(strokes)
     choices, refits = _choices(strokes, average, discipline, seat)
-    shown = players if names is None else (names[players[0]], names[players[1]])
     decided = [i for i, row in enumerate(rallies) if row.winner is not None]
     return MatchReport(
-        match=match if names is None else "",
-        players=shown,
+        match=match,
+        players=players,
         score=_score(rallies, rules),
         rules=rules,
         strokes=strokes.num_rows,
-        skilled=played is not None,
+        skilled=known is not None,
         before=rallies[0].before,
         rallies=rallies,
         moments=sorted(decided, key=lambda i: -abs(rallies[i].swing))[:MOMENTS],
@@ -278,7 +279,7 @@ def match_report(
         lengths=_lengths(rallies),
         heat=[_heat(plays, seat == player, won, player) for player in (0, 1)],
         changes=_changes(plays, seat, strokes),
-        catalogue=base.catalogue.names,
+        game=base if played is None else played,
     )
 
 
@@ -301,9 +302,8 @@ def _average(game: Game, discipline: str) -> TabulatedPolicy:
     return baselines.load(None, tables)
 
 
-def _rallies(valued: pa.Table, players: tuple[str, str], rules: Rules, pair: PairGame | None) -> list[RallyRow]:
+def _rallies(valued: pa.Table, players: tuple[str, str], rules: Rules, odds: Odds) -> list[RallyRow]:
     """Rallies with the score and the probabilities of winning the match."""
-    odds = Odds(serving=0.5, receiving=0.5, error_bound=0.0) if pair is None else meet(*imitated(pair)).odds
     table = match_table(odds.serving, odds.receiving, rules)
     frame = rally_table(valued)
     rows = frame.to_pylist()

@@ -24,10 +24,12 @@ class Cell:
     Attributes:
         text: its text.
         key: what it is sorted by; None: after all others.
+        link: address that it leads to; empty: none.
     """
 
     text: str = ""
     key: float | str | None = None
+    link: str = ""
 
 
 @dataclasses.dataclass(frozen=True)
