@@ -326,7 +326,7 @@ def _rallies(valued: pa.Table, players: tuple[str, str], rules: Rules, odds: Odd
         chances = [_chance(odds, table, each, by) for each, by in ((score, server), (after, server if winner is None else winner))]
         added = column["value_added"][start:end]
         decided = None
-        if winner is not None and np.isfinite(added).any():
+        if winner is not None and np.isfinite(added[-1]):
             striker = np.array([players.index(name) for name in column["player"][start:end]])
             gain = np.where(striker == winner, added, -added)
             k = int(np.nanargmax(gain))

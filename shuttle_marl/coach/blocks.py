@@ -20,13 +20,15 @@ class Block:
         items: lines of a list or of a card; pairs of tiles.
         content: a chart or a table, or the data of sliders.
         example: number of the rally that a card plays; None: none.
+        label: of the button that plays it.
     """
 
-    kind: Literal["text", "list", "card", "tiles", "chart", "table", "sliders"]
+    kind: Literal["text", "list", "card", "tiles", "chart", "courts", "table", "sliders"]
     text: str = ""
     items: Sequence[Any] = ()
     content: Any = None
     example: int | None = None
+    label: str = ""
 
 
 def text(content: str) -> Block:

@@ -1,6 +1,7 @@
 """Charts of the reports: court maps, intervals, and the course of a match."""
 
 from collections.abc import Sequence
+from textwrap import fill
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -11,7 +12,10 @@ from shuttle_marl.arrays import F64
 from shuttle_marl.game.court import AREAS, HALF_LENGTH, N_AREAS, area_centre
 from shuttle_marl.pages.charts import DIM, INK, PLAYERS, Chart, label, styled
 
-_WIDTH: Final = 640.0
+_WIDTH: Final = 460.0
+"""Width of a chart [px], which fits a telephone."""
+_LINE: Final = 30
+"""Letters in a line of a label."""
 _MORE, _LESS, _ALIKE = "#e8a15c", "#7fb0e0", "#f4f4f0"
 """Colours of larger and smaller shares; orange and blue are told apart by all readers."""
 _DARK: Final = "#16191c"
@@ -37,7 +41,8 @@ def bars(rows: Sequence[Bar], title: str) -> Markup:
         rows: the estimates.
         title: description for screen readers.
     """
-    chart = Chart(_WIDTH, 24.0 * len(rows) + 40)
+    labels = [fill(label(row.name, 2 * _LINE), _LINE) for row in rows]
+    chart = Chart(_WIDTH, 30.0 * len(rows) + 40)
     axes = chart.axes
     for y, row in enumerate(rows):
         colour = PLAYERS[row.player]
@@ -49,7 +54,7 @@ def bars(rows: Sequence[Bar], title: str) -> Markup:
             axes.plot(row.reference, y, "D", color="none", markeredgecolor=INK, markeredgewidth=1.4, markersize=7)
     if min(row.low for row in rows) < 0 < max(row.high for row in rows):
         axes.axvline(0, color=DIM, linewidth=1)
-    axes.set_yticks(range(len(rows)), [label(row.name, 52) for row in rows], color=INK)
+    axes.set_yticks(range(len(rows)), labels, color=INK)
     axes.set_ylim(len(rows) - 0.4, -0.6)
     axes.grid(axis="y", visible=False)
     return chart.svg(title)
@@ -97,7 +102,7 @@ def course(chance: Sequence[float], games: Sequence[int], moments: Sequence[int]
         names: of the players, at the upper and at the lower end.
         title: description for screen readers.
     """
-    chart = Chart(_WIDTH, 250.0)
+    chart = Chart(_WIDTH, 220.0)
     axes, at = chart.axes, np.arange(len(chance))
     values = 100 * np.array(chance)
     axes.axhline(50, color=DIM, linewidth=1)

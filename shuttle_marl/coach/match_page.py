@@ -30,7 +30,8 @@ class Footage:
         staged: rallies of the report that can be staged, by their index.
         game, players: in which they are valued.
         athlete: appearance of both players.
-        commands: command that shows a rally on the live court, by its index.
+        command: that shows rallies on the live court, up to the number.
+        numbers: of the rallies for that command, by their index; empty: they cannot be shown.
         video: address of the video at a time in seconds; None: no video.
     """
 
@@ -38,13 +39,15 @@ class Footage:
     game: AnyGame
     players: Players
     athlete: str
-    commands: dict[int, str]
+    command: str
+    numbers: dict[int, int]
     video: Callable[[float], str] | None = None
 
 
 def match_page(report: MatchReport, footage: Footage) -> bytes:
     """The page as the content of a file."""
     say = words()
+    report = dataclasses.replace(report, players=tuple(map(say.player, report.players)))
     moments = [i for i in report.moments if i in footage.staged]
     rallies, program, reason, count = "", None, "", 0
     try:
@@ -128,7 +131,7 @@ def _moments(report: MatchReport, examples: dict[int, int], reason: str) -> Sect
             fields = {"shot": say.shot(shot), "player": report.players[player], "change": signed(change, 0)}
             lines.insert(1, say("match.moment_decided", number=number, **fields))
         title = say("match.moment_title", game=row.key[0], points=_points(row), winner=winner)
-        blocks.append(Block("card", title, items=lines, example=examples.get(i)))
+        blocks.append(Block("card", title, items=lines, example=examples.get(i), label=say("play_rally")))
     if reason:
         blocks.append(text(say("too_large", reason=reason)))
     row = report.rallies[report.moments[0]]
@@ -261,7 +264,7 @@ def _lengths(report: MatchReport) -> Section:
 
 
 def _heat(report: MatchReport) -> Section:
-    say, blocks, lead = words(), [], words()("match.heat_none")
+    say, blocks, maps, lead = words(), [], [], words()("match.heat_none")
     for heat in report.heat:
         won, lost = (np.array(part) for part in (heat.won, heat.lost))
         n, m = won.sum(), lost.sum()
@@ -269,7 +272,7 @@ def _heat(report: MatchReport) -> Section:
             continue
         player = report.players[heat.player]
         caption = say("match.heat_chart", player=player, won=round(n), lost=round(m))
-        blocks.append(chart(charts.court(won / n, lost / m, caption, heat.clear), caption))
+        maps.append((charts.court(won / n, lost / m, caption, heat.clear), caption))
         for area in heat.clear:
             shares = {"won": of_100(won[area] / n), "lost": of_100(lost[area] / m)}
             line = say("match.heat_lead", player=player, area=say.area(area, "receiver"), **shares)
@@ -277,7 +280,7 @@ def _heat(report: MatchReport) -> Section:
                 lead = line
             else:
                 blocks.append(text(line))
-    return Section(say("match.heat"), lead, blocks)
+    return Section(say("match.heat"), lead, [*blocks, Block("courts", items=maps)])
 
 
 def _changes(report: MatchReport) -> Section:
@@ -319,9 +322,13 @@ def _rallies(report: MatchReport, footage: Footage) -> Section:
     ]
     if footage.video is not None:
         columns.append(Column(say("match.rallies_video"), lambda r: _link(footage, r[1]), left=True))
-    if footage.commands:
-        columns.append(Column(say("match.rallies_command"), lambda r: name(footage.commands.get(r[0], "")), left=True, wrap=True))
-    return Section(say("match.rallies"), say("match.rallies_lead"), [shown(table(numbered, columns))])
+    blocks = []
+    if footage.numbers:
+        head = say("match.rallies_number")
+        columns.append(Column(head, lambda r: Cell(str(n), n) if (n := footage.numbers.get(r[0])) else Cell()))
+        blocks.append(text(say("match.rallies_watch", command=footage.command, column=head)))
+    lead = say("match.rallies_lead", first=players[0])
+    return Section(say("match.rallies"), lead, [*blocks, shown(table(numbered, columns))])
 
 
 def _link(footage: Footage, row: RallyRow) -> Cell:

@@ -1,5 +1,6 @@
 """The scouting report as a page."""
 
+import dataclasses
 import json
 from collections.abc import Sequence
 
@@ -29,6 +30,12 @@ def scouting_page(report: ScoutingReport) -> bytes:
     """The page as the content of a file."""
     say = words()
     rallies, program, reason = _examples(report)
+    named = {
+        role: dataclasses.replace(known, name=say.player(known.name))
+        for role in ("player", "opponent")
+        if (known := getattr(report, role)) is not None
+    }
+    report = dataclasses.replace(report, **named)
     opponent = report.opponent.name
     sections = [_outlook(report), _habits(report)] if report.player is not None else [_habits(report)]
     if report.player is not None:
@@ -118,7 +125,10 @@ def _habits(report: ScoutingReport) -> Section:
     strokes = report.opponent.strokes if report.seen is None else report.seen.strokes
     blocks: list[Block] = []
     if report.seen is not None:
-        blocks.append(text(say("scout.habits_from_data", matches=report.seen.matches, strokes=strokes, opponent=opponent)))
+        seen = report.seen
+        days = "" if seen.first is None else say("scout.days", first=seen.first, last=seen.last)
+        counts = {"matches": seen.matches, "strokes": strokes, "days": days}
+        blocks.append(text(say("scout.habits_from_data", opponent=opponent, **counts)))
     elif report.opponent.since is not None:
         blocks.append(text(say("scout.habits_from_model", strokes=strokes, opponent=opponent)))
     if strokes < 10 * RELIABLE:
@@ -129,9 +139,9 @@ def _habits(report: ScoutingReport) -> Section:
         ]
         blocks += [chart(charts.bars(rows, say("scout.habits", opponent=opponent)), say("scout.habit_chart")), shown(_table(clear))]
     if report.target_strokes >= RELIABLE:
-        drawn = charts.court(report.targets, report.targets_usual, say("scout.habits", opponent=opponent))
         caption = say("scout.targets_chart", opponent=opponent, strokes=round(report.target_strokes))
-        blocks.append(chart(drawn, caption))
+        drawn = charts.court(report.targets, report.targets_usual, caption)
+        blocks.append(Block("courts", items=[(drawn, caption)]))
     lines = _endings(report.endings)
     if lines:
         blocks += [text(say("scout.endings_lead")), Block("list", items=lines)]
@@ -212,7 +222,11 @@ def _card(report: ScoutingReport, advice: Advice, real: Realised | None, number:
             each=of_100(expected.value / advice.often, 0),
             often=of_100(advice.often),
         ),
-        say("scout.advice_instead", stroke=say.stroke(catalogue, advice.usual, "their"), share=of_100(advice.usual_share)),
+        say(
+            "scout.advice_already" if advice.usual == advice.stroke else "scout.advice_instead",
+            stroke=say.stroke(catalogue, advice.usual, "their"),
+            share=of_100(advice.usual_share),
+        ),
         say("scout.advice_steady", steady=of_100(advice.steady), average=signed(advice.against_average)),
     ]
     if advice.before is not None:
@@ -233,7 +247,11 @@ def _card(report: ScoutingReport, advice: Advice, real: Realised | None, number:
             say("scout.advice_real", won=real.won, n=real.strokes, others_won=real.others_won, others=real.others, **ranged)
         )
     return Block(
-        "card", say("scout.advice_title", stroke=say.stroke(catalogue, advice.stroke, "their")), items=lines, example=number
+        "card",
+        say("scout.advice_title", stroke=say.stroke(catalogue, advice.stroke, "their")),
+        items=lines,
+        example=number,
+        label=say("play_example"),
     )
 
 

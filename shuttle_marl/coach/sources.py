@@ -52,11 +52,10 @@ def of_strokes(path: Path, game: AnyGame, match: str | None = None, columns: Pat
     numbers = staged.numbers(name)
     found = {i: numbers[row.key] for i, row in enumerate(report.rallies) if row.key in numbers}
     rallies = {i: staged.rally(found[i]) for i in report.moments if i in found}
-    commands = {} if columns is not None else {
-        i: command("watch", "--real", str(path), *model, "--rally", str(number + 1)) for i, number in found.items()
-    }
+    shown = {} if columns is not None else {i: number + 1 for i, number in found.items()}
+    watch = command("watch", "--real", str(path), *model, "--rally")
     women = strokes.filter(pc.equal(strokes["match"], name))["discipline"][0].as_py() == "WS"
-    return report, _footage(report, rallies, commands, women=women)
+    return report, _footage(report, rallies, (watch, shown), women=women)
 
 
 def _match(names: list[str], wanted: str | None) -> str:
@@ -100,12 +99,12 @@ def of_log(path: Path, game: AnyGame, match: int = 0, pairing: int = 0) -> tuple
     odds = None if known is None or known.value is None else known.value.odds(seats.index(strokes["player"][0].as_py()))
     report = match_report(strokes, game=game, rules=played, odds=odds)
     shown = {i: staged.rally(numbers[i]) for i in report.moments}
-    commands = {i: command("watch", "--replay", str(path), "--rally", str(number + 1)) for i, number in enumerate(numbers)}
-    footage = _footage(report, shown, commands, women=False)
+    watch = command("watch", "--replay", str(path), "--rally"), {i: number + 1 for i, number in enumerate(numbers)}
+    footage = _footage(report, shown, watch, women=False)
     return report, footage if known is None else dataclasses.replace(footage, game=game, players=known)
 
 
-def _footage(report: MatchReport, rallies: dict[int, CourtRally], commands: dict[int, str], *, women: bool) -> Footage:
+def _footage(report: MatchReport, rallies: dict[int, CourtRally], watch: tuple[str, dict[int, int]], *, women: bool) -> Footage:
     game = report.game
     if isinstance(game, PairGame):
         first, second = imitated(game)
@@ -118,7 +117,8 @@ def _footage(report: MatchReport, rallies: dict[int, CourtRally], commands: dict
         game=game,
         players=players,
         athlete="female" if women else "male",
-        commands=commands,
+        command=watch[0],
+        numbers=watch[1],
     )
 
 
@@ -146,6 +146,6 @@ def anonymous(report: MatchReport, footage: Footage) -> tuple[MatchReport, Foota
     staged = {i: dataclasses.replace(rally, names=names) for i, rally in footage.staged.items()}
     return (
         dataclasses.replace(report, players=names, match="", game=game),
-        dataclasses.replace(footage, staged=staged, game=game, commands={}, video=None),
+        dataclasses.replace(footage, staged=staged, game=game, numbers={}, video=None),
     )
 

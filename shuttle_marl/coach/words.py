@@ -1,6 +1,7 @@
 """Texts of the reports, from a catalogue: ``words.toml`` for English, another file for another language."""
 
 import functools
+import re
 import tomllib
 from pathlib import Path
 from typing import Any, Final
@@ -39,6 +40,11 @@ class Words:
     def shot(self, shot: str, *, many: bool = False) -> str:
         """A shot type, such as ``a smash``, or ``smashes``."""
         return str(self._texts["shots"][shot][many])
+
+    @staticmethod
+    def player(name: str) -> str:
+        """A player as people write the name: ``Viktor Axelsen`` for ``viktor-axelsen``; other names stay as they are."""
+        return name.replace("-", " ").title() if re.fullmatch(r"[a-z]+(-[a-z]+)+", name) else name
 
     def area(self, area: int, whose: str) -> str:
         """An area, such as ``your front left corner``."""

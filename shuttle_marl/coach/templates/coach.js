@@ -11,9 +11,9 @@ for (const button of document.querySelectorAll("button.play")) {
       const page = [
         '<!doctype html><html lang="en"><head><meta charset="utf-8">',
         '<meta name="viewport" content="width=device-width, initial-scale=1">',
-        `<title></title><style>${part("viewer-style")}</style></head><body>`,
-        `<script type="application/json" id="shared">${part("rallies").replaceAll("<", "\\u003c")}</script>`,
-        `<script type="module">${part("viewer-script")}</script></body></html>`,
+        `<title></title><style>${part("viewer-style")}<\/style></head><body>`,
+        `<script type="application/json" id="shared">${part("rallies")}<\/script>`,
+        `<script type="module">${part("viewer-script")}<\/script></body></html>`,
       ];
       const frame = document.createElement("iframe");
       frame.title = button.closest(".card").querySelector("h3").textContent;
