@@ -23,6 +23,7 @@ from shuttle_marl.dynamics.features import rows_from_strokes
 from shuttle_marl.game.court import AREAS, N_AREAS
 from shuttle_marl.game.shipped import RELIABLE
 from shuttle_marl.game.stroke import HEIGHTS, N_SERVES, N_SHOTS, SHOTS
+from shuttle_marl.game.thresholds import ONE
 
 NONE: Final = N_SHOTS
 """Code of a previous stroke that does not exist; larger codes are unknown."""
@@ -99,10 +100,10 @@ def plays_of_meeting(meeting: Meeting, seat: int, strokes: float) -> Plays:
     """
     game = meeting.policies[seat].game
     state, stroke = game.base_pair_state, game.base_pair_stroke
-    weight = meeting.visits(seat)[state] * meeting.policies[seat].block_probabilities(0)
-    good, returned, _ = game.stroke_probabilities(np.arange(game.n_base_pairs))
+    played = meeting.seen.base_pairs(seat)
+    played *= strokes / played.sum()
+    limit = np.moveaxis(game.limits[..., :2].astype(np.float64), -1, 0) / ONE
     shot = np.append(game.catalogue.shot, NONE).astype(np.int64)
-    weight = weight * (strokes / weight.sum())
     return Plays(
         own=shot[game.own(state)],
         incoming=shot[game.incoming(state)],
@@ -110,9 +111,9 @@ def plays_of_meeting(meeting: Meeting, seat: int, strokes: float) -> Plays:
         contact=game.contact(state).astype(np.int64),
         shot=game.catalogue.shot[stroke].astype(np.int64),
         area=game.catalogue.area[stroke].astype(np.int64),
-        weight=weight,
-        fault=weight * (1 - good),
-        winner=weight * good * (1 - returned),
+        weight=played.sum(axis=0),
+        fault=(played * limit[0]).sum(axis=0),
+        winner=(played * (limit[1] - limit[0])).sum(axis=0),
         group=np.zeros(len(stroke), np.int64),
     )
 

@@ -141,7 +141,10 @@ class Choice:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Won:
-    """Rallies won of some: label, player, numbers, and the 90 % interval of the share."""
+    """Rallies won of some: label, player, numbers, and the 90 % interval of the share.
+
+    ``clear``: whether more or less than half were won by more than chance, with a correction for the number of tests.
+    """
 
     label: str
     player: int
@@ -149,6 +152,7 @@ class Won:
     won: int
     low: float
     high: float
+    clear: bool = False
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -528,7 +532,8 @@ def _lengths(rallies: Sequence[RallyRow]) -> list[Won]:
         if some:
             label = f"{low}\N{EN DASH}{high}" if high < LENGTHS[-1][1] else f"{low}+"
             out.append(_won(label, 0, len(some), sum(row.winner == 0 for row in some)))
-    return out
+    clear = discoveries([float(stats.binomtest(each.won, each.rallies).pvalue) for each in out])
+    return [dataclasses.replace(each, clear=bool(mark)) for each, mark in zip(out, clear, strict=True)]
 
 
 def _heat(plays: Plays, mine: Any, won: F64, player: int) -> Heat:

@@ -247,7 +247,7 @@ def _lengths(report: MatchReport) -> Section:
     strokes = [row.strokes for row in report.rallies]
     lines = []
     for each in report.lengths:
-        if not each.low <= 0.5 <= each.high:
+        if each.clear:
             winner = int(each.won * 2 < each.rallies)
             won = each.won if winner == 0 else each.rallies - each.won
             lines.append(say("match.lengths_clear", player=report.players[winner], label=each.label, won=won, rallies=each.rallies))

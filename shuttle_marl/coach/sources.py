@@ -139,7 +139,7 @@ def video_of(template: str) -> Callable[[float], str]:
 
 def anonymous(report: MatchReport, footage: Footage) -> tuple[MatchReport, Footage]:
     """The same without the names of players and match."""
-    names = ("player A", "player B")
+    names = ("Player A", "Player B")
     game = footage.game
     if isinstance(game, PairGame):
         game = dataclasses.replace(game, players=names if game.players == report.players else names[::-1])

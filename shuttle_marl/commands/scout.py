@@ -58,7 +58,7 @@ def scout(
     strokes = None if data is None else load_strokes(data)
     report = scouted(*names, model=game, date=date, data=strokes)
     if anonymous:
-        hidden = {name: f"player {letter}" for name, letter in zip(names[::-1], "AB", strict=False)}
+        hidden = {name: f"Player {letter}" for name, letter in zip(names[::-1], "AB", strict=False)}
         changed = {
             role: dataclasses.replace(known, name=hidden[known.name])
             for role in ("player", "opponent")
