@@ -8,7 +8,6 @@ from typing import Any, Final
 
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.game.court import AREAS
-from shuttle_marl.game.shipped import Estimate
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES, Catalogue
 
 CATALOGUE: Final = Path(__file__).parent / "words.toml"
@@ -67,17 +66,11 @@ def words() -> Words:
 
 
 def of_100(share: float, digits: int = 0) -> str:
-    """A share as a number of 100; shares that are not quite 0 or 100 do not look so."""
-    text = f"{100 * share:.{digits}f}"
-    return text if text != f"{0:.{digits}f}" else text.removeprefix("-")
+    """A share as a number of 100."""
+    return f"{round(100 * share, digits) + 0.0:.{digits}f}"  # adding 0 turns a rounded -0.0 into 0.0
 
 
 def signed(share: float, digits: int = 1) -> str:
     """A difference of shares as a number of 100 with its sign."""
-    text = f"{100 * share:+.{digits}f}"
-    return text if float(text) else text[1:]
-
-
-def gain(value: Estimate) -> dict[str, str]:
-    """Fields of an estimate of rallies of 100."""
-    return {"value": signed(value.value), "low": signed(value.low), "high": signed(value.high)}
+    number = round(100 * share, digits)
+    return f"{number:+.{digits}f}" if number else f"{0:.{digits}f}"
