@@ -2,11 +2,11 @@
 
 ``python -m experiments.advice --data DIR --split validation|test [--json]``
 
-Each player of a match is advised against the other (:mod:`shuttle_marl.analysis.advice`), in the game of the pair as of the day of the
-match. Strokes of the match in the situations of the advice are compared: those of the advised shot type, and all others. *Promised*
-is the calibrated advantage of the shot type over what the player usually plays there, by the areas that the player usually aims at,
-because the target of a fault is not recorded. *Realised* is the result of the rally minus the probability of winning it before the
-stroke. Intervals are 95 % bootstraps over matches.
+Each player of a match is advised against the other (:mod:`shuttle_marl.analysis.advice`), in the game of the pair as of the
+day of the match. Strokes of the match in the situations of the advice are compared: those of the advised shot type, and all
+others. *Promised* is the calibrated advantage of the shot type over what the player usually plays there, by the areas that
+the player usually aims at, because the target of a fault is not recorded. *Realised* is the result of the rally minus the
+probability of winning it before the stroke. Intervals are 95 % bootstraps over matches.
 """
 
 import dataclasses
@@ -25,9 +25,8 @@ from shuttle_marl.commands.options import Json
 from shuttle_marl.data import Split, load_strokes
 from shuttle_marl.data.upstream import date_of
 from shuttle_marl.game.pairs import pair_game
-from shuttle_marl.game.shipped import PROFILES
+from shuttle_marl.game.shipped import PROFILES, model_folder
 from shuttle_marl.game.skill import AVERAGE, load_skill
-from shuttle_marl.game.shipped import model_folder
 from shuttle_marl.runs import describe, write_json
 
 
@@ -106,7 +105,9 @@ def judged(strokes: Strokes, found: Refitted, seat: int, advised: Sequence[Advic
     return Judged.joined(parts)
 
 
-def advice(*, data: Path, split: Split = "validation", model: str = "default", out: Path | None = None, json_output: Json = False) -> None:
+def advice(
+    *, data: Path, split: Split = "validation", model: str = "default", out: Path | None = None, json_output: Json = False
+) -> None:
     """Compare promised and realised gains of advised strokes in matches that the model has not seen.
 
     Args:

@@ -1,8 +1,9 @@
 """Analysis of rallies: the value of every stroke, and summaries of play (shot mix, tempo, endings, landings, transitions).
 
-:func:`analyse_rally` works on one rally of known policies. Summaries and :func:`add_values` work on stroke tables of one schema
-(:mod:`shuttle_marl.data.schema`), so annotated matches and rally logs are treated alike. :func:`scout` and
-:func:`match_report` compute the reports for coaches. See ``docs/analysis.md`` and ``docs/coach.md``. Names are imported when first used.
+:func:`analyse_rally` works on one rally of known policies. Summaries and :func:`add_values` work on stroke tables of one
+schema (:mod:`shuttle_marl.data.schema`), so annotated matches and rally logs are treated alike. :func:`scout` and
+:func:`match_report` compute the reports for coaches. See ``docs/analysis.md`` and ``docs/coach.md``. Names are imported when
+first used.
 """
 
 from typing import TYPE_CHECKING

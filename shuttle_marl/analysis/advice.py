@@ -1,13 +1,15 @@
 """Advice against an opponent: strokes that win more rallies than what a player usually plays, where the opponent leaves them.
 
-The advantage of a stroke a in a state s is A(s, a) = (Q(s, a) - V(s)) / 2: the change of the probability of winning the rally if
-the player plays a there once, and both players go on as they are imitated. States that a coach does not tell apart form a
-**situation**: the shot type and the area of the incoming stroke, and the contact. The **gain** of a stroke in a situation is the sum of
-its advantages over the states, each weighted by the expected visits in a rally: rallies won more if the stroke is always played there.
+The advantage of a stroke a in a state s is A(s, a) = (Q(s, a) - V(s)) / 2: the change of the probability of winning the rally
+if the player plays a there once, and both players go on as they are imitated. States that a coach does not tell apart form a
+**situation**: the shot type and the area of the incoming stroke, and the contact. The **gain** of a stroke in a situation is
+the sum of its advantages over the states, each weighted by the expected visits in a rally: rallies won more if the stroke is
+always played there.
 
-Advice is given only where it can be trusted: enough real strokes behind the stroke and behind the situation, and a positive gain in
-most of the refits of the game on resampled matches. The best of many gains is an overestimate, so the gain that is reported is the
-mean over the refits, times the share of predicted advantages that real matches realise (:func:`~shuttle_marl.game.shipped.factor_of`).
+Advice is given only where it can be trusted: enough real strokes behind the stroke and behind the situation, and a positive
+gain in most of the refits of the game on resampled matches. The best of many gains is an overestimate, so the gain that is
+reported is the mean over the refits, times the share of predicted advantages that real matches realise
+(:func:`~shuttle_marl.game.shipped.factor_of`).
 """
 
 import dataclasses
@@ -26,7 +28,6 @@ from shuttle_marl.game.layout import Layout
 from shuttle_marl.game.pairs import PairGame
 from shuttle_marl.game.shipped import RELIABLE, Estimate, factor_of, real_strokes
 from shuttle_marl.game.stroke import N_SHOTS
-from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.policy import baselines
 
@@ -70,7 +71,9 @@ def situation(number: int) -> Situation:
 def situations(game: Layout) -> I64:
     """``[base states]`` number of the situation of each state."""
     state = np.arange(game.n_base_states)
-    shot, area = (np.append(part, 0).astype(np.int64)[game.incoming(state)] for part in (game.catalogue.shot, game.catalogue.area))
+    shot, area = (
+        np.append(part, 0).astype(np.int64)[game.incoming(state)] for part in (game.catalogue.shot, game.catalogue.area)
+    )
     number = (shot * N_AREAS + area) * 2 + game.contact(state)
     return np.where(game.incoming(state) == game.n_strokes, SERVE, number)
 
@@ -317,7 +320,7 @@ def followed(found: Refitted, advised: Sequence[Advice], seat: int = 0) -> tuple
     game = found.pair.seats[seat]
     chance = found.home.policies[seat].block_probabilities(0).copy()
     for advice in advised:
-        row, pairs = game.pairs(advice.states)
+        pairs = game.pairs(advice.states)[1]
         chance[pairs] = game.base_pair_stroke[pairs] == advice.stroke
 
     def odds(meeting: Meeting) -> Odds:
@@ -332,5 +335,3 @@ def in_threads(function: Callable[[Meeting], Odds], meetings: Sequence[Meeting])
     """The odds of each meeting, computed on all cores."""
     with ThreadPoolExecutor(os.cpu_count()) as threads:
         return list(threads.map(function, meetings))
-
-

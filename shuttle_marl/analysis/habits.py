@@ -1,11 +1,11 @@
 """Habits: how a player plays in common situations, compared with other players, and which differences are more than chance.
 
-A **question** is a situation (a serve, the reply to a drop from below, …); its answers are shot types, directions or outcomes. The
-same questions are asked of annotated strokes, which are counted, and of an imitated player, whose expected frequencies are exact and
-count as the player's strokes in the data of the model. Strokes of a match are alike, so counts vary more than independent ones: their
-variance is multiplied by the **dispersion** (McCullagh & Nelder, Generalized Linear Models, section 4.5), estimated over all
-players and matches, or :data:`DISPERSION`. Differences are tested together, with the false discovery rate of Benjamini & Hochberg
-(J. R. Stat. Soc. B 57, 1995).
+A **question** is a situation (a serve, the reply to a drop from below, …); its answers are shot types, directions or
+outcomes. The same questions are asked of annotated strokes, which are counted, and of an imitated player, whose expected
+frequencies are exact and count as the player's strokes in the data of the model. Strokes of a match are alike, so counts vary
+more than independent ones: their variance is multiplied by the **dispersion** (McCullagh & Nelder, Generalized Linear Models,
+section 4.5), estimated over all players and matches, or :data:`DISPERSION`. Differences are tested together, with the false
+discovery rate of Benjamini & Hochberg (J. R. Stat. Soc. B 57, 1995).
 """
 
 import dataclasses
@@ -212,11 +212,11 @@ def habits(mine: Plays, others: Plays, *, dispersion: float | None = None, exact
             low, high = interval(share, n / scale)
             about = question.about
             found.append(
-                Habit(
-                    kind=question.kind, about=about, answer=name, strokes=n, share=share, low=low, high=high, usual=usual, p=p
-                )
+                Habit(kind=question.kind, about=about, answer=name, strokes=n, share=share, low=low, high=high, usual=usual, p=p)
             )
-    return sorted(with_discoveries(found), key=lambda habit: (not habit.clear, -abs(habit.share - habit.usual) * np.sqrt(habit.strokes)))
+    return sorted(
+        with_discoveries(found), key=lambda habit: (not habit.clear, -abs(habit.share - habit.usual) * np.sqrt(habit.strokes))
+    )
 
 
 def with_discoveries(found: Sequence[Habit]) -> list[Habit]:

@@ -231,9 +231,7 @@ def matches_in(strokes: pa.Table) -> list[str]:
     return list(strokes["match"].unique().to_pylist())
 
 
-def match_report(
-    strokes: pa.Table, *, game: AnyGame | None = None, rules: Rules = BWF, odds: Odds | None = None
-) -> MatchReport:
+def match_report(strokes: pa.Table, *, game: AnyGame | None = None, rules: Rules = BWF, odds: Odds | None = None) -> MatchReport:
     """Compute a match report.
 
     Args:
@@ -250,7 +248,9 @@ def match_report(
     people = tuple(strokes["player"].unique().to_pylist())
     first = [strokes["player"][0].as_py(), strokes["opponent"][0].as_py()] if strokes.num_rows else []
     if len(matches_in(strokes)) != 1 or not set(people) <= set(first):
-        raise AnalysisError(f"{len(matches_in(strokes))} matches of {len(people)} players: expected the strokes of one match of two")
+        raise AnalysisError(
+            f"{len(matches_in(strokes))} matches of {len(people)} players: expected the strokes of one match of two"
+        )
     players = (str(first[0]), str(first[1]))
     match = str(strokes["match"][0].as_py())
     base = resolve_game(None) if game is None else game.seats[0].average
@@ -268,7 +268,7 @@ def match_report(
     return MatchReport(
         match=match,
         players=players,
-        score=_score(rallies, rules),
+        score=_score(rallies),
         rules=rules,
         strokes=strokes.num_rows,
         skilled=known is not None,
@@ -327,7 +327,9 @@ def _rallies(valued: pa.Table, players: tuple[str, str], rules: Rules, odds: Odd
                 score = score.after(int(score.points[1] > score.points[0]))
         score = _as_recorded(score, column, start, players, winner)
         after = score.after(winner) if winner is not None else score
-        chances = [_chance(odds, table, each, by) for each, by in ((score, server), (after, server if winner is None else winner))]
+        chances = [
+            _chance(odds, table, each, by) for each, by in ((score, server), (after, server if winner is None else winner))
+        ]
         added = column["value_added"][start:end]
         decided = None
         if winner is not None and np.isfinite(added[-1]):
@@ -375,7 +377,7 @@ def _chance(odds: Odds, table: Mapping[Situation, tuple[float, float]], score: S
     return lost + (won - lost) * (odds.receiving if server else odds.serving)
 
 
-def _score(rallies: Sequence[RallyRow], rules: Rules) -> tuple[tuple[int, int], ...]:
+def _score(rallies: Sequence[RallyRow]) -> tuple[tuple[int, int], ...]:
     """Points of both players at the end of each game."""
     ends: dict[int, tuple[int, int]] = {}
     for row in rallies:
@@ -420,7 +422,7 @@ def _rally_numbers(strokes: pa.Table) -> I64:
 
 
 def _choices(strokes: pa.Table, average: TabulatedPolicy, discipline: str, seat: I64) -> tuple[list[Choice], int]:
-    """Decisions that cost most if both go on like average players, each compared with the best stroke that is known well enough."""
+    """Decisions that cost most if both go on like average players, compared with the best stroke that is known well enough."""
     game = average.game
     real = real_strokes(game)
     values = [evaluate(average, average, tolerance=TOLERANCE).striking[0]]

@@ -150,11 +150,17 @@ class ScoutingReport:
         """The figures as JSON."""
         skipped = ("pair", "home", "advice")
         names = () if self.pair is None else self.pair.catalogue.names
-        figures = {field.name: plain(getattr(self, field.name)) for field in dataclasses.fields(self) if field.name not in skipped}
+        figures = {
+            field.name: plain(getattr(self, field.name)) for field in dataclasses.fields(self) if field.name not in skipped
+        }
         listed = []
         for advice in self.advice:
             shot, area, contact = advice.situation
-            incoming = {"shot": SHOTS[shot] if shot >= 0 else None, "area": AREAS[area] if area >= 0 else None, "above": bool(contact)}
+            incoming = {
+                "shot": SHOTS[shot] if shot >= 0 else None,
+                "area": AREAS[area] if area >= 0 else None,
+                "above": bool(contact),
+            }
             own = {"stroke": names[advice.stroke], "usual": names[advice.usual], "situation": incoming}
             before = None if advice.before is None else [SHOTS[advice.before[0]], AREAS[advice.before[1]]]
             listed.append({**plain(dataclasses.replace(advice, states=np.zeros(0, np.int64))), **own, "before": before})
@@ -360,8 +366,10 @@ def realised(plays: Plays, data: pa.Table, advised: Sequence[Advice], pair: Pair
         else:
             there = (plays.incoming == shot) & (plays.met == area) & (plays.contact == contact)
         there &= np.isfinite(won)
-        played = there & (plays.shot == catalogue.shot[advice.stroke]) & (
-            (plays.area == catalogue.area[advice.stroke]) | (plays.area < 0)
+        played = (
+            there
+            & (plays.shot == catalogue.shot[advice.stroke])
+            & ((plays.area == catalogue.area[advice.stroke]) | (plays.area < 0))
         )
         n = int(played.sum())
         if n < RELIABLE:
@@ -370,9 +378,7 @@ def realised(plays: Plays, data: pa.Table, advised: Sequence[Advice], pair: Pair
         others = there & ~played
         wins = int(won[played].sum())
         low, high = interval(wins / n, n)
-        out.append(
-            Realised(strokes=n, won=wins, low=low, high=high, others=int(others.sum()), others_won=int(won[others].sum()))
-        )
+        out.append(Realised(strokes=n, won=wins, low=low, high=high, others=int(others.sum()), others_won=int(won[others].sum())))
     return out
 
 
@@ -384,4 +390,3 @@ def rallies_won(strokes: pa.Table) -> F64:
     winner = rallies["winner"].to_numpy(zero_copy_only=False).astype(object)[rally]
     player = strokes["player"].to_numpy(zero_copy_only=False).astype(object)
     return np.where(winner == None, np.nan, (winner == player).astype(np.float64))  # noqa: E711  an array of objects
-

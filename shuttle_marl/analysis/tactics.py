@@ -1,9 +1,9 @@
 """What if a player used a tactic more or less: exact effects on winning.
 
-A tactic is a set of strokes within a set of alternatives, such as straight smashes within all smashes to a side. *Ten more of a
-hundred* moves the probability of the set within its alternatives by 0.1 in every state, up to 0 or 1, and leaves the proportions
-within both sets, and all other strokes, as they are. The effect is solved exactly in the game; its interval is that of its first
-derivative in the refits, sum over pairs of (changed minus usual probability) times advantage times visits.
+A tactic is a set of strokes within a set of alternatives, such as straight smashes within all smashes to a side. *Ten more of
+a hundred* moves the probability of the set within its alternatives by 0.1 in every state, up to 0 or 1, and leaves the
+proportions within both sets, and all other strokes, as they are. The effect is solved exactly in the game; its interval is
+that of its first derivative in the refits, sum over pairs of (changed minus usual probability) times advantage times visits.
 """
 
 import dataclasses
@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 
 from shuttle_marl.analysis.advice import LEAST_STEADY, TOLERANCE, Refitted, calibrated
-from shuttle_marl.arrays import F64, I64, Bools
+from shuttle_marl.arrays import F64, Bools
 from shuttle_marl.exact import PairPolicy
 from shuttle_marl.exact.profile import evaluate_chains, induced
 from shuttle_marl.game.shipped import Estimate
@@ -138,5 +138,3 @@ def effects(found: Refitted, seat: int = 0) -> list[Effect]:
             )
         )
     return out
-
-

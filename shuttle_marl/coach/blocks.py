@@ -73,6 +73,6 @@ def page(title: str, subtitle: str, sections: Sequence[Section], *, rallies: str
         title=title,
         subtitle=subtitle,
         sections=sections,
-        rallies=Markup(rallies.replace("<", "\\u003c")),  # noqa: S704  JSON, in which no element can begin
+        rallies=Markup(rallies.replace("<", "\\u003c")),
         say=say,
     )

@@ -83,7 +83,9 @@ def court(shares: F64, reference: F64, title: str, clear: Sequence[int] = ()) ->
         x, y = area_centre(np.array(area))
         colour = to_hex(colours(0.5 + difference[area] / most / 2))
         marked = area in clear
-        axes.fill(*corners(area), facecolor=colour, edgecolor=_DARK, linewidth=3.0 if marked else 0.6, zorder=3.7 if marked else 3.5)
+        axes.fill(
+            *corners(area), facecolor=colour, edgecolor=_DARK, linewidth=3.0 if marked else 0.6, zorder=3.7 if marked else 3.5
+        )
         text = f"{100 * shares[area]:.0f}\n({difference[area]:+.0f})"
         axes.text(x, y, text, ha="center", va="center", color=_DARK, fontsize=12, zorder=5,
                   weight="bold" if marked else "normal")  # fmt: skip

@@ -5,7 +5,6 @@ import json
 from collections.abc import Iterable, Sequence
 from typing import Final
 
-
 from shuttle_marl import __version__
 from shuttle_marl.analysis import Players
 from shuttle_marl.analysis.advice import Advice, Meeting
@@ -143,9 +142,7 @@ def staged_advice(advised: Iterable[Advice], pair: PairGame, home: Meeting, name
             raise ShuttleError(f"advice {place + 1}: no example in {_ATTEMPTS:,} rallies")
         number, stroke = shortest
         about = (place, names, Score(server=number % 2))
-        found.append(
-            play_rally(pair, (first, second), stream(0, 0, number), about, {stroke: advice.stroke})
-        )
+        found.append(play_rally(pair, (first, second), stream(0, 0, number), about, {stroke: advice.stroke}))
     return found
 
 

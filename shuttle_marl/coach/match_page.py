@@ -136,9 +136,7 @@ def _moments(report: MatchReport, examples: dict[int, int], reason: str) -> Sect
         blocks.append(text(say("too_large", reason=reason)))
     row = report.rallies[report.moments[0]]
     fields = {"game": str(row.key[0]), "points": _points(row), "change": of_100(abs(row.swing))}
-    return Section(
-        say("match.moments"), say("match.moments_lead", winner=report.players[row.winner or 0], **fields), blocks
-    )
+    return Section(say("match.moments"), say("match.moments_lead", winner=report.players[row.winner or 0], **fields), blocks)
 
 
 def _values(report: MatchReport) -> Section:
@@ -200,14 +198,23 @@ def _choices(report: MatchReport) -> Section:
             when = say("match.choice_serve", **where)
         else:
             incoming = say.stroke(names, choice.incoming, "own")
-            when = say("match.choice_when", number=choice.stroke, stroke=choice.stroke, incoming=incoming, height=say.height(choice.contact), **where)
+            when = say(
+                "match.choice_when",
+                number=choice.stroke,
+                stroke=choice.stroke,
+                incoming=incoming,
+                height=say.height(choice.contact),
+                **where,
+            )
         cost = {"cost": of_100(choice.cost.value), "low": of_100(choice.cost.low), "high": of_100(choice.cost.high)}
         lines = [
             when,
             say("match.choice_better", better=say.stroke(names, choice.better, "receiver"), **cost),
             say("match.choice_behind", played=int(choice.played_behind), better=int(choice.better_behind), times=choice.times),
         ]
-        title = say("match.choice_title", player=report.players[choice.player], stroke=say.stroke(names, choice.played, "receiver"))
+        title = say(
+            "match.choice_title", player=report.players[choice.player], stroke=say.stroke(names, choice.played, "receiver")
+        )
         blocks.append(Block("card", title, items=lines))
     worst = report.choices[0]
     strokes = {"stroke": say.stroke(names, worst.played, "receiver"), "better": say.stroke(names, worst.better, "receiver")}
@@ -217,9 +224,9 @@ def _choices(report: MatchReport) -> Section:
 
 def _won_table(rows: Sequence[Won], label: Callable[[Won], str], players: tuple[str, str] | None, head: str) -> Table:
     say = words()
-    columns: list[Column[Won]] = [] if players is None else [
-        Column(say("match.won_player"), lambda w: name(players[w.player]), left=True, wrap=True)
-    ]
+    columns: list[Column[Won]] = (
+        [] if players is None else [Column(say("match.won_player"), lambda w: name(players[w.player]), left=True, wrap=True)]
+    )
     columns += [
         Column(head, lambda w: name(label(w)), left=True),
         Column(say("match.won_won"), lambda w: Cell(f"{w.won}", w.won)),
@@ -250,7 +257,9 @@ def _lengths(report: MatchReport) -> Section:
         if each.clear:
             winner = int(each.won * 2 < each.rallies)
             won = each.won if winner == 0 else each.rallies - each.won
-            lines.append(say("match.lengths_clear", player=report.players[winner], label=each.label, won=won, rallies=each.rallies))
+            lines.append(
+                say("match.lengths_clear", player=report.players[winner], label=each.label, won=won, rallies=each.rallies)
+            )
     head = say("match.lengths_label")
     return Section(
         say("match.lengths"),
@@ -351,5 +360,3 @@ def _sure(report: MatchReport) -> Section:
         lead,
         [text(say("match.sure_values")), text(choices), text(share), text(say("scout.sure_observed")), text(say("scout.named"))],
     )
-
-

@@ -4,6 +4,7 @@ import dataclasses
 import json
 from collections.abc import Sequence
 
+from shuttle_marl.analysis import Players
 from shuttle_marl.analysis.advice import LEAST_STEADY, Advice
 from shuttle_marl.analysis.habits import Ending, Habit
 from shuttle_marl.analysis.scouting import Known, Realised, ScoutingReport
@@ -13,7 +14,6 @@ from shuttle_marl.coach.blocks import Block, Section, chart, page, shown, text
 from shuttle_marl.coach.examples import BuildError, shared, staged_advice, viewer
 from shuttle_marl.coach.words import of_100, signed, words
 from shuttle_marl.errors import printable
-from shuttle_marl.analysis import Players
 from shuttle_marl.game.court import AREAS
 from shuttle_marl.game.scoring import BWF
 from shuttle_marl.game.shipped import RELIABLE, Estimate
@@ -42,9 +42,14 @@ def scouting_page(report: ScoutingReport) -> bytes:
         sections += [_advice(report, reason), _tactics(report)]
     sections.append(_sure(report))
     since = report.opponent.since
-    fields = {"discipline": say(f"disciplines.{report.discipline}"), "day": say("scout.undated") if since is None else say("scout.today", date=since)}
-    title = say("scout.title_alone", opponent=opponent) if report.player is None else say(
-        "scout.title", player=report.player.name, opponent=opponent
+    fields = {
+        "discipline": say(f"disciplines.{report.discipline}"),
+        "day": say("scout.undated") if since is None else say("scout.today", date=since),
+    }
+    title = (
+        say("scout.title_alone", opponent=opponent)
+        if report.player is None
+        else say("scout.title", player=report.player.name, opponent=opponent)
     )
     return page(title, say("scout.subtitle", **fields), sections, rallies=rallies, viewer=program)
 
@@ -86,9 +91,7 @@ def _outlook(report: ScoutingReport) -> Section:
     assert found is not None
     assert report.player is not None
     key = "outlook_even" if 1 - _EVEN <= found.match.value <= _EVEN else "outlook_lead"
-    lead = say(
-        f"scout.{key}", player=report.player.name, rallies=_range(found.rally), matches=_range(found.match)
-    )
+    lead = say(f"scout.{key}", player=report.player.name, rallies=_range(found.rally), matches=_range(found.match))
     tiles = [
         (_range(found.serving), say("scout.serving")),
         (_range(found.receiving), say("scout.receiving")),
@@ -137,7 +140,10 @@ def _habits(report: ScoutingReport) -> Section:
         rows = [
             charts.Bar(habit_words(h), 100 * h.share, 100 * h.low, 100 * h.high, 100 * h.usual, player=1) for h in clear[:_SHOWN]
         ]
-        blocks += [chart(charts.bars(rows, say("scout.habits", opponent=opponent)), say("scout.habit_chart")), shown(_table(clear))]
+        blocks += [
+            chart(charts.bars(rows, say("scout.habits", opponent=opponent)), say("scout.habit_chart")),
+            shown(_table(clear)),
+        ]
     if report.target_strokes >= RELIABLE:
         caption = say("scout.targets_chart", opponent=opponent, strokes=round(report.target_strokes))
         drawn = charts.court(report.targets, report.targets_usual, caption)
@@ -264,9 +270,7 @@ def _tactics(report: ScoutingReport) -> Section:
         lead = say("scout.tactics_lead", tactic=names[clear[0].tactic], change=change)
     else:
         lead = say("scout.tactics_none")
-    rows = [
-        charts.Bar(names[e.tactic], 100 * e.more.value, 100 * e.more.low, 100 * e.more.high, clear=e.clear) for e in found
-    ]
+    rows = [charts.Bar(names[e.tactic], 100 * e.more.value, 100 * e.more.low, 100 * e.more.high, clear=e.clear) for e in found]
     half = [(effect.serving + effect.receiving) / 2 for effect in found]
     step = STEPS.index(0.1)
     middle = STEPS.index(0.0)
@@ -276,7 +280,9 @@ def _tactics(report: ScoutingReport) -> Section:
         return [Cell(signed(float(rally[index] - rally[middle])), float(rally[index] - rally[middle])) for rally in half]
 
     heads = ("tactics_head", "tactics_now", "tactics_often", "tactics_more", "tactics_less", "tactics_clear")
-    columns: list[Column[object]] = [Column(say(f"scout.{head}"), lambda _: Cell(), left=not i, wrap=not i) for i, head in enumerate(heads)]
+    columns: list[Column[object]] = [
+        Column(say(f"scout.{head}"), lambda _: Cell(), left=not i, wrap=not i) for i, head in enumerate(heads)
+    ]
     cells = [
         [
             name(names[effect.tactic]),
@@ -336,5 +342,10 @@ def _sure(report: ScoutingReport) -> Section:
         Column(say("scout.sure_what"), lambda row: name(row[0]), left=True, wrap=True),
         Column(say("scout.sure_value"), lambda row: name(row[1]), left=True, wrap=True),
     ]
-    blocks = [text(share), text(say("scout.sure_observed")), shown(table(rows, columns, say("scout.sure_table"))), text(say("scout.named"))]
+    blocks = [
+        text(share),
+        text(say("scout.sure_observed")),
+        shown(table(rows, columns, say("scout.sure_table"))),
+        text(say("scout.named")),
+    ]
     return Section(say("scout.sure"), say("scout.sure_lead"), blocks)

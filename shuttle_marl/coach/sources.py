@@ -148,4 +148,3 @@ def anonymous(report: MatchReport, footage: Footage) -> tuple[MatchReport, Foota
         dataclasses.replace(report, players=names, match="", game=game),
         dataclasses.replace(footage, staged=staged, game=game, numbers={}, video=None),
     )
-

@@ -22,7 +22,7 @@ from shuttle_marl.exact import Odds, sensitivity
 from shuttle_marl.game.pairs import PairGame, pair_game
 from shuttle_marl.game.scoring import match_win_probability
 from shuttle_marl.game.shipped import Profile, model_folder
-from shuttle_marl.game.skill import COMPONENTS, GROUPS, Day, Skill, load_skill
+from shuttle_marl.game.skill import COMPONENTS, GROUPS, Day, load_skill
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.league.entrants import LeagueError

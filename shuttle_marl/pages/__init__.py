@@ -113,9 +113,7 @@ def _environment(package: str) -> Environment:
     )
 
 
-def render(
-    package: str, template: str, *, assets: Sequence[str] = (), viewer: Viewer | None = None, **content: Any
-) -> bytes:
+def render(package: str, template: str, *, assets: Sequence[str] = (), viewer: Viewer | None = None, **content: Any) -> bytes:
     """A page as the content of a file.
 
     Args:

@@ -112,7 +112,9 @@ class Chart:
                 ElementTree.SubElement(part, f"{{{_SVG}}}title").text = printable(text)
             _without_style(parent)
         width, height = (str(root.get(side)).removesuffix("pt") for side in ("width", "height"))
-        root.attrib.update({"width": width, "height": height, "role": "img", "aria-label": printable(title), "stroke-linejoin": "round"})
+        root.attrib.update(
+            {"width": width, "height": height, "role": "img", "aria-label": printable(title), "stroke-linejoin": "round"}
+        )
         for prefix, namespace in (("", _SVG), ("xlink", _XLINK)):
             ElementTree.register_namespace(prefix, namespace)
         return Markup(ElementTree.tostring(root, encoding="unicode"))

@@ -145,6 +145,8 @@ def test_the_outlook_contains_both_uncertainties(found: Refitted) -> None:
 
 
 def test_a_meeting_from_the_other_seat(found: Refitted) -> None:
-    swapped = meet(*(dataclasses.replace(p, game=g) for p, g in zip(found.home.policies[::-1], found.pair.swapped.seats, strict=True)))  # type: ignore[type-var]
+    swapped = meet(
+        *(dataclasses.replace(p, game=g) for p, g in zip(found.home.policies[::-1], found.pair.swapped.seats, strict=True))
+    )  # type: ignore[type-var]
     assert swapped.odds.rally == pytest.approx(1 - found.home.odds.rally, abs=1e-6)
     assert swapped.advantages(0) == pytest.approx(found.home.advantages(1), abs=1e-6)

@@ -135,9 +135,7 @@ def test_claims_about_simulated_players_are_true() -> None:
     game, names = reduced_game(), ("bc", "attacking", "defensive")
     tables = [tabulate(resolve(name, game), game, name) for name in names]
     exact = {(i, j): meet(tables[i], tables[j]) for i in range(3) for j in range(3) if i != j}
-    truth = [
-        [plays_of_meeting(exact[i, j], 0, 1000 * exact[i, j].visits(0).sum()) for j in range(3) if j != i] for i in range(3)
-    ]
+    truth = [[plays_of_meeting(exact[i, j], 0, 1000 * exact[i, j].visits(0).sum()) for j in range(3) if j != i] for i in range(3)]
 
     def joined(parts: list[Plays]) -> Plays:
         return Plays(**{f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in dataclasses.fields(Plays)})

@@ -393,7 +393,9 @@ def test_pages_in_a_browser(
     page.goto((tmp_path / "page-0.html").as_uri())
     effect = scouted.effects[0]
     for value, at in ((10, 3), (-20, 0), (0, 2)):
-        page.locator("input[type=range]").first.evaluate(f"e => {{ e.value = {value}; e.dispatchEvent(new Event('input', {{bubbles: true}})) }}")
+        page.locator("input[type=range]").first.evaluate(
+            f"e => {{ e.value = {value}; e.dispatchEvent(new Event('input', {{bubbles: true}})) }}"
+        )
         expected = float(match_win_probability(effect.serving[at], effect.receiving[at]))
         assert float(page.locator("[data-figure=match]").inner_text()) == pytest.approx(100 * expected, abs=0.06)
         rally = (effect.serving[at] + effect.receiving[at]) / 2
