@@ -53,7 +53,7 @@ class Judged:
 
     def summary(self) -> dict[str, dict[str, float]]:
         """Number of strokes, mean promised and realised, and its interval; of advised strokes and of the others."""
-        out = {}
+        out: dict[str, dict[str, float]] = {}
         for name, which in (("advised", self.advised), ("not_advised", ~self.advised)):
             n = int(which.sum())
             if not n:

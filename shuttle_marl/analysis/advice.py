@@ -16,7 +16,7 @@ import dataclasses
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -88,7 +88,7 @@ class Meeting:
         seen: expected visits in a rally, both serving equally often.
     """
 
-    policies: tuple[StatePolicy, StatePolicy]
+    policies: tuple[TabulatedPolicy, TabulatedPolicy]
     value: ProfileValue
     seen: Visits
 
@@ -112,7 +112,7 @@ class Meeting:
         return total
 
 
-def meet(first: StatePolicy, second: StatePolicy) -> Meeting:
+def meet(first: TabulatedPolicy, second: TabulatedPolicy) -> Meeting:
     """Values and visits of one policy against another."""
     chains = induced(first), induced(second)
     value = evaluate_chains(*chains, tolerance=TOLERANCE)
@@ -290,11 +290,11 @@ def _usual(home: Meeting, seat: int, states: I64, weight: F64) -> tuple[int, flo
     return int(total.argmax()), float(total.max() / weight.sum())
 
 
-def _before(home: Meeting, seat: int, number: int, states: I64, weight: F64) -> dict[str, object]:
+def _before(home: Meeting, seat: int, number: int, states: I64, weight: F64) -> dict[str, Any]:
     """The stroke that most often leads to a situation, and how often the opponent then answers so."""
     game = home.policies[seat].game
     own = game.own(states)
-    nothing: dict[str, object] = {"before": None, "before_share": float("nan"), "before_average": float("nan")}
+    nothing: dict[str, Any] = {"before": None, "before_share": float("nan"), "before_average": float("nan")}
     if number == SERVE or (own == game.n_strokes).all():
         return nothing
     catalogue, known = game.catalogue, own < game.n_strokes

@@ -303,7 +303,7 @@ def area_shares(plays: Plays, which: Bools | None = None) -> tuple[F64, F64]:
     if which is not None:
         used &= which
     count = np.bincount(plays.area[used], plays.weight[used], N_AREAS)
-    return count, np.asarray(count / max(1.0, count.sum()))
+    return count.astype(np.float64), np.asarray(count / max(1.0, count.sum()))
 
 
 def by_kind(found: Sequence[Habit]) -> Mapping[str, list[Habit]]:

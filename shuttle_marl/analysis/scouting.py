@@ -7,6 +7,7 @@
 import dataclasses
 import datetime
 import difflib
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
@@ -114,7 +115,8 @@ class ScoutingReport:
         factor: share of predicted advantages that real matches realise; None: not known for this model.
         outlook: probabilities that the player wins.
         habits, endings: how the opponent plays beside other players of the discipline.
-        targets: ``[9]`` shares of the opponent's strokes by target area; ``targets_usual``: of the others; and ``target_strokes``.
+        targets: ``[9]`` shares of the opponent's strokes by target area; ``targets_usual``: of the others.
+        target_strokes: number of strokes behind the targets.
         counted: whether these are counted in annotated matches; else they are those of the imitated player.
         seen: summary of the matches; None without data.
         advice: strokes to play against the opponent, largest gain first.
@@ -181,7 +183,7 @@ def plain(value: Any) -> Any:
         return [plain(part) for part in value]
     if isinstance(value, datetime.date):
         return value.isoformat()
-    return None if isinstance(value, float) and value != value else value
+    return None if isinstance(value, float) and math.isnan(value) else value
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -356,7 +358,8 @@ def _seen(data: pa.Table, player: str) -> Seen:
 
 def realised(plays: Plays, data: pa.Table, advised: Sequence[Advice], pair: PairGame) -> list[Realised | None]:
     """Results of advised strokes in annotated matches; None with too few strokes."""
-    catalogue, out = pair.catalogue, []
+    catalogue = pair.catalogue
+    out: list[Realised | None] = []
     won = rallies_won(data)
     for advice in advised:
         shot, area, contact = advice.situation

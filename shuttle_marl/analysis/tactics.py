@@ -67,13 +67,14 @@ def _sets(game: Game, usual: F64) -> dict[str, tuple[Bools, Bools]]:
     # Seen by the player who strikes there: left and right of a target are the receiver's, so straight means the other name.
     wide = (met >= 0) & (met % 3 != 1) & (side != 1)
     smash = one_of("smash", "half-smash") & wide
+    net = one_of("net-shot", "cross-court-net-shot")
     low_at_net = (met >= 0) & (met // 3 == 0) & ~above
     fault = game.outcome_probabilities(np.arange(game.n_base_pairs))[:, 0]
     mean = np.bincount(state, usual * fault, game.n_base_states)[state]
     return {
         "short_serve": (one_of("short-serve"), serving),
         "straight_smash": (smash & (side == 2 - met % 3), smash),
-        "net_shot": (one_of("net-shot", "cross-court-net-shot") & low_at_net, one_of("net-shot", "cross-court-net-shot", "lift") & low_at_net),
+        "net_shot": (net & low_at_net, (net | one_of("lift")) & low_at_net),
         "attack": (one_of("smash", "half-smash", "net-kill") & above, above & ~serving),
         "risk": ((fault > mean) & ~serving, ~serving),
     }  # fmt: skip

@@ -12,7 +12,6 @@ from shuttle_marl.errors import ShuttleError
 from shuttle_marl.game.draws import stream
 from shuttle_marl.game.pairs import AnyGame, PairGame
 from shuttle_marl.game.scoring import Score
-from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.pages import Viewer
 from shuttle_marl.staging import stage
 from shuttle_marl.staging.skeleton import model_file
@@ -115,9 +114,6 @@ def staged_advice(advised: Iterable[Advice], pair: PairGame, home: Meeting, name
         home: the imitated players.
         names: printable names of the players.
     """
-    first, second = home.policies
-    assert isinstance(first, TabulatedPolicy)
-    assert isinstance(second, TabulatedPolicy)
     played: list[CourtRally] = []
     found: list[CourtRally] = []
 
@@ -125,7 +121,7 @@ def staged_advice(advised: Iterable[Advice], pair: PairGame, home: Meeting, name
         while len(played) <= number:
             score = Score(server=len(played) % 2)
             about = (0, names, score)
-            played.append(play_rally(pair, (first, second), stream(0, 0, len(played)), about, {}))
+            played.append(play_rally(pair, home.policies, stream(0, 0, len(played)), about, {}))
         return played[number]
 
     for place, advice in enumerate(advised):
@@ -142,7 +138,7 @@ def staged_advice(advised: Iterable[Advice], pair: PairGame, home: Meeting, name
             raise ShuttleError(f"advice {place + 1}: no example in {_ATTEMPTS:,} rallies")
         number, stroke = shortest
         about = (place, names, Score(server=number % 2))
-        found.append(play_rally(pair, (first, second), stream(0, 0, number), about, {stroke: advice.stroke}))
+        found.append(play_rally(pair, home.policies, stream(0, 0, number), about, {stroke: advice.stroke}))
     return found
 
 

@@ -47,7 +47,8 @@ class Footage:
 def match_page(report: MatchReport, footage: Footage) -> bytes:
     """The page as the content of a file."""
     say = words()
-    report = dataclasses.replace(report, players=tuple(map(say.player, report.players)))
+    first, second = map(say.player, report.players)
+    report = dataclasses.replace(report, players=(first, second))
     moments = [i for i in report.moments if i in footage.staged]
     rallies, program, reason, count = "", None, "", 0
     try:
@@ -56,7 +57,6 @@ def match_page(report: MatchReport, footage: Footage) -> bytes:
     except BuildError as error:
         reason = str(error)
     examples = {rally: number for number, rally in enumerate(moments[:count])}
-    first, second = report.players
     sections = [
         _course(report),
         _moments(report, examples, reason),

@@ -18,8 +18,7 @@ from shuttle_marl.game.court import AREAS
 from shuttle_marl.game.scoring import BWF
 from shuttle_marl.game.shipped import RELIABLE, Estimate
 from shuttle_marl.game.stroke import SHOTS
-from shuttle_marl.game.tabulated import TabulatedPolicy
-from shuttle_marl.pages import Cell, Column, Table, name, table
+from shuttle_marl.pages import Cell, Column, Table, Viewer, name, table
 
 _SHOWN: int = 12
 _EVEN = 0.6
@@ -54,7 +53,7 @@ def scouting_page(report: ScoutingReport) -> bytes:
     return page(title, say("scout.subtitle", **fields), sections, rallies=rallies, viewer=program)
 
 
-def _examples(report: ScoutingReport) -> tuple[str, object, str]:
+def _examples(report: ScoutingReport) -> tuple[str, Viewer | None, str]:
     """Staged examples of the advice, and what plays them; or why there are none."""
     if not report.advice or report.pair is None or report.home is None or report.player is None:
         return "", None, ""
@@ -64,10 +63,7 @@ def _examples(report: ScoutingReport) -> tuple[str, object, str]:
         return "", None, str(error)
     names = printable(report.player.name), printable(report.opponent.name)
     rallies = staged_advice(report.advice, report.pair, report.home, names)
-    first, second = report.home.policies
-    assert isinstance(first, TabulatedPolicy)
-    assert isinstance(second, TabulatedPolicy)
-    players = Players(tables=(first, second), value=report.home.value)
+    players = Players(tables=report.home.policies, value=report.home.value)
     content, _ = shared(rallies, report.pair, players, "female" if report.discipline == "women" else "male")
     return content, program, ""
 

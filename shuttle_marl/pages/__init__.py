@@ -139,7 +139,7 @@ def render(package: str, template: str, *, assets: Sequence[str] = (), viewer: V
         memory = dict.fromkeys(("frame-src", "media-src", "worker-src"), "blob:")
         policy |= {"style-src": "'unsafe-inline'", "img-src": "data: blob:", "connect-src": "data: blob:", **memory}
     policy |= {"script-src": " ".join(run), "base-uri": "'none'", "form-action": "'none'"}
-    frame = {
+    frame: dict[str, Any] = {
         "policy": "; ".join(f"{name} {value}" for name, value in policy.items()),
         "style": Markup(style),
         "script": Markup(script),

@@ -19,27 +19,26 @@ from shuttle_marl.analysis.advice import (
 from shuttle_marl.analysis.outlook import outlook
 from shuttle_marl.analysis.tactics import STEPS, TACTICS, changed, effects
 from shuttle_marl.exact import PairPolicy, evaluate
+from shuttle_marl.exact.profile import StatePolicy
 from shuttle_marl.game.shipped import RELIABLE, Estimate, real_strokes
 from shuttle_marl.game.stroke import SHOTS
 
 
-def test_advantages_are_the_derivative_of_the_result(found: Refitted) -> None:
-    for seat in (0, 1):
-        policy, advantage = found.home.policies[seat], found.home.advantages(seat)
-        usual = policy.block_probabilities(0)
-        assert abs(float(usual @ advantage)) < 1e-6  # what is usually played gains nothing
-        game = policy.game
-        rng = np.random.default_rng(seat)
-        other = rng.random(game.n_base_pairs)
-        other /= np.bincount(game.base_pair_state, other, game.n_base_states)[game.base_pair_state]
-        step = 1e-4
+@pytest.mark.parametrize("seat", [0, 1])
+def test_advantages_are_the_derivative_of_the_result(found: Refitted, seat: int) -> None:
+    policy, advantage = found.home.policies[seat], found.home.advantages(seat)
+    game, usual = policy.game, policy.block_probabilities(0)
+    assert abs(float(usual @ advantage)) < 1e-6  # what is usually played gains nothing
+    other = np.random.default_rng(seat).random(game.n_base_pairs)
+    other /= np.bincount(game.base_pair_state, other, game.n_base_states)[game.base_pair_state]
+    step = 1e-4
 
-        def result(by: float, seat: int = seat) -> float:
-            mixed = PairPolicy(game=game, probability=usual + by * (other - usual))
-            sides = (mixed, found.home.policies[1]) if seat == 0 else (found.home.policies[0], mixed)
-            return evaluate(*sides, tolerance=1e-9).odds(seat).rally
+    def result(by: float) -> float:
+        sides: list[StatePolicy] = [*found.home.policies]
+        sides[seat] = PairPolicy(game=game, probability=usual + by * (other - usual))
+        return evaluate(*sides, tolerance=1e-9).odds(0).rally * (1 if seat == 0 else -1)
 
-        assert (result(step) - result(-step)) / (2 * step) == pytest.approx(float((other - usual) @ advantage), abs=1e-5)
+    assert (result(step) - result(-step)) / (2 * step) == pytest.approx(float((other - usual) @ advantage), abs=1e-5)
 
 
 def test_situations_are_what_comes_in(found: Refitted) -> None:
@@ -145,8 +144,7 @@ def test_the_outlook_contains_both_uncertainties(found: Refitted) -> None:
 
 
 def test_a_meeting_from_the_other_seat(found: Refitted) -> None:
-    swapped = meet(
-        *(dataclasses.replace(p, game=g) for p, g in zip(found.home.policies[::-1], found.pair.swapped.seats, strict=True))
-    )  # type: ignore[type-var]
+    seats, (first, second) = found.pair.swapped.seats, found.home.policies
+    swapped = meet(dataclasses.replace(second, game=seats[0]), dataclasses.replace(first, game=seats[1]))
     assert swapped.odds.rally == pytest.approx(1 - found.home.odds.rally, abs=1e-6)
     assert swapped.advantages(0) == pytest.approx(found.home.advantages(1), abs=1e-6)

@@ -85,7 +85,11 @@ def test_differences_by_chance_are_not_said() -> None:
         some = []
         for _ in range(2):
             shots = rng.choice([lift, net, SHOTS.index("push")], 200, p=[0.5, 0.4, 0.1])
-            some.append(plays([(NONE, serve, 1, 0, int(shot), int(area)) for shot, area in zip(shots, rng.integers(0, 9, 200))]))
+            some.append(
+                plays(
+                    [(NONE, serve, 1, 0, int(shot), int(area)) for shot, area in zip(shots, rng.integers(0, 9, 200), strict=True)]
+                )
+            )
         claims += any(habit.clear for habit in habits(*some))
     assert claims <= 7
 

@@ -12,7 +12,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 import pytest
-from playwright.sync_api import Browser, Page
+from playwright.sync_api import Browser, Frame, Page
 
 from shuttle_marl.analysis.match import MatchReport, match_report, matches_in
 from shuttle_marl.analysis.scouting import ScoutingReport, players_of, scout
@@ -61,9 +61,10 @@ def unbuilt(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(module, "viewer", missing)
 
 
-def footage(report: MatchReport) -> match_pages.Footage:
+def footage(report: MatchReport) -> Any:
     """Of a report without staged rallies."""
-    return match_pages.Footage(staged={}, game=report.game, players=None, athlete="male", command="watch", numbers={})  # type: ignore[arg-type]
+    nobody: Any = None
+    return match_pages.Footage(staged={}, game=report.game, players=nobody, athlete="male", command="watch", numbers={})
 
 
 class _Tags(html.parser.HTMLParser):
@@ -91,7 +92,8 @@ def parsed(content: bytes) -> tuple[_Tags, str]:
 def test_a_scouting_report_has_its_five_parts(scouted: ScoutingReport, unbuilt: None) -> None:
     tags, text = parsed(scout_pages.scouting_page(scouted))
     assert [name for tag, a in tags.tags if tag == "section" and (name := a["id"])] == [
-        "the-match-up", "how-kento-momota-plays", "where-kento-momota-can-be-hurt", "what-if-you-play-more-of-it?", "how-sure-is-this?",
+        "the-match-up", "how-kento-momota-plays", "where-kento-momota-can-be-hurt", "what-if-you-play-more-of-it?",
+        "how-sure-is-this?",
     ]  # fmt: skip
     assert "Viktor Axelsen is expected to win" in text or "This match is open" in text
     assert text.count("Behind the advice") == len(scouted.advice) >= 3
@@ -208,7 +210,7 @@ def test_equal_players_are_said_to_be_equal(model: str) -> None:
     claims = tests = 0
     for name in matches_in(sample)[:4]:
         report = match_report(sample.filter(pc.equal(sample["match"], name)), game=resolve_game(model))
-        claims += sum(each.clear for each in (*report.values, *report.lengths)) + len(report.changes)
+        claims += sum(value.clear for value in report.values) + sum(each.clear for each in report.lengths) + len(report.changes)
         tests += len(report.values) + len(report.lengths)
     assert tests > 40
     assert claims <= 0.1 * tests
@@ -349,13 +351,20 @@ def built() -> Any:
         pytest.skip(str(error))
 
 
-def wait_for(ready: Callable[[], Any], page: Page) -> None:
+def wait_for(frame: Frame, ready: str, page: Page) -> None:
     """Wait without code in the page, which its policy forbids."""
     for _ in range(600):
-        if ready():
+        if frame.evaluate(ready):
             return
         page.wait_for_timeout(100)
     raise AssertionError("not ready within a minute")
+
+
+def listen(page: Page, errors: list[str], asked: list[str]) -> None:
+    """Collect the errors and the requests of a page."""
+    page.on("console", lambda message: errors.append(message.text) if message.type == "error" else None)
+    page.on("pageerror", lambda error: errors.append(str(error)))
+    page.on("request", lambda request: asked.append(request.url))
 
 
 @pytest.mark.usefixtures("built")
@@ -372,15 +381,13 @@ def test_pages_in_a_browser(
         page = browser.new_page(viewport={"width": 390, "height": 800})
         errors: list[str] = []
         asked: list[str] = []
-        page.on("console", lambda message, to=errors: to.append(message.text) if message.type == "error" else None)
-        page.on("pageerror", lambda error, to=errors: to.append(str(error)))
-        page.on("request", lambda request, to=asked: to.append(request.url))
+        listen(page, errors, asked)
         page.goto(file.as_uri())
         assert page.evaluate("document.documentElement.scrollWidth <= document.documentElement.clientWidth")
         page.locator("button.play").nth(1).click()
         frame = page.locator("iframe").element_handle().content_frame()
         assert frame is not None
-        wait_for(lambda shown=frame: shown.evaluate("window.viewer?.state().ready"), page)
+        wait_for(frame, "window.viewer?.state().ready", page)
         assert frame.evaluate("window.viewer.state().rally") == 1
         page.locator("button.play").nth(1).click()
         assert page.locator("iframe").count() == 0
