@@ -220,7 +220,9 @@ def _gains(meeting: Meeting, seat: int, allowed: Bools, key: I64, size: int) -> 
 def advise(
     found: Refitted, seat: int = 0, *, most: int = 5, at_least: float = RELIABLE, average: Meeting | None = None
 ) -> list[Advice]:
-    """Strokes that a player should play against the other one, largest expected gain first, one for each situation.
+    """Strokes that a player should play against the other one, one for each situation.
+
+    The first ones gain most, what they gain more than against the average player counted twice.
 
     Args:
         found: the pair, at home and in refits.
@@ -249,8 +251,9 @@ def advise(
         (gain > 0) & (steady >= LEAST_STEADY) & (mean >= LEAST_GAIN) & (often >= _LEAST_COVERED * whole), mean, -np.inf
     ).reshape(N_SITUATIONS, game.n_strokes)
     best = score.argmax(axis=1)
-    value = score[np.arange(N_SITUATIONS), best]
     compared = np.full(size, np.nan) if average is None else _gains(average, seat, allowed, key, size)
+    special = 0.0 if average is None else (gain - compared).reshape(score.shape)[np.arange(N_SITUATIONS), best]
+    value = score[np.arange(N_SITUATIONS), best] + special
     advised = []
     for number in np.argsort(-value, kind="stable")[:most].tolist():
         if not np.isfinite(value[number]):

@@ -21,7 +21,6 @@ from shuttle_marl.analysis.advice import (
     TOLERANCE,
     calibrated,
     imitated,
-    meet,
 )
 from shuttle_marl.analysis.habits import (
     Habit,
@@ -33,6 +32,7 @@ from shuttle_marl.analysis.habits import (
     plays_of_strokes,
     with_discoveries,
 )
+from shuttle_marl.analysis.outlook import prior, spread_of
 from shuttle_marl.analysis.scouting import plain, rallies_won
 from shuttle_marl.analysis.summary import AnalysisError, rally_table
 from shuttle_marl.analysis.values import add_values, nearest_strokes
@@ -41,7 +41,7 @@ from shuttle_marl.data.schema import DISCIPLINES, Outcome
 from shuttle_marl.data.upstream import date_of
 from shuttle_marl.dynamics.features import rows_from_strokes, states_of, strokes_before
 from shuttle_marl.exact import evaluate, moved
-from shuttle_marl.exact.match import Odds, Situation, match_table
+from shuttle_marl.exact.match import Odds, match_table
 from shuttle_marl.game.pairs import AnyGame, PairGame, pair_game, resolve_players
 from shuttle_marl.game.scoring import BWF, Rules, Score
 from shuttle_marl.game.shipped import PROFILES, RELIABLE, Estimate, factor_of, real_strokes, refits_of, resolve_game, variants
@@ -258,8 +258,13 @@ def match_report(strokes: pa.Table, *, game: AnyGame | None = None, rules: Rules
     played = _pair(base, players, match) if not isinstance(game, PairGame) else _seated(game, players)
     average = _average(base, discipline)
     valued = add_values(strokes, average)
-    known = meet(*imitated(played)).odds if odds is None and played is not None else odds
-    rallies = _rallies(valued, players, rules, known or Odds(serving=0.5, receiving=0.5, error_bound=0.0))
+    known = odds is not None or played is not None
+    if odds is None and played is not None:
+        sides = imitated(played)
+        before = prior(played, *sides, evaluate(*sides, tolerance=TOLERANCE).odds())
+    else:
+        before = spread_of(odds or Odds(serving=0.5, receiving=0.5, error_bound=0.0), 0.0)
+    rallies = _rallies(valued, players, rules, _Chances(*before, rules))
     plays = plays_of_strokes(strokes)
     seat = (strokes["player"].to_numpy(zero_copy_only=False) == players[1]).astype(np.int64)
     won = rallies_won(strokes)
@@ -271,7 +276,7 @@ def match_report(strokes: pa.Table, *, game: AnyGame | None = None, rules: Rules
         score=_score(rallies),
         rules=rules,
         strokes=strokes.num_rows,
-        skilled=known is not None,
+        skilled=known,
         before=rallies[0].before,
         rallies=rallies,
         moments=sorted(decided, key=lambda i: -abs(rallies[i].swing))[:MOMENTS],
@@ -306,9 +311,8 @@ def _average(game: Game, discipline: str) -> TabulatedPolicy:
     return baselines.load(None, tables)
 
 
-def _rallies(valued: pa.Table, players: tuple[str, str], rules: Rules, odds: Odds) -> list[RallyRow]:
+def _rallies(valued: pa.Table, players: tuple[str, str], rules: Rules, chances_of: "_Chances") -> list[RallyRow]:
     """Rallies with the score and the probabilities of winning the match."""
-    table = match_table(odds.serving, odds.receiving, rules)
     frame = rally_table(valued)
     rows = frame.to_pylist()
     starts = frame["first"].to_pylist()
@@ -327,9 +331,10 @@ def _rallies(valued: pa.Table, players: tuple[str, str], rules: Rules, odds: Odd
                 score = score.after(int(score.points[1] > score.points[0]))
         score = _as_recorded(score, column, start, players, winner)
         after = score.after(winner) if winner is not None else score
-        chances = [
-            _chance(odds, table, each, by) for each, by in ((score, server), (after, server if winner is None else winner))
-        ]
+        chance = chances_of.of(score, server)
+        if winner is not None:
+            chances_of.learn(server, winner)
+        chances = (chance, chances_of.of(after, server if winner is None else winner))
         added = column["value_added"][start:end]
         decided = None
         if winner is not None and np.isfinite(added[-1]):
@@ -369,12 +374,39 @@ def _as_recorded(score: Score, column: Mapping[str, Any], row: int, players: tup
     return dataclasses.replace(score, points=(max(0, points[0]), max(0, points[1])))
 
 
-def _chance(odds: Odds, table: Mapping[Situation, tuple[float, float]], score: Score, server: int) -> float:
-    """Probability that player 0 wins the match before a rally; NaN at a score that the rules do not allow."""
-    if score.over:
-        return float(score.winner == 0)
-    won, lost = table.get((*score.games, *score.points, server), (float("nan"),) * 2)
-    return lost + (won - lost) * (odds.receiving if server else odds.serving)
+class _Chances:
+    """Probabilities that player 0 wins the match, while its rallies tell how well both play on the day.
+
+    The odds are one of several, each with a weight, which every rally multiplies by the probability of its result (Bayes).
+
+    Args:
+        odds: of player 0.
+        weights: ``[K]`` their probabilities before the match.
+        rules: of the match.
+    """
+
+    def __init__(self, odds: Sequence[Odds], weights: F64, rules: Rules) -> None:
+        self._odds, self._weights = odds, weights
+        self._tables = [match_table(each.serving, each.receiving, rules) for each in odds]
+
+    def _rally(self, server: int) -> F64:
+        return np.array([each.receiving if server else each.serving for each in self._odds])
+
+    def of(self, score: Score, server: int) -> float:
+        """At a score; NaN at one that the rules do not allow."""
+        if score.over:
+            return float(score.winner == 0)
+        situation = (*score.games, *score.points, server)
+        if situation not in self._tables[0]:
+            return float("nan")
+        won, lost = np.array([table[situation] for table in self._tables]).T
+        return float(self._weights @ (lost + (won - lost) * self._rally(server)))
+
+    def learn(self, server: int, winner: int) -> None:
+        """Take the result of a rally into account."""
+        won = self._rally(server)
+        weights = self._weights * (1 - won if winner else won)
+        self._weights = weights / weights.sum() if weights.sum() > 0 else self._weights
 
 
 def _score(rallies: Sequence[RallyRow]) -> tuple[tuple[int, int], ...]:
@@ -454,7 +486,8 @@ def _choices(strokes: pa.Table, average: TabulatedPolicy, discipline: str, seat:
     played_behind = real[game.base_pair_edge[pair % game.n_base_pairs]]
     cost = np.where((played_behind >= RELIABLE) & np.isfinite(cost), cost, 0.0)
     rally, number = _rally_numbers(strokes), rows.stroke.astype(np.int64)
-    factor, out, seen = factor_of(game), [], set()
+    factor, out = factor_of(game), []
+    seen: set[tuple[int, int]] = set()
     for k in np.argsort(-cost, kind="stable")[:_CANDIDATES].tolist():
         place = int(known[k])
         better = int(pairs[best[k]])
@@ -465,10 +498,11 @@ def _choices(strokes: pa.Table, average: TabulatedPolicy, discipline: str, seat:
             ]
         )
         what = (int(seat[place]), int(incoming[place]), int(game.contact(state[place])), int(stroke[place]))
+        alternative = (what[0], int(game.base_pair_stroke[better % game.n_base_pairs]))
         expected = calibrated(costs, factor)
-        if what in seen or (costs > 0).mean() < LEAST_STEADY or expected.value < _LEAST_COST:
+        if alternative in seen or (costs > 0).mean() < LEAST_STEADY or expected.value < _LEAST_COST:
             continue
-        seen.add(what)
+        seen.add(alternative)
         alike = (seat[known] == what[0]) & (incoming[known] == what[1]) & (stroke[known] == what[3])
         out.append(
             Choice(

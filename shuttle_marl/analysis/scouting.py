@@ -86,7 +86,7 @@ class Seen:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Realised:
-    """Results of an advised stroke in annotated matches of the discipline.
+    """Results of an advised shot type in annotated matches of the discipline.
 
     Attributes:
         strokes, won: how often it was played in its situation, and how many of these rallies its striker won.
@@ -369,11 +369,8 @@ def realised(plays: Plays, data: pa.Table, advised: Sequence[Advice], pair: Pair
         else:
             there = (plays.incoming == shot) & (plays.met == area) & (plays.contact == contact)
         there &= np.isfinite(won)
-        played = (
-            there
-            & (plays.shot == catalogue.shot[advice.stroke])
-            & ((plays.area == catalogue.area[advice.stroke]) | (plays.area < 0))
-        )
+        # By shot type, because where a fault was aimed at is not recorded.
+        played = there & (plays.shot == catalogue.shot[advice.stroke])
         n = int(played.sum())
         if n < RELIABLE:
             out.append(None)

@@ -244,7 +244,11 @@ def _card(report: ScoutingReport, advice: Advice, real: Realised | None, number:
         )
     lines.append(behind)
     if real is not None:
-        ranged = {"low": of_100(real.low), "high": of_100(real.high)}
+        ranged = {
+            "low": of_100(real.low),
+            "high": of_100(real.high),
+            "shot": say.shot(SHOTS[catalogue.shot[advice.stroke]]),
+        }
         lines.append(
             say("scout.advice_real", won=real.won, n=real.strokes, others_won=real.others_won, others=real.others, **ranged)
         )

@@ -1,6 +1,7 @@
 """Matches as the reports read them: of annotated tables, of CSV files, and of rally logs."""
 
 import dataclasses
+import shlex
 import string
 from collections.abc import Callable
 from pathlib import Path
@@ -16,7 +17,7 @@ from shuttle_marl.analysis.summary import AnalysisError
 from shuttle_marl.coach.match_page import Footage
 from shuttle_marl.data import load_strokes
 from shuttle_marl.data.own import import_matches
-from shuttle_marl.errors import command, printable
+from shuttle_marl.errors import printable
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game.pairs import AnyGame, PairGame
 from shuttle_marl.game.shipped import is_shipped
@@ -53,9 +54,14 @@ def of_strokes(path: Path, game: AnyGame, match: str | None = None, columns: Pat
     found = {i: numbers[row.key] for i, row in enumerate(report.rallies) if row.key in numbers}
     rallies = {i: staged.rally(found[i]) for i in report.moments if i in found}
     shown = {} if columns is not None else {i: number + 1 for i, number in found.items()}
-    watch = command("watch", "--real", str(path), *model, "--rally")
+    watch = _watch("--real", str(path), *model, "--rally")
     women = strokes.filter(pc.equal(strokes["match"], name))["discipline"][0].as_py() == "WS"
     return report, _footage(report, rallies, (watch, shown), women=women)
+
+
+def _watch(*arguments: str) -> str:
+    """Command of the live court, as another reader of the report types it."""
+    return shlex.join(["python", "-m", "shuttle_marl.watch", *arguments])
 
 
 def _match(names: list[str], wanted: str | None) -> str:
@@ -99,7 +105,7 @@ def of_log(path: Path, game: AnyGame, match: int = 0, pairing: int = 0) -> tuple
     odds = None if known is None or known.value is None else known.value.odds(seats.index(strokes["player"][0].as_py()))
     report = match_report(strokes, game=game, rules=played, odds=odds)
     shown = {i: staged.rally(numbers[i]) for i in report.moments}
-    watch = command("watch", "--replay", str(path), "--rally"), {i: number + 1 for i, number in enumerate(numbers)}
+    watch = _watch("--replay", str(path), "--rally"), {i: number + 1 for i, number in enumerate(numbers)}
     footage = _footage(report, shown, watch, women=False)
     return report, footage if known is None else dataclasses.replace(footage, game=game, players=known)
 

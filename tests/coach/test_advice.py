@@ -16,7 +16,7 @@ from shuttle_marl.analysis.advice import (
     situation,
     situations,
 )
-from shuttle_marl.analysis.outlook import outlook
+from shuttle_marl.analysis.outlook import outlook, spread_of
 from shuttle_marl.analysis.tactics import STEPS, TACTICS, changed, effects
 from shuttle_marl.exact import PairPolicy, evaluate
 from shuttle_marl.exact.profile import StatePolicy
@@ -135,8 +135,9 @@ def test_effects_of_tactics_are_exact(found: Refitted) -> None:
 def test_the_outlook_contains_both_uncertainties(found: Refitted) -> None:
     seen = outlook(found)
     odds = found.home.odds
-    assert seen.rally.value == odds.rally
-    assert seen.match.value == pytest.approx(odds.match())
+    assert seen.rally.value == pytest.approx(odds.rally)
+    # The mean over what is not known is less certain than the match of known odds.
+    assert abs(seen.match.value - 0.5) < abs(odds.match() - 0.5)
     for estimate in dataclasses.astuple(seen):
         assert estimate[1] < estimate[0] < estimate[2]
     alone = outlook(dataclasses.replace(found, refits=()))
@@ -148,3 +149,12 @@ def test_a_meeting_from_the_other_seat(found: Refitted) -> None:
     swapped = meet(dataclasses.replace(second, game=seats[0]), dataclasses.replace(first, game=seats[1]))
     assert swapped.odds.rally == pytest.approx(1 - found.home.odds.rally, abs=1e-6)
     assert swapped.advantages(0) == pytest.approx(found.home.advantages(1), abs=1e-6)
+
+
+def test_odds_that_are_not_known_are_spread_normally(found: Refitted) -> None:
+    points, weights = spread_of(found.home.odds, 0.03)
+    rallies = np.array([each.rally for each in points])
+    assert weights.sum() == pytest.approx(1)
+    assert weights @ rallies == pytest.approx(found.home.odds.rally)
+    assert np.sqrt(weights @ (rallies - found.home.odds.rally) ** 2) == pytest.approx(0.03)
+    assert spread_of(found.home.odds, 0.0)[0] == [found.home.odds]

@@ -21,10 +21,10 @@ from shuttle_marl.analysis.habits import (
     questions,
 )
 from shuttle_marl.game.court import AREAS
+from shuttle_marl.game.shipped import load_game
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve
-from tests.reduced import reduced_game
 
 
 def plays(rows: list[tuple[int, int, int, int, int, int]], copies: int = 1) -> Plays:
@@ -134,9 +134,9 @@ def test_expected_strokes_of_a_policy_are_those_that_it_plays(found: Refitted) -
     assert expected.fault.sum() / 1000 == pytest.approx(faults)
 
 
-def test_claims_about_simulated_players_are_true() -> None:
+def test_claims_about_simulated_players_are_true(model: str) -> None:
     """Truth: exact frequencies of the policies. Data: strokes drawn from them."""
-    game, names = reduced_game(), ("bc", "attacking", "defensive")
+    game, names = load_game(model), ("bc", "attacking", "defensive")
     tables = [tabulate(resolve(name, game), game, name) for name in names]
     exact = {(i, j): meet(tables[i], tables[j]) for i in range(3) for j in range(3) if i != j}
     truth = [[plays_of_meeting(exact[i, j], 0, 1000 * exact[i, j].visits(0).sum()) for j in range(3) if j != i] for i in range(3)]

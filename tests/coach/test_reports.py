@@ -14,7 +14,9 @@ import pyarrow.compute as pc
 import pytest
 from playwright.sync_api import Browser, Frame, Page
 
-from shuttle_marl.analysis.match import MatchReport, match_report, matches_in
+from shuttle_marl.analysis import advice
+from shuttle_marl.analysis.advice import Refitted
+from shuttle_marl.analysis.match import MatchReport, _Chances, match_report, matches_in
 from shuttle_marl.analysis.scouting import ScoutingReport, players_of, scout
 from shuttle_marl.analysis.summary import AnalysisError, rally_table
 from shuttle_marl.coach import match_page as match_pages
@@ -25,7 +27,8 @@ from shuttle_marl.coach.words import CATALOGUE, Words, of_100, signed
 from shuttle_marl.commands.report import main as report_command
 from shuttle_marl.commands.scout import main as scout_command
 from shuttle_marl.errors import printable
-from shuttle_marl.game.scoring import match_win_probability
+from shuttle_marl.exact import Odds
+from shuttle_marl.game.scoring import Rules, Score, match_win_probability
 from shuttle_marl.game.shipped import RELIABLE, resolve_game
 from shuttle_marl.table_files import write_parquet
 from tests.coach.conftest import SAMPLE, A, B
@@ -154,13 +157,15 @@ def test_players_who_cannot_be_scouted(model: str) -> None:
         scout(women, A, model=model)
 
 
-def test_refits_are_needed_for_advice(unbuilt: None) -> None:
-    from tests.reduced import reduced_model
-
-    report = scout(B, A, model=reduced_model())
-    assert report.advice == []
-    _, text = parsed(scout_pages.scouting_page(report))
+def test_refits_are_needed_for_advice(
+    scouted: ScoutingReport, found: Refitted, reported: MatchReport, unbuilt: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(advice, "LEAST_REFITS", 9)
+    assert advice.advise(found) == []
+    _, text = parsed(scout_pages.scouting_page(dataclasses.replace(scouted, advice=[], with_advice=None)))
     assert "No change of stroke against Kento Momota is certain enough" in text
+    content = match_pages.match_page(dataclasses.replace(reported, choices=[]), footage(reported))
+    assert "No single choice was clearly worse" in parsed(content)[1]
 
 
 # The match report.
@@ -186,6 +191,18 @@ def test_a_match_without_points_is_counted(match: pa.Table, model: str, reported
     again = match_report(match, game=resolve_game(model))
     assert again.score == reported.score
     assert [row.before for row in again.rallies] == pytest.approx([row.before for row in reported.rallies])
+
+
+def test_chances_learn_the_form_of_the_day() -> None:
+    """Two possible odds: after rallies that one of them explains better, it counts more; by hand for a match to 1."""
+    rules = Rules(points=1, clear=1, cap=1, games=1)
+    odds = [Odds(serving=p, receiving=p, error_bound=0.0) for p in (0.8, 0.4)]
+    chances = _Chances(odds, np.array([0.5, 0.5]), rules)
+    score = Score(rules=rules)
+    assert chances.of(score, 0) == pytest.approx(0.6)
+    chances.learn(0, 0)
+    assert chances.of(score, 0) == pytest.approx((0.8 * 0.8 + 0.4 * 0.4) / 1.2)
+    assert chances.of(score.after(1), 1) == 0.0
 
 
 def test_choices_and_values_have_their_numbers(reported: MatchReport) -> None:
@@ -278,12 +295,10 @@ def test_reports_that_are_refused(
     assert message in capsys.readouterr().err
 
 
-def test_a_report_of_agents(tmp_path: Path, unbuilt: None, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_report_of_agents(tmp_path: Path, model: str, unbuilt: None, capsys: pytest.CaptureFixture[str]) -> None:
     from shuttle_marl.league import LeagueConfig
-    from tests.reduced import reduced_model
     from tests.tournaments import play_league
 
-    model = reduced_model()
     config = LeagueConfig(pool=("bc", "attacking"), matches=2, game=model, out=tmp_path / "run")
     log = play_league(config).folder / "rallies.mcap"
     out = tmp_path / "m.html"
