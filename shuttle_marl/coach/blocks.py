@@ -75,4 +75,5 @@ def page(title: str, subtitle: str, sections: Sequence[Section], *, rallies: str
         sections=sections,
         rallies=Markup(rallies.replace("<", "\\u003c")),
         say=say,
+        language=say("language"),
     )

@@ -9,6 +9,7 @@ from markupsafe import Markup
 
 from shuttle_marl.analysis.pictures import corners, draw_court
 from shuttle_marl.arrays import F64
+from shuttle_marl.coach.words import words
 from shuttle_marl.game.court import AREAS, HALF_LENGTH, N_AREAS, area_centre
 from shuttle_marl.pages.charts import DIM, INK, PLAYERS, Chart, label, styled
 
@@ -42,11 +43,13 @@ def bars(rows: Sequence[Bar], title: str) -> Markup:
         title: description for screen readers.
     """
     labels = [fill(label(row.name, 2 * _LINE), _LINE) for row in rows]
-    chart = Chart(_WIDTH, 30.0 * len(rows) + 40)
+    lines = max(text.count("\n") for text in labels) + 1
+    chart = Chart(_WIDTH, (14.0 * lines + 6) * len(rows) + 40)
     axes = chart.axes
     for y, row in enumerate(rows):
         colour = PLAYERS[row.player]
-        about = chart.tooltips(f"{row.name}: {row.value:.1f} ({row.low:.1f} to {row.high:.1f})")
+        estimate = words()("interval", value=f"{row.value:.1f}", low=f"{row.low:.1f}", high=f"{row.high:.1f}")
+        about = chart.tooltips(f"{row.name}: {estimate}")
         axes.plot([row.low, row.high], [y, y], color=colour, linewidth=3, alpha=0.55, gid=about)
         axes.plot(row.value, y, "os"[row.player], markersize=8, markeredgewidth=1.6, markeredgecolor=colour,
                   color=colour if row.clear else "none")  # fmt: skip
@@ -86,10 +89,11 @@ def court(shares: F64, reference: F64, title: str, clear: Sequence[int] = ()) ->
         axes.fill(
             *corners(area), facecolor=colour, edgecolor=_DARK, linewidth=3.0 if marked else 0.6, zorder=3.7 if marked else 3.5
         )
-        text = f"{100 * shares[area]:.0f}\n({difference[area]:+.0f})"
+        text = f"{100 * shares[area]:.0f}\n({round(float(difference[area])):+d})"
         axes.text(x, y, text, ha="center", va="center", color=_DARK, fontsize=12, zorder=5,
                   weight="bold" if marked else "normal")  # fmt: skip
-    described = ", ".join(f"{name} {100 * share:.0f}" for name, share in zip(AREAS, shares, strict=True))
+    named = zip(AREAS, shares, strict=True)
+    described = ", ".join(f"{words()(f'short_areas.{area}')} {100 * share:.0f}" for area, share in named)
     return chart.svg(f"{title}: {described}")
 
 

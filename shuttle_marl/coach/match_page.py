@@ -171,7 +171,7 @@ def _values(report: MatchReport) -> Section:
                 name(say.shot(e.shot, many=True)),
                 Cell(f"{e.strokes:,}", e.strokes),
                 Cell(f"{e.points.value:+.1f}", e.points.value),
-                Cell(f"{e.points.low:+.1f} to {e.points.high:+.1f}", e.points.low),
+                Cell(say("range", low=f"{e.points.low:+.1f}", high=f"{e.points.high:+.1f}"), e.points.low),
                 name(say("yes" if e.clear else "no")),
             ]
             for e in ordered
@@ -232,7 +232,7 @@ def _won_table(rows: Sequence[Won], label: Callable[[Won], str], players: tuple[
         Column(say("match.won_won"), lambda w: Cell(f"{w.won}", w.won)),
         Column(say("match.won_of"), lambda w: Cell(f"{w.rallies}", w.rallies)),
         Column(say("match.won_share"), lambda w: Cell(of_100(w.won / w.rallies), w.won / w.rallies)),
-        Column(say("match.won_range"), lambda w: Cell(f"{of_100(w.low)}\N{EN DASH}{of_100(w.high)}", w.high - w.low)),
+        Column(say("match.won_range"), lambda w: Cell(say("range", low=of_100(w.low), high=of_100(w.high)), w.high - w.low)),
     ]
     return table(rows, columns)
 

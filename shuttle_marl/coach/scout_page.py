@@ -162,7 +162,7 @@ def _table(habits: Sequence[Habit]) -> Table:
     columns: list[Column[Habit]] = [
         Column(say("scout.habit_head"), lambda h: name(habit_words(h)), left=True, wrap=True),
         Column(say("scout.habit_share"), lambda h: Cell(of_100(h.share), h.share)),
-        Column(say("scout.habit_range"), lambda h: Cell(f"{of_100(h.low)}\N{EN DASH}{of_100(h.high)}", h.high - h.low)),
+        Column(say("scout.habit_range"), lambda h: Cell(say("range", low=of_100(h.low), high=of_100(h.high)), h.high - h.low)),
         Column(say("scout.habit_usual"), lambda h: Cell(of_100(h.usual), h.usual)),
         Column(say("scout.habit_strokes"), lambda h: Cell(f"{h.strokes:,.0f}", h.strokes)),
     ]

@@ -15,6 +15,7 @@ from shuttle_marl.analysis.advice import imitated, meet
 from shuttle_marl.analysis.match import MatchReport, match_report, matches_in
 from shuttle_marl.analysis.summary import AnalysisError
 from shuttle_marl.coach.match_page import Footage
+from shuttle_marl.coach.words import words
 from shuttle_marl.data import load_strokes
 from shuttle_marl.data.own import import_matches
 from shuttle_marl.errors import printable
@@ -95,7 +96,7 @@ def of_log(path: Path, game: AnyGame, match: int = 0, pairing: int = 0) -> tuple
             raise AnalysisError(f"{path}: no match {match} of pairing {pairing}; the log has {len(log.pairings)} pairings")
         rallies = Rallies.concatenate([log.rally(number) for number in numbers])
         names = [player.name for player in log.policies]
-        title = f"match {match} of pairing {pairing}"
+        title = words()("match.of_log", match=match, pairing=pairing)
         rng = np.random.default_rng([0, pairing, match])
         strokes = stroke_table(rallies, log.catalogue, names, [title] * len(rallies), rng)
         seats = tuple(names[int(policy)] for policy in rallies.policy[0])
@@ -145,7 +146,7 @@ def video_of(template: str) -> Callable[[float], str]:
 
 def anonymous(report: MatchReport, footage: Footage) -> tuple[MatchReport, Footage]:
     """The same without the names of players and match."""
-    names = ("Player A", "Player B")
+    names = words()("player_a"), words()("player_b")
     game = footage.game
     if isinstance(game, PairGame):
         game = dataclasses.replace(game, players=names if game.players == report.players else names[::-1])

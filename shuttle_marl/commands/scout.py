@@ -41,6 +41,7 @@ def scout(
     from shuttle_marl.analysis.scouting import plain, players_of  # noqa: PLC0415
     from shuttle_marl.analysis.scouting import scout as scouted  # noqa: PLC0415
     from shuttle_marl.coach.scout_page import scouting_page  # noqa: PLC0415
+    from shuttle_marl.coach.words import words  # noqa: PLC0415
     from shuttle_marl.commands.reports import write_report  # noqa: PLC0415
     from shuttle_marl.data import load_strokes  # noqa: PLC0415
     from shuttle_marl.errors import ShuttleError  # noqa: PLC0415
@@ -58,7 +59,7 @@ def scout(
     strokes = None if data is None else load_strokes(data)
     report = scouted(*names, model=game, date=date, data=strokes)
     if anonymous:
-        hidden = {name: f"Player {letter}" for name, letter in zip(names[::-1], "AB", strict=False)}
+        hidden = {name: words()(key) for name, key in zip(names[::-1], ("player_a", "player_b"), strict=False)}
         changed = {
             role: dataclasses.replace(known, name=hidden[known.name])
             for role in ("player", "opponent")
