@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from experiments.truth.matches import Strokes, of_splits, ratio_by_match, states_of, strokes_of
-from shuttle_marl.analysis.advice import Advice, Refitted, advise, refitted
+from shuttle_marl.analysis.advice import Advice, Refitted, advise, imitated, meet, refitted
 from shuttle_marl.arrays import F64, I64, Bools
 from shuttle_marl.commands import cli
 from shuttle_marl.commands.options import Json
@@ -124,11 +124,13 @@ def advice(
         people = list(dict.fromkeys(match.rows.striker.tolist()))
         discipline = PROFILES[int(match.rows.codes["discipline"][0])]
         names = [each if each in skill.players else AVERAGE for each in people]
-        pair = pair_game(names[0], names[1], date=date_of(name), discipline=discipline, game=model)
-        found = refitted(pair)
+        asked: dict[str, Any] = {"date": date_of(name), "discipline": discipline, "game": model}
+        found = refitted(pair_game(names[0], names[1], **asked))
+        # As in the report: advice is ordered by what it gains, and by what it gains more than against an average player.
+        against = [pair_game(names[0], AVERAGE, **asked), pair_game(AVERAGE, names[1], **asked)]
         found = dataclasses.replace(found, pair=dataclasses.replace(pair, players=(people[0], people[1])))
         for seat in (0, 1):
-            advised = advise(found, seat)
+            advised = advise(found, seat, average=meet(*imitated(against[seat])))
             given += len(advised)
             parts.append(judged(match, found, seat, advised, number))
         cli.console(stderr=True).print(f"{number + 1} of {len(every.matches)}: {name}", soft_wrap=True)

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from shuttle_marl.analysis import Players
-from shuttle_marl.analysis.advice import LEAST_STEADY
+from shuttle_marl.analysis.advice import LEAST_REFITS, LEAST_STEADY
 from shuttle_marl.analysis.match import MatchReport, RallyRow, Won
 from shuttle_marl.coach import charts
 from shuttle_marl.coach.blocks import Block, Section, chart, page, shown, text
@@ -190,7 +190,8 @@ def _value_line(report: MatchReport, player: int, shot: str, value: float, low: 
 def _choices(report: MatchReport) -> Section:
     say, blocks, names = words(), [], report.game.catalogue
     if not report.choices:
-        return Section(say("match.choices"), say("match.choices_none"), [])
+        key = "choices_none" if report.refits >= LEAST_REFITS else "choices_no_refits"
+        return Section(say("match.choices"), say(f"match.{key}"), [])
     for choice in report.choices:
         row = report.rallies[choice.rally]
         where = {"game": row.key[0], "points": _points(row)}

@@ -5,7 +5,7 @@ import json
 from collections.abc import Sequence
 
 from shuttle_marl.analysis import Players
-from shuttle_marl.analysis.advice import LEAST_STEADY, Advice
+from shuttle_marl.analysis.advice import LEAST_REFITS, LEAST_STEADY, Advice
 from shuttle_marl.analysis.habits import Ending, Habit
 from shuttle_marl.analysis.scouting import Known, Realised, ScoutingReport
 from shuttle_marl.analysis.tactics import STEPS
@@ -187,7 +187,8 @@ def _advice(report: ScoutingReport, reason: str) -> Section:
         key = "advice_lead" if len(report.advice) > 1 else "advice_one"
         lead = say(f"scout.{key}", before=of_100(report.outlook.rally.value, 1), after=_range(report.with_advice, 1), **fields)
     else:
-        lead = say("scout.advice_none" if report.refits else "scout.advice_no_refits", opponent=opponent)
+        key = "advice_none" if report.refits >= LEAST_REFITS else "advice_no_refits"
+        lead = say(f"scout.{key}", opponent=opponent)
     blocks = [text(say("scout.advice_why", least=RELIABLE, steady=of_100(LEAST_STEADY)))]
     for number, advice in enumerate(report.advice):
         real = report.realised[number] if report.realised else None
@@ -269,7 +270,7 @@ def _tactics(report: ScoutingReport) -> Section:
         change = signed(clear[0].more.value)
         lead = say("scout.tactics_lead", tactic=names[clear[0].tactic], change=change)
     else:
-        lead = say("scout.tactics_none")
+        lead = say("scout.tactics_none" if report.refits >= LEAST_REFITS else "scout.tactics_no_refits")
     rows = [charts.Bar(names[e.tactic], 100 * e.more.value, 100 * e.more.low, 100 * e.more.high, clear=e.clear) for e in found]
     half = [(effect.serving + effect.receiving) / 2 for effect in found]
     step = STEPS.index(0.1)

@@ -43,7 +43,7 @@ class Words:
     @staticmethod
     def player(name: str) -> str:
         """A player as people write the name: ``Viktor Axelsen`` for ``viktor-axelsen``; other names stay as they are."""
-        return name.replace("-", " ").title() if re.fullmatch(r"[a-z]+(-[a-z]+)+", name) else name
+        return name.replace("-", " ").title() if name.islower() and re.fullmatch(r"[^\W\d_]+(-[^\W\d_]+)+", name) else name
 
     def area(self, area: int, whose: str) -> str:
         """An area, such as ``your front left corner``."""

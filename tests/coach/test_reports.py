@@ -333,6 +333,7 @@ def test_numbers_in_words() -> None:
     assert [of_100(0.123), of_100(0.1234, 1), of_100(-0.0001, 1)] == ["12", "12.3", "0.0"]
     assert [signed(0.012), signed(-0.012), signed(0.0001)] == ["+1.2", "-1.2", "0.0"]
     assert Words.player("viktor-axelsen") == "Viktor Axelsen"
+    assert Words.player("müller-anna") == "Müller Anna"
     assert Words.player("bc") == "bc"
     assert Words.player("<b>-x") == "<b>-x"
 
