@@ -128,7 +128,7 @@ def advice(
         found = refitted(pair_game(names[0], names[1], **asked))
         # As in the report: advice is ordered by what it gains, and by what it gains more than against an average player.
         against = [pair_game(names[0], AVERAGE, **asked), pair_game(AVERAGE, names[1], **asked)]
-        found = dataclasses.replace(found, pair=dataclasses.replace(pair, players=(people[0], people[1])))
+        found = dataclasses.replace(found, pair=dataclasses.replace(found.pair, players=(people[0], people[1])))
         for seat in (0, 1):
             advised = advise(found, seat, average=meet(*imitated(against[seat])))
             given += len(advised)
