@@ -14,14 +14,14 @@ reported is the mean over the refits, times the share of predicted advantages th
 
 import dataclasses
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from shuttle_marl.arrays import F64, I64, Bools
-from shuttle_marl.exact import Odds, ProfileValue, Visits, moved, visits
+from shuttle_marl.exact import Odds, PairPolicy, ProfileValue, Visits, moved, visits
 from shuttle_marl.exact.profile import StatePolicy, evaluate_chains, induced
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.layout import Layout
@@ -318,8 +318,6 @@ def _before(home: Meeting, seat: int, number: int, states: I64, weight: F64) -> 
 
 def followed(found: Refitted, advised: Sequence[Advice], seat: int = 0) -> tuple[Odds, list[Odds]]:
     """Exact odds of a player who always follows some advice, at home and in the refits."""
-    from shuttle_marl.exact import PairPolicy  # noqa: PLC0415  only here
-
     game = found.pair.seats[seat]
     chance = found.home.policies[seat].block_probabilities(0).copy()
     for advice in advised:
@@ -331,10 +329,5 @@ def followed(found: Refitted, advised: Sequence[Advice], seat: int = 0) -> tuple
         policies[seat] = PairPolicy(game=meeting.policies[seat].game, probability=chance)
         return evaluate_chains(induced(policies[0]), induced(policies[1]), tolerance=TOLERANCE).odds(seat)
 
-    return odds(found.home), in_threads(odds, found.refits)
-
-
-def in_threads(function: Callable[[Meeting], Odds], meetings: Sequence[Meeting]) -> list[Odds]:
-    """The odds of each meeting, computed on all cores."""
     with ThreadPoolExecutor(os.cpu_count()) as threads:
-        return list(threads.map(function, meetings))
+        return odds(found.home), list(threads.map(odds, found.refits))

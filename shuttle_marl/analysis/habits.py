@@ -9,7 +9,7 @@ discovery rate of Benjamini & Hochberg (J. R. Stat. Soc. B 57, 1995).
 """
 
 import dataclasses
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Final
 
 import numpy as np
@@ -304,11 +304,3 @@ def area_shares(plays: Plays, which: Bools | None = None) -> tuple[F64, F64]:
         used &= which
     count = np.bincount(plays.area[used], plays.weight[used], N_AREAS)
     return count.astype(np.float64), np.asarray(count / max(1.0, count.sum()))
-
-
-def by_kind(found: Sequence[Habit]) -> Mapping[str, list[Habit]]:
-    """The habits by their question, in their order."""
-    out: dict[str, list[Habit]] = {}
-    for habit in found:
-        out.setdefault(habit.kind, []).append(habit)
-    return out

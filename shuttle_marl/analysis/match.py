@@ -5,9 +5,7 @@
 """
 
 import dataclasses
-import os
-from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -15,13 +13,12 @@ import pyarrow as pa
 from scipy import stats
 
 from shuttle_marl.analysis.advice import (
-    LEAST_REFITS,
-    LEAST_STEADY,
     NORMAL,
     TOLERANCE,
-    calibrated,
     imitated,
 )
+from shuttle_marl.analysis.course import Chances, RallyRow, rallies_of, rally_numbers, score_of
+from shuttle_marl.analysis.decisions import Choice, costly_choices
 from shuttle_marl.analysis.habits import (
     Habit,
     Plays,
@@ -35,17 +32,15 @@ from shuttle_marl.analysis.habits import (
 from shuttle_marl.analysis.outlook import prior, spread_of
 from shuttle_marl.analysis.scouting import plain, rallies_won
 from shuttle_marl.analysis.summary import AnalysisError, rally_table
-from shuttle_marl.analysis.values import add_values, nearest_strokes
+from shuttle_marl.analysis.values import add_values
 from shuttle_marl.arrays import F64, I64
-from shuttle_marl.data.schema import DISCIPLINES, Outcome
+from shuttle_marl.data.schema import DISCIPLINES
 from shuttle_marl.data.upstream import date_of
-from shuttle_marl.dynamics.features import rows_from_strokes, states_of, strokes_before
-from shuttle_marl.exact import evaluate, moved
-from shuttle_marl.exact.match import Odds, match_table
-from shuttle_marl.game.pairs import AnyGame, PairGame, pair_game, resolve_players
-from shuttle_marl.game.scoring import BWF, Rules, Score
-from shuttle_marl.game.shipped import PROFILES, RELIABLE, Estimate, factor_of, real_strokes, refits_of, resolve_game, variants
-from shuttle_marl.game.skill import AVERAGE
+from shuttle_marl.exact import evaluate
+from shuttle_marl.exact.match import Odds
+from shuttle_marl.game.pairs import AnyGame, PairGame, resolve_players
+from shuttle_marl.game.scoring import BWF, Rules
+from shuttle_marl.game.shipped import PROFILES, RELIABLE, Estimate, factor_of, resolve_game, variants
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import Game, GameError
 from shuttle_marl.game.tabulated import TabulatedPolicy
@@ -54,44 +49,6 @@ from shuttle_marl.policy import baselines
 LENGTHS: Final = ((1, 3), (4, 7), (8, 12), (13, 9999))
 """Classes of rallies by number of strokes."""
 MOMENTS: Final = 5
-_CANDIDATES: Final = 60
-_LEAST_COST: Final = 0.02
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class RallyRow:
-    """A rally of the match; players are 0 and 1.
-
-    Attributes:
-        key: game and number of the rally in the data.
-        points, games: score before it.
-        server, winner: numbers of the players; winner None: not recorded.
-        strokes: number of strokes.
-        ending: one of :data:`~shuttle_marl.analysis.summary.ENDINGS`.
-        last_shot: shot type of the last stroke.
-        before, after: probability that player 0 wins the match, before and after it.
-        decided: number of the stroke that changed the probability of winning the rally most, from 1, with the player who struck
-            it, its shot type, and the change for that player; None: not known.
-        seconds: time of the rally in the video [s]; None: unknown.
-    """
-
-    key: tuple[int, int]
-    points: tuple[int, int]
-    games: tuple[int, int]
-    server: int
-    winner: int | None
-    strokes: int
-    ending: str
-    last_shot: str
-    before: float
-    after: float
-    decided: tuple[int, int, str, float] | None
-    seconds: float | None
-
-    @property
-    def swing(self) -> float:
-        """Change of the probability that player 0 wins the match."""
-        return self.after - self.before
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -111,32 +68,6 @@ class ShotValue:
     strokes: int
     points: Estimate
     clear: bool
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Choice:
-    """A costly decision.
-
-    Attributes:
-        player: who decided; ``rally``: index of the rally; ``stroke``: number of the stroke in it, from 1.
-        incoming: catalogue index of the incoming stroke, the number of strokes for a serve; ``contact``: 0 below, 1 above.
-        played, better: catalogue indices of the stroke and of a better one.
-        cost: rallies won less by this choice, per time, calibrated.
-        played_behind, better_behind: real strokes behind both.
-        times: number of times that the player chose so in the match.
-    """
-
-    player: int
-    rally: int
-    stroke: int
-    incoming: int
-    contact: int
-    played: int
-    better: int
-    cost: Estimate
-    played_behind: float
-    better_behind: float
-    times: int
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -264,16 +195,16 @@ def match_report(strokes: pa.Table, *, game: AnyGame | None = None, rules: Rules
         before = prior(played, *sides, evaluate(*sides, tolerance=TOLERANCE).odds())
     else:
         before = spread_of(odds or Odds(serving=0.5, receiving=0.5, error_bound=0.0), 0.0)
-    rallies = _rallies(valued, players, rules, _Chances(*before, rules))
+    rallies = rallies_of(valued, players, rules, Chances(*before, rules))
     plays = plays_of_strokes(strokes)
     seat = (strokes["player"].to_numpy(zero_copy_only=False) == players[1]).astype(np.int64)
     won = rallies_won(strokes)
-    choices, refits = _choices(strokes, average, discipline, seat)
+    choices, refits = costly_choices(strokes, average, discipline, seat)
     decided = [i for i, row in enumerate(rallies) if row.winner is not None]
     return MatchReport(
         match=match,
         players=players,
-        score=_score(rallies),
+        score=score_of(rallies),
         rules=rules,
         strokes=strokes.num_rows,
         skilled=known,
@@ -311,120 +242,11 @@ def _average(game: Game, discipline: str) -> TabulatedPolicy:
     return baselines.load(None, tables)
 
 
-def _rallies(valued: pa.Table, players: tuple[str, str], rules: Rules, chances_of: "_Chances") -> list[RallyRow]:
-    """Rallies with the score and the probabilities of winning the match."""
-    frame = rally_table(valued)
-    rows = frame.to_pylist()
-    starts = frame["first"].to_pylist()
-    column = {
-        name: valued[name].to_numpy(zero_copy_only=False)
-        for name in ("player", "stroke", "shot", "value_added", "points", "points_opponent", "clock")
-    }
-    score = Score(rules=rules, server=players.index(rows[0]["server"]))
-    out: list[RallyRow] = []
-    for row, start, end in zip(rows, starts, [*starts[1:], valued.num_rows], strict=True):
-        server = players.index(row["server"])
-        winner = None if row["winner"] is None else players.index(row["winner"])
-        if out and row["game"] != out[-1].key[0] and score.points != (0, 0):
-            # Rallies at the end of a game are missing: the leader won it.
-            while score.points != (0, 0):
-                score = score.after(int(score.points[1] > score.points[0]))
-        score = _as_recorded(score, column, start, players, winner)
-        after = score.after(winner) if winner is not None else score
-        chance = chances_of.of(score, server)
-        if winner is not None:
-            chances_of.learn(server, winner)
-        chances = (chance, chances_of.of(after, server if winner is None else winner))
-        added = column["value_added"][start:end]
-        decided = None
-        if winner is not None and np.isfinite(added[-1]):
-            striker = np.array([players.index(name) for name in column["player"][start:end]])
-            gain = np.where(striker == winner, added, -added)
-            k = int(np.nanargmax(gain))
-            shot = SHOTS[int(column["shot"][start + k])]
-            decided = (int(column["stroke"][start + k]), int(striker[k]), shot, float(added[k]))
-        clock = column["clock"][start]
-        out.append(
-            RallyRow(
-                key=(row["game"], row["rally"]),
-                points=score.points,
-                games=score.games,
-                server=server,
-                winner=winner,
-                strokes=row["length"],
-                ending=str(row["ending"]),
-                last_shot=SHOTS[row["last_shot"]],
-                before=chances[0],
-                after=chances[1],
-                decided=decided,
-                seconds=None if clock is None or np.isnan(clock) else float(clock),
-            )
-        )
-        score = after
-    return out
-
-
-def _as_recorded(score: Score, column: Mapping[str, Any], row: int, players: tuple[str, str], winner: int | None) -> Score:
-    """The score before a rally, by the points in the data where there are any, because rallies may be missing."""
-    own, other = column["points"][row], column["points_opponent"][row]
-    if winner is None or own is None or other is None or np.isnan(own) or np.isnan(other):
-        return score
-    points = [int(own), int(other)] if players.index(column["player"][row]) == 0 else [int(other), int(own)]
-    points[winner] -= 1
-    return dataclasses.replace(score, points=(max(0, points[0]), max(0, points[1])))
-
-
-class _Chances:
-    """Probabilities that player 0 wins the match, while its rallies tell how well both play on the day.
-
-    The odds are one of several, each with a weight, which every rally multiplies by the probability of its result (Bayes).
-
-    Args:
-        odds: of player 0.
-        weights: ``[K]`` their probabilities before the match.
-        rules: of the match.
-    """
-
-    def __init__(self, odds: Sequence[Odds], weights: F64, rules: Rules) -> None:
-        self._odds, self._weights = odds, weights
-        self._tables = [match_table(each.serving, each.receiving, rules) for each in odds]
-
-    def _rally(self, server: int) -> F64:
-        return np.array([each.receiving if server else each.serving for each in self._odds])
-
-    def of(self, score: Score, server: int) -> float:
-        """At a score; NaN at one that the rules do not allow."""
-        if score.over:
-            return float(score.winner == 0)
-        situation = (*score.games, *score.points, server)
-        if situation not in self._tables[0]:
-            return float("nan")
-        won, lost = np.array([table[situation] for table in self._tables]).T
-        return float(self._weights @ (lost + (won - lost) * self._rally(server)))
-
-    def learn(self, server: int, winner: int) -> None:
-        """Take the result of a rally into account."""
-        won = self._rally(server)
-        weights = self._weights * (1 - won if winner else won)
-        self._weights = weights / weights.sum() if weights.sum() > 0 else self._weights
-
-
-def _score(rallies: Sequence[RallyRow]) -> tuple[tuple[int, int], ...]:
-    """Points of both players at the end of each game."""
-    ends: dict[int, tuple[int, int]] = {}
-    for row in rallies:
-        points = list(row.points)
-        if row.winner is not None:
-            points[row.winner] += 1
-        ends[row.key[0]] = (points[0], points[1])
-    return tuple(ends[game] for game in sorted(ends))
-
-
 def _values(valued: pa.Table, seat: I64) -> list[ShotValue]:
     """Value added by player and shot type; strokes of a rally depend on each other, so intervals are over rallies."""
     added = valued["value_added"].to_numpy(zero_copy_only=False)
     shot = valued["shot"].to_numpy().astype(np.int64)
-    rally = _rally_numbers(valued)
+    rally = rally_numbers(valued)
     found: list[tuple[int, str, int, float, float]] = []
     for player in (0, 1):
         for kind, name in enumerate(SHOTS):
@@ -446,94 +268,6 @@ def _values(valued: pa.Table, seat: I64) -> list[ShotValue]:
         )
         for (player, name, n, total, error), mark in zip(found, clear, strict=True)
     ]
-
-
-def _rally_numbers(strokes: pa.Table) -> I64:
-    first = rally_table(strokes)["first"].to_numpy()
-    return np.repeat(np.arange(len(first)), np.diff([*first, strokes.num_rows])).astype(np.int64)
-
-
-def _choices(strokes: pa.Table, average: TabulatedPolicy, discipline: str, seat: I64) -> tuple[list[Choice], int]:
-    """Decisions that cost most if both go on like average players, compared with the best stroke that is known well enough."""
-    game = average.game
-    real = real_strokes(game)
-    values = [evaluate(average, average, tolerance=TOLERANCE).striking[0]]
-    games = [game]
-    if real is not None:
-        games += _refits(game, discipline)
-    refits = len(games) - 1
-    if real is None or refits < LEAST_REFITS:
-        return [], refits
-    with ThreadPoolExecutor(os.cpu_count()) as threads:
-        policies = [moved(average, each) for each in games[1:]]
-        values += [each.striking[0] for each in threads.map(lambda p: evaluate(p, p, tolerance=TOLERANCE), policies)]
-    rows = rows_from_strokes(strokes)
-    nearest = nearest_strokes(game.catalogue)
-    own, incoming = (strokes_before(rows, name, nearest, game.n_strokes) for name in ("own", "incoming"))
-    state = states_of(game, rows, own, incoming)
-    shot, area, technique = (rows.codes[part].astype(np.int64) for part in ("shot", "area", "technique"))
-    stroke = np.where((area >= 0) & (state >= 0), nearest[shot, area, rows.codes["contact"], technique], -1)
-    # Where a fault was aimed at is not recorded.
-    known = np.flatnonzero((stroke >= 0) & (rows.outcome != Outcome.FAULT))
-    known = known[game.rank(state[known], stroke[known]) >= 0]
-    pair = game.pair(state[known], stroke[known]).astype(np.int64)
-    row, pairs = game.pairs(state[known])
-    behind = real[game.base_pair_edge[pairs % game.n_base_pairs]]
-    worth = np.where(behind >= RELIABLE, game.stroke_values(values[0], pairs), -np.inf)
-    starts = np.flatnonzero(np.r_[True, np.diff(row) != 0])
-    best = np.array([start + int(part.argmax()) for start, part in zip(starts, np.split(worth, starts[1:]), strict=True)])
-    cost = (worth[best] - game.stroke_values(values[0], pair)) / 2
-    played_behind = real[game.base_pair_edge[pair % game.n_base_pairs]]
-    cost = np.where((played_behind >= RELIABLE) & np.isfinite(cost), cost, 0.0)
-    rally, number = _rally_numbers(strokes), rows.stroke.astype(np.int64)
-    factor, out = factor_of(game), []
-    seen: set[tuple[int, int]] = set()
-    for k in np.argsort(-cost, kind="stable")[:_CANDIDATES].tolist():
-        place = int(known[k])
-        better = int(pairs[best[k]])
-        costs = np.array(
-            [
-                float(each.stroke_values(v, np.array([better, pair[k]])) @ np.array([0.5, -0.5]))
-                for each, v in zip(games[1:], values[1:], strict=True)
-            ]
-        )
-        what = (int(seat[place]), int(incoming[place]), int(game.contact(state[place])), int(stroke[place]))
-        alternative = (what[0], int(game.base_pair_stroke[better % game.n_base_pairs]))
-        expected = calibrated(costs, factor)
-        if alternative in seen or (costs > 0).mean() < LEAST_STEADY or expected.value < _LEAST_COST:
-            continue
-        seen.add(alternative)
-        alike = (seat[known] == what[0]) & (incoming[known] == what[1]) & (stroke[known] == what[3])
-        out.append(
-            Choice(
-                player=what[0],
-                rally=int(rally[place]),
-                stroke=int(number[place]),
-                incoming=what[1],
-                contact=what[2],
-                played=what[3],
-                better=int(game.base_pair_stroke[better % game.n_base_pairs]),
-                cost=expected,
-                played_behind=float(played_behind[k]),
-                better_behind=float(behind[best[k]]),
-                times=int((alike & (rows.codes["contact"][known] == what[2])).sum()),
-            )
-        )
-    return sorted(out, key=lambda choice: -choice.cost.value)[:MOMENTS], refits
-
-
-def _refits(game: Game, discipline: str) -> list[Game]:
-    """The game of an average player of the discipline in the refits of its model."""
-    origin = game.origin
-    if origin is None:
-        return list(refits_of(game))
-    if origin.variant not in PROFILES:
-        return list(refits_of(game))
-    try:
-        pairs = pair_game(AVERAGE, AVERAGE, discipline=discipline, game=str(origin.folder)).refits()
-    except GameError:  # a model without the skill of players
-        return []
-    return [each.seats[0] for each in pairs]
 
 
 def _won(label: str, player: int, rallies: int, won: int) -> Won:

@@ -17,6 +17,7 @@ import pyarrow as pa
 from shuttle_marl.analysis.advice import Advice, Meeting, Refitted, advise, calibrated, followed, imitated, meet, refitted
 from shuttle_marl.analysis.habits import (
     DISPERSION,
+    NONE,
     Ending,
     Habit,
     Plays,
@@ -364,8 +365,7 @@ def realised(plays: Plays, data: pa.Table, advised: Sequence[Advice], pair: Pair
     for advice in advised:
         shot, area, contact = advice.situation
         if shot < 0:
-            there = plays.own == plays.incoming
-            there &= plays.shot < len(SHOTS)
+            there = plays.incoming == NONE
         else:
             there = (plays.incoming == shot) & (plays.met == area) & (plays.contact == contact)
         there &= np.isfinite(won)

@@ -7,7 +7,8 @@ import numpy as np
 
 from shuttle_marl.analysis import Players
 from shuttle_marl.analysis.advice import LEAST_REFITS, LEAST_STEADY
-from shuttle_marl.analysis.match import MatchReport, RallyRow, Won
+from shuttle_marl.analysis.course import RallyRow
+from shuttle_marl.analysis.match import MatchReport, Won
 from shuttle_marl.coach import charts
 from shuttle_marl.coach.blocks import Block, Section, chart, page, shown, text
 from shuttle_marl.coach.examples import BuildError, shared, viewer

@@ -16,7 +16,8 @@ from playwright.sync_api import Browser, Frame, Page
 
 from shuttle_marl.analysis import advice
 from shuttle_marl.analysis.advice import Refitted
-from shuttle_marl.analysis.match import MatchReport, _Chances, match_report, matches_in
+from shuttle_marl.analysis.course import Chances
+from shuttle_marl.analysis.match import MatchReport, match_report, matches_in
 from shuttle_marl.analysis.scouting import ScoutingReport, players_of, scout
 from shuttle_marl.analysis.summary import AnalysisError, rally_table
 from shuttle_marl.coach import match_page as match_pages
@@ -197,7 +198,7 @@ def test_chances_learn_the_form_of_the_day() -> None:
     """Two possible odds: after rallies that one of them explains better, it counts more; by hand for a match to 1."""
     rules = Rules(points=1, clear=1, cap=1, games=1)
     odds = [Odds(serving=p, receiving=p, error_bound=0.0) for p in (0.8, 0.4)]
-    chances = _Chances(odds, np.array([0.5, 0.5]), rules)
+    chances = Chances(odds, np.array([0.5, 0.5]), rules)
     score = Score(rules=rules)
     assert chances.of(score, 0) == pytest.approx(0.6)
     chances.learn(0, 0)
