@@ -42,7 +42,7 @@ def bars(rows: Sequence[Bar], title: str) -> Markup:
         rows: the estimates.
         title: description for screen readers.
     """
-    labels = [fill(label(row.name, 2 * _LINE), _LINE) for row in rows]
+    labels = [fill(label(row.name, 3 * _LINE), _LINE) for row in rows]
     lines = max(text.count("\n") for text in labels) + 1
     chart = Chart(_WIDTH, (14.0 * lines + 6) * len(rows) + 40)
     axes = chart.axes
