@@ -35,6 +35,7 @@ LEAGUE_BLOCKS: Final[dict[str, Callable[[Path], str]]] = {
 }
 """Tables of a tournament by name, and what makes them from its run folder."""
 BLOCKS: Final[dict[str, Callable[[], str]]] = {
+    "advice_results": experiment_tables.advice_results,
     "aec": benchmark_tables.aec,
     "exact_values": benchmark_tables.exact_values,
     "human": experiment_tables.human,
