@@ -22,6 +22,9 @@ RUN_STAMP := $(VENV)/.installed-run
 TEST_STAMP := $(VENV)/.installed-test
 INPUTS := pyproject.toml constraints.txt
 
+# Where `make docs` writes the site.
+SITE := build/site
+
 PAGE := shuttle_marl/watch/page
 
 .PHONY: help demo test test-slow test-all install lint format lock clean
