@@ -50,7 +50,7 @@ napoleon_numpy_docstring = False
 
 html_theme = "furo"
 html_title = f"shuttle_marl {release}"
-html_extra_path = ["redirect"]
+html_extra_path = ["extra"]
 html_static_path = ["static"]
 html_css_files = ["site.css"]
 html_copy_source = False
