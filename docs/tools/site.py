@@ -22,10 +22,12 @@ PAGES: Final = (
     "THIRD_PARTY_NOTICES.md",
     "benchmarks/README.md",
     "datasets/README.md",
+    "datasets/sample/CARD.md",
     "docs/*.md",
     "docs/suite/*.md",
     "docs/tutorials/*.md",
     "docs/notebooks/*.ipynb",
+    "shuttle_marl/staging/athletes/*.md",
 )
 """Pages of the site, relative to the root."""
 NOTEBOOKS: Final = ROOT / "docs" / "notebooks"
