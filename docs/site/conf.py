@@ -31,6 +31,7 @@ include_patterns = [*site.PAGES, "docs/reference/**"]
 exclude_patterns = ["docs/tools/**", "docs/site/**"]
 suppress_warnings = [
     "ref.python",  # a name that several packages export
+    "autoapi.python_import_resolution",  # modules without public names are not read
     "myst.header",  # pages that begin with a heading of the second level
 ]
 
@@ -47,6 +48,7 @@ autoapi_member_order = "groupwise"
 autoapi_options = ["members", "imported-members", "show-inheritance", "show-module-summary"]
 autoapi_ignore = site.unpublished()
 napoleon_numpy_docstring = False
+napoleon_use_ivar = True  # an attribute in the docstring and the property of its name are one
 
 html_theme = "furo"
 html_title = f"shuttle_marl {release}"
