@@ -181,7 +181,8 @@ def _states(staged: StagedRally) -> Iterator[Timed]:
     speed = np.linalg.norm(np.gradient(hips, 1 / motion.fps, axis=0), axis=2)
     shuttle_speed = np.linalg.norm(motion.shuttle_velocity, axis=1)
     last_stroke = np.searchsorted(motion.contact_frame, np.arange(len(motion.time)), side="right") - 1
-    for frame in range(0, len(motion.time), _EVERY):
+    # With the last frame, so that the recording is as long as the motion.
+    for frame in [*range(0, len(motion.time) - 1, _EVERY), len(motion.time) - 1]:
         seconds, stroke = float(motion.time[frame]), int(last_stroke[frame])
         if stroke < 0:
             phase = "before the serve"

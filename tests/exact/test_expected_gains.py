@@ -35,6 +35,7 @@ TRUTH: dict[str, Any] = {
 def model(tmp_path: Path) -> Iterator[Path]:
     folder = tmp_path / "model"
     shutil.copytree(reduced_model(), folder)
+    write_card(folder, {name: value for name, value in read_model_card(folder).items() if name != "truth"})
     yield folder
     load_game.cache_clear()
 

@@ -160,10 +160,10 @@ def test_an_advantage_is_kept_where_the_other_half_is_the_same_world(world: Worl
     assert found["best_response"]["home"] > found["minimax"]["home"] > 0.6
 
 
-def misjudged(world: World, seed: int) -> World:
+def misjudged(world: World, seed: int, scale: float = 0.5) -> World:
     """The same world but for random errors in the odds of its faults, as of a fit to few matches."""
     game = world.game
-    factor = np.exp(np.random.default_rng(seed).normal(scale=0.5, size=game.n_base_pairs))
+    factor = np.exp(np.random.default_rng(seed).normal(scale=scale, size=game.n_base_pairs))
     threshold = np.stack([with_fault_odds(t, int(odds)) for t, odds in zip(game.threshold, factor * ONE, strict=True)])
     policy = TabulatedPolicy(game=dataclasses.replace(game, threshold=threshold), cumulative=world.bc.cumulative)
     return World(bc=policy, behind=world.behind)
@@ -236,7 +236,7 @@ def test_strokes_that_a_game_forbids_are_counted(world: World, strokes: Strokes)
 
 
 def test_two_games_are_compared_on_the_same_strokes(world: World, strokes: Strokes, tmp_path: Path) -> None:
-    said, wrong = promises(world.bc, strokes), promises(misjudged(world, seed=0).bc, strokes)
+    said, wrong = promises(world.bc, strokes), promises(misjudged(world, seed=0, scale=0.7).bc, strokes)
     save_values(tmp_path / "values", strokes, wrong)
     again = load_values(tmp_path / "values", strokes)
     np.testing.assert_array_equal(again.advantage, wrong.advantage)
