@@ -34,7 +34,7 @@ _POLICY: Final = (
     "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:; media-src blob:; "
     "connect-src data: blob:; worker-src blob:; base-uri 'none'; form-action 'none'"
 )
-_LETTERS: Final = bytes(code for code in range(33, 127) if chr(code) not in "\"'\\<")
+_LETTERS: Final = bytes(code for code in range(33, 127) if chr(code) not in '"\\<')
 _WIDE: Final = 88
 """Values of 13 bits up to this one have room for a 14th."""
 
