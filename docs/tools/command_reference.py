@@ -51,8 +51,8 @@ _LEAGUE: Final = {"train": ["train"], "report": ["report"], "--pairs": ["--pairs
 _HEAD: Final = """# Commands
 
 Every command, its options with their defaults, and an example. `shuttle-marl NAME` is short for `python -m shuttle_marl.NAME`;
-`shuttle-marl --completion bash | zsh | fish` prints a completion script. `python -m docs.tools.command_reference` writes this page
-from `--help`.
+`shuttle-marl --completion bash | zsh | fish` prints a completion script. `python -m docs.tools.command_reference` writes this
+page from `--help`.
 
 | command | what it does |
 | --- | --- |
@@ -68,7 +68,8 @@ def parts(command: str) -> list[tuple[str, list[str]]]:
     functions = importlib.import_module(f"shuttle_marl.commands.{command}").COMMANDS
     if isinstance(functions, dict):
         return [(f"{command} {name}", [name]) for name in functions]
-    return [(command, []), *((f"{command} {name}", words) for name, words in _LEAGUE.items() if command == "league")]
+    forms = _LEAGUE if command == "league" else {}
+    return [(command, []), *((f"{command} {name}", words) for name, words in forms.items())]
 
 
 def help_of(command: str, arguments: list[str]) -> str:

@@ -60,20 +60,20 @@ _CONTEXT: Final = {
 }
 _ABOUT: Final = {
     "name": "shuttle_marl_sample",
-    "description": "Simulated matches of badminton in the schema of annotated ones: one row per stroke. No one played them: shipped "
-    "policies did, on the shipped game.",
+    "description": "Matches of badminton in the schema of annotated ones, one row per stroke. No one played "
+    "them: shipped policies did, on the shipped game.",
     "url": "https://pypi.org/project/shuttle-marl/",
     "license": "https://spdx.org/licenses/MIT",
     "creator": {"@type": "Organization", "name": "the shuttle_marl authors"},
     "citeAs": "the shuttle_marl authors: shuttle_marl, two-player badminton for multi-agent reinforcement learning",
     "keywords": ["badminton", "simulation", "sports analytics"],
     "isLiveDataset": False,
-    "rai:dataCollection": "Drawn by datasets/make_sample.py from the shipped game and policies, from a seed. Nothing was observed.",
+    "rai:dataCollection": "Drawn by datasets/make_sample.py from the shipped game and policies; nothing was observed.",
     "rai:dataCollectionType": "Simulation",
-    "rai:dataUseCases": "Trying out and testing code that reads strokes. Not for fitting models, and not for statements about people.",
+    "rai:dataUseCases": "Trying out and testing code that reads strokes; not for fitting models or statements about people.",
     "rai:dataLimitations": "Landings, positions and times are drawn to fit the strokes and are less varied than real ones.",
     "rai:dataBiases": "The game is fitted to elite singles of the years 2018 to 2022; see the datasheet for their players.",
-    "rai:personalSensitiveInformation": "None. The name of a player stands for a policy that imitates their choice of strokes.",
+    "rai:personalSensitiveInformation": "None. The name of a player stands for a policy that imitates their choices.",
     "rai:dataSocialImpact": "Conclusions about players named here would be wrong; they did not play these strokes.",
     "rai:hasSyntheticData": True,
 }
@@ -106,7 +106,13 @@ def description() -> dict[str, Any]:
         }
         for field in STROKES
     ]
-    records = {"@type": "cr:RecordSet", "@id": "strokes", "name": "strokes", "description": "One row per stroke.", "field": fields}
+    records = {
+        "@type": "cr:RecordSet",
+        "@id": "strokes",
+        "name": "strokes",
+        "description": "One row per stroke.",
+        "field": fields,
+    }
     conforms = ["http://mlcommons.org/croissant/1.0", "http://mlcommons.org/croissant/RAI/1.0"]
     about = {**_ABOUT, "version": "1.0.0", "datePublished": "2026-11-25", "distribution": [table], "recordSet": [records]}
     return {"@context": _CONTEXT, "@type": "sc:Dataset", "conformsTo": conforms, **about}

@@ -1,7 +1,7 @@
 """Lists how every table of the documentation is made, and makes one again: ``python -m docs.tools.reproduce [TABLE]``.
 
-A table is made from a result file by :mod:`docs.tools.tables`; the result file is made by a command. The result of a second run of
-that command is compared with the saved one, number by number, within a tolerance: 0 where a seed determines the result, a
+A table is made from a result file by :mod:`docs.tools.tables`; the result file is made by a command. The result of a second run
+of that command is compared with the saved one, number by number, within a tolerance: 0 where a seed determines the result, a
 relative difference where versions of PyTorch or the machine change it. Speeds are compared within a factor of two, and differ by
 more between machines.
 """
@@ -67,7 +67,13 @@ RESULTS: Final[dict[str, Result]] = {
         ("human", ("human", "human_players"), "experiments.human --data {data} --json", "minutes", 0.0),
         ("league_training", ("league_training",), "experiments.league_training --out runs/again --json {out}", "hours", 0.5),
         ("next_stroke", ("next_stroke",), "experiments.next_stroke --data {data} --out {out}", "minutes", 0.02),
-        ("pairs_cross", ("pair_results", "pair_strokes"), "experiments.pairs --data {data} --cross 4 --out {out}", "an hour", 0.02),
+        (
+            "pairs_cross",
+            ("pair_results", "pair_strokes"),
+            "experiments.pairs --data {data} --cross 4 --out {out}",
+            "an hour",
+            0.02,
+        ),
         ("self_play", ("self_play",), "experiments.self_play --out runs/again --json", "hours", 0.5),
         ("stroke_value", ("stroke_value",), "experiments.stroke_value --data {data} --json", "minutes", 0.0),
         ("styles", ("styles",), "experiments.styles --seeds 10 --out runs/again --json {out}", "an hour", 0.2),
@@ -78,8 +84,20 @@ RESULTS: Final[dict[str, Result]] = {
             "half an hour",
             0.02,
         ),
-        ("truth_limits", ("truth_limits", "truth_legality"), "experiments.truth.limits --data {data} --out {out}", "half an hour", 0.02),
-        ("win_rates", ("win_rates", "win_rates_matrix"), "experiments.win_rates --out runs/again --json {out}", "15 minutes", 0.1),
+        (
+            "truth_limits",
+            ("truth_limits", "truth_legality"),
+            "experiments.truth.limits --data {data} --out {out}",
+            "half an hour",
+            0.02,
+        ),
+        (
+            "win_rates",
+            ("win_rates", "win_rates_matrix"),
+            "experiments.win_rates --out runs/again --json {out}",
+            "15 minutes",
+            0.1,
+        ),
     )
 } | {
     name: Result(folder="benchmarks", tables=shown, command=f"benchmarks.{name} --json", time=duration, tolerance=_SPEED)
@@ -219,4 +237,8 @@ def main(table: str = "", /) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(cli.run(main, prog="python -m docs.tools.reproduce", description="List the tables of the documentation, or make one again."))
+    sys.exit(
+        cli.run(
+            main, prog="python -m docs.tools.reproduce", description="List the tables of the documentation, or make one again."
+        )
+    )

@@ -42,7 +42,9 @@ _LINK: Final = re.compile(r"\]\(([^)#:]+\.md)\)")
 def unpublished() -> list[str]:
     """Python files of the package that define no public name, which sphinx-autoapi need not read."""
     package = ROOT / "shuttle_marl"
-    files = {".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): path for path in package.rglob("*.py")}
+    files = {
+        ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): path for path in package.rglob("*.py")
+    }
     public = {name for name, path in files.items() if "\n__all__" in path.read_text(encoding="utf-8")} | {*_WITHOUT_ALL}
     for name in list(public):
         tree = ast.parse(files[name].read_text(encoding="utf-8"))
@@ -78,7 +80,7 @@ def add_navigation(app: "Sphinx", page: str, source: list[str]) -> None:
         source[0] += f"\n```{{toctree}}\n:hidden:\n:caption: {heading}\n:maxdepth: 1\n\n{entries}\n```\n"
 
 
-def is_private(app: "Sphinx", kind: str, name: str, found: Any, skip: bool, options: list[str]) -> bool | None:
+def is_private(_app: "Sphinx", kind: str, name: str, found: Any, *_: object) -> bool | None:
     """Whether the reference leaves out a name; None: as the settings say. Sphinx calls this with every name of the package.
 
     Public are the packages and modules with ``__all__``, and what they export. The names of ``shuttle_marl`` itself stand on

@@ -34,7 +34,10 @@ def test_navigation_is_that_of_the_index() -> None:
     site.add_navigation(SimpleNamespace(extensions={}), "docs/other", source)
     assert source == [INDEX]
     site.add_navigation(SimpleNamespace(extensions={}), "docs/index", source)
-    assert re.findall(r":caption: (.*)\n:maxdepth: 1\n\n((?:.+\n)+?)```", source[0])[:2] == [("One", "a\n../B\n"), ("Two", "sub/c\n")]
+    assert re.findall(r":caption: (.*)\n:maxdepth: 1\n\n((?:.+\n)+?)```", source[0])[:2] == [
+        ("One", "a\n../B\n"),
+        ("Two", "sub/c\n"),
+    ]
 
 
 def test_every_page_of_the_site_is_in_the_navigation() -> None:
@@ -67,7 +70,11 @@ def test_the_reference_has_every_public_name() -> None:
 
 def test_every_public_name_has_an_example() -> None:
     pages = [*ROOT.glob("docs/**/*.md"), ROOT / "README.md"]
-    blocks = [block for page in pages for block in re.findall(r"^```python[^\n]*\n(.*?)^```", page.read_text(), re.DOTALL | re.MULTILINE)]
+    blocks = [
+        block
+        for page in pages
+        for block in re.findall(r"^```python[^\n]*\n(.*?)^```", page.read_text(), re.DOTALL | re.MULTILINE)
+    ]
     used = set(re.findall(r"\w+", "\n".join(blocks)))
     assert set(shuttle_marl.__all__) - {"__version__"} - used == set()
 
