@@ -25,6 +25,8 @@ INPUTS := pyproject.toml constraints.txt
 # Where `make docs` writes the site.
 SITE := build/site
 SITE_JOBS ?= 2
+# `-t quick` leaves out the reference.
+SITE_FLAGS ?=
 
 PAGE := shuttle_marl/watch/page
 
@@ -95,7 +97,7 @@ live: $(TEST_STAMP)
 
 # Warnings are errors.
 site: $(TEST_STAMP)
-	$(BIN)/python -m sphinx -W --keep-going -q -j $(SITE_JOBS) -d build/doctrees -c docs/site . $(SITE)
+	$(BIN)/python -m sphinx -W --keep-going -q $(SITE_FLAGS) -j $(SITE_JOBS) -d build/doctrees -c docs/site . $(SITE)
 	@echo 'open $(SITE)/index.html'
 
 notebooks: $(TEST_STAMP)
