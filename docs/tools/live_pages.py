@@ -8,7 +8,7 @@ import gzip
 import html
 import json
 import sys
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Final
 
@@ -19,7 +19,7 @@ from shuttle_marl.game.shipped import default_game
 from shuttle_marl.staging import ATHLETES, model_file
 from shuttle_marl.watch.answers import Answers
 from shuttle_marl.watch.building import build
-from shuttle_marl.watch.messages import AnalysisRequest, HelloRequest, MatchRequest, RallyRequest, StylesRequest
+from shuttle_marl.watch.messages import AnalysisRequest, HelloRequest, MatchRequest, RallyRequest, Request, StylesRequest
 from shuttle_marl.watch.plan import Plan
 from shuttle_marl.watch.policies import PolicyTables
 from shuttle_marl.watch.stager import Stager
@@ -58,11 +58,11 @@ def base91(content: bytes) -> str:
     return out.decode("ascii")
 
 
-def saved_page(answers: Answers, plan: Plan, rallies: Iterable[int], built: Path) -> str:
+def saved_page(answers: Callable[[Request], bytes], plan: Plan, rallies: Iterable[int], built: Path) -> str:
     """HTML of a saved page.
 
     Args:
-        answers: of the server.
+        answers: replies of the server, see :class:`shuttle_marl.watch.answers.Answers`.
         plan: the match.
         rallies: numbers of the rallies that the page has.
         built: folder of the built page of the live court.

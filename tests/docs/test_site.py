@@ -1,7 +1,10 @@
 """The site: navigation, reference, pages of commands and of rallies, and the description of the sample."""
 
 import ast
+import gzip
+import json
 import re
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -12,6 +15,9 @@ import shuttle_marl
 from docs.tools import command_reference, croissant, live_pages, notebooks, site
 from docs.tools.markdown import ROOT
 from shuttle_marl.errors import ShuttleError
+from shuttle_marl.staging import model_file
+from shuttle_marl.watch.messages import Request
+from shuttle_marl.watch.plan import Plan
 
 INDEX = """# Title
 
@@ -123,6 +129,36 @@ def decoded(text: str) -> bytes:
 @given(st.binary(max_size=300))
 def test_replies_in_a_page_decode(content: bytes) -> None:
     assert decoded(live_pages.base91(content)) == content
+
+
+def test_a_page_with_rallies_holds_the_replies_of_the_server(tmp_path: Path) -> None:
+    """As ``watch/page/src/main.ts`` reads them."""
+    (tmp_path / "watch.css").write_text("a::after { content: '</style>' }")
+    (tmp_path / "watch.js").write_text("'</script><!--'")
+    plan = Plan.parse({"seed": 3, "sides": [{"policy": "a<b"}, {"policy": "c"}]})
+
+    def answers(request: Request) -> bytes:
+        return f"{type(request).__name__} {getattr(request, 'rally', '')}".strip().encode()
+
+    page = live_pages.saved_page(answers, plan, [2, 3], tmp_path)
+    (text,) = re.findall(r'<script type="application/json" id="shared">(.*?)</script>', page)
+    shared = json.loads(text)
+    unpacked = {key: gzip.decompress(decoded(value)).decode() for key, value in shared["replies"].items()}
+    assert unpacked == {
+        "styles": "StylesRequest 2",
+        "rally 2": "RallyRequest 2",
+        "analysis 2": "AnalysisRequest 2",
+        "rally 3": "RallyRequest 3",
+        "analysis 3": "AnalysisRequest 3",
+        "match": "MatchRequest 3",
+    }
+    assert gzip.decompress(decoded(shared["hello"])) == b"HelloRequest"
+    assert gzip.decompress(decoded(shared["models"]["male"])) == model_file("male").read_bytes()
+    assert '"#seed=3&a=a\\u003cb&b=c&rally=3&stroke=1"' in page
+    assert "<title>a&lt;b against c</title>" in page
+    assert page.count("</style>") == 1
+    assert page.count("</script>") == 3
+    assert "connect-src data: blob:" in page
 
 
 @pytest.mark.parametrize("name", notebooks.NAMES)
