@@ -4,8 +4,10 @@ The pages in ``docs/tutorials/`` are their own text form (jupytext): ``python`` 
 cells of a shell, in one folder. The site shows the notebooks in ``docs/notebooks/``, which git ignores, if there are any.
 """
 
+import os
 import re
 import sys
+import sysconfig
 import tempfile
 from pathlib import Path
 from typing import Annotated, Final
@@ -50,6 +52,8 @@ def main(names: Annotated[tuple[str, ...], tyro.conf.Positional] = NAMES) -> Non
     import jupytext  # noqa: PLC0415  the extra notebooks is only needed here
     from nbclient import NotebookClient  # noqa: PLC0415
 
+    # Cells of a shell find the programs of this environment.
+    os.environ["PATH"] = f"{sysconfig.get_path('scripts')}{os.pathsep}{os.environ['PATH']}"
     NOTEBOOKS.mkdir(parents=True, exist_ok=True)
     for name in names:
         notebook = jupytext.reads(text_form(name), fmt="md")

@@ -197,7 +197,7 @@ def _computed(table: str) -> str:
         out = Path(folder) / "run"
         league = [sys.executable, "-m", "shuttle_marl.league", "--record", "none", "--out", str(out)]
         subprocess.run(league, cwd=ROOT, stdout=subprocess.DEVNULL, check=True)
-        return getattr(league_tables, table)(out)  # type: ignore[no-any-return]
+        return getattr(league_tables, table)(out)
 
 
 def check(table: str) -> list[str]:

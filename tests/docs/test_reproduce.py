@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from docs.tools import reproduce, tables
+from docs.tools.markdown import ROOT
 from docs.tools.reproduce import Result, differences
 from shuttle_marl.errors import ShuttleError
 
@@ -22,7 +23,7 @@ def test_every_table_is_listed_once() -> None:
 
 def test_every_result_has_its_file() -> None:
     for name, result in reproduce.RESULTS.items():
-        assert (tables.ROOT / result.folder / "results" / f"{name}.json").is_file()
+        assert (ROOT / result.folder / "results" / f"{name}.json").is_file()
 
 
 @pytest.mark.parametrize("table", ["layers", "layer_diagram"])

@@ -6,6 +6,7 @@ import json
 import re
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -14,6 +15,7 @@ from hypothesis import strategies as st
 import shuttle_marl
 from docs.tools import command_reference, croissant, live_pages, notebooks, site
 from docs.tools.markdown import ROOT
+from shuttle_marl.__main__ import COMMANDS
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.staging import model_file
 from shuttle_marl.watch.messages import Request
@@ -37,9 +39,10 @@ INDEX = """# Title
 def test_navigation_is_that_of_the_index() -> None:
     assert list(site.sections(INDEX)) == [("One", ["a", "../B"]), ("Two", ["sub/c"])]
     source = [INDEX]
-    site.add_navigation(SimpleNamespace(extensions={}), "docs/other", source)
+    app: Any = SimpleNamespace(extensions={})
+    site.add_navigation(app, "docs/other", source)
     assert source == [INDEX]
-    site.add_navigation(SimpleNamespace(extensions={}), "docs/index", source)
+    site.add_navigation(app, "docs/index", source)
     assert re.findall(r":caption: (.*)\n:maxdepth: 1\n\n((?:.+\n)+?)```", source[0])[:2] == [
         ("One", "a\n../B\n"),
         ("Two", "sub/c\n"),
@@ -90,7 +93,7 @@ def test_the_page_of_commands_is_their_help() -> None:
 
 
 def test_examples_are_of_commands() -> None:
-    forms = {form for command in command_reference.COMMANDS for form, _ in command_reference.parts(command)}
+    forms = {form for command in COMMANDS for form, _ in command_reference.parts(command)}
     assert set(command_reference.EXAMPLES) <= forms
     assert all(text.startswith(form.replace(" --pairs", "")) for form, text in command_reference.EXAMPLES.items())
 
