@@ -22,9 +22,15 @@ RUN_STAMP := $(VENV)/.installed-run
 TEST_STAMP := $(VENV)/.installed-test
 INPUTS := pyproject.toml constraints.txt
 
+# Where `make docs` writes the site.
+SITE := build/site
+SITE_JOBS ?= 2
+# `-t quick` leaves out the reference.
+SITE_FLAGS ?=
+
 PAGE := shuttle_marl/watch/page
 
-.PHONY: help demo test test-slow test-all install lint format lock clean
+.PHONY: help demo test test-slow test-all install lint format docs live site notebooks dist reproduce lock clean
 .NOTPARALLEL:
 
 help:
@@ -35,6 +41,10 @@ help:
 	@echo 'make install    install all requirements, including PyTorch'
 	@echo 'make lint       check format, style, types and layers'
 	@echo 'make format     format the code and apply automatic fixes'
+	@echo 'make docs       build the site of the documentation, into build/site'
+	@echo 'make notebooks  execute the tutorials as notebooks, which `make docs` then shows: minutes'
+	@echo 'make dist       build the wheel and the source distribution, into dist'
+	@echo 'make reproduce  list the tables of the documentation; TABLE=name makes one again and compares'
 	@echo 'make lock       resolve all versions again and write them to constraints.txt'
 	@echo 'make clean      remove .venv and caches'
 
@@ -80,16 +90,40 @@ $(TEST_STAMP): $(INPUTS) | $(BIN)/python
 	@$(INSTALL) --editable '.[test]'
 	@touch $(RUN_STAMP) $@
 
+docs: live site
+
+live: $(TEST_STAMP)
+	$(BIN)/python -m docs.tools.live_pages
+
+# Warnings are errors.
+site: $(TEST_STAMP)
+	$(BIN)/python -m sphinx -W --keep-going -q $(SITE_FLAGS) -j $(SITE_JOBS) -d build/doctrees -c docs/site . $(SITE)
+	@echo 'open $(SITE)/index.html'
+
+notebooks: $(TEST_STAMP)
+	@$(INSTALL) --editable '.[notebooks]'
+	$(BIN)/python -m docs.tools.notebooks
+
+dist: $(RUN_STAMP)
+	rm -rf dist
+	@$(INSTALL) build twine check-wheel-contents
+	$(BIN)/python -m build --quiet
+	$(BIN)/twine check --strict dist/*
+	$(BIN)/check-wheel-contents dist/*.whl
+
+reproduce: $(TEST_STAMP)
+	$(BIN)/python -m docs.tools.reproduce $(TABLE)
+
 # Versions are resolved in a separate environment. The local part of a version (`+cpu`) is removed, so that a pin is valid on
 # every platform.
 lock: export PIP_CONSTRAINT :=
 lock:
 	@folder=$$(mktemp -d) && trap 'rm -rf "$$folder"' EXIT \
 		&& $(PYTHON) -m venv "$$folder" \
-		&& "$$folder/bin/python" -m pip install -qq 'torch$(shell sed -n 's/^torch\(==[^+]*\)$$/\1/p' constraints.txt)' . '.[test]' editables \
+		&& "$$folder/bin/python" -m pip install -qq 'torch$(shell sed -n 's/^torch\(==[^+]*\)$$/\1/p' constraints.txt)' . '.[test,notebooks]' editables build twine check-wheel-contents \
 		&& "$$folder/bin/python" -m pip freeze --all --exclude pip --exclude shuttle-marl \
 		| sed 's/+cpu$$//' | { sed -n '/^#/p' constraints.txt; cat; } > constraints.txt.part \
 		&& mv constraints.txt.part constraints.txt
 
 clean:
-	rm -rf $(VENV) .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) build dist docs/notebooks docs/reference docs/site/extra/live .mypy_cache .pytest_cache .ruff_cache .hypothesis

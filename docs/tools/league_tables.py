@@ -18,7 +18,7 @@ from shuttle_marl.league.ranking import Standing
 from shuttle_marl.league.report import ranked_table
 from shuttle_marl.policy.registry import resolve
 
-SHORT: Final = ("minimax", "ppo:self-play", "best-response:bc", "ppo", "bc", "random")
+SHORT: Final = ("minimax", "ppo:self-play", "ppo", "bc", "random")
 """Players of the short ranking."""
 REFERENCE: Final = "bc"
 

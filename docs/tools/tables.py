@@ -105,13 +105,15 @@ def rendered(root: Path, run: Path) -> dict[str, str]:
     """
     pages = {MODEL_CARD: as_markdown(read_model_card(model_folder()))}
     missing = {*LEAGUE_BLOCKS, *BLOCKS}
+    made: dict[str, str] = {}
     for path in sorted(path for pattern in _PAGES for path in root.glob(pattern)):
         text = path.read_text(encoding="utf-8")
         for name in _MARK.findall(text):
             if name not in LEAGUE_BLOCKS and name not in BLOCKS:
                 raise TableError(f"{path}: no table is called {name!r}; there are {', '.join(sorted({*LEAGUE_BLOCKS, *BLOCKS}))}")
-            table = LEAGUE_BLOCKS[name](run) if name in LEAGUE_BLOCKS else BLOCKS[name]()
-            pages[path.relative_to(root).as_posix()] = text = replaced(text, name, table)
+            if name not in made:
+                made[name] = LEAGUE_BLOCKS[name](run) if name in LEAGUE_BLOCKS else BLOCKS[name]()
+            pages[path.relative_to(root).as_posix()] = text = replaced(text, name, made[name])
             missing.discard(name)
     if missing:
         raise TableError(f"no page shows {', '.join(sorted(missing))}")

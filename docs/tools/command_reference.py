@@ -1,0 +1,137 @@
+"""Writes the reference of all commands from their ``--help``: ``python -m docs.tools.command_reference [--check]``."""
+
+import contextlib
+import importlib
+import io
+import os
+import sys
+from collections.abc import Iterator
+from typing import Final
+
+from docs.tools.markdown import ROOT
+from shuttle_marl.__main__ import COMMANDS
+from shuttle_marl.commands import cli
+from shuttle_marl.errors import ShuttleError
+from shuttle_marl.files import replace_file
+
+PAGE: Final = ROOT / "docs" / "commands.md"
+EXAMPLES: Final = {
+    "analysis": "analysis runs/demo --pictures runs/pictures",
+    "data convert": "data convert datasets/shuttleset/raw --out strokes.parquet",
+    "data download": "data download --out datasets/shuttleset/raw",
+    "data import": "data import my_matches.csv --out mine.parquet",
+    "data summary": "data summary datasets/sample/strokes.parquet",
+    "data template": "data template --out my_matches.csv",
+    "data validate": "data validate datasets/sample/strokes.parquet",
+    "dynamics card": "dynamics card",
+    "dynamics evaluate": "dynamics evaluate --data datasets/shuttleset/raw --split validation",
+    "dynamics fit": "dynamics fit --data datasets/shuttleset/raw --out my_model",
+    "exact best-response": "exact best-response bc",
+    "exact crossplay": "exact crossplay bc attacking minimax",
+    "exact evaluate": "exact evaluate ppo bc minimax",
+    "exact holes": "exact holes ppo",
+    "exact solve": "exact solve",
+    "league": "league --matches 20 --out runs/cup",
+    "league report": "league report runs/cup runs/other --out report.html",
+    "league train": "league train --out runs/league",
+    "policies": "policies",
+    "recording check": "recording check runs/cup/rallies.mcap",
+    "recording show": "recording show runs/cup/rallies.mcap --rally 3",
+    "suite board": "suite board runs/mine",
+    "suite list": "suite list",
+    "suite run": "suite run exploit-v0 --method ppo --split dev --seeds 2 --quick --out runs/mine",
+    "suite verify": "suite verify runs/mine",
+    "training ppo": "training ppo --opponent bc --strokes 2m --seed 7 --out runs/mine",
+    "watch": "watch --a ppo --b bc",
+}
+"""One example by command, without the name of the program."""
+_WIDTH: Final = 110
+_LEAGUE: Final = {"train": ["train"], "report": ["report"], "--pairs": ["--pairs", "men"]}
+"""Forms of the command ``league`` with options of their own, and the arguments that choose them."""
+_HEAD: Final = """# Commands
+
+Every command, its options with their defaults, and an example. `shuttle-marl NAME` is short for `python -m shuttle_marl.NAME`;
+`shuttle-marl --completion bash | zsh | fish` prints a completion script. `python -m docs.tools.command_reference` writes this
+page from `--help`.
+
+| command | what it does |
+| --- | --- |
+"""
+
+
+class CommandError(ShuttleError):
+    """The page is not what the commands say, or a command has no help."""
+
+
+def parts(command: str) -> list[tuple[str, list[str]]]:
+    """The forms of a command with a help of their own: name, and arguments that choose it."""
+    functions = importlib.import_module(f"shuttle_marl.commands.{command}").COMMANDS
+    if isinstance(functions, dict):
+        return [(f"{command} {name}", [name]) for name in functions]
+    forms = _LEAGUE if command == "league" else {}
+    return [(command, []), *((f"{command} {name}", words) for name, words in forms.items())]
+
+
+def help_of(command: str, arguments: list[str]) -> str:
+    """What a command prints with ``--help``.
+
+    Raises:
+        CommandError: it prints none.
+    """
+    printed = io.StringIO()
+    status: object = None
+    with contextlib.redirect_stdout(printed), _terminal():
+        try:
+            status = importlib.import_module(f"shuttle_marl.commands.{command}").main([*arguments, "--help"])
+        except SystemExit as stop:
+            status = stop.code
+    if status not in (0, None):
+        raise CommandError(f"shuttle-marl {command} --help: exit status {status}, expected 0")
+    return "\n".join(line.rstrip() for line in printed.getvalue().strip().splitlines())
+
+
+@contextlib.contextmanager
+def _terminal() -> Iterator[None]:
+    """A terminal of fixed width without colours."""
+    fixed = {"COLUMNS": str(_WIDTH), "LINES": "50", "NO_COLOR": "1", "TERM": "dumb"}
+    before = {name: os.environ.get(name) for name in fixed}
+    os.environ.update(fixed)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name)
+            else:
+                os.environ[name] = value
+
+
+def page() -> str:
+    """The page, from the help of all commands."""
+    text = _HEAD + "".join(f"| [`{name}`](#shuttle-marl-{name}) | {about} |\n" for name, about in COMMANDS.items())
+    for name, about in COMMANDS.items():
+        text += f"\n## shuttle-marl {name}\n\n{about[0].upper()}{about[1:]}.\n"
+        for form, arguments in parts(name):
+            if form != name:
+                text += f"\n### {form}\n"
+            if example := EXAMPLES.get(form):
+                text += f"\n```bash\nshuttle-marl {example}\n```\n"
+            text += f"\n```text\n{help_of(name, arguments)}\n```\n"
+    return text
+
+
+def main(*, check: bool = False) -> None:
+    """Write the page, or check it.
+
+    Args:
+        check: Change nothing; fail if the page differs.
+    """
+    text = page()
+    if not check:
+        replace_file(PAGE, text.encode())
+    elif not PAGE.is_file() or PAGE.read_text(encoding="utf-8") != text:
+        raise CommandError(f"{PAGE.name}: not what the commands say; run this without --check")
+
+
+if __name__ == "__main__":
+    sys.exit(cli.run(main, prog="python -m docs.tools.command_reference", description="Write the reference of all commands."))
