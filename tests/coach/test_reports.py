@@ -33,6 +33,7 @@ from shuttle_marl.game.scoring import Rules, Score, match_win_probability
 from shuttle_marl.game.shipped import RELIABLE, resolve_game
 from shuttle_marl.table_files import write_parquet
 from tests.coach.conftest import SAMPLE, A, B
+from tests.needs import missing
 
 EVIL = "</script><script>alert(1)</script><img src=http://example.org/x>"
 TURNED = "\u202eanaid-nairam"
@@ -365,7 +366,7 @@ def built() -> Any:
     try:
         return viewer()
     except BuildError as error:
-        pytest.skip(str(error))
+        missing(str(error))
 
 
 def wait_for(frame: Frame, ready: str, page: Page) -> None:
