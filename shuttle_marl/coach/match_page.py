@@ -171,8 +171,8 @@ def _values(report: MatchReport) -> Section:
                 name(report.players[e.player]),
                 name(say.shot(e.shot, many=True)),
                 Cell(f"{e.strokes:,}", e.strokes),
-                Cell(f"{e.points.value:+.1f}", e.points.value),
-                Cell(say("range", low=f"{e.points.low:+.1f}", high=f"{e.points.high:+.1f}"), e.points.low),
+                Cell(signed(e.points.value / 100), e.points.value),
+                Cell(say("range", low=signed(e.points.low / 100), high=signed(e.points.high / 100)), e.points.low),
                 name(say("yes" if e.clear else "no")),
             ]
             for e in ordered
@@ -183,7 +183,7 @@ def _values(report: MatchReport) -> Section:
 
 def _value_line(report: MatchReport, player: int, shot: str, value: float, low: float, high: float) -> str:
     say = words()
-    fields = {"points": f"{value:+.1f}", "low": f"{low:+.1f}", "high": f"{high:+.1f}"}
+    fields = {"points": signed(value / 100), "low": signed(low / 100), "high": signed(high / 100)}
     key = "values_lead" if value > 0 else "values_lost"
     return say(f"match.{key}", player=report.players[player], shots=say.shot(shot, many=True), **fields)
 
