@@ -1,39 +1,55 @@
 """All baselines on all tasks of the suite: the leaderboard.
 
-    python -m experiments.suite [--quick] [--tasks TASK …] [--workers N] [--data DATA] [--out FOLDER] [--resume] [--json FILE]
+    python -m experiments.suite [--plan] [--minutes M] [--tasks TASK …] [--methods METHOD …] [--budgets STROKES …] [--workers N]
+        [--data DATA] [--out FOLDER] [--resume] [--json FILE]
 
-Every baseline is a run of `python -m shuttle_marl.suite run`, in a folder of its own, which `--resume` continues. Each row of the
-result is the summary of a run; with the frozen game, the board in the documentation is made from it.
+Every baseline and budget is a run of `python -m shuttle_marl.suite run` in a folder of its own; the cheapest runs come first.
+`--plan` prints them with their estimated times. `--minutes` starts no run that would end later; `--resume` continues. Each row of
+the result is the summary of a run, and the boards in the documentation are made from them.
 """
 
 import dataclasses
+import json as json_format
 import os
 import sys
-from collections.abc import Sequence
+import time
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
 import tyro
 from rich.console import Console
 
 from experiments.saving import save_results
 from shuttle_marl import runs
+from shuttle_marl.cluster import in_processes
 from shuttle_marl.commands.cli import run as run_command
 from shuttle_marl.errors import ShuttleError
-from shuttle_marl.suite import TASKS, SuiteRun, run_method, summarise, verify_run
+from shuttle_marl.game.shipped import resolve_game
+from shuttle_marl.suite import TASKS, SuiteRun, difference, run_method, summarise, verify_run
+from shuttle_marl.suite.board import boards
 from shuttle_marl.suite.methods import BASELINES, kind_of
-from shuttle_marl.suite.task import Split
+from shuttle_marl.suite.options import Split
+from shuttle_marl.suite.registry import arena_of
 
 VARIANTS: Final = {
-    "adapt-v0": ("restricted-nash:0.25", "restricted-nash:0.5", "restricted-nash:0.75", "counts:0.8", "tilt:0.8"),
+    "adapt-v0": (
+        "restricted-nash:0.25",
+        "restricted-nash:0.5",
+        "restricted-nash:0.75",
+        "restricted-nash:0.9",
+        "counts:0.8",
+        "tilted-mixture:1",
+    ),
     "offline-v0": ("fitted-q:8", "model:8"),
     "robust-v0": ("human:0.1",),
     "text-v0": ("policy:bc", "policy:safe", "policy:human:0.05", "policy:best-response:bc", "policy:minimax"),
     "imitate-v0": ("counts:8", "policy:human:0.05", "policy:minimax"),
 }
 """Baselines with arguments, besides those without."""
-LEFT_OUT: Final = {"text-v0": ("policy", "chat"), "imitate-v0": ("policy",)}
-"""Methods that need an argument."""
+LEFT_OUT: Final = {"text-v0": ("policy", "chat"), "imitate-v0": ("policy",), "adapt-v0": ("restricted-nash",)}
+"""Methods that need an argument, or equal another one without."""
 QUICK: Final = {
     "exploit-v0": "constant",
     "equilibrium-v0": "minimax",
@@ -45,6 +61,19 @@ QUICK: Final = {
     "text-v0": "random",
 }
 """Cheapest baseline of each task."""
+FIXED: Final = ("bc", "minimax", "best-response", "random", "constant", "constant-by-incoming", "fictitious-play", "psro-exact")
+"""Methods that do not depend on the seed: one is enough."""
+UNIT: Final = {"exploit-v0": 1.5, "equilibrium-v0": 1.5, "adapt-v0": 4.0, "offline-v0": 1.5, "evaluate-v0": 3.0}
+"""Seconds of a unit besides the method, on one core of the machine of the committed results; of other tasks: 10."""
+METHOD: Final = {
+    "tilted-mixture": 8.0, "posterior-mean": 5.0, "counts": 5.0, "bandit": 2.0, "bayes": 2.0, "thompson": 2.0, "constant": 5.0,
+    "constant-by-incoming": 5.0, "fictitious-play": 20.0, "psro-exact": 40.0, "cql": 6.0, "iql": 8.0, "fitted-q-boosted": 15.0,
+    "model-boosted": 15.0, "doubly-robust": 5.0, "fitted-q-evaluation": 5.0,
+}  # fmt: skip
+"""Seconds of a method in a unit, if more than half of one; a name also stands for those that begin with it and a hyphen."""
+SPEED: Final = {"ppo": 1e6, "a2c": 1e6, "sac": 1e5, "psro": 5e5, "dqn": 1.3e4, "maskable-ppo": 2e3}
+"""Strokes of the budget trained in a second, on the same machine; methods that are not listed do not train."""
+ROW: Final = "row.json"
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -55,12 +84,18 @@ class Suite:
     """Tasks; default: all, imitate-v0 only with --data."""
     methods: tuple[str, ...] = ()
     """Methods, for one task; default: all baselines."""
+    budgets: tuple[int, ...] = ()
+    """Budgets, in strokes; default: all."""
     split: Split = "test"
     """Part of the tasks."""
     quick: bool = False
     """The cheapest baseline of each task in its smallest case: a smoke test without meaningful results."""
+    plan: bool = False
+    """Print the runs and their estimated times, and run none."""
+    minutes: float | None = None
+    """Start no run that is estimated to end later; default: run all."""
     workers: int = os.cpu_count() or 1
-    """Parallel processes; does not change the results."""
+    """Runs in parallel; does not change the results."""
     data: Path | None = None
     """Annotated matches, for imitate-v0."""
     verify: bool = True
@@ -70,7 +105,7 @@ class Suite:
     out: Path | None = None
     """Folder of the runs; default runs/suite, with a number appended if that exists."""
     resume: bool = False
-    """Continue the runs in --out."""
+    """Continue the runs in --out, and add others."""
     overwrite: bool = False
     """Replace the runs in --out."""
 
@@ -82,23 +117,89 @@ class Suite:
             raise ShuttleError("--methods: expected with one of --tasks")
 
     def fixed(self) -> dict[str, Any]:
-        """Settings that determine the result, as JSON."""
-        return {
-            "tasks": list(self.tasks),
-            "methods": list(self.methods),
-            "split": self.split,
-            "quick": self.quick,
-            "game": self.game,
-        }
+        """Settings that every run has in common, as JSON."""
+        return {"split": self.split, "quick": self.quick, "game": self.game, "game_hash": resolve_game(self.game).hash}
 
-    def runs(self) -> list[tuple[str, str]]:
-        """Task and method of each run."""
-        found = []
-        for task in self.tasks or [name for name in TASKS if self.data is not None or name != "imitate-v0"]:
-            plain = [name for name in BASELINES[kind_of(task)] if name not in LEFT_OUT.get(task, ())]
-            methods = [QUICK[task]] if self.quick else [*plain, *VARIANTS.get(task, ())]
-            found += [(task, method) for method in self.methods or methods]
-        return found
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Job:
+    """A run of the experiment.
+
+    Attributes:
+        options: of the run.
+        seconds: estimated time on one core.
+        verify: recompute the scores.
+    """
+
+    options: SuiteRun
+    seconds: float
+    verify: bool
+
+
+def jobs_of(config: Suite, folder: Path) -> list[Job]:
+    """The runs, cheapest first."""
+    found = []
+    for name in config.tasks or [name for name in TASKS if config.data is not None or name != "imitate-v0"]:
+        task = TASKS[name]
+        arena = arena_of(task, config.game, config.split, quick=config.quick, data=config.data)
+        plain = [method for method in BASELINES[kind_of(name)] if method not in LEFT_OUT.get(name, ())]
+        methods = config.methods or ([QUICK[name]] if config.quick else [*plain, *VARIANTS.get(name, ())])
+        cases = task.cases(arena)
+        for budget in sorted({case.budget for case in cases}):
+            units = sum(case.budget == budget for case in cases)
+            if budget and config.budgets and budget not in config.budgets:
+                continue
+            for method in methods:
+                seeds = 1 if config.quick or method in FIXED else task.seeds
+                seconds = UNIT.get(name, 10.0) + _of(METHOD, method, 0.5)
+                if _of(SPEED, method, 0) and method not in FIXED:
+                    seconds += budget / _of(SPEED, method, 0)
+                options = SuiteRun(
+                    task=name,
+                    method=method,
+                    split=config.split,
+                    budget=budget or None,
+                    seeds=seeds,
+                    quick=config.quick,
+                    game=config.game,
+                    data=config.data,
+                    out=folder / name / f"{method}-{budget}".replace(":", "-"),
+                )
+                found.append(Job(options=options, seconds=units * seeds * seconds, verify=config.verify))
+    return sorted(found, key=lambda job: job.seconds)
+
+
+def _of(numbers: Mapping[str, float], method: str, otherwise: float) -> float:
+    """The number of a method, or of the longest name that begins its name."""
+    name = method.partition(":")[0]
+    found = [key for key in numbers if name == key or name.startswith(f"{key}-")]
+    return numbers[max(found, key=len)] if found else otherwise
+
+
+def run_job(job: Job) -> tuple[Job, float]:
+    """Run a method, verify it, and write its row; returns the seconds taken."""
+    begun, options = time.monotonic(), job.options
+    assert options.out is not None
+    run_method(dataclasses.replace(options, resume=(options.out / runs.CONFIG).exists()))
+    row = {**summarise(options.out, game=options.game), "verified": None, "tuning_strokes": None}
+    if job.verify:
+        found = verify_run(options.out, game=options.game, data=options.data)
+        row["verified"] = all(finding.reason is None for finding in found)
+    runs.write_json(options.out / ROW, row)
+    return job, time.monotonic() - begun
+
+
+def rows_of(folder: Path, game: str) -> list[dict[str, Any]]:
+    """The rows of all finished runs, with the paired difference to the best learned method where the units are the same."""
+    rows = {path.parent: json_format.loads(path.read_text()) for path in sorted(folder.glob(f"*/*/{ROW}"))}
+    for board in boards(list(rows.values())):
+        folders = {row["method"]: out for out, row in rows.items() if any(row is other for other in board["rows"])}
+        for method, out in folders.items():
+            best = board["best"]
+            if best and method != best["method"] and rows[out]["seeds"] == best["seeds"]:
+                found = difference(TASKS[board["task"]], folders[best["method"]], out, game)
+                rows[out]["behind"] = {name: None if np.isnan(value) else value for name, value in found._asdict().items()}
+    return list(rows.values())
 
 
 def suite(config: tyro.conf.OmitArgPrefixes[Suite], json: Path | None = None) -> None:
@@ -108,29 +209,39 @@ def suite(config: tyro.conf.OmitArgPrefixes[Suite], json: Path | None = None) ->
         config: what to run.
         json: write the results here too.
     """
-    console, rows = Console(stderr=True, highlight=False), []
+    console = Console(stderr=True, highlight=False, soft_wrap=True)
+    if config.plan:
+        planned = jobs_of(config, Path())
+        for job in planned:
+            console.print(_line(job, f"{job.seconds / 60:.1f} min"))
+        console.print(f"{len(planned)} runs, {sum(job.seconds for job in planned) / 60:.0f} minutes on one core")
+        return
     with runs.open_run(config.out, "suite", config.fixed(), resume=config.resume, overwrite=config.overwrite) as folder:
-        for task, method in config.runs():
-            console.print(f"{task} {method} …", style="dim")
-            out = folder / task / method.replace(":", "-")
-            options = SuiteRun(
-                task=task,
-                method=method,
-                split=config.split,
-                quick=config.quick,
-                workers=config.workers,
-                model=config.game,
-                data=config.data,
-                out=out,
-                resume=(out / runs.CONFIG).exists(),
-            )
-            run_method(options, console)
-            verified = None
-            if config.verify:
-                verified = all(finding.reason is None for finding in verify_run(out, game=config.game, data=config.data))
-            rows.append({**summarise(out, game=config.game), "verified": verified, "tuning_strokes": None})
+        waiting = [job for job in jobs_of(config, folder) if not (folder / job.options.out / ROW).exists()]  # type: ignore[operator]
+        begun, spent, estimated, started = time.monotonic(), 0.0, 0.0, 0
+
+        def in_time() -> Iterator[Job]:
+            nonlocal started
+            for job in waiting:
+                # Estimates are corrected by how long the runs before took.
+                pace = spent / estimated if estimated else 1.0
+                if config.minutes is None or time.monotonic() - begun + pace * job.seconds < 60 * config.minutes:
+                    started += 1
+                    yield job
+
+        done = map(run_job, in_time()) if config.workers == 1 else in_processes(run_job, in_time(), config.workers)
+        for job, seconds in done:
+            spent, estimated = spent + seconds, estimated + job.seconds
+            console.print(_line(job, f"{seconds / 60:.1f} min, estimated {job.seconds / 60:.1f}"))
+        rows = rows_of(folder, config.game)
         save_results(folder, {"rows": rows}, json)
-    Console(highlight=False, soft_wrap=True).print(f"{len(rows)} runs are in {folder}")
+    left = f"; {len(waiting) - started} are left, --resume starts them" if started < len(waiting) else ""
+    console.print(f"{len(rows)} runs are in {folder}{left}")
+
+
+def _line(job: Job, took: str) -> str:
+    options = job.options
+    return f"{options.task} {options.method}{'' if options.budget is None else f' {options.budget:,} strokes'}: {took}"
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -14,6 +14,8 @@ COMMANDS: Final = {
     "league": "play a tournament between policies",
     "policies": "list all policies by name",
     "recording": "read, check, recover and export rally logs",
+    "report": "what decided a match: a report for coaches",
+    "scout": "how to play against an opponent: a report for coaches",
     "suite": "run the benchmark suite: tasks with exact scores, verification, leaderboard",
     "training": "train an agent with PPO, A2C or SAC",
     "watch": "watch matches in 3D, analyse them, and play yourself",

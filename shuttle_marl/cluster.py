@@ -8,18 +8,21 @@ import contextlib
 import dataclasses
 import functools
 import importlib.metadata
+import itertools
 import logging
 import multiprocessing
 import os
 import platform
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent import futures
 from typing import Any, Final, Generic, Protocol, TypeVar
 
 import shuttle_marl
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.extras import install_hint
 
+S = TypeVar("S")
 T = TypeVar("T")
 
 LOCAL: Final = "local"
@@ -277,6 +280,33 @@ def _versions(packages: tuple[str, ...]) -> dict[str, str]:
         except importlib.metadata.PackageNotFoundError:
             found[name] = ""
     return found
+
+
+def in_processes(function: Callable[[S], T], arguments: Iterable[S], processes: int) -> Iterator[T]:
+    """Call a function of a module with each argument, in processes that end with this one; results as they come.
+
+    An argument is taken from the iterable when a process is free, so a generator can stop when time is up.
+
+    Args:
+        function: called with one argument.
+        arguments: of the calls.
+        processes: number of parallel processes.
+    """
+    context = multiprocessing.get_context("spawn")
+    with futures.ProcessPoolExecutor(processes, mp_context=context, initializer=end_with_parent) as pool:
+        waiting: set[futures.Future[T]] = set()
+        left = iter(arguments)
+        try:
+            while True:
+                waiting |= {pool.submit(function, each) for each in itertools.islice(left, processes - len(waiting))}
+                if not waiting:
+                    return
+                done, waiting = futures.wait(waiting, return_when=futures.FIRST_COMPLETED)
+                for each in done:
+                    yield each.result()
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
 
 
 def end_with_parent() -> None:

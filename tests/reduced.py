@@ -49,8 +49,12 @@ REFITS = ("1", "2")
 
 
 @functools.cache
-def reduced_model() -> str:
-    """Folder of the model, removed at the end of the process; look, do not touch."""
+def reduced_model(refits: tuple[str, ...] = REFITS) -> str:
+    """Folder of the model, removed at the end of the process; look, do not touch.
+
+    Args:
+        refits: of the shipped model that the small one has too.
+    """
     folder = Path(tempfile.mkdtemp(prefix="reduced-model-"))
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     shipped, source = default_game(), model_folder()
@@ -66,7 +70,7 @@ def reduced_model() -> str:
     (folder / BC).write_bytes(save(arrays, metadata=dict(players.metadata)))
     support = {name: np.ascontiguousarray(array[edges]) for name, array in read_model(source, SUPPORT).arrays.items()}
     (folder / SUPPORT).write_bytes(save(support))
-    others = {name: reduced(load_game(f"default:{name}")) for name in (*PROFILES, *REFITS)}
+    others = {name: reduced(load_game(f"default:{name}")) for name in (*PROFILES, *refits)}
     (folder / VARIANTS).write_bytes(packed(game, others))
     shutil.copy(source / NETWORKS, folder)
     (folder / SKILL).write_bytes(random_skill(json.loads(players.metadata["players"])))

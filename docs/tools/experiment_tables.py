@@ -265,6 +265,27 @@ def _with_interval(found: dict[str, float]) -> str:
     return f"{1e5 * found['mean']:+.0f} ({1e5 * found['low']:+.0f} to {1e5 * found['high']:+.0f})"
 
 
+def advice_results() -> str:
+    """Promised and realised gains of advised strokes in unseen matches, from ``experiments.advice``."""
+    result = saved("experiments", "advice")
+    rows = [
+        (
+            name.replace("_", " "),
+            f"{result[name]['n']:,}",
+            f"{100 * result[name]['promised']:+.2f}",
+            f"{100 * result[name]['realised']:+.2f} ({100 * result[name]['low']:+.2f} to {100 * result[name]['high']:+.2f})",
+        )
+        for name in ("advised", "not_advised")
+    ]
+    table = markdown(
+        ("strokes in situations with advice", "number", "promised", "realised"), rows, left=("strokes in situations with advice",)
+    )
+    return (
+        f"{table}\n\nRallies won of 100, above the probability before the stroke; {result['advice']} pieces of advice for "
+        f"{result['matches']} {result['split']} matches; in brackets 95 % intervals. {_made_by(result)}."
+    )
+
+
 def pair_results() -> str:
     """Log-losses of results of rallies, from ``experiments.pairs --cross``."""
     result = saved("experiments", "pairs_cross")

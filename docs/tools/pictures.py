@@ -25,6 +25,8 @@ _RANKING: Final = "ranking of docs/league.md"
 _GAME: Final = "game"
 _REPORT: Final = (1240, 2300)
 """Width of the page and height of the picture of a report [px]."""
+_COACH: Final = (900, 2400)
+"""The same of a report for coaches."""
 
 
 def _module(*command: str) -> Callable[[], None]:
@@ -99,6 +101,28 @@ def _league_report() -> None:
         browser.close()
 
 
+def _reports() -> None:
+    """The first parts of both reports for coaches."""
+    from playwright.sync_api import sync_playwright  # noqa: PLC0415  an extra
+
+    from shuttle_marl.watch.server import browser_flags, browser_program  # noqa: PLC0415
+
+    sample = str(ROOT / "datasets" / "sample" / "strokes.parquet")
+    commands = {
+        "scouting_report": ("scout", "viktor-axelsen", "kento-momota"),
+        "match_report": ("report", sample, "--match", "simulated-1"),
+    }
+    with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=browser_program(), args=browser_flags())
+        for name, (command, *arguments) in commands.items():
+            file = Path(folder) / f"{name}.html"
+            _module(f"shuttle_marl.{command}", *arguments, "--out", str(file))()
+            page = browser.new_page(viewport={"width": _COACH[0], "height": _COACH[1]})
+            page.goto(file.as_uri())
+            replace_file(IMAGES / f"{name}.png", page.screenshot())
+        browser.close()
+
+
 _COURT: Final = {
     (
         "foxglove.png",
@@ -119,6 +143,7 @@ PICTURES: Final[dict[tuple[str, ...], tuple[Callable[[], None], str]]] = {
     ("human.png",): (_human, "experiments/results/human.json"),
     ("landings.png", "replies.png"): (_analysis, _GAME),
     ("league_report.png",): (_league_report, _RANKING),
+    ("match_report.png", "scouting_report.png"): (_reports, _GAME),
     ("learning_curves.png",): (_module("experiments.learning_curves"), "experiments/results/win_rates.json"),
     ("reliability.png",): (
         _module("shuttle_marl.dynamics", "card", "--plot", str(IMAGES / "reliability.png")),

@@ -19,7 +19,7 @@ from typing import Final
 
 from rich.console import Console
 
-from docs.tools import benchmark_tables, experiment_tables, figures, league_tables, structure
+from docs.tools import benchmark_tables, experiment_tables, figures, league_tables, structure, suite_tables
 from docs.tools.league_tables import TableError
 from docs.tools.markdown import ROOT
 from shuttle_marl.commands import cli
@@ -35,6 +35,7 @@ LEAGUE_BLOCKS: Final[dict[str, Callable[[Path], str]]] = {
 }
 """Tables of a tournament by name, and what makes them from its run folder."""
 BLOCKS: Final[dict[str, Callable[[], str]]] = {
+    "advice_results": experiment_tables.advice_results,
     "aec": benchmark_tables.aec,
     "exact_values": benchmark_tables.exact_values,
     "human": experiment_tables.human,
@@ -52,6 +53,7 @@ BLOCKS: Final[dict[str, Callable[[], str]]] = {
     "self_play": experiment_tables.self_play,
     "speed": benchmark_tables.speed,
     "staging": benchmark_tables.staging,
+    **suite_tables.BLOCKS,
     "startup": benchmark_tables.startup,
     "stroke_value": experiment_tables.stroke_value,
     "styles": experiment_tables.style_figures,
@@ -75,7 +77,7 @@ BLOCKS: Final[dict[str, Callable[[], str]]] = {
 """Tables of saved results by name, and what makes them."""
 MODEL_CARD: Final = "docs/model_card.md"
 """The page that is made as a whole."""
-_PAGES: Final = ("README.md", "benchmarks/README.md", "docs/*.md")
+_PAGES: Final = ("README.md", "benchmarks/README.md", "docs/*.md", "docs/suite/*.md")
 _MARK: Final = re.compile(r"<!-- begin: (\w+) -->")
 
 

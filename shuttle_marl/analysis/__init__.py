@@ -1,8 +1,9 @@
 """Analysis of rallies: the value of every stroke, and summaries of play (shot mix, tempo, endings, landings, transitions).
 
-:func:`analyse_rally` works on one rally of known policies. Summaries and :func:`add_values` work on stroke tables of one schema
-(:mod:`shuttle_marl.data.schema`), so annotated matches and rally logs are treated alike. See ``docs/analysis.md``. Names are
-imported when first used.
+:func:`analyse_rally` works on one rally of known policies. Summaries and :func:`add_values` work on stroke tables of one
+schema (:mod:`shuttle_marl.data.schema`), so annotated matches and rally logs are treated alike. :func:`scout` and
+:func:`match_report` compute the reports for coaches. See ``docs/analysis.md`` and ``docs/coach.md``. Names are imported when
+first used.
 """
 
 from typing import TYPE_CHECKING
@@ -10,7 +11,9 @@ from typing import TYPE_CHECKING
 import lazy_loader
 
 if TYPE_CHECKING:
+    from shuttle_marl.analysis.match import MatchReport, match_report
     from shuttle_marl.analysis.rally import Decision, LogPlayers, Players, RallyAnalysis, analyse_rally, decision
+    from shuttle_marl.analysis.scouting import ScoutingReport, scout
     from shuttle_marl.analysis.summary import AnalysisError, Summary, rally_table, strokes_of, strokes_of_log, summarise
     from shuttle_marl.analysis.values import PlayerValue, add_values, add_values_of_pairs, rank_players
 
@@ -18,16 +21,20 @@ __all__ = [
     "AnalysisError",
     "Decision",
     "LogPlayers",
+    "MatchReport",
     "PlayerValue",
     "Players",
     "RallyAnalysis",
+    "ScoutingReport",
     "Summary",
     "add_values",
     "add_values_of_pairs",
     "analyse_rally",
     "decision",
+    "match_report",
     "rally_table",
     "rank_players",
+    "scout",
     "strokes_of",
     "strokes_of_log",
     "summarise",
@@ -36,6 +43,8 @@ __all__ = [
 __getattr__, __dir__, _ = lazy_loader.attach(
     __name__,
     submod_attrs={
+        "match": ("MatchReport", "match_report"),
+        "scouting": ("ScoutingReport", "scout"),
         "rally": ("Decision", "LogPlayers", "Players", "RallyAnalysis", "analyse_rally", "decision"),
         "summary": ("AnalysisError", "Summary", "rally_table", "strokes_of", "strokes_of_log", "summarise"),
         "values": ("PlayerValue", "add_values", "add_values_of_pairs", "rank_players"),

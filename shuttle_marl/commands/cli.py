@@ -29,6 +29,7 @@ from shuttle_marl.extras import install_hint
 from shuttle_marl.files import NO_ROOM
 
 if TYPE_CHECKING:
+    from shuttle_marl.analysis.scouting import ListedPlayer
     from shuttle_marl.exact.away import Spread
     from shuttle_marl.exact.regret import Holes
     from shuttle_marl.game.tables import Game
@@ -350,6 +351,16 @@ def pair_rows(rows: "Sequence[Prediction]") -> Table:
             f"{100 * row.match_low:.0f} to {100 * row.match_high:.0f}",
             *real,
         )
+    return table
+
+
+def scouted_rows(players: Sequence["ListedPlayer"]) -> Table:
+    """Table of the players who can be scouted."""
+    table = _table("Players", "player", "discipline", right=("strokes", "matches", "last match", "own choices"))
+    for each in players:
+        choices = "yes" if each.imitated else "no"
+        counts = (f"{each.strokes:,}", f"{each.matches:,}", str(each.last), choices)
+        table.add_row(Text(printable(each.name)), each.discipline, *counts)
     return table
 
 

@@ -11,12 +11,11 @@ from rich.progress import track
 from shuttle_marl.commands import cli
 from shuttle_marl.commands.options import File, Json
 from shuttle_marl.files import replace_file
+from shuttle_marl.suite.options import Secret, Split, SuiteError, SuiteRun
 
 Task = Annotated[str, tyro.conf.Positional]
 Folder = Annotated[Path, tyro.conf.Positional]
 Folders = Annotated[tuple[Path, ...], tyro.conf.Positional]
-Split = Literal["dev", "test", "hidden"]
-Secret = Annotated[str | None, tyro.conf.arg(metavar="HEX")]
 _PRELIMINARY: Final = "The game of the suite is not frozen yet: tasks take the installed one, and scores are preliminary."
 
 
@@ -102,48 +101,16 @@ def show(
     cli.console().print(cli.facts({**rows, f"{len(cases)} cases": ", ".join(fields["cases"])}))
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class RunOptions:
-    """Options of a run."""
-
-    method: str
-    """Baseline of the task, program:COMMAND, or MODULE:ATTRIBUTE."""
-    split: Split = "dev"
-    """Part of the task: dev for tuning, test for the scores that are reported."""
-    seeds: int | None = None
-    """Number of seeds, from 0; default: that of the task."""
-    quick: bool = False
-    """The smallest cases and budgets only, to test a method; not a score."""
-    workers: int = 1
-    """Parallel processes; results do not depend on it."""
-    ray: str | None = None
-    """Ray cluster that plays the units: local, auto, HOST:PORT of its head, or ray://HOST:PORT; replaces --workers."""
-    game: str = "default"
-    """Model of the game: a shipped one or a folder."""
-    secret: Secret = None
-    """Seed of the hidden split."""
-    data: Path | None = None
-    """Annotated matches, for imitate: the folder of `data download`, or a file of `data convert`."""
-    out: Path | None = None
-    """Run folder; default runs/TASK-METHOD-SPLIT, with a number appended if that exists."""
-    resume: bool = False
-    """Continue the run in --out (or the default folder)."""
-    overwrite: bool = False
-    """Replace the run in --out."""
-
-
-def run(task: Task, options: tyro.conf.OmitArgPrefixes[RunOptions], *, json_output: Json = False) -> None:
+def run(options: tyro.conf.OmitArgPrefixes[SuiteRun], *, json_output: Json = False) -> None:
     """Run a method on a task, and write a folder that can be submitted.
 
     Args:
-        task: name of the task.
         options: of the run.
         json_output: print JSON.
     """
-    from shuttle_marl.suite.run import SuiteRun, run_method  # noqa: PLC0415  numba
+    from shuttle_marl.suite.run import run_method  # noqa: PLC0415  numba
 
-    fields = {field.name: getattr(options, field.name) for field in dataclasses.fields(options)}
-    folder = run_method(SuiteRun(task=task, model=fields.pop("game"), **fields), cli.console(stderr=True))
+    folder = run_method(options, cli.console(stderr=True))
     _print_summary(folder, options.secret, options.game, json_output=json_output)
 
 
@@ -176,8 +143,7 @@ def verify(
         data: annotated matches, for imitate.
         json_output: print JSON.
     """
-    from shuttle_marl.suite.task import SuiteError  # noqa: PLC0415  numba
-    from shuttle_marl.suite.verify import NOT_VERIFIED, verify_run  # noqa: PLC0415
+    from shuttle_marl.suite.verify import NOT_VERIFIED, verify_run  # noqa: PLC0415  numba
 
     findings = verify_run(folder, game=game, secret=secret, data=data, progress=_progress)
     refused = [finding for finding in findings if finding.reason is not None]
@@ -248,10 +214,11 @@ def data(
     split: Split = "dev",
     seeds: int | None = None,
     quick: bool = False,
+    minari: bool = False,
     game: str = "default",
     json_output: Json = False,
 ) -> None:
-    """Write the logs of offline and evaluate as Parquet files, or the positions of text as JSON lines, and their hashes.
+    """Write the logs of offline and evaluate as Parquet files or Minari data sets, or the positions of text as JSON lines.
 
     Args:
         task: name of the task.
@@ -259,12 +226,13 @@ def data(
         split: part of the task.
         seeds: number of seeds, from 0; default: that of the task.
         quick: the smallest cases only.
+        minari: write Minari data sets of the own strokes instead; the version of a data set is the seed.
         game: model of the game.
-        json_output: print JSON.
+        json_output: print the hashes of the logs as JSON.
     """
     from shuttle_marl.suite.maintain import write_data  # noqa: PLC0415  numba
 
-    hashes = write_data(task, out, split, game, seeds, quick=quick)
+    hashes = write_data(task, out, split, game, seeds, quick=quick, minari=minari)
     if json_output:
         cli.print_json(hashes)
     else:

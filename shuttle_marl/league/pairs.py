@@ -7,7 +7,6 @@ the day.
 
 import dataclasses
 import itertools
-import math
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -17,12 +16,13 @@ import numpy as np
 import pyarrow as pa
 
 from shuttle_marl.analysis import rally_table
+from shuttle_marl.analysis.outlook import skill_error, slopes_by_group
 from shuttle_marl.arrays import F64
 from shuttle_marl.exact import Odds, sensitivity
 from shuttle_marl.game.pairs import PairGame, pair_game
 from shuttle_marl.game.scoring import match_win_probability
 from shuttle_marl.game.shipped import Profile, model_folder
-from shuttle_marl.game.skill import COMPONENTS, GROUPS, Day, Skill, load_skill
+from shuttle_marl.game.skill import COMPONENTS, GROUPS, Day, load_skill
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.league.entrants import LeagueError
@@ -152,12 +152,8 @@ def predict(pair: PairGame, policy: str | None = None) -> Prediction:
     )
     found = sensitivity(first, second, tolerance=_TOLERANCE)
     odds, skill = found.value.odds(), pair.skill
-    slopes = [_by_group(win, skill) for win in found.win]
-    both = (pair.players, pair.players[::-1])
-    variance = sum(
-        float((slope**2 * skill.variances(*names, pair.date)).sum()) for slope, names in zip(slopes, both, strict=True)
-    )
-    width = _NORMAL * math.sqrt(variance)
+    slopes = slopes_by_group(found, skill)
+    width = _NORMAL * skill_error(pair, slopes)
     return Prediction(
         players=pair.players,
         hash=pair.hash,
@@ -173,12 +169,6 @@ def predict(pair: PairGame, policy: str | None = None) -> Prediction:
 
 def _table(game: Game, name: str) -> TabulatedPolicy:
     return tabulate(resolve(name, game), game, name)
-
-
-def _by_group(win: F64, skill: Skill) -> F64:
-    """``[3, 7]`` derivatives by the general offset and those of the groups, from ``[3, 13]`` by shot type."""
-    groups = np.stack([win[:, skill.group == group].sum(axis=1) for group in range(len(GROUPS))], axis=1)
-    return np.concatenate([win.sum(axis=1, keepdims=True), groups], axis=1)
 
 
 def _shifted(odds: Odds, change: float) -> float:

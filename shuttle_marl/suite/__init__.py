@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING
 import lazy_loader
 
 if TYPE_CHECKING:
+    from shuttle_marl.suite.options import SuiteError, SuiteRun
     from shuttle_marl.suite.players import PlayerSetting, Trained
     from shuttle_marl.suite.registry import TASKS, find_task
     from shuttle_marl.suite.results import difference, summarise
-    from shuttle_marl.suite.run import SuiteRun, run_method
-    from shuttle_marl.suite.task import SuiteError, Task
+    from shuttle_marl.suite.run import run_method
+    from shuttle_marl.suite.task import Task
     from shuttle_marl.suite.verify import verify_run
 
 __all__ = [
@@ -32,11 +33,12 @@ __all__ = [
 __getattr__, __dir__, _ = lazy_loader.attach(
     __name__,
     submod_attrs={
+        "options": ("SuiteError", "SuiteRun"),
         "players": ("PlayerSetting", "Trained"),
         "registry": ("TASKS", "find_task"),
         "results": ("difference", "summarise"),
-        "run": ("SuiteRun", "run_method"),
-        "task": ("SuiteError", "Task"),
+        "run": ("run_method",),
+        "task": ("Task",),
         "verify": ("verify_run",),
     },
 )

@@ -14,8 +14,9 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.kernel import play_rallies
 from shuttle_marl.suite.methods import Method, called, made
+from shuttle_marl.suite.options import Split, SuiteError
 from shuttle_marl.suite.population import ADAPT_RALLIES, CONTROL, FAMILIES, Opponent, known, opponent
-from shuttle_marl.suite.task import Arena, Case, Outcome, Split, Statistic, SuiteError, Task, required, table_of
+from shuttle_marl.suite.task import Arena, Case, Outcome, Statistic, Task, required, table_of
 
 CHANGES: Final = (0, 2, 5, 10, 20, 40, 80, 160, 320)
 """Rallies before which the policy may change."""
@@ -23,9 +24,9 @@ HORIZONS: Final = (20, 100, 500)
 """Numbers of rallies over which the regret is averaged."""
 RISK_FROM: Final = 20
 """Rally from which the exploitability of the policies is averaged."""
-_OPPONENTS: Final = 20
-_CONTROLS: Final = 10
-_TOLERANCE: Final = 1e-6
+_OPPONENTS: Final = 10
+_CONTROLS: Final = 5
+_TOLERANCE: Final = 1e-5
 """Error bound of values, far below the differences between methods."""
 
 
@@ -50,7 +51,7 @@ class PlayedRally:
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class AdaptSetting:
-    """What a method of ``adapt`` is given; nothing tells who the opponent is.
+    """Setting of ``adapt``, the argument of a method; nothing tells who the opponent is.
 
     Attributes:
         game: the tables.
@@ -71,7 +72,7 @@ class AdaptSetting:
 
 
 class Adapter(Protocol):
-    """What a method of ``adapt`` returns."""
+    """The interface of methods of ``adapt``."""
 
     def policy_for_next_rally(self) -> Any:
         """The policy to play from the next rally on; it is asked before the rallies :data:`CHANGES`."""
@@ -98,7 +99,7 @@ class Adapt(Task):
     protocol = "method(setting: AdaptSetting) -> object with observe_rally(rally) and policy_for_next_rally() -> player"
     target = "regret 1.5, 0.8 and 0.4 % after 20, 100 and 500 rallies in unseen families, at an exploitability of 6 % or less"
 
-    def cases(self, arena: Arena) -> list[Case]:
+    def all_cases(self, arena: Arena) -> list[Case]:
         """Opponents of each family, and controls, which do not count in the score."""
         numbers = dict.fromkeys(FAMILIES[: 2 if arena.quick else None], 1 if arena.quick else _OPPONENTS)
         if not arena.quick:

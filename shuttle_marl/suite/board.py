@@ -10,16 +10,25 @@ import jinja2
 from shuttle_marl.errors import printable
 from shuttle_marl.files import FileReadError, read_json
 from shuttle_marl.league.report import escaped
+from shuttle_marl.suite.options import SuiteError
 from shuttle_marl.suite.registry import TASKS
 from shuttle_marl.suite.results import summarise
 from shuttle_marl.suite.store import read_card
-from shuttle_marl.suite.task import SuiteError
 from shuttle_marl.suite.verify import verify_run
 
 _TEMPLATES: Final = Path(__file__).parent / "templates"
 _PERCENT: Final = ("exploitability", "regret", "rally_win", "error", "bias", "legal", "away")
 """Beginnings of the names of scores that are printed in per cent."""
-_REFERENCES: Final = ("best-response", "minimax", "bc", "random", "constant", "constant-by-incoming", "fictitious-play")
+_REFERENCES: Final = (
+    "best-response",
+    "minimax",
+    "bc",
+    "random",
+    "constant",
+    "constant-by-incoming",
+    "fictitious-play",
+    "psro-exact",
+)
 """Methods that read the tables or do not learn; they are not counted as the best baseline."""
 
 
@@ -78,13 +87,14 @@ class _Results:
 
 
 def boards(summaries: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Title, columns, rows and open gap of each task and split, best method first."""
+    """Title, columns, rows and open gap of each task, split and budget, best method first."""
     found = []
     for name, task in TASKS.items():
-        for split in task.splits:
-            rows = [row for row in summaries if (row["task"], row["split"]) == (name, split)]
-            if not rows:
-                continue
+        of_task = [row for row in summaries if row["task"] == name]
+        parts = {(task.splits.index(row["split"]), row["budget"] or 0) for row in of_task}
+        for number, budget in sorted(parts):
+            split = task.splits[number]
+            rows = [row for row in of_task if (row["split"], row["budget"] or 0) == (split, budget)]
             rows.sort(key=lambda row: -row["score"] if task.higher_is_better else row["score"])
             learned = [row for row in rows if row["method"] not in _REFERENCES and row["verified"] is not False]
             gap = abs(task.optimum - learned[0]["score"]) if learned and task.optimum is not None else None
@@ -92,6 +102,7 @@ def boards(summaries: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
             found.append({
                 "task": name,
                 "split": split,
+                "title": f"{name}, {split}" + (f", {budget:,} strokes" if budget else ""),
                 "about": " ".join((task.__doc__ or "").split()),
                 "metric": task.metric,
                 "optimum": task.optimum,

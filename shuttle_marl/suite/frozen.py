@@ -12,7 +12,8 @@ from typing import Final
 
 from shuttle_marl.files import FileReadError, read_json, replace_file, seal
 from shuttle_marl.game.tables import Game
-from shuttle_marl.suite.task import SuiteError, Task
+from shuttle_marl.suite.options import SuiteError
+from shuttle_marl.suite.task import Task
 
 FROZEN: Final = Path(__file__).parent / "frozen.json"
 

@@ -17,7 +17,8 @@ from shuttle_marl.arrays import F64, I64, Bools
 from shuttle_marl.data.schema import Outcome as Ending
 from shuttle_marl.game.tables import Game
 from shuttle_marl.suite.methods import Method, called, made
-from shuttle_marl.suite.task import Arena, Case, Outcome, SuiteError, Task, exploitability, odds_against, required, table_of
+from shuttle_marl.suite.options import SuiteError
+from shuttle_marl.suite.task import Arena, Case, Outcome, Task, exploitability, odds_against, required, table_of
 
 _FOLDS = 5
 _FLOOR = 1e-6
@@ -56,7 +57,7 @@ class HumanStrokes:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ImitateSetting:
-    """What a method of ``imitate`` is given besides the strokes: the game, a seed, and a folder for files."""
+    """Setting of ``imitate``, the argument of a method: the game, a seed, and a folder for files."""
 
     game: Game
     seed: int
@@ -77,7 +78,7 @@ class Imitate(Task):
     protocol: ClassVar[str] = "method(setting: ImitateSetting) -> object with fit(strokes: HumanStrokes) -> player"
     target = "a log-loss below that of bc"
 
-    def cases(self, arena: Arena) -> list[Case]:  # noqa: ARG002
+    def all_cases(self, arena: Arena) -> list[Case]:  # noqa: ARG002
         """One."""
         return [Case(name="matches")]
 

@@ -1,5 +1,6 @@
 """Files around the tasks: templates of submissions, data of cases, and the frozen settings."""
 
+import dataclasses
 import secrets
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -11,10 +12,11 @@ from shuttle_marl.runs import write_json
 from shuttle_marl.suite import frozen
 from shuttle_marl.suite.frozen import Frozen
 from shuttle_marl.suite.methods import kind_of
+from shuttle_marl.suite.minari_data import write_minari
 from shuttle_marl.suite.offline import LogTask, log_of_unit
+from shuttle_marl.suite.options import Split, SuiteError
 from shuttle_marl.suite.registry import TASKS, arena_of, find_task
 from shuttle_marl.suite.store import CARD
-from shuttle_marl.suite.task import Split, SuiteError
 from shuttle_marl.suite.text import Text, json_lines, positions
 from shuttle_marl.table_files import write_parquet
 
@@ -64,8 +66,10 @@ def new_submission(task: str, out: Path, language: Language = "python") -> str:
     return command("suite", "run", task, "--method", method, "--quick")
 
 
-def write_data(task: str, out: Path, split: Split, model: str, seeds: int | None, *, quick: bool = False) -> dict[str, str]:
-    """Write the logs of a task as Parquet files, or the positions of ``text`` as JSON lines.
+def write_data(
+    task: str, out: Path, split: Split, model: str, seeds: int | None, *, quick: bool = False, minari: bool = False
+) -> dict[str, str]:
+    """Write the logs of a task as Parquet files or Minari data sets, or the positions of ``text`` as JSON lines.
 
     Returns:
         SHA-256 of the content of each file by its name.
@@ -85,8 +89,13 @@ def write_data(task: str, out: Path, split: Split, model: str, seeds: int | None
     for case in found.cases(arena):
         for seed in range(seeds or found.seeds):
             log = log_of_unit(arena, case, seed)
-            name = f"{case.options['behaviour']}-{case.options['strokes']}-{seed}.parquet".replace(":", "-").replace("*", "x")
-            write_parquet(out / name, log.table())
+            name = f"{case.options['behaviour']}-{case.budget}".replace(":", "-").replace("*", "x").replace("+", "-")
+            if minari:
+                name = f"shuttle_marl/{name}-v{seed}"
+                write_minari(log.transitions, name, out, arena.model)
+            else:
+                name = f"{name}-{seed}.parquet"
+                write_parquet(out / name, log.table())
             hashes[name] = log.hash
     return hashes
 
@@ -111,26 +120,31 @@ def freeze(
         secret_file: file with the secret of the hidden split, created if it does not exist; never commit it.
         data: annotated matches.
         progress: wraps the cases.
+
+    Raises:
+        SuiteError: the file of the secret is in a Git repository.
     """
     game = arena_of(TASKS["exploit-v0"], model, "test").game
     before = frozen.load(path)
     kept = before if before.official(game.hash) else Frozen()
     secret, committed = None, kept.commitment
     if secret_file is not None:
+        if any((folder / ".git").exists() for folder in secret_file.resolve().parents):
+            raise SuiteError(f"--secret-file {secret_file}: is in a Git repository, where the secret could be committed")
         if not secret_file.exists():
             replace_file(secret_file, secrets.token_hex(32).encode())
         secret = secret_file.read_text(encoding="ascii").strip()
         committed = frozen.commitment(secret)
     cases = dict(kept.cases)
-    # The hidden split is opened with the commitment that is written here.
-    frozen.save(Frozen(game=game.hash, commitment=committed, cases=cases), path)
     names = tasks or [name for name in TASKS if data is not None or name != "imitate-v0"]
     units = []
     for name in names:
         task = find_task(name)
         for split in task.splits:
             if split != "hidden" or secret is not None:
-                arena = arena_of(task, model, split, secret=secret if split == "hidden" else None, data=data)
+                arena = arena_of(task, model, "test" if split == "hidden" else split, data=data)
+                if split == "hidden":
+                    arena = dataclasses.replace(arena, split=split, secret=secret)
                 units += [(task, split, arena, case, seed) for case in task.cases(arena) for seed in range(task.seeds)]
     for task, split, arena, case, seed in progress(units):
         cases[f"{task.name}/{split}/{case.name}/{seed}"] = task.fingerprint(arena, case, seed)

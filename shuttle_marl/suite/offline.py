@@ -1,32 +1,30 @@
 """The tasks ``offline-v0`` and ``evaluate-v0``: learning, and evaluation of policies, from a fixed log."""
 
+import contextlib
 import dataclasses
 import functools
-from collections.abc import Iterable, Mapping, Sequence
+import hashlib
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, Final
 
 import numpy as np
+import platformdirs
+import zstandard
 from scipy.stats import spearmanr
 
 from shuttle_marl.exact.known import pair_odds
 from shuttle_marl.exact.match import normalised_score
+from shuttle_marl.exact.sources import solvers_hash
+from shuttle_marl.files import FileWriteError, replace_file
+from shuttle_marl.game.policy import PolicyError
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.suite.logs import OPPONENT, Log, behaviour, blank, generate
 from shuttle_marl.suite.methods import Method, called, find, made
-from shuttle_marl.suite.task import (
-    Arena,
-    Case,
-    Outcome,
-    SuiteError,
-    Task,
-    best_against,
-    exploitability,
-    odds_against,
-    required,
-    table_of,
-)
+from shuttle_marl.suite.options import SuiteError
+from shuttle_marl.suite.store import packed, unpacked
+from shuttle_marl.suite.task import Arena, Case, Outcome, Task, best_against, exploitability, odds_against, required, table_of
 
 BEHAVIOURS: Final = ("bc", "bc+0.1*minimax", "attacking@greedy", "minimax", "bc:PLAYER")
 """Behaviour policies of the logs; PLAYER is the first imitated player of the split."""
@@ -47,7 +45,7 @@ _FRESH: Final = 1000
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class LogSetting:
-    """What a method of ``offline`` and ``evaluate`` is given besides the log.
+    """Setting of ``offline`` and ``evaluate``, the argument of a method.
 
     Attributes:
         game: the rules: states and legal strokes; its probabilities are meaningless.
@@ -81,7 +79,7 @@ def _log(arena: Arena, name: str, strokes: int, seed: int) -> Log:
 
 def log_of_unit(arena: Arena, case: Case, seed: int) -> Log:
     """The log of a unit."""
-    return _log(arena, case.options["behaviour"], case.options["strokes"], seed)
+    return _log(arena, case.options["behaviour"], case.budget, seed)
 
 
 class Offline(LogTask):
@@ -97,13 +95,13 @@ class Offline(LogTask):
     optimum = 1.0
     target = "0.9 at 10^5 strokes, 0.75 at 10^4, and never below the behaviour policy on narrow logs"
 
-    def cases(self, arena: Arena) -> list[Case]:
+    def all_cases(self, arena: Arena) -> list[Case]:
         """Each behaviour policy with each number of strokes."""
         sizes = (_QUICK,) if arena.quick else (10**4, 10**5)
         pairs = [(name, size) for name in self.behaviours(arena) for size in sizes]
         if not arena.quick:
             pairs.append(("bc", 10**6))
-        return [Case(name=f"{name}/{size:,}", options={"behaviour": name, "strokes": size}) for name, size in pairs]
+        return [Case(name=f"{name}/{size:,}", budget=size, options={"behaviour": name}) for name, size in pairs]
 
     def play(self, arena: Arena, case: Case, method: Method, seed: int, folder: Path) -> Outcome:
         """Fit the method to the log."""
@@ -153,17 +151,23 @@ class Evaluate(LogTask):
 
     name = "evaluate-v0"
     metric = "error"
-    seeds = 2
+    seeds = 1
     higher_is_better = False
     optimum = 0.0
     protocol = "method(setting: LogSetting) -> object with estimate(log, policies) -> one number from 0 to 1 for each policy"
     target = "bias below 3 % on the same log, at a rank correlation of 0.9"
 
-    def cases(self, arena: Arena) -> list[Case]:
+    def all_cases(self, arena: Arena) -> list[Case]:
         """Each behaviour policy with each number of strokes, on the log that the policies were trained on, and on a fresh one."""
         sizes = (_QUICK,) if arena.quick else (10**4, 10**5)
         return [
-            Case(name=f"{name}/{size:,}/{which}", options={"behaviour": name, "strokes": size, "log": which})
+            # Logs of one size and kind are exchangeable: with a single seed, each is a unit of the bootstrap.
+            Case(
+                name=f"{name}/{size:,}/{which}",
+                stratum=f"{size:,}/{which}",
+                budget=size,
+                options={"behaviour": name, "log": which},
+            )
             for name in self.behaviours(arena)
             for size in sizes
             for which in ("same", "fresh")
@@ -218,7 +222,7 @@ def errors(estimated: Any, true: Any, trained: Sequence[bool]) -> dict[str, floa
 
 def targets(arena: Arena, case: Case, seed: int) -> dict[str, TabulatedPolicy]:
     """The policies to be evaluated in a unit, by name."""
-    return _targets(arena, case.options["behaviour"], case.options["strokes"], seed)
+    return _targets(arena, case.options["behaviour"], case.budget, seed)
 
 
 @functools.lru_cache(maxsize=2)
@@ -227,6 +231,26 @@ def _targets(arena: Arena, behaviour_name: str, strokes: int, seed: int) -> dict
     setting = LogSetting(game=blank(arena.game), seed=seed, folder=Path())
     found = {name: behaviour(arena, _of_split(name, arena)) for name in NAMED}
     for name in TRAINED:
-        method = find(Offline.name, name)
-        found[name] = in_game(fitted(method, log, setting, name), arena.game)
+        table = _cached(f"{log.hash} {name} {seed}", log, lambda name=name: fitted(find(Offline.name, name), log, setting, name))  # type: ignore[misc]
+        found[name] = in_game(table, arena.game)
     return found
+
+
+@functools.cache
+def _sources() -> str:
+    """Hash of the code of the methods that train targets."""
+    files = [*Path(__file__).parent.glob("*.py"), *(Path(__file__).parent / "methods").glob("*.py")]
+    content = b"".join(path.read_bytes() for path in sorted(files))
+    return hashlib.sha256(content + solvers_hash().encode()).hexdigest()
+
+
+def _cached(key: str, log: Log, train: Callable[[], TabulatedPolicy]) -> TabulatedPolicy:
+    """A table from the user's cache folder, or trained and stored there; a damaged file is replaced."""
+    digest = hashlib.sha256(f"{key} {_sources()}".encode()).hexdigest()[:32]
+    path = platformdirs.user_cache_path("shuttle_marl", appauthor=False) / "suite" / f"{digest}.zst"
+    with contextlib.suppress(OSError, ValueError, zstandard.ZstdError, PolicyError):
+        return TabulatedPolicy.checked(unpacked(path.read_bytes(), log.game), log.game, key)
+    table = train()
+    with contextlib.suppress(FileWriteError):
+        replace_file(path, packed(table.cumulative))
+    return table

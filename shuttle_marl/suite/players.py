@@ -8,12 +8,12 @@ from typing import Any, ClassVar
 from shuttle_marl.exact.match import normalised_score
 from shuttle_marl.game.tables import Game
 from shuttle_marl.suite.methods import Method, made
+from shuttle_marl.suite.options import SuiteError
 from shuttle_marl.suite.task import (
     QUICK_STROKES,
     Arena,
     Case,
     Outcome,
-    SuiteError,
     Task,
     best_against,
     exploitability,
@@ -27,7 +27,7 @@ _REFERENCE = "bc"
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class PlayerSetting:
-    """What a method of ``exploit`` and ``equilibrium`` is given.
+    """Setting of ``exploit`` and ``equilibrium``, the argument of a method.
 
     Attributes:
         game: the tables; environments take it as ``game``.
@@ -83,7 +83,7 @@ class _PlayerTask(Task):
             game=arena.game,
             model=arena.model,
             opponent=case.options.get("opponent"),
-            budget=case.options["budget"],
+            budget=case.budget,
             seed=seed,
             folder=folder,
         )
@@ -105,7 +105,7 @@ class Exploit(_PlayerTask):
     optimum = 1.0
     target = "1.0 at 10^5 strokes at an exploitability below 5 %; a constant list of strokes reaches about 0.9 against bc"
 
-    def cases(self, arena: Arena) -> list[Case]:
+    def all_cases(self, arena: Arena) -> list[Case]:
         """Each opponent with each budget."""
         if arena.split == "dev":
             opponents = ["safe", *(f"bc:{player}" for player in arena.players[:1])]
@@ -113,7 +113,7 @@ class Exploit(_PlayerTask):
             opponents = ["bc", "attacking", "defensive", *(f"bc:{player}" for player in arena.players[:2])]
         budgets = (QUICK_STROKES,) if arena.quick else (10**5, 10**6, 10**7)
         return [
-            Case(name=f"{opponent}/{budget:,}", options={"opponent": opponent, "budget": budget})
+            Case(name=f"{opponent}/{budget:,}", budget=budget, options={"opponent": opponent})
             for opponent in opponents[: 1 if arena.quick else None]
             for budget in budgets
         ]
@@ -146,10 +146,10 @@ class Equilibrium(_PlayerTask):
     variants: ClassVar = {"dev": "women"}
     target = "below 1 % at 10^7 strokes"
 
-    def cases(self, arena: Arena) -> list[Case]:
+    def all_cases(self, arena: Arena) -> list[Case]:
         """Each budget."""
         budgets = (QUICK_STROKES,) if arena.quick else (10**6, 10**7, 10**8)
-        return [Case(name=f"{budget:,}", options={"budget": budget}) for budget in budgets]
+        return [Case(name=f"{budget:,}", budget=budget) for budget in budgets]
 
     def score(self, arena: Arena, case: Case, seed: int, outcome: Outcome) -> dict[str, float]:  # noqa: ARG002
         """Exploitability, and fraction of rallies won against bc."""

@@ -11,10 +11,11 @@ from shuttle_marl.suite import frozen
 from shuttle_marl.suite.adapt import Adapt
 from shuttle_marl.suite.imitate import Imitate
 from shuttle_marl.suite.offline import Evaluate, Offline
+from shuttle_marl.suite.options import Split, SuiteError
 from shuttle_marl.suite.players import Equilibrium, Exploit
 from shuttle_marl.suite.robust import Robust
 from shuttle_marl.suite.store import RunConfig
-from shuttle_marl.suite.task import Arena, Split, SuiteError, Task
+from shuttle_marl.suite.task import Arena, Task
 from shuttle_marl.suite.text import Text
 
 TASKS: Final[dict[str, Task]] = {
@@ -36,7 +37,14 @@ def find_task(name: str) -> Task:
 
 @functools.lru_cache(maxsize=4)
 def arena_of(
-    task: Task, model: str, split: Split, *, quick: bool = False, secret: str | None = None, data: Path | None = None
+    task: Task,
+    model: str,
+    split: Split,
+    *,
+    quick: bool = False,
+    budget: int | None = None,
+    secret: str | None = None,
+    data: Path | None = None,
 ) -> Arena:
     """The game and the split of a task.
 
@@ -50,7 +58,7 @@ def arena_of(
         secret = frozen.checked_secret(secret, frozen.load())
     variant = task.variants.get(split)
     name = model if variant is None else f"{model}:{variant}"
-    return Arena(game=resolve_game(name), model=name, split=split, quick=quick, secret=secret, data=data)
+    return Arena(game=resolve_game(name), model=name, split=split, quick=quick, budget=budget, secret=secret, data=data)
 
 
 def arena_of_run(
@@ -71,4 +79,6 @@ def arena_of_run(
     """
     if model is None and not is_shipped(config.game.model):
         raise SuiteError(f"the run names the model {printable(config.game.model)!r}, which is not shipped; name it with --game")
-    return arena_of(task, model or config.game.model, config.split, quick=config.quick, secret=secret, data=data)
+    return arena_of(
+        task, model or config.game.model, config.split, quick=config.quick, budget=config.budget, secret=secret, data=data
+    )

@@ -12,9 +12,10 @@ import numpy as np
 from shuttle_marl.arrays import F64
 from shuttle_marl.league.seeds import Interval, stratified
 from shuttle_marl.suite import frozen, store
+from shuttle_marl.suite.options import SuiteError
 from shuttle_marl.suite.registry import arena_of_run, find_task
 from shuttle_marl.suite.store import Entry
-from shuttle_marl.suite.task import Case, SuiteError, Task
+from shuttle_marl.suite.task import Case, Task
 
 PROFILE_POINTS: Final = 21
 """Number of thresholds of a performance profile."""
@@ -46,6 +47,7 @@ def summarise(folder: Path, secret: str | None = None, game: str | None = None) 
         "method": config.method,
         "split": config.split,
         "quick": config.quick,
+        "budget": config.budget,
         "game": config.game.hash,
         "official": frozen.load().official(config.game.hash) and not config.quick,
         "metric": task.metric,

@@ -10,15 +10,16 @@ from shuttle_marl.exact.known import best_odds, pair_odds
 from shuttle_marl.game.shipped import refits_of
 from shuttle_marl.game.tables import Game
 from shuttle_marl.suite.methods import Method, made
+from shuttle_marl.suite.options import SuiteError
 from shuttle_marl.suite.players import outcome_of
-from shuttle_marl.suite.task import Arena, Case, Outcome, SuiteError, Task, required
+from shuttle_marl.suite.task import Arena, Case, Outcome, Task, required
 
 _REFERENCE = "bc"
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class RobustSetting:
-    """What a method of ``robust`` is given.
+    """Setting of ``robust``, the argument of a method.
 
     Attributes:
         game: the tables.
@@ -46,7 +47,7 @@ class Robust(Task):
     protocol: ClassVar[str] = "method(setting: RobustSetting) -> a player: policy, name, or object with act or table"
     target = "above minimax:robust"
 
-    def cases(self, arena: Arena) -> list[Case]:  # noqa: ARG002
+    def all_cases(self, arena: Arena) -> list[Case]:  # noqa: ARG002
         """One."""
         return [Case(name="refits")]
 
@@ -74,7 +75,7 @@ class Robust(Task):
 
 
 def refits(arena: Arena) -> tuple[tuple[Game, ...], tuple[Game, ...]]:
-    """Refits that a method is given, and those in which it is scored.
+    """Refits in the setting of a method, and refits of the score.
 
     Raises:
         SuiteError: the game has fewer than two refits.

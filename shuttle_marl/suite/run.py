@@ -1,10 +1,8 @@
 """Run a method on a task: units in parallel, resumable, each stored and scored."""
 
 import dataclasses
-import multiprocessing
 import time
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 from typing import Final
 
@@ -12,59 +10,15 @@ from rich.console import Console
 from rich.progress import track
 
 from shuttle_marl import runs
-from shuttle_marl.cluster import end_with_parent, open_cluster
+from shuttle_marl.cluster import in_processes, open_cluster
 from shuttle_marl.suite import frozen, store
 from shuttle_marl.suite.methods import find
+from shuttle_marl.suite.options import SuiteRun
 from shuttle_marl.suite.registry import arena_of, find_task
 from shuttle_marl.suite.results import summarise
 from shuttle_marl.suite.store import Entry, RunConfig
-from shuttle_marl.suite.task import Split, SuiteError
 
 PACKAGES: Final = ("numpy", "scipy", "numba", "msgspec", "zstandard")
-_MOST_WORKERS: Final = 512
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class SuiteRun:
-    """Options of a run.
-
-    Attributes:
-        task: name of the task.
-        method: baseline, ``program:COMMAND`` or ``MODULE:ATTRIBUTE``.
-        split: part of the task.
-        seeds: number of seeds, from 0; None: the default of the task.
-        quick: the smallest cases and budgets only, for a test of the method.
-        workers: parallel processes; does not change results.
-        ray: address of a Ray cluster that plays the units instead; None: none.
-        model: model of the game.
-        secret: seed of the hidden split.
-        data: annotated matches, for ``imitate``.
-        out: run folder; None: ``runs/TASK-METHOD-SPLIT``.
-        resume: continue the run in that folder.
-        overwrite: replace it.
-    """
-
-    task: str
-    method: str
-    split: Split = "dev"
-    seeds: int | None = None
-    quick: bool = False
-    workers: int = 1
-    ray: str | None = None
-    model: str = "default"
-    secret: str | None = None
-    data: Path | None = None
-    out: Path | None = None
-    resume: bool = False
-    overwrite: bool = False
-
-    def __post_init__(self) -> None:
-        if self.seeds is not None and self.seeds < 1:
-            raise SuiteError(f"--seeds {self.seeds}: expected 1 or more")
-        if not 1 <= self.workers <= _MOST_WORKERS:
-            raise SuiteError(f"--workers {self.workers}: expected 1 to {_MOST_WORKERS}")
-        if self.resume and self.overwrite:
-            raise SuiteError("--resume continues a run and --overwrite replaces it; give one of them")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -88,16 +42,26 @@ def run_method(options: SuiteRun, console: Console | None = None) -> Path:
     """
     task = find_task(options.task)
     find(task.name, options.method)
-    arena = arena_of(task, options.model, options.split, quick=options.quick, secret=options.secret, data=options.data)
+    arena = arena_of(
+        task,
+        options.game,
+        options.split,
+        quick=options.quick,
+        budget=options.budget,
+        secret=options.secret,
+        data=options.data,
+    )
     config = RunConfig(
         task=task.name,
         method=options.method,
         split=options.split,
         quick=options.quick,
+        budget=options.budget,
         seeds=options.seeds or (1 if options.quick else task.seeds),
-        game=store.GameOf(model=options.model, hash=arena.game.hash),
+        game=store.GameOf(model=options.game, hash=arena.game.hash),
     )
-    words = "".join(c if c.isalnum() or c in "-_." else "-" for c in f"{task.name}-{options.method}-{options.split}")
+    name = "-".join([task.name, options.method, options.split, *([] if options.budget is None else [str(options.budget)])])
+    words = "".join(c if c.isalnum() or c in "-_." else "-" for c in name)
     fixed = dataclasses.asdict(config)
     with runs.open_run(options.out, words[:80], fixed, resume=options.resume, overwrite=options.overwrite) as folder:
         about = runs.describe(PACKAGES)
@@ -110,7 +74,7 @@ def run_method(options: SuiteRun, console: Console | None = None) -> Path:
             if not store.entry_path(folder, case, seed).exists()
         ]
         _play_all(folder, units, options, console or Console(quiet=True))
-        runs.write_json(folder / store.RESULTS, summarise(folder, options.secret, options.model))
+        runs.write_json(folder / store.RESULTS, summarise(folder, options.secret, options.game))
         runs.write_json(folder / runs.MANIFEST, {"status": "finished", **about})
     return folder
 
@@ -129,15 +93,7 @@ def _played(units: Sequence[_Unit], options: SuiteRun) -> Iterator["PlayedUnit"]
     elif options.workers == 1 or len(units) <= 1:
         yield from map(play_unit, units)
     else:
-        context = multiprocessing.get_context("spawn")
-        with ProcessPoolExecutor(min(options.workers, len(units)), mp_context=context, initializer=end_with_parent) as pool:
-            waiting = [pool.submit(play_unit, unit) for unit in units]
-            try:
-                for done in as_completed(waiting):
-                    yield done.result()
-            except BaseException:
-                pool.shutdown(cancel_futures=True)
-                raise
+        yield from in_processes(play_unit, units, min(options.workers, len(units)))
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -158,7 +114,15 @@ class PlayedUnit:
 def play_unit(unit: _Unit) -> PlayedUnit:
     """Play and score one unit, in any process."""
     config, task = unit.config, find_task(unit.config.task)
-    arena = arena_of(task, config.game.model, config.split, quick=config.quick, secret=unit.secret, data=unit.data)
+    arena = arena_of(
+        task,
+        config.game.model,
+        config.split,
+        quick=config.quick,
+        budget=config.budget,
+        secret=unit.secret,
+        data=unit.data,
+    )
     case = task.cases(arena)[unit.case]
     fingerprint = task.fingerprint(arena, case, unit.seed)
     frozen.load().check(task, config.split, f"{case.name}/{unit.seed}", fingerprint, arena.game)

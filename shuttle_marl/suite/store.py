@@ -23,7 +23,8 @@ from shuttle_marl.arrays import U16
 from shuttle_marl.files import FileReadError, Sha256, problem, read_file, read_json, replace_file, seal
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
-from shuttle_marl.suite.task import Outcome, Split, SuiteError
+from shuttle_marl.suite.options import Split, SuiteError
+from shuttle_marl.suite.task import Outcome
 
 ENTRIES: Final = "entries"
 POLICIES: Final = "policies"
@@ -46,7 +47,7 @@ class RunConfig:
 
     Attributes:
         task, method: names.
-        split, quick: part of the task.
+        split, quick, budget: part of the task.
         seeds: seeds from 0.
         game: the game.
     """
@@ -55,6 +56,7 @@ class RunConfig:
     method: str
     split: Split
     quick: bool
+    budget: int | None = None
     seeds: Annotated[int, msgspec.Meta(ge=1, le=10**4)]
     game: GameOf
 

@@ -62,13 +62,23 @@ def shrunk_means(game: Game, pair: Ints, values: Floats, *, prior: float, shrink
         shrink: pseudo-observations of the coarser cell.
     """
     base = np.asarray(pair) % game.n_base_pairs
-    estimate = np.full(game.n_base_pairs, prior)
+    estimate = np.array([prior])
+    for cell, coarser in zip(pair_cells(game), _coarser_cells(game), strict=True):
+        number, total = (np.bincount(cell[base], weight, len(coarser)) for weight in (None, values))
+        estimate = (total + shrink * estimate[coarser]) / (number + shrink)
+    return np.asarray(estimate[pair_cells(game)[-1]])
+
+
+@functools.lru_cache(maxsize=4)
+def _coarser_cells(game: Game) -> tuple[I64, ...]:
+    """For each level of :func:`pair_cells`, the cell of the level above that contains each cell."""
+    found, above = [], np.zeros(game.n_base_pairs, dtype=np.int64)
     for cell in pair_cells(game):
-        size = int(cell.max()) + 1
-        number = np.bincount(cell[base], minlength=size)[cell]
-        total = np.bincount(cell[base], values, size)[cell]
-        estimate = (total + shrink * estimate) / (number + shrink)
-    return estimate
+        coarser = np.zeros(int(cell.max()) + 1, dtype=np.int64)
+        coarser[cell] = above
+        found.append(coarser)
+        above = cell
+    return tuple(found)
 
 
 def cloned(game: Game, pair: Ints, *, shrink: float = SHRINK, prior: F64 | None = None) -> F64:

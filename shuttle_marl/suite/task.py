@@ -16,7 +16,6 @@ from typing import Any, ClassVar, Final, Literal
 import numpy as np
 
 from shuttle_marl.arrays import F64
-from shuttle_marl.errors import ShuttleError
 from shuttle_marl.exact.known import best_odds, pair_odds
 from shuttle_marl.exact.match import Odds
 from shuttle_marl.exact.profile import PairPolicy
@@ -25,17 +24,12 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities, tabulate
 from shuttle_marl.policy import baselines
 from shuttle_marl.policy.registry import resolve
+from shuttle_marl.suite.options import Split, SuiteError
 
-Split = Literal["dev", "test", "hidden"]
-"""Part of a task: for tuning, for scores, and with a secret seed (``adapt`` alone)."""
 Statistic = Literal["iqm", "mean"]
 SPLITS: Final[tuple[Split, ...]] = ("dev", "test", "hidden")
 QUICK_STROKES: Final = 20_000
 """Budget of a quick run, in strokes of the learner."""
-
-
-class SuiteError(ShuttleError):
-    """A task, a method or a submission that cannot be used."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -46,12 +40,14 @@ class Case:
         name: unique within the task and the split.
         stratum: cases whose scores are exchangeable for the bootstrap share it; default: the name.
         counts: whether its scores count in the aggregates; controls do not.
+        budget: number of strokes; 0: the task has no budgets.
         options: what the task needs to set the case up, as JSON.
     """
 
     name: str
     stratum: str = ""
     counts: bool = True
+    budget: int = 0
     options: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -85,6 +81,7 @@ class Arena:
         model: name or folder of the model of the game.
         split: part of the task.
         quick: the smallest cases and budgets only.
+        budget: cases of this budget only; None: all.
         secret: seed of the hidden split, hexadecimal.
         data: folder with annotated matches, for ``imitate``.
     """
@@ -93,6 +90,7 @@ class Arena:
     model: str = "default"
     split: Split = "dev"
     quick: bool = False
+    budget: int | None = None
     secret: str | None = None
     data: Path | None = None
 
@@ -131,9 +129,21 @@ class Task(abc.ABC):
     target: ClassVar[str] = ""
     """A result that is hard but looks possible, in words."""
 
-    @abc.abstractmethod
     def cases(self, arena: Arena) -> list[Case]:
-        """Cases of the split."""
+        """Cases of the split, or those of one budget.
+
+        Raises:
+            SuiteError: there is none of this budget.
+        """
+        found = self.all_cases(arena)
+        budgets = sorted({case.budget for case in found if case.budget})
+        if arena.budget is not None and arena.budget not in budgets:
+            raise SuiteError(f"--budget {arena.budget}: {self.name} has {', '.join(map(str, budgets)) or 'no budgets'}")
+        return [case for case in found if arena.budget in (None, case.budget)]
+
+    @abc.abstractmethod
+    def all_cases(self, arena: Arena) -> list[Case]:
+        """Cases of the split, of all budgets."""
 
     @abc.abstractmethod
     def play(self, arena: Arena, case: Case, method: Any, seed: int, folder: Path) -> Outcome:

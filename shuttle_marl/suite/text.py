@@ -12,18 +12,20 @@ import shlex
 import subprocess
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, ClassVar, Final
+from typing import ClassVar, Final, TypedDict
 
 import numpy as np
 
 from shuttle_marl.arrays import F64, I64
 from shuttle_marl.exact import solve, visits
+from shuttle_marl.game.pairs import AnyGame
 from shuttle_marl.game.rules import OUTCOMES
 from shuttle_marl.game.stroke import HEIGHTS
 from shuttle_marl.game.tables import Game
 from shuttle_marl.suite.methods import Method, called, made
 from shuttle_marl.suite.methods.constant import incoming_cells, list_policy, mean_losses
-from shuttle_marl.suite.task import Arena, Case, Outcome, SuiteError, Task
+from shuttle_marl.suite.options import SuiteError
+from shuttle_marl.suite.task import Arena, Case, Outcome, Task
 
 POSITIONS: Final = 500
 _QUICK: Final = 20
@@ -33,9 +35,18 @@ _HARD: Final = 0.02
 """Loss of both constant lists in a position, as a probability of winning the rally."""
 
 
+class Position(TypedDict):
+    """A position: number, description, names of the legal strokes, and the numbers of the state."""
+
+    id: int
+    text: str
+    legal: list[str]
+    observation: list[int]
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class TextSetting:
-    """What a method of ``text`` is given besides the positions.
+    """Setting of ``text``, the argument of a method.
 
     Attributes:
         game: the tables, for policies; language models do without.
@@ -70,7 +81,7 @@ class Text(Task):
     protocol = "method(setting: TextSetting) -> object with answer(position: dict) -> name of a stroke"
     target = "a regret below 1.5 %"
 
-    def cases(self, arena: Arena) -> list[Case]:  # noqa: ARG002
+    def all_cases(self, arena: Arena) -> list[Case]:  # noqa: ARG002
         """One."""
         return [Case(name="positions")]
 
@@ -135,18 +146,18 @@ def chosen_states(arena: Arena) -> I64:
     return np.asarray(found[np.argsort(place, kind="stable")][: _QUICK if arena.quick else POSITIONS], dtype=np.int64)
 
 
-def positions(arena: Arena) -> list[dict[str, Any]]:
+def positions(arena: Arena) -> list[Position]:
     """The positions of the split, see the description of this module."""
     return [position(arena.game, state, number) for number, state in enumerate(chosen_states(arena).tolist())]
 
 
-def position(game: Game, state: int, number: int = 0) -> dict[str, Any]:
+def position(game: AnyGame, state: int, number: int = 0) -> Position:
     """A state as a position."""
     legal = [game.catalogue.names[stroke] for stroke in game.legal_strokes(state)]
     return {"id": number, "text": described(game, state), "legal": legal, "observation": game.observation(state).tolist()}
 
 
-def described(game: Game, state: int) -> str:
+def described(game: AnyGame, state: int) -> str:
     """A state in words, from the view of the striker."""
     own, incoming, contact, duel, effort, other = game.observation(state).tolist()
     if incoming == game.n_strokes:
@@ -163,7 +174,7 @@ def described(game: Game, state: int) -> str:
     return " ".join(words)
 
 
-def _stroke(game: Game, stroke: int) -> str:
+def _stroke(game: AnyGame, stroke: int) -> str:
     shot, area, height, technique = game.catalogue.names[stroke].split(":")
     return f"{shot.replace('-', ' ')} to the {area.replace('-', ' ')}, hit {height} the net, {technique.replace('-', ' ')}"
 
@@ -175,7 +186,7 @@ RULES: Final = (
 )
 
 
-def prompt(place: Mapping[str, Any]) -> str:
+def prompt(place: Position) -> str:
     """A position as a question to a chat model."""
     return f"{RULES}\n\n{place['text']}\n\nLegal strokes: {', '.join(place['legal'])}\n"
 
@@ -197,7 +208,7 @@ class ChatProgram:
     def __init__(self, command: str, seconds: float = 120.0) -> None:
         self._command, self._seconds = shlex.split(command), seconds
 
-    def answer(self, place: Mapping[str, Any]) -> str | None:
+    def answer(self, place: Position) -> str | None:
         """The stroke that the model names; None if it names none, or fails."""
         try:
             done = subprocess.run(
@@ -221,7 +232,7 @@ class LineProgram:
         except (OSError, ValueError) as error:
             raise SuiteError(f"program:{command}: cannot be started ({error})") from error
 
-    def answer(self, place: Mapping[str, Any]) -> str:
+    def answer(self, place: Position) -> str:
         """Its answer."""
         assert self._process.stdin is not None
         assert self._process.stdout is not None
@@ -233,6 +244,6 @@ class LineProgram:
         return line.strip()
 
 
-def json_lines(places: Sequence[Mapping[str, Any]]) -> bytes:
+def json_lines(places: Sequence[Position]) -> bytes:
     """Positions as a file of JSON lines."""
     return b"".join(json.dumps(place).encode() + b"\n" for place in places)

@@ -7,9 +7,10 @@ from typing import Any, Final
 
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.suite import frozen, store
+from shuttle_marl.suite.options import SuiteError
 from shuttle_marl.suite.registry import arena_of_run, find_task
 from shuttle_marl.suite.store import RunConfig
-from shuttle_marl.suite.task import Arena, SuiteError, Task
+from shuttle_marl.suite.task import Arena, Task
 
 TOLERANCE: Final = 1e-9
 """Largest difference between a recomputed score and the stored one."""

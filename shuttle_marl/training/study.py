@@ -1,9 +1,7 @@
 """Training with many seeds in parallel, and the spread of the results."""
 
 import dataclasses
-import multiprocessing
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 from typing import Final, TypeVar
 
@@ -11,7 +9,7 @@ from rich.console import Console
 from rich.progress import track
 
 from shuttle_marl import runs
-from shuttle_marl.cluster import end_with_parent
+from shuttle_marl.cluster import in_processes
 from shuttle_marl.league.seeds import interquartile_mean
 from shuttle_marl.policy.agents import read_card
 from shuttle_marl.training.config import TrainingConfig, TrainingError
@@ -100,15 +98,8 @@ def side_by_side(work: Callable[[_Config], None], configs: Sequence[_Config], jo
         jobs: number of parallel processes.
         console: shows progress.
     """
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(jobs, mp_context=context, initializer=end_with_parent) as pool:
-        waiting = [pool.submit(work, config) for config in configs]
-        try:
-            for done in track(as_completed(waiting), "training", len(waiting), console=console, transient=True):
-                done.result()
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise
+    for _ in track(in_processes(work, configs, jobs), "training", len(configs), console=console, transient=True):
+        pass
 
 
 def _train(config: TrainingConfig) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Final, NamedTuple, Protocol
 
 import numpy as np
+import pyarrow as pa
 
 from shuttle_marl.analysis.rally import LogPlayers, Players, legal_states
 from shuttle_marl.arrays import I64
@@ -169,14 +170,15 @@ class RealRallies:
     Args:
         path: a stroke table, or a folder with the raw files.
         game: the tables.
+        strokes: the strokes, if they are read already.
 
     Raises:
         DataError: it cannot be read.
         WatchError: it holds no whole rally.
     """
 
-    def __init__(self, path: Path, game: AnyGame) -> None:
-        table = load_strokes(path)
+    def __init__(self, path: Path, game: AnyGame, strokes: pa.Table | None = None) -> None:
+        table = load_strokes(path) if strokes is None else strokes
         self._game = game
         self._columns = {
             name: table[name].combine_chunks().to_numpy(zero_copy_only=False)
@@ -208,6 +210,16 @@ class RealRallies:
 
     def players(self, number: int) -> None:
         """Not known: people played."""
+
+    def numbers(self, match: str) -> dict[tuple[int, int], int]:
+        """Numbers of the rallies of a match, by their game and number in the data."""
+        column = self._columns
+        starts = [found.rows[0] for found in self._rallies]
+        return {
+            (int(column["game"][row]), int(column["rally"][row])): number
+            for number, row in enumerate(starts)
+            if column["match"][row] == match
+        }
 
     def people(self, number: int) -> People | None:
         """The people who played; see :class:`Recorded`."""

@@ -5,10 +5,16 @@ from pathlib import Path
 
 import pytest
 
-from experiments.suite import QUICK, Suite, main
+from experiments import suite_settings
+from experiments.suite import QUICK, Suite, jobs_of, main, rows_of
 from shuttle_marl.commands.suite import main as suite
-from shuttle_marl.suite import TASKS
+from shuttle_marl.game import default_game, load_game
+from shuttle_marl.game.shipped import variants
+from shuttle_marl.suite import TASKS, SuiteRun, run_method, summarise
+from shuttle_marl.suite.population import FAMILIES
 from tests.reduced import reduced_model
+
+RESULTS = Path(__file__).parents[2] / "experiments" / "results" / "suite.json"
 
 
 def test_the_board_is_made_from_the_results(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -32,12 +38,55 @@ def test_the_board_is_made_from_the_results(tmp_path: Path, capsys: pytest.Captu
 
 
 def test_all_baselines_are_run() -> None:
-    runs = Suite(data=Path("data")).runs()
-    assert {task for task, _ in runs} == set(TASKS) == set(QUICK)
-    assert len(set(runs)) == len(runs)
-    assert "imitate-v0" not in {task for task, _ in Suite().runs()}
+    jobs = jobs_of(Suite(data=Path("data"), game=reduced_model()), Path("runs"))
+    assert {job.options.task for job in jobs} == set(TASKS) == set(QUICK)
+    assert len({job.options.out for job in jobs}) == len(jobs)
+    assert [job.seconds for job in jobs] == sorted(job.seconds for job in jobs)
+    small = jobs_of(Suite(game=reduced_model(), budgets=(10**5,)), Path("runs"))
+    assert {job.options.budget for job in small} == {None, 10**5}
+    assert "imitate-v0" not in {job.options.task for job in small}
+
+
+def test_no_run_is_started_that_ends_too_late(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    flags = ("--quick", "--game", reduced_model(), "--workers", "1", "--out", str(tmp_path / "runs"), "--tasks", "robust-v0")
+    assert main([*flags, "--minutes", "0"]) == 0
+    assert "0 runs are in" in capsys.readouterr().err
+    assert main([*flags, "--plan"]) == 0
+    assert "robust-v0 minimax: 0.2 min\n1 runs, 0 minutes" in capsys.readouterr().err
+
+
+@pytest.mark.skipif(not RESULTS.is_file(), reason="no results are committed")
+def test_committed_results_are_of_this_game_and_reproduced(tmp_path: Path) -> None:
+    rows = json.loads(RESULTS.read_text())["rows"]
+    games = {default_game().hash, *(load_game(f"default:{name}").hash for name in variants())}
+    assert [(row["task"], row["method"]) for row in rows if row["game"] not in games or row["verified"] is not True] == []
+    committed = next(row for row in rows if (row["task"], row["method"]) == ("exploit-v0", "minimax"))
+    options = SuiteRun(
+        task="exploit-v0", method="minimax", split="test", budget=committed["budget"], seeds=1, out=tmp_path / "run"
+    )
+    again = summarise(run_method(options))
+    assert {name: each["score"] for name, each in again["strata"].items()} == pytest.approx(
+        {name: each["score"] for name, each in committed["strata"].items()}, abs=1e-9
+    )
 
 
 def test_methods_belong_to_one_task(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--methods", "bc"]) == 1
     assert "one of --tasks" in capsys.readouterr().err
+
+
+def test_figures_of_the_settings(capsys: pytest.CaptureFixture[str]) -> None:
+    assert suite_settings.main(["--game", reduced_model(), "--tasks", "exploit-v0", "adapt-v0", "--opponents", "1"]) == 0
+    printed = capsys.readouterr().out
+    assert "score of constant, bc/100,000" in printed
+    assert all(f"regret of minimax, {family}" in printed for family in FAMILIES)
+
+
+def test_methods_are_compared_with_the_best_in_the_same_units(tmp_path: Path) -> None:
+    out = tmp_path / "runs"
+    flags = ["--quick", "--game", reduced_model(), "--workers", "1", "--out", str(out), "--tasks", "robust-v0", "--split", "test"]
+    assert main([*flags, "--methods", "human:0.1", "mean-game"]) == 0
+    rows = {row["method"]: row for row in rows_of(out, reduced_model())}
+    best, other = sorted(rows.values(), key=lambda row: -row["score"])
+    assert other["behind"]["value"] == pytest.approx(best["score"] - other["score"], abs=1e-12)
+    assert "behind" not in best

@@ -17,7 +17,7 @@ from shuttle_marl.commands.league import main
 from shuttle_marl.errors import printable
 from shuttle_marl.league import LeagueConfig, LeagueError
 from shuttle_marl.league.assessment import assess
-from shuttle_marl.league.page import charts
+from shuttle_marl.pages import charts
 from shuttle_marl.league.page.learning import Curve
 from shuttle_marl.league.page.tournament import TournamentReport, compare, page
 from shuttle_marl.league.ranking import ExactOdds, rank

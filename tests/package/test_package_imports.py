@@ -21,6 +21,8 @@ TABLE_LAYERS = (
     "recording",
     "analysis",
     "league",
+    "pages",
+    "coach",
     "staging",
     "scene",
     "suite",

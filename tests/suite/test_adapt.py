@@ -16,10 +16,11 @@ from shuttle_marl.suite import frozen as frozen_settings
 from shuttle_marl.suite.adapt import CHANGES, observed
 from shuttle_marl.suite.frozen import Frozen, checked_secret, commitment
 from shuttle_marl.suite.methods.adapters import Counts, PosteriorMean, mean_policy
-from shuttle_marl.suite.methods.tilt import features, fitted_shift, shifted
+from shuttle_marl.suite.methods.tilt import change_point, features, fitted_shift, mixture_weights, shifted
+from shuttle_marl.suite.options import SuiteError
 from shuttle_marl.suite.population import FAMILIES, known, opponent
 from shuttle_marl.suite.registry import arena_of, find_task
-from shuttle_marl.suite.task import Arena, SuiteError
+from shuttle_marl.suite.task import Arena
 from tests.reduced import reduced_game, reduced_model
 
 GAME = reduced_game()
@@ -33,7 +34,7 @@ def arena() -> Arena:
 
 
 def run(tmp_path: Path, method: str) -> Path:
-    return run_method(SuiteRun(task="adapt-v0", method=method, model=reduced_model(), quick=True, out=tmp_path / "run"))
+    return run_method(SuiteRun(task="adapt-v0", method=method, game=reduced_model(), quick=True, out=tmp_path / "run"))
 
 
 def test_a_restricted_response_lies_between_minimax_and_the_best_response() -> None:
@@ -129,9 +130,29 @@ def test_baselines(tmp_path: Path, method: str) -> None:
     assert (found["exploitability"] < 1e-5) == (method == "minimax")
 
 
-def test_tilt_learns(tmp_path: Path) -> None:
-    found = summarise(run(tmp_path, "tilt"), game=reduced_model())["scores"]
+def test_a_tilted_mixture_learns(tmp_path: Path) -> None:
+    found = summarise(run(tmp_path, "tilted-mixture"), game=reduced_model())["scores"]
     assert found["regret_500"]["value"] < found["regret_20"]["value"]
+
+
+def test_weights_of_a_mixture_are_those_that_generated_the_strokes() -> None:
+    rng = np.random.default_rng(0)
+    chance = rng.dirichlet(np.ones(50), size=3)
+    strokes = rng.choice(50, 20_000, p=np.array([0.6, 0.3, 0.1]) @ chance)
+    weight, value = mixture_weights(chance[:, strokes], np.full(3, 1.0))
+    assert weight == pytest.approx([0.6, 0.3, 0.1], abs=0.02)
+    for step in rng.normal(scale=0.02, size=(5, 3)):
+        other = np.abs(weight + step) / np.abs(weight + step).sum()
+        assert value > np.log(other @ chance[:, strokes]).sum() + np.log(other).sum()
+
+
+def test_a_change_is_found_where_it_is_and_nowhere_else() -> None:
+    rng = np.random.default_rng(0)
+    chance = rng.dirichlet(np.ones(50), size=3)
+    strokes = np.concatenate([rng.choice(50, 5 * rallies, p=chance[kind]) for rallies, kind in ((80, 0), (120, 1))])
+    ends, prior = np.arange(5, 1001, 5), np.full(3, 1.0)
+    assert change_point(chance[:, strokes], ends, prior) == pytest.approx(80, abs=5)
+    assert change_point(chance[:, rng.choice(50, 1000, p=chance.mean(axis=0))], ends, prior) == 0
 
 
 class _Setting:

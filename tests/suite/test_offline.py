@@ -1,12 +1,14 @@
 """Logs, estimators on a game of three strokes computed by hand, and learning from logs."""
 
+import dataclasses
+import functools
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from shuttle_marl.exact import evaluate
+from shuttle_marl.exact import best_response, evaluate
 from shuttle_marl.game.rules import FAULT, WINNER
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities
@@ -25,9 +27,10 @@ from shuttle_marl.suite.methods.estimators import (
 )
 from shuttle_marl.suite.methods.learned import Clone, Model, OneStep
 from shuttle_marl.suite.offline import LogSetting, errors, fitted, in_game
+from shuttle_marl.suite.options import SuiteError
 from shuttle_marl.suite.registry import arena_of, find_task
 from shuttle_marl.suite.tabular import best_of, by_state, cloned, estimated_game, fitted_q, greedy, with_faults
-from shuttle_marl.suite.task import SuiteError
+from shuttle_marl.training import q_learning
 from tests.exact.exact_games import THREE_STROKES, hand_made
 from tests.reduced import reduced_game, reduced_model
 
@@ -181,6 +184,26 @@ def test_fitted_q_is_the_best_value_of_the_data() -> None:
     assert q[data.pair[0]] == pytest.approx(0.5, abs=1e-4)
 
 
+def test_networks_learn_the_values_of_the_three_strokes() -> None:
+    game, config = three_strokes(), q_learning.QConfig(width=16, steps=300, target_interval=20, batch=64, rows=8, alpha=0)
+    data = by_hand(game).transitions
+    rows = q_learning.Transitions(data.state, data.stroke.astype(np.int64), data.reward, data.following)
+    # As above: smashes win, the clear loses, and the serve led to a win once and to a loss once.
+    q = q_learning.conservative_q(game, rows, config, 0)
+    assert q[data.pair] == pytest.approx([0.5, 1, 0.5, 0, 1], abs=0.1)
+    above = game.pair(game.state_of(4, SERVE, 1), np.array([CLEARED, SMASH]))
+    # A stroke that the log does not have is worth little.
+    smashed = q_learning.Transitions(*(column[data.stroke != CLEARED] for column in rows))
+    penalised = q_learning.conservative_q(game, smashed, dataclasses.replace(config, alpha=1.0), 0)
+    assert penalised[above[0]] < penalised[above[1]] - 1.5
+    policy = q_learning.implicit_q(game, rows, config, 0)
+    assert policy[above[1]] > policy[above[0]] + 1
+    played = q_learning.deep_q(game, smashing(game, 0.5), 2400, config, 0)
+    best = greedy(game, played)
+    true = best_response(smashing(game, 0.5))
+    assert evaluate(best, smashing(game, 0.5)).odds().rally == pytest.approx(true.value.odds().rally, abs=0.02)
+
+
 def test_errors_are_as_defined() -> None:
     found = errors(np.array([0.5, 0.7, 0.4]), np.array([0.6, 0.5, 0.2]), [False, False, True])
     assert found["error"] == pytest.approx(np.sqrt((0.01 + 0.04 + 0.04) / 3))
@@ -191,8 +214,9 @@ def test_errors_are_as_defined() -> None:
 
 
 @pytest.mark.parametrize("method", BASELINES["offline"])
-def test_baselines_of_offline(method: str, tmp_path: Path) -> None:
-    folder = run_method(SuiteRun(task="offline-v0", method=method, model=reduced_model(), quick=True, out=tmp_path / "run"))
+def test_baselines_of_offline(method: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(q_learning, "QConfig", functools.partial(q_learning.QConfig, width=16, steps=100))
+    folder = run_method(SuiteRun(task="offline-v0", method=method, game=reduced_model(), quick=True, out=tmp_path / "run"))
     assert -0.2 < summarise(folder, game=reduced_model())["score"] < 1
     assert [finding.reason for finding in verify_run(folder, game=reduced_model())] == [None]
 
@@ -200,7 +224,7 @@ def test_baselines_of_offline(method: str, tmp_path: Path) -> None:
 def test_a_run_of_evaluate_is_verified(tmp_path: Path) -> None:
     folder = run_method(
         SuiteRun(
-            task="evaluate-v0", method="weighted-importance-sampling", model=reduced_model(), quick=True, out=tmp_path / "run"
+            task="evaluate-v0", method="weighted-importance-sampling", game=reduced_model(), quick=True, out=tmp_path / "run"
         )
     )
     found = summarise(folder, game=reduced_model())
@@ -217,10 +241,8 @@ class Half:
 def test_estimates_are_checked(tmp_path: Path) -> None:
     with pytest.raises(SuiteError, match="expected 32 finite estimates"):
         run_method(
-            SuiteRun(task="evaluate-v0", method=f"{__name__}:Half", model=reduced_model(), quick=True, out=tmp_path / "run")
+            SuiteRun(task="evaluate-v0", method=f"{__name__}:Half", game=reduced_model(), quick=True, out=tmp_path / "run")
         )
     with pytest.raises(SuiteError, match=r"expected an object with fit"):
-        run_method(
-            SuiteRun(task="offline-v0", method=f"{__name__}:Half", model=reduced_model(), quick=True, out=tmp_path / "two")
-        )
+        run_method(SuiteRun(task="offline-v0", method=f"{__name__}:Half", game=reduced_model(), quick=True, out=tmp_path / "two"))
     assert find("offline-v0", "model:2").keywords == {"argument": "2"}  # type: ignore[attr-defined]

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 
 from shuttle_marl import runs
+from shuttle_marl.cluster import in_processes
 from shuttle_marl.commands.suite import main
 from shuttle_marl.exact import best_response, evaluate
 from shuttle_marl.files import seal
@@ -17,10 +19,10 @@ from shuttle_marl.kernel import play_rallies
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.suite import store
 from shuttle_marl.suite.board import render
+from shuttle_marl.suite.options import SuiteError, SuiteRun
 from shuttle_marl.suite.registry import TASKS
 from shuttle_marl.suite.results import difference, summarise
-from shuttle_marl.suite.run import SuiteRun, run_method
-from shuttle_marl.suite.task import SuiteError
+from shuttle_marl.suite.run import run_method
 from shuttle_marl.suite.verify import verify_run
 from tests.reduced import reduced_game, reduced_model
 
@@ -56,7 +58,7 @@ def greedy(setting: Any) -> Any:
 
 def played(tmp_path: Path, method: str, task: str = "exploit-v0", **options: Any) -> Path:
     name = method.replace(":", "-")
-    return run_method(SuiteRun(task=task, method=method, model=reduced_model(), quick=True, out=tmp_path / name, **options))
+    return run_method(SuiteRun(task=task, method=method, game=reduced_model(), quick=True, out=tmp_path / name, **options))
 
 
 def reasons(folder: Path) -> list[str | None]:
@@ -107,6 +109,32 @@ def test_references_bound_the_scale(tmp_path: Path) -> None:
 def test_fictitious_play_approaches_the_equilibrium(tmp_path: Path) -> None:
     found = summarise(played(tmp_path, "fictitious-play", "equilibrium-v0"), game=reduced_model())
     assert 0 < found["exploitability"] < 0.2 * best_response(table("bc")).value.odds().value
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("task", "method"), [("exploit-v0", "dqn"), ("equilibrium-v0", "psro"), ("equilibrium-v0", "psro-exact")]
+)
+def test_learners_stay_in_their_budget(tmp_path: Path, task: str, method: str) -> None:
+    folder = played(tmp_path, method, task)
+    found = summarise(folder, game=reduced_model())
+    assert found["exploitability"] < best_response(table("bc")).value.odds().value
+    assert found["strokes"] <= 20_000
+    assert reasons(folder) == [None]
+
+
+def test_processes_take_arguments_when_they_are_free() -> None:
+    taken: list[int] = []
+
+    def arguments() -> Iterator[int]:
+        for number in range(-6, 0):
+            taken.append(number)
+            yield number
+
+    results = in_processes(abs, arguments(), 2)
+    first = next(results)
+    assert len(taken) == 2
+    assert sorted([first, *results]) == [1, 2, 3, 4, 5, 6]
 
 
 def test_a_score_is_within_the_interval_of_a_simulation(tmp_path: Path) -> None:

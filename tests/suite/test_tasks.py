@@ -13,13 +13,17 @@ import pytest
 
 from shuttle_marl.commands.suite import main
 from shuttle_marl.exact import best_response, moved, solve
+from shuttle_marl.game.observation import states_of
 from shuttle_marl.game.shipped import refits_of
-from shuttle_marl.suite import SuiteRun, frozen, run_method, store, summarise, verify_run
+from shuttle_marl.suite import SuiteRun, adapt, frozen, run_method, store, summarise, verify_run
 from shuttle_marl.suite.imitate import HumanStrokes, ranks
+from shuttle_marl.suite.logs import generate
 from shuttle_marl.suite.maintain import freeze, new_submission, write_data
+from shuttle_marl.suite.options import SuiteError
+from shuttle_marl.suite.population import FAMILIES
 from shuttle_marl.suite.registry import TASKS, arena_of, find_task
-from shuttle_marl.suite.task import SuiteError
 from shuttle_marl.suite.text import ChatProgram, chosen_states, described, position, positions, prompt, read_answer, regrets
+from shuttle_marl.suite.text_env import OVER, WAIT, TextRallyEnv, text_env
 from shuttle_marl.table_files import read_parquet
 from tests.reduced import reduced_game, reduced_model
 
@@ -28,7 +32,7 @@ GAME = reduced_game()
 
 def run(tmp_path: Path, task: str, method: str, **options: Any) -> Path:
     options = {"quick": True, "out": tmp_path / "run", **options}
-    return run_method(SuiteRun(task=task, method=method, model=reduced_model(), **options))
+    return run_method(SuiteRun(task=task, method=method, game=reduced_model(), **options))
 
 
 def accepted(folder: Path) -> bool:
@@ -129,6 +133,17 @@ def test_imitation_of_real_matches(tmp_path: Path) -> None:
     assert [finding.reason for finding in verify_run(folders[0], game=reduced_model(), data=data)] == [None]
 
 
+@pytest.mark.skipif("SHUTTLESET" not in os.environ, reason="needs annotated matches")
+def test_the_template_of_imitate_runs_as_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    assert new_submission("imitate-v0", tmp_path).endswith("run imitate-v0 --method my_imitation:Imitator --quick")
+    assert len((tmp_path / "my_imitation.py").read_text().splitlines()) <= 40
+    folder = run(tmp_path, "imitate-v0", "my_imitation:Imitator", data=Path(os.environ["SHUTTLESET"]))
+    assert 0 < summarise(folder, game=reduced_model())["score"] < np.log(GAME.n_strokes)
+    sys.modules.pop("my_imitation")
+
+
 def test_imitation_needs_data(tmp_path: Path) -> None:
     with pytest.raises(SuiteError, match="--data"):
         run(tmp_path, "imitate-v0", "bc")
@@ -202,6 +217,52 @@ def test_data_are_written_with_their_hashes(tmp_path: Path) -> None:
         write_data("adapt-v0", tmp_path, "dev", reduced_model(), None)
 
 
+def test_minari_data_sets_are_the_transitions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    minari = pytest.importorskip("minari")
+    (name,) = write_data("offline-v0", tmp_path, "test", reduced_model(), 1, quick=True, minari=True)
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
+    read = list(minari.load_dataset(name).iterate_episodes())
+    data = generate(arena_of(find_task("offline-v0"), reduced_model(), "test", quick=True), "bc", 3000, 0).transitions
+    assert np.array_equal(np.concatenate([each.actions for each in read]), data.stroke)
+    assert np.array_equal(np.concatenate([each.rewards for each in read]), data.reward)
+    assert np.array_equal(np.concatenate([each.infos["state"][:-1, 0] for each in read]), data.state)
+    seen = np.concatenate([each.observations["observation"][:-1] for each in read])
+    assert np.array_equal(states_of(GAME, seen), data.state)
+    assert all(each.terminations[-1] and not each.terminations[:-1].any() for each in read)
+    env = minari.load_dataset(name).recover_environment()
+    assert env.observation_space.contains(env.reset(seed=0)[0])
+    with pytest.raises(SuiteError, match="exist"):
+        write_data("offline-v0", tmp_path, "test", reduced_model(), 1, quick=True, minari=True)
+
+
+def test_rallies_are_played_in_words() -> None:
+    env = TextRallyEnv(opponent="safe", game=GAME)
+    seen, _ = env.reset(seed=1)
+    rewards, over = [], False
+    while not over:
+        assert env.observation_space.contains(seen)
+        seen, reward, over, _, _ = env.step(f"I play {seen.split('Legal strokes: ')[1].split(', ')[0]}.")
+        rewards.append(reward)
+    assert (abs(sum(rewards)), seen) == (1, OVER)
+    env.reset()
+    assert env.step("no idea")[1:3] == (-1, True)
+
+
+def test_two_players_play_in_words() -> None:
+    env, strokes = text_env(game=GAME), 0
+    env.reset(seed=1)
+    for agent in env.agent_iter():
+        seen, _, terminated, truncated, _ = env.last()
+        assert env.observe(next(other for other in env.possible_agents if other != agent)) in (OVER, WAIT)
+        if terminated or truncated:
+            assert seen == OVER
+            env.step(None)
+        else:
+            strokes += 1
+            env.step(str(seen).split("Legal strokes: ")[1].split(", ")[0])
+    assert strokes > 0
+
+
 def test_frozen_cases_are_checked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path, secret = tmp_path / "frozen.json", tmp_path / "secret"
     monkeypatch.setattr(frozen, "FROZEN", path)
@@ -217,9 +278,25 @@ def test_frozen_cases_are_checked(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     changed = dict.fromkeys(done.cases, "0" * 64)
     frozen.save(frozen.Frozen(game=done.game, commitment=None, cases=changed), path)
     assert "the frozen one 000000000000" in str(verify_run(folder, game=reduced_model())[0].reason)
+    (tmp_path / "repository" / ".git").mkdir(parents=True)
+    with pytest.raises(SuiteError, match="is in a Git repository"):
+        freeze(path, [], model=reduced_model(), secret_file=tmp_path / "repository" / "secret")
     # Other tasks are added to the frozen ones of the same game.
     more = freeze(path, ["equilibrium-v0"], model=reduced_model())
     assert {name.split("/")[0] for name in more.cases} == {"robust-v0", "text-v0", "equilibrium-v0"}
+
+
+def test_hidden_opponents_are_frozen_from_the_secret(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(adapt, "_OPPONENTS", 1)
+    monkeypatch.setattr(adapt, "_CONTROLS", 0)
+    first, second = (
+        freeze(tmp_path / f"{name}.json", ["adapt-v0"], model=reduced_model(), secret_file=tmp_path / name) for name in "ab"
+    )
+    assert first.commitment != second.commitment
+    for family in FAMILIES:
+        test, hidden = f"adapt-v0/test/{family}/0/0", f"adapt-v0/hidden/{family}/0/0"
+        assert first.cases[test] == second.cases[test]
+        assert len({first.cases[test], first.cases[hidden], second.cases[hidden]}) == 3
 
 
 def test_every_task_has_baselines_and_splits() -> None:

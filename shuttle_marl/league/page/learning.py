@@ -11,7 +11,7 @@ from markupsafe import Markup
 
 from shuttle_marl.files import problem, read_file
 from shuttle_marl.league.entrants import LeagueError
-from shuttle_marl.league.page import charts
+from shuttle_marl.pages import charts
 
 METRICS: Final = "metrics.jsonl"
 """File with the evaluations of a training run, one JSON object a line."""

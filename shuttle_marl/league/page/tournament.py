@@ -13,140 +13,17 @@ from shuttle_marl import runs
 from shuttle_marl.league.assessment import Assessment, MetaGame
 from shuttle_marl.league.entrants import LeagueConfig, LeagueError
 from shuttle_marl.league.folder import PAIRINGS, RALLIES, REPORT
-from shuttle_marl.league.page import charts
 from shuttle_marl.league.page.learning import FIGURES, METRICS, Curve, learning_charts, read_curve
 from shuttle_marl.league.ranking import Standing
 from shuttle_marl.league.report import LEAST_SHOWN, TITLES
 from shuttle_marl.league.seeds import Interval, interquartile_mean, probability_of_improvement
 from shuttle_marl.league.style import AXES, PEOPLE
 from shuttle_marl.league.tournament import PairResult
+from shuttle_marl.pages import Cell, Column, Table, charts, interval, name, number, percent, render, table
 from shuttle_marl.recording import Sampling
 
 if TYPE_CHECKING:
     from shuttle_marl.exact.regret import Hole, Holes
-import base64
-import functools
-import hashlib
-from collections.abc import Callable, Iterable
-from typing import Generic, TypeVar
-
-from jinja2 import Environment, PackageLoader, StrictUndefined
-from markupsafe import Markup
-
-from shuttle_marl.errors import printable
-
-T = TypeVar("T")
-_TEMPLATES: Final = "templates"
-
-
-@dataclasses.dataclass(frozen=True)
-class Cell:
-    """A cell of a table.
-
-    Attributes:
-        text: its text.
-        key: what it is sorted by; None: after all others.
-    """
-
-    text: str = ""
-    key: float | str | None = None
-
-
-@dataclasses.dataclass(frozen=True)
-class Column(Generic[T]):
-    """A column of a table.
-
-    Attributes:
-        heading: its heading.
-        cell: its cell in the row of an item.
-        about: tooltip of the heading.
-        left: whether it is aligned to the left, as text is.
-        wrap: whether lines in it may break.
-        ascending: whether the first click puts the smallest key on top.
-    """
-
-    heading: str
-    cell: Callable[[T], Cell]
-    _: dataclasses.KW_ONLY
-    about: str = ""
-    left: bool = False
-    wrap: bool = False
-    ascending: bool = False
-
-
-@dataclasses.dataclass(frozen=True)
-class Table:
-    """A table: columns, and rows of one cell for each of them."""
-
-    columns: Sequence[Column[Any]]
-    rows: Sequence[Sequence[Cell]]
-    caption: str = ""
-
-
-def table(items: Iterable[T], columns: Sequence[Column[T]], caption: str = "") -> Table:
-    """The table with a row for each item."""
-    return Table(columns, [[column.cell(item) for column in columns] for item in items], caption)
-
-
-def number(value: float, form: str) -> Cell:
-    """A number in a format; empty for NaN."""
-    return Cell() if math.isnan(value) else Cell(format(value, form), value)
-
-
-def percent(value: float, decimals: int = 1) -> Cell:
-    """A fraction in per cent; empty for NaN."""
-    return Cell() if math.isnan(value) else Cell(f"{100 * value:.{decimals}f} %", value)
-
-
-def interval(low: float, high: float, form: str) -> Cell:
-    """An interval, sorted by its width; empty for NaN."""
-    return Cell() if math.isnan(low) else Cell(f"{low:{form}} to {high:{form}}", high - low)
-
-
-def name(value: str) -> Cell:
-    """Text, sorted without regard to case."""
-    return Cell(value, value.casefold())
-
-
-@functools.cache
-def _environment() -> Environment:
-    return Environment(
-        loader=PackageLoader(__package__, _TEMPLATES),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        finalize=lambda value: printable(value, keep="\n") if type(value) is str else value,
-    )
-
-
-def render(template: str, **content: Any) -> bytes:
-    """A page as the content of a file.
-
-    Args:
-        template: file name of a template that extends ``page.html.j2``.
-        content: variables of the template; ``title`` and ``subtitle`` at least.
-    """
-    environment = _environment()
-    assert environment.loader is not None
-    style, script = (environment.loader.get_source(environment, f"page.{kind}")[0] for kind in ("css", "js"))
-    policy = "; ".join(
-        [
-            "default-src 'none'",
-            f"style-src '{_hash(style)}'",
-            f"script-src '{_hash(script)}'",
-            "img-src data:",
-            "base-uri 'none'",
-            "form-action 'none'",
-        ]
-    )
-    frame = {"policy": policy, "style": Markup(style), "script": Markup(script), "headings": []}
-    return environment.get_template(template).render(**frame, **content).encode()
-
-
-def _hash(content: str) -> str:
-    return f"sha256-{base64.b64encode(hashlib.sha256(content.encode()).digest()).decode()}"
-
 
 _MOST_RADARS: Final = 40
 _MOST_MISFITS: Final = 40
@@ -184,6 +61,7 @@ def page(report: TournamentReport) -> bytes:
     counted = ("matches", "rallies", "strokes")
     order = [assessment.names.index(s.player) for s in standings]
     return render(
+        __package__,
         "tournament.html.j2",
         title=TITLES[report.config.format],
         subtitle=f"seed {report.config.seed} · game {report.config.game} ({report.game[:12]}) · {report.config.rules} points",
@@ -438,6 +316,7 @@ def compare(folders: Sequence[Path]) -> bytes:
         else:
             raise LeagueError(f"{folder}: contains neither a finished tournament ({REPORT}) nor a training run ({METRICS})")
     return render(
+        __package__,
         "comparison.html.j2",
         title="Comparison of runs",
         subtitle=" · ".join(names),

@@ -12,7 +12,7 @@ from typing import Any, Final
 
 from shuttle_marl.errors import ShuttleError, described
 from shuttle_marl.policy.foreign import import_attribute
-from shuttle_marl.suite.task import SuiteError
+from shuttle_marl.suite.options import SuiteError
 
 Method = Callable[..., Any]
 
@@ -21,6 +21,7 @@ BASELINES: Final[dict[str, dict[str, str]]] = {
         "ppo": "training:ppo",
         "a2c": "training:a2c",
         "sac": "training:sac",
+        "dqn": "deep:dqn",
         "maskable-ppo": "sb3:maskable_ppo",
         "constant": "constant:constant",
         "constant-by-incoming": "constant:by_incoming",
@@ -38,6 +39,8 @@ BASELINES: Final[dict[str, dict[str, str]]] = {
         "ppo-pool": "training:ppo_pool",
         "ppo-magnet": "training:ppo_magnet",
         "ppo-nash": "training:ppo_nash",
+        "psro": "training:psro",
+        "psro-exact": "training:psro_exact",
         "fictitious-play": "references:fictitious_play",
         "bc": "references:bc",
         "minimax": "references:minimax",
@@ -52,13 +55,19 @@ BASELINES: Final[dict[str, dict[str, str]]] = {
         "thompson": "adapters:Thompson",
         "posterior-mean": "adapters:PosteriorMean",
         "counts": "adapters:Counts",
-        "tilt": "tilt:Tilt",
+        "tilted-mixture": "tilt:TiltedMixture",
+        "tilted-mixture-without-levels": "tilt:WithoutLevels",
+        "tilted-mixture-without-mixture": "tilt:WithoutMixture",
+        "tilted-mixture-without-tilt": "tilt:WithoutTilt",
+        "tilted-mixture-without-change": "tilt:WithoutChange",
     },
     "offline": {
         "clone": "learned:Clone",
         "one-step": "learned:OneStep",
         "fitted-q": "learned:FittedQ",
         "bcq": "learned:ConstrainedQ",
+        "cql": "deep:ConservativeQ",
+        "iql": "deep:ImplicitQ",
         "model": "learned:Model",
         "model-pessimistic": "learned:PessimisticModel",
         "fitted-q-boosted": "boosted:BoostedQ",

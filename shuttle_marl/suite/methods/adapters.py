@@ -5,12 +5,11 @@ The argument of a name, as in ``restricted-nash:0.75``, is described in the clas
 
 import functools
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 from scipy.special import logsumexp
 
-from shuttle_marl.arrays import F64
+from shuttle_marl.arrays import F64, I64
 from shuttle_marl.exact.known import pair_odds
 from shuttle_marl.exact.optimal import best_response, restricted_response
 from shuttle_marl.exact.profile import PairPolicy, StatePolicy
@@ -20,7 +19,8 @@ from shuttle_marl.policy.computed import best_response_policy, minimax_policy
 from shuttle_marl.suite.adapt import AdaptSetting, PlayedRally
 from shuttle_marl.suite.tabular import cloned
 
-TOLERANCE = 1e-5
+TOLERANCE = 1e-4
+"""Error bound of responses, far below the error of a model of the opponent."""
 FORGET = 0.01
 """Fraction of the posterior that returns to the prior after every rally (fixed share, Herbster & Warmuth 1998)."""
 _FLOOR = 1e-4
@@ -132,7 +132,7 @@ class Counts:
     def __init__(self, setting: AdaptSetting, argument: str = "1") -> None:
         self.game, self.p = setting.game, float(argument)
         self.prior = setting.known["bc"].block_probabilities(0)
-        self.pairs: list[Any] = []
+        self.pairs: list[I64] = []
 
     def policy_for_next_rally(self) -> TabulatedPolicy:
         """The restricted response to the estimate."""

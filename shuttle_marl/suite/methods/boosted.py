@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from shuttle_marl.arrays import F64, I16, Ints
+from shuttle_marl.arrays import F64, I16, Floats, Ints
 from shuttle_marl.exact.profile import PairPolicy
 from shuttle_marl.game.rules import OUTCOMES
 from shuttle_marl.game.tables import Game
@@ -54,7 +54,7 @@ class BoostedQ:
         return greedy(data.game, q)
 
 
-def boosted(game: Game, pair: Ints, target: Any, trees: int, seed: int, **objective: Any) -> F64:
+def boosted(game: Game, pair: Ints, target: Floats | Ints, trees: int, seed: int, **objective: Any) -> F64:
     """``[base pairs]`` or ``[base pairs, classes]`` predictions of boosted trees for the targets ``[M]`` of strokes."""
     import lightgbm  # noqa: PLC0415  an extra
 

@@ -1,14 +1,12 @@
 """Baselines of ``text``: policies by name, and chat models through a command."""
 
 import random
-from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
 from shuttle_marl.game.policy import States, checked_probabilities
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.suite.text import ChatProgram, TextSetting
+from shuttle_marl.suite.text import ChatProgram, Position, TextSetting
 
 
 class RandomLegal:
@@ -17,7 +15,7 @@ class RandomLegal:
     def __init__(self, setting: TextSetting) -> None:
         self._random = random.Random(setting.seed)
 
-    def answer(self, position: Mapping[str, Any]) -> str:
+    def answer(self, position: Position) -> str:
         """One of the legal strokes."""
         return self._random.choice(position["legal"])
 
@@ -28,7 +26,7 @@ class Policy:
     def __init__(self, setting: TextSetting, argument: str = "bc") -> None:
         self._game, self._policy = setting.game, resolve(argument, setting.game)
 
-    def answer(self, position: Mapping[str, Any]) -> str:
+    def answer(self, position: Position) -> str:
         """Its likeliest legal stroke; the first one in the catalogue if several are."""
         state = self._game.state_of(*position["observation"])
         chance = checked_probabilities(self._policy, States(game=self._game, state=np.atleast_1d(state)), "policy")[0]

@@ -1,4 +1,4 @@
-"""PPO, A2C and SAC of :mod:`shuttle_marl.training`, with its default settings, against the opponent or in self-play."""
+"""PPO, A2C, SAC and PSRO of :mod:`shuttle_marl.training`, with its default settings, against the opponent or in self-play."""
 
 import dataclasses
 import json
@@ -6,9 +6,14 @@ from typing import Any, Final
 
 from shuttle_marl import runs
 from shuttle_marl.suite.players import PlayerSetting, Trained
+from shuttle_marl.training.league.config import LeagueTrainingConfig
 
 _SHARE: Final = 0.97
 """Fraction of the budget that is planned; the rest is for the ends of rallies."""
+_ROUNDS: Final = 24
+"""Rounds of exact PSRO."""
+_BATCHES: Final = 100
+"""Batches of PSRO in all rounds."""
 _ITERATIONS: Final = 12
 """Iterations of a run with a small budget."""
 
@@ -51,6 +56,27 @@ def ppo_magnet(setting: PlayerSetting) -> Trained:
 def ppo_nash(setting: PlayerSetting) -> Trained:
     """NashPG (arXiv 2510.18183)."""
     return _train("ppo", setting, variant="nash")
+
+
+def psro(setting: PlayerSetting) -> Trained:
+    """Policy space response oracles (Lanctot et al. 2017, arXiv 1711.00832); PPO learns the responses."""
+    # Rallies are played to their end, so turns are a little longer than their batches.
+    size = setting.budget // _BATCHES
+    return _league(setting, LeagueTrainingConfig(variant="psro", oracle="ppo", strokes=int(0.85 * setting.budget), batch=size))
+
+
+def psro_exact(setting: PlayerSetting) -> Trained:
+    """The same with exact best responses, which use no strokes: a double oracle."""
+    return _league(setting, LeagueTrainingConfig(variant="psro", oracle="exact", rounds=_ROUNDS))
+
+
+def _league(setting: PlayerSetting, config: LeagueTrainingConfig) -> Trained:
+    from shuttle_marl.training.league.run import MAIN, train_league  # noqa: PLC0415  torch
+
+    folder = setting.folder / "league"
+    resume = (folder / runs.CONFIG).exists()
+    done = train_league(dataclasses.replace(config, seed=setting.seed, game=setting.model, workers=1, out=folder, resume=resume))
+    return Trained(player=f"table:{done.folder / MAIN}", strokes=done.figures["strokes"])
 
 
 def _train(algorithm: str, setting: PlayerSetting, **options: Any) -> Trained:

@@ -19,8 +19,12 @@ from shuttle_marl.arrays import F64
 from shuttle_marl.errors import printable
 
 _COLOURS: Final = ("#0b8f66", "#d0553c", "#3f6fd8", "#b8860b", "#8a56c9", "#1d9aa8", "#c2478f", "#6b7d2c", "#8c6a55", "#5c6b7a")
-_INK, _DIM, _LINE, _ACCENT, _SECOND = "#1c2127", "#69727d", "#e3e5e2", "#0b6e4e", "#c8553d"
-_THEME: Final = {_INK: "--ink", _DIM: "--dim", _LINE: "--line", _ACCENT: "--accent", _SECOND: "--second"}
+INK, DIM, _LINE, _ACCENT, _SECOND = "#1c2127", "#69727d", "#e3e5e2", "#0b6e4e", "#c8553d"
+PLAYERS: Final = ("#1f5fa8", "#b8500a")
+"""Colours of two players, blue and orange, which all readers tell apart."""
+_THEME: Final = {INK: "--ink", DIM: "--dim", _LINE: "--line", _ACCENT: "--accent", _SECOND: "--second"} | dict(
+    zip(PLAYERS, ("--first", "--other"), strict=True)
+)
 """Colours that follow the theme of the page, and their variables."""
 _LOST_TO_WON: Final = ("#ba4830", "#f7f6f0", "#0b6e4f")
 _WIDTH: Final = 1100.0
@@ -34,9 +38,9 @@ _STYLE: Final = {
     "svg.hashsalt": "shuttle_marl",
     "text.parse_math": False,
     "font.size": 11,
-    "text.color": _INK,
+    "text.color": INK,
     "axes.edgecolor": _LINE,
-    "axes.labelcolor": _DIM,
+    "axes.labelcolor": DIM,
     "axes.grid": True,
     "axes.axisbelow": True,
     "axes.spines.top": False,
@@ -45,10 +49,10 @@ _STYLE: Final = {
     "grid.color": _LINE,
     "xtick.color": _LINE,
     "ytick.color": _LINE,
-    "xtick.labelcolor": _DIM,
-    "ytick.labelcolor": _DIM,
+    "xtick.labelcolor": DIM,
+    "ytick.labelcolor": DIM,
     "legend.frameon": False,
-    "legend.labelcolor": _INK,
+    "legend.labelcolor": INK,
     "savefig.transparent": True,
 }
 
@@ -57,7 +61,7 @@ P = ParamSpec("P")
 T = TypeVar("T")
 
 
-def _styled(draw: Callable[P, T]) -> Callable[P, T]:
+def styled(draw: Callable[P, T]) -> Callable[P, T]:
     """Draw in the style of the page, whatever the user's settings of matplotlib are."""
 
     @functools.wraps(draw)
@@ -70,7 +74,7 @@ def _styled(draw: Callable[P, T]) -> Callable[P, T]:
     return styled
 
 
-class _Chart:
+class Chart:
     """A figure of matplotlib with the tooltips of its elements.
 
     Args:
@@ -90,11 +94,11 @@ class _Chart:
         self._tooltips[gid := f"tooltips-{len(self._tooltips)}"] = texts
         return gid
 
-    def svg(self, label: str) -> Markup:
+    def svg(self, title: str) -> Markup:
         """The figure as an SVG element.
 
         Args:
-            label: description for screen readers.
+            title: description for screen readers.
         """
         buffer = io.BytesIO()
         with warnings.catch_warnings():
@@ -108,7 +112,9 @@ class _Chart:
                 ElementTree.SubElement(part, f"{{{_SVG}}}title").text = printable(text)
             _without_style(parent)
         width, height = (str(root.get(side)).removesuffix("pt") for side in ("width", "height"))
-        root.attrib.update({"width": width, "height": height, "role": "img", "aria-label": label, "stroke-linejoin": "round"})
+        root.attrib.update(
+            {"width": width, "height": height, "role": "img", "aria-label": printable(title), "stroke-linejoin": "round"}
+        )
         for prefix, namespace in (("", _SVG), ("xlink", _XLINK)):
             ElementTree.register_namespace(prefix, namespace)
         return Markup(ElementTree.tostring(root, encoding="unicode"))
@@ -141,12 +147,13 @@ def _without_style(element: ElementTree.Element) -> None:
             element.set(name, f"var({_THEME[value]})" if value in _THEME else value)
 
 
-def _label(name: str) -> str:
+def label(name: str, longest: int = _LONGEST_NAME) -> str:
+    """A printable name, shortened."""
     name = printable(name)
-    return name if len(name) <= _LONGEST_NAME else f"{name[: _LONGEST_NAME - 1]}…"
+    return name if len(name) <= longest else f"{name[: longest - 1]}…"
 
 
-@_styled
+@styled
 def forest(rows: Sequence[tuple[str, float, float, float, float]], unit: str) -> Markup:
     """Estimates with intervals, one below the other.
 
@@ -154,7 +161,7 @@ def forest(rows: Sequence[tuple[str, float, float, float, float]], unit: str) ->
         rows: name, estimate, lower and upper end of its interval, exact value; NaN if unknown.
         unit: of the estimates.
     """
-    chart = _Chart(_WIDTH, 22.0 * len(rows) + 34)
+    chart = Chart(_WIDTH, 22.0 * len(rows) + 34)
     axes = chart.axes
     for y, (name, value, low, high, exact) in enumerate(rows):
         if not math.isnan(value):
@@ -164,14 +171,14 @@ def forest(rows: Sequence[tuple[str, float, float, float, float]], unit: str) ->
         if not math.isnan(exact):
             about = chart.tooltips(f"{name}: exactly {exact:+.0f} {unit}")
             axes.plot(exact, y, "D", color="none", markeredgecolor=_SECOND, markeredgewidth=1.8, markersize=8, gid=about)
-    axes.set_yticks(range(len(rows)), [_label(name) for name, *_ in rows], color=_INK)
+    axes.set_yticks(range(len(rows)), [label(name) for name, *_ in rows], color=INK)
     axes.set_ylim(len(rows) - 0.4, -0.6)
     axes.grid(axis="y", visible=False)
     axes.xaxis.set_major_formatter("{x:+g}")
     return chart.svg("Ratings with 95 % intervals")
 
 
-@_styled
+@styled
 def heat_map(names: Sequence[str], win: F64) -> Markup:
     """Payoffs of all pairs.
 
@@ -185,7 +192,7 @@ def heat_map(names: Sequence[str], win: F64) -> Markup:
 
     n = len(names)
     size = 36.0 if n <= 24 else max(8.0, 800.0 / n)
-    chart = _Chart(size * n + 240, size * n + 130)
+    chart = Chart(size * n + 240, size * n + 130)
     axes, colours = chart.axes, LinearSegmentedColormap.from_list("wins", _LOST_TO_WON)
     cells = [(i, j, float(win[i, j])) for i, j in np.ndindex(n, n) if i != j and not math.isnan(win[i, j])]
     squares = PatchCollection([Rectangle((j - 0.48, i - 0.48), 0.96, 0.96) for i, j, _ in cells])
@@ -196,16 +203,16 @@ def heat_map(names: Sequence[str], win: F64) -> Markup:
         colour = "#ffffff" if abs(2 * p - 1) > 0.55 else "#16191c"
         axes.text(j, i, f"{100 * p:.0f}", color=colour, fontsize=10, ha="center", va="center_baseline")
     axes.set(xlim=(-0.5, n - 0.5), ylim=(n - 0.5, -0.5), aspect="equal")
-    labels = [_label(name) for name in names]
-    axes.set_xticks(range(n), labels, color=_INK, rotation=55, ha="left", rotation_mode="anchor")
-    axes.set_yticks(range(n), labels, color=_INK)
+    labels = [label(name) for name in names]
+    axes.set_xticks(range(n), labels, color=INK, rotation=55, ha="left", rotation_mode="anchor")
+    axes.set_yticks(range(n), labels, color=INK)
     axes.tick_params(length=0, labeltop=True, labelbottom=False)
     axes.spines[:].set_visible(False)
     axes.grid(visible=False)
     return chart.svg("Probability that the row wins against the column")
 
 
-@_styled
+@styled
 def scatter(points: Mapping[str, tuple[float, float]], across: str, up: str) -> Markup:
     """Named points, whose names do not overlap.
 
@@ -213,7 +220,7 @@ def scatter(points: Mapping[str, tuple[float, float]], across: str, up: str) -> 
         points: coordinates by name.
         across, up: names of the axes.
     """
-    chart = _Chart(_WIDTH, 460.0)
+    chart = Chart(_WIDTH, 460.0)
     axes = chart.axes
     axes.scatter(
         *np.array([*points.values()]).T,
@@ -227,19 +234,19 @@ def scatter(points: Mapping[str, tuple[float, float]], across: str, up: str) -> 
     # Left and right edge and centre of each name that is placed [px]; a name moves up or down until it covers no other.
     placed: list[tuple[float, float, float]] = []
     for name, point in sorted(points.items(), key=lambda item: item[1][1]):
-        (x, y), width = 72 / chart.figure.dpi * axes.transData.transform(point), 6.7 * len(_label(name))
+        (x, y), width = 72 / chart.figure.dpi * axes.transData.transform(point), 6.7 * len(label(name))
         shift = next(
             shift
             for shift in sorted(range(-13 * len(points), 13 * len(points) + 1, 13), key=abs)
             if not any(x + 9 < right and x + 9 + width > left and abs(y + shift - other) < 13 for left, right, other in placed)
         )
         placed.append((x + 9, x + 9 + width, y + shift))
-        line = {"arrowstyle": "-", "color": _DIM, "linewidth": 0.8} if shift else None
-        axes.annotate(_label(name), point, (9, shift), textcoords="offset points", va="center", arrowprops=line)
+        line = {"arrowstyle": "-", "color": DIM, "linewidth": 0.8} if shift else None
+        axes.annotate(label(name), point, (9, shift), textcoords="offset points", va="center", arrowprops=line)
     return chart.svg(f"{up} against {across}")
 
 
-@_styled
+@styled
 def curves(
     lines: Mapping[str, Sequence[tuple[float, float]]], across: str, up: str, *, logarithmic: bool = False
 ) -> Markup | None:
@@ -255,13 +262,13 @@ def curves(
     shown = {name: [(x, y) for x, y in points if y > 0 or not logarithmic] for name, points in lines.items()}
     if not any(shown.values()):
         return None
-    chart = _Chart(_WIDTH, 440.0 + 6 * len(shown))
+    chart = Chart(_WIDTH, 440.0 + 6 * len(shown))
     for i, (name, points) in enumerate(shown.items()):
         if points:
             colour = _COLOURS[i % len(_COLOURS)]
             # A name that begins with an underscore has no legend in matplotlib, unless its label is set afterwards.
             (line,) = chart.axes.plot(*zip(*points, strict=True), color=colour, linewidth=1.8, gid=chart.tooltips(name))
-            line.set_label(f"\N{ZERO WIDTH SPACE}{_label(name)}")
+            line.set_label(f"\N{ZERO WIDTH SPACE}{label(name)}")
     chart.axes.set(xlabel=across, ylabel=up, yscale="log" if logarithmic else "linear")
     chart.axes.xaxis.set_major_formatter("{x:,.10g}")
     if logarithmic:
@@ -271,7 +278,7 @@ def curves(
     return chart.svg(f"{up} against {across}")
 
 
-@_styled
+@styled
 def radar(axes: Sequence[str], values: Sequence[float], reference: Sequence[float]) -> Markup:
     """Figures from 0 (the centre) to 1 (the rim), and those of a reference as a dashed line.
 
@@ -279,12 +286,12 @@ def radar(axes: Sequence[str], values: Sequence[float], reference: Sequence[floa
         axes: names of the figures.
         values, reference: one figure for each.
     """
-    chart = _Chart(300.0, 230.0, projection="polar")
+    chart = Chart(300.0, 230.0, projection="polar")
     angles = 2 * math.pi * np.arange(len(axes)) / len(axes)
-    chart.axes.fill(angles, reference, facecolor="none", edgecolor=_DIM, linestyle=(0, (3, 3)))
+    chart.axes.fill(angles, reference, facecolor="none", edgecolor=DIM, linestyle=(0, (3, 3)))
     chart.axes.fill(angles, values, facecolor=_ACCENT, alpha=0.25)
     chart.axes.fill(angles, values, facecolor="none", edgecolor=_ACCENT, linewidth=1.6)
     chart.axes.set(theta_zero_location="N", theta_direction=-1, rlim=(0, 1))
-    chart.axes.set_thetagrids(np.degrees(angles), [_label(name) for name in axes])
+    chart.axes.set_thetagrids(np.degrees(angles), [label(name) for name in axes])
     chart.axes.set_rgrids([0.5, 1.0], ["", ""])
     return chart.svg("Mix of strokes")

@@ -1,0 +1,333 @@
+"""Advice against an opponent: strokes that win more rallies than what a player usually plays, where the opponent leaves them.
+
+The advantage of a stroke a in a state s is A(s, a) = (Q(s, a) - V(s)) / 2: the change of the probability of winning the rally
+if the player plays a there once, and both players go on as they are imitated. States that a coach does not tell apart form a
+**situation**: the shot type and the area of the incoming stroke, and the contact. The **gain** of a stroke in a situation is
+the sum of its advantages over the states, each weighted by the expected visits in a rally: rallies won more if the stroke is
+always played there.
+
+Advice is given only where it can be trusted: enough real strokes behind the stroke and behind the situation, and a positive
+gain in most of the refits of the game on resampled matches. The best of many gains is an overestimate, so the gain that is
+reported is the mean over the refits, times the share of predicted advantages that real matches realise
+(:func:`~shuttle_marl.game.shipped.factor_of`).
+"""
+
+import dataclasses
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from shuttle_marl.arrays import F64, I64, Bools
+from shuttle_marl.exact import Odds, PairPolicy, ProfileValue, Visits, moved, visits
+from shuttle_marl.exact.profile import StatePolicy, evaluate_chains, induced
+from shuttle_marl.game.court import N_AREAS
+from shuttle_marl.game.layout import Layout
+from shuttle_marl.game.pairs import PairGame
+from shuttle_marl.game.shipped import RELIABLE, Estimate, factor_of, real_strokes
+from shuttle_marl.game.stroke import N_SHOTS
+from shuttle_marl.game.tabulated import TabulatedPolicy
+from shuttle_marl.policy import baselines
+
+TOLERANCE: Final = 1e-6
+NORMAL: Final = 1.6448536
+"""95 % quantile of the normal distribution: intervals of the reports contain the truth in 90 % of cases."""
+LEAST_STEADY: Final = 0.8
+"""Least share of the refits in which the gain of an advised stroke is positive."""
+LEAST_REFITS: Final = 5
+"""Number of refits below which nothing is advised."""
+LEAST_GAIN: Final = 0.0003
+"""Least gain in rallies won per rally, in the mean over the refits."""
+_LEAST_COVERED: Final = 0.5
+"""Least part of a situation in which the advised stroke is legal and has enough real strokes behind it."""
+N_SITUATIONS: Final = 2 * N_SHOTS * N_AREAS + 1
+SERVE: Final = N_SITUATIONS - 1
+"""The situation of the server."""
+
+
+class Situation(NamedTuple):
+    """What a player has to answer.
+
+    Attributes:
+        shot, area: of the incoming stroke, indices; -1 for the serve. The area is where the player strikes.
+        contact: 0 below, 1 above the net.
+    """
+
+    shot: int
+    area: int
+    contact: int
+
+
+def situation(number: int) -> Situation:
+    """The situation with a number."""
+    if number == SERVE:
+        return Situation(-1, -1, 0)
+    shot, rest = divmod(number, 2 * N_AREAS)
+    return Situation(shot, *divmod(rest, 2))
+
+
+def situations(game: Layout) -> I64:
+    """``[base states]`` number of the situation of each state."""
+    state = np.arange(game.n_base_states)
+    shot, area = (
+        np.append(part, 0).astype(np.int64)[game.incoming(state)] for part in (game.catalogue.shot, game.catalogue.area)
+    )
+    number = (shot * N_AREAS + area) * 2 + game.contact(state)
+    return np.where(game.incoming(state) == game.n_strokes, SERVE, number)
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Meeting:
+    """Two policies against each other.
+
+    Attributes:
+        policies: of seats 0 and 1.
+        value: exact values of seat 0 against seat 1.
+        seen: expected visits in a rally, both serving equally often.
+    """
+
+    policies: tuple[TabulatedPolicy, TabulatedPolicy]
+    value: ProfileValue
+    seen: Visits
+
+    @property
+    def odds(self) -> Odds:
+        """Odds of seat 0."""
+        return self.value.odds()
+
+    def visits(self, seat: int) -> F64:
+        """``[base states]`` expected strokes of a seat in a rally, over all efforts."""
+        return np.asarray(self.seen.states[seat].reshape(-1, self.policies[seat].game.n_base_states).sum(axis=0))
+
+    def advantages(self, seat: int) -> F64:
+        """``[base pairs]`` advantage of each stroke times the visits to its state, over all efforts."""
+        game, total = self.policies[seat].game, np.zeros(self.policies[seat].game.n_base_pairs)
+        striking, following = self.value.striking[seat], self.value.striking[1 - seat]
+        for block in range(game.n_blocks):
+            states, of_pair = game.block_states(block), game.base_pair_state
+            change = game.stroke_values(following, game.block_pairs(block)) - striking[states][of_pair]
+            total += self.seen.states[seat][states][of_pair] * change / 2
+        return total
+
+
+def meet(first: TabulatedPolicy, second: TabulatedPolicy) -> Meeting:
+    """Values and visits of one policy against another."""
+    chains = induced(first), induced(second)
+    value = evaluate_chains(*chains, tolerance=TOLERANCE)
+    return Meeting(policies=(first, second), value=value, seen=visits(first, second, tolerance=TOLERANCE, chains=chains))
+
+
+def imitated(pair: PairGame) -> tuple[TabulatedPolicy, TabulatedPolicy]:
+    """Both players of a pair as they are imitated: by their own choices where the model has them, else as the average player."""
+    first, second = (
+        baselines.load(player if player in baselines.players(game) else None, game)
+        for player, game in zip(pair.players, pair.seats, strict=True)
+    )
+    return first, second
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Refitted:
+    """A pair of players at home and in the refits of the game.
+
+    Attributes:
+        pair: the game.
+        home: both imitated in it.
+        refits: the same in each refit.
+        factor: share of predicted advantages that real matches realise by the end of the rally; None: not known.
+    """
+
+    pair: PairGame
+    home: Meeting
+    refits: tuple[Meeting, ...]
+    factor: Estimate | None
+
+
+def refitted(pair: PairGame) -> Refitted:
+    """Solve a pair of imitated players in the game and in its refits, on all cores."""
+    home = imitated(pair)
+
+    def solved(game: PairGame) -> Meeting:
+        return meet(*(moved(policy, seat) for policy, seat in zip(home, game.seats, strict=True)))
+
+    with ThreadPoolExecutor(os.cpu_count()) as threads:
+        first, *others = threads.map(solved, (pair, *pair.refits()))
+    return Refitted(pair=pair, home=first, refits=tuple(others), factor=factor_of(pair.seats[0]))
+
+
+def error_of(values: F64 | Sequence[float]) -> float:
+    """Standard deviation of a figure in one more refit."""
+    return float(np.std(values, ddof=1) * np.sqrt(1 + 1 / len(values))) if len(values) > 1 else float("nan")
+
+
+def calibrated(values: F64, factor: Estimate | None) -> Estimate:
+    """What is to be expected of a gain, from its values in the refits, with its 90 % interval.
+
+    Args:
+        values: gain in each refit.
+        factor: share of gains that real matches realise, with its 95 % interval; None: unknown, taken as 1.
+    """
+    factor = factor or Estimate(1.0, 1.0, 1.0)
+    mean, off = float(np.mean(values)), (factor.high - factor.low) / (2 * 1.959964)
+    error = NORMAL * float(np.hypot(factor.value * error_of(values), mean * off))
+    return Estimate(factor.value * mean, factor.value * mean - error, factor.value * mean + error)
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Advice:
+    """A stroke for a situation.
+
+    Attributes:
+        situation: what comes in.
+        stroke: catalogue index of the advised stroke.
+        usual, usual_share: stroke that the player plays most there, and its probability.
+        often: how often the situation occurs in a rally.
+        home: gain in rallies won per rally in the game; of the refits: ``steady``, the share with a positive gain, and
+            ``refits``, the gain in each.
+        expected: calibrated gain per rally.
+        against_average: the same gain at home against the average player of the discipline.
+        behind: least number of real strokes behind the advised stroke, over the incoming strokes of the situation.
+        situation_behind: number of real strokes of the kind that makes the situation.
+        before, before_share, before_average: stroke of the player (shot type and area) that most often leads to the situation;
+            the probability that the opponent then answers so, and that of the average player.
+        states: base states of the situation in which the stroke is legal and has enough real strokes behind it.
+    """
+
+    situation: Situation
+    stroke: int
+    usual: int
+    usual_share: float
+    often: float
+    home: float
+    steady: float
+    refits: F64
+    expected: Estimate
+    against_average: float
+    behind: float
+    situation_behind: float
+    before: tuple[int, int] | None
+    before_share: float
+    before_average: float
+    states: I64
+
+
+def _gains(meeting: Meeting, seat: int, allowed: Bools, key: I64, size: int) -> F64:
+    return np.bincount(key[allowed], meeting.advantages(seat)[allowed], size).astype(np.float64)
+
+
+def advise(
+    found: Refitted, seat: int = 0, *, most: int = 5, at_least: float = RELIABLE, average: Meeting | None = None
+) -> list[Advice]:
+    """Strokes that a player should play against the other one, one for each situation.
+
+    The first ones gain most, what they gain more than against the average player counted twice.
+
+    Args:
+        found: the pair, at home and in refits.
+        seat: seat of the player.
+        most: largest number of situations.
+        at_least: least number of real strokes behind a stroke and behind a situation.
+        average: the player, at the same seat, against the average player; None: not compared.
+    """
+    game, home = found.pair.seats[seat], found.home
+    real = real_strokes(game)
+    if real is None or len(found.refits) < LEAST_REFITS:
+        return []
+    of_state, of_pair, stroke = situations(game), game.base_pair_state, game.base_pair_stroke.astype(np.int64)
+    situation_behind = real[np.arange(game.n_base_states) >> 1]
+    served = of_state == SERVE
+    allowed = (real[game.base_pair_edge] >= at_least) & ((situation_behind >= at_least) | served)[of_pair]
+    size = N_SITUATIONS * game.n_strokes
+    key = of_state[of_pair] * game.n_strokes + stroke
+    weight = home.visits(seat)
+    often = np.bincount(key[allowed], weight[of_pair][allowed], size)
+    whole = np.repeat(np.bincount(of_state, weight, N_SITUATIONS), game.n_strokes)
+    gain = _gains(home, seat, allowed, key, size)
+    refits = np.stack([_gains(each, seat, allowed, key, size) for each in found.refits])
+    mean, steady = refits.mean(axis=0), (refits > 0).mean(axis=0)
+    score = np.where(
+        (gain > 0) & (steady >= LEAST_STEADY) & (mean >= LEAST_GAIN) & (often >= _LEAST_COVERED * whole), mean, -np.inf
+    ).reshape(N_SITUATIONS, game.n_strokes)
+    best = score.argmax(axis=1)
+    compared = np.full(size, np.nan) if average is None else _gains(average, seat, allowed, key, size)
+    special = 0.0 if average is None else (gain - compared).reshape(score.shape)[np.arange(N_SITUATIONS), best]
+    value = score[np.arange(N_SITUATIONS), best] + special
+    advised = []
+    for number in np.argsort(-value, kind="stable")[:most].tolist():
+        if not np.isfinite(value[number]):
+            break
+        chosen = number * game.n_strokes + int(best[number])
+        pairs = np.flatnonzero(allowed & (key == chosen))
+        states = of_pair[pairs].astype(np.int64)
+        visited = weight[states] > 0
+        usual, share = _usual(home, seat, states, weight[states])
+        advised.append(
+            Advice(
+                situation=situation(number),
+                stroke=int(best[number]),
+                usual=usual,
+                usual_share=share,
+                often=float(often[chosen]),
+                home=float(gain[chosen]),
+                steady=float(steady[chosen]),
+                refits=refits[:, chosen],
+                expected=calibrated(refits[:, chosen], found.factor),
+                against_average=float(compared[chosen]),
+                behind=float(real[game.base_pair_edge[pairs[visited]]].min()),
+                situation_behind=float("nan") if number == SERVE else float(situation_behind[states[visited]].min()),
+                **_before(home, seat, number, states, weight[states]),
+                states=states,
+            )
+        )
+    return advised
+
+
+def _usual(home: Meeting, seat: int, states: I64, weight: F64) -> tuple[int, float]:
+    """Stroke that a player plays most in some states, and its probability there."""
+    policy = home.policies[seat]
+    game, chance = policy.game, policy.block_probabilities(0)
+    row, pairs = game.pairs(states)
+    total = np.bincount(game.base_pair_stroke[pairs], weight[row] * chance[pairs], game.n_strokes)
+    return int(total.argmax()), float(total.max() / weight.sum())
+
+
+def _before(home: Meeting, seat: int, number: int, states: I64, weight: F64) -> dict[str, Any]:
+    """The stroke that most often leads to a situation, and how often the opponent then answers so."""
+    game = home.policies[seat].game
+    own = game.own(states)
+    nothing: dict[str, Any] = {"before": None, "before_share": float("nan"), "before_average": float("nan")}
+    if number == SERVE or (own == game.n_strokes).all():
+        return nothing
+    catalogue, known = game.catalogue, own < game.n_strokes
+    kind = catalogue.shot.astype(np.int64) * N_AREAS + catalogue.area
+    led = int(np.bincount(kind[own[known]], weight[known]).argmax())
+    # The decision of the opponent against all strokes of that shot type and area.
+    theirs = home.policies[1 - seat]
+    state = np.flatnonzero(np.append(kind, -1)[theirs.game.incoming(np.arange(theirs.game.n_base_states))] == led)
+    row, pairs = theirs.game.pairs(state)
+    visited = home.visits(1 - seat)[state]
+    answer = kind[theirs.game.base_pair_stroke[pairs]] == number // 2
+    usual = baselines.load(None, theirs.game)
+    shares = [
+        float((visited[row] * policy.block_probabilities(0)[pairs])[answer].sum() / visited.sum()) for policy in (theirs, usual)
+    ]
+    return {"before": divmod(led, N_AREAS), "before_share": shares[0], "before_average": shares[1]}
+
+
+def followed(found: Refitted, advised: Sequence[Advice], seat: int = 0) -> tuple[Odds, list[Odds]]:
+    """Exact odds of a player who always follows some advice, at home and in the refits."""
+    game = found.pair.seats[seat]
+    chance = found.home.policies[seat].block_probabilities(0).copy()
+    for advice in advised:
+        pairs = game.pairs(advice.states)[1]
+        chance[pairs] = game.base_pair_stroke[pairs] == advice.stroke
+
+    def odds(meeting: Meeting) -> Odds:
+        policies: list[StatePolicy] = [*meeting.policies]
+        policies[seat] = PairPolicy(game=meeting.policies[seat].game, probability=chance)
+        return evaluate_chains(induced(policies[0]), induced(policies[1]), tolerance=TOLERANCE).odds(seat)
+
+    with ThreadPoolExecutor(os.cpu_count()) as threads:
+        return odds(found.home), list(threads.map(odds, found.refits))

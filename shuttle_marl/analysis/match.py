@@ -1,0 +1,337 @@
+"""The match report: what decided a match, as figures.
+
+:func:`match_report` computes a :class:`MatchReport` from the strokes of one match, annotated or recorded.
+:mod:`shuttle_marl.coach` writes it as a page.
+"""
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any, Final
+
+import numpy as np
+import pyarrow as pa
+from scipy import stats
+
+from shuttle_marl.analysis.advice import (
+    NORMAL,
+    TOLERANCE,
+    imitated,
+)
+from shuttle_marl.analysis.course import Chances, RallyRow, rallies_of, rally_numbers, score_of
+from shuttle_marl.analysis.decisions import Choice, costly_choices
+from shuttle_marl.analysis.habits import (
+    Habit,
+    Plays,
+    area_shares,
+    discoveries,
+    habits,
+    interval,
+    plays_of_strokes,
+    with_discoveries,
+)
+from shuttle_marl.analysis.outlook import prior, spread_of
+from shuttle_marl.analysis.scouting import plain, rallies_won
+from shuttle_marl.analysis.summary import AnalysisError, rally_table
+from shuttle_marl.analysis.values import add_values
+from shuttle_marl.arrays import F64, I64
+from shuttle_marl.data.schema import DISCIPLINES
+from shuttle_marl.data.upstream import date_of
+from shuttle_marl.exact import evaluate
+from shuttle_marl.exact.match import Odds
+from shuttle_marl.game.pairs import AnyGame, PairGame, resolve_players
+from shuttle_marl.game.scoring import BWF, Rules
+from shuttle_marl.game.shipped import PROFILES, RELIABLE, Estimate, factor_of, resolve_game, variants
+from shuttle_marl.game.stroke import SHOTS
+from shuttle_marl.game.tables import Game, GameError
+from shuttle_marl.game.tabulated import TabulatedPolicy
+from shuttle_marl.policy import baselines
+
+LENGTHS: Final = ((1, 3), (4, 7), (8, 12), (13, 9999))
+"""Classes of rallies by number of strokes."""
+MOMENTS: Final = 5
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ShotValue:
+    """Points that the strokes of one shot type added for a player, beyond an average player.
+
+    Attributes:
+        player: 0 or 1.
+        shot: shot type.
+        strokes: number of strokes with a known value.
+        points: sum of the values, with its 90 % interval over rallies.
+        clear: whether the mean differs from 0 by more than chance, with a correction for the number of tests.
+    """
+
+    player: int
+    shot: str
+    strokes: int
+    points: Estimate
+    clear: bool
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Won:
+    """Rallies won of some: label, player, numbers, and the 90 % interval of the share.
+
+    ``clear``: whether more or less than half were won by more than chance, with a correction for the number of tests.
+    """
+
+    label: str
+    player: int
+    rallies: int
+    won: int
+    low: float
+    high: float
+    clear: bool = False
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Heat:
+    """Targets of a player in won and in lost rallies: ``[9]`` counts, and areas that differ by more than chance."""
+
+    player: int
+    won: tuple[float, ...]
+    lost: tuple[float, ...]
+    clear: tuple[int, ...]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Change:
+    """A habit of a player in one game that differs from the same player's other games."""
+
+    player: int
+    game: int
+    habit: Habit
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class MatchReport:
+    """Figures of a match report.
+
+    Attributes:
+        match: name of the match.
+        players: names of players 0 and 1; 0 strikes first.
+        score: points of both in each game.
+        rules: of the match.
+        strokes: number of strokes.
+        skilled: whether the probabilities of winning are those of these two players; else of two alike.
+        before: probability that player 0 wins the match before its first rally.
+        rallies: all rallies.
+        moments: indices of the rallies with the largest swings, largest first.
+        values: value of the strokes by player and shot type.
+        choices: costly decisions, most costly first.
+        refits: number of refits behind them.
+        factor: share of predicted advantages that real matches realise; None: unknown.
+        serving, lengths: rallies won by server and kind of serve, and by length.
+        heat: targets in won and lost rallies.
+        changes: from game to game.
+        game: that of both players if the model knows them, else the average one.
+    """
+
+    match: str
+    players: tuple[str, str]
+    score: tuple[tuple[int, int], ...]
+    rules: Rules
+    strokes: int
+    skilled: bool
+    before: float
+    rallies: Sequence[RallyRow]
+    moments: Sequence[int]
+    values: Sequence[ShotValue]
+    choices: Sequence[Choice]
+    refits: int
+    factor: Estimate | None
+    serving: Sequence[Won]
+    lengths: Sequence[Won]
+    heat: Sequence[Heat]
+    changes: Sequence[Change]
+    game: AnyGame
+
+    def as_json(self) -> dict[str, Any]:
+        """The figures as JSON."""
+        figures: dict[str, Any] = plain({f.name: getattr(self, f.name) for f in dataclasses.fields(self) if f.name != "game"})
+        names = (*self.game.catalogue.names, None)
+        for choice in figures["choices"]:
+            choice |= {part: names[choice[part]] for part in ("incoming", "played", "better")}
+        return figures
+
+
+def matches_in(strokes: pa.Table) -> list[str]:
+    """Names of the matches of a table, in their order."""
+    return list(strokes["match"].unique().to_pylist())
+
+
+def match_report(strokes: pa.Table, *, game: AnyGame | None = None, rules: Rules = BWF, odds: Odds | None = None) -> MatchReport:
+    """Compute a match report.
+
+    Args:
+        strokes: one match, of schema :data:`shuttle_marl.data.schema.STROKES`.
+        game: game of the values; None: the shipped one.
+        rules: of the match.
+        odds: of the first striker against the other player; None: those of both players as they are imitated, and of equal
+            players if the model does not know them.
+
+    Raises:
+        AnalysisError: the table does not have one match of two players.
+        GameError: a file of the model is damaged.
+    """
+    people = tuple(strokes["player"].unique().to_pylist())
+    first = [strokes["player"][0].as_py(), strokes["opponent"][0].as_py()] if strokes.num_rows else []
+    if len(matches_in(strokes)) != 1 or not set(people) <= set(first):
+        raise AnalysisError(
+            f"{len(matches_in(strokes))} matches of {len(people)} players: expected the strokes of one match of two"
+        )
+    players = (str(first[0]), str(first[1]))
+    match = str(strokes["match"][0].as_py())
+    base = resolve_game(None) if game is None else game.seats[0].average
+    discipline = PROFILES[DISCIPLINES.index(strokes["discipline"][0].as_py())]
+    played = _pair(base, players, match) if not isinstance(game, PairGame) else _seated(game, players)
+    average = _average(base, discipline)
+    valued = add_values(strokes, average)
+    known = odds is not None or played is not None
+    if odds is None and played is not None:
+        sides = imitated(played)
+        before = prior(played, *sides, evaluate(*sides, tolerance=TOLERANCE).odds())
+    else:
+        before = spread_of(odds or Odds(serving=0.5, receiving=0.5, error_bound=0.0), 0.0)
+    rallies = rallies_of(valued, players, rules, Chances(*before, rules))
+    plays = plays_of_strokes(strokes)
+    seat = (strokes["player"].to_numpy(zero_copy_only=False) == players[1]).astype(np.int64)
+    won = rallies_won(strokes)
+    choices, refits = costly_choices(strokes, average, discipline, seat)
+    decided = [i for i, row in enumerate(rallies) if row.winner is not None]
+    return MatchReport(
+        match=match,
+        players=players,
+        score=score_of(rallies),
+        rules=rules,
+        strokes=strokes.num_rows,
+        skilled=known,
+        before=rallies[0].before,
+        rallies=rallies,
+        moments=sorted(decided, key=lambda i: -abs(rallies[i].swing))[:MOMENTS],
+        values=_values(valued, seat),
+        choices=choices,
+        refits=refits,
+        factor=factor_of(average.game),
+        serving=_serving(rallies, plays, strokes),
+        lengths=_lengths(rallies),
+        heat=[_heat(plays, seat == player, won, player) for player in (0, 1)],
+        changes=_changes(plays, seat, strokes),
+        game=base if played is None else played,
+    )
+
+
+def _pair(game: Game, players: tuple[str, str], match: str) -> PairGame | None:
+    try:
+        found = resolve_players(game, None, players, date=date_of(match))
+    except GameError:
+        return None
+    return found if isinstance(found, PairGame) else None
+
+
+def _seated(game: PairGame, players: tuple[str, str]) -> PairGame | None:
+    return game if players[0] == game.players[0] else game.swapped if players[0] == game.players[1] else None
+
+
+def _average(game: Game, discipline: str) -> TabulatedPolicy:
+    """The average player of a discipline, or of the game where the model does not tell disciplines apart."""
+    origin = game.origin
+    tables = resolve_game(game, discipline) if origin is not None and discipline in variants(str(origin.folder)) else game
+    return baselines.load(None, tables)
+
+
+def _values(valued: pa.Table, seat: I64) -> list[ShotValue]:
+    """Value added by player and shot type; strokes of a rally depend on each other, so intervals are over rallies."""
+    added = valued["value_added"].to_numpy(zero_copy_only=False)
+    shot = valued["shot"].to_numpy().astype(np.int64)
+    rally = rally_numbers(valued)
+    found: list[tuple[int, str, int, float, float]] = []
+    for player in (0, 1):
+        for kind, name in enumerate(SHOTS):
+            mine = np.flatnonzero((seat == player) & (shot == kind) & np.isfinite(added))
+            if len(mine) < RELIABLE:
+                continue
+            sums = np.bincount(np.unique(rally[mine], return_inverse=True)[1], added[mine])
+            # One more fault or winner, which costs or gains half a rally, could have happened where none did.
+            error = float(np.sqrt((sums**2).sum() + 0.25))
+            found.append((player, name, len(mine), float(added[mine].sum()), error))
+    clear = discoveries([float(2 * stats.norm.sf(abs(total) / error)) for *_, total, error in found])
+    return [
+        ShotValue(
+            player=player,
+            shot=name,
+            strokes=n,
+            points=Estimate(total, total - NORMAL * error, total + NORMAL * error),
+            clear=bool(mark),
+        )
+        for (player, name, n, total, error), mark in zip(found, clear, strict=True)
+    ]
+
+
+def _won(label: str, player: int, rallies: int, won: int) -> Won:
+    low, high = interval(won / rallies, rallies)
+    return Won(label=label, player=player, rallies=rallies, won=won, low=low, high=high)
+
+
+def _serving(rallies: Sequence[RallyRow], plays: Plays, strokes: pa.Table) -> list[Won]:
+    """Rallies won by each player as server, by kind of serve, and as receiver."""
+    first = rally_table(strokes)["first"].to_numpy()
+    serve = np.where(strokes["stroke"].to_numpy()[first] == 1, plays.shot[first], -1)
+    out = []
+    for player in (0, 1):
+        decided = [(i, row) for i, row in enumerate(rallies) if row.winner is not None]
+        served = [(i, row) for i, row in decided if row.server == player]
+        groups = {
+            "serving": served,
+            **{SHOTS[kind]: [each for each in served if serve[each[0]] == kind] for kind in (0, 1)},
+            "receiving": [each for each in decided if each[1].server != player],
+        }
+        for label, some in groups.items():
+            if some:
+                out.append(_won(label, player, len(some), sum(row.winner == player for _, row in some)))
+    return out
+
+
+def _lengths(rallies: Sequence[RallyRow]) -> list[Won]:
+    """Rallies won by player 0 by the number of strokes."""
+    out = []
+    for low, high in LENGTHS:
+        some = [row for row in rallies if row.winner is not None and low <= row.strokes <= high]
+        if some:
+            label = f"{low}\N{EN DASH}{high}" if high < LENGTHS[-1][1] else f"{low}+"
+            out.append(_won(label, 0, len(some), sum(row.winner == 0 for row in some)))
+    clear = discoveries([float(stats.binomtest(each.won, each.rallies).pvalue) for each in out])
+    return [dataclasses.replace(each, clear=bool(mark)) for each, mark in zip(out, clear, strict=True)]
+
+
+def _heat(plays: Plays, mine: Any, won: F64, player: int) -> Heat:
+    """Targets of a player in won and lost rallies."""
+    counts = [area_shares(plays, mine & (won == result))[0] for result in (1.0, 0.0)]
+    n = [max(1.0, float(count.sum())) for count in counts]
+    pooled = (counts[0] + counts[1]) / (n[0] + n[1])
+    error = np.sqrt(pooled * (1 - pooled) * (1 / n[0] + 1 / n[1]))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        z = np.nan_to_num((counts[0] / n[0] - counts[1] / n[1]) / error)
+    clear = np.flatnonzero(discoveries((2 * stats.norm.sf(np.abs(z))).tolist()))
+    won_of, lost_of = (tuple(float(x) for x in count) for count in counts)
+    return Heat(player=player, won=won_of, lost=lost_of, clear=tuple(int(area) for area in clear))
+
+
+def _changes(plays: Plays, seat: I64, strokes: pa.Table) -> list[Change]:
+    """Habits that differ between the games of a player by more than chance."""
+    game = strokes["game"].to_numpy().astype(np.int64)
+    found: list[tuple[int, int, Habit]] = []
+    for player in (0, 1):
+        for number in np.unique(game).tolist():
+            mine = seat == player
+            one, others = plays.take(mine & (game == number)), plays.take(mine & (game != number))
+            if len(one) and len(others):
+                found += [(player, number, habit) for habit in habits(one, others, dispersion=1.0)]
+    marked = with_discoveries([habit for *_, habit in found])
+    return [
+        Change(player=player, game=number, habit=habit)
+        for (player, number, _), habit in zip(found, marked, strict=True)
+        if habit.clear
+    ]

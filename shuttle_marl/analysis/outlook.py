@@ -1,0 +1,113 @@
+"""Outlook of a match between two players: probabilities of winning rallies, games and the match, with their uncertainty."""
+
+import dataclasses
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from shuttle_marl.analysis.advice import NORMAL, TOLERANCE, Refitted, error_of
+from shuttle_marl.arrays import F64
+from shuttle_marl.exact import Odds, Sensitivity, sensitivity
+from shuttle_marl.game.pairs import PairGame
+from shuttle_marl.game.scoring import game_win_probability
+from shuttle_marl.game.shipped import Estimate, origin_named, read_model_card
+from shuttle_marl.game.skill import COMPONENTS, GROUPS, Skill
+from shuttle_marl.game.tabulated import TabulatedPolicy
+
+
+def slopes_by_group(found: Sensitivity, skill: Skill) -> list[F64]:
+    """``[3, 7]`` for the strokes of each seat: derivatives by the general offset and those of the groups of shots."""
+
+    def by_group(win: F64) -> F64:
+        groups = np.stack([win[:, skill.group == group].sum(axis=1) for group in range(len(GROUPS))], axis=1)
+        return np.concatenate([win.sum(axis=1, keepdims=True), groups], axis=1)
+
+    return [by_group(win) for win in found.win]
+
+
+def skill_error(pair: PairGame, slopes: Sequence[F64]) -> float:
+    """Standard deviation of the probability of winning a rally by the uncertainty of both players' skill."""
+    both = (pair.players, pair.players[::-1])
+    variances = (pair.skill.variances(*names, pair.date) for names in both)
+    return math.sqrt(sum(float((slope**2 * each).sum()) for slope, each in zip(slopes, variances, strict=True)))
+
+
+def form_error(pair: PairGame, slopes: Sequence[F64]) -> float:
+    """Standard deviation of the probability of winning a rally by the form of both players on a day.
+
+    The model card has it as the effect of each side of a match on each component; 0 in models whose card does not.
+    """
+    card = read_model_card(origin_named(pair.model).folder)
+    sides = [card.get("skill", {}).get("deviations", {}).get(name, {}).get("side", 0.0) for name in COMPONENTS]
+    return math.sqrt(sum(float((slope[:, 0] ** 2 * np.square(sides)).sum()) for slope in slopes))
+
+
+_NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(15)
+
+
+def spread_of(odds: Odds, deviation: float) -> tuple[list[Odds], F64]:
+    """Odds that differ by a normal deviation of both probabilities, as points with weights (Gauss-Hermite)."""
+
+    def moved(by: float) -> Odds:
+        serving, receiving = (min(1.0, max(0.0, p + by)) for p in (odds.serving, odds.receiving))
+        return dataclasses.replace(odds, serving=serving, receiving=receiving)
+
+    if not deviation:
+        return [odds], np.ones(1)
+    return [moved(deviation * x) for x in _NODES.tolist()], np.asarray(_WEIGHTS / _WEIGHTS.sum())
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Outlook:
+    """Probabilities that the first player wins, each with its 90 % interval.
+
+    Attributes:
+        serving, receiving: a rally that the player serves, and receives.
+        rally: a rally, both serving equally often.
+        game, match: a game, and the match.
+    """
+
+    serving: Estimate
+    receiving: Estimate
+    rally: Estimate
+    game: Estimate
+    match: Estimate
+
+
+def prior(pair: PairGame, first: TabulatedPolicy, second: TabulatedPolicy, odds: Odds) -> tuple[list[Odds], F64]:
+    """What is known of a match before it: the odds of two players with the uncertainty of skill and form."""
+    slopes = slopes_by_group(sensitivity(first, second, tolerance=TOLERANCE), pair.skill)
+    return spread_of(odds, math.hypot(skill_error(pair, slopes), form_error(pair, slopes)))
+
+
+def outlook(found: Refitted) -> Outlook:
+    """Outlook of a pair.
+
+    Probabilities are means over the form of the day; the intervals contain the uncertainty of the skill and of the game.
+    """
+    odds, refits = found.home.odds, [meeting.odds for meeting in found.refits]
+    slopes = slopes_by_group(sensitivity(*found.home.policies, tolerance=TOLERANCE), found.pair.skill)
+    skill, form = skill_error(found.pair, slopes), form_error(found.pair, slopes)
+
+    def estimate(figure: Callable[[Odds], float]) -> Estimate:
+        def mean(about: Odds, deviation: float) -> float:
+            points, weights = spread_of(about, deviation)
+            return float(weights @ [figure(each) for each in points])
+
+        def shifted(by: float) -> float:
+            moved = dataclasses.replace(odds, serving=odds.serving + by, receiving=odds.receiving + by)
+            return mean(moved, form)
+
+        of_game = error_of([each.rally for each in refits]) if len(refits) > 1 else 0.0
+        width = NORMAL * math.hypot(skill, of_game)
+        value = mean(odds, math.hypot(form, skill, of_game))
+        return Estimate(value, max(0.0, shifted(-width)), min(1.0, shifted(width)))
+
+    return Outlook(
+        serving=estimate(lambda o: o.serving),
+        receiving=estimate(lambda o: o.receiving),
+        rally=estimate(lambda o: o.rally),
+        game=estimate(lambda o: float(game_win_probability(o.serving, o.receiving))),
+        match=estimate(Odds.match),
+    )

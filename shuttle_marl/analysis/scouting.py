@@ -1,0 +1,392 @@
+"""The scouting report: what is known about playing against an opponent, as figures.
+
+:func:`scout` computes a :class:`ScoutingReport` from a model alone, and says more where annotated matches are given.
+:mod:`shuttle_marl.coach` writes it as a page.
+"""
+
+import dataclasses
+import datetime
+import difflib
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+import numpy as np
+import pyarrow as pa
+
+from shuttle_marl.analysis.advice import Advice, Meeting, Refitted, advise, calibrated, followed, imitated, meet, refitted
+from shuttle_marl.analysis.habits import (
+    DISPERSION,
+    NONE,
+    Ending,
+    Habit,
+    Plays,
+    area_shares,
+    endings,
+    habits,
+    interval,
+    plays_of_meeting,
+    plays_of_strokes,
+)
+from shuttle_marl.analysis.outlook import Outlook, outlook
+from shuttle_marl.analysis.summary import AnalysisError, rally_table, summarise
+from shuttle_marl.analysis.tactics import Effect, effects
+from shuttle_marl.arrays import F64
+from shuttle_marl.data.schema import DISCIPLINES
+from shuttle_marl.data.upstream import date_of
+from shuttle_marl.game.court import AREAS
+from shuttle_marl.game.pairs import PairGame, pair_game
+from shuttle_marl.game.shipped import PROFILES, RELIABLE, Estimate, factor_of, model_folder
+from shuttle_marl.game.skill import AVERAGE, Day, Skill, load_skill
+from shuttle_marl.game.stroke import SHOTS
+from shuttle_marl.policy import baselines
+
+_MANY: Final = 1e6
+"""Number of strokes that stands for exactly known shares."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Known:
+    """What the model knows of a player.
+
+    Attributes:
+        name: of the player.
+        strokes, matches: in the data of the model.
+        since: day of the estimate of the skill; None: unknown player, who counts as the average one.
+        imitated: whether the model has the player's own choices; else those of the average player are used.
+    """
+
+    name: str
+    strokes: int
+    matches: int
+    since: datetime.date | None
+    imitated: bool
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Seen:
+    """What annotated matches say about a player.
+
+    Attributes:
+        strokes, rallies, matches: of the player.
+        first, last: days of the matches; None: unknown.
+        length, length_usual: mean strokes of a rally with the player, and of all rallies of the discipline.
+        seconds, seconds_usual: mean time from the opponent's stroke to the player's, and of all players [s]; NaN without times.
+    """
+
+    strokes: int
+    rallies: int
+    matches: int
+    first: datetime.date | None
+    last: datetime.date | None
+    length: float
+    length_usual: float
+    seconds: float
+    seconds_usual: float
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Realised:
+    """Results of an advised shot type in annotated matches of the discipline.
+
+    Attributes:
+        strokes, won: how often it was played in its situation, and how many of these rallies its striker won.
+        low, high: 90 % interval of the share.
+        others, others_won: the same of all other strokes in the situation.
+    """
+
+    strokes: int
+    won: int
+    low: float
+    high: float
+    others: int
+    others_won: int
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class ScoutingReport:
+    """Figures of a scouting report.
+
+    Attributes:
+        player: who is to win; None: profile of the opponent alone.
+        opponent: who is described.
+        discipline: ``men`` or ``women``.
+        model: name or folder of the model, and hash of the game.
+        refits: number of refits behind the intervals.
+        factor: share of predicted advantages that real matches realise; None: not known for this model.
+        outlook: probabilities that the player wins.
+        habits, endings: how the opponent plays beside other players of the discipline.
+        targets: ``[9]`` shares of the opponent's strokes by target area; ``targets_usual``: of the others.
+        target_strokes: number of strokes behind the targets.
+        counted: whether these are counted in annotated matches; else they are those of the imitated player.
+        seen: summary of the matches; None without data.
+        advice: strokes to play against the opponent, largest gain first.
+        realised: their results in annotated matches, in the same order; empty without data.
+        with_advice: probability of winning a rally for a player who follows all of it, calibrated.
+        effects: of using tactics more or less.
+        pair: the game, for staging examples.
+        home: both players imitated in it.
+    """
+
+    player: Known | None
+    opponent: Known
+    discipline: str
+    model: tuple[str, str]
+    refits: int
+    factor: Estimate | None
+    outlook: Outlook | None
+    habits: Sequence[Habit]
+    endings: Sequence[Ending]
+    targets: F64
+    targets_usual: F64
+    target_strokes: float
+    counted: bool
+    seen: Seen | None
+    advice: Sequence[Advice]
+    realised: Sequence[Realised | None]
+    with_advice: Estimate | None
+    effects: Sequence[Effect]
+    pair: PairGame | None
+    home: Meeting | None
+
+    def as_json(self) -> dict[str, Any]:
+        """The figures as JSON."""
+        skipped = ("pair", "home", "advice")
+        names = () if self.pair is None else self.pair.catalogue.names
+        figures = {
+            field.name: plain(getattr(self, field.name)) for field in dataclasses.fields(self) if field.name not in skipped
+        }
+        listed = []
+        for advice in self.advice:
+            shot, area, contact = advice.situation
+            incoming = {
+                "shot": SHOTS[shot] if shot >= 0 else None,
+                "area": AREAS[area] if area >= 0 else None,
+                "above": bool(contact),
+            }
+            own = {"stroke": names[advice.stroke], "usual": names[advice.usual], "situation": incoming}
+            before = None if advice.before is None else [SHOTS[advice.before[0]], AREAS[advice.before[1]]]
+            listed.append({**plain(dataclasses.replace(advice, states=np.zeros(0, np.int64))), **own, "before": before})
+        return {**figures, "advice": listed}
+
+
+def plain(value: Any) -> Any:
+    """Dataclasses, tuples and arrays as values of JSON; NaN as None."""
+    if isinstance(value, Estimate):
+        return {name: plain(part) for name, part in value._asdict().items()}
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
+    if isinstance(value, Mapping):
+        return {str(key): plain(part) for key, part in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return plain(value.tolist())
+    if isinstance(value, (list, tuple)):
+        return [plain(part) for part in value]
+    if isinstance(value, datetime.date):
+        return value.isoformat()
+    return None if isinstance(value, float) and math.isnan(value) else value
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ListedPlayer:
+    """A player who can be scouted: strokes and matches in the data of the model, day of the last estimate."""
+
+    name: str
+    discipline: str
+    strokes: int
+    matches: int
+    last: datetime.date
+    imitated: bool
+
+
+def players_of(model: str = "default") -> list[ListedPlayer]:
+    """The players of a model, most strokes first.
+
+    Raises:
+        GameError: the model has no skill of players.
+    """
+    folder = model_folder(model)
+    skill, imitated_ones = load_skill(folder), baselines.clones(folder).players
+    listed = [
+        ListedPlayer(
+            name=name,
+            discipline=str(skill.discipline_of(name)),
+            strokes=int(skill.strokes[i]),
+            matches=int(skill.matches[i]),
+            last=skill.since(name) or datetime.date.min,
+            imitated=name in imitated_ones,
+        )
+        for i, name in enumerate(skill.players)
+    ]
+    return sorted(listed, key=lambda each: (-each.strokes, each.name))
+
+
+def scout(
+    opponent: str, player: str | None = None, *, model: str = "default", date: Day = None, data: pa.Table | None = None
+) -> ScoutingReport:
+    """Compute a scouting report.
+
+    Args:
+        opponent: who is described.
+        player: who is to win against the opponent; None: profile of the opponent alone.
+        model: a model by name or folder.
+        date: day of the skill; None: the last one known.
+        data: annotated matches, for counted habits and results; None: the model alone.
+
+    Raises:
+        AnalysisError: the opponent is neither in the model nor in the data, or plays another discipline than the player.
+        GameError: the model has no skill of players.
+    """
+    folder = model_folder(model)
+    skill, clones = load_skill(folder), baselines.clones(folder).players
+    discipline = _discipline(skill, [name for name in (opponent, player) if name is not None], data)
+
+    def known(name: str) -> Known:
+        if name not in skill.players:
+            return Known(name=name, strokes=0, matches=0, since=None, imitated=False)
+        i = skill.index(name)
+        return Known(
+            name=name,
+            strokes=int(skill.strokes[i]),
+            matches=int(skill.matches[i]),
+            since=skill.since(name, date),
+            imitated=name in clones,
+        )
+
+    def pair(*names: str) -> PairGame:
+        first, second = (name if name in skill.players else AVERAGE for name in names)
+        return pair_game(first, second, date=date, discipline=discipline, game=model)
+
+    about = known(opponent)
+    found = None if player is None else refitted(pair(player, opponent))
+    profile = meet(*imitated(pair(opponent, AVERAGE)))
+    usual = meet(*imitated(pair(AVERAGE, AVERAGE)))
+    of_data = None if data is None else _in_discipline(data, discipline)
+    counted = of_data is not None and opponent in set(of_data["player"].unique().to_pylist())
+    if counted and of_data is not None:
+        plays = plays_of_strokes(of_data)
+        mine = of_data["player"].to_numpy(zero_copy_only=False) == opponent
+        own, others, dispersion = plays.take(mine), plays.take(~mine), None
+    else:
+        own, others = plays_of_meeting(profile, 0, max(1, about.strokes)), plays_of_meeting(usual, 0, _MANY)
+        dispersion = DISPERSION
+    strokes, shares = area_shares(own)
+    report = ScoutingReport(
+        player=None if player is None else known(player),
+        opponent=about,
+        discipline=discipline,
+        model=(model, pair(opponent, AVERAGE).hash if found is None else found.pair.hash),
+        refits=0 if found is None else len(found.refits),
+        factor=factor_of(profile.policies[0].game),
+        outlook=None if found is None else outlook(found),
+        habits=habits(own, others, dispersion=dispersion, exact_others=not counted),
+        endings=endings(own, others, dispersion=1.0 if counted else DISPERSION),
+        targets=shares,
+        targets_usual=area_shares(others)[1],
+        target_strokes=float(strokes.sum()),
+        counted=counted,
+        seen=_seen(of_data, opponent) if counted and of_data is not None else None,
+        advice=[],
+        realised=[],
+        with_advice=None,
+        effects=[],
+        pair=None if found is None else found.pair,
+        home=None if found is None else found.home,
+    )
+    if found is None or player is None:
+        return report
+    advised = advise(found, average=meet(*imitated(pair(player, AVERAGE))))
+    return dataclasses.replace(
+        report,
+        advice=advised,
+        realised=[] if of_data is None else realised(plays_of_strokes(of_data), of_data, advised, found.pair),
+        with_advice=_with_advice(found, advised),
+        effects=effects(found),
+    )
+
+
+def _with_advice(found: Refitted, advised: Sequence[Advice]) -> Estimate | None:
+    if not advised:
+        return None
+    _, refits = followed(found, advised)
+    gains = np.array([after.rally - before.odds.rally for after, before in zip(refits, found.refits, strict=True)])
+    gain, before = calibrated(gains, found.factor), found.home.odds.rally
+    return Estimate(before + gain.value, before + gain.low, before + gain.high)
+
+
+def _discipline(skill: Skill, names: Sequence[str], data: pa.Table | None) -> str:
+    """The discipline that all players share.
+
+    Raises:
+        AnalysisError: they share none, or one is unknown.
+    """
+    kinds = {}
+    for name in names:
+        if name in skill.players:
+            kinds[name] = skill.discipline_of(name)
+        elif data is not None and name in set(data["player"].unique().to_pylist()):
+            rows = data.filter(pa.compute.equal(data["player"], name))
+            kinds[name] = PROFILES[DISCIPLINES.index(rows["discipline"][0].as_py())]
+        else:
+            close = difflib.get_close_matches(name, skill.players, n=3, cutoff=0.4)
+            hint = f"; did you mean {', '.join(close)}?" if close else ""
+            raise AnalysisError(f"no strokes of the player {name!r} in the model or the data{hint} (`--list` lists all players)")
+    if len(set(kinds.values())) != 1:
+        raise AnalysisError(f"{' and '.join(f'{name} plays {kind}' for name, kind in kinds.items())}: expected one discipline")
+    return str(next(iter(kinds.values())))
+
+
+def _in_discipline(data: pa.Table, discipline: str) -> pa.Table:
+    return data.filter(pa.compute.equal(data["discipline"], DISCIPLINES[PROFILES.index(discipline)]))
+
+
+def _seen(data: pa.Table, player: str) -> Seen:
+    one, all_of = summarise(data, player), summarise(data)
+    mine = data.filter(pa.compute.equal(data["player"], player))
+    days = sorted(day for name in mine["match"].unique().to_pylist() if (day := date_of(name)) is not None)
+    return Seen(
+        strokes=one.strokes,
+        rallies=one.rallies,
+        matches=one.matches,
+        first=days[0] if days else None,
+        last=days[-1] if days else None,
+        length=one.length,
+        length_usual=all_of.length,
+        seconds=one.seconds,
+        seconds_usual=all_of.seconds,
+    )
+
+
+def realised(plays: Plays, data: pa.Table, advised: Sequence[Advice], pair: PairGame) -> list[Realised | None]:
+    """Results of advised strokes in annotated matches; None with too few strokes."""
+    catalogue = pair.catalogue
+    out: list[Realised | None] = []
+    won = rallies_won(data)
+    for advice in advised:
+        shot, area, contact = advice.situation
+        if shot < 0:
+            there = plays.incoming == NONE
+        else:
+            there = (plays.incoming == shot) & (plays.met == area) & (plays.contact == contact)
+        there &= np.isfinite(won)
+        # By shot type, because where a fault was aimed at is not recorded.
+        played = there & (plays.shot == catalogue.shot[advice.stroke])
+        n = int(played.sum())
+        if n < RELIABLE:
+            out.append(None)
+            continue
+        others = there & ~played
+        wins = int(won[played].sum())
+        low, high = interval(wins / n, n)
+        out.append(Realised(strokes=n, won=wins, low=low, high=high, others=int(others.sum()), others_won=int(won[others].sum())))
+    return out
+
+
+def rallies_won(strokes: pa.Table) -> F64:
+    """``[N]`` whether the striker won the rally of each stroke, 1 or 0; NaN where that is not known."""
+    rallies = rally_table(strokes)
+    first = rallies["first"].to_numpy()
+    rally = np.repeat(np.arange(len(first)), np.diff([*first, strokes.num_rows]))
+    winner = rallies["winner"].to_numpy(zero_copy_only=False).astype(object)[rally]
+    player = strokes["player"].to_numpy(zero_copy_only=False).astype(object)
+    return np.where(winner == None, np.nan, (winner == player).astype(np.float64))  # noqa: E711  an array of objects

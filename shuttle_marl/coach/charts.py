@@ -1,0 +1,123 @@
+"""Charts of the reports: court maps, intervals, and the course of a match."""
+
+from collections.abc import Sequence
+from textwrap import fill
+from typing import Final, NamedTuple
+
+import numpy as np
+from markupsafe import Markup
+
+from shuttle_marl.analysis.pictures import corners, draw_court
+from shuttle_marl.arrays import F64
+from shuttle_marl.coach.words import words
+from shuttle_marl.game.court import AREAS, HALF_LENGTH, N_AREAS, area_centre
+from shuttle_marl.pages.charts import DIM, INK, PLAYERS, Chart, label, styled
+
+_WIDTH: Final = 460.0
+"""Width of a chart [px], which fits a telephone."""
+_LINE: Final = 30
+"""Letters in a line of a label."""
+_MORE, _LESS, _ALIKE = "#e8a15c", "#7fb0e0", "#f4f4f0"
+"""Colours of larger and smaller shares; orange and blue are told apart by all readers."""
+_DARK: Final = "#16191c"
+
+
+class Bar(NamedTuple):
+    """An estimate: its name, value and interval, a reference (NaN: none), whether it is clear, and the player (0 or 1)."""
+
+    name: str
+    value: float
+    low: float
+    high: float
+    reference: float = float("nan")
+    clear: bool = True
+    player: int = 0
+
+
+@styled
+def bars(rows: Sequence[Bar], title: str) -> Markup:
+    """Estimates with intervals, one below the other.
+
+    Args:
+        rows: the estimates.
+        title: description for screen readers.
+    """
+    labels = [fill(label(row.name, 3 * _LINE), _LINE) for row in rows]
+    lines = max(text.count("\n") for text in labels) + 1
+    chart = Chart(_WIDTH, (14.0 * lines + 6) * len(rows) + 40)
+    axes = chart.axes
+    for y, row in enumerate(rows):
+        colour = PLAYERS[row.player]
+        estimate = words()("interval", value=f"{row.value:.1f}", low=f"{row.low:.1f}", high=f"{row.high:.1f}")
+        about = chart.tooltips(f"{row.name}: {estimate}")
+        axes.plot([row.low, row.high], [y, y], color=colour, linewidth=3, alpha=0.55, gid=about)
+        axes.plot(row.value, y, "os"[row.player], markersize=8, markeredgewidth=1.6, markeredgecolor=colour,
+                  color=colour if row.clear else "none")  # fmt: skip
+        if np.isfinite(row.reference):
+            axes.plot(row.reference, y, "D", color="none", markeredgecolor=INK, markeredgewidth=1.4, markersize=7)
+    if min(row.low for row in rows) < 0 < max(row.high for row in rows):
+        axes.axvline(0, color=DIM, linewidth=1)
+    axes.set_yticks(range(len(rows)), labels, color=INK)
+    axes.set_ylim(len(rows) - 0.4, -0.6)
+    axes.grid(axis="y", visible=False)
+    return chart.svg(title)
+
+
+@styled
+def court(shares: F64, reference: F64, title: str, clear: Sequence[int] = ()) -> Markup:
+    """Shares of the target areas, coloured by their difference from a reference.
+
+    Args:
+        shares, reference: ``[9]`` shares.
+        title: description for screen readers.
+        clear: areas with a frame.
+    """
+    from matplotlib.colors import LinearSegmentedColormap, to_hex  # noqa: PLC0415  slow to import
+
+    colours = LinearSegmentedColormap.from_list("differences", (_LESS, _ALIKE, _MORE))
+    chart = Chart(330.0, 330.0)
+    axes = chart.axes
+    draw_court(axes)
+    axes.set_ylim(-1.2, HALF_LENGTH + 0.3)
+    axes.grid(visible=False)
+    difference = 100 * (shares - reference)
+    most = max(4.0, float(np.abs(difference).max()))
+    for area in range(N_AREAS):
+        x, y = area_centre(np.array(area))
+        colour = to_hex(colours(0.5 + difference[area] / most / 2))
+        marked = area in clear
+        axes.fill(
+            *corners(area), facecolor=colour, edgecolor=_DARK, linewidth=3.0 if marked else 0.6, zorder=3.7 if marked else 3.5
+        )
+        text = f"{100 * shares[area]:.0f}\n({round(float(difference[area])):+d})"
+        axes.text(x, y, text, ha="center", va="center", color=_DARK, fontsize=12, zorder=5,
+                  weight="bold" if marked else "normal")  # fmt: skip
+    named = zip(AREAS, shares, strict=True)
+    described = ", ".join(f"{words()(f'short_areas.{area}')} {100 * share:.0f}" for area, share in named)
+    return chart.svg(f"{title}: {described}")
+
+
+@styled
+def course(chance: Sequence[float], games: Sequence[int], moments: Sequence[int], names: tuple[str, str], title: str) -> Markup:
+    """Probability of winning a match over its rallies.
+
+    Args:
+        chance: before each of R rallies and after the last one.
+        games: rallies after which a game ended.
+        moments: rallies with a dot.
+        names: of the players, at the upper and at the lower end.
+        title: description for screen readers.
+    """
+    chart = Chart(_WIDTH, 220.0)
+    axes, at = chart.axes, np.arange(len(chance))
+    values = 100 * np.array(chance)
+    axes.axhline(50, color=DIM, linewidth=1)
+    for end in games:
+        axes.axvline(end, color=DIM, linewidth=1, linestyle=(0, (4, 3)))
+    axes.fill_between(at, values, 50, where=values >= 50, color=PLAYERS[0], alpha=0.25, linewidth=0, interpolate=True)
+    axes.fill_between(at, values, 50, where=values <= 50, color=PLAYERS[1], alpha=0.25, linewidth=0, interpolate=True)
+    axes.plot(at, values, color=INK, linewidth=1.6)
+    axes.plot([m + 1 for m in moments], [values[m + 1] for m in moments], "o", color=INK, markersize=6)
+    axes.set(ylim=(0, 100), xlim=(0, max(1, len(chance) - 1)))
+    axes.set_yticks([0, 50, 100], [label(names[1], 20), "50", label(names[0], 20)], color=INK)
+    return chart.svg(title)

@@ -1,0 +1,145 @@
+"""Staged rallies inside a page: the live court's own program, motions and values, in the form of a page that it saves."""
+
+import gzip
+import json
+from collections.abc import Iterable, Sequence
+from typing import Final
+
+from shuttle_marl import __version__
+from shuttle_marl.analysis import Players
+from shuttle_marl.analysis.advice import Advice, Meeting
+from shuttle_marl.errors import ShuttleError
+from shuttle_marl.game.draws import stream
+from shuttle_marl.game.pairs import AnyGame, PairGame
+from shuttle_marl.game.scoring import Score
+from shuttle_marl.pages import Viewer
+from shuttle_marl.staging import stage
+from shuttle_marl.staging.skeleton import model_file
+from shuttle_marl.watch import messages
+from shuttle_marl.watch.answers import ELITE, StrokeValues, hall_facts, rally_facts
+from shuttle_marl.watch.building import BuildError, build
+from shuttle_marl.watch.match import CourtRally, play_rally
+from shuttle_marl.watch.plan import Plan
+from shuttle_marl.watch.policies import PolicyTables
+
+_FPS: Final = 25
+"""Frames per second; the page interpolates, and motions are half as large."""
+_MOST_BYTES: Final = 1_100_000
+"""Largest total size of the motions; later examples are left out."""
+_ATTEMPTS: Final = 3000
+_LETTERS: Final = [chr(code) for code in range(33, 127) if chr(code) not in '"\\<']
+
+
+def base91(content: bytes) -> str:
+    """Bytes as basE91 text, which needs no escapes in JSON or HTML: the encoding of saved pages of the live court."""
+    out: list[str] = []
+    rest = bits = 0
+    for byte in content:
+        rest |= byte << bits
+        bits += 8
+        if bits > 13:
+            value, taken = rest & 8191, 13
+            if value <= 88:
+                value, taken = rest & 16383, 14
+            rest >>= taken
+            bits -= taken
+            out += (_LETTERS[value % 91], _LETTERS[value // 91])
+    if bits:
+        out.append(_LETTERS[rest % 91])
+        if bits > 7 or rest > 90:
+            out.append(_LETTERS[rest // 91])
+    return "".join(out)
+
+
+def _packed(content: bytes) -> str:
+    return base91(gzip.compress(content, mtime=0))
+
+
+def viewer() -> Viewer:
+    """The program of the live court, for pages that contain rallies.
+
+    Raises:
+        BuildError: it is not built, and cannot be.
+    """
+    folder = build()
+    script, style = ((folder / name).read_text(encoding="utf-8") for name in ("watch.js", "watch.css"))
+    return Viewer(script=script.replace("</script", "<\\/script").replace("<!--", "<\\!--"), style=style.replace("</", "<\\/"))
+
+
+def shared(rallies: Sequence[CourtRally], game: AnyGame, players: Players, athlete: str) -> tuple[str, int]:
+    """Rallies as the content of a saved page of the live court.
+
+    Args:
+        rallies: in the order of their numbers, from 0.
+        game: in which they are valued.
+        players: policies of both seats.
+        athlete: appearance of both players, ``male`` or ``female``.
+
+    Returns:
+        JSON without characters that end a script element, and the number of rallies that it contains.
+    """
+    values, replies, size, count = StrokeValues(PolicyTables(game)), {}, 0, 0
+    for number, rally in enumerate(rallies):
+        motion = stage(rally, seed=rally.key, athletes=(athlete, athlete), handedness=("right", "right"), fps=_FPS)
+        reply = messages.RallyReply(rally_facts(game, rally, motion))
+        packed = _packed(messages.encode_reply(0, reply, [motion.pack(0)]))
+        size += len(packed)
+        if size > _MOST_BYTES:
+            break
+        replies[f"rally {number}"] = packed
+        replies[f"analysis {number}"] = _packed(messages.encode_reply(0, values.analysis(rally, players)))
+        count += 1
+    hello = messages.Hello(
+        version=__version__,
+        game=game.hash[:12],
+        hall=hall_facts(),
+        policies=[ELITE.policy],
+        plan=Plan(seed=0, sides=(ELITE, ELITE)),
+        recorded=messages.RecordedFacts("", count, 0),
+    )
+    content = {
+        "hello": _packed(messages.encode_reply(0, hello)),
+        "replies": replies,
+        "models": {athlete: _packed(model_file(athlete).read_bytes())},
+    }
+    return json.dumps(content), count
+
+
+def staged_advice(advised: Iterable[Advice], pair: PairGame, home: Meeting, names: tuple[str, str]) -> list[CourtRally]:
+    """A simulated rally for each advice: the situation occurs, and seat 0 plays the advised stroke.
+
+    Args:
+        advised: the advice, to seat 0.
+        pair: the game.
+        home: the imitated players.
+        names: printable names of the players.
+    """
+    played: list[CourtRally] = []
+    found: list[CourtRally] = []
+
+    def rally(number: int) -> CourtRally:
+        while len(played) <= number:
+            score = Score(server=len(played) % 2)
+            about = (0, names, score)
+            played.append(play_rally(pair, home.policies, stream(0, 0, len(played)), about, {}))
+        return played[number]
+
+    for place, advice in enumerate(advised):
+        wanted, shortest = set(advice.states.tolist()), None
+        for number in range(_ATTEMPTS):
+            one = rally(number)
+            here = [i for i, s in enumerate(one.states(pair) % pair.n_base_states) if one.striker[i] == 0 and int(s) in wanted]
+            if not here or (shortest is not None and here[0] >= shortest[1]):
+                continue
+            shortest = (number, here[0])
+            if here[0] <= 4:
+                break
+        if shortest is None:
+            raise ShuttleError(f"advice {place + 1}: no example in {_ATTEMPTS:,} rallies")
+        number, stroke = shortest
+        about = (place, names, Score(server=number % 2))
+        found.append(play_rally(pair, home.policies, stream(0, 0, number), about, {stroke: advice.stroke}))
+    return found
+
+
+__all__ = ["BuildError", "base91", "shared", "staged_advice", "viewer"]

@@ -1,0 +1,352 @@
+"""The scouting report as a page."""
+
+import dataclasses
+import json
+from collections.abc import Sequence
+
+from shuttle_marl.analysis import Players
+from shuttle_marl.analysis.advice import LEAST_REFITS, LEAST_STEADY, Advice
+from shuttle_marl.analysis.habits import Ending, Habit
+from shuttle_marl.analysis.scouting import Known, Realised, ScoutingReport
+from shuttle_marl.analysis.tactics import STEPS
+from shuttle_marl.coach import charts
+from shuttle_marl.coach.blocks import Block, Section, chart, page, shown, text
+from shuttle_marl.coach.examples import BuildError, shared, staged_advice, viewer
+from shuttle_marl.coach.words import of_100, signed, words
+from shuttle_marl.errors import printable
+from shuttle_marl.game.court import AREAS
+from shuttle_marl.game.scoring import BWF
+from shuttle_marl.game.shipped import RELIABLE, Estimate
+from shuttle_marl.game.stroke import SHOTS
+from shuttle_marl.pages import Cell, Column, Table, Viewer, name, table
+
+_SHOWN: int = 12
+_EVEN = 0.6
+"""A match is open if neither player is expected to win it more often."""
+
+
+def scouting_page(report: ScoutingReport) -> bytes:
+    """The page as the content of a file."""
+    say = words()
+    rallies, program, reason = _examples(report)
+    named = {
+        role: dataclasses.replace(known, name=say.player(known.name))
+        for role in ("player", "opponent")
+        if (known := getattr(report, role)) is not None
+    }
+    report = dataclasses.replace(report, **named)
+    opponent = report.opponent.name
+    sections = [_outlook(report), _habits(report)] if report.player is not None else [_habits(report)]
+    if report.player is not None:
+        sections += [_advice(report, reason), _tactics(report)]
+    sections.append(_sure(report))
+    since = report.opponent.since
+    fields = {
+        "discipline": say(f"disciplines.{report.discipline}"),
+        "day": say("scout.undated") if since is None else say("scout.today", date=since),
+    }
+    title = (
+        say("scout.title_alone", opponent=opponent)
+        if report.player is None
+        else say("scout.title", player=report.player.name, opponent=opponent)
+    )
+    return page(title, say("scout.subtitle", **fields), sections, rallies=rallies, viewer=program)
+
+
+def _examples(report: ScoutingReport) -> tuple[str, Viewer | None, str]:
+    """Staged examples of the advice, and what plays them; or why there are none."""
+    if not report.advice or report.pair is None or report.home is None or report.player is None:
+        return "", None, ""
+    try:
+        program = viewer()
+    except BuildError as error:
+        return "", None, str(error)
+    names = printable(report.player.name), printable(report.opponent.name)
+    rallies = staged_advice(report.advice, report.pair, report.home, names)
+    players = Players(tables=report.home.policies, value=report.home.value)
+    content, _ = shared(rallies, report.pair, players, "female" if report.discipline == "women" else "male")
+    return content, program, ""
+
+
+def _range(value: Estimate, digits: int = 0) -> str:
+    say = words()
+    return say("interval", value=of_100(value.value, digits), low=of_100(value.low, digits), high=of_100(value.high, digits))
+
+
+def _knowledge(known: Known, discipline: str) -> str:
+    say = words()
+    if known.since is None:
+        return say("scout.outlook_unknown", name=known.name, discipline=say(f"disciplines.{discipline}"))
+    if not known.imitated:
+        return say("scout.outlook_few", name=known.name, strokes=known.strokes)
+    return say("scout.outlook_rests", name=known.name, strokes=known.strokes, matches=known.matches, since=known.since)
+
+
+def _outlook(report: ScoutingReport) -> Section:
+    say, found = words(), report.outlook
+    assert found is not None
+    assert report.player is not None
+    key = "outlook_even" if 1 - _EVEN <= found.match.value <= _EVEN else "outlook_lead"
+    lead = say(f"scout.{key}", player=report.player.name, rallies=_range(found.rally), matches=_range(found.match))
+    tiles = [
+        (_range(found.serving), say("scout.serving")),
+        (_range(found.receiving), say("scout.receiving")),
+        (_range(found.game), say("scout.game_won")),
+        (_range(found.match), say("scout.match_won")),
+    ]
+    known = [text(_knowledge(each, report.discipline)) for each in (report.player, report.opponent)]
+    return Section(say("scout.outlook"), lead, [Block("tiles", items=tiles), *known, text(say("scout.outlook_past"))])
+
+
+def habit_words(habit: Habit) -> str:
+    """A habit in words."""
+    say = words()
+    fields: dict[str, str] = {"direction": "", "shots": "", "area": "", "about": "", "height": ""}
+    if habit.answer in SHOTS:
+        fields["shots"] = say.shot(habit.answer, many=True)
+    elif habit.kind == "targets":
+        fields["area"] = say.area(AREAS.index(habit.answer), "receiver")
+    else:
+        fields["direction"] = say(f"directions.{habit.answer}")
+    if habit.about:
+        fields["about"] = say.shot(habit.about[0], many=True)
+    if len(habit.about) > 1:
+        fields["height"] = say(f"heights.{habit.about[1]}")
+    return say(f"habit.{habit.kind}", **fields)
+
+
+def _habits(report: ScoutingReport) -> Section:
+    say, opponent = words(), report.opponent.name
+    clear = [habit for habit in report.habits if habit.clear]
+    discipline = say(f"disciplines.{report.discipline}")
+    key = "habits_lead" if clear else "habits_none"
+    lead = say(f"scout.{key}", opponent=opponent, discipline=discipline, count=len(clear), tested=len(report.habits))
+    strokes = report.opponent.strokes if report.seen is None else report.seen.strokes
+    blocks: list[Block] = []
+    if report.seen is not None:
+        seen = report.seen
+        days = "" if seen.first is None else say("scout.days", first=seen.first, last=seen.last)
+        counts = {"matches": seen.matches, "strokes": strokes, "days": days}
+        blocks.append(text(say("scout.habits_from_data", opponent=opponent, **counts)))
+    elif report.opponent.since is not None:
+        blocks.append(text(say("scout.habits_from_model", strokes=strokes, opponent=opponent)))
+    if strokes < 10 * RELIABLE:
+        blocks.append(text(say("scout.habits_few", strokes=strokes, opponent=opponent)))
+    if clear:
+        rows = [
+            charts.Bar(habit_words(h), 100 * h.share, 100 * h.low, 100 * h.high, 100 * h.usual, player=1) for h in clear[:_SHOWN]
+        ]
+        blocks += [
+            chart(charts.bars(rows, say("scout.habits", opponent=opponent)), say("scout.habit_chart")),
+            shown(_table(clear)),
+        ]
+    if report.target_strokes >= RELIABLE:
+        caption = say("scout.targets_chart", opponent=opponent, strokes=round(report.target_strokes))
+        drawn = charts.court(report.targets, report.targets_usual, caption)
+        blocks.append(Block("courts", items=[(drawn, caption)]))
+    lines = _endings(report.endings)
+    if lines:
+        blocks += [text(say("scout.endings_lead")), Block("list", items=lines)]
+    else:
+        blocks.append(text(say("scout.endings_none", opponent=opponent)))
+    if report.seen is not None:
+        blocks.append(text(say("scout.tempo", opponent=opponent, length=report.seen.length, usual=report.seen.length_usual)))
+        if report.seen.seconds == report.seen.seconds:
+            seconds = {"seconds": report.seen.seconds, "usual": report.seen.seconds_usual}
+            blocks.append(text(say("scout.seconds", opponent=opponent, **seconds)))
+    return Section(say("scout.habits", opponent=opponent), lead, blocks)
+
+
+def _table(habits: Sequence[Habit]) -> Table:
+    say = words()
+    columns: list[Column[Habit]] = [
+        Column(say("scout.habit_head"), lambda h: name(habit_words(h)), left=True, wrap=True),
+        Column(say("scout.habit_share"), lambda h: Cell(of_100(h.share), h.share)),
+        Column(say("scout.habit_range"), lambda h: Cell(say("range", low=of_100(h.low), high=of_100(h.high)), h.high - h.low)),
+        Column(say("scout.habit_usual"), lambda h: Cell(of_100(h.usual), h.usual)),
+        Column(say("scout.habit_strokes"), lambda h: Cell(f"{h.strokes:,.0f}", h.strokes)),
+    ]
+    return table(habits, columns)
+
+
+def _endings(endings: Sequence[Ending]) -> list[str]:
+    say, lines = words(), []
+    for each in endings:
+        for key, (share, low, high, usual), clear in zip(("fault", "winner"), (each.fault, each.winner), each.clear, strict=True):
+            if clear:
+                fields = {"share": _range(Estimate(share, low, high), 1), "usual": of_100(usual, 1)}
+                shots = say.shot(each.shot, many=True)
+                lines.append(say(f"scout.{key}_line", shots=shots[:1].upper() + shots[1:], strokes=round(each.strokes), **fields))
+    return lines
+
+
+def _advice(report: ScoutingReport, reason: str) -> Section:
+    say, opponent = words(), report.opponent.name
+    fields = {"opponent": opponent, "count": len(report.advice)}
+    if report.advice and report.with_advice is not None and report.outlook is not None:
+        key = "advice_lead" if len(report.advice) > 1 else "advice_one"
+        lead = say(f"scout.{key}", before=of_100(report.outlook.rally.value, 1), after=_range(report.with_advice, 1), **fields)
+    else:
+        key = "advice_none" if report.refits >= LEAST_REFITS else "advice_no_refits"
+        lead = say(f"scout.{key}", opponent=opponent)
+    blocks = [text(say("scout.advice_why", least=RELIABLE, steady=of_100(LEAST_STEADY)))]
+    for number, advice in enumerate(report.advice):
+        real = report.realised[number] if report.realised else None
+        blocks.append(_card(report, advice, real, number))
+    if reason:
+        blocks.append(text(say("too_large", reason=reason)))
+    return Section(say("scout.advice", opponent=opponent), lead, blocks)
+
+
+def _card(report: ScoutingReport, advice: Advice, real: Realised | None, number: int) -> Block:
+    say, opponent = words(), report.opponent.name
+    assert report.pair is not None
+    catalogue = report.pair.catalogue
+    shot, area, contact = advice.situation
+    if shot < 0:
+        when, behind = say("scout.advice_serve"), say("scout.advice_behind_serve", stroke=int(advice.behind))
+    else:
+        when = say(
+            "scout.advice_when",
+            opponent=opponent,
+            shot=say.shot(SHOTS[shot]),
+            area=say.area(area, "your"),
+            height=say.height(contact),
+        )
+        behind = say("scout.advice_behind", stroke=int(advice.behind), situation=int(advice.situation_behind))
+    expected = advice.expected
+    lines = [
+        f"{when}.",
+        say(
+            "scout.advice_gain",
+            gain=signed(expected.value),
+            low=signed(expected.low),
+            high=signed(expected.high),
+            each=of_100(expected.value / advice.often, 0),
+            often=of_100(advice.often),
+        ),
+        say(
+            "scout.advice_already" if advice.usual == advice.stroke else "scout.advice_instead",
+            stroke=say.stroke(catalogue, advice.usual, "their"),
+            share=of_100(advice.usual_share),
+        ),
+        say("scout.advice_steady", steady=of_100(advice.steady), average=signed(advice.against_average)),
+    ]
+    if advice.before is not None:
+        lines.append(
+            say(
+                "scout.advice_before",
+                shot=say.shot(SHOTS[advice.before[0]]),
+                area=say.area(advice.before[1], "their"),
+                opponent=opponent,
+                share=of_100(advice.before_share),
+                usual=of_100(advice.before_average),
+            )
+        )
+    lines.append(behind)
+    if real is not None:
+        ranged = {
+            "low": of_100(real.low),
+            "high": of_100(real.high),
+            "shot": say.shot(SHOTS[catalogue.shot[advice.stroke]]),
+        }
+        lines.append(
+            say("scout.advice_real", won=real.won, n=real.strokes, others_won=real.others_won, others=real.others, **ranged)
+        )
+    return Block(
+        "card",
+        say("scout.advice_title", stroke=say.stroke(catalogue, advice.stroke, "their")),
+        items=lines,
+        example=number,
+        label=say("play_example"),
+    )
+
+
+def _tactics(report: ScoutingReport) -> Section:
+    say, found = words(), report.effects
+    clear = sorted((effect for effect in found if effect.clear), key=lambda effect: -abs(effect.more.value))
+    names = {effect.tactic: say(f"tactics.{effect.tactic}") for effect in found}
+    if clear:
+        change = signed(clear[0].more.value)
+        lead = say("scout.tactics_lead", tactic=names[clear[0].tactic], change=change)
+    else:
+        lead = say("scout.tactics_none" if report.refits >= LEAST_REFITS else "scout.tactics_no_refits")
+    rows = [charts.Bar(names[e.tactic], 100 * e.more.value, 100 * e.more.low, 100 * e.more.high, clear=e.clear) for e in found]
+    half = [(effect.serving + effect.receiving) / 2 for effect in found]
+    step = STEPS.index(0.1)
+    middle = STEPS.index(0.0)
+    less = STEPS.index(-0.1)
+
+    def exact(index: int) -> list[Cell]:
+        return [Cell(signed(float(rally[index] - rally[middle])), float(rally[index] - rally[middle])) for rally in half]
+
+    heads = ("tactics_head", "tactics_now", "tactics_often", "tactics_more", "tactics_less", "tactics_clear")
+    columns: list[Column[object]] = [
+        Column(say(f"scout.{head}"), lambda _: Cell(), left=not i, wrap=not i) for i, head in enumerate(heads)
+    ]
+    cells = [
+        [
+            name(names[effect.tactic]),
+            Cell(of_100(effect.share), effect.share),
+            Cell(f"{effect.often:.1f}", effect.often),
+            more,
+            fewer,
+            name(say("yes" if effect.clear else "no")),
+        ]
+        for effect, more, fewer in zip(found, exact(step), exact(less), strict=True)
+    ]
+    data = {
+        "steps": STEPS,
+        "tactics": [{"serving": e.serving.round(6).tolist(), "receiving": e.receiving.round(6).tolist()} for e in found],
+        "base": {"serving": float(found[0].serving[middle]), "receiving": float(found[0].receiving[middle])},
+        "rules": {"points": BWF.points, "cap": BWF.cap, "games": BWF.games, "lead": BWF.clear},
+    }
+    assert report.outlook is not None
+    content = {
+        "table": json.dumps(data),
+        "low": round(100 * STEPS[0]),
+        "high": round(100 * STEPS[-1]),
+        "rally": of_100(report.outlook.rally.value, 1),
+        "match": of_100(report.outlook.match.value, 1),
+    }
+    return Section(
+        say("scout.tactics"),
+        lead,
+        [
+            chart(charts.bars(rows, say("scout.tactics_chart")), say("scout.tactics_chart")),
+            shown(Table(columns, cells)),
+            Block("sliders", say("scout.sliders"), items=[names[effect.tactic] for effect in found], content=content),
+        ],
+    )
+
+
+def _sure(report: ScoutingReport) -> Section:
+    say = words()
+    factor = report.factor
+    if factor is None:
+        share = say("scout.sure_no_factor")
+    else:
+        share = say("scout.sure_factor", share=of_100(factor.value), low=of_100(factor.low), high=of_100(factor.high))
+    rows: list[tuple[str, str]] = []
+    for known in (report.player, report.opponent):
+        if known is not None:
+            rows += [
+                (say("scout.sure_strokes", name=known.name), f"{known.strokes:,}"),
+                (say("scout.sure_matches", name=known.name), f"{known.matches:,}"),
+                (say("scout.sure_since", name=known.name), say("unknown") if known.since is None else f"{known.since}"),
+                (say("scout.sure_choices", name=known.name), say("yes" if known.imitated else "no")),
+            ]
+    if report.player is not None:
+        rows.append((say("scout.sure_refits"), f"{report.refits}"))
+    rows.append((say("scout.sure_model"), f"{report.model[0]}, {report.model[1][:12]}"))
+    columns: list[Column[tuple[str, str]]] = [
+        Column(say("scout.sure_what"), lambda row: name(row[0]), left=True, wrap=True),
+        Column(say("scout.sure_value"), lambda row: name(row[1]), left=True, wrap=True),
+    ]
+    blocks = [
+        text(share),
+        text(say("scout.sure_observed")),
+        shown(table(rows, columns, say("scout.sure_table"))),
+        text(say("scout.named")),
+    ]
+    return Section(say("scout.sure"), say("scout.sure_lead"), blocks)

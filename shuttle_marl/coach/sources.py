@@ -1,0 +1,157 @@
+"""Matches as the reports read them: of annotated tables, of CSV files, and of rally logs."""
+
+import dataclasses
+import shlex
+import string
+from collections.abc import Callable
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import numpy as np
+import pyarrow.compute as pc
+
+from shuttle_marl.analysis import Players
+from shuttle_marl.analysis.advice import imitated, meet
+from shuttle_marl.analysis.match import MatchReport, match_report, matches_in
+from shuttle_marl.analysis.summary import AnalysisError
+from shuttle_marl.coach.match_page import Footage
+from shuttle_marl.coach.words import words
+from shuttle_marl.data import load_strokes
+from shuttle_marl.data.own import import_matches
+from shuttle_marl.errors import printable
+from shuttle_marl.exact import evaluate
+from shuttle_marl.game.pairs import AnyGame, PairGame
+from shuttle_marl.game.shipped import is_shipped
+from shuttle_marl.policy import baselines
+from shuttle_marl.rally.record import Rallies
+from shuttle_marl.recording import RallyLog
+from shuttle_marl.recording.tables import stroke_table
+from shuttle_marl.watch.match import CourtRally
+from shuttle_marl.watch.recorded import LogRallies, RealRallies
+
+_LISTED = 12
+
+
+def of_strokes(path: Path, game: AnyGame, match: str | None = None, columns: Path | None = None) -> tuple[MatchReport, Footage]:
+    """The report of an annotated match.
+
+    Args:
+        path: a stroke table, a folder with the raw files, or a CSV file.
+        game: in which strokes are valued.
+        match: name of the match, or a part that only its name has; None: the only match.
+        columns: column map of a CSV file.
+
+    Raises:
+        DataError: the file cannot be read.
+        AnalysisError: no such match, or several.
+    """
+    strokes = load_strokes(path) if columns is None else import_matches(path, columns)[0].strokes
+    name = _match(matches_in(strokes), match)
+    report = match_report(strokes.filter(pc.equal(strokes["match"], name)), game=game)
+    staged = RealRallies(path, game.seats[0], strokes)
+    origin = game.seats[0].origin
+    model = () if origin is None or is_shipped(origin.folder.name) else ("--game", str(origin.folder))
+    numbers = staged.numbers(name)
+    found = {i: numbers[row.key] for i, row in enumerate(report.rallies) if row.key in numbers}
+    rallies = {i: staged.rally(found[i]) for i in report.moments if i in found}
+    shown = {} if columns is not None else {i: number + 1 for i, number in found.items()}
+    watch = _watch("--real", str(path), *model, "--rally")
+    women = strokes.filter(pc.equal(strokes["match"], name))["discipline"][0].as_py() == "WS"
+    return report, _footage(report, rallies, (watch, shown), women=women)
+
+
+def _watch(*arguments: str) -> str:
+    """Command of the live court, as another reader of the report types it."""
+    return shlex.join(["python", "-m", "shuttle_marl.watch", *arguments])
+
+
+def _match(names: list[str], wanted: str | None) -> str:
+    """The match that is meant.
+
+    Raises:
+        AnalysisError: none, or several.
+    """
+    found = [name for name in names if wanted is None or wanted == name] or [name for name in names if wanted in name]  # type: ignore[operator]
+    if len(found) != 1:
+        listed = ", ".join(map(printable, (found or names)[:_LISTED])) + (" …" if len(found or names) > _LISTED else "")
+        raise AnalysisError(f"--match {wanted or ''}: {len(found)} matches; expected (part of) one of these names: {listed}")
+    return found[0]
+
+
+def of_log(path: Path, game: AnyGame, match: int = 0, pairing: int = 0) -> tuple[MatchReport, Footage]:
+    """The report of a match of a rally log.
+
+    Args:
+        path: the log, or a folder of logs.
+        game: that was played.
+        match, pairing: numbers of the match and of its pairing.
+
+    Raises:
+        RecordingError: the log cannot be read, or was played on another game.
+        AnalysisError: no such match.
+    """
+    with RallyLog(path) as log:
+        numbers = log.numbers_of_match(pairing, match).tolist()
+        if not numbers:
+            raise AnalysisError(f"{path}: no match {match} of pairing {pairing}; the log has {len(log.pairings)} pairings")
+        rallies = Rallies.concatenate([log.rally(number) for number in numbers])
+        names = [player.name for player in log.policies]
+        title = words()("match.of_log", match=match, pairing=pairing)
+        rng = np.random.default_rng([0, pairing, match])
+        strokes = stroke_table(rallies, log.catalogue, names, [title] * len(rallies), rng)
+        seats = tuple(names[int(policy)] for policy in rallies.policy[0])
+        played = log.files[log.file_of(numbers[0])].header.rules
+    staged = LogRallies(path, game)
+    known = staged.players(numbers[0])
+    odds = None if known is None or known.value is None else known.value.odds(seats.index(strokes["player"][0].as_py()))
+    report = match_report(strokes, game=game, rules=played, odds=odds)
+    shown = {i: staged.rally(numbers[i]) for i in report.moments}
+    watch = _watch("--replay", str(path), "--rally"), {i: number + 1 for i, number in enumerate(numbers)}
+    footage = _footage(report, shown, watch, women=False)
+    return report, footage if known is None else dataclasses.replace(footage, game=game, players=known)
+
+
+def _footage(report: MatchReport, rallies: dict[int, CourtRally], watch: tuple[str, dict[int, int]], *, women: bool) -> Footage:
+    game = report.game
+    if isinstance(game, PairGame):
+        first, second = imitated(game)
+        players = Players(tables=(first, second), value=meet(first, second).value)
+    else:
+        average = baselines.load(None, game.seats[0])
+        players = Players(tables=(average, average), value=evaluate(average, average))
+    return Footage(
+        staged=rallies,
+        game=game,
+        players=players,
+        athlete="female" if women else "male",
+        command=watch[0],
+        numbers=watch[1],
+    )
+
+
+def video_of(template: str) -> Callable[[float], str]:
+    """Address of a video at a time in seconds.
+
+    Args:
+        template: address with ``{seconds}`` where the whole seconds go.
+
+    Raises:
+        AnalysisError: it is no such address.
+    """
+    fields = [name for _, name, _, _ in string.Formatter().parse(template) if name is not None]
+    if fields != ["seconds"] or urlsplit(template).scheme not in ("http", "https"):
+        raise AnalysisError(f"--video {template}: expected an http or https address with {{seconds}} once")
+    return lambda seconds: template.format(seconds=int(seconds))
+
+
+def anonymous(report: MatchReport, footage: Footage) -> tuple[MatchReport, Footage]:
+    """The same without the names of players and match."""
+    names = words()("player_a"), words()("player_b")
+    game = footage.game
+    if isinstance(game, PairGame):
+        game = dataclasses.replace(game, players=names if game.players == report.players else names[::-1])
+    staged = {i: dataclasses.replace(rally, names=names) for i, rally in footage.staged.items()}
+    return (
+        dataclasses.replace(report, players=names, match="", game=game),
+        dataclasses.replace(footage, staged=staged, game=game, numbers={}, video=None),
+    )

@@ -1,0 +1,69 @@
+"""Match reports: what decided a match."""
+
+import dataclasses
+from pathlib import Path
+from typing import Annotated, Final
+
+import tyro
+
+from shuttle_marl.commands import cli
+from shuttle_marl.commands.options import Json, RallyGameOptions
+
+_MODEL: Final = RallyGameOptions()
+
+
+def report(
+    path: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="MATCH")],
+    *,
+    out: Path = Path("report.html"),
+    match: str | None = None,
+    pairing: int = 0,
+    columns: Path | None = None,
+    model: tyro.conf.OmitArgPrefixes[RallyGameOptions] = _MODEL,
+    video: str | None = None,
+    anonymous: bool = False,
+    pdf: Path | None = None,
+    json_output: Json = False,
+) -> None:
+    """Write a report of a match: its course, key moments, the value of shots, costly decisions, and habits that changed.
+
+    Args:
+        path: annotated matches (a stroke table, a folder with the raw files, or a CSV file with --columns), or a rally log.
+        out: HTML file.
+        match: name of the match, or part of it; of a rally log the number of the match, from 0. Default: the only one.
+        pairing: of a rally log, number of the pairing.
+        columns: column map of a CSV file.
+        model: game in which strokes are valued.
+        video: address of the video with {seconds} where the time goes, such as https://example.org/watch?t={seconds}.
+        anonymous: replace the names of the players and of the match.
+        pdf: PDF file, written by Chromium.
+        json_output: print the figures as JSON, and write no page.
+    """
+    from shuttle_marl.coach import sources  # noqa: PLC0415  these keep --help quick
+    from shuttle_marl.coach.match_page import match_page  # noqa: PLC0415
+    from shuttle_marl.commands.reports import write_report  # noqa: PLC0415
+    from shuttle_marl.errors import ShuttleError  # noqa: PLC0415
+    from shuttle_marl.recording.reader import is_log  # noqa: PLC0415
+
+    game = model.load_for(path)
+    if is_log(path):
+        if match is not None and not match.isdecimal():
+            raise ShuttleError(f"--match {match}: expected the number of a match of the log, from 0")
+        figures, footage = sources.of_log(path, game, int(match or 0), pairing)
+    else:
+        figures, footage = sources.of_strokes(path, game, match, columns)
+    if video is not None:
+        footage = dataclasses.replace(footage, video=sources.video_of(video))
+    if anonymous:
+        figures, footage = sources.anonymous(figures, footage)
+    if json_output:
+        cli.print_json(figures.as_json())
+        if pdf is None:
+            return
+    write_report(match_page(figures, footage), out, pdf, quiet=json_output)
+
+
+COMMANDS: Final = report
+
+
+main: Final = cli.entry_point(COMMANDS, "python -m shuttle_marl.report", __doc__ or "")

@@ -1,0 +1,80 @@
+"""Scouting reports: how to play against an opponent."""
+
+from pathlib import Path
+from typing import Annotated, Final
+
+import tyro
+
+from shuttle_marl.commands import cli
+from shuttle_marl.commands.options import Json
+
+
+def scout(
+    player: Annotated[str | None, tyro.conf.Positional] = None,
+    opponent: Annotated[str | None, tyro.conf.Positional] = None,
+    *,
+    out: Path | None = None,
+    data: Path | None = None,
+    game: str = "default",
+    date: str | None = None,
+    anonymous: bool = False,
+    pdf: Path | None = None,
+    list_players: Annotated[bool, tyro.conf.arg(name="list")] = False,
+    json_output: Json = False,
+) -> None:
+    """Write a scouting report: the match-up, how the opponent plays, where the opponent can be hurt, and what tactics do.
+
+    Args:
+        player: who is to win; alone: whose profile is written.
+        opponent: who is described.
+        out: HTML file; default: scout.html.
+        data: annotated matches, for counted habits: a stroke table, or a folder with the raw files.
+        game: model of the game: a shipped one or a folder.
+        date: day of the players' skill, such as 2021-07-31; default: the last one known.
+        anonymous: replace the names of the players.
+        pdf: PDF file, written by Chromium.
+        list_players: list the players of the model instead.
+        json_output: print the figures as JSON, and write no page unless --out or --pdf is given.
+    """
+    import dataclasses  # noqa: PLC0415  these keep --help quick
+
+    from shuttle_marl.analysis.scouting import plain, players_of  # noqa: PLC0415
+    from shuttle_marl.analysis.scouting import scout as scouted  # noqa: PLC0415
+    from shuttle_marl.coach.scout_page import scouting_page  # noqa: PLC0415
+    from shuttle_marl.coach.words import words  # noqa: PLC0415
+    from shuttle_marl.commands.reports import write_report  # noqa: PLC0415
+    from shuttle_marl.data import load_strokes  # noqa: PLC0415
+    from shuttle_marl.errors import ShuttleError  # noqa: PLC0415
+
+    if list_players:
+        listed = players_of(game)
+        if json_output:
+            cli.print_json({"players": [plain(each) for each in listed]})
+        else:
+            cli.console().print(cli.scouted_rows(listed))
+        return
+    if player is None:
+        raise ShuttleError("scout: expected PLAYER OPPONENT, or one player, or --list")
+    names = (player,) if opponent is None else (opponent, player)
+    strokes = None if data is None else load_strokes(data)
+    report = scouted(*names, model=game, date=date, data=strokes)
+    if anonymous:
+        hidden = {name: words()(key) for name, key in zip(names[::-1], ("player_a", "player_b"), strict=False)}
+        changed = {
+            role: dataclasses.replace(known, name=hidden[known.name])
+            for role in ("player", "opponent")
+            if (known := getattr(report, role)) is not None
+        }
+        if report.pair is not None:
+            changed["pair"] = dataclasses.replace(report.pair, players=(hidden[player], hidden[names[0]]))
+        report = dataclasses.replace(report, **changed)
+    if json_output:
+        cli.print_json(report.as_json())
+    if not json_output or out is not None or pdf is not None:
+        write_report(scouting_page(report), out or Path("scout.html"), pdf, quiet=json_output)
+
+
+COMMANDS: Final = scout
+
+
+main: Final = cli.entry_point(COMMANDS, "python -m shuttle_marl.scout", __doc__ or "")

@@ -1,0 +1,61 @@
+"""Q-networks of :mod:`shuttle_marl.training.q_learning`: DQN for ``exploit``, CQL and IQL for ``offline``.
+
+The argument is the weight of the penalty of CQL, or the inverse temperature of IQL.
+"""
+
+import dataclasses
+from typing import ClassVar
+
+import numpy as np
+
+from shuttle_marl.exact.profile import PairPolicy
+from shuttle_marl.game.tabulated import tabulate
+from shuttle_marl.policy.registry import resolve
+from shuttle_marl.suite.logs import Transitions
+from shuttle_marl.suite.offline import LogSetting
+from shuttle_marl.suite.players import PlayerSetting, Trained
+from shuttle_marl.suite.tabular import greedy
+
+
+def dqn(setting: PlayerSetting) -> Trained:
+    """Double DQN (Mnih et al. 2015; van Hasselt et al. 2016, arXiv 1509.06461), greedy."""
+    from shuttle_marl.training import q_learning  # noqa: PLC0415  torch
+
+    game, name = setting.game, setting.opponent or "bc"
+    config = q_learning.QConfig()
+    q = q_learning.deep_q(game, tabulate(resolve(name, game), game, name), setting.budget, config, setting.seed)
+    return Trained(player=greedy(game, q), strokes=setting.budget // config.rows * config.rows)
+
+
+@dataclasses.dataclass(frozen=True)
+class ConservativeQ:
+    """Conservative Q-learning (Kumar et al. 2020, arXiv 2006.04779)."""
+
+    setting: LogSetting
+    argument: str = "5"
+    track: ClassVar[str] = "own"
+
+    def fit(self, data: Transitions) -> PairPolicy:
+        """Greedy in the Q-values."""
+        from shuttle_marl.training import q_learning  # noqa: PLC0415  torch
+
+        rows = q_learning.Transitions(data.state, data.stroke.astype(np.int64), data.reward, data.following)
+        config = q_learning.QConfig(alpha=float(self.argument))
+        return greedy(data.game, q_learning.conservative_q(data.game, rows, config, self.setting.seed))
+
+
+@dataclasses.dataclass(frozen=True)
+class ImplicitQ:
+    """Implicit Q-learning (Kostrikov et al. 2022, arXiv 2110.06169)."""
+
+    setting: LogSetting
+    argument: str = "10"
+    track: ClassVar[str] = "own"
+
+    def fit(self, data: Transitions) -> PairPolicy:
+        """The likeliest stroke of the policy."""
+        from shuttle_marl.training import q_learning  # noqa: PLC0415  torch
+
+        rows = q_learning.Transitions(data.state, data.stroke.astype(np.int64), data.reward, data.following)
+        config = q_learning.QConfig(beta=float(self.argument))
+        return greedy(data.game, q_learning.implicit_q(data.game, rows, config, self.setting.seed))

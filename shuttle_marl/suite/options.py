@@ -1,0 +1,60 @@
+"""Options of runs, without the solvers: the command reads them before anything is imported that needs numba."""
+
+import dataclasses
+from pathlib import Path
+from typing import Annotated, Final, Literal
+
+import tyro
+
+from shuttle_marl.errors import ShuttleError
+
+Split = Literal["dev", "test", "hidden"]
+"""Part of a task: for tuning, for scores, and with a secret seed (``adapt`` alone)."""
+Secret = Annotated[str | None, tyro.conf.arg(metavar="HEX")]
+_MOST_WORKERS: Final = 512
+
+
+class SuiteError(ShuttleError):
+    """A task, a method or a submission that cannot be used."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SuiteRun:
+    """Options of a run of a method on a task."""
+
+    task: tyro.conf.Positional[str]
+    """Name of the task."""
+    method: str
+    """Baseline of the task, program:COMMAND, or MODULE:ATTRIBUTE."""
+    split: Split = "dev"
+    """Part of the task: dev for tuning, test for the scores that are reported."""
+    budget: int | None = None
+    """Cases of this budget only, in strokes; default: all."""
+    seeds: int | None = None
+    """Number of seeds, from 0; default: that of the task."""
+    quick: bool = False
+    """The smallest cases and budgets only, to test a method; not a score."""
+    workers: int = 1
+    """Parallel processes; results do not depend on it."""
+    ray: str | None = None
+    """Ray cluster that plays the units: local, auto, HOST:PORT of its head, or ray://HOST:PORT; replaces --workers."""
+    game: str = "default"
+    """Model of the game: a shipped one or a folder."""
+    secret: Secret = None
+    """Seed of the hidden split."""
+    data: Path | None = None
+    """Annotated matches, for imitate: the folder of `data download`, or a file of `data convert`."""
+    out: Path | None = None
+    """Run folder; default runs/TASK-METHOD-SPLIT, with a number appended if that exists."""
+    resume: bool = False
+    """Continue the run in --out (or the default folder)."""
+    overwrite: bool = False
+    """Replace the run in --out."""
+
+    def __post_init__(self) -> None:
+        if self.seeds is not None and self.seeds < 1:
+            raise SuiteError(f"--seeds {self.seeds}: expected 1 or more")
+        if not 1 <= self.workers <= _MOST_WORKERS:
+            raise SuiteError(f"--workers {self.workers}: expected 1 to {_MOST_WORKERS}")
+        if self.resume and self.overwrite:
+            raise SuiteError("--resume continues a run and --overwrite replaces it; give one of them")

@@ -1,0 +1,168 @@
+"""Habits: counted, compared, and said only where they are more than chance."""
+
+import dataclasses
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from scipy import stats
+
+from shuttle_marl.analysis.advice import Refitted, meet
+from shuttle_marl.analysis.habits import (
+    NONE,
+    Plays,
+    area_shares,
+    discoveries,
+    endings,
+    habits,
+    interval,
+    plays_of_meeting,
+    plays_of_strokes,
+    questions,
+)
+from shuttle_marl.game.court import AREAS
+from shuttle_marl.game.shipped import load_game
+from shuttle_marl.game.stroke import SHOTS
+from shuttle_marl.game.tabulated import tabulate
+from shuttle_marl.policy.registry import resolve
+
+
+def plays(rows: list[tuple[int, int, int, int, int, int]], copies: int = 1) -> Plays:
+    """Strokes of own shot, incoming shot, area where they are met, contact, shot and area."""
+    own, incoming, met, contact, shot, area = np.array(rows * copies, dtype=np.int64).T
+    ones, zeros = np.ones(len(own)), np.zeros(len(own))
+    return Plays(
+        own=own, incoming=incoming, met=met, contact=contact, shot=shot, area=area, weight=ones, fault=zeros, winner=zeros,
+        group=np.zeros(len(own), np.int64),
+    )  # fmt: skip
+
+
+def answers(some: Plays, kind: str, about: tuple[str, ...] = ()) -> list[str | None]:
+    for question, answer in questions(some):
+        if (question.kind, question.about) == (kind, about):
+            return [None if a < 0 else question.answers[a] for a in answer.tolist()]
+    raise AssertionError(kind)
+
+
+def test_questions_of_three_strokes() -> None:
+    serve, lift, smash = (SHOTS.index(name) for name in ("short-serve", "lift", "smash"))
+    back_right, middle_left, middle_right = (AREAS.index(name) for name in ("back-right", "middle-left", "middle-right"))
+    rows = [
+        (NONE, NONE, -1, 0, serve, 1),
+        (NONE, serve, 1, 0, lift, back_right),
+        # From one's own right side, the receiver's left is straight ahead.
+        (serve, lift, back_right, 1, smash, middle_left),
+        (serve, lift, back_right, 1, smash, middle_right),
+    ]
+    some = plays(rows)
+    assert answers(some, "serve") == ["short-serve", None, None, None]
+    assert answers(some, "serve_side", ("short-serve",)) == ["centre", None, None, None]
+    assert answers(some, "return", ("short-serve",)) == [None, "lift", None, None]
+    assert answers(some, "third") == [None, None, "smash", "smash"]
+    assert answers(some, "reply", ("lift", "above")) == [None, None, "smash", "smash"]
+    assert answers(some, "direction", ("smash",)) == [None, None, "straight", "cross"]
+    assert answers(some, "shots") == [None, "lift", "smash", "smash"]
+    assert area_shares(some)[0].sum() == 3
+
+
+def test_intervals_are_those_of_scipy() -> None:
+    found = stats.binomtest(17, 60).proportion_ci(0.9, method="wilson")
+    assert interval(17 / 60, 60) == pytest.approx((found.low, found.high))
+
+
+def test_false_discoveries_are_controlled() -> None:
+    assert discoveries([]).tolist() == []
+    # Benjamini-Hochberg by hand: the largest i with p_(i) <= 0.05 i / 4 is 2.
+    assert discoveries([0.9, 0.02, 0.001, 0.04]).tolist() == [False, True, True, False]
+
+
+def test_differences_by_chance_are_not_said() -> None:
+    """Two samples of one player: at most a few of a hundred reports may claim a difference."""
+    rng = np.random.default_rng(3)
+    serve, lift, net = (SHOTS.index(name) for name in ("short-serve", "lift", "net-shot"))
+    claims = 0
+    for _ in range(60):
+        some = []
+        for _ in range(2):
+            shots = rng.choice([lift, net, SHOTS.index("push")], 200, p=[0.5, 0.4, 0.1])
+            some.append(
+                plays(
+                    [(NONE, serve, 1, 0, int(shot), int(area)) for shot, area in zip(shots, rng.integers(0, 9, 200), strict=True)]
+                )
+            )
+        claims += any(habit.clear for habit in habits(*some))
+    assert claims <= 7
+
+
+def test_a_difference_is_said_with_its_numbers() -> None:
+    serve, lift, net = (SHOTS.index(name) for name in ("short-serve", "lift", "net-shot"))
+    mine = plays([(NONE, serve, 1, 0, lift, 6)] * 9 + [(NONE, serve, 1, 0, net, 0)], 10)
+    others = plays([(NONE, serve, 1, 0, lift, 6)] * 5 + [(NONE, serve, 1, 0, net, 0)] * 5, 40)
+    found = next(h for h in habits(mine, others) if h.kind == "return" and h.answer == "lift")
+    assert found.clear
+    assert (found.strokes, found.share, found.usual) == (100, 0.9, 0.5)
+    pooled = (90 + 200) / 500
+    error = np.sqrt(pooled * (1 - pooled) * (1 / 100 + 1 / 400))
+    assert found.p == pytest.approx(2 * stats.norm.sf(0.4 / error))
+    few = mine.take(np.arange(len(mine)) < 15)
+    assert habits(few, others) == []
+
+
+def test_counts_of_matches_that_vary_are_less_certain() -> None:
+    serve, lift, net = (SHOTS.index(name) for name in ("short-serve", "lift", "net-shot"))
+
+    def match(lifts: int, number: int) -> Plays:
+        some = plays([(NONE, serve, 1, 0, lift, 6)] * lifts + [(NONE, serve, 1, 0, net, 0)] * (20 - lifts))
+        return dataclasses.replace(some, group=np.full(20, number))
+
+    def joined(parts: list[Plays]) -> Plays:
+        return Plays(**{f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in dataclasses.fields(Plays)})
+
+    others = plays([(NONE, serve, 1, 0, lift, 6), (NONE, serve, 1, 0, net, 0)], 500)
+    even = joined([match(13, k) for k in range(12)])
+    uneven = joined([match(6 + 14 * (k % 2), k) for k in range(12)])
+    p = [next(h.p for h in habits(some, others) if h.kind == "return" and h.answer == "lift") for some in (even, uneven)]
+    assert p[0] < 1e-4 < p[1]
+
+
+def test_expected_strokes_of_a_policy_are_those_that_it_plays(found: Refitted) -> None:
+    expected = plays_of_meeting(found.home, 0, 1000)
+    assert expected.weight.sum() == pytest.approx(1000)
+    shares = np.bincount(expected.shot, expected.weight, len(SHOTS)) / 1000
+    assert shares == pytest.approx(found.home.seen.shot_mix(0))
+    faults = found.home.seen.endings()["fault of player 0"] / found.home.visits(0).sum()
+    assert expected.fault.sum() / 1000 == pytest.approx(faults)
+
+
+def test_claims_about_simulated_players_are_true(model: str) -> None:
+    """Truth: exact frequencies of the policies. Data: strokes drawn from them."""
+    game, names = load_game(model), ("bc", "attacking", "defensive")
+    tables = [tabulate(resolve(name, game), game, name) for name in names]
+    exact = {(i, j): meet(tables[i], tables[j]) for i in range(3) for j in range(3) if i != j}
+    truth = [[plays_of_meeting(exact[i, j], 0, 1000 * exact[i, j].visits(0).sum()) for j in range(3) if j != i] for i in range(3)]
+
+    def joined(parts: list[Plays]) -> Plays:
+        return Plays(**{f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in dataclasses.fields(Plays)})
+
+    rng, true = np.random.default_rng(0), []
+    for i in range(3):
+        mine, others = joined(truth[i]), joined([part for k in range(3) if k != i for part in truth[k]])
+        real = {(h.kind, h.about, h.answer): h.share - h.usual for h in habits(mine, others, dispersion=1.0)}
+        for strokes in (150, 600, 3000):
+            drawn = [
+                dataclasses.replace(part, weight=rng.poisson(part.weight * (strokes * k / part.weight.sum())).astype(float))
+                for part, k in ((mine, 1), (others, 2))
+            ]
+            true += [real[h.kind, h.about, h.answer] * (h.share - h.usual) > 0 for h in habits(*drawn, dispersion=1.0) if h.clear]
+    assert len(true) > 100
+    assert np.mean(true) >= 0.9
+
+
+def test_faults_and_winners(sample: pa.Table) -> None:
+    some = plays_of_strokes(sample)
+    mine = sample["player"].to_numpy(zero_copy_only=False) == "viktor-axelsen"
+    found = {each.shot: each for each in endings(some.take(mine), some.take(~mine))}
+    smashes = mine & (some.shot == SHOTS.index("smash"))
+    assert found["smash"].strokes == smashes.sum()
+    assert found["smash"].fault[0] == pytest.approx(some.fault[smashes].mean())
+    assert found["smash"].winner[1] <= found["smash"].winner[0] <= found["smash"].winner[2]

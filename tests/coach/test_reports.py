@@ -1,0 +1,448 @@
+"""Both reports: what they say, that names stay text, that they need no network, and what they refuse."""
+
+import dataclasses
+import html.parser
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+import pytest
+from playwright.sync_api import Browser, Frame, Page
+
+from shuttle_marl.analysis import advice
+from shuttle_marl.analysis.advice import Refitted
+from shuttle_marl.analysis.course import Chances
+from shuttle_marl.analysis.match import MatchReport, match_report, matches_in
+from shuttle_marl.analysis.scouting import ScoutingReport, players_of, scout
+from shuttle_marl.analysis.summary import AnalysisError, rally_table
+from shuttle_marl.coach import match_page as match_pages
+from shuttle_marl.coach import scout_page as scout_pages
+from shuttle_marl.coach import sources
+from shuttle_marl.coach.examples import BuildError, base91, viewer
+from shuttle_marl.coach.words import CATALOGUE, Words, of_100, signed
+from shuttle_marl.commands.report import main as report_command
+from shuttle_marl.commands.scout import main as scout_command
+from shuttle_marl.errors import printable
+from shuttle_marl.exact import Odds
+from shuttle_marl.game.scoring import Rules, Score, match_win_probability
+from shuttle_marl.game.shipped import RELIABLE, resolve_game
+from shuttle_marl.table_files import write_parquet
+from tests.coach.conftest import SAMPLE, A, B
+
+EVIL = "</script><script>alert(1)</script><img src=http://example.org/x>"
+TURNED = "\u202eanaid-nairam"
+LONG = "x" * 200
+
+
+@pytest.fixture(scope="session")
+def scouted(model: str) -> ScoutingReport:
+    return scout(B, A, model=model)
+
+
+@pytest.fixture(scope="session")
+def match(sample: pa.Table) -> pa.Table:
+    return sample.filter(pc.equal(sample["match"], matches_in(sample)[1]))
+
+
+@pytest.fixture(scope="session")
+def reported(match: pa.Table, model: str) -> MatchReport:
+    return match_report(match, game=resolve_game(model))
+
+
+@pytest.fixture
+def unbuilt(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No program that plays rallies, which takes Node to build."""
+
+    def missing() -> None:
+        raise BuildError("Node is missing")
+
+    for module in (scout_pages, match_pages):
+        monkeypatch.setattr(module, "viewer", missing)
+
+
+def footage(report: MatchReport) -> Any:
+    """Of a report without staged rallies."""
+    nobody: Any = None
+    return match_pages.Footage(staged={}, game=report.game, players=nobody, athlete="male", command="watch", numbers={})
+
+
+class _Tags(html.parser.HTMLParser):
+    def __init__(self) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.words: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, dict(attrs)))
+
+    def handle_data(self, data: str) -> None:
+        self.words.append(data)
+
+
+def parsed(content: bytes) -> tuple[_Tags, str]:
+    tags = _Tags()
+    tags.feed(content.decode())
+    return tags, " ".join(" ".join(tags.words).split())
+
+
+# The scouting report.
+
+
+def test_a_scouting_report_has_its_five_parts(scouted: ScoutingReport, unbuilt: None) -> None:
+    tags, text = parsed(scout_pages.scouting_page(scouted))
+    assert [name for tag, a in tags.tags if tag == "section" and (name := a["id"])] == [
+        "the-match-up", "how-kento-momota-plays", "where-kento-momota-can-be-hurt", "what-if-you-play-more-of-it?",
+        "how-sure-is-this?",
+    ]  # fmt: skip
+    assert "Viktor Axelsen is expected to win" in text or "This match is open" in text
+    assert text.count("Behind the advice") == len(scouted.advice) >= 3
+    assert "left out: Node is missing" in text
+    assert text.count("Gain:") == len(scouted.advice)
+    assert len([tag for tag, a in tags.tags if tag == "input"]) == len(scouted.effects)
+
+
+def test_a_profile_alone_has_no_advice(model: str, unbuilt: None) -> None:
+    report = scout(B, model=model)
+    assert (report.outlook, report.player, [*report.advice], [*report.effects]) == (None, None, [], [])
+    _, text = parsed(scout_pages.scouting_page(report))
+    assert "How Kento Momota plays" in text
+    assert "Gain:" not in text
+
+
+def test_figures_as_json(scouted: ScoutingReport, reported: MatchReport) -> None:
+    figures = json.loads(json.dumps(scouted.as_json(), allow_nan=False))
+    assert figures["advice"][0]["stroke"].count(":") == 3
+    assert figures["outlook"]["match"]["low"] <= figures["outlook"]["match"]["value"]
+    figures = json.loads(json.dumps(reported.as_json(), allow_nan=False))
+    assert len(figures["rallies"]) == len(reported.rallies)
+
+
+def test_habits_are_counted_where_there_are_matches(model: str, sample: pa.Table) -> None:
+    report = scout("chou-tien-chen", A, model=model, data=sample)
+    mine = sample.filter(pc.equal(sample["player"], "chou-tien-chen"))
+    assert report.counted
+    assert report.seen is not None
+    assert (report.seen.strokes, report.seen.matches) == (len(mine), len(mine["match"].unique()))
+    assert len(report.realised) == len(report.advice)
+    for real in report.realised:
+        assert real is None or (real.strokes >= RELIABLE and 0 <= real.won <= real.strokes)
+
+
+def test_a_player_with_fifty_strokes(model: str, sample: pa.Table, unbuilt: None) -> None:
+    few = sample.filter(pc.equal(sample["match"], matches_in(sample)[3])).slice(0, 100)
+    names = few["player"].to_pylist()
+    for column in ("player", "opponent"):
+        new = pa.array(["club-player" if name == names[0] else name for name in few[column].to_pylist()], pa.string())
+        few = few.set_column(few.schema.get_field_index(column), few.schema.field(column), new)
+    report = scout("club-player", model=model, data=few)
+    assert report.opponent.since is None
+    assert report.seen is not None
+    assert report.seen.strokes <= 60
+    _, text = parsed(scout_pages.scouting_page(report))
+    assert f"There are only {report.seen.strokes} strokes of Club Player" in text
+    whole = scout("club-player", A if report.discipline == "men" else "an-se-young", model=model, data=few)
+    _, text = parsed(scout_pages.scouting_page(whole))
+    assert "The data have no strokes of Club Player" in text
+
+
+def test_players_who_cannot_be_scouted(model: str) -> None:
+    with pytest.raises(AnalysisError, match="did you mean kento-momota"):
+        scout("kento-momoto", model=model)
+    women = next(each.name for each in players_of(model) if each.discipline == "women")
+    with pytest.raises(AnalysisError, match="expected one discipline"):
+        scout(women, A, model=model)
+
+
+def test_refits_are_needed_for_advice(
+    scouted: ScoutingReport, found: Refitted, reported: MatchReport, unbuilt: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(advice, "LEAST_REFITS", 9)
+    assert advice.advise(found) == []
+    _, text = parsed(scout_pages.scouting_page(dataclasses.replace(scouted, advice=[], with_advice=None)))
+    assert "No change of stroke against Kento Momota is certain enough" in text
+    content = match_pages.match_page(dataclasses.replace(reported, choices=[]), footage(reported))
+    assert "No single choice was clearly worse" in parsed(content)[1]
+
+
+# The match report.
+
+
+def test_scores_and_chances_of_a_match(reported: MatchReport, match: pa.Table) -> None:
+    rows = rally_table(match)
+    winners = rows["winner"].to_pylist()
+    assert [reported.players[row.winner] for row in reported.rallies if row.winner is not None] == [w for w in winners if w]
+    assert sum(map(sum, reported.score)) == len(winners)
+    for before, after in zip(reported.rallies, reported.rallies[1:], strict=False):
+        assert before.after == pytest.approx(after.before)
+        assert (after.before > before.before) == (before.winner == 0)
+    assert reported.rallies[-1].after in (0.0, 1.0)
+    swings = [abs(reported.rallies[i].swing) for i in reported.moments]
+    assert swings == sorted((abs(row.swing) for row in reported.rallies), reverse=True)[: len(swings)]
+
+
+def test_a_match_without_points_is_counted(match: pa.Table, model: str, reported: MatchReport) -> None:
+    for name in ("points", "points_opponent"):
+        place = match.schema.get_field_index(name)
+        match = match.set_column(place, match.schema.field(name), pa.nulls(len(match), match.schema.field(name).type))
+    again = match_report(match, game=resolve_game(model))
+    assert again.score == reported.score
+    assert [row.before for row in again.rallies] == pytest.approx([row.before for row in reported.rallies])
+
+
+def test_chances_learn_the_form_of_the_day() -> None:
+    """Two possible odds: after rallies that one of them explains better, it counts more; by hand for a match to 1."""
+    rules = Rules(points=1, clear=1, cap=1, games=1)
+    odds = [Odds(serving=p, receiving=p, error_bound=0.0) for p in (0.8, 0.4)]
+    chances = Chances(odds, np.array([0.5, 0.5]), rules)
+    score = Score(rules=rules)
+    assert chances.of(score, 0) == pytest.approx(0.6)
+    chances.learn(0, 0)
+    assert chances.of(score, 0) == pytest.approx((0.8 * 0.8 + 0.4 * 0.4) / 1.2)
+    assert chances.of(score.after(1), 1) == 0.0
+
+
+def test_choices_and_values_have_their_numbers(reported: MatchReport) -> None:
+    assert reported.choices
+    for choice in reported.choices:
+        assert min(choice.played_behind, choice.better_behind) >= RELIABLE
+        assert choice.times >= 1
+        assert choice.cost.value > 0
+        assert choice.played != choice.better
+    for value in reported.values:
+        assert value.strokes >= RELIABLE
+        assert value.points.low < value.points.value < value.points.high
+    for won in (*reported.serving, *reported.lengths):
+        assert won.low <= won.won / won.rallies <= won.high
+
+
+def test_equal_players_are_said_to_be_equal(model: str) -> None:
+    """One policy under two names: values and habits that differ would be chance."""
+    from shuttle_marl.data import load_strokes
+
+    sample = load_strokes(SAMPLE)
+    claims = tests = 0
+    for name in matches_in(sample)[:4]:
+        report = match_report(sample.filter(pc.equal(sample["match"], name)), game=resolve_game(model))
+        claims += sum(value.clear for value in report.values) + sum(each.clear for each in report.lengths) + len(report.changes)
+        tests += len(report.values) + len(report.lengths)
+    assert tests > 40
+    assert claims <= 0.1 * tests
+
+
+@pytest.mark.parametrize("name", [EVIL, TURNED, LONG], ids=["markup", "right to left", "long"])
+def test_names_stay_text(name: str, scouted: ScoutingReport, reported: MatchReport, unbuilt: None) -> None:
+    opponent = dataclasses.replace(scouted.opponent, name=name)
+    pages = [
+        scout_pages.scouting_page(dataclasses.replace(scouted, opponent=opponent)),
+        match_pages.match_page(dataclasses.replace(reported, players=(name, "b"), match=name), footage(reported)),
+    ]
+    for content in pages:
+        tags, text = parsed(content)
+        assert not {tag for tag, _ in tags.tags} & {"img", "iframe", "object"}
+        assert [tag for tag, _ in tags.tags].count("script") == 1
+        assert printable(name) in text
+        assert b"\xe2\x80\xae" not in content
+        for _, attributes in tags.tags:
+            assert not any(key.startswith("on") or key == "style" for key in attributes)
+            assert not re.match(r"(?!#|data:,)", attributes.get("href") or "#")
+
+
+def test_a_match_that_is_none(sample: pa.Table, model: str) -> None:
+    with pytest.raises(AnalysisError, match="expected the strokes of one match"):
+        match_report(sample, game=resolve_game(model))
+
+
+# Commands.
+
+
+def test_commands(tmp_path: Path, model: str, unbuilt: None, capsys: pytest.CaptureFixture[str]) -> None:
+    assert scout_command(["--list", "--game", model, "--json"]) == 0
+    listed = json.loads(capsys.readouterr().out)["players"]
+    assert {"name", "discipline", "strokes", "matches", "last", "imitated"} == set(listed[0])
+    out = tmp_path / "s.html"
+    assert scout_command([A, B, "--game", model, "--out", str(out), "--anonymous"]) == 0
+    content = out.read_text(encoding="utf-8")
+    assert "Player A against Player B" in content
+    for name in (A, B, "Axelsen", "Momota"):
+        assert name not in content
+    assert len(content) < 3_000_000
+    capsys.readouterr()
+    out = tmp_path / "m.html"
+    video = "https://example.org/v?t={seconds}"
+    assert report_command([str(SAMPLE), "--match", "simulated-2", "--game", model, "--out", str(out), "--video", video]) == 0
+    content = out.read_text(encoding="utf-8")
+    assert 'href="https://example.org/v?t=' in content
+    assert "--rally N" in content
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ([], "8 matches; expected (part of) one of these names"),
+        (["--match", "simulated-99"], "0 matches"),
+        (["--match", "simulated-2", "--video", "javascript:{seconds}"], "expected an http or https address"),
+        (["--match", "simulated-2", "--video", "https://example.org/"], "with {seconds} once"),
+    ],
+)
+def test_reports_that_are_refused(
+    arguments: list[str], message: str, model: str, unbuilt: None, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert report_command([str(SAMPLE), "--game", model, *arguments]) == 1
+    assert message in capsys.readouterr().err
+
+
+def test_a_report_of_agents(tmp_path: Path, model: str, unbuilt: None, capsys: pytest.CaptureFixture[str]) -> None:
+    from shuttle_marl.league import LeagueConfig
+    from tests.tournaments import play_league
+
+    config = LeagueConfig(pool=("bc", "attacking"), matches=2, game=model, out=tmp_path / "run")
+    log = play_league(config).folder / "rallies.mcap"
+    out = tmp_path / "m.html"
+    assert report_command([str(log), "--match", "1", "--game", model, "--out", str(out)]) == 0
+    _, text = parsed(out.read_bytes())
+    assert "Before the match" in text
+    assert "Watch a rally on the live court" in text
+    capsys.readouterr()
+    assert report_command([str(log), "--match", "7", "--game", model]) == 1
+    assert "no match 7" in capsys.readouterr().err
+
+
+# Texts.
+
+
+def test_every_text_that_is_used_exists() -> None:
+    say = Words()
+    folder = Path(scout_pages.__file__).parent
+    keys = set()
+    for path in (*folder.glob("*.py"), *folder.glob("templates/*.j2")):
+        keys |= set(re.findall(r'\bsay\(\s*"([a-z0-9_.]+)"', path.read_text(encoding="utf-8")))
+    assert len(keys) > 80
+    for key in keys:
+        assert say(key)
+    texts = re.findall(r"^([a-z0-9_-]+) = ", CATALOGUE.read_text(encoding="utf-8"), re.MULTILINE)
+    source = "".join(path.read_text(encoding="utf-8") for path in folder.glob("*.py"))
+    used = [text for text in texts if text in source or re.search(rf"\b{re.escape(text)}\b", source)]
+    assert len(used) > 100
+
+
+def test_numbers_in_words() -> None:
+    assert [of_100(0.123), of_100(0.1234, 1), of_100(-0.0001, 1)] == ["12", "12.3", "0.0"]
+    assert [signed(0.012), signed(-0.012), signed(0.0001)] == ["+1.2", "-1.2", "0.0"]
+    assert Words.player("viktor-axelsen") == "Viktor Axelsen"
+    assert Words.player("müller-anna") == "Müller Anna"
+    assert Words.player("bc") == "bc"
+    assert Words.player("<b>-x") == "<b>-x"
+
+
+def test_texts_of_saved_pages() -> None:
+    """By hand: 13 bits of 0x00 0x00 are 0, which leaves room for a 14th; two letters for value 0."""
+    assert base91(b"") == ""
+    assert base91(b"\x00\x00")[:2] == "!!"
+    rng = np.random.default_rng(0)
+    content = rng.integers(0, 256, 1000).astype(np.uint8).tobytes()
+    letters = {chr(code): k for k, code in enumerate(c for c in range(33, 127) if chr(c) not in '"\\<')}
+    text, back, rest, bits = base91(content), bytearray(), 0, 0
+    for first, second in zip(text[::2], text[1::2], strict=False):
+        pair = letters[first] + 91 * letters[second]
+        rest |= pair << bits
+        bits += 14 if pair & 8191 <= 88 else 13
+        while bits > 7:
+            back.append(rest & 255)
+            rest, bits = rest >> 8, bits - 8
+    assert bytes(back[:999]) == content[:999]
+
+
+# In a browser.
+
+
+@pytest.fixture(scope="session")
+def built() -> Any:
+    try:
+        return viewer()
+    except BuildError as error:
+        pytest.skip(str(error))
+
+
+def wait_for(frame: Frame, ready: str, page: Page) -> None:
+    """Wait without code in the page, which its policy forbids."""
+    for _ in range(600):
+        if frame.evaluate(ready):
+            return
+        page.wait_for_timeout(100)
+    raise AssertionError("not ready within a minute")
+
+
+def listen(page: Page, errors: list[str], asked: list[str]) -> None:
+    """Collect the errors and the requests of a page."""
+    page.on("console", lambda message: errors.append(message.text) if message.type == "error" else None)
+    page.on("pageerror", lambda error: errors.append(str(error)))
+    page.on("request", lambda request: asked.append(request.url))
+
+
+@pytest.mark.usefixtures("built")
+def test_pages_in_a_browser(
+    tmp_path: Path, browser: Browser, model: str, scouted: ScoutingReport, sample: pa.Table, axe: Callable[[Any], list[Any]]
+) -> None:
+    strokes = tmp_path / "strokes.parquet"
+    write_parquet(strokes, sample.filter(pc.equal(sample["match"], matches_in(sample)[1])))
+    figures, shown = sources.of_strokes(strokes, resolve_game(model))
+    for number, content in enumerate((scout_pages.scouting_page(scouted), match_pages.match_page(figures, shown))):
+        assert len(content) < 3_000_000
+        file = tmp_path / f"page-{number}.html"
+        file.write_bytes(content)
+        page = browser.new_page(viewport={"width": 390, "height": 800})
+        errors: list[str] = []
+        asked: list[str] = []
+        listen(page, errors, asked)
+        page.goto(file.as_uri())
+        assert page.evaluate("document.documentElement.scrollWidth <= document.documentElement.clientWidth")
+        page.locator("button.play").nth(1).click()
+        frame = page.locator("iframe").element_handle().content_frame()
+        assert frame is not None
+        wait_for(frame, "window.viewer?.state().ready", page)
+        assert frame.evaluate("window.viewer.state().rally") == 1
+        page.locator("button.play").nth(1).click()
+        assert page.locator("iframe").count() == 0
+        assert errors == []
+        assert {url.partition(":")[0] for url in asked} <= {"file", "blob", "data"}
+        page.close()
+        assert axe(file) == []
+    # The sliders: exact at the steps of the table.
+    page = browser.new_page()
+    page.goto((tmp_path / "page-0.html").as_uri())
+    effect = scouted.effects[0]
+    for value, at in ((10, 3), (-20, 0), (0, 2)):
+        page.locator("input[type=range]").first.evaluate(
+            f"e => {{ e.value = {value}; e.dispatchEvent(new Event('input', {{bubbles: true}})) }}"
+        )
+        expected = float(match_win_probability(effect.serving[at], effect.receiving[at]))
+        assert float(page.locator("[data-figure=match]").inner_text()) == pytest.approx(100 * expected, abs=0.06)
+        rally = (effect.serving[at] + effect.receiving[at]) / 2
+        assert float(page.locator("[data-figure=rally]").inner_text()) == pytest.approx(100 * rally, abs=0.06)
+    page.close()
+
+
+@pytest.fixture
+def axe(browser: Browser) -> Callable[[Path], list[Any]]:
+    """Violations of the accessibility rules of axe-core in a file."""
+    from shuttle_marl.watch.building import SOURCE
+
+    script = SOURCE / "node_modules" / "axe-core" / "axe.min.js"
+
+    def violations(file: Path) -> list[Any]:
+        if not script.is_file():
+            return []
+        context = browser.new_context(bypass_csp=True)
+        page = context.new_page()
+        page.goto(file.as_uri())
+        page.evaluate(script.read_text(encoding="utf-8") + "; 0")
+        found: list[Any] = page.evaluate("axe.run(document).then((r) => r.violations.map((v) => v.id))")
+        context.close()
+        return found
+
+    return violations
