@@ -36,7 +36,7 @@ def self_play() -> str:
     result = saved("experiments", "self_play")
     rows = [(f"`{variant}`", *figures) for variant, *figures in self_play_study.table_rows(result)]
     table = markdown(self_play_study.HEADINGS, rows, left=("variant",))
-    return f"{table}\n\nMeans of {result['seeds']} seeds, exact: {_made_by(result)}."
+    return f"{table}\n\nMeans of {result['seeds']} seeds, exact, game `{result['game'][:12]}`: {_made_by(result)}."
 
 
 def style_figures() -> str:
