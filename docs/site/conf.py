@@ -40,7 +40,7 @@ myst_heading_anchors = 4
 myst_links_external_new_tab = False
 nb_execution_mode = "off"  # docs.tools.notebooks has executed them
 
-autoapi_dirs = ["../../shuttle_marl"]
+autoapi_dirs = [str(ROOT / "shuttle_marl")]
 autoapi_root = "docs/reference"
 autoapi_add_toctree_entry = False
 autoapi_keep_files = False
@@ -65,5 +65,6 @@ def setup(app: Sphinx) -> dict[str, Any]:
     app.add_lexer("mermaid", TextLexer)
     app.connect("source-read", site.add_navigation)
     if "autoapi.extension" in extensions:
+        site.read_lazy_imports()
         app.connect("autoapi-skip-member", site.is_private)
     return {"parallel_read_safe": True, "parallel_write_safe": True, "version": installed("sphinx")}

@@ -37,6 +37,8 @@ EXAMPLES: Final = {
     "policies": "policies",
     "recording check": "recording check runs/cup/rallies.mcap",
     "recording show": "recording show runs/cup/rallies.mcap --rally 3",
+    "report": "report club/strokes.parquet --out report.html",
+    "scout": "scout viktor-axelsen kento-momota --out scout.html",
     "suite board": "suite board runs/mine",
     "suite list": "suite list",
     "suite run": "suite run exploit-v0 --method ppo --split dev --seeds 2 --quick --out runs/mine",

@@ -22,7 +22,7 @@ from typing import Any, Final, Literal
 
 from rich.console import Console
 
-from docs.tools import league_tables, tables
+from docs.tools import league_tables, suite_tables, tables
 from docs.tools.markdown import ROOT, saved
 from shuttle_marl.commands import cli
 from shuttle_marl.errors import ShuttleError
@@ -64,6 +64,7 @@ class Result:
 RESULTS: Final[dict[str, Result]] = {
     name: Result(folder="experiments", tables=shown, command=command, time=duration, tolerance=tolerance)
     for name, shown, command, duration, tolerance in (
+        ("advice", ("advice_results",), "experiments.advice --data {data} --split validation --json", "minutes", 0.02),
         ("human", ("human", "human_players"), "experiments.human --data {data} --json", "minutes", 0.0),
         ("league_training", ("league_training",), "experiments.league_training --out runs/again --json {out}", "hours", 0.5),
         ("next_stroke", ("next_stroke",), "experiments.next_stroke --data {data} --out {out}", "minutes", 0.02),
@@ -88,6 +89,21 @@ RESULTS: Final[dict[str, Result]] = {
             "truth_limits",
             ("truth_limits", "truth_legality"),
             "experiments.truth.limits --data {data} --out {out}",
+            "half an hour",
+            0.02,
+        ),
+        ("suite", tuple(suite_tables.BLOCKS), "experiments.suite --data {data} --out runs/again --json {out}", "hours", 0.2),
+        (
+            "truth_profiles",
+            (),
+            "experiments.truth --data {data} --cross 4 --profiles --halvings 0 --out {out}",
+            "half an hour",
+            0.02,
+        ),
+        (
+            "truth_validation",
+            (),
+            "experiments.truth --data {data} --split validation --profiles --halvings 0 --out {out}",
             "half an hour",
             0.02,
         ),
@@ -128,9 +144,9 @@ PROGRAMS: Final = {"recipes": ("docs.tools.recipes --save", "10 minutes")}
 
 
 def listed() -> Iterator[tuple[str, str, str, str]]:
-    """Every table: name, command, time, and tolerance."""
-    for result in RESULTS.values():
-        for table in result.tables:
+    """Every table: name, command, time, and tolerance; results that are shown beside others by their own name."""
+    for name, result in RESULTS.items():
+        for table in result.tables or (name,):
             yield table, f"python -m {result.command}", result.time, f"{result.tolerance:.0%}"
     for table, duration in COMPUTED.items():
         yield table, f"python -m docs.tools.reproduce {table}", duration, "0%"

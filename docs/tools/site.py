@@ -46,7 +46,7 @@ def unpublished() -> list[str]:
         ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): path for path in package.rglob("*.py")
     }
     public = {name for name, path in files.items() if "\n__all__" in path.read_text(encoding="utf-8")} | {*_WITHOUT_ALL}
-    for name in list(public):
+    for name in [name for name in public if files[name].name == "__init__.py"]:
         tree = ast.parse(files[name].read_text(encoding="utf-8"))
         public |= {node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and node.module in files}
     parents = {name.rpartition(".")[0] for name in public}
@@ -80,6 +80,20 @@ def add_navigation(app: "Sphinx", page: str, source: list[str]) -> None:
         source[0] += f"\n```{{toctree}}\n:hidden:\n:caption: {heading}\n:maxdepth: 1\n\n{entries}\n```\n"
 
 
+def read_lazy_imports() -> None:
+    """Let sphinx-autoapi see what a package imports lazily: the imports under ``if TYPE_CHECKING`` of its ``__init__.py``."""
+    from autoapi import _astroid_utils  # noqa: PLC0415  only the build of the site has it
+    from autoapi._parser import Parser  # noqa: PLC0415
+
+    def parse_if(parser: Any, node: Any) -> list[Any]:
+        if node.test.as_string() != "TYPE_CHECKING" or not node.root().package:
+            return []
+        local = [child for child in node.body if _astroid_utils.is_local_import_from(child, "shuttle_marl")]
+        return [found for child in local for found in parser._parse_local_import_from(child)]
+
+    Parser.parse_if = parse_if
+
+
 def is_private(_app: "Sphinx", kind: str, name: str, found: Any, *_: object) -> bool | None:
     """Whether the reference leaves out a name; None: as the settings say. Sphinx calls this with every name of the package.
 
@@ -88,4 +102,5 @@ def is_private(_app: "Sphinx", kind: str, name: str, found: Any, *_: object) -> 
     """
     if kind in ("package", "module"):
         return found.all is None and name not in _WITHOUT_ALL
-    return True if name.count(".") == 1 else None
+    imported = found.imported and name.rpartition(".")[0] in _WITHOUT_ALL
+    return True if imported or name.count(".") == 1 else None

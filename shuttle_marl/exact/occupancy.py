@@ -83,7 +83,7 @@ def visits(
 
     With b_i the start of a rally that player i serves, and C_i the probabilities of continuing where i strikes, the visits are
     x_0 = b_0 + w, w = C_1' (b_1 + C_0' (b_0 + w)), x_1 = b_1 + C_0' x_0. As w lies on rally states, whose rows in C_i sum to
-    c_i at most, |C_i' w| <= c_i |w| in the 1-norm, and the bound of :mod:`shuttle_marl.exact.fixed_point` holds in that norm:
+    c_i at most, ``|C_i' w| <= c_i |w|`` in the 1-norm, and the bound of :mod:`shuttle_marl.exact.fixed_point` holds in that norm:
     the error of w is at most D residual / (1 - D), D = c_0 c_1, and that of x_1 no larger.
 
     Args:

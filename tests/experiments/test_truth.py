@@ -11,7 +11,7 @@ import pyarrow as pa
 import pytest
 
 from experiments.truth import limits, worlds
-from experiments.truth.__main__ import compare, main
+from experiments.truth.__main__ import compare, judged_by, main
 from experiments.truth.calibration import calibration
 from experiments.truth.decisions import Promises, decision_slope, promised_realised, promises, value_error, value_log_loss
 from experiments.truth.legality import after_drop_above, illegal, judged_strokes
@@ -271,7 +271,8 @@ def test_a_ratio_and_its_interval() -> None:
 @pytest.mark.slow
 def test_all_figures_at_once(world: World, strokes: Strokes) -> None:
     some = strokes.take(strokes.in_matches(strokes.rows.matches[:20]))
-    found = compare([(world, some), (world, strokes.take(strokes.in_matches(strokes.rows.matches[20:40])))], seed=0)
+    parts = [(world, some), (world, strokes.take(strokes.in_matches(strokes.rows.matches[20:40])))]
+    found = compare(parts, *judged_by(parts), seed=0)
     assert found["matches"] == 40
     assert 0.4 < found["random_vs_bc"] < 0.5
     assert set(found["support"]) == {"bc", "best_response", "minimax"}

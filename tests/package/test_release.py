@@ -14,7 +14,7 @@ from packaging.requirements import Requirement
 import shuttle_marl
 
 ROOT = Path(__file__).parents[2]
-RECIPE = (ROOT / "packaging/conda/recipe.yaml").read_text(encoding="utf-8")
+RECIPE = (ROOT / "conda/recipe.yaml").read_text(encoding="utf-8")
 CONDA = {"matplotlib": "matplotlib-base"}
 
 
