@@ -15,6 +15,7 @@ from shuttle_marl.coach.examples import BuildError, shared, viewer
 from shuttle_marl.coach.scout_page import habit_words
 from shuttle_marl.coach.words import of_100, signed, words
 from shuttle_marl.game.pairs import AnyGame
+from shuttle_marl.game.scoring import is_over
 from shuttle_marl.game.shipped import RELIABLE
 from shuttle_marl.pages import Cell, Column, Table, name, table
 from shuttle_marl.watch.match import CourtRally
@@ -79,11 +80,8 @@ def _score(report: MatchReport, winner: int = 0) -> str:
 
 
 def _winner(report: MatchReport) -> int | None:
-    games = [int(points[1] > points[0]) for points in report.score]
-    for player in (0, 1):
-        if games.count(player) >= report.rules.games:
-            return player
-    return None
+    games = np.bincount([int(points[1] > points[0]) for points in report.score], minlength=2)
+    return int(games.argmax()) if is_over(games, report.rules) else None
 
 
 def _course(report: MatchReport) -> Section:

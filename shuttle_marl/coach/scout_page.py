@@ -299,7 +299,7 @@ def _tactics(report: ScoutingReport) -> Section:
         "steps": STEPS,
         "tactics": [{"serving": e.serving.round(6).tolist(), "receiving": e.receiving.round(6).tolist()} for e in found],
         "base": {"serving": float(found[0].serving[middle]), "receiving": float(found[0].receiving[middle])},
-        "rules": {"points": BWF.points, "cap": BWF.cap, "games": BWF.games, "lead": BWF.clear},
+        "rules": dataclasses.asdict(BWF),
     }
     assert report.outlook is not None
     content = {

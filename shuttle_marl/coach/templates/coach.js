@@ -27,8 +27,8 @@ for (const button of document.querySelectorAll("button.play")) {
 }
 
 // Probability of winning a match from those of winning a rally served and received, both between 0 and 1.
-function matchChance(serving, receiving, { points, cap, games, lead }) {
-  const won = (a, b) => a >= cap || (a >= points && a - b >= lead);
+function matchChance(serving, receiving, { points, cap, games, clear }) {
+  const won = (a, b) => a >= cap || (a >= points && a - b >= clear);
   const known = new Map();
   const game = (a, b, server) => {
     if (won(a, b)) return 1;
