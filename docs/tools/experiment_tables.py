@@ -127,7 +127,7 @@ def truth_limits() -> str:
 
 def truth_memory() -> str:
     """Slopes of the residual of the state value on the advantages of earlier strokes."""
-    result = saved("experiments", "truth_limits")
+    result = saved("experiments", "truth_cross")
     headings = ["strokes ago", *result["memory"]]
     table = markdown(headings, [["slope", *map(_slope, result["memory"].values())]], left=("strokes ago",))
     return f"{table}\n\n{result['matches']} matches; in brackets 95 % intervals. {_made_by(result)}."
