@@ -34,8 +34,8 @@ NOTEBOOKS: Final = ROOT / "docs" / "notebooks"
 """Folder of executed notebooks, which ``docs.tools.notebooks`` makes and git ignores."""
 REFERENCE: Final = "docs/reference/shuttle_marl/index"
 """First page of the reference, which sphinx-autoapi makes."""
-_WITHOUT_ALL: Final = ("shuttle_marl.env.batched",)
-"""Public modules without ``__all__``, because another package exports their names."""
+_WITHOUT_ALL: Final = ("shuttle_marl.env.batched", "shuttle_marl.integrations")
+"""Public modules without ``__all__``: another package exports their names, or only their modules have some."""
 _LINK: Final = re.compile(r"\]\(([^)#:]+\.md)\)")
 
 

@@ -17,7 +17,7 @@ from shuttle_marl.staging import stage
 from shuttle_marl.staging.skeleton import model_file
 from shuttle_marl.watch import messages
 from shuttle_marl.watch.answers import ELITE, StrokeValues, hall_facts, rally_facts
-from shuttle_marl.watch.building import BuildError, build
+from shuttle_marl.watch.building import build
 from shuttle_marl.watch.match import CourtRally, play_rally
 from shuttle_marl.watch.plan import Plan
 from shuttle_marl.watch.policies import PolicyTables
@@ -140,6 +140,3 @@ def staged_advice(advised: Iterable[Advice], pair: PairGame, home: Meeting, name
         about = (place, names, Score(server=number % 2))
         found.append(play_rally(pair, home.policies, stream(0, 0, number), about, {stroke: advice.stroke}))
     return found
-
-
-__all__ = ["BuildError", "base91", "shared", "staged_advice", "viewer"]

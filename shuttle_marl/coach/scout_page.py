@@ -11,7 +11,7 @@ from shuttle_marl.analysis.scouting import Known, Realised, ScoutingReport
 from shuttle_marl.analysis.tactics import STEPS
 from shuttle_marl.coach import charts
 from shuttle_marl.coach.blocks import Block, Section, chart, page, shown, text
-from shuttle_marl.coach.examples import BuildError, shared, staged_advice, viewer
+from shuttle_marl.coach.examples import shared, staged_advice, viewer
 from shuttle_marl.coach.words import of_100, signed, words
 from shuttle_marl.errors import printable
 from shuttle_marl.game.court import AREAS
@@ -19,6 +19,7 @@ from shuttle_marl.game.scoring import BWF
 from shuttle_marl.game.shipped import RELIABLE, Estimate
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.pages import Cell, Column, Table, Viewer, name, table
+from shuttle_marl.watch.building import BuildError
 
 _SHOWN: int = 12
 _EVEN = 0.6

@@ -23,7 +23,7 @@ from shuttle_marl.analysis.summary import AnalysisError, rally_table
 from shuttle_marl.coach import match_page as match_pages
 from shuttle_marl.coach import scout_page as scout_pages
 from shuttle_marl.coach import sources
-from shuttle_marl.coach.examples import BuildError, base91, viewer
+from shuttle_marl.coach.examples import base91, viewer
 from shuttle_marl.coach.words import CATALOGUE, Words, of_100, signed
 from shuttle_marl.commands.report import main as report_command
 from shuttle_marl.commands.scout import main as scout_command
@@ -32,6 +32,7 @@ from shuttle_marl.exact import Odds
 from shuttle_marl.game.scoring import Rules, Score, match_win_probability
 from shuttle_marl.game.shipped import RELIABLE, resolve_game
 from shuttle_marl.table_files import write_parquet
+from shuttle_marl.watch.building import BuildError
 from tests.coach.conftest import SAMPLE, A, B
 from tests.needs import missing
 
