@@ -44,6 +44,9 @@ _MODELS: Final = Path(__file__).parent.parent / "models"
 
 
 _ORIGINS: dict[str, Origin] = {}
+"""Origins by hash, for copies of a loaded game: two models may have the same tables and other refits."""
+_LOADED_FROM: Final = "_loaded_from"
+"""Attribute of a loaded game with its origin."""
 
 
 def model_folder(name: str = "default") -> Path:
@@ -70,6 +73,7 @@ def load_game(name: str = "default") -> Game:
     origin = origin_named(name)
     game = Game.load(origin.folder / GAME) if origin.variant is None else _load_variant(name, *origin)
     _ORIGINS[game.hash] = origin
+    object.__setattr__(game, _LOADED_FROM, origin)  # which the game does not have as a field, so that no changed copy inherits it
     return game
 
 
@@ -221,7 +225,8 @@ def origin_of(game: Game) -> Origin | None:
 
     Games of the shipped default are known in every process, also where they were not loaded.
     """
-    return game.origin or _origin_of_hash(game.hash)
+    loaded_from: Origin | None = getattr(game, _LOADED_FROM, None)
+    return loaded_from or game.origin or _origin_of_hash(game.hash)
 
 
 def shipped_game(digest: str) -> Game | None:

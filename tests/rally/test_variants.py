@@ -252,3 +252,9 @@ def test_the_file_is_the_same_in_another_process(tmp_path: Path) -> None:
     )
     again = subprocess.run([sys.executable, "-c", code, "game", "men", "1"], check=True, capture_output=True, cwd=tmp_path)
     assert again.stdout == packed(game, games)
+
+
+def test_models_with_the_same_tables_have_their_own_refits() -> None:
+    few, one = load_game(reduced_model()), load_game(reduced_model(("1",)))
+    assert few.hash == one.hash
+    assert [len(refits_of(game)) for game in (few, one, few)] == [2, 1, 2]
