@@ -1,4 +1,4 @@
-"""What scouting reports would have advised before matches that the model has not seen, and what came of it.
+"""Evaluation of the advice of scouting reports on matches that were not used to fit the model.
 
 ``python -m experiments.advice --data DIR --split validation|test [--json]``
 

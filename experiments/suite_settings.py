@@ -33,7 +33,7 @@ HEADINGS: Final = ("task", "figure", "value", "useful", "")
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Settings:
-    """What is measured."""
+    """Options of the measurement."""
 
     tasks: tuple[str, ...] = ()
     """Tasks; default: exploit, equilibrium, adapt, offline, evaluate and text."""

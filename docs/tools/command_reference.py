@@ -8,11 +8,10 @@ import sys
 from collections.abc import Iterator
 from typing import Final
 
-from docs.tools.markdown import ROOT
+from docs.tools.markdown import ROOT, write_or_check
 from shuttle_marl.__main__ import COMMANDS
 from shuttle_marl.commands import cli
 from shuttle_marl.errors import ShuttleError
-from shuttle_marl.files import replace_file
 
 PAGE: Final = ROOT / "docs" / "commands.md"
 EXAMPLES: Final = {
@@ -75,7 +74,7 @@ def parts(command: str) -> list[tuple[str, list[str]]]:
 
 
 def help_of(command: str, arguments: list[str]) -> str:
-    """What a command prints with ``--help``.
+    """Output of a command with ``--help``.
 
     Raises:
         CommandError: it prints none.
@@ -128,11 +127,7 @@ def main(*, check: bool = False) -> None:
     Args:
         check: Change nothing; fail if the page differs.
     """
-    text = page()
-    if not check:
-        replace_file(PAGE, text.encode())
-    elif not PAGE.is_file() or PAGE.read_text(encoding="utf-8") != text:
-        raise CommandError(f"{PAGE.name}: not what the commands say; run this without --check")
+    write_or_check(PAGE, page(), check=check, problem="not what the commands say")
 
 
 if __name__ == "__main__":

@@ -11,11 +11,9 @@ from typing import Any, Final
 
 import pyarrow as pa
 
-from docs.tools.markdown import ROOT
+from docs.tools.markdown import ROOT, write_or_check
 from shuttle_marl.commands import cli
 from shuttle_marl.data.schema import STROKES
-from shuttle_marl.errors import ShuttleError
-from shuttle_marl.files import replace_file
 
 FOLDER: Final = ROOT / "datasets" / "sample"
 FILE: Final = FOLDER / "croissant.json"
@@ -79,10 +77,6 @@ _ABOUT: Final = {
 }
 
 
-class CroissantError(ShuttleError):
-    """The description is not that of the sample."""
-
-
 def description() -> dict[str, Any]:
     """The description of the sample as JSON-LD."""
     content = (FOLDER / _TABLE).read_bytes()
@@ -132,11 +126,9 @@ def main(*, check: bool = False) -> None:
     Args:
         check: Change nothing; fail if the file differs.
     """
-    text = json.dumps(description(), indent=2, ensure_ascii=False) + "\n"
-    if not check:
-        replace_file(FILE, text.encode())
-    elif not FILE.is_file() or FILE.read_text(encoding="utf-8") != text:
-        raise CroissantError(f"{FILE.name} does not describe the sample; run this without --check")
+    write_or_check(
+        FILE, json.dumps(description(), indent=2, ensure_ascii=False) + "\n", check=check, problem="does not describe the sample"
+    )
 
 
 if __name__ == "__main__":

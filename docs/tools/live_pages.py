@@ -25,7 +25,7 @@ from shuttle_marl.watch.policies import PolicyTables
 from shuttle_marl.watch.stager import Stager
 
 FOLDER: Final = ROOT / "docs" / "site" / "extra" / "live"
-"""Where the pages lie; ignored by git."""
+"""Output folder, ignored by git."""
 SEED: Final = 11
 PLAYERS: Final = ("ppo", "bc")
 PAGES: Final = {"rally": range(4, 5), "match": range(12)}

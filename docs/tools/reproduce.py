@@ -155,7 +155,7 @@ def listed() -> Iterator[tuple[str, str, str, str]]:
 
 
 def differences(before: Any, after: Any, tolerance: float, path: str = "") -> Iterator[str]:
-    """Where two results differ: other keys or texts, or numbers beyond a relative tolerance."""
+    """Differences between two results: keys, texts, and numbers beyond a relative tolerance."""
     if isinstance(before, dict) and isinstance(after, dict):
         for key in sorted((before.keys() | after.keys()) - _PROVENANCE):
             if key not in before or key not in after:

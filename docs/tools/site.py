@@ -1,4 +1,4 @@
-"""What the documentation site adds to Sphinx: the navigation, and which names of the package have a place in the reference."""
+"""Extensions of Sphinx for the documentation site: the navigation, and the selection of public names for the reference."""
 
 import ast
 import re

@@ -17,10 +17,8 @@ import tyro
 from msgspec import Struct
 from rich.console import Console
 
-from docs.tools.markdown import ROOT
+from docs.tools.markdown import ROOT, write_or_check
 from shuttle_marl.commands import cli
-from shuttle_marl.errors import ShuttleError
-from shuttle_marl.files import replace_file
 from shuttle_marl.watch.messages import REPLIES
 
 TARGET: Final = ROOT / "shuttle_marl/watch/page/src/wire.gen.ts"
@@ -93,10 +91,7 @@ def main(*, check: bool = False, out: Annotated[Path, tyro.conf.arg(metavar="FIL
         check: Write nothing; fail if the file is outdated.
         out: The file.
     """
-    if check and (not out.is_file() or out.read_text(encoding="utf-8") != wire_types()):
-        raise ShuttleError(f"{out}: outdated; run python -m docs.tools.wire_types")
-    if not check:
-        replace_file(out, wire_types().encode())
+    write_or_check(out, wire_types(), check=check)
     Console().print(f"{out.name} {'checked' if check else 'written'}", highlight=False)
 
 

@@ -48,7 +48,7 @@ SERVE: Final = N_SITUATIONS - 1
 
 
 class Situation(NamedTuple):
-    """What a player has to answer.
+    """Situation in which a player chooses a stroke.
 
     Attributes:
         shot, area: of the incoming stroke, indices; -1 for the serve. The area is where the player strikes.
@@ -163,7 +163,7 @@ def error_of(values: F64 | Sequence[float]) -> float:
 
 
 def calibrated(values: F64, factor: Estimate | None) -> Estimate:
-    """What is to be expected of a gain, from its values in the refits, with its 90 % interval.
+    """Calibrated gain: mean over the refits times the factor, with a 90 % interval.
 
     Args:
         values: gain in each refit.

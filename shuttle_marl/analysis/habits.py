@@ -123,7 +123,7 @@ class Question:
     """A question, and what each stroke answers.
 
     Attributes:
-        kind: what is asked, a key of the catalogue of texts.
+        kind: type of the question, a key of the catalogue of texts.
         about: values of the question: names of shot types and contact heights.
         answers: names of the answers.
     """
@@ -257,7 +257,7 @@ def _dispersion(answer: I64, plays: Plays, size: int) -> float:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Ending:
-    """How often strokes of one shot type end the rally.
+    """Shares of faults and winners among the strokes of one shot type.
 
     Attributes:
         shot: shot type.

@@ -12,11 +12,7 @@ import numpy as np
 import pyarrow as pa
 from scipy import stats
 
-from shuttle_marl.analysis.advice import (
-    NORMAL,
-    TOLERANCE,
-    imitated,
-)
+from shuttle_marl.analysis.advice import NORMAL, TOLERANCE, imitated
 from shuttle_marl.analysis.course import Chances, RallyRow, rallies_of, rally_numbers, score_of
 from shuttle_marl.analysis.decisions import Choice, costly_choices
 from shuttle_marl.analysis.habits import (
@@ -38,11 +34,11 @@ from shuttle_marl.data.schema import DISCIPLINES
 from shuttle_marl.data.upstream import date_of
 from shuttle_marl.exact import evaluate
 from shuttle_marl.exact.match import Odds
-from shuttle_marl.game.pairs import AnyGame, PairGame, resolve_players
+from shuttle_marl.game.pairs import AnyGame, PairGame, game_of_people
 from shuttle_marl.game.scoring import BWF, Rules
 from shuttle_marl.game.shipped import PROFILES, RELIABLE, Estimate, factor_of, resolve_game, variants
 from shuttle_marl.game.stroke import SHOTS
-from shuttle_marl.game.tables import Game, GameError
+from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.policy import baselines
 
@@ -186,7 +182,7 @@ def match_report(strokes: pa.Table, *, game: AnyGame | None = None, rules: Rules
     match = str(strokes["match"][0].as_py())
     base = resolve_game(None) if game is None else game.seats[0].average
     discipline = PROFILES[DISCIPLINES.index(strokes["discipline"][0].as_py())]
-    played = _pair(base, players, match) if not isinstance(game, PairGame) else _seated(game, players)
+    played = game_of_people(base, players, date_of(match)) if not isinstance(game, PairGame) else _seated(game, players)
     average = _average(base, discipline)
     valued = add_values(strokes, average)
     known = odds is not None or played is not None
@@ -221,14 +217,6 @@ def match_report(strokes: pa.Table, *, game: AnyGame | None = None, rules: Rules
         changes=_changes(plays, seat, strokes),
         game=base if played is None else played,
     )
-
-
-def _pair(game: Game, players: tuple[str, str], match: str) -> PairGame | None:
-    try:
-        found = resolve_players(game, None, players, date=date_of(match))
-    except GameError:
-        return None
-    return found if isinstance(found, PairGame) else None
 
 
 def _seated(game: PairGame, players: tuple[str, str]) -> PairGame | None:

@@ -76,7 +76,7 @@ class Outlook:
 
 
 def prior(pair: PairGame, first: TabulatedPolicy, second: TabulatedPolicy, odds: Odds) -> tuple[list[Odds], F64]:
-    """What is known of a match before it: the odds of two players with the uncertainty of skill and form."""
+    """Prior of the odds of two players before a match, with the uncertainty of skill and form."""
     slopes = slopes_by_group(sensitivity(first, second, tolerance=TOLERANCE), pair.skill)
     return spread_of(odds, math.hypot(skill_error(pair, slopes), form_error(pair, slopes)))
 

@@ -47,7 +47,7 @@ _MANY: Final = 1e6
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Known:
-    """What the model knows of a player.
+    """Data about a player in the model.
 
     Attributes:
         name: of the player.
@@ -65,7 +65,7 @@ class Known:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Seen:
-    """What annotated matches say about a player.
+    """Statistics of a player in annotated matches.
 
     Attributes:
         strokes, rallies, matches: of the player.

@@ -20,10 +20,10 @@ from shuttle_marl.dynamics.features import Rows, rows_from_strokes, states_of, s
 from shuttle_marl.exact import evaluate, visits
 from shuttle_marl.game import rules
 from shuttle_marl.game.court import N_AREAS
-from shuttle_marl.game.pairs import AnyGame, SeatGame, resolve_players
+from shuttle_marl.game.pairs import AnyGame, SeatGame, game_of_people
 from shuttle_marl.game.shipped import factor_of
 from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES, Catalogue
-from shuttle_marl.game.tables import Game, GameError
+from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve
 
@@ -135,12 +135,8 @@ def add_values_of_pairs(strokes: pa.Table, reference: str, game: Game) -> pa.Tab
 def _game_of_people(strokes: pa.Table, game: Game) -> AnyGame:
     """The game of the two people of a match; ``game`` itself if the model does not know them."""
     people = sorted(strokes["player"].unique().to_pylist())
-    if len(people) != 2:
-        return game
-    try:
-        return resolve_players(game, None, (people[0], people[1]), date=date_of(strokes["match"][0].as_py()))
-    except GameError:
-        return game
+    found = None if len(people) != 2 else game_of_people(game, (people[0], people[1]), date_of(strokes["match"][0].as_py()))
+    return game if found is None else found
 
 
 def nearest_strokes(catalogue: Catalogue) -> I64:

@@ -261,6 +261,16 @@ def resolve_players(
     return pair_game(*players, date=date, discipline=profile, game=game or "default")
 
 
+def game_of_people(game: Game, people: tuple[str, str], date: Day = None) -> PairGame | None:
+    """The game of the two people of a real match, as of its day; None where the model of ``game`` does not have their skill."""
+    try:
+        found = resolve_players(game, None, people, date=date)
+    except GameError:
+        return None
+    assert isinstance(found, PairGame)
+    return found
+
+
 @functools.lru_cache(maxsize=32)
 def _base(game: str, discipline: str | None) -> Game:
     """The tables without skill: of a model or a refit, in one discipline if the model tells them apart."""

@@ -20,11 +20,10 @@ from shuttle_marl.errors import ShuttleError
 from shuttle_marl.game import court
 from shuttle_marl.game.draws import stream
 from shuttle_marl.game.layout import Layout
-from shuttle_marl.game.pairs import AnyGame, PairGame, resolve_players, seat_names
+from shuttle_marl.game.pairs import AnyGame, PairGame, game_of_people, seat_names
 from shuttle_marl.game.rules import OUTCOMES
 from shuttle_marl.game.shipped import RELIABLE, factor_of, least_support, real_strokes
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
-from shuttle_marl.game.tables import GameError
 from shuttle_marl.policy import registry
 from shuttle_marl.policy.baselines import imitation
 from shuttle_marl.staging.trajectory import facing
@@ -518,11 +517,8 @@ class Answers:
         return found
 
     def _values_of_people(self, people: People) -> StrokeValues:
-        try:
-            game = resolve_players(self._game, None, people.names, date=people.date)
-            return StrokeValues(PolicyTables(game), self._at_least)
-        except GameError:  # the model has no skill, or not theirs
-            return self._values
+        game = game_of_people(self._game.seats[0], people.names, people.date)
+        return self._values if game is None else StrokeValues(PolicyTables(game), self._at_least)
 
     def _motion(self, query: messages.Query, rally: CourtRally) -> staging.Motion:
         def compute() -> staging.Motion:

@@ -1,7 +1,6 @@
 """Both reports: what they say, that names stay text, that they need no network, and what they refuse."""
 
 import dataclasses
-import html.parser
 import json
 import re
 from collections.abc import Callable
@@ -35,6 +34,7 @@ from shuttle_marl.table_files import write_parquet
 from shuttle_marl.watch.building import BuildError
 from tests.coach.conftest import SAMPLE, A, B
 from tests.needs import missing
+from tests.pages import Tags, parsed
 
 EVIL = "</script><script>alert(1)</script><img src=http://example.org/x>"
 TURNED = "\u202eanaid-nairam"
@@ -73,22 +73,9 @@ def footage(report: MatchReport) -> Any:
     return match_pages.Footage(staged={}, game=report.game, players=nobody, athlete="male", command="watch", numbers={})
 
 
-class _Tags(html.parser.HTMLParser):
-    def __init__(self) -> None:
-        super().__init__()
-        self.tags: list[tuple[str, dict[str, str | None]]] = []
-        self.words: list[str] = []
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.tags.append((tag, dict(attrs)))
-
-    def handle_data(self, data: str) -> None:
-        self.words.append(data)
-
-
-def parsed(content: bytes) -> tuple[_Tags, str]:
-    tags = _Tags()
-    tags.feed(content.decode())
+def read(content: bytes) -> tuple[Tags, str]:
+    """Tags and text of a page."""
+    tags = parsed(content)
     return tags, " ".join(" ".join(tags.words).split())
 
 
@@ -96,7 +83,7 @@ def parsed(content: bytes) -> tuple[_Tags, str]:
 
 
 def test_a_scouting_report_has_its_five_parts(scouted: ScoutingReport, unbuilt: None) -> None:
-    tags, text = parsed(scout_pages.scouting_page(scouted))
+    tags, text = read(scout_pages.scouting_page(scouted))
     assert [name for tag, a in tags.tags if tag == "section" and (name := a["id"])] == [
         "the-match-up", "how-kento-momota-plays", "where-kento-momota-can-be-hurt", "what-if-you-play-more-of-it?",
         "how-sure-is-this?",
@@ -111,7 +98,7 @@ def test_a_scouting_report_has_its_five_parts(scouted: ScoutingReport, unbuilt: 
 def test_a_profile_alone_has_no_advice(model: str, unbuilt: None) -> None:
     report = scout(B, model=model)
     assert (report.outlook, report.player, [*report.advice], [*report.effects]) == (None, None, [], [])
-    _, text = parsed(scout_pages.scouting_page(report))
+    _, text = read(scout_pages.scouting_page(report))
     assert "How Kento Momota plays" in text
     assert "Gain:" not in text
 
@@ -145,10 +132,10 @@ def test_a_player_with_fifty_strokes(model: str, sample: pa.Table, unbuilt: None
     assert report.opponent.since is None
     assert report.seen is not None
     assert report.seen.strokes <= 60
-    _, text = parsed(scout_pages.scouting_page(report))
+    _, text = read(scout_pages.scouting_page(report))
     assert f"There are only {report.seen.strokes} strokes of Club Player" in text
     whole = scout("club-player", A if report.discipline == "men" else "an-se-young", model=model, data=few)
-    _, text = parsed(scout_pages.scouting_page(whole))
+    _, text = read(scout_pages.scouting_page(whole))
     assert "The data have no strokes of Club Player" in text
 
 
@@ -165,10 +152,10 @@ def test_refits_are_needed_for_advice(
 ) -> None:
     monkeypatch.setattr(advice, "LEAST_REFITS", 9)
     assert advice.advise(found) == []
-    _, text = parsed(scout_pages.scouting_page(dataclasses.replace(scouted, advice=[], with_advice=None)))
+    _, text = read(scout_pages.scouting_page(dataclasses.replace(scouted, advice=[], with_advice=None)))
     assert "No change of stroke against Kento Momota is certain enough" in text
     content = match_pages.match_page(dataclasses.replace(reported, choices=[]), footage(reported))
-    assert "No single choice was clearly worse" in parsed(content)[1]
+    assert "No single choice was clearly worse" in read(content)[1]
 
 
 # The match report.
@@ -244,7 +231,7 @@ def test_names_stay_text(name: str, scouted: ScoutingReport, reported: MatchRepo
         match_pages.match_page(dataclasses.replace(reported, players=(name, "b"), match=name), footage(reported)),
     ]
     for content in pages:
-        tags, text = parsed(content)
+        tags, text = read(content)
         assert not {tag for tag, _ in tags.tags} & {"img", "iframe", "object"}
         assert [tag for tag, _ in tags.tags].count("script") == 1
         assert printable(name) in text
@@ -306,7 +293,7 @@ def test_a_report_of_agents(tmp_path: Path, model: str, unbuilt: None, capsys: p
     log = play_league(config).folder / "rallies.mcap"
     out = tmp_path / "m.html"
     assert report_command([str(log), "--match", "1", "--game", model, "--out", str(out)]) == 0
-    _, text = parsed(out.read_bytes())
+    _, text = read(out.read_bytes())
     assert "Before the match" in text
     assert "Watch a rally on the live court" in text
     capsys.readouterr()

@@ -1,7 +1,6 @@
 """Reports as pages: what they say, that text from outside stays text, and in a browser that they work without a network."""
 
 import dataclasses
-import html.parser
 import json
 import math
 import re
@@ -24,6 +23,7 @@ from shuttle_marl.league.seeds import interquartile_mean, probability_of_improve
 from shuttle_marl.league.style import AXES, Style
 from shuttle_marl.league.tournament import COUNTS, PairResult, forfeited, round_robin
 from shuttle_marl.pages import charts
+from tests.pages import parsed
 
 EVIL = "</script><script>alert(1)</script><img src=http://example.org/x>\x1b[2J"
 POOL = ("bc", "minimax", EVIL, "fails")
@@ -65,27 +65,6 @@ def tournament() -> TournamentReport:
         assessment=assess(standings, POOL, results, exact, styles),
         curves=[curve],
     )
-
-
-class _Tags(html.parser.HTMLParser):
-    """Tags with their attributes, and all text outside of scripts and styles."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.tags: list[tuple[str, dict[str, str | None]]] = []
-        self.words: list[str] = []
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.tags.append((tag, dict(attrs)))
-
-    def handle_data(self, data: str) -> None:
-        self.words.append(data)
-
-
-def parsed(content: bytes) -> _Tags:
-    tags = _Tags()
-    tags.feed(content.decode())
-    return tags
 
 
 def test_the_report_begins_with_who_is_first() -> None:

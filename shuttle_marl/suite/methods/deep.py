@@ -6,8 +6,6 @@ The argument is the weight of the penalty of CQL, or the inverse temperature of 
 import dataclasses
 from typing import ClassVar
 
-import numpy as np
-
 from shuttle_marl.exact.profile import PairPolicy
 from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve
@@ -39,7 +37,7 @@ class ConservativeQ:
         """Greedy in the Q-values."""
         from shuttle_marl.training import q_learning  # noqa: PLC0415  torch
 
-        rows = q_learning.Transitions(data.state, data.stroke.astype(np.int64), data.reward, data.following)
+        rows = q_learning.Transitions(data.state, data.stroke, data.reward, data.following)
         config = q_learning.QConfig(alpha=float(self.argument))
         return greedy(data.game, q_learning.conservative_q(data.game, rows, config, self.setting.seed))
 
@@ -56,6 +54,6 @@ class ImplicitQ:
         """The likeliest stroke of the policy."""
         from shuttle_marl.training import q_learning  # noqa: PLC0415  torch
 
-        rows = q_learning.Transitions(data.state, data.stroke.astype(np.int64), data.reward, data.following)
+        rows = q_learning.Transitions(data.state, data.stroke, data.reward, data.following)
         config = q_learning.QConfig(beta=float(self.argument))
         return greedy(data.game, q_learning.implicit_q(data.game, rows, config, self.setting.seed))
