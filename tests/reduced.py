@@ -23,6 +23,7 @@ from shuttle_marl.game.shipped import (
     BC,
     CARD,
     GAME,
+    HABITS,
     NETWORKS,
     PROFILES,
     SKILL,
@@ -72,7 +73,8 @@ def reduced_model(refits: tuple[str, ...] = REFITS) -> str:
     (folder / SUPPORT).write_bytes(save(support))
     others = {name: reduced(load_game(f"default:{name}")) for name in (*PROFILES, *refits)}
     (folder / VARIANTS).write_bytes(packed(game, others))
-    shutil.copy(source / NETWORKS, folder)
+    for name in (NETWORKS, HABITS):
+        shutil.copy(source / name, folder)
     (folder / SKILL).write_bytes(random_skill(json.loads(players.metadata["players"])))
     hashes = {file.name: hashlib.sha256(file.read_bytes()).hexdigest() for file in folder.iterdir()}
     card = {**read_model_card(source), "game_hash": game.hash, "variants": list(others), "sha256": hashes}

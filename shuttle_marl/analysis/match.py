@@ -15,23 +15,15 @@ from scipy import stats
 from shuttle_marl.analysis.advice import NORMAL, TOLERANCE, imitated
 from shuttle_marl.analysis.course import Chances, RallyRow, rallies_of, rally_numbers, score_of
 from shuttle_marl.analysis.decisions import Choice, costly_choices
-from shuttle_marl.analysis.habits import (
-    Habit,
-    Plays,
-    area_shares,
-    discoveries,
-    habits,
-    interval,
-    plays_of_strokes,
-    with_discoveries,
-)
+from shuttle_marl.analysis.habits import Habit, discoveries, habits, interval, with_discoveries
 from shuttle_marl.analysis.outlook import prior, spread_of
 from shuttle_marl.analysis.scouting import plain, rallies_won
 from shuttle_marl.analysis.summary import AnalysisError, rally_table
 from shuttle_marl.analysis.values import add_values
-from shuttle_marl.arrays import F64, I64
+from shuttle_marl.arrays import F64, I64, Bools
 from shuttle_marl.data.schema import DISCIPLINES
 from shuttle_marl.data.upstream import date_of
+from shuttle_marl.dynamics.habits import Plays, plays_of_strokes, tally
 from shuttle_marl.exact import evaluate
 from shuttle_marl.exact.match import Odds
 from shuttle_marl.game.pairs import AnyGame, PairGame, game_of_people
@@ -294,9 +286,9 @@ def _lengths(rallies: Sequence[RallyRow]) -> list[Won]:
     return [dataclasses.replace(each, clear=bool(mark)) for each, mark in zip(out, clear, strict=True)]
 
 
-def _heat(plays: Plays, mine: Any, won: F64, player: int) -> Heat:
+def _heat(plays: Plays, mine: Bools, won: F64, player: int) -> Heat:
     """Targets of a player in won and lost rallies."""
-    counts = [area_shares(plays, mine & (won == result))[0] for result in (1.0, 0.0)]
+    counts = [tally(plays.take(mine & (won == result))).targets for result in (1.0, 0.0)]
     n = [max(1.0, float(count.sum())) for count in counts]
     pooled = (counts[0] + counts[1]) / (n[0] + n[1])
     error = np.sqrt(pooled * (1 - pooled) * (1 / n[0] + 1 / n[1]))
@@ -316,7 +308,7 @@ def _changes(plays: Plays, seat: I64, strokes: pa.Table) -> list[Change]:
             mine = seat == player
             one, others = plays.take(mine & (game == number)), plays.take(mine & (game != number))
             if len(one) and len(others):
-                found += [(player, number, habit) for habit in habits(one, others, dispersion=1.0)]
+                found += [(player, number, habit) for habit in habits(tally(one), tally(others), dispersed=False)]
     marked = with_discoveries([habit for *_, habit in found])
     return [
         Change(player=player, game=number, habit=habit)

@@ -9,40 +9,26 @@ import datetime
 import difflib
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
 
 from shuttle_marl.analysis.advice import Advice, Meeting, Refitted, advise, calibrated, followed, imitated, meet, refitted
-from shuttle_marl.analysis.habits import (
-    DISPERSION,
-    NONE,
-    Ending,
-    Habit,
-    Plays,
-    area_shares,
-    endings,
-    habits,
-    interval,
-    plays_of_meeting,
-    plays_of_strokes,
-)
+from shuttle_marl.analysis.habits import Ending, Habit, endings, habits, interval
 from shuttle_marl.analysis.outlook import Outlook, outlook
 from shuttle_marl.analysis.summary import AnalysisError, rally_table, summarise
 from shuttle_marl.analysis.tactics import Effect, effects
 from shuttle_marl.arrays import F64
 from shuttle_marl.data.schema import DISCIPLINES
 from shuttle_marl.data.upstream import date_of
+from shuttle_marl.dynamics.habits import NONE, Plays, load_habits, plays_of_strokes, tally
 from shuttle_marl.game.court import AREAS
 from shuttle_marl.game.pairs import PairGame, pair_game
-from shuttle_marl.game.shipped import PROFILES, RELIABLE, Estimate, factor_of, model_folder
+from shuttle_marl.game.shipped import PROFILES, RELIABLE, Estimate, factor_of, model_folder, resolve_game
 from shuttle_marl.game.skill import AVERAGE, Day, Skill, load_skill
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.policy import baselines
-
-_MANY: Final = 1e6
-"""Number of strokes that stands for exactly known shares."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -118,8 +104,7 @@ class ScoutingReport:
         habits, endings: how the opponent plays beside other players of the discipline.
         targets: ``[9]`` shares of the opponent's strokes by target area; ``targets_usual``: of the others.
         target_strokes: number of strokes behind the targets.
-        counted: whether these are counted in annotated matches; else they are those of the imitated player.
-        seen: summary of the matches; None without data.
+        seen: summary of the annotated matches; None without, where habits are counted in those that the model was fitted on.
         advice: strokes to play against the opponent, largest gain first.
         realised: their results in annotated matches, in the same order; empty without data.
         with_advice: probability of winning a rally for a player who follows all of it, calibrated.
@@ -140,7 +125,6 @@ class ScoutingReport:
     targets: F64
     targets_usual: F64
     target_strokes: float
-    counted: bool
     seen: Seen | None
     advice: Sequence[Advice]
     realised: Sequence[Realised | None]
@@ -259,32 +243,27 @@ def scout(
 
     about = known(opponent)
     found = None if player is None else refitted(pair(player, opponent))
-    profile = meet(*imitated(pair(opponent, AVERAGE)))
-    usual = meet(*imitated(pair(AVERAGE, AVERAGE)))
     of_data = None if data is None else _in_discipline(data, discipline)
     counted = of_data is not None and opponent in set(of_data["player"].unique().to_pylist())
     if counted and of_data is not None:
         plays = plays_of_strokes(of_data)
         mine = of_data["player"].to_numpy(zero_copy_only=False) == opponent
-        own, others, dispersion = plays.take(mine), plays.take(~mine), None
+        own, others = tally(plays.take(mine)), tally(plays.take(~mine))
     else:
-        own, others = plays_of_meeting(profile, 0, max(1, about.strokes)), plays_of_meeting(usual, 0, _MANY)
-        dispersion = DISPERSION
-    strokes, shares = area_shares(own)
+        own, others = load_habits(folder)[opponent]
     report = ScoutingReport(
         player=None if player is None else known(player),
         opponent=about,
         discipline=discipline,
         model=(model, pair(opponent, AVERAGE).hash if found is None else found.pair.hash),
         refits=0 if found is None else len(found.refits),
-        factor=factor_of(profile.policies[0].game),
+        factor=factor_of(resolve_game(model)),
         outlook=None if found is None else outlook(found),
-        habits=habits(own, others, dispersion=dispersion, exact_others=not counted),
-        endings=endings(own, others, dispersion=1.0 if counted else DISPERSION),
-        targets=shares,
-        targets_usual=area_shares(others)[1],
-        target_strokes=float(strokes.sum()),
-        counted=counted,
+        habits=habits(own, others),
+        endings=endings(own, others),
+        targets=own.targets / max(1.0, own.targets.sum()),
+        targets_usual=others.targets / max(1.0, others.targets.sum()),
+        target_strokes=float(own.targets.sum()),
         seen=_seen(of_data, opponent) if counted and of_data is not None else None,
         advice=[],
         realised=[],

@@ -130,7 +130,7 @@ def _habits(report: ScoutingReport) -> Section:
         counts = {"matches": seen.matches, "strokes": strokes, "days": days}
         blocks.append(text(say("scout.habits_from_data", opponent=opponent, **counts)))
     elif report.opponent.since is not None:
-        blocks.append(text(say("scout.habits_from_model", strokes=strokes, opponent=opponent)))
+        blocks.append(text(say("scout.habits_from_model", strokes=strokes, opponent=opponent, matches=report.opponent.matches)))
     if strokes < 10 * RELIABLE:
         blocks.append(text(say("scout.habits_few", strokes=strokes, opponent=opponent)))
     if clear:

@@ -36,7 +36,7 @@ def fit(
         out: model folder to write.
         seed: random seed; equal seeds give equal weights.
         refits: number of refits on resampled matches, which show the uncertainty of the fit, as variants OUT:1, OUT:2, …;
-            default: 8; 0 with --prior, or for fewer than 6 training matches.
+            default: 8, or 0 for fewer than 6 training matches. With --prior its refits are corrected too, without more fits.
         validation_share: fraction of your own matches for validation, such as 0.2; the published matches have a fixed split.
         prior: model to correct instead of a full fit, such as default; for few matches.
         jobs: number of refits at once; default: one for each core, at most 4.

@@ -11,7 +11,7 @@ from rich.progress import track
 from shuttle_marl.commands import cli
 from shuttle_marl.commands.options import File, Json
 from shuttle_marl.files import replace_file
-from shuttle_marl.suite.options import Secret, Split, SuiteError, SuiteRun
+from shuttle_marl.suite.options import Beacon, Split, SuiteError, SuiteRun
 
 Task = Annotated[str, tyro.conf.Positional]
 Folder = Annotated[Path, tyro.conf.Positional]
@@ -62,7 +62,7 @@ def show(
     split: Split = "test",
     quick: bool = False,
     game: str = "default",
-    secret: Secret = None,
+    beacon: Beacon = None,
     json_output: Json = False,
 ) -> None:
     """Show a task: what is given, what is scored, how a method is called, and its cases.
@@ -72,14 +72,14 @@ def show(
         split: part of the task.
         quick: the cases of a quick run.
         game: model of the game.
-        secret: seed of the hidden split.
+        beacon: randomness of the beacon round of the hidden split.
         json_output: print JSON.
     """
     from shuttle_marl.suite.frozen import load  # noqa: PLC0415  numba
     from shuttle_marl.suite.registry import arena_of, find_task  # noqa: PLC0415
 
     found = find_task(task)
-    arena = arena_of(found, game, split, quick=quick, secret=secret)
+    arena = arena_of(found, game, split, quick=quick, beacon=beacon)
     cases = found.cases(arena)
     fields: dict[str, Any] = {
         "task": found.name,
@@ -111,41 +111,41 @@ def run(options: tyro.conf.OmitArgPrefixes[SuiteRun], *, json_output: Json = Fal
     from shuttle_marl.suite.run import run_method  # noqa: PLC0415  numba
 
     folder = run_method(options, cli.console(stderr=True))
-    _print_summary(folder, options.secret, options.game, json_output=json_output)
+    _print_summary(folder, options.beacon, options.game, json_output=json_output)
 
 
-def score(folder: Folder, *, game: str | None = None, secret: Secret = None, json_output: Json = False) -> None:
+def score(folder: Folder, *, game: str | None = None, beacon: Beacon = None, json_output: Json = False) -> None:
     """Aggregate the stored scores of a run, and write results.json; `verify` recomputes them.
 
     Args:
         folder: of the run.
         game: model of the game; default: the shipped one that the run names.
-        secret: seed of the hidden split.
+        beacon: randomness of the beacon round of the hidden split.
         json_output: print JSON.
     """
     from shuttle_marl import runs  # noqa: PLC0415
     from shuttle_marl.suite.results import summarise  # noqa: PLC0415  numba
     from shuttle_marl.suite.store import RESULTS  # noqa: PLC0415
 
-    runs.write_json(folder / RESULTS, summarise(folder, secret, game))
-    _print_summary(folder, secret, game, json_output=json_output)
+    runs.write_json(folder / RESULTS, summarise(folder, beacon, game))
+    _print_summary(folder, beacon, game, json_output=json_output)
 
 
 def verify(
-    folder: Folder, *, game: str | None = None, secret: Secret = None, data: Path | None = None, json_output: Json = False
+    folder: Folder, *, game: str | None = None, beacon: Beacon = None, data: Path | None = None, json_output: Json = False
 ) -> None:
     """Recompute every score of a run from its policies and answers; exits with 1 if one is refused.
 
     Args:
         folder: of the run.
         game: model of the game; default: the shipped one that the run names. Folders that a run names are not opened.
-        secret: seed of the hidden split.
+        beacon: randomness of the beacon round of the hidden split.
         data: annotated matches, for imitate.
         json_output: print JSON.
     """
     from shuttle_marl.suite.verify import NOT_VERIFIED, verify_run  # noqa: PLC0415  numba
 
-    findings = verify_run(folder, game=game, secret=secret, data=data, progress=_progress)
+    findings = verify_run(folder, game=game, beacon=beacon, data=data, progress=_progress)
     refused = [finding for finding in findings if finding.reason is not None]
     if json_output:
         cli.print_json(
@@ -242,7 +242,6 @@ def data(
 def freeze(
     *,
     tasks: tuple[str, ...] = (),
-    secret_file: File = None,
     data: Path | None = None,
     game: str = "default",
     out: File = None,
@@ -251,7 +250,6 @@ def freeze(
 
     Args:
         tasks: names of tasks; default: all, without imitate-v0 if there is no --data.
-        secret_file: file with the secret of the hidden split, created if it does not exist; never commit it.
         data: annotated matches, for imitate-v0.
         game: model of the game.
         out: file to write; default: that of the package.
@@ -259,15 +257,15 @@ def freeze(
     from shuttle_marl.suite.frozen import FROZEN  # noqa: PLC0415  numba
     from shuttle_marl.suite.maintain import freeze as write  # noqa: PLC0415
 
-    done = write(out or FROZEN, tasks, model=game, secret_file=secret_file, data=data, progress=_progress)
-    cli.console().print(cli.facts({"game": str(done.game), "commitment": str(done.commitment), "cases": f"{len(done.cases):,}"}))
+    done = write(out or FROZEN, tasks, model=game, data=data, progress=_progress)
+    cli.console().print(cli.facts({"game": str(done.game), "cases": f"{len(done.cases):,}"}))
 
 
-def _print_summary(folder: Path, secret: str | None, game: str | None, *, json_output: bool) -> None:
+def _print_summary(folder: Path, beacon: str | None, game: str | None, *, json_output: bool) -> None:
     from shuttle_marl.suite.board import number  # noqa: PLC0415  numba
     from shuttle_marl.suite.results import summarise  # noqa: PLC0415
 
-    found = summarise(folder, secret, game)
+    found = summarise(folder, beacon, game)
     if json_output:
         cli.print_json({"folder": str(folder), **found})
         return

@@ -10,7 +10,7 @@ import pyarrow as pa
 from shuttle_marl.dynamics.evaluate import criteria
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.files import replace_file, seal
-from shuttle_marl.game.shipped import BC, CARD, GAME, NETWORKS, SKILL, SUPPORT, VARIANTS, read_model_card
+from shuttle_marl.game.shipped import BC, CARD, GAME, HABITS, NETWORKS, SKILL, SUPPORT, VARIANTS, read_model_card
 from shuttle_marl.game.stroke import SHOTS
 
 _OBSERVED: Final = (
@@ -40,7 +40,7 @@ def write_card(folder: Path, card: dict[str, Any]) -> None:
     Raises:
         FileWriteError: it cannot be written.
     """
-    optional = (SKILL, VARIANTS)
+    optional = (HABITS, SKILL, VARIANTS)
     files = [name for name in (GAME, BC, NETWORKS, SUPPORT, *optional) if (folder / name).is_file() or name not in optional]
     hashes = {name: sha256((folder / name).read_bytes()).hexdigest() for name in files}
     replace_file(folder / CARD, seal({**card, "sha256": hashes}))

@@ -12,6 +12,7 @@ from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
+import pyarrow as pa
 import torch
 from safetensors.numpy import save
 from scipy.optimize import minimize_scalar
@@ -35,6 +36,7 @@ from shuttle_marl.dynamics.evaluate import evaluate, extremes, health
 from shuttle_marl.dynamics.features import Rows, rows_from_strokes
 from shuttle_marl.dynamics.fit import THREADS, Fit, Report, fit, intended_targets
 from shuttle_marl.dynamics.fitted import FittedModels, ModelError, PlayerChoices, tilted
+from shuttle_marl.dynamics.habits import save_habits
 from shuttle_marl.dynamics.models import known_outcome, log_odds, mean_probabilities, sigmoid, was_good, was_met
 from shuttle_marl.dynamics.network import QUICK, Ensemble, EnsembleConfig
 from shuttle_marl.dynamics.players import (
@@ -61,15 +63,18 @@ from shuttle_marl.game.shipped import (
     model_folder,
     read_model,
     read_model_card,
+    refits_of,
 )
+from shuttle_marl.game.skill import COMPONENTS
 from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.variants import packed
+from shuttle_marl.game.variants import STEP, moved, packed, steps_between
 from shuttle_marl.tensor_files import checked
 
 PRECISION: Final = 4.0
 """Precision of the normal prior of a shift of log-odds; its standard deviation is 0.5."""
 _MAX_SHIFT: Final = 4.0
+_SMALL: Final = 0.01
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -81,12 +86,14 @@ class Prior:
         game: the game, whose layout the fit shares.
         support: support in its data.
         skill: standard deviations of its offsets of players (:attr:`~shuttle_marl.dynamics.skill.FittedSkill.sd`), if it has any.
+        refits: its refits.
     """
 
     models: FittedModels
     game: Game
     support: Support
     skill: F64 | None
+    refits: Sequence[Game]
 
 
 def fit_from(prior: Prior, train: Rows, validation: Rows | None, *, report: Report) -> Fit:
@@ -116,11 +123,13 @@ def fit_from(prior: Prior, train: Rows, validation: Rows | None, *, report: Repo
         "return": good.outcome == Outcome.RETURNED,
         "contact": met.next_contact == 1,
     }
-    shifts = {
-        "success": _shift(marginal, label["success"]),
-        "return": _shift(lambda b: sigmoid(returned + b), label["return"]),
-        "contact": _shift(lambda b: sigmoid(above + b), label["contact"]),
+    estimates = {
+        "success": shift_of(marginal, label["success"]),
+        "return": shift_of(lambda b: sigmoid(returned + b), label["return"]),
+        "contact": shift_of(lambda b: sigmoid(above + b), label["contact"]),
     }
+    deviations = {name: deviation for name, (_, deviation) in estimates.items()}
+    shifts = {name: shift for name, (shift, _) in estimates.items()}
     calibration = models.calibration.copy()
     calibration[:, 1] += list(shifts.values())
     models = dataclasses.replace(models, calibration=calibration)
@@ -139,7 +148,7 @@ def fit_from(prior: Prior, train: Rows, validation: Rows | None, *, report: Repo
     chosen |= {
         "calibration": calibration.tolist(),
         "situations": {"effort": models.situations.effort.tolist(), "duel": models.situations.duel},
-        "prior": {"game": prior.game.hash, "shifts": shifts},
+        "prior": {"game": prior.game.hash, "shifts": shifts, "deviations": deviations},
     }
     return Fit(
         models=models, game=prior.game, support=support, profiles=(support, support), predicted=predicted, chosen=chosen
@@ -152,14 +161,16 @@ def _faults(models: FittedModels, rows: Rows) -> tuple[F64, F64]:
     return np.stack(faults, axis=1), models.targets(rows.codes)
 
 
-def _shift(probability: Callable[[float], F64], label: Bools) -> float:
-    """Maximum a posteriori shift of log-odds; 0 without rows."""
+def shift_of(probability: Callable[[float], F64], label: Bools) -> tuple[float, float]:
+    """Maximum a posteriori shift of log-odds, 0 without rows, and its standard deviation (Laplace's approximation)."""
 
     def loss(shift: float) -> float:
         p = np.clip(probability(shift), 1e-9, 1 - 1e-9)
         return float(-np.where(label, np.log(p), np.log1p(-p)).sum() + 0.5 * PRECISION * shift * shift)
 
-    return float(minimize_scalar(loss, bounds=(-_MAX_SHIFT, _MAX_SHIFT), method="bounded", options={"xatol": 1e-6}).x)
+    shift = float(minimize_scalar(loss, bounds=(-_MAX_SHIFT, _MAX_SHIFT), method="bounded", options={"xatol": 1e-6}).x)
+    curvature = (loss(shift + _SMALL) + loss(shift - _SMALL) - 2 * loss(shift)) / _SMALL**2
+    return shift, 1 / math.sqrt(max(curvature, PRECISION))
 
 
 def _with_choices(
@@ -269,8 +280,8 @@ def make_model(
     rows = rows_from_strokes(strokes)
     train, validation = train_and_validation(rows, validation_share)
     require_enough(train, validation, prior=prior is not None)
-    refits = _checked_refits(0 if refits is None and prior is not None else refits, len(np.unique(train.match)))
     start = None if prior is None else _prior(prior)
+    refits = _checked_refits(refits, len(np.unique(train.match)), start)
     fitted = (
         fit(train, validation, seed=seed, config=config, report=report)
         if start is None
@@ -279,6 +290,8 @@ def make_model(
     sources = dict(zip(strokes["match"].to_pylist(), strokes["source"].to_pylist(), strict=True))
     skill_prior = None if start is None else start.skill
     written = save_fit(out, fitted, sources, skill_prior, report=report)
+    fitted_on = pa.array([train.matches[i] for i in np.unique(train.match).tolist()])
+    save_habits(out, strokes.filter(pa.compute.is_in(strokes["match"], fitted_on)), written.skill.skill.players)
     game, variants = written.game, written.variants
     report("solving the game")
     weight = np.tile(np.exp(written.log_choice.astype(np.float64)), game.n_blocks)
@@ -318,9 +331,11 @@ def make_model(
             citation for source, citation in _CITATIONS.items() if prior or source in set(strokes["source"].to_pylist())
         ],
     }
+    if start is not None:
+        variants |= _refits_from(start, game, fitted.chosen["prior"]["deviations"], seed, refits)
     save_variants(out, game, variants, card)
-    if refits:
-        task = Refit(train=train, layout=game, seed=seed, config=config or QUICK, prior=start)
+    if refits and start is None:
+        task = Refit(train=train, layout=game, seed=seed, config=config or QUICK)
         context = multiprocessing.get_context("spawn")
         with ProcessPoolExecutor(min(jobs, refits), mp_context=context, initializer=end_with_parent) as pool:
             for number, refit in enumerate(pool.map(task, range(1, refits + 1)), 1):
@@ -340,20 +355,16 @@ class Refit:
         layout: game whose layout is used.
         seed: random seed of the first fit; refits use others.
         config: settings of the networks.
-        prior: model to correct; None: fit without prior.
     """
 
     train: Rows
     layout: Game
     seed: int
     config: EnsembleConfig
-    prior: Prior | None
 
     def __call__(self, number: int) -> Game:
         """The game of refit ``number``, from 1."""
         rows = resampled(self.train, [self.seed, number])
-        if self.prior is not None:
-            return fit_from(self.prior, rows, None, report=_silent).compiled()[0]
         seed = self.seed + 1000 * number
         return fit(rows, None, seed=seed, config=self.config, layout=self.layout, report=_silent).compiled()[0]
 
@@ -481,12 +492,16 @@ def require_enough(train: Rows, validation: Rows, *, prior: bool) -> None:
         raise ShuttleError(f"{len(train)} strokes in {matches} train matches, at least {least} needed: {reason}")
 
 
-def _checked_refits(refits: int | None, matches: int) -> int:
+def _checked_refits(refits: int | None, matches: int, prior: Prior | None) -> int:
     """Number of refits for a number of training matches.
 
     Raises:
-        ShuttleError: too few matches for the requested refits.
+        ShuttleError: too few matches for the requested refits, or more than the prior has.
     """
+    if prior is not None:
+        if refits is not None and refits > len(prior.refits):
+            raise ShuttleError(f"--refits {refits}: the model of --prior has {len(prior.refits)}, which are corrected too")
+        return len(prior.refits) if refits is None else refits
     if refits is None:
         return REFITS if matches >= MIN_MATCHES_FOR_REFITS else 0
     if refits and matches < MIN_MATCHES_FOR_REFITS:
@@ -504,7 +519,27 @@ def _prior(name: str) -> Prior:
         game=load_game(str(folder)),
         support=load_support(folder),
         skill=deviations_in(read_model_card(folder)),
+        refits=refits_of(load_game(str(folder))),
     )
+
+
+def _refits_from(prior: Prior, game: Game, deviations: Mapping[str, float], seed: int, number: int) -> dict[str, Game]:
+    """Refits of a corrected model: those of the prior, moved like the model, each by other draws of the shifts.
+
+    Args:
+        prior: the model before the correction.
+        game: the corrected game.
+        deviations: standard deviation of the shift of each component.
+        seed: random seed.
+        number: of refits, at most as many as the prior has.
+    """
+    found = {}
+    for k, refit in enumerate(prior.refits[:number], 1):
+        # A shift of the returns moves the winners by as much, and one of the contacts above those below.
+        drawn = np.random.default_rng([seed, k]).normal(0, [deviations[name] for name in COMPONENTS]) / STEP
+        steps = steps_between(prior.game, refit) + np.rint(drawn).astype(np.int64)[:, None]
+        found[str(k)] = moved(game, np.clip(steps, -127, 127).astype(np.int8), refit.fault_odds)
+    return found
 
 
 def resampled(rows: Rows, seed: Sequence[int]) -> Rows:

@@ -32,6 +32,8 @@ PROFILES: Final = ("men", "women")
 """Variants that are the games of one discipline; the others are refits, named by their number from 1."""
 SKILL: Final = "skill.safetensors"
 """Skill of the players, as differences from the average player."""
+HABITS: Final = "habits.safetensors"
+"""Counted strokes of the players, for reports."""
 SUPPORT: Final = "support.safetensors"
 """Data file beside the models: the torch reference of the tables needs it."""
 RELIABLE: Final = 20

@@ -5,7 +5,6 @@ the installed one, and scores are preliminary.
 """
 
 import dataclasses
-import hashlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
@@ -24,12 +23,10 @@ class Frozen:
 
     Attributes:
         game: hash of the game; None: not frozen.
-        commitment: SHA-256 of the secret of the hidden split; None: there is none.
         cases: fingerprint of each case, by ``TASK/SPLIT/CASE/SEED``.
     """
 
     game: str | None = None
-    commitment: str | None = None
     cases: Mapping[str, str] = dataclasses.field(default_factory=dict)
 
     def official(self, digest: str) -> bool:
@@ -67,25 +64,3 @@ def load(path: Path = FROZEN) -> Frozen:
 def save(frozen: Frozen, path: Path = FROZEN) -> None:
     """Write the frozen settings."""
     replace_file(path, seal({**dataclasses.asdict(frozen), "cases": dict(sorted(frozen.cases.items()))}))
-
-
-def commitment(secret: str) -> str:
-    """SHA-256 of a secret of the hidden split, hexadecimal."""
-    return hashlib.sha256(bytes.fromhex(secret)).hexdigest()
-
-
-def checked_secret(secret: str | None, frozen: Frozen) -> str:
-    """The secret of the hidden split.
-
-    Raises:
-        SuiteError: it is missing, is not 64 hexadecimal digits, or does not match the commitment.
-    """
-    if secret is None:
-        raise SuiteError("the hidden split needs --secret, which is published with a later version of the task")
-    try:
-        known = len(secret) == 64 and commitment(secret) == frozen.commitment
-    except ValueError:
-        known = False
-    if not known:
-        raise SuiteError("--secret: expected the 64 hexadecimal digits whose SHA-256 is the commitment of the task")
-    return secret

@@ -1,7 +1,5 @@
 """Files around the tasks: templates of submissions, data of cases, and the frozen settings."""
 
-import dataclasses
-import secrets
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Final, Literal
@@ -105,11 +103,10 @@ def freeze(
     tasks: Sequence[str],
     *,
     model: str = "default",
-    secret_file: Path | None = None,
     data: Path | None = None,
     progress: Callable[[Sequence[Any]], Any] = lambda units: units,
 ) -> Frozen:
-    """Write the frozen settings: hash of the game, commitment, and fingerprint of every case.
+    """Write the frozen settings: hash of the game, and fingerprint of every case of the public splits.
 
     Fingerprints of other tasks are kept if they are of the same game.
 
@@ -117,37 +114,23 @@ def freeze(
         path: file of the frozen settings.
         tasks: names of tasks; empty: all that need no annotated matches, or all if ``data`` are named.
         model: the game.
-        secret_file: file with the secret of the hidden split, created if it does not exist; never commit it.
         data: annotated matches.
         progress: wraps the cases.
-
-    Raises:
-        SuiteError: the file of the secret is in a Git repository.
     """
     game = arena_of(TASKS["exploit-v0"], model, "test").game
     before = frozen.load(path)
     kept = before if before.official(game.hash) else Frozen()
-    secret, committed = None, kept.commitment
-    if secret_file is not None:
-        if any((folder / ".git").exists() for folder in secret_file.resolve().parents):
-            raise SuiteError(f"--secret-file {secret_file}: is in a Git repository, where the secret could be committed")
-        if not secret_file.exists():
-            replace_file(secret_file, secrets.token_hex(32).encode())
-        secret = secret_file.read_text(encoding="ascii").strip()
-        committed = frozen.commitment(secret)
     cases = dict(kept.cases)
     names = tasks or [name for name in TASKS if data is not None or name != "imitate-v0"]
     units = []
     for name in names:
         task = find_task(name)
         for split in task.splits:
-            if split != "hidden" or secret is not None:
-                arena = arena_of(task, model, "test" if split == "hidden" else split, data=data)
-                if split == "hidden":
-                    arena = dataclasses.replace(arena, split=split, secret=secret)
+            if split != "hidden":
+                arena = arena_of(task, model, split, data=data)
                 units += [(task, split, arena, case, seed) for case in task.cases(arena) for seed in range(task.seeds)]
     for task, split, arena, case, seed in progress(units):
         cases[f"{task.name}/{split}/{case.name}/{seed}"] = task.fingerprint(arena, case, seed)
-    done = Frozen(game=game.hash, commitment=committed, cases=cases)
+    done = Frozen(game=game.hash, cases=cases)
     frozen.save(done, path)
     return done

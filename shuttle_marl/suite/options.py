@@ -9,8 +9,8 @@ import tyro
 from shuttle_marl.errors import ShuttleError
 
 Split = Literal["dev", "test", "hidden"]
-"""Part of a task: for tuning, for scores, and with a secret seed (``adapt`` alone)."""
-Secret = Annotated[str | None, tyro.conf.arg(metavar="HEX")]
+"""Part of a task: for tuning, for scores, and from a seed that nobody knows yet (``adapt`` alone)."""
+Beacon = Annotated[str | None, tyro.conf.arg(metavar="HEX")]
 _MOST_WORKERS: Final = 512
 
 
@@ -40,8 +40,8 @@ class SuiteRun:
     """Ray cluster that plays the units: local, auto, HOST:PORT of its head, or ray://HOST:PORT; replaces --workers."""
     game: str = "default"
     """Model of the game: a shipped one or a folder."""
-    secret: Secret = None
-    """Seed of the hidden split."""
+    beacon: Beacon = None
+    """Randomness of the beacon round of the hidden split."""
     data: Path | None = None
     """Annotated matches, for imitate: the folder of `data download`, or a file of `data convert`."""
     out: Path | None = None

@@ -2,11 +2,12 @@
 
 Players are divided into three parts: clones of the first are known, the others belong to the dev and to the test population. Each
 opponent is drawn from the seed of its split, its family and its number alone. The seed of the test split is public, so that
-everyone can verify; that of the hidden split is a secret whose hash is published, because a public seed can be enumerated.
+everyone can verify; that of the hidden split is drawn by a public beacon later, because a public seed can be enumerated.
 """
 
 import functools
 import hashlib
+import re
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -16,6 +17,7 @@ from shuttle_marl.exact import best_response
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities
 from shuttle_marl.policy import baselines
+from shuttle_marl.suite.options import SuiteError
 from shuttle_marl.suite.task import Arena
 
 FAMILIES: Final = ("synthetic", "human", "counter", "mixture", "switcher")
@@ -23,9 +25,29 @@ FAMILIES: Final = ("synthetic", "human", "counter", "mixture", "switcher")
 CONTROL: Final = "control"
 """Clones of players, against whom a best response to bc is almost optimal already."""
 ADAPT_RALLIES: Final = 500
+BEACON: Final = "https://api.drand.sh/52db9ba70e0cc0f6eaf7803dd07447a1f5477735fd3f661792ba94600c84e971/public"
+"""Public beacon of randomness: the chain ``quicknet`` of drand, a round every 3 seconds."""
+HIDDEN_ROUND: Final = 39_668_212
+"""Round whose randomness is the seed of the hidden split: that of 1 June 2027, 00:00 UTC."""
 _STYLES: Final = ("attacking", "defensive", "safe", "bc@0.5", "random")
 _TILTS: Final = (-1.0, 1.0)
 _TOLERANCE: Final = 1e-6
+
+
+def checked_beacon(randomness: str | None) -> str:
+    """The seed of the hidden split.
+
+    The package cannot check it, because it opens no connection. Scores depend on it, so a wrong one is found by verification.
+
+    Raises:
+        SuiteError: it is missing, or is not 64 hexadecimal digits.
+    """
+    if randomness is None or re.fullmatch("[0-9a-f]{64}", randomness) is None:
+        raise SuiteError(
+            f"the hidden split needs --beacon with the 64 hexadecimal digits of `randomness` in {BEACON}/{HIDDEN_ROUND}, "
+            "which appears on 1 June 2027"
+        )
+    return randomness
 
 
 class Opponent(NamedTuple):
@@ -85,7 +107,7 @@ def _players(arena: Arena, part: int) -> list[str]:
 
 
 def _rng(arena: Arena, family: str, number: int) -> np.random.Generator:
-    seed = arena.secret if arena.split == "hidden" else f"adapt-v0 {arena.split}"
+    seed = arena.beacon if arena.split == "hidden" else f"adapt-v0 {arena.split}"
     digest = hashlib.sha256(f"{seed} {family} {number}".encode()).digest()
     return np.random.default_rng(int.from_bytes(digest[:16], "big"))
 

@@ -7,12 +7,12 @@ from typing import Final
 
 from shuttle_marl.errors import printable
 from shuttle_marl.game.shipped import is_shipped, resolve_game
-from shuttle_marl.suite import frozen
 from shuttle_marl.suite.adapt import Adapt
 from shuttle_marl.suite.imitate import Imitate
 from shuttle_marl.suite.offline import Evaluate, Offline
 from shuttle_marl.suite.options import Split, SuiteError
 from shuttle_marl.suite.players import Equilibrium, Exploit
+from shuttle_marl.suite.population import checked_beacon
 from shuttle_marl.suite.robust import Robust
 from shuttle_marl.suite.store import RunConfig
 from shuttle_marl.suite.task import Arena, Task
@@ -43,26 +43,26 @@ def arena_of(
     *,
     quick: bool = False,
     budget: int | None = None,
-    secret: str | None = None,
+    beacon: str | None = None,
     data: Path | None = None,
 ) -> Arena:
     """The game and the split of a task.
 
     Raises:
-        SuiteError: the task has no such split, or the secret is wrong.
+        SuiteError: the task has no such split, or the randomness of the beacon is missing.
         GameError: the model does not exist.
     """
     if split not in task.splits:
         raise SuiteError(f"{task.name} has no split {split!r}; there are: {', '.join(task.splits)}")
     if split == "hidden":
-        secret = frozen.checked_secret(secret, frozen.load())
+        beacon = checked_beacon(beacon)
     variant = task.variants.get(split)
     name = model if variant is None else f"{model}:{variant}"
-    return Arena(game=resolve_game(name), model=name, split=split, quick=quick, budget=budget, secret=secret, data=data)
+    return Arena(game=resolve_game(name), model=name, split=split, quick=quick, budget=budget, beacon=beacon, data=data)
 
 
 def arena_of_run(
-    task: Task, config: RunConfig, model: str | None = None, *, secret: str | None = None, data: Path | None = None
+    task: Task, config: RunConfig, model: str | None = None, *, beacon: str | None = None, data: Path | None = None
 ) -> Arena:
     """The game and the split of a run whose folder may be a stranger's.
 
@@ -71,7 +71,7 @@ def arena_of_run(
         config: configuration in the folder.
         model: name or folder of the game that the user named; None: the shipped model of this name. A folder that the
             configuration names is never opened.
-        secret: seed of the hidden split.
+        beacon: randomness of the beacon round of the hidden split.
         data: annotated matches, for ``imitate``.
 
     Raises:
@@ -80,5 +80,5 @@ def arena_of_run(
     if model is None and not is_shipped(config.game.model):
         raise SuiteError(f"the run names the model {printable(config.game.model)!r}, which is not shipped; name it with --game")
     return arena_of(
-        task, model or config.game.model, config.split, quick=config.quick, budget=config.budget, secret=secret, data=data
+        task, model or config.game.model, config.split, quick=config.quick, budget=config.budget, beacon=beacon, data=data
     )

@@ -21,12 +21,12 @@ PROFILE_POINTS: Final = 21
 """Number of thresholds of a performance profile."""
 
 
-def summarise(folder: Path, secret: str | None = None, game: str | None = None) -> dict[str, Any]:
+def summarise(folder: Path, beacon: str | None = None, game: str | None = None) -> dict[str, Any]:
     """Aggregates of a run, from its entries as they are stored; :func:`shuttle_marl.suite.verify.verify_run` recomputes those.
 
     Args:
         folder: of the run.
-        secret: seed of the hidden split.
+        beacon: randomness of the beacon round of the hidden split.
         game: model of the game; None: the shipped model that the run names.
 
     Raises:
@@ -34,7 +34,7 @@ def summarise(folder: Path, secret: str | None = None, game: str | None = None) 
     """
     config = store.read_config(folder)
     task = find_task(config.task)
-    cases = cases_of(task, config, secret, game)
+    cases = cases_of(task, config, beacon, game)
     entries = store.read_entries(folder, [case.name for case in cases], config.seeds)
     missing = len(cases) * config.seeds - len(entries)
     if missing:
@@ -72,9 +72,9 @@ def _known(bound: float) -> float | None:
     return None if np.isnan(bound) else bound
 
 
-def cases_of(task: Task, config: store.RunConfig, secret: str | None = None, game: str | None = None) -> list[Case]:
+def cases_of(task: Task, config: store.RunConfig, beacon: str | None = None, game: str | None = None) -> list[Case]:
     """Cases of a run."""
-    return task.cases(arena_of_run(task, config, game, secret=secret))
+    return task.cases(arena_of_run(task, config, game, beacon=beacon))
 
 
 def aggregate(task: Task, cases: Sequence[Case], entries: Mapping[tuple[str, int], Entry], name: str) -> Interval:

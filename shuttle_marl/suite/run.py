@@ -27,7 +27,7 @@ class _Unit:
 
     folder: Path
     config: RunConfig
-    secret: str | None
+    beacon: str | None
     data: Path | None
     case: int
     seed: int
@@ -48,7 +48,7 @@ def run_method(options: SuiteRun, console: Console | None = None) -> Path:
         options.split,
         quick=options.quick,
         budget=options.budget,
-        secret=options.secret,
+        beacon=options.beacon,
         data=options.data,
     )
     config = RunConfig(
@@ -69,12 +69,12 @@ def run_method(options: SuiteRun, console: Console | None = None) -> Path:
         store.write_card(folder, {"method": options.method, "authors": None, "paper": None, "tuning_strokes": None})
         numbers = [(case, seed) for case in range(len(task.cases(arena))) for seed in range(config.seeds)]
         units = [
-            _Unit(folder=folder, config=config, secret=options.secret, data=options.data, case=case, seed=seed)
+            _Unit(folder=folder, config=config, beacon=options.beacon, data=options.data, case=case, seed=seed)
             for case, seed in numbers
             if not store.entry_path(folder, case, seed).exists()
         ]
         _play_all(folder, units, options, console or Console(quiet=True))
-        runs.write_json(folder / store.RESULTS, summarise(folder, options.secret, options.game))
+        runs.write_json(folder / store.RESULTS, summarise(folder, options.beacon, options.game))
         runs.write_json(folder / runs.MANIFEST, {"status": "finished", **about})
     return folder
 
@@ -120,7 +120,7 @@ def play_unit(unit: _Unit) -> PlayedUnit:
         config.split,
         quick=config.quick,
         budget=config.budget,
-        secret=unit.secret,
+        beacon=unit.beacon,
         data=unit.data,
     )
     case = task.cases(arena)[unit.case]

@@ -82,7 +82,7 @@ class Arena:
         split: part of the task.
         quick: the smallest cases and budgets only.
         budget: cases of this budget only; None: all.
-        secret: seed of the hidden split, hexadecimal.
+        beacon: randomness of the beacon round of the hidden split, hexadecimal.
         data: folder with annotated matches, for ``imitate``.
     """
 
@@ -91,7 +91,7 @@ class Arena:
     split: Split = "dev"
     quick: bool = False
     budget: int | None = None
-    secret: str | None = None
+    beacon: str | None = None
     data: Path | None = None
 
     def policy(self, name: str) -> TabulatedPolicy:

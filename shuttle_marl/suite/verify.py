@@ -31,7 +31,7 @@ def verify_run(
     folder: Path,
     *,
     game: str | None = None,
-    secret: str | None = None,
+    beacon: str | None = None,
     data: Path | None = None,
     progress: Callable[[Any], Any] = lambda units: units,
 ) -> list[Finding]:
@@ -40,7 +40,7 @@ def verify_run(
     Args:
         folder: of the run.
         game: model of the game; None: the shipped model that the run names.
-        secret: seed of the hidden split.
+        beacon: randomness of the beacon round of the hidden split.
         data: annotated matches, for ``imitate``.
         progress: wraps the units, to show progress.
 
@@ -49,7 +49,7 @@ def verify_run(
     """
     config = store.read_config(folder)
     task = find_task(config.task)
-    arena = arena_of_run(task, config, game, secret=secret, data=data)
+    arena = arena_of_run(task, config, game, beacon=beacon, data=data)
     cases = task.cases(arena)
     units = [(number, seed) for number in range(len(cases)) for seed in range(config.seeds)]
     return [

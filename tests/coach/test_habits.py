@@ -1,30 +1,28 @@
 """Habits: counted, compared, and said only where they are more than chance."""
 
 import dataclasses
+import hashlib
+from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
 import pytest
 from scipy import stats
 
-from shuttle_marl.analysis.advice import Refitted, meet
-from shuttle_marl.analysis.habits import (
-    NONE,
-    Plays,
-    area_shares,
-    discoveries,
-    endings,
-    habits,
-    interval,
-    plays_of_meeting,
-    plays_of_strokes,
-    questions,
-)
+from shuttle_marl.analysis.advice import Meeting, Refitted, meet
+from shuttle_marl.analysis.habits import discoveries, endings, habits, interval
+from shuttle_marl.analysis.scouting import scout
+from shuttle_marl.dynamics.habits import NONE, Plays, load_habits, plays_of_strokes, questions, save_habits, tally
+from shuttle_marl.files import seal
 from shuttle_marl.game.court import AREAS
-from shuttle_marl.game.shipped import load_game
+from shuttle_marl.game.shipped import CARD, HABITS, load_game, model_folder
+from shuttle_marl.game.skill import load_skill
 from shuttle_marl.game.stroke import SHOTS
+from shuttle_marl.game.tables import GameError
 from shuttle_marl.game.tabulated import tabulate
+from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.policy.registry import resolve
+from tests.coach.conftest import A
 
 
 def plays(rows: list[tuple[int, int, int, int, int, int]], copies: int = 1) -> Plays:
@@ -35,6 +33,34 @@ def plays(rows: list[tuple[int, int, int, int, int, int]], copies: int = 1) -> P
         own=own, incoming=incoming, met=met, contact=contact, shot=shot, area=area, weight=ones, fault=zeros, winner=zeros,
         group=np.zeros(len(own), np.int64),
     )  # fmt: skip
+
+
+def plays_of_meeting(meeting: Meeting, seat: int, strokes: float) -> Plays:
+    """Expected strokes of one player of two policies.
+
+    Args:
+        meeting: the policies.
+        seat: of the player.
+        strokes: number of strokes in all.
+    """
+    game = meeting.policies[seat].game
+    state, stroke = game.base_pair_state, game.base_pair_stroke
+    played = meeting.seen.base_pairs(seat)
+    played *= strokes / played.sum()
+    limit = np.moveaxis(game.limits[..., :2].astype(np.float64), -1, 0) / ONE
+    shot = np.append(game.catalogue.shot, NONE).astype(np.int64)
+    return Plays(
+        own=shot[game.own(state)],
+        incoming=shot[game.incoming(state)],
+        met=np.append(game.catalogue.area, -1).astype(np.int64)[game.incoming(state)],
+        contact=game.contact(state).astype(np.int64),
+        shot=game.catalogue.shot[stroke].astype(np.int64),
+        area=game.catalogue.area[stroke].astype(np.int64),
+        weight=played.sum(axis=0),
+        fault=(played * limit[0]).sum(axis=0),
+        winner=(played * (limit[1] - limit[0])).sum(axis=0),
+        group=np.zeros(len(stroke), np.int64),
+    )
 
 
 def answers(some: Plays, kind: str, about: tuple[str, ...] = ()) -> list[str | None]:
@@ -62,7 +88,7 @@ def test_questions_of_three_strokes() -> None:
     assert answers(some, "reply", ("lift", "above")) == [None, None, "smash", "smash"]
     assert answers(some, "direction", ("smash",)) == [None, None, "straight", "cross"]
     assert answers(some, "shots") == [None, "lift", "smash", "smash"]
-    assert area_shares(some)[0].sum() == 3
+    assert tally(some).targets.sum() == 3
 
 
 def test_intervals_are_those_of_scipy() -> None:
@@ -90,7 +116,7 @@ def test_differences_by_chance_are_not_said() -> None:
                     [(NONE, serve, 1, 0, int(shot), int(area)) for shot, area in zip(shots, rng.integers(0, 9, 200), strict=True)]
                 )
             )
-        claims += any(habit.clear for habit in habits(*some))
+        claims += any(habit.clear for habit in habits(*map(tally, some)))
     assert claims <= 7
 
 
@@ -98,14 +124,14 @@ def test_a_difference_is_said_with_its_numbers() -> None:
     serve, lift, net = (SHOTS.index(name) for name in ("short-serve", "lift", "net-shot"))
     mine = plays([(NONE, serve, 1, 0, lift, 6)] * 9 + [(NONE, serve, 1, 0, net, 0)], 10)
     others = plays([(NONE, serve, 1, 0, lift, 6)] * 5 + [(NONE, serve, 1, 0, net, 0)] * 5, 40)
-    found = next(h for h in habits(mine, others) if h.kind == "return" and h.answer == "lift")
+    found = next(h for h in habits(tally(mine), tally(others)) if h.kind == "return" and h.answer == "lift")
     assert found.clear
     assert (found.strokes, found.share, found.usual) == (100, 0.9, 0.5)
     pooled = (90 + 200) / 500
     error = np.sqrt(pooled * (1 - pooled) * (1 / 100 + 1 / 400))
     assert found.p == pytest.approx(2 * stats.norm.sf(0.4 / error))
     few = mine.take(np.arange(len(mine)) < 15)
-    assert habits(few, others) == []
+    assert habits(tally(few), tally(others)) == []
 
 
 def test_counts_of_matches_that_vary_are_less_certain() -> None:
@@ -121,7 +147,10 @@ def test_counts_of_matches_that_vary_are_less_certain() -> None:
     others = plays([(NONE, serve, 1, 0, lift, 6), (NONE, serve, 1, 0, net, 0)], 500)
     even = joined([match(13, k) for k in range(12)])
     uneven = joined([match(6 + 14 * (k % 2), k) for k in range(12)])
-    p = [next(h.p for h in habits(some, others) if h.kind == "return" and h.answer == "lift") for some in (even, uneven)]
+    p = [
+        next(h.p for h in habits(tally(some), tally(others)) if h.kind == "return" and h.answer == "lift")
+        for some in (even, uneven)
+    ]
     assert p[0] < 1e-4 < p[1]
 
 
@@ -147,13 +176,14 @@ def test_claims_about_simulated_players_are_true(model: str) -> None:
     rng, true = np.random.default_rng(0), []
     for i in range(3):
         mine, others = joined(truth[i]), joined([part for k in range(3) if k != i for part in truth[k]])
-        real = {(h.kind, h.about, h.answer): h.share - h.usual for h in habits(mine, others, dispersion=1.0)}
+        real = {(h.kind, h.about, h.answer): h.share - h.usual for h in habits(tally(mine), tally(others), dispersed=False)}
         for strokes in (150, 600, 3000):
             drawn = [
                 dataclasses.replace(part, weight=rng.poisson(part.weight * (strokes * k / part.weight.sum())).astype(float))
                 for part, k in ((mine, 1), (others, 2))
             ]
-            true += [real[h.kind, h.about, h.answer] * (h.share - h.usual) > 0 for h in habits(*drawn, dispersion=1.0) if h.clear]
+            found = habits(*map(tally, drawn), dispersed=False)
+            true += [real[h.kind, h.about, h.answer] * (h.share - h.usual) > 0 for h in found if h.clear]
     assert len(true) > 100
     assert np.mean(true) >= 0.9
 
@@ -161,8 +191,51 @@ def test_claims_about_simulated_players_are_true(model: str) -> None:
 def test_faults_and_winners(sample: pa.Table) -> None:
     some = plays_of_strokes(sample)
     mine = sample["player"].to_numpy(zero_copy_only=False) == "viktor-axelsen"
-    found = {each.shot: each for each in endings(some.take(mine), some.take(~mine))}
+    found = {each.shot: each for each in endings(tally(some.take(mine)), tally(some.take(~mine)))}
     smashes = mine & (some.shot == SHOTS.index("smash"))
     assert found["smash"].strokes == smashes.sum()
     assert found["smash"].fault[0] == pytest.approx(some.fault[smashes].mean())
     assert found["smash"].winner[1] <= found["smash"].winner[0] <= found["smash"].winner[2]
+
+
+def write_habits(folder: Path, content: bytes) -> None:
+    """A model folder with nothing but habits."""
+    folder.mkdir()
+    (folder / HABITS).write_bytes(content)
+    (folder / CARD).write_bytes(seal({"sha256": {HABITS: hashlib.sha256(content).hexdigest()}}))
+
+
+def test_a_model_and_its_data_say_the_same(sample: pa.Table, model: str, tmp_path: Path) -> None:
+    players = sorted(set(sample["player"].to_pylist()))
+    save_habits(tmp_path, sample, players)
+    folder = tmp_path / "model"
+    write_habits(folder, (tmp_path / HABITS).read_bytes())
+    assert list(load_habits(folder)) == players
+    some, player = plays_of_strokes(sample), sample["player"].to_numpy(zero_copy_only=False)
+    own, others = load_habits(folder)[players[0]]
+    discipline = sample["discipline"].to_numpy(zero_copy_only=False)
+    alike = discipline == discipline[player == players[0]][0]
+    for stored, counted in (
+        (own, tally(some.take(player == players[0]))),
+        (others, tally(some.take(alike & (player != players[0])))),
+    ):
+        assert np.array_equal(stored.counts, counted.counts)
+        assert np.array_equal(stored.ends, counted.ends)
+        assert stored.dispersion == pytest.approx(counted.dispersion, rel=1e-3)
+    # The shipped model has the habits of all its players; with data, they are counted there.
+    shipped = load_habits(model_folder())
+    assert set(shipped) == set(load_skill(model_folder()).players)
+    clear = [[(h.kind, h.about, h.answer) for h in scout(A, model=model, data=data).habits if h.clear] for data in (None, sample)]
+    assert len(clear[0]) > len(clear[1])
+
+
+def test_a_damaged_file_of_habits_is_refused(sample: pa.Table, tmp_path: Path) -> None:
+    players = sorted(set(sample["player"].to_pylist()))
+    save_habits(tmp_path, sample, players)
+    content = (tmp_path / HABITS).read_bytes()
+    for name, changed in {"short": content[:-8], "names": content.replace(b"players", b"playerz")}.items():
+        write_habits(tmp_path / name, changed)
+        with pytest.raises(GameError, match="no readable habits of players"):
+            load_habits(tmp_path / name)
+    with pytest.raises(GameError, match="this model has no habits"):
+        load_habits(tmp_path / "nothing")

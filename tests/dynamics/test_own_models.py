@@ -15,15 +15,17 @@ from shuttle_marl.dynamics.features import Rows, rows_from_strokes
 from shuttle_marl.dynamics.make import (
     MIN_STROKES,
     MIN_STROKES_WITH_PRIOR,
+    PRECISION,
     _checked_refits,
     _moved,
-    _shift,
     require_enough,
+    shift_of,
     train_and_validation,
 )
 from shuttle_marl.dynamics.models import sigmoid
 from shuttle_marl.errors import ShuttleError
-from shuttle_marl.game.shipped import load_game, read_model_card, variants
+from shuttle_marl.game.shipped import load_game, read_model_card, refits_of, variants
+from shuttle_marl.game.variants import steps_between
 from shuttle_marl.policy import registry
 from tests.data.club_matches import strokes_of_club, write_club
 
@@ -98,9 +100,9 @@ def test_too_few_matches_are_refused_with_the_reason(club: Rows) -> None:
 
 
 def test_few_matches_are_not_resampled() -> None:
-    assert (_checked_refits(None, 5), _checked_refits(None, 6), _checked_refits(0, 3), _checked_refits(2, 6)) == (0, 8, 0, 2)
+    assert [_checked_refits(*case, None) for case in ((None, 5), (None, 6), (0, 3), (2, 6))] == [0, 8, 0, 2]
     with pytest.raises(ShuttleError, match="--refits 4: 3 train matches, at least 6 needed"):
-        _checked_refits(4, 3)
+        _checked_refits(4, 3, None)
 
 
 def test_shifts_are_shrunk_and_move_the_ranges() -> None:
@@ -112,9 +114,13 @@ def test_shifts_are_shrunk_and_move_the_ranges() -> None:
         def probability(shift: float, number: int = number) -> F64:
             return sigmoid(np.full(number, -1.5 + shift))
 
-        found.append(_shift(probability, label))
-    assert found[1] == pytest.approx(0.8, abs=0.06)
-    assert _shift(lambda b: np.empty(0), np.empty(0, np.bool_)) == pytest.approx(0, abs=1e-4)
+        found.append(shift_of(probability, label))
+    assert found[1][0] == pytest.approx(0.8, abs=0.06)
+    # Information of n labels of probability p: n p (1 - p).
+    p = sigmoid(-1.5 + found[1][0])
+    assert found[1][1] == pytest.approx((20_000 * p * (1 - p) + PRECISION) ** -0.5, rel=1e-3)
+    assert found[0][1] > 10 * found[1][1]
+    assert shift_of(lambda b: np.empty(0), np.empty(0, np.bool_)) == pytest.approx((0, PRECISION**-0.5), abs=1e-4)
     nothing = np.zeros(2)
     support = Support(
         strokes=np.ones(2),
@@ -137,8 +143,8 @@ def test_from_a_file_to_the_league(number: int, prior: str | None, tmp_path: Pat
     table, model = tmp_path / "club.parquet", tmp_path / "model"
     assert data.main(["import", str(file), "--columns", str(columns), "--out", str(table)]) == 0
     assert data.main(["validate", str(table)]) == 0
-    # Three matches are too few to be resampled; of eight, two refits in place of the usual number save time.
-    refits = [] if number == 3 else ["1", "2"]
+    # Three matches are too few to be resampled, except with a prior that has refits; of eight, two in place of eight save time.
+    refits = ["1", "2"] if number == 8 or prior else []
     flags = ["--data", str(table), "--out", str(model), *(["--prior", prior] if prior else [])]
     flags += ["--refits", str(len(refits))] if refits else []
     assert dynamics.main(["fit", *flags]) == 1
@@ -161,6 +167,11 @@ def test_from_a_file_to_the_league(number: int, prior: str | None, tmp_path: Pat
         # Players who play as those of the prior, and a correction that hardly moves it.
         assert game.catalogue.version == load_game().catalogue.version
         assert all(abs(shift) < 0.5 for shift in card["chosen"]["prior"]["shifts"].values())
+        # Refits that differ from the game as those of the prior do, and a report that can advise.
+        ours, theirs = (
+            [steps_between(each, refit)[:, ::100].ravel() for refit in refits_of(each)[:2]] for each in (game, load_game())
+        )
+        assert all(np.corrcoef(a, b)[0, 1] > 0.8 for a, b in zip(ours, theirs, strict=False))
 
 
 def test_259_strokes_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

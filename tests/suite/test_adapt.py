@@ -1,5 +1,6 @@
 """The task adapt-v0: populations, play, regret, and what a method may know."""
 
+import datetime as dt
 from pathlib import Path
 from typing import Any
 
@@ -12,20 +13,17 @@ from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy import baselines
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.suite import SuiteRun, run_method, store, summarise, verify_run
-from shuttle_marl.suite import frozen as frozen_settings
 from shuttle_marl.suite.adapt import CHANGES, observed
-from shuttle_marl.suite.frozen import Frozen, checked_secret, commitment
 from shuttle_marl.suite.methods.adapters import Counts, PosteriorMean, mean_policy
 from shuttle_marl.suite.methods.tilt import change_point, features, fitted_shift, mixture_weights, shifted
 from shuttle_marl.suite.options import SuiteError
-from shuttle_marl.suite.population import FAMILIES, known, opponent
+from shuttle_marl.suite.population import FAMILIES, HIDDEN_ROUND, known, opponent
 from shuttle_marl.suite.registry import arena_of, find_task
 from shuttle_marl.suite.task import Arena
 from tests.reduced import reduced_game, reduced_model
 
 GAME = reduced_game()
 TASK = find_task("adapt-v0")
-SECRET = "5" * 64
 
 
 @pytest.fixture(scope="module")
@@ -69,16 +67,15 @@ def test_populations_share_no_player_and_follow_from_their_seed(arena: Arena) ->
     assert switcher.at(switcher.starts[1]) is switcher.policies[1]
 
 
-def test_the_hidden_split_needs_the_secret_of_the_commitment(monkeypatch: pytest.MonkeyPatch) -> None:
-    frozen = Frozen(commitment=commitment(SECRET))
-    assert checked_secret(SECRET, frozen) == SECRET
-    for wrong in ("6" * 64, "x" * 64, "5" * 62, None):
-        with pytest.raises(SuiteError, match="--secret"):
-            checked_secret(wrong, frozen)
-    monkeypatch.setattr(frozen_settings, "load", lambda: frozen)
-    hidden = arena_of(TASK, reduced_model(), "hidden", secret=SECRET)
-    public = arena_of(TASK, reduced_model(), "test")
-    assert opponent(hidden, "synthetic", 0).policies[0].hash != opponent(public, "synthetic", 0).policies[0].hash
+def test_the_hidden_split_needs_the_randomness_of_the_beacon() -> None:
+    for wrong in ("x" * 64, "5" * 62, "A" * 64, None):
+        with pytest.raises(SuiteError, match=f"{HIDDEN_ROUND}, which appears on 1 June 2027"):
+            arena_of(TASK, reduced_model(), "hidden", beacon=wrong)
+    # Time of a round of the chain: genesis and 3 seconds for each round before.
+    assert dt.datetime.fromtimestamp(1_692_803_367 + 3 * (HIDDEN_ROUND - 1), dt.UTC) == dt.datetime(2027, 6, 1, tzinfo=dt.UTC)
+    first, second = (arena_of(TASK, reduced_model(), "hidden", beacon=digit * 64) for digit in "56")
+    arenas = (first, second, arena_of(TASK, reduced_model(), "test"))
+    assert len({opponent(arena, "synthetic", 0).policies[0].hash for arena in arenas}) == 3
 
 
 class Oracle:

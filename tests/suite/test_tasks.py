@@ -20,7 +20,6 @@ from shuttle_marl.suite.imitate import HumanStrokes, ranks
 from shuttle_marl.suite.logs import generate
 from shuttle_marl.suite.maintain import freeze, new_submission, write_data
 from shuttle_marl.suite.options import SuiteError
-from shuttle_marl.suite.population import FAMILIES
 from shuttle_marl.suite.registry import TASKS, arena_of, find_task
 from shuttle_marl.suite.text import ChatProgram, chosen_states, described, position, positions, prompt, read_answer, regrets
 from shuttle_marl.suite.text_env import OVER, WAIT, TextRallyEnv, text_env
@@ -264,39 +263,29 @@ def test_two_players_play_in_words() -> None:
 
 
 def test_frozen_cases_are_checked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path, secret = tmp_path / "frozen.json", tmp_path / "secret"
+    path = tmp_path / "frozen.json"
     monkeypatch.setattr(frozen, "FROZEN", path)
     monkeypatch.setattr(frozen.load, "__defaults__", (path,))
-    done = freeze(path, ["robust-v0", "text-v0"], model=reduced_model(), secret_file=secret)
+    done = freeze(path, ["robust-v0", "text-v0"], model=reduced_model())
     assert frozen.load() == done
-    assert done.commitment == frozen.commitment(secret.read_text())
     assert {name.split("/")[0] for name in done.cases} == {"robust-v0", "text-v0"}
     folder = run(tmp_path, "robust-v0", "minimax", split="test", quick=False)
     assert summarise(folder, game=reduced_model())["official"]
     assert accepted(folder)
     # Another population under the same name is noticed.
     changed = dict.fromkeys(done.cases, "0" * 64)
-    frozen.save(frozen.Frozen(game=done.game, commitment=None, cases=changed), path)
+    frozen.save(frozen.Frozen(game=done.game, cases=changed), path)
     assert "the frozen one 000000000000" in str(verify_run(folder, game=reduced_model())[0].reason)
-    (tmp_path / "repository" / ".git").mkdir(parents=True)
-    with pytest.raises(SuiteError, match="is in a Git repository"):
-        freeze(path, [], model=reduced_model(), secret_file=tmp_path / "repository" / "secret")
     # Other tasks are added to the frozen ones of the same game.
     more = freeze(path, ["equilibrium-v0"], model=reduced_model())
     assert {name.split("/")[0] for name in more.cases} == {"robust-v0", "text-v0", "equilibrium-v0"}
 
 
-def test_hidden_opponents_are_frozen_from_the_secret(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_hidden_opponents_are_not_frozen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(adapt, "_OPPONENTS", 1)
     monkeypatch.setattr(adapt, "_CONTROLS", 0)
-    first, second = (
-        freeze(tmp_path / f"{name}.json", ["adapt-v0"], model=reduced_model(), secret_file=tmp_path / name) for name in "ab"
-    )
-    assert first.commitment != second.commitment
-    for family in FAMILIES:
-        test, hidden = f"adapt-v0/test/{family}/0/0", f"adapt-v0/hidden/{family}/0/0"
-        assert first.cases[test] == second.cases[test]
-        assert len({first.cases[test], first.cases[hidden], second.cases[hidden]}) == 3
+    cases = freeze(tmp_path / "frozen.json", ["adapt-v0"], model=reduced_model()).cases
+    assert {name.split("/")[1] for name in cases} == {"dev", "test"}
 
 
 def test_every_task_has_baselines_and_splits() -> None:

@@ -1,0 +1,252 @@
+"""How players play: strokes as answers to common questions, and the counts of every player of a model.
+
+A **question** is a situation (a serve, the reply to a drop from below, …); its answers are shot types, directions or
+outcomes. A :class:`Tally` counts the answers of a player. Strokes of a match are alike, so counts vary more than independent
+ones: their variance is multiplied by the **dispersion** (McCullagh & Nelder, Generalized Linear Models, section 4.5), estimated
+from the variation between matches. A model contains the tallies of all players of its data, not their strokes.
+"""
+
+import dataclasses
+import functools
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import pyarrow as pa
+
+from shuttle_marl.arrays import F32, F64, I64, Bools
+from shuttle_marl.data.schema import DISCIPLINES, Outcome
+from shuttle_marl.dynamics.features import rows_from_strokes
+from shuttle_marl.files import replace_file
+from shuttle_marl.game.court import AREAS, N_AREAS
+from shuttle_marl.game.shipped import HABITS, read_model
+from shuttle_marl.game.stroke import HEIGHTS, N_SERVES, N_SHOTS, SHOTS
+from shuttle_marl.game.tables import GameError
+from shuttle_marl.tensor_files import checked, parsed, tensor_bytes
+
+NONE: Final = N_SHOTS
+"""Code of a previous stroke that does not exist; larger codes are unknown."""
+DIRECTIONS: Final = ("straight", "middle", "cross")
+_LEAST_DEGREES: Final = 10
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Plays:
+    """N strokes, or N kinds of strokes with their expected numbers.
+
+    Attributes:
+        own, incoming: ``[N]`` shot type of the striker's own last and of the incoming stroke; :data:`NONE`, or larger if unknown.
+        met: ``[N]`` area in which the striker strikes; -1 if unknown or serving.
+        contact, shot, area: ``[N]`` of the stroke; area -1 if unknown.
+        weight: ``[N]`` number of strokes.
+        fault, winner: ``[N]`` number of them that were faults and winners.
+        group: ``[N]`` cluster of alike strokes: number of the match.
+    """
+
+    own: I64
+    incoming: I64
+    met: I64
+    contact: I64
+    shot: I64
+    area: I64
+    weight: F64
+    fault: F64
+    winner: F64
+    group: I64
+
+    def __len__(self) -> int:
+        return len(self.shot)
+
+    def take(self, which: Bools) -> "Plays":
+        """Some of the strokes."""
+        return Plays(**{field.name: getattr(self, field.name)[which] for field in dataclasses.fields(self)})
+
+
+def plays_of_strokes(strokes: pa.Table) -> Plays:
+    """Strokes of a table of schema :data:`shuttle_marl.data.schema.STROKES`, in its order."""
+    rows = rows_from_strokes(strokes)
+    code = {name: rows.codes[name].astype(np.int64) for name in ("own_shot", "incoming_shot", "incoming_area", "contact", "shot")}
+    # Where the shuttle came down, not the target as the models estimate it: what a coach sees.
+    area = strokes["area"].fill_null(-1).to_numpy().astype(np.int64)
+    met = code["incoming_area"]
+    return Plays(
+        own=code["own_shot"],
+        incoming=code["incoming_shot"],
+        met=np.where(met < N_AREAS, met, -1),
+        contact=code["contact"],
+        shot=code["shot"],
+        area=np.where(rows.outcome == Outcome.FAULT, -1, area),
+        weight=np.ones(len(rows)),
+        fault=(rows.outcome == Outcome.FAULT).astype(np.float64),
+        winner=(rows.outcome == Outcome.WINNER).astype(np.float64),
+        group=rows.match.astype(np.int64),
+    )
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Question:
+    """A question, and what each stroke answers.
+
+    Attributes:
+        kind: type of the question, a key of the catalogue of texts.
+        about: values of the question: names of shot types and contact heights.
+        answers: names of the answers.
+    """
+
+    kind: str
+    about: tuple[str, ...]
+    answers: tuple[str, ...]
+
+
+def questions(plays: Plays) -> Iterator[tuple[Question, I64]]:
+    """All questions, each with the answer of every stroke, -1 where it is not asked."""
+
+    def asked(which: Bools, answer: I64) -> I64:
+        return np.where(which & (answer >= 0), answer, -1)
+
+    rally, serve = plays.incoming < NONE, plays.shot < N_SERVES
+    yield Question(kind="shots", about=(), answers=SHOTS), asked(rally & ~serve, plays.shot)
+    yield Question(kind="targets", about=(), answers=AREAS), asked(rally & ~serve, plays.area)
+    yield Question(kind="serve", about=(), answers=SHOTS), asked(serve, plays.shot)
+    sides = tuple(area.split("-")[1] for area in AREAS[:3])
+    side = np.where(plays.area >= 0, plays.area % 3, -1)
+    yield Question(kind="serve_side", about=("short-serve",), answers=sides), asked(plays.shot == 0, side)
+    for name in SHOTS[:N_SERVES]:
+        yield Question(kind="return", about=(name,), answers=SHOTS), asked(plays.incoming == SHOTS.index(name), plays.shot)
+    yield Question(kind="third", about=(), answers=SHOTS), asked((plays.own < N_SERVES) & rally, plays.shot)
+    for shot in range(N_SERVES, N_SHOTS):
+        for contact, height in enumerate(HEIGHTS):
+            which = (plays.incoming == shot) & (plays.contact == contact)
+            yield Question(kind="reply", about=(SHOTS[shot], height), answers=SHOTS), asked(which, plays.shot)
+    # Left and right of a target are the receiver's, those of where the striker stands the striker's: straight is 2 - side.
+    wide = (plays.met >= 0) & (plays.met % 3 != 1)
+    direction = np.where(side == 1, 1, np.where(side == 2 - plays.met % 3, 0, 2))
+    for name in ("smash", "half-smash", "drop", "clear", "lift", "drive", "push"):
+        which = (plays.shot == SHOTS.index(name)) & wide & (side >= 0)
+        yield Question(kind="direction", about=(name,), answers=DIRECTIONS), asked(which, direction)
+
+
+_NO_CODES: Final = np.zeros(0, np.int64)
+_NO_NUMBERS: Final = np.zeros(0)
+QUESTIONS: Final = tuple(
+    question
+    for question, _ in questions(
+        Plays(
+            own=_NO_CODES, incoming=_NO_CODES, met=_NO_CODES, contact=_NO_CODES, shot=_NO_CODES, area=_NO_CODES,
+            weight=_NO_NUMBERS, fault=_NO_NUMBERS, winner=_NO_NUMBERS, group=_NO_CODES,
+        )
+    )
+)  # fmt: skip
+"""All questions, in the order of a tally."""
+_STARTS: Final = np.cumsum([0, *(len(question.answers) for question in QUESTIONS)])
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Tally:
+    """Counted strokes of a player.
+
+    Attributes:
+        counts: ``[A]`` number of strokes with each answer, of all :data:`QUESTIONS` in turn.
+        dispersion: ``[Q]`` dispersion of the counts of each question, 1 or more.
+        ends: ``[13, 3]`` number of strokes, faults and winners by shot type.
+    """
+
+    counts: F32
+    dispersion: F32
+    ends: F32
+
+    def answers(self, number: int) -> F64:
+        """Counts of the answers to a question."""
+        return self.counts[_STARTS[number] : _STARTS[number + 1]].astype(np.float64)
+
+    @property
+    def targets(self) -> F64:
+        """``[9]`` number of strokes in the rally towards each area."""
+        return self.answers(next(i for i, question in enumerate(QUESTIONS) if question.kind == "targets"))
+
+
+def tally(plays: Plays) -> Tally:
+    """Count the answers of strokes."""
+    counts, dispersion = [], []
+    for question, answer in questions(plays):
+        asked, size = answer >= 0, len(question.answers)
+        counts.append(np.bincount(answer[asked], plays.weight[asked], size))
+        dispersion.append(max(1.0, _dispersion(answer, plays, size)))
+    ends = [np.bincount(plays.shot, weight, N_SHOTS) for weight in (plays.weight, plays.fault, plays.winner)]
+    return Tally(
+        counts=np.concatenate(counts).astype(np.float32),
+        dispersion=np.array(dispersion, np.float32),
+        ends=np.stack(ends, axis=1).astype(np.float32),
+    )
+
+
+def _dispersion(answer: I64, plays: Plays, size: int) -> float:
+    """Pearson's chi-squared of the shares in each group, by its degrees of freedom; 1 for too few groups."""
+    asked = answer >= 0
+    groups, group = np.unique(plays.group[asked], return_inverse=True)
+    count = np.bincount(group * size + answer[asked], plays.weight[asked], len(groups) * size).reshape(-1, size)
+    count = count[:, count.sum(axis=0) >= 5]
+    expected = count.sum(axis=1, keepdims=True) * count.sum(axis=0) / max(1.0, count.sum())
+    degrees = (count.shape[0] - 1) * (count.shape[1] - 1)
+    if degrees < _LEAST_DEGREES or (expected <= 0).any():
+        return 1.0
+    return float(((count - expected) ** 2 / expected).sum() / degrees)
+
+
+def save_habits(folder: Path, strokes: pa.Table, players: Sequence[str]) -> None:
+    """Write the tallies of all players of a stroke table, and of the other players of their discipline, to a model folder."""
+    plays = plays_of_strokes(strokes)
+    player = strokes["player"].to_numpy(zero_copy_only=False).astype(str)
+    discipline = np.searchsorted(DISCIPLINES, strokes["discipline"].to_numpy(zero_copy_only=False).astype(str))
+    arrays: dict[str, list[F32]] = {}
+    for name in players:
+        own = player == name
+        others = (discipline == discipline[own][0]) & ~own
+        for role, which in (("own", own), ("others", others)):
+            for field, array in vars(tally(plays.take(which))).items():
+                arrays.setdefault(f"{role}.{field}", []).append(array)
+    # Numbers of strokes are whole; half precision suffices for a dispersion.
+    stacked = {
+        name: np.stack(each).astype(np.float16 if name.endswith("dispersion") else np.uint16) for name, each in arrays.items()
+    }
+    replace_file(folder / HABITS, tensor_bytes(stacked, {"habits": json.dumps({"players": list(players)}, sort_keys=True)}))
+
+
+@functools.cache
+def load_habits(folder: Path) -> Mapping[str, tuple[Tally, Tally]]:
+    """Read the tallies of a model folder: of each player, and of the others of the discipline.
+
+    Raises:
+        GameError: the model has none, or its file is damaged.
+    """
+    if not (folder / HABITS).is_file():
+        raise GameError(
+            f"{folder}: this model has no habits of players ({HABITS}); fit the model again, or name one that has them"
+        )
+    try:
+        tensors = read_model(folder, HABITS)
+        (text,) = tensors.metadata.values()
+        names = parsed(text)["players"]
+        if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+            raise ValueError("the players are no list of names")
+        wanted = {
+            "counts": (np.uint16, (int(_STARTS[-1]),)),
+            "dispersion": (np.float16, (len(QUESTIONS),)),
+            "ends": (np.uint16, (N_SHOTS, 3)),
+        }
+        arrays = {
+            f"{role}.{name}": checked(tensors.arrays[f"{role}.{name}"], dtype, (len(names), *shape)).astype(np.float32)
+            for role in ("own", "others")
+            for name, (dtype, shape) in wanted.items()
+        }
+    except (OSError, KeyError, TypeError, ValueError) as error:
+        raise GameError(f"{folder / HABITS}: no readable habits of players ({error}); fit or install the model again") from error
+    return {
+        name: (
+            Tally(**{field: arrays[f"own.{field}"][i] for field in wanted}),
+            Tally(**{field: arrays[f"others.{field}"][i] for field in wanted}),
+        )
+        for i, name in enumerate(names)
+    }
