@@ -15,7 +15,7 @@ from shuttle_marl.analysis.advice import NORMAL
 from shuttle_marl.arrays import Bools
 from shuttle_marl.dynamics.habits import QUESTIONS, Tally
 from shuttle_marl.game.shipped import RELIABLE
-from shuttle_marl.game.stroke import SHOTS
+from shuttle_marl.game.stroke import SHOTS, TECHNIQUES
 
 FALSE_DISCOVERIES: Final = 0.05
 LEAST_DIFFERENCE: Final = 0.03
@@ -106,13 +106,14 @@ class Ending:
     """Shares of faults and winners among the strokes of one shot type.
 
     Attributes:
-        shot: shot type.
+        shot, technique: shot type, and technique; None: all of them.
         strokes: number of strokes.
         fault, winner: shares, each with the 90 % interval and the share of the others.
         clear: whether the share of faults, and that of winners, differs by more than chance.
     """
 
     shot: str
+    technique: str | None
     strokes: float
     fault: tuple[float, float, float, float]
     winner: tuple[float, float, float, float]
@@ -120,21 +121,28 @@ class Ending:
 
 
 def endings(mine: Tally, others: Tally) -> list[Ending]:
-    """Faults and winners by shot type, of a player beside others, for shot types with enough strokes."""
-    rows: list[tuple[str, float, list[tuple[float, float, float, float]]]] = []
-    p: list[float] = []
-    for name, (n, *own), (m, *other) in zip(SHOTS, mine.ends.tolist(), others.ends.tolist(), strict=True):
-        if n < RELIABLE or m < RELIABLE:
-            continue
-        shares = []
-        for count, of_others in zip(own, other, strict=True):
-            share, usual, pooled = count / n, of_others / m, (count + of_others) / (n + m)
-            error = np.sqrt(pooled * (1 - pooled) * (1 / n + 1 / m))
-            p.append(float(2 * stats.norm.sf(abs(share - usual) / error)) if error > 0 else 1.0)
-            shares.append((share, *interval(share, n), usual))
-        rows.append((name, n, shares))
-    clear = discoveries(p).reshape(-1, 2).tolist()
-    return [
-        Ending(shot=name, strokes=n, fault=shares[0], winner=shares[1], clear=(mark[0], mark[1]))
-        for (name, n, shares), mark in zip(rows, clear, strict=True)
+    """Faults and winners of a player beside others, by shot type, and by shot type and technique, for enough strokes."""
+    kinds: list[tuple[str, str | None]] = [(shot, None) for shot in SHOTS]
+    kinds += [(shot, technique) for shot in SHOTS for technique in TECHNIQUES]
+    counts = [
+        np.concatenate([each.ends.sum(axis=1), each.ends[:, :-1].reshape(-1, 3)]).astype(np.float64) for each in (mine, others)
     ]
+    n, m = (count[:, :1] for count in counts)
+    enough = np.flatnonzero((n[:, 0] >= RELIABLE) & (m[:, 0] >= RELIABLE))
+    if not len(enough):
+        return []
+    n, m = n[enough], m[enough]
+    shares, usual = (count[enough, 1:] / size for count, size in zip(counts, (n, m), strict=True))
+    pooled = (shares * n + usual * m) / (n + m)
+    error = np.sqrt(pooled * (1 - pooled) * (1 / n + 1 / m))
+    with np.errstate(invalid="ignore"):
+        p = np.where(error > 0, 2 * stats.norm.sf(np.abs(shares - usual) / error), 1.0)
+    clear = discoveries(p.ravel().tolist()).reshape(-1, 2)
+    found = []
+    for i, kind in enumerate(enough.tolist()):
+        size = float(n[i, 0])
+        fault, winner = ((s, *interval(s, size), u) for s, u in zip(shares[i].tolist(), usual[i].tolist(), strict=True))
+        shot, technique = kinds[kind]
+        mark = bool(clear[i, 0]), bool(clear[i, 1])
+        found.append(Ending(shot=shot, technique=technique, strokes=size, fault=fault, winner=winner, clear=mark))
+    return found

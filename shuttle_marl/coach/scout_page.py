@@ -4,6 +4,8 @@ import dataclasses
 import json
 from collections.abc import Sequence
 
+import numpy as np
+
 from shuttle_marl.analysis import Players
 from shuttle_marl.analysis.advice import LEAST_REFITS, LEAST_STEADY, Advice
 from shuttle_marl.analysis.habits import Ending, Habit
@@ -22,6 +24,7 @@ from shuttle_marl.pages import Cell, Column, Table, Viewer, name, table
 from shuttle_marl.watch.building import BuildError
 
 _SHOWN: int = 12
+_ENDS = ("fault", "winner")
 _EVEN = 0.6
 """A match is open if neither player is expected to win it more often."""
 
@@ -172,11 +175,15 @@ def _table(habits: Sequence[Habit]) -> Table:
 
 def _endings(endings: Sequence[Ending]) -> list[str]:
     say, lines = words(), []
+    # What holds of a shot type is not repeated for its techniques.
+    whole = {(each.shot, key) for each in endings if each.technique is None for key in np.flatnonzero(each.clear).tolist()}
     for each in endings:
-        for key, (share, low, high, usual), clear in zip(("fault", "winner"), (each.fault, each.winner), each.clear, strict=True):
-            if clear:
+        for key, (share, low, high, usual), clear in zip(_ENDS, (each.fault, each.winner), each.clear, strict=True):
+            if clear and (each.technique is None or (each.shot, _ENDS.index(key)) not in whole):
                 fields = {"share": _range(Estimate(share, low, high), 1), "usual": of_100(usual, 1)}
                 shots = say.shot(each.shot, many=True)
+                if each.technique is not None:
+                    shots = f"{shots} {say(f'techniques.{each.technique}')}"
                 lines.append(say(f"scout.{key}_line", shots=shots[:1].upper() + shots[1:], strokes=round(each.strokes), **fields))
     return lines
 

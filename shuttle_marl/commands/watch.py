@@ -2,10 +2,12 @@
 
 import contextlib
 import dataclasses
+import functools
 import socket
 import sys
 import threading
 import webbrowser
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
 
@@ -148,7 +150,8 @@ def watch(
         answers = Answers(policies, plan, stager, recorded=recorded, first=first, log=log, at_least=model.at_least)
         host = f"[{server.host}]" if ":" in server.host else server.host
         address = f"http://{host}:{listener.getsockname()[1]}/"
-        running = Server(application(answers, page, hosts=hosts_of(server.host)))
+        report = None if recorded is None else _reports(rallies, recorded, policies.game)
+        running = Server(application(answers, page, report=report, hosts=hosts_of(server.host)))
         if video is not None:
             _film(running, listener, f"{address}?quality=full#rally={first + 1}", video)
             return
@@ -191,6 +194,24 @@ def _recorded(options: RallyOptions, game: AnyGame) -> "Recorded | None":
     if recorded is not None and not 0 <= (options.rally or 0) < recorded.count:
         raise WatchError(f"--rally {options.rally}: expected 0 to {recorded.count - 1}")
     return recorded
+
+
+def _reports(options: RallyOptions, recorded: "Recorded", game: AnyGame) -> Callable[[int], bytes]:
+    """The report of the match of a recorded rally, as a page."""
+
+    @functools.lru_cache(maxsize=8)
+    def page(match: str | tuple[int, int]) -> bytes:
+        from shuttle_marl.coach import sources  # noqa: PLC0415  Jinja
+        from shuttle_marl.coach.match_page import match_page  # noqa: PLC0415
+
+        if isinstance(match, str):
+            assert options.real is not None
+            return match_page(*sources.of_strokes(options.real, game, match))
+        assert options.replay is not None
+        pairing, number = match
+        return match_page(*sources.of_log(options.replay, game, number, pairing))
+
+    return lambda number: page(recorded.match(number))
 
 
 def _film(server: "Server", listener: socket.socket, address: str, path: Path) -> None:

@@ -9,11 +9,13 @@ from the variation between matches. A model contains the tallies of all players 
 import dataclasses
 import functools
 import json
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
 import numpy as np
+import numpy.typing as npt
 import pyarrow as pa
 
 from shuttle_marl.arrays import F32, F64, I64, Bools
@@ -22,7 +24,7 @@ from shuttle_marl.dynamics.features import rows_from_strokes
 from shuttle_marl.files import replace_file
 from shuttle_marl.game.court import AREAS, N_AREAS
 from shuttle_marl.game.shipped import HABITS, read_model
-from shuttle_marl.game.stroke import HEIGHTS, N_SERVES, N_SHOTS, SHOTS
+from shuttle_marl.game.stroke import HEIGHTS, N_SERVES, N_SHOTS, N_TECHNIQUES, SHOTS
 from shuttle_marl.game.tables import GameError
 from shuttle_marl.tensor_files import checked, parsed, tensor_bytes
 
@@ -39,7 +41,7 @@ class Plays:
     Attributes:
         own, incoming: ``[N]`` shot type of the striker's own last and of the incoming stroke; :data:`NONE`, or larger if unknown.
         met: ``[N]`` area in which the striker strikes; -1 if unknown or serving.
-        contact, shot, area: ``[N]`` of the stroke; area -1 if unknown.
+        contact, shot, technique, area: ``[N]`` of the stroke; area -1 if unknown.
         weight: ``[N]`` number of strokes.
         fault, winner: ``[N]`` number of them that were faults and winners.
         group: ``[N]`` cluster of alike strokes: number of the match.
@@ -50,6 +52,7 @@ class Plays:
     met: I64
     contact: I64
     shot: I64
+    technique: I64
     area: I64
     weight: F64
     fault: F64
@@ -67,7 +70,10 @@ class Plays:
 def plays_of_strokes(strokes: pa.Table) -> Plays:
     """Strokes of a table of schema :data:`shuttle_marl.data.schema.STROKES`, in its order."""
     rows = rows_from_strokes(strokes)
-    code = {name: rows.codes[name].astype(np.int64) for name in ("own_shot", "incoming_shot", "incoming_area", "contact", "shot")}
+    code = {
+        name: rows.codes[name].astype(np.int64)
+        for name in ("own_shot", "incoming_shot", "incoming_area", "contact", "shot", "technique")
+    }
     # Where the shuttle came down, not the target as the models estimate it: what a coach sees.
     area = strokes["area"].fill_null(-1).to_numpy().astype(np.int64)
     met = code["incoming_area"]
@@ -77,6 +83,7 @@ def plays_of_strokes(strokes: pa.Table) -> Plays:
         met=np.where(met < N_AREAS, met, -1),
         contact=code["contact"],
         shot=code["shot"],
+        technique=code["technique"],
         area=np.where(rows.outcome == Outcome.FAULT, -1, area),
         weight=np.ones(len(rows)),
         fault=(rows.outcome == Outcome.FAULT).astype(np.float64),
@@ -134,8 +141,8 @@ QUESTIONS: Final = tuple(
     question
     for question, _ in questions(
         Plays(
-            own=_NO_CODES, incoming=_NO_CODES, met=_NO_CODES, contact=_NO_CODES, shot=_NO_CODES, area=_NO_CODES,
-            weight=_NO_NUMBERS, fault=_NO_NUMBERS, winner=_NO_NUMBERS, group=_NO_CODES,
+            own=_NO_CODES, incoming=_NO_CODES, met=_NO_CODES, contact=_NO_CODES, shot=_NO_CODES, technique=_NO_CODES,
+            area=_NO_CODES, group=_NO_CODES, weight=_NO_NUMBERS, fault=_NO_NUMBERS, winner=_NO_NUMBERS,
         )
     )
 )  # fmt: skip
@@ -150,7 +157,7 @@ class Tally:
     Attributes:
         counts: ``[A]`` number of strokes with each answer, of all :data:`QUESTIONS` in turn.
         dispersion: ``[Q]`` dispersion of the counts of each question, 1 or more.
-        ends: ``[13, 3]`` number of strokes, faults and winners by shot type.
+        ends: ``[13, 4, 3]`` number of strokes, faults and winners by shot type and technique; unknown techniques last.
     """
 
     counts: F32
@@ -174,11 +181,13 @@ def tally(plays: Plays) -> Tally:
         asked, size = answer >= 0, len(question.answers)
         counts.append(np.bincount(answer[asked], plays.weight[asked], size))
         dispersion.append(max(1.0, _dispersion(answer, plays, size)))
-    ends = [np.bincount(plays.shot, weight, N_SHOTS) for weight in (plays.weight, plays.fault, plays.winner)]
+    shape = (N_SHOTS, N_TECHNIQUES + 1)
+    kind = np.ravel_multi_index((plays.shot, np.minimum(plays.technique, N_TECHNIQUES)), shape)
+    ends = [np.bincount(kind, weight, math.prod(shape)) for weight in (plays.weight, plays.fault, plays.winner)]
     return Tally(
         counts=np.concatenate(counts).astype(np.float32),
         dispersion=np.array(dispersion, np.float32),
-        ends=np.stack(ends, axis=1).astype(np.float32),
+        ends=np.stack(ends, axis=1).reshape(*shape, 3).astype(np.float32),
     )
 
 
@@ -196,27 +205,29 @@ def _dispersion(answer: I64, plays: Plays, size: int) -> float:
 
 
 def save_habits(folder: Path, strokes: pa.Table, players: Sequence[str]) -> None:
-    """Write the tallies of all players of a stroke table, and of the other players of their discipline, to a model folder."""
+    """Write the tallies of all players of a stroke table to a model folder."""
     plays = plays_of_strokes(strokes)
     player = strokes["player"].to_numpy(zero_copy_only=False).astype(str)
-    discipline = np.searchsorted(DISCIPLINES, strokes["discipline"].to_numpy(zero_copy_only=False).astype(str))
-    arrays: dict[str, list[F32]] = {}
+    kinds = np.searchsorted(DISCIPLINES, strokes["discipline"].to_numpy(zero_copy_only=False).astype(str))
+    disciplines, own, others = [], [], []
     for name in players:
-        own = player == name
-        others = (discipline == discipline[own][0]) & ~own
-        for role, which in (("own", own), ("others", others)):
-            for field, array in vars(tally(plays.take(which))).items():
-                arrays.setdefault(f"{role}.{field}", []).append(array)
-    # Numbers of strokes are whole; half precision suffices for a dispersion.
-    stacked = {
-        name: np.stack(each).astype(np.float16 if name.endswith("dispersion") else np.uint16) for name, each in arrays.items()
+        mine = player == name
+        disciplines.append(kinds[mine][0])
+        own.append(tally(plays.take(mine)))
+        others.append(tally(plays.take((kinds == disciplines[-1]) & ~mine)))
+    arrays: dict[str, npt.NDArray[np.generic]] = {
+        "discipline": np.array(disciplines, np.int8),
+        "counts": np.stack([each.counts for each in own]).astype(np.uint16),
+        "ends": np.stack([each.ends for each in own]).astype(np.uint16),
+        "dispersion": np.stack([each.dispersion for each in own]).astype(np.float16),
+        "dispersion_of_others": np.stack([each.dispersion for each in others]).astype(np.float16),
     }
-    replace_file(folder / HABITS, tensor_bytes(stacked, {"habits": json.dumps({"players": list(players)}, sort_keys=True)}))
+    replace_file(folder / HABITS, tensor_bytes(arrays, {"habits": json.dumps({"players": list(players)}, sort_keys=True)}))
 
 
 @functools.cache
 def load_habits(folder: Path) -> Mapping[str, tuple[Tally, Tally]]:
-    """Read the tallies of a model folder: of each player, and of the others of the discipline.
+    """Read the tallies of a model folder: of each player, and of all others of the discipline.
 
     Raises:
         GameError: the model has none, or its file is damaged.
@@ -232,21 +243,28 @@ def load_habits(folder: Path) -> Mapping[str, tuple[Tally, Tally]]:
         if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
             raise ValueError("the players are no list of names")
         wanted = {
+            "discipline": (np.int8, ()),
             "counts": (np.uint16, (int(_STARTS[-1]),)),
+            "ends": (np.uint16, (N_SHOTS, N_TECHNIQUES + 1, 3)),
             "dispersion": (np.float16, (len(QUESTIONS),)),
-            "ends": (np.uint16, (N_SHOTS, 3)),
+            "dispersion_of_others": (np.float16, (len(QUESTIONS),)),
         }
         arrays = {
-            f"{role}.{name}": checked(tensors.arrays[f"{role}.{name}"], dtype, (len(names), *shape)).astype(np.float32)
-            for role in ("own", "others")
+            name: checked(tensors.arrays[name], dtype, (len(names), *shape)).astype(np.float32)
             for name, (dtype, shape) in wanted.items()
         }
     except (OSError, KeyError, TypeError, ValueError) as error:
         raise GameError(f"{folder / HABITS}: no readable habits of players ({error}); fit or install the model again") from error
-    return {
-        name: (
-            Tally(**{field: arrays[f"own.{field}"][i] for field in wanted}),
-            Tally(**{field: arrays[f"others.{field}"][i] for field in wanted}),
+    counts, ends, dispersion = arrays["counts"], arrays["ends"], arrays["dispersion"]
+    found = {}
+    for i, name in enumerate(names):
+        alike = arrays["discipline"] == arrays["discipline"][i]
+        found[name] = (
+            Tally(counts=counts[i], dispersion=dispersion[i], ends=ends[i]),
+            Tally(
+                counts=counts[alike].sum(axis=0) - counts[i],
+                dispersion=arrays["dispersion_of_others"][i],
+                ends=ends[alike].sum(axis=0) - ends[i],
+            ),
         )
-        for i, name in enumerate(names)
-    }
+    return found

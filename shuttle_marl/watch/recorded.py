@@ -61,6 +61,10 @@ class Recorded(Protocol):
         """The people who played a real rally; None: policies played."""
         ...
 
+    def match(self, number: int) -> "str | tuple[int, int]":
+        """Match of a rally: its name in annotated matches, or numbers of pairing and match of a log."""
+        ...
+
 
 class People(NamedTuple):
     """The people who played a real rally."""
@@ -131,6 +135,12 @@ class LogRallies:
 
     def people(self, number: int) -> None:
         """None: policies played."""
+
+    def match(self, number: int) -> tuple[int, int]:
+        """Numbers of pairing and match of a rally."""
+        with self._lock:
+            found = self._log.rally(number)
+        return int(found.pairing[0]), int(found.match[0])
 
     def _finished(self, pairing: int, match: int) -> dict[int, tuple[tuple[int, int], ...]]:
         """Points of the games before each rally of a match, by the number of the rally."""
@@ -225,13 +235,24 @@ class RealRallies:
         """The people who played; see :class:`Recorded`."""
         if not 0 <= number < self.count:
             return None
-        found = self._rallies[number]
-        return People(found.players, date_of(str(self._columns["match"][found.rows[0]])))
+        return People(self._rallies[number].players, date_of(self.match(number)))
+
+    def match(self, number: int) -> str:
+        """Name of the match of a rally.
+
+        Raises:
+            WatchError: the rally does not exist.
+        """
+        self._check(number)
+        return str(self._columns["match"][self._rallies[number].rows[0]])
+
+    def _check(self, number: int) -> None:
+        if not 0 <= number < self.count:
+            raise WatchError(f"no rally {number + 1}: there are {self.count:,}")
 
     def rally(self, number: int) -> CourtRally:
         """A rally; see :class:`Recorded`."""
-        if not 0 <= number < self.count:
-            raise WatchError(f"no rally {number + 1}: there are {self.count:,}")
+        self._check(number)
         found, column = self._rallies[number], self._columns
         strokes: list[int] = []
         state, game = ROOT, self._game

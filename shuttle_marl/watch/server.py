@@ -55,6 +55,8 @@ _CONCURRENT: Final = 16
 _THREADS: Final = 4
 _FAST: Final = (HelloRequest, RallyRequest)
 """Requests that never wait for the game to be solved; the others have separate threads."""
+_DIGITS: Final = 9
+"""Maximum number of digits of the number of a rally."""
 _REQUEST: Final = 10.0
 """Time for the head of a request [s]."""
 _STALLED: Final = 30.0
@@ -72,17 +74,22 @@ Answer = Callable[[PageRequest], bytes]
 """Returns the encoded reply to a request; raises ShuttleError. Called in worker threads."""
 
 
-def application(answer: Answer, page: Path, *, hosts: tuple[str, ...] = _LOOPBACK) -> ASGIApp:
+def application(
+    answer: Answer, page: Path, *, report: Callable[[int], bytes] | None = None, hosts: tuple[str, ...] = _LOOPBACK
+) -> ASGIApp:
     """The ASGI application.
 
     Args:
         answer: request handler.
         page: folder of the built page.
+        report: makes the report of the match of a recorded rally as a page, and raises ShuttleError; called in worker threads.
         hosts: allowed values of the Host header; ``*`` allows every IP address.
     """
     routes: list[BaseRoute] = [Route("/", _file(page / "index.html"))]
     routes += [Route(f"/{name}", _file(page / name)) for name in _TYPES]
     routes += [Route(f"/{name}.glb", _file(model_file(name))) for name in ATHLETES]
+    if report is not None:
+        routes.append(Route("/report", _report(report)))
     routes.append(WebSocketRoute("/ws", _Connections(answer).serve))
     return _Guard(Starlette(routes=routes), hosts)
 
@@ -92,6 +99,24 @@ def _file(path: Path) -> Callable[[Request], Awaitable[Response]]:
 
     async def respond(_: Request) -> Response:
         return FileResponse(path, media_type=kind, headers={"Cache-Control": "no-cache"})
+
+    return respond
+
+
+def _report(report: Callable[[int], bytes]) -> Callable[[Request], Awaitable[Response]]:
+    # One at a time: a report takes seconds of all cores.
+    limiter = anyio.CapacityLimiter(1)
+
+    async def respond(request: Request) -> Response:
+        number = request.query_params.get("rally", "")
+        if not number.isascii() or not number.isdecimal() or len(number) > _DIGITS:
+            return PlainTextResponse("expected report?rally=NUMBER\n", status_code=400)
+        try:
+            content = await anyio.to_thread.run_sync(report, int(number) - 1, limiter=limiter)
+        except ShuttleError as error:
+            return PlainTextResponse(f"{printable(str(error))}\n", status_code=404)
+        # The page contains its own policy, which allows its own scripts alone.
+        return Response(content, media_type="text/html", headers={"Content-Security-Policy": "frame-ancestors 'none'"})
 
     return respond
 
@@ -120,7 +145,9 @@ def _with_headers(send: Send) -> Send:
     async def sending(event: Any) -> None:
         if event["type"] == "http.response.start":
             extra = {"content-security-policy": _POLICY, "x-content-type-options": "nosniff", "referrer-policy": "no-referrer"}
-            event["headers"] = [*event["headers"], *((name.encode(), value.encode()) for name, value in extra.items())]
+            known = {name for name, _ in event["headers"]}
+            added = [(name.encode(), value.encode()) for name, value in extra.items() if name.encode() not in known]
+            event["headers"] = [*event["headers"], *added]
         await send(event)
 
     return sending

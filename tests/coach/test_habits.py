@@ -30,8 +30,8 @@ def plays(rows: list[tuple[int, int, int, int, int, int]], copies: int = 1) -> P
     own, incoming, met, contact, shot, area = np.array(rows * copies, dtype=np.int64).T
     ones, zeros = np.ones(len(own)), np.zeros(len(own))
     return Plays(
-        own=own, incoming=incoming, met=met, contact=contact, shot=shot, area=area, weight=ones, fault=zeros, winner=zeros,
-        group=np.zeros(len(own), np.int64),
+        own=own, incoming=incoming, met=met, contact=contact, shot=shot, technique=contact, area=area,
+        weight=ones, fault=zeros, winner=zeros, group=np.zeros(len(own), np.int64),
     )  # fmt: skip
 
 
@@ -55,6 +55,7 @@ def plays_of_meeting(meeting: Meeting, seat: int, strokes: float) -> Plays:
         met=np.append(game.catalogue.area, -1).astype(np.int64)[game.incoming(state)],
         contact=game.contact(state).astype(np.int64),
         shot=game.catalogue.shot[stroke].astype(np.int64),
+        technique=game.catalogue.technique[stroke].astype(np.int64),
         area=game.catalogue.area[stroke].astype(np.int64),
         weight=played.sum(axis=0),
         fault=(played * limit[0]).sum(axis=0),
@@ -191,11 +192,15 @@ def test_claims_about_simulated_players_are_true(model: str) -> None:
 def test_faults_and_winners(sample: pa.Table) -> None:
     some = plays_of_strokes(sample)
     mine = sample["player"].to_numpy(zero_copy_only=False) == "viktor-axelsen"
-    found = {each.shot: each for each in endings(tally(some.take(mine)), tally(some.take(~mine)))}
+    listed = endings(tally(some.take(mine)), tally(some.take(~mine)))
+    found = {each.shot: each for each in listed if each.technique is None}
     smashes = mine & (some.shot == SHOTS.index("smash"))
     assert found["smash"].strokes == smashes.sum()
     assert found["smash"].fault[0] == pytest.approx(some.fault[smashes].mean())
     assert found["smash"].winner[1] <= found["smash"].winner[0] <= found["smash"].winner[2]
+    lifts = {each.technique: each.strokes for each in listed if each.shot == "lift"}
+    assert lifts["backhand"] == (mine & (some.shot == SHOTS.index("lift")) & (some.technique == 1)).sum()
+    assert lifts[None] == lifts["backhand"] + lifts["forehand"]
 
 
 def write_habits(folder: Path, content: bytes) -> None:
@@ -206,6 +211,12 @@ def write_habits(folder: Path, content: bytes) -> None:
 
 
 def test_a_model_and_its_data_say_the_same(sample: pa.Table, model: str, tmp_path: Path) -> None:
+    # One agent of the sample plays in both disciplines, which people do not.
+    names = [
+        f"{name} {kind}" if name == "bc" else name
+        for name, kind in zip(*(sample[c].to_pylist() for c in ("player", "discipline")), strict=True)
+    ]
+    sample = sample.set_column(sample.schema.get_field_index("player"), sample.schema.field("player"), pa.array(names))
     players = sorted(set(sample["player"].to_pylist()))
     save_habits(tmp_path, sample, players)
     folder = tmp_path / "model"

@@ -26,12 +26,14 @@ from shuttle_marl.coach.examples import base91, viewer
 from shuttle_marl.coach.words import CATALOGUE, Words, of_100, signed
 from shuttle_marl.commands.report import main as report_command
 from shuttle_marl.commands.scout import main as scout_command
+from shuttle_marl.commands.watch import RallyOptions, _reports
 from shuttle_marl.errors import printable
 from shuttle_marl.exact import Odds
 from shuttle_marl.game.scoring import Rules, Score, match_win_probability
 from shuttle_marl.game.shipped import RELIABLE, resolve_game
 from shuttle_marl.table_files import write_parquet
 from shuttle_marl.watch.building import BuildError
+from shuttle_marl.watch.recorded import LogRallies
 from tests.coach.conftest import SAMPLE, A, B
 from tests.needs import missing
 from tests.pages import Tags, parsed
@@ -114,7 +116,6 @@ def test_figures_as_json(scouted: ScoutingReport, reported: MatchReport) -> None
 def test_habits_are_counted_where_there_are_matches(model: str, sample: pa.Table) -> None:
     report = scout("chou-tien-chen", A, model=model, data=sample)
     mine = sample.filter(pc.equal(sample["player"], "chou-tien-chen"))
-    assert report.counted
     assert report.seen is not None
     assert (report.seen.strokes, report.seen.matches) == (len(mine), len(mine["match"].unique()))
     assert len(report.realised) == len(report.advice)
@@ -299,6 +300,12 @@ def test_a_report_of_agents(tmp_path: Path, model: str, unbuilt: None, capsys: p
     capsys.readouterr()
     assert report_command([str(log), "--match", "7", "--game", model]) == 1
     assert "no match 7" in capsys.readouterr().err
+    # The live court serves the same page for each rally of the match.
+    game = resolve_game(model)
+    recorded = LogRallies(log, game)
+    page = _reports(RallyOptions(replay=log), recorded, game)
+    number = next(k for k in range(recorded.count) if recorded.match(k) == (0, 1))
+    assert read(page(number + 1))[1] == text
 
 
 # Texts.

@@ -117,7 +117,7 @@ def test_shifts_are_shrunk_and_move_the_ranges() -> None:
         found.append(shift_of(probability, label))
     assert found[1][0] == pytest.approx(0.8, abs=0.06)
     # Information of n labels of probability p: n p (1 - p).
-    p = sigmoid(-1.5 + found[1][0])
+    (p,) = sigmoid(np.array([-1.5 + found[1][0]]))
     assert found[1][1] == pytest.approx((20_000 * p * (1 - p) + PRECISION) ** -0.5, rel=1e-3)
     assert found[0][1] > 10 * found[1][1]
     assert shift_of(lambda b: np.empty(0), np.empty(0, np.bool_)) == pytest.approx((0, PRECISION**-0.5), abs=1e-4)

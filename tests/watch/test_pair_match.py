@@ -123,6 +123,9 @@ def test_people_of_annotated_matches(tmp_path: Path) -> None:
     assert found.date == datetime.date(2021, 3, 4)
     assert found.names == rallies.rally(0).names
     assert rallies.people(rallies.count) is None
+    assert rallies.match(0) == named[0].as_py()
+    with pytest.raises(WatchError, match="no rally 0: there are"):
+        rallies.match(-1)
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ import subprocess
 import sys
 import threading
 import time
+import urllib.parse
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
-from shuttle_marl.watch import server
+from shuttle_marl.watch import WatchError, server
 from shuttle_marl.watch.server import MAX_MESSAGE, hosts_of, refusal
 from tests.watch.conftest import Served, serving
 
@@ -237,3 +238,32 @@ def test_invalid_utf_8_ends_the_connection_without_a_traceback(
         thread.join()
         listener.close()
     assert "Invalid UTF-8" not in caplog.text
+
+
+def test_the_report_of_a_recorded_match(tmp_path: Path) -> None:
+    def report(number: int) -> bytes:
+        if number > 9:
+            raise WatchError("no rally 100: there are 10")
+        return b"<p>the match of rally %d</p>" % number
+
+    listener = server.bind("127.0.0.1", 0)
+    running = server.Server(server.application(lambda _: b"", tmp_path, report=report))
+    thread = threading.Thread(target=running.run, kwargs={"sockets": [listener]})
+    thread.start()
+    try:
+        client = http.client.HTTPConnection("127.0.0.1", listener.getsockname()[1], timeout=60)
+        found = {}
+        for query in ("rally=3", "rally=100", "rally=x", "rally=\N{SUPERSCRIPT TWO}", "rally=1000000000000", ""):
+            client.request("GET", f"/report?{urllib.parse.quote(query, safe='=')}")
+            reply = client.getresponse()
+            found[query] = reply.status, reply.read()
+            if reply.status == 200:
+                assert reply.headers["content-security-policy"] == "frame-ancestors 'none'"
+                assert reply.headers["x-content-type-options"] == "nosniff"
+    finally:
+        running.should_exit = True
+        thread.join()
+        listener.close()
+    assert found.pop("rally=3") == (200, b"<p>the match of rally 2</p>")
+    assert found.pop("rally=100") == (404, b"no rally 100: there are 10\n")
+    assert all(status == 400 for status, _ in found.values())

@@ -7,6 +7,7 @@ import type { MatchReply } from "./wire.gen";
 export class RallyBrowser {
   readonly element = h("section", { class: "panel browser hidden", "aria-label": "Rallies of the match" });
   private list = h("ol");
+  private readonly report = h("a", { target: "_blank", rel: "noopener" }, "Match report");
   private match: MatchReply | null = null;
 
   constructor(private readonly open: (rally: number) => void) {}
@@ -33,8 +34,14 @@ export class RallyBrowser {
         ),
       );
       this.list = h("ol", {}, ...rows);
-      replaceChildren(this.element, h("h2", {}, term("rallies", "Rallies"), h("span", {}, "strokes · swing")), this.list);
+      replaceChildren(
+        this.element,
+        h("h2", {}, term("rallies", "Rallies"), h("span", {}, "strokes · swing")),
+        this.list,
+        this.report,
+      );
     }
+    this.report.href = `report?rally=${current + 1}`;
     for (const button of this.list.querySelectorAll("button")) {
       const here = button.dataset["rally"] === String(current);
       button.removeAttribute("aria-current");
