@@ -45,7 +45,7 @@ import pyarrow.parquet as pq
 import torch
 import tyro
 
-from shuttle_marl.commands import analysis, data, dynamics, exact, league, recording, training
+from shuttle_marl.commands import analysis, data, dynamics, exact, league, recording, report, scout, training
 from shuttle_marl.files import seal
 from shuttle_marl.table_files import seal_parquet
 from tests.recording.mutate import Mutator, mutated
@@ -60,6 +60,8 @@ MAIN: Final[dict[str, Main]] = {
     "exact": exact.main,
     "league": league.main,
     "recording": recording.main,
+    "report": report.main,
+    "scout": scout.main,
     "training": training.main,
 }
 CANARY: Final = "CANARY"
@@ -115,6 +117,7 @@ LOG: Final = Format(
         "recording recover rallies.mcap --out recovered.mcap",
         "recording scene rallies.mcap --rally 0 --out scene.mcap --game model",
         "analysis rallies.mcap --rallies 50 --game model --json",
+        "report rallies.mcap --match 0 --game model --json",
     ),
     results=("out.csv",),
 )
@@ -144,7 +147,12 @@ FORMATS: Final[dict[str, Format]] = {
     "table": Format(("main.safetensors",), ("exact evaluate table:main.safetensors --game model --json",)),
     "model": Format(
         ("model/*.safetensors", "model/card.json"),
-        ("exact solve --game model --json", "dynamics card --model model", "exact evaluate bc --game model --json"),
+        (
+            "exact solve --game model --json",
+            "dynamics card --model model",
+            "exact evaluate bc --game model --json",
+            "scout viktor-axelsen --game model --json",
+        ),
     ),
     "weights": Format(
         ("mine.pt", "mine.safetensors"),
@@ -159,7 +167,12 @@ FORMATS: Final[dict[str, Format]] = {
     ),
     "parquet": Format(
         ("strokes.parquet",),
-        ("data summary strokes.parquet --json", "data validate strokes.parquet", "analysis strokes.parquet --game model --json"),
+        (
+            "data summary strokes.parquet --json",
+            "data validate strokes.parquet",
+            "analysis strokes.parquet --game model --json",
+            "report strokes.parquet --game model --json",
+        ),
     ),
 }
 
