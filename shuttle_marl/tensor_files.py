@@ -1,10 +1,16 @@
-"""Arrays in safetensors files, read from regular files and verified against a known hash."""
+"""Arrays in safetensors files, read from regular files and verified against a known hash.
+
+Large arrays may be stored **packed**: as one byte array that holds the first bytes of all numbers, then the second ones, and so
+on, compressed with LZMA. The entry ``packed`` of the metadata is a JSON object with the dtype and the shape of each.
+"""
 
 import hashlib
 import json
-from collections.abc import Mapping
+import lzma
+import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -12,6 +18,12 @@ from safetensors import SafetensorError
 from safetensors.numpy import load, save
 
 from shuttle_marl.files import read_file
+
+_PACKED: Final = "packed"
+_LARGE: Final = 1 << 16
+"""Size of the arrays that are packed [bytes]."""
+_MOST: Final = 1 << 28
+"""Maximum size of an unpacked array [bytes]."""
 
 
 class Tensors(NamedTuple):
@@ -23,18 +35,55 @@ class Tensors(NamedTuple):
     """Arrays by name."""
 
 
-def tensor_bytes(arrays: Mapping[str, npt.NDArray[Any]], metadata: Mapping[str, str]) -> bytes:
+def tensor_bytes(arrays: Mapping[str, npt.NDArray[Any]], metadata: Mapping[str, str], *, pack: bool = False) -> bytes:
     """A safetensors file; the same arguments give the same bytes.
 
-    The library writes metadata in random order, so it is sorted here.
+    Args:
+        arrays: arrays by name.
+        metadata: text by name. The library writes it in random order, so it is sorted here.
+        pack: whether large arrays are packed, which takes less space and more time.
     """
-    content = save({name: np.ascontiguousarray(array) for name, array in arrays.items()}, metadata=dict(metadata))
+    stored, known = {name: np.ascontiguousarray(array) for name, array in arrays.items()}, dict(metadata)
+    large = {name: array for name, array in stored.items() if pack and array.nbytes >= _LARGE}
+    stored |= {name: packed_bytes(array) for name, array in large.items()}
+    if large:
+        known[_PACKED] = json.dumps({name: [array.dtype.str, array.shape] for name, array in large.items()}, sort_keys=True)
+    content = save(stored, metadata=known)
     start = 8 + int.from_bytes(content[:8], "little")
     header = json.loads(content[8:start])
-    header["__metadata__"] = dict(sorted(metadata.items()))
+    header["__metadata__"] = dict(sorted(known.items()))
     text = json.dumps(header, separators=(",", ":"), ensure_ascii=False).encode()
     text += b" " * (-len(text) % 8)
     return len(text).to_bytes(8, "little") + text + content[start:]
+
+
+def packed_bytes(array: npt.NDArray[Any]) -> npt.NDArray[np.uint8]:
+    """An array as compressed bytes."""
+    planes = np.frombuffer(array.tobytes(), np.uint8).reshape(-1, array.itemsize).T
+    return np.frombuffer(lzma.compress(planes.tobytes()), np.uint8)
+
+
+def unpacked_bytes(content: npt.NDArray[np.uint8], dtype: npt.DTypeLike, shape: Sequence[int]) -> npt.NDArray[Any]:
+    """The array of compressed bytes.
+
+    Raises:
+        ValueError: they are damaged, or of another size.
+    """
+    kind = np.dtype(dtype)
+    whole = all(isinstance(n, int) and n >= 0 for n in shape)
+    size = kind.itemsize * math.prod(shape) if whole else -1
+    if kind.kind not in "biuf" or not 0 <= size <= _MOST:
+        raise ValueError(f"a packed array of {kind} numbers and shape {shape}")
+    unpacker = lzma.LZMADecompressor(memlimit=_MOST)
+    try:
+        # A byte more than the array has, so that what is too long is noticed and never unpacked.
+        planes = unpacker.decompress(content.tobytes(), size + 1)
+    except (lzma.LZMAError, EOFError) as error:
+        raise ValueError(f"a packed array that cannot be unpacked: {error}") from error
+    if len(planes) != size or not unpacker.eof:
+        raise ValueError(f"a packed array of {len(planes)} bytes, expected {size}")
+    numbers = np.frombuffer(planes, np.uint8).reshape(kind.itemsize, -1).T
+    return np.array(numbers, order="C").view(kind).reshape(tuple(shape))
 
 
 def read_tensors(path: Path, sha256: str | None = None) -> Tensors:
@@ -57,7 +106,13 @@ def read_tensors(path: Path, sha256: str | None = None) -> Tensors:
         raise ValueError(f"not a safetensors file: {error}") from error
     # `load` omits the metadata. It has validated the header, whose length is in the first eight bytes.
     header = json.loads(content[8 : 8 + int.from_bytes(content[:8], "little")])
-    return Tensors(header.get("__metadata__", {}), arrays)
+    metadata = header.get("__metadata__", {})
+    try:
+        for name, (dtype, shape) in parsed(metadata.pop(_PACKED, "{}")).items():
+            arrays[name] = unpacked_bytes(arrays[name], dtype, shape)
+    except (AttributeError, KeyError, TypeError) as error:
+        raise ValueError(f"no description of its packed arrays: {error}") from error
+    return Tensors(metadata, arrays)
 
 
 def parsed(text: str) -> Any:

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import torch
-from safetensors.torch import save
 
 from shuttle_marl.arrays import F64, I16, I64, Ints
 from shuttle_marl.dynamics.features import DISCIPLINES, SLOTS, Rows
@@ -33,7 +32,7 @@ from shuttle_marl.files import replace_file
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.shipped import NETWORKS, read_model
 from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES
-from shuttle_marl.tensor_files import checked, parsed
+from shuttle_marl.tensor_files import checked, parsed, tensor_bytes
 
 
 class ModelError(ShuttleError):
@@ -154,21 +153,21 @@ class FittedModels:
     def save(self, folder: Path) -> str:
         """Write ``networks.safetensors``; returns the SHA-256 of its content."""
         tensors = {
-            f"{name}.{key}": value.contiguous()
+            f"{name}.{key}": value.numpy()
             for name, network in self.networks.items()
             for key, value in network.state_dict().items()
         }
         tensors |= {
-            "ridge": torch.from_numpy(self.ridge),
-            "calibration": torch.from_numpy(self.calibration),
-            "share": torch.from_numpy(self.share),
-            "effort": torch.from_numpy(self.situations.effort),
-            "effort_share": torch.from_numpy(self.situations.effort_share),
-            "players.style": torch.from_numpy(self.choices.style),
-            "players.area": torch.from_numpy(self.choices.area),
+            "ridge": self.ridge,
+            "calibration": self.calibration,
+            "share": self.share,
+            "effort": self.situations.effort,
+            "effort_share": self.situations.effort_share,
+            "players.style": self.choices.style,
+            "players.area": self.choices.area,
         }
         for name, trees in self.trees.items():
-            tensors |= {f"trees.{name}.{key}": torch.from_numpy(array) for key, array in vars(trees).items()}
+            tensors |= {f"trees.{name}.{key}": array for key, array in vars(trees).items()}
         described = {
             "specs": {name: dataclasses.asdict(n.spec) for name, n in self.networks.items()},
             "duel": self.situations.duel,
@@ -176,8 +175,7 @@ class FittedModels:
             "players": self.choices.players,
             "disciplines": DISCIPLINES,
         }
-        # A single metadata key: safetensors orders several at random, and equal fits must give equal files.
-        content = save(tensors, metadata={"model": json.dumps(described, sort_keys=True)})
+        content = tensor_bytes(tensors, {"model": json.dumps(described, sort_keys=True)}, pack=True)
         replace_file(folder / NETWORKS, content)
         return hashlib.sha256(content).hexdigest()
 

@@ -14,7 +14,6 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 import torch
-from safetensors.numpy import save
 from scipy.optimize import minimize_scalar
 
 from shuttle_marl import __version__
@@ -69,7 +68,7 @@ from shuttle_marl.game.skill import COMPONENTS
 from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.variants import STEP, moved, packed, steps_between
-from shuttle_marl.tensor_files import checked
+from shuttle_marl.tensor_files import checked, tensor_bytes
 
 PRECISION: Final = 4.0
 """Precision of the normal prior of a shift of log-odds; its standard deviation is 0.5."""
@@ -574,7 +573,7 @@ def save_clones(
         "style": choices.style.reshape(*choices.style.shape[:3], N_SHOTS, N_TECHNIQUES),
         "area": choices.area,
     }
-    replace_file(folder / BC, save(clones, metadata={"players": json.dumps(choices.players)}))
+    replace_file(folder / BC, tensor_bytes(clones, {"players": json.dumps(choices.players)}, pack=True))
 
 
 def save_variants(folder: Path, game: Game, variants: Mapping[str, Game], card: dict[str, Any]) -> None:
@@ -611,7 +610,7 @@ def evaluate_model(data: Path, folder: Path, split: Split, *, report: Callable[[
 def save_support(folder: Path, support: Support) -> None:
     """Write the support of a model."""
     fields = ("strokes", "faults", "winners", "fault_range", "winner_range")
-    replace_file(folder / SUPPORT, save({name: np.ascontiguousarray(getattr(support, name)) for name in fields}))
+    replace_file(folder / SUPPORT, tensor_bytes({name: getattr(support, name) for name in fields}, {}))
 
 
 def load_support(folder: Path) -> Support:

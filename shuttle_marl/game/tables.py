@@ -275,7 +275,7 @@ class Game(Layout):
     def save(self, path: Path, metadata: dict[str, str] | None = None) -> None:
         """Write the tables as safetensors, beside and moved into place."""
         header = {"strokes": json.dumps(self.catalogue.names), "hash": self.hash, **(metadata or {})}
-        replace_file(path, tensor_bytes(self._arrays(), header))
+        replace_file(path, tensor_bytes(self._arrays(), header, pack=True))
 
     @classmethod
     def load(cls, path: Path) -> "Game":

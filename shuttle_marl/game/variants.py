@@ -9,19 +9,17 @@ same hash, on every machine.
 import decimal
 import functools
 import json
-import zlib
 from collections.abc import Collection, Mapping
 from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
-from safetensors.numpy import save
 
 from shuttle_marl.arrays import F64, I8, I32, I64, U64, Intp, Ints
 from shuttle_marl.game.tables import Game, GameError
 from shuttle_marl.game.thresholds import ONE
-from shuttle_marl.tensor_files import Tensors, parsed
+from shuttle_marl.tensor_files import Tensors, packed_bytes, parsed, tensor_bytes, unpacked_bytes
 
 STEP: Final = 0.0625
 """Difference of log-odds of one step."""
@@ -139,11 +137,10 @@ def packed(game: Game, others: Mapping[str, Game], *, coarse: Collection[str] = 
     hashes = {}
     for name, other in others.items():
         steps = steps_between(game, other, COARSE if name in coarse else 1)
-        arrays[f"{name}.steps"] = np.frombuffer(zlib.compress(steps[:, order].tobytes(), 9), dtype=np.uint8)
+        arrays[f"{name}.steps"] = packed_bytes(steps[:, order])
         arrays[f"{name}.fault_odds"] = other.fault_odds
         hashes[name] = moved(game, steps, other.fault_odds).hash
-    # One entry only: safetensors writes several in no fixed order, and the same fit must give the same file.
-    return save(arrays, metadata={"variants": json.dumps({"game": game.hash, "hashes": hashes})})
+    return tensor_bytes(arrays, {"variants": json.dumps({"game": game.hash, "hashes": hashes})})
 
 
 def hashes_of(tensors: Tensors) -> dict[str, str]:
@@ -172,16 +169,8 @@ def unpacked(tensors: Tensors, game: Game, name: str) -> Game:
     """
     if parsed(tensors.metadata["variants"])["game"] != game.hash:
         raise ValueError("its variants are of another game")
-    try:
-        # A byte more than a table has, so that what is too long is noticed and never unpacked.
-        unpacker = zlib.decompressobj()
-        content = unpacker.decompress(tensors.arrays[f"{name}.steps"].tobytes(), 3 * game.n_base_pairs + 1)
-    except zlib.error as error:
-        raise ValueError(f"variant {name} cannot be unpacked: {error}") from error
-    if len(content) != 3 * game.n_base_pairs:
-        raise ValueError(f"variant {name} has {len(content)} steps, expected {3 * game.n_base_pairs}")
     steps = np.empty((3, game.n_base_pairs), dtype=np.int8)
-    steps[:, _order(game)] = np.frombuffer(content, dtype=np.int8).reshape(3, -1)
+    steps[:, _order(game)] = unpacked_bytes(tensors.arrays[f"{name}.steps"], np.int8, steps.shape)
     variant = moved(game, steps, np.ascontiguousarray(tensors.arrays[f"{name}.fault_odds"]))
     if variant.hash != hashes_of(tensors)[name]:
         raise GameError(f"variant {name} does not match its hash")
