@@ -223,7 +223,7 @@ def whole(model: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return train_league(LeagueTrainingConfig(**SMALL, game=model, out=tmp_path_factory.mktemp("whole") / "run")).folder
 
 
-@pytest.mark.parametrize("when", [4, 17, 26, *(pytest.param(n, marks=pytest.mark.slow) for n in range(1, 53, 5) if n != 26)])
+@pytest.mark.parametrize("when", [4, 17, 26, *(pytest.param(n, marks=pytest.mark.slow) for n in range(6, 53, 10) if n != 26)])
 def test_a_league_that_stops_anywhere_is_resumed_to_the_same_results(
     when: int, whole: Path, model: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -241,7 +241,7 @@ def _run(config: LeagueTrainingConfig) -> None:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="needs SIGKILL")
-@pytest.mark.parametrize("kills", [1, pytest.param(30, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("kills", [1, pytest.param(12, marks=pytest.mark.slow)])
 def test_killed_processes_are_resumed_to_the_same_results(kills: int, whole: Path, model: str, tmp_path: Path) -> None:
     rng = random.Random(kills)
     context = multiprocessing.get_context("forkserver")
