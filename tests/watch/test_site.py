@@ -36,7 +36,7 @@ def site(page_folder: Path, answers: Answers, tmp_path_factory: pytest.TempPathF
 
 
 @pytest.mark.slow
-def test_a_site_is_small_and_names_no_host(site: tuple[Path, int, int]) -> None:
+def test_a_site_is_small_and_names_no_host(site: tuple[Path, int, int], page_folder: Path, answers: Answers) -> None:
     folder, count, size = site
     files = [path for path in folder.rglob("*") if path.is_file()]
     assert size == sum(path.stat().st_size for path in files) <= LIMIT
@@ -49,11 +49,7 @@ def test_a_site_is_small_and_names_no_host(site: tuple[Path, int, int]) -> None:
     assert "http" not in policy[1]
     assert re.findall(r'(?:src|href)="(?!data:)([^"]*)"', index) == ["watch.css", "watch.js"]
     assert index.index("Content-Security-Policy") < index.index("<script")
-
-
-@pytest.mark.slow
-def test_a_site_replaces_itself_and_nothing_else(site: tuple[Path, int, int], page_folder: Path, answers: Answers) -> None:
-    folder, count, size = site
+    # A site is replaced as a whole.
     (folder / "replies" / "rally-999.bin").write_bytes(b"of a longer match")
     assert save_site(folder, page_folder, answers, limit=LIMIT) == (count, size)
     assert not (folder / "replies" / "rally-999.bin").exists()
@@ -69,7 +65,7 @@ def test_a_folder_with_other_files_is_refused(page_folder: Path, answers: Answer
 
 
 class _Quiet(SimpleHTTPRequestHandler):
-    def log_message(self, format: str, *args: object) -> None:  # noqa: A002  the name of the base class
+    def log_message(self, format: str, *args: object) -> None:
         pass
 
 
