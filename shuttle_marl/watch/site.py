@@ -123,8 +123,9 @@ def _overviews(answers: Answers, hello: messages.Hello, count: int) -> dict[str,
         return {"match-0": _packed(answers, overview), "styles": _packed(answers, styles)}
     found: dict[str, bytes] = {}
     for number in range(count):
-        # A match that does not fit as a whole has no overview, whose links would lead nowhere.
         request = messages.MatchRequest(id=0, rally=number)
-        if answers.match(request).rallies[-1].number < count:
-            found[f"match-{number}"] = _packed(answers, request)
+        rallies = answers.match(request).rallies
+        if rallies and rallies[-1].number >= count:  # of the rallies that fit
+            request = messages.MatchRequest(id=0, rally=count - 1, partial=True)
+        found[f"match-{number}"] = _packed(answers, request)
     return found
