@@ -15,6 +15,7 @@ import statistics
 import struct
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -61,6 +62,14 @@ def size() -> dict[str, float]:
         "bundle_kb": round(sum(map(len, contents)) / 1000, 1),
         "gzipped_kb": round(sum(len(gzip.compress(content, 9)) for content in contents) / 1000, 1),
     }
+
+
+def site() -> dict[str, float]:
+    """Megabytes of a whole match as a site of static files."""
+    with tempfile.TemporaryDirectory() as folder:
+        command = [sys.executable, "-m", "shuttle_marl.watch", "--a", "bc", "--b", "bc", "--save-site", folder]
+        subprocess.run(command, check=True, capture_output=True)
+        return {"site_mb": round(sum(path.stat().st_size for path in Path(folder).rglob("*") if path.is_file()) / 1e6, 1)}
 
 
 def until(page: Page, script: str, seconds: float = 120.0) -> None:
@@ -166,7 +175,7 @@ def run(*, quick: bool = False) -> dict[str, Any]:
             executable_path=browser_program(), args=[*browser_flags(), "--enable-precise-memory-info"]
         )
         page = browser.new_page(viewport={"width": _WIDTH, "height": _HEIGHT})
-        found = {**this_machine(), **size(), **frames(page, address), **turns(page, address, 5 if quick else 15)}
+        found = {**this_machine(), **size(), **site(), **frames(page, address), **turns(page, address, 5 if quick else 15)}
         found |= {**viewers(address), **memory(page, address, pid, 3 if quick else 10, 4 if quick else 20)}
         browser.close()
     return found

@@ -21,6 +21,7 @@ from shuttle_marl.policy.baselines import imitation
 from shuttle_marl.watch import WatchError
 
 if TYPE_CHECKING:
+    from shuttle_marl.watch.answers import Answers
     from shuttle_marl.watch.recorded import Recorded
     from shuttle_marl.watch.server import Server
 
@@ -108,6 +109,7 @@ def watch(
     appearance: tyro.conf.OmitArgPrefixes[Appearance] = _APPEARANCE,
     record: Path = Path("runs/watch"),
     video: Path | None = None,
+    save_site: Path | None = None,
     model: tyro.conf.OmitArgPrefixes[AdviceOptions] = _ADVICE,
     server: tyro.conf.OmitArgPrefixes[ServerOptions] = ServerOptions(),
 ) -> None:
@@ -119,6 +121,7 @@ def watch(
         appearance: appearance of the players.
         record: folder for the logs of rallies that you play.
         video: render the rally to this file (.mp4 or .webm) without a screen, and exit.
+        save_site: write the match, or the recorded rallies, as static files to this folder, for any web server, and exit.
         model: game, and strokes that are advised.
         server: server of the page.
     """
@@ -131,6 +134,8 @@ def watch(
     from shuttle_marl.watch.stager import Stager  # noqa: PLC0415
 
     console = cli.console(stderr=True)
+    if video is not None and save_site is not None:
+        raise WatchError("--video and --save-site: give one of them")
     if video is not None:
         check_video(video)
     try:
@@ -148,6 +153,9 @@ def watch(
     ):
         stager = Stager(appearance.athletes, appearance.hands)
         answers = Answers(policies, plan, stager, recorded=recorded, first=first, log=log, at_least=model.at_least)
+        if save_site is not None:
+            _save_site(save_site, page, answers)
+            return
         host = f"[{server.host}]" if ":" in server.host else server.host
         address = f"http://{host}:{listener.getsockname()[1]}/"
         report = None if recorded is None else _reports(rallies, recorded, policies.game)
@@ -212,6 +220,14 @@ def _reports(options: RallyOptions, recorded: "Recorded", game: AnyGame) -> Call
         return match_page(*sources.of_log(options.replay, game, number, pairing))
 
     return lambda number: page(recorded.match(number))
+
+
+def _save_site(folder: Path, page: Path, answers: "Answers") -> None:
+    from shuttle_marl.watch.site import save_site  # noqa: PLC0415
+
+    with cli.console(stderr=True).status("saving the rallies …") as status:
+        count, size = save_site(folder, page, answers, lambda done: status.update(f"saving the rallies … {done}"))
+    sys.stdout.write(f"{printable(str(folder))}: {count} rallies, {size / 1e6:.1f} MB\n")
 
 
 def _film(server: "Server", listener: socket.socket, address: str, path: Path) -> None:

@@ -400,7 +400,7 @@ class Answers:
 
     def _reply(self, request: messages.Request) -> tuple[messages.Reply, bytes]:
         if isinstance(request, messages.HelloRequest):
-            return self._hello(), b""
+            return self.hello(), b""
         if isinstance(request, messages.RallyRequest):
             return self._rally(request)
         if isinstance(request, messages.AnalysisRequest):
@@ -408,10 +408,19 @@ class Answers:
         if isinstance(request, messages.OptionsRequest):
             return self._options(request), b""
         if isinstance(request, messages.MatchRequest):
-            whole = request.plan is not None and request.person is None and not request.partial
-            about = replace(request, id=0, rally=0 if whole else request.rally)
-            return self._overviews.get(msgspec.json.encode(about), lambda: self._overview(about)), b""
+            return self.match(request), b""
         return self._styles(request), b""
+
+    def match(self, request: messages.MatchRequest) -> messages.MatchReply:
+        """Overview of a match."""
+        whole = request.plan is not None and request.person is None and not request.partial
+        about = replace(request, id=0, rally=0 if whole else request.rally)
+        found: messages.MatchReply = self._overviews.get(msgspec.json.encode(about), lambda: self._overview(about))
+        return found
+
+    def rally_facts(self, request: messages.RallyRequest) -> messages.RallyFacts:
+        """A rally without its motion."""
+        return self._rally(request)[0].rally
 
     def warm(self) -> None:
         """Compute the first rally and its analysis, so that no page waits for them."""
@@ -420,7 +429,8 @@ class Answers:
             with contextlib.suppress(ShuttleError):  # the page that asks receives the error
                 self._reply(kind(id=0, plan=plan, rally=self._first_shown))
 
-    def _hello(self) -> messages.Hello:
+    def hello(self) -> messages.Hello:
+        """What a page asks first: the hall, the policies, and what is shown."""
         recorded = self._recorded
         return messages.Hello(
             version=__version__,

@@ -64,10 +64,12 @@ _STALLED: Final = 30.0
 _SHUTDOWN: Final = 1
 """Time for connections to close when the server stops [s]."""
 _LOOPBACK: Final = ("localhost", "127.0.0.1", "::1")
-_POLICY: Final = (
+CONTENT_POLICY: Final = (
     "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; "
-    "connect-src 'self' data: blob:; media-src blob:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+    "connect-src 'self' data: blob:; media-src blob:; base-uri 'none'; form-action 'none'"
 )
+"""Content security policy of the page: its own files alone, and no inline script."""
+_POLICY: Final = f"{CONTENT_POLICY}; frame-ancestors 'none'"
 _TYPES: Final = {"index.html": "text/html", "watch.js": "text/javascript", "watch.css": "text/css"}
 
 Answer = Callable[[PageRequest], bytes]

@@ -7,7 +7,7 @@ import { Connection } from "./connection";
 import { h } from "./dom";
 import { Motion } from "./motion";
 import type { Source, Wanted } from "./rallies";
-import { openShared, readShared, type Shared, sharedPage, ungzipped } from "./share";
+import { isSite, openReply, openShared, readShared, type Shared, sharedPage, ungzipped } from "./share";
 import type { Analysis, Hello, MatchReply, RallyFacts, RallyRequest, Styles } from "./wire.gen";
 
 declare global {
@@ -35,14 +35,13 @@ async function served(): Promise<{ hello: Hello; source: Source }> {
   const address = `${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/ws`;
   const server = new Connection(address, (open) => lost.classList.toggle("hidden", open));
   const { facts: hello, raw } = await server.ask("hello", {});
-  const model = async (athlete: string) => (await fetch(`${athlete}.glb`)).arrayBuffer();
   const source: Source = {
     rally: async (wanted, before) => unpacked(await server.ask("rally", { ...query(wanted), have: before !== null }), before),
     analysis: async (wanted) => (await server.ask("analysis", query(wanted))).facts,
     options: async (wanted) => (await server.ask("options", query(wanted))).facts.options,
     styles: async (wanted) => (await server.ask("styles", query(wanted))).facts,
     match: async (wanted) => (await server.ask("match", { ...query(wanted), partial: false })).facts,
-    model,
+    model: fetchModel,
     share: async (rallies, title, hash, progress) => {
       const [script = "", style = ""] = await Promise.all(
         ["watch.js", "watch.css"].map(async (name) => (await fetch(name)).text()),
@@ -63,7 +62,7 @@ async function served(): Promise<{ hello: Hello; source: Source }> {
           }
         }
       }
-      const models = new Map(await Promise.all([...athletes].map(async (name) => [name, await model(name)] as const)));
+      const models = new Map(await Promise.all([...athletes].map(async (name) => [name, await fetchModel(name)] as const)));
       return sharedPage(
         { script, style, hello: raw, replies, models },
         rallies.map(({ rally }) => `rally ${rally}`),
@@ -75,28 +74,53 @@ async function served(): Promise<{ hello: Hello; source: Source }> {
   return { hello, source };
 }
 
-/** Source of a saved page. */
-async function saved(shared: Shared): Promise<{ hello: Hello; source: Source }> {
-  const { facts: hello } = await openShared<Hello>(shared.hello);
-  const find = <F>(key: string) => {
-    const reply = shared.replies[key];
-    return reply === undefined ? Promise.reject(new Error("the saved page does not contain this rally")) : openShared<F>(reply);
-  };
-  const source: Source = {
+type Found<F> = Promise<{ facts: F; body: ArrayBuffer }>;
+
+/** Source of stored replies. */
+function stored(find: <F>(key: string) => Found<F>, match: (wanted: Wanted) => string, model: Source["model"]): Source {
+  return {
     rally: async ({ rally }) => unpacked(await find(`rally ${rally}`)),
     analysis: async ({ rally }) => (await find<Analysis>(`analysis ${rally}`)).facts,
     options: () => Promise.reject(new Error("a saved page cannot play; start the server")),
     styles: async () => (await find<Styles>("styles")).facts,
-    match: async () => (await find<MatchReply>("match")).facts,
-    model: (athlete) => ungzipped(shared.models[athlete]!),
+    match: async (wanted) => (await find<MatchReply>(match(wanted))).facts,
+    model,
     share: null,
   };
-  return { hello, source };
 }
+
+const MISSING = "the saved page does not contain this rally";
+
+/** Source of a saved page. */
+async function saved(shared: Shared): Promise<{ hello: Hello; source: Source }> {
+  const { facts: hello } = await openShared<Hello>(shared.hello);
+  const find = <F>(key: string): Found<F> => {
+    const reply = shared.replies[key];
+    return reply === undefined ? Promise.reject(new Error(MISSING)) : openShared<F>(reply);
+  };
+  const model = (athlete: string) => ungzipped(shared.models[athlete]!);
+  return { hello, source: stored(find, () => "match", model) };
+}
+
+/** Source of a site of static files. */
+async function site(): Promise<{ hello: Hello; source: Source }> {
+  const find = async <F>(key: string): Found<F> => {
+    const reply = await fetch(`replies/${key.replace(" ", "-")}.bin`);
+    if (!reply.ok) {
+      throw new Error(MISSING);
+    }
+    return openReply<F>(await reply.arrayBuffer());
+  };
+  const { facts: hello } = await find<Hello>("hello");
+  const match = ({ plan, rally }: Wanted) => `match ${plan ? 0 : rally}`;
+  return { hello, source: stored(find, match, fetchModel) };
+}
+
+const fetchModel = async (athlete: string) => (await fetch(`${athlete}.glb`)).arrayBuffer();
 
 const shared = readShared();
 try {
-  const { hello, source } = await (shared ? saved(shared) : served());
+  const { hello, source } = await (shared ? saved(shared) : isSite() ? site() : served());
   const app = new App(hello, source);
   window.viewer = {
     state: () => app.state(),

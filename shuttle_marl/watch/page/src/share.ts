@@ -22,8 +22,12 @@ async function gzipped(content: ArrayBuffer): Promise<string> {
   return encode(new Uint8Array(await new Response(stream).arrayBuffer()));
 }
 
+function decompressed(content: BlobPart): Promise<ArrayBuffer> {
+  return new Response(new Blob([content]).stream().pipeThrough(new DecompressionStream("gzip"))).arrayBuffer();
+}
+
 export async function ungzipped(text: string): Promise<ArrayBuffer> {
-  return new Response(new Blob([decode(text)]).stream().pipeThrough(new DecompressionStream("gzip"))).arrayBuffer();
+  return decompressed(decode(text));
 }
 
 /** Parts of a shared page: script, style, and replies of the server. */
@@ -104,8 +108,18 @@ export function readShared(): Shared | null {
   return element ? (JSON.parse(element.textContent!) as Shared) : null;
 }
 
+/** Whether this page is one of static files, without a server that answers. */
+export function isSite(): boolean {
+  return document.querySelector("meta[name=site]") !== null;
+}
+
+/** Opens a compressed reply. */
+export async function openReply<F>(content: BlobPart): Promise<{ facts: F; body: ArrayBuffer }> {
+  return parseMessage(await decompressed(content)) as unknown as { facts: F; body: ArrayBuffer };
+}
+
 export async function openShared<F>(text: string): Promise<{ facts: F; body: ArrayBuffer }> {
-  return parseMessage(await ungzipped(text)) as unknown as { facts: F; body: ArrayBuffer };
+  return openReply<F>(decode(text));
 }
 
 export function save(content: Blob, name: string): void {

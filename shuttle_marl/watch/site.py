@@ -1,0 +1,131 @@
+"""A match, or recorded rallies, as a folder of static files: the page, and the replies of the server that it reads instead."""
+
+import gzip
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Final
+
+from msgspec.structs import replace
+
+from shuttle_marl.files import replace_file
+from shuttle_marl.staging import model_file
+from shuttle_marl.watch import WatchError, messages
+from shuttle_marl.watch.answers import Answers
+from shuttle_marl.watch.building import FILES
+from shuttle_marl.watch.server import CONTENT_POLICY
+
+MAX_SITE: Final = 8_000_000
+"""Default of the maximum size of a site [bytes]."""
+_MARK: Final = b'<meta name="site" content="static">'
+"""Element by which the page knows that no server answers, in the first file that is written."""
+_REPLIES: Final = "replies"
+
+
+def save_site(
+    folder: Path,
+    page: Path,
+    answers: Answers,
+    progress: Callable[[int], object] = lambda _: None,
+    *,
+    limit: int = MAX_SITE,
+) -> tuple[int, int]:
+    """Write a site that every web server can serve; returns its number of rallies and its size [bytes].
+
+    Args:
+        folder: its folder; a site that is there is replaced.
+        page: folder of the built page.
+        answers: replies to the requests of the page.
+        progress: receives the number of rallies so far.
+        limit: maximum size of the site [bytes]; rallies that do not fit are left out.
+
+    Raises:
+        WatchError: the folder has other files, or not even one rally fits.
+        FileWriteError: a file cannot be written.
+    """
+    _check(folder)
+    hello = answers.hello()
+    fixed = {name: (page / name).read_bytes() for name in FILES}
+    fixed["index.html"] = _static(fixed["index.html"])
+    rallies: dict[str, bytes] = {}
+    size, count = sum(map(len, fixed.values())), 0
+    for replies, athletes in _rallies(answers, hello):
+        models = {f"{name}.glb": model_file(name).read_bytes() for name in athletes if f"{name}.glb" not in fixed}
+        added = sum(map(len, replies.values())) + sum(map(len, models.values()))
+        if size + added > limit - _ROOM:
+            break
+        rallies, fixed, size, count = {**rallies, **replies}, {**fixed, **models}, size + added, count + 1
+        progress(count)
+    if not count:
+        raise WatchError(f"{folder}: the first rally does not fit into {limit / 1e6:.1f} MB")
+    rallies |= _overviews(answers, hello, count)
+    if hello.recorded is not None:
+        known = replace(hello.recorded, count=count, first=min(hello.recorded.first, count - 1))
+        hello = replace(hello, recorded=known)
+    rallies["hello"] = gzip.compress(messages.encode_reply(0, hello), mtime=0)
+    content = {**fixed, **{f"{_REPLIES}/{name}.bin": reply for name, reply in rallies.items()}}
+    for name, data in content.items():
+        replace_file(folder / name, data)
+    for old in (folder / _REPLIES).glob("*.bin"):
+        if old.stem not in rallies:
+            old.unlink()
+    return count, sum(map(len, content.values()))
+
+
+_ROOM: Final = 600_000
+"""Space for the overviews of matches and the styles [bytes]."""
+
+
+def _check(folder: Path) -> None:
+    """Refuse a folder with files that are not those of a site."""
+    if folder.is_file():
+        raise WatchError(f"--save-site {folder}: a file has this name; give a folder")
+    if not folder.is_dir() or not any(folder.iterdir()):
+        return
+    index = folder / "index.html"
+    if not index.is_file() or _MARK not in index.read_bytes():
+        raise WatchError(f"--save-site {folder}: the folder has other files; give a new or empty folder")
+
+
+def _static(index: bytes) -> bytes:
+    """The page with its policy, which no server sends, and the mark of a site."""
+    policy = f'<meta http-equiv="Content-Security-Policy" content="{CONTENT_POLICY}">'.encode()
+    before, head, after = index.partition(b"<head>")
+    if not head:
+        before, head, after = index.partition(b'<meta charset="utf-8">')
+    return before + head + policy + _MARK + after
+
+
+def _packed(answers: Answers, request: messages.Request) -> bytes:
+    return gzip.compress(answers(request), mtime=0)
+
+
+def _rallies(answers: Answers, hello: messages.Hello) -> Iterator[tuple[dict[str, bytes], list[str]]]:
+    """Replies about each rally in turn, and its athletes; a match ends with its last rally."""
+    plan, number = None if hello.recorded else hello.plan, 0
+    while hello.recorded is None or number < hello.recorded.count:
+        request = messages.RallyRequest(id=0, plan=plan, rally=number)
+        facts = answers.rally_facts(request)
+        replies = {f"rally-{number}": _packed(answers, request)}
+        if facts.strokes:
+            replies[f"analysis-{number}"] = _packed(answers, messages.AnalysisRequest(id=0, plan=plan, rally=number))
+        yield replies, [player.athlete for player in facts.players]
+        if hello.recorded is None and facts.after is not None and facts.after.over:
+            return
+        number += 1
+
+
+def _overviews(answers: Answers, hello: messages.Hello, count: int) -> dict[str, bytes]:
+    """Overviews of the matches, by the rally that asks, and the styles of the players of a match."""
+    if hello.recorded is None:
+        # Of the rallies that fit.
+        overview = messages.MatchRequest(id=0, plan=hello.plan, rally=count - 1, partial=True)
+        styles = messages.StylesRequest(id=0, plan=hello.plan, rally=0)
+        return {"match-0": _packed(answers, overview), "styles": _packed(answers, styles)}
+    found: dict[str, bytes] = {}
+    for number in range(count):
+        request = messages.MatchRequest(id=0, rally=number)
+        rallies = answers.match(request).rallies
+        if rallies and rallies[-1].number >= count:  # of the rallies that fit
+            request = messages.MatchRequest(id=0, rally=count - 1, partial=True)
+        found[f"match-{number}"] = _packed(answers, request)
+    return found

@@ -1,0 +1,95 @@
+"""A match as a folder of static files, and the page on a server that knows nothing of it."""
+
+import functools
+import re
+import threading
+from collections.abc import Iterator
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Browser
+
+from shuttle_marl.game import default_game
+from shuttle_marl.watch import WatchError
+from shuttle_marl.watch.answers import Answers
+from shuttle_marl.watch.plan import Plan, Side
+from shuttle_marl.watch.policies import PolicyTables
+from shuttle_marl.watch.site import save_site
+from shuttle_marl.watch.stager import Stager
+from tests.watch.conftest import Viewer
+
+LIMIT = 2_100_000
+"""Size of a site of a few rallies [bytes]."""
+
+
+@pytest.fixture(scope="module")
+def answers() -> Answers:
+    plan = Plan(seed=5, sides=(Side(policy="bc"), Side(policy="bc")))
+    return Answers(PolicyTables(default_game(), ("bc",)), plan, Stager(("male", "male"), ("right", "right")))
+
+
+@pytest.fixture(scope="module")
+def site(page_folder: Path, answers: Answers, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, int, int]:
+    folder = tmp_path_factory.mktemp("site")
+    return folder, *save_site(folder, page_folder, answers, limit=LIMIT)
+
+
+@pytest.mark.slow
+def test_a_site_is_small_and_names_no_host(site: tuple[Path, int, int], page_folder: Path, answers: Answers) -> None:
+    folder, count, size = site
+    files = [path for path in folder.rglob("*") if path.is_file()]
+    assert size == sum(path.stat().st_size for path in files) <= LIMIT
+    assert {path.name for path in folder.iterdir()} == {"index.html", "watch.js", "watch.css", "male.glb", "replies"}
+    assert len(list(folder.glob("replies/rally-*.bin"))) == count > 0
+    index = (folder / "index.html").read_text()
+    policy = re.search(r'Content-Security-Policy" content="([^"]*)"', index)
+    assert policy is not None
+    assert "script-src 'self';" in policy[1]
+    assert "http" not in policy[1]
+    assert re.findall(r'(?:src|href)="(?!data:)([^"]*)"', index) == ["watch.css", "watch.js"]
+    assert index.index("Content-Security-Policy") < index.index("<script")
+    # A site is replaced as a whole.
+    (folder / "replies" / "rally-999.bin").write_bytes(b"of a longer match")
+    assert save_site(folder, page_folder, answers, limit=LIMIT) == (count, size)
+    assert not (folder / "replies" / "rally-999.bin").exists()
+
+
+def test_a_folder_with_other_files_is_refused(page_folder: Path, answers: Answers, tmp_path: Path) -> None:
+    (tmp_path / "index.html").write_text("<h1>Mine</h1>")
+    with pytest.raises(WatchError, match="other files"):
+        save_site(tmp_path, page_folder, answers)
+    with pytest.raises(WatchError, match="give a folder"):
+        save_site(tmp_path / "index.html", page_folder, answers)
+    assert (tmp_path / "index.html").read_text() == "<h1>Mine</h1>"
+
+
+class _Quiet(SimpleHTTPRequestHandler):
+    def log_message(self, format: str, *args: object) -> None:
+        pass
+
+
+@pytest.fixture
+def address(site: tuple[Path, int, int]) -> Iterator[str]:
+    with ThreadingHTTPServer(("127.0.0.1", 0), functools.partial(_Quiet, directory=str(site[0]))) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        yield f"http://127.0.0.1:{server.server_address[1]}/"
+        server.shutdown()
+
+
+@pytest.mark.slow
+def test_any_server_shows_a_site(site: tuple[Path, int, int], address: str, browser: Browser) -> None:
+    page = browser.new_page(viewport={"width": 1280, "height": 720})
+    try:
+        viewer = Viewer(page).open(address)
+        page.get_by_role("tab", name="Analyse").click()
+        page.locator(".match .chart, .match svg").first.wait_for()
+        page.evaluate("window.viewer.go(1)")
+        viewer.until(lambda: viewer.state("rally") == 1)
+        page.get_by_role("tab", name="Learn").click()
+        page.get_by_role("region", name="Find the better stroke").wait_for()
+        assert page.get_by_role("tab", name="Play").count() == 0
+        assert viewer.errors == []
+        assert viewer.outside == []
+    finally:
+        page.close()
