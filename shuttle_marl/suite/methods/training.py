@@ -8,8 +8,10 @@ from shuttle_marl import runs
 from shuttle_marl.suite.players import PlayerSetting, Trained
 from shuttle_marl.training.league.config import LeagueTrainingConfig
 
-_SHARE: Final = 0.97
-"""Fraction of the budget that is planned; the rest is for the ends of rallies."""
+_SHARE, _SHARE_OF_SMALL = 0.97, 0.85
+"""Fraction of the budget that is planned, and of a small budget; the rest is for the ends of rallies."""
+_SMALL: Final = 100_000
+"""Budgets below are those of quick runs."""
 _ROUNDS: Final = 24
 """Rounds of exact PSRO."""
 _BATCHES: Final = 100
@@ -98,7 +100,8 @@ def _train(algorithm: str, setting: PlayerSetting, **options: Any) -> Trained:
         **options,
     )
     # Rallies are played to their end, so iterations are a little longer than their batches.
-    while sum(map(config.batch_of, range(config.iterations))) > _SHARE * setting.budget:
+    share = _SHARE if setting.budget >= _SMALL else _SHARE_OF_SMALL
+    while sum(map(config.batch_of, range(config.iterations))) > share * setting.budget:
         config = dataclasses.replace(config, strokes=int(config.strokes * _SHARE))
     done = train(config)
     lines = (done.folder / "metrics.jsonl").read_text(encoding="utf-8").splitlines()
