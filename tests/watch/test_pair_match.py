@@ -51,7 +51,7 @@ def answers(policies: PolicyTables) -> Answers:
 
 
 def test_the_page_shows_the_players_and_their_game(answers: Answers) -> None:
-    hello = answers._hello()
+    hello = answers.hello()
     assert hello.game == PAIR.hash[:12]
     reply, _ = answers._reply(messages.RallyRequest(id=0, plan=PLAN, rally=0))
     assert isinstance(reply, messages.RallyReply)
