@@ -97,7 +97,7 @@ class Adapt(Task):
     seeds = 1
     splits: ClassVar[tuple[Split, ...]] = ("dev", "test", "hidden")
     protocol = "method(setting: AdaptSetting) -> object with observe_rally(rally) and policy_for_next_rally() -> player"
-    target = "regret 1.5, 0.8 and 0.4 % after 20, 100 and 500 rallies in unseen families, at an exploitability of 6 % or less"
+    target = "regret 1.5, 0.8 and 0.4 % after 20, 100 and 500 rallies in unseen families, at an exploitability of .06 or less"
 
     def all_cases(self, arena: Arena) -> list[Case]:
         """Opponents of each family, and controls, which do not count in the score."""
