@@ -60,7 +60,7 @@ def main(names: Annotated[tuple[str, ...], tyro.conf.Positional] = NAMES) -> Non
         notebook.cells[0].source = notebook.cells[0].source.replace("\n\n", " (notebook)\n\n", 1)
         if name == "own_loop":  # run as a program, as the page says
             place = next(i for i, cell in enumerate(notebook.cells) if cell.source.startswith("%%writefile own_loop.py"))
-            notebook.cells.insert(place + 1, jupytext.reads("```bash\npython own_loop.py\n```\n", fmt="md").cells[0])
+            notebook.cells.insert(place + 1, jupytext.reads("```python\n%%bash\npython own_loop.py\n```\n", fmt="md").cells[0])
         with tempfile.TemporaryDirectory(prefix="notebook-") as folder:
             NotebookClient(notebook, timeout=_LIMIT, resources={"metadata": {"path": folder}}).execute()
         jupytext.write(notebook, Path(NOTEBOOKS / f"{name}.ipynb"))
