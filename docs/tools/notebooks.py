@@ -54,6 +54,8 @@ def main(names: Annotated[tuple[str, ...], tyro.conf.Positional] = NAMES) -> Non
 
     # Cells of a shell find the programs of this environment.
     os.environ["PATH"] = f"{sysconfig.get_path('scripts')}{os.pathsep}{os.environ['PATH']}"
+    # The kernel sets FORCE_COLOR, with which they would print control codes of a terminal.
+    os.environ["TTY_COMPATIBLE"] = "0"
     NOTEBOOKS.mkdir(parents=True, exist_ok=True)
     for name in names:
         notebook = jupytext.reads(text_form(name), fmt="md")
