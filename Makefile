@@ -30,7 +30,7 @@ SITE_FLAGS ?=
 
 PAGE := shuttle_marl/watch/page
 
-.PHONY: help demo test test-slow test-all install lint format docs live site notebooks dist reproduce lock clean
+.PHONY: help demo test test-slow test-all install lint format docs live site notebooks dist hub reproduce lock clean
 .NOTPARALLEL:
 
 help:
@@ -44,6 +44,7 @@ help:
 	@echo 'make docs       build the site of the documentation, into build/site'
 	@echo 'make notebooks  execute the tutorials as notebooks, which `make docs` then shows: minutes'
 	@echo 'make dist       build the wheel and the source distribution, into dist'
+	@echo 'make hub        write agents and data sets with cards for the Hugging Face hub, into build/hub'
 	@echo 'make reproduce  list the tables of the documentation; TABLE=name makes one again and compares'
 	@echo 'make lock       resolve all versions again and write them to constraints.txt'
 	@echo 'make clean      remove .venv and caches'
@@ -110,6 +111,10 @@ dist: $(RUN_STAMP)
 	$(BIN)/python -m build --quiet
 	$(BIN)/twine check --strict dist/*
 	$(BIN)/check-wheel-contents dist/*.whl
+
+hub: $(TEST_STAMP)
+	rm -rf build/hub
+	$(BIN)/python -m docs.tools.hub
 
 reproduce: $(TEST_STAMP)
 	$(BIN)/python -m docs.tools.reproduce $(TABLE)

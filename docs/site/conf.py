@@ -55,6 +55,7 @@ html_title = f"shuttle_marl {release}"
 html_extra_path = ["extra"]
 html_static_path = ["static"]
 html_css_files = ["site.css"]
+html_js_files = ["site.js"]
 html_copy_source = False
 html_show_sourcelink = False
 html_theme_options = {"navigation_with_keys": True}
@@ -64,6 +65,7 @@ def setup(app: Sphinx) -> dict[str, Any]:
     """Connect the navigation and the selection of public names."""
     app.add_lexer("mermaid", TextLexer)
     app.connect("source-read", site.add_navigation)
+    app.connect("builder-inited", lambda app: app.env.settings.update(image_loading="lazy"))
     if "autoapi.extension" in extensions:
         site.read_lazy_imports()
         app.connect("autoapi-skip-member", site.is_private)

@@ -7,6 +7,7 @@ descriptions are those of :data:`shuttle_marl.data.schema.STROKES`. ``mlcroissan
 import hashlib
 import json
 import sys
+from pathlib import Path
 from typing import Any, Final
 
 import pyarrow as pa
@@ -79,43 +80,63 @@ _ABOUT: Final = {
 
 def description() -> dict[str, Any]:
     """The description of the sample as JSON-LD."""
-    content = (FOLDER / _TABLE).read_bytes()
-    table = {
+    about = {**_ABOUT, "version": "1.0.0", "datePublished": "2026-11-25"}
+    return dataset(about, FOLDER, {"strokes": (_TABLE, "One row per stroke.", STROKES)})
+
+
+def dataset(about: dict[str, Any], folder: Path, tables: dict[str, tuple[str, str, pa.Schema]]) -> dict[str, Any]:
+    """The description of Parquet files as JSON-LD.
+
+    Args:
+        about: fields of the data set: name, licence, version, responsible AI and so on.
+        folder: of the files.
+        tables: name of the file, description, and schema, by the name of the record set. Each field of a schema has its
+            description as metadata.
+    """
+    conforms = ["http://mlcommons.org/croissant/1.0", "http://mlcommons.org/croissant/RAI/1.0"]
+    distribution = [_file(folder / file) for file, _, _ in tables.values()]
+    records = [
+        {
+            "@type": "cr:RecordSet",
+            "@id": name,
+            "name": name,
+            "description": text,
+            "field": [_field(name, file, field) for field in schema],
+        }
+        for name, (file, text, schema) in tables.items()
+    ]
+    shown = {**about, "distribution": distribution, "recordSet": records}
+    return {"@context": _CONTEXT, "@type": "sc:Dataset", "conformsTo": conforms, **shown}
+
+
+def _file(path: Path) -> dict[str, str]:
+    content = path.read_bytes()
+    return {
         "@type": "cr:FileObject",
-        "@id": _TABLE,
-        "name": _TABLE,
-        "contentUrl": _TABLE,
+        "@id": path.name,
+        "name": path.name,
+        "contentUrl": path.name,
         "contentSize": f"{len(content)} B",
         "encodingFormat": "application/x-parquet",
         "sha256": hashlib.sha256(content).hexdigest(),
     }
-    fields = [
-        {
-            "@type": "cr:Field",
-            "@id": f"strokes/{field.name}",
-            "name": field.name,
-            "description": (field.metadata or {})[b"description"].decode(),
-            "dataType": _type(field.type),
-            "source": {"fileObject": {"@id": _TABLE}, "extract": {"column": field.name}},
-        }
-        for field in STROKES
-    ]
-    records = {
-        "@type": "cr:RecordSet",
-        "@id": "strokes",
-        "name": "strokes",
-        "description": "One row per stroke.",
-        "field": fields,
+
+
+def _field(records: str, file: str, field: pa.Field) -> dict[str, Any]:
+    return {
+        "@type": "cr:Field",
+        "@id": f"{records}/{field.name}",
+        "name": field.name,
+        "description": (field.metadata or {})[b"description"].decode(),
+        "dataType": _type(field.type),
+        "source": {"fileObject": {"@id": file}, "extract": {"column": field.name}},
     }
-    conforms = ["http://mlcommons.org/croissant/1.0", "http://mlcommons.org/croissant/RAI/1.0"]
-    about = {**_ABOUT, "version": "1.0.0", "datePublished": "2026-11-25", "distribution": [table], "recordSet": [records]}
-    return {"@context": _CONTEXT, "@type": "sc:Dataset", "conformsTo": conforms, **about}
 
 
 def _type(kind: pa.DataType) -> str:
     if pa.types.is_boolean(kind):
         return "sc:Boolean"
-    if pa.types.is_string(kind):
+    if pa.types.is_string(kind) or pa.types.is_dictionary(kind):
         return "sc:Text"
     return "sc:Float" if pa.types.is_floating(kind) else "sc:Integer"
 

@@ -54,13 +54,15 @@ def main(names: Annotated[tuple[str, ...], tyro.conf.Positional] = NAMES) -> Non
 
     # Cells of a shell find the programs of this environment.
     os.environ["PATH"] = f"{sysconfig.get_path('scripts')}{os.pathsep}{os.environ['PATH']}"
+    # The kernel sets FORCE_COLOR, with which they would print control codes of a terminal.
+    os.environ["TTY_COMPATIBLE"] = "0"
     NOTEBOOKS.mkdir(parents=True, exist_ok=True)
     for name in names:
         notebook = jupytext.reads(text_form(name), fmt="md")
         notebook.cells[0].source = notebook.cells[0].source.replace("\n\n", " (notebook)\n\n", 1)
         if name == "own_loop":  # run as a program, as the page says
             place = next(i for i, cell in enumerate(notebook.cells) if cell.source.startswith("%%writefile own_loop.py"))
-            notebook.cells.insert(place + 1, jupytext.reads("```bash\npython own_loop.py\n```\n", fmt="md").cells[0])
+            notebook.cells.insert(place + 1, jupytext.reads("```python\n%%bash\npython own_loop.py\n```\n", fmt="md").cells[0])
         with tempfile.TemporaryDirectory(prefix="notebook-") as folder:
             NotebookClient(notebook, timeout=_LIMIT, resources={"metadata": {"path": folder}}).execute()
         jupytext.write(notebook, Path(NOTEBOOKS / f"{name}.ipynb"))

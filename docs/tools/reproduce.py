@@ -50,7 +50,7 @@ class Result:
         tables: names of the tables in :data:`docs.tools.tables.BLOCKS`.
         command: arguments of ``python -m``. ``{out}`` is the file that it writes; without it, it prints JSON. ``{data}`` is
             the folder of the annotated matches, ``$SHUTTLESET``.
-        time: how long it takes on two cores.
+        time: how long it takes on two cores; in seconds if it was measured to be less than three minutes.
         tolerance: greatest relative difference of a number.
     """
 
@@ -65,7 +65,7 @@ RESULTS: Final[dict[str, Result]] = {
     name: Result(folder="experiments", tables=shown, command=command, time=duration, tolerance=tolerance)
     for name, shown, command, duration, tolerance in (
         ("advice", ("advice_results",), "experiments.advice --data {data} --split validation --json", "minutes", 0.02),
-        ("human", ("human", "human_players"), "experiments.human --data {data} --json", "minutes", 0.0),
+        ("human", ("human", "human_players"), "experiments.human --data {data} --json", "163 s", 0.0),
         ("league_training", ("league_training",), "experiments.league_training --out runs/again --json {out}", "hours", 0.5),
         ("next_stroke", ("next_stroke",), "experiments.next_stroke --data {data} --out {out}", "minutes", 0.02),
         (
@@ -76,7 +76,7 @@ RESULTS: Final[dict[str, Result]] = {
             0.02,
         ),
         ("self_play", ("self_play",), "experiments.self_play --out runs/again --json", "hours", 0.5),
-        ("stroke_value", ("stroke_value",), "experiments.stroke_value --data {data} --json", "minutes", 0.0),
+        ("stroke_value", ("stroke_value",), "experiments.stroke_value --data {data} --json", "14 s", 0.0),
         ("styles", ("styles",), "experiments.styles --seeds 10 --out runs/again --json {out}", "an hour", 0.2),
         (
             "truth_cross",
@@ -118,23 +118,23 @@ RESULTS: Final[dict[str, Result]] = {
 } | {
     name: Result(folder="benchmarks", tables=shown, command=f"benchmarks.{name} --json", time=duration, tolerance=_SPEED)
     for name, shown, duration in (
-        ("aec", ("aec",), "a minute"),
-        ("exact_values", ("exact_values",), "minutes"),
-        ("league", ("league",), "minutes"),
-        ("recording", ("recording",), "minutes"),
-        ("staging", ("staging",), "a minute"),
-        ("startup", ("startup",), "a minute"),
-        ("throughput", ("speed", "throughput", "throughput_bound", "throughput_sizes"), "minutes"),
+        ("aec", ("aec",), "27 s"),
+        ("exact_values", ("exact_values",), "115 s"),
+        ("league", ("league",), "4 minutes"),
+        ("recording", ("recording",), "63 s"),
+        ("staging", ("staging",), "3 minutes"),
+        ("startup", ("startup",), "52 s"),
+        ("throughput", ("speed", "throughput", "throughput_bound", "throughput_sizes"), "4 minutes"),
         ("time_to_win", ("time_to_win",), "minutes"),
-        ("training", ("training_speed",), "minutes"),
-        ("viewer", ("viewer",), "minutes"),
+        ("training", ("training_speed",), "113 s"),
+        ("viewer", ("viewer",), "81 s"),
     )
 }
 """Result files by name."""
 COMPUTED: Final = {
     "layer_diagram": "seconds",
     "layers": "seconds",
-    "paths": "a minute",
+    "paths": "32 s",
     "ranking": "a minute",
     "ranking_short": "a minute",
 }

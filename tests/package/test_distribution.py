@@ -4,8 +4,10 @@ import ast
 import hashlib
 import json
 import re
+import shutil
 import subprocess
 import sys
+import tarfile
 import tomllib
 import zipfile
 from importlib.metadata import packages_distributions, requires
@@ -55,6 +57,25 @@ def test_wheel_holds_the_package_and_nothing_else(wheel: Path) -> None:
     assert {"shuttle_marl/py.typed", "shuttle_marl/models/default/game.safetensors"} <= names
     assert {name.split("/")[0].split("-")[0] for name in names} == {"shuttle_marl"}
     assert [name for name in names if name.endswith((".csv", ".pyc"))] == []
+
+
+def test_source_distribution_holds_tracked_files_and_nothing_else(tmp_path: Path) -> None:
+    """Annotated matches are often linked into a checkout, where only the developer's git ignores them."""
+    root, foreign = tmp_path / "root", tmp_path / "matches"
+    names = {str(path.relative_to(ROOT)) for path in tracked()}
+    for name in names:
+        (root / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(ROOT / name, root / name)
+    foreign.mkdir()
+    (foreign / "set1.csv").write_text("private")
+    (root / "shuttleset").symlink_to(foreign, target_is_directory=True)
+    command = [sys.executable, "-m", "hatchling", "build", "-t", "sdist", "-d", str(tmp_path / "dist")]
+    subprocess.run(command, cwd=root, check=True, capture_output=True)
+    (path,) = (tmp_path / "dist").glob("*.tar.gz")
+    with tarfile.open(path) as archive:
+        packed = {member.name.partition("/")[2] for member in archive.getmembers() if not member.isdir()}
+    assert packed - names == {"PKG-INFO"}
+    assert names - packed == set()
 
 
 def test_wheel_carries_licence_and_extras(wheel: Path) -> None:

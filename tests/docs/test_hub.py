@@ -1,0 +1,72 @@
+"""Folders for the hub: agents that play, tables that their descriptions describe, and cards that name their files."""
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+import yaml
+
+from docs.tools import hub
+from docs.tools.markdown import saved
+from shuttle_marl import default_game, resolve, tabulate
+from shuttle_marl.errors import ShuttleError
+from shuttle_marl.game.shipped import model_folder
+from shuttle_marl.policy.agents import AGENTS
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("hub") / "out"
+    hub.main(out=out, quick=True)
+    return out
+
+
+def card(path: Path) -> tuple[Any, str]:
+    """Front matter and text of a card."""
+    empty, front, body = (path / "README.md").read_text(encoding="utf-8").split("---\n", 2)
+    assert empty == ""
+    return yaml.safe_load(front), body
+
+
+def test_agents_play_from_their_folders(folder: Path) -> None:
+    game = default_game()
+    copied, shipped = (tabulate(resolve(name, game), game) for name in (f"agent:{folder / 'agents' / 'ppo'}", "ppo"))
+    np.testing.assert_array_equal(copied.pair_probabilities(), shipped.pair_probabilities())
+    front, body = card(folder / "agents")
+    names = sorted(path.name for path in (model_folder() / AGENTS).iterdir())
+    assert [entry["name"] for entry in front["model-index"]] == names
+    assert all(f"| `{name}` |" in body for name in names)
+    stated = json.loads((folder / "agents/ppo/card.json").read_text())["evaluation"]
+    (result,) = front["model-index"][names.index("ppo")]["results"]
+    for metric in result["metrics"]:
+        assert metric["value"] == pytest.approx(stated[metric["type"]], abs=1e-6)
+
+
+@pytest.mark.parametrize("name", ["sample", "suite"])
+def test_descriptions_are_of_the_files(folder: Path, name: str) -> None:
+    described = json.loads((folder / name / "croissant.json").read_text(encoding="utf-8"))
+    files = {file["@id"]: file for file in described["distribution"]}
+    assert set(files) == {path.name for path in (folder / name).glob("*.parquet")}
+    for file, entry in files.items():
+        assert entry["sha256"] == hashlib.sha256((folder / name / file).read_bytes()).hexdigest()
+    for records in described["recordSet"]:
+        (file,) = {field["source"]["fileObject"]["@id"] for field in records["field"]}
+        assert [field["source"]["extract"]["column"] for field in records["field"]] == pq.read_schema(folder / name / file).names
+    assert {file for config in card(folder / name)[0]["configs"] for file in config["data_files"]} == set(files)
+
+
+def test_results_are_those_of_the_boards(folder: Path) -> None:
+    rows = pq.read_table(folder / "suite/results.parquet").to_pylist()
+    expected = saved("experiments", "suite")["rows"]
+    assert [(row["task"], row["method"], row["score"]) for row in rows] == [
+        (r["task"], r["method"], r["score"]) for r in expected
+    ]
+
+
+def test_an_existing_folder_is_not_replaced(folder: Path) -> None:
+    with pytest.raises(ShuttleError, match="already exists"):
+        hub.main(out=folder, quick=True)
