@@ -57,24 +57,32 @@ _CONTEXT: Final = {
     "subField": "cr:subField",
     "transform": "cr:transform",
 }
-_ABOUT: Final = {
-    "name": "shuttle_marl_sample",
-    "description": "Matches of badminton in the schema of annotated ones, one row per stroke. No one played "
-    "them: shipped policies did, on the shipped game.",
+OWNER: Final = {
     "url": "https://pypi.org/project/shuttle-marl/",
     "license": "https://spdx.org/licenses/MIT",
     "creator": {"@type": "Organization", "name": "the shuttle_marl authors"},
     "citeAs": "the shuttle_marl authors: shuttle_marl, two-player badminton for multi-agent reinforcement learning",
+}
+"""Fields of every data set of the package."""
+SIMULATED: Final = {
+    "rai:dataBiases": "The game is fitted to elite singles of the years 2018 to 2022; see the datasheet for their players.",
+    "rai:personalSensitiveInformation": "None. The name of a player stands for a policy that imitates their choices.",
+    "rai:dataSocialImpact": "Conclusions about players named here would be wrong; they did not play these strokes.",
+    "rai:hasSyntheticData": True,
+}
+"""Fields of data sets that the shipped game generates."""
+_ABOUT: Final = {
+    "name": "shuttle_marl_sample",
+    "description": "Matches of badminton in the schema of annotated ones, one row per stroke. No one played "
+    "them: shipped policies did, on the shipped game.",
+    **OWNER,
     "keywords": ["badminton", "simulation", "sports analytics"],
     "isLiveDataset": False,
     "rai:dataCollection": "Drawn by datasets/make_sample.py from the shipped game and policies; nothing was observed.",
     "rai:dataCollectionType": "Simulation",
     "rai:dataUseCases": "Trying out and testing code that reads strokes; not for fitting models or statements about people.",
     "rai:dataLimitations": "Landings, positions and times are drawn to fit the strokes and are less varied than real ones.",
-    "rai:dataBiases": "The game is fitted to elite singles of the years 2018 to 2022; see the datasheet for their players.",
-    "rai:personalSensitiveInformation": "None. The name of a player stands for a policy that imitates their choices.",
-    "rai:dataSocialImpact": "Conclusions about players named here would be wrong; they did not play these strokes.",
-    "rai:hasSyntheticData": True,
+    **SIMULATED,
 }
 
 

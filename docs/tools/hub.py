@@ -6,7 +6,6 @@
 """
 
 import json
-import shutil
 import sys
 from pathlib import Path
 from typing import Any, Final
@@ -65,10 +64,7 @@ _SUITE: Final = {
     "name": "shuttle_marl_suite",
     "description": "Logs of rallies for offline reinforcement learning (offline-v0), generated from seeds, and results of the "
     "tasks of the benchmark suite.",
-    "url": "https://pypi.org/project/shuttle-marl/",
-    "license": "https://spdx.org/licenses/MIT",
-    "creator": {"@type": "Organization", "name": "the shuttle_marl authors"},
-    "citeAs": "the shuttle_marl authors: shuttle_marl, two-player badminton for multi-agent reinforcement learning",
+    **croissant.OWNER,
     "keywords": ["badminton", "benchmark", "offline reinforcement learning", "simulation"],
     "isLiveDataset": False,
     "version": __version__,
@@ -79,10 +75,7 @@ _SUITE: Final = {
     "rai:dataUseCases": "Offline reinforcement learning, off-policy evaluation, and comparison of methods; not for statements "
     "about people or about badminton outside the game.",
     "rai:dataLimitations": "The state has no positions, no fatigue across rallies and no score; logs have one opponent, bc.",
-    "rai:dataBiases": "The game is fitted to elite singles of the years 2018 to 2022; see the datasheet for their players.",
-    "rai:personalSensitiveInformation": "None. The name of a player stands for a policy that imitates their choices.",
-    "rai:dataSocialImpact": "Conclusions about players named here would be wrong; they did not play these strokes.",
-    "rai:hasSyntheticData": True,
+    **croissant.SIMULATED,
 }
 
 
@@ -149,8 +142,7 @@ shuttle-marl exact evaluate agent:ppo bc   # in this folder
 def write_sample(out: Path) -> None:
     """Write the simulated sample, its description and its card."""
     for name in ("strokes.parquet", _CROISSANT):
-        out.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(croissant.FOLDER / name, out / name)
+        replace_file(out / name, (croissant.FOLDER / name).read_bytes())
     # Links of the repository would be broken on the hub.
     body = (
         (croissant.FOLDER / "CARD.md")

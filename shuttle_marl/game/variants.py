@@ -25,7 +25,8 @@ STEP: Final = 0.0625
 """Difference of log-odds of one step."""
 COARSE: Final = 4
 """Steps of refits are multiples of this: their sampling errors are about five steps, and coarse steps take half the space."""
-_MOST: Final = 127
+MOST_STEPS: Final = 127
+"""Maximum size of a difference in steps."""
 _RARE: Final = 0.006
 _SLACK: Final = 1e-6
 
@@ -37,7 +38,7 @@ Odds = tuple[U64, U64]
 @functools.cache
 def _multipliers() -> Odds:
     """``[256]`` each, by a step as an unsigned byte: what the odds are multiplied and divided by, in units of 1/65536."""
-    return odds_of_steps(np.maximum(np.arange(256, dtype=np.uint8).view(np.int8).astype(np.int64), -_MOST))
+    return odds_of_steps(np.maximum(np.arange(256, dtype=np.uint8).view(np.int8).astype(np.int64), -MOST_STEPS))
 
 
 def odds_of_steps(steps: I64, *, step: float = STEP) -> Odds:
@@ -110,7 +111,7 @@ def steps_between(game: Game, other: Game, unit: int = 1) -> I8:
     steps = np.stack([(_log_odds(*after) - _log_odds(*before)) / (unit * STEP) for before, after in parts])
     rare = other.threshold[:, 1] < _RARE * ONE
     steps[:2, rare] = np.ceil(steps[:2, rare] - _SLACK)
-    most = _MOST // unit
+    most = MOST_STEPS // unit
     return (unit * np.clip(np.rint(steps), -most, most)).astype(np.int8)
 
 

@@ -430,7 +430,7 @@ class Answers:
                 self._reply(kind(id=0, plan=plan, rally=self._first_shown))
 
     def hello(self) -> messages.Hello:
-        """What a page asks first: the hall, the policies, and what is shown."""
+        """Reply to the first request of a page: the hall, the policies, and the rallies that are shown."""
         recorded = self._recorded
         return messages.Hello(
             version=__version__,

@@ -19,6 +19,8 @@ MAX_SITE: Final = 8_000_000
 _MARK: Final = b'<meta name="site" content="static">'
 """Element by which the page knows that no server answers, in the first file that is written."""
 _REPLIES: Final = "replies"
+_ROOM: Final = 600_000
+"""Space for the overviews of matches and the styles [bytes]."""
 
 
 def save_site(
@@ -53,7 +55,9 @@ def save_site(
         added = sum(map(len, replies.values())) + sum(map(len, models.values()))
         if size + added > limit - _ROOM:
             break
-        rallies, fixed, size, count = {**rallies, **replies}, {**fixed, **models}, size + added, count + 1
+        rallies |= replies
+        fixed |= models
+        size, count = size + added, count + 1
         progress(count)
     if not count:
         raise WatchError(f"{folder}: the first rally does not fit into {limit / 1e6:.1f} MB")
@@ -71,10 +75,6 @@ def save_site(
     return count, sum(map(len, content.values()))
 
 
-_ROOM: Final = 600_000
-"""Space for the overviews of matches and the styles [bytes]."""
-
-
 def _check(folder: Path) -> None:
     """Refuse a folder with files that are not those of a site."""
     if folder.is_file():
@@ -89,10 +89,7 @@ def _check(folder: Path) -> None:
 def _static(index: bytes) -> bytes:
     """The page with its policy, which no server sends, and the mark of a site."""
     policy = f'<meta http-equiv="Content-Security-Policy" content="{CONTENT_POLICY}">'.encode()
-    before, head, after = index.partition(b"<head>")
-    if not head:
-        before, head, after = index.partition(b'<meta charset="utf-8">')
-    return before + head + policy + _MARK + after
+    return index.replace(b"<head>", b"<head>" + policy + _MARK, 1)
 
 
 def _packed(answers: Answers, request: messages.Request) -> bytes:
@@ -122,10 +119,15 @@ def _overviews(answers: Answers, hello: messages.Hello, count: int) -> dict[str,
         styles = messages.StylesRequest(id=0, plan=hello.plan, rally=0)
         return {"match-0": _packed(answers, overview), "styles": _packed(answers, styles)}
     found: dict[str, bytes] = {}
-    for number in range(count):
+    number = 0
+    while number < count:
         request = messages.MatchRequest(id=0, rally=number)
         rallies = answers.match(request).rallies
-        if rallies and rallies[-1].number >= count:  # of the rallies that fit
-            request = messages.MatchRequest(id=0, rally=count - 1, partial=True)
-        found[f"match-{number}"] = _packed(answers, request)
+        last = max(number, rallies[-1].number if rallies else number)
+        if last >= count:  # of the rallies that fit
+            last = count - 1
+            request = messages.MatchRequest(id=0, rally=last, partial=True)
+        # Every rally of a match has the same overview.
+        found |= dict.fromkeys((f"match-{k}" for k in range(number, last + 1)), _packed(answers, request))
+        number = last + 1
     return found

@@ -15,14 +15,12 @@ from shuttle_marl.dynamics.features import Rows, rows_from_strokes
 from shuttle_marl.dynamics.make import (
     MIN_STROKES,
     MIN_STROKES_WITH_PRIOR,
-    PRECISION,
     _checked_refits,
-    _moved,
     require_enough,
-    shift_of,
     train_and_validation,
 )
 from shuttle_marl.dynamics.models import sigmoid
+from shuttle_marl.dynamics.prior import PRECISION, _moved, shift_of
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.game.shipped import load_game, read_model_card, refits_of, variants
 from shuttle_marl.game.variants import steps_between

@@ -8,10 +8,11 @@ from shuttle_marl import runs
 from shuttle_marl.suite.players import PlayerSetting, Trained
 from shuttle_marl.training.league.config import LeagueTrainingConfig
 
-_SHARE, _SHARE_OF_SMALL = 0.97, 0.85
-"""Fraction of the budget that is planned, and of a small budget; the rest is for the ends of rallies."""
+_SHARE: Final = 0.97
+"""Fraction of the budget that is planned; the rest is for the ends of rallies."""
 _SMALL: Final = 100_000
-"""Budgets below are those of quick runs."""
+_SHARE_OF_SMALL: Final = 0.85
+"""The same of a smaller budget, as in quick runs, whose few batches vary more."""
 _ROUNDS: Final = 24
 """Rounds of exact PSRO."""
 _BATCHES: Final = 100

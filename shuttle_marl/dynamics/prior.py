@@ -1,0 +1,202 @@
+"""Correction of a model by a few matches, and of its refits."""
+
+import dataclasses
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Final
+
+import numpy as np
+import torch
+from scipy.optimize import minimize_scalar
+
+from shuttle_marl.arrays import F64, Bools
+from shuttle_marl.data.schema import Outcome
+from shuttle_marl.dynamics.compiled import Support, support_of
+from shuttle_marl.dynamics.features import Rows
+from shuttle_marl.dynamics.fit import Fit, Report, intended_targets
+from shuttle_marl.dynamics.fitted import FittedModels, tilted
+from shuttle_marl.dynamics.models import known_outcome, log_odds, mean_probabilities, sigmoid, was_good, was_met
+from shuttle_marl.dynamics.network import Ensemble
+from shuttle_marl.dynamics.players import (
+    CHOICE_PRECISIONS,
+    cross_entropy,
+    fit_choice_shifts,
+    labelled,
+    labels_of,
+    player_choices,
+)
+from shuttle_marl.dynamics.skill import Predicted
+from shuttle_marl.game.court import N_AREAS
+from shuttle_marl.game.skill import COMPONENTS
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.variants import MOST_STEPS, STEP, moved, steps_between
+
+PRECISION: Final = 4.0
+"""Precision of the normal prior of a shift of log-odds; its standard deviation is 0.5."""
+_MAX_SHIFT: Final = 4.0
+_SMALL: Final = 0.01
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Prior:
+    """A model to be corrected.
+
+    Attributes:
+        models: the models.
+        game: the game, whose layout the fit shares.
+        support: support in its data.
+        skill: standard deviations of its offsets of players (:attr:`~shuttle_marl.dynamics.skill.FittedSkill.sd`), if it has any.
+        refits: its refits.
+    """
+
+    models: FittedModels
+    game: Game
+    support: Support
+    skill: F64 | None
+    refits: Sequence[Game]
+
+
+def fit_from(prior: Prior, train: Rows, validation: Rows | None, *, report: Report) -> Fit:
+    """Correct a model by a few matches.
+
+    Args:
+        prior: the model.
+        train: strokes of matches to which the prior was not fitted.
+        validation: strokes of other matches, on which the shrinkage of choices is chosen; None: the weakest.
+        report: called with a line before each stage.
+    """
+    known, good, met = (train.take(mask(train)) for mask in (known_outcome, was_good, was_met))
+    shares = np.bincount(train.codes["discipline"], minlength=len(prior.models.share)) / len(train)
+    report("choices of strokes, as a correction")
+    networks, chosen = _with_choices(prior.models.networks, train, validation)
+    models = dataclasses.replace(prior.models, networks=networks, share=shares)
+    report("faults, returns and contacts, as corrections")
+    fault, share = _faults(models, known)
+    weights = models.situations.weights(known)
+
+    def marginal(shift: float) -> F64:
+        return np.asarray((share * models.situations.mixed(fault + shift, weights)).sum(axis=1))
+
+    returned, above = log_odds(models.returned(good.codes)), log_odds(models.above(met.codes))
+    label = {
+        "success": known.outcome == Outcome.FAULT,
+        "return": good.outcome == Outcome.RETURNED,
+        "contact": met.next_contact == 1,
+    }
+    estimates = {
+        "success": shift_of(marginal, label["success"]),
+        "return": shift_of(lambda b: sigmoid(returned + b), label["return"]),
+        "contact": shift_of(lambda b: sigmoid(above + b), label["contact"]),
+    }
+    deviations = {name: deviation for name, (_, deviation) in estimates.items()}
+    shifts = {name: shift for name, (shift, _) in estimates.items()}
+    calibration = models.calibration.copy()
+    calibration[:, 1] += list(shifts.values())
+    models = dataclasses.replace(models, calibration=calibration)
+    predicted = {
+        "success": Predicted(rows=known, logit=log_odds(marginal(shifts["success"])), label=label["success"]),
+        "return": Predicted(rows=good, logit=returned + shifts["return"], label=label["return"]),
+        "contact": Predicted(rows=met, logit=above + shifts["contact"], label=label["contact"]),
+    }
+    if validation is not None:
+        report("choices of players")
+        choices, chosen["choices"] = player_choices(networks, train, validation, None)
+        models = dataclasses.replace(models, choices=choices)
+    support = _moved(
+        prior.support, shifts, support_of(known, intended_targets(networks["target"], networks["success"], known), prior.game)
+    )
+    chosen |= {
+        "calibration": calibration.tolist(),
+        "situations": {"effort": models.situations.effort.tolist(), "duel": models.situations.duel},
+        "prior": {"game": prior.game.hash, "shifts": shifts, "deviations": deviations},
+    }
+    return Fit(
+        models=models, game=prior.game, support=support, profiles=(support, support), predicted=predicted, chosen=chosen
+    )  # fmt: skip
+
+
+def _faults(models: FittedModels, rows: Rows) -> tuple[F64, F64]:
+    """``[N, 9]`` each: log-odds of a fault by target at effort 0, and probability of each target."""
+    faults = [log_odds(models.fault(rows.with_area(area))) for area in range(N_AREAS)]
+    return np.stack(faults, axis=1), models.targets(rows.codes)
+
+
+def shift_of(probability: Callable[[float], F64], label: Bools) -> tuple[float, float]:
+    """Maximum a posteriori shift of log-odds, 0 without rows, and its standard deviation (Laplace's approximation)."""
+
+    def loss(shift: float) -> float:
+        p = np.clip(probability(shift), 1e-9, 1 - 1e-9)
+        return float(-np.where(label, np.log(p), np.log1p(-p)).sum() + 0.5 * PRECISION * shift * shift)
+
+    shift = float(minimize_scalar(loss, bounds=(-_MAX_SHIFT, _MAX_SHIFT), method="bounded", options={"xatol": 1e-6}).x)
+    curvature = (loss(shift + _SMALL) + loss(shift - _SMALL) - 2 * loss(shift)) / _SMALL**2
+    return shift, 1 / math.sqrt(max(curvature, PRECISION))
+
+
+def _with_choices(
+    networks: dict[str, Ensemble], train: Rows, validation: Rows | None
+) -> tuple[dict[str, Ensemble], dict[str, Any]]:
+    """The choice and target networks with corrected frequencies of shot types and techniques, and of areas."""
+    corrected, chosen = dict(networks), {}
+    for name in ("choice", "target"):
+        network = networks[name]
+        ours, *others = (rows.take(labelled(name, rows)) for rows in (train, validation) if rows)
+        base, label = mean_probabilities(network, ours.codes), labels_of(name, ours)
+        judged = [(mean_probabilities(network, rows.codes), labels_of(name, rows)) for rows in others if len(rows)]
+        candidates: list[tuple[float, float, F64]] = []
+        for precision in CHOICE_PRECISIONS:
+            zeros = np.zeros(len(ours), np.int64)
+            shift = fit_choice_shifts(base, zeros, 1, zeros, 1, label, precision)[0, 0]
+            loss = cross_entropy(tilted(judged[0][0], shift), judged[0][1]) if judged else -precision
+            candidates.append((loss, precision, shift))
+        uncorrected = cross_entropy(tilted(judged[0][0], np.zeros_like(shift)), judged[0][1]) if judged else np.inf
+        loss, precision, shift = min(candidates, key=lambda candidate: candidate[0])
+        if uncorrected <= loss:
+            precision, shift = np.inf, np.zeros_like(shift)
+        chosen[f"average_{name}"] = {"precision": str(precision), "shift": shift.tolist()}
+        corrected[name] = _shifted(network, shift)
+    return corrected, chosen
+
+
+def _shifted(network: Ensemble, shift: F64) -> Ensemble:
+    moved = Ensemble(network.spec)
+    moved.load_state_dict(network.state_dict())
+    moved.requires_grad_(False).eval()
+    moved.last_bias.data += torch.from_numpy(shift).float()
+    return moved
+
+
+def _moved(support: Support, shifts: dict[str, float], own: Support) -> Support:
+    """Support of the prior: ranges shifted like the models, counts plus those of the new strokes."""
+
+    def moved(bounds: F64, shift: float) -> F64:
+        inside = (bounds > 0) & (bounds < 1)
+        return np.where(inside, sigmoid(log_odds(bounds) + shift), bounds)
+
+    return Support(
+        strokes=support.strokes + own.strokes,
+        faults=support.faults + own.faults,
+        winners=support.winners + own.winners,
+        fault_range=moved(support.fault_range, shifts["success"]),
+        # Fewer returns mean more winners.
+        winner_range=moved(support.winner_range, -shifts["return"]),
+    )
+
+
+def refits_from(prior: Prior, game: Game, deviations: Mapping[str, float], seed: int, number: int) -> dict[str, Game]:
+    """Refits of a corrected model: those of the prior, moved like the model, each by other draws of the shifts.
+
+    Args:
+        prior: the model before the correction.
+        game: the corrected game.
+        deviations: standard deviation of the shift of each component.
+        seed: random seed.
+        number: of refits, at most as many as the prior has.
+    """
+    found = {}
+    for k, refit in enumerate(prior.refits[:number], 1):
+        # A shift of the returns moves the winners by as much, and one of the contacts above those below.
+        drawn = np.random.default_rng([seed, k]).normal(0, [deviations[name] for name in COMPONENTS]) / STEP
+        steps = steps_between(prior.game, refit) + np.rint(drawn).astype(np.int64)[:, None]
+        found[str(k)] = moved(game, np.clip(steps, -MOST_STEPS, MOST_STEPS).astype(np.int8), refit.fault_odds)
+    return found
