@@ -5,7 +5,8 @@
 
 Every baseline and budget is a run of `python -m shuttle_marl.suite run` in a folder of its own; the cheapest runs come first.
 `--plan` prints them with their estimated times. `--minutes` starts no run that would end later; `--resume` continues. Each row of
-the result is the summary of a run, and the boards in the documentation are made from them.
+the result is the summary of a run, and the boards in the documentation are made from them. Boards are updated as a whole: `--json`
+keeps the rows in FILE of the same game whose task, split and budget have no run in the folder.
 """
 
 import dataclasses
@@ -202,12 +203,24 @@ def rows_of(folder: Path, game: str) -> list[dict[str, Any]]:
     return list(rows.values())
 
 
+def kept_rows(path: Path | None, rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Rows in a file of results that stay: of the game of the rows, and of boards that have none of them."""
+    if path is None or not path.exists() or not rows:
+        return []
+
+    def board(row: Mapping[str, Any]) -> tuple[Any, ...]:
+        return row["task"], row["split"], row["budget"]
+
+    replaced, game = {board(row) for row in rows}, rows[0]["game"]
+    return [row for row in json_format.loads(path.read_text())["rows"] if row["game"] == game and board(row) not in replaced]
+
+
 def suite(config: tyro.conf.OmitArgPrefixes[Suite], json: Path | None = None) -> None:
     """Run all baselines, and write their summaries.
 
     Args:
         config: what to run.
-        json: write the results here too.
+        json: write the results here too, with the rows of other boards that it holds.
     """
     console = Console(stderr=True, highlight=False, soft_wrap=True)
     if config.plan:
@@ -234,7 +247,7 @@ def suite(config: tyro.conf.OmitArgPrefixes[Suite], json: Path | None = None) ->
             spent, estimated = spent + seconds, estimated + job.seconds
             console.print(_line(job, f"{seconds / 60:.1f} min, estimated {job.seconds / 60:.1f}"))
         rows = rows_of(folder, config.game)
-        save_results(folder, {"rows": rows}, json)
+        save_results(folder, {"rows": [*kept_rows(json, rows), *rows]}, json)
     left = f"; {len(waiting) - started} are left, --resume starts them" if started < len(waiting) else ""
     console.print(f"{len(rows)} runs are in {folder}{left}")
 

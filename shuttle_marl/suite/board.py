@@ -30,6 +30,8 @@ _REFERENCES: Final = (
     "psro-exact",
 )
 """Methods that read the tables or do not learn; they are not counted as the best baseline."""
+_ABLATION: Final = "-without-"
+"""Part of the names of ablations, which are not counted either: to take the best of them would be a choice by the test score."""
 
 
 def render(summaries: Sequence[Mapping[str, Any]], kind: Literal["md", "html"]) -> str:
@@ -96,7 +98,7 @@ def boards(summaries: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
             split = task.splits[number]
             rows = [row for row in of_task if (row["split"], row["budget"] or 0) == (split, budget)]
             rows.sort(key=lambda row: -row["score"] if task.higher_is_better else row["score"])
-            learned = [row for row in rows if row["method"] not in _REFERENCES and row["verified"] is not False]
+            learned = [row for row in rows if row["verified"] is not False and _counts(row["method"])]
             gap = abs(task.optimum - learned[0]["score"]) if learned and task.optimum is not None else None
             columns = list(dict.fromkeys(score for row in rows for score in row["scores"] if score != task.metric))
             found.append({
@@ -114,6 +116,10 @@ def boards(summaries: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
                 "official": all(row["official"] for row in rows),
             })  # fmt: skip
     return found
+
+
+def _counts(method: str) -> bool:
+    return method not in _REFERENCES and _ABLATION not in method
 
 
 def number(value: float | None, name: str = "") -> str:

@@ -6,11 +6,12 @@ from pathlib import Path
 import pytest
 
 from experiments import suite_settings
-from experiments.suite import QUICK, Suite, jobs_of, main, rows_of
+from experiments.suite import QUICK, Suite, jobs_of, kept_rows, main, rows_of
 from shuttle_marl.commands.suite import main as suite
 from shuttle_marl.game import default_game, load_game
 from shuttle_marl.game.shipped import variants
 from shuttle_marl.suite import TASKS, SuiteRun, run_method, summarise
+from shuttle_marl.suite.board import boards
 from shuttle_marl.suite.population import FAMILIES
 from tests.reduced import reduced_model
 
@@ -35,6 +36,23 @@ def test_the_board_is_made_from_the_results(tmp_path: Path, capsys: pytest.Captu
     capsys.readouterr()
     assert suite(("board", "--results", str(results))) == 0
     assert "## robust-v0, test" in capsys.readouterr().out
+
+
+def test_rows_of_other_boards_stay(tmp_path: Path) -> None:
+    def row(budget: int, method: str, game: str = "a") -> dict[str, object]:
+        return {"task": "offline-v0", "split": "test", "budget": budget, "method": method, "game": game}
+
+    known = tmp_path / "suite.json"
+    assert kept_rows(known, [row(10**4, "clone")]) == []
+    known.write_text(json.dumps({"rows": [row(10**4, "cql"), row(10**5, "clone"), row(10**6, "clone", "b")]}))
+    assert kept_rows(known, [row(10**4, "clone")]) == [row(10**5, "clone")]
+    assert kept_rows(known, []) == []
+
+
+def test_ablations_are_not_the_best_method() -> None:
+    rows = [row for row in json.loads(RESULTS.read_text())["rows"] if row["task"] == "adapt-v0"]
+    best = min((row for row in rows if "-without-" not in row["method"]), key=lambda row: row["score"])
+    assert [board["best"]["method"] for board in boards(rows)] == [best["method"]]
 
 
 def test_all_baselines_are_run() -> None:
