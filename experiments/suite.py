@@ -5,8 +5,8 @@
 
 Every baseline and budget is a run of `python -m shuttle_marl.suite run` in a folder of its own; the cheapest runs come first.
 `--plan` prints them with their estimated times. `--minutes` starts no run that would end later; `--resume` continues. Each row of
-the result is the summary of a run, and the boards in the documentation are made from them. Boards are updated as a whole: `--json`
-keeps the rows in FILE of the same game whose task, split and budget have no run in the folder.
+the result is the summary of a run, and the boards in the documentation are made from them. Boards are updated as a whole:
+`--json` keeps the rows in FILE of the same game whose task, split and budget have no run in the folder.
 """
 
 import dataclasses
