@@ -16,11 +16,12 @@ from shuttle_marl.pages import Viewer
 from shuttle_marl.staging import stage
 from shuttle_marl.staging.skeleton import model_file
 from shuttle_marl.watch import messages
-from shuttle_marl.watch.answers import ELITE, StrokeValues, hall_facts, rally_facts
 from shuttle_marl.watch.building import build
+from shuttle_marl.watch.facts import hall_facts, rally_facts
 from shuttle_marl.watch.match import CourtRally, play_rally
 from shuttle_marl.watch.plan import Plan
 from shuttle_marl.watch.policies import PolicyTables
+from shuttle_marl.watch.values import ELITE, StrokeValues
 
 _FPS: Final = 25
 """Frames per second; the page interpolates, and motions are half as large."""

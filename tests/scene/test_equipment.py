@@ -12,7 +12,7 @@ from shuttle_marl.game import court
 from shuttle_marl.scene import models
 from shuttle_marl.scene.mesh import Mesh
 from shuttle_marl.staging import CORK, FEATHER, FEATHERS, RACKET_HEAD, RACKET_LENGTH, SHUTTLE_SCALE, SWEET_SPOT
-from shuttle_marl.watch.answers import hall_facts
+from shuttle_marl.watch.facts import hall_facts
 from tests.scene.conftest import Reel
 
 PAGE = Path(shuttle_marl.watch.__file__).parent / "page" / "src"

@@ -1,0 +1,155 @@
+"""Facts about hall, strokes and rallies that pages receive."""
+
+import numpy as np
+from msgspec.structs import asdict
+
+from shuttle_marl import staging
+from shuttle_marl.game import court
+from shuttle_marl.game.layout import Layout
+from shuttle_marl.game.pairs import AnyGame, PairGame, seat_names
+from shuttle_marl.game.rules import OUTCOMES
+from shuttle_marl.game.shipped import real_strokes
+from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
+from shuttle_marl.staging.trajectory import facing
+from shuttle_marl.watch import messages
+from shuttle_marl.watch.match import CourtRally
+
+
+def hall_facts() -> messages.HallFacts:
+    """Dimensions of court, equipment and athletes, and the vocabulary of strokes."""
+    return messages.HallFacts(
+        court=messages.CourtFacts(
+            length=court.LENGTH,
+            width=court.WIDTH,
+            half_length=court.HALF_LENGTH,
+            half_width=court.HALF_WIDTH,
+            short_service=court.SHORT_SERVICE,
+            long_service_doubles=court.LONG_SERVICE,
+            net=court.NET_HEIGHT,
+            net_centre=court.NET_HEIGHT_CENTRE,
+            net_depth=court.NET_DEPTH,
+            tape=court.TAPE,
+            line=court.LINE,
+        ),
+        areas=[messages.AreaFacts(name=name, box=court.area_box(i)) for i, name in enumerate(court.AREAS)],
+        racket=messages.RacketFacts(
+            length=staging.RACKET_LENGTH, sweet_spot=staging.SWEET_SPOT, butt=staging.RACKET_BUTT, head=staging.RACKET_HEAD
+        ),
+        shuttle=messages.ShuttleFacts(
+            scale=staging.SHUTTLE_SCALE, cork=staging.CORK, feathers=staging.FEATHERS, feather=staging.FEATHER
+        ),
+        bones=list(staging.BONES),
+        athletes={name: {hand: _athlete(name, hand == "right") for hand in ("right", "left")} for name in staging.ATHLETES},
+        shots=list(SHOTS),
+        heights=list(HEIGHTS),
+        techniques=list(TECHNIQUES),
+    )
+
+
+def _athlete(name: str, right_handed: bool) -> messages.AthleteFacts:
+    skeleton = staging.load_skeleton(name)
+    axis, normal = skeleton.racket(right_handed=right_handed)
+    fingers = staging.finger_pose(name, right_handed=right_handed)
+    return messages.AthleteFacts(
+        height=skeleton.height,
+        parents=skeleton.parents(right_handed=right_handed).tolist(),
+        rest=np.round(skeleton.rest_pose(right_handed=right_handed), 6).tolist(),
+        shaft=np.round(axis, 6).tolist(),
+        strings=np.round(normal, 6).tolist(),
+        fingers={bone: np.round(turn, 6).tolist() for bone, turn in fingers.items()},
+    )
+
+
+def rounded(value: float) -> float:
+    """A probability rounded to seven decimals."""
+    return round(float(value), 7)
+
+
+def stroke_facts(game: Layout, stroke: int, seat: int) -> messages.StrokeFacts:
+    """Words of a stroke of the catalogue, and the area at which a seat aims with it."""
+    catalogue, sign = game.catalogue, facing(seat)
+    (x0, x1), (y0, y1) = court.area_box(int(catalogue.area[stroke]), serve=bool(catalogue.is_serve[stroke]))
+    xs, ys = sorted((sign * x0, sign * x1)), sorted((sign * y0, sign * y1))
+    return messages.StrokeFacts(
+        stroke=stroke,
+        seat=seat,
+        shot=SHOTS[catalogue.shot[stroke]],
+        area=court.AREAS[catalogue.area[stroke]],
+        height=HEIGHTS[catalogue.height[stroke]],
+        technique=TECHNIQUES[catalogue.technique[stroke]],
+        box=(xs[0], xs[1], ys[0], ys[1]),
+    )
+
+
+def rally_facts(game: AnyGame, rally: CourtRally, motion: staging.Motion) -> messages.RallyFacts:
+    """A rally without its motion: score, strokes with their probabilities, positions and times, and a person's turn."""
+    winner = rally.winner
+    return messages.RallyFacts(
+        number=rally.number,
+        skill=_skill(game),
+        names=seat_names(game, rally.names),
+        server=rally.server,
+        points=rally.points,
+        games=rally.games,
+        finished=list(rally.score.finished),
+        winner=winner,
+        reason=None if rally.open else OUTCOMES[rally.ending],
+        after=None if winner is None else _score_after(rally, winner),
+        strokes=[_stroke(game, rally, motion, i, int(state)) for i, state in enumerate(rally.states(game))],
+        turn=None if rally.turn is None else _turn(game, rally, rally.turn),
+        players=(_player(motion, 0), _player(motion, 1)),
+    )
+
+
+def _skill(game: AnyGame) -> str | None:
+    if not isinstance(game, PairGame):
+        return None
+    return "with the skill of both players" + ("" if game.date is None else f" as of {game.date}")
+
+
+def _player(motion: staging.Motion, seat: int) -> messages.PlayerFacts:
+    return messages.PlayerFacts(athlete=motion.skeletons[seat].name, hand=motion.handedness[seat])
+
+
+def _turn(game: AnyGame, rally: CourtRally, state: int) -> messages.Turn:
+    seat = (rally.server + len(rally)) % 2
+    game = game.seats[seat]
+    strokes = game.legal_strokes(state).tolist()
+    good, returned, _ = game.stroke_probabilities(game.pair_at(state, np.arange(len(strokes))))
+    legal = [
+        messages.TurnStroke(**asdict(stroke_facts(game, stroke, seat)), p_succ=rounded(good[k]), p_ret=rounded(returned[k]))
+        for k, stroke in enumerate(strokes)
+    ]
+    return messages.Turn(seat=seat, number=len(rally), height=HEIGHTS[int(game.contact(state))], strokes=legal)
+
+
+def _score_after(rally: CourtRally, winner: int) -> messages.ScoreFacts:
+    after = rally.score.after(winner)
+    game_won = len(after.finished) > len(rally.score.finished)
+    points = after.finished[-1] if game_won else after.points
+    return messages.ScoreFacts(points=points, games=after.games, over=after.over, game_won=game_won)
+
+
+def _stroke(game: AnyGame, rally: CourtRally, motion: staging.Motion, i: int, state: int) -> messages.Stroke:
+    trajectory, stroke, game = motion.trajectory, int(rally.stroke[i]), game.seats[int(rally.striker[i])]
+    pair = int(game.pair(state, stroke))
+    good, returned, _ = (rounded(float(p)) for p in game.stroke_probabilities(pair))
+    real = real_strokes(game)
+    return messages.Stroke(
+        **asdict(stroke_facts(game, stroke, int(rally.striker[i]))),
+        state=state,
+        p_succ=good,
+        p_ret=returned,
+        person=i in rally.chosen,
+        effort=int(game.effort(state)) if game.levels > 1 else None,
+        opponent_effort=int(game.opponent_effort(state)) if game.levels > 1 else None,
+        duel=int(game.duel(state)) if game.counts_duels else None,
+        support=None if real is None else round(float(real[game.base_pair_edge[pair % game.n_base_pairs]]), 1),
+        time=round(float(trajectory.time[i]), 4),
+        frame=int(motion.contact_frame[i]),
+        contact=np.round(trajectory.contact[i], 4).tolist(),
+        end=staging.ENDS[trajectory.end[i]],
+        end_time=round(float(trajectory.end_time[i]), 4),
+        end_point=np.round(trajectory.end_point[i], 4).tolist(),
+        speed=round(float(trajectory.flight.launch_speed[i]), 2),
+    )

@@ -1,0 +1,191 @@
+"""Values of the strokes of a game, as pages receive them."""
+
+from typing import Final
+
+import msgspec
+import numpy as np
+
+from shuttle_marl.analysis.rally import Decision, Players, analyse_rally
+from shuttle_marl.analysis.rally import decision as analyse_decision
+from shuttle_marl.arrays import F64
+from shuttle_marl.game import court
+from shuttle_marl.game.shipped import RELIABLE, factor_of, least_support
+from shuttle_marl.game.stroke import SHOTS
+from shuttle_marl.watch import messages
+from shuttle_marl.watch.facts import rounded, stroke_facts
+from shuttle_marl.watch.match import CourtRally
+from shuttle_marl.watch.plan import Side
+from shuttle_marl.watch.policies import OnceCache, PolicyTables
+
+SHOWN: Final = 8
+"""Number of strokes listed for each decision."""
+ELITE: Final = Side(policy="bc")
+"""The imitated average elite player, the reference of all comparisons."""
+_POOR, _BAD = 0.10, 0.15
+"""Least regret of strokes marked ``?!`` and ``?``."""
+_FINE, _RARE, _VERY_RARE = 0.002, 0.05, 0.01
+"""A stroke with at most the first regret is marked ``!`` or ``!!`` if elite players choose it less often than the others."""
+_SOME: Final = 100
+"""Number of real strokes from which a probability is reliable."""
+_MAX_STYLES: Final = 64
+
+
+class StrokeValues:
+    """Values of the strokes of one game.
+
+    Args:
+        policies: policies, their values and the solved game.
+        at_least: real strokes behind strokes that are advised; None: :func:`shuttle_marl.game.shipped.least_support`.
+
+    Attributes:
+        game: the game.
+    """
+
+    def __init__(self, policies: PolicyTables, at_least: int | None = None) -> None:
+        self._policies, self.game = policies, policies.game
+        self._at_least = least_support(policies.game.seats[0]) if at_least is None else at_least
+        self._styles = OnceCache(_MAX_STYLES)
+        factor = factor_of(policies.game.seats[0])
+        self._realised = ""
+        if factor is not None:
+            share, low, high = (f"{part:.0%}" for part in factor)
+            self._realised = f" In real matches, {share} ({low} to {high}) of a predicted advantage was realised."
+
+    def players(self, sides: tuple[Side, Side]) -> Players:
+        """Two policies and their values against each other.
+
+        Raises:
+            PolicyError: a policy cannot be loaded.
+        """
+        first, second = (self._policies.table(side, seat) for seat, side in enumerate(sides))
+        return Players(tables=(first, second), value=self._policies.values(sides))
+
+    def decision(self, state: int, seat: int, players: Players) -> Decision:
+        """The decision of a seat in a state."""
+        return analyse_decision(self.game, state, seat, players, self._policies.solution)
+
+    def analysis(self, rally: CourtRally, players: Players) -> messages.Analysis:
+        """Values of every stroke of a rally."""
+        found = analyse_rally(rally, self.game, players, rules=rally.score.rules, solution=self._policies.solution)
+        strokes = zip(found.decisions, found.rank.tolist(), found.match_win.tolist(), strict=False)
+        fractions: tuple[list[float], list[float]] = ([], [])
+        for choice, rank in zip(found.decisions, found.rank, strict=True):
+            spread = float(np.ptp(choice.optimal))
+            fractions[choice.seat].append(1 - float(choice.regret[rank]) / spread if spread > 0 else 1.0)
+        accuracy = [round(float(np.mean(part)), 4) if part else None for part in fractions]
+        over = rally.winner is not None
+        return messages.Analysis(
+            number=rally.number,
+            strokes=[self._stroke(choice, rank, match_win) for choice, rank, match_win in strokes],
+            landings=[_landings(self.game.catalogue.area, choice) for choice in found.decisions],
+            win_after=float(found.rally_win[-1]) if over else None,
+            match_after=float(found.match_win[-1]) if over else None,
+            accuracy=(accuracy[0], accuracy[1]),
+        )
+
+    def _stroke(self, choice: Decision, rank: int, match_win: float) -> messages.StrokeValue:
+        win, chosen = choice.value, float(choice.win[rank])
+        better = choice.best(self._at_least)
+        regret = max(0.0, float(choice.optimal[better] - choice.optimal[rank]))
+        asked = choice.best(RELIABLE)
+        reliable = bool((choice.support[[rank, asked]] >= RELIABLE).all())
+        return messages.StrokeValue(
+            win=rounded(win if choice.seat == 0 else 1 - win),
+            chosen=rounded(chosen if choice.seat == 0 else 1 - chosen),
+            match=rounded(match_win),
+            probability=rounded(choice.probability[rank]),
+            regret=rounded(regret),
+            mark=self._mark(regret, int(choice.pair[rank])),
+            better=int(choice.stroke[better]),
+            question=int(choice.stroke[asked]) if reliable else None,
+            options=self.options(choice, always=tuple(dict.fromkeys((rank, better, asked)))),
+            sure=_support_sentence(choice.support[[rank, better]]) + self._realised,
+        )
+
+    def options(self, choice: Decision, *, always: tuple[int, ...] = (), limit: int = SHOWN) -> list[messages.Option]:
+        """The strokes of a decision, most probable first.
+
+        Args:
+            choice: the decision.
+            always: positions that are always listed.
+            limit: maximum number of strokes.
+        """
+        order = np.argsort(-choice.probability, kind="stable").tolist()
+        listed = list(dict.fromkeys([*order[: limit - len(always)], *always, *order]))[:limit]
+        return [
+            messages.Option(
+                **msgspec.structs.asdict(stroke_facts(self.game, int(choice.stroke[k]), choice.seat)),
+                p_succ=rounded(choice.p_succ[k]),
+                p_ret=rounded(choice.p_ret[k]),
+                support=None if np.isnan(choice.support[k]) else round(float(choice.support[k]), 1),
+                probability=rounded(choice.probability[k]),
+                win=rounded(choice.win[k]),
+                best=rounded(choice.optimal[k]),
+                regret=rounded(choice.regret[k]),
+            )
+            for k in sorted(listed, key=order.index)
+        ]
+
+    def styles(self, sides: tuple[Side, Side]) -> messages.Styles:
+        """Exact statistics of two players against each other, beside those of two imitated elite players."""
+        return self._styles.get(sides, lambda: self._styles_of(sides))
+
+    def _styles_of(self, sides: tuple[Side, Side]) -> messages.Styles:
+        visits, elite = self._policies.visits(sides), self._policies.visits((ELITE, ELITE))
+        odds = self._policies.values(sides).odds()
+        mixes, reference = [visits.shot_mix(seat) for seat in (0, 1)], elite.shot_mix(0)
+        endings = [_ending_rates(visits.endings(), visits.states, seat) for seat in (0, 1)]
+        elite_endings = _ending_rates(elite.endings(), elite.states, 0)
+        figures = [
+            messages.StyleFigure("rallies won", (odds.rally, 1 - odds.rally), None),
+            messages.StyleFigure("matches won", (odds.match(), 1 - odds.match()), None),
+        ]
+        for name, shots in (
+            ("attack", ("smash", "half-smash", "net-kill")),
+            ("net play", ("net-shot", "cross-court-net-shot", "block")),
+        ):
+            index = [SHOTS.index(shot) for shot in shots]
+            first, second, third = (float(mix[index].sum()) for mix in (*mixes, reference))
+            figures.append(messages.StyleFigure(name, (first, second), third))
+        figures += [
+            messages.StyleFigure(name, (endings[0][name], endings[1][name]), elite_endings[name]) for name in elite_endings
+        ]
+        order = np.argsort(-np.maximum(mixes[0], mixes[1]), kind="stable")
+        shots_ = [messages.StyleFigure(SHOTS[k], (float(mixes[0][k]), float(mixes[1][k])), float(reference[k])) for k in order]
+        first = self._policies.values((sides[0], ELITE)).odds().rally
+        second = 1 - self._policies.values((ELITE, sides[1])).odds().rally
+        return messages.Styles(figures=figures, shots=shots_, strength=(rounded(first), rounded(second)))
+
+    def _mark(self, regret: float, pair: int) -> str:
+        if regret >= _POOR:
+            return "?" if regret >= _BAD else "?!"
+        usual = float(self._policies.table(ELITE).probability_of(np.array([pair]))[0])
+        if regret <= _FINE and usual < _RARE:
+            return "!!" if usual < _VERY_RARE else "!"
+        return ""
+
+
+def _landings(area: np.ndarray, choice: Decision) -> tuple[list[float] | None, list[float] | None]:
+    """Probability with which the striker's policy aims at each area, ``[9]``; None for the receiver."""
+    aims = [round(float(p), 4) for p in np.bincount(area[choice.stroke], choice.probability, court.N_AREAS)]
+    return (aims, None) if choice.seat == 0 else (None, aims)
+
+
+def _ending_rates(endings: dict[str, float], states: tuple[F64, F64], seat: int) -> dict[str, float]:
+    """Faults and winners of a player as fractions of their strokes, serves included."""
+    strokes = float(states[seat].sum())
+    return {
+        "faults": endings[f"fault of player {seat}"] / strokes,
+        "winners": endings[f"winner of player {seat}"] / strokes,
+    }
+
+
+def _support_sentence(support: F64) -> str:
+    """Number of real strokes behind the comparison of a stroke with the best one."""
+    if np.isnan(support).any():
+        return "The number of real strokes behind these probabilities is unknown."
+    least = round(float(support.min()))
+    real = f"Real strokes behind the rarer of this stroke and the best one: {least:,}"
+    if least < RELIABLE:
+        return f"{real}; the models are not reliable here."
+    return f"{real}; the models are fairly reliable here." if least < _SOME else f"{real}; the models are reliable here."
