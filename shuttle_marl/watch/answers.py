@@ -87,6 +87,8 @@ class Answers:
             return self._options(request), b""
         if isinstance(request, messages.MatchRequest):
             return self.match(request), b""
+        if isinstance(request, messages.OpeningRequest):
+            return self.opening(request.line), b""
         return self._styles(request), b""
 
     def match(self, request: messages.MatchRequest) -> messages.MatchReply:
@@ -95,6 +97,10 @@ class Answers:
         about = replace(request, id=0, rally=0 if whole else request.rally)
         found: messages.MatchReply = self._overviews.get(msgspec.json.encode(about), lambda: self._overview(about))
         return found
+
+    def opening(self, line: tuple[int, ...]) -> messages.OpeningReply:
+        """Strokes that follow the first strokes of a rally between two average pros, or the two people of a pair."""
+        return self._values.opening(line, self._imitated(self._values))
 
     def rally_facts(self, request: messages.RallyRequest) -> messages.RallyFacts:
         """A rally without its motion."""
@@ -189,11 +195,15 @@ class Answers:
         found = None if self._recorded is None else self._recorded.players(query.rally)
         if found is not None:
             return found
-        values = self._values_of(query)
+        # Rallies of unknown players have the values of imitated ones.
+        return self._imitated(self._values_of(query))
+
+    @staticmethod
+    def _imitated(values: StrokeValues) -> Players:
+        """The imitated people of a pair, or two average elite players."""
         if isinstance(values.game, PairGame):
             first, second = map(imitation, values.game.players, values.game.seats)
             return values.players((Side(policy=first), Side(policy=second)))
-        # Rallies of unknown players have the values of imitated elite players.
         return values.players((ELITE, ELITE))
 
     def _values_of(self, query: messages.Query) -> StrokeValues:

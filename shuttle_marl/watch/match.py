@@ -7,7 +7,7 @@ match 0, rally and stroke.
 import dataclasses
 import itertools
 import threading
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 import numpy as np
@@ -28,6 +28,7 @@ from shuttle_marl.watch.policies import PolicyTables
 
 PERSON: Final = "you"
 """Name under which a person plays."""
+_SEEDS: Final = 4096
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -157,6 +158,32 @@ def play_rally(
         chosen=tuple(i for i in sorted(chosen) if i < len(strokes)),
         key=int(key[0] >> np.uint64(1)),
     )
+
+
+def seed_of_line(game: AnyGame, line: Sequence[int]) -> int | None:
+    """The first seed of a match whose first rally seat 0 serves and in which all strokes of a line are legal and returned.
+
+    Args:
+        game: tables of the game.
+        line: catalogue indices of the first strokes.
+
+    Returns:
+        The seed; None if none of the first 4,096 has such a rally.
+    """
+    stepper = stepper_of(game)
+    for seed in range(_SEEDS):
+        if int(first_server(draw(stream(seed, 0, 0), 0))[0]):
+            continue
+        key, state = stream(seed, 0, 0), ROOT
+        for i, stroke in enumerate(line):
+            if not stepper.is_legal(state, stroke):
+                break
+            played, state = stepper.step(state, i % 2, stroke, int(outcome_draw(draw(key, i))[0]))
+            if played.outcome < RETURNED_BELOW:
+                break
+        else:
+            return seed
+    return None
 
 
 def side_name(side: Side) -> str:

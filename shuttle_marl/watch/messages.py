@@ -13,7 +13,7 @@ import msgspec
 from msgspec import Meta, Struct
 
 from shuttle_marl.watch import WatchError
-from shuttle_marl.watch.plan import MAX_RALLIES, Chosen, Person, Plan
+from shuttle_marl.watch.plan import MAX_RALLIES, CatalogueIndex, Chosen, Person, Plan
 
 Point = tuple[float, float, float]
 Box = tuple[float, float, float, float]
@@ -87,7 +87,18 @@ class MatchRequest(Query, kw_only=True, tag_field="op", tag="match", frozen=True
     partial: bool = False
 
 
-Request = HelloRequest | RallyRequest | AnalysisRequest | OptionsRequest | StylesRequest | MatchRequest
+class OpeningRequest(Struct, forbid_unknown_fields=True, tag_field="op", tag="opening", frozen=True):
+    """Strokes that follow the first strokes of a rally.
+
+    Attributes:
+        line: catalogue indices of the first strokes.
+    """
+
+    id: int
+    line: Annotated[tuple[CatalogueIndex, ...], Meta(max_length=3)] = ()
+
+
+Request = HelloRequest | RallyRequest | AnalysisRequest | OptionsRequest | StylesRequest | MatchRequest | OpeningRequest
 
 
 class CourtFacts(Struct):
@@ -370,7 +381,41 @@ class MatchReply(Struct):
     marks: tuple[list[int], list[int]]
 
 
-Reply = Hello | RallyReply | Analysis | OptionsReply | Styles | MatchReply
+class OpeningStroke(StrokeFacts, kw_only=True):
+    """A stroke after the first ones of a rally.
+
+    ``available`` is the probability that it is legal, ``share`` that the average pro chooses it; ``win`` assumes that both play like the average pro from
+    then on, ``best`` that both play perfectly.
+    """
+
+    p_succ: float
+    p_ret: float
+    support: float | None
+    available: float
+    share: float
+    win: float
+    best: float
+
+
+class OpeningReply(Struct):
+    """Reply to :class:`OpeningRequest`.
+
+    Attributes:
+        strokes: the most frequent first.
+        seed: seed of a match in which the first rally, served by seat 0, returns all strokes of the line; None: none was found.
+    """
+
+    strokes: list[OpeningStroke]
+    seed: int | None
+
+
+class Openings(Struct):
+    """Replies to :class:`OpeningRequest` in a site, by the line: its catalogue indices with hyphens between them."""
+
+    lines: dict[str, OpeningReply]
+
+
+Reply = Hello | RallyReply | Analysis | OptionsReply | Styles | MatchReply | OpeningReply | Openings
 REPLIES: Final[Mapping[type[Struct], type[Struct]]] = {
     HelloRequest: Hello,
     RallyRequest: RallyReply,
@@ -378,6 +423,7 @@ REPLIES: Final[Mapping[type[Struct], type[Struct]]] = {
     OptionsRequest: OptionsReply,
     StylesRequest: Styles,
     MatchRequest: MatchReply,
+    OpeningRequest: OpeningReply,
 }
 """Type of the reply to each type of request."""
 

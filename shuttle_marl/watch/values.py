@@ -2,9 +2,10 @@
 
 from typing import Final
 
-import msgspec
 import numpy as np
+from msgspec.structs import asdict
 
+from shuttle_marl.analysis.opening import opening
 from shuttle_marl.analysis.rally import Decision, Players, analyse_rally
 from shuttle_marl.analysis.rally import decision as analyse_decision
 from shuttle_marl.arrays import F64
@@ -13,7 +14,7 @@ from shuttle_marl.game.shipped import RELIABLE, factor_of, least_support
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.watch import messages
 from shuttle_marl.watch.facts import rounded, stroke_facts
-from shuttle_marl.watch.match import CourtRally
+from shuttle_marl.watch.match import CourtRally, seed_of_line
 from shuttle_marl.watch.plan import Side
 from shuttle_marl.watch.policies import OnceCache, PolicyTables
 
@@ -114,10 +115,10 @@ class StrokeValues:
         listed = list(dict.fromkeys([*order[: limit - len(always)], *always, *order]))[:limit]
         return [
             messages.Option(
-                **msgspec.structs.asdict(stroke_facts(self.game, int(choice.stroke[k]), choice.seat)),
+                **asdict(stroke_facts(self.game, int(choice.stroke[k]), choice.seat)),
                 p_succ=rounded(choice.p_succ[k]),
                 p_ret=rounded(choice.p_ret[k]),
-                support=None if np.isnan(choice.support[k]) else round(float(choice.support[k]), 1),
+                support=_known(choice.support[k]),
                 probability=rounded(choice.probability[k]),
                 win=rounded(choice.win[k]),
                 best=rounded(choice.optimal[k]),
@@ -125,6 +126,34 @@ class StrokeValues:
             )
             for k in sorted(listed, key=order.index)
         ]
+
+    def opening(self, line: tuple[int, ...], players: Players) -> messages.OpeningReply:
+        """The strokes that follow the first strokes of a rally that seat 0 serves.
+
+        Args:
+            line: catalogue indices of the first strokes.
+            players: policies of both seats.
+
+        Raises:
+            IllegalStrokeError: a stroke of the line is not legal there.
+        """
+        found = opening(self.game, line, players, self._policies.solution)
+        return messages.OpeningReply(
+            strokes=[
+                messages.OpeningStroke(
+                    **asdict(stroke_facts(self.game, stroke, found.seat)),
+                    p_succ=rounded(found.p_succ[k]),
+                    p_ret=rounded(found.p_ret[k]),
+                    support=_known(found.support[k]),
+                    available=rounded(found.available[k]),
+                    share=rounded(found.share[k]),
+                    win=rounded(found.win[k]),
+                    best=rounded(found.optimal[k]),
+                )
+                for k, stroke in enumerate(found.stroke.tolist())
+            ],
+            seed=seed_of_line(self.game, line) if line else None,
+        )
 
     def styles(self, sides: tuple[Side, Side]) -> messages.Styles:
         """Exact statistics of two players against each other, beside those of two imitated elite players."""
@@ -163,6 +192,10 @@ class StrokeValues:
         if regret <= _FINE and usual < _RARE:
             return "!!" if usual < _VERY_RARE else "!"
         return ""
+
+
+def _known(support: float) -> float | None:
+    return None if np.isnan(support) else round(float(support), 1)
 
 
 def _landings(area: np.ndarray, choice: Decision) -> tuple[list[float] | None, list[float] | None]:

@@ -150,7 +150,7 @@ export class MoveList {
           value?.mark ? h("span", { class: `mark${bad}` }, value.mark) : null,
           h("span", { class: "tag" }, words(stroke.area)),
           h("span", { class: "tag" }, words(stroke.technique)),
-          stroke.person ? h("span", { class: "tag" }, "yours") : null,
+          stroke.person ? h("span", { class: "tag" }, rally.names[stroke.seat] === "you" ? "yours" : "tried") : null,
         ),
         delta === null ? "" : h("span", { class: delta >= 0 ? "up" : "down" }, signed(delta)),
       );

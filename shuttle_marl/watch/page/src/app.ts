@@ -111,6 +111,8 @@ export class App {
       changeSide: (seat, side) => this.changeSide(seat, side),
       takeOver: (seat) => void this.takeOver(seat),
       hit: (stroke) => void this.hit(stroke),
+      opening: this.source.opening,
+      playLine: (line, seed) => this.playLine(line, seed),
       hints: () => this.source.options(this.course.wanted(this.course.number)),
       gameOver: (rally) => void this.showGame(rally).catch((error: Error) => this.screen.layout.say(error.message, true)),
     };
@@ -246,6 +248,12 @@ export class App {
       this.values.played.length = 0;
       void this.go(0, null, true);
     }
+  }
+
+  /** Starts a match whose first rally begins with a line of strokes. */
+  private playLine(line: number[], seed: number): void {
+    this.course.open({ seed, sides: this.course.sides!, chosen: { 0: Object.fromEntries(line.entries()) } });
+    void this.go(0, null, true);
   }
 
   /** Opens the link in the address. */

@@ -13,6 +13,9 @@ const SENTENCES = {
   "as they play": "Exact probability that the striker wins the rally with this stroke if both players continue as they play.",
   "perfect play":
     "Exact probability that the striker wins the rally with this stroke if both players play perfectly afterwards.",
+  share: "Probability with which the average pro chooses this stroke here; both contacts with the shuttle are counted.",
+  "pros win": "Exact probability that the striker wins the rally with this stroke if both go on like the average pro.",
+  real: "Number of real strokes behind the probabilities of this stroke.",
   chosen: "Probability with which the player chooses this stroke.",
   regret: "Probability of winning the rally that the stroke loses to the best one if both players play perfectly afterwards.",
   "target areas": "Where the player aims with any stroke in this state [%]; the line is the flight of the stroke played.",

@@ -38,7 +38,7 @@ export interface Parts {
   left: (HTMLElement | null)[];
   /** What the viewer has to do: a question, or the choice of a stroke. */
   task: HTMLElement[];
-  right: HTMLElement[];
+  right: (HTMLElement | null)[];
   curve: HTMLElement;
 }
 
@@ -134,7 +134,7 @@ export class Layout {
       this.court,
       h("div", { class: "column task" }, ...parts.task),
       parts.curve,
-      h("div", { class: "column facts" }, ...parts.right, this.words),
+      h("div", { class: "column facts" }, ...parts.right.filter((part) => part !== null), this.words),
     );
     document.body.append(
       h(

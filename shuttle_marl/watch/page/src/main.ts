@@ -8,7 +8,7 @@ import { h } from "./dom";
 import { Motion } from "./motion";
 import type { Source, Wanted } from "./rallies";
 import { isSite, openReply, openShared, readShared, type Shared, sharedPage, ungzipped } from "./share";
-import type { Analysis, Hello, MatchReply, RallyFacts, RallyRequest, Styles } from "./wire.gen";
+import type { Analysis, Hello, MatchReply, OpeningReply, RallyFacts, RallyRequest, Styles } from "./wire.gen";
 
 declare global {
   interface Window {
@@ -41,6 +41,7 @@ async function served(): Promise<{ hello: Hello; source: Source }> {
     options: async (wanted) => (await server.ask("options", query(wanted))).facts.options,
     styles: async (wanted) => (await server.ask("styles", query(wanted))).facts,
     match: async (wanted) => (await server.ask("match", { ...query(wanted), partial: false })).facts,
+    opening: async (line) => (await server.ask("opening", { line })).facts,
     model: fetchModel,
     share: async (rallies, title, hash, progress) => {
       const [script = "", style = ""] = await Promise.all(
@@ -84,6 +85,7 @@ function stored(find: <F>(key: string) => Found<F>, match: (wanted: Wanted) => s
     options: () => Promise.reject(new Error("a saved page cannot play; start the server")),
     styles: async () => (await find<Styles>("styles")).facts,
     match: async (wanted) => (await find<MatchReply>(match(wanted))).facts,
+    opening: null,
     model,
     share: null,
   };
@@ -113,7 +115,14 @@ async function site(): Promise<{ hello: Hello; source: Source }> {
   };
   const { facts: hello } = await find<Hello>("hello");
   const match = ({ plan, rally }: Wanted) => `match ${plan ? 0 : rally}`;
-  return { hello, source: stored(find, match, fetchModel) };
+  const openings = () => find<{ lines: Record<string, OpeningReply> }>("openings");
+  let loaded: ReturnType<typeof openings> | null = null;
+  const opening = async (line: number[]): Promise<OpeningReply> => {
+    loaded ??= openings();
+    const { lines } = (await loaded).facts;
+    return lines[line.join("-")] ?? { strokes: [], seed: null };
+  };
+  return { hello, source: { ...stored(find, match, fetchModel), opening } };
 }
 
 const fetchModel = async (athlete: string) => (await fetch(`${athlete}.glb`)).arrayBuffer();

@@ -11,13 +11,14 @@ import { Learn } from "./learn";
 import { MatchPanel } from "./match_panel";
 import { displayName } from "./names";
 import { endSentence, reason, startSentence, strokeSentence } from "./narration";
+import { Openings } from "./openings";
 import { EARLY, type Player } from "./player";
 import { RallyBrowser } from "./rally_browser";
 import { SideCard, StylePanel } from "./sides";
 import { Sound } from "./sound";
 import type { Camera, Stage } from "./stage";
 import { Chances, LandingMap } from "./stroke_panels";
-import type { Analysis, Hello, Option, RallyFacts, Side, Styles, Turn } from "./wire.gen";
+import type { Analysis, Hello, OpeningReply, Option, RallyFacts, Side, Styles, Turn } from "./wire.gen";
 
 export interface Acts extends Hooks {
   camera(camera: Camera): void;
@@ -33,6 +34,10 @@ export interface Acts extends Hooks {
   takeOver(seat: number): void;
   hit(stroke: number): void;
   hints(): Promise<Option[]>;
+  /** Strokes after the first strokes of a rally; null: this page has no openings. */
+  opening: ((line: number[]) => Promise<OpeningReply>) | null;
+  /** Starts a match whose first rally begins with a line of strokes. */
+  playLine(line: number[], seed: number): void;
   gameOver(rally: RallyFacts): void;
 }
 
@@ -125,6 +130,14 @@ export class Screen {
       hints: () => acts.hints(),
       aim: (box) => (frames.aim = box),
     });
+    const openings = acts.opening
+      ? new Openings({
+          load: acts.opening,
+          point: (stroke) => (frames.aim = stroke?.box ?? null),
+          play: match && live ? (line, seed) => acts.playLine(line, seed) : null,
+          failed: (error) => this.layout.say(error.message, true),
+        })
+      : null;
     this.layout = new Layout(
       {
         canvas: stage?.canvas ?? null,
@@ -135,7 +148,14 @@ export class Screen {
           this.browser?.element ?? null,
         ],
         task: [this.learn.element, this.board.element],
-        right: [this.match.element, this.moves.element, this.options.element, this.chances.element, this.landing.element],
+        right: [
+          this.match.element,
+          this.moves.element,
+          openings?.element ?? null,
+          this.options.element,
+          this.chances.element,
+          this.landing.element,
+        ],
         curve: this.curve.element,
       },
       this.modes,

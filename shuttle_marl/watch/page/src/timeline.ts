@@ -37,9 +37,14 @@ export class Timeline {
     return this.original !== null || Object.keys(this.tried).length > 0;
   }
 
-  newMatch(): void {
-    this.plan = { seed: Math.floor(Math.random() * 2 ** 31), sides: this.sides! };
+  /** Opens a match. */
+  open(plan: Plan): void {
+    this.plan = plan;
     this.original = null;
+  }
+
+  newMatch(): void {
+    this.open({ seed: Math.floor(Math.random() * 2 ** 31), sides: this.sides! });
     if (this.person) {
       this.person = { ...this.person, rally: 0, stroke: 0 };
     }

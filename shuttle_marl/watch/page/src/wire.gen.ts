@@ -328,6 +328,35 @@ export interface Moment {
   cost: number;
 }
 
+/** Strokes that follow the first strokes of a rally. */
+export interface OpeningRequest {
+  line?: number[];
+}
+
+/** Reply to OpeningRequest. */
+export interface OpeningReply {
+  strokes: OpeningStroke[];
+  seed: number | null;
+}
+
+/** A stroke after the first ones of a rally. */
+export interface OpeningStroke {
+  stroke: number;
+  seat: number;
+  shot: string;
+  area: string;
+  height: string;
+  technique: string;
+  box: [number, number, number, number];
+  p_succ: number;
+  p_ret: number;
+  support: number | null;
+  available: number;
+  share: number;
+  win: number;
+  best: number;
+}
+
 /** Requests by operation. */
 export interface Requests {
   hello: HelloRequest;
@@ -336,6 +365,7 @@ export interface Requests {
   options: OptionsRequest;
   styles: StylesRequest;
   match: MatchRequest;
+  opening: OpeningRequest;
 }
 
 /** Replies by operation. */
@@ -346,4 +376,5 @@ export interface Replies {
   options: OptionsReply;
   styles: Styles;
   match: MatchReply;
+  opening: OpeningReply;
 }
