@@ -9,17 +9,20 @@ from collections.abc import Iterator
 from typing import Final
 
 import msgspec
+import numpy as np
 from msgspec.structs import replace
+from scipy.special import logsumexp
 
 from shuttle_marl import __version__, staging
 from shuttle_marl.analysis.rally import Players
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.game.draws import stream
 from shuttle_marl.game.pairs import PairGame, game_of_people
+from shuttle_marl.game.policy import States, checked_probabilities
 from shuttle_marl.policy import registry
 from shuttle_marl.policy.baselines import imitation
 from shuttle_marl.watch import WatchError, messages
-from shuttle_marl.watch.facts import hall_facts, rally_facts
+from shuttle_marl.watch.facts import hall_facts, rally_facts, rounded
 from shuttle_marl.watch.match import CourtRally, Match, play_rally
 from shuttle_marl.watch.match_log import MatchLog
 from shuttle_marl.watch.overview import match_overview
@@ -34,6 +37,8 @@ _MAX_PACKED: Final = 8
 _MAX_OVERVIEWS: Final = 16
 _MAX_PAIRS: Final = 3
 """Number of games of pairs in memory, of hundreds of megabytes each."""
+_LEAST: Final = 1e-4
+"""Least probability of a stroke that a person chose, under an imitated player."""
 
 
 class Answers:
@@ -87,6 +92,8 @@ class Answers:
             return self._options(request), b""
         if isinstance(request, messages.MatchRequest):
             return self.match(request), b""
+        if isinstance(request, messages.LikenessRequest):
+            return self._likeness(request), b""
         if isinstance(request, messages.OpeningRequest):
             return self.opening(request.line), b""
         return self._styles(request), b""
@@ -165,6 +172,29 @@ class Answers:
             if rally.score.after(rally.winner).over or (ends and number >= query.rally):
                 return
             before, number = rally, number + 1
+
+    def _likeness(self, query: messages.LikenessRequest) -> messages.Likeness:
+        if query.person is None:
+            raise WatchError("likeness is that of a person; take over a side first")
+        seat = query.person.seat
+        states: list[int] = []
+        strokes: list[int] = []
+        for number in range(query.person.rally, query.rally + 1):
+            rally = self._played(replace(query, rally=number))
+            mine = [i for i in rally.chosen if rally.striker[i] == seat]
+            states += rally.states(self._game)[mine].tolist()
+            strokes += rally.stroke[mine].tolist()
+        game = self._game.seats[seat]
+        players = [name for name in registry.names(game) if name.partition(":")[0] == ELITE.policy]
+        log_likelihood = np.zeros(len(players))
+        if strokes:
+            asked = States(game=game, state=np.array(states, np.int32))
+            for i, name in enumerate(players):
+                p = checked_probabilities(self._policies.policy(Side(policy=name), seat), asked, name)
+                log_likelihood[i] = np.log(np.maximum(p[np.arange(len(strokes)), strokes], _LEAST)).sum()
+        posterior = np.exp(log_likelihood - logsumexp(log_likelihood))
+        order = np.argsort(-posterior, kind="stable").tolist()
+        return messages.Likeness([players[i] for i in order], [rounded(posterior[i]) for i in order], len(strokes))
 
     def _styles(self, query: messages.Query) -> messages.Styles:
         if query.plan is None:

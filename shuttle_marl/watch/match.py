@@ -61,7 +61,7 @@ class Match:
 
     def __init__(self, plan: Plan, game: AnyGame, policies: PolicyTables) -> None:
         self.plan, self._game, self._policies = plan, game, policies
-        self._scores = [Score(server=int(first_server(draw(stream(plan.seed, 0, 0), 0))[0]))]
+        self._scores = [Score(server=int(first_server(draw(stream(plan.seed, 0, 0), 0))[0]), rules=plan.rules)]
         self._lock = threading.Lock()
 
     def rally(self, number: int, person: Person | None = None) -> CourtRally:

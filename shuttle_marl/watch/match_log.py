@@ -45,7 +45,7 @@ class MatchLog:
         winner = rally.winner
         if winner is None:
             return
-        match = (plan.seed, rally.names, plan.sides_in(rally.number))
+        match = (plan.seed, plan.points, rally.names, plan.sides_in(rally.number))
         with self._lock:
             if (match, rally.number) in self._recorded:
                 return
@@ -77,6 +77,7 @@ class MatchLog:
             strokes=self._game.catalogue.names,
             policies=players,
             draws="match_v0",
+            rules=plan.rules,
             pair=Pair.of(self._game),
         )
         self._count += 1

@@ -87,6 +87,12 @@ class MatchRequest(Query, kw_only=True, tag_field="op", tag="match", frozen=True
     partial: bool = False
 
 
+class LikenessRequest(Query, kw_only=True, tag_field="op", tag="likeness", frozen=True):
+    """Players whose choices are like those of a person, up to a rally."""
+
+    id: int
+
+
 class OpeningRequest(Struct, forbid_unknown_fields=True, tag_field="op", tag="opening", frozen=True):
     """Strokes that follow the first strokes of a rally.
 
@@ -98,7 +104,16 @@ class OpeningRequest(Struct, forbid_unknown_fields=True, tag_field="op", tag="op
     line: Annotated[tuple[CatalogueIndex, ...], Meta(max_length=3)] = ()
 
 
-Request = HelloRequest | RallyRequest | AnalysisRequest | OptionsRequest | StylesRequest | MatchRequest | OpeningRequest
+Request = (
+    HelloRequest
+    | RallyRequest
+    | AnalysisRequest
+    | OptionsRequest
+    | StylesRequest
+    | MatchRequest
+    | LikenessRequest
+    | OpeningRequest
+)
 
 
 class CourtFacts(Struct):
@@ -381,11 +396,25 @@ class MatchReply(Struct):
     marks: tuple[list[int], list[int]]
 
 
+class Likeness(Struct):
+    """Reply to :class:`LikenessRequest`: imitated players and the average pro, the likeliest first.
+
+    Attributes:
+        names: identifiers of the policies.
+        probability: posterior probability that each made the choices, if all are equally likely before and one of them did.
+        strokes: number of strokes that the person chose.
+    """
+
+    names: list[str]
+    probability: list[float]
+    strokes: int
+
+
 class OpeningStroke(StrokeFacts, kw_only=True):
     """A stroke after the first ones of a rally.
 
-    ``available`` is the probability that it is legal, ``share`` that the average pro chooses it; ``win`` assumes that both play like the average pro from
-    then on, ``best`` that both play perfectly.
+    ``available`` is the probability that it is legal, ``share`` that the average pro chooses it. ``win`` assumes that both play
+    like the average pro from then on, ``best`` that both play perfectly.
     """
 
     p_succ: float
@@ -415,7 +444,7 @@ class Openings(Struct):
     lines: dict[str, OpeningReply]
 
 
-Reply = Hello | RallyReply | Analysis | OptionsReply | Styles | MatchReply | OpeningReply | Openings
+Reply = Hello | RallyReply | Analysis | OptionsReply | Styles | MatchReply | Likeness | OpeningReply | Openings
 REPLIES: Final[Mapping[type[Struct], type[Struct]]] = {
     HelloRequest: Hello,
     RallyRequest: RallyReply,
@@ -423,6 +452,7 @@ REPLIES: Final[Mapping[type[Struct], type[Struct]]] = {
     OptionsRequest: OptionsReply,
     StylesRequest: Styles,
     MatchRequest: MatchReply,
+    LikenessRequest: Likeness,
     OpeningRequest: OpeningReply,
 }
 """Type of the reply to each type of request."""

@@ -8,6 +8,7 @@ from typing import Annotated, Any, Final
 import msgspec
 from msgspec import Meta, Struct
 
+from shuttle_marl.game.scoring import BWF, Rules
 from shuttle_marl.watch import WatchError
 
 MAX_CHANGES: Final = 200
@@ -77,12 +78,14 @@ class Plan(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
         sides: players of seats 0 and 1 in the first rally.
         changes: changes of players.
         chosen: by rally, the strokes that no policy chose: a person's, or strokes that were tried.
+        points: points that win a duel, a match of one game; None: a match by the rules of the sport.
     """
 
     seed: Annotated[int, Meta(ge=0, lt=1 << 53)]
     sides: tuple[Side, Side]
     changes: Annotated[tuple[Change, ...], Meta(max_length=MAX_CHANGES)] = ()
     chosen: dict[RallyNumber, Chosen] = {}
+    points: Annotated[int, Meta(ge=1, le=21)] | None = None
 
     def __post_init__(self) -> None:
         if sum(map(len, self.chosen.values())) > MAX_CHOSEN:
@@ -99,6 +102,11 @@ class Plan(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
             return msgspec.json.decode(msgspec.json.encode(raw), type=cls)
         except (msgspec.MsgspecError, TypeError) as error:
             raise WatchError(f"a plan of a match: {error}") from error
+
+    @property
+    def rules(self) -> Rules:
+        """When the match is won."""
+        return BWF if self.points is None else Rules(points=self.points, clear=1, cap=self.points, games=1)
 
     @property
     def key(self) -> bytes:

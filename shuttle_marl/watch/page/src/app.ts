@@ -1,19 +1,19 @@
 // The page: state, playback and actions of the viewer.
 
+import { Challenges } from "./challenges";
 import { type FrameListener, Frames } from "./frame";
 import { keyTable, listen } from "./keys";
 import type { Mode } from "./layout";
 import { readLink } from "./link";
 import { confirmed } from "./menus";
-import { EARLY, type Player } from "./player";
+import type { Player } from "./player";
 import { Rallies, type Shown, type Source } from "./rallies";
 import { Saving } from "./saving";
 import { type Acts, Screen } from "./screen";
 import type { Camera, Stage } from "./stage";
-import { openStartCard } from "./start";
+import { type Choice, openStartCard } from "./start";
 import { state } from "./state";
 import { StrokeValues } from "./strokeValues";
-import { summary } from "./summary";
 import { Timeline } from "./timeline";
 import type { Hello, RallyFacts, Side } from "./wire.gen";
 
@@ -30,6 +30,7 @@ export class App {
   private readonly saving: Saving;
   private readonly keys: Record<string, () => void>;
   private readonly values: StrokeValues;
+  private readonly challenges: Challenges;
   private shown: Shown | null = null;
   private loopRally = false;
   private autoNext = true;
@@ -65,6 +66,13 @@ export class App {
       (pending) => layout.showBusy(pending ? "computing …" : null),
     );
     this.values = new StrokeValues(source, this.course, this.rallies, this.screen);
+    this.challenges = new Challenges(this.course, this.screen, source, this.values, {
+      live: this.live,
+      go: (rally, stroke, playing) => this.go(rally, stroke, playing),
+      setMode: (mode) => this.setMode(mode),
+      enter: (mode) => this.enter(mode, mode === "play"),
+      seeFrom: (seat) => this.seeFrom(seat),
+    });
     this.saving = new Saving(this.course, this.player, this.frames, source, this.screen);
     listen((key) => this.key(key), this.screen.board.element);
     window.addEventListener("hashchange", () => this.visit());
@@ -72,11 +80,12 @@ export class App {
     const opened = this.go(first, place.stroke, place.stroke === null);
     this.frames.start(this.listener);
     if (!location.hash && this.live) {
-      openStartCard((mode) => void opened.then(() => this.setMode(mode)));
+      openStartCard((choice) => void opened.then(() => this.begin(choice)));
     }
   }
 
   private acts(): Acts {
+    const failed = (error: Error) => this.screen.layout.say(error.message, true);
     return {
       mode: (mode) => this.setMode(mode),
       newMatch: () => this.askNewMatch(),
@@ -111,10 +120,12 @@ export class App {
       changeSide: (seat, side) => this.changeSide(seat, side),
       takeOver: (seat) => void this.takeOver(seat),
       hit: (stroke) => void this.hit(stroke),
+      nextQuestion: () => void this.go(this.screen.learn.following(this.course.number)),
+      daily: () => void this.challenges.daily().catch(failed),
       opening: this.source.opening,
       playLine: (line, seed) => this.playLine(line, seed),
       hints: () => this.source.options(this.course.wanted(this.course.number)),
-      gameOver: (rally) => void this.showGame(rally).catch((error: Error) => this.screen.layout.say(error.message, true)),
+      gameOver: (rally) => void this.challenges.summary(rally).catch(failed),
     };
   }
 
@@ -165,25 +176,15 @@ export class App {
     }
   }
 
-  /** Shows the costliest decisions of a person in the finished game. */
-  private async showGame(rally: RallyFacts): Promise<void> {
-    const { person } = this.course;
-    if (person) {
-      const dialog = this.screen.layout.summary;
-      const next = () => rally.after!.over || void this.go(rally.number + 1, null, true);
-      const open = (number: number, stroke: number) => {
-        dialog.removeEventListener("close", next);
-        dialog.close();
-        this.setMode("analyse");
-        void this.go(number, stroke);
-      };
-      dialog.querySelector("div")!.replaceChildren(...(await summary(rally, person.seat, this.values.played, open)));
-      dialog.addEventListener("close", next, { once: true });
-      dialog.showModal();
+  // Actions.
+
+  private begin(choice: Choice): void {
+    if (choice === "daily" || choice === "duel") {
+      void this.challenges[choice]();
+    } else if (choice !== "watch") {
+      this.setMode(choice);
     }
   }
-
-  // Actions.
 
   setMode(mode: Mode): void {
     const { course, screen } = this;
@@ -210,12 +211,12 @@ export class App {
     if (!player.playing && player.time >= player.duration) {
       player.seek(0);
     }
-    const mine = this.screen.board.turn && (player.waits || player.time >= player.duration - EARLY);
+    const mine = this.screen.board.turn && (player.waits || player.time >= player.choice);
     player.playing = !player.playing && !mine;
   }
 
   seek(time: number): void {
-    const limit = this.shown?.rally.turn ? this.player.duration - EARLY : Infinity;
+    const limit = this.shown?.rally.turn ? this.player.choice : Infinity;
     this.player.seek(Math.min(time, limit));
   }
 
@@ -436,9 +437,12 @@ export class App {
       this.replayed = null;
       return false;
     }
-    const best = screen.analysis?.strokes.findLastIndex(({ mark }) => mark === "!!") ?? -1;
+    const duel = this.course.person !== null && !!this.course.plan?.points;
+    const shown = (mark: string, i: number) => (duel ? mark.startsWith("!") && rally.strokes[i]!.person : mark === "!!");
+    const best = screen.analysis?.strokes.findLastIndex(({ mark }, i) => shown(mark, i)) ?? -1;
     const last = rally.strokes.length - 1;
-    if (!stage || STILL.matches || !autoNext || screen.mode !== "watch" || (best < 0 && last + 1 < LONG)) {
+    const wanted = duel || screen.mode === "watch";
+    if (!stage || STILL.matches || !autoNext || !wanted || (best < 0 && last + 1 < LONG)) {
       return false;
     }
     this.replayed = stage.camera;

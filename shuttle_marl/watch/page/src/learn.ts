@@ -1,5 +1,6 @@
 // Quiz: stops before the costliest decisions of a rally and asks for a better stroke.
 
+import { type Daily, PUZZLES } from "./daily";
 import { h, percent, replaceChildren, words } from "./dom";
 import { term } from "./glossary";
 import { displayName } from "./names";
@@ -8,6 +9,7 @@ import type { Analysis, Option, RallyFacts, StrokeValue } from "./wire.gen";
 const QUESTIONS = 3;
 const WORTH_ASKING = 0.03; // minimum loss of the stroke played, as a probability of winning the rally
 const ANSWERS = 4;
+const CLOSE = 0.02; // an answer that loses less than this is not offered beside the best one
 const RALLIES = 20; // rallies without a question that are skipped
 
 interface Question {
@@ -17,7 +19,7 @@ interface Question {
 }
 
 /** The costliest decisions whose best and played strokes have enough real strokes behind them, in order of time. */
-export function questions(rally: RallyFacts, analysis: Analysis): Question[] {
+export function questions(rally: RallyFacts, analysis: Analysis, most = QUESTIONS): Question[] {
   const found = analysis.strokes.flatMap((value, stroke): Question[] => {
     const pick = (wanted: number) => value.options.find((option) => option.stroke === wanted);
     const [best, played] = [value.question === null ? undefined : pick(value.question), pick(rally.strokes[stroke]!.stroke)];
@@ -26,13 +28,13 @@ export function questions(rally: RallyFacts, analysis: Analysis): Question[] {
   const loss = ({ best, played }: Question) => best.best - played.best;
   return found
     .sort((a, b) => loss(b) - loss(a))
-    .slice(0, QUESTIONS)
+    .slice(0, most)
     .sort((a, b) => a.stroke - b.stroke);
 }
 
 /** Answers of a question: the best stroke, the one played, and worse ones, ordered by area to hide which is which. */
 function answers({ best, played }: Question, value: StrokeValue): Option[] {
-  const others = value.options.filter((option) => option !== best && option !== played && option.best < best.best);
+  const others = value.options.filter((option) => option !== best && option !== played && best.best - option.best >= CLOSE);
   const bySupport = others.sort((a, b) => (b.support ?? 0) - (a.support ?? 0));
   return [best, played, ...bySupport].slice(0, ANSWERS).sort((a, b) => a.stroke - b.stroke);
 }
@@ -45,6 +47,8 @@ export interface LearnHooks {
   stopBefore(stroke: number): void;
   reveal(upTo: number): void;
   nextRally(): void;
+  /** Starts the puzzles of the day. */
+  daily(): void;
   /** Draws the target and the flight of a stroke; null: of none. */
   point(option: Option | null): void;
   /** Plays the rally on from a stroke. */
@@ -70,6 +74,7 @@ export class Learn {
   private asked = 0;
   private skipped = 0;
   private answered = false;
+  private daily: Daily | null = null;
 
   constructor(private readonly hooks: LearnHooks) {}
 
@@ -88,21 +93,30 @@ export class Learn {
     if (this.rally) {
       return;
     }
-    this.left = questions(rally, analysis);
+    const { daily } = this;
+    this.left = questions(rally, analysis, daily ? 1 : QUESTIONS);
     this.element.classList.remove("hidden");
-    if (!this.left.length && this.skipped < RALLIES && !rally.after?.over) {
+    const another = daily ? daily.after(rally.number) !== null : this.skipped < RALLIES && !rally.after?.over;
+    if (!this.left.length && another) {
       this.skipped++;
-      replaceChildren(
-        this.element,
-        h("h2", {}, h("span", {}, "Find the better stroke")),
-        h("p", {}, "Looking for a question …"),
-      );
+      replaceChildren(this.element, h("h2", {}, h("span", {}, this.title)), h("p", {}, "Looking for a question …"));
       this.hooks.nextRally();
       return;
     }
     [this.rally, this.analysis] = [rally, analysis];
     this.right = this.asked = this.skipped = 0;
     void this.next();
+  }
+
+  /** Starts the puzzles of a day, or questions about any rally; `begin` follows with the first rally. */
+  start(daily: Daily | null): void {
+    this.daily = daily;
+    this.end();
+  }
+
+  /** The rally of the next question. */
+  following(rally: number): number {
+    return this.daily?.after(rally) ?? rally + 1;
   }
 
   end(): void {
@@ -118,27 +132,43 @@ export class Learn {
     this.answered = false;
     const question = this.left.shift();
     if (!question) {
-      this.tellAccuracy();
+      if (!this.daily) {
+        this.tellAccuracy();
+      } else if (this.asked && !this.daily.done && this.daily.after(this.rally!.number) !== null) {
+        this.end();
+        this.hooks.nextRally();
+      } else {
+        this.tellDay(this.daily);
+      }
       return;
     }
     this.question = question;
     const stroke = this.rally!.strokes[question.stroke]!;
     replaceChildren(
       this.element,
-      h(
-        "h2",
-        {},
-        term("better stroke", "Find the better stroke"),
-        h("span", {}, `${this.asked + 1} of ${this.asked + this.left.length + 1}`),
-      ),
+      h("h2", {}, term("better stroke", this.title), h("span", {}, this.place)),
       h(
         "p",
         {},
         h("b", { class: stroke.seat ? "b" : "a" }, displayName(this.rally!.names[stroke.seat]!)),
         ` plays stroke ${question.stroke + 1}, from ${stroke.height} the net.`,
       ),
+      this.daily ? null : this.dayButton(),
     );
     this.hooks.stopBefore(question.stroke);
+  }
+
+  private get title(): string {
+    return this.daily ? "Rally of the day" : "Find the better stroke";
+  }
+
+  private get place(): string {
+    const { daily, asked } = this;
+    return daily ? `${daily.answers.length + 1} of ${PUZZLES}` : `${asked + 1} of ${asked + this.left.length + 1}`;
+  }
+
+  private dayButton(): HTMLElement {
+    return h("button", { onclick: () => this.hooks.daily() }, "Rally of the day: five puzzles");
   }
 
   /** Shows the question when the playback reaches the decision. */
@@ -186,6 +216,10 @@ export class Learn {
     this.asked++;
     this.right += right ? 1 : 0;
     this.answered = true;
+    if (this.daily) {
+      const shown = this.options.reduce((sum, option) => sum + option.probability, 0);
+      this.daily.add(right, shown > 0 ? best.probability / shown : 1 / this.options.length);
+    }
     this.buttons.forEach((button, i) => {
       const option = this.options[i]!;
       button.disabled = true;
@@ -199,7 +233,8 @@ export class Learn {
     const verdict = right ? "Correct." : `Better: ${name(best)}; yours loses ${lost(given)}.`;
     const support = Math.round(Math.min(best.support!, played.support!));
     const { playInstead, playFrom } = this.hooks;
-    const next = h("button", { onclick: () => void this.next() }, this.left.length ? "Next question" : "Show accuracy");
+    const last = this.daily ? (this.daily.done ? "Result" : "Next puzzle") : "Show accuracy";
+    const next = h("button", { onclick: () => void this.next() }, this.left.length ? "Next question" : last);
     this.element.append(
       h(
         "p",
@@ -216,6 +251,35 @@ export class Learn {
       ),
     );
     next.focus({ preventScroll: true });
+  }
+
+  private tellDay(daily: Daily): void {
+    this.question = null;
+    const right = daily.answers.filter(Boolean).length;
+    const copied = h("p", { role: "status", class: "quiet" });
+    const copy = () =>
+      navigator.clipboard.writeText(daily.card).then(
+        () => (copied.textContent = "Copied"),
+        () => (copied.textContent = daily.card),
+      );
+    const share = h("button", { onclick: () => void copy() }, "Copy the result");
+    const more = () => {
+      this.start(null);
+      this.hooks.nextRally();
+    };
+    const marks = daily.answers.map((answer) =>
+      h("span", { role: "img", class: answer ? "up" : "down", "aria-label": answer ? "right" : "wrong" }, answer ? "●" : "○"),
+    );
+    replaceChildren(
+      this.element,
+      h("h2", {}, h("span", {}, this.title), h("span", {}, daily.date)),
+      h("p", {}, h("b", {}, `${right}/${daily.answers.length} `), ...marks),
+      h("p", {}, daily.answers.length ? daily.rating : "These rallies have no question with enough real strokes."),
+      h("div", { class: "row" }, share, h("button", { onclick: more }, "More questions")),
+      copied,
+    );
+    this.hooks.reveal(Infinity);
+    share.focus({ preventScroll: true });
   }
 
   private tellAccuracy(): void {
@@ -236,7 +300,7 @@ export class Learn {
       h("p", {}, score),
       ...accuracy,
       h("p", { class: "quiet" }, "Accuracy: 100 % is perfect play, 0 % the worst stroke at every decision."),
-      done,
+      h("div", { class: "row" }, done, this.dayButton()),
     );
     this.hooks.reveal(Infinity);
     done.focus({ preventScroll: true });

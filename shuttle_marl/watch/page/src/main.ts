@@ -41,6 +41,7 @@ async function served(): Promise<{ hello: Hello; source: Source }> {
     options: async (wanted) => (await server.ask("options", query(wanted))).facts.options,
     styles: async (wanted) => (await server.ask("styles", query(wanted))).facts,
     match: async (wanted) => (await server.ask("match", { ...query(wanted), partial: false })).facts,
+    likeness: async (wanted) => (await server.ask("likeness", query(wanted))).facts,
     opening: async (line) => (await server.ask("opening", { line })).facts,
     model: fetchModel,
     share: async (rallies, title, hash, progress) => {
@@ -75,6 +76,8 @@ async function served(): Promise<{ hello: Hello; source: Source }> {
   return { hello, source };
 }
 
+const noPlay = () => Promise.reject(new Error("a saved page cannot play; start the server"));
+
 type Found<F> = Promise<{ facts: F; body: ArrayBuffer }>;
 
 /** Source of stored replies. */
@@ -82,7 +85,8 @@ function stored(find: <F>(key: string) => Found<F>, match: (wanted: Wanted) => s
   return {
     rally: async ({ rally }) => unpacked(await find(`rally ${rally}`)),
     analysis: async ({ rally }) => (await find<Analysis>(`analysis ${rally}`)).facts,
-    options: () => Promise.reject(new Error("a saved page cannot play; start the server")),
+    options: noPlay,
+    likeness: noPlay,
     styles: async () => (await find<Styles>("styles")).facts,
     match: async (wanted) => (await find<MatchReply>(match(wanted))).facts,
     opening: null,

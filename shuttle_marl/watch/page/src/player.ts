@@ -4,8 +4,7 @@ import type { Motion } from "./motion";
 import type { RallyFacts } from "./wire.gen";
 
 export const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 4] as const;
-/** Time before the contact at which the playback waits for a person [s]. */
-export const EARLY = 0.45;
+const EARLY = 0.45; // time before the contact of a person at which the playback waits for their choice [s]
 const HASTE = 1.2; // rate of breathing of waiting players; twice the maximum speed of playback
 
 export class Player {
@@ -27,10 +26,15 @@ export class Player {
     this.motion = motion;
     this.time = Math.min(time, motion.duration);
     this.breath = 0;
-    const turn = rally.turn ? Math.max(0, motion.duration - EARLY) : null;
+    const turn = rally.turn ? this.choice : null;
     this.stopAt = turn;
     this.waiting = rally.strokes.length || still ? null : turn;
     this.until = null;
+  }
+
+  /** Time at which a person chooses the next stroke: after the last one, however fast the shuttle is. */
+  get choice(): number {
+    return Math.max(this.rally?.strokes.at(-1)?.time ?? 0, this.duration - EARLY);
   }
 
   get duration(): number {

@@ -1,7 +1,7 @@
 // Cache of requested rallies; replies that a later request supersedes are dropped.
 
 import type { Motion } from "./motion";
-import type { Analysis, MatchReply, OpeningReply, Option, Person, Plan, RallyFacts, Styles } from "./wire.gen";
+import type { Analysis, Likeness, MatchReply, OpeningReply, Option, Person, Plan, RallyFacts, Styles } from "./wire.gen";
 
 /** A requested rally: of a match by its plan, or a recorded one. */
 export interface Wanted {
@@ -23,6 +23,8 @@ export interface Source {
   options(wanted: Wanted): Promise<Option[]>;
   styles(wanted: Wanted): Promise<Styles>;
   match(wanted: Wanted): Promise<MatchReply>;
+  /** Players whose choices are like those of the person, up to a rally. */
+  likeness(wanted: Wanted): Promise<Likeness>;
   /** Strokes after the first strokes of a rally; null: this page has no openings. */
   opening: ((line: number[]) => Promise<OpeningReply>) | null;
   model(athlete: string): Promise<ArrayBuffer>;

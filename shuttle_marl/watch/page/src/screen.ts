@@ -12,7 +12,7 @@ import { MatchPanel } from "./match_panel";
 import { displayName } from "./names";
 import { endSentence, reason, startSentence, strokeSentence } from "./narration";
 import { Openings } from "./openings";
-import { EARLY, type Player } from "./player";
+import type { Player } from "./player";
 import { RallyBrowser } from "./rally_browser";
 import { SideCard, StylePanel } from "./sides";
 import { Sound } from "./sound";
@@ -34,6 +34,10 @@ export interface Acts extends Hooks {
   takeOver(seat: number): void;
   hit(stroke: number): void;
   hints(): Promise<Option[]>;
+  /** Shows the rally of the next question. */
+  nextQuestion(): void;
+  /** Starts the puzzles of the day. */
+  daily(): void;
   /** Strokes after the first strokes of a rally; null: this page has no openings. */
   opening: ((line: number[]) => Promise<OpeningReply>) | null;
   /** Starts a match whose first rally begins with a line of strokes. */
@@ -111,7 +115,8 @@ export class Screen {
     this.learn = new Learn({
       stopBefore: (stroke) => this.stopBefore(stroke),
       reveal: (upTo) => this.reveal(upTo),
-      nextRally: () => acts.rally(1),
+      nextRally: () => acts.nextQuestion(),
+      daily: () => acts.daily(),
       point: (option) => this.point(option),
       playFrom: async (stroke) => {
         await acts.backToPlayed();
@@ -180,6 +185,13 @@ export class Screen {
     const { clientWidth, clientHeight } = this.layout.court;
     if (clientWidth && clientHeight) {
       this.frames.resize(clientWidth, clientHeight);
+    }
+  }
+
+  /** Switches the sound on. */
+  hear(): void {
+    if (!this.sound.on) {
+      this.toggleSound();
     }
   }
 
@@ -306,7 +318,7 @@ export class Screen {
       this.cameras.show(this.stage.camera);
       this.speed.show(rally, player.stroke, player.time, this.stage);
     }
-    const time = player.waits ? player.duration - EARLY : player.time;
+    const time = player.waits ? player.choice : player.time;
     this.layout.scrubber.value = String(time);
     this.layout.clock.textContent = `${time.toFixed(2)} / ${player.duration.toFixed(1)} s`;
     this.layout.showPlaying(player.playing);

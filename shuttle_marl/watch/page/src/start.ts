@@ -9,13 +9,13 @@ const CHOICES: [Mode, string, string][] = [
   ["play", "Play one", "Choose shots and targets against an opponent."],
 ];
 
+export type Choice = Mode | "daily" | "duel";
+
 /** Opens the card; closing it watches the rally. */
-export function openStartCard(choose: (mode: Mode) => void): void {
-  const pick = (mode: Mode) => {
+export function openStartCard(choose: (choice: Choice) => void): void {
+  const pick = (choice: Choice) => {
     element.close();
-    if (mode !== "watch") {
-      choose(mode);
-    }
+    choose(choice);
   };
   const element: HTMLDialogElement = h(
     "dialog",
@@ -28,6 +28,12 @@ export function openStartCard(choose: (mode: Mode) => void): void {
       ...CHOICES.map(([mode, name, about]) =>
         h("button", { onclick: () => pick(mode) }, h("b", {}, name), h("span", { class: "quiet" }, about)),
       ),
+    ),
+    h(
+      "div",
+      { class: "row" },
+      h("button", { onclick: () => pick("daily") }, "Rally of the day: five puzzles"),
+      h("button", { onclick: () => pick("duel") }, "Duel with perfect play, to 3 points"),
     ),
   );
   element.addEventListener("close", () => element.remove());

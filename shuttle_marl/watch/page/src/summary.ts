@@ -1,7 +1,8 @@
 // The summary of a game that a person played: their costliest decisions.
 
 import { h, percent, words } from "./dom";
-import type { Analysis, RallyFacts } from "./wire.gen";
+import { displayName } from "./names";
+import type { Analysis, Likeness, RallyFacts } from "./wire.gen";
 
 /** A rally that a person played to its end. */
 export interface Played {
@@ -44,14 +45,33 @@ export async function summary(
       better ? ` · better: ${words(better.shot)} to ${words(better.area)}` : "",
     );
   });
+  const shares = found.flatMap(({ rally, analysis }): [number, number][] => {
+    const share = analysis.accuracy[seat as 0 | 1];
+    return share === null ? [] : [[share, rally.strokes.filter((stroke) => stroke.seat === seat).length]];
+  });
+  const total = shares.reduce((sum, [, count]) => sum + count, 0);
+  const accuracy = shares.reduce((sum, [share, count]) => sum + share * count, 0) / Math.max(total, 1);
   const mean = strokes.length ? strokes.reduce((sum, { value }) => sum + value.regret, 0) / strokes.length : 0;
   const score = last.after!.points.join(" – ");
   return [
     h(
       "p",
       {},
-      `${score}. You chose ${strokes.length} strokes, with a mean regret of ${(100 * mean).toFixed(1)} %. Largest regrets:`,
+      `${score}. You chose ${strokes.length} strokes, with an accuracy of ${percent(accuracy)} and a mean regret of ${(100 * mean).toFixed(1)} %. Largest regrets:`,
     ),
     h("ol", {}, ...rows),
   ];
+}
+
+/** Which player the choices of a person are like. */
+export function likenessSentence({ names, probability, strokes }: Likeness): HTMLElement {
+  const [name, share] = [names[0], probability[0]];
+  const known = strokes > 0 && name !== undefined && share !== undefined;
+  return h(
+    "p",
+    {},
+    known &&
+      `You play ${percent(share)} like ${displayName(name)}: if one of ${names.length} players chose your ${strokes} strokes, ` +
+        "it is this one with that probability.",
+  );
 }

@@ -82,6 +82,7 @@ export interface Plan {
   sides: [Side, Side];
   changes?: Change[];
   chosen?: Record<string, Record<string, number>>;
+  points?: number | null;
 }
 
 /** The player of a seat. */
@@ -328,6 +329,21 @@ export interface Moment {
   cost: number;
 }
 
+/** Players whose choices are like those of a person, up to a rally. */
+export interface LikenessRequest {
+  rally: number;
+  plan?: Plan | null;
+  person?: Person | null;
+  tried?: Record<string, number>;
+}
+
+/** Reply to LikenessRequest: imitated players and the average pro, the likeliest first. */
+export interface Likeness {
+  names: string[];
+  probability: number[];
+  strokes: number;
+}
+
 /** Strokes that follow the first strokes of a rally. */
 export interface OpeningRequest {
   line?: number[];
@@ -365,6 +381,7 @@ export interface Requests {
   options: OptionsRequest;
   styles: StylesRequest;
   match: MatchRequest;
+  likeness: LikenessRequest;
   opening: OpeningRequest;
 }
 
@@ -376,5 +393,6 @@ export interface Replies {
   options: OptionsReply;
   styles: Styles;
   match: MatchReply;
+  likeness: Likeness;
   opening: OpeningReply;
 }

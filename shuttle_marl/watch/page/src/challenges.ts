@@ -1,0 +1,99 @@
+// Reasons to come back: the puzzles of the day, and a duel with perfect play.
+
+import { Daily, today } from "./daily";
+import { h } from "./dom";
+import type { Mode } from "./layout";
+import type { Source } from "./rallies";
+import type { Screen } from "./screen";
+import type { StrokeValues } from "./strokeValues";
+import { likenessSentence, summary } from "./summary";
+import type { Timeline } from "./timeline";
+import type { RallyFacts, Side } from "./wire.gen";
+
+const POINTS = 3; // of a duel
+const PRO: Side = { policy: "bc", temperature: 1 };
+const PERFECT: Side = { policy: "minimax", temperature: 1 };
+
+export interface ChallengeHooks {
+  /** Whether the page has a server that plays. */
+  live: boolean;
+  go(rally: number, stroke: number | null, playing: boolean): Promise<void>;
+  setMode(mode: Mode): void;
+  enter(mode: Mode): void;
+  /** Shows the court from the end of a seat. */
+  seeFrom(seat: number): void;
+}
+
+export class Challenges {
+  constructor(
+    private readonly course: Timeline,
+    private readonly screen: Screen,
+    private readonly source: Source,
+    private readonly values: StrokeValues,
+    private readonly hooks: ChallengeHooks,
+  ) {}
+
+  /** Starts the puzzles of the day: of a match of its own, or of the rallies of this page. */
+  async daily(): Promise<void> {
+    const { course, screen, hooks } = this;
+    const given = hooks.live ? null : (await this.source.match(course.wanted(course.number))).rallies;
+    const daily = new Daily(today(), given?.length ? { first: given[0]!.number, count: given.length } : null);
+    if (hooks.live) {
+      course.open({ seed: daily.seed, sides: [PRO, PRO] });
+      course.person = null;
+      hooks.seeFrom(0);
+    }
+    screen.learn.start(daily);
+    hooks.enter("learn");
+    await hooks.go(daily.first, null, false);
+  }
+
+  /** Starts a duel with perfect play. */
+  async duel(): Promise<void> {
+    const { course, screen, hooks } = this;
+    course.open({ seed: Math.floor(Math.random() * 2 ** 31), sides: [PRO, PERFECT], points: POINTS });
+    course.person = { seat: 0, rally: 0, stroke: 0 };
+    this.values.played.length = 0;
+    hooks.enter("play");
+    hooks.seeFrom(0);
+    screen.hear();
+    await hooks.go(0, null, true);
+    screen.layout.say(`A duel to ${POINTS} points with perfect play: choose a stroke and hit`);
+  }
+
+  /** Shows the costliest decisions of a person in the finished game, and whose choices theirs are like. */
+  async summary(rally: RallyFacts): Promise<void> {
+    const { course, hooks, screen } = this;
+    const { person } = course;
+    if (!person) {
+      return;
+    }
+    const dialog = screen.layout.summary;
+    const next = () => rally.after!.over || void hooks.go(rally.number + 1, null, true);
+    const leave = () => {
+      dialog.removeEventListener("close", next);
+      dialog.close();
+    };
+    const open = (number: number, stroke: number) => {
+      leave();
+      hooks.setMode("analyse");
+      void hooks.go(number, stroke, false);
+    };
+    const again = () => {
+      leave();
+      void this.duel();
+    };
+    const [found, likeness] = await Promise.all([
+      summary(rally, person.seat, this.values.played, open),
+      this.source.likeness(course.wanted(rally.number)),
+    ]);
+    const content = [
+      ...found,
+      likenessSentence(likeness),
+      course.plan?.points ? h("button", { onclick: again }, "Another duel") : "",
+    ];
+    dialog.querySelector("div")!.replaceChildren(...content);
+    dialog.addEventListener("close", next, { once: true });
+    dialog.showModal();
+  }
+}

@@ -1,0 +1,110 @@
+// Puzzles of the day: five questions chosen by the date, the same for everyone, with a rating kept in the browser.
+
+const KEY = "shuttle_marl.puzzles";
+const START = 1500; // rating of the average pro, and of a new viewer
+const STEP = 32; // most points that one answer changes
+const SPREAD = 400; // difference of ratings at which the stronger side is right ten times as often
+const [RARE, SURE] = [0.02, 0.98]; // bounds of the chance of the average pro
+
+export const PUZZLES = 5;
+
+interface History {
+  rating: number;
+  /** Answers by date, such as "11011". */
+  days: Record<string, string>;
+}
+
+/** The date at Greenwich, the same for everyone at the same time. */
+export function today(): string {
+  return new Date().toISOString().slice(0, 10);
+}
+
+function stored(): History {
+  try {
+    const found = JSON.parse(localStorage.getItem(KEY) ?? "{}") as Partial<History>;
+    return { rating: Number(found.rating) || START, days: { ...found.days } };
+  } catch {
+    return { rating: START, days: {} };
+  }
+}
+
+/** Elo rating of a puzzle that the average pro, rated 1500, solves with a probability. */
+export function difficulty(chance: number): number {
+  const p = Math.min(Math.max(chance, RARE), SURE);
+  return START + SPREAD * Math.log10((1 - p) / p);
+}
+
+export class Daily {
+  /** Whether each answer was right. */
+  readonly answers: boolean[] = [];
+  private readonly history = stored();
+  private readonly before = this.history.rating;
+  /** Whether this day was played before; then the rating stays. */
+  private readonly again: boolean;
+
+  /**
+   * @param date the day, as in 2026-05-01.
+   * @param given numbers of the rallies between which the puzzles are chosen, each the last plus 1; null: a match of its own.
+   */
+  constructor(
+    readonly date: string,
+    private readonly given: { first: number; count: number } | null,
+  ) {
+    this.again = date in this.history.days;
+  }
+
+  /** Seed of the match from which the puzzles are taken. */
+  get seed(): number {
+    return Number(this.date.replaceAll("-", ""));
+  }
+
+  /** The first rally; of given ones, another one every day. */
+  get first(): number {
+    const { given } = this;
+    return given ? given.first + ((PUZZLES * Math.floor(Date.parse(this.date) / 864e5)) % given.count) : 0;
+  }
+
+  /** The rally after another; null: all were shown. */
+  after(rally: number): number | null {
+    const { given } = this;
+    const next = given && rally + 1 >= given.first + given.count ? given.first : rally + 1;
+    return next === this.first ? null : next;
+  }
+
+  get done(): boolean {
+    return this.answers.length >= PUZZLES;
+  }
+
+  /** @param chance probability with which the average pro gives the right answer, among those shown. */
+  add(right: boolean, chance: number): void {
+    this.answers.push(right);
+    if (this.again) {
+      return;
+    }
+    const { history } = this;
+    const expected = 1 / (1 + 10 ** ((difficulty(chance) - history.rating) / SPREAD));
+    history.rating += STEP * (Number(right) - expected);
+    history.days[this.date] = this.answers.map(Number).join("");
+    try {
+      localStorage.setItem(KEY, JSON.stringify(history));
+    } catch {
+      // A browser that stores nothing keeps no rating.
+    }
+  }
+
+  /** The rating after the answers, in a sentence. */
+  get rating(): string {
+    const { rating } = this.history;
+    const change = Math.round(rating - this.before);
+    return this.again
+      ? `You played this day before; your rating stays at ${Math.round(rating)}.`
+      : `Your rating: ${Math.round(rating)} (${change < 0 ? "−" : "+"}${Math.abs(change)}). The average pro has ${START}.`;
+  }
+
+  /** Text to share. */
+  get card(): string {
+    const right = this.answers.filter(Boolean).length;
+    const marks = this.answers.map((answer) => (answer ? "🟩" : "🟥")).join("");
+    return `shuttle_marl, rally of the day ${this.date}: ${right}/${this.answers.length} ${marks}`;
+  }
+}
