@@ -191,7 +191,7 @@ class RecordedFacts(Struct):
 
 
 class Hello(Struct):
-    """Reply to :class:`HelloRequest`."""
+    """Reply to :class:`HelloRequest`; ``rallies``: number of rallies of a match in a site, None where a server plays them."""
 
     version: str
     game: str
@@ -199,6 +199,7 @@ class Hello(Struct):
     policies: list[str]
     plan: Plan
     recorded: RecordedFacts | None
+    rallies: int | None = None
 
 
 class StrokeFacts(Struct, kw_only=True):

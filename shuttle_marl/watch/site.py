@@ -64,7 +64,9 @@ def save_site(
     if not count:
         raise WatchError(f"{folder}: the first rally does not fit into {limit / 1e6:.1f} MB")
     rallies |= _overviews(answers, hello, count)
-    if hello.recorded is not None:
+    if hello.recorded is None:
+        hello = replace(hello, rallies=count)
+    else:
         known = replace(hello.recorded, count=count, first=min(hello.recorded.first, count - 1))
         hello = replace(hello, recorded=known)
     rallies["openings"] = gzip.compress(messages.encode_reply(0, _openings(answers)), mtime=0)

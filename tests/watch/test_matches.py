@@ -9,7 +9,7 @@ import pytest
 
 from shuttle_marl.game import default_game
 from shuttle_marl.game.draws import draw, outcome_draw, stream
-from shuttle_marl.game.rules import RETURNED_BELOW, strike
+from shuttle_marl.game.rules import RETURNED_BELOW, IllegalStrokeError, strike
 from shuttle_marl.game.tables import ROOT
 from shuttle_marl.league import LeagueConfig, run_league
 from shuttle_marl.recording import RallyLog
@@ -17,7 +17,7 @@ from shuttle_marl.watch import WatchError
 from shuttle_marl.watch.answers import Answers
 from shuttle_marl.watch.match import Match
 from shuttle_marl.watch.match_log import MatchLog
-from shuttle_marl.watch.messages import RallyRequest
+from shuttle_marl.watch.messages import RallyRequest, decode_request
 from shuttle_marl.watch.plan import Change, Person, Plan, Side
 from shuttle_marl.watch.policies import PolicyTables
 from shuttle_marl.watch.recorded import LogRallies
@@ -215,3 +215,63 @@ def test_pages_that_play_in_turn_have_one_log_each(tables: PolicyTables, tmp_pat
         with RallyLog(path) as read:
             counts.append(read.n_rallies)
     assert counts == [4, 4, 4]
+
+
+def test_a_duel_ends_at_its_points_and_is_recorded_by_its_rules(tables: PolicyTables, tmp_path: Path) -> None:
+    plan = Plan.parse({**PLAN, "points": 3})
+    duel, log = Match(plan, tables.game, tables), MatchLog(tmp_path, tables.game, tables)
+    number = 0
+    while True:
+        rally = duel.rally(number)
+        log.add(plan, rally)
+        number += 1
+        assert rally.winner is not None
+        if rally.score.after(rally.winner).over:
+            break
+    log.close()
+    assert max(rally.score.after(rally.winner).finished[0]) == 3
+    assert number <= 5
+    with pytest.raises(WatchError, match="the match was over"):
+        duel.rally(number)
+    (path,) = tmp_path.glob("*.mcap")
+    assert RallyLog(path).header.rules == plan.rules
+    with pytest.raises(WatchError, match="plan"):
+        Plan.parse({**PLAN, "points": 0})
+
+
+def test_an_opening_is_played_in_the_match_of_its_seed(tables: PolicyTables) -> None:
+    answers = Answers(tables, Plan.parse(PLAN), Stager(("male", "male"), ("right", "right")))
+    line: tuple[int, ...] = ()
+    for _ in range(3):
+        line = (*line, answers.opening(line).strokes[1].stroke)
+    found = answers.opening(line)
+    assert found.seed is not None
+    rally = match(tables, seed=found.seed, chosen={"0": {str(i): stroke for i, stroke in enumerate(line)}}).rally(0)
+    assert rally.server == 0
+    assert rally.stroke[:3].tolist() == list(line)
+    assert len(rally) > 3, "the last stroke of the line is returned"
+    request = decode_request(json.dumps({"id": 1, "op": "opening", "line": line[:1]}))
+    assert b'"share"' in answers(request)
+    with pytest.raises(IllegalStrokeError):
+        answers(decode_request(json.dumps({"id": 1, "op": "opening", "line": [line[2], line[2]]})))
+
+
+def test_the_choices_of_a_person_are_like_those_of_the_player_who_made_them(tables: PolicyTables) -> None:
+    answers = Answers(tables, Plan.parse(PLAN), Stager(("male", "male"), ("right", "right")))
+    name = "bc:viktor-axelsen"
+    played = match(tables, sides=[{"policy": name}, BC])
+    chosen: dict[str, dict[str, int]] = {}
+    count = 0
+    for number in range(25):
+        rally = played.rally(number)
+        mine = {str(i): int(stroke) for i, stroke in enumerate(rally.stroke) if rally.striker[i] == 0}
+        chosen[str(number)], count = mine, count + len(mine)
+    plan = {**PLAN, "sides": [BC, BC], "chosen": chosen}
+    query = {"id": 1, "op": "likeness", "plan": plan, "rally": 24, "person": {"seat": 0, "rally": 0, "stroke": 0}}
+    found = json.loads(answers(decode_request(json.dumps(query)))[4:])
+    assert found["strokes"] == count > 100
+    assert sum(found["probability"]) == pytest.approx(1, abs=1e-5)
+    assert found["probability"] == sorted(found["probability"], reverse=True)
+    assert found["names"][0] == name
+    with pytest.raises(WatchError, match="take over"):
+        answers(decode_request(json.dumps({**query, "person": None})))

@@ -1,6 +1,8 @@
 """The page in a browser: it is driven as a viewer drives it, and looked at through ``window.viewer``."""
 
+import json
 import math
+import re
 import struct
 import time
 from pathlib import Path
@@ -403,9 +405,90 @@ def test_page_is_accessible(viewer: Any, served: Any, width: int, height: int) -
         viewer.page.get_by_role("tab", name=tab).click()
         viewer.until(lambda tab=tab: viewer.state("turn" if tab == "Play" else "analysis") is not None)
         viewer.press(" ") if viewer.state("playing") else None
+        if tab == "Analyse":
+            viewer.page.locator(".openings summary").click()
+            viewer.page.locator(".openings tbody button").first.wait_for()
         assert violations() == [], tab
     viewer.press("i").until(lambda: "wins" in viewer.page.locator("section.board").inner_text())
     assert violations() == [], "hints"
     assert viewer.page.evaluate("document.documentElement.scrollWidth") <= width
     viewer.press("w")
     assert viewer.page.locator(".announcements li").count() >= 1
+
+
+def test_an_opening_is_explored_and_played_on_the_court(viewer: Any, served: Any) -> None:
+    viewer.open(f"{served.address}#seed=5&a=bc&b=bc&rally=1").analysed()
+    viewer.page.get_by_role("tab", name="Analyse").click()
+    panel = viewer.page.locator(".openings")
+    panel.locator("summary").click()
+    line = []
+    for step in range(3):
+        panel.locator(".line button").nth(step).wait_for()
+        assert 1 < panel.locator("tbody tr").count() <= 12
+        line.append(panel.locator("tbody .try span").first.inner_text())
+        panel.locator("tbody button").first.hover()
+        assert viewer.state("target") is not None, "the stroke pointed at is drawn"
+        panel.locator("tbody button").first.click()
+        panel.locator(".line button").nth(step + 1).wait_for()
+    assert panel.locator("table").count() == 0
+    panel.get_by_role("button", name="Play it").click()
+    viewer.until(lambda: viewer.state("plan").get("chosen") is not None and viewer.state("rally") == 0)
+    viewer.until(lambda: list(viewer.state("plan")["chosen"]["0"].values()) == viewer.state("strokes")[:3])
+    assert viewer.state("server") == 0
+    assert line[0].split(" → ")[0] in viewer.page.locator(".moves li").first.inner_text()
+
+
+def test_the_puzzles_of_the_day_are_rated(viewer: Any, served: Any) -> None:
+    viewer.page.clock.set_fixed_time("2026-05-01T12:00:00Z")
+    viewer.open(f"{served.address}#seed=5&a=bc&b=bc&rally=1").analysed()
+    for again in (False, True):
+        viewer.page.get_by_role("tab", name="Learn").click()
+        viewer.page.get_by_role("button", name="Rally of the day").click()
+        for puzzle in range(5):
+            viewer.page.get_by_text(f"{puzzle + 1} of 5").wait_for()
+            viewer.page.locator(".quiz button").first.wait_for()
+            assert viewer.state("plan")["seed"] == 20260501
+            asked, analysis = viewer.state("asked", "analysis")
+            options = {option["stroke"]: option["best"] for option in analysis["strokes"][asked]["options"]}
+            best = options[analysis["strokes"][asked]["question"]]
+            viewer.page.locator(".quiz button").first.click()
+            right = viewer.page.locator(".quiz .right")
+            assert right.count() == 1
+            assert f"{100 * best:.0f} %" in right.inner_text()
+            viewer.page.locator(".learn .row button").first.click()
+        viewer.page.get_by_role("button", name="Copy the result").wait_for()
+        stored = json.loads(viewer.page.evaluate("localStorage['shuttle_marl.puzzles']"))
+        answers = stored["days"]["2026-05-01"]
+        assert len(answers) == 5
+        assert f"{answers.count('1')}/5" in viewer.page.locator(".learn").inner_text()
+        assert ("played this day before" in viewer.page.locator(".learn").inner_text()) == again
+        if not again:
+            rating = stored["rating"]
+        assert stored["rating"] == rating != 1500
+        viewer.page.get_by_role("button", name="More questions").click()
+        viewer.page.get_by_role("tab", name="Watch").click()
+
+
+def test_a_duel_with_perfect_play_ends_with_a_report(viewer: Any, served: Any) -> None:
+    viewer.open(served.address)
+    viewer.page.get_by_role("button", name="Duel with perfect play").click()
+    viewer.until(lambda: viewer.state("person") is not None)
+    assert viewer.state("plan")["points"] == 3
+    viewer.until(lambda: viewer.state("names") == ["you", "minimax"])
+    viewer.press(">", ">")
+    dialog = viewer.page.get_by_role("dialog", name="Game summary")
+
+    def hit() -> bool:
+        if viewer.state("turn") is not None:
+            viewer.press("Enter")
+        elif viewer.state("winner") is None:
+            seek(viewer, 1e3)
+        return bool(dialog.count())
+
+    viewer.until(hit)
+    text = dialog.inner_text()
+    assert re.search(r"3 \S [012]\. You|[012] \S 3\. You", text)
+    assert re.search(r"with an accuracy of .?\d+ %", text)
+    assert re.search(r"You play .?\d+ % like ", text)
+    dialog.get_by_role("button", name="Another duel").click()
+    viewer.until(lambda: viewer.state("points") == [0, 0] and viewer.state("rally") == 0)

@@ -88,6 +88,14 @@ def test_any_server_shows_a_site(site: tuple[Path, int, int], address: str, brow
         viewer.until(lambda: viewer.state("rally") == 1)
         page.get_by_role("tab", name="Learn").click()
         page.get_by_role("region", name="Find the better stroke").wait_for()
+        page.get_by_role("button", name="Rally of the day").click()
+        page.get_by_role("heading", name="Rally of the day").wait_for()
+        page.get_by_role("tab", name="Analyse").click()
+        page.locator(".openings summary").click()
+        for step in (1, 2, 3):
+            page.locator(".openings tbody button").first.click()
+            page.locator(".openings .line button").nth(step).wait_for()
+        assert page.get_by_role("button", name="Play it").count() == 0
         assert page.get_by_role("tab", name="Play").count() == 0
         assert viewer.errors == []
         assert viewer.outside == []

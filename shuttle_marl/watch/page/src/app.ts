@@ -67,7 +67,7 @@ export class App {
     );
     this.values = new StrokeValues(source, this.course, this.rallies, this.screen);
     this.challenges = new Challenges(this.course, this.screen, source, this.values, {
-      live: this.live,
+      count: this.count,
       go: (rally, stroke, playing) => this.go(rally, stroke, playing),
       setMode: (mode) => this.setMode(mode),
       enter: (mode) => this.enter(mode, mode === "play"),
@@ -121,6 +121,7 @@ export class App {
       takeOver: (seat) => void this.takeOver(seat),
       hit: (stroke) => void this.hit(stroke),
       nextQuestion: () => void this.go(this.screen.learn.following(this.course.number)),
+      isLast: () => this.isLast,
       daily: () => void this.challenges.daily().catch(failed),
       opening: this.source.opening,
       playLine: (line, seed) => this.playLine(line, seed),
@@ -134,13 +135,22 @@ export class App {
     return this.hello.recorded === null && this.source.share !== null;
   }
 
+  /** Number of rallies of the page; null: a server plays any. */
+  private get count(): number | null {
+    const { recorded, rallies } = this.hello;
+    return recorded?.count ?? rallies ?? null;
+  }
+
+  private get isLast(): boolean {
+    return this.course.number + 1 === this.count;
+  }
+
   // Navigation.
 
   /** Shows a rally, from its start or from a stroke of it. */
   async go(number: number, stroke: number | null = null, playing = this.player.playing): Promise<void> {
     const { course } = this;
-    const most = this.hello.recorded?.count ?? Infinity;
-    if (number < 0 || number >= most) {
+    if (number < 0 || number >= (this.count ?? Infinity)) {
       return;
     }
     if (number !== course.number) {
@@ -171,7 +181,7 @@ export class App {
     this.screen.show(rally, where, course.sides, course.person?.seat ?? null, course.isTried);
     this.saving.updateAddress();
     void this.values.request(rally);
-    if (rally.winner !== null && !rally.after?.over && this.screen.mode !== "learn") {
+    if (rally.winner !== null && !rally.after?.over && !this.isLast && this.screen.mode !== "learn") {
       this.rallies.load({ ...course.wanted(course.number + 1), tried: {} }).catch(() => {}); // staged while this one plays
     }
   }

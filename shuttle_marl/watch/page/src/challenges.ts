@@ -15,8 +15,8 @@ const PRO: Side = { policy: "bc", temperature: 1 };
 const PERFECT: Side = { policy: "minimax", temperature: 1 };
 
 export interface ChallengeHooks {
-  /** Whether the page has a server that plays. */
-  live: boolean;
+  /** Number of rallies of the page; null: a server plays others. */
+  count: number | null;
   go(rally: number, stroke: number | null, playing: boolean): Promise<void>;
   setMode(mode: Mode): void;
   enter(mode: Mode): void;
@@ -36,9 +36,8 @@ export class Challenges {
   /** Starts the puzzles of the day: of a match of its own, or of the rallies of this page. */
   async daily(): Promise<void> {
     const { course, screen, hooks } = this;
-    const given = hooks.live ? null : (await this.source.match(course.wanted(course.number))).rallies;
-    const daily = new Daily(today(), given?.length ? { first: given[0]!.number, count: given.length } : null);
-    if (hooks.live) {
+    const daily = new Daily(today(), hooks.count);
+    if (hooks.count === null) {
       course.open({ seed: daily.seed, sides: [PRO, PRO] });
       course.person = null;
       hooks.seeFrom(0);

@@ -44,11 +44,11 @@ export class Daily {
 
   /**
    * @param date the day, as in 2026-05-01.
-   * @param given numbers of the rallies between which the puzzles are chosen, each the last plus 1; null: a match of its own.
+   * @param count number of rallies between which the puzzles are chosen; null: a match of its own.
    */
   constructor(
     readonly date: string,
-    private readonly given: { first: number; count: number } | null,
+    private readonly count: number | null,
   ) {
     this.again = date in this.history.days;
   }
@@ -60,14 +60,12 @@ export class Daily {
 
   /** The first rally; of given ones, another one every day. */
   get first(): number {
-    const { given } = this;
-    return given ? given.first + ((PUZZLES * Math.floor(Date.parse(this.date) / 864e5)) % given.count) : 0;
+    return this.count ? (PUZZLES * Math.floor(Date.parse(this.date) / 864e5)) % this.count : 0;
   }
 
   /** The rally after another; null: all were shown. */
   after(rally: number): number | null {
-    const { given } = this;
-    const next = given && rally + 1 >= given.first + given.count ? given.first : rally + 1;
+    const next = this.count ? (rally + 1) % this.count : rally + 1;
     return next === this.first ? null : next;
   }
 

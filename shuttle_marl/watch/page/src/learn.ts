@@ -47,6 +47,8 @@ export interface LearnHooks {
   stopBefore(stroke: number): void;
   reveal(upTo: number): void;
   nextRally(): void;
+  /** Whether the page has no rally after this one. */
+  isLast(): boolean;
   /** Starts the puzzles of the day. */
   daily(): void;
   /** Draws the target and the flight of a stroke; null: of none. */
@@ -96,7 +98,9 @@ export class Learn {
     const { daily } = this;
     this.left = questions(rally, analysis, daily ? 1 : QUESTIONS);
     this.element.classList.remove("hidden");
-    const another = daily ? daily.after(rally.number) !== null : this.skipped < RALLIES && !rally.after?.over;
+    const another = daily
+      ? daily.after(rally.number) !== null
+      : this.skipped < RALLIES && !rally.after?.over && !this.hooks.isLast();
     if (!this.left.length && another) {
       this.skipped++;
       replaceChildren(this.element, h("h2", {}, h("span", {}, this.title)), h("p", {}, "Looking for a question …"));

@@ -36,6 +36,8 @@ export interface Acts extends Hooks {
   hints(): Promise<Option[]>;
   /** Shows the rally of the next question. */
   nextQuestion(): void;
+  /** Whether the page has no rally after this one. */
+  isLast(): boolean;
   /** Starts the puzzles of the day. */
   daily(): void;
   /** Strokes after the first strokes of a rally; null: this page has no openings. */
@@ -116,6 +118,7 @@ export class Screen {
       stopBefore: (stroke) => this.stopBefore(stroke),
       reveal: (upTo) => this.reveal(upTo),
       nextRally: () => acts.nextQuestion(),
+      isLast: () => acts.isLast(),
       daily: () => acts.daily(),
       point: (option) => this.point(option),
       playFrom: async (stroke) => {

@@ -6,7 +6,7 @@ export type Quat = [number, number, number, number];
 /** First request of a page. */
 export type HelloRequest = object;
 
-/** Reply to HelloRequest. */
+/** Reply to HelloRequest; ``rallies``: number of rallies of a match in a site, None where a server plays them. */
 export interface Hello {
   version: string;
   game: string;
@@ -14,6 +14,7 @@ export interface Hello {
   policies: string[];
   plan: Plan;
   recorded: RecordedFacts | null;
+  rallies?: number | null;
 }
 
 /** Dimensions and vocabulary for drawing. */
