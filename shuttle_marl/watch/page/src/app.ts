@@ -122,7 +122,7 @@ export class App {
       hit: (stroke) => void this.hit(stroke),
       nextQuestion: () => void this.go(this.screen.learn.following(this.course.number)),
       isLast: () => this.isLast,
-      daily: () => void this.challenges.daily().catch(failed),
+      daily: this.live || this.count !== null ? () => void this.challenges.daily().catch(failed) : null,
       opening: this.source.opening,
       playLine: (line, seed) => this.playLine(line, seed),
       hints: () => this.source.options(this.course.wanted(this.course.number)),

@@ -49,8 +49,8 @@ export interface LearnHooks {
   nextRally(): void;
   /** Whether the page has no rally after this one. */
   isLast(): boolean;
-  /** Starts the puzzles of the day. */
-  daily(): void;
+  /** Starts the puzzles of the day; null: this page has too few rallies. */
+  daily: (() => void) | null;
   /** Draws the target and the flight of a stroke; null: of none. */
   point(option: Option | null): void;
   /** Plays the rally on from a stroke. */
@@ -171,8 +171,9 @@ export class Learn {
     return daily ? `${daily.answers.length + 1} of ${PUZZLES}` : `${asked + 1} of ${asked + this.left.length + 1}`;
   }
 
-  private dayButton(): HTMLElement {
-    return h("button", { onclick: () => this.hooks.daily() }, "Rally of the day: five puzzles");
+  private dayButton(): HTMLElement | null {
+    const { daily } = this.hooks;
+    return daily && h("button", { onclick: daily }, "Rally of the day: five puzzles");
   }
 
   /** Shows the question when the playback reaches the decision. */

@@ -38,8 +38,8 @@ export interface Acts extends Hooks {
   nextQuestion(): void;
   /** Whether the page has no rally after this one. */
   isLast(): boolean;
-  /** Starts the puzzles of the day. */
-  daily(): void;
+  /** Starts the puzzles of the day; null: this page has too few rallies. */
+  daily: (() => void) | null;
   /** Strokes after the first strokes of a rally; null: this page has no openings. */
   opening: ((line: number[]) => Promise<OpeningReply>) | null;
   /** Starts a match whose first rally begins with a line of strokes. */
@@ -119,7 +119,7 @@ export class Screen {
       reveal: (upTo) => this.reveal(upTo),
       nextRally: () => acts.nextQuestion(),
       isLast: () => acts.isLast(),
-      daily: () => acts.daily(),
+      daily: acts.daily,
       point: (option) => this.point(option),
       playFrom: async (stroke) => {
         await acts.backToPlayed();
