@@ -492,3 +492,15 @@ def test_a_duel_with_perfect_play_ends_with_a_report(viewer: Any, served: Any) -
     assert re.search(r"You play .?\d+ % like ", text)
     dialog.get_by_role("button", name="Another duel").click()
     viewer.until(lambda: viewer.state("points") == [0, 0] and viewer.state("rally") == 0)
+
+
+def test_the_director_shows_attacks_from_the_side_and_then_the_winner(viewer: Any, served: Any) -> None:
+    viewer.open(f"{served.address}#seed=11&a=ppo&b=bc&rally=5&stroke=1").press("7")
+    assert viewer.state("camera") == "director"
+    shots = []
+    contacts, duration = viewer.state("contacts", "duration")
+    for moment in (0.0, contacts[-1] - 0.1, duration - 0.02):  # the last stroke is a net kill
+        seek(viewer, moment)
+        viewer.page.evaluate("window.viewer.draw()")
+        shots.append(viewer.state("shot"))
+    assert shots == ["broadcast", "side", "winner"]

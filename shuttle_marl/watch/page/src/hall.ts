@@ -33,17 +33,20 @@ function* numbers(seed: number): Generator<number, never> {
   }
 }
 
-export function buildHall(scene: THREE.Scene, facts: HallFacts, lite: boolean): void {
+/** @returns excitement of the spectators, from 0 (all sit) to 1 (all stand). */
+export function buildHall(scene: THREE.Scene, facts: HallFacts, lite: boolean): { value: number } {
+  const excitement = { value: 0 };
   scene.fog = new THREE.Fog(DARK, 26, 60);
   addFloor(scene, facts);
   addBoards(scene);
-  addStands(scene, lite);
+  addStands(scene, lite, excitement);
   scene.traverse((part) => part.layers.set(BEHIND));
   addNet(scene, facts);
   addLights(scene, lite);
   if (lite) {
     simplify(scene);
   }
+  return excitement;
 }
 
 /** Replaces materials and textures by ones that are cheap in software rendering. */
@@ -215,7 +218,7 @@ function addBoards(scene: THREE.Scene): void {
 }
 
 /** Four stands with spectators. */
-function addStands(scene: THREE.Scene, lite: boolean): void {
+function addStands(scene: THREE.Scene, lite: boolean, excitement: { value: number }): void {
   const rows = lite ? 9 : 16;
   const random = numbers(20417);
   const spots: THREE.Vector3[] = [];
@@ -248,7 +251,19 @@ function addStands(scene: THREE.Scene, lite: boolean): void {
         new THREE.CylinderGeometry(0.12, 0.21, 0.5, 5).translate(0, 0.25, 0),
         new THREE.IcosahedronGeometry(0.115, 0).translate(0, 0.62, 0),
       ]);
-  const crowd = new THREE.InstancedMesh(body, new THREE.MeshLambertMaterial({ color: 0xffffff }), spots.length);
+  const material = new THREE.MeshLambertMaterial({ color: 0xffffff });
+  if (!lite) {
+    // Spectators rise one after the other, each at a level of excitement of its own.
+    material.onBeforeCompile = (shader) => {
+      shader.uniforms["excitement"] = excitement;
+      const rise = "transformed.y *= 1.0 + 0.5 * smoothstep(0.8 * mood, 0.8 * mood + 0.2, excitement);";
+      const mood = "float mood = fract(43758.5453 * sin(dot(instanceMatrix[3].xz, vec2(12.9898, 78.233))));";
+      shader.vertexShader = shader.vertexShader
+        .replace("void main() {", "uniform float excitement;\nvoid main() {")
+        .replace("#include <begin_vertex>", `#include <begin_vertex>\n${mood}\n${rise}`);
+    };
+  }
+  const crowd = new THREE.InstancedMesh(body, material, spots.length);
   const matrix = new THREE.Matrix4();
   const colour = new THREE.Color();
   spots.forEach((spot, i) => {

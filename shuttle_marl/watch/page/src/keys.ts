@@ -14,7 +14,7 @@ export function keyList(match: boolean): { general: [string, string][]; play: [s
     ["↑ ↓", "rally"],
     [", .", "frame"],
     ["< >", "speed"],
-    ["1 – 6", "camera"],
+    ["1 – 7", "camera"],
     ["f", "switch ends"],
     ["r", "slow-motion replay"],
     ["m", "sound"],

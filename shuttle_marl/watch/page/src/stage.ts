@@ -10,8 +10,10 @@ import type { Motion } from "./motion";
 import { type Flight, Marks, Shuttle } from "./shuttle";
 import type { HallFacts, RallyFacts, Vec3 } from "./wire.gen";
 
-export const CAMERAS = ["broadcast", "side", "corner", "follow", "top", "free"] as const;
+export const CAMERAS = ["broadcast", "side", "corner", "follow", "top", "free", "director"] as const;
 export type Camera = (typeof CAMERAS)[number];
+/** What is seen; the director chooses between the others and the winner of the rally. */
+type Shot = Exclude<Camera, "director"> | "winner";
 
 export const COLOURS: [string, string] = ["#38bdf8", "#fb7185"];
 const KITS: [Kit, Kit] = [
@@ -24,6 +26,11 @@ const BLEND = 180; // [ms]
 const CLICK = 5; // maximum pointer movement of a click [px]
 const LATE = 80; // frame time above which software rendering lowers the resolution [ms]
 const CORNERS = 0.4; // tangent of the horizontal angle of a near corner, seen from the broadcast camera
+const ATTACKS = new Set(["smash", "half-smash", "net-kill"]);
+const BEFORE = 0.5; // time before an attack at which the director shows the side [s]
+const AFTER = 0.8; // time after the rally at which the director shows the winner [s]
+const RISING = 0.7; // time that spectators take to rise after a rally [s]
+const LONG = 20; // strokes of a rally after which all of them rise
 const FEWER = 0.6; // the lower resolution, as a fraction of the page resolution
 
 interface View {
@@ -55,13 +62,14 @@ export class Stage {
   private readonly controls: OrbitControls;
   private readonly shuttle: Shuttle;
   private readonly marks = new Marks();
+  private readonly excitement: { value: number };
   private readonly colours = COLOURS.map((colour) => new THREE.Color(colour)) as [THREE.Color, THREE.Color];
   private readonly models = new Map<string, THREE.Object3D>();
   private athletes: [Athlete, Athlete] | null = null;
   private shades: THREE.Mesh[] = [];
   private cast = "";
   private aim: View = { eye: at(0, -13, 7.5), look: at(0, 1, 0.5), fov: 36 };
-  private shownCamera: Camera | null = null;
+  private shownCamera: Shot | null = null;
   private blend: { motion: Motion; time: number; began: number } | null = null;
   private area: [number, number, number, number] | null = null;
   private drawn = 0; // time of the last frame
@@ -93,7 +101,7 @@ export class Stage {
     this.renderer.shadowMap.enabled = !this.lite;
     this.renderer.shadowMap.type = THREE.PCFShadowMap;
     this.renderer.setPixelRatio(this.lite ? 1 : Math.min(window.devicePixelRatio, 2));
-    buildHall(this.scene, facts, this.lite);
+    this.excitement = buildHall(this.scene, facts, this.lite);
     this.shuttle = new Shuttle(facts.shuttle);
     this.scene.add(
       this.shuttle.root,
@@ -220,9 +228,12 @@ export class Stage {
     this.marks.showArea(this.area, target ? new THREE.Color("#fbbf24") : colour);
     const last = rally.strokes.at(-1);
     const over = last !== undefined && rally.winner !== null && time >= last.end_time;
+    this.excitement.value = over
+      ? Math.min(1, (time - last.end_time) / RISING) * Math.min(1, 0.3 + rally.strokes.length / LONG)
+      : 0;
     this.marks.showLanding(over ? last.end_point : null, last?.end === "winner");
     // Software rendering draws the static background once per view.
-    if (this.lite && this.camera !== "free" && this.camera !== "follow") {
+    if (this.lite && this.shownCamera !== "free" && this.shownCamera !== "follow") {
       this.backdrop.render(this.scene, this.eye);
     } else {
       this.renderer.render(this.scene, this.eye);
@@ -250,12 +261,13 @@ export class Stage {
   }
 
   private aimAt(rally: RallyFacts, motion: Motion, time: number): void {
-    const changed = this.shownCamera !== this.camera;
-    this.shownCamera = this.camera;
+    const camera = this.camera === "director" ? directed(rally, time) : this.camera;
+    const changed = this.shownCamera !== camera;
+    this.shownCamera = camera;
     // Touch scrolls the page unless it turns the view.
     this.controls.enabled = this.camera === "free" || !TOUCHED.matches;
     this.canvas.style.touchAction = this.controls.enabled ? "none" : "pan-y";
-    if (this.camera === "free") {
+    if (camera === "free") {
       this.eye.up.copy(THREE.Object3D.DEFAULT_UP);
       if (changed) {
         this.controls.target.copy(this.aim.look);
@@ -265,9 +277,9 @@ export class Stage {
     }
     // From above, the court lies across a wide window.
     this.eye.up.copy(this.turned ? at(this.flipped ? -1 : 1, 0, 0) : THREE.Object3D.DEFAULT_UP);
-    const wanted = this.view(rally, motion, time);
+    const wanted = this.view(camera, rally, motion, time);
     const share = changed || this.still || this.lite ? 1 : 0.14;
-    this.aim.eye.lerp(wanted.eye, this.camera === "follow" ? Math.min(share, 0.2) || 1 : share);
+    this.aim.eye.lerp(wanted.eye, camera === "follow" ? Math.min(share, 0.2) || 1 : share);
     this.aim.look.lerp(wanted.look, share);
     this.aim.fov += share * (wanted.fov - this.aim.fov);
     this.eye.position.copy(this.aim.eye);
@@ -281,13 +293,23 @@ export class Stage {
     return this.camera === "top" && this.eye.aspect > 1.2;
   }
 
-  private view(rally: RallyFacts, motion: Motion, time: number): View {
+  private view(camera: Shot, rally: RallyFacts, motion: Motion, time: number): View {
     const end = this.flipped ? -1 : 1;
     // A narrow window needs a wider angle to hold the whole court.
     const wide = Math.max(1, 1.45 / this.eye.aspect);
     // The angle at which the broadcast camera sees both near corners.
     const whole = (360 / Math.PI) * Math.atan(CORNERS / this.eye.aspect);
-    switch (this.camera) {
+    switch (camera) {
+      case "winner": {
+        const seat = rally.winner!;
+        const hips = motion.hipsAt(rally.strokes.at(-1)!.end_time, seat, [0, 0, 0]);
+        const net = seat ? -1 : 1;
+        return {
+          eye: at(0.8 * hips[0], hips[1] + net * 4, 1.7),
+          look: at(hips[0], hips[1], 1.15),
+          fov: 38 * Math.min(wide, 1.6),
+        };
+      }
       case "side":
         return { eye: at(-end * 10.2, 0, 2.6), look: at(0, 0, 1.25), fov: 44 * Math.min(wide, 1.6) };
       case "corner": {
@@ -370,6 +392,11 @@ export class Stage {
     return hit ? [-hit.x, hit.z] : null;
   }
 
+  /** What the last frame shows; null before the first. */
+  get shot(): Shot | null {
+    return this.shownCamera;
+  }
+
   get targetArea(): [number, number, number, number] | null {
     return this.area;
   }
@@ -378,4 +405,16 @@ export class Stage {
     const { render, memory } = this.renderer.info;
     return { draw_calls: render.calls, triangles: render.triangles, geometries: memory.geometries, textures: memory.textures };
   }
+}
+
+/** Camera of the director: the side for an attack, the winner after the rally, else that of a broadcast. */
+function directed(rally: RallyFacts, time: number): Shot {
+  const last = rally.strokes.at(-1);
+  if (last && rally.winner !== null && time >= last.end_time + AFTER) {
+    return "winner";
+  }
+  const attack = rally.strokes.some(
+    (stroke) => ATTACKS.has(stroke.shot) && time >= stroke.time - BEFORE && time < stroke.end_time,
+  );
+  return attack ? "side" : "broadcast";
 }

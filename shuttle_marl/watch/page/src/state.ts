@@ -38,6 +38,7 @@ export function state(
     person: course.person,
     asked: screen.learn.current,
     camera: stage?.camera,
+    shot: stage?.shot,
     flipped: stage?.flipped,
     lite: stage?.lite,
     target: stage?.targetArea ?? null,
