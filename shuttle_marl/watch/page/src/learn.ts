@@ -157,7 +157,6 @@ export class Learn {
         h("b", { class: stroke.seat ? "b" : "a" }, displayName(this.rally!.names[stroke.seat]!)),
         ` plays stroke ${question.stroke + 1}, from ${stroke.height} the net.`,
       ),
-      this.daily ? null : this.dayButton(),
     );
     this.hooks.stopBefore(question.stroke);
   }
@@ -196,6 +195,10 @@ export class Learn {
       h("p", {}, "Which stroke is best if both play perfectly afterwards?"),
       h("div", { class: "quiz" }, ...buttons),
     );
+    const day = this.daily ? null : this.dayButton();
+    if (day) {
+      this.element.append(h("div", { class: "day row" }, day));
+    }
     buttons[0]?.focus({ preventScroll: true });
     this.hooks.point(null); // nothing is pointed at before the viewer does
   }
@@ -238,6 +241,7 @@ export class Learn {
     const verdict = right ? "Correct." : `Better: ${name(best)}; yours loses ${lost(given)}.`;
     const support = Math.round(Math.min(best.support!, played.support!));
     const { playInstead, playFrom } = this.hooks;
+    this.element.querySelector(".day")?.remove();
     const last = this.daily ? (this.daily.done ? "Result" : "Next puzzle") : "Show accuracy";
     const next = h("button", { onclick: () => void this.next() }, this.left.length ? "Next question" : last);
     this.element.append(
