@@ -4,6 +4,9 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
+from playwright.sync_api import Browser
+
+from tests.watch.conftest import Viewer
 
 pytestmark = pytest.mark.slow
 
@@ -158,3 +161,33 @@ def test_menus_close_and_terms_are_explained(viewer: Any, served: Any) -> None:
     assert [heading for heading in unexplained if " at stroke " not in heading] == []
     viewer.page.get_by_role("button", name="comes back:").first.hover()
     assert "P(returned)" in viewer.page.get_by_role("tooltip").inner_text()
+
+
+@pytest.mark.parametrize("touch", [False, True])
+def test_a_rally_is_played_by_mouse_or_by_touch(browser: Browser, served: Any, touch: bool) -> None:
+    size: Any = {"width": 390, "height": 844} if touch else {"width": 1280, "height": 720}
+    context = browser.new_context(viewport=size, has_touch=touch, reduced_motion="reduce")
+    try:
+        viewer = Viewer(context.new_page()).open(f"{served.address}#seed=5&a=bc&b=minimax&rally=1")
+
+        def press(selector: str) -> None:
+            found = viewer.page.locator(selector).first
+            found.tap() if touch else found.click()
+
+        press("[role=tab] >> text=Play")
+        viewer.until(lambda: viewer.state("person") is not None)
+        rally, chosen = None, 0
+        while rally is None or viewer.state("winner") is None:
+            viewer.until(lambda: viewer.state("turn") is not None or viewer.state("winner") is not None)
+            if (turn := viewer.state("turn")) is not None:
+                if viewer.state("rally") != rally:
+                    rally, chosen = viewer.state("rally"), 0
+                press(".shots button:enabled")
+                press(".targets button:enabled")
+                press(".hit")
+                chosen += 1
+                viewer.until(lambda turn=turn: viewer.state("turn") != turn)  # type: ignore[misc]
+        assert chosen > 0
+        assert viewer.errors == []
+    finally:
+        context.close()

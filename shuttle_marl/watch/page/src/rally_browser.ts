@@ -10,7 +10,11 @@ export class RallyBrowser {
   private readonly report = h("a", { target: "_blank", rel: "noopener" }, "Match report");
   private match: MatchReply | null = null;
 
-  constructor(private readonly open: (rally: number) => void) {}
+  /** @param live whether the page has a server, which makes match reports. */
+  constructor(
+    private readonly open: (rally: number) => void,
+    private readonly live: boolean,
+  ) {}
 
   /**
    * @param match the match; null: as before.
@@ -28,7 +32,7 @@ export class RallyBrowser {
             "button",
             { onclick: () => this.open(rally.number), "data-rally": rally.number },
             h("b", { class: rally.winner ? "b" : "a" }, rally.winner ? "B" : "A"),
-            h("span", {}, `game ${rally.games[0] + rally.games[1] + 1} · ${rally.points.join(" – ")}`),
+            h("span", {}, `game ${rally.games[0] + rally.games[1] + 1} · ${rally.points.join("–")}`),
             h("span", { class: "quiet" }, `${rally.strokes} · ±${percent(rally.swing)}`),
           ),
         ),
@@ -38,7 +42,7 @@ export class RallyBrowser {
         this.element,
         h("h2", {}, term("rallies", "Rallies"), h("span", {}, "strokes · swing")),
         this.list,
-        this.report,
+        this.live && this.report,
       );
     }
     this.report.href = `report?rally=${current + 1}`;

@@ -98,7 +98,7 @@ export class Screen {
     this.moves = new MoveList((stroke) => acts.seekStroke(stroke));
     this.options = new OptionTable(live ? (stroke) => acts.whatIf(stroke) : null);
     this.match = new MatchPanel((rally, stroke) => acts.open(rally, stroke));
-    this.browser = match || !live ? null : new RallyBrowser((rally) => acts.open(rally, null));
+    this.browser = match ? null : new RallyBrowser((rally) => acts.open(rally, null), live);
     this.landing = new LandingMap(hello.hall);
     this.back = h(
       "button",
