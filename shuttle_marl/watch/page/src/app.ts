@@ -122,7 +122,7 @@ export class App {
       hit: (stroke) => void this.hit(stroke),
       nextQuestion: () => void this.go(this.screen.learn.following(this.course.number)),
       isLast: () => this.isLast,
-      daily: this.live || this.count !== null ? () => void this.challenges.daily().catch(failed) : null,
+      daily: this.source.opening ? () => void this.challenges.daily().catch(failed) : null, // not on a page of single rallies
       opening: this.source.opening,
       playLine: (line, seed) => this.playLine(line, seed),
       hints: () => this.source.options(this.course.wanted(this.course.number)),
