@@ -129,7 +129,7 @@ def listed() -> Iterator[tuple[str, str, str, str, str]]:
 
     def times(name: str, estimate: str = "") -> tuple[str, str]:
         if name not in known:
-            return f"about {estimate}", ""
+            return estimate, ""
         found = known[name]["difference"]
         return f"{known[name]['seconds']} s", "" if found is None else f"{found:.2g}"
 
