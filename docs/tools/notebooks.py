@@ -60,6 +60,7 @@ def main(names: Annotated[tuple[str, ...], tyro.conf.Positional] = NAMES) -> Non
     os.environ["PATH"] = f"{sysconfig.get_path('scripts')}{os.pathsep}{os.environ['PATH']}"
     # The kernel sets FORCE_COLOR, with which they would print control codes of a terminal.
     os.environ["TTY_COMPATIBLE"] = "0"
+    os.environ["COLUMNS"] = "100"
     NOTEBOOKS.mkdir(parents=True, exist_ok=True)
     for name in names:
         notebook = jupytext.reads(text_form(name), fmt="md")
@@ -67,7 +68,11 @@ def main(names: Annotated[tuple[str, ...], tyro.conf.Positional] = NAMES) -> Non
             place = next(i for i, cell in enumerate(notebook.cells) if cell.source.startswith("%%writefile own_loop.py"))
             notebook.cells.insert(place + 1, jupytext.reads("```python\n%%bash\npython own_loop.py\n```\n", fmt="md").cells[0])
         with tempfile.TemporaryDirectory(prefix="notebook-") as folder:
-            NotebookClient(notebook, timeout=_LIMIT, resources={"metadata": {"path": folder}}).execute()
+            resources = {"metadata": {"path": folder}}
+            NotebookClient(notebook, timeout=_LIMIT, resources=resources, coalesce_streams=True).execute()
+        for cell in notebook.cells:
+            if cell.cell_type == "code":  # progress that is not shown leaves empty lines
+                cell.outputs = [output for output in cell.outputs if output.get("text", "-").strip()]
         # Not executed here: the package is installed.
         title, _, notebook.cells[0].source = notebook.cells[0].source.partition("\n\n")
         introduction = f"{title} (notebook)\n\n{_DOWNLOAD.format(name)}"

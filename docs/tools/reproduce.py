@@ -56,7 +56,7 @@ class Result:
         command: arguments of ``python -m``. ``{out}`` is the file that it writes; without it, it prints JSON. ``{data}`` is
             the folder of the annotated matches, ``$SHUTTLESET``.
         tolerance: greatest relative difference of a number.
-        estimate: how long it takes on two cores, for results whose second run was not measured.
+        estimate: how long it takes on two cores, where no second run was measured.
         speeds: names of numbers that are speeds, if others are not.
     """
 
@@ -68,51 +68,62 @@ class Result:
     speeds: tuple[str, ...] = ()
 
 
-RESULTS: Final[dict[str, Result]] = {
-    name: Result(folder="experiments", tables=shown, command=f"experiments.{command}", tolerance=tolerance, estimate=estimate)
-    for name, shown, command, tolerance, estimate in (
-        ("advice", ("advice_results",), "advice --data {data} --split validation --out {out}", 0.02, ""),
-        ("human", ("human", "human_players"), "human --data {data} --json", 0.0, ""),
-        ("league_training", ("league_training",), "league_training --out runs/again --json {out}", 0.5, "hours"),
-        ("next_stroke", ("next_stroke",), "next_stroke --data {data} --out {out}", 0.02, "20 minutes"),
-        ("pairs_cross", ("pair_results", "pair_strokes"), "pairs --data {data} --cross 4 --out {out}", 0.02, "an hour"),
-        ("self_play", ("self_play",), "self_play --out runs/again --json", 0.5, "hours"),
-        ("stroke_value", ("stroke_value",), "stroke_value --data {data} --json", 0.0, ""),
-        ("styles", ("styles",), "styles --seeds 10 --out runs/again --json {out}", 0.2, "an hour"),
-        (
-            "truth_cross",
-            ("truth_calibration", "truth_figures", "truth_memory", "truth_shots", "truth_slopes", "truth_told_apart"),
-            "truth --data {data} --cross 4 --out {out}",
-            0.02,
-            "half an hour",
-        ),
-        ("truth_limits", ("truth_limits", "truth_legality"), "truth.limits --data {data} --out {out}", 0.02, "half an hour"),
-        ("suite", tuple(suite_tables.BLOCKS), "suite --data {data} --out runs/again --json {out}", 0.2, "hours"),
-        ("truth_profiles", (), "truth --data {data} --cross 4 --profiles --halvings 0 --out {out}", 0.02, "half an hour"),
-        (
-            "truth_validation",
-            (),
-            "truth --data {data} --split validation --profiles --halvings 0 --out {out}",
-            0.02,
-            "half an hour",
-        ),
-        ("win_rates", ("win_rates", "win_rates_matrix"), "win_rates --out runs/again --json {out}", 0.1, "15 minutes"),
-    )
-} | {
-    name: Result(folder="benchmarks", tables=shown, command=f"benchmarks.{name} --json", tolerance=tolerance, speeds=speeds)
-    for name, shown, tolerance, speeds in (
-        ("aec", ("aec",), _SPEED, ()),
-        ("exact_values", ("exact_values",), _SPEED, ()),
-        ("league", ("league",), _SPEED, ()),
-        ("recording", ("recording",), _SPEED, ()),
-        ("staging", ("staging",), 0.02, ("continue_ms", "realtime")),
-        ("startup", ("startup",), _SPEED, ()),
-        ("throughput", ("speed", "throughput", "throughput_bound", "throughput_sizes"), _SPEED, ()),
-        ("time_to_win", ("time_to_win",), _SPEED, ()),
-        ("training", ("training_speed",), _SPEED, ()),
-        ("viewer", ("viewer",), _SPEED, ()),
-    )
-}
+RESULTS: Final[dict[str, Result]] = (
+    {
+        name: Result(folder="experiments", tables=shown, command=f"experiments.{command}", tolerance=tolerance, estimate=estimate)
+        for name, shown, command, tolerance, estimate in (
+            ("advice", ("advice_results",), "advice --data {data} --split validation --out {out}", 0.02, ""),
+            ("human", ("human", "human_players"), "human --data {data} --json", 0.0, ""),
+            ("league_training", ("league_training",), "league_training --out runs/again --json {out}", 0.5, "hours"),
+            ("next_stroke", ("next_stroke",), "next_stroke --data {data} --out {out}", 0.02, "20 minutes"),
+            ("pairs_cross", ("pair_results", "pair_strokes"), "pairs --data {data} --cross 4 --out {out}", 0.02, "an hour"),
+            ("self_play", ("self_play",), "self_play --out runs/again --json", 0.5, "hours"),
+            ("stroke_value", ("stroke_value",), "stroke_value --data {data} --json", 0.0, ""),
+            ("styles", ("styles",), "styles --seeds 10 --out runs/again --json {out}", 0.2, "an hour"),
+            (
+                "truth_cross",
+                ("truth_calibration", "truth_figures", "truth_memory", "truth_shots", "truth_slopes", "truth_told_apart"),
+                "truth --data {data} --cross 4 --out {out}",
+                0.02,
+                "half an hour",
+            ),
+            ("truth_limits", ("truth_limits", "truth_legality"), "truth.limits --data {data} --out {out}", 0.02, "half an hour"),
+            ("suite", tuple(suite_tables.BLOCKS), "suite --data {data} --out runs/again --json {out}", 0.2, "hours"),
+            ("truth_profiles", (), "truth --data {data} --cross 4 --profiles --halvings 0 --out {out}", 0.02, "half an hour"),
+            (
+                "truth_validation",
+                (),
+                "truth --data {data} --split validation --profiles --halvings 0 --out {out}",
+                0.02,
+                "half an hour",
+            ),
+            ("win_rates", ("win_rates", "win_rates_matrix"), "win_rates --out runs/again --json {out}", 0.1, "15 minutes"),
+        )
+    }
+    | {
+        name: Result(folder="benchmarks", tables=shown, command=f"benchmarks.{name} --json", tolerance=_SPEED, estimate=estimate)
+        for name, shown, estimate in (
+            ("aec", ("aec",), ""),
+            ("exact_values", ("exact_values",), ""),
+            ("league", ("league",), "4 minutes"),
+            ("recording", ("recording",), ""),
+            ("startup", ("startup",), ""),
+            ("throughput", ("speed", "throughput", "throughput_bound", "throughput_sizes"), "4 minutes"),
+            ("time_to_win", ("time_to_win",), "minutes"),
+            ("training", ("training_speed",), ""),
+            ("viewer", ("viewer",), ""),
+        )
+    }
+    | {
+        "staging": Result(
+            folder="benchmarks",
+            tables=("staging",),
+            command="benchmarks.staging --json",
+            tolerance=0.02,
+            speeds=("continue_ms", "realtime"),
+        )
+    }
+)
 """Result files by name."""
 COMPUTED: Final = ("layer_diagram", "layers", "paths", "ranking", "ranking_short")
 """Tables without a result file: of the code and of the default tournament, the same on every machine."""
@@ -121,7 +132,7 @@ PROGRAMS: Final = {"recipes": "docs.tools.recipes --save"}
 
 
 def listed() -> Iterator[tuple[str, str, str, str, str]]:
-    """Every table: name, command, time, tolerance, and greatest difference that was found.
+    """Every table: name, command, time (in seconds if it was measured), tolerance, and greatest difference that was found.
 
     Results that are shown beside others stand under their own name.
     """
