@@ -277,7 +277,7 @@ def check(table: str, *, save: bool = False) -> list[str]:
         result = RESULTS[name]
         new = remake(name, result)
         found, greatest = differences(saved(result.folder, name), json.loads(new), result.tolerance, result.speeds)
-        if save and found:
+        if save and (found or greatest):
             replace_file(ROOT / result.folder / "results" / f"{name}.json", f"{new.rstrip()}\n".encode())
     elif name in COMPUTED:
         found = [] if _computed(name) == _shown(name) else [f"{name}: another table than the page shows"]
@@ -297,7 +297,7 @@ def main(table: str = "", /, *, save: bool = False) -> None:
 
     Args:
         table: Name of the table or of its result file.
-        save: Keep the time and the greatest difference, and a result that differs beyond the tolerance.
+        save: Keep the time, the greatest difference, and the new result if it differs.
     """
     console = Console(soft_wrap=True, markup=False, highlight=False)
     if not table:

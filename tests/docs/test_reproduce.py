@@ -111,7 +111,7 @@ def test_time_and_difference_are_kept(tmp_path: Path, monkeypatch: pytest.Monkey
     monkeypatch.setattr(reproduce, "_AGAIN", kept)
     monkeypatch.setattr(reproduce, "RESULTS", {"again": result("prints")})
     monkeypatch.setattr(reproduce, "saved", lambda folder, name: json.loads(table.read_text()))
-    for before, after, difference in (("[2.1]", "[2.1]", 0.1 / 2.1), ("[3]", "[2]\n", None)):
+    for before, after, difference in (("[2]", "[2]", 0.0), ("[2.1]", "[2]\n", 0.1 / 2.1), ("[3]", "[2]\n", None)):
         table.write_text(before)
         reproduce.check("again", save=True)
         assert table.read_text() == after
