@@ -61,7 +61,7 @@ Prediction = tuple[F64, F64, F64]
 def next_stroke(
     data: Path, split: Split = "validation", model: str = "default", seed: int = 0, out: Path | None = None, json: bool = False
 ) -> None:
-    """Fit the imitator on the train matches and print the table; about two minutes on two cores.
+    """Fit the imitator on the train matches and print the table.
 
     Args:
         data: folder of the download, or a Parquet file of `data convert`.

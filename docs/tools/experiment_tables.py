@@ -76,7 +76,7 @@ def recipes() -> str:
         reached = found["printed"] if won is None else f"{100 * won:.1f} % of rallies against `bc`"
         rows.append((f"`{name}`", reached, f"{found['cpu_seconds']:.0f}", f"`{found['game'][:12]}`"))
     table = markdown(("recipe", "reached", "CPU seconds", "game"), rows, left=("recipe", "reached", "game"))
-    return f"{table}\n\nPython {result['python']}: `python -m docs.tools.recipes --save`."
+    return f"{table}\n\nPython {result['python']}, one thread of PyTorch: `python -m docs.tools.recipes --save`."
 
 
 def league_training() -> str:

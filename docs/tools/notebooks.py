@@ -23,6 +23,9 @@ NAMES: Final = ("five_minutes", "own_loop")
 """Tutorials that the site shows as notebooks."""
 _LIMIT: Final = 300
 """Time limit of a cell [s]."""
+_DOWNLOAD: Final = (
+    "[Download](<path:{}.ipynb>) this notebook to run it in Jupyter, or upload it to Colab; its first cell installs the package."
+)
 _FILE: Final = re.compile(r"^```python\n# (\w+\.py)\n", re.MULTILINE)
 
 
@@ -51,22 +54,31 @@ def main(names: Annotated[tuple[str, ...], tyro.conf.Positional] = NAMES) -> Non
     """
     import jupytext  # noqa: PLC0415  the extra notebooks is only needed here
     from nbclient import NotebookClient  # noqa: PLC0415
+    from nbformat.v4 import new_code_cell, new_markdown_cell  # noqa: PLC0415
 
     # Cells of a shell find the programs of this environment.
     os.environ["PATH"] = f"{sysconfig.get_path('scripts')}{os.pathsep}{os.environ['PATH']}"
     # The kernel sets FORCE_COLOR, with which they would print control codes of a terminal.
     os.environ["TTY_COMPATIBLE"] = "0"
+    os.environ["COLUMNS"] = "100"
     NOTEBOOKS.mkdir(parents=True, exist_ok=True)
     for name in names:
         notebook = jupytext.reads(text_form(name), fmt="md")
-        notebook.cells[0].source = notebook.cells[0].source.replace("\n\n", " (notebook)\n\n", 1)
         if name == "own_loop":  # run as a program, as the page says
             place = next(i for i, cell in enumerate(notebook.cells) if cell.source.startswith("%%writefile own_loop.py"))
             notebook.cells.insert(place + 1, jupytext.reads("```python\n%%bash\npython own_loop.py\n```\n", fmt="md").cells[0])
         with tempfile.TemporaryDirectory(prefix="notebook-") as folder:
-            NotebookClient(notebook, timeout=_LIMIT, resources={"metadata": {"path": folder}}).execute()
+            resources = {"metadata": {"path": folder}}
+            NotebookClient(notebook, timeout=_LIMIT, resources=resources, coalesce_streams=True).execute()
+        for cell in notebook.cells:
+            if cell.cell_type == "code":  # progress that is not shown leaves empty lines
+                cell.outputs = [output for output in cell.outputs if output.get("text", "-").strip()]
+        # Not executed here: the package is installed.
+        title, _, notebook.cells[0].source = notebook.cells[0].source.partition("\n\n")
+        introduction = f"{title} (notebook)\n\n{_DOWNLOAD.format(name)}"
+        notebook.cells[:0] = [new_markdown_cell(introduction), new_code_cell("%pip install -q 'shuttle-marl[train]'")]
         jupytext.write(notebook, Path(NOTEBOOKS / f"{name}.ipynb"))
-        sys.stdout.write(f"{name}: {sum(cell.cell_type == 'code' for cell in notebook.cells)} cells executed\n")
+        sys.stdout.write(f"{name}: {sum(cell.cell_type == 'code' for cell in notebook.cells)} cells\n")
 
 
 if __name__ == "__main__":

@@ -40,7 +40,7 @@ def recipes() -> dict[str, str]:
 
 
 def run(name: str, python: str = sys.executable, timeout: float = 900) -> dict[str, Any]:
-    """Run a recipe in an empty folder.
+    """Run a recipe in an empty folder, with one thread of PyTorch: waiting threads would count as CPU time.
 
     Args:
         name: of the recipe.
@@ -60,7 +60,8 @@ def run(name: str, python: str = sys.executable, timeout: float = 900) -> dict[s
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"{name}_recipe.py"
         path.write_text(known[name], encoding="utf-8")
-        environment = {**os.environ, "PYTHONPATH": f"{ROOT}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"}
+        search = f"{ROOT}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"
+        environment = {**os.environ, "PYTHONPATH": search, "OMP_NUM_THREADS": "1"}
         try:
             done = subprocess.run(
                 [python, path.name], cwd=folder, env=environment, capture_output=True, text=True, timeout=timeout, check=False

@@ -66,7 +66,7 @@ def summary() -> str:
             last, metric = found[-1], task.metric
             gap = "" if last["gap"] is None else number(last["gap"], metric)
             best = (f"`{row['method']}`", f"{_with_interval(row, metric)}", gap)
-        rows.append((f"[`{name}`](docs/suite/{kind_of(name)}.md)", question, task.metric, *best))
+        rows.append((f"[`{name}`]({kind_of(name)}.md)", question, task.metric, *best))
     headings = ("task", "question", "score", "best learned", "result", "open gap")
     return markdown(headings, rows, left=("task", "question", "score", "best learned"))
 
