@@ -55,8 +55,12 @@ def task_boards(name: str) -> str:
     return "\n\n".join(map(_table, _boards(name))) or _NONE
 
 
-def summary() -> str:
-    """One line for each task: what it asks, and the best result."""
+def summary(folder: str) -> str:
+    """One line for each task: what it asks, and the best result.
+
+    Args:
+        folder: of the pages of the tasks, relative to that of the table.
+    """
     rows = []
     for name, task in TASKS.items():
         question = (task.__doc__ or "").split("\n", 1)[0].rstrip(".")
@@ -66,13 +70,14 @@ def summary() -> str:
             last, metric = found[-1], task.metric
             gap = "" if last["gap"] is None else number(last["gap"], metric)
             best = (f"`{row['method']}`", f"{_with_interval(row, metric)}", gap)
-        rows.append((f"[`{name}`]({kind_of(name)}.md)", question, task.metric, *best))
+        rows.append((f"[`{name}`]({folder}{kind_of(name)}.md)", question, task.metric, *best))
     headings = ("task", "question", "score", "best learned", "result", "open gap")
     return markdown(headings, rows, left=("task", "question", "score", "best learned"))
 
 
 BLOCKS: Final[dict[str, Callable[[], str]]] = {
-    "suite_summary": summary,
+    "suite_summary": functools.partial(summary, ""),
+    "suite_board": functools.partial(summary, "docs/suite/"),
     **{f"suite_{kind_of(name)}": functools.partial(task_boards, name) for name in TASKS},
 }
 """Tables by name."""
