@@ -17,7 +17,7 @@ from shuttle_marl.suite.store import read_card
 from shuttle_marl.suite.verify import verify_run
 
 _TEMPLATES: Final = Path(__file__).parent / "templates"
-_PERCENT: Final = ("exploitability", "regret", "rally_win", "error", "bias", "legal", "away")
+_PERCENT: Final = ("regret", "rally_win", "error", "bias", "legal", "away")
 """Beginnings of the names of scores that are printed in per cent."""
 _REFERENCES: Final = (
     "best-response",
@@ -126,4 +126,6 @@ def number(value: float | None, name: str = "") -> str:
     """A score as text, in per cent if its name says so."""
     if value is None:
         return ""
-    return f"{100 * value:.2f} %" if name.startswith(_PERCENT) else f"{value:.3f}"
+    if name.startswith(_PERCENT):
+        return f"{100 * value:.2f} %"
+    return f"{value:.4f}" if name.startswith("exploitability") else f"{value:.3f}"

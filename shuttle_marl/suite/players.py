@@ -103,7 +103,7 @@ class Exploit(_PlayerTask):
 
     name = "exploit-v0"
     optimum = 1.0
-    target = "1.0 at 10^5 strokes at an exploitability below 5 %; a constant list of strokes reaches about 0.9 against bc"
+    target = "1.0 at 10^5 strokes at an exploitability below .05; a constant list of strokes reaches about 0.9 against bc"
 
     def all_cases(self, arena: Arena) -> list[Case]:
         """Each opponent with each budget."""
