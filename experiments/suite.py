@@ -41,7 +41,6 @@ VARIANTS: Final = {
         "restricted-nash:0.75",
         "restricted-nash:0.9",
         "counts:0.8",
-        "tilted-mixture:1",
     ),
     "offline-v0": ("fitted-q:8", "model:8"),
     "robust-v0": ("human:0.1",),
