@@ -118,9 +118,7 @@ def test_boards_of_the_suite_are_made_from_its_results(tmp_path: Path, monkeypat
     (tmp_path / "experiments" / "results" / "suite.json").write_text(json.dumps({"rows": rows}))
     text = suite_tables.task_boards("exploit-v0")
     assert text.startswith("**exploit-v0, test, 1,000 strokes**")
-    assert (
-        text.index("`minimax`") < text.index("| `ppo` | 0.750 (0.700 to 0.800) |  | 0.2500 | 12 | yes |") < text.index("`dqn`")
-    )
+    assert text.index("`minimax`") < text.index("| `ppo` | 0.750 (0.700 to 0.800) |  | 0.2500 | 12 | yes |") < text.index("`dqn`")
     assert "| 0.250 (0.200 to 0.300) | 0.2500 |" in text
     assert "Best learned: `ppo`, 0.750 (0.700 to 0.800). Optimum 1.000, open gap 0.250." in text
     assert "| `ppo` | 0.750 (0.700 to 0.800) | 0.250 |" in suite_tables.summary("docs/suite/")
