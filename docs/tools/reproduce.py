@@ -39,7 +39,7 @@ _OUT: Final = "{out}"
 _SPEED: Final = 1.0
 """Relative tolerance of measured speeds: a factor of two."""
 _AGAIN: Final = Path(__file__).with_name("reproduced.json")
-"""Seconds and greatest relative difference of the tables that were made again, by name."""
+"""Seconds and greatest relative difference of reproduced tables, by name."""
 
 
 class ReproduceError(ShuttleError):
@@ -157,7 +157,7 @@ def listed() -> Iterator[tuple[str, str, str, str, str]]:
 
 
 def measured() -> dict[str, dict[str, Any]]:
-    """Seconds and greatest relative difference of the tables that were made again, by name."""
+    """Seconds and greatest relative difference of reproduced tables, by name."""
     found: dict[str, dict[str, Any]] = json.loads(_AGAIN.read_text(encoding="utf-8"))
     return found
 

@@ -294,18 +294,20 @@ class RallyReply(Struct):
     rally: RallyFacts
 
 
-class Option(StrokeFacts, kw_only=True):
-    """A stroke of a decision with its values.
-
-    ``win`` assumes that both players continue with their policies, ``best`` and ``regret`` that both play perfectly.
-    """
+class ValuedStroke(StrokeFacts, kw_only=True):
+    """A stroke with its values: ``win`` if both players continue with their policies, ``best`` if both play perfectly."""
 
     p_succ: float
     p_ret: float
     support: float | None
-    probability: float
     win: float
     best: float
+
+
+class Option(ValuedStroke, kw_only=True):
+    """A stroke of a decision; ``regret`` assumes that both play perfectly."""
+
+    probability: float
     regret: float
 
 
@@ -411,20 +413,14 @@ class Likeness(Struct):
     strokes: int
 
 
-class OpeningStroke(StrokeFacts, kw_only=True):
-    """A stroke after the first ones of a rally.
+class OpeningStroke(ValuedStroke, kw_only=True):
+    """A stroke after the first ones of a rally between two average pros.
 
-    ``available`` is the probability that it is legal, ``share`` that the average pro chooses it. ``win`` assumes that both play
-    like the average pro from then on, ``best`` that both play perfectly.
+    ``available`` is the probability that it is legal, ``share`` that the average pro chooses it.
     """
 
-    p_succ: float
-    p_ret: float
-    support: float | None
     available: float
     share: float
-    win: float
-    best: float
 
 
 class OpeningReply(Struct):

@@ -1,11 +1,11 @@
 """Values of the strokes of a game, as pages receive them."""
 
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from msgspec.structs import asdict
 
-from shuttle_marl.analysis.opening import opening
+from shuttle_marl.analysis.opening import Opening, opening
 from shuttle_marl.analysis.rally import Decision, Players, analyse_rally
 from shuttle_marl.analysis.rally import decision as analyse_decision
 from shuttle_marl.arrays import F64
@@ -115,14 +115,7 @@ class StrokeValues:
         listed = list(dict.fromkeys([*order[: limit - len(always)], *always, *order]))[:limit]
         return [
             messages.Option(
-                **asdict(stroke_facts(self.game, int(choice.stroke[k]), choice.seat)),
-                p_succ=rounded(choice.p_succ[k]),
-                p_ret=rounded(choice.p_ret[k]),
-                support=_known(choice.support[k]),
-                probability=rounded(choice.probability[k]),
-                win=rounded(choice.win[k]),
-                best=rounded(choice.optimal[k]),
-                regret=rounded(choice.regret[k]),
+                **self._valued(choice, k), probability=rounded(choice.probability[k]), regret=rounded(choice.regret[k])
             )
             for k in sorted(listed, key=order.index)
         ]
@@ -141,19 +134,23 @@ class StrokeValues:
         return messages.OpeningReply(
             strokes=[
                 messages.OpeningStroke(
-                    **asdict(stroke_facts(self.game, stroke, found.seat)),
-                    p_succ=rounded(found.p_succ[k]),
-                    p_ret=rounded(found.p_ret[k]),
-                    support=_known(found.support[k]),
-                    available=rounded(found.available[k]),
-                    share=rounded(found.share[k]),
-                    win=rounded(found.win[k]),
-                    best=rounded(found.optimal[k]),
+                    **self._valued(found, k), available=rounded(found.available[k]), share=rounded(found.share[k])
                 )
-                for k, stroke in enumerate(found.stroke.tolist())
+                for k in range(len(found.stroke))
             ],
             seed=seed_of_line(self.game, line) if line else None,
         )
+
+    def _valued(self, choice: Decision | Opening, k: int) -> dict[str, Any]:
+        """Fields of :class:`~shuttle_marl.watch.messages.ValuedStroke` of the k-th stroke."""
+        return {
+            **asdict(stroke_facts(self.game, int(choice.stroke[k]), choice.seat)),
+            "p_succ": rounded(choice.p_succ[k]),
+            "p_ret": rounded(choice.p_ret[k]),
+            "support": None if np.isnan(choice.support[k]) else round(float(choice.support[k]), 1),
+            "win": rounded(choice.win[k]),
+            "best": rounded(choice.optimal[k]),
+        }
 
     def styles(self, sides: tuple[Side, Side]) -> messages.Styles:
         """Exact statistics of two players against each other, beside those of two imitated elite players."""
@@ -192,10 +189,6 @@ class StrokeValues:
         if regret <= _FINE and usual < _RARE:
             return "!!" if usual < _VERY_RARE else "!"
         return ""
-
-
-def _known(support: float) -> float | None:
-    return None if np.isnan(support) else round(float(support), 1)
 
 
 def _landings(area: np.ndarray, choice: Decision) -> tuple[list[float] | None, list[float] | None]:

@@ -190,7 +190,8 @@ export class App {
 
   private begin(choice: Choice): void {
     if (choice === "daily" || choice === "duel") {
-      void this.challenges[choice]();
+      const failed = (error: Error) => this.screen.layout.say(error.message, true);
+      this.challenges[choice]().catch(failed);
     } else if (choice !== "watch") {
       this.setMode(choice);
     }
@@ -199,6 +200,9 @@ export class App {
   setMode(mode: Mode): void {
     const { course, screen } = this;
     const before = screen.mode;
+    if (mode !== "learn") {
+      screen.learn.start(null);
+    }
     this.enter(mode, mode === "watch" || mode === "play");
     if (mode === "play" && !course.person) {
       void this.takeOver(0);
@@ -257,6 +261,7 @@ export class App {
     if (this.live) {
       this.course.newMatch();
       this.values.played.length = 0;
+      this.screen.learn.start(null);
       void this.go(0, null, true);
     }
   }

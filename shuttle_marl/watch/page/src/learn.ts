@@ -112,7 +112,7 @@ export class Learn {
     void this.next();
   }
 
-  /** Starts the puzzles of a day, or questions about any rally; `begin` follows with the first rally. */
+  /** Starts the puzzles of a day; null: questions about any rally, as after leaving them; `begin` follows with the first rally. */
   start(daily: Daily | null): void {
     this.daily = daily;
     this.end();

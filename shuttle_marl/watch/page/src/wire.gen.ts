@@ -237,7 +237,7 @@ export interface StrokeValue {
   sure: string;
 }
 
-/** A stroke of a decision with its values. */
+/** A stroke of a decision; ``regret`` assumes that both play perfectly. */
 export interface Option {
   stroke: number;
   seat: number;
@@ -249,9 +249,9 @@ export interface Option {
   p_succ: number;
   p_ret: number;
   support: number | null;
-  probability: number;
   win: number;
   best: number;
+  probability: number;
   regret: number;
 }
 
@@ -356,7 +356,7 @@ export interface OpeningReply {
   seed: number | null;
 }
 
-/** A stroke after the first ones of a rally. */
+/** A stroke after the first ones of a rally between two average pros. */
 export interface OpeningStroke {
   stroke: number;
   seat: number;
@@ -368,10 +368,10 @@ export interface OpeningStroke {
   p_succ: number;
   p_ret: number;
   support: number | null;
-  available: number;
-  share: number;
   win: number;
   best: number;
+  available: number;
+  share: number;
 }
 
 /** Requests by operation. */
