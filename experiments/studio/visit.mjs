@@ -22,7 +22,7 @@ const { default: chromium } = await import("@sparticuz/chromium");
 
 const HERE = dirname(fileURLToPath(import.meta.url));
 const LIMIT = 300_000; // for each thing that is waited for [ms]
-const SETTLED = 90_000; // until the window is taken as it is [ms]
+const SETTLED = 60_000; // until the window is taken as it is [ms]
 const PLAYED = 1; // what is played [s of the scene]
 const PANELS = "[data-testid^=panel-mouseenter-container]";
 const [scene, layout, file, time, scale, ...tabs] = process.argv.slice(2);
@@ -64,7 +64,7 @@ async function visit(page, origin) {
   await page.goto(address.href);
 
   await page.waitForSelector("button[title='Play']:not([disabled])");
-  await still(page);
+  await still(page, textOf);
   const topics = await page.$$eval("li", (rows) =>
     Object.fromEntries(rows.map((row) => row.innerText.split("\n")).map(([name, , count]) => [name, Number(count.replaceAll(",", ""))])),
   );
@@ -73,7 +73,7 @@ async function visit(page, origin) {
   // The picture is of the panels alone.
   await page.click("button[aria-label='Dismiss']");
   await page.click("[role='tab'][title='Data source']");
-  const picture = await still(page);
+  const picture = Buffer.from(await still(page, pictureOf), "latin1");
   const panels = await page.$$eval(PANELS, (all) => Object.fromEntries(all.map((e) => [e.dataset.testid.split(" ")[1], e.innerText])));
 
   const further = [];
@@ -83,7 +83,7 @@ async function visit(page, origin) {
     if (!(await label.$("[data-testid='tab-icon']"))) {
       await label.click();
     }
-    await still(page);
+    await still(page, pictureOf);
     further.push([tab, Buffer.from(await (await page.$("canvas")).screenshot())]);
   }
 
@@ -99,7 +99,7 @@ async function visit(page, origin) {
 async function problemsOf(page) {
   const tab = await page.waitForSelector("::-p-xpath(//*[@role='tab'][starts-with(., 'Problems')])");
   await tab.click();
-  await still(page);
+  await still(page, textOf);
   return tab.evaluate((label) => {
     const tabs = label.parentElement;
     let around = tabs;
@@ -110,12 +110,15 @@ async function problemsOf(page) {
   });
 }
 
-// The window when nothing in it changes any more, or after a while: some of what a broken file brings up never stands still.
-async function still(page) {
+const pictureOf = async (page) => Buffer.from(await page.screenshot()).toString("latin1");
+const textOf = (page) => page.evaluate(() => document.body.innerText);
+
+// The window when it does not change any more, or after a while: some of what a broken file brings up never stands still.
+async function still(page, look) {
   const end = Date.now() + SETTLED;
   for (let last; ; await pause(1500)) {
-    const now = Buffer.from(await page.screenshot());
-    if (last?.equals(now) || Date.now() > end) {
+    const now = await look(page);
+    if (last === now || Date.now() > end) {
       return now;
     }
     last = now;

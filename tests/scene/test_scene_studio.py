@@ -23,7 +23,7 @@ from shuttle_marl.scene.report import SECOND
 from shuttle_marl.scene.write import EPOCH, select, write_scene
 from tests.scene.conftest import read
 
-HALF = 0.5
+HALF = 0.4
 """Pixels for one of the window: the browser draws without a graphics card, which takes most of the time."""
 ROWS = 30
 """Rows of a table on its first page."""

@@ -308,7 +308,7 @@ def test_a_duel_is_played_by_keyboard_recorded_and_ends_with_a_report(viewer: An
         assert f"You chose {chosen} strokes, with an accuracy of" in text
         assert re.search(r"You play .?\d+ % like ", text)
         assert viewer.state("rally") == last
-        assert len(viewer.state("turn_ms")) == chosen
+        viewer.until(lambda: len(viewer.state("turn_ms")) == chosen)
         dialog.get_by_role("button", name="Another duel").press("Enter")
         viewer.until(lambda: viewer.state("points") == [0, 0] and viewer.state("rally") == 0)
     (log,) = folder.glob("*.mcap")

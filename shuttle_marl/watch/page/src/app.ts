@@ -349,7 +349,7 @@ export class App {
     if (!turn || !course.plan) {
       return;
     }
-    this.chosenAt = performance.now();
+    const chosen = performance.now();
     const undo = course.mark();
     course.choose(turn.number, stroke);
     screen.board.show(null);
@@ -364,6 +364,7 @@ export class App {
       const contact = next.rally.strokes[turn.number]?.time ?? Infinity;
       this.stage?.blendFrom(shown.motion, time);
       this.show(next, Math.min(time, contact - 0.12), true);
+      this.unseen.push(chosen);
     }
   }
 
@@ -417,9 +418,8 @@ export class App {
     if (ended) {
       this.atEnd();
     }
-    if (this.chosenAt && this.player.playing && !this.screen.board.turn) {
-      this.turnTimes.push(performance.now() - this.chosenAt);
-      this.chosenAt = 0;
+    for (const chosen of this.unseen.splice(0)) {
+      this.turnTimes.push(performance.now() - chosen);
     }
   }
 
