@@ -397,7 +397,10 @@ def test_a_shared_page_opens_from_disk(viewer: Any, served: Any, browser: Any, t
     assert picture.std() > 10, "a court, not one colour"
 
 
-@pytest.mark.parametrize(("width", "height"), [(1680, 980), (390, 844)])
+SIZES = [(390, 664), (390, 844), (820, 1180), (1280, 720), (1366, 768), (1680, 980)]
+
+
+@pytest.mark.parametrize(("width", "height"), SIZES)
 def test_page_is_accessible(viewer: Any, served: Any, width: int, height: int) -> None:
     axe = (SOURCE / "node_modules" / "axe-core" / "axe.min.js").read_text(encoding="utf-8")
 

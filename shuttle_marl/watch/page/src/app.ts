@@ -35,7 +35,7 @@ export class App {
   private loopRally = false;
   private autoNext = true;
   private replayed: Camera | null = null; // the camera before a slow replay
-  private chosenAt = 0;
+  private readonly unseen: number[] = []; // times of choices without a frame since
   private readonly listener: FrameListener = {
     advanced: (ended) => this.advanced(ended),
     update: () => this.screen.update(),
