@@ -26,6 +26,7 @@ from shuttle_marl.staging.skeleton import (
     model_file,
 )
 from shuttle_marl.staging.trajectory import ENDS, Trajectory
+from shuttle_marl.staging.walk import with_walk
 
 __all__ = [
     "ATHLETES",
@@ -48,4 +49,5 @@ __all__ = [
     "load_skeleton",
     "model_file",
     "stage",
+    "with_walk",
 ]

@@ -272,7 +272,7 @@ def _assembled(
         rows = slice(done, None)
         new = Course(hips=found.hips[rows], pose=found.pose[rows], feet=found.feet.part(rows), gaze=found.gaze[rows])
         turn, place = bones(skeleton, new)
-        rotation[rows, seat], position[rows, seat], planted[rows, seat] = _onto_court(turn, place, new.feet, sign)
+        rotation[rows, seat], position[rows, seat], planted[rows, seat] = onto_court(turn, place, new.feet, sign)
         if seat == rally.server and (not len(rally) or contacts[0] >= done):
             hand = BONE["LeftHand"]
             palm = np.zeros((frames, 3))
@@ -310,7 +310,7 @@ def _hand(athlete: Athlete) -> str:
     return "right" if athlete.right_handed else "left"
 
 
-def _onto_court(rotation: F64, position: F64, feet: Feet, sign: F64) -> tuple[F64, F64, Bools]:
+def onto_court(rotation: F64, position: F64, feet: Feet, sign: F64) -> tuple[F64, F64, Bools]:
     """Rotations, positions and plants of a player in the frame of the court.
 
     ``sign`` turns by half a turn about the vertical (seat 1), mirrors (a left-hander), or both. A mirror swaps the bones of

@@ -14,8 +14,6 @@ import numpy as np
 from shuttle_marl.arrays import F64, Bools
 from shuttle_marl.staging.keys import LEFT, RIGHT, Stand
 
-_STRIDE: Final = 1.25
-"""Longest step of a pair of steps [m]."""
 _STEP_TIME: Final = 0.17
 """Shortest duration of a step [s]."""
 _SWING: Final = 0.28
@@ -166,12 +164,12 @@ def _between(here: Stand, there: Stand, feet: tuple[list[Plant], list[Plant]], h
     if way.max() < _STAYS:
         return [-1, -1]
     most = max(1, int(gap / (_STEP_TIME * fps)))
-    if way.min() < _STAYS and way.max() < 1.5 * _STRIDE:
+    if way.min() < _STAYS and way.max() < 1.5 * there.stride:
         moving = int(way.argmax())
         landing[1 - moving] = -1
         order = [moving]
     else:
-        n = int(np.clip(np.ceil(way.max() / _STRIDE) + 1, 2, max(2, most)))
+        n = int(np.clip(np.ceil(way.max() / there.stride) + 1, 2, max(2, most)))
         order = [(there.last + n - 1 - k) % 2 for k in range(n)]
     n = len(order)
     swing = _swings(here.end, there.begin, n, hips, fps)

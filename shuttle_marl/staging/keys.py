@@ -58,6 +58,7 @@ class Stand:
         yaw: ``[2]`` headings [rad].
         last: the foot that lands last.
         hop: whether the feet come here together, through the air.
+        stride: longest step of a pair of steps on the way here [m].
     """
 
     begin: int
@@ -66,6 +67,7 @@ class Stand:
     yaw: F64
     last: int = RIGHT
     hop: bool = False
+    stride: float = 1.25
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)

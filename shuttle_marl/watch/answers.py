@@ -139,6 +139,9 @@ class Answers:
             self._log.add(request.plan, rally)
         # A page that has the motion up to the branch needs only the frames after it.
         first = self._first_frame(request, rally, motion) if request.have else 0
+        if request.walk:
+            following = replace(request, rally=request.rally + 1, tried={})
+            first, motion = len(motion.time), staging.with_walk(motion, self._motion(following, self._played(following)))
         packed: bytes = self._packed.get((motion, first), lambda: motion.pack(first))
         return messages.RallyReply(rally_facts(self._values_of(request).game, rally, motion)), packed
 

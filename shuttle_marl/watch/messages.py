@@ -52,10 +52,12 @@ class RallyRequest(Query, kw_only=True, tag_field="op", tag="rally", frozen=True
 
     Attributes:
         have: whether the page has the motion up to the branch; then the reply holds the frames after it.
+        walk: whether the reply holds the walk to the next rally instead, the frames after those of the rally.
     """
 
     id: int
     have: bool = False
+    walk: bool = False
 
 
 class AnalysisRequest(Query, kw_only=True, tag_field="op", tag="analysis", frozen=True):

@@ -489,3 +489,13 @@ def test_the_director_shows_attacks_from_the_side_and_then_the_winner(viewer: An
         viewer.page.evaluate("window.viewer.draw()")
         shots.append(viewer.state("shot"))
     assert shots == ["broadcast", "side", "winner"]
+
+
+def test_players_walk_to_the_next_rally(viewer: Any, served: Any) -> None:
+    viewer.open(f"{served.address}#seed=5&a=bc&b=bc&rally=1").press(">", ">")
+    seek(viewer, viewer.state("duration") - 0.1)
+    viewer.press(" ") if not viewer.state("playing") else None
+    viewer.until(lambda: viewer.state("time") > viewer.state("duration") + 1)
+    assert viewer.state("rally") == 0
+    assert viewer.page.locator(".banner").is_hidden(), "the result makes room"
+    viewer.until(lambda: viewer.state("rally") == 1)

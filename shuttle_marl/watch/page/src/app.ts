@@ -222,7 +222,7 @@ export class App {
 
   toggle(): void {
     const { player } = this;
-    if (!player.playing && player.time >= player.duration) {
+    if (!player.playing && player.time >= player.end) {
       player.seek(0);
     }
     const mine = this.screen.board.turn && (player.waits || player.time >= player.choice);
@@ -438,8 +438,28 @@ export class App {
       !rally.after?.over &&
       !(this.course.person && rally.after?.game_won)
     ) {
-      void this.go(this.course.number + 1, null, true);
+      void this.walkOn();
     }
+  }
+
+  /** Plays the walk to the next rally, then that rally; without a walk where the page has none, or nobody only watches. */
+  private async walkOn(): Promise<void> {
+    const { course, player, rallies, screen, shown, source, stage } = this;
+    if (source.walk && player.end === player.duration && screen.mode === "watch") {
+      const { request } = rallies;
+      const walk = await source.walk(course.wanted(course.number), shown!.motion).catch(() => null);
+      if (request !== rallies.request) {
+        return; // another rally was asked for
+      }
+      if (walk) {
+        stage?.blendFrom(shown!.motion, player.time);
+        this.frames.extend(walk);
+        return;
+      }
+    }
+    const { motion, time } = player;
+    await this.go(course.number + 1, null, true);
+    stage?.blendFrom(motion!, time);
   }
 
   /** Replays the best stroke of a remarkable rally from the side, once, before the next rally; returns whether it does. */

@@ -16,7 +16,7 @@ declare global {
   }
 }
 
-function query({ plan, rally, person, tried }: Wanted): Omit<RallyRequest, "have"> {
+function query({ plan, rally, person, tried }: Wanted): Omit<RallyRequest, "have" | "walk"> {
   return plan ? { plan, rally, person } : { plan: null, rally, tried };
 }
 
@@ -36,7 +36,10 @@ async function served(): Promise<{ hello: Hello; source: Source }> {
   const server = new Connection(address, (open) => lost.classList.toggle("hidden", open));
   const { facts: hello, raw } = await server.ask("hello", {});
   const source: Source = {
-    rally: async (wanted, before) => unpacked(await server.ask("rally", { ...query(wanted), have: before !== null }), before),
+    rally: async (wanted, before) =>
+      unpacked(await server.ask("rally", { ...query(wanted), have: before !== null, walk: false }), before),
+    walk: async (wanted, motion) =>
+      (await unpacked(await server.ask("rally", { ...query(wanted), have: false, walk: true }), motion)).motion,
     analysis: async (wanted) => (await server.ask("analysis", query(wanted))).facts,
     options: async (wanted) => (await server.ask("options", query(wanted))).facts.options,
     styles: async (wanted) => (await server.ask("styles", query(wanted))).facts,
@@ -52,7 +55,7 @@ async function served(): Promise<{ hello: Hello; source: Source }> {
       const athletes = new Set<string>();
       for (const [i, wanted] of rallies.entries()) {
         progress(i);
-        const reply = await server.ask("rally", { ...query(wanted), have: false });
+        const reply = await server.ask("rally", { ...query(wanted), have: false, walk: false });
         reply.facts.rally.players.forEach(({ athlete }) => athletes.add(athlete));
         replies.set(`rally ${wanted.rally}`, reply.raw);
         replies.set(`analysis ${wanted.rally}`, (await server.ask("analysis", query(wanted))).raw);
@@ -84,6 +87,7 @@ type Found<F> = Promise<{ facts: F; body: ArrayBuffer }>;
 function stored(find: <F>(key: string) => Found<F>, match: (wanted: Wanted) => string, model: Source["model"]): Source {
   return {
     rally: async ({ rally }) => unpacked(await find(`rally ${rally}`)),
+    walk: null,
     analysis: async ({ rally }) => (await find<Analysis>(`analysis ${rally}`)).facts,
     options: noPlay,
     likeness: noPlay,

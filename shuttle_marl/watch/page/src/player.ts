@@ -13,6 +13,8 @@ export class Player {
   playing = false;
   rally: RallyFacts | null = null;
   motion: Motion | null = null;
+  /** Duration of the rally, without the walk that may follow [s]. */
+  duration = 0;
   /** Time at which the playback stops once, for example before a decision; null: none. */
   stopAt: number | null = null;
   /** End of the interval in which players wait for the serve of a person; null: none. */
@@ -24,6 +26,7 @@ export class Player {
   show(rally: RallyFacts, motion: Motion, time: number, still: boolean): void {
     this.rally = rally;
     this.motion = motion;
+    this.duration = motion.duration;
     this.time = Math.min(time, motion.duration);
     this.breath = 0;
     const turn = rally.turn ? this.choice : null;
@@ -37,8 +40,15 @@ export class Player {
     return Math.max(this.rally?.strokes.at(-1)?.time ?? 0, this.duration - EARLY);
   }
 
-  get duration(): number {
+  /** End of the playback: of the rally, or of the walk that follows it [s]. */
+  get end(): number {
     return this.motion?.duration ?? 0;
+  }
+
+  /** Plays on, with the walk to the next rally. */
+  extend(motion: Motion): void {
+    this.motion = motion;
+    this.playing = true;
   }
 
   /** Number of the last stroke; -1 before the serve. */
@@ -83,8 +93,8 @@ export class Player {
       time = this.until.cut ? this.duration : time;
       this.endReplay();
     }
-    this.time = Math.min(time, this.duration);
-    return this.playing && this.time >= this.duration;
+    this.time = Math.min(time, this.end);
+    return this.playing && this.time >= this.end;
   }
 
   stepFrame(frames: number): void {

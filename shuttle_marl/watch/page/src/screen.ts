@@ -48,6 +48,7 @@ export interface Acts extends Hooks {
 }
 
 const BEFORE = 0.03; // time before a contact at which a question stops the playback [s]
+const BANNER = 0.8; // time of the walk for which the result of the rally stays [s]
 
 export class Screen {
   mode: Mode = "watch";
@@ -323,8 +324,9 @@ export class Screen {
     }
     const time = player.waits ? player.choice : player.time;
     this.layout.scrubber.value = String(time);
-    this.layout.clock.textContent = `${time.toFixed(2)} / ${player.duration.toFixed(1)} s`;
+    this.layout.clock.textContent = `${Math.min(time, player.duration).toFixed(2)} / ${player.duration.toFixed(1)} s`;
     this.layout.showPlaying(player.playing);
+    this.layout.court.classList.toggle("walking", player.time > player.duration + BANNER);
     if (player.stroke !== this.shownStroke) {
       this.showStroke(rally, player.stroke);
     }

@@ -30,6 +30,7 @@ const ATTACKS = new Set(["smash", "half-smash", "net-kill"]);
 const BEFORE = 0.5; // time before an attack at which the director shows the side [s]
 const AFTER = 0.8; // time after the rally at which the director shows the winner [s]
 const RISING = 0.7; // time that spectators take to rise after a rally [s]
+const LANDED = 2.1; // time for which the landing point is marked [s]
 const LONG = 20; // strokes of a rally after which all of them rise
 const FEWER = 0.6; // the lower resolution, as a fraction of the page resolution
 
@@ -231,7 +232,7 @@ export class Stage {
     this.excitement.value = over
       ? Math.min(1, (time - last.end_time) / RISING) * Math.min(1, 0.3 + rally.strokes.length / LONG)
       : 0;
-    this.marks.showLanding(over ? last.end_point : null, last?.end === "winner");
+    this.marks.showLanding(over && time < last.end_time + LANDED ? last.end_point : null, last?.end === "winner");
     // Software rendering draws the static background once per view.
     if (this.lite && this.shownCamera !== "free" && this.shownCamera !== "follow") {
       this.backdrop.render(this.scene, this.eye);

@@ -113,6 +113,7 @@ export interface RallyRequest {
   person?: Person | null;
   tried?: Record<string, number>;
   have: boolean;
+  walk: boolean;
 }
 
 /** A person who plays instead of a policy. */

@@ -1,0 +1,325 @@
+"""The walk between two rallies: the shuttle is picked up, and both players go to their places for the next serve.
+
+The player on whose side the shuttle lies walks to it and flicks it up with the racket: into their own hand if they serve next,
+otherwise over the net to the server. The walk ends in the first frame of the next rally.
+"""
+
+import dataclasses
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from shuttle_marl.arrays import F64
+from shuttle_marl.game.court import NET_DEPTH, NET_HEIGHT
+from shuttle_marl.staging.arm import arm_of
+from shuttle_marl.staging.assemble import onto_court
+from shuttle_marl.staging.body import Course, Player, bones, course, prepare
+from shuttle_marl.staging.curves import smooth
+from shuttle_marl.staging.feet import Plant
+from shuttle_marl.staging.flight import shoot
+from shuttle_marl.staging.habits import Habits
+from shuttle_marl.staging.keys import LEFT, RIGHT, Hit, Keys, Stand, Timeline, feet_at
+from shuttle_marl.staging.library import FLIP, FREE_ARM, N_POSE, TRUNK, Athlete, bent, pointed
+from shuttle_marl.staging.motion import Motion
+from shuttle_marl.staging.motions import LUNGE, Stance
+from shuttle_marl.staging.poses import CONTACT
+from shuttle_marl.staging.rotation import turned
+from shuttle_marl.staging.skeleton import BONE, HIPS_HEIGHT, HIPS_YAW, StagingError
+from shuttle_marl.staging.trajectory import net_height
+
+_SPEED: Final = 1.6
+"""Mean speed of a walk [m/s]."""
+_STRIDE: Final = 0.78
+"""Longest step of a walk [m]."""
+_STILL: Final = 0.35
+"""Time before and after a walk and around the pick-up in which the hips stay [s]."""
+_LEAST: Final = 0.8
+"""Shortest duration of a walk [s]."""
+_SHORT: Final = 1.3
+"""Distance below which a player does not turn to walk [m]."""
+_TURN: Final = 0.28
+"""Time of a turn, for each radian [s]."""
+_TURN_BACK: Final = 0.8
+"""Time before the end of a walk at which the player turns to the net [s]."""
+_STRINGS: Final = 0.10
+"""Height of the middle of the strings when the frame of the racket touches a shuttle on the floor [m]."""
+_CROUCH: Final = 0.14
+"""Additional depth of the hips in the pick-up [m]."""
+_OWN_FLICK, _FLICK = 0.60, 1.15
+"""Duration of the flight into the own hand, and least duration to the other player [s]."""
+_HOLD: Final = 0.5
+"""Time between the catch and the next rally [s]."""
+_CLEARANCE: Final = 0.15
+"""Least distance of the shuttle from the net [m]."""
+_PHASES: Final = (-0.50, -0.28, -0.12, 0.0, 0.16, 0.42)
+"""Times of the key poses of the pick-up, relative to the contact [s]."""
+_ATTEMPTS: Final = 4
+_TOLERANCE: Final = 5e-3
+
+
+class _Plan(NamedTuple):
+    """Times of a walk in frames.
+
+    Attributes:
+        frames: number of frames.
+        picker: seat on whose side the shuttle lies.
+        pick, catch: frames in which the shuttle is flicked up and caught.
+        arrival: ``[2]`` frame in which each player is at the place for the serve.
+    """
+
+    frames: int
+    picker: int
+    pick: int
+    catch: int
+    arrival: tuple[int, int]
+
+
+def with_walk(rally: Motion, following: Motion) -> Motion:
+    """Stage the walk from the end of a rally to the start of the next one.
+
+    Args:
+        rally: a finished rally that :func:`~shuttle_marl.staging.stage` returned.
+        following: the next rally, of the same players.
+
+    Returns:
+        The motion of the rally, followed by 3 to 12 seconds of walking.
+
+    Raises:
+        StagingError: an unpacked motion, an unfinished rally, or other players or frame rates.
+    """
+    if rally.players is None or following.players is None:
+        raise StagingError("no walk leads from or to an unpacked motion: pass those that stage() returned")
+    if rally.trajectory.rally.open:
+        raise StagingError("the rally continues: a walk leads from the end of a rally to the next one")
+    for name in ("fps", "skeletons", "handedness"):
+        if getattr(rally, name) != getattr(following, name):
+            raise StagingError(f"the rallies have different {name}: expected two rallies of a match")
+    return _WalkBuilder(rally, following).build()
+
+
+class _WalkBuilder:
+    def __init__(self, rally: Motion, following: Motion) -> None:
+        assert rally.players is not None
+        assert following.players is not None
+        self.rally, self.following, self.fps = rally, following, rally.fps
+        self.athletes = [
+            Athlete(seat=seat, right_handed=rally.handedness[seat] == "right", skeleton=rally.skeletons[seat]) for seat in (0, 1)
+        ]
+        self.starts, self.ends = rally.players, following.players
+        self.lying = rally.shuttle[-1].astype(np.float64)
+        self.server = following.trajectory.rally.server
+        picker = int(self.lying[1] > 0)
+        self.stance = self._pick_up(picker)
+        self.plan = self._times(picker)
+
+    def build(self) -> Motion:
+        plan, rally = self.plan, self.rally
+        shuttle = self._shuttle(self._course(self.server, np.tile(self.lying, (plan.frames, 1))))
+        rotation, position, planted = (
+            np.empty((plan.frames, *getattr(rally, name).shape[1:])) for name in ("rotation", "position", "planted")
+        )
+        for seat in (0, 1):
+            found, sign = self._course(seat, shuttle), self.athletes[seat].signs
+            turn, place = bones(rally.skeletons[seat], found)
+            rotation[:, seat], position[:, seat], planted[:, seat] = onto_court(turn, place, found.feet, sign)
+        velocity = np.gradient(shuttle, 1 / self.fps, axis=0)
+        added = {"shuttle": shuttle, "shuttle_velocity": velocity, "rotation": rotation, "position": position, "planted": planted}
+        parts = {name: (getattr(rally, name), new[1:]) for name, new in added.items()}
+        whole: dict[str, Any] = {name: np.concatenate([old, new.astype(old.dtype)]) for name, (old, new) in parts.items()}
+        return dataclasses.replace(rally, time=np.arange(len(whole["shuttle"])) / self.fps, players=None, **whole)
+
+    def _place(self, seat: int, *, end: bool) -> F64:
+        """``[2]`` hips of a player at the start or the end, in the player's own frame [m]."""
+        return (self.ends[seat].course.hips[0] if end else self.starts[seat].course.hips[-1])[:2]
+
+    def _pick_up(self, picker: int) -> Stance:
+        """Stance in which the shuttle is flicked up."""
+        athlete = self.athletes[picker]
+        point = (self.lying * athlete.signs)[:2]
+        way = point - self._place(picker, end=False)
+        heading = float(np.arctan2(-way[0], way[1]))
+        natural = athlete.library.natural(LUNGE, _STRINGS)
+        root = point - (turned(np.array(heading)) @ natural)[:2]
+        root[1] = min(root[1], -0.45)  # behind the net
+        return Stance(motion=LUNGE, heading=heading, root=root, reach=0.0)
+
+    def _times(self, picker: int) -> _Plan:
+        fps, server = self.fps, self.server
+
+        def needed(way: F64) -> float:
+            far = float(np.hypot(*way))
+            return 2 * _STILL + max(_LEAST, far / _SPEED) + (2 * _TURN if far > _SHORT else 0.0)
+
+        root = self.stance.root
+        direct = [needed(self._place(seat, end=True) - self._place(seat, end=False)) for seat in (0, 1)]
+        pick = needed(root - self._place(picker, end=False))
+        flight = _OWN_FLICK
+        if server != picker:
+            pick = max(pick, direct[server] - _FLICK)  # the server is there to catch it
+            flight = self._flight_time()
+        arrival = list(direct)
+        arrival[picker] = pick + needed(self._place(picker, end=True) - root)
+        end = max(*arrival, pick + flight + _HOLD)
+        first = round(pick * fps)
+        return _Plan(
+            frames=round(end * fps) + 1,
+            picker=picker,
+            pick=first,
+            catch=first + round(flight * fps),
+            arrival=(round(arrival[0] * fps), round(arrival[1] * fps)),
+        )
+
+    def _flight_time(self) -> float:
+        """Duration of a flight to the server over the net, or under it from a shuttle close to it [s]."""
+        end = np.array([*(self._place(self.server, end=True) * self.athletes[self.server].signs[:2]), 1.1])
+        share = self.lying[1] / (self.lying[1] - end[1])
+        over = float(net_height(self.lying[0] + share * (end[0] - self.lying[0]))) + _CLEARANCE
+        seconds = _FLICK
+        while seconds < 2 * _FLICK:
+            flight = shoot(self.lying[None], end[None], np.array([seconds]))
+            path = flight.at(0, np.linspace(0, seconds, 50))[0]
+            height = np.interp(0.0, path[:, 1] * np.sign(end[1]), path[:, 2])
+            if height >= over or height <= NET_HEIGHT - NET_DEPTH - _CLEARANCE:
+                break
+            seconds += 0.05
+        return seconds
+
+    def _course(self, seat: int, shuttle: F64) -> Course:
+        """Hips, poses and feet of a player; the racket of the picker meets the shuttle."""
+        athlete, plan = self.athletes[seat], self.plan
+        ease = np.cos(np.pi / 2 * np.clip(np.arange(plan.frames) / (_STILL * self.fps), 0, 1)) ** 2
+        shift, added = np.zeros(3), Habits(pose=np.zeros((plan.frames, N_POSE)), place=np.zeros((plan.frames, 3)))
+        for _ in range(_ATTEMPTS):
+            hips = self._path(seat, shift)
+            timeline = self._timeline(seat, shift)
+            here = timeline.stands[0]
+            left, right = ([Plant(here.begin, here.end, here.place[foot], float(here.yaw[foot]))] for foot in (LEFT, RIGHT))
+            prepared = prepare(athlete.skeleton, timeline, hips, self.fps, added, (left, right))
+            if added.place.any() and np.linalg.norm(prepared.miss) < _TOLERANCE:
+                break
+            shift = shift + 1.15 * prepared.miss[0] if len(prepared.miss) else shift
+            # Both ends are where the rallies have the hips, which shift their weight.
+            off = self.starts[seat].course.hips[-1] - prepared.hips[0], self.ends[seat].course.hips[0] - prepared.hips[-1]
+            added.place[:] += ease[:, None] * off[0] + ease[::-1, None] * off[1]
+        return course(athlete.skeleton, prepared, added, shuttle * athlete.signs)
+
+    def _path(self, seat: int, shift: F64) -> F64:
+        """``[F, 2]`` hips over the floor [m]."""
+        still, plan = round(_STILL * self.fps), self.plan
+        there = self._place(seat, end=True)
+        stops = [(0, self._place(seat, end=False)), (plan.arrival[seat], there), (plan.frames + still, there)]
+        if seat == plan.picker:
+            stops.insert(1, (plan.pick, self.stance.root + shift[:2]))
+        frame = np.maximum.accumulate([frame + side for frame, _ in stops for side in (-still, still)])
+        place = np.repeat([place for _, place in stops], 2, axis=0)
+        return np.column_stack([smooth(np.interp(np.arange(plan.frames), frame, place[:, k]), still - 1) for k in (0, 1)])
+
+    def _timeline(self, seat: int, shift: F64) -> Timeline:
+        """Poses and stands of a player: the way, the pick-up, the catch."""
+        athlete, plan, fps = self.athletes[seat], self.plan, self.fps
+        last, rest = self.ends[seat].course.pose[0].copy(), athlete.library.rest.copy()
+        here, there = self._place(seat, end=False), self._place(seat, end=True)
+        keys = {0: self.starts[seat].course.pose[-1]}
+        stands = [_standing(self.starts[seat], -1, 0, round(_STILL * fps))]
+        hits: tuple[Hit, ...] = ()
+        if seat == plan.picker:
+            root, frames = self.stance.root + shift[:2], [plan.pick + round(seconds * fps) for seconds in _PHASES]
+            self._go(keys, rest, root - here, frames[0])
+            heading = _nearest(self.stance.heading, keys)
+            keys |= dict(zip(frames, _pick_up_poses(athlete, heading, shift[2]), strict=True))
+            place, yaw, landing = feet_at(LUNGE, root, heading, 0.0)
+            begin, end = plan.pick - round(0.06 * fps), frames[CONTACT + 1]
+            stands.append(Stand(begin=begin, end=end, place=place, yaw=yaw, last=landing, stride=_STRIDE))
+            hits, here = (self._hit(athlete, heading, list(keys).index(plan.pick)),), root
+        if seat == self.server:
+            rest[FREE_ARM] = last[FREE_ARM]
+            if seat != plan.picker:
+                self._go(keys, athlete.library.rest, there - here, plan.arrival[seat])
+                rest[HIPS_YAW] = last[HIPS_YAW] = _nearest(last[HIPS_YAW], keys)
+            else:
+                rest[HIPS_YAW] = _nearest(self.stance.heading, keys)
+            keys[plan.catch], here = rest.copy(), here if seat == plan.picker else there
+        self._go(keys, rest, there - here, plan.arrival[seat])
+        last[HIPS_YAW] = _nearest(last[HIPS_YAW], keys)
+        keys[plan.frames - 3] = keys[plan.frames - 1] = last  # at rest
+        stands.append(_standing(self.ends[seat], 0, plan.arrival[seat] - 1, plan.frames - 1))
+        pose, zero = np.array(list(keys.values())), np.zeros(plan.frames)
+        return Timeline(
+            frame=np.array(list(keys)),
+            pose=pose,
+            known=Keys(frame=np.zeros(1, dtype=np.int64), pose=pose[:1], slope=np.zeros_like(pose[:1])),  # at rest
+            hits=hits,
+            lift=zero,
+            air=zero,
+            stands=stands,
+        )
+
+    def _go(self, keys: dict[int, F64], pose: F64, way: F64, until: int) -> None:
+        """Add the poses of a walk along ``way``; nobody turns for a few steps."""
+        if np.hypot(*way) < _SHORT:
+            return
+        begin, pose = max(keys), pose.copy()
+        before = float(keys[begin][HIPS_YAW])
+        pose[HIPS_YAW] = _nearest(float(np.arctan2(-way[0], way[1])), keys)
+        turn = round((_STILL + _TURN * abs(float(pose[HIPS_YAW]) - before)) * self.fps)
+        middle = begin + min(turn, (until - begin) // 2)
+        keys[middle] = pose
+        keys[max(until - round(_TURN_BACK * self.fps), middle + 1)] = pose
+
+    def _hit(self, athlete: Athlete, heading: float, key: int) -> Hit:
+        """The contact of racket and shuttle."""
+        point = self.lying * athlete.signs
+        point[2] = _STRINGS
+        facing, need = turned(np.array(heading)), np.array([_STRINGS - athlete.library.contact[LUNGE, 0, 2]])
+        shaft, elbow = (facing @ direction[0] for direction in pointed(LUNGE, need))
+        up = np.array([0.0, 0.0, 1.0])
+        return Hit(
+            key=key,
+            frame=self.plan.pick,
+            stroke=0,
+            stance=self.stance,
+            point=point,
+            normal=facing @ np.array([0.0, 0.5, 0.87]),
+            shaft=shaft - 0.5 * up,
+            elbow=elbow,
+            swing=2.5 * up,
+            soft=0.6,
+        )
+
+    def _shuttle(self, server: Course) -> F64:
+        """``[F, 3]`` path of the shuttle: on the floor, in the air, in the hand of the server [m]."""
+        plan, athlete = self.plan, self.athletes[self.server]
+        rotation, position = bones(athlete.skeleton, server)
+        hand = BONE["LeftHand"]
+        path = (position[:, hand] + rotation[:, hand] @ (arm_of(athlete.skeleton).offset[3] * FLIP)) * athlete.signs
+        path[: plan.pick] = self.lying
+        seconds = np.arange(plan.catch - plan.pick) / self.fps
+        flight = shoot(self.lying[None], path[plan.catch][None], np.array([len(seconds) / self.fps]))
+        path[plan.pick : plan.catch] = flight.at(0, seconds)[0]
+        return path
+
+
+def _pick_up_poses(athlete: Athlete, heading: float, higher: float) -> F64:
+    """``[6, 27]`` key poses of the pick-up."""
+    library = athlete.library
+    poses = library.stroke[LUNGE].copy()
+    poses[:, HIPS_YAW] += heading
+    need = np.array([_STRINGS - library.contact[LUNGE, 0, 2]])
+    low = bent(poses[CONTACT, TRUNK], LUNGE, need)[0] - poses[CONTACT, TRUNK]
+    low[HIPS_HEIGHT] += higher - _CROUCH
+    for k, share in ((CONTACT - 1, 0.7), (CONTACT, 1.0), (CONTACT + 1, 0.7)):
+        poses[k, TRUNK] += share * low
+    return poses
+
+
+def _nearest(yaw: float, keys: dict[int, F64]) -> float:
+    """The heading, plus the whole turns that bring it nearest to that of the last pose [rad]."""
+    now = float(keys[max(keys)][HIPS_YAW])
+    return now + (yaw - now + np.pi) % (2 * np.pi) - np.pi
+
+
+def _standing(player: Player, which: int, begin: int, end: int) -> Stand:
+    """Stand on the first (0) or last (-1) places of the feet of a player."""
+    plants = [player.plants[foot][which] for foot in (LEFT, RIGHT)]
+    place, yaw = (np.array([getattr(plant, name) for plant in plants]) for name in ("place", "yaw"))
+    return Stand(begin=begin, end=end, place=place, yaw=yaw, stride=_STRIDE)

@@ -1,0 +1,100 @@
+"""The walk from the end of a rally to the start of the next one."""
+
+import dataclasses
+import itertools
+
+import numpy as np
+import pytest
+
+from shuttle_marl.game.court import NET_DEPTH
+from shuttle_marl.staging import BONES, Motion, StagingError, stage, with_walk
+from shuttle_marl.staging.trajectory import net_height
+from tests.staging.conftest import HANDS
+
+FPS = 50
+
+
+@pytest.fixture(scope="module", params=range(4), ids=[f"{a}-{b}" for a, b in HANDS])
+def match(request: pytest.FixtureRequest, played) -> list[Motion]:
+    """Four rallies of two players, each served by the winner of the one before."""
+    rallies = [played[4 * request.param]]
+    for rally in played[4 * request.param + 1 : 4 * request.param + 4]:
+        rallies.append(dataclasses.replace(rally, server=rallies[-1].winner))
+    hands = HANDS[request.param]
+    return [stage(rally, seed=i, handedness=hands, athletes=("male", "female")) for i, rally in enumerate(rallies)]
+
+
+@pytest.fixture(scope="module")
+def walks(match) -> list[tuple[Motion, Motion, Motion]]:
+    """A rally, the same with its walk, and the next rally."""
+    return [(rally, with_walk(rally, following), following) for rally, following in itertools.pairwise(match)]
+
+
+def test_the_rally_stays_and_the_walk_ends_in_the_next_one(walks) -> None:
+    for rally, whole, following in walks:
+        n = len(rally.time)
+        for name in ("rotation", "position", "planted", "shuttle", "shuttle_velocity"):
+            assert (getattr(whole, name)[:n] == getattr(rally, name)).all()
+        assert 2.5 < (len(whole.time) - n) / FPS < 13
+        assert np.abs(whole.position[-1, :, 0] - following.position[0, :, 0]).max() < 2e-3, "the hips"
+        assert np.abs(whole.position[-1] - following.position[0]).max() < 0.06
+        assert np.abs(whole.shuttle[-1] - following.shuttle[0]).max() < 0.02
+        assert np.abs(whole.position[n] - whole.position[n - 1]).max() < 0.06
+
+
+def test_players_walk_and_their_feet_do_not_slide(walks) -> None:
+    for rally, whole, _ in walks:
+        part = slice(len(rally.time) - 1, None)
+        hips = whole.position[part, :, 0, :2].astype(float)
+        assert np.hypot(*np.moveaxis(np.diff(hips, axis=0), -1, 0)).max() * FPS < 2.5
+        for foot, name in enumerate(("LeftToeBase", "RightToeBase")):
+            stands = whole.planted[part, :, foot]
+            way = np.hypot(*np.moveaxis(np.diff(whole.position[part, :, BONES.index(name), :2].astype(float), axis=0), -1, 0))
+            assert way[stands[1:] & stands[:-1]].max() < 3e-3
+        assert whole.position[part, :, :, 2].min() > -0.06
+        assert whole.position[part, :, 0, 2].min() > 0.35, "nobody sinks to the floor"
+
+
+def test_the_shuttle_is_flicked_up_by_the_racket_and_caught_by_the_server(walks) -> None:
+    crossed = 0
+    for rally, whole, following in walks:
+        n, server = len(rally.time), following.trajectory.rally.server
+        shuttle = whole.shuttle[n - 1 :].astype(float)
+        lies = shuttle[0]
+        picked = int(np.argmax(np.abs(shuttle - lies).max(axis=1) > 1e-3)) - 1
+        picker = int(lies[1] > 0)
+        strings = whole.sweet_spot[n - 1 + picked, picker]
+        assert np.hypot(*(strings - lies)[:2]) < 0.02
+        assert strings[2] == pytest.approx(0.10, abs=0.02)
+        hand = whole.position[-1, server, BONES.index("LeftHand" if whole.handedness[server] == "right" else "RightHand")]
+        assert np.linalg.norm(shuttle[-1] - hand) < 0.15
+        over = np.flatnonzero(np.diff(np.sign(shuttle[:, 1])))
+        assert len(over) == (picker != server)
+        for k in over:
+            here, there = shuttle[k], shuttle[k + 1]
+            height = (here + (there - here) * here[1] / (here[1] - there[1]))[2]
+            top = float(net_height(shuttle[k, 0]))
+            assert height > top or height < top - NET_DEPTH, "over the net, or under it"
+            crossed += 1
+        assert shuttle[:, 2].min() > 0
+    assert crossed or all(int(rally.shuttle[-1, 1] > 0) == f.trajectory.rally.server for rally, _, f in walks)
+
+
+def test_a_walk_is_packed_behind_its_rally(walks) -> None:
+    rally, whole, _ = walks[0]
+    page = Motion.unpack(whole.pack(len(rally.time)), Motion.unpack(rally.pack()))
+    assert len(page.time) == len(whole.time)
+    assert np.abs(page.position - whole.position).max() < 2e-3
+    assert np.abs(page.shuttle - whole.shuttle).max() < 2e-3
+
+
+def test_what_does_not_follow_is_refused(match, played) -> None:
+    with pytest.raises(StagingError, match="unpacked"):
+        with_walk(Motion.unpack(match[0].pack()), match[1])
+    with pytest.raises(StagingError, match="different fps"):
+        with_walk(match[0], stage(played[1], seed=0, handedness=match[0].handedness, athletes=("male", "female"), fps=100))
+    with pytest.raises(StagingError, match="different skeletons"):
+        with_walk(match[0], stage(played[1], seed=0, handedness=match[0].handedness))
+    opened = dataclasses.replace(played[1], stroke=played[1].stroke[:1], ending=2)
+    with pytest.raises(StagingError, match="the rally continues"):
+        with_walk(stage(opened, seed=0, handedness=match[0].handedness, athletes=("male", "female")), match[1])
