@@ -1,13 +1,16 @@
 // An athlete: the skinned model, posed bone by bone, with a racket in the hand.
 
 import * as THREE from "three";
-import { at, joined } from "./hall";
+import { DecalGeometry } from "three/addons/geometries/DecalGeometry.js";
+import { at, canvasTexture, joined } from "./hall";
 import type { Motion } from "./motion";
 import type { AthleteFacts, HallFacts, Quat, Vec3 } from "./wire.gen";
 
 type Coloured = THREE.MeshStandardMaterial | THREE.MeshLambertMaterial;
 
 export interface Kit {
+  skin: number;
+  hair: number;
   shirt: number;
   shorts: number;
   racket: number;
@@ -26,9 +29,11 @@ export class Athlete {
   private readonly rotations: Float64Array;
   private readonly hips: Vec3 = [0, 0, 0];
 
-  constructor(model: THREE.Object3D, facts: HallFacts, me: AthleteFacts, kit: Kit) {
+  /** @param name printed on the back of the shirt. */
+  constructor(model: THREE.Object3D, facts: HallFacts, me: AthleteFacts, kit: Kit, name: string) {
     this.root.add(model);
-    const tint: Record<string, number> = { shirt: kit.shirt, shorts: kit.shorts };
+    const tint: Record<string, number> = { skin: kit.skin, hair: kit.hair, shirt: kit.shirt, shorts: kit.shorts };
+    let shirt: THREE.Mesh | null = null;
     const materials = new Map<THREE.Material, THREE.Material>();
     model.traverse((part) => {
       if (part instanceof THREE.Mesh) {
@@ -37,6 +42,9 @@ export class Athlete {
         const old = part.material as Coloured;
         const material = materials.get(old) ?? old.clone();
         materials.set(old, material);
+        if (old.name === "shirt") {
+          shirt = part;
+        }
         if (old.name in tint) {
           (material as Coloured).color.set(tint[old.name]!);
         }
@@ -59,6 +67,9 @@ export class Athlete {
     this.sweetSpot.position.copy(at(...me.shaft).multiplyScalar(facts.racket.sweet_spot));
     this.racket.add(this.sweetSpot);
     this.bones[hand]!.add(this.racket);
+    if (shirt) {
+      printName(shirt, model.getObjectByName("Spine2")!, name);
+    }
   }
 
   /** Sets the pose of a player at a time. */
@@ -77,6 +88,28 @@ export class Athlete {
       (i === this.racketBone ? this.racket : bone!).quaternion.slerp(turned(this.rotations, i * 4, old), 1 - share),
     );
   }
+}
+
+/** Prints a name between the shoulder blades of a shirt in its rest pose; it moves with the chest. */
+function printName(shirt: THREE.Mesh, chest: THREE.Object3D, name: string): void {
+  const map = canvasTexture(512, 144, (g) => {
+    g.font = "700 116px system-ui, 'DejaVu Sans', sans-serif";
+    g.textAlign = "center";
+    g.textBaseline = "middle";
+    g.fillStyle = "#f8fafc";
+    g.fillText(name.toUpperCase(), 256, 76, 430);
+  });
+  chest.updateWorldMatrix(true, false);
+  const middle = chest.getWorldPosition(new THREE.Vector3());
+  middle.z -= 0.07; // the back is behind the spine
+  const size = new THREE.Vector3(0.34, 0.095, 0.2);
+  const geometry = new DecalGeometry(shirt, middle, new THREE.Euler(0, Math.PI, 0), size);
+  geometry.applyMatrix4(chest.matrixWorld.clone().invert());
+  const material = new THREE.MeshLambertMaterial({ map, transparent: true, depthWrite: false });
+  Object.assign(material, { polygonOffset: true, polygonOffsetFactor: -4 });
+  const print = new THREE.Mesh(geometry, material);
+  print.frustumCulled = false;
+  chest.add(print);
 }
 
 class Ring extends THREE.Curve<THREE.Vector3> {

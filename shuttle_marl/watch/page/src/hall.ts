@@ -13,7 +13,12 @@ export const DARK = 0x05080f;
 const FLOOR = 0x16305c;
 const MAT_COLOUR = "#12785a";
 
-function canvasTexture(width: number, height: number, paint: (g: CanvasRenderingContext2D) => void): THREE.CanvasTexture {
+/** A texture that is painted once. */
+export function canvasTexture(
+  width: number,
+  height: number,
+  paint: (g: CanvasRenderingContext2D) => void,
+): THREE.CanvasTexture {
   const canvas = document.createElement("canvas");
   canvas.width = width;
   canvas.height = height;

@@ -46,6 +46,16 @@ function plainName(name: string): string {
   return /^[a-z]+(-[a-z]+)+$/.test(name) ? capitalized(name.replaceAll("-", " ")) : name; // a person of a data set
 }
 
+/** Name on the shirt of a player: the last name of a person, the first two words of other names. */
+export function nameOnShirt(identifier: string): string {
+  const words = displayName(identifier)
+    .replace(/[,(].*/, "")
+    .trim()
+    .split(" ");
+  const person = !(identifier in KNOWN) && !/^(ppo|a2c|sac|human|minimax|best-response)\b/.test(identifier);
+  return person ? words.at(-1)! : words.slice(0, 2).join(" ");
+}
+
 /** Identifiers in groups, in the order of the list. */
 export function grouped(identifiers: string[]): [string, string[]][] {
   const of = (name: string) => GROUPS.find(([, test]) => test(name))?.[0] ?? "Others";

@@ -7,6 +7,7 @@ import { clone } from "three/addons/utils/SkeletonUtils.js";
 import { Athlete, type Kit } from "./athlete";
 import { at, Backdrop, BEHIND, buildHall, DARK, simplify } from "./hall";
 import type { Motion } from "./motion";
+import { nameOnShirt } from "./names";
 import { type Flight, Marks, Shuttle } from "./shuttle";
 import type { HallFacts, RallyFacts, Vec3 } from "./wire.gen";
 
@@ -17,8 +18,8 @@ type Shot = Exclude<Camera, "director"> | "winner";
 
 export const COLOURS: [string, string] = ["#38bdf8", "#fb7185"];
 const KITS: [Kit, Kit] = [
-  { shirt: 0x0b4fd6, shorts: 0x0b1020, racket: 0x38bdf8 },
-  { shirt: 0xc1122f, shorts: 0x14141c, racket: 0xfb7185 },
+  { skin: 0xd9a07a, hair: 0x1c1410, shirt: 0x0b4fd6, shorts: 0x0b1020, racket: 0x38bdf8 },
+  { skin: 0xb97d58, hair: 0x120c0a, shirt: 0xc1122f, shorts: 0x14141c, racket: 0xfb7185 },
 ];
 
 const TOUCHED = matchMedia("(pointer: coarse)");
@@ -149,7 +150,7 @@ export class Stage {
 
   /** Loads the athletes of a rally; await it before the rally is drawn. */
   async prepare(rally: RallyFacts): Promise<void> {
-    const cast = JSON.stringify(rally.players);
+    const cast = JSON.stringify([rally.players, rally.names]);
     if (cast === this.cast) {
       return;
     }
@@ -167,7 +168,7 @@ export class Stage {
     }
     const made = rally.players.map(({ athlete, hand }, seat) => {
       const me = this.facts.athletes[athlete]![hand]!;
-      return new Athlete(clone(this.models.get(athlete)!), this.facts, me, KITS[seat]!);
+      return new Athlete(clone(this.models.get(athlete)!), this.facts, me, KITS[seat]!, nameOnShirt(rally.names[seat]!));
     });
     this.athletes = made as [Athlete, Athlete];
     this.scene.add(...made.map((one) => one.root));
