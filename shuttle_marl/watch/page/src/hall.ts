@@ -226,7 +226,7 @@ function addBoards(scene: THREE.Scene): void {
 function addStands(scene: THREE.Scene, lite: boolean, excitement: { value: number }): void {
   const rows = lite ? 9 : 16;
   const random = numbers(20417);
-  const spots: THREE.Vector3[] = [];
+  const spots: { spot: THREE.Vector3; turn: number }[] = [];
   const steps: THREE.BufferGeometry[] = [];
   for (let side = 0; side < 4; side++) {
     const turn = (side * Math.PI) / 2;
@@ -243,7 +243,7 @@ function addStands(scene: THREE.Scene, lite: boolean, excitement: { value: numbe
             THREE.Object3D.DEFAULT_UP,
             turn,
           );
-          spots.push(spot);
+          spots.push({ spot, turn });
         }
       }
     }
@@ -253,8 +253,10 @@ function addStands(scene: THREE.Scene, lite: boolean, excitement: { value: numbe
   const body = lite
     ? new THREE.ConeGeometry(0.22, 0.75, 3, 1, true).translate(0, 0.37, 0) // few vertices: there are thousands of them
     : joined([
-        new THREE.CylinderGeometry(0.12, 0.21, 0.5, 5).translate(0, 0.25, 0),
-        new THREE.IcosahedronGeometry(0.115, 0).translate(0, 0.62, 0),
+        new THREE.CylinderGeometry(0.2, 0.14, 0.46, 6, 1, true).scale(1, 1, 0.6).translate(0, 0.25, 0),
+        new THREE.CylinderGeometry(0.06, 0.2, 0.07, 6, 1, true).scale(1, 1, 0.6).translate(0, 0.515, 0),
+        new THREE.IcosahedronGeometry(0.115, 0).scale(0.85, 1.1, 0.95).translate(0, 0.66, 0),
+        new THREE.BoxGeometry(0.3, 0.13, 0.36).translate(0, 0.07, -0.22),
       ]);
   const material = new THREE.MeshLambertMaterial({ color: 0xffffff });
   if (!lite) {
@@ -271,9 +273,12 @@ function addStands(scene: THREE.Scene, lite: boolean, excitement: { value: numbe
   const crowd = new THREE.InstancedMesh(body, material, spots.length);
   const matrix = new THREE.Matrix4();
   const colour = new THREE.Color();
-  spots.forEach((spot, i) => {
+  spots.forEach(({ spot, turn }, i) => {
     const size = 0.9 + 0.25 * random.next().value;
-    matrix.makeScale(size, size, size).setPosition(spot);
+    matrix
+      .makeRotationY(turn)
+      .scale(new THREE.Vector3(size, size, size))
+      .setPosition(spot);
     crowd.setMatrixAt(i, matrix);
     const lively = random.next().value;
     colour.setHSL(
