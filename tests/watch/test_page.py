@@ -504,3 +504,19 @@ def test_players_walk_to_the_next_rally(viewer: Any, served: Any) -> None:
     assert viewer.state("rally") == 0
     assert viewer.page.locator(".banner").is_hidden(), "the result makes room"
     viewer.until(lambda: viewer.state("rally") == 1)
+
+
+def test_a_remarkable_rally_ends_with_one_slow_replay_and_then_the_walk(viewer: Any, served: Any) -> None:
+    viewer.open(f"{served.address}#seed=5&a=bc:viktor-axelsen&b=minimax&rally=2").analysed()
+    assert any(stroke["mark"] == "!!" for stroke in viewer.state("analysis")["strokes"])
+    viewer.page.emulate_media(reduced_motion="no-preference")
+    camera = viewer.state("camera")
+    seek(viewer, viewer.state("duration") - 0.1)
+    viewer.press(" ") if not viewer.state("playing") else None
+    viewer.until(lambda: viewer.state("camera") == "side")
+    assert viewer.state("time") < viewer.state("duration") - 1
+    viewer.until(lambda: viewer.state("time") > viewer.state("duration") + 0.2)
+    assert viewer.state("camera") == camera
+    cameras = []
+    viewer.press(">", ">").until(lambda: cameras.append(viewer.state("camera")) or viewer.state("rally") == 2)
+    assert set(cameras) == {camera}

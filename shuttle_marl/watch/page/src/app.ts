@@ -1,6 +1,7 @@
 // The page: state, playback and actions of the viewer.
 
 import { Challenges } from "./challenges";
+import { Ending } from "./ending";
 import { type FrameListener, Frames } from "./frame";
 import { keyTable, listen } from "./keys";
 import type { Mode } from "./layout";
@@ -10,14 +11,13 @@ import type { Player } from "./player";
 import { Rallies, type Shown, type Source } from "./rallies";
 import { Saving } from "./saving";
 import { type Acts, Screen } from "./screen";
-import type { Camera, Stage } from "./stage";
+import type { Stage } from "./stage";
 import { type Choice, openStartCard } from "./start";
 import { state } from "./state";
 import { StrokeValues } from "./strokeValues";
 import { Timeline } from "./timeline";
-import type { Hello, RallyFacts, Side } from "./wire.gen";
+import type { Hello, Side } from "./wire.gen";
 
-const LONG = 20; // strokes of a rally whose end is replayed
 const STILL = matchMedia("(prefers-reduced-motion: reduce)");
 
 export class App {
@@ -32,9 +32,7 @@ export class App {
   private readonly values: StrokeValues;
   private readonly challenges: Challenges;
   private shown: Shown | null = null;
-  private loopRally = false;
-  private autoNext = true;
-  private replayed: Camera | null = null; // the camera before a slow replay
+  private readonly ending: Ending;
   private readonly unseen: number[] = []; // times of choices without a frame since
   private readonly listener: FrameListener = {
     advanced: (ended) => this.advanced(ended),
@@ -73,6 +71,9 @@ export class App {
       enter: (mode) => this.enter(mode, mode === "play"),
       seeFrom: (seat) => this.seeFrom(seat),
     });
+    this.ending = new Ending(this.course, this.frames, this.rallies, this.screen, source, () =>
+      this.go(this.course.number + 1, null, true),
+    );
     this.saving = new Saving(this.course, this.player, this.frames, source, this.screen);
     listen((key) => this.key(key), this.screen.board.element);
     window.addEventListener("hashchange", () => this.visit());
@@ -98,8 +99,8 @@ export class App {
       toggle: () => this.toggle(),
       replay: () => this.player.replay(),
       speed: (speed) => (this.player.speed = speed),
-      loop: (on) => (this.loopRally = on),
-      autoNext: (on) => (this.autoNext = on),
+      loop: (on) => (this.ending.loop = on),
+      autoNext: (on) => (this.ending.autoNext = on),
       seek: (time) => this.seek(time),
       sound: () => this.screen.toggleSound(),
       textMode: (on) => this.screen.layout.showText(on),
@@ -168,10 +169,7 @@ export class App {
     const { course, frames, player, hello } = this;
     const { rally, motion } = shown;
     this.saving.endFilm();
-    if (this.replayed && this.stage) {
-      this.stage.camera = this.replayed;
-    }
-    this.replayed = null;
+    this.ending.restoreCamera();
     this.shown = shown;
     frames.show(rally, motion, time);
     player.playing = playing;
@@ -216,7 +214,7 @@ export class App {
 
   private enter(mode: Mode, autoNext = true): void {
     this.screen.showMode(mode);
-    this.autoNext = autoNext;
+    this.ending.autoNext = autoNext;
     this.screen.layout.showAutoNext(autoNext);
   }
 
@@ -416,75 +414,11 @@ export class App {
       this.saving.drawn();
     }
     if (ended) {
-      this.atEnd();
+      this.ending.reached(this.shown!);
     }
     for (const chosen of this.unseen.splice(0)) {
       this.turnTimes.push(performance.now() - chosen);
     }
-  }
-
-  private atEnd(): void {
-    const { rally } = this.shown!;
-    this.player.playing = false;
-    if (this.loopRally) {
-      this.player.seek(0);
-      this.player.playing = true;
-    } else if (this.replaysBest(rally)) {
-      return;
-    } else if (
-      this.autoNext &&
-      !this.rallies.pending &&
-      rally.winner !== null &&
-      !rally.after?.over &&
-      !(this.course.person && rally.after?.game_won)
-    ) {
-      void this.walkOn();
-    }
-  }
-
-  /** Plays the walk to the next rally, then that rally; without a walk where the page has none, or nobody only watches. */
-  private async walkOn(): Promise<void> {
-    const { course, player, rallies, screen, shown, source, stage } = this;
-    if (source.walk && player.end === player.duration && screen.mode === "watch") {
-      const { request } = rallies;
-      const walk = await source.walk(course.wanted(course.number), shown!.motion).catch(() => null);
-      if (request !== rallies.request) {
-        return; // another rally was asked for
-      }
-      if (walk) {
-        stage?.blendFrom(shown!.motion, player.time);
-        this.frames.extend(walk);
-        return;
-      }
-    }
-    const { motion, time } = player;
-    await this.go(course.number + 1, null, true);
-    stage?.blendFrom(motion!, time);
-  }
-
-  /** Replays the best stroke of a remarkable rally from the side, once, before the next rally; returns whether it does. */
-  private replaysBest(rally: RallyFacts): boolean {
-    const { player, stage, screen, autoNext } = this;
-    if (this.replayed) {
-      if (stage) {
-        stage.camera = this.replayed;
-      }
-      this.replayed = null;
-      return false;
-    }
-    const duel = this.course.person !== null && !!this.course.plan?.points;
-    const shown = (mark: string, i: number) => (duel ? mark.startsWith("!") && rally.strokes[i]!.person : mark === "!!");
-    const best = screen.analysis?.strokes.findLastIndex(({ mark }, i) => shown(mark, i)) ?? -1;
-    const last = rally.strokes.length - 1;
-    const wanted = duel || screen.mode === "watch";
-    if (!stage || STILL.matches || !autoNext || !wanted || (best < 0 && last + 1 < LONG)) {
-      return false;
-    }
-    this.replayed = stage.camera;
-    stage.camera = "side";
-    player.replay(best < 0 ? last : best, true);
-    screen.layout.say("Slow replay");
-    return true;
   }
 
   draw(): void {
