@@ -117,5 +117,5 @@ def visits(
         bound=bound,
         tolerance=tolerance,
     )
-    first = start[0] + z
+    first = start[0] + np.maximum(z, 0.0)  # conjugate residuals leave values of -1e-20
     return Visits(policies=(policy, opponent), states=(first, start[1] + backward[0](first)), error_bound=error)

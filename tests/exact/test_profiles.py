@@ -1,14 +1,26 @@
 """Profiles, best responses, exploitability, visits and regret, on random games and on a small sister of the shipped one."""
 
 import dataclasses
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from shuttle_marl.exact import ExactError, PairPolicy, Solution, best_response, evaluate, nash_conv, policy_regret, solve, visits
+from shuttle_marl.exact import (
+    ExactError,
+    PairPolicy,
+    Solution,
+    best_response,
+    evaluate,
+    nash_conv,
+    occupancy,
+    policy_regret,
+    solve,
+    visits,
+)
+from shuttle_marl.exact.fixed_point import solve_linear
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import ROOT, Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
@@ -181,6 +193,19 @@ def test_a_policy_that_is_not_rounded_is_evaluated_too(bc: TabulatedPolicy) -> N
     found, expected = evaluate(exact, bc).odds(), evaluate(bc, bc).odds()
     assert (found.serving, found.receiving) == pytest.approx((expected.serving, expected.receiving), abs=1e-13)
     assert nash_conv(exact).nash_conv == pytest.approx(nash_conv(bc).nash_conv, abs=1e-13)
+
+
+def test_rounding_leaves_no_negative_visits(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A training run stopped where visits of -6e-20 were used as probabilities."""
+
+    def rounded(*args: Any, **kwargs: Any) -> tuple[Any, float, float]:
+        z, residual, error = solve_linear(*args, **kwargs)
+        return z - 1e-18, residual, error
+
+    monkeypatch.setattr(occupancy, "solve_linear", rounded)
+    policy = random_policy(random_game(3), 0, 40.0)
+    for states in visits(policy, best_response(policy).policy).states:
+        assert states.min() == 0
 
 
 def test_visits_are_expected_numbers_of_strokes() -> None:
