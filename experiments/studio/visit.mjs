@@ -64,6 +64,11 @@ async function visit(page, origin) {
   await page.goto(address.href);
 
   await page.waitForSelector("button[title='Play']:not([disabled])");
+  // Studio lists the topics before it has counted their messages.
+  await page.waitForFunction(() => {
+    const rows = [...document.querySelectorAll("li")].map((row) => row.innerText.split("\n"));
+    return rows.length > 0 && rows.every(([, , count]) => count !== undefined);
+  });
   await still(page, textOf);
   const topics = await page.$$eval("li", (rows) =>
     Object.fromEntries(rows.map((row) => row.innerText.split("\n")).map(([name, , count]) => [name, Number(count.replaceAll(",", ""))])),
@@ -116,9 +121,11 @@ const textOf = (page) => page.evaluate(() => document.body.innerText);
 // The window when it does not change any more, or after a while: some of what a broken file brings up never stands still.
 async function still(page, look) {
   const end = Date.now() + SETTLED;
-  for (let last; ; await pause(1500)) {
+  const enough = look === textOf ? 3 : 1; // text may wait for a worker, a picture takes seconds by itself
+  for (let last, same = 0; ; await pause(1500)) {
     const now = await look(page);
-    if (last === now || Date.now() > end) {
+    same = last === now ? same + 1 : 0;
+    if (same === enough || Date.now() > end) {
       return now;
     }
     last = now;
