@@ -517,6 +517,11 @@ def test_a_remarkable_rally_ends_with_one_slow_replay_and_then_the_walk(viewer: 
     assert viewer.state("time") < viewer.state("duration") - 1
     viewer.until(lambda: viewer.state("time") > viewer.state("duration") + 0.2)
     assert viewer.state("camera") == camera
-    cameras = []
-    viewer.press(">", ">").until(lambda: cameras.append(viewer.state("camera")) or viewer.state("rally") == 2)
-    assert set(cameras) == {camera}
+    cameras = {camera}
+
+    def walked() -> bool:
+        cameras.add(viewer.state("camera"))
+        return bool(viewer.state("rally") == 2)
+
+    viewer.press(">", ">").until(walked)
+    assert cameras == {camera}
