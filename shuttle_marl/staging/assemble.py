@@ -8,8 +8,7 @@ import numpy as np
 from shuttle_marl.arrays import F64, Bools
 from shuttle_marl.game import draws
 from shuttle_marl.rally.record import Rally
-from shuttle_marl.staging.arm import arm_of
-from shuttle_marl.staging.body import Course, Player, Prepared, bones, course, prepare
+from shuttle_marl.staging.body import Course, Player, Prepared, bones, course, free_palm, prepare
 from shuttle_marl.staging.draw import Known, draw_trajectory
 from shuttle_marl.staging.feet import Feet
 from shuttle_marl.staging.habits import Habits, habits
@@ -18,7 +17,7 @@ from shuttle_marl.staging.library import FLIP, Athlete
 from shuttle_marl.staging.measured import load_measured
 from shuttle_marl.staging.motion import HANDS, Motion
 from shuttle_marl.staging.rotation import quaternion
-from shuttle_marl.staging.skeleton import BONE, MIRROR, N_BONES, Skeleton, StagingError, load_skeleton
+from shuttle_marl.staging.skeleton import MIRROR, N_BONES, Skeleton, StagingError, load_skeleton
 from shuttle_marl.staging.timeline import TimelineBuilder
 from shuttle_marl.staging.trajectory import LEAD_IN, Trajectory, held, shuttle_path, with_contacts_moved
 from shuttle_marl.staging.travel import travel
@@ -274,11 +273,10 @@ def _assembled(
         turn, place = bones(skeleton, new)
         rotation[rows, seat], position[rows, seat], planted[rows, seat] = onto_court(turn, place, new.feet, sign)
         if seat == rally.server and (not len(rally) or contacts[0] >= done):
-            hand = BONE["LeftHand"]
             palm = np.zeros((frames, 3))
             if branch:
                 palm[:done] = branch.motion.shuttle[:done]
-            palm[rows] = (place[:, hand] + turn[:, hand] @ (arm_of(skeleton).offset[3] * FLIP)) * sign
+            palm[rows] = free_palm(skeleton, turn, place) * sign
             held(shuttle, palm, contacts, trajectory, fps)
             end = int(contacts[0]) if len(contacts) else frames
             velocity[:end] = np.gradient(shuttle[: end + 1], 1 / fps, axis=0)[:end]

@@ -256,6 +256,12 @@ def bones(skeleton: Skeleton, course: Course) -> tuple[F64, F64]:
     return rotation, position
 
 
+def free_palm(skeleton: Skeleton, rotation: F64, position: F64) -> F64:
+    """``[F, 3]`` palm of the hand without the racket, in the player's own frame [m], from what :func:`bones` returns."""
+    hand = BONE["LeftHand"]
+    return position[:, hand] + rotation[:, hand] @ (arm_of(skeleton).offset[3] * FLIP)
+
+
 def _set_bones(rotation: F64, position: F64, names: tuple[str, ...], turn: F64, place: F64) -> None:
     rows = [BONE[name] for name in names]
     rotation[:, rows], position[:, rows] = turn.swapaxes(0, 1), place.swapaxes(0, 1)

@@ -11,20 +11,19 @@ import numpy as np
 
 from shuttle_marl.arrays import F64
 from shuttle_marl.game.court import NET_DEPTH, NET_HEIGHT
-from shuttle_marl.staging.arm import arm_of
 from shuttle_marl.staging.assemble import onto_court
-from shuttle_marl.staging.body import Course, Player, bones, course, prepare
+from shuttle_marl.staging.body import Player, Prepared, bones, course, free_palm, prepare
 from shuttle_marl.staging.curves import smooth
 from shuttle_marl.staging.feet import Plant
 from shuttle_marl.staging.flight import shoot
 from shuttle_marl.staging.habits import Habits
 from shuttle_marl.staging.keys import LEFT, RIGHT, Hit, Keys, Stand, Timeline, feet_at
-from shuttle_marl.staging.library import FLIP, FREE_ARM, N_POSE, TRUNK, Athlete, bent, pointed
+from shuttle_marl.staging.library import FREE_ARM, N_POSE, TRUNK, Athlete, bent, pointed
 from shuttle_marl.staging.motion import Motion
 from shuttle_marl.staging.motions import LUNGE, Stance
 from shuttle_marl.staging.poses import CONTACT
 from shuttle_marl.staging.rotation import turned
-from shuttle_marl.staging.skeleton import BONE, HIPS_HEIGHT, HIPS_YAW, StagingError
+from shuttle_marl.staging.skeleton import HIPS_HEIGHT, HIPS_YAW, StagingError
 from shuttle_marl.staging.trajectory import net_height
 
 _SPEED: Final = 1.6
@@ -114,12 +113,14 @@ class _WalkBuilder:
 
     def build(self) -> Motion:
         plan, rally = self.plan, self.rally
-        shuttle = self._shuttle(self._course(self.server, np.tile(self.lying, (plan.frames, 1))))
+        prepared = [self._prepared(seat) for seat in (0, 1)]
+        shuttle = self._shuttle(*prepared[self.server])
         rotation, position, planted = (
             np.empty((plan.frames, *getattr(rally, name).shape[1:])) for name in ("rotation", "position", "planted")
         )
         for seat in (0, 1):
-            found, sign = self._course(seat, shuttle), self.athletes[seat].signs
+            sign = self.athletes[seat].signs
+            found = course(rally.skeletons[seat], *prepared[seat], shuttle * sign)
             turn, place = bones(rally.skeletons[seat], found)
             rotation[:, seat], position[:, seat], planted[:, seat] = onto_court(turn, place, found.feet, sign)
         velocity = np.gradient(shuttle, 1 / self.fps, axis=0)
@@ -184,7 +185,7 @@ class _WalkBuilder:
             seconds += 0.05
         return seconds
 
-    def _course(self, seat: int, shuttle: F64) -> Course:
+    def _prepared(self, seat: int) -> tuple[Prepared, Habits]:
         """Hips, poses and feet of a player; the racket of the picker meets the shuttle."""
         athlete, plan = self.athletes[seat], self.plan
         ease = np.cos(np.pi / 2 * np.clip(np.arange(plan.frames) / (_STILL * self.fps), 0, 1)) ** 2
@@ -201,7 +202,7 @@ class _WalkBuilder:
             # Both ends are where the rallies have the hips, which shift their weight.
             off = self.starts[seat].course.hips[-1] - prepared.hips[0], self.ends[seat].course.hips[0] - prepared.hips[-1]
             added.place[:] += ease[:, None] * off[0] + ease[::-1, None] * off[1]
-        return course(athlete.skeleton, prepared, added, shuttle * athlete.signs)
+        return prepared, added
 
     def _path(self, seat: int, shift: F64) -> F64:
         """``[F, 2]`` hips over the floor [m]."""
@@ -255,7 +256,7 @@ class _WalkBuilder:
         )
 
     def _go(self, keys: dict[int, F64], pose: F64, way: F64, until: int) -> None:
-        """Add the poses of a walk along ``way``; nobody turns for a few steps."""
+        """Add the poses of a walk along ``way``. For a short distance the player does not turn."""
         if np.hypot(*way) < _SHORT:
             return
         begin, pose = max(keys), pose.copy()
@@ -286,12 +287,12 @@ class _WalkBuilder:
             soft=0.6,
         )
 
-    def _shuttle(self, server: Course) -> F64:
+    def _shuttle(self, server: Prepared, added: Habits) -> F64:
         """``[F, 3]`` path of the shuttle: on the floor, in the air, in the hand of the server [m]."""
         plan, athlete = self.plan, self.athletes[self.server]
-        rotation, position = bones(athlete.skeleton, server)
-        hand = BONE["LeftHand"]
-        path = (position[:, hand] + rotation[:, hand] @ (arm_of(athlete.skeleton).offset[3] * FLIP)) * athlete.signs
+        # The place of the palm does not depend on where the head looks.
+        still = course(athlete.skeleton, server, added, np.tile(self.lying * athlete.signs, (plan.frames, 1)))
+        path = free_palm(athlete.skeleton, *bones(athlete.skeleton, still)) * athlete.signs
         path[: plan.pick] = self.lying
         seconds = np.arange(plan.catch - plan.pick) / self.fps
         flight = shoot(self.lying[None], path[plan.catch][None], np.array([len(seconds) / self.fps]))

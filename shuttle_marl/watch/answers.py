@@ -139,10 +139,13 @@ class Answers:
             self._log.add(request.plan, rally)
         # A page that has the motion up to the branch needs only the frames after it.
         first = self._first_frame(request, rally, motion) if request.have else 0
+        packed: bytes
         if request.walk:
-            following = replace(request, rally=request.rally + 1, tried={})
-            first, motion = len(motion.time), staging.with_walk(motion, self._motion(following, self._played(following)))
-        packed: bytes = self._packed.get((motion, first), lambda: motion.pack(first))
+            next_request = replace(request, rally=request.rally + 1, tried={})
+            following = self._motion(next_request, self._played(next_request))
+            packed = self._packed.get((motion, following), lambda: staging.with_walk(motion, following).pack(len(motion.time)))
+        else:
+            packed = self._packed.get((motion, first), lambda: motion.pack(first))
         return messages.RallyReply(rally_facts(self._values_of(request).game, rally, motion)), packed
 
     def _options(self, query: messages.Query) -> messages.OptionsReply:

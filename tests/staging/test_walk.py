@@ -52,7 +52,7 @@ def test_players_walk_and_their_feet_do_not_slide(walks) -> None:
             way = np.hypot(*np.moveaxis(np.diff(whole.position[part, :, BONES.index(name), :2].astype(float), axis=0), -1, 0))
             assert way[stands[1:] & stands[:-1]].max() < 3e-3
         assert whole.position[part, :, :, 2].min() > -0.06
-        assert whole.position[part, :, 0, 2].min() > 0.25, "nobody sinks to the floor: the lowest is the pick-up"
+        assert whole.position[part, :, 0, 2].min() > 0.25, "the hips are lowest in the pick-up"
 
 
 def test_the_shuttle_is_flicked_up_by_the_racket_and_caught_by_the_server(walks) -> None:
