@@ -1,6 +1,7 @@
 // The page: state, playback and actions of the viewer.
 
 import { Challenges } from "./challenges";
+import { still } from "./dom";
 import { Ending } from "./ending";
 import { type FrameListener, Frames } from "./frame";
 import { keyTable, listen } from "./keys";
@@ -17,8 +18,6 @@ import { state } from "./state";
 import { StrokeValues } from "./strokeValues";
 import { Timeline } from "./timeline";
 import type { Hello, Side } from "./wire.gen";
-
-const STILL = matchMedia("(prefers-reduced-motion: reduce)");
 
 export class App {
   readonly stage: Stage | null;
@@ -49,7 +48,7 @@ export class App {
     this.course = new Timeline(hello.recorded ? null : (place.plan ?? hello.plan), place.tried);
     const quality = new URLSearchParams(location.search).get("quality");
     const known = quality === "full" || quality === "lite" ? quality : "auto";
-    this.frames = new Frames(hello.hall, (name) => source.model(name), known, STILL.matches);
+    this.frames = new Frames(hello.hall, (name) => source.model(name), known, still());
     const { player, stage } = this.frames;
     this.player = player;
     this.stage = stage;

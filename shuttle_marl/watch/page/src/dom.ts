@@ -68,6 +68,11 @@ export function sideColour(seat: number): string {
   return seat ? "var(--b)" : "var(--a)";
 }
 
+/** Whether the viewer asks for less motion. */
+export function still(): boolean {
+  return matchMedia("(prefers-reduced-motion: reduce)").matches;
+}
+
 /** A name with a verb: "bc wins", "you win"; `start`: at the start of a sentence. */
 export function does(name: string, verb: string, start = false): string {
   return name === "you" ? `${start ? "You" : "you"} ${verb}` : `${name} ${verb}s`;

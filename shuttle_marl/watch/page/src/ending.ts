@@ -1,5 +1,6 @@
 // The end of a rally: its best stroke once more, the walk to the next rally, and that rally.
 
+import { still } from "./dom";
 import type { Frames } from "./frame";
 import type { Rallies, Shown, Source } from "./rallies";
 import type { Screen } from "./screen";
@@ -8,7 +9,6 @@ import type { Timeline } from "./timeline";
 import type { RallyFacts } from "./wire.gen";
 
 const LONG = 20; // strokes of a rally whose end is replayed
-const STILL = matchMedia("(prefers-reduced-motion: reduce)");
 
 export class Ending {
   /** Whether the rally is repeated. */
@@ -94,7 +94,7 @@ export class Ending {
     const best = screen.analysis?.strokes.findLastIndex(({ mark }, i) => shown(mark, i)) ?? -1;
     const last = rally.strokes.length - 1;
     const wanted = duel || screen.mode === "watch";
-    if (!stage || STILL.matches || !this.autoNext || !wanted || (best < 0 && last + 1 < LONG)) {
+    if (!stage || still() || !this.autoNext || !wanted || (best < 0 && last + 1 < LONG)) {
       return false;
     }
     this.replayed = stage.camera;

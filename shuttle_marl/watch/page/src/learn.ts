@@ -125,16 +125,22 @@ export class Learn {
 
   end(): void {
     this.rally = this.question = null;
+    this.left = [];
     this.answered = false;
     this.hooks.point(null);
     this.element.classList.add("hidden");
+    replaceChildren(this.element); // else the next quiz shows the last question until the court is ready
   }
 
   private async next(): Promise<void> {
+    const { left } = this; // each quiz has a list of its own
     this.hooks.point(null);
     await this.hooks.back();
+    if (this.left !== left) {
+      return; // the viewer left this quiz meanwhile
+    }
     this.answered = false;
-    const question = this.left.shift();
+    const question = left.shift();
     if (!question) {
       if (!this.daily) {
         this.tellAccuracy();
