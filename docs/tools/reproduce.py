@@ -77,7 +77,13 @@ RESULTS: Final[dict[str, Result]] = (
             ("league_training", ("league_training",), "league_training --out runs/again --json {out}", 0.5, "hours"),
             ("next_stroke", ("next_stroke",), "next_stroke --data {data} --out {out}", 0.02, ""),
             ("pairs_cross", ("pair_results", "pair_strokes"), "pairs --data {data} --cross 4 --out {out}", 0.02, "an hour"),
-            ("self_play", ("self_play",), "self_play --out runs/again --json", 0.5, "hours"),
+            (
+                "self_play",
+                ("self_play",),
+                "self_play --seeds 3 --strokes 40000000 200000000 --jobs 2 --out runs/again --json",
+                0.5,
+                "8 minutes",
+            ),
             ("stroke_value", ("stroke_value",), "stroke_value --data {data} --json", 0.0, ""),
             ("styles", ("styles",), "styles --seeds 10 --out runs/again --json {out}", 0.2, "an hour"),
             (
