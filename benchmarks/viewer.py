@@ -163,6 +163,7 @@ def memory(page: Page, address: str, pid: int, matches: int, rallies: int) -> di
         for number in range(rallies):
             page.evaluate("(number) => window.viewer.go(number)", number)
             until(page, f"window.viewer.state().rally === {number}")
+        page.request_gc()
         heap.append(round(page.evaluate("performance.memory.usedJSHeapSize") / 1e6, 1))
         server.append(resident(pid))
     return {"matches": matches, "rallies_a_match": rallies, "server_mb": server, "page_mb": heap}

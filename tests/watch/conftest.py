@@ -130,6 +130,15 @@ class Viewer:
             self.page.keyboard.press(key)
         return self
 
+    def seek(self, time: float) -> "Viewer":
+        """Show the rally at a time."""
+        self.page.evaluate("(t) => window.viewer.seek(t)", time)
+        return self
+
+    def play(self, playing: bool = True) -> "Viewer":
+        """Resume or pause the playback."""
+        return self if self.state("playing") == playing else self.press(" ")
+
     def analysed(self) -> "Viewer":
         self.until(lambda: self.state("analysis") is not None)
         return self

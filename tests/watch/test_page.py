@@ -86,10 +86,6 @@ def test_loop_and_automatic_next_rally(viewer: Any, served: Any) -> None:
     assert viewer.state("server") == winner
 
 
-def seek(viewer: Any, time: float) -> None:
-    viewer.page.evaluate("(t) => window.viewer.seek(t)", time)
-
-
 def test_both_agents_are_switched_in_mid_match_and_the_link_reproduces_it(viewer: Any, served: Any, browser: Any) -> None:
     viewer.open(f"{served.address}#seed=5&a=bc&b=minimax&rally=2&stroke=2")
     played = viewer.state("strokes")
@@ -119,18 +115,18 @@ def test_what_if_continues_without_a_jump_and_comes_back(viewer: Any, served: An
     viewer.open(f"{served.address}#seed=5&a=bc&b=minimax&rally=1&stroke=3").analysed()
     contacts, played = viewer.state("contacts", "strokes")
     before = contacts[1] - 0.01
-    seek(viewer, before)
+    viewer.seek(before)
     hips = viewer.state("hips")
-    seek(viewer, contacts[2])
+    viewer.seek(contacts[2])
     table = viewer.page.locator("table.options")
     table.locator("tbody tr:not(.chosen) button").first.click()
     viewer.until(lambda: viewer.state("strokes") != played)
-    viewer.press(" ") if viewer.state("playing") else None
+    viewer.play(False)
     again, times = viewer.state("strokes", "contacts")
     assert again[:2] == played[:2]
     assert again[2] != played[2]
     assert times[:2] == contacts[:2]
-    seek(viewer, before)
+    viewer.seek(before)
     for old, new in zip(hips, viewer.state("hips"), strict=True):
         assert distance(old, new) < 0.002
     link = viewer.state("link")
@@ -293,9 +289,9 @@ def test_a_duel_is_played_by_keyboard_recorded_and_ends_with_a_report(viewer: An
                 chosen += 1
                 assert viewer.state("turn") != turn, "it is over at once, or the next one is there already"
             elif winner is None:
-                seek(viewer, 1e3)
+                viewer.seek(1e3)
             elif rally != last:
-                seek(viewer, duration - 0.02)
+                viewer.seek(duration - 0.02)
                 last = rally
                 if after["game_won"]:
                     break
@@ -329,7 +325,7 @@ def test_a_log_is_replayed(viewer: Any, page_folder: Any, tmp_path: Any) -> None
         assert viewer.state("rally", "strokes") == [number, rally.stroke.tolist()]
         assert viewer.state("points") == rally.score[0, :2].tolist()
         played = viewer.state("strokes")
-        seek(viewer, viewer.state("contacts")[0])
+        viewer.seek(viewer.state("contacts")[0])
         viewer.page.locator("table.options tbody tr:not(.chosen) button").first.click()
         viewer.until(lambda: viewer.state("strokes") != played)
 
@@ -372,7 +368,7 @@ def test_a_shared_page_opens_from_disk(viewer: Any, served: Any, browser: Any, t
     shared.open((tmp_path / "match.html").as_uri())
     assert shared.state("strokes", "rally") == [strokes, 2]
     for contact, striker in zip(*shared.state("contacts", "strikers"), strict=True):
-        seek(shared, contact)
+        shared.seek(contact)
         shuttle, rackets = shared.state("shuttle", "rackets")
         assert distance(shuttle, rackets[striker]) < 0.01, "condensed, and still met"
     shared.press("ArrowUp").until(lambda: shared.state("rally") == 1)
@@ -386,7 +382,7 @@ def test_a_shared_page_opens_from_disk(viewer: Any, served: Any, browser: Any, t
     assert content[:4] == b"\x89PNG"
     assert struct.unpack(">II", content[16:24]) == (1920, 1080)
     with viewer.page.expect_download() as download:
-        seek(viewer, viewer.state("duration") - 0.3)
+        viewer.seek(viewer.state("duration") - 0.3)
         viewer.press(">", ">")
         viewer.page.get_by_text("Share", exact=True).click()
         viewer.page.get_by_role("button", name="Record video").click()
@@ -415,7 +411,7 @@ def test_page_is_accessible(viewer: Any, served: Any, width: int, height: int) -
     for tab in ("Watch", "Analyse", "Learn", "Play"):
         viewer.page.get_by_role("tab", name=tab).click()
         viewer.until(lambda tab=tab: viewer.state("turn" if tab == "Play" else "analysis") is not None)
-        viewer.press(" ") if viewer.state("playing") else None
+        viewer.play(False)
         if tab == "Analyse":
             viewer.page.locator(".openings summary").click()
             viewer.page.locator(".openings tbody button").first.wait_for()
@@ -490,7 +486,7 @@ def test_the_director_shows_attacks_from_the_side_and_then_the_winner(viewer: An
     shots = []
     contacts, duration = viewer.state("contacts", "duration")
     for moment in (0.0, contacts[-1] - 0.1, duration - 0.02):  # the last stroke is a net kill
-        seek(viewer, moment)
+        viewer.seek(moment)
         viewer.page.evaluate("window.viewer.draw()")
         shots.append(viewer.state("shot"))
     assert shots == ["broadcast", "side", "winner"]
@@ -498,8 +494,8 @@ def test_the_director_shows_attacks_from_the_side_and_then_the_winner(viewer: An
 
 def test_players_walk_to_the_next_rally(viewer: Any, served: Any) -> None:
     viewer.open(f"{served.address}#seed=5&a=bc&b=bc&rally=1").press(">", ">")
-    seek(viewer, viewer.state("duration") - 0.1)
-    viewer.press(" ") if not viewer.state("playing") else None
+    viewer.seek(viewer.state("duration") - 0.1)
+    viewer.play()
     viewer.until(lambda: viewer.state("time") > viewer.state("duration") + 1)
     assert viewer.state("rally") == 0
     assert viewer.page.locator(".banner").is_hidden(), "the result makes room"
@@ -511,8 +507,8 @@ def test_a_remarkable_rally_ends_with_one_slow_replay_and_then_the_walk(viewer: 
     assert any(stroke["mark"] == "!!" for stroke in viewer.state("analysis")["strokes"])
     viewer.page.emulate_media(reduced_motion="no-preference")
     camera = viewer.state("camera")
-    seek(viewer, viewer.state("duration") - 0.1)
-    viewer.press(" ") if not viewer.state("playing") else None
+    viewer.seek(viewer.state("duration") - 0.1)
+    viewer.play()
     viewer.until(lambda: viewer.state("camera") == "side")
     assert viewer.state("time") < viewer.state("duration") - 1
     viewer.until(lambda: viewer.state("time") > viewer.state("duration") + 0.2)

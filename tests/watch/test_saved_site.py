@@ -82,6 +82,12 @@ def test_any_server_shows_a_site(site: tuple[Path, int, int], address: str, brow
     page = browser.new_page(viewport={"width": 1280, "height": 720})
     try:
         viewer = Viewer(page).open(address)
+        viewer.seek(viewer.state("duration") - 0.1)
+        viewer.play()
+        viewer.until(lambda: viewer.state("time") > viewer.state("duration") + 1)
+        assert viewer.state("rally") == 0, "players walk to the next rally"
+        viewer.press(">", ">").until(lambda: viewer.state("rally") == 1)
+        page.evaluate("window.viewer.go(0)")
         page.get_by_role("tab", name="Analyse").click()
         page.locator(".match .chart, .match svg").first.wait_for()
         page.evaluate("window.viewer.go(1)")

@@ -130,7 +130,9 @@ async function site(): Promise<{ hello: Hello; source: Source }> {
     const { lines } = (await loaded).facts;
     return lines[line.join("-")] ?? { strokes: [], seed: null };
   };
-  return { hello, source: { ...stored(find, match, fetchModel), opening } };
+  const walk = async ({ rally }: Wanted, motion: Motion) =>
+    (await unpacked(await find<{ rally: RallyFacts }>(`walk ${rally}`), motion)).motion;
+  return { hello, source: { ...stored(find, match, fetchModel), walk, opening } };
 }
 
 const fetchModel = async (athlete: string) => (await fetch(`${athlete}.glb`)).arrayBuffer();
