@@ -44,7 +44,9 @@ VARIANTS: Final = {
     ),
     "offline-v0": ("fitted-q:8", "model:8"),
     "robust-v0": ("human:0.1",),
-    "text-v0": ("policy:bc", "policy:safe", "policy:human:0.05", "policy:best-response:bc", "policy:minimax"),
+    "text-v0": tuple(
+        f"policy:{name}" for name in ("bc", "safe", "human:0.05", "ppo", "ppo:self-play", "best-response:bc", "minimax")
+    ),
     "imitate-v0": ("counts:8", "policy:human:0.05", "policy:minimax"),
 }
 """Baselines with arguments, besides those without."""

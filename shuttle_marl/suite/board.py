@@ -10,6 +10,7 @@ import jinja2
 from shuttle_marl.errors import printable
 from shuttle_marl.files import FileReadError, read_json
 from shuttle_marl.league.report import escaped
+from shuttle_marl.policy.baselines import STYLES
 from shuttle_marl.suite.options import SuiteError
 from shuttle_marl.suite.registry import TASKS
 from shuttle_marl.suite.results import summarise
@@ -28,8 +29,10 @@ _REFERENCES: Final = (
     "constant-by-incoming",
     "fictitious-play",
     "psro-exact",
+    "human",
+    *STYLES,
 )
-"""Methods that read the tables or do not learn; they are not counted as the best baseline."""
+"""Methods and policies that read the tables or do not learn; they are not counted as the best baseline."""
 _ABLATION: Final = "-without-"
 """Part of the names of ablations, which are not counted either: to take the best of them would be a choice by the test score."""
 
@@ -119,7 +122,8 @@ def boards(summaries: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
 
 
 def _counts(method: str) -> bool:
-    return method not in _REFERENCES and _ABLATION not in method
+    name = method.removeprefix("policy:").partition(":")[0]
+    return name not in _REFERENCES and _ABLATION not in method
 
 
 def number(value: float | None, name: str = "") -> str:

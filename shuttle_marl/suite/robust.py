@@ -45,7 +45,7 @@ class Robust(Task):
     metric = "worst"
     seeds = 1
     protocol: ClassVar[str] = "method(setting: RobustSetting) -> a player: policy, name, or object with act or table"
-    target = "above minimax:robust"
+    target = "above minimax of the average game"
 
     def all_cases(self, arena: Arena) -> list[Case]:  # noqa: ARG002
         """One."""

@@ -236,8 +236,11 @@ def test_the_board_orders_and_escapes(tmp_path: Path) -> None:
     assert "\\<b\\>x\\</b\\>\\|y" in markdown
     assert "<b>x" not in html
     assert "&lt;b&gt;x" in html
-    # A refused entry is not the best one.
-    assert "open gap 0.600" in markdown
+    # Neither a refused entry, nor a policy that reads the tables, nor an ablation is the best learned method.
+    names = ("minimax", "policy:minimax", "policy:human:0.05", "policy:best-response:bc", "other-without-parts")
+    unlearned = [{**rows[0], "method": name, "score": 0.9} for name in names]
+    assert "open gap 0.600" in render([*rows, *unlearned], "md")
+    assert "open gap 0.300" in render([*rows, {**rows[0], "method": "policy:ppo", "score": 0.7}], "md")
     assert "Preliminary" in markdown
 
 
