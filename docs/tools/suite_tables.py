@@ -10,6 +10,8 @@ from shuttle_marl.suite.methods import kind_of
 from shuttle_marl.suite.registry import TASKS
 
 _NONE: Final = "There are no results yet: `python -m experiments.suite --json experiments/results/suite.json` makes them."
+_BY_CASE: Final = ("exploit-v0", "offline-v0")
+"""Tasks with a table of each case."""
 _SHOWN: Final = 4
 """Number of further scores in a table."""
 
@@ -52,7 +54,18 @@ def _table(board: dict[str, Any]) -> str:
 
 def task_boards(name: str) -> str:
     """All boards of a task."""
-    return "\n\n".join(map(_table, _boards(name))) or _NONE
+    shown = [_table(board) + (_by_case(board) if name in _BY_CASE else "") for board in _boards(name)]
+    return "\n\n".join(shown) or _NONE
+
+
+def _by_case(board: dict[str, Any]) -> str:
+    """Mean score of each method in each case, if there are several."""
+    metric, first = board["metric"], board["rows"][0]["strata"]
+    if len(first) < 2:
+        return ""
+    names = {case: f"`{case.partition('/')[0]}`" for case in first}
+    rows = [(f"`{row['method']}`", *(number(row["strata"][case][metric], metric) for case in names)) for row in board["rows"]]
+    return f"\n\nMean {metric} by case:\n\n" + markdown(("method", *names.values()), rows, left=("method",))
 
 
 def summary(folder: str) -> str:
@@ -65,13 +78,14 @@ def summary(folder: str) -> str:
     for name, task in TASKS.items():
         question = (task.__doc__ or "").split("\n", 1)[0].rstrip(".")
         found = _boards(name)
-        best = ("", "", "")
+        best = ("", "", "", "")
         if found and (row := found[-1]["best"]):
             last, metric = found[-1], task.metric
             gap = "" if last["gap"] is None else number(last["gap"], metric)
-            best = (f"`{row['method']}`", f"{_with_interval(row, metric)}", gap)
+            budget = f"{last['budget']:,}" if last["budget"] else ""
+            best = (budget, f"`{row['method']}`", f"{_with_interval(row, metric)}", gap)
         rows.append((f"[`{name}`]({folder}{kind_of(name)}.md)", question, task.metric, *best))
-    headings = ("task", "question", "score", "best learned", "result", "open gap")
+    headings = ("task", "question", "score", "strokes", "best learned", "result", "open gap")
     return markdown(headings, rows, left=("task", "question", "score", "best learned"))
 
 

@@ -187,11 +187,17 @@ def board(
     """
     from shuttle_marl.suite.board import render, rows_of  # noqa: PLC0415  numba
 
-    text = render(rows_of(folders, results, check=check, game=game, progress=_progress), "html" if html else "md")
+    if not folders and results is None:
+        raise SuiteError("nothing to show: name run folders, or a file of results with --results")
+    failures: list[SuiteError] = []
+    rows = rows_of(folders, results, check=check, game=game, progress=_progress, failed=failures.append)
+    text = render(rows, "html" if html else "md")
     if out is None:
         print(text, end="")  # noqa: T201
     else:
         replace_file(out, text.encode())
+    if failures:
+        raise SuiteError("left out: " + "; ".join(map(str, failures)))
 
 
 def new_submission(task: Task, *, out: Path = Path(), language: Literal["python", "perl"] = "python") -> None:

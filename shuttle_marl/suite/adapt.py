@@ -117,7 +117,7 @@ class Adapt(Task):
         setting = AdaptSetting(game=arena.game, known=known(arena), seed=seed, folder=folder)
         agent = made(method, setting, self.name)
         if not all(callable(getattr(agent, name, None)) for name in ("observe_rally", "policy_for_next_rally")):
-            raise SuiteError(f"method of {self.name}: expected an object with observe_rally and policy_for_next_rally")
+            raise SuiteError(f"the method of {self.name}: expected an object with observe_rally and policy_for_next_rally")
         against, policies = _opponent(arena, case), {}
         for start, policy_at, last in _blocks(against):
             if start in CHANGES:

@@ -59,6 +59,7 @@ def rows_of(
     check: bool = True,
     game: str | None = None,
     progress: Callable[[Any], Any] = lambda units: units,
+    failed: Callable[[SuiteError], object],
 ) -> list[dict[str, Any]]:
     """Summaries of run folders and of a file of results, for :func:`render`.
 
@@ -68,16 +69,20 @@ def rows_of(
         check: verify the folders.
         game: model of the game; None: the shipped model that a run names.
         progress: wraps the units of a folder.
+        failed: receives the error of each folder that holds no finished run; the board does without it.
 
     Raises:
-        SuiteError: a folder holds no finished run, or the file cannot be read.
+        SuiteError: the file cannot be read.
     """
     rows = []
     for folder in folders:
-        verified = all(finding.reason is None for finding in verify_run(folder, game=game, progress=progress)) if check else None
-        rows.append(
-            {**summarise(folder, game=game), "tuning_strokes": read_card(folder).get("tuning_strokes"), "verified": verified}
-        )
+        try:
+            row = summarise(folder, game=game)
+            verified = all(each.reason is None for each in verify_run(folder, game=game, progress=progress)) if check else None
+        except SuiteError as error:
+            failed(error)
+        else:
+            rows.append({**row, "tuning_strokes": read_card(folder).get("tuning_strokes"), "verified": verified})
     if results is not None:
         try:
             rows += read_json(results, _Results).rows
@@ -107,6 +112,7 @@ def boards(summaries: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
             found.append({
                 "task": name,
                 "split": split,
+                "budget": budget,
                 "title": f"{name}, {split}" + (f", {budget:,} strokes" if budget else ""),
                 "about": " ".join((task.__doc__ or "").split()),
                 "metric": task.metric,

@@ -5,7 +5,7 @@ the installed one, and scores are preliminary.
 """
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -23,15 +23,17 @@ class Frozen:
 
     Attributes:
         game: hash of the game; None: not frozen.
+        variants: hashes of its variants, such as the game of one discipline.
         cases: fingerprint of each case, by ``TASK/SPLIT/CASE/SEED``.
     """
 
     game: str | None = None
+    variants: Sequence[str] = ()
     cases: Mapping[str, str] = dataclasses.field(default_factory=dict)
 
     def official(self, digest: str) -> bool:
-        """Whether the hash is that of the frozen game."""
-        return self.game == digest
+        """Whether the hash is that of the frozen game or of a variant of it."""
+        return digest in (self.game, *self.variants)
 
     def check(self, task: Task, split: str, case: str, fingerprint: str, game: Game) -> None:
         """Check that a case is the frozen one; cases of other games are not checked.

@@ -23,6 +23,8 @@ from shuttle_marl.suite.task import Arena, Case, Outcome, Task, exploitability, 
 _FOLDS = 5
 _FLOOR = 1e-6
 """Least probability of a stroke in the log-loss."""
+_TIE = 1e-9
+"""Greatest difference of probabilities that are equal but for rounding."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -87,7 +89,7 @@ class Imitate(Task):
         train, _ = parts(arena)
         learner = made(method, ImitateSetting(game=arena.game, seed=seed, folder=folder), self.name)
         if not callable(getattr(learner, "fit", None)):
-            raise SuiteError(f"method of {self.name}: expected an object with fit(strokes)")
+            raise SuiteError(f"the method of {self.name}: expected an object with fit(strokes)")
         return Outcome(policies={"player": table_of(called(self.name, learner.fit, train), arena.game, self.name)})
 
     def given(self, arena: Arena, case: Case, seed: int) -> Iterable[str]:  # noqa: ARG002
@@ -97,21 +99,22 @@ class Imitate(Task):
     def score(self, arena: Arena, case: Case, seed: int, outcome: Outcome) -> dict[str, float]:  # noqa: ARG002
         """Log-loss, top-1 and top-3, and rallies lost to perfect play."""
         player, unseen = required(outcome), parts(arena)[1]
-        rank = ranks(player.pair_probabilities(), unseen)
+        probability = player.pair_probabilities()
         return {
             "log_loss": float(-np.log(np.maximum(player.probability_of(unseen.pair), _FLOOR)).mean()),
-            "top_1": float((rank < 1).mean()),
-            "top_3": float((rank < 3).mean()),
+            "top_1": top(1, probability, unseen),
+            "top_3": top(3, probability, unseen),
             "regret": 0.5 - odds_against(player, arena.policy("minimax")).rally,
             "exploitability": exploitability(player),
         }
 
 
-def ranks(probability: F64, strokes: HumanStrokes) -> I64:
-    """``[N]`` number of legal strokes that are likelier than the one played, from ``[P]`` probabilities."""
+def top(k: int, probability: F64, strokes: HumanStrokes) -> float:
+    """How often the stroke played is among the ``k`` likeliest of ``[P]`` probabilities; ties are in random order."""
     row, pair = strokes.game.pairs(strokes.state)
-    likelier = probability[pair] > probability[strokes.pair][row]
-    return np.bincount(row, likelier, len(strokes.state)).astype(np.int64)
+    above = probability[pair] - probability[strokes.pair][row]
+    likelier, equal = (np.bincount(row, which, len(strokes.state)) for which in (above > _TIE, np.abs(above) <= _TIE))
+    return float(np.clip((k - likelier) / equal, 0, 1).mean())
 
 
 def parts(arena: Arena) -> tuple[HumanStrokes, HumanStrokes]:

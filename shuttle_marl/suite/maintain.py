@@ -81,13 +81,15 @@ def write_data(
         (case,) = found.cases(arena)
         replace_file(out / "positions.jsonl", json_lines(positions(arena)))
         return {"positions.jsonl": next(iter(found.given(arena, case, 0)))}
+    if seeds is not None and seeds < 1:
+        raise SuiteError(f"--seeds {seeds}: expected 1 or more")
     if not isinstance(found, LogTask):
         raise SuiteError(f"{task} has no data; offline-v0, evaluate-v0 and text-v0 have")
     hashes = {}
     for case in found.cases(arena):
         for seed in range(seeds or found.seeds):
             log = log_of_unit(arena, case, seed)
-            name = f"{case.options['behaviour']}-{case.budget}".replace(":", "-").replace("*", "x").replace("+", "-")
+            name = f"{split}-{case.options['behaviour']}-{case.budget}".replace(":", "-").replace("*", "x").replace("+", "-")
             if minari:
                 name = f"shuttle_marl/{name}-v{seed}"
                 write_minari(log.transitions, name, out, arena.model)
@@ -120,7 +122,7 @@ def freeze(
     game = arena_of(TASKS["exploit-v0"], model, "test").game
     before = frozen.load(path)
     kept = before if before.official(game.hash) else Frozen()
-    cases = dict(kept.cases)
+    cases, variants = dict(kept.cases), set(kept.variants)
     names = tasks or [name for name in TASKS if data is not None or name != "imitate-v0"]
     units = []
     for name in names:
@@ -128,9 +130,10 @@ def freeze(
         for split in task.splits:
             if split != "hidden":
                 arena = arena_of(task, model, split, data=data)
+                variants |= {arena.game.hash} - {game.hash}
                 units += [(task, split, arena, case, seed) for case in task.cases(arena) for seed in range(task.seeds)]
     for task, split, arena, case, seed in progress(units):
         cases[f"{task.name}/{split}/{case.name}/{seed}"] = task.fingerprint(arena, case, seed)
-    done = Frozen(game=game.hash, cases=cases)
+    done = Frozen(game=game.hash, variants=sorted(variants), cases=cases)
     frozen.save(done, path)
     return done

@@ -29,7 +29,7 @@ class SuiteRun:
     split: Split = "dev"
     """Part of the task: dev for tuning, test for the scores that are reported."""
     budget: int | None = None
-    """Cases of this budget only, in strokes; default: all."""
+    """Budget, in strokes; default: the smallest one of the task."""
     seeds: int | None = None
     """Number of seeds, from 0; default: that of the task."""
     quick: bool = False

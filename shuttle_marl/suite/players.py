@@ -1,6 +1,7 @@
 """The tasks ``exploit-v0`` and ``equilibrium-v0``: players that are trained, and scored by exact values."""
 
 import dataclasses
+import operator
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, ClassVar
@@ -69,10 +70,17 @@ def outcome_of(result: Any, game: Game, name: str, budget: int | None) -> Outcom
         PolicyError: see :func:`shuttle_marl.suite.task.table_of`.
     """
     trained = result if isinstance(result, Trained) else Trained(player=result)
-    if budget is not None and trained.strokes is not None and trained.strokes > budget:
-        raise SuiteError(f"method {name!r} used {trained.strokes:,} strokes of the learner; the budget is {budget:,}")
-    table = table_of(trained.player, game, name)
-    return Outcome(policies={"player": table}, strokes=trained.strokes, curve=trained.curve)
+    try:
+        strokes = None if trained.strokes is None else operator.index(trained.strokes)
+        curve = tuple((float(used), float(score)) for used, score in trained.curve)
+    except (TypeError, ValueError) as error:
+        raise SuiteError(
+            f"the method of {name} returned strokes {trained.strokes!r}; expected a whole number ({error})"
+        ) from error
+    if strokes is not None and not 0 <= strokes <= (strokes if budget is None else budget):
+        limit = "" if budget is None else f"; the budget is {budget:,}"
+        raise SuiteError(f"the method of {name} used {strokes:,} strokes of the learner{limit}")
+    return Outcome(policies={"player": table_of(trained.player, game, name)}, strokes=strokes, curve=curve)
 
 
 class _PlayerTask(Task):
@@ -144,7 +152,7 @@ class Equilibrium(_PlayerTask):
     higher_is_better = False
     optimum = 0.0
     variants: ClassVar = {"dev": "women"}
-    target = "below 1 % at 10^7 strokes"
+    target = "below 0.001 at 10^7 strokes"
 
     def all_cases(self, arena: Arena) -> list[Case]:
         """Each budget."""

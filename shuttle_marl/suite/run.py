@@ -11,9 +11,10 @@ from rich.progress import track
 
 from shuttle_marl import runs
 from shuttle_marl.cluster import in_processes, open_cluster
+from shuttle_marl.errors import ShuttleError
 from shuttle_marl.suite import frozen, store
 from shuttle_marl.suite.methods import find
-from shuttle_marl.suite.options import SuiteRun
+from shuttle_marl.suite.options import SuiteError, SuiteRun
 from shuttle_marl.suite.registry import arena_of, find_task
 from shuttle_marl.suite.results import summarise
 from shuttle_marl.suite.store import Entry, RunConfig
@@ -51,6 +52,11 @@ def run_method(options: SuiteRun, console: Console | None = None) -> Path:
         beacon=options.beacon,
         data=options.data,
     )
+    cases = task.cases(arena)
+    if options.budget is None and len(budgets := {case.budget for case in cases}) > 1:
+        # Scores of different budgets are never pooled.
+        return run_method(dataclasses.replace(options, budget=min(budgets)), console)
+    task.fingerprint(arena, cases[0], 0)  # fails before a folder is made if something is missing, such as --data
     config = RunConfig(
         task=task.name,
         method=options.method,
@@ -66,8 +72,9 @@ def run_method(options: SuiteRun, console: Console | None = None) -> Path:
     with runs.open_run(options.out, words[:80], fixed, resume=options.resume, overwrite=options.overwrite) as folder:
         about = runs.describe(PACKAGES)
         runs.write_json(folder / runs.MANIFEST, {"status": "running", **about})
-        store.write_card(folder, {"method": options.method, "authors": None, "paper": None, "tuning_strokes": None})
-        numbers = [(case, seed) for case in range(len(task.cases(arena))) for seed in range(config.seeds)]
+        card = {"method": options.method, "authors": None, "paper": None, "tuning_strokes": None}
+        store.write_card(folder, store.read_card(Path()) or card)
+        numbers = [(case, seed) for case in range(len(cases)) for seed in range(config.seeds)]
         units = [
             _Unit(folder=folder, config=config, beacon=options.beacon, data=options.data, case=case, seed=seed)
             for case, seed in numbers
@@ -129,7 +136,10 @@ def play_unit(unit: _Unit) -> PlayedUnit:
     begun = time.monotonic()
     work = unit.folder / "work" / f"{unit.case:03d}-{unit.seed}"
     work.mkdir(parents=True, exist_ok=True)
-    outcome = task.play(arena, case, find(task.name, config.method), unit.seed, work)
+    try:
+        outcome = task.play(arena, case, find(task.name, config.method), unit.seed, work)
+    except ShuttleError as error:
+        raise SuiteError(f"{config.method}, case {case.name}, seed {unit.seed}: {error}") from error
     seconds = time.monotonic() - begun
     entry = Entry(
         case=case.name,

@@ -231,7 +231,8 @@ def table_of(player: Any, game: Game, name: str) -> TabulatedPolicy:
     if callable(getattr(player, "act", None)):
         return tabulate(_Acting(player.act, game), game, name)
     raise SuiteError(
-        f"method {name!r} returned a {type(player).__name__}; expected a policy, the name of one, or an object with act or table"
+        f"the method of {name} returned a {type(player).__name__}; "
+        "expected a policy, the name of one, or an object with act or table"
     )
 
 

@@ -17,6 +17,7 @@ from typing import ClassVar, Final, TypedDict
 import numpy as np
 
 from shuttle_marl.arrays import F64, I64
+from shuttle_marl.errors import printable
 from shuttle_marl.exact import solve, visits
 from shuttle_marl.game.pairs import AnyGame
 from shuttle_marl.game.rules import OUTCOMES
@@ -31,6 +32,8 @@ POSITIONS: Final = 500
 _QUICK: Final = 20
 _CANDIDATES: Final = 40_000
 """Commonest states of bc from which positions are chosen."""
+_LONGEST_ERROR: Final = 300
+"""Number of characters of the error output of a command that are shown."""
 _HARD: Final = 0.02
 """Loss of both constant lists in a position, as a probability of winning the rally."""
 
@@ -89,7 +92,7 @@ class Text(Task):
         """Ask for one answer in each position."""
         player = made(method, TextSetting(game=arena.game, seed=seed, folder=folder), self.name)
         if not callable(getattr(player, "answer", None)):
-            raise SuiteError(f"method of {self.name}: expected an object with answer(position)")
+            raise SuiteError(f"the method of {self.name}: expected an object with answer(position)")
         answers = [called(self.name, player.answer, position) for position in positions(arena)]
         return Outcome(answers={"strokes": [answer if isinstance(answer, str) else None for answer in answers]})
 
@@ -216,6 +219,9 @@ class ChatProgram:
             )
         except (OSError, subprocess.TimeoutExpired) as error:
             raise SuiteError(f"chat:{shlex.join(self._command)}: {error}") from error
+        if done.returncode != 0:
+            told = printable(done.stderr.strip()[-_LONGEST_ERROR:])
+            raise SuiteError(f"chat:{shlex.join(self._command)}: exit status {done.returncode}: {told}")
         return read_answer(done.stdout, place["legal"])
 
 
@@ -241,7 +247,15 @@ class LineProgram:
         line = self._process.stdout.readline()
         if not line:
             raise SuiteError(f"the program closed its output at position {place['id']}")
-        return line.strip()
+        return _stroke_of(line.strip())
+
+
+def _stroke_of(line: str) -> str:
+    """A stroke as its name alone, or as the value of ``stroke`` in JSON, as programs answer in other tasks."""
+    try:
+        return str(json.loads(line)["stroke"])
+    except (ValueError, TypeError, KeyError):
+        return line
 
 
 def json_lines(places: Sequence[Position]) -> bytes:

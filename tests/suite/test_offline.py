@@ -234,15 +234,30 @@ def test_a_run_of_evaluate_is_verified(tmp_path: Path) -> None:
 
 
 class Half:
-    def estimate(self, log: Log, policies: Any) -> list[float]:
-        return [0.5]
+    found: Any = (0.5,)
+
+    def estimate(self, log: Log, policies: Any) -> Any:
+        return self.found
 
 
-def test_estimates_are_checked(tmp_path: Path) -> None:
-    with pytest.raises(SuiteError, match="expected 32 finite estimates"):
+@pytest.mark.parametrize(
+    ("found", "told"),
+    [
+        ((0.5,), r"expected 32 estimates, got shape \(1,\)"),
+        (((0.5,), (0.5, 0.5)), "no list of numbers"),
+        (("high",) * 32, "no list of numbers"),
+        ((float("nan"),) * 32, "32 estimates are not finite"),
+    ],
+)
+def test_estimates_are_checked(found: Any, told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Half, "found", found)
+    with pytest.raises(SuiteError, match=told):
         run_method(
             SuiteRun(task="evaluate-v0", method=f"{__name__}:Half", game=reduced_model(), quick=True, out=tmp_path / "run")
         )
+
+
+def test_an_object_of_another_task_is_refused(tmp_path: Path) -> None:
     with pytest.raises(SuiteError, match=r"expected an object with fit"):
         run_method(SuiteRun(task="offline-v0", method=f"{__name__}:Half", game=reduced_model(), quick=True, out=tmp_path / "two"))
     assert find("offline-v0", "model:2").keywords == {"argument": "2"}  # type: ignore[attr-defined]

@@ -20,6 +20,7 @@ from shuttle_marl.policy.registry import resolve
 from shuttle_marl.suite import store
 from shuttle_marl.suite.board import render
 from shuttle_marl.suite.options import SuiteError, SuiteRun
+from shuttle_marl.suite.players import Trained
 from shuttle_marl.suite.registry import TASKS
 from shuttle_marl.suite.results import difference, summarise
 from shuttle_marl.suite.run import run_method
@@ -92,6 +93,69 @@ def test_scores_are_exact_and_verified(tmp_path: Path) -> None:
     assert result["score"] == pytest.approx((np.mean(wins) - low) / (high - low), abs=1e-8)
     assert result["low"] < result["score"] < result["high"]
     assert reasons(folder) == [None, None]
+
+
+def leaves(setting: Any) -> Any:
+    raise SystemExit(0)
+
+
+def fails(setting: Any) -> Any:
+    settings: dict[str, Any] = {}
+    return settings["zz"]
+
+
+@pytest.mark.parametrize(("method", "told"), [("leaves", r"SystemExit: 0 \(.*, line \d+\)"), ("fails", r"KeyError: 'zz' \(")])
+def test_errors_of_methods_say_where(method: str, told: str, tmp_path: Path) -> None:
+    with pytest.raises(SuiteError, match=rf"{__name__}:{method}, case safe/20,000, seed 0: .*{told}"):
+        played(tmp_path, f"{__name__}:{method}")
+
+
+@dataclasses.dataclass(frozen=True)
+class Declared:
+    strokes: Any
+
+    def __call__(self, setting: Any) -> Any:
+        return Trained(player="bc", strokes=self.strokes)
+
+
+counted, halves, negative, many = map(Declared, (np.int64(100), 0.5, -5, 10**9))
+
+
+def test_declared_strokes_are_checked(tmp_path: Path) -> None:
+    assert summarise(played(tmp_path, f"{__name__}:counted"), game=reduced_model())["strokes"] == 100
+    for name in ("halves", "negative", "many"):
+        with pytest.raises(SuiteError, match="strokes"):
+            played(tmp_path, f"{__name__}:{name}")
+        assert not list((tmp_path / f"{__name__}-{name}" / store.ENTRIES).glob("*"))
+
+
+def test_a_wrong_option_leaves_no_folder(tmp_path: Path) -> None:
+    with pytest.raises(SuiteError, match="--budget -1"):
+        played(tmp_path, "bc", budget=-1)
+    with pytest.raises(SuiteError, match="--data"):
+        played(tmp_path, "bc", "imitate-v0")
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_smallest_budget_is_the_default(tmp_path: Path) -> None:
+    folder = run_method(SuiteRun(task="equilibrium-v0", method="bc", game=reduced_model(), seeds=1, out=tmp_path / "run"))
+    assert summarise(folder, game=reduced_model())["budget"] == 10**6
+
+
+def test_forged_aggregates_and_unknown_scores_are_refused(tmp_path: Path) -> None:
+    folder = played(tmp_path, "bc")
+    results = json.loads((folder / store.RESULTS).read_text())
+    (folder / store.RESULTS).write_text(json.dumps({**results, "score": 0.99}))
+    (reason,) = reasons(folder)
+    assert reason is not None
+    assert "suite score" in reason
+    assert main(("score", str(folder), "--game", reduced_model())) == 0
+    assert reasons(folder) == [None]
+    path, entry = first_entry(folder)
+    forge(path, {**entry, "scores": {**entry["scores"], "exploitabilty": -1.0}})
+    (reason,) = reasons(folder)
+    assert reason is not None
+    assert "exploitabilty" in reason
 
 
 def test_references_bound_the_scale(tmp_path: Path) -> None:
@@ -261,6 +325,12 @@ def test_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatc
     assert main(("board", found["folder"], "--game", reduced_model(), "--out", "board.html", "--html")) == 0
     assert "exploit-v0" in (tmp_path / "board.html").read_text()
     path, entry = first_entry(Path(found["folder"]))
+    # A damaged folder is left out of the board, and one is needed.
+    path.write_text("{}")
+    assert main(("board", found["folder"], str(tmp_path / "none"), "--game", reduced_model())) == 1
+    assert "left out" in capsys.readouterr().err
+    assert main(("board",)) == 1
+    assert "--results" in capsys.readouterr().err
     forge(path, {**entry, "scores": {**entry["scores"], "score": 0.5}})
     assert main(("verify", found["folder"], "--game", reduced_model())) == 1
     printed = capsys.readouterr()

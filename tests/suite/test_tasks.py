@@ -16,7 +16,7 @@ from shuttle_marl.exact import best_response, moved, solve
 from shuttle_marl.game.observation import states_of
 from shuttle_marl.game.shipped import refits_of
 from shuttle_marl.suite import SuiteRun, adapt, frozen, run_method, store, summarise, verify_run
-from shuttle_marl.suite.imitate import HumanStrokes, ranks
+from shuttle_marl.suite.imitate import HumanStrokes, top
 from shuttle_marl.suite.logs import generate
 from shuttle_marl.suite.maintain import freeze, new_submission, write_data
 from shuttle_marl.suite.options import SuiteError
@@ -116,7 +116,14 @@ def test_imitation_is_scored_on_unseen_strokes() -> None:
     strokes = HumanStrokes(game=GAME, state=np.zeros(2, np.int64), pair=pairs, player=["a", "b"], match=["m", "m"])
     probability = np.zeros(GAME.n_pairs)
     probability[pairs] = [0.2, 0.7]
-    assert ranks(probability, strokes).tolist() == [1, 0]
+    assert top(1, probability, strokes) == 0.5
+    assert top(2, probability, strokes) == 1
+    # Strokes of equal probability are in random order: certainty about another stroke predicts nothing.
+    legal = len(GAME.legal_strokes(0))
+    assert top(3, np.zeros(GAME.n_pairs), strokes) == pytest.approx(3 / legal)
+    certain = np.zeros(GAME.n_pairs)
+    certain[pairs[1]] = 1
+    assert top(3, certain, strokes) == pytest.approx((2 / (legal - 1) + 1) / 2)
     assert strokes.take(np.array([False, True])).player == ["b"]
 
 

@@ -7,7 +7,9 @@ baseline is a module of this package; its name may have an argument after a colo
 import functools
 import importlib
 import inspect
+import traceback
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, Final
 
 from shuttle_marl.errors import ShuttleError, described
@@ -123,6 +125,9 @@ def find(task: str, name: str) -> Method:
         return functools.partial(method, argument=argument) if colon else method
     if key == "program" and argument and kind_of(task) in PROGRAMS:
         return functools.partial(_program, name)
+    if key == "program":
+        tasks = ", ".join(f"{kind}-v0" for kind in PROGRAMS)
+        raise SuiteError(f"no method {name!r} of {task}: programs, as program:COMMAND, are possible in {tasks}")
     if not colon or not argument:
         raise SuiteError(f"no method {name!r} of {task}; there are: {', '.join(known)}. Your own is given as MODULE:ATTRIBUTE")
     thing = import_attribute(name)
@@ -159,5 +164,9 @@ def called(name: str, function: Callable[..., Any], *arguments: Any) -> Any:
         return function(*arguments)
     except ShuttleError:
         raise
-    except Exception as error:
-        raise SuiteError(f"method {name!r} raised {described(error)}") from error
+    except (Exception, SystemExit) as error:
+        # The last line of the file whose code was called.
+        frames = traceback.extract_tb(error.__traceback__)[1:]
+        own = [frame for frame in frames if frame.filename == frames[0].filename]
+        place = f" ({Path(own[-1].filename).name}, line {own[-1].lineno})" if own else ""
+        raise SuiteError(f"the method of {name} raised {described(error)}{place}") from error

@@ -6,6 +6,7 @@ import numpy as np
 
 from shuttle_marl.game.policy import States, checked_probabilities
 from shuttle_marl.policy.registry import resolve
+from shuttle_marl.suite.options import SuiteError
 from shuttle_marl.suite.text import ChatProgram, Position, TextSetting
 
 
@@ -33,6 +34,8 @@ class Policy:
         return self._game.catalogue.names[int(chance.argmax())]
 
 
-def chat(setting: TextSetting, argument: str) -> ChatProgram:  # noqa: ARG001
+def chat(setting: TextSetting, argument: str = "") -> ChatProgram:  # noqa: ARG001
     """Any chat model: a command that reads a prompt and writes an answer."""
+    if not argument:
+        raise SuiteError("expected chat:COMMAND, a command that reads a prompt and writes an answer")
     return ChatProgram(argument)
