@@ -108,6 +108,7 @@ def test_boards_of_the_suite_are_made_from_its_results(tmp_path: Path, monkeypat
     row = {
         "task": "exploit-v0", "method": "ppo", "split": "test", "budget": 1000, "score": 0.75, "low": 0.7, "high": 0.8,
         "scores": {"score": score, "exploitability": score}, "seconds": 12.3, "official": False, "verified": True,
+        "strata": {"bc/1,000": {"score": 0.6}, "safe/1,000": {"score": 0.9}},
     }  # fmt: skip
     rows = [
         row,
@@ -121,4 +122,7 @@ def test_boards_of_the_suite_are_made_from_its_results(tmp_path: Path, monkeypat
     assert text.index("`minimax`") < text.index("| `ppo` | 0.750 (0.700 to 0.800) |  | 0.2500 | 12 | yes |") < text.index("`dqn`")
     assert "| 0.250 (0.200 to 0.300) | 0.2500 |" in text
     assert "Best learned: `ppo`, 0.750 (0.700 to 0.800). Optimum 1.000, open gap 0.250." in text
-    assert "| `ppo` | 0.750 (0.700 to 0.800) | 0.250 |" in suite_tables.summary("docs/suite/")
+    assert "Mean score by case:" in text
+    assert "| method | `bc` | `safe` |" in text
+    assert "| `ppo` | 0.600 | 0.900 |" in text
+    assert "| 1,000 | `ppo` | 0.750 (0.700 to 0.800) | 0.250 |" in suite_tables.summary("docs/suite/")
