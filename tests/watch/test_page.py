@@ -164,6 +164,8 @@ def test_learn_mode_asks_before_it_shows_the_better_stroke(viewer: Any, served: 
         question, time, contacts, analysis = viewer.state("asked", "time", "contacts", "analysis")
         assert time < contacts[question], "it stops before the decision"
         assert viewer.page.locator(".moves li button").count() == question, "nothing is told before"
+        named = [int(text.split()[0]) for text in viewer.page.locator(".timeline span").all_inner_texts()]
+        assert all(number <= question for number in named), "nor on the timeline"
         value = analysis["strokes"][question]
         options = {option["stroke"]: option for option in value["options"]}
         best, played = options[value["question"]], options[viewer.state("strokes")[question]]
@@ -356,7 +358,10 @@ def test_a_shared_page_opens_from_disk(viewer: Any, served: Any, browser: Any, t
     context = browser.new_context(offline=True)
     shared = type(viewer)(context.new_page()).open(file.as_uri())
     assert shared.state("strokes", "rally", "stroke") == [strokes, 2, 1]
-    shared.analysed()
+    shared.analysed().play(False).seek(1e3)
+    shared.play().until(lambda: not shared.state("playing"))
+    shared.page.wait_for_timeout(500)
+    assert shared.page.locator("[role=alert]:visible").count() == 0, "there is no rally after the last one"
     shared.page.locator(".options .try").first.wait_for()
     assert shared.page.locator(".options button.try").count() == 0, "no server, no what if"
     assert shared.page.get_by_text("take over").count() == 0
@@ -494,12 +499,40 @@ def test_the_director_shows_attacks_from_the_side_and_then_the_winner(viewer: An
 
 def test_players_walk_to_the_next_rally(viewer: Any, served: Any) -> None:
     viewer.open(f"{served.address}#seed=5&a=bc&b=bc&rally=1").press(">", ">")
+    viewer.seek(viewer.state("duration"))
+    banner = viewer.page.locator(".banner")
+    viewer.until(banner.is_visible)
+    viewer.seek(viewer.state("contacts")[0])
+    viewer.until(banner.is_hidden)
     viewer.seek(viewer.state("duration") - 0.1)
     viewer.play()
     viewer.until(lambda: viewer.state("time") > viewer.state("duration") + 1)
     assert viewer.state("rally") == 0
-    assert viewer.page.locator(".banner").is_hidden(), "the result makes room"
+    assert banner.is_hidden(), "the result makes room"
+    time = viewer.state("time")
+    viewer.press(".")
+    assert viewer.state("time") >= time, "a frame forward"
+    viewer.press("ArrowRight").until(lambda: viewer.state("rally") == 1)
+    viewer.press("ArrowUp").until(lambda: viewer.state("rally") == 0)
+    viewer.seek(viewer.state("duration") - 0.1).play()
     viewer.until(lambda: viewer.state("rally") == 1)
+
+
+@pytest.mark.parametrize(
+    "link",
+    [
+        "seed=5&a=nonsense&b=bc",
+        "seed=5&a=bc&b=bc&rally=99999",
+        "seed=5&a=bc&b=bc&tried=null",
+        "seed=5&a=bc*0.5.5&b=bc&rally=1e30",
+    ],
+)
+def test_a_bad_link_shows_a_rally(link: str, viewer: Any, served: Any) -> None:
+    viewer.open(f"{served.address}#{link}").analysed()
+    assert viewer.state("rally") == 0
+    told = viewer.page.get_by_text("The link cannot be shown").count()
+    assert told == (0 if "tried" in link else 1)
+    viewer.press("ArrowDown").until(lambda: viewer.state("rally") == 1)
 
 
 def test_a_remarkable_rally_ends_with_one_slow_replay_and_then_the_walk(viewer: Any, served: Any) -> None:

@@ -58,7 +58,8 @@ export class Curve {
     });
   }
 
-  show(rally: RallyFacts, duration: number, analysis: Analysis | null): void {
+  /** @param named number of strokes whose names are shown. */
+  show(rally: RallyFacts, duration: number, analysis: Analysis | null, named: number): void {
     this.duration = duration;
     const x = (time: number) => (1000 * time) / duration;
     const y = (win: number) => 92 - 88 * win;
@@ -79,7 +80,7 @@ export class Curve {
       const name = `${i + 1} ${words(stroke.shot)}`;
       const end = (rally.strokes[i + 1]?.time ?? duration) / duration;
       const width = 0.012 * (name.length + 1);
-      if (stroke.time / duration >= free && stroke.time / duration + width < end + 0.01) {
+      if (i < named && stroke.time / duration >= free && stroke.time / duration + width < end + 0.01) {
         free = stroke.time / duration + width;
         this.names.append(h("span", { style: `left:${(100 * stroke.time) / duration}%` }, name));
       }

@@ -8,6 +8,7 @@ import { keyTable, listen } from "./keys";
 import type { Mode } from "./layout";
 import { readLink } from "./link";
 import { confirmed } from "./menus";
+import { displayName } from "./names";
 import type { Player } from "./player";
 import { Rallies, type Shown, type Source } from "./rallies";
 import { Saving } from "./saving";
@@ -77,11 +78,24 @@ export class App {
     listen((key) => this.key(key), this.screen.board.element);
     window.addEventListener("hashchange", () => this.visit());
     const first = location.hash ? place.rally : (hello.recorded?.first ?? 0);
-    const opened = this.go(first, place.stroke, place.stroke === null);
+    const opened = this.go(first, place.stroke, place.stroke === null).then(() =>
+      this.shown ? undefined : this.openDefault(),
+    );
     this.frames.start(this.listener);
     if (!location.hash && this.live) {
       openStartCard((choice) => void opened.then(() => this.begin(choice)));
     }
+  }
+
+  /** Shows the match of the server after a link that cannot be shown. */
+  private async openDefault(): Promise<void> {
+    const { course, hello } = this;
+    if (hello.recorded === null) {
+      course.open(hello.plan);
+    }
+    course.visit({ plan: null, rally: 0, stroke: null, tried: {} });
+    await this.go(hello.recorded?.first ?? 0, null, true);
+    this.screen.layout.say("The link cannot be shown: no such player or rally. This is the first rally instead.", true);
   }
 
   private acts(): Acts {
@@ -240,6 +254,8 @@ export class App {
   stepStroke(step: number): void {
     if (this.player.stepStroke(step)) {
       this.saving.updateAddress();
+    } else if (step > 0 && this.player.time >= this.player.duration) {
+      void this.go(this.course.number + 1); // from the walk on
     } else {
       this.seek(step > 0 ? this.player.duration : 0);
     }
@@ -294,7 +310,7 @@ export class App {
       return;
     }
     const { layout } = this.screen;
-    layout.say(`${side.policy} plays from the next rally on`);
+    layout.say(`${displayName(side.policy)} plays so from the next rally on`);
     this.saving.updateAddress();
     this.rallies.load(course.wanted(from)).catch((error: Error) => layout.say(error.message, true));
   }

@@ -64,7 +64,16 @@ export class Board {
   private wait(): void {
     const height = this.element.clientHeight;
     this.element.style.minHeight = height ? `${height}px` : "";
-    replaceChildren(this.element, h("h2", {}, h("span", {}, "Your stroke")), h("p", { class: "quiet" }, "The rally goes on …"));
+    this.say("The rally goes on …");
+  }
+
+  /** Says that the match is over. */
+  finish(): void {
+    this.say("The match is over. Start another one, or look at this one in Analyse.");
+  }
+
+  private say(text: string): void {
+    replaceChildren(this.element, h("h2", {}, h("span", {}, "Your stroke")), h("p", { class: "quiet" }, text));
   }
 
   get selected(): TurnStroke | undefined {

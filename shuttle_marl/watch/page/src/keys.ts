@@ -24,7 +24,7 @@ export function keyList(match: boolean): { general: [string, string][]; play: [s
   if (!match) {
     return { general, play: [] };
   }
-  general.push(["t T", "take over A, B"], ["n", "new match (asks while you play)"]);
+  general.push(["t T", "take over A, B"], ["n", "new match (the net shot while you play)"]);
   return {
     general,
     play: [
@@ -88,7 +88,7 @@ export function listen(act: (key: string) => boolean, board: HTMLElement): void 
   document.addEventListener("keydown", (event) => {
     const target = event.target as HTMLElement;
     const typing = /^(SELECT|TEXTAREA)$/.test(target.tagName) || (target as HTMLInputElement).type === "range";
-    const dialog = document.querySelector("dialog[open]") !== null && event.key !== "h";
+    const dialog = document.querySelector("dialog[open]") !== null && !"h?".includes(event.key);
     if (
       event.ctrlKey ||
       event.metaKey ||

@@ -11,28 +11,37 @@ export interface Place {
 
 function sideOf(text: string | null): Side | null {
   const found = text?.match(/^(.{1,200}?)(?:\*([0-9.]{1,8}))?$/);
-  return found ? { policy: found[1]!, temperature: found[2] === undefined ? 1 : Number(found[2]) } : null;
+  const temperature = Number(found?.[2] ?? 1);
+  return found && Number.isFinite(temperature) ? { policy: found[1]!, temperature } : null;
 }
 
 function sideText({ policy, temperature }: Side): string {
   return temperature === 1 ? policy : `${policy}*${temperature}`;
 }
 
-/** Parses a JSON object of a link; empty if it is truncated. */
+const MOST = 1e6; // rallies and strokes of a link
+
+/** Parses a JSON object of a link; empty if it is truncated, or something else. */
 function parsed<T extends object>(text: string | null): T {
   try {
-    return JSON.parse(text ?? "{}") as T;
+    const found: unknown = JSON.parse(text ?? "{}");
+    return (found && typeof found === "object" ? found : {}) as T;
   } catch {
     return {} as T;
   }
+}
+
+/** A number of a link, which counts from 1, as an index. */
+function indexOf(text: string | null): number {
+  return Math.min(Math.max(0, Math.floor(Number(text ?? 1)) - 1), MOST) || 0;
 }
 
 /** Parses a link; missing parts are null or 0. */
 export function readLink(hash: string): Place {
   const found = new URLSearchParams(hash.replace(/^#/, ""));
   const [a, b, seed] = [sideOf(found.get("a")), sideOf(found.get("b")), Number(found.get("seed"))];
-  const rally = Math.max(0, Math.floor(Number(found.get("rally") ?? 1)) - 1) || 0;
-  const stroke = found.has("stroke") ? Math.max(0, Math.floor(Number(found.get("stroke"))) - 1) || 0 : null;
+  const rally = indexOf(found.get("rally"));
+  const stroke = found.has("stroke") ? indexOf(found.get("stroke")) : null;
   const tried = parsed<Record<string, number>>(found.get("tried"));
   if (!a || !b || !Number.isSafeInteger(seed) || seed < 0) {
     return { plan: null, rally, stroke, tried };

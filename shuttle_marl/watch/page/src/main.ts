@@ -103,7 +103,10 @@ const MISSING = "the saved page does not contain this rally";
 
 /** Source of a saved page. */
 async function saved(shared: Shared): Promise<{ hello: Hello; source: Source }> {
-  const { facts: hello } = await openShared<Hello>(shared.hello);
+  const { facts } = await openShared<Hello>(shared.hello);
+  const saved = Object.keys(shared.replies).filter((key) => key.startsWith("rally "));
+  const rallies = 1 + Math.max(...saved.map((key) => Number(key.slice("rally ".length))));
+  const hello = facts.recorded ? { ...facts, recorded: { ...facts.recorded, count: rallies } } : { ...facts, rallies };
   const find = <F>(key: string): Found<F> => {
     const reply = shared.replies[key];
     return reply === undefined ? Promise.reject(new Error(MISSING)) : openShared<F>(reply);

@@ -46,14 +46,17 @@ function plainName(name: string): string {
   return /^[a-z]+(-[a-z]+)+$/.test(name) ? capitalized(name.replaceAll("-", " ")) : name; // a person of a data set
 }
 
-/** Name on the shirt of a player: the last name of a person, the first two words of other names. */
+const WIDE = 14; // letters that fit on a shirt
+
+/** Name on the shirt of a player: of a person the whole name if it fits, else its last word; the first two words of other names. */
 export function nameOnShirt(identifier: string): string {
   const words = displayName(identifier)
     .replace(/[,(].*/, "")
     .trim()
     .split(" ");
   const person = !(identifier in KNOWN) && !/^(ppo|a2c|sac|human|minimax|best-response)\b/.test(identifier);
-  return person ? words.at(-1)! : words.slice(0, 2).join(" ");
+  const whole = words.join(" ");
+  return !person ? words.slice(0, 2).join(" ") : whole.length <= WIDE ? whole : words.at(-1)!;
 }
 
 /** Identifiers in groups, in the order of the list. */

@@ -100,7 +100,8 @@ export class Player {
   stepFrame(frames: number): void {
     this.playing = false;
     const fps = this.motion?.fps ?? 50;
-    this.seek((Math.round(this.time * fps) + frames) / fps);
+    this.endReplay();
+    this.time = Math.min(Math.max((Math.round(this.time * fps) + frames) / fps, 0), this.end);
   }
 
   /** Seeks the contact of the next or previous stroke; false if there is none. */

@@ -80,6 +80,7 @@ export class Screen {
   private saidStroke = -2;
   private shownStroke = -2;
   private ended = false;
+  private person = false; // whether one plays
   private readonly player: Player;
   private readonly stage: Stage | null;
 
@@ -232,7 +233,8 @@ export class Screen {
     this.board.show(null);
     this.layout.quiet();
     this.layout.scrubber.max = String(this.player.duration);
-    this.board.playing = seat !== null;
+    this.person = seat !== null;
+    this.board.playing = this.person;
     this.browser?.show(null, rally.number);
     this.layout.what.textContent = `${rally.names[0]} (A) v ${rally.names[1]} (B) · ${where} · rally ${rally.number + 1}`;
     sides?.forEach((side, i) => this.sides[i]!.show(side, seat === i));
@@ -280,8 +282,9 @@ export class Screen {
   private showValues(): void {
     const rally = this.rally!;
     const seen = this.hidden === null ? this.analysis : null;
-    this.curve.show(rally, this.player.duration, seen);
-    this.moves.show(rally, seen, this.hidden ?? (this.mode === "play" ? Math.max(this.player.stroke + 1, 0) : Infinity));
+    const named = this.hidden ?? (this.mode === "play" ? Math.max(this.player.stroke + 1, 0) : Infinity);
+    this.curve.show(rally, this.player.duration, seen, named);
+    this.moves.show(rally, seen, named);
     this.shownStroke = -2;
   }
 
@@ -333,6 +336,7 @@ export class Screen {
     if (over && !this.ended) {
       this.rallyEnded(rally);
     }
+    this.layout.banner.classList.toggle("hidden", !over); // the viewer may go back
     if (rally.turn && rally.turn !== this.answered && player.stroke === rally.turn.number - 1) {
       this.board.show(rally.turn);
     }
@@ -363,6 +367,11 @@ export class Screen {
     this.saidStroke = Math.max(this.saidStroke, stroke);
   }
 
+  /** Whether `n` starts a new match; while a person plays, it is the net shot. */
+  private get offersNew(): boolean {
+    return this.live && this.browser === null && !this.person;
+  }
+
   private rallyEnded(rally: RallyFacts): void {
     const after = rally.after!;
     this.ended = true;
@@ -378,11 +387,13 @@ export class Screen {
       h(
         "small",
         {},
-        `${reason(rally)} · ${after.points[0]} – ${after.points[1]}${after.over && this.live ? " · n: new match" : ""}`,
+        `${reason(rally)} · ${after.points[0]} – ${after.points[1]}${after.over && this.offersNew ? " · n: new match" : ""}`,
       ),
     );
-    this.layout.banner.classList.remove("hidden");
     this.layout.tell(endSentence(rally));
+    if (after.over) {
+      this.board.finish();
+    }
     if (after.game_won) {
       this.acts.gameOver(rally);
     }

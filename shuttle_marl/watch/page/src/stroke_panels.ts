@@ -10,6 +10,7 @@ export class Chances {
 
   show(rally: RallyFacts, index: number): void {
     const stroke = rally.strokes[Math.max(index, 0)];
+    this.element.classList.toggle("hidden", !stroke);
     if (!stroke) {
       return;
     }
