@@ -37,6 +37,8 @@ export function difficulty(chance: number): number {
 export class Daily {
   /** Whether each answer was right. */
   readonly answers: boolean[] = [];
+  /** Shot types of the best strokes so far; puzzles prefer others. */
+  readonly shots = new Set<string>();
   private readonly history = stored();
   private readonly before = this.history.rating;
   /** Whether this day was played before; then the rating stays. */

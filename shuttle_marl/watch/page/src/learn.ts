@@ -18,25 +18,34 @@ interface Question {
   played: Option;
 }
 
-/** The costliest decisions whose best and played strokes have enough real strokes behind them, in order of time. */
-export function questions(rally: RallyFacts, analysis: Analysis, most = QUESTIONS): Question[] {
+/**
+ * The costliest decisions whose best and played strokes have enough real strokes behind them, in order of time.
+ * @param asked best shot types of earlier questions; decisions with others come first.
+ */
+export function questions(
+  rally: RallyFacts,
+  analysis: Analysis,
+  most = QUESTIONS,
+  asked: ReadonlySet<string> = new Set(),
+): Question[] {
   const found = analysis.strokes.flatMap((value, stroke): Question[] => {
     const pick = (wanted: number) => value.options.find((option) => option.stroke === wanted);
     const [best, played] = [value.question === null ? undefined : pick(value.question), pick(rally.strokes[stroke]!.stroke)];
     return best && played && best.best - played.best >= WORTH_ASKING ? [{ stroke, best, played }] : [];
   });
-  const loss = ({ best, played }: Question) => best.best - played.best;
+  const loss = ({ best, played }: Question) => best.best - played.best - Number(asked.has(best.shot));
   return found
     .sort((a, b) => loss(b) - loss(a))
     .slice(0, most)
     .sort((a, b) => a.stroke - b.stroke);
 }
 
-/** Answers of a question: the best stroke, the one played, and worse ones, ordered by area to hide which is which. */
+/** Answers of a question: the best stroke, the one played, and worse ones, in an order that does not tell which is which. */
 function answers({ best, played }: Question, value: StrokeValue): Option[] {
   const others = value.options.filter((option) => option !== best && option !== played && best.best - option.best >= CLOSE);
   const bySupport = others.sort((a, b) => (b.support ?? 0) - (a.support ?? 0));
-  return [best, played, ...bySupport].slice(0, ANSWERS).sort((a, b) => a.stroke - b.stroke);
+  const mixed = ({ stroke }: Option) => Math.imul(stroke + 1 + 64 * played.stroke, 0x9e3779b1) >>> 0;
+  return [best, played, ...bySupport].slice(0, ANSWERS).sort((a, b) => mixed(a) - mixed(b));
 }
 
 function name(option: Option): string {
@@ -96,7 +105,7 @@ export class Learn {
       return;
     }
     const { daily } = this;
-    this.left = questions(rally, analysis, daily ? 1 : QUESTIONS);
+    this.left = daily ? questions(rally, analysis, 1, daily.shots) : questions(rally, analysis);
     this.element.classList.remove("hidden");
     const another = daily
       ? daily.after(rally.number) !== null
@@ -232,6 +241,7 @@ export class Learn {
     this.answered = true;
     if (this.daily) {
       const shown = this.options.reduce((sum, option) => sum + option.probability, 0);
+      this.daily.shots.add(best.shot);
       this.daily.add(right, shown > 0 ? best.probability / shown : 1 / this.options.length);
     }
     this.buttons.forEach((button, i) => {
