@@ -33,7 +33,7 @@ export class App {
   private readonly challenges: Challenges;
   private shown: Shown | null = null;
   private readonly ending: Ending;
-  private readonly unseen: number[] = []; // times of choices without a frame since
+  private readonly unseen: number[] = []; // times of choices after which no frame has moved yet
   private readonly listener: FrameListener = {
     advanced: (ended) => this.advanced(ended),
     update: () => this.screen.update(),
@@ -368,6 +368,7 @@ export class App {
     screen.board.show(null);
     screen.answered = turn;
     player.finish(); // while the rest is staged
+    this.unseen.push(chosen);
     const next = await this.rallies.fetch(course.wanted(course.number), shown.motion, () => {
       undo();
       screen.answered = null; // they choose again
@@ -377,7 +378,6 @@ export class App {
       const contact = next.rally.strokes[turn.number]?.time ?? Infinity;
       this.stage?.blendFrom(shown.motion, time);
       this.show(next, Math.min(time, contact - 0.12), true);
-      this.unseen.push(chosen);
     }
   }
 
