@@ -84,9 +84,9 @@ class Text(Task):
     protocol = "method(setting: TextSetting) -> object with answer(position: dict) -> name of a stroke"
     target = "a regret below 1.5 %"
 
-    def all_cases(self, arena: Arena) -> list[Case]:  # noqa: ARG002
-        """One."""
-        return [Case(name="positions")]
+    def all_cases(self, arena: Arena) -> list[Case]:
+        """One; that of a quick run has fewer positions, so it is another case."""
+        return [Case(name=f"positions/{_QUICK}" if arena.quick else "positions")]
 
     def play(self, arena: Arena, case: Case, method: Method, seed: int, folder: Path) -> Outcome:  # noqa: ARG002
         """Ask for one answer in each position."""

@@ -19,7 +19,7 @@ from shuttle_marl.suite import SuiteRun, adapt, frozen, run_method, store, summa
 from shuttle_marl.suite.imitate import HumanStrokes, top
 from shuttle_marl.suite.logs import generate
 from shuttle_marl.suite.maintain import freeze, new_submission, write_data
-from shuttle_marl.suite.options import SuiteError
+from shuttle_marl.suite.options import Split, SuiteError
 from shuttle_marl.suite.registry import TASKS, arena_of, find_task
 from shuttle_marl.suite.text import ChatProgram, chosen_states, described, position, positions, prompt, read_answer, regrets
 from shuttle_marl.suite.text_env import OVER, WAIT, TextRallyEnv, text_env
@@ -300,3 +300,15 @@ def test_every_task_has_baselines_and_splits() -> None:
         arena = arena_of(task, reduced_model(), "dev", quick=True)
         cases = task.cases(arena)
         assert len({case.name for case in cases}) == len(cases) > 0
+
+
+@pytest.mark.parametrize("split", ["dev", "test"])
+@pytest.mark.parametrize("quick", [False, True])
+def test_the_positions_of_the_shipped_games_are_frozen(split: Split, quick: bool) -> None:
+    task = TASKS["text-v0"]
+    arena = arena_of(task, "default", split, quick=quick)
+    settings = frozen.load()
+    assert settings.official(arena.game.hash)
+    (case,) = task.cases(arena)
+    assert (f"text-v0/{split}/{case.name}/0" in settings.cases) != quick
+    settings.check(task, split, f"{case.name}/0", task.fingerprint(arena, case, 0), arena.game)
