@@ -110,7 +110,7 @@ class Imitate(Task):
 
 
 def top(k: int, probability: F64, strokes: HumanStrokes) -> float:
-    """How often the stroke played is among the ``k`` likeliest of ``[P]`` probabilities; ties are in random order."""
+    """Top-k accuracy of ``[P]`` probabilities, from 0 to 1. Ties are broken uniformly at random, in expectation."""
     row, pair = strokes.game.pairs(strokes.state)
     above = probability[pair] - probability[strokes.pair][row]
     likelier, equal = (np.bincount(row, which, len(strokes.state)) for which in (above > _TIE, np.abs(above) <= _TIE))

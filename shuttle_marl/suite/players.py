@@ -77,7 +77,7 @@ def outcome_of(result: Any, game: Game, name: str, budget: int | None) -> Outcom
         raise SuiteError(
             f"the method of {name} returned strokes {trained.strokes!r}; expected a whole number ({error})"
         ) from error
-    if strokes is not None and not 0 <= strokes <= (strokes if budget is None else budget):
+    if strokes is not None and (strokes < 0 or (budget is not None and strokes > budget)):
         limit = "" if budget is None else f"; the budget is {budget:,}"
         raise SuiteError(f"the method of {name} used {strokes:,} strokes of the learner{limit}")
     return Outcome(policies={"player": table_of(trained.player, game, name)}, strokes=strokes, curve=curve)
