@@ -48,7 +48,7 @@ K <= 1000 legal strokes."""
 TOLERANCE: Final = 1e-9
 """Default error bound of values, on the scale from -1 to 1."""
 
-FIRST_RALLY_STATE: Final = 2
+FIRST_RALLY_STATE: Final = 4
 """Base states 0 and 1 are the start of the rally; no state leads there."""
 
 _DIRECTIONS: Final = 60

@@ -60,8 +60,11 @@ def draw(key: U64, counter: Ints | int) -> U64:
 
 
 def outcome_draw(bits: U64) -> I32:
-    """The part of a draw that decides the outcome of a stroke: uniform in [0, 65536)."""
-    return (bits & np.uint64(0xFFFF)).astype(np.int32)
+    """The part of a draw that decides the outcome of a stroke: uniform in [0, 2^24).
+
+    The lowest 16 bits decide between a fault, a winner and the contact of a return, the upper 8 whether the receiver is hurried.
+    """
+    return (bits & np.uint64(0xFFFFFF)).astype(np.int32)
 
 
 def choice_draw(bits: U64) -> I32:
@@ -71,7 +74,7 @@ def choice_draw(bits: U64) -> I32:
 
 def first_server(bits: U64) -> U64:
     """Seat that serves first, 0 or 1, from the first draw of a rally, where it is random."""
-    return (bits >> np.uint64(16)) & np.uint64(1)
+    return (bits >> np.uint64(24)) & np.uint64(1)
 
 
 def chosen(cumulative: U16 | F64, draw: Ints) -> Intp:

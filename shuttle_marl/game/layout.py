@@ -4,8 +4,8 @@ How the tables are laid out
 ---------------------------
 ``START = n`` stands for "no stroke yet". A pair (own last stroke x, incoming stroke y) that can occur is an **edge**
 x -> y; edges between two net shots exist once for each length of the duel; edge 0 is START -> START, the start of a rally.
-A **base state** is ``2 * edge + contact``. The replies to stroke y from contact c do not depend on x but for the duel that
-they continue, so they stand next to each other in ``reply_edge``: ``reply_count[y, c]`` of them from
+A **base state** is ``4 * edge + 2 * hurried + contact``. The replies to stroke y from contact c do not depend on x but for the
+duel that they continue, so they stand next to each other in ``reply_edge``: ``reply_count[y, c]`` of them from
 ``reply_start[y, d, c]`` on, d = 1 where two or more net shots in a row end with y. So the k-th legal stroke of a state is a
 number, and so is what follows it. A **base pair** is (base state, k); its row in ``threshold`` is counted in that order.
 
@@ -33,7 +33,7 @@ ALL: Final = slice(None)
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Layout:
-    """States and legal pairs: n strokes, E edges, V replies, L levels of effort; S = 2 E L^2 states, P legal pairs.
+    """States and legal pairs: n strokes, E edges, V replies, L levels of effort; S = 4 E L^2 states, P legal pairs.
 
     Attributes:
         catalogue: the n strokes.
@@ -80,8 +80,8 @@ class Layout:
 
     @property
     def n_base_states(self) -> int:
-        """Number of states at given efforts; the serve from above (base state 1) has no legal stroke and never occurs."""
-        return 2 * len(self.edge_own)
+        """Number of states at given efforts. Serves from above have no legal stroke; they and hurried serves never occur."""
+        return 4 * len(self.edge_own)
 
     @property
     def n_states(self) -> int:
@@ -101,20 +101,25 @@ class Layout:
 
     def own(self, state: Indices) -> I32:
         """The striker's own last stroke in each state, n for none; any shape."""
-        return self.edge_own[self.base(state) >> 1]
+        return self.edge_own[self.base(state) >> 2]
 
     def incoming(self, state: Indices) -> I32:
         """The incoming stroke of each state, n for none: the striker serves; any shape."""
-        return self.edge_incoming[self.base(state) >> 1]
+        return self.edge_incoming[self.base(state) >> 2]
 
     def duel(self, state: Indices) -> I32:
         """Net shots in a row that end with the incoming stroke of each state, 3 for three or more; any shape."""
-        return self.edge_duel[self.base(state) >> 1]
+        return self.edge_duel[self.base(state) >> 2]
 
     @staticmethod
     def contact(state: Indices) -> I32:
         """The contact offered in each state, 0 below and 1 above the net; any shape."""
         return (np.asarray(state) & 1).astype(np.int32)
+
+    @staticmethod
+    def hurried(state: Indices) -> I32:
+        """Whether the striker is hurried in each state, 0 or 1; any shape."""
+        return (np.asarray(state) >> 1 & 1).astype(np.int32)
 
     def effort(self, state: Indices) -> I32:
         """The striker's effort in each state; any shape."""
@@ -125,18 +130,18 @@ class Layout:
         return (np.asarray(state) // self.n_base_states % self.levels).astype(np.int32)
 
     def observation(self, state: Indices) -> I32:
-        """``[..., 6]`` observation of the striker as integers.
+        """``[..., 7]`` observation of the striker as integers.
 
-        Own last stroke, incoming stroke, contact, duel, own effort and the opponent's effort of each state.
+        Own last stroke, incoming stroke, contact, duel, own effort, the opponent's effort and hurried of each state.
         """
-        parts = (self.own, self.incoming, self.contact, self.duel, self.effort, self.opponent_effort)
+        parts = (self.own, self.incoming, self.contact, self.duel, self.effort, self.opponent_effort, self.hurried)
         return np.stack([part(state) for part in parts], axis=-1)
 
     @property
     def highest_observation(self) -> I32:
-        """``[6]`` highest number of each part of an observation."""
+        """``[7]`` highest number of each part of an observation."""
         n, effort = self.n_strokes, self.levels - 1
-        return np.array([n, n, 1, LONGEST_DUEL, effort, effort], dtype=np.int32)
+        return np.array([n, n, 1, LONGEST_DUEL, effort, effort, 1], dtype=np.int32)
 
     def state_of(
         self,
@@ -146,6 +151,7 @@ class Layout:
         duel: Indices = 0,
         effort: Indices = 0,
         opponent_effort: Indices = 0,
+        hurried: Indices = 0,
     ) -> I32:
         """The state of an observation, -1 where the game has none such: the inverse of :meth:`observation`.
 
@@ -153,20 +159,21 @@ class Layout:
             own, incoming: catalogue indices, n for no stroke yet; anything else is no stroke.
             contact: 0 or 1.
             duel: 0 to 3.
-            effort, opponent_effort: 0 to L - 1. All six broadcast against each other.
+            effort, opponent_effort: 0 to L - 1.
+            hurried: 0 or 1. All seven broadcast against each other.
         """
-        parts = (own, incoming, contact, duel, effort, opponent_effort)
-        own, incoming, contact, duel, effort, opponent_effort = np.broadcast_arrays(
+        parts = (own, incoming, contact, duel, effort, opponent_effort, hurried)
+        own, incoming, contact, duel, effort, opponent_effort, hurried = np.broadcast_arrays(
             *(np.asarray(part, dtype=np.int64) for part in parts)
         )
         n, levels = self.n_strokes, self.levels
         begun = (own >= 0) & (own <= n) & (incoming >= 0) & (incoming < n) & (duel >= 0) & (duel <= LONGEST_DUEL)
         edge = np.where(begun, self._edge_of[np.where(begun, own, 0), np.where(begun, incoming, 0), np.where(begun, duel, 0)], -1)
         edge = np.where((own == n) & (incoming == n) & (duel == 0), 0, edge)
-        found = (edge >= 0) & ((contact == 0) | (contact == 1))
+        found = (edge >= 0) & ((contact == 0) | (contact == 1)) & ((hurried == 0) | (hurried == 1))
         for level in (effort, opponent_effort):
             found &= (level >= 0) & (level < levels)
-        base = 2 * edge + contact
+        base = 4 * edge + 2 * hurried + contact
         return np.where(found, (effort * levels + opponent_effort) * self.n_base_states + base, -1).astype(np.int32)
 
     @functools.cached_property
@@ -181,7 +188,7 @@ class Layout:
     @functools.cached_property
     def base_pair_start(self) -> I32:
         """``[base states + 1]`` first base pair of each base state."""
-        return frozen(np.r_[0, np.cumsum(self.reply_count[self.edge_incoming].ravel())].astype(np.int32))
+        return frozen(np.r_[0, np.cumsum(np.tile(self.reply_count[self.edge_incoming], (1, 2)).ravel())].astype(np.int32))
 
     @functools.cached_property
     def pair_start(self) -> I32:
@@ -191,7 +198,7 @@ class Layout:
 
     @functools.cached_property
     def playable(self) -> Bools:
-        """``[S]`` whether a state has legal strokes: all have but the serve from above, which never occurs."""
+        """``[S]`` whether a state has legal strokes: all have but serves from above, which never occur."""
         return frozen(np.diff(self.pair_start) > 0)
 
     def legal_count(self, state: Indices) -> I32:
@@ -293,7 +300,7 @@ class Layout:
     def first_reply(self) -> I32:
         """``[base states]`` index in ``reply_edge`` of the first legal stroke of a state; k more for the k-th."""
         longer = (self.edge_duel >= LONGEST_DUEL - 1).astype(np.int32)
-        return frozen(self.reply_start[self.edge_incoming, longer].ravel())
+        return frozen(np.tile(self.reply_start[self.edge_incoming, longer], (1, 2)).ravel())
 
     @functools.cached_property
     def edge_attack(self) -> Bools:
@@ -324,13 +331,16 @@ class Layout:
         return frozen(rank)
 
     def arrivals(self, pairs: slice | Indices = ALL) -> I32:
-        """``[..., 2]`` receiver's state after a returned stroke, with contact below and above the net, of legal pairs."""
+        """``[..., 4]`` receiver's state after a returned stroke, of legal pairs.
+
+        With contact below and above the net for a receiver who is not hurried, then for one who is.
+        """
         block, base = np.divmod(self._numbers(pairs), self.n_base_pairs)
         edge = self.base_pair_edge[base]
         own, other = np.divmod(block, self.levels)
         after = other * self.levels + np.minimum(own + self.edge_attack[edge], self.levels - 1)
-        below = after * self.n_base_states + 2 * edge
-        return np.stack([below, below + 1], axis=-1).astype(np.int32)
+        first = after * self.n_base_states + 4 * edge
+        return (first[..., None] + np.arange(4)).astype(np.int32)
 
     def _numbers(self, pairs: slice | Indices) -> Ints:
         # Without an array of all pairs, which takes tens of megabytes.
@@ -355,10 +365,12 @@ class Layout:
         return np.repeat(values, np.diff(self.pair_start))
 
     def describe(self, state: int) -> str:
-        """State in words: own last stroke, incoming stroke, contact, and the duel and the efforts where they count."""
+        """State in words: own last stroke, incoming stroke, contact, and hurried, the duel and the efforts where they count."""
         names = (*self.catalogue.names, "none")
-        own, incoming, contact, duel, effort, opponent_effort = self.observation(state).tolist()
+        own, incoming, contact, duel, effort, opponent_effort, hurried = self.observation(state).tolist()
         words = f"own {names[own]}, incoming {names[incoming]}, contact {'above' if contact else 'below'}"
+        if hurried:
+            words += ", hurried"
         if duel > 1:
             words += f", net shots in a row {duel}{' or more' if duel == LONGEST_DUEL else ''}"
         if self.levels > 1:

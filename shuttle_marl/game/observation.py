@@ -23,12 +23,14 @@ DUEL: Final = SERVE + 1
 """Position of the number of net shots in a row, divided by 3."""
 EFFORT: Final = DUEL + 1
 """Position of the own effort, divided by the highest one; the opponent's follows."""
-RALLY_WIDTH: Final = EFFORT + 2
+HURRIED: Final = EFFORT + 2
+"""Position of the flag that the striker is hurried."""
+RALLY_WIDTH: Final = HURRIED + 1
 """Length of an observation of a rally."""
 SCORE_WIDTH: Final = 6
 """Points, games and serving flag of both players; only in a match."""
 
-SWAP: Final = np.r_[STROKE_WIDTH : 2 * STROKE_WIDTH, :STROKE_WIDTH, CONTACT, SERVE, DUEL, EFFORT + 1, EFFORT]
+SWAP: Final = np.r_[STROKE_WIDTH : 2 * STROKE_WIDTH, :STROKE_WIDTH, CONTACT, SERVE, DUEL, EFFORT + 1, EFFORT, HURRIED]
 """Permutation that turns the striker's observation into the receiver's."""
 
 
@@ -44,19 +46,20 @@ def stroke_features(game: Layout) -> F32:
 
 
 def features(game: Layout) -> F32:
-    """``[base states, 59]`` observation of the striker in every state without efforts; :func:`with_efforts` writes those.
+    """``[base states, 60]`` observation of the striker in every state without efforts; :func:`with_efforts` writes those.
 
     0-26 own last stroke, 27-53 the incoming stroke, 54 the contact offered (1 above, 0 below the net), 55 whether a serve
-    is due, 56 net shots in a row, 57 own effort and 58 the opponent's; the last three as shares of the highest number.
+    is due, 56 net shots in a row, 57 own effort and 58 the opponent's, these three as shares of the highest number, 59 whether
+    the striker is hurried.
     """
     strokes = stroke_features(game)
-    own, incoming, contact, duel, effort, other = game.observation(np.arange(game.n_base_states)).T
-    rest = np.stack([contact, incoming == game.n_strokes, duel / LONGEST_DUEL, effort, other], axis=1)
+    own, incoming, contact, duel, effort, other, hurried = game.observation(np.arange(game.n_base_states)).T
+    rest = np.stack([contact, incoming == game.n_strokes, duel / LONGEST_DUEL, effort, other, hurried], axis=1)
     return np.concatenate([strokes[own], strokes[incoming], rest], axis=1, dtype=np.float32)
 
 
 def with_efforts(game: Layout, rows: F32, state: Ints) -> F32:
-    """``[B, 59]`` observations of ``[B]`` states, from the rows of :func:`features`."""
+    """``[B, 60]`` observations of ``[B]`` states, from the rows of :func:`features`."""
     found: F32 = rows.take(game.base(state), axis=0)
     highest = max(1, game.levels - 1)
     found[:, EFFORT] = game.effort(state) / highest
@@ -65,12 +68,12 @@ def with_efforts(game: Layout, rows: F32, state: Ints) -> F32:
 
 
 def observations(game: Layout, state: Ints) -> F32:
-    """``[B, 59]`` what the striker sees in each of ``[B]`` states, as ``rally_v0`` shows it."""
+    """``[B, 60]`` what the striker sees in each of ``[B]`` states, as ``rally_v0`` shows it."""
     return with_efforts(game, features(game), np.asarray(state))
 
 
 def states_of(game: Layout, observation: npt.ArrayLike) -> I32:
-    """``[B]`` states of ``[B, 59]`` observations of the player who is to strike: the inverse of :func:`observations`.
+    """``[B]`` states of ``[B, 60]`` observations of the player who is to strike: the inverse of :func:`observations`.
 
     Args:
         game: the tables.
@@ -89,7 +92,8 @@ def states_of(game: Layout, observation: npt.ArrayLike) -> I32:
     own, incoming = (((part[:, None] - table) ** 2).sum(axis=-1).argmin(axis=1) for part in parts)
     efforts = np.rint(seen[:, [EFFORT, EFFORT + 1]] * max(1, game.levels - 1)).astype(np.int64)
     duel = np.rint(seen[:, DUEL] * LONGEST_DUEL).astype(np.int64)
-    state = game.state_of(own, incoming, np.rint(seen[:, CONTACT]).astype(np.int64), duel, *efforts.T)
+    contact, hurried = np.rint(seen[:, [CONTACT, HURRIED]]).astype(np.int64).T
+    state = game.state_of(own, incoming, contact, duel, *efforts.T, hurried)
     wrong = state < 0
     wrong[~wrong] = np.abs(observations(game, state[~wrong]) - seen[~wrong, :RALLY_WIDTH]).max(axis=1, initial=0) > 1e-3
     if wrong.any():

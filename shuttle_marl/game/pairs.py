@@ -13,7 +13,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from shuttle_marl.arrays import F64, I32, I64, U16, Ints
+from shuttle_marl.arrays import F64, I32, I64, U8, U16, Ints
 from shuttle_marl.game.layout import Layout
 from shuttle_marl.game.shipped import PROFILES, load_game, origin_named, origin_of, resolve_game, variants
 from shuttle_marl.game.skill import AVERAGE, Day, Skill, day_of, load_skill
@@ -35,6 +35,7 @@ class PairGame(Layout):
     Attributes:
         players: names of the players at seats 0 and 1.
         threshold: ``[base pairs, 3]`` each: thresholds of the strokes of seats 0 and 1, as in :class:`~shuttle_marl.game.Game`.
+        hurry: ``[base pairs, 2]`` uint8 chance of a hurried receiver, at both seats.
         fault_odds: ``[L]`` int32 odds of a fault by effort.
         model: the model or variant whose tables the offsets are applied to, by name or folder.
         date: day of the skill; None: the last one known.
@@ -43,6 +44,7 @@ class PairGame(Layout):
 
     players: tuple[str, str]
     threshold: tuple[U16, U16]
+    hurry: U8
     fault_odds: I32
     model: str
     date: datetime.date | None
@@ -67,7 +69,7 @@ class PairGame(Layout):
         """The tables with which seats 0 and 1 strike."""
         layout = {name: getattr(self, name) for name in LAYOUT}
         first, second = (
-            SeatGame(**layout, threshold=threshold, fault_odds=self.fault_odds, pair_game=self, seat=seat)
+            SeatGame(**layout, threshold=threshold, hurry=self.hurry, fault_odds=self.fault_odds, pair_game=self, seat=seat)
             for seat, threshold in enumerate(self.threshold)
         )
         return first, second
@@ -224,6 +226,7 @@ def pair_game(a: str, b: str, *, date: Day = None, discipline: str | None = None
         **{name: getattr(base, name) for name in LAYOUT},
         players=(a, b),
         threshold=(threshold[0], threshold[1]),
+        hurry=base.hurry,
         fault_odds=base.fault_odds,
         model=game,
         date=None if date is None else day_of(date),

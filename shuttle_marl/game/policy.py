@@ -78,6 +78,11 @@ class States:
         return frozen(self.game.opponent_effort(self.state))
 
     @functools.cached_property
+    def hurried(self) -> I32:
+        """``[B]`` whether the striker is hurried, 0 or 1."""
+        return frozen(self.game.hurried(self.state))
+
+    @functools.cached_property
     def mask(self) -> Bools:
         """``[B, n]`` legal strokes."""
         return frozen(self.game.mask(self.state))

@@ -4,13 +4,22 @@ from typing import Final
 
 import numpy as np
 
-from shuttle_marl.arrays import I8, I32, Ints
+from shuttle_marl.arrays import I8, I32, Bools, Ints
 from shuttle_marl.errors import ActionError
 from shuttle_marl.game.layout import LONGEST_DUEL, Layout
 from shuttle_marl.game.tables import Game
+from shuttle_marl.game.thresholds import ONE
 
-OUTCOMES: Final = ("fault", "winner", "returned from below", "returned from above")
-FAULT, WINNER, RETURNED_BELOW, RETURNED_ABOVE = range(4)
+OUTCOMES: Final = (
+    "fault",
+    "winner",
+    "returned from below",
+    "returned from above",
+    "returned from below, hurried",
+    "returned from above, hurried",
+)
+"""Ends of a stroke. That of a return names the receiver's contact and whether they are hurried."""
+FAULT, WINNER, RETURNED_BELOW, RETURNED_ABOVE, HURRIED_BELOW, HURRIED_ABOVE = range(6)
 
 
 class IllegalStrokeError(ActionError):
@@ -26,13 +35,14 @@ class IllegalStrokeError(ActionError):
         self.stroke, self.row = stroke, row
 
 
-def states_of_rallies(game: Layout, stroke: Ints, position: Ints) -> I32:
+def states_of_rallies(game: Layout, stroke: Ints, position: Ints, hurried: Bools | Ints) -> I32:
     """The state in which each stroke of rallies was struck.
 
     Args:
         game: the tables.
         stroke: ``[N]`` catalogue indices, rally after rally.
         position: ``[N]`` number of each stroke in its rally, from 0.
+        hurried: ``[N]`` whether the striker of each stroke was hurried.
 
     Returns:
         ``[N]`` state, -1 where the game has no such state. It does not look whether the stroke is legal there.
@@ -54,7 +64,7 @@ def states_of_rallies(game: Layout, stroke: Ints, position: Ints) -> I32:
         broken = np.maximum.accumulate(np.where(net, row - position - 1, row))
         in_a_row = np.minimum(row - broken, LONGEST_DUEL)
         duel = np.where(position >= 1, in_a_row[np.maximum(row - 1, 0)], 0)
-    return game.state_of(own, incoming, game.catalogue.height[stroke], duel, effort, opponent_effort)
+    return game.state_of(own, incoming, game.catalogue.height[stroke], duel, effort, opponent_effort, hurried)
 
 
 def strike(game: Game, state: Ints, k: Ints, draw: Ints) -> tuple[I8, I32]:
@@ -64,7 +74,7 @@ def strike(game: Game, state: Ints, k: Ints, draw: Ints) -> tuple[I8, I32]:
         game: the tables.
         state: ``[B]`` state of the striker.
         k: ``[B]`` which of its legal strokes, 0 <= k < legal_count(state); not checked.
-        draw: ``[B]`` uniform integers in [0, 65536).
+        draw: ``[B]`` uniform integers in [0, 2^24), see :func:`shuttle_marl.game.draws.outcome_draw`.
 
     Returns:
         ``[B]`` outcome (index into :data:`OUTCOMES`) and ``[B]`` state of the receiver, who is the next striker;
@@ -74,9 +84,12 @@ def strike(game: Game, state: Ints, k: Ints, draw: Ints) -> tuple[I8, I32]:
     own, other = np.divmod(block, game.levels)
     # Rows by `take` and three comparisons: an index array and a sum over an axis of length three cost several times as much.
     at = own * game.n_base_pairs + game.base_pair_start[base] + k
-    limits = game.limits.reshape(-1, 3).take(at, axis=0)
-    outcome = (draw >= limits[..., 0]).view(np.int8) + (draw >= limits[..., 1]) + (draw >= limits[..., 2])
+    limits, low = game.limits.reshape(-1, 3).take(at, axis=0), draw & (ONE - 1)
+    outcome = (low >= limits[..., 0]).view(np.int8) + (low >= limits[..., 1]) + (low >= limits[..., 2])
+    above = np.maximum(outcome - RETURNED_BELOW, 0)
+    hurried = (draw >> 16) < game.hurry[game.base_pair_start[base] + k, above]
+    outcome += (HURRIED_BELOW - RETURNED_BELOW) * (hurried & (outcome >= RETURNED_BELOW)).view(np.int8)
     edge = game.reply_edge[game.first_reply[base] + k]
     after = other * game.levels + np.minimum(own + game.edge_attack[edge], game.levels - 1)
-    following = after * game.n_base_states + 2 * edge + outcome - RETURNED_BELOW
+    following = after * game.n_base_states + 4 * edge + outcome - RETURNED_BELOW
     return outcome, np.where(outcome >= RETURNED_BELOW, following, -1).astype(np.int32)

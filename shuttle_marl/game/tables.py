@@ -4,12 +4,14 @@ A rally alternates between two players. The one to hit is the striker, the other
 the striker's **state**:
 
 - their own last stroke, the incoming stroke, and the **contact** they are offered (below or above the net);
+- whether they are **hurried**: late or stretched, like the worst quarter of strokes from such an incoming shot and contact;
 - the **duel**: how many net shots in a row end with the incoming stroke, 0 to 3 (3: three or more);
 - the **effort** of both players: attacking strokes (smashes, half-smashes) that each has played in this rally, from 0 to
   L - 1 (so many or more).
 
-One 16-bit draw decides each stroke: a fault, a winner, returned from below the net, or returned from above. The striker's
-effort multiplies the odds of a fault, and nothing else; the receiver's changes nothing until the roles swap.
+A 16-bit draw decides each stroke: a fault, a winner, returned from below the net, or returned from above; 8 more bits decide
+whether the receiver of a return is hurried. The striker's effort multiplies the odds of a fault, and nothing else; the
+receiver's changes nothing until the roles swap.
 """
 
 import dataclasses
@@ -22,7 +24,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.arrays import F64, I32, U16, Bools, Ints
+from shuttle_marl.arrays import F64, I32, U8, U16, Bools, Ints
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.files import replace_file
 from shuttle_marl.game.layout import ALL, LONGEST_DUEL, Indices, Layout
@@ -32,6 +34,9 @@ from shuttle_marl.tensor_files import parsed, read_tensors, tensor_bytes
 
 ROOT: Final = 0
 """The state in which every rally starts: the serve, struck from below the net."""
+HURRY_ONE: Final = 1 << 8
+"""Probability 1 of a hurried receiver in fixed point."""
+_TYPES: Final = {"threshold": np.uint16, "hurry": np.uint8}
 _MOST_LEVELS: Final = 8
 _MOST_ODDS: Final = 1 << 20
 
@@ -60,17 +65,20 @@ class Game(Layout):
     Attributes:
         threshold: ``[base pairs, 3]`` uint16, cumulative probabilities of fault, + winner, + returned from below at effort 0, in
             units of 1/65536.
+        hurry: ``[base pairs, 2]`` uint8, probability that the receiver of a return is hurried, from below and from above the net,
+            in units of 1/256; 0 in games that do not know it.
         fault_odds: ``[L]`` int32, odds of a fault at each own effort, relative to those at effort 0, in units of 1/65536.
     """
 
     threshold: U16
+    hurry: U8
     fault_odds: I32 = dataclasses.field(default_factory=_no_effort)
 
     def __post_init__(self) -> None:
         for name, array in self._arrays().items():
-            if not isinstance(array, np.ndarray) or array.dtype != (np.uint16 if name == "threshold" else np.int32):
+            if not isinstance(array, np.ndarray) or array.dtype != _TYPES.get(name, np.int32):
                 kind = getattr(array, "dtype", type(array).__name__)
-                raise GameError(f"table {name} of {kind}: expected uint16 for threshold, int32 for the others")
+                raise GameError(f"table {name} of {kind}: expected uint16 for threshold, uint8 for hurry, int32 for the others")
             object.__setattr__(self, name, frozen(array))
         self._check_layout()
 
@@ -120,7 +128,12 @@ class Game(Layout):
         state = self.base_pair_state
         keep = legal[self.incoming(state), self.contact(state), self.base_pair_stroke]
         return dataclasses.replace(
-            self, reply_start=start, reply_count=count, reply_edge=self.reply_edge[kept[:-1]], threshold=self.threshold[keep]
+            self,
+            reply_start=start,
+            reply_count=count,
+            reply_edge=self.reply_edge[kept[:-1]],
+            threshold=self.threshold[keep],
+            hurry=self.hurry[keep],
         )
 
     @property
@@ -163,8 +176,14 @@ class Game(Layout):
         return np.asarray(block // self.levels * self.n_base_pairs + base)
 
     def outcome_probabilities(self, pairs: slice | Indices = ALL) -> F64:
-        """``[..., 4]`` probabilities of the :data:`OUTCOMES` of legal pairs, of all by default; exact."""
-        return np.asarray(np.diff(self.limits_of(pairs).astype(np.int32), axis=-1, prepend=0, append=ONE) / ONE)
+        """``[..., 6]`` probabilities of the :data:`~shuttle_marl.game.rules.OUTCOMES` of legal pairs, all by default; exact."""
+        four = np.diff(self.limits_of(pairs).astype(np.int32), axis=-1, prepend=0, append=ONE) / ONE
+        hurried = self.hurry_of(pairs)
+        return np.concatenate([four[..., :2], four[..., 2:] * (1 - hurried), four[..., 2:] * hurried], axis=-1)
+
+    def hurry_of(self, pairs: slice | Indices = ALL) -> F64:
+        """``[..., 2]`` probability that the receiver of a return is hurried, from below and from above the net; exact."""
+        return np.asarray(self.hurry[self._numbers(pairs) % self.n_base_pairs] / HURRY_ONE)
 
     def stroke_probabilities(self, pairs: slice | Indices = ALL) -> tuple[F64, F64, F64]:
         """Probability that the stroke is good, that a good one is returned, that a return is from above; of legal pairs."""
@@ -190,7 +209,8 @@ class Game(Layout):
             blocks = [self.stroke_values(following, self.block_pairs(block)) for block in range(self.n_blocks)]
             return np.concatenate(blocks)
         fault, winner, below = np.moveaxis(self.limits_of(pairs).astype(np.float64), -1, 0)
-        after = following[self.arrivals(pairs)]
+        after, hurried = following[self.arrivals(pairs)], self.hurry_of(pairs)
+        after = (1 - hurried) * after[..., :2] + hurried * after[..., 2:]
         now = winner - 2 * fault
         return np.asarray((now - (below - winner) * after[..., 0] - (ONE - below) * after[..., 1]) / ONE)
 
@@ -213,7 +233,7 @@ class Game(Layout):
         wanted = {
             "edge_own": (edges,), "edge_incoming": (edges,), "edge_duel": (edges,), "reply_start": (n + 1, 2, 2),
             "reply_count": (n + 1, 2), "reply_edge": (replies,), "threshold": (len(self.threshold), 3),
-            "fault_odds": (len(self.fault_odds),),
+            "hurry": (len(self.threshold), 2), "fault_odds": (len(self.fault_odds),),
         }  # fmt: skip
         for name, shape in wanted.items():
             if getattr(self, name).shape != shape:
@@ -241,7 +261,7 @@ class Game(Layout):
         if not (_within(starts, 0, replies) and _within(counts, 0, n) and _within(starts + counts, 0, replies)):
             raise GameError(f"tables reply_start and reply_count: expected replies from 0 to {replies - 1}")
         legal = self.reply_count[self.edge_incoming].ravel()
-        if legal.sum() != len(self.threshold):
+        if 2 * legal.sum() != len(self.threshold):
             raise GameError("table threshold does not count the legal strokes of the states")
         if (legal[np.arange(len(legal)) != 1] == 0).any():
             raise GameError("a state other than the serve from above has no legal stroke")

@@ -13,13 +13,13 @@ import numpy as np
 import numpy.typing as npt
 from numpy.random import Generator
 
-from shuttle_marl.arrays import F64, I32, U16, Bools, Floats, Intp, Ints
+from shuttle_marl.arrays import F64, I32, U8, U16, Bools, Floats, Intp, Ints
 from shuttle_marl.files import replace_file
 from shuttle_marl.game.draws import CHOICE_ONE, chosen
 from shuttle_marl.game.layout import LONGEST_DUEL
 from shuttle_marl.game.policy import Observation, Policy, PolicyError, States, act, checked_probabilities, reads_score
 from shuttle_marl.game.stroke import Catalogue
-from shuttle_marl.game.tables import Game, GameError
+from shuttle_marl.game.tables import HURRY_ONE, Game, GameError
 from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.tensor_files import read_tensors, tensor_bytes
 
@@ -89,7 +89,7 @@ def _reachable(replies: Bools) -> Bools:
 
 def base_pairs(tables: dict[str, I32]) -> int:
     """Number of base pairs of the index tables of :func:`layout`: the rows that its thresholds need."""
-    return int(tables["reply_count"][tables["edge_incoming"]].sum())
+    return 2 * int(tables["reply_count"][tables["edge_incoming"]].sum())
 
 
 def thresholds(p_good: F64, p_returned: F64, p_above: F64) -> U16:
@@ -104,6 +104,13 @@ def thresholds(p_good: F64, p_returned: F64, p_above: F64) -> U16:
     if not np.isfinite(cumulative).all():
         raise GameError("a probability of the dynamics is not a number; the model is damaged")
     return np.clip(cumulative, 0, ONE - 1).astype(np.uint16)
+
+
+def hurry_units(p: F64) -> U8:
+    """Fixed-point probabilities of a hurried receiver, each rounded to the nearest 1/256 and at most 255/256."""
+    if not np.isfinite(p).all():
+        raise GameError("a probability of a hurried receiver is not a number; the model is damaged")
+    return np.clip(np.rint(p * HURRY_ONE), 0, HURRY_ONE - 1).astype(np.uint8)
 
 
 _CHUNK = 4096

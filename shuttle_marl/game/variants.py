@@ -1,7 +1,8 @@
 """Variants of a game: the same strokes and rules, other probabilities, stored as small steps from the tables of a model.
 
-For every base pair a variant says by how many steps of :data:`STEP` the log-odds of three probabilities differ from those of
-the model: of a fault, of a winner given a good stroke, and of a return from below given a return. I8 are 8-bit numbers.
+For every base pair a variant says by how many steps of :data:`STEP` the log-odds of five probabilities differ from those of
+the model: of a fault, of a winner given a good stroke, of a return from below given a return, and of a hurried receiver given a
+return from below and from above. I8 are 8-bit numbers.
 They are applied in whole numbers, with multipliers that are exact by definition, so a variant has the same tables, and the
 same hash, on every machine.
 """
@@ -16,8 +17,8 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.arrays import F64, I8, I32, I64, U64, Intp, Ints
-from shuttle_marl.game.tables import Game, GameError
+from shuttle_marl.arrays import F64, I8, I32, I64, U64, Intp
+from shuttle_marl.game.tables import HURRY_ONE, Game, GameError
 from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.tensor_files import Tensors, packed_bytes, parsed, tensor_bytes, unpacked_bytes
 
@@ -56,11 +57,13 @@ def odds_of_steps(steps: I64, *, step: float = STEP) -> Odds:
     return np.where(steps > 0, rising, none), np.where(steps < 0, rising, none)
 
 
-def _shares(threshold: Ints) -> tuple[tuple[U64, U64], ...]:
-    """Part and whole of the three probabilities, in units of 1/65536: fault, winner of good, from below of returned."""
-    fault, winner, below = threshold.T.astype(np.uint64)
-    one = np.uint64(ONE)
-    return (fault, np.full_like(fault, one)), (winner - fault, one - fault), (below - winner, one - winner)
+def _shares(game: Game) -> tuple[tuple[U64, U64], ...]:
+    """Part and whole of the five probabilities: fault, winner of good, from below of returned, hurried of each contact."""
+    fault, winner, below = game.threshold.T.astype(np.uint64)
+    hurry = game.hurry.T.astype(np.uint64)
+    one, known = np.uint64(ONE), np.full_like(fault, HURRY_ONE)
+    ends = (fault, np.full_like(fault, one)), (winner - fault, one - fault), (below - winner, one - winner)
+    return *ends, (hurry[0], known), (hurry[1], known)
 
 
 def _moved(part: U64, whole: U64, up: U64, down: U64, of: U64) -> U64:
@@ -77,7 +80,8 @@ def moved(game: Game, steps: I8, fault_odds: I32 | None = None) -> Game:
 
     Args:
         game: the tables to start from.
-        steps: ``[3, base pairs]`` of fault, winner given a good stroke, and from below given a return.
+        steps: ``[5, base pairs]`` of fault, winner given a good stroke, from below given a return, and hurried from below and
+            above.
         fault_odds: ``[L]`` odds of a fault by effort; default as before.
     """
     up, down = (table[steps.view(np.uint8)] for table in _multipliers())
@@ -89,25 +93,35 @@ def with_odds(game: Game, up: U64, down: U64, fault_odds: I32 | None = None) -> 
 
     Args:
         game: the tables to start from.
-        up, down: ``[3, base pairs]`` what the odds of fault, winner given a good stroke, and from below given a return are
-            multiplied and divided by, as :func:`odds_of_steps` gives them.
+        up, down: ``[5, base pairs]`` what the odds of fault, winner given a good stroke, from below given a return, and hurried
+            from below and above are multiplied and divided by, as :func:`odds_of_steps` gives them; ``[3, base pairs]`` keep the
+            last two.
         fault_odds: ``[L]`` odds of a fault by effort; default as before.
     """
-    faults, winners, belows = _shares(game.threshold)
+    faults, winners, belows, *hurried = _shares(game)
     one, most = np.uint64(ONE), np.uint64(ONE - 1)
     fault = np.minimum(_moved(*faults, up[0], down[0], np.full_like(faults[0], one)), most)
     winner = np.minimum(fault + _moved(*winners, up[1], down[1], one - fault), most)
     below = np.minimum(winner + _moved(*belows, up[2], down[2], one - winner), most)
     table = np.stack([fault, winner, below], axis=1).astype(np.uint16)
-    return replace(game, threshold=table, fault_odds=game.fault_odds if fault_odds is None else fault_odds)
+    # The chance of a hurried receiver stays below 1, which 8 bits cannot hold.
+    most = np.uint64(HURRY_ONE - 1)
+    moved_by = zip(hurried, up[3:], down[3:], strict=False)
+    hurry = [np.minimum(_moved(part, whole, by, under, whole), most) for (part, whole), by, under in moved_by]
+    return replace(
+        game,
+        threshold=table,
+        hurry=np.stack(hurry, axis=1).astype(np.uint8) if hurry else game.hurry,
+        fault_odds=game.fault_odds if fault_odds is None else fault_odds,
+    )
 
 
 def steps_between(game: Game, other: Game, unit: int = 1) -> I8:
-    """``[3, base pairs]`` steps that lead from a game to another one of the same layout, in multiples of ``unit``.
+    """``[5, base pairs]`` steps that lead from a game to another one of the same layout, in multiples of ``unit``.
 
     To the nearest multiple; of faults and winners upwards where they end few rallies, so that every stroke still ends as many.
     """
-    parts = zip(_shares(game.threshold), _shares(other.threshold), strict=True)
+    parts = zip(_shares(game), _shares(other), strict=True)
     steps = np.stack([(_log_odds(*after) - _log_odds(*before)) / (unit * STEP) for before, after in parts])
     rare = other.threshold[:, 1] < _RARE * ONE
     steps[:2, rare] = np.ceil(steps[:2, rare] - _SLACK)
@@ -170,7 +184,7 @@ def unpacked(tensors: Tensors, game: Game, name: str) -> Game:
     """
     if parsed(tensors.metadata["variants"])["game"] != game.hash:
         raise ValueError("its variants are of another game")
-    steps = np.empty((3, game.n_base_pairs), dtype=np.int8)
+    steps = np.empty((5, game.n_base_pairs), dtype=np.int8)
     steps[:, _order(game)] = unpacked_bytes(tensors.arrays[f"{name}.steps"], np.int8, steps.shape)
     variant = moved(game, steps, np.ascontiguousarray(tensors.arrays[f"{name}.fault_odds"]))
     if variant.hash != hashes_of(tensors)[name]:
