@@ -260,6 +260,21 @@ def play(cards: Sequence["Scorecard"]) -> Table:
     return table
 
 
+def depth(found: Mapping[str, Any]) -> tuple[Table, Table]:
+    """Tables of :func:`shuttle_marl.policy.depth.depth`: the play of policies, and the best ones that read little."""
+    right = ("shot types", "bits", "strokes a rally", "rare")
+    play = _table("Play against itself and against bc", "policy", "opponent", "its most frequent shots", right=right)
+    for name, against in found["policies"].items():
+        for opponent, of in against.items():
+            figures = (str(of["types"]), f"{of['bits']:.2f}", f"{of['length']:.2f}", percent(of["rare"]))
+            play.add_row(_name(name), opponent, shares(of["shots"], _SHOWN_SHOTS), *figures)
+    best = _table("Best policies that read", "", right=("normalised", "exploitability", "against minimax"))
+    for name, of in found["lists"].items():
+        won = percent(of["against_minimax"])
+        best.add_row(name.replace("_", " "), f"{of['score']:.3f}", f"{of['exploitability']:.3f}", won)
+    return play, best
+
+
 def holes(policy: str, found: "Holes") -> Table:
     """The states in which a policy loses most, one per row."""
     title = Text(f"Largest losses of {printable(policy)} to its best response")

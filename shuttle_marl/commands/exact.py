@@ -441,12 +441,43 @@ def _progress(things: Any, what: str) -> Any:
     return track(things, what, console=cli.console(stderr=True), transient=True)
 
 
+def depth(
+    policies: Annotated[tuple[str, ...], tyro.conf.Positional] = (),
+    *,
+    model: PlayedModel = _PLAYED,
+    json_output: Json = False,
+) -> None:
+    """Describe the play of policies, how rare it is among people, and how far policies get that read little of the state.
+
+    Args:
+        policies: names of policies (docs/league.md); default: perfect play, the best response to bc, bc, the agents of the
+            package, and human:0.05.
+        model: the game.
+        json_output: print JSON.
+    """
+    from shuttle_marl.policy.depth import POLICIES, depth  # noqa: PLC0415  numba
+
+    tables, console = model.load(), cli.console(stderr=True)
+    with time_limit(model.policy_timeout):
+        found = depth(tables, policies or POLICIES, report=lambda line: console.print(line, markup=False))
+    if json_output:
+        cli.print_json(found)
+        return
+    output = cli.console()
+    output.print(*cli.depth(found))
+    output.print(
+        f"{found['impossible']} legal strokes at the net are met in the back third. rare: fraction of its strokes of a shot type "
+        "that bc plays in less than 1 % of cases there. shot types: those above 2 %. normalised: 0 is bc, 1 the best response to it."
+    )
+
+
 COMMANDS: Final[dict[str, cli.Command]] = {
     "solve": solve,
     "evaluate": evaluate,
     "best-response": best_response,
     "holes": holes,
     "crossplay": crossplay,
+    "depth": depth,
 }
 
 

@@ -3,9 +3,12 @@
 **Catalogue.** It contains a stroke if at least 3 % of the good strokes of its shot type go to its area, and at least 20 good
 strokes equal it.
 
-**Legality.** A stroke is a legal reply if it occurs at least eight times against the incoming shot type. The most frequent target
-of a shot type, height and technique is also legal if these occur five times against it, with any target. For contact heights
-without such a stroke, the strokes are legal whose shot type, height and technique occur five times against any stroke.
+**Legality.** A stroke is a legal reply where people *choose* its shot type: where it makes up at least 2 % of the strokes, and
+five of them, that are played against the incoming shot type, met in this third of the court (front, middle, back), at this
+height. What happens less often is an opportunity of few situations, such as a net kill of a short lift, whose results say nothing
+about the others. The stroke itself occurs at least eight times against the incoming shot type, or is the most frequent target of
+its shot type, height and technique there, with five strokes to any target. Where this leaves no stroke, the shot types are legal
+that make up 2 % of all strokes from this third and height, with each technique that occurs five times against any stroke.
 
 **Extremes.** Faults and winners are counted in nested cells: shot type and area; the whole stroke; against one incoming shot
 type; against one incoming shot type and area. The rate of a cell is shrunk to that of the enclosing cell with the weight of 40
@@ -27,13 +30,14 @@ from shuttle_marl.dynamics.features import STATE, Rows, codes_of_pairs, codes_of
 from shuttle_marl.dynamics.fitted import FittedModels
 from shuttle_marl.dynamics.models import log_odds, sigmoid
 from shuttle_marl.dynamics.situations import LONG_DUEL
-from shuttle_marl.game.court import N_AREAS
+from shuttle_marl.game.court import N_AREAS, N_THIRDS, third_of
 from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES, Catalogue
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import base_pairs, layout, thresholds
 from shuttle_marl.game.thresholds import ONE
 
 AREA_SHARE: Final = 0.03
+SHOT_SHARE: Final = 0.02
 MIN_STROKES: Final = 20
 MIN_REPLIES: Final = 8
 MIN_STYLE: Final = 5
@@ -53,8 +57,14 @@ def catalogue_of(rows: Rows) -> Catalogue:
     return Catalogue(*(np.ascontiguousarray(column, dtype=np.int8) for column in supported.T))
 
 
-def replies_of(rows: Rows, catalogue: Catalogue) -> Bools:
-    """``[n + 1, n]`` legal replies to each stroke (row n: at the serve), by the rule of this module."""
+def replies_of(rows: Rows, catalogue: Catalogue, share: float = SHOT_SHARE) -> Bools:
+    """``[n + 1, n]`` legal replies to each stroke (row n: at the serve), by the rule of this module.
+
+    Args:
+        rows: strokes of the training matches.
+        catalogue: the n strokes.
+        share: minimum share of a shot type among the strokes of a situation.
+    """
     n, aimed = len(catalogue), rows.take(rows.codes["area"] >= 0)
     count = np.zeros((N_SHOTS + 2, N_SHOTS, N_AREAS, 2, N_TECHNIQUES), dtype=np.int64)
     styled = np.zeros((N_SHOTS + 2, N_SHOTS, 2, N_TECHNIQUES), dtype=np.int64)
@@ -66,18 +76,35 @@ def replies_of(rows: Rows, catalogue: Catalogue) -> Bools:
     listed = np.zeros_like(count[0], dtype=bool)
     listed[catalogue.shot, catalogue.area, catalogue.height, catalogue.technique] = True
     most = np.where(listed, count, 0).max(axis=2)
+    situation = _situation_counts(rows)
+    chosen, anywhere = _chosen(situation, share), _chosen(situation.sum(axis=0), share)
     replies = np.zeros((n + 1, n), dtype=bool)
     replies[n] = catalogue.is_serve
-    for shot in range(N_SHOTS):
+    for shot, third in np.ndindex(N_SHOTS, N_THIRDS):
         times = count[shot][catalogue.shot, catalogue.area, catalogue.height, catalogue.technique]
         frequent = (times > 0) & (times == most[shot][style]) & (styled[shot][style] >= MIN_STYLE)
-        legal = ((times >= MIN_REPLIES) | frequent) & ~catalogue.is_serve
+        legal = ((times >= MIN_REPLIES) | frequent) & chosen[shot, third, catalogue.height, catalogue.shot]
         for contact in (0, 1):
             from_here = catalogue.height == contact
             if not (legal & from_here).any():
-                legal |= from_here & ~catalogue.is_serve & (styled[:N_SHOTS].sum(axis=0)[style] >= MIN_STYLE)
-        replies[:n][catalogue.shot == shot] = legal
-    return replies
+                played = anywhere[third, catalogue.height, catalogue.shot] & (styled[:N_SHOTS].sum(axis=0)[style] >= MIN_STYLE)
+                legal |= from_here & played
+        replies[:n][(catalogue.shot == shot) & (third_of(catalogue.area) == third)] = legal
+    return replies & ~(catalogue.is_serve & (np.arange(n + 1) < n)[:, None])
+
+
+def _situation_counts(rows: Rows) -> I64:
+    """``[13, 3, 2, 13]`` replies by incoming shot type, third of the court and height at which it is met, and own shot type."""
+    c = {name: rows.codes[name].astype(np.int64) for name in ("incoming_shot", "incoming_area", "contact", "shot")}
+    met = (c["incoming_shot"] < N_SHOTS) & (c["incoming_area"] < N_AREAS)
+    count = np.zeros((N_SHOTS, N_THIRDS, 2, N_SHOTS), dtype=np.int64)
+    np.add.at(count, (c["incoming_shot"][met], third_of(c["incoming_area"][met]), c["contact"][met], c["shot"][met]), 1)
+    return count
+
+
+def _chosen(count: I64, share: float) -> Bools:
+    """``[..., 13]`` shot types with at least :data:`MIN_STYLE` strokes and a share of those of their situation."""
+    return np.asarray((count >= MIN_STYLE) & (count >= share * count.sum(axis=-1, keepdims=True)))
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)

@@ -55,6 +55,13 @@ AREAS: Final = (
 )
 """The nine areas of the receiver's half, right and left as the receiver sees them; index = 3 * depth + side."""
 N_AREAS: Final = len(AREAS)
+N_THIRDS: Final = 3
+"""Front, middle and back third of a half, numbers 0 to 2 of :func:`third_of`."""
+
+
+def third_of(area: Ints) -> Ints:
+    """Third of the half in which areas lie, any shape: 0 front, 1 middle, 2 back."""
+    return area // (N_AREAS // N_THIRDS)
 
 
 def area_of(x: Floats, y: Floats) -> I8:
