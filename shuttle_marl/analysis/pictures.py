@@ -227,8 +227,8 @@ def aims(solution: Solution, incoming: int, own: int | None = None) -> tuple[Aim
     """
     game = solution.games[0]
     edges = edges_of(game, incoming, own)
-    # Rested players, and no duel: the states of the first block.
-    below, above = (_aim(game, solution.value[1], 2 * edges + contact) for contact in (0, 1))
+    # Rested players, none of them hurried: states of the first block.
+    below, above = (_aim(game, solution.value[1], 4 * edges + contact) for contact in (0, 1))
     return below, above
 
 

@@ -166,6 +166,7 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         if self._state == ROOT:
             self._clear_rally()
         striker, draw = self._striker, self._draws.outcome(self._rally, len(self._strokes))
+        hurried = self._stepper.is_hurried(self._state)
         played, self._state = self._stepper.step(self._state, striker, stroke, draw)
         self._strokes.append(played)
         outcome = played.outcome
@@ -182,7 +183,7 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         if self._length == self.max_strokes and not self.terminations[agent]:
             self.truncations = {"player_0": True, "player_1": True}
             self._reason = self._reason or TOO_LONG
-        self._set_infos(striker, stroke, played)
+        self._set_infos(striker, stroke, hurried, played)
         if self.render_mode == "human":
             self.render()
 
@@ -200,7 +201,7 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         self._reason, self._winner = ILLEGAL, 1 - loser
         self._cumulative_rewards[AGENTS[loser]] = 0.0
         self._end_episode(1 - loser)
-        self._set_infos(loser, stroke)
+        self._set_infos(loser, stroke, self._stepper.is_hurried(self._state))
         if self.render_mode == "human":
             self.render()
 
@@ -295,10 +296,11 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         self.rewards = {AGENTS[winner]: 1.0, AGENTS[1 - winner]: -1.0}
         self._accumulate_rewards()
 
-    def _set_infos(self, striker: int, stroke: int | None, played: Stroke | None = None) -> None:
+    def _set_infos(self, striker: int, stroke: int | None, hurried: bool, played: Stroke | None = None) -> None:
         info = {
             "striker": AGENTS[striker],
             "stroke": None if stroke is None else self.game.catalogue.names[stroke],
+            "hurried": hurried,
             "p_succ": played and played.p_succ,
             "p_ret": played and played.p_ret,
             "outcome": played and OUTCOMES[played.outcome],

@@ -21,7 +21,7 @@ from shuttle_marl.game.court import (
     area_centre,
 )
 from shuttle_marl.game.layout import Layout
-from shuttle_marl.game.rules import FAULT, OUTCOMES, WINNER
+from shuttle_marl.game.rules import FAULT, HURRIED_BELOW, OUTCOMES, WINNER
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES, Catalogue
 from shuttle_marl.rally.stepper import Stroke
 
@@ -102,7 +102,8 @@ def standing(snapshot: Snapshot) -> str:
     """State of the rally: who is to hit, or who won and why."""
     names = snapshot.names
     if snapshot.striker is not None and snapshot.reason is None:
-        return f"{names[snapshot.striker]} is to {'hit' if snapshot.strokes else 'serve'}"
+        hurried = snapshot.strokes and snapshot.strokes[-1].outcome >= HURRIED_BELOW
+        return f"{names[snapshot.striker]} is to {'hit' if snapshot.strokes else 'serve'}{', hurried' if hurried else ''}"
     if snapshot.reason is None:
         return "no rally has started"
     if snapshot.winner is None:

@@ -25,7 +25,6 @@ from shuttle_marl.game.rules import FAULT, OUTCOMES, RETURNED_BELOW, WINNER
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.game.tables import ROOT, Game
 from shuttle_marl.game.tabulated import tabulate
-from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.rally.stepper import stepper_of
 
 __all__ = ["NAME", "RallyGame", "RallyState", "open_spiel_policy"]
@@ -129,8 +128,7 @@ class RallyState(pyspiel.State):
         """Outcomes of the stroke with their probabilities, as in :data:`shuttle_marl.game.rules.OUTCOMES`; or who serves."""
         if self.striker < 0:
             return [(0, 0.5), (1, 0.5)]
-        limits = [0, *self.tables.limits_of(self._pair).tolist(), ONE]
-        return [(i, (limits[i + 1] - limits[i]) / ONE) for i in range(len(OUTCOMES)) if limits[i + 1] > limits[i]]
+        return [(i, p) for i, p in enumerate(self.tables.outcome_probabilities(self._pair).tolist()) if p > 0]
 
     def _apply_action(self, action: int) -> None:
         if self.striker < 0:
@@ -169,7 +167,7 @@ class RallyObserver:
     """Tensors and texts of what a player sees; the layout of the numbers is that of ``rally_v0``, and a flag of whose turn it is.
 
     Attributes:
-        tensor: ``[60]`` float32.
+        tensor: ``[61]`` float32.
         dict: the same by name.
     """
 

@@ -269,16 +269,16 @@ class ProgramPolicy:
     game; every other line is a decision, which it answers with one line, in order:
 
         {"type": "game", "protocol": 1, "game": "9055…", "strokes": ["short-serve:…", …]}
-        {"type": "stroke", "id": 7, "own": null, "incoming": "clear:…", "contact": "above", "duel": 0, "effort": [0, 1],
-         "score": [11, 9, 0, 1], "legal": ["smash:…", …]}
+        {"type": "stroke", "id": 7, "own": null, "incoming": "clear:…", "contact": "above", "hurried": false, "duel": 0,
+         "effort": [0, 1], "score": [11, 9, 0, 1], "legal": ["smash:…", …]}
 
         {"id": 7, "stroke": "smash:…"}
         {"id": 7, "probabilities": {"smash:…": 0.7, "clear:…": 0.3}}
 
-    ``own`` and ``incoming`` are strokes or null; ``effort`` is that of the striker and of the opponent; ``score`` is the
-    striker's points, the opponent's points, the striker's games, the opponent's games, or null outside of a match. Decisions come
-    in batches from many matches at once. A program that exits, gives an invalid answer, or exceeds the time limit for a stroke is
-    killed and not asked again.
+    ``own`` and ``incoming`` are strokes or null; ``hurried`` says whether the striker is late or stretched; ``effort`` is that of
+    the striker and of the opponent; ``score`` is the striker's points, the opponent's points, the striker's games, the opponent's
+    games, or null outside of a match. Decisions come in batches from many matches at once. A program that exits, gives an invalid
+    answer, or exceeds the time limit for a stroke is killed and not asked again.
 
     Args:
         command: program and arguments in shell syntax; no shell is started.
@@ -367,6 +367,7 @@ class ProgramPolicy:
             "own": None if own == n else names[own],
             "incoming": None if incoming == n else names[incoming],
             "contact": HEIGHTS[int(states.contact[row])],
+            "hurried": bool(states.hurried[row]),
             "duel": int(states.duel[row]),
             "effort": [int(states.effort[row]), int(states.opponent_effort[row])],
             "score": None if states.score is None else states.score[row].tolist(),

@@ -10,10 +10,10 @@ import numpy as np
 from shuttle_marl.arrays import F32, I8, I32, I64, U8, U16, U32, Bools, Ints, UInts
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.game.layout import Layout
-from shuttle_marl.game.rules import OUTCOMES, RETURNED_BELOW, WINNER, states_of_rallies
+from shuttle_marl.game.rules import HURRIED_BELOW, OUTCOMES, RETURNED_BELOW, WINNER, states_of_rallies
 from shuttle_marl.game.stroke import Catalogue
 
-PER_STROKE: Final = ("stroke", "log_probability", "value")
+PER_STROKE: Final = ("stroke", "hurried", "log_probability", "value")
 """Columns of :class:`Rallies` with one entry for each stroke; the others have one for each rally."""
 OPTIONAL: Final = ("update", "log_probability", "value")
 """Columns of :class:`Rallies` that may be missing."""
@@ -36,8 +36,9 @@ class Rally:
         catalogue: strokes of the game.
         server: seat that serves.
         stroke: ``[n]`` catalogue index of every stroke; n >= 1 in a finished rally.
-        ending: outcome of the last stroke, an index into :data:`shuttle_marl.game.rules.OUTCOMES`: FAULT or WINNER, or while the
-            rally continues RETURNED_BELOW or RETURNED_ABOVE.
+        hurried: ``[n]`` whether the striker of each stroke was hurried; never at the serve.
+        ending: outcome of the last stroke, an index into :data:`shuttle_marl.game.rules.OUTCOMES`: FAULT or WINNER, or a return
+            while the rally continues.
         points: points of seats 0 and 1 in the current game, before the rally.
         games: games won by seats 0 and 1, before the rally.
         match: number of the match.
@@ -47,6 +48,7 @@ class Rally:
     catalogue: Catalogue
     server: int
     stroke: I64
+    hurried: Bools
     ending: int
     points: tuple[int, int] = (0, 0)
     games: tuple[int, int] = (0, 0)
@@ -62,7 +64,8 @@ class Rally:
             strokes: seat of the striker, catalogue index and outcome of each stroke.
 
         Raises:
-            RallyError: seats that do not alternate, outcomes that contradict the strokes, or see :meth:`checked`.
+            RallyError: seats that do not alternate, outcomes that contradict the strokes, or see :meth:`checked`. Whether a
+                striker was hurried follows from the outcome before, so nothing can contradict that.
         """
         rows = np.array(list(strokes), dtype=np.int64).reshape(-1, 3)
         if not len(rows):
@@ -70,7 +73,8 @@ class Rally:
         seat, stroke, outcome = rows.T
         if (seat != (seat[0] + np.arange(len(seat))) % 2).any():
             raise RallyError(f"seats {seat.tolist()}: expected two players who take turns")
-        rally = cls(catalogue=catalogue, server=int(seat[0]), stroke=stroke, ending=int(outcome[-1])).checked()
+        hurried = np.r_[False, outcome[:-1] >= HURRIED_BELOW]
+        rally = cls(catalogue=catalogue, server=int(seat[0]), stroke=stroke, hurried=hurried, ending=int(outcome[-1])).checked()
         if (outcome != rally.outcome).any():
             raise RallyError(f"outcomes {outcome.tolist()}: the heights of the strokes give {rally.outcome.tolist()}")
         return rally
@@ -79,7 +83,7 @@ class Rally:
         """Return this rally.
 
         Raises:
-            RallyError: no strokes, an unknown seat, stroke or ending, or a serve that is not the first stroke.
+            RallyError: no strokes, an unknown seat, stroke or ending, a serve that is not the first stroke, or a hurried server.
         """
         if self.server not in (0, 1):
             raise RallyError(f"server {self.server}: expected seat 0 or 1")
@@ -94,6 +98,8 @@ class Rally:
         serves = self.catalogue.is_serve[self.stroke]
         if not serves[0] or serves[1:].any():
             raise RallyError("a rally starts with a serve and has no other; check the order of its strokes")
+        if self.hurried.shape != self.stroke.shape or self.hurried[0]:
+            raise RallyError(f"hurried {self.hurried.tolist()}: expected one for each of {len(self)} strokes, none for the serve")
         return self
 
     def __len__(self) -> int:
@@ -118,12 +124,12 @@ class Rally:
     @functools.cached_property
     def outcome(self) -> I64:
         """``[n]`` outcome of each stroke, an index into :data:`shuttle_marl.game.rules.OUTCOMES`."""
-        following = RETURNED_BELOW + self.catalogue.height[self.stroke[1:]].astype(np.int64)
-        return np.r_[following, self.ending][: len(self.stroke)]
+        following = np.where(self.hurried, HURRIED_BELOW, RETURNED_BELOW) + self.catalogue.height[self.stroke]
+        return np.r_[following[1:], self.ending][: len(self.stroke)]
 
     def states(self, game: Layout) -> I32:
         """``[n]`` state of the game in which each stroke was struck, -1 where the game has no such state."""
-        return states_of_rallies(game, self.stroke, np.arange(len(self.stroke)))
+        return states_of_rallies(game, self.stroke, np.arange(len(self.stroke)), self.hurried)
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -141,9 +147,11 @@ class Rallies:
         score: ``[R, 4]`` uint8 points of seats 0 and 1 and games of seats 0 and 1 before the rally.
         length: ``[R]`` int32 number of strokes, at least 1.
         stroke: ``[N]`` uint8 or uint16 catalogue index of every stroke, rally after rally; empty if strokes were not recorded.
+        hurried: ``[N]`` uint8 whether the striker of every stroke was hurried, 0 or 1, never at a serve; empty if strokes
+            were not recorded.
         update: ``[R]`` uint32 number of updates of the learner before the end of the rally; None: not recorded.
         log_probability: ``[N]`` float32 log-probability of the stroke under the striker's policy, NaN if unknown; None: not
-            recorded.
+            were not recorded.
         value: ``[N]`` float32 the striker's value estimate before the stroke, NaN if unknown; None: not recorded.
     """
 
@@ -157,6 +165,7 @@ class Rallies:
     score: U8
     length: I32
     stroke: UInts
+    hurried: U8
     update: U32 | None = None
     log_probability: F32 | None = None
     value: F32 | None = None
@@ -192,7 +201,8 @@ class Rallies:
 
         The contact of a return is the height of the next stroke.
         """
-        following = np.r_[catalogue.height[self.stroke[1:]], np.int8(0)][: len(self.stroke)] + RETURNED_BELOW
+        step = np.int8(HURRIED_BELOW - RETURNED_BELOW)
+        following: I8 = np.roll(catalogue.height[self.stroke] + step * self.hurried.astype(np.int8) + np.int8(RETURNED_BELOW), -1)
         following[self.first_stroke[1:] - 1] = self.reason
         return following.astype(np.int8)
 
@@ -214,6 +224,7 @@ class Rallies:
             catalogue=catalogue,
             server=int(self.server[i]),
             stroke=self.stroke[first:last].astype(np.int64),
+            hurried=self.hurried[first:last].astype(np.bool_),
             ending=int(self.reason[i]),
             points=(points_0, points_1),
             games=(games_0, games_1),
@@ -223,7 +234,7 @@ class Rallies:
 
     def states(self, game: Layout) -> I32:
         """``[N]`` state of the game in which each stroke was struck, -1 where the game has no such state."""
-        return states_of_rallies(game, self.stroke, self.position)
+        return states_of_rallies(game, self.stroke, self.position, self.hurried)
 
     def slice(self, first: int, last: int) -> "Rallies":
         """Rows ``first`` up to ``last``, without a copy."""

@@ -26,7 +26,7 @@ from shuttle_marl.game.draws import choice_draw, draw, first_server, outcome_dra
 from shuttle_marl.game.observation import EFFORT, SWAP, features
 from shuttle_marl.game.pairs import AnyGame
 from shuttle_marl.game.policy import Policy, States, checked_probabilities, drawn_strokes
-from shuttle_marl.game.rules import RETURNED_BELOW
+from shuttle_marl.game.rules import HURRIED_BELOW, RETURNED_BELOW
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.game.thresholds import ONE
@@ -55,7 +55,7 @@ class Stepper:
 
     Attributes:
         game: the tables, or the game of a pair.
-        observations: ``[base states, 59]`` float32 observation of the striker in each state, efforts zero.
+        observations: ``[base states, 60]`` float32 observation of the striker in each state, efforts zero.
     """
 
     def __init__(self, game: AnyGame) -> None:
@@ -68,7 +68,8 @@ class Stepper:
         self._limits = [[_view(limits) for limits in tables.limits] for tables in game.seats]
         self._pair_start = _view(game.base_pair_start)
         self._first_reply = _view(game.first_reply)
-        self._arrival = _view(2 * game.reply_edge + game.edge_attack[game.reply_edge])
+        self._hurry = [_view(tables.hurry) for tables in game.seats]
+        self._arrival = _view(4 * game.reply_edge + game.edge_attack[game.reply_edge])
         self._incoming = _view(game.edge_incoming)
         self._size, self._levels = game.n_base_states, game.levels
         self._next_block = [tuple(b * self._size for b in game.block_following(block)) for block in range(game.n_blocks)]
@@ -82,7 +83,7 @@ class Stepper:
         return stepper_of, (self.game,)
 
     def observe(self, state: int, *, receiver: bool = False) -> F32:
-        """``[59]`` observation of the striker in a state, or of the receiver; a new array."""
+        """``[60]`` observation of the striker in a state, or of the receiver; a new array."""
         block, base = divmod(state, self._size)
         row: F32 = self.observations[base].copy()
         if block:
@@ -98,6 +99,11 @@ class Stepper:
         """Whether a stroke is in the catalogue and legal in a state."""
         return 0 <= stroke < self._n and self._rank[self._reply(state) * self._n + stroke] >= 0
 
+    @staticmethod
+    def is_hurried(state: int) -> bool:
+        """Whether the striker is hurried in a state."""
+        return bool(state & 2)
+
     def step(self, state: int, player: int, stroke: int, draw: int) -> tuple[Stroke, int]:
         """Play a legal stroke.
 
@@ -105,24 +111,29 @@ class Stepper:
             state: state of the striker.
             player: seat of the striker.
             stroke: catalogue index, legal in this state; not checked.
-            draw: uniform integer in [0, 65536).
+            draw: uniform integer in [0, 2^24), see :func:`shuttle_marl.game.draws.outcome_draw`.
 
         Returns:
-            The stroke and the receiver's state; after a fault or a winner, the state after the stroke with contact below.
+            The stroke and the receiver's state; after a fault or a winner, the state after the stroke with contact below and not
+            hurried.
         """
         block, base = divmod(state, self._size)
-        k = self._rank[(2 * self._incoming[base >> 1] + (base & 1)) * self._n + stroke]
-        entry = 3 * (self._pair_start[base] + k)
+        k = self._rank[(2 * self._incoming[base >> 2] + (base & 1)) * self._n + stroke]
+        pair = self._pair_start[base] + k
+        entry = 3 * pair
         limits = self._limits[player][block // self._levels]
         fault, winner, one = limits[entry], limits[entry + 1], self._one
-        outcome = (draw >= fault) + (draw >= winner) + (draw >= limits[entry + 2])
+        low = draw & one - 1
+        outcome = (low >= fault) + (low >= winner) + (low >= limits[entry + 2])
+        if outcome >= RETURNED_BELOW and draw >> 16 < self._hurry[player][2 * pair + outcome - RETURNED_BELOW]:
+            outcome += HURRIED_BELOW - RETURNED_BELOW
         arrival = self._arrival[self._first_reply[base] + k]
         following = self._next_block[block][arrival & 1] + (arrival & ~1) + max(outcome - RETURNED_BELOW, 0)
         return Stroke(player, stroke, outcome, (one - fault) / one, (one - winner) / (one - fault)), following
 
     def _reply(self, state: int) -> int:
         """Row of the legal strokes: twice the incoming stroke plus the contact."""
-        return 2 * self._incoming[state % self._size >> 1] + (state & 1)
+        return 2 * self._incoming[state % self._size >> 2] + (state & 1)
 
 
 _EFFORTS: Final = slice(EFFORT, EFFORT + 2)
@@ -177,7 +188,7 @@ class RallyDraws:
         self._name = (seed, *numbers)
         self._block = -1
         self._bits: U64 = np.empty(0, np.uint64)
-        self._outcomes = array("H")
+        self._outcomes = array("I")
         self._choices = array("H")
         self._first_servers = b""
 
@@ -191,7 +202,7 @@ class RallyDraws:
         return self._first_servers[rally % _RALLIES]
 
     def outcome(self, rally: int, stroke: int) -> int:
-        """Number in [0, 65536) that decides the outcome of a stroke."""
+        """Number in [0, 2^24) that decides the outcome of a stroke."""
         if stroke >= _STROKES:
             return self._single(rally, stroke)[0]
         if rally // _RALLIES != self._block:
@@ -216,7 +227,7 @@ class RallyDraws:
     def _prepare(self, block: int) -> None:
         rallies = np.arange(block * _RALLIES, (block + 1) * _RALLIES)
         bits = draw(stream(*self._name, rallies)[:, None], np.arange(_STROKES))
-        self._outcomes = array("H", outcome_draw(bits).astype(np.uint16).tobytes())
+        self._outcomes = array("I", outcome_draw(bits).astype(np.uint32).tobytes())
         self._bits, self._choices = bits, array("H")
         self._first_servers = first_server(bits[:, 0]).astype(np.uint8).tobytes()
         self._block = block

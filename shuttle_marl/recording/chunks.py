@@ -78,6 +78,7 @@ def arrow_schema(n_strokes: int, columns: tuple[str, ...] = ()) -> pa.Schema:
     if "update" in columns:
         fields.append(pa.field("update", pa.uint32(), nullable=False))
     fields.append(_list("strokes", "stroke", pa.from_numpy_dtype(stroke_dtype(n_strokes))))
+    fields.append(_list("hurried", "hurried", pa.bool_()))
     fields += [_list(name, name, pa.float32()) for name in OPTIONAL if name in PER_STROKE and name in columns]
     return pa.schema(fields)
 
@@ -91,6 +92,7 @@ def to_arrow(rallies: Rallies, n_strokes: int) -> pa.RecordBatch:
     columns = dict(rallies.columns())
     columns |= {f"policy_{seat}": rallies.policy[:, seat] for seat in (0, 1)}
     columns |= {name: rallies.score[:, i] for i, name in enumerate(_SCORE)} | {"strokes": rallies.stroke}
+    columns["hurried"] = rallies.hurried.astype(np.bool_)
     offsets = pa.array(rallies.first_stroke.astype(np.int32))
     schema = arrow_schema(n_strokes, rallies.optional_columns)
     arrays = []
@@ -112,21 +114,22 @@ def from_arrow(batch: pa.RecordBatch) -> Rallies:
     column = {name: batch.column(name).to_numpy(zero_copy_only=False) for name, _ in _ROW}
     strokes = batch.column("strokes")
     length = np.diff(strokes.offsets.to_numpy()).astype(np.int32)
-    optional: dict[str, Array] = {}
-    for name in (name for name in OPTIONAL if name in batch.schema.names):
+    further: dict[str, Array] = {}
+    for name in ("hurried", *(name for name in OPTIONAL if name in batch.schema.names)):
         values = batch.column(name)
         if name in PER_STROKE:
             if not np.array_equal(np.diff(values.offsets.to_numpy()), length):
                 raise DamagedLogError(f"a rally whose number of strokes differs from the length of its {name}")
             values = values.flatten()
-        optional[name] = values.to_numpy(zero_copy_only=False)
+        further[name] = values.to_numpy(zero_copy_only=False)
+    further["hurried"] = further["hurried"].astype(np.uint8)
     return Rallies(
         **{name: column[name] for name in ("pairing", "match", "rally", "server", "winner", "reason")},
         policy=np.stack([column["policy_0"], column["policy_1"]], axis=1),
         score=np.stack([column[name] for name in _SCORE], axis=1),
         length=length,
         stroke=strokes.flatten().to_numpy(zero_copy_only=False),
-        **optional,
+        **further,
     )
 
 
@@ -223,6 +226,8 @@ def _check_numbers(rallies: Rallies, header: LogHeader) -> None:
             raise DamagedLogError(f"{what} {most} in a batch, expected less than {limit}")
     if int(rallies.length.min()) < 1 or int(rallies.length.sum(dtype=np.int64)) != len(rallies.stroke):
         raise DamagedLogError("a rally without strokes")
+    if rallies.hurried[rallies.first_stroke[:-1]].any():
+        raise DamagedLogError("a server who is hurried")
 
 
 def compression(header: LogHeader) -> CompressionType:

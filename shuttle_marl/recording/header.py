@@ -17,7 +17,7 @@ from shuttle_marl.game.pairs import AnyGame, PairGame, pair_game
 from shuttle_marl.game.scoring import BWF, Rules
 from shuttle_marl.rally.record import OPTIONAL, Rallies
 
-VERSION: Final = 2
+VERSION: Final = 3
 """Version of the columns and the header of a log."""
 SINGLE_RALLY: Final = Rules(points=1, clear=1, cap=1, games=1)
 """Rules of logs of single rallies: each is a match of one point."""

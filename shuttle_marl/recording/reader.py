@@ -309,7 +309,8 @@ def stroke_rows(log: "RallyLog", first: int, rallies: Rallies, derive: Derive | 
 
     Returns:
         Columns ``number`` (uint64, of the rally), ``position`` (int32, from 0), ``seat`` (uint8), and as dictionaries
-        ``policy``, ``stroke`` (its name) and ``outcome``; then those that the log has of ``log_probability`` and ``value``.
+        ``policy`` and ``stroke`` (its name), ``hurried`` (bool, the striker), and ``outcome``, a dictionary; then those that the
+        log has of ``log_probability`` and ``value``.
     """
     row, seat = rallies.row_of_stroke, rallies.striker
     further = {name: getattr(rallies, name) for name in rallies.optional_columns if name in PER_STROKE}
@@ -322,6 +323,7 @@ def stroke_rows(log: "RallyLog", first: int, rallies: Rallies, derive: Derive | 
             "seat": seat.astype(np.uint8),
             "policy": _words(rallies.policy[row, seat], [player.name for player in log.policies]),
             "stroke": _words(rallies.stroke, log.catalogue.names),
+            "hurried": rallies.hurried.astype(np.bool_),
             "outcome": _words(rallies.outcome(log.catalogue), OUTCOMES),
             **further,
         }

@@ -371,6 +371,7 @@ def stroke_table(
         "shot": catalogue.shot[stroke],
         "height": catalogue.height[stroke],
         "technique": catalogue.technique[stroke],
+        "hurried": rallies.hurried.astype(np.bool_),
         "area": court.area_of(landing_x, landing_y),
         "in_court": court.in_court(landing_x, landing_y),
         **{f"{name}_{axis}": xy[:, i].astype(np.float32) for name, xy in places.items() for i, axis in enumerate("xy")},

@@ -16,7 +16,7 @@ import pyarrow as pa
 from shuttle_marl.arrays import F32, I8, I32, I64, Bools
 from shuttle_marl.exact.profile import StatePolicy
 from shuttle_marl.game.draws import stream
-from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tables import HURRY_ONE, Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities
 from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.kernel import play_rallies
@@ -103,6 +103,7 @@ class Log:
             "own_last": own_last,
             "incoming": incoming,
             "contact": self.game.contact(self.state).astype(np.int8),
+            "hurried": self.game.hurried(self.state).astype(np.bool_),
             "stroke": strokes,
             "outcome": self.outcome,
             "probability": self.probability,
@@ -148,9 +149,10 @@ class Transitions:
 
 @functools.lru_cache(maxsize=4)
 def blank(game: Game) -> Game:
-    """The rules of a game: the same states and strokes, and four equally likely outcomes of every stroke."""
+    """The rules of a game: the same states and strokes, equally likely ends of strokes, and every second receiver hurried."""
     threshold = np.tile(np.array([1, 2, 3], dtype=np.uint16) * np.uint16(ONE // 4), (game.n_base_pairs, 1))
-    return dataclasses.replace(game, threshold=threshold, fault_odds=np.full(game.levels, ONE, dtype=np.int32))
+    hurry = np.full_like(game.hurry, HURRY_ONE // 2)
+    return dataclasses.replace(game, threshold=threshold, hurry=hurry, fault_odds=np.full(game.levels, ONE, dtype=np.int32))
 
 
 def mixed(game: Game, weights: Mapping[StatePolicy, float]) -> TabulatedPolicy:

@@ -1,8 +1,8 @@
 """Estimates from few strokes: means over cells of similar strokes, shrunk towards coarser cells.
 
-The cells of a legal pair form a hierarchy: the shot type; with incoming shot type and contact; with the whole stroke and the
-incoming stroke; with the own last stroke. An estimate at a level is the mean of its cell, with ``SHRINK`` pseudo-observations of
-the level above. Efforts and duels are ignored.
+The cells of a legal pair form a hierarchy: the shot type; with incoming shot type, contact and whether the striker is hurried;
+with the whole stroke and the incoming stroke; with the own last stroke. An estimate at a level is the mean of its cell, with
+``SHRINK`` pseudo-observations of the level above. Efforts and duels are ignored.
 """
 
 import dataclasses
@@ -13,8 +13,9 @@ import numpy as np
 
 from shuttle_marl.arrays import F64, I32, I64, Floats, Ints
 from shuttle_marl.exact.profile import PairPolicy
-from shuttle_marl.game.rules import OUTCOMES
+from shuttle_marl.game.rules import HURRIED_BELOW, OUTCOMES, RETURNED_BELOW
 from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tabulated import hurry_units
 from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.suite.logs import Log, Transitions
 
@@ -29,10 +30,11 @@ _LEAST = 64
 def state_cells(game: Game) -> tuple[I64, ...]:
     """``[base states]`` each: cell of every state, from coarse to fine."""
     state = np.arange(game.n_base_states)
-    own, incoming, contact = (np.asarray(part(state), dtype=np.int64) for part in (game.own, game.incoming, game.contact))
+    own, incoming = (np.asarray(part(state), dtype=np.int64) for part in (game.own, game.incoming))
+    received = 2 * game.hurried(state) + game.contact(state)
     shot = np.append(game.catalogue.shot, game.catalogue.shot.max() + 1).astype(np.int64)
     n = game.n_strokes + 1
-    parts = (np.zeros_like(state), 2 * shot[incoming] + contact, 2 * incoming + contact, 2 * (n * own + incoming) + contact)
+    parts = (np.zeros_like(state), *(4 * came + received for came in (shot[incoming], incoming, n * own + incoming)))
     return tuple(np.unique(part, return_inverse=True)[1].astype(np.int64) for part in parts)
 
 
@@ -191,12 +193,15 @@ def estimated_game(log: Log, *, shrink: float = SHRINK) -> Game:
 
 
 def game_of(game: Game, shares: F64) -> Game:
-    """The game with outcomes of given probabilities ``[base pairs, 4]``, at all efforts."""
-    cumulative = np.cumsum(shares / shares.sum(axis=1, keepdims=True), axis=1)[:, :3] * ONE
+    """The game with outcomes of given probabilities ``[base pairs, 6]``, at all efforts."""
+    returned = shares[:, RETURNED_BELOW:HURRIED_BELOW] + shares[:, HURRIED_BELOW:]
+    cumulative = np.cumsum(np.column_stack([shares[:, :RETURNED_BELOW], returned]), axis=1)
+    cumulative = cumulative[:, :3] / cumulative[:, 3:] * ONE
     # Every stroke ends some rallies, so that play ends.
     cumulative[:, 1] = np.maximum(cumulative[:, 1], _LEAST)
     threshold = np.maximum.accumulate(np.clip(np.rint(cumulative), 0, ONE - 1), axis=1).astype(np.uint16)
-    return dataclasses.replace(game, threshold=threshold)
+    hurry = hurry_units(shares[:, HURRIED_BELOW:] / np.maximum(returned, np.finfo(np.float64).tiny))
+    return dataclasses.replace(game, threshold=threshold, hurry=hurry)
 
 
 def with_faults(game: Game, penalty: F64) -> Game:

@@ -162,10 +162,12 @@ def position(game: AnyGame, state: int, number: int = 0) -> Position:
 
 def described(game: AnyGame, state: int) -> str:
     """A state in words, from the view of the striker."""
-    own, incoming, contact, duel, effort, other = game.observation(state).tolist()
+    own, incoming, contact, duel, effort, other, hurried = game.observation(state).tolist()
     if incoming == game.n_strokes:
         return "You serve."
     words = [f"Your opponent played: {_stroke(game, incoming)}. You reach the shuttle {HEIGHTS[contact]} the net."]
+    if hurried:
+        words.append("You are hurried: late or stretched.")
     if own < game.n_strokes:
         words.append(f"Your own last stroke was: {_stroke(game, own)}.")
     if duel > 1:
@@ -184,7 +186,7 @@ def _stroke(game: AnyGame, stroke: int) -> str:
 
 RULES: Final = (
     "You are playing a rally of badminton singles. Strokes are named SHOT:TARGET:CONTACT:TECHNIQUE; targets are areas of the "
-    f"opponent's half. A stroke ends as one of: {', '.join(OUTCOMES)}. Choose the stroke that wins the rally most often. "
+    f"opponent's half. A stroke ends as one of: {'; '.join(OUTCOMES)}. Choose the stroke that wins the rally most often. "
     "Answer with the name of one legal stroke and nothing else."
 )
 

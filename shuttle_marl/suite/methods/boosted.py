@@ -1,7 +1,7 @@
 """Baselines of ``offline`` with boosted trees (LightGBM, Ke et al., NeurIPS 2017) instead of shrunken means.
 
-Strokes are described by shot type, area, contact and technique of the stroke, of the incoming one and of the own last one. The
-argument is the number of trees. LightGBM is part of the extra ``train``.
+Strokes are described by shot type, area, contact and technique of the stroke, of the incoming one and of the own last one, and by
+whether the striker is hurried. The argument is the number of trees. LightGBM is part of the extra ``train``.
 """
 
 import dataclasses
@@ -66,10 +66,10 @@ def boosted(game: Game, pair: Ints, target: Floats | Ints, trees: int, seed: int
 
 
 def described_pairs(game: Game) -> I16:
-    """``[base pairs, 13]`` categories that describe each legal pair."""
+    """``[base pairs, 14]`` categories that describe each legal pair."""
     catalogue, state = game.catalogue, game.base_pair_state
     columns = []
     for stroke in (game.base_pair_stroke, game.incoming(state), game.own(state)):
         for part in (catalogue.shot, catalogue.area, catalogue.height, catalogue.technique):
             columns.append(np.append(part, part.max() + 1)[stroke])
-    return np.stack([*columns, game.contact(state)], axis=1).astype(np.int16)
+    return np.stack([*columns, game.contact(state), game.hurried(state)], axis=1).astype(np.int16)

@@ -17,8 +17,9 @@ def minimax_robust(setting: RobustSetting) -> TabulatedPolicy:
 def mean_game(setting: RobustSetting) -> TabulatedPolicy:
     """Perfect play of the mean of the game and the given refits (domain randomisation, Tobin et al. 2017, arXiv 1703.06907)."""
     games = [setting.game, *setting.refits]
-    mean = np.rint(np.mean([game.threshold for game in games], axis=0)).astype(np.uint16)
-    policy = solve(dataclasses.replace(setting.game, threshold=mean)).policy[0]
+    threshold = np.rint(np.mean([game.threshold for game in games], axis=0)).astype(np.uint16)
+    hurry = np.rint(np.mean([game.hurry for game in games], axis=0)).astype(np.uint8)
+    policy = solve(dataclasses.replace(setting.game, threshold=threshold, hurry=hurry)).policy[0]
     return TabulatedPolicy(game=setting.game, cumulative=policy.cumulative)
 
 
