@@ -151,7 +151,7 @@ def clean_game(raw: RawGame) -> tuple[pa.Table, dict[str, int]]:
         **{name: columns[name] < 0 for name in ("points", "points_opponent")},
         **{name: np.isnan(values) for name, values in columns.items() if values.dtype == np.float32},
     }
-    arrays = dict(texts)
+    arrays = {**texts, "hurried": pa.nulls(len(rows), pa.bool_())}
     for name, values in columns.items():
         mask = missing.get(name)
         arrays[name] = pa.array(values[rows], STROKES.field(name).type, mask=None if mask is None else mask[rows])

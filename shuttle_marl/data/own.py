@@ -104,6 +104,7 @@ class _Import:
             "shot": shot,
             "height": np.where(serve, 0, height),
             "technique": self._code("technique", -1, without=np.zeros(self._n, np.int64)),
+            "hurried": pa.nulls(self._n, pa.bool_()),
             "area": _nullable(area, area < 0),
             "in_court": _nullable(court.in_court(landing_x, landing_y), np.isnan(landing_y)),
             **{

@@ -62,6 +62,8 @@ _FIELDS: Final[tuple[tuple[str, pa.DataType, bool, str], ...]] = (
     ("shot", pa.int8(), False, "Shot type, index into shuttle_marl.game.stroke.SHOTS."),
     ("height", pa.int8(), False, "Contact height: 0 below, 1 above the net."),
     ("technique", pa.int8(), False, "0 forehand, 1 backhand, 2 around the head."),
+    ("hurried", pa.bool_(), True, "Whether the striker was hurried; null: not known, the index of the model decides. Files "
+     "without this column have no known ones."),
     ("area", pa.int8(), True, "Area of the landing point recomputed from it (nearest area if outside the court), index "
      "into shuttle_marl.game.court.AREAS. Of a returned stroke the landing is where the receiver met the shuttle. Of a "
      "fault it is where the shuttle came down, NOT the target. Null if no landing was recorded."),
@@ -340,6 +342,7 @@ def _endings(t: _Columns) -> Iterator[tuple[str, tuple[str, ...], Bools]]:
     serve = t["shot"] < N_SERVES
     yield "the first stroke of a rally, and no other, is a serve", ("shot",), serve != first
     yield "serves are struck below the net", ("shot", "height"), serve & (t["height"] != 0)
+    yield "no serve is hurried", ("shot", "hurried"), serve & (t["hurried"] == 1)
 
 
 def _points(t: _Columns) -> Iterator[tuple[str, tuple[str, ...], Bools]]:

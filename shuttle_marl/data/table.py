@@ -24,6 +24,8 @@ from shuttle_marl.data.upstream import SPLITS, Split, split_of
 from shuttle_marl.errors import command
 from shuttle_marl.files import problem
 
+OPTIONAL: Final = "hurried"
+"""Column that files may lack."""
 _ACCOUNT: Final = b"shuttle_marl.account"
 _PROVENANCE: Final = b"shuttle_marl.provenance"
 
@@ -80,7 +82,11 @@ def read_parquet(path: Path) -> pa.Table:
     file = _open(path)
     check_schema(path, file.schema_arrow)
     try:
-        return file.read()
+        table = file.read()
+        if OPTIONAL in table.column_names:
+            return table
+        missing = pa.nulls(len(table), STROKES.field(OPTIONAL).type)
+        return table.add_column(STROKES.get_field_index(OPTIONAL), STROKES.field(OPTIONAL), missing)
     except (OSError, pa.ArrowException) as error:
         raise DataError(path, f"a damaged Parquet file ({error}); create it again") from error
 
@@ -89,7 +95,7 @@ def check_schema(path: Path, schema: pa.Schema) -> None:
     """Compare a schema with :data:`~shuttle_marl.data.schema.STROKES`.
 
     Raises:
-        DataError: a column is missing, has another type or position; or the version differs.
+        DataError: a column other than :data:`OPTIONAL` is missing, or one has another type or position; or the version differs.
     """
     advice = f"create it again with `{command('data', 'convert')}`"
     version = (schema.metadata or {}).get(b"version")
@@ -98,11 +104,13 @@ def check_schema(path: Path, schema: pa.Schema) -> None:
         raise DataError(path, f"schema version {version!r}, expected {expected!r}; {advice}")
     for field in STROKES:
         if field.name not in schema.names:
+            if field.name == OPTIONAL:
+                continue
             raise DataError(path, f"column {field.name!r} is missing; {advice}")
         found = schema.field(field.name)
         if found.type != field.type or found.nullable != field.nullable:
             raise DataError(path, f"column {field.name!r} is {_kind(found)}, expected {_kind(field)}; {advice}")
-    if schema.names != STROKES.names:
+    if schema.names not in (STROKES.names, [name for name in STROKES.names if name != OPTIONAL]):
         raise DataError(path, f"columns {', '.join(schema.names)}; expected {', '.join(STROKES.names)} in this order")
 
 
