@@ -3,11 +3,11 @@
 Let player i strike in state s. With W(s') the value of the next state, seen by the receiver who strikes there, the value of
 s to player i is
 
-    (T_i W)(s) = opt_a [now(s, a) - below(s, a) W(2 e) - above(s, a) W(2 e + 1)],      e the edge that follows (s, a),
+    (T_i W)(s) = opt_a [now(s, a) - sum_j next_j(s, a) W(4 e + j)],      e the edge that follows (s, a), j from 0 to 3,
 
-where *opt* is the maximum over the legal strokes, or their mean under a policy pi_i, and below + above = p r is the probability
-that the rally continues. (Shapley 1953 and Condon 1992 for such games; Patek & Bertsekas 1999 for games without discount
-that end with probability 1.)
+where *opt* is the maximum over the legal strokes, or their mean under a policy pi_i, j the receiver's contact and whether they
+are hurried, and sum_j next_j = p r the probability that the rally continues. (Shapley 1953 and Condon 1992 for such games; Patek
+& Bertsekas 1999 for games without discount that end with probability 1.)
 
 **T_i is a contraction in the sup norm over the rally states**, those other than the serve. Rally states only follow each
 other, and |max_a f - max_a g| <= max_a |f - g|, so |T_i W - T_i U| <= c_i |W - U| with
@@ -41,15 +41,15 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.game.thresholds import ONE
 
 ROUNDING: Final = 2.0**-40
-"""Bound of the rounding of two applications: a sum of 2 K + 1 products whose absolute values add up to 2 at most loses at
-most 2 (2 K + 2) 2^-53 in double precision, and 4 2^-53 more where it is then scaled by a unit: below 2^-41 for states of
-K <= 1000 legal strokes."""
+"""Bound of the rounding of two applications: a term passes through K + 8 roundings at most, as a product of three numbers, in the
+sum of its lane, in the sum of the lanes, and scaled by a unit, and the absolute values of the terms add up to 2 at most. So each
+application loses at most 2 (K + 8) 2^-53 in double precision: both less than 2^-41 for states of K <= 1000 legal strokes."""
 
 TOLERANCE: Final = 1e-9
 """Default error bound of values, on the scale from -1 to 1."""
 
 FIRST_RALLY_STATE: Final = 4
-"""Base states 0 and 1 are the start of the rally; no state leads there."""
+"""Base states 0 to 3 are the start of the rally; no state leads there."""
 
 _DIRECTIONS: Final = 60
 """Largest number of search directions; solutions take about a dozen."""

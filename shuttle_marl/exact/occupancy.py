@@ -98,7 +98,7 @@ def visits(
     """
     check_opponents(policy.game, opponent.game)
     chains = chains or (induced(policy), induced(opponent))
-    backward = [functools.partial(propagate, chain.game, chain.weight) for chain in chains]
+    backward = [functools.partial(propagate, chain.game, chain.chance) for chain in chains]
     size = len(chains[0].reward)
     start = np.zeros((2, size))
     start[:, ROOT] = 0.5 if server is None else np.eye(2)[server]

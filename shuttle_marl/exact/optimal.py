@@ -32,7 +32,7 @@ from shuttle_marl.exact.profile import (
     induced,
 )
 from shuttle_marl.exact.solver import BlockLinear, ProfileValue, solve_players, successors
-from shuttle_marl.exact.sweeps import after_block_choices, after_block_soft_values, block_choices, block_soft_values
+from shuttle_marl.exact.sweeps import after_block_choices, block_choices, block_mean, block_soft_values
 from shuttle_marl.game.draws import CHOICE_ONE
 from shuttle_marl.game.pairs import AnyGame, PairGame
 from shuttle_marl.game.shipped import supported
@@ -412,7 +412,11 @@ class _SoftPlayer:
 
     def block_sweep(self, block: int, plain: F64, after_attack: F64) -> tuple[F64, BlockLinear]:
         values, policy = block_soft_values(self.game, block, self._prior[block], self._tau, plain, after_attack)
-        return values, functools.partial(after_block_soft_values, self.game, block, policy)
+
+        def linear(plain: F64, after_attack: F64) -> F64:
+            return -block_mean(self.game, block, policy, plain, after_attack)
+
+        return values, linear
 
     def policy(self, following: F64) -> PairPolicy:
         probability = [

@@ -13,7 +13,7 @@ from shuttle_marl.arrays import F64
 from shuttle_marl.exact.fixed_point import FIRST_RALLY_STATE, TOLERANCE, ExactError
 from shuttle_marl.exact.match import Odds
 from shuttle_marl.exact.solver import BlockLinear, ProfileValue, solve_players
-from shuttle_marl.exact.sweeps import Weights, block_mean, played
+from shuttle_marl.exact.sweeps import Chances, block_expected, block_mean
 from shuttle_marl.game.pairs import SeatGame
 from shuttle_marl.game.scoring import BWF, Rules, match_win_probability
 from shuttle_marl.game.tables import Game
@@ -70,24 +70,23 @@ class InducedChain:
     Attributes:
         game: the tables with which the player strikes.
         reward: ``[S]`` expected reward to the striker of the stroke played: probability of a winner minus probability of a fault.
-        weight: for each block ``[2 base pairs]`` probability that a legal pair is played and the receiver strikes next, as in
-            :class:`~shuttle_marl.exact.sweeps.Played`; blocks that are alike share an array.
+        chance: for each block ``[base pairs]`` probability of each legal pair given its state, of a table in units of 1/65535;
+            blocks that are alike share an array.
         contraction: largest probability that the rally continues, over the rally states.
     """
 
     game: Game
     reward: F64
-    weight: tuple[Weights, ...]
+    chance: tuple[Chances, ...]
     contraction: float
 
     def block_sweep(self, block: int, plain: F64, after_attack: F64) -> tuple[F64, BlockLinear]:
         """Values of one block and their linear part; see :class:`~shuttle_marl.exact.solver.Player`."""
-        weight, reward = self.weight[block], self.reward[self.game.block_states(block)]
 
         def linear(plain: F64, after_attack: F64) -> F64:
-            return -block_mean(self.game, weight, plain, after_attack)
+            return -block_mean(self.game, block, self.chance[block], plain, after_attack)
 
-        return reward + linear(plain, after_attack), linear
+        return self.reward[self.game.block_states(block)] + linear(plain, after_attack), linear
 
 
 def induced(policy: StatePolicy) -> InducedChain:
@@ -98,25 +97,19 @@ def induced(policy: StatePolicy) -> InducedChain:
     """
     game = policy.game
     reward, largest = np.empty(game.n_states), 0.0
-    weights: list[Weights] = []
-    first_block: dict[tuple[int, bytes], int] = {}
+    chances: list[Chances] = []
     for block in range(game.n_blocks):
-        level, states = block // game.levels, game.block_states(block)
+        states = game.block_states(block)
         chance = policy.block_units(block) if isinstance(policy, TabulatedPolicy) else policy.block_probabilities(block)
         # Most policies ignore the efforts, or all but their own: each table is stored once.
-        twin = first_block.setdefault((level, chance.tobytes()), block)
-        if twin != block:
-            weights.append(weights[twin])
-            reward[states] = reward[game.block_states(twin)]
-            continue
-        weight, reward[states], continuation = played(game, level, chance)
-        weights.append(weight)
+        chances.append(next((seen for seen in chances if np.array_equal(seen, chance)), chance))
+        reward[states], continuation = block_expected(game, block // game.levels, chance)
         continuation[:FIRST_RALLY_STATE] = 0.0
         largest = max(largest, float(continuation.max()))
         if largest >= 1:
             state = states.start + int(continuation.argmax())
             raise ExactError(f"no stroke of the policy ever ends the rally in state: {game.describe(state)}")
-    return InducedChain(game=game, reward=reward, weight=tuple(weights), contraction=largest)
+    return InducedChain(game=game, reward=reward, chance=tuple(chances), contraction=largest)
 
 
 def check_opponents(first: Game, second: Game) -> None:

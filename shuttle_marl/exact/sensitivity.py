@@ -1,7 +1,8 @@
 """Derivatives of the probability of winning a rally by the log-odds of faults, returns and contacts.
 
 With f the probability of a fault, r that of a good stroke to be returned, a that of a return to be met above the net, and B and A
-the values of the next states to the receiver with contact below and above, the value of a stroke to its striker is
+the values of the next states to the receiver with contact below and above, on average over whether the receiver is hurried, the
+value of a stroke to its striker is
 
     Q = -f + (1 - f) ((1 - r) - r C),        C = (1 - a) B + a A,
 
@@ -13,7 +14,7 @@ import dataclasses
 
 import numpy as np
 
-from shuttle_marl.arrays import F64, I8, I32, U16
+from shuttle_marl.arrays import F64, I8, I32, U8, U16
 from shuttle_marl.exact.fixed_point import TOLERANCE
 from shuttle_marl.exact.occupancy import visits
 from shuttle_marl.exact.profile import StatePolicy, check_opponents, evaluate_chains, induced
@@ -38,7 +39,17 @@ class Sensitivity:
 
 @compiled
 def _add(
-    visited: F64, chance: F64, limits: U16, pair_start: I32, edge: I32, attack: I8, shot: I8, plain: F64, after: F64, out: F64
+    visited: F64,
+    chance: F64,
+    limits: U16,
+    hurry: U8,
+    pair_start: I32,
+    edge: I32,
+    attack: I8,
+    shot: I8,
+    plain: F64,
+    after: F64,
+    out: F64,
 ) -> None:
     """Add the derivatives of the values of a block's strokes, weighted by visits.
 
@@ -46,6 +57,7 @@ def _add(
         visited: ``[base states]`` visits.
         chance: ``[base pairs]`` probability of each legal pair given its state.
         limits: ``[base pairs, 3]`` thresholds.
+        hurry: ``[base pairs, 2]`` probability of a hurried receiver, in units of 1/256.
         pair_start: ``[base states + 1]`` first pair of each state.
         edge: ``[base pairs]`` edge that follows.
         attack: ``[edges]`` whether its stroke is an attack.
@@ -59,8 +71,9 @@ def _add(
         for k in range(pair_start[s], pair_start[s + 1]):
             fault, winner, below = limits[k, 0] / 65536.0, limits[k, 1] / 65536.0, limits[k, 2] / 65536.0
             good, returned = 1.0 - fault, 1.0 - winner
-            following = after if attack[edge[k]] else plain
-            lower, upper = following[2 * edge[k]], following[2 * edge[k] + 1]
+            following, first = after if attack[edge[k]] else plain, 4 * edge[k]
+            lower = following[first] + hurry[k, 0] / 256.0 * (following[first + 2] - following[first])
+            upper = following[first + 1] + hurry[k, 1] / 256.0 * (following[first + 3] - following[first + 1])
             above = (1.0 - below) / returned
             later = (1.0 - above) * lower + above * upper
             weight, back = visited[s] * chance[k], returned / good
@@ -93,6 +106,7 @@ def sensitivity(policy: StatePolicy, opponent: StatePolicy, *, tolerance: float 
                 np.ascontiguousarray(seen.states[player][game.block_states(block)]),
                 played.block_probabilities(block),
                 game.limits[block // game.levels],
+                game.hurry,
                 game.base_pair_start,
                 game.base_pair_edge,
                 game.edge_attack.view(np.int8),

@@ -1,25 +1,28 @@
 """Compiled sweeps over all legal pairs of a game: the best stroke of every state, the mean under a policy, and its transpose.
 
 The effort after a stroke depends on the effort before it and on the stroke alone (:mod:`shuttle_marl.game.tables`). A sweep
-processes one block of states after the other. It first gathers the values of the successor states in the order of the replies,
-contact below and above alternating, so that the successors of a state with K legal strokes are 2 K contiguous values, and then
-reads weights and values in order. Sums are accumulated in four lanes in a fixed order: they have the same bits on every machine.
+processes one block of states after the other. It first gathers the values of the successor states in the order of the replies:
+contact below and above, for a receiver who is not hurried, then for one who is. So the successors of a state with K legal strokes
+are 4 K contiguous values, and probabilities and values are read in order. Sums are accumulated in four lanes, one for each of
+the four, in a fixed order: they have the same bits on every machine.
 """
 
 import functools
 from collections.abc import Sequence
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
-from shuttle_marl.arrays import F32, F64, I32, U16, U32, Bools
+from shuttle_marl.arrays import F32, F64, I32, U16, Bools
 from shuttle_marl.game.draws import CHOICE_ONE
-from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tables import HURRY_ONE, Game
 from shuttle_marl.game.thresholds import ONE
-from shuttle_marl.kernel.compiling import cached, compiled
+from shuttle_marl.kernel.compiling import cached, compiled, inlined
 
 Chances = F64 | U16
-Weights = F64 | U32
+"""``[base pairs]`` probability of each legal pair of a block given its state; of a table, in units of 1/65535."""
+_UNIT: Final = 1.0 / (ONE * HURRY_ONE)
+"""Unit of the probabilities of outcomes: those of a contact, and whether the receiver is hurried."""
 
 TIE: Final = 1e-12
 """Strokes whose values differ by less are tied; the first one in the catalogue is played, so that rounding decides nothing."""
@@ -56,7 +59,7 @@ class Choices(NamedTuple):
 
 @compiled
 def _gather(plain: F64, after_attack: F64, replies: Replies, out: F64) -> None:
-    """``[2 V]`` values of the successors of each reply.
+    """``[4 V]`` values of the successors of each reply.
 
     Args:
         plain, after_attack: values of the block after a stroke that is no attack, and of the block after an attack.
@@ -66,8 +69,8 @@ def _gather(plain: F64, after_attack: F64, replies: Replies, out: F64) -> None:
     for v in range(replies.edge.size):
         edge = replies.edge[v]
         source = after_attack if replies.attack[edge] else plain
-        out[2 * v] = source[2 * edge]
-        out[2 * v + 1] = source[2 * edge + 1]
+        for i in range(4):
+            out[4 * v + i] = source[4 * edge + i]
 
 
 @compiled
@@ -76,8 +79,15 @@ def _scatter_add(gathered: F64, replies: Replies, plain: F64, after_attack: F64)
     for v in range(replies.edge.size):
         edge = replies.edge[v]
         target = after_attack if replies.attack[edge] else plain
-        target[2 * edge] += gathered[2 * v]
-        target[2 * edge + 1] += gathered[2 * v + 1]
+        for i in range(4):
+            target[4 * edge + i] += gathered[4 * v + i]
+
+
+@inlined
+def _later(weight: F32, after: F64, i: int) -> float:
+    """What follows the i-th stroke of a state: the values of its four successors, times their probabilities."""
+    unhurried = weight[4 * i] * after[4 * i] + weight[4 * i + 1] * after[4 * i + 1]
+    return unhurried + (weight[4 * i + 2] * after[4 * i + 2] + weight[4 * i + 3] * after[4 * i + 3])
 
 
 # There is no NaN, and the sign of zero does not matter, so maxima are vectorised.
@@ -88,7 +98,7 @@ def _choose(rewards: F32, continuation: F32, replies: Replies, following: F64, a
     Args:
         rewards, continuation: of the games, see :func:`_stacked`.
         replies: of the games.
-        following: ``[2 V]`` gathered values.
+        following: ``[4 V]`` gathered values.
         against: whether nature picks the worst game for the striker.
         best_of: the result.
     """
@@ -104,50 +114,47 @@ def _choose(rewards: F32, continuation: F32, replies: Replies, following: F64, a
         if first == last:
             continue
         values = scratch[: last - first]
-        after = following[2 * first_reply[s] : 2 * (first_reply[s] + values.size)]
+        after = following[4 * first_reply[s] : 4 * (first_reply[s] + values.size)]
         for g in range(len(rewards)):
-            reward, weight = rewards[g, first:last], continuation[g, 2 * first : 2 * last]
+            reward, weight = rewards[g, first:last], continuation[g, 4 * first : 4 * last]
             if g == 0:
                 for i in range(values.size):
-                    values[i] = reward[i] - weight[2 * i] * after[2 * i] - weight[2 * i + 1] * after[2 * i + 1]
+                    values[i] = reward[i] - _later(weight, after, i)
             elif against:
                 for i in range(values.size):
-                    value = reward[i] - weight[2 * i] * after[2 * i] - weight[2 * i + 1] * after[2 * i + 1]
+                    value = reward[i] - _later(weight, after, i)
                     values[i] = min(values[i], value)
             else:
                 for i in range(values.size):
-                    value = reward[i] - weight[2 * i] * after[2 * i] - weight[2 * i + 1] * after[2 * i + 1]
+                    value = reward[i] - _later(weight, after, i)
                     values[i] = max(values[i], value)
         best = values.max()
         i = 0
-        while values[i] < best - TIE * 65536.0:
+        while values[i] < best - TIE / _UNIT:
             i += 1
-        out[s], rank[s] = best / 65536.0, i
+        out[s], rank[s] = best * _UNIT, i
         wanted = -values[i] if against else values[i]
         for g in range(len(rewards)):
-            p = first + i
-            value = rewards[g, p] - continuation[g, 2 * p] * after[2 * i] - continuation[g, 2 * p + 1] * after[2 * i + 1]
-            if (-value if against else value) >= wanted - TIE * 65536.0:
+            value = rewards[g, first + i] - _later(continuation[g, 4 * first : 4 * last], after, i)
+            if (-value if against else value) >= wanted - TIE / _UNIT:
                 picked[s] = g
                 break
 
 
 @compiled
-def _mean(weights: Weights, unit: float, replies: Replies, following: F64, out: F64) -> None:
-    """Weighted sums of the gathered values of each state's successors."""
+def _mean(chances: Chances, unit: float, continuation: F32, replies: Replies, following: F64, out: F64) -> None:
+    """Mean of the gathered values of each state's successors."""
     pair_start, first_reply = replies.pair_start, replies.first_reply
     for s in range(out.size):
-        weight = weights[2 * pair_start[s] : 2 * pair_start[s + 1]]
-        value = following[2 * first_reply[s] : 2 * first_reply[s] + weight.size]
+        first, last = pair_start[s], pair_start[s + 1]
+        chance, weight = chances[first:last], continuation[4 * first : 4 * last]
+        value = following[4 * first_reply[s] : 4 * first_reply[s] + weight.size]
         a = b = c = d = 0.0
-        fours = weight.size // 4
-        for i in range(fours):
-            a += weight[4 * i] * value[4 * i]
-            b += weight[4 * i + 1] * value[4 * i + 1]
-            c += weight[4 * i + 2] * value[4 * i + 2]
-            d += weight[4 * i + 3] * value[4 * i + 3]
-        for i in range(4 * fours, weight.size):
-            a += weight[i] * value[i]
+        for i in range(chance.size):
+            a += chance[i] * (weight[4 * i] * value[4 * i])
+            b += chance[i] * (weight[4 * i + 1] * value[4 * i + 1])
+            c += chance[i] * (weight[4 * i + 2] * value[4 * i + 2])
+            d += chance[i] * (weight[4 * i + 3] * value[4 * i + 3])
         out[s] = ((a + b) + (c + d)) * unit
 
 
@@ -160,8 +167,8 @@ def _follow(continuation: F32, replies: Replies, chosen: Choices, plain: F64, af
             p = replies.pair_start[s] + chosen.rank[s]
             edge = replies.edge[replies.first_reply[s] + chosen.rank[s]]
             change = after_attack if replies.attack[edge] else plain
-            below, above = continuation[chosen.game[s], 2 * p], continuation[chosen.game[s], 2 * p + 1]
-            out[s] = -(below * change[2 * edge] + above * change[2 * edge + 1]) / 65536.0
+            weight = continuation[chosen.game[s], 4 * p : 4 * p + 4]
+            out[s] = -_later(weight, change[4 * edge : 4 * edge + 4], 0) * _UNIT
 
 
 @compiled
@@ -178,12 +185,12 @@ def _soften(
     pair_start, first_reply = replies.pair_start, replies.first_reply
     for s in range(out.size):
         first, count = pair_start[s], pair_start[s + 1] - pair_start[s]
-        reward, weight = rewards[first : first + count], continuation[2 * first : 2 * (first + count)]
-        after = following[2 * first_reply[s] : 2 * (first_reply[s] + count)]
+        reward, weight = rewards[first : first + count], continuation[4 * first : 4 * (first + count)]
+        after = following[4 * first_reply[s] : 4 * (first_reply[s] + count)]
         before, played = prior[first : first + count], policy[first : first + count]
         best = -1e300
         for i in range(count):
-            played[i] = (reward[i] - weight[2 * i] * after[2 * i] - weight[2 * i + 1] * after[2 * i + 1]) / 65536.0
+            played[i] = (reward[i] - _later(weight, after, i)) * _UNIT
             if before[i] > 0.0:
                 best = max(best, played[i])
         # For a large tau all terms are close to 1, so their differences are summed separately.
@@ -202,59 +209,54 @@ def _soften(
 
 
 @compiled
-def _continue(continuation: F32, replies: Replies, policy: F64, following: F64, out: F64) -> None:
-    pair_start, first_reply = replies.pair_start, replies.first_reply
-    for s in range(out.size):
-        first, count = pair_start[s], pair_start[s + 1] - pair_start[s]
-        weight, played = continuation[2 * first : 2 * (first + count)], policy[first : first + count]
-        after = following[2 * first_reply[s] : 2 * (first_reply[s] + count)]
-        total = 0.0
-        for i in range(count):
-            total += played[i] * (weight[2 * i] * after[2 * i] + weight[2 * i + 1] * after[2 * i + 1])
-        out[s] = -total / 65536.0
-
-
-@compiled
-def _propagate(weights: Weights, unit: float, replies: Replies, visits: F64, out: F64) -> None:
+def _propagate(chances: Chances, unit: float, continuation: F32, replies: Replies, visits: F64, out: F64) -> None:
     """Transpose of :func:`_mean`: adds the visits of each state to the gathered values of its successors."""
     pair_start, first_reply = replies.pair_start, replies.first_reply
     for s in range(visits.size):
         if visits[s] == 0.0:
             continue
-        weight, share = weights[2 * pair_start[s] : 2 * pair_start[s + 1]], visits[s] * unit
-        reached = out[2 * first_reply[s] : 2 * first_reply[s] + weight.size]
-        for i in range(weight.size):
-            reached[i] += weight[i] * share
+        first, last = pair_start[s], pair_start[s + 1]
+        chance, weight, share = chances[first:last], continuation[4 * first : 4 * last], visits[s] * unit
+        reached = out[4 * first_reply[s] : 4 * first_reply[s] + weight.size]
+        for i in range(chance.size):
+            played = chance[i] * share
+            for j in range(4 * i, 4 * i + 4):
+                reached[j] += weight[j] * played
 
 
 @compiled
-def _weigh(chance: Chances, unit: float, limits: U16, pair_start: I32, weight: Weights, reward: F64, continuation: F64) -> None:
+def _expect(chance: Chances, unit: float, limits: U16, pair_start: I32, reward: F64, continuation: F64) -> None:
     for s in range(reward.size):
         gained = continued = 0.0
         for p in range(pair_start[s], pair_start[s + 1]):
-            fault, winner, below = np.int64(limits[p, 0]), np.int64(limits[p, 1]), np.int64(limits[p, 2])
+            fault, winner = np.int64(limits[p, 0]), np.int64(limits[p, 1])
             gained += chance[p] * (winner - 2 * fault)
             continued += chance[p] * (65536 - winner)
-            weight[2 * p] = chance[p] * (below - winner)
-            weight[2 * p + 1] = chance[p] * (65536 - below)
         reward[s], continuation[s] = gained * unit, continued * unit
 
 
 class Probabilities(NamedTuple):
-    """The probabilities of a game in units of 1/65536: whole numbers, so exact in single precision."""
+    """The probabilities of a game in units of 2^-24, which single precision holds exactly: up to 2^24, or multiples of 256."""
 
     reward: F32
     """``[L, base pairs]`` winner minus fault."""
     continuation: F32
-    """``[L, 2 base pairs]`` returned from below, from above, in turn."""
+    """``[L, 4 base pairs]`` returned from below and from above to a receiver who is not hurried, then to one who is, in turn."""
 
 
 @functools.lru_cache(maxsize=16)
 def probabilities(game: Game) -> Probabilities:
     """The probabilities of a game, as sweeps read them."""
-    fault, winner, below = np.moveaxis(game.limits.astype(np.int64), -1, 0)
-    continuation = np.stack([below - winner, ONE - below], axis=-1).reshape(game.levels, -1)
-    return Probabilities(reward=(winner - 2 * fault).astype(np.float32), continuation=continuation.astype(np.float32))
+    reward = np.empty((game.levels, game.n_base_pairs), np.float32)
+    continuation = np.empty((game.levels, game.n_base_pairs, 4), np.float32)
+    hurried = game.hurry.astype(np.float32)
+    for level, limits in enumerate(game.limits):
+        fault, winner, below = limits.T.astype(np.float32)
+        reward[level] = (winner - 2 * fault) * HURRY_ONE
+        returned = np.stack([below - winner, ONE - below], axis=-1)
+        np.multiply(returned, HURRY_ONE - hurried, out=continuation[level, :, :2])
+        np.multiply(returned, hurried, out=continuation[level, :, 2:])
+    return Probabilities(reward=reward, continuation=continuation.reshape(game.levels, -1))
 
 
 def block_choices(games: Sequence[Game], block: int, plain: F64, after_attack: F64, *, against: bool = False) -> Choices:
@@ -283,67 +285,61 @@ def after_block_choices(games: Sequence[Game], block: int, chosen: Choices, plai
 
 
 def _gathered(game: Game, plain: F64, after_attack: F64) -> F64:
-    """``[2 V]`` values of the successors of each reply in a block, contact below and above alternating."""
-    out = np.empty(2 * len(game.reply_edge))
+    """``[4 V]`` values of the successors of each reply in a block, in the order of ``Game.arrivals``."""
+    out = np.empty(4 * len(game.reply_edge))
     _gather(plain, after_attack, replies(game), out)
     return out
 
 
 @functools.lru_cache(maxsize=12)
 def _stacked(games: tuple[Game, ...], level: int) -> tuple[F32, F32]:
-    """``[games, base pairs]`` rewards and ``[games, 2 base pairs]`` continuations of the games at one effort."""
+    """``[games, base pairs]`` rewards and ``[games, 4 base pairs]`` continuations of the games at one effort."""
     tables = [probabilities(game) for game in games]
     if len(tables) == 1:
         return tables[0].reward[level : level + 1], tables[0].continuation[level : level + 1]
     return np.stack([table.reward[level] for table in tables]), np.stack([table.continuation[level] for table in tables])
 
 
-class Played(NamedTuple):
-    """The strokes of one block of states under a policy."""
+class Expected(NamedTuple):
+    """What is to be expected in each state of one block under a policy."""
 
-    weight: Weights
-    """``[2 base pairs]`` probability that a legal pair is played and the receiver strikes next, from below and above in turn, in
-    units of :func:`weight_unit`."""
     reward: F64
-    """``[base states]`` expected reward to the striker of the stroke played."""
+    """``[base states]`` reward to the striker of the stroke played."""
     continuation: F64
     """``[base states]`` probability that the rally continues."""
 
 
-def weight_unit(numbers: np.dtype[Any]) -> float:
-    """Probability that a weight of 1 stands for, by the type of the weights.
-
-    Weights of tables are products of two whole numbers: a probability of the table in 1/65535, and one of the game in 1/65536.
-    Others are a probability times the latter.
-    """
-    return 1 / (ONE * CHOICE_ONE) if numbers.kind == "u" else 1 / ONE
+def _unit_of(chance: Chances) -> float:
+    """Probability that a chance of 1 stands for, by the type of the numbers."""
+    return 1 / CHOICE_ONE if chance.dtype.kind == "u" else 1.0
 
 
-def played(game: Game, level: int, chance: Chances) -> Played:
-    """Weights and rewards of one block of states under a policy.
+def block_expected(game: Game, level: int, chance: Chances) -> Expected:
+    """Rewards and continuations of one block of states under a policy.
 
     Args:
         game: the tables with which the player strikes.
         level: own effort.
-        chance: ``[base pairs]`` probability of each legal pair given its state; of a table, in units of 1/65535.
+        chance: the policy.
     """
-    # A probability of a table times one of a game is a whole number of 32 bits: half of the memory, and exact.
-    numbers = np.dtype(np.uint32 if chance.dtype.kind == "u" else np.float64)
-    found = Played(np.empty(2 * game.n_base_pairs, numbers), np.empty(game.n_base_states), np.empty(game.n_base_states))
-    _weigh(chance, weight_unit(numbers), game.limits[level], game.base_pair_start, *found)
+    found = Expected(np.empty(game.n_base_states), np.empty(game.n_base_states))
+    _expect(chance, _unit_of(chance) / ONE, game.limits[level], game.base_pair_start, *found)
     return found
 
 
-def block_mean(game: Game, weight: Weights, plain: F64, after_attack: F64) -> F64:
-    """``[base states]`` mean value of the successors of each state of one block.
+def block_mean(game: Game, block: int, chance: Chances, plain: F64, after_attack: F64) -> F64:
+    """``[base states]`` mean value of the successors of each state of one block, 0 where the rally ends.
 
     Args:
-        game: the layout.
-        weight: ``[2 base pairs]`` weights of the successors of each legal pair, as in :class:`Played`.
+        game: the tables with which the player strikes.
+        block: index of the block.
+        chance: the policy.
         plain, after_attack: as for :func:`block_choices`.
     """
     out = np.empty(game.n_base_states)
-    _mean(weight, weight_unit(weight.dtype), replies(game), _gathered(game, plain, after_attack), out)
+    continuation = probabilities(game).continuation[block // game.levels]
+    following = _gathered(game, plain, after_attack)
+    _mean(chance, _unit_of(chance) * _UNIT, continuation, replies(game), following, out)
     return out
 
 
@@ -364,23 +360,16 @@ def block_soft_values(game: Game, block: int, prior: F64, tau: float, plain: F64
     return out, policy
 
 
-def after_block_soft_values(game: Game, block: int, policy: F64, plain: F64, after_attack: F64) -> F64:
-    """``[base states]`` linear part of :func:`block_soft_values`: minus the mean value of the successors under the policy."""
-    out = np.empty(game.n_base_states)
-    continuation = probabilities(game).continuation[block // game.levels]
-    _continue(continuation, replies(game), policy, _gathered(game, plain, after_attack), out)
-    return out
-
-
-def propagate(game: Game, weights: Sequence[Weights], visits: F64) -> F64:
-    """``[S]`` expected visits of the successors of ``[S]`` visits, for the weights of each block: the transpose of a sweep."""
-    out, values = np.zeros(game.n_states), np.empty(2 * len(game.reply_edge))
-    for block, weight in enumerate(weights):
+def propagate(game: Game, chances: Sequence[Chances], visits: F64) -> F64:
+    """``[S]`` expected visits of the successors of ``[S]`` visits, for the policy in each block: the transpose of a sweep."""
+    out, values = np.zeros(game.n_states), np.empty(4 * len(game.reply_edge))
+    for block, chance in enumerate(chances):
         here = visits[game.block_states(block)]
         if not here.any():
             continue
         values[:] = 0.0
-        _propagate(weight, weight_unit(weight.dtype), replies(game), here, values)
+        continuation = probabilities(game).continuation[block // game.levels]
+        _propagate(chance, _unit_of(chance) * _UNIT, continuation, replies(game), here, values)
         plain, attack = (out[game.block_states(after)] for after in game.block_following(block))
         _scatter_add(values, replies(game), plain, attack)
     return out
@@ -390,7 +379,7 @@ def warm_up(game: Game) -> None:
     """Compile the sweeps, or load them from the disk, by sweeping one block."""
     zeros, states = np.zeros(game.n_base_states), np.ones(game.n_states)
     after_block_choices([game], 0, block_choices([game], 0, zeros, zeros), zeros, zeros)
-    for chances in (np.zeros(game.n_base_pairs), np.zeros(game.n_base_pairs, np.uint16)):
-        weight = played(game, 0, chances).weight
-        block_mean(game, weight, zeros, zeros)
-        propagate(game, [weight], states)
+    for chance in (np.zeros(game.n_base_pairs), np.zeros(game.n_base_pairs, np.uint16)):
+        block_expected(game, 0, chance)
+        block_mean(game, 0, chance, zeros, zeros)
+        propagate(game, [chance], states)

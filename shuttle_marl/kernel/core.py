@@ -23,6 +23,7 @@ from shuttle_marl.kernel.compiling import inlined
 int64: Final = cast("Callable[[Any], int]", np.int64)
 """``numpy.int64``, typed as the int that it is to callers of compiled functions."""
 LOW_16: Final = np.uint64(0xFFFF)
+LOW_8: Final = np.uint64(0xFF)
 _VECTOR: Final = 32
 _SHIFT: Final = np.uint64(57)
 BLOCK: Final = 256
@@ -37,8 +38,9 @@ class Tables(NamedTuple):
     B is the number of blocks, combinations of both players' efforts.
 
     Attributes:
-        limits: ``[L * base pairs]`` uint64 three thresholds of a base pair in the lowest 48 bits, the fault's lowest; indexed by
-            (own effort, base pair). In the game of a pair ``[2 * L * base pairs]``: those of seat 0, then those of seat 1.
+        limits: ``[L * base pairs]`` uint64 three thresholds of a base pair in the lowest 48 bits, the fault's lowest, and above
+            them the two chances of a hurried receiver, that of a return from below first; indexed by (own effort, base pair). In
+            the game of a pair ``[2 * L * base pairs]``: those of seat 0, then those of seat 1.
         seat: index of the first thresholds of seat 1; 0 if both seats strike with the same ones.
         head: ``[base states, 4]`` int32 of each base state: first pair, number of legal strokes, index of its first reply, row of
             ``rank`` and ``mask``.
@@ -46,7 +48,7 @@ class Tables(NamedTuple):
         first: ``[B, 3]`` int32 of each block: first state, first legal pair, index of its first thresholds in ``limits``.
         follows: ``[B, 2]`` int32 first state of the following block, after a stroke that is not an attack and after an attack.
         efforts: ``[B, 2]`` int32 efforts of striker and receiver in each block.
-        arrival: ``[V]`` int32 twice the edge that follows each reply, plus 1 if the reply is an attack.
+        arrival: ``[V]`` int32 four times the edge that follows each reply, plus 1 if the reply is an attack.
         stroke: ``[V]`` int16 stroke of each reply.
         incoming: ``[E]`` int16 incoming stroke of an edge.
         own: ``[E]`` int16 own last stroke of an edge.
@@ -84,20 +86,22 @@ def tables_of(game: AnyGame) -> Tables:
         raise KernelError(f"the game has {game.n_states:,} states and {game.n_pairs:,} legal pairs: too many for the kernel")
     seats = game.seats if isinstance(game, PairGame) else (game,)
     t = np.concatenate([tables.limits.reshape(-1, 3) for tables in seats]).astype(np.uint64)
+    hurry = np.concatenate([np.tile(tables.hurry, (game.levels, 1)) for tables in seats]).astype(np.uint64)
+    shifts = np.array([0, 16, 32, 48, 56], np.uint64)
     base, block = np.arange(size), np.arange(game.n_blocks, dtype=np.int32)
     effort = block // game.levels
     row = 2 * game.incoming(base) + game.contact(base)
     head = np.stack([game.base_pair_start[:-1], np.diff(game.base_pair_start), game.first_reply, row], axis=1, dtype=np.int32)
     first = np.stack([block * size, block * game.n_base_pairs, effort * game.n_base_pairs], axis=1, dtype=np.int32)
     return Tables(
-        limits=t[:, 0] | (t[:, 1] << np.uint64(16)) | (t[:, 2] << np.uint64(32)),
+        limits=np.bitwise_or.reduce(np.concatenate([t, hurry], axis=1) << shifts, axis=1),
         seat=np.int64(len(t) // 2 if isinstance(game, PairGame) else 0),
         head=np.ascontiguousarray(head),
         inverse=np.uint64(-(-(1 << int(_SHIFT)) // size)),
         first=np.ascontiguousarray(first),
         follows=np.array([game.block_following(b) for b in block.tolist()], np.int32) * np.int32(size),
         efforts=np.ascontiguousarray(np.stack([effort, block % game.levels], axis=1)),
-        arrival=2 * edge + game.edge_attack[edge],
+        arrival=4 * edge + game.edge_attack[edge],
         stroke=game.edge_incoming[edge].astype(np.int16),
         incoming=game.edge_incoming.astype(np.int16),
         own=game.edge_own.astype(np.int16),
@@ -147,6 +151,12 @@ def row_of(tables: Tables, s: int) -> np.uint64:
 
 
 @inlined
+def hurried_in(s: int) -> int:
+    """Whether the striker of a state is hurried, 0 or 1."""
+    return s >> 1 & 1
+
+
+@inlined
 def legal_strokes(tables: Tables, s: int) -> Legal:
     """Legal strokes of a state; look-ups of fields that are not used are eliminated by the compiler."""
     block = block_of(tables, s)
@@ -171,7 +181,7 @@ def limits_of(tables: Tables, legal: Legal, k: int, seat: int) -> np.uint64:
 
 @inlined
 def arrival_of(tables: Tables, legal: Legal, k: int) -> int:
-    """State of the receiver, contact below, after the k-th legal stroke."""
+    """State of the receiver, contact below and not hurried, after the k-th legal stroke."""
     code = tables.arrival[np.uint64(legal.reply + k)]
     arrival: int = tables.follows[legal.block, np.uint64(code & 1)] + (code & ~1)
     return arrival
@@ -179,7 +189,7 @@ def arrival_of(tables: Tables, legal: Legal, k: int) -> int:
 
 @inlined
 def next_state(arrival: int, outcome: int) -> int:
-    """State of the next striker; after the end of the rally the state that follows its last stroke, contact below."""
+    """State of the next striker; after the end of the rally the state that would follow its last stroke returned from below."""
     return arrival + max(outcome - OPEN, 0)
 
 
@@ -213,19 +223,19 @@ def draw(key: np.uint64, counter: int) -> np.uint64:
 
 @inlined
 def first_server(bits: np.uint64) -> int:
-    """Seat that serves a rally whose server is random: bit 16 of its first draw."""
-    return int64((bits >> np.uint64(16)) & np.uint64(1))
+    """Seat that serves a rally whose server is random: bit 24 of its first draw."""
+    return int64((bits >> np.uint64(24)) & np.uint64(1))
 
 
 @inlined
 def outcome_of(limits: np.uint64, bits: np.uint64) -> int:
-    """Outcome of a stroke, 0 to 3, by the lowest 16 bits of a draw."""
+    """Outcome of a stroke, 0 to 5, by the lowest 24 bits of a draw."""
     u = bits & LOW_16
-    return (
-        int64(u >= (limits & LOW_16))
-        + int64(u >= ((limits >> np.uint64(16)) & LOW_16))
-        + int64(u >= ((limits >> np.uint64(32)) & LOW_16))
-    )
+    returned = int64(u >= ((limits >> np.uint64(16)) & LOW_16))
+    above = int64(u >= ((limits >> np.uint64(32)) & LOW_16))
+    chance = (limits >> np.uint64(48 + 8 * above)) & LOW_8
+    hurried = int64(((bits >> np.uint64(16)) & LOW_8) < chance)
+    return int64(u >= (limits & LOW_16)) + returned + above + 2 * (returned & hurried)
 
 
 @inlined
@@ -241,9 +251,9 @@ class Block(NamedTuple):
         bits: uint64 draw of the stroke.
         limit: int32 index of the thresholds of the stroke.
         reply: int32 index of the stroke among the replies.
-        arrival: int32 state of the next striker, contact below.
+        arrival: int32 state of the next striker, contact below and not hurried.
         limits: uint64 thresholds of the stroke.
-        outcome: int64 outcome, 0 to 3.
+        outcome: int64 outcome, 0 to 5.
         listed: int64 indices of rows, see :func:`list_where`.
     """
 

@@ -8,11 +8,11 @@ every match that still runs has seen exactly t strokes.
 
 import dataclasses
 from collections.abc import Callable
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from shuttle_marl.arrays import I8, I32, U64, Bools, Intp, UInts
+from shuttle_marl.arrays import I8, I32, U16, U64, Bools, Intp
 from shuttle_marl.game import draws
 from shuttle_marl.game.pairs import AnyGame, PairGame
 from shuttle_marl.game.policy import Policy, PolicyError, States, checked_probabilities, drawn_strokes
@@ -73,6 +73,14 @@ Choose = Callable[[I32, I32, I32, I32, I32], Intp]
 _MATCH, _STATE, _STRIKER, _STROKE, _RALLY, _SERVER, _POINTS, _GAMES = 0, 1, 2, 3, 4, 5, 6, 8
 _ROWS: Final = 10
 _REPORT_EVERY: Final = 64
+HURRIED_BIT: Final = 15
+"""Bit of a noted stroke that says whether its striker was hurried; the lower ones are the stroke."""
+
+
+def stroke_columns(noted: U16, n_strokes: int) -> dict[str, Any]:
+    """The columns of :class:`~shuttle_marl.rally.record.Rallies` that noted strokes ``[N]`` hold."""
+    stroke = (noted & np.uint16((1 << HURRIED_BIT) - 1)).astype(stroke_dtype(n_strokes))
+    return {"stroke": stroke, "hurried": (noted >> HURRIED_BIT).astype(np.uint8)}
 
 
 def play(
@@ -94,7 +102,7 @@ def play(
         keep_strokes: whether to return the strokes, or only their number.
         progress: called from time to time with the number of strokes played since the last call.
     """
-    log = _MatchLog(len(matches), rules.max_rallies, stroke_dtype(game.n_strokes))
+    log = _MatchLog(len(matches), rules.max_rallies, game.n_strokes)
     games = np.zeros((len(matches), 2), dtype=np.int32)
     entrant = matches.entrant.ravel()
     keys, key_row = np.unique(matches.key, return_inverse=True)
@@ -113,7 +121,7 @@ def play(
         bits = draws.draw(key, stroke)
         k = choose(entrant[2 * match + striker], state, draws.choice_draw(bits), striker, slots[_POINTS:])
         if keep_strokes:
-            log.write_strokes(match, game.stroke_at(state, k))
+            log.write_strokes(match, game.stroke_at(state, k), game.hurried(state))
         outcome, following = _strike(game, striker, state, k, draws.outcome_draw(bits))
         stroke += 1
         ended = np.flatnonzero(following < 0)
@@ -190,19 +198,19 @@ def _without(gone: Intp, slots: I32, key: U64) -> tuple[I32, U64]:
 class _MatchLog:
     """Stores rallies by (match, rally) and strokes by (step, match), and returns them in order."""
 
-    def __init__(self, n_matches: int, longest: int, type_: np.dtype[np.unsignedinteger]) -> None:
+    def __init__(self, n_matches: int, longest: int, n_strokes: int) -> None:
         self.longest = longest
         self._shape = (n_matches, longest)
         size = n_matches * longest
         self._server, self._winner, self._reason = (np.zeros(size, dtype=np.uint8) for _ in range(3))
         self._score = np.zeros((size, 4), dtype=np.uint8)
         self._length = np.zeros(size, dtype=np.int32)
-        self._stroke_type = type_
-        self._steps: list[UInts] = []
+        self._n_strokes = n_strokes
+        self._steps: list[U16] = []
 
-    def write_strokes(self, match: I32, stroke: I32) -> None:
-        row = np.empty(self._shape[0], dtype=self._stroke_type)
-        row[match] = stroke
+    def write_strokes(self, match: I32, stroke: I32, hurried: I32) -> None:
+        row = np.empty(self._shape[0], dtype=np.uint16)
+        row[match] = stroke | hurried << HURRIED_BIT
         self._steps.append(row)
 
     def write_rallies(self, now: I32, won_by: Intp, reason: I8) -> None:
@@ -217,9 +225,9 @@ class _MatchLog:
         at = np.flatnonzero(self._length)
         match, rally = np.divmod(at, self.longest)
         total = self._length.reshape(self._shape).sum(axis=1)
-        stroke = np.empty(0, dtype=self._stroke_type)
+        noted = np.empty(0, dtype=np.uint16)
         if self._steps:
-            stroke = np.stack(self._steps, axis=1)[np.arange(len(self._steps)) < total[:, None]]
+            noted = np.stack(self._steps, axis=1)[np.arange(len(self._steps)) < total[:, None]]
         return Rallies(
             pairing=np.zeros(len(at), np.uint32),
             match=match.astype(np.uint32),
@@ -230,5 +238,5 @@ class _MatchLog:
             reason=self._reason[at],
             score=self._score[at],
             length=self._length[at],
-            stroke=stroke,
+            **stroke_columns(noted, self._n_strokes),
         )

@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from shuttle_marl.arrays import I8, I32, U8, U64, UInts
+from shuttle_marl.arrays import I8, I32, U8, U16, U64
 from shuttle_marl.game.pairs import AnyGame
 from shuttle_marl.game.scoring import BWF, Rules, RulesTuple, count_rally
 from shuttle_marl.game.tabulated import TabulatedPolicy
@@ -23,6 +23,7 @@ from shuttle_marl.kernel.core import (
     Tables,
     choose_stroke,
     extend,
+    hurried_in,
     int64,
     legal_strokes,
     list_where,
@@ -30,10 +31,10 @@ from shuttle_marl.kernel.core import (
     read_limits,
     tables_of,
 )
-from shuttle_marl.kernel.lockstep import Matches, MatchResults
+from shuttle_marl.kernel.lockstep import HURRIED_BIT, Matches, MatchResults, stroke_columns
 from shuttle_marl.kernel.players import Players, check_players, pack, table_choice
 from shuttle_marl.kernel.rows import Rows, draw_strokes, new_rows, part_of, play
-from shuttle_marl.rally.record import Rallies, stroke_dtype
+from shuttle_marl.rally.record import Rallies
 
 _STROKES_A_MATCH: Final = 1600
 """Initial capacity for the strokes of a match, doubled as needed. Not a power of two, so that the strokes of different matches do
@@ -56,7 +57,8 @@ class _Log(NamedTuple):
         reason: ``[M, R]`` uint8 outcome of its last stroke.
         score: ``[M, R, 4]`` uint8 points of the seats and games of the seats before it.
         strokes: ``[M, R]`` int32 its number of strokes.
-        stroke: ``[M, N]`` catalogue index of every stroke; N = 0 if strokes are not recorded.
+        stroke: ``[M, N]`` uint16 every stroke, as :func:`~shuttle_marl.kernel.lockstep.stroke_columns` reads them; N = 0 if
+            strokes are not recorded.
     """
 
     begun: I32
@@ -68,7 +70,7 @@ class _Log(NamedTuple):
     reason: U8
     score: U8
     strokes: I32
-    stroke: UInts
+    stroke: U16
 
 
 class _Setup(NamedTuple):
@@ -119,10 +121,11 @@ def _play(tables: Tables, setup: _Setup, lanes: Rows, live: int, log: _Log, step
             legal = legal_strokes(tables, s)
             choose_stroke(tables, block, j, legal, table_choice(players, player, s, legal.pair, block.bits[j]), part.striker[j])
         read_limits(tables, block, live)
-        play(part, block)
         if keep:
             for j in range(live):
-                log.stroke[np.uint64(part.rally[j]), step] = tables.stroke[np.uint64(block.reply[j])]
+                noted = tables.stroke[np.uint64(block.reply[j])] | hurried_in(part.state[j]) << HURRIED_BIT
+                log.stroke[np.uint64(part.rally[j]), step] = noted
+        play(part, block)
         step += 1
         # From the last to the first, because a lane whose match is over is refilled with the last lane.
         for i in range(list_where(block, live, over=True) - 1, -1, -1):
@@ -159,7 +162,7 @@ def _play_block(tables: Tables, players: Players, matches: Matches, rules: Rules
         reason=np.empty((size, rallies), np.uint8),
         score=np.empty((size, rallies, 4), np.uint8),
         strokes=np.empty((size, rallies), np.int32),
-        stroke=np.empty((size, _STROKES_A_MATCH if keep else 0), stroke_dtype(tables.rank.shape[1])),
+        stroke=np.empty((size, _STROKES_A_MATCH if keep else 0), np.uint16),
     )
     lanes, live, step = new_rows(max(1, size)), size, 0
     _begin(lanes, log, matches.key, matches.first_server)
@@ -170,6 +173,7 @@ def _play_block(tables: Tables, players: Players, matches: Matches, rules: Rules
         log = log._replace(stroke=np.concatenate([log.stroke, np.empty_like(log.stroke)], axis=1))
     was_played = np.arange(rallies) < log.begun[:, None]
     match, rally = np.nonzero(was_played)
+    noted = np.concatenate([log.stroke[:0].ravel(), *(row[:n] for row, n in zip(log.stroke, log.length, strict=True))])
     played = Rallies(
         pairing=np.zeros(len(match), np.uint32),
         match=match.astype(np.uint32),
@@ -180,7 +184,7 @@ def _play_block(tables: Tables, players: Players, matches: Matches, rules: Rules
         reason=log.reason[was_played],
         score=log.score[was_played],
         length=log.strokes[was_played],
-        stroke=np.concatenate([log.stroke[:0].ravel(), *(row[:n] for row, n in zip(log.stroke, log.length, strict=True))]),
+        **stroke_columns(noted, tables.rank.shape[1]),
     )
     return MatchResults(log.games, played)
 

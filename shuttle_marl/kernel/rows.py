@@ -26,6 +26,7 @@ from shuttle_marl.kernel.core import (
     draw,
     extend,
     first_server,
+    hurried_in,
     legal_strokes,
     new_block,
     next_state,
@@ -49,7 +50,8 @@ class Rows(NamedTuple):
     """B rallies, each at its own stroke.
 
     Attributes:
-        state: ``[B]`` int32 state of the striker; after the end of a rally the state that follows its last stroke, contact below.
+        state: ``[B]`` int32 state of the striker; after the end of a rally the state that would follow its last stroke, contact
+            below and not hurried.
         striker: ``[B]`` int8 seat of the striker.
         stroke: ``[B]`` int32 strokes played in this rally.
         rally: ``[B]`` int64 number of the rally; its draws follow from the seed and this number.
@@ -173,7 +175,7 @@ def find_ranks(tables: Tables, rows: Rows, stroke: I64, rank: I16, first: int, l
     return -1
 
 
-TOKENS: Final = 6
+TOKENS: Final = 7
 """Number of tokens of an observation."""
 
 
@@ -181,8 +183,8 @@ class Observations(NamedTuple):
     """Observations of the strikers of B rows.
 
     Attributes:
-        tokens: ``[B, 6]`` int32: own last stroke, incoming stroke (n: none yet), contact offered (1: above the net), net shots
-            in a row, own effort, the opponent's effort.
+        tokens: ``[B, 7]`` int32: own last stroke, incoming stroke (n: none yet), contact offered (1: above the net), net shots
+            in a row, own effort, the opponent's effort, whether hurried.
         mask: ``[B, n]`` bool legal strokes; ``[0, 0]`` if observations are not wanted.
     """
 
@@ -215,13 +217,14 @@ def observe(tables: Tables, rows: Rows, observed: Observations, first: int, last
     flat = observed.mask.reshape(observed.mask.size)
     for i in range(first, last):
         block = block_of(tables, rows.state[i])
-        edge = base_of(tables, rows.state[i]) >> np.uint64(1)
+        edge = base_of(tables, rows.state[i]) >> np.uint64(2)
         observed.tokens[i, 0] = tables.own[edge]
         observed.tokens[i, 1] = tables.incoming[edge]
         observed.tokens[i, 2] = rows.state[i] & 1
         observed.tokens[i, 3] = tables.duel[edge]
         observed.tokens[i, 4] = tables.efforts[block, 0]
         observed.tokens[i, 5] = tables.efforts[block, 1]
+        observed.tokens[i, 6] = hurried_in(rows.state[i])
     # Whole vectors are copied; the next row overwrites the padding. The last rows are exact, as no row follows them.
     width = tables.mask.shape[1]
     exact = max(first, last - (width + n - 1) // n + 1)

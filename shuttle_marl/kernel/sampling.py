@@ -426,8 +426,8 @@ def _rallies_of(tables: Tables, learned: Learned, opponents: I32, tape: Tape, nu
     start, length = (np.cumsum(lengths, dtype=np.int64) - lengths)[rows], lengths[rows]
     count = int(length.sum(dtype=np.int64))
     stroke = np.empty(count, stroke_dtype(tables.rank.shape[1]))
-    extra = np.empty((2 if figures else 0, count), np.float32)
-    read_tape(tables, learned, opponents, tape, rows, start, stroke, extra)
+    hurried, extra = np.empty(count, np.uint8), np.empty((2 if figures else 0, count), np.float32)
+    read_tape(tables, learned, opponents, tape, rows, start, stroke, hurried, extra)
     server, winner, reason = tape.ended[:, rows]
     policy = np.zeros((len(number), 2), np.uint16)
     policy[:, 1] = np.maximum(opponents[number % len(opponents)], 0)
@@ -442,6 +442,7 @@ def _rallies_of(tables: Tables, learned: Learned, opponents: I32, tape: Tape, nu
         score=np.zeros((len(number), 4), np.uint8),
         length=length,
         stroke=stroke,
+        hurried=hurried,
         log_probability=extra[0] if figures else None,
         value=extra[1] if figures else None,
     )

@@ -11,7 +11,7 @@ from shuttle_marl.arrays import F32, F64, I32, I64, U8, UInts
 from shuttle_marl.game import draws
 from shuttle_marl.game.rules import FAULT, WINNER
 from shuttle_marl.kernel.compiling import compiled, inlined
-from shuttle_marl.kernel.core import BLOCK, Tables, legal_strokes, stroke_of
+from shuttle_marl.kernel.core import BLOCK, Tables, hurried_in, legal_strokes, stroke_of
 from shuttle_marl.kernel.players import write_guide
 from shuttle_marl.kernel.table_rallies import STALE, TOO_LONG, BlockRallies, Learned, Schedule, Workspace, play
 
@@ -370,7 +370,7 @@ def replay(tables: Tables, learned: Learned, schedule: Schedule, numbers: I64, w
 
 @compiled
 def read_tape(
-    tables: Tables, learned: Learned, opponents: I32, tape: Tape, rows: I64, start: I64, stroke: UInts, figures: F32
+    tables: Tables, learned: Learned, opponents: I32, tape: Tape, rows: I64, start: I64, stroke: UInts, hurried: U8, figures: F32
 ) -> None:
     """Write the strokes of some rallies of a tape, rally after rally, and the learner's figures of them.
 
@@ -382,6 +382,7 @@ def read_tape(
         rows: ``[R]`` rows of the tape.
         start: ``[R]`` index of their first stroke on the tape.
         stroke: ``[N]`` output: catalogue indices.
+        hurried: ``[N]`` output: whether the striker was hurried.
         figures: ``[2, N]`` output: log-probability and value of the learner's strokes, NaN for others; ``[0, N]``: not wanted.
     """
     n = 0
@@ -391,7 +392,7 @@ def read_tape(
         for t in range(tape.length[row]):
             s, pair = tape.state[start[i] + t], tape.pair[start[i] + t]
             legal = legal_strokes(tables, s)
-            stroke[n] = stroke_of(tables, legal, pair - legal.pair)
+            stroke[n], hurried[n] = stroke_of(tables, legal, pair - legal.pair), hurried_in(s)
             if figures.shape[0] > 0:
                 own = both or (server + t) & 1 == 0
                 figures[0, n] = learned.log_probability[pair] if own else np.nan

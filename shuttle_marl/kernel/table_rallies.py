@@ -119,7 +119,7 @@ class Lanes(NamedTuple):
         limit: index of its first thresholds.
         rank: position of the stroke among the legal strokes.
         limits: its thresholds.
-        arrival: state of the next striker, contact below.
+        arrival: state of the next striker, contact below and not hurried.
     """
 
     rally: I64

@@ -6,9 +6,9 @@ import numpy as np
 import numpy.typing as npt
 from hypothesis import strategies as st
 
-from shuttle_marl.arrays import F64
+from shuttle_marl.arrays import F64, I32
 from shuttle_marl.game.stroke import SHOTS, Catalogue
-from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tables import HURRY_ONE, Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, base_pairs, from_pair_probabilities, layout, thresholds
 from shuttle_marl.game.thresholds import ONE
 
@@ -33,8 +33,9 @@ def hand_made(names: tuple[str, ...] = THREE_STROKES) -> Game:
     rally = ~catalogue.is_serve
     tables = layout(catalogue, np.vstack([np.tile(rally, (len(names), 1)), catalogue.is_serve]))
     fixed = np.array([np.cumsum(OUTCOMES[name.split(":")[0]])[:3] for name in names]) * ONE // 16
-    game = Game(catalogue=catalogue, threshold=np.zeros((base_pairs(tables), 3), np.uint16), **tables)
-    return Game(catalogue=catalogue, threshold=fixed[game.pair_stroke].astype(np.uint16), **tables)
+    hurry = np.full((base_pairs(tables), 2), 64, np.uint8)
+    game = Game(catalogue=catalogue, threshold=np.zeros((len(hurry), 3), np.uint16), hurry=hurry, **tables)
+    return dataclasses.replace(game, threshold=fixed[game.pair_stroke].astype(np.uint16))
 
 
 def random_game(seed: int, rallies: int = 5, density: float = 0.5) -> Game:
@@ -56,8 +57,14 @@ def random_game(seed: int, rallies: int = 5, density: float = 0.5) -> Game:
     replies[n] = catalogue.is_serve
     tables = layout(catalogue, replies, duels=seed % 2 == 1)
     odds = np.append(ONE, rng.integers(ONE // 2, 2 * ONE, seed % 3)).astype(np.int32)
-    threshold = np.zeros((base_pairs(tables), 3), np.uint16)
-    return with_probabilities(Game(catalogue=catalogue, threshold=threshold, fault_odds=odds, **tables), seed)
+    return with_probabilities(game_without_outcomes(catalogue, tables, odds), seed)
+
+
+def game_without_outcomes(catalogue: Catalogue, tables: dict[str, I32], odds: I32) -> Game:
+    """A game whose probabilities are still to be set."""
+    size = base_pairs(tables)
+    threshold, hurry = np.zeros((size, 3), np.uint16), np.zeros((size, 2), np.uint8)
+    return Game(catalogue=catalogue, threshold=threshold, hurry=hurry, fault_odds=odds, **tables)
 
 
 TIRING_STROKES = (
@@ -81,15 +88,17 @@ def tiring_game() -> Game:
     rng = np.random.default_rng(0)
     good, returned, above = rng.uniform([[0.85], [0.9], [0.3]], [[0.95], [0.98], [0.7]], (3, base_pairs(tables)))
     odds = np.array([ONE, 3 * ONE // 2, 3 * ONE], np.int32)
-    return Game(catalogue=catalogue, threshold=thresholds(good, returned, above), fault_odds=odds, **tables)
+    hurry = rng.integers(32, 128, (base_pairs(tables), 2), dtype=np.uint8)
+    return Game(catalogue=catalogue, threshold=thresholds(good, returned, above), hurry=hurry, fault_odds=odds, **tables)
 
 
 def with_probabilities(game: Game, seed: int) -> Game:
-    """A game of the same layout with other probabilities; good and returned ones between 0.3 and 0.97."""
+    """A game of the same layout with other probabilities; good and returned ones between 0.3 and 0.97, others of all sizes."""
     rng = np.random.default_rng([seed, 1])
     good, returned = rng.uniform(0.3, 0.97, (2, game.n_base_pairs))
     above = rng.uniform(0, 1, len(good))
-    return dataclasses.replace(game, threshold=thresholds(good, returned, above))
+    hurry = rng.integers(0, HURRY_ONE, (len(good), 2), dtype=np.uint8)
+    return dataclasses.replace(game, threshold=thresholds(good, returned, above), hurry=hurry)
 
 
 def random_policy(game: Game, seed: int, sharpness: float = 1.0) -> TabulatedPolicy:
@@ -112,14 +121,12 @@ def linear_values(games: tuple[Game, Game], probabilities: tuple[Floats, Floats]
     size = games[0].n_states
     matrix, constant = np.eye(2 * size), np.zeros(2 * size)
     for player, (game, probability) in enumerate(zip(games, probabilities, strict=True)):
-        fault, winner, below = game.limits_of().astype(float).T / ONE
-        below_at, above_at = game.arrivals().T
+        outcome, arrivals = game.outcome_probabilities(), game.arrivals()
         for state in range(size):
             for pair in pairs_of(game, state):
                 row, other = player * size + state, (1 - player) * size
-                constant[row] += probability[pair] * ((winner[pair] - fault[pair]) - fault[pair])
-                matrix[row, other + below_at[pair]] += probability[pair] * (below[pair] - winner[pair])
-                matrix[row, other + above_at[pair]] += probability[pair] * (1 - below[pair])
+                constant[row] += probability[pair] * (outcome[pair, 1] - outcome[pair, 0])
+                matrix[row, other + arrivals[pair]] += probability[pair] * outcome[pair, 2:]
     solution: F64 = np.asarray(np.linalg.solve(matrix, constant), np.float64)
     return solution[:size], solution[size:]
 
@@ -127,13 +134,9 @@ def linear_values(games: tuple[Game, Game], probabilities: tuple[Floats, Floats]
 def improved(game: Game, following: Floats) -> Floats:
     """``[P]`` the best stroke of every state, given the values of the next states to the receiver."""
     probability = np.zeros(game.n_pairs)
-    fault, winner, below = game.limits_of().astype(float).T / ONE
-    below_at, above_at = game.arrivals().T
+    outcome, arrivals = game.outcome_probabilities(), game.arrivals()
     for state in range(game.n_states):
-        worth = [
-            winner[p] - 2 * fault[p] - (below[p] - winner[p]) * following[below_at[p]] - (1 - below[p]) * following[above_at[p]]
-            for p in pairs_of(game, state)
-        ]
+        worth = [outcome[p, 1] - outcome[p, 0] - float(outcome[p, 2:] @ following[arrivals[p]]) for p in pairs_of(game, state)]
         if worth:
             probability[pairs_of(game, state)[int(np.argmax(worth))]] = 1
     return probability

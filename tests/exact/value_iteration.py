@@ -26,28 +26,27 @@ class ValueIteration:
         return np.diff(self.game.pair_start) > 0
 
     @functools.cached_property
-    def _probabilities(self) -> tuple[Floats, Floats, Floats]:
-        """``[P]`` each: expected reward now, probability that the rally continues with a contact below, above."""
+    def _probabilities(self) -> tuple[Floats, Floats]:
+        """``[P]`` expected reward now, and ``[P, 4]`` probability that the rally continues with each arrival."""
         t = self.game.limits_of().astype(np.float64) / ONE
         fault, winner = t[:, 0], t[:, 1] - t[:, 0]
-        return winner - fault, t[:, 2] - t[:, 1], 1 - t[:, 2]
+        returned = np.stack([t[:, 2] - t[:, 1], 1 - t[:, 2]], axis=1)
+        hurried = np.tile(self.game.hurry / 256, (self.game.n_blocks, 1))
+        return winner - fault, np.concatenate([returned * (1 - hurried), returned * hurried], axis=1)
 
     @functools.cached_property
-    def _next(self) -> tuple[npt.NDArray[np.integer], npt.NDArray[np.integer]]:
-        """``[P]`` each: the receiver's state, contact below and above."""
-        low, high = self.game.arrivals().T
-        return low, high
+    def _next(self) -> npt.NDArray[np.integer]:
+        """``[P, 4]`` the receiver's state."""
+        return self.game.arrivals()
 
     def continuation(self) -> Floats:
         """``[P]`` probability that the rally continues."""
-        _, below, above = self._probabilities
-        return below + above
+        return np.asarray(self._probabilities[1].sum(axis=1))
 
     def quality(self, value_of_receiver: Floats) -> Floats:
         """``[P]`` value of each legal stroke when the next striker's value is given, ``[S]`` and seen by the other."""
-        now, below, above = self._probabilities
-        low, high = self._next
-        return now + below * value_of_receiver[low] + above * value_of_receiver[high]
+        now, later = self._probabilities
+        return np.asarray(now + (later * value_of_receiver[self._next]).sum(axis=1))
 
     def _over_states(self, reduce: np.ufunc, pairs: Floats) -> Floats:
         out: Floats = np.zeros(self.game.n_states)
@@ -88,14 +87,12 @@ class ValueIteration:
     def _opponent(self, policy: Floats, u: Floats) -> Floats:
         """One sweep of the responder's value where the opponent strikes: ours after theirs, then theirs again."""
         ours = self._over_states(np.maximum, self.quality(u))
-        now, below, above = self._probabilities
-        low, high = self._next
-        return self._over_states(np.add, policy * (-now + below * ours[low] + above * ours[high]))
+        now, later = self._probabilities
+        return self._over_states(np.add, policy * (-now + (later * ours[self._next]).sum(axis=1)))
 
     def visits(self, policy: Floats) -> Floats:
         """``[P]`` expected number of times each legal pair is played in a rally when both play ``policy``."""
-        _, below, above = self._probabilities
-        low, high = self._next
+        later, following = self._probabilities[1], self._next.ravel()
         n = self.game.n_states
         reached: Floats = np.zeros(n)
         reached[ROOT] = 1.0
@@ -103,7 +100,7 @@ class ValueIteration:
         for _ in range(SWEEPS):
             total += reached
             played = policy * reached[self.game.pair_state]
-            reached = np.asarray(np.bincount(low, played * below, n) + np.bincount(high, played * above, n))
+            reached = np.asarray(np.bincount(following, (played[:, None] * later).ravel(), n))
             if reached.sum() < TOLERANCE:
                 break
         return np.asarray(policy * total[self.game.pair_state])

@@ -168,4 +168,4 @@ def _solve(chains: tuple[InducedChain, InducedChain]) -> tuple[float, float]:
 
 
 def _bytes(chain: InducedChain) -> int:
-    return sum({id(part): part.nbytes for part in chain.weight}.values())
+    return sum({id(part): part.nbytes for part in chain.chance}.values())
