@@ -9,9 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from shuttle_marl import game as game_package
+from shuttle_marl.arrays import F64
 from shuttle_marl.game import default_game
-from shuttle_marl.game.rules import FAULT, WINNER, states_of_rallies, strike
-from shuttle_marl.game.tables import Game
+from shuttle_marl.game.rules import FAULT, OUTCOMES, WINNER, states_of_rallies, strike
+from shuttle_marl.game.tables import HURRY_ONE, Game
 from shuttle_marl.game.thresholds import ONE
 from tests.rally.test_rally_layout import Bools, games
 
@@ -31,10 +32,10 @@ def test_what_is_asked_of_some_pairs_costs_no_memory_for_all() -> None:
 
 def test_a_state_and_its_observation_name_each_other() -> None:
     seen = GAME.observation(STATES)
-    assert seen.shape == (GAME.n_states, 6)
+    assert seen.shape == (GAME.n_states, 7)
     assert seen.dtype == np.int32
     assert (GAME.state_of(*seen.T) == STATES).all()
-    assert GAME.observation(7).tolist() == [GAME.own(7), GAME.incoming(7), GAME.contact(7), GAME.duel(7), 0, 0]
+    assert GAME.observation(7).tolist() == [GAME.own(7), GAME.incoming(7), GAME.contact(7), GAME.duel(7), 0, 0, 1]
 
 
 @given(games)
@@ -42,11 +43,11 @@ def test_only_what_can_occur_has_a_state(made: tuple[Game, Bools]) -> None:
     game, _ = made
     n = game.n_strokes
     levels = slice(-1, game.levels + 1)
-    parts = np.mgrid[-1 : n + 2, -1 : n + 2, -1:3, -1:5, levels, levels].reshape(6, -1)
+    parts = np.mgrid[-1 : n + 2, -1 : n + 2, -1:3, -1:5, levels, levels, -1:3].reshape(7, -1)
     expected = np.full(parts.shape[1], -1)
     seen = game.observation(np.arange(game.n_states))
     # The place of each observation in the grid, whose parts all begin at -1.
-    sizes = (n + 3, n + 3, 4, 6, game.levels + 2, game.levels + 2)
+    sizes = (n + 3, n + 3, 4, 6, game.levels + 2, game.levels + 2, 4)
     expected[np.ravel_multi_index(tuple((seen + 1).T), sizes)] = np.arange(game.n_states)
     assert (game.state_of(*parts) == expected).all()
 
@@ -100,15 +101,18 @@ def test_sums_by_state_and_normalized_weights(made: tuple[Game, Bools]) -> None:
 def test_values_of_strokes_are_means_over_all_draws() -> None:
     rng = np.random.default_rng(3)
     following = rng.uniform(-1, 1, GAME.n_states)
-    draws = np.arange(ONE)
+    low = np.arange(ONE)
     every = GAME.stroke_values(following)
     assert every.shape == (GAME.n_pairs,)
-    for pair in [0, GAME.n_pairs - 1, *rng.integers(GAME.n_pairs, size=5)]:
+    for pair in [0, GAME.n_pairs - 1, *rng.integers(GAME.n_pairs, size=3)]:
         state, k = np.full(ONE, GAME.pair_state[pair]), np.full(ONE, GAME.pair_rank[pair])
-        outcome, after = strike(GAME, state, k, draws)
-        reward = np.where(outcome == WINNER, 1.0, np.where(outcome == FAULT, -1.0, -following[after]))
-        assert every[pair] == pytest.approx(reward.mean(), abs=1e-12)
-        assert GAME.outcome_probabilities(np.array(pair)).tolist() == (np.bincount(outcome, minlength=4) / ONE).tolist()
+        total, count = 0.0, np.zeros(len(OUTCOMES), np.int64)
+        for high in range(HURRY_ONE):
+            outcome, after = strike(GAME, state, k, high * ONE + low)
+            total += np.where(outcome == WINNER, 1.0, np.where(outcome == FAULT, -1.0, -following[after])).sum()
+            count += np.bincount(outcome, minlength=len(OUTCOMES))
+        assert every[pair] == pytest.approx(total / ONE / HURRY_ONE, abs=1e-12)
+        assert GAME.outcome_probabilities(np.array(pair)).tolist() == (count / ONE / HURRY_ONE).tolist()
     some = np.array([5, 900, 3, GAME.n_pairs - 1])
     assert (GAME.stroke_values(following, some) == every[some]).all()
     assert (GAME.outcome_probabilities(slice(2, 9)) == GAME.outcome_probabilities(np.arange(2, 9))).all()
@@ -119,7 +123,7 @@ def test_states_count_what_was_played(made: tuple[Game, Bools], seed: int) -> No
     """A rally walked by the rules, against counts of its strokes by hand, in the state and in logs of strokes."""
     game, _ = made
     rng = np.random.default_rng(seed)
-    names, strokes, position, visited = game.catalogue.names, [], [], []
+    names, strokes, position, hurried, visited = game.catalogue.names, [], [], [], []
     for _ in range(4):
         state = 0
         rally: list[int] = []
@@ -131,25 +135,35 @@ def test_states_count_what_was_played(made: tuple[Game, Bools], seed: int) -> No
             mine, theirs = (min(attacks[(len(rally) + seat) % 2], game.levels - 1) for seat in (0, 1))
             own, incoming = (rally[-back] if len(rally) >= back else game.n_strokes for back in (2, 1))
             counted = min(net, 3) if game.counts_duels else 0
-            assert game.observation(state).tolist() == [own, incoming, state & 1, counted, mine, theirs]
+            assert game.observation(state).tolist() == [own, incoming, state & 1, counted, mine, theirs, state >> 1 & 1]
             k = int(rng.integers(game.legal_count(state)))
             position.append(len(rally))
+            hurried.append(bool(game.hurried(state)))
             rally.append(int(game.stroke_at(state, k)))
             visited.append(state)
             pair = game.pair_at(state, k)
-            _, following = strike(game, np.array([state]), np.array([k]), np.array([ONE - 1]))
+            _, following = strike(game, np.array([state]), np.array([k]), rng.integers(1, 257, 1) * ONE - 1)
             assert following[0] in game.arrivals(pair)
             state = int(following[0])
         strokes += rally
-    assert states_of_rallies(game, np.array(strokes), np.array(position)).tolist() == visited
+    assert states_of_rallies(game, np.array(strokes), np.array(position), np.array(hurried)).tolist() == visited
+
+
+def ends_of(game: Game, block: int) -> tuple[F64, F64]:
+    """``[4, base pairs]`` probabilities of faults, winners and returns by contact, and ``[2, base pairs]`` of hurry in returns."""
+    parts = game.outcome_probabilities(game.block_pairs(block)).T
+    returned = parts[2:4] + parts[4:]
+    return np.concatenate([parts[:2], returned]), game.hurry_of(game.block_pairs(block))
 
 
 @given(games)
 def test_effort_multiplies_the_odds_of_a_fault_and_nothing_else(made: tuple[Game, Bools]) -> None:
     game, _ = made
     for block in range(game.n_blocks):
-        fault, winner, below, above = game.outcome_probabilities(game.block_pairs(block)).T
-        before = game.outcome_probabilities(game.block_pairs(0))
+        (fault, winner, below, above), hurry = ends_of(game, block)
+        before, rested = ends_of(game, 0)
+        before = before.T
+        assert np.abs(hurry - rested).max() < 1e-12
         odds = before[:, 0] / (1 - before[:, 0]) * game.fault_odds[block // game.levels] / ONE
         assert np.abs(fault - odds / (1 + odds)).max() <= 1.5 / ONE
         shares = np.stack([winner, below, above], axis=1) / (1 - fault)[:, None]

@@ -46,7 +46,7 @@ def fixed_game() -> Game:
     replies[:-1, 0], replies[-1, 1:] = False, False
     tables = layout(catalogue, replies)
     draws = np.random.Generator(np.random.PCG64(5)).integers(500, 65000, (base_pairs(tables), 3), dtype=np.uint16)
-    return Game(catalogue=catalogue, **tables, threshold=np.sort(draws, axis=1))
+    return Game(catalogue=catalogue, **tables, threshold=np.sort(draws, axis=1), hurry=np.zeros((len(draws), 2), np.uint8))
 
 
 def test_two_average_players_play_the_average_game() -> None:

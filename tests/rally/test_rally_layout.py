@@ -43,7 +43,8 @@ def random_game(seed: int, rallies: int = 8, density: float = 0.3) -> tuple[Game
     pairs = base_pairs(tables)
     p = rng.uniform(0, 1, (3, pairs))
     odds = np.append(ONE, rng.integers(ONE // 2, 2 * ONE, seed % 3)).astype(np.int32)
-    return Game(catalogue=catalogue, threshold=thresholds(p[0], p[1], p[2]), fault_odds=odds, **tables), replies
+    hurry = rng.integers(0, 256, (pairs, 2), dtype=np.uint8)
+    return Game(catalogue=catalogue, threshold=thresholds(p[0], p[1], p[2]), hurry=hurry, fault_odds=odds, **tables), replies
 
 
 games = st.builds(random_game, st.integers(0, 10_000), st.integers(2, 11), st.floats(0.0, 1.0))
@@ -88,9 +89,10 @@ def test_pairs_number_the_legal_strokes_of_each_state_in_order(made: tuple[Game,
         for stroke in expected:
             assert game.pair_state[row] == state
             assert game.pair_stroke[row] == stroke
-            below, above = game.arrivals(np.array(row)).tolist()
-            assert above == below + 1
-            assert (game.own(below), game.incoming(below)) == (incoming, stroke)
+            arrivals = game.arrivals(np.array(row))
+            assert game.contact(arrivals).tolist() == [0, 1, 0, 1]
+            assert game.hurried(arrivals).tolist() == [0, 0, 1, 1]
+            assert set(zip(game.own(arrivals).tolist(), game.incoming(arrivals).tolist(), strict=True)) == {(incoming, stroke)}
             row += 1
     assert row == game.n_pairs
 
@@ -111,11 +113,11 @@ def test_masks_and_pair_numbers_agree(made: tuple[Game, Bools]) -> None:
 def test_every_reachable_state_has_a_stroke_and_only_the_start_a_serve(made: tuple[Game, Bools]) -> None:
     game, _ = made
     counts = game.legal_count(np.arange(game.n_states))
-    serves_from_above = np.arange(1, game.n_states, game.n_base_states)
+    serves_from_above = np.isin(game.base(np.arange(game.n_states)), (1, 3))
     assert (counts[serves_from_above] == 0).all()
-    assert (np.delete(counts, serves_from_above) > 0).all()
+    assert (counts[~serves_from_above] > 0).all()
     assert game.catalogue.is_serve[game.legal_strokes(ROOT)].all()
-    assert not game.catalogue.is_serve[game.pair_stroke[game.base(game.pair_state) != ROOT]].any()
+    assert not game.catalogue.is_serve[game.pair_stroke[game.incoming(game.pair_state) < game.n_strokes]].any()
 
 
 def test_layout_names_a_stroke_without_reply() -> None:
@@ -159,5 +161,5 @@ def test_describe_names_both_strokes_and_the_contact() -> None:
     game, _ = random_game(2)
     state = game.n_states - 1
     names = game.catalogue.names
-    words = f"own {names[game.own(state)]}, incoming {names[game.incoming(state)]}, contact above"
+    words = f"own {names[game.own(state)]}, incoming {names[game.incoming(state)]}, contact above, hurried"
     assert game.describe(state) == f"{words}, effort 2 against 2"

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from shuttle_marl.game import default_game
-from shuttle_marl.game.rules import FAULT, RETURNED_ABOVE, RETURNED_BELOW, WINNER, strike
-from shuttle_marl.game.tables import GameError
+from shuttle_marl.game.rules import FAULT, HURRIED_BELOW, OUTCOMES, RETURNED_BELOW, WINNER, strike
+from shuttle_marl.game.tables import HURRY_ONE, GameError
 from shuttle_marl.game.tabulated import thresholds
 from shuttle_marl.game.thresholds import ONE
 
@@ -57,7 +57,7 @@ def test_probabilities_invert_thresholds() -> None:
 def test_all_draws_of_a_stroke_give_its_probabilities_exactly() -> None:
     game = default_game()
     rng = np.random.default_rng(5)
-    draws = np.arange(ONE)
+    draws = (HURRY_ONE - 1) * ONE + np.arange(ONE)  # of the highest upper part, with which nobody is hurried
     pairs = np.array([0, game.n_pairs - 1, *rng.integers(game.n_pairs, size=30)])
     for pair, good, returned, above in zip(pairs, *game.stroke_probabilities(pairs), strict=True):
         state = game.pair_state[pair]
@@ -68,6 +68,12 @@ def test_all_draws_of_a_stroke_give_its_probabilities_exactly() -> None:
         expected = [1 - good, good - q, q * (1 - above), q * above]
         assert share == pytest.approx(expected, abs=1e-12)
         assert (np.diff(outcome) >= 0).all(), "outcomes are ordered by draw"
+        for end in set(outcome.tolist()):
+            upper = np.arange(HURRY_ONE) * ONE + int((outcome == end).argmax())
+            found, _ = strike(game, np.full(HURRY_ONE, state), np.full(HURRY_ONE, k), upper)
+            hurried = game.hurry_of(pair)[end - RETURNED_BELOW] if end >= RETURNED_BELOW else 0
+            assert (found != end).mean() == hurried
+            assert set(found.tolist()) <= {end, end + HURRIED_BELOW - RETURNED_BELOW}
 
 
 def test_the_receiver_becomes_the_striker_in_the_state_that_follows() -> None:
@@ -75,15 +81,15 @@ def test_the_receiver_becomes_the_striker_in_the_state_that_follows() -> None:
     rng = np.random.default_rng(6)
     pair = rng.integers(game.n_pairs, size=20_000)
     state = game.pair_state[pair]
-    outcome, following = strike(game, state, pair - game.pair_start[state], rng.integers(ONE, size=len(pair)))
+    outcome, following = strike(game, state, pair - game.pair_start[state], rng.integers(HURRY_ONE * ONE, size=len(pair)))
     over = (outcome == FAULT) | (outcome == WINNER)
     assert (following[over] == -1).all()
     go_on, before, after = ~over, state[~over], following[~over]
     assert (game.own(after) == game.incoming(before)).all()
     assert (game.incoming(after) == game.pair_stroke[pair[go_on]]).all()
     assert (game.effort(after) == game.opponent_effort(before)).all()
-    assert ((after & 1) == (outcome[go_on] == RETURNED_ABOVE)).all()
-    assert (outcome[go_on] >= RETURNED_BELOW).all()
+    assert (outcome[go_on] == RETURNED_BELOW + 2 * game.hurried(after) + game.contact(after)).all()
+    assert set(outcome.tolist()) == set(range(len(OUTCOMES)))
     assert over.any()
     assert go_on.any()
 
@@ -92,7 +98,7 @@ def test_strike_treats_each_rally_of_a_batch_by_itself() -> None:
     game = default_game()
     rng = np.random.default_rng(7)
     pair = rng.integers(game.n_pairs, size=200)
-    state, draw = game.pair_state[pair], rng.integers(ONE, size=200)
+    state, draw = game.pair_state[pair], rng.integers(HURRY_ONE * ONE, size=200)
     k = pair - game.pair_start[state]
     outcome, following = strike(game, state, k, draw)
     for i in range(200):

@@ -9,7 +9,7 @@ import pytest
 from shuttle_marl.game import Game, UniformPolicy, default_game, tabulate
 from shuttle_marl.game.draws import choice_draw, draw, first_server, outcome_draw, stream
 from shuttle_marl.game.observation import SWAP, observations
-from shuttle_marl.game.rules import RETURNED_BELOW, strike
+from shuttle_marl.game.rules import HURRIED_BELOW, OUTCOMES, RETURNED_BELOW, strike
 from shuttle_marl.rally.stepper import RallyDraws, Stepper, choose, stepper_of
 
 
@@ -24,15 +24,17 @@ def pairs(game: Game) -> np.ndarray:
 
 
 def test_step_equals_strike(game: Game, pairs: np.ndarray) -> None:
-    stepper, draws = stepper_of(game), np.random.default_rng(2).integers(0, 65536, len(pairs))
+    stepper, draws = stepper_of(game), np.random.default_rng(2).integers(0, 1 << 24, len(pairs))
     state, stroke = game.pair_state[pairs], game.pair_stroke[pairs]
     outcome, following = strike(game, state, game.pair_rank[pairs], draws)
     good, returned, _ = game.stroke_probabilities(pairs)
+    assert len(set(outcome.tolist())) == len(OUTCOMES)
     for i in range(len(pairs)):
         played, after = stepper.step(int(state[i]), i % 2, int(stroke[i]), int(draws[i]))
         assert played == (i % 2, stroke[i], outcome[i], good[i], returned[i])
         if outcome[i] >= RETURNED_BELOW:
             assert after == following[i]
+            assert stepper.is_hurried(after) == (outcome[i] >= HURRIED_BELOW)
         else:
             assert after in game.arrivals(pairs[i : i + 1])[:, 0]
 

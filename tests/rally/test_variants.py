@@ -40,7 +40,8 @@ def shaken(game: Game, seed: int, spread: float = 0.4) -> Game:
     parts = [np.clip(part, 1e-4, 1 - 1e-4) for part in game.stroke_probabilities(game.block_pairs(0))]
     changed = [1 / (1 + np.exp(-(np.log(p / (1 - p)) + rng.normal(0, spread, p.shape)))) for p in parts]
     odds = np.rint(game.fault_odds * (1 + 0.1 * np.arange(game.levels))).astype(np.int32)
-    return replace(game, threshold=thresholds(*changed), fault_odds=odds)
+    hurry = rng.integers(0, 256, game.hurry.shape, dtype=np.uint8)
+    return replace(game, threshold=thresholds(*changed), hurry=hurry, fault_odds=odds)
 
 
 def parts_of(game: Game) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
@@ -76,8 +77,8 @@ def test_strokes_that_end_few_rallies_end_no_fewer() -> None:
 
 def test_steps_are_applied_in_whole_numbers() -> None:
     game = load_game()
-    assert moved(game, np.zeros((3, game.n_base_pairs), np.int8)).hash == game.hash
-    steps = np.random.default_rng(0).integers(-127, 128, (3, game.n_base_pairs), dtype=np.int8)
+    assert moved(game, np.zeros((5, game.n_base_pairs), np.int8)).hash == game.hash
+    steps = np.random.default_rng(0).integers(-127, 128, (5, game.n_base_pairs), dtype=np.int8)
     table = moved(game, steps).threshold.astype(np.int64)
     assert (np.diff(table, axis=1) >= 0).all()
     # Sixteen steps are a factor e, in units of 1/65536.
@@ -87,6 +88,17 @@ def test_steps_are_applied_in_whole_numbers() -> None:
     inside = fault * 178145
     total = inside + (ONE - fault) * ONE
     assert table[pair, 0] == (2 * inside * ONE + total) // (2 * total)
+
+
+def test_chances_of_a_hurried_receiver_come_back() -> None:
+    game = load_game()
+    other = shaken(game, 3)
+    found = moved(game, steps_between(game, other))
+    # Half a step, and the rounding of both to 1/256; steps are limited, so what is almost certain may not be reached.
+    reached = (game.hurry > 8) & (game.hurry < 248)
+    assert reached.mean() > 0.2
+    assert np.abs(found.hurry.astype(int) - other.hurry)[reached].max() <= 6
+    assert (found.hurry != game.hurry).mean() > 0.9
 
 
 @pytest.fixture(autouse=True)

@@ -32,6 +32,8 @@ def some_rallies(count: int, seed: int = 0, n_strokes: int | None = None, longes
     length = rng.integers(1, longest + 1, count).astype(np.int32)
     n = n_strokes or default_game().n_strokes
     order = np.sort(rng.integers(0, 3, count))
+    hurried = rng.integers(0, 2, int(length.sum())).astype(np.uint8)
+    hurried[np.cumsum(length) - length] = 0  # no server is
     return Rallies(
         pairing=order.astype(np.uint32),
         match=np.arange(count, dtype=np.uint32),
@@ -43,6 +45,7 @@ def some_rallies(count: int, seed: int = 0, n_strokes: int | None = None, longes
         score=rng.integers(0, 256, (count, 4)).astype(np.uint8),
         length=length,
         stroke=rng.integers(0, n, int(length.sum())).astype(np.uint8 if n <= 256 else np.uint16),
+        hurried=hurried,
     )
 
 

@@ -166,7 +166,7 @@ def test_names_in_csv_are_no_formulas(tmp_path: Path, header: Callable[..., LogH
 
 def write_with_header(path: Path, text: str, header: LogHeader) -> None:
     """A log whose header is this text, with the right checksum."""
-    metadata = {"header": text, "sha256": hashlib.sha256(text.encode()).hexdigest(), "version": "2"}
+    metadata = {"header": text, "sha256": hashlib.sha256(text.encode()).hexdigest(), "version": "3"}
 
     class Forged(LogHeader):
         def to_metadata(self) -> dict[str, str]:
@@ -192,7 +192,7 @@ def test_strange_headers_are_refused(tmp_path: Path, header: Callable[..., LogHe
     path = tmp_path / "a.mcap"
     write_with_header(path, text, header())
     for read in (RallyLog, check, recover):
-        with pytest.raises(RecordingError, match="its header is not one of version 2"):
+        with pytest.raises(RecordingError, match="its header is not one of version 3"):
             read(path)
     for command in ("info", "check", "recover"):
         assert recording.main([command, str(path)]) == 1

@@ -142,7 +142,7 @@ def test_logs_of_another_version(tmp_path: Path, header: Callable[..., LogHeader
     with monkeypatch.context() as patch:
         patch.setattr("shuttle_marl.recording.header.VERSION", 1)
         RallyLogWriter(tmp_path / "a.mcap", header()).close()
-    with pytest.raises(RecordingError, match="schema version 1, this program reads version 2"):
+    with pytest.raises(RecordingError, match="schema version 1, this program reads version 3"):
         RallyLog(tmp_path / "a.mcap")
 
 
@@ -154,9 +154,10 @@ def test_numbers_that_point_nowhere(tmp_path: Path, header: Callable[..., LogHea
         ("policy", 2, "policy 2"),
         ("pairing", 3, "pairing 3"),
         ("stroke", 255, "stroke 255"),
+        ("hurried", 1, "a server who is hurried"),
     ):
         part = rallies(5)
-        getattr(part, column)[-1] = value
+        getattr(part, column)[0 if column == "hurried" else -1] = value
         path = tmp_path / f"{column}.mcap"
         with RallyLogWriter(path, header()) as log:
             log.append(part)

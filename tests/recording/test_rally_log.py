@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 
 from shuttle_marl.game import default_game
+from shuttle_marl.game.stroke import HEIGHTS
 from shuttle_marl.recording import LogHeader, Rallies, RallyLog, RallyLogWriter, RecordingError
 from shuttle_marl.recording.chunks import arrow_schema, from_arrow, to_arrow
 from shuttle_marl.recording.log_file import unfinished
@@ -143,8 +144,12 @@ def test_tables_hold_every_rally_and_stroke_by_name(log_file: Path, rallies: Cal
     last = np.r_[position[1:] == 0, True]
     outcome = np.array(strokes["outcome"].to_pylist())
     assert outcome[last].tolist() == [("fault", "winner")[i] for i in whole.reason]
-    returned = [("returned from below", "returned from above")[catalogue.height[i]] for i in whole.stroke[1:][~last[:-1]]]
-    assert outcome[~last].tolist() == returned
+    following = [
+        f"returned from {HEIGHTS[catalogue.height[stroke]]}{', hurried' if hurried else ''}"
+        for stroke, hurried in zip(whole.stroke[1:][~last[:-1]], whole.hurried[1:][~last[:-1]], strict=True)
+    ]
+    assert outcome[~last].tolist() == following
+    assert strokes["hurried"].to_pylist() == whole.hurried.astype(bool).tolist()
     assert whole.outcome(catalogue).dtype == np.int8
 
 
@@ -179,10 +184,11 @@ def test_the_official_reader_reads_it(log_file: Path, rallies: Callable[..., Ral
             assert pa.ipc.read_schema(pa.BufferReader(schema.data)).equals(arrow_schema(len(default_game().catalogue)))
             with pa.ipc.open_stream(message.data) as stream:
                 batches.append(stream.read_all())
-                assert stream.schema.metadata[b"version"] == b"2"
+                assert stream.schema.metadata[b"version"] == b"3"
             sequences.append((message.sequence, message.log_time))
         assert sequences == [(i, 16 * i * 1_000_000) for i in range(7)]
         assert pa.concat_tables(batches)["strokes"].combine_chunks().flatten().to_pylist() == whole.stroke.tolist()
+        assert pa.concat_tables(batches)["hurried"].combine_chunks().flatten().to_pylist() == whole.hurried.astype(bool).tolist()
 
 
 @pytest.mark.skipif(RERUN is None, reason="rerun-sdk is not installed")

@@ -63,6 +63,8 @@ def test_export(played: Path, tmp_path: Path, rows: str, capsys: pytest.CaptureF
         if name == "strokes":
             names = expected["length"].to_pylist()
             assert [len([parse(s) for s in text.split()]) for text in csv[name].to_pylist()] == names
+        elif name == "hurried" and rows == "rallies":
+            assert [text.split() for text in csv[name].to_pylist()] == [[str(each).lower() for each in row] for row in values]
         else:
             assert csv[name].to_pylist() == values
     assert sorted(path.name for path in tmp_path.iterdir()) == ["t.arrow", "t.csv", "t.parquet"]

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from shuttle_marl.game import default_game
-from shuttle_marl.game.rules import strike
-from shuttle_marl.game.tables import ROOT
+from shuttle_marl.game.rules import HURRIED_BELOW, strike
+from shuttle_marl.game.tables import HURRY_ONE, ROOT
+from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.recording import LogHeader, Rallies, RallyLog, RallyLogWriter, RecordingError, replay
 from shuttle_marl.recording.replay import check, states
 
@@ -40,9 +41,12 @@ def test_states_are_those_that_the_rules_lead_to(whole: tuple[LogHeader, Rallies
     outcome = rallies.outcome(GAME.catalogue)
     last = rallies.first_stroke[1:] - 1
     assert (state[rallies.first_stroke[:-1]] == ROOT).all()
-    # A draw that gives the recorded outcome: the threshold before it.
+    # A draw that gives the recorded outcome: the threshold before it, below the lowest chance of hurry or above the highest.
     limits = np.concatenate([np.zeros((len(state), 1)), GAME.limits_of(GAME.pair_at(state, k))], axis=1).astype(np.int32)
-    again, following = strike(GAME, state, k, limits[np.arange(len(state)), outcome])
+    hurried = outcome >= HURRIED_BELOW
+    lower = limits[np.arange(len(state)), np.where(hurried, outcome - 2, outcome)]
+    again, following = strike(GAME, state, k, lower + ONE * np.where(hurried, 0, HURRY_ONE - 1))
+    assert hurried.any()
     continues = np.setdiff1d(np.arange(len(state)), last)
     possible = again == outcome  # an outcome of probability zero has no draw
     assert possible.all()
@@ -98,6 +102,17 @@ def test_changed_strokes_are_found(whole: tuple[LogHeader, Rallies], written) ->
             found += len(wrong)
     # A stroke that is legal there and has nearly the same probabilities may do as well; the policies would tell.
     assert found > 30
+
+
+def test_changed_hurry_is_found(whole: tuple[LogHeader, Rallies], written) -> None:
+    """Whether a striker was hurried follows from the draw of the stroke before, so every wrong bit shows."""
+    header, rallies = whole
+    replies = np.flatnonzero(rallies.position)
+    for i in np.random.default_rng(1).choice(replies, 20, replace=False):
+        hurried = rallies.hurried.copy()
+        hurried[i] ^= 1
+        with RallyLog(written(header, dataclasses.replace(rallies, hurried=hurried))) as log:
+            assert replay(log, GAME).wrong == (rallies.row_of_stroke[i],)
 
 
 def test_another_seed_does_not_fit(whole: tuple[LogHeader, Rallies], written) -> None:
