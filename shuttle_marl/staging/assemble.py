@@ -170,6 +170,7 @@ def _branch(rally: Rally, motion: Motion, from_stroke: int | None, at: int | Non
             ((rally, k) for k in rally.stroke[:strokes]), ((old, k) for k in old.stroke[:strokes]), strict=True
         )
     ]
+    same.append(np.array_equal(old.hurried[:strokes], rally.hurried[:strokes]))
     if old.server != rally.server or not all(same):
         raise StagingError(f"the motion and the rally have other strokes before number {strokes}: expected the same ones")
     if strokes:

@@ -2,10 +2,12 @@
 
 Each number is drawn from the measured tables by a counter, so that the k-th stroke of a rally depends only on the seed and
 the strokes up to it. Several points and times are drawn for each stroke. The first one that clears the net and that the
-receiver can reach is used; otherwise the closest one, with a longer flight that clears the net.
+receiver can reach is used; otherwise the closest one, with a longer flight that clears the net. A hurried receiver gets the one
+that leaves them the least time, from a quick and low flight, and strikes before their hips are where they are for a calm stroke.
 """
 
 import dataclasses
+from collections.abc import Iterable
 from typing import Final
 
 import numpy as np
@@ -13,7 +15,7 @@ import numpy as np
 from shuttle_marl.arrays import F64, U64
 from shuttle_marl.game import draws
 from shuttle_marl.game.court import HALF_LENGTH, HALF_WIDTH, SHORT_SERVICE
-from shuttle_marl.game.rules import FAULT, RETURNED_BELOW, WINNER
+from shuttle_marl.game.rules import FAULT, HURRIED_BELOW, RETURNED_BELOW, WINNER
 from shuttle_marl.game.stroke import N_SERVES, SHOTS, TECHNIQUES
 from shuttle_marl.rally.record import Rally
 from shuttle_marl.staging.flight import Flights, fall, shoot
@@ -36,6 +38,12 @@ _SHORT_SERVE: Final = SHOTS.index("short-serve")
 _BACKHAND: Final = TECHNIQUES.index("backhand")
 _EXPECTED: Final = (("net-shot", "block", "lift"), ("net-kill", "drive", "clear"))
 """Expected shot types of the next striker, by height (below, above) and depth of the area."""
+_QUICK: Final = 0.5
+"""Times and heights of contacts of hurried players: share of the range of all, from its lower end."""
+_SHORT: Final = 0.2
+"""Distance that the hips of a hurried player are short of their place at the contact [m]."""
+_STRETCH: Final = 0.35
+"""Additional reach of a hurried player; 1 is the widest."""
 _SLOT: Final = 8
 """Number of draws reserved for each try of a stroke."""
 
@@ -93,7 +101,7 @@ class _Choice:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Try:
-    """A random point and time of a stroke, in the striker's frame."""
+    """A random point and time of a stroke, in the striker's frame, and the distance by which the receiver misses it [m]."""
 
     point: F64
     ticks: int
@@ -109,12 +117,13 @@ class _TrajectoryBuilder:
         c, s = rally.catalogue, rally.stroke
         self.shot, self.area = c.shot[s].astype(np.int64), c.area[s].astype(np.int64)
         self.height, self.technique = c.height[s].astype(np.int64), c.technique[s].astype(np.int64)
+        self.hurried = rally.hurried
         if rally.open:
             # Expectation of the stroke that is not chosen yet.
-            above = rally.ending - RETURNED_BELOW
+            hurried, above = divmod(rally.ending - RETURNED_BELOW, HURRIED_BELOW - RETURNED_BELOW)
             shot = _EXPECTED[above][int(self.area[-1]) // 3] if len(rally) else SHOTS[_SHORT_SERVE]
             self.shot, self.area = np.r_[self.shot, SHOTS.index(shot)], np.r_[self.area, 1]
-            self.height = np.r_[self.height, above]
+            self.height, self.hurried = np.r_[self.height, above], np.r_[self.hurried, hurried > 0]
             self.technique = np.r_[self.technique, 0 if len(rally) else _BACKHAND]
 
     def uniform(self, stroke: int, number: int) -> float:
@@ -209,8 +218,10 @@ class _TrajectoryBuilder:
         """First try that clears the net and can be reached; otherwise the cheapest one."""
         best: _Choice | None = None
         late: list[_Try] = []
-        for k in range(_TRIES):
-            tried = self._try(i, end, contact, base, k)
+        tries: Iterable[_Try] = (self._try(i, end, contact, base, k) for k in range(_TRIES))
+        if self._hurries(i, end):
+            tries = sorted(tries, key=lambda t: -t.late)
+        for tried in tries:
             if tried.late > 0:
                 late.append(tried)
                 continue
@@ -229,7 +240,8 @@ class _TrajectoryBuilder:
         """Try number ``k`` of a stroke."""
         point, met = self._point(i, end, k)
         length = np.hypot(*(point[:2] - contact[:2]))
-        drawn = self.measured.seconds(self.shot[i], np.int64(met), length, np.float64(self.uniform(i, _SLOT * (k + 1))))
+        u = self.uniform(i, _SLOT * (k + 1)) * (_QUICK if self._hurries(i, end) else 1.0)
+        drawn = self.measured.seconds(self.shot[i], np.int64(met), length, np.float64(u))
         seconds, least, most = float(drawn), 1, 9 * self.fps
         if end == NET:
             share = float(np.clip(-contact[1] / max(point[1] - contact[1], 0.1), 0.05, 1))
@@ -254,7 +266,7 @@ class _TrajectoryBuilder:
             if end == NET or short <= 0 or ticks > tried.most + 3 * self.fps:
                 break
             ticks += 1 if short < 0.1 else 2
-        cost = tried.late + 0.1 * max(0, ticks - tried.most)
+        cost = max(tried.late, 0.0) + 0.1 * max(0, ticks - tried.most)
         return _Choice(tried.point, ticks / self.fps, flight, tried.stance, cost, end)
 
     def _point(self, i: int, end: int, k: int) -> tuple[F64, int]:
@@ -304,20 +316,29 @@ class _TrajectoryBuilder:
         natural = player.library.natural(motion, float(own[2]))
         if self.shot[i] == _CLEAR and motion in OVERHEADS:
             natural = natural - np.array([0.0, _FURTHER_BACK, 0.0])
-        return stance_of(motion, own, base, player.right_handed, natural)
+        stance = stance_of(motion, own, base, player.right_handed, natural)
+        if not self.hurried[i]:
+            return stance
+        back = base - stance.root
+        root = stance.root + back * min(1.0, _SHORT / max(float(np.hypot(*back)), 1e-6))
+        return dataclasses.replace(stance, root=root, reach=min(stance.reach + _STRETCH, 1.0))
 
     def _height(self, i: int, u: float) -> float:
         """Contact height of stroke i [m]; overhead contacts scale with the player."""
         low, high = height_range(self.shot[i], self.height[i], self.technique[i])
-        z = low + (high - low) * u
+        z = low + (high - low) * u * (_QUICK if self.hurried[i] else 1.0)
         return z * self.players[self._striker(i)].skeleton.scale if z > OVERHEAD_FROM else z
 
     def _late(self, stance: Stance | None, base: F64, seconds: float) -> float:
-        """Distance by which a player who starts from rest at ``base`` misses a stance [m]."""
+        """Distance by which a player who starts from rest at ``base`` misses a stance, negative if they have time [m]."""
         if stance is None:
             return 0.0
         run = 0.36 * _ACCELERATION * max(seconds - _REACTION, 0.0) ** 2
-        return max(0.0, float(np.hypot(*(stance.root - base))) - run - 0.15)
+        return float(np.hypot(*(stance.root - base))) - run - 0.15
+
+    def _hurries(self, i: int, end: int) -> bool:
+        """Whether stroke i is returned by a hurried player."""
+        return end in (RETURN, OPEN) and bool(self.hurried[i + 1])
 
 
 def _cheaper(best: _Choice | None, other: _Choice) -> _Choice:

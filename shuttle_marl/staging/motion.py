@@ -330,6 +330,7 @@ def _stroke(trajectory: Trajectory, i: int, fps: int) -> dict[str, Any]:
         "heading": round(stance.heading, 6),
         "root": _short(stance.root),
         "reach": round(stance.reach, 6),
+        "hurried": bool(rally.hurried[i]),
         "base": [_short(place) for place in trajectory.base[i]],
     }
 
@@ -402,6 +403,7 @@ def _trajectory(head: dict[str, Any]) -> Trajectory:
         catalogue=catalogue,
         server=int(head["server"]),
         stroke=np.array([catalogue.index(name) for name in names], dtype=np.int64),
+        hurried=np.array([bool(stroke.get("hurried")) for stroke in strokes], dtype=np.bool_),
         ending=OUTCOMES.index(head["ending"]),
     )
 

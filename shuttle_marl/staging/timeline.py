@@ -23,6 +23,8 @@ from shuttle_marl.staging.trajectory import RETURN, Trajectory
 
 _BEFORE: Final = ((0.54, 0.74), (0.27, 0.42), (0.09, 0.18))
 """Times of preparation, take-back and load: seconds before the contact, and limit as a fraction of the flight."""
+_HURRIED: Final = 0.7
+"""Times before the contact of a hurried player, as a fraction of those of others."""
 _AFTER: Final = ((0.10, 0.22), (0.30, 0.48))
 _SPLIT_HOP: Final = 0.035
 _WAY_TO_SPLIT: Final = 0.25
@@ -234,6 +236,7 @@ class TimelineBuilder:
         motion, heading = stance.motion, stance.heading
         point, normal = self.trajectory.contact[i] * self.sign, self._normal(i)
         ahead, behind = (frame - before) / fps, max(following - frame, 0.3 * fps) / fps
+        hurried = bool(self.trajectory.rally.hurried[i])
         keys = self.library.stroke[motion].copy()
         keys[:, HIPS_YAW] += heading
         power = float(np.clip(self.trajectory.flight.launch_speed[i] / _FULL_SWING, 0.35, 1.0))
@@ -242,7 +245,7 @@ class TimelineBuilder:
         lift = self._rise(i, keys, stance, frame, ahead)
         self._key(frame, keys[CONTACT], fixed=True)
         for k, (seconds, share) in enumerate(_BEFORE):
-            lead = 0.9 if i == 0 and k == 0 else min(seconds, share * ahead)
+            lead = 0.9 if i == 0 and k == 0 else min(seconds, share * ahead) * (_HURRIED if hurried else 1.0)
             self._key(frame - max(2, round(lead * fps)), keys[k], fixed=k != 1)
         for k, (seconds, share) in enumerate(_AFTER):
             self._key(frame + max(3, round(min(seconds, share * behind) * fps)), keys[CONTACT + 1 + k], fixed=k == 0)
@@ -305,7 +308,9 @@ class TimelineBuilder:
             return
         if air is None:
             hold = 0.16 if stance.motion in (LUNGE, LUNGE_BACKHAND, KILL) else 0.10
-            self._stand(frame - round(0.05 * fps), frame + round(hold * fps), (place, yaw), last=last)
+            # A hurried player is still in the step when the racket meets the shuttle.
+            begin = frame + 1 if self.trajectory.rally.hurried[i] else frame - round(0.05 * fps)
+            self._stand(begin, frame + round(hold * fps), (place, yaw), last=last)
             return
         up, down = air
         before = self.hips[max(up - 1, 0)]

@@ -22,6 +22,8 @@ _MARGIN: Final = 0.90
 """Fraction of the limits that the solver aims at."""
 _PINNED: Final = 1e11
 _CONTACT, _BASE, _STILL, _BRAKE = 4e3, 6.0, 1.2, 0.6
+_LATE: Final = 0.12
+"""Time after the contact at which a hurried player brakes [s]."""
 
 
 class TravelWishes(NamedTuple):
@@ -122,7 +124,7 @@ def _wishes(trajectory: Trajectory, seat: int, shift: F64, frames: int, fps: int
     for i, frame in enumerate(hits):
         if striker[i] == seat:
             wish(frame, trajectory.stance[i].root + shift[i], _CONTACT)
-            slow(frame, _BRAKE, 4)
+            slow(frame + round(_LATE * fps) * int(rally.hurried[i]), _BRAKE, 4)
         else:
             wish(frame, trajectory.base[i, seat], _BASE, 3)
             slow(frame, _STILL, 5)
