@@ -203,7 +203,7 @@ class _BestStrokes:
 
     def block_sweep(self, block: int, plain: F64, after_attack: F64) -> tuple[F64, BlockLinear]:
         chosen = block_choices(self.games, block, plain, after_attack, against=self.against)
-        return chosen.value, functools.partial(after_block_choices, self.games, block, chosen)
+        return chosen.value, functools.partial(after_block_choices, self.game, chosen)
 
     def ranks(self, following: F64) -> I32:
         """``[S]`` position of the best stroke among the legal ones of each state; -1 in a state without any."""

@@ -1,10 +1,10 @@
 """Compiled sweeps over all legal pairs of a game: the best stroke of every state, the mean under a policy, and its transpose.
 
 The effort after a stroke depends on the effort before it and on the stroke alone (:mod:`shuttle_marl.game.tables`). A sweep
-processes one block of states after the other. It first gathers the values of the successor states in the order of the replies:
-contact below and above, for a receiver who is not hurried, then for one who is. So the successors of a state with K legal strokes
-are 4 K contiguous values, and probabilities and values are read in order. Sums are accumulated in four lanes, one for each of
-the four, in a fixed order: they have the same bits on every machine.
+processes one block of states after the other. It first gathers the values of the successor states in the order of the replies, so
+that those of a state with K legal strokes are K contiguous values of each kind of return, and then reads probabilities and values
+in order. What limits a sweep is memory: a legal pair has 8 bytes, those of the game. Sums are accumulated in four lanes in a fixed
+order: they have the same bits on every machine.
 """
 
 import functools
@@ -13,16 +13,14 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from shuttle_marl.arrays import F32, F64, I32, U16, Bools
+from shuttle_marl.arrays import F64, I32, U8, U16, Bools
 from shuttle_marl.game.draws import CHOICE_ONE
-from shuttle_marl.game.tables import HURRY_ONE, Game
+from shuttle_marl.game.tables import Game
 from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.kernel.compiling import cached, compiled, inlined
 
 Chances = F64 | U16
 """``[base pairs]`` probability of each legal pair of a block given its state; of a table, in units of 1/65535."""
-_UNIT: Final = 1.0 / (ONE * HURRY_ONE)
-"""Unit of the probabilities of outcomes: those of a contact, and whether the receiver is hurried."""
 
 TIE: Final = 1e-12
 """Strokes whose values differ by less are tied; the first one in the catalogue is played, so that rounding decides nothing."""
@@ -53,175 +51,226 @@ class Choices(NamedTuple):
     """``[S]`` value to the striker; 0 in a state without legal strokes."""
     rank: I32
     """``[S]`` position of the best stroke among the legal ones, the first one of a tie; -1 in a state without any."""
-    game: I32
-    """``[S]`` index of the game in which it is played."""
+    edge: I32
+    """``[S]`` edge that follows it."""
+    outcome: F64
+    """``[S, 4]`` probability of each return of it, in units of 1/65536, in the game in which it is played."""
+
+
+class Outcomes(NamedTuple):
+    """Outcomes of the legal pairs at one effort in G games: the tables of the games, thresholds by column."""
+
+    limits: U16
+    """``[G, 3, base pairs]`` thresholds."""
+    hurry: U8
+    """``[G, 2 base pairs]`` chances of a hurried receiver, from below and from above in turn."""
+
+
+class _Strokes(NamedTuple):
+    """The K legal strokes of a state: ``[K]`` thresholds, ``[2 K]`` chances of a hurried receiver, and ``[2 K]`` values.
+
+    Few arrays, because LLVM vectorises no loop in which it had to compare more than eight addresses first.
+    """
+
+    fault: U16
+    winner: U16
+    below: U16
+    hurry: U8
+    low: F64
+    high: F64
+
+
+@inlined
+def _strokes(outcomes: Outcomes, g: int, replies: Replies, following: F64, s: int) -> _Strokes:
+    """The legal strokes of a base state."""
+    first, last, reply = replies.pair_start[s], replies.pair_start[s + 1], replies.first_reply[s]
+    end = reply + last - first
+    return _Strokes(
+        outcomes.limits[g, 0, first:last],
+        outcomes.limits[g, 1, first:last],
+        outcomes.limits[g, 2, first:last],
+        outcomes.hurry[g, 2 * first : 2 * last],
+        following[0, 2 * reply : 2 * end],
+        following[1, 2 * reply : 2 * end],
+    )
+
+
+@inlined
+def _returns(strokes: _Strokes, i: int) -> tuple[float, float]:
+    """Probability that the i-th stroke is returned from below and from above, in units of 1/65536."""
+    below = float(strokes.below[i])
+    return below - float(strokes.winner[i]), 65536.0 - below
+
+
+@inlined
+def _later(strokes: _Strokes, i: int) -> float:
+    """What follows the i-th stroke: the values of its four successors, times their probabilities in units of 1/65536."""
+    low, high = _returns(strokes, i)
+    low *= strokes.low[2 * i] + strokes.hurry[2 * i] * strokes.low[2 * i + 1]
+    high *= strokes.high[2 * i] + strokes.hurry[2 * i + 1] * strokes.high[2 * i + 1]
+    return low + high
+
+
+@inlined
+def _worth(strokes: _Strokes, i: int) -> float:
+    """Value of the i-th stroke to its striker, in units of 1/65536."""
+    return (float(strokes.winner[i]) - 2.0 * strokes.fault[i]) - _later(strokes, i)
 
 
 @compiled
 def _gather(plain: F64, after_attack: F64, replies: Replies, out: F64) -> None:
-    """``[4 V]`` values of the successors of each reply.
+    """``[2, 2 V]`` values of the successors of each reply by contact: of one who is not hurried, and what a hurried one adds, in turn.
 
     Args:
         plain, after_attack: values of the block after a stroke that is no attack, and of the block after an attack.
         replies: of the game.
-        out: the result.
+        out: the result; what is added is for chances in units of 1/256.
     """
     for v in range(replies.edge.size):
         edge = replies.edge[v]
         source = after_attack if replies.attack[edge] else plain
-        for i in range(4):
-            out[4 * v + i] = source[4 * edge + i]
+        for contact in range(2):
+            value = source[4 * edge + contact]
+            out[contact, 2 * v], out[contact, 2 * v + 1] = value, (source[4 * edge + 2 + contact] - value) / 256.0
 
 
 @compiled
 def _scatter_add(gathered: F64, replies: Replies, plain: F64, after_attack: F64) -> None:
-    """Transpose of :func:`_gather`: scatter-adds the values of each reply to its successors."""
+    """Scatter-adds values ``[2, 2 V]`` of the successors of each reply, by contact and whether hurried, to those."""
     for v in range(replies.edge.size):
         edge = replies.edge[v]
         target = after_attack if replies.attack[edge] else plain
         for i in range(4):
-            target[4 * edge + i] += gathered[4 * v + i]
+            target[4 * edge + i] += gathered[i & 1, 2 * v + (i >> 1)]
 
 
-@inlined
-def _later(weight: F32, after: F64, i: int) -> float:
-    """What follows the i-th stroke of a state: the values of its four successors, times their probabilities."""
-    unhurried = weight[4 * i] * after[4 * i] + weight[4 * i + 1] * after[4 * i + 1]
-    return unhurried + (weight[4 * i + 2] * after[4 * i + 2] + weight[4 * i + 3] * after[4 * i + 3])
+@compiled
+def _longest(replies: Replies) -> int:
+    longest = 0
+    for s in range(replies.first_reply.size):
+        longest = max(longest, replies.pair_start[s + 1] - replies.pair_start[s])
+    return longest
 
 
 # There is no NaN, and the sign of zero does not matter, so maxima are vectorised.
 @functools.partial(cached, nogil=True, fastmath={"nnan", "nsz"})
-def _choose(rewards: F32, continuation: F32, replies: Replies, following: F64, against: bool, best_of: Choices) -> None:
+def _choose(outcomes: Outcomes, replies: Replies, following: F64, against: bool, best_of: Choices) -> None:
     """Best strokes of the states of a block; see :func:`block_choices`.
 
     Args:
-        rewards, continuation: of the games, see :func:`_stacked`.
+        outcomes: of the games.
         replies: of the games.
-        following: ``[4 V]`` gathered values.
+        following: ``[2, 2 V]`` gathered values.
         against: whether nature picks the worst game for the striker.
         best_of: the result.
     """
-    pair_start, first_reply = replies.pair_start, replies.first_reply
-    out, rank, picked = best_of.value, best_of.rank, best_of.game
-    longest = 0
+    out, rank = best_of.value, best_of.rank
+    scratch = np.empty(_longest(replies))
     for s in range(out.size):
-        longest = max(longest, pair_start[s + 1] - pair_start[s])
-    scratch = np.empty(longest)
-    for s in range(out.size):
-        first, last = pair_start[s], pair_start[s + 1]
-        out[s], rank[s], picked[s] = 0.0, -1, 0
-        if first == last:
+        count = replies.pair_start[s + 1] - replies.pair_start[s]
+        out[s], rank[s], best_of.edge[s], best_of.outcome[s] = 0.0, -1, 0, 0.0
+        if count == 0:
             continue
-        values = scratch[: last - first]
-        after = following[4 * first_reply[s] : 4 * (first_reply[s] + values.size)]
-        for g in range(len(rewards)):
-            reward, weight = rewards[g, first:last], continuation[g, 4 * first : 4 * last]
+        values = scratch[:count]
+        for g in range(len(outcomes.limits)):
+            strokes = _strokes(outcomes, g, replies, following, s)
             if g == 0:
-                for i in range(values.size):
-                    values[i] = reward[i] - _later(weight, after, i)
+                for i in range(count):
+                    values[i] = _worth(strokes, i)
             elif against:
-                for i in range(values.size):
-                    value = reward[i] - _later(weight, after, i)
-                    values[i] = min(values[i], value)
+                for i in range(count):
+                    values[i] = min(values[i], _worth(strokes, i))
             else:
-                for i in range(values.size):
-                    value = reward[i] - _later(weight, after, i)
-                    values[i] = max(values[i], value)
+                for i in range(count):
+                    values[i] = max(values[i], _worth(strokes, i))
         best = values.max()
         i = 0
-        while values[i] < best - TIE / _UNIT:
+        while values[i] < best - TIE * 65536.0:
             i += 1
-        out[s], rank[s] = best * _UNIT, i
+        out[s], rank[s], best_of.edge[s] = best / 65536.0, i, replies.edge[replies.first_reply[s] + i]
         wanted = -values[i] if against else values[i]
-        for g in range(len(rewards)):
-            value = rewards[g, first + i] - _later(continuation[g, 4 * first : 4 * last], after, i)
-            if (-value if against else value) >= wanted - TIE / _UNIT:
-                picked[s] = g
+        for g in range(len(outcomes.limits)):
+            strokes = _strokes(outcomes, g, replies, following, s)
+            value = _worth(strokes, i)
+            if (-value if against else value) >= wanted - TIE * 65536.0:
+                for contact, share in enumerate(_returns(strokes, i)):
+                    hurried = share * (strokes.hurry[2 * i + contact] / 256.0)
+                    best_of.outcome[s, contact], best_of.outcome[s, 2 + contact] = share - hurried, hurried
                 break
 
 
 @compiled
-def _mean(chances: Chances, unit: float, continuation: F32, replies: Replies, following: F64, out: F64) -> None:
-    """Mean of the gathered values of each state's successors."""
-    pair_start, first_reply = replies.pair_start, replies.first_reply
+def _follow(chosen: Choices, attack: Bools, plain: F64, after_attack: F64, out: F64) -> None:
+    """Change in the value of each state's chosen stroke, from the changes of its successors."""
     for s in range(out.size):
-        first, last = pair_start[s], pair_start[s + 1]
-        chance, weight = chances[first:last], continuation[4 * first : 4 * last]
-        value = following[4 * first_reply[s] : 4 * first_reply[s] + weight.size]
-        a = b = c = d = 0.0
+        edge, outcome = chosen.edge[s], chosen.outcome[s]
+        change = (after_attack if attack[edge] else plain)[4 * edge : 4 * edge + 4]
+        below = outcome[0] * change[0] + outcome[2] * change[2]
+        out[s] = -(below + (outcome[1] * change[1] + outcome[3] * change[3])) / 65536.0
+
+
+@compiled
+def _mean(chances: Chances, unit: float, outcomes: Outcomes, replies: Replies, following: F64, out: F64) -> None:
+    """Mean of what follows the strokes of each state."""
+    scratch = np.empty(_longest(replies))
+    for s in range(out.size):
+        strokes, chance = _strokes(outcomes, 0, replies, following, s), chances[replies.pair_start[s] : replies.pair_start[s + 1]]
         for i in range(chance.size):
-            a += chance[i] * (weight[4 * i] * value[4 * i])
-            b += chance[i] * (weight[4 * i + 1] * value[4 * i + 1])
-            c += chance[i] * (weight[4 * i + 2] * value[4 * i + 2])
-            d += chance[i] * (weight[4 * i + 3] * value[4 * i + 3])
+            scratch[i] = chance[i] * _later(strokes, i)
+        a = b = c = d = 0.0
+        fours = chance.size // 4
+        for i in range(fours):
+            a += scratch[4 * i]
+            b += scratch[4 * i + 1]
+            c += scratch[4 * i + 2]
+            d += scratch[4 * i + 3]
+        for i in range(4 * fours, chance.size):
+            a += scratch[i]
         out[s] = ((a + b) + (c + d)) * unit
 
 
 @compiled
-def _follow(continuation: F32, replies: Replies, chosen: Choices, plain: F64, after_attack: F64, out: F64) -> None:
-    """Change in the value of each state's chosen stroke, from the changes of its successors."""
+def _soften(outcomes: Outcomes, replies: Replies, prior: F64, tau: float, following: F64, out: F64, policy: F64) -> None:
     for s in range(out.size):
-        out[s] = 0.0
-        if chosen.rank[s] >= 0:
-            p = replies.pair_start[s] + chosen.rank[s]
-            edge = replies.edge[replies.first_reply[s] + chosen.rank[s]]
-            change = after_attack if replies.attack[edge] else plain
-            weight = continuation[chosen.game[s], 4 * p : 4 * p + 4]
-            out[s] = -_later(weight, change[4 * edge : 4 * edge + 4], 0) * _UNIT
-
-
-@compiled
-def _soften(
-    rewards: F32,
-    continuation: F32,
-    replies: Replies,
-    prior: F64,
-    tau: float,
-    following: F64,
-    out: F64,
-    policy: F64,
-) -> None:
-    pair_start, first_reply = replies.pair_start, replies.first_reply
-    for s in range(out.size):
-        first, count = pair_start[s], pair_start[s + 1] - pair_start[s]
-        reward, weight = rewards[first : first + count], continuation[4 * first : 4 * (first + count)]
-        after = following[4 * first_reply[s] : 4 * (first_reply[s] + count)]
-        before, played = prior[first : first + count], policy[first : first + count]
+        first, last = replies.pair_start[s], replies.pair_start[s + 1]
+        strokes, before, played = _strokes(outcomes, 0, replies, following, s), prior[first:last], policy[first:last]
         best = -1e300
-        for i in range(count):
-            played[i] = (reward[i] - _later(weight, after, i)) * _UNIT
+        for i in range(played.size):
+            played[i] = _worth(strokes, i) / 65536.0
             if before[i] > 0.0:
                 best = max(best, played[i])
         # For a large tau all terms are close to 1, so their differences are summed separately.
         total = change = 0.0
-        for i in range(count):
+        for i in range(played.size):
             x = min((played[i] - best) / tau, 0.0)
             if tau > 1.0:
                 change += before[i] * np.expm1(x)
             played[i] = before[i] * np.exp(x)
             total += played[i]
-        for i in range(count):
+        for i in range(played.size):
             played[i] /= total
         out[s] = 0.0
-        if count > 0:
+        if played.size > 0:
             out[s] = best + tau * (np.log1p(change) if tau > 1.0 else np.log(total))
 
 
 @compiled
-def _propagate(chances: Chances, unit: float, continuation: F32, replies: Replies, visits: F64, out: F64) -> None:
-    """Transpose of :func:`_mean`: adds the visits of each state to the gathered values of its successors."""
-    pair_start, first_reply = replies.pair_start, replies.first_reply
+def _propagate(chances: Chances, unit: float, outcomes: Outcomes, replies: Replies, visits: F64, out: F64) -> None:
+    """Transpose of :func:`_mean`: adds the visits of each state to the values of its successors, for :func:`_scatter_add`."""
     for s in range(visits.size):
         if visits[s] == 0.0:
             continue
-        first, last = pair_start[s], pair_start[s + 1]
-        chance, weight, share = chances[first:last], continuation[4 * first : 4 * last], visits[s] * unit
-        reached = out[4 * first_reply[s] : 4 * first_reply[s] + weight.size]
+        # The rows of `out` take the place of the values.
+        strokes, chance = _strokes(outcomes, 0, replies, out, s), chances[replies.pair_start[s] : replies.pair_start[s + 1]]
+        share = visits[s] * unit
         for i in range(chance.size):
-            played = chance[i] * share
-            for j in range(4 * i, 4 * i + 4):
-                reached[j] += weight[j] * played
+            low, high = _returns(strokes, i)
+            low, high = low * (chance[i] * share), high * (chance[i] * share)
+            hurried_low, hurried_high = low * (strokes.hurry[2 * i] / 256.0), high * (strokes.hurry[2 * i + 1] / 256.0)
+            strokes.low[2 * i] += low - hurried_low
+            strokes.low[2 * i + 1] += hurried_low
+            strokes.high[2 * i] += high - hurried_high
+            strokes.high[2 * i + 1] += hurried_high
 
 
 @compiled
@@ -229,34 +278,17 @@ def _expect(chance: Chances, unit: float, limits: U16, pair_start: I32, reward: 
     for s in range(reward.size):
         gained = continued = 0.0
         for p in range(pair_start[s], pair_start[s + 1]):
-            fault, winner = np.int64(limits[p, 0]), np.int64(limits[p, 1])
-            gained += chance[p] * (winner - 2 * fault)
-            continued += chance[p] * (65536 - winner)
+            fault, winner = float(limits[0, p]), float(limits[1, p])
+            gained += chance[p] * (winner - 2.0 * fault)
+            continued += chance[p] * (65536.0 - winner)
         reward[s], continuation[s] = gained * unit, continued * unit
 
 
-class Probabilities(NamedTuple):
-    """The probabilities of a game in units of 2^-24, which single precision holds exactly: up to 2^24, or multiples of 256."""
-
-    reward: F32
-    """``[L, base pairs]`` winner minus fault."""
-    continuation: F32
-    """``[L, 4 base pairs]`` returned from below and from above to a receiver who is not hurried, then to one who is, in turn."""
-
-
-@functools.lru_cache(maxsize=16)
-def probabilities(game: Game) -> Probabilities:
-    """The probabilities of a game, as sweeps read them."""
-    reward = np.empty((game.levels, game.n_base_pairs), np.float32)
-    continuation = np.empty((game.levels, game.n_base_pairs, 4), np.float32)
-    hurried = game.hurry.astype(np.float32)
-    for level, limits in enumerate(game.limits):
-        fault, winner, below = limits.T.astype(np.float32)
-        reward[level] = (winner - 2 * fault) * HURRY_ONE
-        returned = np.stack([below - winner, ONE - below], axis=-1)
-        np.multiply(returned, HURRY_ONE - hurried, out=continuation[level, :, :2])
-        np.multiply(returned, hurried, out=continuation[level, :, 2:])
-    return Probabilities(reward=reward, continuation=continuation.reshape(game.levels, -1))
+@functools.lru_cache(maxsize=48)
+def _outcomes(games: tuple[Game, ...], level: int) -> Outcomes:
+    """The outcomes of games at one effort."""
+    limits = np.ascontiguousarray(np.stack([game.limits[level].T for game in games]))
+    return Outcomes(limits, np.stack([game.hurry.ravel() for game in games]))
 
 
 def block_choices(games: Sequence[Game], block: int, plain: F64, after_attack: F64, *, against: bool = False) -> Choices:
@@ -270,34 +302,23 @@ def block_choices(games: Sequence[Game], block: int, plain: F64, after_attack: F
     """
     game = games[0]
     size = game.n_base_states
-    found = Choices(np.empty(size), np.empty(size, np.int32), np.empty(size, np.int32))
-    following = _gathered(game, plain, after_attack)
-    _choose(*_stacked(tuple(games), block // game.levels), replies(game), following, against, found)
+    found = Choices(np.empty(size), np.empty(size, np.int32), np.empty(size, np.int32), np.empty((size, 4)))
+    _choose(_outcomes(tuple(games), block // game.levels), replies(game), _gathered(game, plain, after_attack), against, found)
     return found
 
 
-def after_block_choices(games: Sequence[Game], block: int, chosen: Choices, plain: F64, after_attack: F64) -> F64:
+def after_block_choices(game: Game, chosen: Choices, plain: F64, after_attack: F64) -> F64:
     """``[base states]`` linear part of :func:`block_choices` at the chosen strokes."""
-    game = games[0]
     out = np.empty(game.n_base_states)
-    _follow(_stacked(tuple(games), block // game.levels)[1], replies(game), chosen, plain, after_attack, out)
+    _follow(chosen, game.edge_attack, plain, after_attack, out)
     return out
 
 
 def _gathered(game: Game, plain: F64, after_attack: F64) -> F64:
-    """``[4 V]`` values of the successors of each reply in a block, in the order of ``Game.arrivals``."""
-    out = np.empty(4 * len(game.reply_edge))
+    """``[2, 2 V]`` values of the successors of each reply in a block, see :func:`_gather`."""
+    out = np.empty((2, 2 * len(game.reply_edge)))
     _gather(plain, after_attack, replies(game), out)
     return out
-
-
-@functools.lru_cache(maxsize=12)
-def _stacked(games: tuple[Game, ...], level: int) -> tuple[F32, F32]:
-    """``[games, base pairs]`` rewards and ``[games, 4 base pairs]`` continuations of the games at one effort."""
-    tables = [probabilities(game) for game in games]
-    if len(tables) == 1:
-        return tables[0].reward[level : level + 1], tables[0].continuation[level : level + 1]
-    return np.stack([table.reward[level] for table in tables]), np.stack([table.continuation[level] for table in tables])
 
 
 class Expected(NamedTuple):
@@ -323,7 +344,7 @@ def block_expected(game: Game, level: int, chance: Chances) -> Expected:
         chance: the policy.
     """
     found = Expected(np.empty(game.n_base_states), np.empty(game.n_base_states))
-    _expect(chance, _unit_of(chance) / ONE, game.limits[level], game.base_pair_start, *found)
+    _expect(chance, _unit_of(chance) / ONE, _outcomes((game,), level).limits[0], game.base_pair_start, *found)
     return found
 
 
@@ -337,9 +358,8 @@ def block_mean(game: Game, block: int, chance: Chances, plain: F64, after_attack
         plain, after_attack: as for :func:`block_choices`.
     """
     out = np.empty(game.n_base_states)
-    continuation = probabilities(game).continuation[block // game.levels]
     following = _gathered(game, plain, after_attack)
-    _mean(chance, _unit_of(chance) * _UNIT, continuation, replies(game), following, out)
+    _mean(chance, _unit_of(chance) / ONE, _outcomes((game,), block // game.levels), replies(game), following, out)
     return out
 
 
@@ -353,23 +373,21 @@ def block_soft_values(game: Game, block: int, prior: F64, tau: float, plain: F64
         tau: cost of a nat of divergence from it.
         plain, after_attack: as for :func:`block_choices`.
     """
-    table, level = probabilities(game), block // game.levels
     out, policy = np.empty(game.n_base_states), np.empty(game.n_base_pairs)
     following = _gathered(game, plain, after_attack)
-    _soften(table.reward[level], table.continuation[level], replies(game), prior, tau, following, out, policy)
+    _soften(_outcomes((game,), block // game.levels), replies(game), prior, tau, following, out, policy)
     return out, policy
 
 
 def propagate(game: Game, chances: Sequence[Chances], visits: F64) -> F64:
     """``[S]`` expected visits of the successors of ``[S]`` visits, for the policy in each block: the transpose of a sweep."""
-    out, values = np.zeros(game.n_states), np.empty(4 * len(game.reply_edge))
+    out, values = np.zeros(game.n_states), np.empty((2, 2 * len(game.reply_edge)))
     for block, chance in enumerate(chances):
         here = visits[game.block_states(block)]
         if not here.any():
             continue
         values[:] = 0.0
-        continuation = probabilities(game).continuation[block // game.levels]
-        _propagate(chance, _unit_of(chance) * _UNIT, continuation, replies(game), here, values)
+        _propagate(chance, _unit_of(chance) / ONE, _outcomes((game,), block // game.levels), replies(game), here, values)
         plain, attack = (out[game.block_states(after)] for after in game.block_following(block))
         _scatter_add(values, replies(game), plain, attack)
     return out
@@ -378,7 +396,7 @@ def propagate(game: Game, chances: Sequence[Chances], visits: F64) -> F64:
 def warm_up(game: Game) -> None:
     """Compile the sweeps, or load them from the disk, by sweeping one block."""
     zeros, states = np.zeros(game.n_base_states), np.ones(game.n_states)
-    after_block_choices([game], 0, block_choices([game], 0, zeros, zeros), zeros, zeros)
+    after_block_choices(game, block_choices([game], 0, zeros, zeros), zeros, zeros)
     for chance in (np.zeros(game.n_base_pairs), np.zeros(game.n_base_pairs, np.uint16)):
         block_expected(game, 0, chance)
         block_mean(game, 0, chance, zeros, zeros)
