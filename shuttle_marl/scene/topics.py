@@ -117,6 +117,7 @@ _STROKE: Final = _object(
     **_integers("number", "seat"),
     **_texts("player", "stroke", "shot", "area", "height", "technique"),
     **_numbers("p_succ", "p_ret", "probability", "win_probability"),
+    hurried={"type": "boolean"},
     **_integers("effort", "opponent_effort", "duel"),
     **_numbers("contact_height", "speed_kmh", "flight_time"),
     **_texts("end"),

@@ -102,6 +102,7 @@ def stroke_message(staged: StagedRally, i: int) -> dict[str, Any]:
         "p_ret": float(decision.p_ret[rank]),
         "probability": float(decision.probability[rank]),
         "win_probability": float(decision.win[rank]),
+        "hurried": bool(report.played.hurried[i]),
         "effort": effort,
         "opponent_effort": opponent_effort,
         "duel": report.duel(i),
@@ -153,6 +154,8 @@ def _action(report: RallyReport, i: int) -> str:
         f"{shot} to {area}, {technique}",
         f"good {percent(float(decision.p_succ[rank]))}, returned {percent(float(decision.p_ret[rank]))}",
     ]
+    if played.hurried[i]:
+        lines.append("hurried")
     efforts, duel = report.efforts(i), report.duel(i)
     if efforts is not None:
         lines.append(f"effort {efforts[decision.seat]} - {efforts[1 - decision.seat]}")

@@ -220,10 +220,11 @@ class Answers:
         first, second = self._players(query).tables
         if first is None or second is None:
             raise WatchError("the policies of this rally are unknown; no stroke can be tried")
-        chosen = {**dict(enumerate(rally.stroke[:k].tolist())), **query.tried}
         about = rally.number, rally.names, rally.score
-        branch = play_rally(self._values_of(query).game, (first, second), stream(rally.key, k), about, chosen)
-        return dataclasses.replace(branch, key=rally.key, chosen=tuple(sorted(query.tried)))
+        branch = play_rally(
+            self._values_of(query).game, (first, second), stream(rally.key, k), about, query.tried, begun=(rally, k)
+        )
+        return dataclasses.replace(branch, key=rally.key)
 
     def _players(self, query: messages.Query) -> Players:
         if query.plan is not None:

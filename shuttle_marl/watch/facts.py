@@ -120,7 +120,8 @@ def _turn(game: AnyGame, rally: CourtRally, state: int) -> messages.Turn:
         messages.TurnStroke(**asdict(stroke_facts(game, stroke, seat)), p_succ=rounded(good[k]), p_ret=rounded(returned[k]))
         for k, stroke in enumerate(strokes)
     ]
-    return messages.Turn(seat=seat, number=len(rally), height=HEIGHTS[int(game.contact(state))], strokes=legal)
+    height, hurried = HEIGHTS[int(game.contact(state))], bool(game.hurried(state))
+    return messages.Turn(seat=seat, number=len(rally), height=height, hurried=hurried, strokes=legal)
 
 
 def _score_after(rally: CourtRally, winner: int) -> messages.ScoreFacts:
@@ -141,6 +142,7 @@ def _stroke(game: AnyGame, rally: CourtRally, motion: staging.Motion, i: int, st
         p_succ=good,
         p_ret=returned,
         person=i in rally.chosen,
+        hurried=bool(rally.hurried[i]),
         effort=int(game.effort(state)) if game.levels > 1 else None,
         opponent_effort=int(game.opponent_effort(state)) if game.levels > 1 else None,
         duel=int(game.duel(state)) if game.counts_duels else None,

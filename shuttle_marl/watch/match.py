@@ -107,6 +107,7 @@ def play_rally(
     about: tuple[int, tuple[str, str], Score],
     chosen: Mapping[int, int],
     person: Person | None = None,
+    begun: tuple[Rally, int] | None = None,
 ) -> CourtRally:
     """Play a rally to its end, or to the turn of a person.
 
@@ -117,6 +118,7 @@ def play_rally(
         about: number of the rally, names of the players, score before the rally.
         chosen: catalogue index of the strokes that no policy chooses, by their number.
         person: person who plays instead of a policy.
+        begun: a rally, and the number of its strokes that are kept.
 
     Raises:
         WatchError: a chosen stroke is not legal.
@@ -124,9 +126,14 @@ def play_rally(
     number, names, score = about
     stepper = stepper_of(game)
     strokes: list[int] = []
+    hurried: list[bool] = []
     state, ending = ROOT, RETURNED_BELOW
     turn: int | None = None
-    for i in itertools.count():
+    if begun is not None:
+        rally, kept = begun
+        strokes, hurried = rally.stroke[:kept].tolist(), rally.hurried[:kept].tolist()
+        state = int(rally.states(game)[kept])
+    for i in itertools.count(len(strokes)):
         striker = (score.server + i) % 2
         bits = draw(key, i)
         if i in chosen:
@@ -140,6 +147,7 @@ def play_rally(
             policy, tables = policies[striker], game.seats[striker]
             stroke = choose(policy, tables, state, int(choice_draw(bits)[0]), score.seen_by(striker), type(policy).__name__)
         strokes.append(stroke)
+        hurried.append(stepper.is_hurried(state))
         played, state = stepper.step(state, striker, stroke, int(outcome_draw(bits)[0]))
         ending = played.outcome
         if ending < RETURNED_BELOW:
@@ -148,6 +156,7 @@ def play_rally(
         catalogue=game.catalogue,
         server=score.server,
         stroke=np.array(strokes, dtype=np.int64),
+        hurried=np.array(hurried, dtype=np.bool_),
         ending=ending,
         points=score.points,
         games=score.games,

@@ -99,4 +99,5 @@ class MatchLog:
             score=np.array([[*rally.points, *rally.games]], np.uint8),
             length=np.array([len(rally)], np.int32),
             stroke=rally.stroke.astype(numbers),
+            hurried=rally.hurried.astype(np.uint8),
         )

@@ -217,12 +217,13 @@ class StrokeFacts(Struct, kw_only=True):
 
 
 class Stroke(StrokeFacts, kw_only=True):
-    """A stroke of a rally."""
+    """A stroke of a rally; ``hurried``: whether its striker was late or stretched."""
 
     state: int
     p_succ: float
     p_ret: float
     person: bool
+    hurried: bool
     effort: int | None
     opponent_effort: int | None
     duel: int | None
@@ -244,11 +245,12 @@ class TurnStroke(StrokeFacts, kw_only=True):
 
 
 class Turn(Struct):
-    """A choice of a person."""
+    """A choice of a person; ``hurried``: whether they are late or stretched."""
 
     seat: int
     number: int
     height: str
+    hurried: bool
     strokes: list[TurnStroke]
 
 

@@ -118,6 +118,7 @@ class LogRallies:
             catalogue=self._game.catalogue,
             server=rally.server,
             stroke=rally.stroke,
+            hurried=rally.hurried,
             ending=rally.ending,
             points=rally.points,
             games=rally.games,
@@ -208,6 +209,8 @@ class RealRallies:
                 "points_opponent",
             )
         }
+        # The only place that knows who was hurried; where the table does not say, nobody was.
+        self._columns["hurried"] = table["hurried"].fill_null(False).combine_chunks().to_numpy(zero_copy_only=False)
         self._rallies = list(self._found())
         if not self._rallies:
             raise WatchError(f"{printable(str(path))}: holds no whole rally")
@@ -260,12 +263,14 @@ class RealRallies:
             stroke = self._nearest(state, row)
             strokes.append(stroke)
             if i + 1 < len(found.rows):
+                following = found.rows[i + 1]
                 arrivals = game.arrivals(game.pair(state, np.array([stroke])))[0]
-                state = int(arrivals[int(column["height"][found.rows[i + 1]])])
+                state = int(arrivals[2 * int(column["hurried"][following]) + int(column["height"][following])])
         return CourtRally(
             catalogue=game.catalogue,
             server=found.score.server,
             stroke=np.array(strokes, dtype=np.int64),
+            hurried=column["hurried"][found.rows],
             ending=FAULT if column["outcome"][found.rows[-1]] == Outcome.FAULT else WINNER,
             points=found.score.points,
             games=found.score.games,

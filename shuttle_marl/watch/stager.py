@@ -33,7 +33,7 @@ class Stager:
         Where a person chose strokes, the motion depends on when they did, because frames that were shown do not change.
         """
         since = person.stroke if person is not None and person.rally == rally.number else 0
-        strokes = rally.stroke.tobytes()
+        strokes = rally.stroke.tobytes(), rally.hurried.tobytes()
         key = (rally.key, rally.server, strokes, rally.ending, rally.turn, rally.chosen, person is not None, since)
         return self._motions.get(key, compute)
 

@@ -1,7 +1,7 @@
 // Panels that show the values of strokes.
 
 import { h, percent, replaceChildren, s, sideColour, signed, words } from "./dom";
-import { term } from "./glossary";
+import { hurriedTag, term } from "./glossary";
 import { displayName } from "./names";
 import type { Analysis, RallyFacts, StrokeValue } from "./wire.gen";
 
@@ -151,6 +151,7 @@ export class MoveList {
           value?.mark ? h("span", { class: `mark${bad}` }, value.mark) : null,
           h("span", { class: "tag" }, words(stroke.area)),
           h("span", { class: "tag" }, words(stroke.technique)),
+          hurriedTag(stroke.hurried),
           stroke.person ? h("span", { class: "tag" }, rally.names[stroke.seat] === "you" ? "yours" : "tried") : null,
         ),
         delta === null ? "" : h("span", { class: delta >= 0 ? "up" : "down" }, signed(delta)),

@@ -106,7 +106,7 @@ export class Board {
   }
 
   private draw(): void {
-    const { strokes, seat, height } = this.turn!;
+    const { strokes, seat, height, hurried } = this.turn!;
     const focused = (document.activeElement as HTMLElement | null)?.dataset["key"];
     const serves = strokes[0]!.shot.endsWith("serve");
     const shots = this.hall.shots.filter((shot) => shot.endsWith("serve") === serves);
@@ -171,7 +171,7 @@ export class Board {
         "h2",
         {},
         term("your stroke", `Your ${serves ? "serve" : "stroke"}`),
-        h("span", {}, serves ? "" : `from ${height} the net`),
+        h("span", {}, serves ? "" : `from ${height} the net`, ...(hurried ? [", ", term("hurried")] : [])),
       ),
       h(
         "div",

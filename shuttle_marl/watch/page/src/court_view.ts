@@ -1,6 +1,7 @@
 // Overlays of the court: score, shot, speed, cameras.
 
-import { h, percent, replaceChildren, sideColour, words } from "./dom";
+import { type Child, h, percent, replaceChildren, sideColour, words } from "./dom";
+import { hurriedTag } from "./glossary";
 import { displayName } from "./names";
 import { CAMERAS, type Camera, type Stage } from "./stage";
 import type { RallyFacts, Stroke } from "./wire.gen";
@@ -34,8 +35,8 @@ export class ScoreBug {
   }
 }
 
-function fact(name: string, value: string, kind = "", style = ""): HTMLElement {
-  return h("dl", { class: kind }, h("dt", {}, name), h("dd", { style }, value));
+function fact(name: string, value: Child | Child[], kind = "", style = ""): HTMLElement {
+  return h("dl", { class: kind }, h("dt", {}, name), h("dd", { style }, ...[value].flat()));
 }
 
 /** The current stroke. */
@@ -65,7 +66,7 @@ export class Chip {
       fact("in", percent(stroke.p_succ), "", "color:var(--green)"),
       fact("comes back", percent(stroke.p_ret), "", "color:var(--gold)"),
       fact("technique", words(stroke.technique), "technique"),
-      fact("contact", `${stroke.height} net`, "minor"),
+      fact("contact", [`${stroke.height} net`, hurriedTag(stroke.hurried)], "minor"),
       effort,
     );
     replaceChildren(
@@ -90,7 +91,7 @@ export class SpeedLabel {
     this.element.classList.toggle("hidden", !place);
     if (place && stroke) {
       if (this.shown !== index) {
-        this.element.textContent = `${Math.round(3.6 * stroke.speed)} km/h`;
+        this.element.textContent = `${Math.round(3.6 * stroke.speed)} km/h${stroke.hurried ? ", hurried" : ""}`;
       }
       this.shown = index;
       this.element.style.transform = `translate(${Math.round(place[0] + 24)}px, ${Math.round(place[1] - 40)}px)`;

@@ -1,6 +1,6 @@
 // Elements of the page. Text is always set as text, never as markup.
 
-type Child = Node | string | null | undefined | false;
+export type Child = Node | string | null | undefined | false;
 type Props = Record<string, string | number | boolean | null | undefined | ((event: Event) => void)>;
 
 /** Creates an element with attributes, listeners (`onclick`, …) and children. */

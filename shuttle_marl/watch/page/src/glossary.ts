@@ -25,6 +25,7 @@ const SENTENCES = {
     "The stroke with the largest probability of winning if both play perfectly afterwards, among strokes that real players played at least 20 times.",
   "your stroke": "Choose shot, target and technique, then hit. Only strokes that the game allows here are listed.",
   target: "Percentages are the probability that the stroke is in; after a hint, the probability of winning the rally.",
+  hurried: "Late or stretched: the hardest quarter of such situations.",
   words: "Every stroke as a sentence, for reading and for screen readers.",
   accuracy: "Mean position of the chosen strokes between the worst legal stroke (0 %) and the best one (100 %).",
   rallies:
@@ -73,6 +74,11 @@ export function term(name: Term, label: string = name): HTMLElement {
     label,
   );
   return button;
+}
+
+/** The word "hurried", with its sentence on hover: for places where a term could not be focused. */
+export function hurriedTag(hurried: boolean): HTMLElement | null {
+  return hurried ? h("span", { class: "tag", title: SENTENCES.hurried }, "hurried") : null;
 }
 
 document.addEventListener("scroll", () => hideTip(), { capture: true, passive: true });

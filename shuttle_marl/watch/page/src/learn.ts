@@ -170,7 +170,9 @@ export class Learn {
         "p",
         {},
         h("b", { class: stroke.seat ? "b" : "a" }, displayName(this.rally!.names[stroke.seat]!)),
-        ` plays stroke ${question.stroke + 1}, from ${stroke.height} the net.`,
+        ` plays stroke ${question.stroke + 1}, from ${stroke.height} the net`,
+        ...(stroke.hurried ? [", ", term("hurried")] : []),
+        ".",
       ),
     );
     this.hooks.stopBefore(question.stroke);

@@ -10,7 +10,7 @@ export function strokeSentence(rally: RallyFacts, i: number): string {
   const effort = stroke.effort ? `, ${stroke.effort} previous attack${stroke.effort > 1 ? "s" : ""}` : "";
   return (
     `${i + 1}. ${displayName(rally.names[stroke.seat]!)}: ${words(stroke.shot)} to ${words(stroke.area)}, ${words(stroke.technique)} from ` +
-    `${stroke.height} the net, ${Math.round(3.6 * stroke.speed)} km/h; in ${percent(stroke.p_succ)}, comes back ${percent(stroke.p_ret)}${effort}.`
+    `${stroke.height} the net${stroke.hurried ? ", hurried" : ""}, ${Math.round(3.6 * stroke.speed)} km/h; in ${percent(stroke.p_succ)}, comes back ${percent(stroke.p_ret)}${effort}.`
   );
 }
 

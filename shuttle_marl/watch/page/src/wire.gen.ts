@@ -153,7 +153,7 @@ export interface ScoreFacts {
   game_won: boolean;
 }
 
-/** A stroke of a rally. */
+/** A stroke of a rally; ``hurried``: whether its striker was late or stretched. */
 export interface Stroke {
   stroke: number;
   seat: number;
@@ -166,6 +166,7 @@ export interface Stroke {
   p_succ: number;
   p_ret: number;
   person: boolean;
+  hurried: boolean;
   effort: number | null;
   opponent_effort: number | null;
   duel: number | null;
@@ -179,11 +180,12 @@ export interface Stroke {
   speed: number;
 }
 
-/** A choice of a person. */
+/** A choice of a person; ``hurried``: whether they are late or stretched. */
 export interface Turn {
   seat: number;
   number: number;
   height: string;
+  hurried: boolean;
   strokes: TurnStroke[];
 }
 
