@@ -24,6 +24,7 @@ from shuttle_marl.commands import cli
 from shuttle_marl.commands.options import Json
 from shuttle_marl.data import Split, load_strokes
 from shuttle_marl.data.upstream import date_of
+from shuttle_marl.dynamics.hurried import load_hurry
 from shuttle_marl.game.pairs import pair_game
 from shuttle_marl.game.shipped import PROFILES, model_folder
 from shuttle_marl.game.skill import AVERAGE, load_skill
@@ -117,7 +118,7 @@ def advice(
         out: JSON file for the result, with its provenance.
         json_output: print JSON.
     """
-    every = of_splits(strokes_of(load_strokes(data)), split)
+    every = of_splits(strokes_of(load_strokes(data)), split).marked(load_hurry(model_folder(model)))
     skill, parts, given = load_skill(model_folder(model)), [], 0
     for number, name in enumerate(every.matches):
         match = every.take(every.in_matches([name]))

@@ -30,11 +30,12 @@ from shuttle_marl.analysis import pictures
 from shuttle_marl.arrays import F64, I64, Bools
 from shuttle_marl.commands.cli import run
 from shuttle_marl.data import Outcome, Split, load_strokes, matches_of
+from shuttle_marl.dynamics.hurried import load_hurry
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.exact import PairPolicy, solve_soft
 from shuttle_marl.exact.away import of_pair, over
 from shuttle_marl.game import load_game
-from shuttle_marl.game.shipped import refits_of
+from shuttle_marl.game.shipped import model_folder, refits_of
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import from_pair_probabilities
 from shuttle_marl.policy import Scorer, baselines
@@ -267,7 +268,7 @@ def human(
         picture: draw strength against likeness into this file (PNG, SVG or PDF).
         json: print JSON.
     """
-    strokes = strokes_of(load_strokes(data))
+    strokes = strokes_of(load_strokes(data)).marked(load_hurry(model_folder(model)))
     inside = strokes.in_matches(matches_of(split))
     if not inside.any():
         raise ShuttleError(f"no match of the split {split!r} in the data; is the download complete?")

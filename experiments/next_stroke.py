@@ -37,6 +37,7 @@ from shuttle_marl.data.upstream import Split, matches_of
 from shuttle_marl.dynamics.evaluate import next_stroke_probabilities, prediction_scores
 from shuttle_marl.dynamics.features import Rows, rows_from_strokes
 from shuttle_marl.dynamics.fitted import FittedModels
+from shuttle_marl.dynamics.hurried import Hurry, load_hurry
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.game import model_folder
 from shuttle_marl.game.stroke import N_SHOTS
@@ -83,7 +84,8 @@ def next_stroke(
         "seed": seed,
         "config": dataclasses.asdict(imitator.config),
     }
-    result = {"split": split, "fit": fit, **table(imitator, FittedModels.load(model_folder(model)), scored), "paper": PAPER}
+    models, hurry = FittedModels.load(model_folder(model)), load_hurry(model_folder(model))
+    result = {"split": split, "fit": fit, **table(imitator, models, scored, hurry), "paper": PAPER}
     if out is not None:
         write_json(out, {**describe(("lightgbm", "numpy", "torch")), **result})
     if json:
@@ -92,20 +94,23 @@ def next_stroke(
     _print(result)
 
 
-def table(imitator: Imitator, models: FittedModels, strokes: pa.Table) -> dict[str, Any]:
+def table(imitator: Imitator, models: FittedModels, strokes: pa.Table, hurry: Hurry | None = None) -> dict[str, Any]:
     """Scores of the imitator and of the game's clones.
 
     Args:
         imitator: fitted on other matches.
         models: of the game.
         strokes: to score on, whole matches in playing order.
+        hurry: index of hurried strikers of the models, if they have one.
 
     Returns:
         ``rows``: by strokes scored, then by predictor, scores as of
         :func:`shuttle_marl.dynamics.evaluate.prediction_scores`; ``players``: by player, then by predictor, on all their
         strokes, with ``own_model``.
     """
-    rows = rows_from_strokes(strokes)
+    # The index reads the contact height.
+    heightless = rows_from_strokes(strokes)
+    rows = heightless if hurry is None else hurry.marked(heightless)
     with_height, unaided = imitator.predict(strokes), imitator.predict(strokes, height_known=False)
     seen: dict[str, Prediction] = {
         "imitator, match watched": _of_joint(adapt_to_match(with_height, strokes), rows),
@@ -116,8 +121,8 @@ def table(imitator: Imitator, models: FittedModels, strokes: pa.Table) -> dict[s
     hidden: dict[str, Prediction] = {
         "imitator, match watched": _of_joint(adapt_to_match(unaided, strokes, height_known=False), rows),
         "imitator": _of_joint(unaided, rows),
-        "own clone": without_height(models, rows),
-        "average clone": without_height(models, rows, own=False),
+        "own clone": without_height(models, heightless),
+        "average clone": without_height(models, heightless, own=False),
     }
     everything, rally = np.ones(len(rows), dtype=bool), rows.stroke > 1
     listed: dict[str, Any] = {}

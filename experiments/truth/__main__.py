@@ -19,7 +19,7 @@ from experiments.truth.matches import Strokes, of_splits, strokes_of
 from experiments.truth.memory import memory
 from experiments.truth.paired import differences, load_values, save_values
 from experiments.truth.transfer import thin_support, transfer
-from experiments.truth.worlds import Fitter, World, by_discipline, cross_parts, shipped_world
+from experiments.truth.worlds import Fitter, World, by_discipline, cross_parts, marked, shipped_world
 from shuttle_marl.arrays import I64
 from shuttle_marl.commands.cli import run
 from shuttle_marl.data import Split, load_strokes
@@ -81,10 +81,10 @@ def truth(
         parts = cross_parts(judged, cross, fitter, seed=seed, profiles=profiles)
     else:
         judged = of_splits(strokes, split or "validation")
-        parts = [
+        parts = marked(
             (shipped_world(game if discipline is None else f"{game}:{PROFILES[discipline]}"), part)
             for discipline, part in by_discipline(judged, profiles)
-        ]
+        )
     real, promised = judged_by(parts)
     factors = None if cross is not None else factors_of(model_folder(game))
     result: dict[str, Any] = {"split": split, "cross": cross, "train_only": train_only, **compare(parts, real, promised, seed)}

@@ -109,6 +109,8 @@ def attainable(strokes: Strokes, fitter: Fitter, *, halvings: int, seed: int, ma
 
 def slopes_if_true(said: World, true: World, strokes: Strokes) -> dict[str, float]:
     """Exact slopes of one world's promises, at the states and strokes of real matches, if another world of its layout is true."""
+    # The same state in both worlds: what is hurried is decided by one of them.
+    strokes = strokes.marked(true.hurry)
     promised = promises(said.bc, strokes)
     played = true.bc.pair_probabilities()
     expected: dict[str, F64] = {}

@@ -12,6 +12,7 @@ from shuttle_marl.data import Split, matches_of
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.dynamics import features
 from shuttle_marl.dynamics.features import Rows, rows_from_strokes, strokes_before
+from shuttle_marl.dynamics.hurried import Hurry
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.game.tables import Game
 
@@ -49,6 +50,10 @@ class Strokes:
         """``[N]`` whether a stroke was played in one of the matches."""
         wanted = np.isin(np.array(self.rows.matches), np.array(list(names)))
         return np.asarray(wanted[self.rows.match])
+
+    def marked(self, hurry: Hurry | None) -> "Strokes":
+        """The strokes with whether their strikers were hurried, by the index of a model, if it has one."""
+        return self if hurry is None else dataclasses.replace(self, rows=hurry.marked(self.rows))
 
     def take(self, which: Bools) -> "Strokes":
         """The strokes of whole matches, or the ends of their rallies."""

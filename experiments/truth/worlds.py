@@ -4,7 +4,7 @@ import dataclasses
 import functools
 import hashlib
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -16,6 +16,7 @@ from experiments.truth.matches import Strokes, folds_of
 from shuttle_marl.arrays import F64
 from shuttle_marl.dynamics.compiled import pair_log_choices
 from shuttle_marl.dynamics.fit import Fit, fit, layout_of
+from shuttle_marl.dynamics.hurried import Hurry, fit_hurry, load_hurry
 from shuttle_marl.dynamics.make import load_support
 from shuttle_marl.dynamics.network import QUICK
 from shuttle_marl.files import replace_file
@@ -23,6 +24,7 @@ from shuttle_marl.game.shipped import load_game, model_folder
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities
 from shuttle_marl.policy import baselines
+from shuttle_marl.tensor_files import read_tensors
 
 Report = Callable[[str], None]
 SOURCES: Final = Path(__file__).parents[2] / "shuttle_marl" / "dynamics"
@@ -36,10 +38,12 @@ class World:
     Attributes:
         bc: the average player, on the game.
         behind: ``[E]`` real strokes in the innermost cell of every edge: how much data stands behind a stroke.
+        hurry: index that decides which strikers are hurried in the game, if it knows them.
     """
 
     bc: TabulatedPolicy
     behind: F64
+    hurry: Hurry | None = None
 
     @property
     def game(self) -> Game:
@@ -50,7 +54,8 @@ class World:
 def shipped_world(model: str) -> World:
     """The world of a shipped model or of a model folder."""
     game = load_game(model)
-    return World(bc=baselines.load(None, game), behind=load_support(model_folder(model)).strokes)
+    folder = model_folder(model)
+    return World(bc=baselines.load(None, game), behind=load_support(folder).strokes, hurry=load_hurry(folder))
 
 
 class Fitter:
@@ -85,9 +90,11 @@ class Fitter:
         """
         names, arranged = sorted(matches), sorted(layout or matches)
         key = hashlib.sha256(json.dumps([self._version, names, arranged, discipline]).encode()).hexdigest()[:16]
-        game_file, tables_file = (self._folder / f"{key}.{part}.safetensors" for part in ("game", "tables"))
+        game_file, hurry_file, tables_file = (self._folder / f"{key}.{part}.safetensors" for part in ("game", "hurry", "tables"))
         if not tables_file.is_file():
-            fitted = self._fitted(tuple(names), tuple(arranged))
+            fitted, hurry = self._fitted(tuple(names), tuple(arranged))
+            if hurry is not None:
+                hurry.save(hurry_file)
             if discipline is not None:
                 fitted = fitted.profile(discipline)
             game, _ = fitted.compiled()
@@ -96,14 +103,17 @@ class Fitter:
             replace_file(tables_file, save({"log_choice": log_choice, "behind": fitted.support.strokes}))
         game, tables = Game.load(game_file), load_file(tables_file)
         weight = np.tile(np.exp(tables["log_choice"]), game.n_blocks)
-        return World(bc=from_pair_probabilities(game, game.normalized(weight)), behind=tables["behind"])
+        hurry = Hurry.checked(read_tensors(hurry_file)) if hurry_file.is_file() else None
+        return World(bc=from_pair_probabilities(game, game.normalized(weight)), behind=tables["behind"], hurry=hurry)
 
     # The games of both disciplines come from one fit, one after the other.
     @functools.lru_cache(maxsize=1)  # noqa: B019  a fitter lives as long as its program
-    def _fitted(self, names: tuple[str, ...], arranged: tuple[str, ...]) -> Fit:
+    def _fitted(self, names: tuple[str, ...], arranged: tuple[str, ...]) -> tuple[Fit, Hurry | None]:
         rows = self._strokes.rows
-        layout = layout_of(rows.in_matches(arranged))
-        return fit(rows.in_matches(names), None, seed=self._seed, config=QUICK, layout=layout, report=self._report)
+        layout, train = layout_of(rows.in_matches(arranged)), rows.in_matches(names)
+        hurry = fit_hurry(train, seed=self._seed)
+        marked = train if hurry is None else hurry.marked(train)
+        return fit(marked, None, seed=self._seed, config=QUICK, layout=layout, report=self._report), hurry
 
 
 def by_discipline(strokes: Strokes, profiles: bool) -> list[tuple[int | None, Strokes]]:
@@ -127,8 +137,13 @@ def cross_parts(
         profiles: whether to fit a separate game for each discipline.
     """
     fold = folds_of(strokes, count, seed)
-    return [
+    return marked(
         (fitter.fit(strokes.take(fold != k).matches, discipline=discipline), part)
         for k in range(count)
         for discipline, part in by_discipline(strokes.take(fold == k), profiles)
-    ]
+    )
+
+
+def marked(parts: Iterable[tuple[World, Strokes]]) -> list[tuple[World, Strokes]]:
+    """Worlds with strokes, whose strikers are hurried where the index of their world says so."""
+    return [(world, strokes.marked(world.hurry)) for world, strokes in parts]

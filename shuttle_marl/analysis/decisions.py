@@ -14,6 +14,7 @@ from shuttle_marl.analysis.values import nearest_strokes
 from shuttle_marl.arrays import I64
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.dynamics.features import rows_from_strokes, states_of, strokes_before
+from shuttle_marl.dynamics.hurried import hurry_of
 from shuttle_marl.exact import evaluate, moved
 from shuttle_marl.game.pairs import pair_game
 from shuttle_marl.game.shipped import PROFILES, RELIABLE, Estimate, factor_of, real_strokes, refits_of
@@ -67,7 +68,7 @@ def costly_choices(strokes: pa.Table, average: TabulatedPolicy, discipline: str,
     with ThreadPoolExecutor(os.cpu_count()) as threads:
         policies = [moved(average, each) for each in games[1:]]
         values += [each.striking[0] for each in threads.map(lambda p: evaluate(p, p, tolerance=TOLERANCE), policies)]
-    rows = rows_from_strokes(strokes)
+    rows = rows_from_strokes(strokes, hurry_of(game))
     nearest = nearest_strokes(game.catalogue)
     own, incoming = (strokes_before(rows, name, nearest, game.n_strokes) for name in ("own", "incoming"))
     state = states_of(game, rows, own, incoming)

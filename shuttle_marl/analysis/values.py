@@ -17,6 +17,7 @@ from shuttle_marl.arrays import F64, I64, Intp
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.data.upstream import date_of
 from shuttle_marl.dynamics.features import Rows, rows_from_strokes, states_of, strokes_before
+from shuttle_marl.dynamics.hurried import hurry_of
 from shuttle_marl.exact import evaluate, visits
 from shuttle_marl.game import rules
 from shuttle_marl.game.court import N_AREAS
@@ -44,13 +45,13 @@ def add_values(strokes: pa.Table, reference: TabulatedPolicy, opponent: Tabulate
 
     ``win_before`` is the striker's probability of winning the rally before the stroke and ``win_after`` after it: 1 for a winner,
     0 for a fault, and for a returned stroke 1 minus the opponent's ``win_before``, which depends on the contact that the opponent
-    reaches but not on the reply. ``value_added`` is the difference, from -1 to 1; over a rally the server's values minus the
-    receiver's sum to the outcome minus the probability at the serve. ``decision`` is the part due to the choice of the stroke
-    (its expected value minus that of the reference's choice), ``execution`` the rest: skill and luck. ``decision_expected`` is
-    the part of the decision that real matches realise (:func:`shuttle_marl.game.shipped.factor_of`); null where it is unknown.
-    The target of a fault is
-    not recorded; its decision is the mean over the targets of the same shot type and technique, weighted by the probability
-    that the reference aims and faults there.
+    reaches and on whether they are hurried, but not on the reply. ``value_added`` is the difference, from -1 to 1; over a rally
+    the server's values minus the receiver's sum to the outcome minus the probability at the serve. ``decision`` is the part due
+    to the choice of the stroke (its expected value minus that of the reference's choice), ``execution`` the rest: skill and luck.
+    ``decision_expected`` is the part of the decision that real matches realise
+    (:func:`shuttle_marl.game.shipped.factor_of`); null where it is unknown. The target of a fault is not recorded; its decision
+    is the mean over the targets of the same shot type and technique, weighted by the probability that the reference aims and
+    faults there.
 
     Strokes outside the game's catalogue are replaced by the nearest one (same shot type and contact, then same technique, then
     the nearest area), and states outside the game by the mean over the striker's own last stroke. Values of strokes whose context
@@ -69,7 +70,7 @@ def add_values(strokes: pa.Table, reference: TabulatedPolicy, opponent: Tabulate
     if opponent is not None:
         assert isinstance(opponent.game, SeatGame)
         second = strokes["player"].to_numpy(zero_copy_only=False) == opponent.game.pair_game.players[1]
-    rows = rows_from_strokes(strokes)
+    rows = rows_from_strokes(strokes, hurry_of(reference.game))
     nearest = nearest_strokes(reference.game.catalogue)
     own, incoming = (strokes_before(rows, name, nearest, reference.game.n_strokes) for name in ("own", "incoming"))
     state = states_of(reference.game, rows, own, incoming)
@@ -79,7 +80,7 @@ def add_values(strokes: pa.Table, reference: TabulatedPolicy, opponent: Tabulate
         mine = second == bool(seat)
         theirs = sides[1 - seat] if opponent is not None else policy
         # The mean over possible own last strokes, where the recorded one is unknown or impossible.
-        mean = _means_over_own(policy, theirs, striking[seat])[incoming, rows.codes["contact"].astype(np.int64)]
+        mean = _means_over_own(policy, theirs, striking[seat])[incoming, rows.codes["hurried"], rows.codes["contact"]]
         before[mine] = np.where(state >= 0, (1 + striking[seat][state]) / 2, (1 + mean) / 2)[mine]
         decision[mine] = _decisions(policy, rows, state, nearest, striking[seat], striking[1 - seat])[mine]
     before[incoming == _UNKNOWN] = np.nan
@@ -157,15 +158,15 @@ def nearest_strokes(catalogue: Catalogue) -> I64:
 
 
 def _means_over_own(policy: TabulatedPolicy, opponent: TabulatedPolicy, value: F64) -> F64:
-    """``[n + 1, 2]`` mean value by incoming stroke and contact, with states weighted by their visits."""
+    """``[n + 1, 2, 2]`` mean value by incoming stroke, hurried and contact, with states weighted by their visits."""
     game = policy.game
     weight = visits(policy, opponent).states[0] + 1e-12
     state = np.arange(game.n_states)
-    group = 2 * game.incoming(state).astype(np.int64) + game.contact(state)
-    size = 2 * (game.n_strokes + 1)
+    group = 4 * game.incoming(state).astype(np.int64) + 2 * game.hurried(state) + game.contact(state)
+    size = 4 * (game.n_strokes + 1)
     total = np.bincount(group, weight, size)
     with np.errstate(invalid="ignore"):
-        return np.asarray((np.bincount(group, weight * value, size) / total).reshape(-1, 2))
+        return np.asarray((np.bincount(group, weight * value, size) / total).reshape(-1, 2, 2))
 
 
 def _decisions(reference: TabulatedPolicy, rows: Rows, state: I64, nearest: I64, value: F64, opponent: F64) -> F64:

@@ -10,7 +10,7 @@ import pyarrow as pa
 from shuttle_marl.dynamics.evaluate import criteria
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.files import replace_file, seal
-from shuttle_marl.game.shipped import BC, CARD, GAME, HABITS, NETWORKS, SKILL, SUPPORT, VARIANTS, read_model_card
+from shuttle_marl.game.shipped import BC, CARD, GAME, HABITS, HURRY, NETWORKS, SKILL, SUPPORT, VARIANTS, read_model_card
 from shuttle_marl.game.stroke import SHOTS
 
 _OBSERVED: Final = (
@@ -23,6 +23,13 @@ _NAMED: Final = (
     "**Named players.** Results of public matches are summarised with numbers of strokes and intervals. They describe these "
     "matches; they do not judge persons, and are not for selection, contracts or betting."
 )
+
+_MARKED_BY: Final = {
+    "table": "as the rallies recorded it",
+    "index": "by the index of the model: the worst quarter of strokes against an incoming shot type from a contact height",
+    "prior": "by the index of the prior model",
+    None: "because their positions and times are not known: the game does not use this bit",
+}
 
 
 def strokes_hash(strokes: pa.Table) -> str:
@@ -40,7 +47,7 @@ def write_card(folder: Path, card: dict[str, Any]) -> None:
     Raises:
         FileWriteError: it cannot be written.
     """
-    optional = (HABITS, SKILL, VARIANTS)
+    optional = (HABITS, HURRY, SKILL, VARIANTS)
     files = [name for name in (GAME, BC, NETWORKS, SUPPORT, *optional) if (folder / name).is_file() or name not in optional]
     hashes = {name: sha256((folder / name).read_bytes()).hexdigest() for name in files}
     replace_file(folder / CARD, seal({**card, "sha256": hashes}))
@@ -63,6 +70,7 @@ def add_truth(folder: Path, truth: dict[str, Any]) -> None:
 def as_markdown(card: dict[str, Any]) -> str:
     """The card as Markdown."""
     health, scores = card["health"], card["validation"]
+    scored = [name for name in ("success", "return", "contact", "hurried") if name in scores]
     lines = [
         f"# Model card: {card['name']}",
         "",
@@ -85,7 +93,7 @@ def as_markdown(card: dict[str, Any]) -> str:
         "| model | rows | log-loss | trees | ratio | difference (95 %, by match) | Brier | AUC | ECE | ECE of trees |",
         "|---|---|---|---|---|---|---|---|---|---|",
     ]
-    for name in ("success", "return", "contact"):
+    for name in scored:
         s = scores[name]
         d = s["difference"]
         lines.append(
@@ -98,7 +106,7 @@ def as_markdown(card: dict[str, Any]) -> str:
     for key, title in (("shot_type", "shot type"), ("area", "area"), ("area_given_type", "area, shot type known")):
         lines.append(f"| {title} | " + " | ".join(f"{x:.3f}" for x in following[key]) + " |")
     lines += ["", "### Reliability", "", "Mean prediction and observed frequency in fifteen bins of equal mass.", ""]
-    for name in ("success", "return", "contact"):
+    for name in scored:
         bins = scores[name]["reliability"]
         lines += [
             f"| {name} | " + " | ".join(str(i + 1) for i in range(len(bins))) + " |",
@@ -140,7 +148,12 @@ def as_markdown(card: dict[str, Any]) -> str:
 def _situations(card: dict[str, Any]) -> list[str]:
     situations = card["chosen"]["situations"]
     effort = ", ".join(f"{np.exp(offset):.3f}" for offset in situations["effort"])
-    lines = ["## Effort, duels and variants", ""]
+    lines = ["## Hurried strikers, effort, duels and variants", ""]
+    known = card["hurried"]
+    lines.append(
+        f"Hurried strikers: {100 * known['share']:.1f} % of the training strokes, {_MARKED_BY[known['by']]}. Serves are never "
+        "hurried; strokes without positions or times count as not hurried."
+    )
     lines.append(
         f"Relative odds of a fault after 0, 1, … own attacks (smashes, half-smashes) in the rally; the last level includes more "
         f"attacks: {effort}. Relative odds of a fault of a net shot after three or more consecutive net shots: "

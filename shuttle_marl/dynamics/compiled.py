@@ -14,8 +14,9 @@ that make up 2 % of all strokes from this third and height, with each technique 
 type; against one incoming shot type and area. The rate of a cell is shrunk to that of the enclosing cell with the weight of 40
 strokes. The predicted probabilities of a fault and of a winner of a legal pair are clipped to the central 90 % of the Beta
 posterior of the innermost cell (with Jeffreys' half event on either side). A cell without strokes has the width of 40 strokes.
-Cells contain strokes of all efforts and duels, so they bound the mean over these situations, weighted by their frequencies
-after the striker's previous shot type, and not the probability in each.
+Cells contain strokes of all efforts and duels, of hurried strikers and of others, so they bound the mean over these situations,
+weighted by their frequencies (of efforts after the striker's previous shot type, of hurried strikers by incoming and own shot
+type), and not the probability in each: bounds around the mean would cut off what a hurried striker risks.
 """
 
 import dataclasses
@@ -24,7 +25,7 @@ from typing import Final
 import numpy as np
 from scipy.stats import beta
 
-from shuttle_marl.arrays import F32, F64, I64, Bools, Ints
+from shuttle_marl.arrays import F32, F64, I16, I64, Bools, Ints
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.dynamics.features import STATE, Rows, codes_of_pairs, codes_of_states
 from shuttle_marl.dynamics.fitted import FittedModels
@@ -33,7 +34,7 @@ from shuttle_marl.dynamics.situations import LONG_DUEL
 from shuttle_marl.game.court import N_AREAS, N_THIRDS, third_of
 from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES, Catalogue
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import base_pairs, layout, thresholds
+from shuttle_marl.game.tabulated import base_pairs, hurry_units, layout, thresholds
 from shuttle_marl.game.thresholds import ONE
 
 AREA_SHARE: Final = 0.03
@@ -43,6 +44,8 @@ MIN_REPLIES: Final = 8
 MIN_STYLE: Final = 5
 PRIOR_STROKES: Final = 40.0
 CREDIBLE: Final = 0.90
+_HURRIED: Final = 2
+"""Difference of the number of a base state of a hurried striker."""
 
 
 def catalogue_of(rows: Rows) -> Catalogue:
@@ -215,6 +218,7 @@ class PairProbabilities:
         fault: probability of a fault, at effort 0.
         returned: probability that a good stroke is returned.
         above: probability that a returned stroke is met above the net.
+        hurry: ``[base pairs, 2]`` probability that who returns it is hurried, from below and from above the net.
         clipped: whether the probability of a fault or a winner was clipped to the supported range.
         fault_odds: ``[L]`` odds of a fault at each level of effort, relative to those at effort 0.
     """
@@ -222,6 +226,7 @@ class PairProbabilities:
     fault: F64
     returned: F64
     above: F64
+    hurry: F64
     clipped: Bools
     fault_odds: F64
 
@@ -229,7 +234,9 @@ class PairProbabilities:
 def empty_game(catalogue: Catalogue, replies: Bools) -> Game:
     """Layout of a game without probabilities."""
     tables = layout(catalogue, replies, duels=True)
-    return Game(catalogue=catalogue, threshold=np.zeros((base_pairs(tables), 3), dtype=np.uint16), **tables)
+    pairs = base_pairs(tables)
+    threshold, hurry = np.zeros((pairs, 3), dtype=np.uint16), np.zeros((pairs, 2), dtype=np.uint8)
+    return Game(catalogue=catalogue, threshold=threshold, hurry=hurry, **tables)
 
 
 def pair_probabilities(models: FittedModels, game: Game, support: Support) -> PairProbabilities:
@@ -240,43 +247,72 @@ def pair_probabilities(models: FittedModels, game: Game, support: Support) -> Pa
         game: the layout; its thresholds are ignored.
         support: ranges of the probabilities of its edges.
     """
-    codes = codes_of_pairs(game)
-    logit = log_odds(models.averaged(models.fault, codes))
-    returned = models.averaged(models.returned, codes)
-    above = models.averaged(models.above, codes)
-    situations, edge = models.situations, game.base_pair_edge
+    codes = _read(models, codes_of_pairs(game))
+    pairs = _both(game)
+    logit = log_odds(models.averaged(models.fault, codes))[pairs]
+    returned = models.averaged(models.returned, codes)[pairs]
+    situations, codes_of = models.situations, {name: code[pairs[:, 0]] for name, code in codes.items()}
+    edge, is_serve, long, duel = (
+        part[pairs[:, 0]] for part in (game.base_pair_edge, is_serve_pair(game), is_long_duel_pair(game), is_duel_pair(game))
+    )
+    late = situations.hurried_share[codes_of["incoming_shot"], codes_of["shot"]]
+    share = np.stack([1 - late, late], axis=1)
     # The supported ranges are those of the mean over the situations.
-    weights = situations.spread(codes["own_shot"], np.full(len(logit), -1), np.where(is_duel_pair(game), -1, 0))
+    weights = situations.spread(codes_of["own_shot"], np.full(len(pairs), -1), np.where(duel, -1, 0))
     fault = situations.mixed(logit, weights)
     winner = (1 - fault) * (1 - returned)
-    supported_fault = np.clip(fault, *support.fault_range[edge].T)
-    supported_winner = np.clip(winner, *support.winner_range[edge].T)
-    moved = supported_fault != fault
-    clipped = moved | (supported_winner != winner)
-    logit[moved] = situations.logit_of_mean(supported_fault[moved], weights[moved])
-    logit = logit + situations.duel * is_long_duel_pair(game)
+    mean_fault, mean_winner = ((share * part).sum(axis=1) for part in (fault, winner))
+    supported_fault = np.clip(mean_fault, *support.fault_range[edge].T)
+    supported_winner = np.clip(mean_winner, *support.winner_range[edge].T)
+    moved = supported_fault != mean_fault
+    clipped = moved | (supported_winner != mean_winner)
+    logit[moved] = situations.moved_to(supported_fault[moved], logit[moved], weights[moved], share[moved])
+    fault[moved] = situations.mixed(logit[moved], weights[moved])
+    winner = np.minimum(winner * (supported_winner / mean_winner)[:, None], 1 - fault)
+    logit = logit + (situations.duel * long)[:, None]
     # The minimum probability of an end holds at every level of effort, so also at the one with the fewest faults.
     fewest = situations.effort.min()
     lowest = sigmoid(logit + fewest)
-    least = np.where(is_serve_pair(game), 0.0, MIN_END) - supported_winner
+    least = np.where(is_serve, 0.0, MIN_END)[:, None] - winner
     short = lowest < least
-    fault = np.where(short, sigmoid(log_odds(least) - fewest), sigmoid(logit))
-    returned = 1 - supported_winner / (1 - np.where(short, least, supported_fault))
-    odds = np.exp(situations.effort)
-    return PairProbabilities(fault=fault, returned=returned, above=above, clipped=clipped, fault_odds=odds)
+    of_pairs = {
+        "fault": np.where(short, sigmoid(log_odds(least) - fewest), sigmoid(logit)),
+        "returned": 1 - winner / (1 - np.where(short, least, fault)),
+        "clipped": np.stack([clipped, clipped], axis=1),
+    }
+    back = np.argsort(pairs, axis=None)
+    return PairProbabilities(
+        **{name: part.ravel()[back] for name, part in of_pairs.items()},
+        above=models.averaged(models.above, codes),
+        hurry=models.averaged(models.hurried, codes),
+        fault_odds=np.exp(situations.effort),
+    )
+
+
+def _both(game: Game) -> I64:
+    """``[base pairs / 2, 2]`` base pairs of a striker who is not hurried, and those of a hurried one that are equal otherwise."""
+    state = game.base_pair_state
+    calm = np.flatnonzero(game.hurried(state) == 0)
+    late = game.base_pair_start[state[calm] + _HURRIED] + game.base_pair_rank[calm]
+    return np.stack([calm, late], axis=1)
+
+
+def _read(models: FittedModels, codes: dict[str, I16]) -> dict[str, I16]:
+    """Codes as the models read them: those that know no hurried striker have seen no code of one."""
+    return codes if models.knows_hurried else {**codes, "hurried": np.zeros_like(codes["hurried"])}
 
 
 def compile_game(game: Game, probabilities: PairProbabilities) -> Game:
-    """The game with thresholds and odds of faults."""
+    """The game with thresholds, chances of hurried receivers, and odds of faults."""
     table = thresholds(1 - probabilities.fault, probabilities.returned, probabilities.above)
     odds = np.rint(probabilities.fault_odds * ONE).astype(np.int32)
-    return dataclasses.replace(game, threshold=table, fault_odds=odds)
+    return dataclasses.replace(game, threshold=table, hurry=hurry_units(probabilities.hurry), fault_odds=odds)
 
 
 def pair_log_choices(models: FittedModels, game: Game) -> F32:
     """``[base pairs]`` log-probability of each stroke for the average player, before normalising over legal strokes."""
     state = np.flatnonzero(game.playable[: game.n_base_states])
-    codes = codes_of_states(game, state)
+    codes = _read(models, codes_of_states(game, state))
     choice = np.full((game.n_base_states, N_SHOTS * N_TECHNIQUES), np.nan)
     pair_state, pair_stroke = game.base_pair_state, game.base_pair_stroke
     pair_style = game.catalogue.shot[pair_stroke] * np.int64(N_TECHNIQUES) + game.catalogue.technique[pair_stroke]

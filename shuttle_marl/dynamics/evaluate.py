@@ -8,18 +8,18 @@ and their statistics, with warnings for values outside of their limits. No fit i
 opinions on optimal play determine the game.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, Final
 
 import numpy as np
 from scipy.stats import rankdata
 
-from shuttle_marl.arrays import F64, I16, Bools, Ints
+from shuttle_marl.arrays import F64, Bools, Ints
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.dynamics.compiled import Support, is_serve_pair
 from shuttle_marl.dynamics.features import STATE, Rows
 from shuttle_marl.dynamics.fitted import FittedModels
-from shuttle_marl.dynamics.models import known_outcome, was_good, was_met
+from shuttle_marl.dynamics.models import known_outcome, was_good, was_met, was_timed
 from shuttle_marl.dynamics.network import fold_of_match
 from shuttle_marl.dynamics.trees import PARAMETERS, lightgbm
 from shuttle_marl.exact.fixed_point import largest_continuation
@@ -34,6 +34,7 @@ BINS: Final = 15
 RESAMPLES: Final = 2000
 _CONTEXT: Final = (*STATE, "shot", "technique")
 _STROKE: Final = (*_CONTEXT, "area")
+_MET: Final = (*_STROKE, "next_contact")
 _SITUATION: Final = ("effort", "duel")
 _FOLDS: Final = 5
 _LEAVES: Final = (8, 15)
@@ -101,8 +102,8 @@ def evaluate(models: FittedModels, train: Rows, test: Rows, *, report: Callable[
         report: called with a line before each stage.
 
     Returns:
-        ``success``, ``return``, ``contact``: scores, ``trees`` (scores of the trees), ``difference`` (models minus trees, by
-        match), ``reliability``; ``next_stroke``: see :func:`next_stroke_scores`.
+        ``success``, ``return``, ``contact``, ``hurried`` (where the models know it): scores, ``trees`` (scores of the trees),
+        ``difference`` (models minus trees, by match), ``reliability``; ``next_stroke``: see :func:`next_stroke_scores`.
     """
 
     def success(rows: Rows) -> F64:
@@ -114,12 +115,18 @@ def evaluate(models: FittedModels, train: Rows, test: Rows, *, report: Callable[
         "return": (was_good, lambda rows: rows.outcome == Outcome.RETURNED, lambda rows: models.returned(rows.codes), _STROKE),
         "contact": (was_met, lambda rows: rows.next_contact == 1, lambda rows: models.above(rows.codes), _STROKE),
     }
+
+    def hurried(rows: Rows) -> F64:
+        return models.hurried(rows.codes)[np.arange(len(rows)), rows.next_contact]
+
+    if models.knows_hurried and was_timed(test).any():
+        tasks["hurried"] = (was_timed, lambda rows: rows.next_hurried == 1, hurried, _MET)
     out: dict[str, Any] = {}
     for name, (chosen, label_of, predict, features) in tasks.items():
         report(f"{name}, and trees on the same rows")
         fitted, rows = train.take(chosen(train)), test.take(chosen(test))
         label, p = label_of(rows), predict(rows)
-        read = [{**part.codes, **models.situations.codes(part)} for part in (fitted, rows)]
+        read = [_read(part, models) for part in (fitted, rows)]
         trees = tree_predictions(features, read[0], label_of(fitted), fitted.match, read[1])
         out[name] = {
             **scores(label, p),
@@ -130,6 +137,11 @@ def evaluate(models: FittedModels, train: Rows, test: Rows, *, report: Callable[
     report("next stroke")
     out["next_stroke"] = next_stroke_scores(models, test)
     return out
+
+
+def _read(rows: Rows, models: FittedModels) -> dict[str, Ints]:
+    """Everything that the trees may read."""
+    return {**rows.codes, **models.situations.codes(rows), "next_contact": rows.next_contact}
 
 
 def next_stroke_probabilities(models: FittedModels, rows: Rows, *, own: bool = True) -> tuple[F64, F64, F64]:
@@ -201,10 +213,10 @@ def prediction_scores(shot: F64, area: F64, given: F64, rows: Rows) -> dict[str,
 
 def tree_predictions(
     names: tuple[str, ...],
-    train: dict[str, I16],
+    train: Mapping[str, Ints],
     label: Bools,
     match: Ints,
-    test: dict[str, I16],
+    test: Mapping[str, Ints],
 ) -> F64:
     """Predictions of trees; numbers of leaves and rounds are chosen by cross-validation over matches.
 

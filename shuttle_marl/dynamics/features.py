@@ -1,8 +1,10 @@
 """Features of the models: strokes in context, as integer codes.
 
 A stroke has attributes (shot type, area, contact height, technique). Its context consists of the attributes of the striker's
-previous stroke and of the incoming stroke, the contact height, and the discipline. A longer history improves no model on unseen
-matches. Counts over the rally, attacks of each player and consecutive net shots, affect the probability of a fault only.
+previous stroke and of the incoming stroke, the contact height, whether the striker is hurried, and the discipline. Simulated
+strokes record who was hurried; of annotated ones, the index of :mod:`shuttle_marl.dynamics.hurried` decides. A longer history
+improves no model on unseen matches. Counts over the rally, attacks of each player and consecutive net shots, affect the
+probability of a fault only.
 
 **Target areas** have the same meaning for every outcome. The landing of a returned stroke is the receiver's contact point, that
 of a winner or an out stroke is a point on the floor, farther along the flight: unchanged, its depth would reveal the outcome.
@@ -21,13 +23,13 @@ Simulated strokes record the target itself and are not moved.
 import dataclasses
 import functools
 from collections.abc import Sequence
-from typing import Final
+from typing import Final, Protocol
 
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
-from shuttle_marl.arrays import F64, I8, I16, I32, I64, Bools, Ints
+from shuttle_marl.arrays import F32, F64, I8, I16, I32, I64, Bools, Ints
 from shuttle_marl.data.schema import REASONS, Outcome
 from shuttle_marl.game.court import N_AREAS, area_of
 from shuttle_marl.game.layout import LONGEST_DUEL
@@ -35,12 +37,17 @@ from shuttle_marl.game.stroke import ATTACKS, N_SHOTS, N_TECHNIQUES, NET_SHOTS, 
 from shuttle_marl.game.tables import Game
 
 DISCIPLINES: Final = ("MS", "WS")
+_RATES: Final = (10.0, 130.0)
+"""Frames per second of a video."""
+_SHORTEST: Final = 0.2
+"""Minimum time between two strokes in a speed [s]."""
 
 # Two more codes of a previous stroke: "none" (before the serve) and "unknown" (the row was dropped).
 _BEFORE: Final = {"shot": N_SHOTS + 2, "area": N_AREAS + 2, "height": 4, "technique": N_TECHNIQUES + 2}
 SLOTS: Final[dict[str, int]] = {
     **{f"{stroke}_{attribute}": size for stroke in ("own", "incoming") for attribute, size in _BEFORE.items()},
     "contact": 2,
+    "hurried": 2,
     "discipline": len(DISCIPLINES),
     "shot": N_SHOTS,
     "technique": N_TECHNIQUES,
@@ -57,6 +64,13 @@ NET_SHOT: Final = np.isin(SHOTS, NET_SHOTS)
 """``[13]`` whether a shot type is a net shot."""
 MIN_LANDINGS: Final = 20
 """With fewer winners or returned strokes of a shot type and height, both heights count; with still fewer none are moved."""
+MOVEMENT: Final = (
+    "contact_x", "contact_y", "striker_x", "striker_y", "reach", "moved", "forward", "sideways", "speed", "since", "before",
+    "own_x", "own_y", "opponent_x", "opponent_y",
+)  # fmt: skip
+"""Positions and times before a stroke, in the striker's frame [m, s]: where they meet the shuttle, where they stand, and the
+distance of the two; how far they moved since the opponent's hit, how far forwards and to the right, and how fast; time since that
+hit, and between it and the hit before (0 for none); where striker and opponent were at that hit."""
 MAX_DEPTH_QUANTILE: Final = 0.9
 """Quantile of the depth of returned strokes that bounds the target of an out stroke."""
 
@@ -71,7 +85,9 @@ class Rows:
         striker, receiver: ``[N]`` identifiers of the players. stroke: ``[N]`` number of the stroke in its rally, from 1.
         attacks, opponent_attacks: ``[N]`` previous attacks (smashes, half-smashes) of striker and receiver in the rally; -1
         where a dropped row may have been one. net_run: ``[N]`` consecutive net shots up to the incoming stroke; -1 where a
-        dropped row may have been the first.
+        dropped row may have been the first. movement: ``[N, 15]`` :data:`MOVEMENT`; NaN where a part is unknown, and for serves.
+        hurried: ``[N]`` whether the striker was hurried, -1 where that is not known; ``codes`` then have 0. next_hurried: ``[N]``
+        that of the next stroke, -1 without one.
 
     The first stroke of a rally is a serve, so it is neither an attack nor a net shot even where its row was dropped.
     """
@@ -88,6 +104,9 @@ class Rows:
     attacks: I16
     opponent_attacks: I16
     net_run: I16
+    movement: F32
+    hurried: I8
+    next_hurried: I8
 
     def __len__(self) -> int:
         return len(self.outcome)
@@ -118,6 +137,17 @@ class Rows:
         """The codes with another target area."""
         return {**self.codes, "area": np.broadcast_to(np.asarray(area, dtype=np.int16), (len(self),))}
 
+    def marked(self, bits: I8) -> "Rows":
+        """Rows in playing order, with whether the striker was hurried where the table does not know it.
+
+        Args:
+            bits: ``[N]`` 1 where they were, 0 where not, -1 where that is not known.
+        """
+        hurried = np.where(self.hurried < 0, bits, self.hurried).astype(np.int8)
+        following = np.where(self.next_contact >= 0, np.append(hurried[1:], np.int8(-1)), -1).astype(np.int8)
+        codes = {**self.codes, "hurried": np.maximum(hurried, 0).astype(np.int16)}
+        return dataclasses.replace(self, codes=codes, hurried=hurried, next_hurried=following)
+
     @functools.cached_property
     def cells(self) -> I64:
         """``[N]`` index of (shot, area, height, technique) of the stroke itself; negative without area."""
@@ -126,10 +156,21 @@ class Rows:
         return np.where(c["area"] < 0, -1, index)
 
 
-def rows_from_strokes(strokes: pa.Table) -> Rows:
+class Marker(Protocol):
+    """Decides whether strikers were hurried (:class:`shuttle_marl.dynamics.hurried.Hurry`)."""
+
+    def marked(self, rows: Rows) -> Rows:
+        """Rows in playing order, with whether the striker was hurried."""
+
+
+def rows_from_strokes(strokes: pa.Table, hurry: Marker | None = None) -> Rows:
     """Rows of a cleaned table, in its order (schema: :mod:`shuttle_marl.data.schema`).
 
     The target areas of annotated winners and out strokes depend on the other strokes of the table.
+
+    Args:
+        strokes: the table.
+        hurry: index that decides whether strikers were hurried where the table does not know it; None: that stays unknown.
     """
     column = {
         name: strokes[name].to_numpy(zero_copy_only=False)
@@ -158,7 +199,9 @@ def rows_from_strokes(strokes: pa.Table) -> Rows:
     codes["shot"] = column["shot"].astype(np.int16)
     codes["technique"] = column["technique"].astype(np.int16)
     codes["area"] = area
-    return Rows(
+    codes["hurried"] = np.zeros(len(match), dtype=np.int16)
+    unmarked = np.full(len(match), -1, dtype=np.int8)
+    rows = Rows(
         codes=codes,
         outcome=column["outcome"].astype(np.int8),
         reason=column["reason"].astype(np.int8),
@@ -171,7 +214,62 @@ def rows_from_strokes(strokes: pa.Table) -> Rows:
         attacks=attacks,
         opponent_attacks=opponent_attacks,
         net_run=net_run,
-    )
+        movement=_movement(strokes, key, number),
+        hurried=strokes["hurried"].cast(pa.int8()).fill_null(-1).to_numpy(),
+        next_hurried=unmarked,
+    ).marked(np.where(number == 1, 0, unmarked).astype(np.int8))
+    return rows if hurry is None else hurry.marked(rows)
+
+
+def _movement(strokes: pa.Table, key: Ints, number: I16) -> F32:
+    """``[N, 15]`` :data:`MOVEMENT` of each stroke; NaN where a part is unknown, and for serves.
+
+    Args:
+        strokes: the table.
+        key: ``[3, N]`` match, game and rally of each stroke.
+        number: ``[N]`` number of the stroke in its rally, from 1.
+    """
+    names = [f"{who}_{axis}" for who in ("contact", "striker", "receiver") for axis in "xy"]
+    x = {name: strokes[name].to_numpy().astype(np.float64) for name in names}
+    frame, clock = (strokes[name].cast(pa.float64()).to_numpy(zero_copy_only=False) for name in ("frame", "clock"))
+    rate = _frame_rates(key[0], frame, clock)[key[0]]
+    time = np.where(np.isnan(rate), clock, frame / rate)
+    last, first = _shift(np.arange(len(number)), 1), _shift(np.arange(len(number)), 2)
+
+    def follows(lag: int, row: I64) -> Bools:
+        return np.asarray((row >= 0) & (key[:, row] == key).all(axis=0) & (number - number[row] == lag))
+
+    answers, earlier = follows(1, last), follows(2, first)
+    own_x, own_y = (np.where(answers, -x[f"receiver_{axis}"][last], np.nan) for axis in "xy")
+    served = np.isnan(x["contact_x"])
+    struck = {axis: np.where(served, x[f"striker_{axis}"], x[f"contact_{axis}"]) for axis in "xy"}
+    forward, sideways = x["striker_y"] - own_y, x["striker_x"] - own_x
+    moved, since = np.hypot(forward, sideways), np.where(answers, time - time[last], np.nan)
+    before = np.where(number == 2, 0.0, np.where(earlier, time[last] - time[first], np.nan))
+    parts = {
+        **{name: x[name] for name in names[:4]},
+        "reach": np.hypot(x["contact_x"] - x["striker_x"], x["contact_y"] - x["striker_y"]),
+        "moved": moved,
+        "forward": forward,
+        "sideways": sideways,
+        "speed": moved / np.maximum(since, _SHORTEST),
+        "since": since,
+        "before": before,
+        "own_x": own_x,
+        "own_y": own_y,
+        **{f"opponent_{axis}": np.where(answers, -struck[axis][last], np.nan) for axis in "xy"},
+    }
+    return np.stack([parts[name] for name in MOVEMENT], axis=1).astype(np.float32)
+
+
+def _frame_rates(match: Ints, frame: F64, clock: F64) -> F64:
+    """``[matches]`` frames per second: the slope of frames over seconds; NaN where that is no rate of a video."""
+    size, known = int(match.max(initial=-1)) + 1, ~np.isnan(frame) & ~np.isnan(clock)
+    of, x, y = match[known], clock[known], frame[known]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        x, y = (part - (np.bincount(of, part, size) / np.bincount(of, minlength=size))[of] for part in (x, y))
+        rates = np.bincount(of, x * y, size) / np.bincount(of, x * x, size)
+        return np.where((rates >= _RATES[0]) & (rates <= _RATES[1]), rates, np.nan)
 
 
 def _target_areas(strokes: pa.Table) -> I16:
@@ -284,8 +382,11 @@ def states_of(game: Game, rows: Rows, own: Ints, incoming: Ints) -> I64:
         own, incoming: ``[N]`` catalogue indices of the previous strokes (:func:`strokes_before`).
     """
     duel = np.minimum(rows.net_run, LONGEST_DUEL) if game.counts_duels else 0
-    efforts = [np.minimum(count, game.levels - 1) if game.levels > 1 else 0 for count in (rows.attacks, rows.opponent_attacks)]
-    return game.state_of(own, incoming, rows.codes["contact"], duel, *efforts).astype(np.int64)
+    effort, opponent_effort = (
+        np.minimum(count, game.levels - 1) if game.levels > 1 else 0 for count in (rows.attacks, rows.opponent_attacks)
+    )
+    parts = (own, incoming, rows.codes["contact"], duel, effort, opponent_effort, rows.codes["hurried"])
+    return game.state_of(*parts).astype(np.int64)
 
 
 def codes_of_states(game: Game, state: Ints) -> dict[str, I16]:
@@ -297,6 +398,7 @@ def codes_of_states(game: Game, state: Ints) -> dict[str, I16]:
             values = np.append(getattr(catalogue, attribute), size - 2)
             codes[f"{name}_{attribute}"] = values[stroke].astype(np.int16)
     codes["contact"] = game.contact(state).astype(np.int16)
+    codes["hurried"] = game.hurried(state).astype(np.int16)
     return codes
 
 

@@ -25,6 +25,7 @@ from shuttle_marl.dynamics.features import DISCIPLINES, Rows
 from shuttle_marl.dynamics.fitted import FittedModels, PlayerChoices
 from shuttle_marl.dynamics.models import (
     GOOD,
+    HURRIED,
     all_targets,
     blended_logits,
     fault_class,
@@ -43,6 +44,7 @@ from shuttle_marl.dynamics.models import (
     softmax,
     was_good,
     was_met,
+    was_timed,
 )
 from shuttle_marl.dynamics.network import QUICK, Ensemble, EnsembleConfig, fold_of_match, unseen
 from shuttle_marl.dynamics.players import player_choices
@@ -62,6 +64,10 @@ _SUCCESS_EPOCHS: Final = 2 / 3
 """Fraction of the epochs of the success networks, which overfit with all of them."""
 _CORRECTION_ROUNDS: Final = 75
 _CORRECTION_RATE: Final = 0.03
+_HURRIED_ROUNDS: Final = 300
+"""Chosen in four cross fits over the training matches: 50 to 800 rounds."""
+_LEAST_HURRIED: Final = 50
+"""Minimum number of hurried receivers in a fit."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -144,6 +150,8 @@ def fit(
     report("contact heights")
     met_above = met.next_contact == 1
     contact = fit_binary("contact", met, met_above, config, seed + 5)
+    report("hurried receivers")
+    hurried, hurried_lines = _fit_hurried(train.take(was_timed(train)))
     report("choices of strokes")
     choice = fit_choice(train, config, seed + 6)
 
@@ -156,6 +164,7 @@ def fit(
         fault_line,
         _calibrate(fold_return[:, None], np.ones((len(good), 1)), returned),
         _calibrate(fold_above[:, None], np.ones((len(met), 1)), met_above),
+        *hurried_lines,
     ])  # fmt: skip
     networks = {"choice": choice, "target": target, "success": success, "return": return_network, "contact": contact}
     counts = np.bincount(train.codes["discipline"], minlength=len(DISCIPLINES))
@@ -166,6 +175,7 @@ def fit(
             "success": _fault_correction(fault_line[0] * fold_fault + fault_line[1], share, situations, known),
             "return": fit_trees(good.codes, returned),
             "contact": fit_trees(met.codes, met_above),
+            **hurried,
         },
         calibration=calibration,
         situations=situations,
@@ -254,6 +264,27 @@ def _fault_correction(logit: F64, share: F64, situations: Situations, rows: Rows
     marginal = (share * situations.mixed(logit, situations.weights(rows))).sum(axis=1)
     fault = rows.outcome == Outcome.FAULT
     return fit_trees(rows.with_area(0), fault, rounds=_CORRECTION_ROUNDS, rate=_CORRECTION_RATE, offset=log_odds(marginal))
+
+
+def _fit_hurried(rows: Rows) -> tuple[dict[str, Trees], F64]:
+    """Trees of hurried receivers, by their contact height, and the calibration ``[2, 2]`` of their out-of-fold logits.
+
+    Args:
+        rows: returned strokes of which that is known; with too few hurried receivers there are no trees.
+    """
+    trees, lines = {}, np.tile([1.0, 0.0], (len(HURRIED), 1))
+    for contact, name in enumerate(HURRIED):
+        those = rows.take(rows.next_contact == contact)
+        label, fold = those.next_hurried == 1, fold_of_match(those.match, _FOLDS)
+        if label.sum() < _LEAST_HURRIED:
+            continue
+        logits = np.zeros(len(those))
+        for k in np.unique(fold):
+            fitted = fit_trees(those.take(fold != k).codes, label[fold != k], rounds=_HURRIED_ROUNDS)
+            logits[fold == k] = fitted.logits(those.take(fold == k).codes)
+        lines[contact] = _calibrate(logits[:, None], np.ones((len(those), 1)), label)
+        trees[name] = fit_trees(those.codes, label, rounds=_HURRIED_ROUNDS)
+    return trees, lines
 
 
 def _out_of_fold_blend(network: Ensemble, rows: Rows, label: Bools, config: EnsembleConfig, ridge: F64 | None = None) -> F64:

@@ -15,6 +15,7 @@ from shuttle_marl.arrays import F64, I16, I64, Ints
 from shuttle_marl.dynamics.features import DISCIPLINES, SLOTS, Rows
 from shuttle_marl.dynamics.models import (
     GOOD,
+    HURRIED,
     RIDGE_COLUMNS,
     SPECS,
     blended_logits,
@@ -86,9 +87,10 @@ class FittedModels:
     Attributes:
         networks: the ensembles by name (:data:`shuttle_marl.dynamics.models.SPECS`).
         ridge: coefficients of the ridge part of the return model.
-        trees: by model, the correction of the calibrated logit of a fault (success) and parts of the blends of return and
-            contact; each is optional.
-        calibration: ``[3, 2]`` slope and intercept of the calibrated logit of fault, return and contact.
+        trees: by model, the correction of the calibrated logit of a fault (success), parts of the blends of return and contact,
+            and the models of hurried receivers (:data:`~shuttle_marl.dynamics.models.HURRIED`); each is optional.
+        calibration: ``[5, 2]`` slope and intercept of the calibrated logit of fault, return, contact, and hurried receivers below
+            and above the net.
         situations: effect of effort and long duels on the log-odds of a fault.
         share: ``[2]`` fraction of each discipline in the training strokes, the weights of the average game.
         choices: choices of single players.
@@ -124,6 +126,20 @@ class FittedModels:
         """``[N]`` probability that a returned stroke is met above the net."""
         return _calibrated(self._blended("contact", codes), self.calibration[2])
 
+    @property
+    def knows_hurried(self) -> bool:
+        """Whether the strokes of the fit told hurried strikers from others."""
+        return any(name in self.trees for name in HURRIED)
+
+    def hurried(self, codes: dict[str, I16]) -> F64:
+        """``[N, 2]`` probability that who returns a stroke is hurried, if they meet it below and above the net; 0 if unknown."""
+        out = np.zeros((len(codes["contact"]), len(HURRIED)))
+        for contact, name in enumerate(HURRIED):
+            if name in self.trees:
+                slope, intercept = self.calibration[3 + contact]
+                out[:, contact] = sigmoid(slope * self.trees[name].logits(codes) + intercept)
+        return out
+
     def _blended(self, name: str, codes: dict[str, I16]) -> F64:
         """``[K, N]`` probabilities of the members of a network, each blended with the other parts of the model."""
         others = [ridge_logits(self.ridge, codes)] if name == "return" else []
@@ -138,13 +154,13 @@ class FittedModels:
         return np.asarray((shares * self.situations.mixed(log_odds(faults), self.situations.weights(rows))).sum(axis=1))
 
     def averaged(self, probability: Callable[[dict[str, I16]], F64], codes: dict[str, I16]) -> F64:
-        """``[N]`` mean over the disciplines of a probability, one of the methods above."""
+        """``[N, ...]`` mean over the disciplines of a probability, one of the methods above."""
         n = len(codes["contact"])
-        total = np.zeros(n)
-        for discipline in np.flatnonzero(self.share):
-            of_all = {**codes, "discipline": np.full(n, discipline, dtype=np.int16)}
-            total += self.share[discipline] * probability(of_all)
-        return total
+        found = [
+            self.share[discipline] * probability({**codes, "discipline": np.full(n, discipline, dtype=np.int16)})
+            for discipline in np.flatnonzero(self.share)
+        ]
+        return np.asarray(sum(found))
 
     def of_discipline(self, discipline: int) -> "FittedModels":
         """The models of one discipline (index into :data:`shuttle_marl.dynamics.features.DISCIPLINES`)."""
@@ -163,6 +179,7 @@ class FittedModels:
             "share": self.share,
             "effort": self.situations.effort,
             "effort_share": self.situations.effort_share,
+            "hurried_share": self.situations.hurried_share,
             "players.style": self.choices.style,
             "players.area": self.choices.area,
         }
@@ -200,8 +217,8 @@ class FittedModels:
             return cls(
                 networks=networks,
                 ridge=checked(arrays["ridge"], np.float64, (1 + RIDGE_COLUMNS,)),
-                trees={name: Trees.checked(part) for name in networks if (part := _part(f"trees.{name}", arrays))},
-                calibration=checked(arrays["calibration"], np.float64, (3, 2)),
+                trees={name: Trees.checked(part) for name in (*networks, *HURRIED) if (part := _part(f"trees.{name}", arrays))},
+                calibration=checked(arrays["calibration"], np.float64, (5, 2)),
                 situations=_situations(described, arrays),
                 share=checked(arrays["share"], np.float64, (len(DISCIPLINES),)),
                 choices=PlayerChoices(
@@ -248,6 +265,7 @@ def _situations(described: dict[str, Any], arrays: dict[str, npt.NDArray[Any]]) 
         duel=float(duel[0]),
         effort_share=checked(arrays["effort_share"], np.float64, (SLOTS["own_shot"], len(effort))),
         duel_share=float(duel[1]),
+        hurried_share=checked(arrays["hurried_share"], np.float64, (SLOTS["incoming_shot"], SLOTS["shot"])),
     )
 
 

@@ -33,6 +33,7 @@ from shuttle_marl.dynamics.features import Rows, rows_from_strokes
 from shuttle_marl.dynamics.fit import THREADS, Fit, Report, fit
 from shuttle_marl.dynamics.fitted import FittedModels, ModelError, PlayerChoices
 from shuttle_marl.dynamics.habits import save_habits
+from shuttle_marl.dynamics.hurried import Hurry, fit_hurry, load_hurry
 from shuttle_marl.dynamics.network import QUICK, EnsembleConfig
 from shuttle_marl.dynamics.prior import Prior, fit_from, refits_from
 from shuttle_marl.dynamics.skill import FittedSkill, check, deviations_in, fit_skill, summary
@@ -43,6 +44,7 @@ from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.shipped import (
     BC,
     GAME,
+    HURRY,
     PROFILES,
     REFITS,
     SUPPORT,
@@ -116,6 +118,10 @@ def make_model(
     train, validation = train_and_validation(rows, validation_share)
     require_enough(train, validation, prior=prior is not None)
     start = None if prior is None else _prior(prior)
+    report("hurried strikers")
+    hurry = fit_hurry(train, seed=seed) if start is None else start.hurry
+    if hurry is not None:
+        train, validation = hurry.marked(train), hurry.marked(validation)
     refits = _checked_refits(refits, len(np.unique(train.match)), start)
     fitted = (
         fit(train, validation, seed=seed, config=config, report=report)
@@ -126,6 +132,10 @@ def make_model(
     skill_prior = None if start is None else start.skill
     written = save_fit(out, fitted, sources, skill_prior, report=report)
     fitted_on = pa.array([train.matches[i] for i in np.unique(train.match).tolist()])
+    if hurry is None:
+        (out / HURRY).unlink(missing_ok=True)  # of a replaced model
+    else:
+        hurry.save(out / HURRY)
     save_habits(out, strokes.filter(pa.compute.is_in(strokes["match"], fitted_on)), written.skill.skill.players)
     game, variants = written.game, written.variants
     report("solving the game")
@@ -155,6 +165,7 @@ def make_model(
             "clipped": written.clipped,
             "share": dict(zip(PROFILES, fitted.models.share.tolist(), strict=True)),
         },
+        "hurried": _hurried(train, hurry, prior),
         "players": list(fitted.models.choices.players),
         "chosen": fitted.chosen,
         "skill": summary(written.skill, checked),
@@ -202,6 +213,15 @@ class Refit:
         rows = resampled(self.train, [self.seed, number])
         seed = self.seed + 1000 * number
         return fit(rows, None, seed=seed, config=self.config, layout=self.layout, report=_silent).compiled()[0]
+
+
+def _hurried(train: Rows, hurry: Hurry | None, prior: str | None) -> dict[str, Any]:
+    """Share of hurried strikers, whether positions are known, and what marked them: the table, the index, that of the prior."""
+    rally = train.stroke > 1
+    known = train.hurried[rally] >= 0
+    by = None if not known.any() else "table" if hurry is None else "index" if prior is None else "prior"
+    positions = bool(np.isfinite(train.movement).all(axis=1).any())
+    return {"share": float((train.hurried == 1).mean()), "known": float(known.mean()), "positions": positions, "by": by}
 
 
 def _silent(line: str) -> None:
@@ -353,6 +373,7 @@ def _prior(name: str) -> Prior:
         models=FittedModels.load(folder),
         game=load_game(str(folder)),
         support=load_support(folder),
+        hurry=load_hurry(folder),
         skill=deviations_in(read_model_card(folder)),
         refits=refits_of(load_game(str(folder))),
     )
@@ -412,7 +433,7 @@ def evaluate_model(data: Path, folder: Path, split: Split, *, report: Callable[[
     """
     torch.set_num_threads(THREADS)
     report("reading strokes")
-    rows = rows_from_strokes(load_strokes(data))
+    rows = rows_from_strokes(load_strokes(data), load_hurry(folder))
     share = read_model_card(folder)["data"].get("validation_share")
     if share is None:
         train, test = rows_of(rows, "train"), rows_of(rows, split)

@@ -1,4 +1,4 @@
-"""The five networks of the game and the ridge regression: inputs, labels and fits.
+"""The five networks of the game, the trees and the ridge regression: inputs, labels and fits.
 
 ========  =======================================  ==================================================
 network   inputs                                   prediction
@@ -8,6 +8,7 @@ target    the state, shot type, technique          target area
 success   the state and the whole stroke           good, out, or short (net, short of the net, foul)
 return    the state and the whole stroke           the opponent returns a good stroke
 contact   the state and the whole stroke           the opponent meets it above the net
+(hurried) the state and the whole stroke           who meets it is hurried: trees, one model for each contact height
 ========  =======================================  ==================================================
 
 **Targets of faults are latent.** The data record where a fault landed, not where it was aimed. The target of a stroke that did
@@ -54,6 +55,8 @@ _CONTEXT_CROSSES: Final = (
     ("incoming_area", "shot"),
     ("own_shot", "incoming_shot"),
     ("shot", "area"),
+    ("hurried", "shot"),
+    ("hurried", "incoming_shot"),
 )
 _FLIGHT_CROSSES: Final = (
     *_CONTEXT_CROSSES,
@@ -68,6 +71,7 @@ SPECS: Final = {
             ("incoming_shot", "incoming_area", "contact"),
             ("own_shot", "incoming_shot"),
             ("own_area", "incoming_shot"),
+            ("hurried", "incoming_shot"),
         ),
         outputs=N_SHOTS * N_TECHNIQUES,
     ),
@@ -79,6 +83,7 @@ SPECS: Final = {
             ("incoming_shot", "shot"),
             ("own_area", "shot"),
             ("incoming_area", "technique"),
+            ("hurried", "shot"),
         ),
         outputs=N_AREAS,
     ),
@@ -86,6 +91,8 @@ SPECS: Final = {
     "return": NetworkSpec(inputs=_STROKE, crosses=_FLIGHT_CROSSES, outputs=1),
     "contact": NetworkSpec(inputs=_STROKE, crosses=_FLIGHT_CROSSES, outputs=1),
 }
+HURRIED: Final = ("hurried_below", "hurried_above")
+"""Trees of hurried receivers, by the height at which they meet the shuttle."""
 _PAIRS: Final = tuple(itertools.combinations(SLOTS, 2))
 _TRIPLES: Final = (
     ("incoming_shot", "shot", "area"),
@@ -247,6 +254,11 @@ def was_good(rows: Rows) -> Bools:
 def was_met(rows: Rows) -> Bools:
     """``[N]`` rows that the contact network is fitted to."""
     return (rows.outcome == Outcome.RETURNED) & (rows.next_contact >= 0)
+
+
+def was_timed(rows: Rows) -> Bools:
+    """``[N]`` rows that the trees of hurried receivers are fitted to."""
+    return was_met(rows) & (rows.next_hurried >= 0)
 
 
 def all_targets(success: Ensemble, rows: Rows) -> F64:

@@ -9,12 +9,13 @@ import numpy as np
 import torch
 from scipy.optimize import minimize_scalar
 
-from shuttle_marl.arrays import F64, Bools
+from shuttle_marl.arrays import F64, I16, Bools
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.dynamics.compiled import Support, support_of
 from shuttle_marl.dynamics.features import Rows
 from shuttle_marl.dynamics.fit import Fit, Report, intended_targets
 from shuttle_marl.dynamics.fitted import FittedModels, tilted
+from shuttle_marl.dynamics.hurried import Hurry
 from shuttle_marl.dynamics.models import known_outcome, log_odds, mean_probabilities, sigmoid, was_good, was_met
 from shuttle_marl.dynamics.network import Ensemble
 from shuttle_marl.dynamics.players import (
@@ -45,6 +46,7 @@ class Prior:
         models: the models.
         game: the game, whose layout the fit shares.
         support: support in its data.
+        hurry: its index of hurried strikers, if it has one.
         skill: standard deviations of its offsets of players (:attr:`~shuttle_marl.dynamics.skill.FittedSkill.sd`), if it has any.
         refits: its refits.
     """
@@ -52,6 +54,7 @@ class Prior:
     models: FittedModels
     game: Game
     support: Support
+    hurry: Hurry | None
     skill: F64 | None
     refits: Sequence[Game]
 
@@ -77,7 +80,7 @@ def fit_from(prior: Prior, train: Rows, validation: Rows | None, *, report: Repo
     def marginal(shift: float) -> F64:
         return np.asarray((share * models.situations.mixed(fault + shift, weights)).sum(axis=1))
 
-    returned, above = log_odds(models.returned(good.codes)), log_odds(models.above(met.codes))
+    returned, above = (log_odds(_over_bit(p, models, part)) for p, part in ((models.returned, good), (models.above, met)))
     label = {
         "success": known.outcome == Outcome.FAULT,
         "return": good.outcome == Outcome.RETURNED,
@@ -91,7 +94,7 @@ def fit_from(prior: Prior, train: Rows, validation: Rows | None, *, report: Repo
     deviations = {name: deviation for name, (_, deviation) in estimates.items()}
     shifts = {name: shift for name, (shift, _) in estimates.items()}
     calibration = models.calibration.copy()
-    calibration[:, 1] += list(shifts.values())
+    calibration[: len(shifts), 1] += list(shifts.values())
     models = dataclasses.replace(models, calibration=calibration)
     predicted = {
         "success": Predicted(rows=known, logit=log_odds(marginal(shifts["success"])), label=label["success"]),
@@ -117,8 +120,21 @@ def fit_from(prior: Prior, train: Rows, validation: Rows | None, *, report: Repo
 
 def _faults(models: FittedModels, rows: Rows) -> tuple[F64, F64]:
     """``[N, 9]`` each: log-odds of a fault by target at effort 0, and probability of each target."""
-    faults = [log_odds(models.fault(rows.with_area(area))) for area in range(N_AREAS)]
+    faults = [
+        log_odds(_over_bit(models.fault, models, dataclasses.replace(rows, codes=rows.with_area(area))))
+        for area in range(N_AREAS)
+    ]
     return np.stack(faults, axis=1), models.targets(rows.codes)
+
+
+def _over_bit(probability: Callable[[dict[str, I16]], F64], models: FittedModels, rows: Rows) -> F64:
+    """``[N]`` probabilities; the mean over hurried strikers and others where it is not known who was hurried."""
+    found = probability(rows.codes)
+    if not (rows.hurried < 0).any() or not models.knows_hurried:
+        return found
+    share = models.situations.hurried_share[rows.codes["incoming_shot"], rows.codes["shot"]]
+    late = probability({**rows.codes, "hurried": np.ones(len(rows), np.int16)})
+    return np.where(rows.hurried < 0, (1 - share) * found + share * late, found)
 
 
 def shift_of(probability: Callable[[float], F64], label: Bools) -> tuple[float, float]:

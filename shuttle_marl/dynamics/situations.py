@@ -4,8 +4,9 @@ Players fault more after many attacks, and at net shots after three or more cons
 the networks' log-odds, fitted together with their calibration to out-of-fold predictions:
 
 - **effort**: number of previous attacks (smashes, half-smashes) of the striker in the rally, capped at :data:`LEVELS` - 1, with
-  a linear effect. In out-of-fold likelihood, a cap of three gains 1.5 nats [-0.7, 3.6] over a cap of two, and free offsets lose
-  1.4 [0.6, 2.2] against the linear effect; the opponent's attacks have no effect.
+  a linear effect. In out-of-fold likelihood on the training matches, given whether the striker is hurried, one level (any attack)
+  gains 5.0 nats [-1.7, 11.8] over none, and a second one 1.4 [-1.6, 4.7] more, which is not worth half of the states; the
+  opponent's attacks have no effect.
 - **duel**: whether the stroke is a net shot after :data:`LONG_DUEL` or more consecutive net shots.
 
 Rows whose number of attacks or net shots is unknown, because a row was dropped, are left out of the fit. Their probability is
@@ -24,10 +25,12 @@ from shuttle_marl.arrays import F64, I16, Ints
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.dynamics.features import NET_SHOT, SLOTS, Rows
 
-LEVELS: Final = 3
+LEVELS: Final = 2
 """Levels of effort."""
 LONG_DUEL: Final = 3
 """Minimum number of consecutive net shots before a stroke in a long duel."""
+_PRIOR_STROKES: Final = 20.0
+"""Weight of the mean over shot types in a frequency of hurried strikers, in strokes."""
 _PRECISION: Final = 4.0
 """Precision of the normal prior of an offset of the log-odds; its standard deviation is 0.5."""
 
@@ -44,12 +47,15 @@ class Situations:
         duel: offset of a net shot in a long duel.
         effort_share: ``[15, L]`` frequency of each level, by code of the striker's previous shot type (``own_shot``).
         duel_share: frequency of long duels among the net shots after two net shots.
+        hurried_share: ``[15, 13]`` frequency of hurried strikers by codes of the incoming shot type and the stroke's; 0 where the
+            data do not know it.
     """
 
     effort: F64
     duel: float
     effort_share: F64
     duel_share: float
+    hurried_share: F64
 
     @property
     def offsets(self) -> F64:
@@ -89,19 +95,20 @@ class Situations:
             total += weight.reshape(-1, *(1,) * (logit.ndim - 1)) * expit(logit + offset)
         return total
 
-    def logit_of_mean(self, mean: F64, weights: F64) -> F64:
-        """``[N]`` logit at effort 0 outside of long duels, for a given mean probability over the situations.
+    def moved_to(self, mean: F64, logit: F64, weights: F64, share: F64) -> F64:
+        """``[N, B]`` logits, those of a row moved by the same amount, so that the mean probability is a given one.
 
         Args:
             mean: ``[N]`` probabilities between 0 and 1.
+            logit: ``[N, B]`` at effort 0 outside of long duels, in B cases.
             weights: ``[N, 2 L]`` probability of each situation.
+            share: ``[N, B]`` probability of each case.
         """
         target = np.log(mean) - np.log1p(-mean)
-        logit = target.copy()
         # The slope of the mean's log-odds is close to 1, so the fixed-point iteration converges fast.
         for _ in range(20):
-            current = self.mixed(logit, weights)
-            logit += target - (np.log(current) - np.log1p(-current))
+            current = (share * self.mixed(logit, weights)).sum(axis=1)
+            logit = logit + (target - (np.log(current) - np.log1p(-current)))[:, None]
         return logit
 
     def codes(self, rows: Rows) -> dict[str, I16]:
@@ -147,8 +154,19 @@ def fit_situations(logit: F64, share: F64, rows: Rows, *, levels: int = LEVELS) 
         duel=float(found[3]),
         effort_share=_effort_shares(rows.codes["own_shot"][known], effort[known], levels),
         duel_share=float((rows.net_run[third] >= LONG_DUEL).sum() / max(1, third.sum())),
+        hurried_share=_hurried_shares(rows),
     )
     return found[:2], situations
+
+
+def _hurried_shares(rows: Rows) -> F64:
+    """``[15, 13]`` frequency of hurried strikers by incoming and own shot type, shrunk to that of the incoming one."""
+    count = np.zeros((2, SLOTS["incoming_shot"], SLOTS["shot"]))
+    known = rows.hurried >= 0
+    np.add.at(count, (rows.hurried[known], rows.codes["incoming_shot"][known], rows.codes["shot"][known]), 1)
+    total = count.sum(axis=(0, 2))
+    usual = (count[1].sum(axis=1) / np.maximum(total, 1))[:, None]
+    return np.asarray((count[1] + _PRIOR_STROKES * usual) / (count.sum(axis=0) + _PRIOR_STROKES))
 
 
 def _effort_shares(own_shot: Ints, effort: Ints, levels: int) -> F64:

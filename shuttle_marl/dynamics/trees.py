@@ -163,10 +163,28 @@ def fit_trees(
     x = np.stack([codes[name] for name in INPUTS], axis=1).astype(np.int32)
     data = lgb.Dataset(x, label.astype(int), init_score=offset, categorical_feature=list(range(len(INPUTS))))
     parameters = {**PARAMETERS, "num_leaves": leaves, "learning_rate": rate}
-    fitted = lgb.train(parameters, data, num_boost_round=rounds).dump_model()["tree_info"]
+    arrays, nodes = stored_trees(lgb.train(parameters, data, num_boost_round=rounds), leaves)
+    left = np.zeros(arrays["attribute"].shape, dtype=np.int32)
+    for t, m, threshold in nodes:
+        left[t, m] = sum(1 << int(code) for code in threshold.split("||"))
+    return Trees(left=left, **arrays)
+
+
+def stored_trees(booster: Any, leaves: int) -> tuple[dict[str, npt.NDArray[Any]], list[tuple[int, int, Any]]]:
+    """The trees of LightGBM as arrays.
+
+    Args:
+        booster: the fitted trees.
+        leaves: maximum number of leaves of a tree.
+
+    Returns:
+        ``attribute``, ``child`` and ``value`` as in :class:`Trees`; and (tree, node, threshold) of each node.
+    """
+    fitted = booster.dump_model()["tree_info"]
     shape = (len(fitted), leaves - 1)
-    attribute, left = np.zeros(shape, dtype=np.int32), np.zeros(shape, dtype=np.int32)
+    attribute = np.zeros(shape, dtype=np.int32)
     child, value = np.full((*shape, 2), -1, dtype=np.int32), np.zeros((len(fitted), leaves))
+    nodes: list[tuple[int, int, Any]] = []
     for t, tree in enumerate(fitted):
         # LightGBM numbers nodes in the order of their splits, so children come after their parents.
         stack = [tree["tree_structure"]]
@@ -177,9 +195,9 @@ def fit_trees(
                 continue
             m = node["split_index"]
             attribute[t, m] = node["split_feature"]
-            left[t, m] = sum(1 << int(code) for code in node["threshold"].split("||"))
+            nodes.append((t, m, node["threshold"]))
             for side, name in enumerate(("left_child", "right_child")):
                 below = node[name]
                 child[t, m, side] = below["split_index"] if "split_index" in below else -1 - below["leaf_index"]
                 stack.append(below)
-    return Trees(attribute=attribute, left=left, child=child, value=value)
+    return {"attribute": attribute, "child": child, "value": value}, nodes

@@ -34,6 +34,8 @@ SKILL: Final = "skill.safetensors"
 """Skill of the players, as differences from the average player."""
 HABITS: Final = "habits.safetensors"
 """Counted strokes of the players, for reports."""
+HURRY: Final = "hurry.safetensors"
+"""Index that decides whether strikers were hurried, in models of strokes with positions."""
 SUPPORT: Final = "support.safetensors"
 """Data file beside the models: the torch reference of the tables needs it."""
 RELIABLE: Final = 20
