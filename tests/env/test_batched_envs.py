@@ -175,9 +175,9 @@ def compare(game: Game, observations: list[dict[str, np.ndarray]], seen: list[tu
     vector = np.array([observation["observation"] for observation in observations])
     assert np.array_equal(vector[:, :27], one_hots[tokens[:, 0]])
     assert np.array_equal(vector[:, 27:54], one_hots[tokens[:, 1]])
-    _, incoming, contact, duel, effort, opponent_effort = tokens.T
+    _, incoming, contact, duel, effort, opponent_effort, hurried = tokens.T
     highest = max(1, game.levels - 1)
-    rest = [contact, incoming == game.n_strokes, duel / 3, effort / highest, opponent_effort / highest]
+    rest = [contact, incoming == game.n_strokes, duel / 3, effort / highest, opponent_effort / highest, hurried]
     np.testing.assert_allclose(vector[:, 54:], np.stack(rest, axis=1), rtol=1e-6)
     assert np.array_equal(np.array([observation["action_mask"] for observation in observations]), mask)
 

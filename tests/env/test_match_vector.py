@@ -107,7 +107,7 @@ def test_rewards_of_rallies_add_up_to_the_score() -> None:
         if over.any():
             for row in np.flatnonzero(over):
                 seen = infos["final_obs"][row]["observation"]
-                assert {2.0} == {round(2 * max(seen[61], seen[62]), 3)}, "someone has won two games"
+                assert {2.0} == {round(2 * max(seen[62], seen[63]), 3)}, "someone has won two games"
             total[over] = points[over] = 0
     assert np.abs(total).max() <= 3 * SHORT.cap
 
@@ -120,7 +120,7 @@ def test_it_is_the_native_one_of_gymnasium() -> None:
     assert env.single_observation_space == SingleMatchEnv().observation_space
     raw = match_v0.raw_env()
     raw.reset(seed=3)
-    assert seen["observation"].shape == (4, 65)
+    assert seen["observation"].shape == (4, 66)
     assert infos["games"].tolist() == [[0, 0]] * 4
 
 

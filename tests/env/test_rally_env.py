@@ -39,7 +39,7 @@ def test_outcomes_equal_the_batched_rules_on_the_same_draws(play, seed, game):
     good, returned, _ = game.stroke_probabilities()
     for episode in range(3):
         key = stream(seed, episode)
-        striker = int(draw(key, 0)[0] >> np.uint64(16)) & 1
+        striker = int(draw(key, 0)[0] >> np.uint64(24)) & 1
         state, count, own, other = ROOT, 0, None, None
         expected_reward = 0.0
         for agent, seen, reward, terminated, truncated, info, action in play(
@@ -56,7 +56,8 @@ def test_outcomes_equal_the_batched_rules_on_the_same_draws(play, seed, game):
             assert (decode(vector[:27]), decode(vector[27:54])) == (own, other)
             highest = max(1, game.levels - 1)
             efforts = game.effort(state) / highest, game.opponent_effort(state) / highest
-            np.testing.assert_allclose(vector[54:], [state & 1, state == ROOT, game.duel(state) / 3, *efforts], rtol=1e-6)
+            rest = [state & 1, state == ROOT, game.duel(state) / 3, *efforts, state >> 1 & 1]
+            np.testing.assert_allclose(vector[54:], rest, rtol=1e-6)
             assert (seen["action_mask"] == game.mask(np.array(state))).all()
             pair = game.pair(np.array([state]), np.array([action]))
             u = outcome_draw(draw(key, count))
@@ -64,6 +65,7 @@ def test_outcomes_equal_the_batched_rules_on_the_same_draws(play, seed, game):
             facts = {
                 "striker": agent,
                 "stroke": game.catalogue.names[action],
+                "hurried": bool(state >> 1 & 1),
                 "p_succ": good[pair][0],
                 "p_ret": returned[pair][0],
                 "outcome": OUTCOMES[outcome[0]],
@@ -88,7 +90,7 @@ def test_effort_and_duels_are_counted_from_the_strokes_of_the_rally(play):
             if terminated:
                 continue
             own, other = (min(attacks[player], 2) for player in (agent, AGENTS[1 - AGENTS.index(agent)]))
-            np.testing.assert_allclose(seen["observation"][56:], [min(duel, 3) / 3, own / 2, other / 2], rtol=1e-6)
+            np.testing.assert_allclose(seen["observation"][56:59], [min(duel, 3) / 3, own / 2, other / 2], rtol=1e-6)
             assert env.observation_space(agent).contains(seen)
             met.add((min(duel, 3), own, other))
             shot = env.unwrapped.game.catalogue.names[action].split(":")[0]
@@ -126,7 +128,8 @@ def test_the_other_player_sees_the_same_rally_from_its_side(play, game):
         assert (theirs[:27] == mine[27:54]).all()
         assert (theirs[27:54] == mine[:27]).all()
         assert (theirs[54:57] == mine[54:57]).all()
-        assert (theirs[57:] == mine[:56:-1]).all()
+        assert (theirs[57:59] == mine[58:56:-1]).all()
+        assert theirs[59] == mine[59]
         assert not other["action_mask"].any()
 
 

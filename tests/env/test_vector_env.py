@@ -91,13 +91,13 @@ def test_one_row_is_the_single_environment(seat: int, illegal: float, game: Game
 
 
 def assert_same(features: np.ndarray, tokens: np.ndarray, game: Game) -> None:
-    """The 59 numbers and the six tokens of a state say the same."""
+    """The 60 numbers and the seven tokens of a state say the same."""
     assert tokens.dtype == np.int32
-    own, incoming, contact, duel, effort, other = tokens
+    own, incoming, contact, duel, effort, other, hurried = tokens
     hot, highest = stroke_features(game), max(1, game.levels - 1)
     assert np.array_equal(features[:54], np.concatenate([hot[own], hot[incoming]]))
     assert features[54] == contact
-    np.testing.assert_allclose(features[56:], [duel / 3, effort / highest, other / highest], rtol=1e-6)
+    np.testing.assert_allclose(features[56:], [duel / 3, effort / highest, other / highest, hurried], rtol=1e-6)
 
 
 @pytest.mark.parametrize("observation", ["features", "tokens"])
@@ -254,4 +254,4 @@ def test_matches_are_vectorized_by_gymnasium() -> None:
     seen, _ = env.reset(seed=1)
     actions = np.array([np.flatnonzero(mask)[0] for mask in seen["action_mask"]])
     seen, *_ = env.step(actions)
-    assert seen["observation"].shape == (2, 65)
+    assert seen["observation"].shape == (2, 66)
