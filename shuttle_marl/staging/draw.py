@@ -40,6 +40,8 @@ _EXPECTED: Final = (("net-shot", "block", "lift"), ("net-kill", "drive", "clear"
 """Expected shot types of the next striker, by height (below, above) and depth of the area."""
 _QUICK: Final = 0.5
 """Times and heights of contacts of hurried players: share of the range of all, from its lower end."""
+_LOW_FROM: Final = 1.2
+"""Distance from the net above which hurried players strike lower [m]."""
 _SHORT: Final = 0.2
 """Distance that the hips of a hurried player are short of their place at the contact [m]."""
 _STRETCH: Final = 0.35
@@ -278,7 +280,9 @@ class _TrajectoryBuilder:
         if self.shot[i] < N_SERVES:
             x, y = self._into_service_court(x, y)
         if end in (RETURN, OPEN):
-            return np.array([x, max(y, 0.25), self._height(i + 1, u[2])]), int(self.height[i + 1])
+            # Close to the net there is no way over it from further down.
+            low = self.hurried[i + 1] and y > _LOW_FROM
+            return np.array([x, max(y, 0.25), self._height(i + 1, u[2] * (_QUICK if low else 1.0))]), int(self.height[i + 1])
         if end == OUT:
             x, y = self._outside(i, x, y, u[2], u[3])
         return np.array([x, max(y, 0.12), _HEIGHT_OF_CORK]), 0
@@ -326,7 +330,7 @@ class _TrajectoryBuilder:
     def _height(self, i: int, u: float) -> float:
         """Contact height of stroke i [m]; overhead contacts scale with the player."""
         low, high = height_range(self.shot[i], self.height[i], self.technique[i])
-        z = low + (high - low) * u * (_QUICK if self.hurried[i] else 1.0)
+        z = low + (high - low) * u
         return z * self.players[self._striker(i)].skeleton.scale if z > OVERHEAD_FROM else z
 
     def _late(self, stance: Stance | None, base: F64, seconds: float) -> float:

@@ -64,7 +64,9 @@ def test_reports_are_those_of_the_state(path: Path, tables: dict[str, TabulatedP
                 seat, stroke = int(played.striker[i]), int(played.stroke[i])
                 efforts = report.efforts(i)
                 assert (efforts, report.duel(i)) == ((min(attacks[seat], 2), min(attacks[1 - seat], 2)), min(duel, 3))
-                state = int(GAME.state_of(strokes[i], strokes[i + 1], catalogue.height[stroke], min(duel, 3), *efforts))
+                state = int(
+                    GAME.state_of(strokes[i], strokes[i + 1], catalogue.height[stroke], min(duel, 3), *efforts, played.hurried[i])
+                )
                 pair = int(GAME.pair(state, stroke))
                 assert (decision.p_succ[rank], decision.p_ret[rank]) == (good[pair], returned[pair])
                 table = tables[report.names[seat]]
@@ -89,6 +91,7 @@ def test_the_scene_tells_the_effort_of_players(path: Path, tables: dict[str, Tab
     numbers = range(len(report.played))
     assert [(s["effort"], s["opponent_effort"]) for s in strokes] == [report.efforts(i) for i in numbers]
     assert [s["duel"] for s in strokes] == [report.duel(i) for i in numbers]
+    assert [s["hurried"] for s in strokes] == report.played.hurried.tolist()
     assert strokes[-1]["effort"] + strokes[-1]["opponent_effort"] > 0
     texts = [t.text for _, topic, m in messages if topic == BOARDS[0] for e in m.entities for t in e.texts]
     words = " ".join(" ".join(texts).split())
@@ -99,6 +102,7 @@ def test_the_scene_tells_the_effort_of_players(path: Path, tables: dict[str, Tab
         assert f"effort {efforts[seat]} - {efforts[1 - seat]}" in words
         assert f"good {percent(good[i])}, returned {percent(returned[i])}" in words
     schema = topics.SCHEMAS[topics.STROKE]["properties"]
-    assert {"effort", "opponent_effort", "duel"} <= set(schema)
+    assert {"hurried", "effort", "opponent_effort", "duel"} <= set(schema)
+    assert ("hurried" in words) == report.played.hurried.any()
     assert json.dumps(strokes[0])
     assert np.isfinite([s["p_succ"] for s in strokes]).all()

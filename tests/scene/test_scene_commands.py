@@ -99,11 +99,12 @@ def rallies_of(played: list[Rally], dtype: npt.DTypeLike = np.uint16) -> Rallies
         match=np.arange(n, dtype=np.uint32),
         policy=np.tile(np.array([0, 1], dtype=np.uint16), (n, 1)),
         server=np.array([rally.server for rally in played], dtype=np.uint8),
-        winner=np.array([(rally.striker[-1] + (rally.ending == 0)) % 2 for rally in played], dtype=np.uint8),
+        winner=np.array([rally.winner for rally in played], dtype=np.uint8),
         reason=np.array([rally.ending for rally in played], dtype=np.uint8),
         score=np.zeros((n, 4), dtype=np.uint8),
         length=np.array([len(rally) for rally in played], dtype=np.int32),
         stroke=np.concatenate([rally.stroke for rally in played]).astype(dtype),
+        hurried=np.concatenate([rally.hurried for rally in played]).astype(np.uint8),
     )
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.motion_metrics import joints, measure
-from shuttle_marl.game.rules import RETURNED_ABOVE, RETURNED_BELOW
+from shuttle_marl.game.rules import OUTCOMES, RETURNED_ABOVE, RETURNED_BELOW
 from shuttle_marl.rally.record import Rally
 from shuttle_marl.staging import ENDS, Motion, StagingError, continue_motion, stage
 
@@ -16,10 +16,13 @@ HANDS = (("right", "left"), ("left", "right"))
 
 def prefix(rally: Rally, strokes: int) -> Rally:
     """The first strokes of a rally, while it was open."""
-    if strokes == len(rally):
-        return rally
-    ending = RETURNED_BELOW + int(rally.catalogue.height[rally.stroke[strokes]])
-    return dataclasses.replace(rally, stroke=rally.stroke[:strokes], ending=ending)
+    ending = int(rally.outcome[strokes - 1]) if strokes else RETURNED_BELOW
+    return dataclasses.replace(rally, stroke=rally.stroke[:strokes], hurried=rally.hurried[:strokes], ending=ending)
+
+
+def with_stroke(rally: Rally, k: int, stroke: int, ending: int) -> Rally:
+    """The rally with another k-th stroke as its last one."""
+    return dataclasses.replace(prefix(rally, k + 1), stroke=np.r_[rally.stroke[:k], stroke], ending=ending)
 
 
 def joins(before: Motion, after: Motion, branch: int) -> None:
@@ -68,7 +71,7 @@ def test_another_stroke_than_the_one_that_was_played(played: list[Rally]) -> Non
     motion = stage(rally, seed=7)
     for k in (1, 3, len(rally) - 1):
         tail = [s for s in other.stroke[1:] if rally.catalogue.height[s] == rally.catalogue.height[rally.stroke[k]]]
-        changed = dataclasses.replace(rally, stroke=np.r_[rally.stroke[:k], tail[0]], ending=RETURNED_ABOVE)
+        changed = with_stroke(rally, k, tail[0], RETURNED_ABOVE)
         branched = continue_motion(motion, changed, seed=7, from_stroke=k)
         joins(motion, branched, int(motion.contact_frame[k - 1]))
         sound(branched)
@@ -120,8 +123,10 @@ def test_what_cannot_be_continued(played: list[Rally]) -> None:
     rally = next(rally for rally in played if len(rally) > 3)
     motion = stage(prefix(rally, 2), seed=0)
     other = dataclasses.replace(rally, server=1 - rally.server)
+    hurried = dataclasses.replace(rally, hurried=rally.hurried ^ (np.arange(len(rally)) == 1))
     for arguments, message in (
         ({"rally": other}, "other strokes before number 2"),
+        ({"rally": hurried}, "other strokes before number 2"),
         ({"from_stroke": 3}, "from_stroke 3: the motion has 2 strokes"),
         ({"at": 3}, "continued at a contact"),
         ({"from_stroke": 0, "at": 10_000}, "the waiting before the serve has frames 1 to"),
@@ -141,10 +146,10 @@ def test_a_thousand_random_branches_keep_all_limits(played: list[Rally]) -> None
         motion = stage(rally, seed=int(rng.integers(1 << 30)), handedness=HANDS[i % 2], athletes=("male", "female"))
         new: list[np.ndarray] = []
         for _ in range(25):
-            k = int(rng.integers(1, len(rally) + 1))
-            height = rally.catalogue.height[rally.stroke[k]] if k < len(rally) else rng.integers(2)
+            k = int(rng.integers(1, len(rally)))
+            height = rally.catalogue.height[rally.stroke[k]]
             legal = np.flatnonzero((rally.catalogue.height == height) & ~rally.catalogue.is_serve)
-            changed = dataclasses.replace(rally, stroke=np.r_[rally.stroke[:k], rng.choice(legal)], ending=int(rng.integers(4)))
+            changed = with_stroke(rally, k, rng.choice(legal), int(rng.integers(len(OUTCOMES))))
             branched = continue_motion(motion, changed, seed=i, from_stroke=k)
             branch = int(motion.contact_frame[k - 1])
             joins(motion, branched, branch)

@@ -163,7 +163,7 @@ def test_every_end_of_a_rally_is_staged(played: list[Rally]) -> None:
     """Net faults hit the net and stay on the striker's side; shuttles that are out come down outside."""
     seen = set()
     for i, rally in enumerate(played):
-        short = dataclasses.replace(rally, stroke=rally.stroke[:3])
+        short = dataclasses.replace(rally, stroke=rally.stroke[:3], hurried=rally.hurried[:3])
         motion = stage(short, seed=i)
         end = ENDS[motion.trajectory.end[-1]]
         if end not in seen:
@@ -175,7 +175,8 @@ def test_every_end_of_a_rally_is_staged(played: list[Rally]) -> None:
 
 
 def test_frames_a_second_can_be_chosen(played: list[Rally]) -> None:
-    motion = stage(dataclasses.replace(played[2], stroke=played[2].stroke[:2]), seed=0, fps=30)
+    short = dataclasses.replace(played[2], stroke=played[2].stroke[:2], hurried=played[2].hurried[:2])
+    motion = stage(short, seed=0, fps=30)
     assert motion.fps == 30
     np.testing.assert_allclose(np.diff(motion.time), 1 / 30)
     assert measure(motion).contact.max() <= 0.01
@@ -201,7 +202,7 @@ def test_wrong_rallies() -> None:
 
     def checked(**changes: object) -> None:
         fields = {"catalogue": catalogue, "server": 0, "stroke": np.array([serve]), "ending": WINNER, **changes}
-        Rally(**fields).checked()  # type: ignore[arg-type]
+        Rally(**{"hurried": np.zeros(np.shape(fields["stroke"]), np.bool_), **fields}).checked()  # type: ignore[arg-type]
 
     checked()
     for changes, message in (
@@ -210,7 +211,8 @@ def test_wrong_rallies() -> None:
         ({"stroke": np.array([serve, serve])}, "starts with a serve"),
         ({"stroke": np.array([len(catalogue)])}, "the catalogue has"),
         ({"server": 2}, "expected seat 0 or 1"),
-        ({"ending": 4}, "expected 0 to 3"),
+        ({"ending": 6}, "expected 0 to 5"),
+        ({"hurried": np.array([True])}, "none for the serve"),
     ):
         with pytest.raises(RallyError, match=message):
             checked(**changes)

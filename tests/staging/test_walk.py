@@ -95,6 +95,6 @@ def test_what_does_not_follow_is_refused(match, played) -> None:
         with_walk(match[0], stage(played[1], seed=0, handedness=match[0].handedness, athletes=("male", "female"), fps=100))
     with pytest.raises(StagingError, match="different skeletons"):
         with_walk(match[0], stage(played[1], seed=0, handedness=match[0].handedness))
-    opened = dataclasses.replace(played[1], stroke=played[1].stroke[:1], ending=2)
+    opened = dataclasses.replace(played[1], stroke=played[1].stroke[:1], hurried=played[1].hurried[:1], ending=2)
     with pytest.raises(StagingError, match="the rally continues"):
         with_walk(stage(opened, seed=0, handedness=match[0].handedness, athletes=("male", "female")), match[1])

@@ -3,10 +3,13 @@
 import json
 import re
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
 
+from shuttle_marl.analysis.rally import Players
 from shuttle_marl.game import default_game
 from shuttle_marl.game.draws import draw, outcome_draw, stream
 from shuttle_marl.game.rules import RETURNED_BELOW, IllegalStrokeError, strike
@@ -20,8 +23,9 @@ from shuttle_marl.watch.match_log import MatchLog
 from shuttle_marl.watch.messages import RallyRequest, decode_request
 from shuttle_marl.watch.plan import Change, Person, Plan, Side
 from shuttle_marl.watch.policies import PolicyTables
-from shuttle_marl.watch.recorded import LogRallies
+from shuttle_marl.watch.recorded import LogRallies, Recorded
 from shuttle_marl.watch.stager import Stager
+from shuttle_marl.watch.values import ELITE
 
 BC = {"policy": "bc"}
 PLAN = {"seed": 3, "sides": [BC, {"policy": "attacking", "temperature": 0.5}]}
@@ -44,7 +48,7 @@ def test_rally_is_determined_by_its_random_numbers(tables: PolicyTables) -> None
         key, state = stream(3, 0, number), ROOT
         states = rally.states(game)
         for i, stroke in enumerate(rally.stroke.tolist()):
-            assert states[i] == state
+            assert (states[i], rally.hurried[i]) == (state, game.hurried(state))
             table = tables.table(Plan.parse(PLAN).sides[rally.striker[i]])  # the same choices as a table's
             bits = draw(key, i)
             rank = game.rank(state, stroke)
@@ -106,6 +110,24 @@ def test_a_tried_stroke_keeps_earlier_strokes(tables: PolicyTables) -> None:
     other = next(int(s) for s in game.legal_strokes(old.states(game)[2]) if s != old.stroke[2])
     new = match(tables, chosen={str(number): {"2": other}}).rally(number)
     assert new.stroke[:3].tolist() == [*old.stroke[:2].tolist(), other]
+
+
+def test_a_stroke_tried_in_a_recorded_rally_keeps_what_was_played_before_it(tables: PolicyTables) -> None:
+    """Strokes, and who was hurried: their outcomes are not drawn again."""
+    rallies = [match(tables).rally(number) for number in range(30)]
+    policy = tables.table(ELITE)
+    players = Players(tables=(policy, policy), value=None)
+    recorded = SimpleNamespace(rally=rallies.__getitem__, players=lambda _: players, people=lambda _: None)
+    answers = Answers(tables, Plan.parse(PLAN), Stager(("male", "male"), ("right", "right")), recorded=cast(Recorded, recorded))
+    seen = 0
+    for rally in rallies:
+        k = len(rally) - 1
+        other = int(tables.game.legal_strokes(int(rally.states(tables.game)[k]))[0])
+        branch = answers._played(RallyRequest(id=1, rally=rally.number, tried={k: other}))
+        assert branch.stroke[: k + 1].tolist() == [*rally.stroke[:k].tolist(), other]
+        assert branch.hurried[: k + 1].tolist() == rally.hurried.tolist()
+        seen += int(rally.hurried.sum())
+    assert seen
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,96 @@
+"""Hurried strikers are staged as such, and within all limits."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from benchmarks.motion_metrics import measure
+from shuttle_marl.arrays import F64
+from shuttle_marl.game.rules import HURRIED_BELOW, RETURNED_BELOW
+from shuttle_marl.rally.record import Rally
+from shuttle_marl.staging import Motion, continue_motion, stage
+
+RALLIES = 16
+NEAR = 0.15
+"""Distance from the place of the contact within which a player has arrived [m]."""
+HANDS = (("right", "right"), ("left", "right"))
+ATHLETES = (("male", "female"), ("female", "male"))
+
+
+def with_hurried(rally: Rally, hurried: bool) -> Rally:
+    """The rally with all strikers hurried but the server, or none."""
+    return dataclasses.replace(rally, hurried=(np.arange(len(rally)) > 0) & hurried)
+
+
+def staged(rallies: list[Rally], hurried: bool) -> list[Motion]:
+    return [
+        stage(with_hurried(rally, hurried), seed=i, handedness=HANDS[i % 2], athletes=ATHLETES[i // 2 % 2])
+        for i, rally in enumerate(rallies[:RALLIES])
+    ]
+
+
+@pytest.fixture(scope="module")
+def calm(played: list[Rally]) -> list[Motion]:
+    return staged(played, False)
+
+
+@pytest.fixture(scope="module")
+def hurried(played: list[Rally]) -> list[Motion]:
+    return staged(played, True)
+
+
+def seen(motions: list[Motion]) -> F64:
+    """``[2, 4]`` means over all returns from below and from above.
+
+    Time from the arrival to the contact [s], speed of the hips at the contact [m/s], height of the contact, and its distance
+    from the hips over the floor [m].
+    """
+    found: tuple[list[list[float]], list[list[float]]] = ([], [])
+    for motion in motions:
+        rally = motion.trajectory.rally
+        for i in range(1, len(rally)):
+            hips = motion.position[:, rally.striker[i], 0, :2].astype(float)
+            before, at = motion.contact_frame[i - 1], motion.contact_frame[i]
+            away = np.linalg.norm(hips[before : at + 1] - hips[at], axis=1) > NEAR
+            since = np.argmax(away[::-1]) if away.any() else len(away)
+            speed = np.linalg.norm(hips[at + 1] - hips[at - 1]) * motion.fps / 2
+            reach = np.linalg.norm(motion.shuttle[at, :2] - hips[at])
+            found[rally.catalogue.height[rally.stroke[i]]].append([since / motion.fps, speed, motion.shuttle[at, 2], reach])
+    return np.array([np.mean(rows, axis=0) for rows in found])
+
+
+def test_hurried_strikers_arrive_later_and_reach_further(calm: list[Motion], hurried: list[Motion]) -> None:
+    early, speed, height, reach = np.moveaxis(seen(hurried) - seen(calm), -1, 0)
+    assert (early < -0.03).all()
+    assert (speed > 0.2).all()
+    assert (height < -0.05).all()
+    assert reach[0] > 0.03, "strokes from below; overhead strokes reach upwards"
+
+
+def test_hurried_strikers_keep_all_limits(hurried: list[Motion]) -> None:
+    for motion in hurried:
+        found = measure(motion)
+        assert found.contact.max() <= 0.006
+        assert found.slide.max() <= 0.005
+        assert found.speed.max() <= 6.5
+        assert found.acceleration.max() <= 12.0
+        assert found.joint_excess == 0
+        assert (found.clearance >= 0.01).all()
+        assert found.true_end.all()
+    assert np.concatenate([measure(motion).timely for motion in hurried]).mean() >= 0.9
+
+
+def test_an_open_rally_waits_for_a_hurried_striker(played: list[Rally]) -> None:
+    """The flight to a hurried striker is theirs before the reply is chosen, and stays what it was."""
+    rally = next(rally for rally in played if len(rally) > 3)
+    rally = with_hurried(rally, True)
+    opened = dataclasses.replace(rally, stroke=rally.stroke[:2], hurried=rally.hurried[:2], ending=int(rally.outcome[1]))
+    assert opened.ending >= HURRIED_BELOW
+    motion = stage(opened, seed=2)
+    calm = stage(dataclasses.replace(opened, ending=opened.ending - HURRIED_BELOW + RETURNED_BELOW), seed=2)
+    assert motion.trajectory.reply is not None
+    assert calm.trajectory.reply is not None
+    assert motion.trajectory.end_time[-1] <= calm.trajectory.end_time[-1]
+    longer = continue_motion(motion, rally, seed=2)
+    np.testing.assert_array_equal(longer.trajectory.contact[:2], motion.trajectory.contact)
