@@ -2,7 +2,7 @@
 
 The state and the legal pair of a stroke are unpredictable, so each stroke reads two tables at random positions. The positions are
 recorded from play, because some strokes are common; the loop only reads, so the processor runs as many reads in parallel as it
-can. With an observation, a row of the mask and six numbers are copied as well.
+can. With an observation, a row of the mask and seven numbers are copied as well.
 """
 
 import dataclasses

@@ -7,7 +7,7 @@ import numpy as np
 
 from shuttle_marl.game.court import AREAS
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES, Catalogue
-from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tables import HURRY_ONE, Game
 from shuttle_marl.game.tabulated import base_pairs, layout, thresholds
 
 _SERVES: Final = 4
@@ -21,7 +21,7 @@ def synthetic_game(strokes: int, replies: int, seed: int = 0) -> Game:
 
     Args:
         strokes: size of the catalogue.
-        replies: legal strokes of a state, at most all of the contact's; the game has about ``4 strokes * replies`` states and
+        replies: legal strokes of a state, at most all of the contact's; the game has about ``8 strokes * replies`` states and
             ``replies`` times as many legal pairs.
         seed: of the replies and the probabilities.
     """
@@ -39,4 +39,5 @@ def synthetic_game(strokes: int, replies: int, seed: int = 0) -> Game:
     tables = layout(catalogue, legal)
     pairs = base_pairs(tables)
     good, returned = rng.uniform(0.85, 0.99, (2, pairs))
-    return Game(catalogue=catalogue, threshold=thresholds(good, returned, rng.uniform(0, 1, pairs)), **tables)
+    threshold = thresholds(good, returned, rng.uniform(0, 1, pairs))
+    return Game(catalogue=catalogue, threshold=threshold, hurry=rng.integers(0, HURRY_ONE // 2, (pairs, 2), np.uint8), **tables)

@@ -62,7 +62,7 @@ def reduced_model(refits: tuple[str, ...] = REFITS) -> str:
     layout_of_it, edges, pairs = _smaller(shipped)
 
     def reduced(game: Game) -> Game:
-        return Game(**layout_of_it, threshold=game.threshold[pairs], fault_odds=game.fault_odds)
+        return Game(**layout_of_it, threshold=game.threshold[pairs], hurry=game.hurry[pairs], fault_odds=game.fault_odds)
 
     game = reduced(shipped)
     game.save(folder / GAME)
@@ -120,12 +120,12 @@ def _smaller(game: Game) -> tuple[dict[str, Any], Ints, Ints]:
     catalogue = Catalogue.from_names([game.catalogue.names[k] for k in old[:-1]])
     replies = np.asarray(game.reply_mask.any(axis=1))[np.ix_(old, old[:-1])]
     tables = layout(catalogue, replies, duels=game.counts_duels)
-    state = np.arange(2 * len(tables["edge_own"]))
-    of_state = game.state_of(
-        old[tables["edge_own"][state >> 1]], old[tables["edge_incoming"][state >> 1]], state & 1, tables["edge_duel"][state >> 1]
-    )
-    empty = Game(catalogue=catalogue, threshold=np.zeros((base_pairs(tables), 3), np.uint16), **tables)
+    state = np.arange(4 * len(tables["edge_own"]))
+    own, incoming, duel = (tables[name][state >> 2] for name in ("edge_own", "edge_incoming", "edge_duel"))
+    of_state = game.state_of(old[own], old[incoming], state & 1, duel, hurried=state >> 1 & 1)
+    size = base_pairs(tables)
+    empty = Game(catalogue=catalogue, threshold=np.zeros((size, 3), np.uint16), hurry=np.zeros((size, 2), np.uint8), **tables)
     pairs = game.pair(of_state[empty.base_pair_state], old[empty.base_pair_stroke])
     assert of_state.min() >= 0
     assert pairs.min() >= 0
-    return {"catalogue": catalogue, **tables}, of_state[::2] >> 1, pairs
+    return {"catalogue": catalogue, **tables}, of_state[::4] >> 2, pairs

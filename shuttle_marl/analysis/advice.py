@@ -236,7 +236,7 @@ def advise(
     if real is None or len(found.refits) < LEAST_REFITS:
         return []
     of_state, of_pair, stroke = situations(game), game.base_pair_state, game.base_pair_stroke.astype(np.int64)
-    situation_behind = real[np.arange(game.n_base_states) >> 1]
+    situation_behind = real[np.arange(game.n_base_states) >> 2]
     served = of_state == SERVE
     allowed = (real[game.base_pair_edge] >= at_least) & ((situation_behind >= at_least) | served)[of_pair]
     size = N_SITUATIONS * game.n_strokes

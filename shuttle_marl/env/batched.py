@@ -26,8 +26,8 @@ class _BatchedEnv(EnvBase):
 
     Entries of its tensordicts, batch size ``[B]``:
 
-    - ``observation``: ``[B, 6]`` int32: own last stroke and incoming stroke as catalogue indices (n: none yet), contact
-      height (1: above the net), consecutive net shots (3: three or more), own effort and the opponent's.
+    - ``observation``: ``[B, 7]`` int32: own last stroke and incoming stroke as catalogue indices (n: none yet), contact
+      height (1: above the net), consecutive net shots (3: three or more), own effort, the opponent's, and hurried (1: yes).
     - ``action_mask``: ``[B, n]`` bool legal strokes.
     - ``action``: ``[B]`` int64 catalogue index.
     - ``reward``: ``[B, 1]`` float32; ``done``, ``terminated``: ``[B, 1]`` bool.

@@ -186,8 +186,8 @@ class RallyVectorEnv(VersusVectorEnv):
         game: the tables, the game of a pair, or a model by name or folder; None: the default game.
         profile: variant of that model, such as ``men`` or ``women``; None: the average of both.
         players: names of the players at seats 0 and 1, for the game of that pair; None: both strike with the same tables.
-        observation: ``features``: the 59 numbers of ``rally_v0``; ``tokens``: own last stroke, incoming stroke (n: none yet),
-            contact height, consecutive net shots, own effort and the opponent's as six integers, for embeddings.
+        observation: ``features``: the 60 numbers of ``rally_v0``; ``tokens``: own last stroke, incoming stroke (n: none yet),
+            contact height, consecutive net shots, own effort, the opponent's, and hurried as seven integers, for embeddings.
         mask: place of the mask: ``observation`` (in the dictionary of the observation), ``info`` (``infos["action_mask"]``) or
             ``none``.
         info: ``full``, or ``none``: numbers only, without ``final_obs`` and ``final_info``. Default: full with

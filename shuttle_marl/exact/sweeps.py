@@ -3,8 +3,8 @@
 The effort after a stroke depends on the effort before it and on the stroke alone (:mod:`shuttle_marl.game.tables`). A sweep
 processes one block of states after the other. It first gathers the values of the successor states in the order of the replies, so
 that those of a state with K legal strokes are K contiguous values of each kind of return, and then reads probabilities and values
-in order. What limits a sweep is memory: a legal pair has 8 bytes, those of the game. Sums are accumulated in four lanes in a fixed
-order: they have the same bits on every machine.
+in order: 8 bytes for each legal pair, those of the game. Sums are accumulated in four lanes in a fixed order: they have the same
+bits on every machine.
 """
 
 import functools
@@ -119,7 +119,7 @@ def _worth(strokes: _Strokes, i: int) -> float:
 
 @compiled
 def _gather(plain: F64, after_attack: F64, replies: Replies, out: F64) -> None:
-    """``[2, 2 V]`` values of the successors of each reply by contact: of one who is not hurried, and what a hurried one adds, in turn.
+    """``[2, 2 V]`` values of the successors of each reply, by contact: if the receiver is not hurried, and what else is added.
 
     Args:
         plain, after_attack: values of the block after a stroke that is no attack, and of the block after an attack.

@@ -70,7 +70,7 @@ class PolicyNetwork:
 
     Attributes:
         own, incoming: ``[n + 1, W]`` vector of the own last stroke and of the incoming one.
-        contact, duel, effort, opponent_effort: ``[numbers, W]`` vectors of the other parts of an observation.
+        contact, duel, effort, opponent_effort, hurried: ``[numbers, W]`` vectors of the other parts of an observation.
         layers: weights ``[W', W]`` and biases ``[W']`` of the next layers, each after a ReLU; the last one returns n logits.
     """
 
@@ -80,6 +80,7 @@ class PolicyNetwork:
     duel: F64
     effort: F64
     opponent_effort: F64
+    hurried: F64
     layers: tuple[tuple[F64, F64], ...]
 
     @classmethod
@@ -105,7 +106,8 @@ class PolicyNetwork:
                 for column in rows.T[1:]:
                     total = total + embedding[column]
                 strokes.append(total)
-            sizes = {"contact": 2, "duel": LONGEST_DUEL + 1, "effort": game.levels, "opponent_effort": game.levels}
+            levels = game.levels
+            sizes = {"contact": 2, "duel": LONGEST_DUEL + 1, "effort": levels, "opponent_effort": levels, "hurried": 2}
             parts = {name: take(f"0.{name}.weight", size, width) for name, size in sizes.items()}
             hidden = sorted({name.rpartition(".")[0] for name in known if name.startswith("0.layers.")}, key=_number)
             layers = [(take(f"{name}.weight", width, width), take(f"{name}.bias", width)) for name in hidden]
@@ -123,7 +125,7 @@ class PolicyNetwork:
             PolicyError: a number in the network exceeds the range of float32.
         """
         base = np.flatnonzero(game.playable[: game.n_base_states])
-        own, incoming, contact, duel = game.observation(base).T[:4]
+        own, incoming, contact, duel, *_, hurried = game.observation(base).T
         efforts = (self.effort[:, None] + self.opponent_effort).reshape(game.n_blocks, -1)
         hidden, (last, last_bias) = [(_rounded(weight), bias) for weight, bias in self.layers[:-1]], self.layers[-1]
         kind = 2 * incoming + contact
@@ -135,7 +137,7 @@ class PolicyNetwork:
             legal = game.legal_strokes(first)
             both = self.incoming[incoming[group[0]]] + self.contact[contact[group[0]]]
             x = np.empty((game.n_blocks * len(group), len(both)))
-            highest = _spread(self.own[own[group]] + both + self.duel[duel[group]], efforts, x)
+            highest = _spread(self.own[own[group]] + both + self.duel[duel[group]] + self.hurried[hurried[group]], efforts, x)
             farthest = 0.0
             for layer, bias in hidden:
                 x, unit = _product(x, layer, highest)

@@ -31,7 +31,7 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.tensor_files import parsed, read_tensors
 
 Inputs = Literal["observation", "tokens"]
-"""Input of a network: the vector of ``rally_v0``, or the six integers of the batched environments."""
+"""Input of a network: the vector of ``rally_v0``, or the seven integers of the batched environments."""
 
 FUNCTIONS: Final[dict[str, Callable[[F64], F64]]] = {
     "relu": lambda x: np.maximum(x, 0.0),
@@ -57,7 +57,7 @@ class NetworkPolicy:
     """Softmax, or argmax, of the logits of the legal strokes.
 
     Attributes:
-        function: from ``[B, 59]`` float32 observations, or ``[B, 6]`` int32 tokens, to ``[B, n]`` logits.
+        function: from ``[B, 60]`` float32 observations, or ``[B, 7]`` int32 tokens, to ``[B, n]`` logits.
         inputs: which of the two.
         greedy: always play the legal stroke with the highest output, as for action values.
         masked: whether the mask of the legal strokes precedes the observation in the input.
@@ -106,7 +106,7 @@ def from_network(module: Any, *, inputs: Inputs = "observation", greedy: bool = 
 
     Args:
         module: a PyTorch module, or any function on arrays, from a batch of observations to an output for each stroke.
-        inputs: ``observation``: ``[B, 59]`` float32, the vector of ``rally_v0``; ``tokens``: ``[B, 6]`` int32.
+        inputs: ``observation``: ``[B, 60]`` float32, the vector of ``rally_v0``; ``tokens``: ``[B, 7]`` int32.
         greedy: play the legal stroke with the highest output, as for action values; else the softmax over the legal strokes.
 
     Raises:

@@ -270,11 +270,11 @@ class Observer:
         self._stroke = torch.from_numpy(game.base_pair_stroke.astype(np.int64)).to(self.device)
 
     def observations(self, states: torch.Tensor) -> torch.Tensor:
-        """``[U, 6]`` observations of ``[U]`` states."""
+        """``[U, 7]`` observations of ``[U]`` states."""
         return self._observation[states.long().to(self.device)]
 
     def inputs(self, states: torch.Tensor) -> Tensors:
-        """``[U, 6]`` observations and ``[U, n]`` action masks of ``[U]`` states."""
+        """``[U, 7]`` observations and ``[U, n]`` action masks of ``[U]`` states."""
         states = states.long().to(self.device)
         return {"observation": self._observation[states], "action_mask": self._masks[self._mask_row[states]]}
 

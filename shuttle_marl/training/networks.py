@@ -95,7 +95,7 @@ class DistinctStrokes(LegalStrokes):
 
 
 class StateEncoder(nn.Module):
-    """Embedding of ``[..., 6]`` observations, followed by hidden layers, with ``[..., width]`` outputs.
+    """Embedding of ``[..., 7]`` observations, followed by hidden layers, with ``[..., width]`` outputs.
 
     Args:
         game: the tables.
@@ -116,9 +116,10 @@ class StateEncoder(nn.Module):
         self.duel = nn.Embedding(LONGEST_DUEL + 1, width)
         self.effort = nn.Embedding(game.levels, width)
         self.opponent_effort = nn.Embedding(game.levels, width)
+        self.hurried = nn.Embedding(2, width)
         for table in (self.own, self.incoming, self.contact):
             nn.init.normal_(table.weight, std=0.4)
-        for table in (self.duel, self.effort, self.opponent_effort):
+        for table in (self.duel, self.effort, self.opponent_effort, self.hurried):
             # These attributes change values little, so their effect is learned from zero.
             nn.init.zeros_(table.weight)
         layers: list[nn.Module] = [nn.ReLU()]
@@ -127,15 +128,17 @@ class StateEncoder(nn.Module):
         self.layers = nn.Sequential(*layers)
 
     def forward(self, observation: torch.Tensor) -> torch.Tensor:
-        """``[..., width]`` from ``[..., 6]`` observations, see :meth:`shuttle_marl.game.tables.Game.observation`."""
-        # There are few strokes, so their vectors are computed once and looked up, together with contact and duel.
+        """``[..., width]`` from ``[..., 7]`` observations, see :meth:`shuttle_marl.game.tables.Game.observation`."""
+        # There are few strokes, so their vectors are computed once and looked up, together with contact, duel and hurried.
         own = functional.embedding(self.attributes, self.own.weight).sum(-2)
         incoming = functional.embedding(self.attributes, self.incoming.weight).sum(-2)
-        offered = (incoming[:, None, None] + self.contact.weight[:, None] + self.duel.weight).flatten(0, 2)
+        offered = incoming[:, None, None, None] + self.contact.weight[:, None, None] + self.duel.weight[:, None]
+        offered = (offered + self.hurried.weight).flatten(0, 3)
         efforts = (self.effort.weight[:, None] + self.opponent_effort.weight).flatten(0, 1)
         of = observation.long()
         first = functional.embedding(of[..., 0], own)
-        first = first + functional.embedding((2 * of[..., 1] + of[..., 2]) * (LONGEST_DUEL + 1) + of[..., 3], offered)
+        duel = (2 * of[..., 1] + of[..., 2]) * (LONGEST_DUEL + 1) + of[..., 3]
+        first = first + functional.embedding(2 * duel + of[..., 6], offered)
         if len(efforts) > 1:
             first = first + functional.embedding(len(self.opponent_effort.weight) * of[..., 4] + of[..., 5], efforts)
         encoded: torch.Tensor = self.layers(first)
@@ -201,7 +204,7 @@ class StrokeValues(TensorDictModuleBase):
     """Values of all strokes in U states, or of R single strokes if ``row`` and ``played`` are present.
 
     Args:
-        network: network from ``[U, 6]`` observations to ``[U, n]`` values.
+        network: network from ``[U, 7]`` observations to ``[U, n]`` values.
     """
 
     in_keys: ClassVar[list[str]] = ["observation", "row", "played"]

@@ -20,6 +20,7 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.kernel import Distinct, RallySampler
+from shuttle_marl.kernel.core import tables_of
 from shuttle_marl.kernel.sampling import Assess
 from shuttle_marl.kernel.table_play import StrokeList, new_stroke_list
 from shuttle_marl.kernel.table_rallies import START
@@ -125,13 +126,13 @@ class TorchSampler(RallySampler):
         shaping: Floats | None = None,
     ) -> None:
         self._device = torch.device(device)
-        self._thresholds = self._there(game.limits.reshape(-1, 3).astype(np.int32))
+        self._limits = self._there(tables_of(game).limits.view(np.int64))
         self._limit_row = torch.empty(game.n_pairs, dtype=torch.int32, device=self._device)
-        self._arrivals = torch.empty(game.n_pairs, 2, dtype=torch.int32, device=self._device)
+        self._arrival = torch.empty(game.n_pairs, dtype=torch.int32, device=self._device)
         for block in range(game.n_blocks):  # block by block, to limit the size of temporary arrays
             part = game.block_pairs(block)
             self._limit_row[part] = self._there(game.limit_row(part))
-            self._arrivals[part] = self._there(game.arrivals(part))
+            self._arrival[part] = self._there(game.arrivals(part)[:, 0])
         self._first_pair = self._there(game.pair_start[:-1])
         self._value = torch.zeros(game.n_states, device=self._device)
         self._written = torch.zeros(game.n_states, dtype=torch.int32, device=self._device)
@@ -196,7 +197,7 @@ class TorchSampler(RallySampler):
         number = self._there(numbers)
         key = extend(signed(int(self._seed_key)), number)
         opponent = self._there(self._opponents)[number % len(self._opponents)]
-        server = (draw(key, 0) >> 16) & 1
+        server = (draw(key, 0) >> 24) & 1
         rallies = _Rallies(key, opponent, opponent < 0, server, *(torch.zeros_like(number) for _ in range(4)))
         row = torch.arange(len(numbers), device=self._device)
         t, state, struck = torch.zeros_like(number), self._start(key, opponent), list[_Struck]()
@@ -230,13 +231,13 @@ class TorchSampler(RallySampler):
             bits, mine = draw(rallies.key[row], t), rallies.both[row] | ((rallies.server[row] + t) % 2 == 0)
             waits = mine & (self._written[state] < self._oldest)
             pair = self._chosen(state, torch.where(mine, 0, rallies.opponent[row]), bits)
-            outcome = ((bits & (ONE - 1))[:, None] >= self._thresholds[self._limit_row[pair].long()]).sum(1)
+            outcome = _outcome(self._limits[self._limit_row[pair].long()], bits)
             yield _Struck(row, t, state, pair, mine & ~waits)
             rallies.state[row], rallies.outcome[row] = state, outcome
             rallies.length[row], rallies.turn[row] = t + (~waits).long(), torch.where(waits, _WAITS, turn)
             # The only synchronisation with the device per stroke: the number of rallies that continue.
             on = (~waits & (outcome >= RETURNED_BELOW)).nonzero().squeeze(1)
-            row, t, state = row[on], t[on] + 1, self._arrivals[pair[on], outcome[on] - RETURNED_BELOW].long()
+            row, t, state = row[on], t[on] + 1, self._arrival[pair[on]] + outcome[on] - RETURNED_BELOW
 
     def _start(self, key: torch.Tensor, opponent: torch.Tensor) -> torch.Tensor:
         """``[R]`` initial states: the serve, or a drawn state in some rallies of self-play."""
@@ -344,6 +345,14 @@ class TorchSampler(RallySampler):
             advantage=_here(advantage, np.float32),
             **self._counted(),
         )
+
+
+def _outcome(limits: torch.Tensor, bits: torch.Tensor) -> torch.Tensor:
+    """:func:`shuttle_marl.kernel.core.outcome_of` of ``[R]`` packed thresholds and chances, and draws."""
+    low = bits & (ONE - 1)
+    fault, returned, above = (low >= (limits >> place & (ONE - 1)) for place in (0, 16, 32))
+    hurried = (bits >> 16 & 0xFF) < (limits >> (48 + 8 * above.long()) & 0xFF)
+    return fault.long() + returned.long() + above.long() + 2 * (returned & hurried).long()
 
 
 def signed(number: int) -> int:

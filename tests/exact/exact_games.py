@@ -1,6 +1,7 @@
 """Small games for the tests of exact values, and an oracle that shares no code with the solvers."""
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -56,15 +57,15 @@ def random_game(seed: int, rallies: int = 5, density: float = 0.5) -> Game:
     replies[:n, catalogue.is_serve] = False
     replies[n] = catalogue.is_serve
     tables = layout(catalogue, replies, duels=seed % 2 == 1)
-    odds = np.append(ONE, rng.integers(ONE // 2, 2 * ONE, seed % 3)).astype(np.int32)
+    odds = [ONE, *rng.integers(ONE // 2, 2 * ONE, seed % 3).tolist()]
     return with_probabilities(game_without_outcomes(catalogue, tables, odds), seed)
 
 
-def game_without_outcomes(catalogue: Catalogue, tables: dict[str, I32], odds: I32) -> Game:
+def game_without_outcomes(catalogue: Catalogue, tables: dict[str, I32], odds: Sequence[int] = (ONE,)) -> Game:
     """A game whose probabilities are still to be set."""
     size = base_pairs(tables)
     threshold, hurry = np.zeros((size, 3), np.uint16), np.zeros((size, 2), np.uint8)
-    return Game(catalogue=catalogue, threshold=threshold, hurry=hurry, fault_odds=odds, **tables)
+    return Game(catalogue=catalogue, threshold=threshold, hurry=hurry, fault_odds=np.array(odds, np.int32), **tables)
 
 
 TIRING_STROKES = (

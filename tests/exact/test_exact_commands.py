@@ -180,7 +180,7 @@ def test_aims_are_the_best_replies_by_area() -> None:
     solution, incoming = solve(GAME), GAME.catalogue.index(SMASH)
     edges = GAME.edge_incoming == incoming
     own = int(GAME.edge_own[edges][0])
-    state, real = 2 * int(edges.argmax()), real_strokes(GAME)
+    state, real = 4 * int(edges.argmax()), real_strokes(GAME)
     below, above = aims(solution, incoming, own)
     assert below.state_value == pytest.approx(solution.value[0][state], abs=1e-8)
     assert above.state_value == pytest.approx(solution.value[0][state + 1], abs=1e-8)

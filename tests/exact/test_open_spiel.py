@@ -18,10 +18,10 @@ from shuttle_marl.game import default_game
 from shuttle_marl.game.policy import UniformPolicy
 from shuttle_marl.game.stroke import Catalogue
 from shuttle_marl.game.tables import ROOT, Game
-from shuttle_marl.game.tabulated import base_pairs, layout
+from shuttle_marl.game.tabulated import layout
 from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.integrations.open_spiel import NAME, RallyGame, open_spiel_policy
-from tests.exact.exact_games import hand_made, random_game, random_policy, with_probabilities
+from tests.exact.exact_games import game_without_outcomes, hand_made, random_game, random_policy, with_probabilities
 
 LADDER = (
     "short-serve:front-centre:below:backhand",
@@ -44,7 +44,7 @@ def ladder(seed: int) -> Game:
         replies[incoming, [*order[i + 1 :], *last]] = True
     replies[-1] = catalogue.is_serve
     tables = layout(catalogue, replies)
-    game = with_probabilities(Game(catalogue=catalogue, threshold=np.zeros((base_pairs(tables), 3), np.uint16), **tables), seed)
+    game = with_probabilities(game_without_outcomes(catalogue, tables), seed)
     threshold = game.threshold.copy()
     threshold[np.isin(game.base_pair_stroke, last), 1:] = ONE - 1
     return dataclasses.replace(game, threshold=threshold)

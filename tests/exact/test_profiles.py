@@ -63,8 +63,8 @@ def test_best_response_by_hand() -> None:
     matrix = np.array([[1, 0, 1 / 4, 1 / 4], [0, 1, 1 / 2, 1 / 4], [3 / 16, 3 / 4, 1, 0], [1 / 2, 1 / 4, 0, 1]])
     above, below, *opponent = np.linalg.solve(matrix, [1 / 4, -1 / 4, -1 / 16, -1 / 4])
     answer = best_response(policy, tolerance=1e-12)
-    assert answer.value.striking[0][3::2] == pytest.approx(above, abs=2e-12)
-    assert answer.value.striking[0][2::2] == pytest.approx(below, abs=2e-12)
+    assert answer.value.striking[0][5::2] == pytest.approx(above, abs=2e-12)
+    assert answer.value.striking[0][4::2] == pytest.approx(below, abs=2e-12)
     expected = -1 / 8 - 7 / 16 * sum(opponent)
     assert answer.value.odds().serving == pytest.approx((1 + expected) / 2, abs=1e-12)
     assert expected > -39 / 368, "perfect play gives less away"

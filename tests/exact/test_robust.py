@@ -39,10 +39,10 @@ def test_two_games_solved_by_hand() -> None:
     a_own, l_own, a_theirs, l_theirs = (Fraction(k, 421) for k in (-10, -165, 149, -59))
     found = solve_robust(two_games(), tolerance=1e-12)
     own, theirs = found.value.striking
-    assert own[3::2] == pytest.approx(float(a_own), abs=2e-12)
-    assert own[2::2] == pytest.approx(float(l_own), abs=2e-12)
-    assert theirs[3::2] == pytest.approx(float(a_theirs), abs=2e-12)
-    assert theirs[2::2] == pytest.approx(float(l_theirs), abs=2e-12)
+    assert own[5::2] == pytest.approx(float(a_own), abs=2e-12)
+    assert own[4::2] == pytest.approx(float(l_own), abs=2e-12)
+    assert theirs[5::2] == pytest.approx(float(a_theirs), abs=2e-12)
+    assert theirs[4::2] == pytest.approx(float(l_theirs), abs=2e-12)
     assert own[ROOT] == pytest.approx(float(Fraction(-1, 8) - Fraction(7, 16) * (a_theirs + l_theirs)), abs=2e-12)
     assert theirs[ROOT] == pytest.approx(float(Fraction(-1, 8) - Fraction(7, 16) * (a_own + l_own)), abs=2e-12)
     shots = {

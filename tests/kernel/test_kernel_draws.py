@@ -39,19 +39,27 @@ def _choice(players: Players, player: int, state: int, start: int, bits: np.uint
 
 
 @settings(deadline=None)
-@given(words, st.integers(0, 2**40), st.integers(1, 200), st.lists(st.integers(0, ONE - 1), min_size=3, max_size=3))
-def test_numbers_are_those_of_the_definitions(key: int, counter: int, count: int, limits: list[int]) -> None:
+@given(
+    words,
+    st.integers(0, 2**40),
+    st.integers(1, 200),
+    st.lists(st.integers(0, ONE - 1), min_size=3, max_size=3),
+    st.tuples(st.integers(0, 255), st.integers(0, 255)),
+)
+def test_numbers_are_those_of_the_definitions(
+    key: int, counter: int, count: int, limits: list[int], hurry: tuple[int, int]
+) -> None:
     fault, winner, below = sorted(limits)
-    bits, extended, server, outcome, choice = _numbers(
-        np.uint64(key), counter, count, np.uint64(fault | winner << 16 | below << 32)
-    )
+    entry = np.uint64(fault | winner << 16 | below << 32 | hurry[0] << 48 | hurry[1] << 56)
+    bits, extended, server, outcome, choice = _numbers(np.uint64(key), counter, count, entry)
     keys = np.array([key], np.uint64)
     expected = draws.draw(keys, counter)
     assert bits == expected[0]
     assert extended == draws.extend(keys, counter)[0]
-    assert server == int(expected[0]) >> 16 & 1
-    u = draws.outcome_draw(expected)[0]
-    assert outcome == int(u >= fault) + int(u >= winner) + int(u >= below)
+    assert server == int(draws.first_server(expected)[0])
+    u, lot = int(expected[0]) & 0xFFFF, int(expected[0]) >> 16 & 0xFF
+    four = int(u >= fault) + int(u >= winner) + int(u >= below)
+    assert outcome == (four + 2 if four >= 2 and lot < hurry[four - 2] else four)
     assert choice == (int(expected[0]) >> 32) * count >> 32
 
 

@@ -22,7 +22,7 @@ ENTRANTS = [enter(name, GAME) for name in NAMES]
 STRIKERS = Strikers(GAME, ENTRANTS)
 SHORT = scoring.Rules(points=5, clear=2, cap=7, games=2)
 
-Row = tuple[int, int, int, int, str, tuple[int, ...], list[int]]
+Row = tuple[int, int, int, int, str, tuple[int, ...], list[int], list[int]]
 """Match, rally, server, winner, reason, score before, and strokes of a rally."""
 
 
@@ -40,7 +40,7 @@ def one_by_one(matches: Matches, rules: scoring.Rules) -> list[Row]:
             key = draws.extend(matches.key[m : m + 1], 2 * rally + server)
             before = (*score.points, *score.games)
             state, striker = ROOT, server
-            strokes: list[int] = []
+            strokes, hurried = list[int](), list[int]()
             while True:
                 bits = draws.draw(key, len(strokes))
                 table = ENTRANTS[matches.entrant[m, striker]].table
@@ -48,12 +48,13 @@ def one_by_one(matches: Matches, rules: scoring.Rules) -> list[Row]:
                 first, last = GAME.pair_start[state], GAME.pair_start[state + 1]
                 k = int(np.searchsorted(table.cumulative[first:last], draws.choice_draw(bits)[0], side="right"))
                 strokes.append(int(GAME.pair_stroke[first + k]))
+                hurried.append(int(GAME.hurried(state)))
                 outcome, following = strike(GAME, np.array([state]), np.array([k]), draws.outcome_draw(bits))
                 if following[0] < 0:
                     break
                 state, striker = int(following[0]), 1 - striker
             winner = striker if outcome[0] == WINNER else 1 - striker
-            rallies.append((m, rally, server, winner, OUTCOMES[outcome[0]], before, strokes))
+            rallies.append((m, rally, server, winner, OUTCOMES[outcome[0]], before, strokes, hurried))
             score = score.after(winner)
             if score.over:
                 break
@@ -72,6 +73,7 @@ def as_rows(results: MatchResults) -> list[Row]:
             OUTCOMES[played.reason[i]],
             tuple(int(x) for x in played.score[i]),
             played.stroke[ends[i] - played.length[i] : ends[i]].tolist(),
+            played.hurried[ends[i] - played.length[i] : ends[i]].tolist(),
         )
         for i in range(len(played.length))
     ]
@@ -112,8 +114,9 @@ def test_company_never_changes_a_match(seed: int, order: list[int], cut: int) ->
 def test_without_strokes_everything_else_is_the_same() -> None:
     matches = some_matches(seed=5)
     with_strokes, without = (parts(play(GAME, matches, STRIKERS.choose, keep_strokes=keep)) for keep in (True, False))
-    assert len(with_strokes.pop("stroke")) == with_strokes["length"].sum()
-    assert len(without.pop("stroke")) == 0
+    for name in ("stroke", "hurried"):
+        assert len(with_strokes.pop(name)) == with_strokes["length"].sum()
+        assert len(without.pop(name)) == 0
     for name, values in with_strokes.items():
         assert np.array_equal(values, without[name]), name
 

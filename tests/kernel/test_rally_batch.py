@@ -32,7 +32,7 @@ def begun(game: Game, batch: int, seed: int, server: int | None) -> Rows:
     """Rows at the first stroke of rallies 0 to B - 1, by the definitions."""
     rally = np.arange(batch)
     key = draws.stream(seed, rally)
-    lot = (draws.draw(key, 0) >> np.uint64(16)).astype(np.int64) & 1
+    lot = draws.first_server(draws.draw(key, 0)).astype(np.int64)
     zero = np.zeros(batch, np.int32)
     striker = lot if server is None else np.full(batch, server)
     return Rows(zero + ROOT, striker.astype(np.int8), zero.copy(), rally, key, np.ones(batch, np.bool_))
@@ -81,7 +81,7 @@ def test_steps_are_those_of_the_pure_rules(
         batch.reset(rows=done)
         rally = np.where(done, rally + size, rally)
         key = draws.extend(draws.stream(seed), rally)
-        first = (draws.draw(key, 0) >> np.uint64(16)).astype(np.int8) & 1 if server is None else np.int8(server)
+        first = draws.first_server(draws.draw(key, 0)).astype(np.int8) if server is None else np.int8(server)
         expected = Rows(
             np.where(done, ROOT, after).astype(np.int32),
             np.where(done, first, 1 - striker).astype(np.int8),

@@ -98,12 +98,12 @@ def gae_by_hand(sampler: RallySampler, assess: Assess, decay: float, both: bool)
     total: dict[int, float] = {}
     at = 0
     for server, winner, length in zip(played.server, played.winner, played.length, strict=True):
-        strokes = played.stroke[at : at + length].astype(int)
+        strokes, hurried = (column[at : at + length].astype(int) for column in (played.stroke, played.hurried))
         at += length
         seen = [ROOT]
-        for stroke, following in itertools.pairwise(strokes.tolist()):
+        for stroke, following, late in zip(strokes, strokes[1:], hurried[1:], strict=False):
             # The contact offered is that of the stroke that was played from it.
-            seen.append(int(GAME.arrivals(GAME.pair(seen[-1], stroke))[GAME.catalogue.height[following]]))
+            seen.append(int(GAME.arrivals(GAME.pair(seen[-1], stroke))[GAME.catalogue.height[following] + 2 * late]))
         learner = [t for t in range(length) if both or (server + t) % 2 == 0]
         a, after = 0.0, 0.0
         for position, t in enumerate(reversed(learner)):

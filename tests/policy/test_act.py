@@ -46,7 +46,7 @@ class Reader:
 def test_observations_determine_states() -> None:
     states = np.flatnonzero(GAME.playable).astype(np.int32)
     assert (states_of(GAME, observations(GAME, states)) == states).all()
-    for wrong in (np.zeros((1, 58)), np.zeros(59), np.full((1, 59), 0.5), np.full((1, 59), np.nan)):
+    for wrong in (np.zeros((1, 59)), np.zeros(60), np.full((1, 60), 0.5), np.full((1, 60), np.nan)):
         with pytest.raises(GameError):
             states_of(GAME, wrong)
 

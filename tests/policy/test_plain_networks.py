@@ -27,7 +27,7 @@ TIRING = tiring_game()
 STATES = States(game=GAME, state=np.flatnonzero(GAME.playable)[::97].astype(np.int32))
 
 
-def network(game: Any = GAME, hidden: int = 16, function: type[nn.Module] = nn.ReLU, inputs: int = 59) -> nn.Sequential:
+def network(game: Any = GAME, hidden: int = 16, function: type[nn.Module] = nn.ReLU, inputs: int = 60) -> nn.Sequential:
     torch.manual_seed(0)
     return nn.Sequential(
         nn.Linear(inputs, hidden), function(), nn.Linear(hidden, hidden), function(), nn.Linear(hidden, game.n_strokes)
@@ -105,9 +105,9 @@ def test_a_state_dictionary_plays_the_same(tmp_path: Path) -> None:
     "module",
     [
         nn.Sequential(nn.Conv1d(1, 1, 1)),
-        nn.Sequential(nn.Linear(59, 8), nn.Linear(8, 8)),
-        nn.Sequential(nn.Linear(59, 8), nn.ReLU()),
-        nn.Sequential(nn.Linear(59, 8), nn.ReLU(), nn.Linear(8, 8), nn.Tanh(), nn.Linear(8, 8)),
+        nn.Sequential(nn.Linear(60, 8), nn.Linear(8, 8)),
+        nn.Sequential(nn.Linear(60, 8), nn.ReLU()),
+        nn.Sequential(nn.Linear(60, 8), nn.ReLU(), nn.Linear(8, 8), nn.Tanh(), nn.Linear(8, 8)),
         nn.Sequential(),
     ],
 )
@@ -164,10 +164,10 @@ def test_files_of_others_never_run(
 @pytest.mark.parametrize(
     ("state", "says"),
     [
-        ({"0.weight": torch.zeros(4, 59), "2.weight": torch.zeros(GAME.n_strokes, 5)}, "does not fit the layer before"),
-        ({"0.weight": torch.zeros(GAME.n_strokes, 7)}, "it reads 7 numbers; expected the 59"),
-        ({"0.weight": torch.full((GAME.n_strokes, 59), torch.nan)}, "not finite"),
-        ({"0.weight": torch.zeros(GAME.n_strokes, 59), "norm": torch.zeros(3)}, "norm is no part of a chain"),
+        ({"0.weight": torch.zeros(4, 60), "2.weight": torch.zeros(GAME.n_strokes, 5)}, "does not fit the layer before"),
+        ({"0.weight": torch.zeros(GAME.n_strokes, 7)}, "it reads 7 numbers; expected the 60"),
+        ({"0.weight": torch.full((GAME.n_strokes, 60), torch.nan)}, "not finite"),
+        ({"0.weight": torch.zeros(GAME.n_strokes, 60), "norm": torch.zeros(3)}, "norm is no part of a chain"),
         ({}, "nothing is no part"),
         ([1], "no state dictionary"),
     ],

@@ -15,7 +15,7 @@ from shuttle_marl.kernel.lockstep import ask, play
 
 GAME = default_game()
 TABLES = (
-    "edge_own", "edge_incoming", "edge_duel", "reply_start", "reply_count", "reply_edge", "threshold", "fault_odds",
+    "edge_own", "edge_incoming", "edge_duel", "reply_start", "reply_count", "reply_edge", "threshold", "hurry", "fault_odds",
 )  # fmt: skip
 DERIVED = (
     "pair_start", "pair_state", "pair_rank", "pair_stroke", "base_pair_start", "base_pair_state", "base_pair_rank",
@@ -85,7 +85,9 @@ def test_a_game_does_not_change_with_the_arrays_it_was_made_from() -> None:
 
 
 @pytest.mark.parametrize("way", WAYS)
-@pytest.mark.parametrize("name", ["state", "score", "own", "incoming", "contact", "duel", "effort", "opponent_effort", "mask"])
+@pytest.mark.parametrize(
+    "name", ["state", "score", "own", "incoming", "contact", "duel", "effort", "opponent_effort", "hurried", "mask"]
+)
 def test_a_policy_that_writes_into_its_states_has_failed(name: str, way: Callable[[np.ndarray], None]) -> None:
     states = some_states()
     with pytest.raises(PolicyError, match=r"policy 'vandal' raised (ValueError|TypeError)"):

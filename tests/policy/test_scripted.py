@@ -28,14 +28,13 @@ def share(name: str, shots: list[int], where: np.ndarray) -> float:
 def rally_odds(name: str, other: str) -> float:
     """Probability of winning a rally, serving in half of them, by iterating the value of every state: good to a thousandth."""
     policies = [tabulate(resolve(n, GAME), GAME, n).pair_probabilities() for n in (name, other)]
-    good, returned, above = GAME.stroke_probabilities()
-    below, over = GAME.arrivals().T
+    outcome, arrivals = GAME.outcome_probabilities(), GAME.arrivals()
     value: list[np.ndarray] = [np.zeros(GAME.n_states) for _ in policies]
     for _ in range(50):
         value = [
             np.bincount(
                 GAME.pair_state,
-                p * good * (1 - returned * ((1 - above) * theirs[below] + above * theirs[over])),
+                p * (1 - outcome[:, 0] - (outcome[:, 2:] * theirs[arrivals]).sum(axis=1)),
                 minlength=GAME.n_states,
             )
             for p, theirs in zip(policies, reversed(value), strict=True)

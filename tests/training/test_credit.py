@@ -80,11 +80,10 @@ def test_advantages_are_the_exact_ones_under_the_exact_values(opponent: Tabulate
     data = rollout(env, BC, 40)
     found = advantages(data, striking, gamma)
     np.testing.assert_allclose(found, by_hand(data, striking, gamma), atol=2e-5)
-    state = GAME.state_of(*data["observation"].numpy().reshape(-1, 6).T)
+    state = GAME.state_of(*data["observation"].numpy().reshape(-1, 7).T)
     pair = GAME.pair(state, data["action"].numpy().ravel())
-    t = GAME.limits_of(pair).astype(np.float64) / 65536
-    below, above = -others[GAME.arrivals(pair)].T
-    quality = (t[:, 1] - 2 * t[:, 0]) + (t[:, 2] - t[:, 1]) * below + (1 - t[:, 2]) * above
+    outcome = GAME.outcome_probabilities(pair)
+    quality = outcome[:, 1] - outcome[:, 0] - (outcome[:, 2:] * others[GAME.arrivals(pair)]).sum(axis=1)
     noise = found.ravel() - (quality - striking[state])
     # Lambda 0.95 adds later advantages, whose mean is zero under the exact values: so is the mean of the difference.
     assert abs(noise.mean()) < 4 * noise.std() / np.sqrt(len(noise))

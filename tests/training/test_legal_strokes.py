@@ -18,7 +18,7 @@ def masks(states: np.ndarray) -> torch.Tensor:
 
 def test_probabilities_are_those_of_a_softmax_over_the_legal_strokes() -> None:
     rng = np.random.default_rng(0)
-    mask = masks(rng.integers(2, GAME.n_states, 64))
+    mask = masks(rng.integers(4, GAME.n_states, 64))
     logits = torch.from_numpy(rng.normal(size=(64, GAME.n_strokes)) * 5)
     distribution = LegalStrokes(logits, mask=mask)
     weight = torch.where(mask, logits.exp(), 0.0)
@@ -34,7 +34,7 @@ def test_probabilities_are_those_of_a_softmax_over_the_legal_strokes() -> None:
 
 def test_a_million_samples_hold_no_illegal_stroke_and_follow_the_probabilities() -> None:
     torch.manual_seed(1)
-    mask = masks(np.random.default_rng(1).integers(2, GAME.n_states, 100))
+    mask = masks(np.random.default_rng(1).integers(4, GAME.n_states, 100))
     # Logits so far apart that rounding would show.
     distribution = LegalStrokes(torch.randn(100, GAME.n_strokes) * 12, mask=mask)
     drawn = distribution.sample((10_000,))
@@ -65,7 +65,7 @@ def test_the_table_of_an_actor_is_what_it_plays() -> None:
     torch.manual_seed(0)
     actor = make_actor(GAME, width=16, hidden=1)
     table = tabulated(actor, GAME).pair_probabilities()
-    state = np.random.default_rng(2).integers(2, GAME.n_states, 50)
+    state = np.random.default_rng(2).integers(4, GAME.n_states, 50)
     with torch.no_grad():
         seen = {"observation": torch.from_numpy(GAME.observation(state)), "action_mask": masks(state)}
         distribution = actor.get_dist(VersusEnv(50).reset().update(seen))
