@@ -14,6 +14,8 @@ from shuttle_marl.arrays import I64
 from shuttle_marl.data import load_strokes
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.data.upstream import date_of
+from shuttle_marl.dynamics.features import rows_from_strokes
+from shuttle_marl.dynamics.hurried import hurry_of
 from shuttle_marl.errors import printable
 from shuttle_marl.game.draws import stream
 from shuttle_marl.game.pairs import AnyGame
@@ -175,8 +177,8 @@ class _Annotated:
 class RealRallies:
     """The rallies of annotated matches, as strokes of the game.
 
-    An annotated stroke is shown as the nearest legal stroke: same contact, then shot type, technique and area. Flight times and
-    landing points are staged as for every rally.
+    An annotated stroke is shown as the nearest legal stroke: same contact, then shot type, technique and area. Who was hurried
+    says the table, or else the index of the model. Flight times and landing points are staged as for every rally.
 
     Args:
         path: a stroke table, or a folder with the raw files.
@@ -209,8 +211,7 @@ class RealRallies:
                 "points_opponent",
             )
         }
-        # The only place that knows who was hurried; where the table does not say, nobody was.
-        self._columns["hurried"] = table["hurried"].fill_null(False).combine_chunks().to_numpy(zero_copy_only=False)
+        self._columns["hurried"] = rows_from_strokes(table, hurry_of(game.seats[0])).hurried > 0
         self._rallies = list(self._found())
         if not self._rallies:
             raise WatchError(f"{printable(str(path))}: holds no whole rally")

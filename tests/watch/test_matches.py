@@ -7,9 +7,11 @@ from types import SimpleNamespace
 from typing import cast
 
 import numpy as np
+import pyarrow as pa
 import pytest
 
 from shuttle_marl.analysis.rally import Players
+from shuttle_marl.data import load_strokes
 from shuttle_marl.game import default_game
 from shuttle_marl.game.draws import draw, outcome_draw, stream
 from shuttle_marl.game.rules import RETURNED_BELOW, IllegalStrokeError, strike
@@ -23,10 +25,11 @@ from shuttle_marl.watch.match_log import MatchLog
 from shuttle_marl.watch.messages import RallyRequest, decode_request
 from shuttle_marl.watch.plan import Change, Person, Plan, Side
 from shuttle_marl.watch.policies import PolicyTables
-from shuttle_marl.watch.recorded import LogRallies, Recorded
+from shuttle_marl.watch.recorded import LogRallies, RealRallies, Recorded
 from shuttle_marl.watch.stager import Stager
 from shuttle_marl.watch.values import ELITE
 
+SAMPLE = Path(__file__).parents[2] / "datasets" / "sample" / "strokes.parquet"
 BC = {"policy": "bc"}
 PLAN = {"seed": 3, "sides": [BC, {"policy": "attacking", "temperature": 0.5}]}
 
@@ -128,6 +131,19 @@ def test_a_stroke_tried_in_a_recorded_rally_keeps_what_was_played_before_it(tabl
         assert branch.hurried[: k + 1].tolist() == rally.hurried.tolist()
         seen += int(rally.hurried.sum())
     assert seen
+
+
+def test_real_rallies_have_the_hurried_strikers_of_the_table(tables: PolicyTables) -> None:
+    strokes = load_strokes(SAMPLE)
+    marked = pa.array((np.arange(len(strokes)) % 3 == 0) & (strokes["stroke"].to_numpy() > 1))
+    at = strokes.schema.get_field_index("hurried")
+    shown = RealRallies(SAMPLE, tables.game, strokes.set_column(at, strokes.schema.field(at), marked))
+    rallies = [shown.rally(number).checked() for number in range(50)]
+    assert any(rally.hurried.any() for rally in rallies)
+    whole = {(rally.states(tables.game) >= 0).all() for rally in rallies}
+    assert whole == {True}, "the game has every state"
+    first = shown._rallies[0].rows
+    assert rallies[0].hurried.tolist() == marked.to_numpy(zero_copy_only=False)[first].tolist()
 
 
 @pytest.mark.parametrize(
