@@ -39,7 +39,8 @@ def make_game(p_good: float = 0.85, p_returned: float = 0.8, p_above: float = 0.
     replies[n, :serves] = True
     tables = layout(catalogue, replies)
     probability = [np.full(base_pairs(tables), p) for p in (p_good, p_returned, p_above)]
-    return Game(catalogue=catalogue, threshold=thresholds(*probability), **tables)
+    hurry = np.full((base_pairs(tables), 2), 64, np.uint8)
+    return Game(catalogue=catalogue, threshold=thresholds(*probability), hurry=hurry, **tables)
 
 
 def uniform(game: Game) -> np.ndarray:
@@ -141,6 +142,9 @@ def test_outcomes_have_the_probabilities_of_the_game() -> None:
     fault = (table.outcome == Outcome.FAULT).mean()
     assert fault == pytest.approx(0.15, abs=4 * np.sqrt(0.15 * 0.85 / n))
     good = table[table.outcome != Outcome.FAULT]
+    replies = table[table.stroke > 1]
+    assert replies.hurried.mean() == pytest.approx(0.25, abs=4 * np.sqrt(0.19 / len(replies)))
+    assert not table[table.stroke == 1].hurried.any()
     assert (good.outcome == Outcome.RETURNED).mean() == pytest.approx(0.8, abs=4 * np.sqrt(0.16 / len(good)))
     _, reply = rows_after(table)
     assert reply.height.mean() == pytest.approx(0.5, abs=4 * np.sqrt(0.25 / len(reply)))

@@ -134,7 +134,7 @@ def test_learners_of_open_spiel_get_tensors() -> None:
     step = env.reset()
     while not step.last():
         player = step.observations["current_player"]
-        assert len(step.observations["info_state"][player]) == 60
+        assert len(step.observations["info_state"][player]) == 61
         step = env.step([step.observations["legal_actions"][player][0]])
     assert sorted(step.rewards) == [-1, 1]
 

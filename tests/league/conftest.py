@@ -1,5 +1,7 @@
 """A model whose game is so small that a tournament on it takes a fraction of a second."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -20,7 +22,9 @@ def small_model(tmp_path_factory: pytest.TempPathFactory) -> str:
     catalogue = Catalogue.from_names(NAMES)
     replies = np.vstack([np.tile(~catalogue.is_serve, (len(NAMES), 1)), catalogue.is_serve])
     tables = layout(catalogue, replies)
-    empty = Game(catalogue=catalogue, threshold=np.zeros((base_pairs(tables), 3), np.uint16), **tables)
+    pairs = base_pairs(tables)
+    hurry = np.full((pairs, 2), 64, np.uint8)
+    game = Game(catalogue=catalogue, threshold=np.zeros((pairs, 3), np.uint16), hurry=hurry, **tables)
     outcomes = np.array([OUTCOMES[name.partition(":")[0]] for name in NAMES]) * ONE // 16
-    Game(catalogue=catalogue, threshold=outcomes[empty.pair_stroke].astype(np.uint16), **tables).save(folder / "game.safetensors")
+    dataclasses.replace(game, threshold=outcomes[game.pair_stroke].astype(np.uint16)).save(folder / "game.safetensors")
     return str(folder)

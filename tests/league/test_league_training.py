@@ -62,7 +62,8 @@ def model(tmp_path_factory: pytest.TempPathFactory) -> str:
     rng = np.random.default_rng(0)
     good, returned, above = rng.uniform([[0.85], [0.9], [0.3]], [[0.95], [0.98], [0.7]], (3, base_pairs(tables)))
     odds = np.array([ONE, 2 * ONE], np.int32)
-    game = Game(catalogue=catalogue, threshold=thresholds(good, returned, above), fault_odds=odds, **tables)
+    hurry = rng.integers(0, 128, (base_pairs(tables), 2), dtype=np.uint8)
+    game = Game(catalogue=catalogue, threshold=thresholds(good, returned, above), hurry=hurry, fault_odds=odds, **tables)
     game.save(folder / "game.safetensors")
     return str(folder)
 
