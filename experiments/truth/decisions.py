@@ -8,13 +8,14 @@ not measure skill. In a correct game it is 1 at every h.
 """
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Final
 
 import numpy as np
 
 from experiments.truth.matches import Strokes, ratio_by_match, states_of
-from shuttle_marl.arrays import F64, Bools, Ints
+from shuttle_marl.arrays import F64, I64, Bools, Ints
+from shuttle_marl.data.schema import Outcome
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tabulated import TabulatedPolicy
@@ -32,15 +33,20 @@ class Promises:
     Attributes:
         value: ``[N]`` V(s), from -1 to 1.
         advantage: ``[N]`` advantage of the chosen shot type and technique over V(s).
+        fault: ``[N]`` probability that the stroke is a fault, averaged like the advantage over the areas that ``bc`` chooses.
+        above: ``[N]`` probability that the stroke, to its recorded area, is met above the net if it is returned.
     """
 
     value: F64
     advantage: F64
+    fault: F64
+    above: F64
 
     @classmethod
     def joined(cls, parts: Sequence["Promises"]) -> "Promises":
         """Promises of several lists of strokes, as of one list."""
-        return cls(value=np.concatenate([p.value for p in parts]), advantage=np.concatenate([p.advantage for p in parts]))
+        names = [field.name for field in dataclasses.fields(cls)]
+        return cls(**{name: np.concatenate([getattr(p, name) for p in parts]) for name in names})
 
 
 def promises(bc: TabulatedPolicy, strokes: Strokes) -> Promises:
@@ -48,7 +54,13 @@ def promises(bc: TabulatedPolicy, strokes: Strokes) -> Promises:
     value = evaluate(bc, bc).striking[0]
     state = states_of(bc.game, strokes.rows)
     known = np.where(state >= 0, value[np.maximum(state, 0)], np.nan)
-    return Promises(value=known, advantage=worth(bc, strokes, value) - known)
+    good, _, above = bc.game.stroke_probabilities()
+    return Promises(
+        value=known,
+        advantage=worth(bc, strokes, value) - known,
+        fault=_mean(bc, strokes, lambda pairs: 1 - good[pairs]),
+        above=_mean(bc, strokes, lambda pairs: above[pairs], aimed=True),
+    )
 
 
 def worth(bc: TabulatedPolicy, strokes: Strokes, following: F64) -> F64:
@@ -59,19 +71,33 @@ def worth(bc: TabulatedPolicy, strokes: Strokes, following: F64) -> F64:
         strokes: N strokes.
         following: ``[S]`` value of the next states to the receiver.
     """
+    return _mean(bc, strokes, lambda pairs: bc.game.stroke_values(following, pairs))
+
+
+def _mean(bc: TabulatedPolicy, strokes: Strokes, of: Callable[[I64], F64], *, aimed: bool = False) -> F64:
+    """``[N]`` mean of a figure of legal pairs over the strokes of each one's shot type and technique, as ``bc`` chooses.
+
+    Args:
+        bc: on the game that is played.
+        strokes: N strokes.
+        of: from legal pairs to their figures.
+        aimed: over the strokes to the recorded area alone.
+    """
     game = bc.game
     state = states_of(game, strokes.rows)
     known = state >= 0
+    area = strokes.rows.codes["area"][known]
     shot, technique = (strokes.rows.codes[part][known] for part in ("shot", "technique"))
     row, pairs = game.pairs(state[known])
-    aimed = game.base_pair_stroke[pairs % game.n_base_pairs]
-    alike = (game.catalogue.shot[aimed] == shot[row]) & (game.catalogue.technique[aimed] == technique[row])
+    stroke = game.base_pair_stroke[pairs % game.n_base_pairs]
+    alike = (game.catalogue.shot[stroke] == shot[row]) & (game.catalogue.technique[stroke] == technique[row])
+    alike &= (game.catalogue.area[stroke] == area[row]) | (not aimed)
     row, pairs = row[alike], pairs[alike]
     weight = bc.probability_of(pairs)
     total = np.bincount(row, weight, len(shot))
     found = np.full(len(strokes), np.nan)
     with np.errstate(invalid="ignore"):
-        found[known] = np.bincount(row, weight * game.stroke_values(following, pairs), len(shot)) / total
+        found[known] = np.bincount(row, weight * of(pairs), len(shot)) / total
     return found
 
 
@@ -159,6 +185,23 @@ def promised_realised(strokes: Strokes, promised: Promises) -> dict[str, dict[st
 def _points(error: F64, match: Ints) -> dict[str, float]:
     found = ratio_by_match(error, np.ones(len(error)), match)
     return {"points": found["value"], "low": found["low"], "high": found["high"], "n": len(error)}
+
+
+def fault_log_losses(strokes: Strokes, promised: Promises) -> F64:
+    """``[N]`` log-loss of a fault; NaN where it is not known or the game knows no such stroke."""
+    outcome = strokes.rows.outcome
+    return _losses(outcome == Outcome.FAULT, np.where(outcome == Outcome.UNKNOWN, np.nan, promised.fault))
+
+
+def contact_log_losses(strokes: Strokes, promised: Promises) -> F64:
+    """``[N]`` log-loss of the contact of returned strokes; NaN for others."""
+    contact = strokes.rows.next_contact
+    return _losses(contact == 1, np.where(contact < 0, np.nan, promised.above))
+
+
+def _losses(label: Bools, p: F64) -> F64:
+    p = np.clip(p, 1e-9, 1 - 1e-9)
+    return np.asarray(-np.where(label, np.log(p), np.log1p(-p)))
 
 
 def value_log_losses(strokes: Strokes, promised: Promises) -> F64:

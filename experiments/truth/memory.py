@@ -1,5 +1,6 @@
 """Does an earlier advantage still count, beyond the value of the current state?"""
 
+import dataclasses
 from typing import Final
 
 import numpy as np
@@ -19,7 +20,7 @@ def memory(strokes: Strokes, promised: Promises) -> dict[str, dict[str, float]]:
     """
     ended = realised(strokes, promised.value, None)
     return {
-        str(lag): slope(strokes, Promises(value=promised.value, advantage=_ago(strokes, promised.advantage, lag)), ended)
+        str(lag): slope(strokes, dataclasses.replace(promised, advantage=_ago(strokes, promised.advantage, lag)), ended)
         for lag in LAGS
     }
 

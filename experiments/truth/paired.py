@@ -5,7 +5,14 @@ from pathlib import Path
 import numpy as np
 from safetensors.numpy import load_file, save
 
-from experiments.truth.decisions import Promises, centred, outcomes, value_log_losses
+from experiments.truth.decisions import (
+    Promises,
+    centred,
+    contact_log_losses,
+    fault_log_losses,
+    outcomes,
+    value_log_losses,
+)
 from experiments.truth.matches import RESAMPLES, Strokes, ratio_by_match
 from shuttle_marl.arrays import F64
 from shuttle_marl.errors import ShuttleError
@@ -14,7 +21,7 @@ from shuttle_marl.files import replace_file
 
 def save_values(path: Path, strokes: Strokes, promised: Promises) -> None:
     """Write the promises of a game for N strokes."""
-    arrays = {"value": promised.value, "advantage": promised.advantage, "result": strokes.result, "number": strokes.number}
+    arrays = {**vars(promised), "result": strokes.result, "number": strokes.number}
     replace_file(path, save(arrays))
 
 
@@ -28,7 +35,10 @@ def load_values(path: Path, strokes: Strokes) -> Promises:
         arrays = load_file(path)
         if not all(np.array_equal(arrays[name], getattr(strokes, name)) for name in ("result", "number")):
             raise ShuttleError(f"{path}: values of other strokes; expected the same matches, parts and seed")
-        return Promises(value=arrays["value"], advantage=arrays["advantage"])
+        # Files of the game before hurried strikers have no forecasts of faults and contacts.
+        unknown = np.full(len(strokes), np.nan)
+        forecasts = {name: arrays.get(name, unknown) for name in ("fault", "above")}
+        return Promises(value=arrays["value"], advantage=arrays["advantage"], **forecasts)
     except (OSError, KeyError, ValueError) as error:
         raise ShuttleError(f"{path}: no readable values ({error}); write them with --values") from error
 
@@ -42,7 +52,8 @@ def differences(strokes: Strokes, ours: Promises, theirs: Promises, seed: int = 
         seed: random seed of the bootstrap.
 
     Returns:
-        ``value``, ``low`` and ``high`` of ``slope_1`` … ``slope_end`` and of ``value_log_loss`` (nats).
+        ``value``, ``low`` and ``high`` of ``slope_1`` … ``slope_end``, and of ``value_log_loss``, ``fault_log_loss`` and
+        ``contact_log_loss`` (nats a stroke; the last two where both know them).
     """
     both = np.isfinite(ours.advantage) & np.isfinite(theirs.advantage)
     out = {}
@@ -55,9 +66,11 @@ def differences(strokes: Strokes, ours: Promises, theirs: Promises, seed: int = 
         draws = np.random.default_rng(seed).integers(0, len(matches), (RESAMPLES, len(matches)))
         low, high = np.quantile(_slopes(sums[:, draws].sum(axis=-1)), [0.025, 0.975])
         out[f"slope_{name}"] = {"value": float(_slopes(sums.sum(axis=-1))), "low": float(low), "high": float(high)}
-    change = value_log_losses(strokes, ours) - value_log_losses(strokes, theirs)
-    used = np.isfinite(change)
-    out["value_log_loss"] = ratio_by_match(change[used], np.ones(int(used.sum())), strokes.rows.match[used], seed)
+    for name, losses in (("value", value_log_losses), ("fault", fault_log_losses), ("contact", contact_log_losses)):
+        change = losses(strokes, ours) - losses(strokes, theirs)
+        used = np.isfinite(change)
+        if used.any():
+            out[f"{name}_log_loss"] = ratio_by_match(change[used], np.ones(int(used.sum())), strokes.rows.match[used], seed)
     return out
 
 

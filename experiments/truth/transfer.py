@@ -5,6 +5,7 @@ which it was computed (home) is compared with the other game (away), both agains
 exact.
 """
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -30,14 +31,21 @@ def transfer(strokes: Strokes, fitter: Fitter, *, halvings: int, seed: int) -> d
         For ``best_response`` and ``minimax``: ``home``, ``away``, ``kept``, and its 95 % interval ``low`` to ``high``
         (Student's t over the directions) with their number ``directions``.
     """
-    found: dict[str, list[tuple[float, float]]] = {"best_response": [], "minimax": []}
+    pairs = []
     for number in range(halvings):
         half = folds_of(strokes, 2, seed + number)
-        worlds = [fitter.fit(strokes.take(half == side).matches, layout=strokes.matches) for side in (0, 1)]
-        for home, away in (worlds, worlds[::-1]):
-            policies = {"best_response": best_response(home.bc).policy, "minimax": solve(home.game).policy[0]}
-            for name, policy in policies.items():
-                found[name].append((wins(policy, home), wins(policy, away)))
+        one, other = (fitter.fit(strokes.take(half == side).matches, layout=strokes.matches) for side in (0, 1))
+        pairs += [(one, other), (other, one)]
+    return transferred(pairs)
+
+
+def transferred(pairs: Iterable[tuple[World, World]]) -> dict[str, dict[str, float]]:
+    """Figures of :func:`transfer` for pairs of home and away worlds with the same layout."""
+    found: dict[str, list[tuple[float, float]]] = {"best_response": [], "minimax": []}
+    for home, away in pairs:
+        policies = {"best_response": best_response(home.bc).policy, "minimax": solve(home.game).policy[0]}
+        for name, policy in policies.items():
+            found[name].append((wins(policy, home), wins(policy, away)))
     return {name: _summary(np.array(pairs)) for name, pairs in found.items()}
 
 

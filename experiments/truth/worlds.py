@@ -15,9 +15,10 @@ from safetensors.numpy import load_file, save
 from experiments.truth.matches import Strokes, folds_of
 from shuttle_marl.arrays import F64
 from shuttle_marl.dynamics.compiled import pair_log_choices
-from shuttle_marl.dynamics.fit import Fit, fit, layout_of
+from shuttle_marl.dynamics.fit import Fit, fit, layout_of, supports
 from shuttle_marl.dynamics.hurried import Hurry, fit_hurry, load_hurry
 from shuttle_marl.dynamics.make import load_support
+from shuttle_marl.dynamics.models import known_outcome
 from shuttle_marl.dynamics.network import QUICK
 from shuttle_marl.files import replace_file
 from shuttle_marl.game.shipped import load_game, model_folder
@@ -105,6 +106,20 @@ class Fitter:
         weight = np.tile(np.exp(tables["log_choice"]), game.n_blocks)
         hurry = Hurry.checked(read_tensors(hurry_file)) if hurry_file.is_file() else None
         return World(bc=from_pair_probabilities(game, game.normalized(weight)), behind=tables["behind"], hurry=hurry)
+
+    def of_shares(self, matches: Sequence[str], layout: Sequence[str], shares: Sequence[float]) -> list[World]:
+        """Worlds of one fit with several minimum shares of a legal shot type, not cached; arguments as for :meth:`fit`."""
+        rows, found = self._strokes.rows, []
+        fitted, hurry = self._fitted(tuple(sorted(matches)), tuple(sorted(layout)))
+        train = rows.in_matches(matches) if hurry is None else hurry.marked(rows.in_matches(matches))
+        for share in shares:
+            empty = layout_of(rows.in_matches(layout), share)
+            support, _ = supports(fitted.models, train.take(known_outcome(train)), empty)
+            game, _ = dataclasses.replace(fitted, game=empty, support=support).compiled()
+            weight = np.tile(np.exp(pair_log_choices(fitted.models, game).astype(np.float64)), game.n_blocks)
+            bc = from_pair_probabilities(game, game.normalized(weight))
+            found.append(World(bc=bc, behind=support.strokes, hurry=hurry))
+        return found
 
     # The games of both disciplines come from one fit, one after the other.
     @functools.lru_cache(maxsize=1)  # noqa: B019  a fitter lives as long as its program

@@ -467,7 +467,7 @@ def depth(
     output.print(*cli.depth(found))
     output.print(
         f"{found['impossible']} legal strokes at the net are met in the back third. rare: fraction of its strokes of a shot type "
-        "that bc plays in less than 1 % of cases there. shot types: those above 2 %. normalised: 0 is bc, 1 the best response to it."
+        "that bc plays there in less than 1 % of cases. shot types: those above 2 %. normalised: 0 is bc, 1 its best response."
     )
 
 

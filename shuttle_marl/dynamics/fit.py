@@ -12,6 +12,7 @@ from shuttle_marl.arrays import F64, Bools
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.dynamics.compiled import (
     MIN_STROKES,
+    SHOT_SHARE,
     PairProbabilities,
     Support,
     catalogue_of,
@@ -202,22 +203,31 @@ def fit(
 
     report("catalogue, legality, support")
     game = layout or layout_of(train)
-    intended = intended_targets(target, success, known)
-    support = support_of(known, intended, game)
-    masks = [known.codes["discipline"] == discipline for discipline in range(len(DISCIPLINES))]
-    profiles = tuple(support_of(known.take(mask), intended[mask], game) if mask.any() else support for mask in masks)
+    support, profiles = supports(models, known, game)
     return Fit(models=models, game=game, support=support, profiles=profiles, predicted=predicted, chosen=chosen)
 
 
-def layout_of(rows: Rows) -> Game:
+def supports(models: FittedModels, known: Rows, game: Game) -> tuple[Support, tuple[Support, ...]]:
+    """Support of a game in strokes of known outcome, and in those of each discipline."""
+    intended = intended_targets(models.networks["target"], models.networks["success"], known)
+    support = support_of(known, intended, game)
+    masks = [known.codes["discipline"] == discipline for discipline in range(len(DISCIPLINES))]
+    return support, tuple(support_of(known.take(mask), intended[mask], game) if mask.any() else support for mask in masks)
+
+
+def layout_of(rows: Rows, share: float = SHOT_SHARE) -> Game:
     """Layout of the game of strokes: catalogue and legal replies, without probabilities.
+
+    Args:
+        rows: strokes of the training matches.
+        share: minimum share of a legal shot type (:mod:`shuttle_marl.dynamics.compiled`).
 
     Raises:
         ShuttleError: too few kinds of stroke occur often enough.
     """
     catalogue = catalogue_of(rows)
     try:
-        return empty_game(catalogue, replies_of(rows, catalogue))
+        return empty_game(catalogue, replies_of(rows, catalogue, share))
     except GameError as error:
         raise ShuttleError(
             f"these strokes make no game ({error}): every stroke of a game occurs at least {MIN_STROKES} times in the data; "

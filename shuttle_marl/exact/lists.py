@@ -1,7 +1,7 @@
 """Lists: policies that play the first legal stroke of an order of preference, one order for each cell of states.
 
-The cells say what such a policy reads. A list is improved by exact policy iteration in its class: strokes are ordered by their mean
-loss, the value of the best stroke minus their own, over the states of the cell that the policy visits.
+The cells say what such a policy reads. A list is improved by exact policy iteration in its class: strokes are ordered by their
+mean loss, the value of the best stroke minus their own, over the states of the cell that the policy visits.
 """
 
 from collections.abc import Iterator

@@ -204,7 +204,7 @@ def test_an_advantage_is_remembered_only_where_the_state_forgets(world: World, t
 
 def test_advantages_are_calibrated_on_matches_that_did_not_fit_the_factors(world: World, strokes: Strokes) -> None:
     said = promises(world.bc, strokes)
-    exaggerated = Promises(value=said.value, advantage=2 * said.advantage)
+    exaggerated = dataclasses.replace(said, advantage=2 * said.advantage)
     found = calibration(strokes, exaggerated, folds_of(strokes, 4, seed=0))
     for horizon, of_horizon in found.items():
         assert of_horizon["low"] < 1 < of_horizon["high"], horizon
