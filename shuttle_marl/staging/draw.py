@@ -42,8 +42,9 @@ _QUICK: Final = 0.5
 """Times and heights of contacts of hurried players: share of the range of all, from its lower end."""
 _LOW_FROM: Final = 1.2
 """Distance from the net above which hurried players strike lower [m]."""
-_SHORT: Final = 0.2
-"""Distance that the hips of a hurried player are short of their place at the contact [m]."""
+_SHORT: Final = 0.08
+"""Distance that the hips of a hurried player are short of their place at the contact [m]; with more the arm is straight, and
+cannot swing at the shuttle."""
 _STRETCH: Final = 0.35
 """Additional reach of a hurried player; 1 is the widest."""
 _SLOT: Final = 8

@@ -56,7 +56,9 @@ def seen(motions: list[Motion]) -> F64:
             since = np.argmax(away[::-1]) if away.any() else len(away)
             speed = np.linalg.norm(hips[at + 1] - hips[at - 1]) * motion.fps / 2
             reach = np.linalg.norm(motion.shuttle[at, :2] - hips[at])
-            found[rally.catalogue.height[rally.stroke[i]]].append([since / motion.fps, speed, motion.shuttle[at, 2], reach])
+            found[rally.catalogue.height[rally.stroke[i]]].append(
+                [since / motion.fps, float(speed), motion.shuttle[at, 2], float(reach)]
+            )
     return np.array([np.mean(rows, axis=0) for rows in found])
 
 
