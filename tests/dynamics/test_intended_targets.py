@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from shuttle_marl.data.schema import REASONS, Outcome
-from shuttle_marl.dynamics.features import SLOTS, STATE, Rows
+from shuttle_marl.dynamics.features import MOVEMENT, SLOTS, STATE, Rows
 from shuttle_marl.dynamics.fit import intended_targets
 from shuttle_marl.dynamics.models import GOOD, SPECS, fit_success, fit_target, latent_target, softmax
 from shuttle_marl.dynamics.network import EnsembleConfig, NetworkSpec
@@ -45,6 +45,9 @@ def simulated() -> tuple[Rows, np.ndarray]:
         receiver=np.full(N, "b"),
         stroke=np.full(N, 3, dtype=np.int16),
         **{name: np.zeros(N, dtype=np.int16) for name in ("attacks", "opponent_attacks", "net_run")},
+        movement=np.full((N, len(MOVEMENT)), np.nan, dtype=np.float32),
+        hurried=np.zeros(N, dtype=np.int8),
+        next_hurried=np.full(N, -1, dtype=np.int8),
     )
     return rows, target
 

@@ -18,7 +18,7 @@ from shuttle_marl.dynamics.compiled import (
     is_serve_pair,
     pair_probabilities,
 )
-from shuttle_marl.dynamics.features import SLOTS, Rows, rows_from_strokes, states_of
+from shuttle_marl.dynamics.features import MOVEMENT, SLOTS, Rows, rows_from_strokes, states_of
 from shuttle_marl.dynamics.situations import Situations, fit_situations
 from shuttle_marl.game.stroke import SHOTS, Catalogue
 from shuttle_marl.game.tables import Game
@@ -91,13 +91,16 @@ def simulated(count: int, effort: float, duel: float) -> tuple[np.ndarray, np.nd
         attacks=attacks,
         opponent_attacks=attacks,
         net_run=run,
+        movement=np.full((count, len(MOVEMENT)), np.nan, dtype=np.float32),
+        hurried=np.zeros(count, dtype=np.int8),
+        next_hurried=np.full(count, -1, dtype=np.int8),
     )
     return logit, share, rows
 
 
 def test_a_planted_fatigue_is_recovered() -> None:
     logit, share, rows = simulated(60_000, effort=0.25, duel=0.6)
-    line, found = fit_situations(logit, share, rows)
+    line, found = fit_situations(logit, share, rows, levels=3)
     assert line == pytest.approx([0.8, -0.3], abs=0.08)
     assert found.effort == pytest.approx([0, 0.25, 0.5], abs=0.06)
     assert found.duel == pytest.approx(0.6, abs=0.1)
@@ -115,7 +118,10 @@ def test_without_fatigue_none_is_found() -> None:
 def test_what_is_not_known_is_averaged_over() -> None:
     shares = np.zeros((SLOTS["own_shot"], 3))
     shares[:] = (0.7, 0.2, 0.1)
-    situations = Situations(effort=np.array([0.0, 0.1, 0.2]), duel=0.5, effort_share=shares, duel_share=0.25)
+    unknown = np.zeros((SLOTS["incoming_shot"], SLOTS["shot"]))
+    situations = Situations(
+        effort=np.array([0.0, 0.1, 0.2]), duel=0.5, effort_share=shares, duel_share=0.25, hurried_share=unknown
+    )
     rows = simulated(2000, effort=0.0, duel=0.0)[2]
     weights = situations.weights(rows)
     assert weights.sum(axis=1) == pytest.approx(1)
@@ -141,8 +147,8 @@ def duel_game(levels: int) -> Game:
     replies = np.array([[0, 1, 1, 1, 1]] * 5 + [[1, 0, 0, 0, 0]], dtype=bool)
     tables = layout(Catalogue.from_names(names), replies, duels=True)
     odds = np.full(levels, ONE, dtype=np.int32)
-    threshold = np.zeros((base_pairs(tables), 3), np.uint16)
-    return Game(catalogue=Catalogue.from_names(names), threshold=threshold, fault_odds=odds, **tables)
+    threshold, hurry = np.zeros((base_pairs(tables), 3), np.uint16), np.zeros((base_pairs(tables), 2), np.uint8)
+    return Game(catalogue=Catalogue.from_names(names), threshold=threshold, hurry=hurry, fault_odds=odds, **tables)
 
 
 @pytest.mark.parametrize("levels", [1, 3])
@@ -166,26 +172,37 @@ def test_states_of_recorded_strokes_hold_effort_and_duel(levels: int) -> None:
 
 
 class Constant:
-    """Models that say the same of every stroke."""
+    """Models that say the same of every stroke, but for a factor of the odds of a hurried striker's fault."""
 
-    def __init__(self, situations: Situations, fault: float, returned: float) -> None:
-        self.situations, self.fault, self.returned, self.above = situations, fault, returned, 0.5
+    knows_hurried = True
 
-    def averaged(self, probability: float, codes: dict[str, np.ndarray], **_: object) -> np.ndarray:
-        return np.full(len(codes["contact"]), probability)
+    def __init__(self, situations: Situations, fault: float, returned: float, late: float) -> None:
+        self.situations, self.fault, self.returned, self.above, self.late = situations, fault, returned, 0.5, late
+        self.hurried = np.array([0.25, 0.5])
+
+    def averaged(self, probability: float | np.ndarray, codes: dict[str, np.ndarray], **_: object) -> np.ndarray:
+        size = len(codes["contact"])
+        if np.ndim(probability):
+            return np.tile(probability, (size, 1))
+        p = np.full(size, probability)
+        odds = p / (1 - p) * np.where(codes["hurried"] == 1, self.late if probability == self.fault else 1.0, 1.0)
+        return np.asarray(odds / (1 + odds))
 
 
-def compiled(effort: list[float], fault: float, returned: float, fault_range: tuple[float, float]) -> tuple[Game, Situations]:
+def compiled(
+    effort: list[float], fault: float, returned: float, fault_range: tuple[float, float], late: float = 1.0
+) -> tuple[Game, Situations]:
     layout_of = duel_game(1)
     edges = len(layout_of.edge_own)
-    shares = np.tile([0.5, 0.3, 0.2], (SLOTS["own_shot"], 1))
-    situations = Situations(effort=np.array(effort), duel=0.8, effort_share=shares, duel_share=0.25)
+    shares = np.tile(np.array([0.5, 0.3, 0.2]) if len(effort) == 3 else np.ones(1), (SLOTS["own_shot"], 1))
+    hurried = np.full((SLOTS["incoming_shot"], SLOTS["shot"]), 0.25)
+    situations = Situations(effort=np.array(effort), duel=0.8, effort_share=shares, duel_share=0.25, hurried_share=hurried)
     count = np.zeros(edges)
     support = Support(
         strokes=count, faults=count, winners=count,
         fault_range=np.tile(fault_range, (edges, 1)), winner_range=np.tile([0.0, 1.0], (edges, 1)),
     )  # fmt: skip
-    models = cast("Any", Constant(situations, fault, returned))
+    models = cast("Any", Constant(situations, fault, returned, late))
     return compile_game(layout_of, pair_probabilities(models, layout_of, support)), situations
 
 
@@ -213,3 +230,14 @@ def test_every_stroke_but_a_serve_ends_some_rallies_at_every_level(effort: list[
     assert ending[:, rally].min() >= MIN_END - 1 / ONE
     assert ending[:, rally].min() <= MIN_END + 1e-4
     assert (ending[:, ~rally] < MIN_END).all()
+
+
+def test_the_mean_over_hurried_strikers_and_others_is_what_the_data_bounds() -> None:
+    game, _ = compiled([0.0], fault=0.3, returned=0.9, fault_range=(0.02, 0.10), late=4.0)
+    fault, late = game.threshold[:, 0] / ONE, game.hurried(game.base_pair_state) == 1
+    plain = ~is_duel_pair(game)
+    calm, hurried = fault[plain & ~late], fault[plain & late]
+    assert 0.75 * calm + 0.25 * hurried == pytest.approx(0.10, abs=2e-4)
+    assert hurried / (1 - hurried) == pytest.approx(4 * calm / (1 - calm), rel=5e-3)
+    assert (hurried > 0.10).all()
+    assert (game.hurry == [64, 128]).all()

@@ -43,7 +43,8 @@ def rows_of(match: Ints, striker: Ints, receiver: Ints, shot: Ints, names: tuple
         outcome=zero.astype(np.int8), reason=zero.astype(np.int8), next_contact=zero.astype(np.int8),
         match=match.astype(np.int32), matches=names, striker=players[striker], receiver=players[receiver],
         stroke=np.full(n, 5, np.int16), attacks=zero,
-        opponent_attacks=zero, net_run=zero,
+        opponent_attacks=zero, net_run=zero, movement=np.zeros((n, 0), np.float32),
+        hurried=zero.astype(np.int8), next_hurried=zero.astype(np.int8),
     )  # fmt: skip
 
 

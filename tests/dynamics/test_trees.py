@@ -54,7 +54,7 @@ def test_blends_are_means_of_logits() -> None:
     rows = rows.take(np.arange(2000))
     codes, trees = rows.codes, fit_trees(rows.codes, label[:2000], rounds=10)
     models = FittedModels.load(model_folder())
-    models = dataclasses.replace(models, trees={"return": trees, "contact": trees}, calibration=np.tile([1.0, 0.0], (3, 1)))
+    models = dataclasses.replace(models, trees={"return": trees, "contact": trees}, calibration=np.tile([1.0, 0.0], (5, 1)))
     of_trees, ridge = trees.logits(codes), ridge_logits(models.ridge, codes)
     of_return, of_contact = (models.networks[name].logits(codes)[..., 0] for name in ("return", "contact"))
     assert models.returned(codes) == pytest.approx(expit((of_return + ridge + of_trees) / 3).mean(axis=0))
