@@ -88,7 +88,7 @@ def test_the_gradient_over_distinct_states_is_that_over_all_strokes(
         assert terms["clip_fraction"] > 0.1
     theirs = gradients(plain, sum(terms[name] for name in TERMS))
     assert theirs.abs().max() > 1e-3
-    assert (ours - theirs).abs().max() < 1e-6
+    assert (ours - theirs).abs().max() < 5e-6
     for name in TERMS[::2]:
         assert found[name].item() == pytest.approx(terms[name].item(), abs=1e-6)
     # The parts weigh as much as the whole on average.
