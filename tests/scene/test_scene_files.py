@@ -260,7 +260,8 @@ def test_a_mean_over_the_policy_is_the_value(reel: Any) -> None:
 
 
 def test_messages_match_their_schemas(reel: Any) -> None:
-    kinds: dict[str, Any] = {"number": (int, float), "integer": int, "string": str, "object": dict, "array": list}
+    kinds: dict[str, Any] = {"number": (int, float), "integer": int, "boolean": bool, "string": str}
+    kinds |= {"object": dict, "array": list}
 
     def check(content: Any, schema: dict[str, Any], where: str) -> None:
         assert isinstance(content, kinds[schema["type"]]), where
