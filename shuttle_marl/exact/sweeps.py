@@ -58,26 +58,26 @@ class Choices(NamedTuple):
 
 
 class Outcomes(NamedTuple):
-    """Outcomes of the legal pairs at one effort in G games: the tables of the games, thresholds by column."""
+    """Outcomes of the legal pairs at one effort in G games: the tables of the games by column, so that loops are vectorised."""
 
     limits: U16
     """``[G, 3, base pairs]`` thresholds."""
     hurry: U8
-    """``[G, 2 base pairs]`` chances of a hurried receiver, from below and from above in turn."""
+    """``[G, 2, base pairs]`` chances of a hurried receiver."""
 
 
 class _Strokes(NamedTuple):
-    """The K legal strokes of a state: ``[K]`` thresholds, ``[2 K]`` chances of a hurried receiver, and ``[2 K]`` values.
-
-    Few arrays, because LLVM vectorises no loop in which it had to compare more than eight addresses first.
-    """
+    """The K legal strokes of a state, as ``[K]`` each: thresholds, chances of a hurried receiver, and rows of :func:`_gather`."""
 
     fault: U16
     winner: U16
     below: U16
-    hurry: U8
+    hurry_below: U8
+    hurry_above: U8
     low: F64
     high: F64
+    low_hurried: F64
+    high_hurried: F64
 
 
 @inlined
@@ -89,9 +89,12 @@ def _strokes(outcomes: Outcomes, g: int, replies: Replies, following: F64, s: in
         outcomes.limits[g, 0, first:last],
         outcomes.limits[g, 1, first:last],
         outcomes.limits[g, 2, first:last],
-        outcomes.hurry[g, 2 * first : 2 * last],
-        following[0, 2 * reply : 2 * end],
-        following[1, 2 * reply : 2 * end],
+        outcomes.hurry[g, 0, first:last],
+        outcomes.hurry[g, 1, first:last],
+        following[0, reply:end],
+        following[1, reply:end],
+        following[2, reply:end],
+        following[3, reply:end],
     )
 
 
@@ -103,23 +106,28 @@ def _returns(strokes: _Strokes, i: int) -> tuple[float, float]:
 
 
 @inlined
-def _later(strokes: _Strokes, i: int) -> float:
-    """What follows the i-th stroke: the values of its four successors, times their probabilities in units of 1/65536."""
-    low, high = _returns(strokes, i)
-    low *= strokes.low[2 * i] + strokes.hurry[2 * i] * strokes.low[2 * i + 1]
-    high *= strokes.high[2 * i] + strokes.hurry[2 * i + 1] * strokes.high[2 * i + 1]
-    return low + high
+def _follow_up(strokes: _Strokes, out: F64) -> None:
+    """Write what follows each stroke: the values of its four successors, times their probabilities in units of 1/65536.
+
+    In two loops, because LLVM vectorises none in which it had to compare more than eight addresses first.
+    """
+    for i in range(strokes.below.size):
+        out[i] = _returns(strokes, i)[0] * (strokes.low[i] + strokes.hurry_below[i] * strokes.low_hurried[i])
+    for i in range(strokes.below.size):
+        out[i] += _returns(strokes, i)[1] * (strokes.high[i] + strokes.hurry_above[i] * strokes.high_hurried[i])
 
 
 @inlined
-def _worth(strokes: _Strokes, i: int) -> float:
-    """Value of the i-th stroke to its striker, in units of 1/65536."""
-    return (float(strokes.winner[i]) - 2.0 * strokes.fault[i]) - _later(strokes, i)
+def _weigh(strokes: _Strokes, out: F64) -> None:
+    """Write the value of each stroke to its striker, in units of 1/65536."""
+    _follow_up(strokes, out)
+    for i in range(strokes.below.size):
+        out[i] = (float(strokes.winner[i]) - 2.0 * float(strokes.fault[i])) - out[i]
 
 
 @compiled
 def _gather(plain: F64, after_attack: F64, replies: Replies, out: F64) -> None:
-    """``[2, 2 V]`` values of the successors of each reply, by contact: if the receiver is not hurried, and what else is added.
+    """``[4, V]`` values of the successors of each reply: from below, from above, and what is added to each if hurried.
 
     Args:
         plain, after_attack: values of the block after a stroke that is no attack, and of the block after an attack.
@@ -131,17 +139,17 @@ def _gather(plain: F64, after_attack: F64, replies: Replies, out: F64) -> None:
         source = after_attack if replies.attack[edge] else plain
         for contact in range(2):
             value = source[4 * edge + contact]
-            out[contact, 2 * v], out[contact, 2 * v + 1] = value, (source[4 * edge + 2 + contact] - value) / 256.0
+            out[contact, v], out[2 + contact, v] = value, (source[4 * edge + 2 + contact] - value) / 256.0
 
 
 @compiled
 def _scatter_add(gathered: F64, replies: Replies, plain: F64, after_attack: F64) -> None:
-    """Scatter-adds values ``[2, 2 V]`` of the successors of each reply, by contact and whether hurried, to those."""
+    """Scatter-adds ``[4, V]`` values to the successors of each reply."""
     for v in range(replies.edge.size):
         edge = replies.edge[v]
         target = after_attack if replies.attack[edge] else plain
         for i in range(4):
-            target[4 * edge + i] += gathered[i & 1, 2 * v + (i >> 1)]
+            target[4 * edge + i] += gathered[i, v]
 
 
 @compiled
@@ -160,43 +168,46 @@ def _choose(outcomes: Outcomes, replies: Replies, following: F64, against: bool,
     Args:
         outcomes: of the games.
         replies: of the games.
-        following: ``[2, 2 V]`` gathered values.
+        following: ``[4, V]`` gathered values.
         against: whether nature picks the worst game for the striker.
         best_of: the result.
     """
-    out, rank = best_of.value, best_of.rank
-    scratch = np.empty(_longest(replies))
+    out, rank, games = best_of.value, best_of.rank, len(outcomes.limits)
+    # The values in each game, and in the one that nature picks.
+    worth, scratch = np.empty((games, _longest(replies))), np.empty(_longest(replies))
     for s in range(out.size):
         count = replies.pair_start[s + 1] - replies.pair_start[s]
-        out[s], rank[s], best_of.edge[s], best_of.outcome[s] = 0.0, -1, 0, 0.0
         if count == 0:
+            out[s], rank[s], best_of.edge[s] = 0.0, -1, 0
+            for i in range(4):
+                best_of.outcome[s, i] = 0.0
             continue
         values = scratch[:count]
-        for g in range(len(outcomes.limits)):
-            strokes = _strokes(outcomes, g, replies, following, s)
-            if g == 0:
+        for g in range(games):
+            here = worth[g, :count]
+            _weigh(_strokes(outcomes, g, replies, following, s), here)
+            if g == 0:  # an assignment of a slice takes longer
                 for i in range(count):
-                    values[i] = _worth(strokes, i)
+                    values[i] = here[i]
             elif against:
                 for i in range(count):
-                    values[i] = min(values[i], _worth(strokes, i))
+                    values[i] = min(values[i], here[i])
             else:
                 for i in range(count):
-                    values[i] = max(values[i], _worth(strokes, i))
+                    values[i] = max(values[i], here[i])
         best = values.max()
         i = 0
         while values[i] < best - TIE * 65536.0:
             i += 1
         out[s], rank[s], best_of.edge[s] = best / 65536.0, i, replies.edge[replies.first_reply[s] + i]
-        wanted = -values[i] if against else values[i]
-        for g in range(len(outcomes.limits)):
-            strokes = _strokes(outcomes, g, replies, following, s)
-            value = _worth(strokes, i)
-            if (-value if against else value) >= wanted - TIE * 65536.0:
-                for contact, share in enumerate(_returns(strokes, i)):
-                    hurried = share * (strokes.hurry[2 * i + contact] / 256.0)
-                    best_of.outcome[s, contact], best_of.outcome[s, 2 + contact] = share - hurried, hurried
-                break
+        g = 0
+        while abs(worth[g, i] - values[i]) > TIE * 65536.0:
+            g += 1
+        strokes = _strokes(outcomes, g, replies, following, s)
+        low, high = _returns(strokes, i)
+        hurried_low, hurried_high = low * (strokes.hurry_below[i] / 256.0), high * (strokes.hurry_above[i] / 256.0)
+        best_of.outcome[s, 0], best_of.outcome[s, 1] = low - hurried_low, high - hurried_high
+        best_of.outcome[s, 2], best_of.outcome[s, 3] = hurried_low, hurried_high
 
 
 @compiled
@@ -215,17 +226,16 @@ def _mean(chances: Chances, unit: float, outcomes: Outcomes, replies: Replies, f
     scratch = np.empty(_longest(replies))
     for s in range(out.size):
         strokes, chance = _strokes(outcomes, 0, replies, following, s), chances[replies.pair_start[s] : replies.pair_start[s + 1]]
-        for i in range(chance.size):
-            scratch[i] = chance[i] * _later(strokes, i)
+        _follow_up(strokes, scratch)
         a = b = c = d = 0.0
         fours = chance.size // 4
         for i in range(fours):
-            a += scratch[4 * i]
-            b += scratch[4 * i + 1]
-            c += scratch[4 * i + 2]
-            d += scratch[4 * i + 3]
+            a += chance[4 * i] * scratch[4 * i]
+            b += chance[4 * i + 1] * scratch[4 * i + 1]
+            c += chance[4 * i + 2] * scratch[4 * i + 2]
+            d += chance[4 * i + 3] * scratch[4 * i + 3]
         for i in range(4 * fours, chance.size):
-            a += scratch[i]
+            a += chance[i] * scratch[i]
         out[s] = ((a + b) + (c + d)) * unit
 
 
@@ -234,9 +244,10 @@ def _soften(outcomes: Outcomes, replies: Replies, prior: F64, tau: float, follow
     for s in range(out.size):
         first, last = replies.pair_start[s], replies.pair_start[s + 1]
         strokes, before, played = _strokes(outcomes, 0, replies, following, s), prior[first:last], policy[first:last]
+        _weigh(strokes, played)
         best = -1e300
         for i in range(played.size):
-            played[i] = _worth(strokes, i) / 65536.0
+            played[i] /= 65536.0
             if before[i] > 0.0:
                 best = max(best, played[i])
         # For a large tau all terms are close to 1, so their differences are summed separately.
@@ -266,11 +277,11 @@ def _propagate(chances: Chances, unit: float, outcomes: Outcomes, replies: Repli
         for i in range(chance.size):
             low, high = _returns(strokes, i)
             low, high = low * (chance[i] * share), high * (chance[i] * share)
-            hurried_low, hurried_high = low * (strokes.hurry[2 * i] / 256.0), high * (strokes.hurry[2 * i + 1] / 256.0)
-            strokes.low[2 * i] += low - hurried_low
-            strokes.low[2 * i + 1] += hurried_low
-            strokes.high[2 * i] += high - hurried_high
-            strokes.high[2 * i + 1] += hurried_high
+            hurried_low, hurried_high = low * (strokes.hurry_below[i] / 256.0), high * (strokes.hurry_above[i] / 256.0)
+            strokes.low[i] += low - hurried_low
+            strokes.high[i] += high - hurried_high
+            strokes.low_hurried[i] += hurried_low
+            strokes.high_hurried[i] += hurried_high
 
 
 @compiled
@@ -287,8 +298,8 @@ def _expect(chance: Chances, unit: float, limits: U16, pair_start: I32, reward: 
 @functools.lru_cache(maxsize=48)
 def _outcomes(games: tuple[Game, ...], level: int) -> Outcomes:
     """The outcomes of games at one effort."""
-    limits = np.ascontiguousarray(np.stack([game.limits[level].T for game in games]))
-    return Outcomes(limits, np.stack([game.hurry.ravel() for game in games]))
+    limits, hurry = np.stack([game.limits[level].T for game in games]), np.stack([game.hurry.T for game in games])
+    return Outcomes(np.ascontiguousarray(limits), np.ascontiguousarray(hurry))
 
 
 def block_choices(games: Sequence[Game], block: int, plain: F64, after_attack: F64, *, against: bool = False) -> Choices:
@@ -315,8 +326,8 @@ def after_block_choices(game: Game, chosen: Choices, plain: F64, after_attack: F
 
 
 def _gathered(game: Game, plain: F64, after_attack: F64) -> F64:
-    """``[2, 2 V]`` values of the successors of each reply in a block, see :func:`_gather`."""
-    out = np.empty((2, 2 * len(game.reply_edge)))
+    """``[4, V]`` values of the successors of each reply in a block, see :func:`_gather`."""
+    out = np.empty((4, len(game.reply_edge)))
     _gather(plain, after_attack, replies(game), out)
     return out
 
@@ -381,7 +392,7 @@ def block_soft_values(game: Game, block: int, prior: F64, tau: float, plain: F64
 
 def propagate(game: Game, chances: Sequence[Chances], visits: F64) -> F64:
     """``[S]`` expected visits of the successors of ``[S]`` visits, for the policy in each block: the transpose of a sweep."""
-    out, values = np.zeros(game.n_states), np.empty((2, 2 * len(game.reply_edge)))
+    out, values = np.zeros(game.n_states), np.empty((4, len(game.reply_edge)))
     for block, chance in enumerate(chances):
         here = visits[game.block_states(block)]
         if not here.any():
