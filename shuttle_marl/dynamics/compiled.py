@@ -32,6 +32,7 @@ from shuttle_marl.dynamics.fitted import FittedModels
 from shuttle_marl.dynamics.models import log_odds, sigmoid
 from shuttle_marl.dynamics.situations import LONG_DUEL
 from shuttle_marl.game.court import N_AREAS, N_THIRDS, third_of
+from shuttle_marl.game.shipped import CHOICE_UNITS
 from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES, Catalogue
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import base_pairs, hurry_units, layout, thresholds
@@ -310,7 +311,10 @@ def compile_game(game: Game, probabilities: PairProbabilities) -> Game:
 
 
 def pair_log_choices(models: FittedModels, game: Game) -> F32:
-    """``[base pairs]`` log-probability of each stroke for the average player, before normalising over legal strokes."""
+    """``[base pairs]`` log-probability of each stroke for the average player, before normalising over legal strokes.
+
+    Whole multiples of 1 / :data:`~shuttle_marl.game.shipped.CHOICE_UNITS`.
+    """
     state = np.flatnonzero(game.playable[: game.n_base_states])
     codes = _read(models, codes_of_states(game, state))
     choice = np.full((game.n_base_states, N_SHOTS * N_TECHNIQUES), np.nan)
@@ -333,4 +337,4 @@ def pair_log_choices(models: FittedModels, game: Game) -> F32:
         target = models.targets(of_targets)
         assert target.shape == (len(styles), N_AREAS)
         total += share * choice[pair_state, pair_style] * target[position, game.catalogue.area[pair_stroke]]
-    return np.log(np.maximum(total, 1e-12)).astype(np.float32)
+    return (np.rint(CHOICE_UNITS * np.log(np.maximum(total, 1e-12))) / CHOICE_UNITS).astype(np.float32)

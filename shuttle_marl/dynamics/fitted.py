@@ -169,7 +169,7 @@ class FittedModels:
     def save(self, folder: Path) -> str:
         """Write ``networks.safetensors``; returns the SHA-256 of its content."""
         tensors = {
-            f"{name}.{key}": value.numpy()
+            f"{name}.{key}": value.half().numpy()
             for name, network in self.networks.items()
             for key, value in network.state_dict().items()
         }
@@ -247,7 +247,7 @@ def _network(fields: dict[str, Any], weights: dict[str, npt.NDArray[Any]]) -> En
     # Without memory: the description in a file may have any size, its weights are no larger than the file.
     with torch.device("meta"):
         network = Ensemble(spec)
-    state = {name: torch.from_numpy(checked(weight, np.float32, weight.shape)) for name, weight in weights.items()}
+    state = {name: torch.from_numpy(checked(weight, np.float16, weight.shape)).float() for name, weight in weights.items()}
     network.load_state_dict(state, assign=True)
     return network.requires_grad_(False).eval()
 

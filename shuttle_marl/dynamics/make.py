@@ -16,7 +16,7 @@ import pyarrow as pa
 import torch
 
 from shuttle_marl import __version__
-from shuttle_marl.arrays import F32, F64
+from shuttle_marl.arrays import F32, F64, I16
 from shuttle_marl.cluster import end_with_parent
 from shuttle_marl.data import load_strokes
 from shuttle_marl.data.upstream import Split, matches_of, split_of
@@ -43,6 +43,7 @@ from shuttle_marl.files import replace_file
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.shipped import (
     BC,
+    CHOICE_UNITS,
     GAME,
     HURRY,
     PROFILES,
@@ -405,9 +406,14 @@ def save_clones(
         log_choice: ``[base pairs]`` log-probabilities of the average player.
         profiles: log-probabilities of the average player of each discipline.
     """
+
+    def units(values: F32) -> I16:
+        return np.rint(values * CHOICE_UNITS).astype(np.int16)
+
     clones: dict[str, npt.NDArray[Any]] = {
-        "log_choice": log_choice,
-        **{f"log_choice.{name}": values.astype(np.float16) for name, values in profiles.items()},
+        "choice": units(log_choice),
+        # Differences of neighbouring disciplines are small, and pack well.
+        **{f"choice.{name}": units(values - log_choice) for name, values in profiles.items()},
         "style": choices.style.reshape(*choices.style.shape[:3], N_SHOTS, N_TECHNIQUES),
         "area": choices.area,
     }

@@ -164,7 +164,7 @@ def fit_ensemble(
     seed: int,
     expand: Callable[[Tensor], Tensor] | None = None,
 ) -> Ensemble:
-    """Fit all members at once.
+    """Fit all members at once; weights are rounded to half precision, in which they are stored.
 
     Args:
         spec: the network.
@@ -206,7 +206,11 @@ def fit_ensemble(
         torch.autograd.backward(total)
         optimiser.step()
         schedule.step()
-    return model.requires_grad_(False).eval()
+    model.requires_grad_(False)
+    # Half of the space in a file, which holds the model as it predicts.
+    for weight in model.parameters():
+        weight.copy_(weight.half())
+    return model.eval()
 
 
 def unseen(values: F64, matches: Ints, folds: int) -> F64:

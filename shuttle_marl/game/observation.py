@@ -93,7 +93,8 @@ def states_of(game: Layout, observation: npt.ArrayLike) -> I32:
     efforts = np.rint(seen[:, [EFFORT, EFFORT + 1]] * max(1, game.levels - 1)).astype(np.int64)
     duel = np.rint(seen[:, DUEL] * LONGEST_DUEL).astype(np.int64)
     contact, hurried = np.rint(seen[:, [CONTACT, HURRIED]]).astype(np.int64).T
-    state = game.state_of(own, incoming, contact, duel, *efforts.T, hurried)
+    effort, opponent_effort = efforts.T
+    state = game.state_of(own, incoming, contact, duel, effort, opponent_effort, hurried)
     wrong = state < 0
     wrong[~wrong] = np.abs(observations(game, state[~wrong]) - seen[~wrong, :RALLY_WIDTH]).max(axis=1, initial=0) > 1e-3
     if wrong.any():

@@ -64,7 +64,8 @@ def states_of_rallies(game: Layout, stroke: Ints, position: Ints, hurried: Bools
         broken = np.maximum.accumulate(np.where(net, row - position - 1, row))
         in_a_row = np.minimum(row - broken, LONGEST_DUEL)
         duel = np.where(position >= 1, in_a_row[np.maximum(row - 1, 0)], 0)
-    return game.state_of(own, incoming, game.catalogue.height[stroke], duel, effort, opponent_effort, hurried)
+    hurry = np.asarray(hurried, dtype=np.int64)
+    return game.state_of(own, incoming, game.catalogue.height[stroke], duel, effort, opponent_effort, hurry)
 
 
 def strike(game: Game, state: Ints, k: Ints, draw: Ints) -> tuple[I8, I32]:

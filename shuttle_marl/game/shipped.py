@@ -22,6 +22,8 @@ GAME: Final = "game.safetensors"
 """The compiled game in a model folder."""
 BC: Final = "bc.safetensors"
 """Its behaviour-cloned players."""
+CHOICE_UNITS: Final = 64
+"""Log-probabilities of their strokes are whole multiples of 1/64: within .8 % of a probability, in a third of the space."""
 NETWORKS: Final = "networks.safetensors"
 """The fitted models that the game was compiled from."""
 VARIANTS: Final = "variants.safetensors"

@@ -15,13 +15,12 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 
-from shuttle_marl.arrays import F32, F64, I64
+from shuttle_marl.arrays import F32, F64, I16, I64
 from shuttle_marl.game.court import N_AREAS, area_centre
 from shuttle_marl.game.pairs import SeatGame
 from shuttle_marl.game.policy import PolicyError, States
-from shuttle_marl.game.shipped import BC, PROFILES, folder_of, origin_of, read_model
+from shuttle_marl.game.shipped import BC, CHOICE_UNITS, PROFILES, folder_of, origin_of, read_model
 from shuttle_marl.game.stroke import HEIGHTS, N_SHOTS, N_TECHNIQUES, SHOTS
 from shuttle_marl.game.tables import Game, GameError
 from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities
@@ -43,7 +42,7 @@ class BehaviourClones:
     """
 
     log_choice: F32
-    profiles: dict[str, npt.NDArray[np.float16]]
+    profiles: dict[str, F32]
     players: tuple[str, ...]
     style: F64
     area: F64
@@ -82,11 +81,11 @@ def clones(folder: Path) -> BehaviourClones:
         if not isinstance(players, list) or not all(isinstance(player, str) for player in players):
             raise ValueError("the players are not a list of names")
         m = len(players)
-        pairs = arrays["log_choice"].shape[:1]
-        of_profiles = {name: f"log_choice.{name}" for name in PROFILES}
+        choice, pairs = arrays["choice"], arrays["choice"].shape[:1]
+        shifts = {name: arrays[f"choice.{name}"] for name in PROFILES if f"choice.{name}" in arrays}
         return BehaviourClones(
-            log_choice=checked(arrays["log_choice"], np.float32, pairs),
-            profiles={name: checked(arrays[key], np.float16, pairs) for name, key in of_profiles.items() if key in arrays},
+            log_choice=_log(checked(choice, np.int16, pairs)),
+            profiles={name: _log(choice + checked(shift, np.int16, pairs)) for name, shift in shifts.items()},
             players=tuple(players),
             style=checked(arrays["style"], np.float64, (m, N_SHOTS + 2, len(HEIGHTS), N_SHOTS, N_TECHNIQUES)),
             area=checked(arrays["area"], np.float64, (m, N_SHOTS, N_TECHNIQUES, N_AREAS)),
@@ -95,6 +94,10 @@ def clones(folder: Path) -> BehaviourClones:
         raise PolicyError(str(error)) from error
     except (OSError, KeyError, ValueError) as error:
         raise PolicyError(f"{path}: no readable behaviour-cloned players ({error}); fit or install the model again") from error
+
+
+def _log(units: I16) -> F32:
+    return (units / CHOICE_UNITS).astype(np.float32)
 
 
 def known_for(game: Game) -> bool:

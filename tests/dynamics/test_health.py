@@ -12,7 +12,7 @@ from shuttle_marl.dynamics.make import load_support
 from shuttle_marl.exact import PairPolicy, solve
 from shuttle_marl.game.draws import draw, outcome_draw, stream
 from shuttle_marl.game.rules import FAULT, strike
-from shuttle_marl.game.shipped import BC, default_game, model_folder, read_model
+from shuttle_marl.game.shipped import BC, CHOICE_UNITS, default_game, model_folder, read_model
 from shuttle_marl.game.stroke import Catalogue
 from shuttle_marl.game.tables import ROOT, Game
 from shuttle_marl.game.tabulated import base_pairs, layout, thresholds
@@ -49,7 +49,7 @@ def flat(figures: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]
 def test_the_figures_of_the_model_card_are_those_of_the_solvers() -> None:
     """Plain value iteration made them, when the model was fitted; the probabilities of BC are not rounded there."""
     game = default_game()
-    weight = np.tile(np.exp(read_model(model_folder(), BC).arrays["log_choice"].astype(np.float64)), game.n_blocks)
+    weight = np.tile(np.exp(read_model(model_folder(), BC).arrays["choice"] / CHOICE_UNITS), game.n_blocks)
     card = json.loads((model_folder() / "card.json").read_text(encoding="utf-8"))
     strokes = load_support(model_folder()).strokes
     found = dict(flat(health(PairPolicy(game=game, probability=game.normalized(weight)), strokes)))
