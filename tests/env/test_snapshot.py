@@ -115,12 +115,26 @@ def test_text_says_who_is_next_and_the_score(play):
     ]
     env.step(0)
     ends = {"fault": "player_0 wins the rally (fault)", "winner": "player_1 wins the rally (winner)"}
-    assert env.render().splitlines()[-1] == ends.get(env.infos["player_0"]["reason"], "player_0 is to hit")
+    info = env.infos["player_0"]
+    to_hit = f"player_0 is to hit{', hurried' if str(info['outcome']).endswith('hurried') else ''}"
+    assert env.render().splitlines()[-1] == ends.get(info["reason"], to_hit)
     for *_, _action in play(env, 5):
         pass
     lines = env.render().splitlines()
     assert lines[-1].endswith("and the match")
     assert len(lines[1].split()) == len(lines[2].split()) >= 3
+
+
+def test_text_says_who_is_hurried(play):
+    env = rally_v0.raw_env(render_mode="ansi")
+    said = set()
+    for seed in range(20):
+        for *_, terminated, _, _, _ in play(env, seed):
+            if not terminated:
+                hurried = env.observe(env.agent_selection)["observation"][59] == 1
+                assert env.render().splitlines()[-1].endswith(", hurried") == hurried
+                said.add(hurried)
+    assert said == {False, True}
 
 
 def test_text_of_a_lost_and_of_an_unfinished_rally(play):

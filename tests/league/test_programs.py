@@ -69,6 +69,11 @@ def test_programs_play(small_model: str, tmp_path: Path) -> None:
     asked = states(small_model)
     first = resolve(program(tmp_path, "first", PLAYS["first"]), game).probabilities(asked)
     assert (first[np.arange(3), asked.mask.argmax(axis=1)] == 1).all()
+    some = States(game=game, state=np.flatnonzero(game.playable)[2:].astype(np.int32))
+    told = resolve(program(tmp_path, "told", "answer(id=number, stroke=legal[-1 if asked['hurried'] else 0])"), game)
+    last = some.mask.shape[1] - 1 - some.mask[:, ::-1].argmax(axis=1)
+    expected = np.where(some.hurried, last, some.mask.argmax(axis=1))
+    assert (told.probabilities(some)[np.arange(len(some)), expected] == 1).all()
     even = resolve(program(tmp_path, "even", PLAYS["even"]), game)
     for _ in range(60):  # more than may be sent ahead
         assert even.probabilities(asked) == pytest.approx(asked.mask / asked.mask.sum(axis=1, keepdims=True))

@@ -33,7 +33,7 @@ def test_nothing_but_the_file_is_left_behind(saved: Path) -> None:
     assert [p.name for p in saved.parent.iterdir()] == ["game.safetensors"]
 
 
-@pytest.mark.parametrize("name", ["threshold", "edge_own", "reply_start", "reply_edge"])
+@pytest.mark.parametrize("name", ["threshold", "hurry", "edge_own", "reply_start", "reply_edge"])
 def test_the_hash_covers_every_table(name: str) -> None:
     game = default_game()
     table = getattr(game, name).copy()

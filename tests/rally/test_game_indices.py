@@ -150,7 +150,7 @@ def test_states_count_what_was_played(made: tuple[Game, Bools], seed: int) -> No
 
 
 def ends_of(game: Game, block: int) -> tuple[F64, F64]:
-    """``[4, base pairs]`` probabilities of faults, winners and returns by contact, and ``[2, base pairs]`` of hurry in returns."""
+    """``[4, base pairs]`` faults, winners and returns by contact, and ``[2, base pairs]`` hurried receivers: probabilities."""
     parts = game.outcome_probabilities(game.block_pairs(block)).T
     returned = parts[2:4] + parts[4:]
     return np.concatenate([parts[:2], returned]), game.hurry_of(game.block_pairs(block))

@@ -115,9 +115,9 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     game = reduced_game()
     replace_file(folder / VARIANTS, packed(game, {name: shaken(game, i) for i, name in enumerate(["men", "1", "2"])}))
     header, arrays = read_tensors(folder / BC)
-    tilted = (arrays["log_choice"] * 2).astype(np.float16)
+    tilted = arrays["choice"]
     arrays = {name: array for name, array in arrays.items() if "." not in name}
-    save_file({**arrays, "log_choice.men": tilted}, folder / BC, metadata=header)
+    save_file({**arrays, "choice.men": tilted}, folder / BC, metadata=header)
     write_card(folder, read_model_card(folder))
     return folder
 

@@ -87,6 +87,8 @@ def test_positions_are_described_in_words() -> None:
     place = position(GAME, later)
     assert place["text"].startswith("Your opponent played: ")
     assert "Your own last stroke was: " in place["text"]
+    calm = GAME.state_of(*(*GAME.observation(later)[:-1], 0))
+    assert place["text"].replace(" You are hurried: late or stretched.", "") == described(GAME, int(calm)) != place["text"]
     assert set(place["legal"]) == {GAME.catalogue.names[stroke] for stroke in GAME.legal_strokes(later)}
     assert all(name in prompt(place) for name in place["legal"])
 
