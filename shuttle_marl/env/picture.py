@@ -22,7 +22,7 @@ from shuttle_marl.env.snapshot import (
 from shuttle_marl.errors import ShuttleError
 from shuttle_marl.extras import install_hint
 from shuttle_marl.game.court import AREAS, HALF_LENGTH, HALF_WIDTH, LENGTH, LONG_SERVICE, SHORT_SERVICE, WIDTH
-from shuttle_marl.game.rules import FAULT, OUTCOMES, WINNER
+from shuttle_marl.game.rules import FAULT, OUTCOMES, RETURNED_BELOW, WINNER
 from shuttle_marl.game.stroke import HEIGHTS, TECHNIQUES
 from shuttle_marl.rally.stepper import Stroke
 
@@ -272,12 +272,15 @@ def _write_chip(picture: Picture, snapshot: Snapshot, last: Stroke) -> None:
 def _cells(snapshot: Snapshot, last: Stroke) -> Iterator[tuple[str, str, Colour]]:
     catalogue = snapshot.game.catalogue
     yield "TARGET", AREAS[catalogue.area[last.stroke]].replace("-", " "), TEXT
-    yield "CONTACT", f"{HEIGHTS[catalogue.height[last.stroke]]} net", TEXT
+    yield "CONTACT", HEIGHTS[catalogue.height[last.stroke]], TEXT
     yield "TECHNIQUE", TECHNIQUES[catalogue.technique[last.stroke]].replace("-", " "), TEXT
-    yield "P(SUCCESS)", f"{last.p_succ:.3f}", GREEN
-    yield "P(RETURNED)", f"{last.p_ret:.3f}", YELLOW
-    colour = {FAULT: RED, WINNER: GREEN}.get(last.outcome, TEXT)
-    yield "OUTCOME", OUTCOMES[last.outcome], colour
+    yield "P(GOOD)", f"{last.p_succ:.3f}", GREEN
+    yield "P(RET.)", f"{last.p_ret:.3f}", YELLOW
+    # The widest chip has to end before the list.
+    if last.outcome >= RETURNED_BELOW:
+        yield "RETURNED", OUTCOMES[last.outcome].removeprefix("returned "), TEXT
+    else:
+        yield "OUTCOME", OUTCOMES[last.outcome], RED if last.outcome == FAULT else GREEN
 
 
 def _cell_width(label: str, value: str) -> float:

@@ -10,7 +10,10 @@ import numpy as np
 import pytest
 
 from shuttle_marl import match_v0, rally_v0
+from shuttle_marl.env.snapshot import Snapshot, shot_in_words
+from shuttle_marl.game import default_game
 from shuttle_marl.game.court import LENGTH, WIDTH
+from shuttle_marl.game.rules import OUTCOMES
 from shuttle_marl.rally.stepper import Stroke
 from tests.exact.exact_games import tiring_game
 
@@ -18,7 +21,8 @@ os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
 
 pygame = pytest.importorskip("pygame")
 
-from shuttle_marl.env.picture import LINE, MAT, PLAYERS, PX, YELLOW, CourtRenderer, px  # noqa: E402  # noqa: E402
+from shuttle_marl.env import picture as drawing  # noqa: E402
+from shuttle_marl.env.picture import LINE, MAT, PLAYERS, PX, YELLOW, CourtRenderer, px  # noqa: E402
 
 
 def share_of(picture, colour, tolerance=30):
@@ -143,3 +147,16 @@ print(text.render())
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert "need pygame, which is not installed ('ansi' works without); `make install`" in done.stdout
     assert "is to serve" in done.stdout
+
+
+def test_the_widest_chip_ends_before_the_list() -> None:
+    game = default_game()
+    for stroke in range(game.n_strokes):
+        for outcome in range(len(OUTCOMES)):
+            last = Stroke(0, stroke, outcome, 0.5, 0.5)
+            snapshot = Snapshot(
+                game=game, names=("a", "b"), title="", strokes=(last,), server=0, striker=None, winner=None, reason=None
+            )
+            head = drawing.text_width(shot_in_words(game.catalogue, stroke).upper(), drawing._LARGE) + 2 * drawing._PAD
+            cells = sum(drawing._cell_width(label, value) for label, value, _ in drawing._cells(snapshot, last))
+            assert drawing._CHIP[0] + head + cells < drawing._LIST[0]

@@ -126,13 +126,13 @@ def test_text_says_who_is_next_and_the_score(play):
 
 
 def test_text_says_who_is_hurried(play):
-    env = rally_v0.raw_env(render_mode="ansi")
+    env = rally_v0.raw_env()
     said = set()
     for seed in range(20):
         for *_, terminated, _, _, _ in play(env, seed):
             if not terminated:
                 hurried = env.observe(env.agent_selection)["observation"][59] == 1
-                assert env.render().splitlines()[-1].endswith(", hurried") == hurried
+                assert as_text(env.snapshot()).splitlines()[-1].endswith(", hurried") == hurried
                 said.add(hurried)
     assert said == {False, True}
 
