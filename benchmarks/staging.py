@@ -100,8 +100,8 @@ def first_strokes(rally: Rally, strokes: int) -> Rally:
     """The first strokes of a rally, as an open rally."""
     if strokes == len(rally):
         return rally
-    ending = RETURNED_BELOW + int(rally.catalogue.height[rally.stroke[strokes]])
-    return dataclasses.replace(rally, stroke=rally.stroke[:strokes], ending=ending)
+    ending = int(rally.outcome[strokes - 1]) if strokes else RETURNED_BELOW
+    return dataclasses.replace(rally, stroke=rally.stroke[:strokes], hurried=rally.hurried[:strokes], ending=ending)
 
 
 def main(

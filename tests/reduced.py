@@ -67,7 +67,7 @@ def reduced_model(refits: tuple[str, ...] = REFITS) -> str:
     game = reduced(shipped)
     game.save(folder / GAME)
     players = read_model(source, BC)
-    arrays = {name: array[pairs] if name.startswith("log_choice") else array for name, array in players.arrays.items()}
+    arrays = {name: array[pairs] if name.startswith("choice") else array for name, array in players.arrays.items()}
     (folder / BC).write_bytes(save(arrays, metadata=dict(players.metadata)))
     support = {name: np.ascontiguousarray(array[edges]) for name, array in read_model(source, SUPPORT).arrays.items()}
     (folder / SUPPORT).write_bytes(save(support))

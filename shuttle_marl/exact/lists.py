@@ -57,7 +57,7 @@ def lists(opponent: StatePolicy, cell: Ints) -> Iterator[TabulatedPolicy]:
             assert isinstance(player, TabulatedPolicy)
             yield player
         weight = visits(player, opponent, tolerance=_TOLERANCE).states[0]
-        player = _list(game, cell, _mean_losses(game, cell, value.striking[1], weight))
+        player = list_policy(game, cell, mean_losses(game, cell, value.striking[1], weight))
 
 
 def averaged(policy: StatePolicy, opponent: StatePolicy, cell: Ints) -> TabulatedPolicy:
@@ -80,7 +80,7 @@ def _keys(game: Game, cell: Ints) -> Iterator[tuple[int, I64]]:
         yield block, cell[game.block_states(block)][game.base_pair_state] * game.n_strokes + game.base_pair_stroke
 
 
-def _mean_losses(game: Game, cell: Ints, following: F64, weight: F64) -> F64:
+def mean_losses(game: Game, cell: Ints, following: F64, weight: F64) -> F64:
     """``[cells * n]`` mean loss of each stroke where it is legal; infinity where it never is.
 
     Args:
@@ -104,7 +104,7 @@ def _mean_losses(game: Game, cell: Ints, following: F64, weight: F64) -> F64:
         return np.where(total > 0, loss / total, np.inf)
 
 
-def _list(game: Game, cell: Ints, losses: F64) -> TabulatedPolicy:
+def list_policy(game: Game, cell: Ints, losses: F64) -> TabulatedPolicy:
     """The policy that plays the legal stroke of the smallest loss of its cell."""
     rank = np.full(game.n_states, -1, dtype=np.int32)
     for block, key in _keys(game, cell):

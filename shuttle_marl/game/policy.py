@@ -184,7 +184,7 @@ def act(policy: Policy, game: Game, observation: Observation, mask: npt.ArrayLik
     Args:
         policy: any policy.
         game: the tables of the environment.
-        observation: ``[59]`` of ``rally_v0``, ``[65]`` of ``match_v0`` (played by BWF rules), or a batch of them.
+        observation: ``[60]`` of ``rally_v0``, ``[66]`` of ``match_v0`` (played by BWF rules), or a batch of them.
         mask: ``[n]`` or ``[B, n]`` allowed strokes; None: that of the dictionary, or all legal ones.
         rng: random generator.
 

@@ -19,12 +19,12 @@ import numpy as np
 from shuttle_marl.arrays import F64, I64
 from shuttle_marl.errors import printable
 from shuttle_marl.exact import solve, visits
+from shuttle_marl.exact.lists import cells_of, list_policy, mean_losses
 from shuttle_marl.game.pairs import AnyGame
 from shuttle_marl.game.rules import OUTCOMES
 from shuttle_marl.game.stroke import HEIGHTS
 from shuttle_marl.game.tables import Game
 from shuttle_marl.suite.methods import Method, called, made
-from shuttle_marl.suite.methods.constant import incoming_cells, list_policy, mean_losses
 from shuttle_marl.suite.options import SuiteError
 from shuttle_marl.suite.task import Arena, Case, Outcome, Task
 
@@ -134,7 +134,7 @@ def chosen_states(arena: Arena) -> I64:
     common = np.argsort(-weight, kind="stable")[:_CANDIDATES]
     common = common[weight[common] > 0]
     regret, hard = regrets(game), np.ones(len(common), dtype=bool)
-    for cell in (np.zeros(game.n_base_states, dtype=np.int64), incoming_cells(game)):
+    for cell in (cells_of(game), cells_of(game, "incoming_shot", "contact")):
         listed = list_policy(game, cell, mean_losses(game, cell, value, weight))
         row, pair = game.pairs(common)
         hard &= np.bincount(row, listed.probability_of(pair) * regret[pair]) > _HARD

@@ -1,0 +1,66 @@
+"""What a policy plays: shot mix, length of rallies, strokes that people hardly play there, and strokes that no body can play."""
+
+from collections.abc import Sequence
+from typing import Any, Final
+
+import numpy as np
+
+from shuttle_marl.arrays import Bools
+from shuttle_marl.exact.occupancy import visits
+from shuttle_marl.exact.profile import StatePolicy
+from shuttle_marl.game.court import third_of
+from shuttle_marl.game.layout import Layout
+from shuttle_marl.game.stroke import N_SHOTS, SHOTS
+
+FRONT_COURT: Final = ("net-kill", "net-shot", "cross-court-net-shot")
+"""Shot types that no body can play from the back third of the court."""
+RARE: Final = 0.01
+"""A shot type that the average player plays less often in a state is rare there."""
+OFTEN: Final = 0.02
+"""Share of a player's strokes above which a shot type counts."""
+_BACK: Final = 2
+
+
+def impossible(game: Layout) -> Bools:
+    """``[base pairs]`` whether a stroke is of the front court and its incoming stroke is met in the back third."""
+    catalogue = game.catalogue
+    back = np.append(third_of(catalogue.area) == _BACK, False)[game.incoming(game.base_pair_state)]
+    front = np.isin(np.array(SHOTS)[catalogue.shot], FRONT_COURT)
+    return np.asarray(back & front[game.base_pair_stroke])
+
+
+def unusual(bc: StatePolicy) -> list[Bools]:
+    """For each block ``[base pairs]`` whether the average player plays the shot type in the state in less than 1 % of cases."""
+    game = bc.game
+    key = game.base_pair_state * np.int64(N_SHOTS) + game.catalogue.shot[game.base_pair_stroke]
+    size = game.n_base_states * N_SHOTS
+    return [np.bincount(key, bc.block_probabilities(block), size)[key] < RARE for block in range(game.n_blocks)]
+
+
+def play(policy: StatePolicy, opponent: StatePolicy, rare: Sequence[Bools]) -> dict[str, Any]:
+    """The play of a policy against another.
+
+    Args:
+        policy: the policy.
+        opponent: its opponent.
+        rare: rare strokes, see :func:`unusual`.
+
+    Returns:
+        ``shots``: fraction of its strokes by shot type; ``types``: number of shot types above 2 %; ``bits``: entropy of the shot
+        mix; ``length``: strokes of a rally; ``rare``: fraction of its strokes that are rare among people.
+    """
+    game, seen = policy.game, visits(policy, opponent)
+    mix = seen.shot_mix(0)
+    some = mix[mix > 0]
+    uncommon = total = 0.0
+    for block, which in enumerate(rare):
+        played = policy.block_probabilities(block) * seen.states[0][game.block_states(block)][game.base_pair_state]
+        uncommon += float(played[which].sum())
+        total += float(played.sum())
+    return {
+        "shots": dict(zip(SHOTS, mix.tolist(), strict=True)),
+        "types": int((mix > OFTEN).sum()),
+        "bits": float(-(some * np.log2(some)).sum()),
+        "length": seen.rally_length,
+        "rare": uncommon / total,
+    }
