@@ -14,6 +14,7 @@ from experiments.truth.matches import Strokes, folds_of
 from experiments.truth.worlds import SOURCES
 from shuttle_marl.arrays import I64
 from shuttle_marl.dynamics.fit import fit
+from shuttle_marl.dynamics.hurried import fit_hurry
 from shuttle_marl.dynamics.make import save_fit, save_variants
 from shuttle_marl.dynamics.network import QUICK
 from shuttle_marl.dynamics.players import player_choices
@@ -91,7 +92,8 @@ def _fitted(seen: Annotated, sources: Mapping[str, str], cache: Path, seed: int,
         digest.update(name.encode() + np.ascontiguousarray(code).tobytes())
     folder = cache / digest.hexdigest()[:16]
     if not (folder / CARD).is_file():
-        fitted = fit(rows, None, seed=seed, config=QUICK, report=report)
+        hurry = fit_hurry(rows, seed=seed)
+        fitted = fit(rows if hurry is None else hurry.marked(rows), None, seed=seed, config=QUICK, report=report)
         report("choices of players")
         choices, _ = player_choices(fitted.models.networks, rows, None, QUICK.folds)
         fitted = dataclasses.replace(fitted, models=dataclasses.replace(fitted.models, choices=choices))

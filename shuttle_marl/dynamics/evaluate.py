@@ -8,7 +8,7 @@ and their statistics, with warnings for values outside of their limits. No fit i
 opinions on optimal play determine the game.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Final
 
 import numpy as np
@@ -25,6 +25,7 @@ from shuttle_marl.dynamics.trees import PARAMETERS, lightgbm
 from shuttle_marl.exact.fixed_point import largest_continuation
 from shuttle_marl.exact.occupancy import visits
 from shuttle_marl.exact.optimal import best_response, solve
+from shuttle_marl.exact.play import OFTEN, impossible, play, unusual
 from shuttle_marl.exact.profile import StatePolicy
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES, SHOTS
@@ -274,9 +275,18 @@ def play_statistics(policy: StatePolicy) -> dict[str, Any]:
     }
 
 
+REQUIRED: Final[dict[str, tuple[float, float]]] = {
+    "impossible": (0, 0),
+    "minimax_rare": (0.0, 0.02),
+    "best_response_rare": (0.0, 0.02),
+    "minimax_unsupported": (0.0, 0.1),
+    "best_response_unsupported": (0.0, 0.1),
+}
+"""Limits of the values of :func:`health` that every fit keeps: a game outside of them rewards strokes that nobody plays."""
 LIMITS: Final[dict[str, tuple[float, float]]] = {
-    "largest_shot_share": (0.0, 0.45),
-    "shot_types_above_2_percent": (6, N_SHOTS),
+    **REQUIRED,
+    "largest_shot_share": (0.0, 0.5),
+    "shot_types_above_2_percent": (7, N_SHOTS),
     "minimax_mean_rally": (5.0, 20.0),
     "largest_continuation": (0.0, 0.997),
     "minimax_thin": (0.0, 0.25),
@@ -285,6 +295,8 @@ LIMITS: Final[dict[str, tuple[float, float]]] = {
 """Limits of the values of :func:`health` without warning."""
 THIN: Final = 5.0
 """A stroke with fewer real strokes in its innermost cell is thinly supported."""
+_ANY: Final = 0.5
+"""A stroke with fewer real strokes in its innermost cell has no support; faults of unknown target count in parts."""
 
 
 def health(bc: StatePolicy, strokes: F64) -> dict[str, Any]:
@@ -294,42 +306,58 @@ def health(bc: StatePolicy, strokes: F64) -> dict[str, Any]:
         bc: the behaviour-cloned average player of the game.
         strokes: ``[E]`` real strokes in the innermost cell of each edge.
 
-    Returns: The statistics; ``thin``: fraction of thinly supported strokes in the play of BC, of the best response to BC and of
-        minimax; ``warnings``: a line for each value outside of :data:`LIMITS`.
+    Returns: The statistics; ``impossible``: number of base pairs that no body can play; ``rare``, ``unsupported`` and ``thin``:
+        fractions of the strokes of BC, of the best response to BC and of minimax that people hardly play there
+        (:func:`shuttle_marl.exact.play.unusual`), without any and with few real strokes behind them; ``warnings``: a line for
+        each value outside of :data:`LIMITS`.
     """
     solution, response = solve(bc.game), best_response(bc)
     perfect = play_statistics(solution.policy[0])
-    shots = list(perfect["shot_mix"].values())
     profiles = {"bc": (bc, bc), "best_response": (response.policy, bc), "minimax": solution.policy}
-    thin = strokes[bc.game.base_pair_edge] < THIN
-    shares = {}
+    behind, hardly = strokes[bc.game.base_pair_edge], unusual(bc)
+    rare, unsupported, thin = {}, {}, {}
     for name, (policy, opponent) in profiles.items():
         played = visits(policy, opponent).base_pairs(0).sum(axis=0)
-        shares[name] = float(played[thin].sum() / played.sum())
+        unsupported[name], thin[name] = (float(played[behind < least].sum() / played.sum()) for least in (_ANY, THIN))
+        rare[name] = play(policy, opponent, hardly)["rare"]
     figures = {
         "minimax": perfect,
         "value_at_serve": solution.value_at_serve,
-        "largest_shot_share": max(shots),
-        "shot_types_above_2_percent": sum(share > 0.02 for share in shots),
+        **_variety(perfect),
         "largest_continuation": largest_continuation(bc.game),
         "best_response_to_bc_wins": response.value.odds().rally,
         "bc": play_statistics(bc),
-        "thin": shares,
+        "impossible": int(impossible(bc.game).sum()),
+        "rare": rare,
+        "unsupported": unsupported,
+        "thin": thin,
     }
     return {**figures, "warnings": [text for text, within in criteria(figures).values() if not within]}
 
 
-def criteria(figures: dict[str, Any]) -> dict[str, tuple[str, bool]]:
-    """For every value of :func:`health` with limits, a description and whether it is within them."""
-    limited = {
-        **figures,
-        "minimax_mean_rally": figures["minimax"]["mean_rally"],
-        "minimax_thin": figures["thin"]["minimax"],
-        "best_response_thin": figures["thin"]["best_response"],
+def _variety(perfect: dict[str, Any]) -> dict[str, float]:
+    """Largest share of a shot type, and number of shot types above 2 %, of :func:`play_statistics`."""
+    shots = list(perfect["shot_mix"].values())
+    return {"largest_shot_share": max(shots), "shot_types_above_2_percent": sum(share > OFTEN for share in shots)}
+
+
+def variety_of(games: Iterable[Game]) -> dict[str, dict[str, float]]:
+    """Median, minimum and maximum over games, such as refits, of the variety of shots of perfect play."""
+    found = [_variety(play_statistics(solve(game).policy[0])) for game in games]
+    return {
+        name: {key: float(of([each[name] for each in found])) for key, of in (("median", np.median), ("low", min), ("high", max))}
+        for name in (found[0] if found else ())
     }
+
+
+def criteria(figures: dict[str, Any], limits: Mapping[str, tuple[float, float]] = LIMITS) -> dict[str, tuple[str, bool]]:
+    """For every value of :func:`health` with limits, a description and whether it is within them."""
+    limited = {**figures, "minimax_mean_rally": figures["minimax"]["mean_rally"]}
+    for name in ("rare", "unsupported", "thin"):
+        limited |= {f"{who}_{name}": share for who, share in figures[name].items()}
     return {
         name: (f"{name.replace('_', ' ')}: {limited[name]:.4g}, expected {low:g} to {high:g}", low <= limited[name] <= high)
-        for name, (low, high) in LIMITS.items()
+        for name, (low, high) in limits.items()
     }
 
 

@@ -28,7 +28,7 @@ from shuttle_marl.dynamics.compiled import (
     Support,
     pair_log_choices,
 )
-from shuttle_marl.dynamics.evaluate import evaluate, extremes, health
+from shuttle_marl.dynamics.evaluate import REQUIRED, criteria, evaluate, extremes, health, variety_of
 from shuttle_marl.dynamics.features import Rows, rows_from_strokes
 from shuttle_marl.dynamics.fit import THREADS, Fit, Report, fit
 from shuttle_marl.dynamics.fitted import FittedModels, ModelError, PlayerChoices
@@ -111,7 +111,8 @@ def make_model(
         The model card.
 
     Raises:
-        ShuttleError: the data are too few, or their matches have no split.
+        ShuttleError: the data are too few, their matches have no split, or the game rewards strokes that nobody plays
+            (:data:`shuttle_marl.dynamics.evaluate.REQUIRED`).
     """
     report("reading strokes")
     strokes = load_strokes(data)
@@ -139,9 +140,6 @@ def make_model(
         hurry.save(out / HURRY)
     save_habits(out, strokes.filter(pa.compute.is_in(strokes["match"], fitted_on)), written.skill.skill.players)
     game, variants = written.game, written.variants
-    report("solving the game")
-    weight = np.tile(np.exp(written.log_choice.astype(np.float64)), game.n_blocks)
-    solved = health(PairPolicy(game=game, probability=game.normalized(weight)), fitted.support.strokes)
     checked = check(fitted.predicted, sources, written.skill.sd)
     scores = evaluate(fitted.models, train, validation, report=report)
     card = {
@@ -171,7 +169,7 @@ def make_model(
         "chosen": fitted.chosen,
         "skill": summary(written.skill, checked),
         "validation": scores,
-        "health": solved,
+        "health": written.health,
         "support_rule": _RULE,
         "extremes": extremes(game, fitted.support),
         "citations": [
@@ -190,6 +188,10 @@ def make_model(
                 variants[str(number)] = refit
                 # After each refit, so that an interrupted command leaves a complete folder.
                 save_variants(out, game, variants, card)
+    if others := [variant for name, variant in variants.items() if name not in PROFILES]:
+        report("solving the refits")
+        solved = {**written.health, "refits": variety_of(others)}
+        write_card(out, {**card, "health": solved, "variants": list(variants)})
     return read_model_card(out)
 
 
@@ -239,6 +241,7 @@ class Written:
         log_choice: ``[base pairs]`` log-probabilities of the average player.
         skill: offsets of the players.
         clipped: fraction of the legal pairs that were clipped to the supported range.
+        health: :func:`~shuttle_marl.dynamics.evaluate.health` of the game.
     """
 
     game: Game
@@ -246,6 +249,7 @@ class Written:
     log_choice: F32
     skill: FittedSkill
     clipped: float
+    health: dict[str, Any]
 
 
 def save_fit(out: Path, fitted: Fit, sources: Mapping[str, str], skill_sd: F64 | None, *, report: Report) -> Written:
@@ -257,10 +261,21 @@ def save_fit(out: Path, fitted: Fit, sources: Mapping[str, str], skill_sd: F64 |
         sources: data set of each match by name.
         skill_sd: standard deviations of the skill in a prior model; None: estimate them.
         report: called with a line before each stage.
+
+    Raises:
+        ShuttleError: the game rewards strokes that nobody plays; nothing is written.
     """
     report("compiling the game")
     game, probabilities = fitted.compiled()
     log_choice = pair_log_choices(fitted.models, game)
+    report("solving the game")
+    weight = np.tile(np.exp(log_choice.astype(np.float64)), game.n_blocks)
+    solved = health(PairPolicy(game=game, probability=game.normalized(weight)), fitted.support.strokes)
+    if failed := [text for text, within in criteria(solved, REQUIRED).values() if not within]:
+        raise ShuttleError(
+            f"the game of these strokes rewards what people do not play ({'; '.join(failed)}), so its best play would be no "
+            "badminton; nothing was written. Add matches, or use --prior default, which corrects the shipped models instead"
+        )
     report("compiling the games of men's and women's singles")
     # With a single discipline, the game is that of this discipline.
     played = np.flatnonzero(fitted.models.share).tolist()
@@ -275,7 +290,7 @@ def save_fit(out: Path, fitted: Fit, sources: Mapping[str, str], skill_sd: F64 |
     save_clones(out, fitted.models.choices, log_choice, of_profiles)
     skill.save(out)
     clipped = float(probabilities.clipped.mean())
-    return Written(game=game, variants=variants, log_choice=log_choice, skill=skill, clipped=clipped)
+    return Written(game=game, variants=variants, log_choice=log_choice, skill=skill, clipped=clipped, health=solved)
 
 
 def rows_of(rows: Rows, split: Split) -> Rows:
@@ -454,7 +469,7 @@ def evaluate_model(data: Path, folder: Path, split: Split, *, report: Callable[[
 def save_support(folder: Path, support: Support) -> None:
     """Write the support of a model."""
     fields = ("strokes", "faults", "winners", "fault_range", "winner_range")
-    replace_file(folder / SUPPORT, tensor_bytes({name: getattr(support, name) for name in fields}, {}))
+    replace_file(folder / SUPPORT, tensor_bytes({name: getattr(support, name) for name in fields}, {}, pack=True))
 
 
 def load_support(folder: Path) -> Support:

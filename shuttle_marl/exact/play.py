@@ -8,23 +8,20 @@ import numpy as np
 from shuttle_marl.arrays import Bools
 from shuttle_marl.exact.occupancy import visits
 from shuttle_marl.exact.profile import StatePolicy
-from shuttle_marl.game.court import third_of
+from shuttle_marl.game.court import BACK, third_of
 from shuttle_marl.game.layout import Layout
-from shuttle_marl.game.stroke import N_SHOTS, SHOTS
+from shuttle_marl.game.stroke import FRONT_COURT, N_SHOTS, SHOTS
 
-FRONT_COURT: Final = ("net-kill", "net-shot", "cross-court-net-shot")
-"""Shot types that no body can play from the back third of the court."""
 RARE: Final = 0.01
 """A shot type that the average player plays less often in a state is rare there."""
 OFTEN: Final = 0.02
 """Share of a player's strokes above which a shot type counts."""
-_BACK: Final = 2
 
 
 def impossible(game: Layout) -> Bools:
     """``[base pairs]`` whether a stroke is of the front court and its incoming stroke is met in the back third."""
     catalogue = game.catalogue
-    back = np.append(third_of(catalogue.area) == _BACK, False)[game.incoming(game.base_pair_state)]
+    back = np.append(third_of(catalogue.area) == BACK, False)[game.incoming(game.base_pair_state)]
     front = np.isin(np.array(SHOTS)[catalogue.shot], FRONT_COURT)
     return np.asarray(back & front[game.base_pair_stroke])
 

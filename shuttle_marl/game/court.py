@@ -57,6 +57,8 @@ AREAS: Final = (
 N_AREAS: Final = len(AREAS)
 N_THIRDS: Final = 3
 """Front, middle and back third of a half, numbers 0 to 2 of :func:`third_of`."""
+BACK: Final = 2
+"""Number of the back third."""
 
 
 def third_of(area: Ints) -> Ints:

@@ -30,7 +30,7 @@ from shuttle_marl.files import replace_file
 from shuttle_marl.game.layout import ALL, LONGEST_DUEL, Indices, Layout
 from shuttle_marl.game.stroke import SHOTS, Catalogue, frozen
 from shuttle_marl.game.thresholds import ONE, with_fault_odds
-from shuttle_marl.tensor_files import parsed, read_tensors, tensor_bytes
+from shuttle_marl.tensor_files import checked, parsed, read_tensors, tensor_bytes
 
 ROOT: Final = 0
 """The state in which every rally starts: the serve, struck from below the net."""
@@ -295,7 +295,13 @@ class Game(Layout):
     def save(self, path: Path, metadata: dict[str, str] | None = None) -> None:
         """Write the tables as safetensors, beside and moved into place."""
         header = {"strokes": json.dumps(self.catalogue.names), "hash": self.hash, **(metadata or {})}
-        replace_file(path, tensor_bytes(self._arrays(), header, pack=True))
+        arrays: dict[str, npt.NDArray[Any]] = self._arrays()
+        order = np.argsort(self.base_pair_edge, kind="stable")
+        for name in _TYPES:
+            # Differences in the order of the edges that follow, column by column: the same answers are alike, and pack well.
+            alike = arrays[name][order].T
+            arrays[name] = np.ascontiguousarray(np.diff(alike, axis=1, prepend=np.zeros_like(alike[:, :1])))
+        replace_file(path, tensor_bytes(arrays, header, pack=True))
 
     @classmethod
     def load(cls, path: Path) -> "Game":
@@ -309,8 +315,18 @@ class Game(Layout):
             names = parsed(header["strokes"])
             if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
                 raise ValueError("the strokes are no list of names")
-            game = cls(catalogue=Catalogue.from_names(names), **arrays)
-        except (OSError, KeyError, TypeError, ValueError, ShuttleError) as error:
+            catalogue = Catalogue.from_names(names)
+            shape = Layout(catalogue=catalogue, **{name: a for name, a in arrays.items() if name not in (*_TYPES, "fault_odds")})
+            pairs = arrays["threshold"].shape[-1]
+            if shape.n_base_pairs != pairs:
+                raise ValueError(f"{shape.n_base_pairs} legal pairs with thresholds for {pairs}")
+            order = np.argsort(shape.base_pair_edge, kind="stable")
+            for name, kind in _TYPES.items():
+                columns = checked(arrays[name], kind, (len(arrays[name]), pairs))
+                arrays[name] = np.empty(columns.T.shape, kind)
+                arrays[name][order] = np.cumsum(columns, axis=1, dtype=kind).T
+            game = cls(catalogue=catalogue, **arrays)
+        except (OSError, KeyError, IndexError, TypeError, ValueError, ShuttleError) as error:
             raise GameError(f"{path}: no readable game tables ({error}); fit or install the model again") from error
         if game.hash != header.get("hash"):
             raise GameError(f"{path}: the tables do not fit their hash; the file is damaged, install the model again")
