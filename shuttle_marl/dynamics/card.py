@@ -19,6 +19,15 @@ _OBSERVED: Final = (
     "elsewhere or more often. The further a policy departs from human play, the weaker its support in the data. Values of the "
     "game are exact consequences of its tables, not evidence about badminton."
 )
+_REWARDED: Final = (
+    "**What the game must not reward.** In the game of version 0.2.0, a net kill of a lift was legal at the back line, "
+    "because people had played such kills somewhere, and it won as often there as the few short lifts that were killed at "
+    "the net. Perfect play was 75 % net shots, and a third of the strokes of trained agents were of shot types that people "
+    "hardly play there, while log-loss and calibration were good. It was noticed on the live court, where such kills were "
+    "praised, and by counting these strokes. Now a stroke is legal where people choose its shot type, and the state says "
+    "whether the striker is hurried. A fit is refused if impossible strokes are legal, or if perfect play or the best "
+    "response rely on rare strokes or on strokes without real ones."
+)
 _NAMED: Final = (
     "**Named players.** Results of public matches are summarised with numbers of strokes and intervals. They describe these "
     "matches; they do not judge persons, and are not for selection, contracts or betting."
@@ -84,6 +93,8 @@ def as_markdown(card: dict[str, Any]) -> str:
         _OBSERVED,
         "",
         _NAMED,
+        "",
+        _REWARDED,
         "",
         f"The game: {card['game']['strokes']} strokes, {card['game']['states']:,} states, {card['game']['legal_pairs']:,} legal "
         f"pairs; {100 * card['game']['clipped']:.1f} % of them were clipped to the range supported by the data.",
@@ -192,7 +203,14 @@ def _skill(skill: dict[str, Any]) -> list[str]:
 
 
 def _solved(health: dict[str, Any]) -> list[str]:
-    thin = ", ".join(f"{name.replace('_', ' ')} {100 * share:.0f} %" for name, share in health["thin"].items())
+    rare, unsupported, thin = (
+        ", ".join(f"{name.replace('_', ' ')} {100 * share:.1f} %" for name, share in health[kind].items())
+        for kind in ("rare", "unsupported", "thin")
+    )
+    refits = [
+        f"Over the refits, {name.replace('_', ' ')}: median {of['median']:.3g} ({of['low']:.3g} to {of['high']:.3g})."
+        for name, of in health.get("refits", {}).items()
+    ]
     lines = [
         "## The solved game",
         "",
@@ -201,8 +219,10 @@ def _solved(health: dict[str, Any]) -> list[str]:
         f"serve {health['value_at_serve']:+.3f}. Largest probability that a rally continues after a legal stroke other than a "
         f"serve: {health['largest_continuation']:.4f}. The best response to BC wins "
         f"{100 * health['best_response_to_bc_wins']:.1f} % of rallies. BC against BC: {health['bc']['mean_rally']:.2f} strokes. "
-        f"Strokes with fewer than five real strokes in their innermost cell: {thin}.",
+        f"Strokes of a shot type that people play there in less than 1 % of cases: {rare}. Without a real stroke in their "
+        f"innermost cell: {unsupported}; with fewer than five: {thin}.",
         "",
+        *([" ".join(refits), ""] if refits else []),
         *(f"- {'' if within else '**Warning**: '}{text}" for text, within in criteria(health).values()),
         "",
         "No fit was selected by these values.",
