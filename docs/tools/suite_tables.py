@@ -5,6 +5,7 @@ from collections.abc import Callable
 from typing import Any, Final
 
 from docs.tools.markdown import ROOT, markdown, saved
+from shuttle_marl.suite import frozen
 from shuttle_marl.suite.board import boards, number
 from shuttle_marl.suite.methods import kind_of
 from shuttle_marl.suite.registry import TASKS
@@ -12,15 +13,20 @@ from shuttle_marl.suite.registry import TASKS
 _NONE: Final = "There are no results yet: `python -m experiments.suite --json experiments/results/suite.json` makes them."
 _BY_CASE: Final = ("exploit-v0", "offline-v0")
 """Tasks with a table of each case."""
+_PRELIMINARY: Final = (
+    "**Preliminary**: measured on the game before the frozen one, in which net kills from the back line were legal."
+)
 _SHOWN: Final = 4
 """Number of further scores in a table."""
 
 
 def _boards(name: str) -> list[dict[str, Any]]:
-    """Boards of a task; empty as long as there are no results."""
+    """Boards of a task; empty as long as there are no results. Those of another game than the frozen one are not official."""
     if not (ROOT / "experiments" / "results" / "suite.json").is_file():
         return []
-    return [board for board in boards(saved("experiments", "suite")["rows"]) if board["task"] == name]
+    rows = saved("experiments", "suite")["rows"]
+    current = [{**row, "official": row["official"] and frozen.load().official(row["game"])} for row in rows]
+    return [board for board in boards(current) if board["task"] == name]
 
 
 def _with_interval(row: dict[str, Any], metric: str) -> str:
@@ -48,7 +54,7 @@ def _table(board: dict[str, Any]) -> str:
         rows.append((f"`{row['method']}`", _with_interval(row, metric), apart, *scores, f"{row['seconds']:.0f}", checked))
     headings = ("method", f"{metric} (95 %)", "behind the best learned", *columns, "seconds", "verified")
     table = markdown(headings, rows, left=("method",))
-    state = "" if board["official"] else " Preliminary: the game is not the frozen one."
+    state = "" if board["official"] else f" {_PRELIMINARY}"
     return f"**{board['title']}**\n\n{table}\n\n{_best(board)}{state}"
 
 
@@ -83,7 +89,8 @@ def summary(folder: str) -> str:
             last, metric = found[-1], task.metric
             gap = "" if last["gap"] is None else number(last["gap"], metric)
             budget = f"{last['budget']:,}" if last["budget"] else ""
-            best = (budget, f"`{row['method']}`", f"{_with_interval(row, metric)}", gap)
+            state = "" if last["official"] else ", preliminary"
+            best = (budget, f"`{row['method']}`", f"{_with_interval(row, metric)}{state}", gap)
         rows.append((f"[`{name}`]({folder}{kind_of(name)}.md)", question, task.metric, *best))
     headings = ("task", "question", "score", "strokes", "best learned", "result", "open gap")
     return markdown(headings, rows, left=("task", "question", "score", "best learned"))
