@@ -148,8 +148,48 @@ def truth_calibration() -> str:
     return markdown(headings, rows, left=("",))
 
 
+def depth_play() -> str:
+    """What policies play, from ``experiments/results/depth.json``."""
+    rows = []
+    for name, against in saved("experiments", "depth")["policies"].items():
+        for opponent, of in against.items():
+            most = sorted(of["shots"].items(), key=lambda shot: -shot[1])[:5]
+            shots = ", ".join(f"{shot} {100 * share:.0f}" for shot, share in most)
+            figures = (str(of["types"]), f"{of['bits']:.2f}", f"{of['length']:.1f}", f"{100 * of['rare']:.2f} %")
+            rows.append((f"`{name}`", "itself" if opponent == "self" else f"`{opponent}`", shots, *figures))
+    headings = ("policy", "against", "most frequent shots, %", "shot types", "bits", "strokes a rally", "rare")
+    return markdown(headings, rows, left=("policy", "against", "most frequent shots, %"))
+
+
+def depth_lists() -> str:
+    """How far policies get that read little, from ``experiments/results/depth.json``."""
+    rows = [
+        (name.replace("_", " "), f"{of['score']:.3f}", f"{of['exploitability']:.3f}", f"{100 * of['against_minimax']:.1f} %")
+        for name, of in saved("experiments", "depth")["lists"].items()
+    ]
+    return markdown(("reads", "normalised", "exploitability", "rallies against minimax"), rows, left=("reads",))
+
+
+def truth_shares() -> str:
+    """Minimum shares of a legal shot type, from ``experiments/results/truth_shares.json``."""
+    rows = []
+    for share, of in saved("experiments", "truth_shares")["shares"].items():
+        kept = (f"{of['transfer'][who]['kept']:.2f}" for who in ("best_response", "minimax"))
+        change = _change(of["against_first"], 1e5, 1)
+        rows.append((f"{100 * float(share):g} %", f"{100 * of['illegal']:.1f} %", f"{of['value_log_loss']:.5f}", change, *kept))
+    headings = (
+        "share",
+        "strokes of people that are illegal",
+        "log-loss of the value",
+        "change, 10⁻⁵",
+        "best response",
+        "minimax",
+    )
+    return markdown(headings, rows, left=())
+
+
 def truth_legality() -> str:
-    """Illegal strokes, and differences to the rule of legality before."""
+    """Illegal strokes, and differences to the game before."""
     result = saved("experiments", "truth_cross")
     found, change = result["illegal"], result["against"]
     rows = [
@@ -157,7 +197,10 @@ def truth_legality() -> str:
         ["the same after a drop met above the net", f"{100 * found['after_drop_above']:.1f} %"],
         ["error of the value there, points", _points(found["value_error"])],
         ["change of the slope at the end", _change(change["slope_end"], 1, 3)],
-        ["change of the log-loss of the value, 10⁻⁵", _change(change["value_log_loss"], 1e5, 1)],
+        *(
+            [f"change of the log-loss of {what}, 10⁻⁵", _change(change[f"{name}_log_loss"], 1e5, 1)]
+            for name, what in (("value", "the value"), ("fault", "a fault"), ("contact", "the contact of a return"))
+        ),
     ]
     return markdown(("figure", "value (95 %)"), rows, left=("figure",))
 

@@ -93,6 +93,7 @@ RESULTS: Final[dict[str, Result]] = (
                 0.02,
                 "half an hour",
             ),
+            ("truth_shares", ("truth_shares",), "truth.shares --data {data} --out {out}", 0.02, "half an hour"),
             ("truth_limits", ("truth_limits", "truth_legality"), "truth.limits --data {data} --out {out}", 0.02, "half an hour"),
             ("suite", tuple(suite_tables.BLOCKS), "suite --data {data} --out runs/again --json {out}", 0.2, "hours"),
             ("truth_profiles", (), "truth --data {data} --cross 4 --profiles --halvings 0 --out {out}", 0.02, "half an hour"),
@@ -121,13 +122,19 @@ RESULTS: Final[dict[str, Result]] = (
         )
     }
     | {
+        "depth": Result(
+            folder="experiments",
+            tables=("depth_play", "depth_lists"),
+            command="shuttle_marl.exact depth --json",
+            tolerance=0.02,
+        ),
         "staging": Result(
             folder="benchmarks",
             tables=("staging",),
             command="benchmarks.staging --json",
             tolerance=0.02,
             speeds=("continue_ms", "realtime"),
-        )
+        ),
     }
 )
 """Result files by name."""
