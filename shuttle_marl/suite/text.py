@@ -173,9 +173,7 @@ def described(game: AnyGame, state: int) -> str:
     if duel > 1:
         words.append(f"The last {duel} strokes were net shots.")
     if game.levels > 1:
-        words.append(
-            f"Attacks so far in this rally (at most {game.levels - 1} are counted): you {effort}, your opponent {other}."
-        )
+        words.append(f"Attacks so far in this rally, counted up to {game.levels - 1}: you {effort}, your opponent {other}.")
     return " ".join(words)
 
 

@@ -110,7 +110,7 @@ def test_text_says_who_is_next_and_the_score(play):
         "match 1 of seed 0, player_1 serves",
         "player_0   0",
         "player_1   0",
-        "effort: player_0 0 of 2, player_1 0 of 2",
+        "effort: player_0 0 of 1, player_1 0 of 1",
         "player_1 is to serve",
     ]
     env.step(0)
