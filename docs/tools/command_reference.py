@@ -27,6 +27,7 @@ EXAMPLES: Final = {
     "dynamics fit": "dynamics fit --data datasets/shuttleset/raw --out my_model",
     "exact best-response": "exact best-response bc",
     "exact crossplay": "exact crossplay bc attacking minimax",
+    "exact depth": "exact depth ppo",
     "exact evaluate": "exact evaluate ppo bc minimax",
     "exact holes": "exact holes ppo",
     "exact solve": "exact solve",
