@@ -116,7 +116,7 @@ Point = tuple[float, float]
 
 _PEAK: Final = (0.7, 5.0, 4.6, 4.2, 0.9, 0.15, 0.2, 0.35, 0.8, 0.1, 0.6, 0.7, 0.7)
 """Rise of a flight above the straight line, by shot type [m]."""
-_SPREAD: Final = (0.45, 0.55)
+_SPREAD: Final = (0.45, 0.54)
 """Half the width and depth over which contact points vary inside an area [m]."""
 _BASE: Final = (0.0, -3.4)
 """Base position of players between strokes, in their own frame [m]."""

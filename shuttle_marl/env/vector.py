@@ -253,7 +253,7 @@ class RallyVectorEnv(VersusVectorEnv):
     def _final_vectors(self, rows: Intp, state: I32, own: Bools) -> npt.NDArray[Any]:  # noqa: ARG002
         if self._features is None:
             striker = self.game.observation(state)
-            return np.where(own[:, None], striker, striker[:, [1, 0, 2, 3, 5, 4]])
+            return np.where(own[:, None], striker, striker[:, [1, 0, 2, 3, 5, 4, 6]])
         seen = with_efforts(self.game, self._features, state)
         return np.where(own[:, None], seen, seen[:, SWAP])
 

@@ -45,7 +45,7 @@ def test_states_are_those_of_rallies_that_are_played(game: Game) -> None:
         for i, stroke in enumerate(line):
             if not stepper.is_legal(state, stroke):
                 break
-            played, state = stepper.step(state, i % 2, stroke, int(rng.integers(1 << 16)))
+            played, state = stepper.step(state, i % 2, stroke, int(rng.integers(1 << 24)))
             if played.outcome < RETURNED_BELOW:
                 break
         else:
@@ -65,10 +65,18 @@ def test_values_are_those_of_the_solvers(game: Game, players: Players, length: i
     assert found.share.sum() == pytest.approx(1)
     assert (np.diff(found.share) <= 0).all()
     assert ((found.available > 0) & (found.available <= 1 + 1e-12)).all()
-    # Every stroke is a share of the value before it.
     assert players.value is not None
     before = sum(weight * players.value.striking[found.seat][state] for state, weight in states_after(game, line).items())
-    assert 2 * float(found.share @ found.win) - 1 == pytest.approx(float(before), abs=1e-9)
+    # Every stroke is a share of the value before it, up to the rounding of tables to 1/65535: of a stroke that hurried strikers and
+    # others may play, the value is the mean over them, whoever plays it more often.
+    assert 2 * float(found.share @ found.win) - 1 == pytest.approx(float(before), abs=1e-6)
+    states = states_after(game, line)
+    for stroke, win in zip(found.stroke.tolist(), found.win.tolist(), strict=True):
+        pairs = {int(game.pair(state, stroke)): weight for state, weight in states.items()}
+        legal = {pair: weight for pair, weight in pairs.items() if pair >= 0}
+        q = game.stroke_values(players.value.striking[1 - found.seat], np.array(list(legal)))
+        mean = np.average(q, weights=list(legal.values()))
+        assert 2 * win - 1 == pytest.approx(mean, abs=1e-9)
     best = sum(weight * solution.value[found.seat][state] for state, weight in states_after(game, line).items())
     assert 2 * float(found.share @ found.optimal) - 1 <= float(best) + 1e-6
 

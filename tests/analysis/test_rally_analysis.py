@@ -23,14 +23,17 @@ UNKNOWN = Players(tables=(None, TABLES[1]), value=None)
 
 
 def random_rally(seed: int, length: int, ending: int = WINNER) -> Rally:
-    """Legal strokes; the contact of each is drawn."""
+    """Legal strokes; the contact of each is drawn, and who is hurried."""
     rng = np.random.default_rng(seed)
     strokes: list[int] = []
+    hurried: list[bool] = []
     state = ROOT
     for _ in range(length):
         strokes.append(int(rng.choice(GAME.legal_strokes(state))))
-        state = int(GAME.arrivals(GAME.pair(state, np.array([strokes[-1]])))[0][int(rng.integers(2))])
-    return Rally(catalogue=GAME.catalogue, server=seed % 2, stroke=np.array(strokes, np.int64), ending=ending)
+        hurried.append(bool(GAME.hurried(state)))
+        state = int(GAME.arrivals(GAME.pair(state, np.array([strokes[-1]])))[0][int(rng.integers(4))])
+    stroke = np.array(strokes, np.int64)
+    return Rally(catalogue=GAME.catalogue, server=seed % 2, stroke=stroke, hurried=np.array(hurried), ending=ending)
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -77,7 +80,7 @@ def test_values_after_an_open_rally_are_not_known() -> None:
     assert np.isfinite(found.rally_win[:-1]).all()
     assert np.isnan([found.rally_win[-1], found.match_win[-1]]).all()
     assert np.isnan(found.of_strokes("optimal")).all(), "without the solved game"
-    nothing = dataclasses.replace(rally, stroke=rally.stroke[:0], ending=RETURNED_ABOVE)
+    nothing = dataclasses.replace(rally, stroke=rally.stroke[:0], hurried=rally.hurried[:0], ending=RETURNED_ABOVE)
     assert len(analyse_rally(nothing, GAME, PLAYERS).rally_win) == 1
 
 

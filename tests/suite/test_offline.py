@@ -218,7 +218,10 @@ def test_errors_are_as_defined() -> None:
 def test_baselines_of_offline(method: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(q_learning, "QConfig", functools.partial(q_learning.QConfig, width=16, steps=100))
     folder = run_method(SuiteRun(task="offline-v0", method=method, game=reduced_model(), quick=True, out=tmp_path / "run"))
-    assert -0.2 < summarise(folder, game=reduced_model())["score"] < 1
+    found = summarise(folder, game=reduced_model())
+    # In rallies: the edge of the best response, the unit of the score, depends on the game. Networks have learned for 100 steps.
+    assert found["scores"]["rally_win"]["value"] > 0.45
+    assert found["score"] < 1
     assert [finding.reason for finding in verify_run(folder, game=reduced_model())] == [None]
 
 

@@ -16,7 +16,7 @@ from shuttle_marl.exact import best_response, moved, solve
 from shuttle_marl.game.observation import states_of
 from shuttle_marl.game.shipped import refits_of
 from shuttle_marl.suite import SuiteRun, adapt, frozen, run_method, store, summarise, verify_run
-from shuttle_marl.suite.imitate import HumanStrokes, top
+from shuttle_marl.suite.imitate import HumanStrokes, parts, top
 from shuttle_marl.suite.logs import generate
 from shuttle_marl.suite.maintain import freeze, new_submission, write_data
 from shuttle_marl.suite.options import Split, SuiteError
@@ -136,8 +136,14 @@ def test_imitation_of_real_matches(tmp_path: Path) -> None:
         run(tmp_path / name.replace(":", "-"), "imitate-v0", name, split="test", data=data)
         for name in ("counts", "bc", "policy:random")
     ]
-    counts, bc, uniform = (summarise(folder, game=reduced_model())["score"] for folder in folders)
-    assert max(counts, bc) < uniform
+    counts, bc, uniform = (summarise(folder, game=reduced_model())["scores"] for folder in folders)
+    assert counts["log_loss"]["value"] < uniform["log_loss"]["value"]
+    # A stroke of the small game also stands for those that it lacks, so probabilities of people hold in the shipped game alone.
+    assert bc["top_1"]["value"] > 1.5 * uniform["top_1"]["value"]
+    assert bc["top_3"]["value"] > 1.5 * uniform["top_3"]["value"]
+    arena = arena_of(find_task("imitate-v0"), "default", "test", data=data)
+    losses = [-np.log(arena.policy(name).probability_of(parts(arena)[1].pair)).mean() for name in ("bc", "random")]
+    assert losses[0] < losses[1] - 0.5
     assert [finding.reason for finding in verify_run(folders[0], game=reduced_model(), data=data)] == [None]
 
 
