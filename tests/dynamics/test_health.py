@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from shuttle_marl.dynamics.evaluate import health, play_statistics
+from shuttle_marl.dynamics.evaluate import LIMITS, REQUIRED, criteria, health, play_statistics
 from shuttle_marl.dynamics.make import load_support
 from shuttle_marl.exact import PairPolicy, solve
 from shuttle_marl.game.draws import draw, outcome_draw, stream
@@ -31,11 +31,13 @@ def small() -> Game:
     catalogue = Catalogue.from_names(NAMES)
     replies = np.array([[0, 1, 1, 1]] * 4 + [[1, 0, 0, 0]], dtype=bool)
     tables = layout(catalogue, replies)
-    game = Game(catalogue=catalogue, threshold=np.zeros((base_pairs(tables), 3), np.uint16), **tables)
+    pairs = base_pairs(tables)
+    hurry = np.zeros((pairs, 2), np.uint8)
+    game = Game(catalogue=catalogue, threshold=np.zeros((pairs, 3), np.uint16), hurry=hurry, **tables)
     good = np.array([1.0, 0.9375, 0.75, 0.875])[game.pair_stroke]
     returned = np.array([1.0, 1.0, 0.5, 1.0])[game.pair_stroke]
     above = np.array([0.5, 1.0, 0.0, 1.0])[game.pair_stroke]
-    return Game(catalogue=catalogue, threshold=thresholds(good, returned, above), **tables)
+    return Game(catalogue=catalogue, threshold=thresholds(good, returned, above), hurry=hurry, **tables)
 
 
 def flat(figures: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
@@ -53,6 +55,8 @@ def test_the_figures_of_the_model_card_are_those_of_the_solvers() -> None:
     card = json.loads((model_folder() / "card.json").read_text(encoding="utf-8"))
     strokes = load_support(model_folder()).strokes
     found = dict(flat(health(PairPolicy(game=game, probability=game.normalized(weight)), strokes)))
+    of_refits = card["health"].pop("refits")
+    assert of_refits.keys() == {"largest_shot_share", "shot_types_above_2_percent"}
     expected = dict(flat(card["health"]))
     numbers = {key for key, value in found.items() if isinstance(value, float)}
     assert {key: found[key] for key in numbers} == pytest.approx({key: expected[key] for key in numbers}, abs=2e-9)
@@ -63,16 +67,38 @@ def test_a_figure_outside_of_its_limits_is_a_warning() -> None:
     """Hardly a stroke of the small game is real, and it has three shot types for the rally."""
     game = small()
     policy = PairPolicy(game=game, probability=game.normalized(np.ones(game.n_pairs)))
-    thin = health(policy, np.zeros(len(game.edge_own)))
-    assert thin["thin"] == {"bc": 1.0, "best_response": 1.0, "minimax": 1.0}
-    assert [warning.partition(":")[0] for warning in thin["warnings"] if "thin" in warning] == [
-        "minimax thin",
-        "best response thin",
-    ]
-    supported = health(policy, np.full(len(game.edge_own), 5.0))
-    assert supported["thin"] == {"bc": 0.0, "best_response": 0.0, "minimax": 0.0}
-    assert "shot types above 2 percent: 3, expected 6 to 13" in supported["warnings"]
-    assert not any("wins" in warning for warning in supported["warnings"]), "what wins is no matter of health"
+
+    def of(strokes: float) -> dict[str, Any]:
+        return health(policy, np.full(len(game.edge_own), strokes))
+
+    def warned(figures: dict[str, Any], what: str) -> list[str]:
+        return [warning.partition(":")[0] for warning in figures["warnings"] if what in warning]
+
+    everything, nothing = ({name: share for name in ("bc", "best_response", "minimax")} for share in (1.0, 0.0))
+    without, few, enough = of(0.0), of(4.5), of(5.0)
+    assert (without["unsupported"], without["thin"]) == (everything, everything)
+    assert (few["unsupported"], few["thin"]) == (nothing, everything)
+    assert (enough["unsupported"], enough["thin"]) == (nothing, nothing)
+    assert warned(without, "unsupported") == ["minimax unsupported", "best response unsupported"]
+    assert warned(without, "thin") == warned(few, "thin") == ["minimax thin", "best response thin"]
+    assert warned(few, "unsupported") == warned(enough, "thin") == []
+    assert "shot types above 2 percent: 3, expected 7 to 13" in enough["warnings"]
+    assert not any("wins" in warning for warning in enough["warnings"]), "what wins is no matter of health"
+
+
+def test_what_every_fit_keeps_are_limits_of_health_too() -> None:
+    """A fit is refused by the first ones alone; all of them are warnings."""
+    assert REQUIRED.items() < LIMITS.items()
+    game = small()
+    figures = health(PairPolicy(game=game, probability=game.normalized(np.ones(game.n_pairs))), np.zeros(len(game.edge_own)))
+    kept = {name: within for name, (_, within) in criteria(figures, REQUIRED).items()}
+    assert kept == {
+        "impossible": True,
+        "minimax_rare": True,
+        "best_response_rare": True,
+        "minimax_unsupported": False,
+        "best_response_unsupported": False,
+    }
 
 
 def test_minimax_of_a_game_solved_by_hand() -> None:

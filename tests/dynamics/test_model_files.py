@@ -111,7 +111,7 @@ def forged(model: Path, name: str, key: str, change: Callable[[Any], Any]) -> No
     (NETWORKS, "model", lambda text: text.replace('"contact"', '"../../etc/passwd"'), ModelError),
     (NETWORKS, "ridge", lambda a: a.astype(np.complex64), ModelError),
     (NETWORKS, "calibration", lambda a: a + np.inf, ModelError),
-    (NETWORKS, "success.linear", lambda a: a.astype(np.float16), ModelError),
+    (NETWORKS, "success.linear", lambda a: a.astype(np.float32), ModelError),
     (SUPPORT, "strokes", lambda a: a * np.nan, ModelError),
     (SUPPORT, "fault_range", lambda a: a[:5], ModelError),
 ])  # fmt: skip
@@ -142,24 +142,33 @@ def hand_made() -> dict[str, Any]:
         "reply_edge": [1, 2, 3, 4, 5, 6, 7],
     }
     tables: dict[str, Any] = {name: np.array(values, np.int32) for name, values in arrays.items()}
-    return {**tables, "threshold": np.full((15, 3), 9, np.uint16), "fault_odds": np.array([1 << 16], np.int32)}
+    probabilities = {"threshold": np.full((30, 3), 9, np.uint16), "hurry": np.full((30, 2), 7, np.uint8)}
+    return {**tables, **probabilities, "fault_odds": np.array([1 << 16], np.int32)}
 
 
 def saved(path: Path, arrays: dict[str, Any], names: str = json.dumps([SERVE, LIFT, SMASH])) -> Path:
-    """A file whose hash fits whatever it holds."""
+    """A file whose hash fits whatever it holds.
+
+    It holds differences of probabilities in the order of the edges that follow; here all pairs have the same ones, so order is no
+    matter.
+    """
     digest = hashlib.sha256()
     with contextlib.suppress(RecursionError, ValueError, TypeError, AttributeError, ShuttleError):
         digest = hashlib.sha256(Catalogue.from_names(json.loads(names)).version.encode())
     for name, array in arrays.items():
         digest.update(f"{name}{array.dtype.str}{array.shape}".encode())
         digest.update(array.tobytes())
-    save_file(arrays, path, metadata={"strokes": names, "hash": digest.hexdigest()})
+    differences = {name: np.diff(arrays[name].T, axis=1, prepend=0 * arrays[name].T[:, :1]) for name in ("threshold", "hurry")}
+    stored = {name: np.ascontiguousarray(array) for name, array in {**arrays, **differences}.items()}
+    save_file(stored, path, metadata={"strokes": names, "hash": digest.hexdigest()})
     return path
 
 
 def test_a_game_written_down_by_hand_is_read(tmp_path: Path) -> None:
     game = Game.load(saved(tmp_path / GAME, hand_made()))
-    assert game.legal_count(np.arange(game.n_states)).tolist() == [1, 0, *[1] * 14]
+    assert game.legal_count(np.arange(game.n_states)).tolist() == [1, 0, 1, 0, *[1] * 28]
+    assert game.threshold.tolist() == [[9, 9, 9]] * 30
+    assert game.hurry.tolist() == [[7, 7]] * 30
 
 
 @pytest.mark.parametrize("name", ["edge_own", "edge_incoming", "reply_start", "reply_count", "reply_edge"])
@@ -192,6 +201,9 @@ def test_no_forged_index_reaches_compiled_code(tmp_path: Path, name: str, value:
     ("threshold", lambda a: a[:, :2]),
     ("threshold", lambda a: a.astype(np.int16)),
     ("threshold", lambda a: a - np.arange(3, dtype=np.uint16)),
+    ("hurry", lambda a: a[:-1]),
+    ("hurry", lambda a: a[:, :1]),
+    ("hurry", lambda a: a.astype(np.uint16)),
 ])  # fmt: skip
 def test_tables_of_another_shape_are_refused(tmp_path: Path, name: str, change: Callable[[Any], Any]) -> None:
     arrays = hand_made()
@@ -207,7 +219,8 @@ def test_a_state_without_legal_strokes_is_refused(tmp_path: Path) -> None:
     arrays["reply_count"][2, 1] = 0
     arrays["reply_start"][2, :, 1] = 0
     arrays["reply_edge"], arrays["edge_duel"] = arrays["reply_edge"][:-1], arrays["edge_duel"][:-1]
-    arrays["threshold"] = np.full((base_pairs(arrays), 3), 9, np.uint16)
+    pairs = base_pairs(arrays)
+    arrays["threshold"], arrays["hurry"] = np.full((pairs, 3), 9, np.uint16), np.full((pairs, 2), 7, np.uint8)
     with pytest.raises(GameError, match="has no legal stroke"):
         Game.load(saved(tmp_path / GAME, arrays))
 
@@ -219,7 +232,7 @@ def test_other_names_are_refused(tmp_path: Path, names: str) -> None:
 
 
 def test_complex_and_unknown_numbers_are_no_tables(tmp_path: Path) -> None:
-    arrays = hand_made() | {"threshold": np.zeros((15, 3), np.complex64)}
+    arrays = hand_made() | {"threshold": np.zeros((30, 3), np.complex64)}
     with pytest.raises(GameError):
         Game.load(saved(tmp_path / GAME, arrays))
     assert load_file(tmp_path / GAME)["threshold"].dtype == np.complex64

@@ -35,7 +35,10 @@ def with_last(name: str, value: int) -> np.ndarray:
         ("edge_duel", with_last("edge_duel", 3 - int(GAME.edge_duel[-1]))),
         ("fault_odds", with_last("fault_odds", 0)),
         ("fault_odds", GAME.fault_odds + 1),
-        ("threshold", GAME.threshold[:-1]),
+        ("hurry", GAME.hurry[:-1]),
+        ("hurry", GAME.hurry[:, :1]),
+        ("hurry", GAME.hurry.astype(np.uint16)),
+        ("threshold", GAME.threshold[:, :2]),
         ("threshold", GAME.threshold.astype(np.int32)),
         ("threshold", GAME.threshold.tolist()),
         ("edge_own", GAME.edge_own.astype(np.int64)),
@@ -46,6 +49,11 @@ def with_last(name: str, value: int) -> np.ndarray:
 def test_tables_that_do_not_fit_are_refused(name: str, table: Any) -> None:
     with pytest.raises(GameError, match=name.split("_", maxsplit=1)[0]):
         dataclasses.replace(GAME, **{name: table})
+
+
+def test_probabilities_of_fewer_pairs_than_are_legal_are_refused() -> None:
+    with pytest.raises(GameError, match="threshold does not count the legal strokes"):
+        dataclasses.replace(GAME, threshold=GAME.threshold[:-1], hurry=GAME.hurry[:-1])
 
 
 @pytest.mark.parametrize("seed", [1.5, "1", None, np.float64(3)])
@@ -65,7 +73,7 @@ def test_an_unknown_stroke_is_a_shuttle_error() -> None:
 def test_short_texts_of_objects_that_hold_tables() -> None:
     game = default_game()
     expected = (
-        f"Game(hash='{game.hash[:12]}', n_strokes={game.n_strokes}, n_states={game.n_states}, n_pairs={game.n_pairs}, levels=3)"
+        f"Game(hash='{game.hash[:12]}', n_strokes={game.n_strokes}, n_states={game.n_states}, n_pairs={game.n_pairs}, levels=2)"
     )
     assert str(game) == repr(game) == expected
     assert repr(tabulate(UniformPolicy(), GAME)).startswith("TabulatedPolicy(hash='")
