@@ -42,9 +42,10 @@ def rally_odds(name: str, other: str) -> float:
     return float(value[0][ROOT] + 1 - value[1][ROOT]) / 2
 
 
-@pytest.mark.parametrize("style", STYLES)
+@pytest.mark.parametrize("style", [name for name in STYLES if name != "defensive"])
 def test_every_style_beats_random_play(style: str) -> None:
-    """In a game of few strokes; in the shipped one see ``tests/exact/test_pairwise.py``."""
+    """In a game of few strokes, without the clears that defensive play needs; in the shipped one see ``test_pairwise.py``."""
+    assert SHOTS.index("clear") not in GAME.catalogue.shot
     assert rally_odds(style, "random") > 0.51
 
 

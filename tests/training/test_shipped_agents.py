@@ -247,9 +247,9 @@ def test_a_card_names_no_file(tmp_path: Path, cache: Path, monkeypatch: pytest.M
     (folder / CARD).write_bytes(seal({**card, "sha256": {**card["sha256"], "../secret": "0" * 64, str(secret): "0" * 64}}))
     opened: list[Path] = []
 
-    def noted(path: Path) -> bytes:
+    def noted(path: Path, *arguments: Any) -> bytes:
         opened.append(path)
-        return read_file(path)
+        return read_file(path, *arguments)
 
     monkeypatch.setattr(tensor_files, "read_file", noted)
     load_agent(folder, GAME)
