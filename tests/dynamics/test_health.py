@@ -74,7 +74,7 @@ def test_a_figure_outside_of_its_limits_is_a_warning() -> None:
     def warned(figures: dict[str, Any], what: str) -> list[str]:
         return [warning.partition(":")[0] for warning in figures["warnings"] if what in warning]
 
-    everything, nothing = ({name: share for name in ("bc", "best_response", "minimax")} for share in (1.0, 0.0))
+    everything, nothing = (dict.fromkeys(("bc", "best_response", "minimax"), share) for share in (1.0, 0.0))
     without, few, enough = of(0.0), of(4.5), of(5.0)
     assert (without["unsupported"], without["thin"]) == (everything, everything)
     assert (few["unsupported"], few["thin"]) == (nothing, everything)
