@@ -1,4 +1,4 @@
-"""Atomic writes through temporary files, checksums of JSON files, and safe opening of regular files."""
+"""Atomic writes through temporary files, checksums of JSON files, safe opening of regular files, and the folder of caches."""
 
 import contextlib
 import errno
@@ -12,12 +12,13 @@ from pathlib import Path
 from typing import Annotated, Any, BinaryIO, Final, TypeVar
 
 import msgspec
+import platformdirs
 
 from shuttle_marl.errors import ShuttleError
 
 NO_ROOM: Final = (errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC))
 """Error codes of the system for lack of space."""
-MAX_JSON: Final = 1 << 26
+MAX_JSON: Final = 1 << 24
 """Limit of JSON files [bytes]."""
 T = TypeVar("T")
 Count = Annotated[int, msgspec.Meta(ge=0, le=1 << 62)]
@@ -27,6 +28,7 @@ Fraction = Annotated[float, msgspec.Meta(ge=0, le=1)]
 Sha256 = Annotated[str, msgspec.Meta(pattern="^[0-9a-f]{64}$")]
 """A hash in a JSON file, hexadecimal."""
 _BINARY: Final = getattr(os, "O_BINARY", 0)  # Windows only
+_KINDS: Final = {stat.S_IFDIR: "a folder", stat.S_IFLNK: "a symbolic link", stat.S_IFIFO: "a FIFO", stat.S_IFSOCK: "a socket"}
 _SEAL: Final = "checksum"
 """Entry of a sealed JSON object."""
 
@@ -39,7 +41,7 @@ def replace_file(path: Path, content: bytes) -> None:
     """Write ``content`` to ``path`` atomically, with permissions by the umask; creates the folder.
 
     Raises:
-        FileWriteError: the file cannot be written; an existing file at ``path`` is unchanged.
+        FileWriteError: the file cannot be written, or ``path`` is neither absent nor a regular file; it is unchanged.
     """
     with replacing(path) as file:
         file.write(content)
@@ -52,6 +54,7 @@ def replacing(path: Path) -> Iterator[BinaryIO]:
     Raises:
         FileWriteError: as :func:`replace_file`. Other errors than an OSError of the block pass through.
     """
+    check_replaceable(path)
     # A part of the name, because the temporary name must not exceed the limit of the file system.
     temporary = path.parent / f".{path.name[:32]}.{secrets.token_hex(6)}.part"
     with _unwritable(path, OSError, ValueError):
@@ -68,6 +71,19 @@ def replacing(path: Path) -> Iterator[BinaryIO]:
         with contextlib.suppress(OSError):
             temporary.unlink()
         raise
+
+
+def check_replaceable(path: Path) -> None:
+    """Refuse to replace what is no regular file: a link, a FIFO, a device or a folder.
+
+    Raises:
+        FileWriteError: something else than a regular file is there.
+    """
+    with contextlib.suppress(OSError, ValueError):  # absent or impossible names, which fail when they are written
+        mode = os.lstat(path).st_mode
+        if not stat.S_ISREG(mode):
+            kind = _KINDS.get(stat.S_IFMT(mode), "a device")
+            raise FileWriteError(f"{path}: cannot be written: it is {kind}; name a regular file, or one that does not exist")
 
 
 @contextlib.contextmanager
@@ -104,7 +120,7 @@ def read_file(path: Path, limit: int | None = None) -> bytes:
     """
     with open_file(path) as file:
         if limit is not None and os.fstat(file.fileno()).st_size > limit:
-            raise OSError(errno.EFBIG, f"larger than {limit >> 20} MB", str(path))
+            raise OSError(errno.EFBIG, f"larger than {limit / 2**20:g} MB", str(path))
         return file.read()
 
 
@@ -135,17 +151,44 @@ def read_json(path: Path, kind: type[T], *, sealed: bool = False) -> T:
             reason.
     """
     try:
-        fields = json.loads(read_file(path, MAX_JSON).decode())
+        fields = parsed(read_file(path, MAX_JSON).decode())
         if sealed:
             if not isinstance(fields, dict):
                 raise FileReadError("not a JSON object")
             if fields.pop(_SEAL, None) != _digest(fields):
                 raise FileReadError("it was changed after it was written: its checksum does not match")
         return msgspec.convert(fields, kind)
-    except RecursionError as error:
-        raise FileReadError("nested too deeply") from error
     except (OSError, ValueError, msgspec.ValidationError) as error:
         raise FileReadError(problem(error)) from error
+
+
+def parsed(text: str) -> Any:
+    """Parse JSON text, such as metadata of a file.
+
+    Raises:
+        ValueError: the text is not JSON, is nested too deeply, or has an entry twice, of which one would be lost.
+    """
+    try:
+        return json.loads(text, object_pairs_hook=_once)
+    except RecursionError as error:
+        raise ValueError("nested too deeply") from error
+
+
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    fields = dict(pairs)
+    if len(fields) < len(pairs):
+        names = [name for name, _ in pairs]
+        raise ValueError(f"the entry {next(name for name in names if names.count(name) > 1)!r} stands there twice")
+    return fields
+
+
+def cache_folder() -> Path | None:
+    """The user's folder for caches of this package; None without a home."""
+    try:
+        folder = platformdirs.user_cache_path("shuttle_marl", appauthor=False)
+    except RuntimeError:
+        return None
+    return folder if folder.is_absolute() else None  # older versions begin with a literal ~
 
 
 def read_sealed(path: Path) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, BinaryIO, Final
 
 import pyarrow as pa
-import pyarrow.compute
+import pyarrow.compute as pc
 import pyarrow.csv
 import pyarrow.parquet as pq
 
@@ -23,6 +23,10 @@ _SEAL: Final = len(_MARK) + 32
 _END: Final = 8
 """Length of the footer (4 bytes) and the magic ``PAR1`` [bytes]."""
 _BLOCK: Final = 1 << 20
+_MOST_FOOTER: Final = 1 << 24
+"""Maximum size of a footer [bytes]."""
+_MOST: Final = 1 << 29
+"""Maximum size of a table that is read [bytes]: a small file may hold any number of equal rows."""
 _FORMULA: Final = r"\A([=+\-@\t\r])"
 
 
@@ -68,7 +72,7 @@ def open_parquet(path: Path) -> pq.ParquetFile:
 
     Raises:
         OSError: the file cannot be opened, is not a regular file, or (on reading) a page is damaged.
-        pa.ArrowException: it is not a Parquet file, or is damaged.
+        pa.ArrowException: it is not a Parquet file, is damaged, or has columns of more than 512 MB together.
     """
     with open_file(path) as file:
         start, size = _footer(file)
@@ -76,7 +80,12 @@ def open_parquet(path: Path) -> pq.ParquetFile:
         seal = file.read(min(start, _SEAL))
         if seal.startswith(_MARK) and seal[len(_MARK) :] != _digest(file, (0, start - _SEAL), (start, size)):
             raise pa.ArrowInvalid("it was changed after it was written: its checksum does not match")
-    return pq.ParquetFile(path, page_checksum_verification=True)
+    file = pq.ParquetFile(path, page_checksum_verification=True, pre_buffer=False)
+    about = file.metadata
+    if (size := sum(about.row_group(i).total_byte_size for i in range(about.num_row_groups))) > _MOST:
+        file.close()
+        raise pa.ArrowInvalid(f"columns of {size >> 20} MB, expected at most {_MOST >> 20}; divide the file")
+    return file
 
 
 def read_parquet(path: Path) -> pa.Table:
@@ -84,10 +93,32 @@ def read_parquet(path: Path) -> pa.Table:
 
     Raises:
         OSError: the file cannot be opened, is not a regular file, or a page is damaged.
-        pa.ArrowException: it is not a Parquet file, or is damaged.
+        pa.ArrowException: it is not a Parquet file, is damaged, or is larger than 512 MB in memory.
+        MemoryError: there is less memory than it needs.
     """
     with open_parquet(path) as file:
-        return file.read()
+        schema = file.schema_arrow
+        texts = [field.name for field in schema if pa.types.is_string(field.type) or pa.types.is_large_string(field.type)]
+    # Equal texts are stored once, and equal numbers as their count. Memory is added up before it is used: from the number of
+    # rows, the widths of numbers, and the lengths of texts.
+    with pq.ParquetFile(path, page_checksum_verification=True, pre_buffer=False, read_dictionary=texts) as file:
+        size = file.metadata.num_rows * sum(_width(field.type) for field in schema)
+        if size > _MOST:
+            raise pa.ArrowInvalid(f"a table of {size >> 20} MB, expected at most {_MOST >> 20}; divide the file")
+        table = file.read(use_threads=False)
+    for name in texts:
+        size += sum(pc.sum(pc.binary_length(chunk.dictionary).take(chunk.indices)).as_py() or 0 for chunk in table[name].chunks)
+    if size > _MOST:
+        raise pa.ArrowInvalid(f"a table of {size >> 20} MB, expected at most {_MOST >> 20}; divide the file")
+    return table.cast(schema)
+
+
+def _width(kind: pa.DataType) -> int:
+    """Size of a value [bytes], of texts only that of their index."""
+    try:
+        return max(1, int(kind.bit_width) // 8)
+    except ValueError:
+        return 4
 
 
 def csv_bytes(table: pa.Table) -> bytes:
@@ -106,7 +137,7 @@ def without_formulas(table: pa.Table) -> pa.Table:
     for at, field in enumerate(table.schema):
         kind = field.type.value_type if pa.types.is_dictionary(field.type) else field.type
         if pa.types.is_string(kind):
-            plain = pa.compute.replace_substring_regex(table.column(at).cast(pa.string()), _FORMULA, r"'\1")
+            plain = pc.replace_substring_regex(table.column(at).cast(pa.string()), _FORMULA, r"'\1")
             table = table.set_column(at, pa.field(field.name, pa.string(), field.nullable), plain)
     return table
 
@@ -122,7 +153,7 @@ def _footer(file: BinaryIO) -> tuple[int, int]:
         file.seek(size - _END)
         end = file.read(_END)
         start = size - _END - int.from_bytes(end[:4], "little")
-        if end.endswith(b"PAR1") and start >= 4:
+        if end.endswith(b"PAR1") and start >= max(4, size - _MOST_FOOTER):
             return start, size
     raise pa.ArrowInvalid("not a Parquet file, or truncated")
 

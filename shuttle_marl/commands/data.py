@@ -66,23 +66,41 @@ def convert(root: Root, *, out: Path, overwrite: bool = False) -> None:
     sys.stdout.write(f"{out}: {cleaned.strokes.num_rows} strokes\n{_NOTE}\n")
 
 
-def import_own(file: File, *, columns: Path, out: Path, anonymous: bool = False, overwrite: bool = False) -> None:
+def import_own(
+    file: File,
+    *,
+    columns: Path | None = None,
+    out: Path | None = None,
+    anonymous: bool = False,
+    overwrite: bool = False,
+    json: bool = False,
+) -> None:
     """Import your own matches from a CSV file with a row per stroke, and write a Parquet file.
 
     Args:
         file: The CSV file, in UTF-8.
-        columns: Column map, a TOML file; `data template` writes an example.
-        out: Parquet file to write.
+        columns: Column map, a TOML file; `data template` writes an example. None: the headers are the names used there.
+        out: Parquet file to write; None: only read and count.
         anonymous: Replace the names of players and matches by pseudonyms.
         overwrite: Replace an existing file.
+        json: Print JSON: the numbers of rows, of kept and, by reason, of dropped ones; and warnings.
     """
-    cli.check_free(out, overwrite=overwrite)
+    if out is not None:
+        cli.check_free(out, overwrite=overwrite)
     cleaned, provenance = import_matches(file, columns)
-    write_parquet(
-        anonymised(cleaned.strokes) if anonymous else cleaned.strokes, out, account=cleaned.account, provenance=provenance
-    )
-    _show(cleaned.account)
-    sys.stdout.write(f"{printable(str(out))}: {cleaned.strokes.num_rows} strokes\n")
+    account = cleaned.account
+    if out is not None:
+        strokes = anonymised(cleaned.strokes) if anonymous else cleaned.strokes
+        write_parquet(strokes, out, account=account, provenance=provenance)
+    if json:
+        counts = {"rows": account.strokes, "kept": account.strokes_kept, "dropped": account.dropped}
+        cli.print_json({**counts, "warnings": cleaned.warnings})
+        return
+    _show(account)
+    for warning in cleaned.warnings:
+        sys.stdout.write(f"warning: {printable(warning)}\n")
+    if out is not None:
+        sys.stdout.write(f"{printable(str(out))}: {account.strokes_kept} strokes\n")
 
 
 def template(*, out: Path) -> None:
@@ -129,7 +147,7 @@ def validate(root: Root, *, splits: tuple[Split, ...] = SPLITS, columns: Path | 
             "notes": report.notes,
             "splits": {split: {"whole": whole, "files": files} for split, (whole, files) in report.splits.items()},
         }
-        cli.print_json(values, ensure_ascii=False)
+        cli.print_json(values)
     else:
         _show_report(report)
     if report.problems:
@@ -138,7 +156,7 @@ def validate(root: Root, *, splits: tuple[Split, ...] = SPLITS, columns: Path | 
 
 def _show_report(report: Report) -> None:
     for line in (*report.notes, *report.problems):
-        sys.stdout.write(f"{line}\n")
+        sys.stdout.write(f"{printable(str(line))}\n")
     for split, (whole, files) in report.splits.items():
         state = "complete" if whole == files else "incomplete"
         sys.stdout.write(f"{split}: {whole} of {files} files as published, {state}\n")
@@ -149,7 +167,7 @@ def _show_report(report: Report) -> None:
 
 
 def _show(account: Account) -> None:
-    console = Console()
+    console = cli.console()
     table = Table("", "total", "kept", "share", title=f"{account.matches} matches")
     for name, total, kept in (
         ("rallies", account.rallies, account.rallies_kept),
@@ -160,7 +178,7 @@ def _show(account: Account) -> None:
     if account.dropped:
         table = Table("rows dropped", "rows", "why", title="dropped rows")
         for reason, count in account.dropped.items():
-            table.add_row(reason, f"{count:,}", DROP_REASONS.get(reason, ""))
+            table.add_row(printable(reason), f"{count:,}", DROP_REASONS.get(reason, ""))
         console.print(table)
     if account.area_agreement is not None:
         console.print(f"areas computed from the coordinates agree with {account.area_agreement:.1%} of the labels")

@@ -64,7 +64,7 @@ def clean_matches(root: Path, names: Iterable[str] | None = None) -> Cleaned:
         matches=len(matches),
         rallies=sum(len(np.unique(game.rally)) for game in games),
         rallies_kept=strokes.group_by(["match", "game", "rally"]).aggregate([]).num_rows,
-        strokes=sum(len(game.line) for game in games),
+        strokes=sum(len(game.line) + game.empty for game in games),
         strokes_kept=strokes.num_rows,
         dropped={reason: dropped[reason] for reason in DROP_REASONS if dropped[reason]},
         area_agreement=_area_agreement(strokes),
@@ -108,7 +108,7 @@ def clean_game(raw: RawGame) -> tuple[pa.Table, dict[str, int]]:
         "landing on the striker's side": (landing_y < -REACH_OVER) & (outcome != Outcome.FAULT),
     }
     valid = np.ones(len(first), dtype=bool)
-    counts = {"repeated row": repeated}
+    counts = {"empty row": raw.empty, "repeated row": repeated}
     for name, test in tests.items():
         counts[name] = int((valid & test).sum())
         valid &= ~test

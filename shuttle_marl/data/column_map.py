@@ -3,6 +3,7 @@
 import dataclasses
 import difflib
 import tomllib
+import unicodedata
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -10,7 +11,7 @@ from typing import Any, Final
 from shuttle_marl.data.schema import DISCIPLINES
 from shuttle_marl.data.strict_csv import DataError
 from shuttle_marl.errors import command
-from shuttle_marl.files import open_file, problem
+from shuttle_marl.files import problem, read_file
 from shuttle_marl.game import court
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
 
@@ -27,10 +28,10 @@ COLUMNS: Final[dict[str, str]] = {
     "technique": "forehand, backhand or around-the-head; without it all are forehand",
     "area": f"where it was met or fell: one of {', '.join(court.AREAS)}; may be empty for faults, and where there is a landing",
     "ending": "of the last stroke of a rally: out, net, short, foul (faults), landed, misjudged (winners); empty: returned",
-    "winner": "winner of the rally, in any of its rows; required without ending",
+    "winner": "winner of the rally, one of its players, in any of its rows; required without ending",
     "points": "points of the striker in this game after the rally",
     "points_opponent": "points of the opponent in this game after the rally",
-    "seconds": "time in the video [s]",
+    "seconds": "time in the video [s]; whole seconds are kept",
     "side": "near or far: the striker's half; only for coordinates = \"court\"",
     **{
         f"{name}_{axis}": f"{text}, {axis} [m]"
@@ -61,6 +62,9 @@ WORDS: Final[dict[str, tuple[str, ...]]] = {
 }
 """Words of the columns with words."""
 _SETTINGS: Final = ("source", "discipline", "coordinates", "areas_seen_by", "delimiter", "decimal", "columns", "values")
+
+_MOST_BYTES: Final = 1 << 18
+_LONGEST_LINE: Final = 2000
 
 TEMPLATE_CSV: Final = """\
 match,game,rally,stroke,player,shot,height,technique,area,ending,points,points_opponent
@@ -131,14 +135,28 @@ class ColumnMap:
             DataError: it cannot be read, or has an invalid setting.
         """
         try:
-            with open_file(path) as file:
-                fields = tomllib.loads(file.read().decode())
+            text = read_file(path, _MOST_BYTES).decode("utf-8-sig")
+            if any(len(line) > _LONGEST_LINE for line in text.splitlines()):  # time and memory of a dotted key are quadratic
+                raise ValueError(f"a line of more than {_LONGEST_LINE:,} characters")
+            fields = tomllib.loads(text)
         except (OSError, ValueError, RecursionError) as error:
             raise DataError(path, f"no readable TOML ({problem(error)})") from error
         try:
             return cls._checked(fields)
         except (TypeError, ValueError, AttributeError) as error:
             raise DataError(path, f"{error}; `{command('data', 'template')}` writes an example") from error
+
+    @classmethod
+    def of_header(cls, path: Path, header: Sequence[str]) -> "ColumnMap":
+        """The map of a file whose headers are names of :data:`COLUMNS`.
+
+        Raises:
+            DataError: a required column is missing.
+        """
+        try:
+            return cls._checked({"columns": {name: name for name in header if name in COLUMNS}})
+        except ValueError as error:
+            raise DataError(path, f"{error}, or map your headers with --columns") from error
 
     @classmethod
     def _checked(cls, fields: dict[str, Any]) -> "ColumnMap":
@@ -148,6 +166,8 @@ class ColumnMap:
         _known(values, (*WORDS, "player"), "column with words")
         if missing := [name for name in REQUIRED if name not in columns]:
             raise ValueError(f"[columns] lacks {', '.join(missing)}")
+        if len({"points", "points_opponent"} & set(columns)) == 1:
+            raise ValueError("[columns] needs points and points_opponent, or neither")
         if not {"ending", "winner"} & set(columns):
             raise ValueError("[columns] needs ending or winner")
         if "area" not in columns and not {"landing_x", "landing_y"} <= set(columns):
@@ -155,6 +175,8 @@ class ColumnMap:
         for name, column in columns.items():
             if not isinstance(column, str):
                 raise ValueError(f"[columns] {name} = {column!r}; expected the name of a column, in quotes")
+            if others := [other for other in columns if other != name and columns[other] == column]:
+                raise ValueError(f"[columns] {name} and {others[0]} are both {column!r}; map a column once")
         for name, words in values.items():
             for word, meant in words.items():
                 if name == "player":
@@ -162,7 +184,11 @@ class ColumnMap:
                         raise ValueError(f"[values.player] {word!r} = {meant!r}; expected a name")
                 elif meant not in WORDS[name]:
                     raise ValueError(f"[values.{name}] {word!r} = {meant!r}; expected one of {', '.join(WORDS[name])}")
-        lower = {name: {word.strip().casefold(): meant for word, meant in words.items()} for name, words in values.items()}
+        lower: dict[str, dict[str, str]] = {name: {} for name in values}
+        for name, words in values.items():
+            for word, meant in words.items():
+                if lower[name].setdefault(plain(word), meant) != meant:
+                    raise ValueError(f"[values.{name}] {word!r} stands there twice, with different meanings")
         found = cls(**{**fields, "source": fields.get("source", "own matches"), "columns": columns, "values": lower})
         for name, value, allowed in (
             ("discipline", found.discipline, ("", *DISCIPLINES)),
@@ -179,6 +205,16 @@ class ColumnMap:
         if found.coordinates == "court" and "side" not in columns:
             raise ValueError('coordinates = "court" needs the column side')
         return found
+
+
+def nfc(text: str) -> str:
+    """Text in Unicode normal form C: letters with marks are one character each, as far as possible."""
+    return unicodedata.normalize("NFC", text)
+
+
+def plain(word: str) -> str:
+    """A word as it is compared: without capitals and spaces around it."""
+    return nfc(word).strip().casefold()
 
 
 def _known(fields: Any, allowed: Mapping[str, Any] | Sequence[str], what: str) -> None:

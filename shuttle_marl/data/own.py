@@ -1,9 +1,11 @@
 """Import of a user's matches from a CSV file with a row per stroke, by a :class:`~shuttle_marl.data.column_map.ColumnMap`.
 
-Nothing is repaired: every invalid value and every broken rule of the schema is reported with its line.
+Nothing is repaired: every invalid value and every broken rule of the schema is reported with its line. Columns that repeat each
+other are compared; where they may differ, or values are improbable, that is a warning.
 """
 
 import difflib
+import functools
 import hashlib
 from pathlib import Path
 from typing import Any, Final
@@ -14,9 +16,20 @@ import pyarrow as pa
 
 from shuttle_marl import __version__
 from shuttle_marl.arrays import F64, I64, Bools
-from shuttle_marl.data.column_map import FAULTS, PLAYERS, WINNERS, WORDS, ColumnMap
-from shuttle_marl.data.schema import DISCIPLINES, RANGES, REASONS, STROKES, Account, Cleaned, Outcome, violations
-from shuttle_marl.data.strict_csv import DataError, StrictCsv
+from shuttle_marl.data.cleaning import FIXED_HEIGHT
+from shuttle_marl.data.column_map import FAULTS, PLAYERS, WINNERS, WORDS, ColumnMap, nfc, plain
+from shuttle_marl.data.schema import (
+    DISCIPLINES,
+    RANGES,
+    REACH_OVER,
+    REASONS,
+    STROKES,
+    Account,
+    Cleaned,
+    Outcome,
+    violations,
+)
+from shuttle_marl.data.strict_csv import DataError, Problem, StrictCsv, grouped, shown
 from shuttle_marl.data.upstream import discipline as discipline_of
 from shuttle_marl.data.upstream import player_id
 from shuttle_marl.game import court
@@ -26,12 +39,26 @@ POINTS: Final = ("landing", "contact", "striker", "receiver")
 _ABOVE: Final = ("clear", "drop", "smash", "half-smash", "net-kill")
 
 
-def import_matches(path: Path, columns: Path) -> tuple[Cleaned, dict[str, Any]]:
+_APART: Final = 0.5
+"""Largest distance of a contact point from the landing of the stroke before, which is the same point [m]."""
+_REACH: Final = 4.0
+"""Largest distance of a player from a contact point [m]; 3.5 in 999 of 1,000 published strokes."""
+_SHALLOW: Final = 3.0
+"""Points all within this distance of the middle of the net are improbable [m]."""
+_TINY: Final = 1.05
+"""Points all within this distance of the middle of the net are no metres [m], but fractions of a court."""
+_FEW: Final = 10
+"""Fewer points tell nothing for certain."""
+_TEMPO: Final = (0.3, 5.0)
+"""Probable median time between two strokes [s]; 0.9 in published matches."""
+
+
+def import_matches(path: Path, columns: Path | None = None) -> tuple[Cleaned, dict[str, Any]]:
     """Import matches.
 
     Args:
         path: CSV file in UTF-8 with a row per stroke.
-        columns: column map, a TOML file.
+        columns: column map, a TOML file; None: the headers are the names of the columns of a map.
 
     Returns:
         The strokes with their account, and their provenance.
@@ -39,18 +66,23 @@ def import_matches(path: Path, columns: Path) -> tuple[Cleaned, dict[str, Any]]:
     Raises:
         DataError: an unreadable file, invalid values, or broken rules.
     """
-    mapped = ColumnMap.read(columns)
+    mapped = ColumnMap.of_header(path, StrictCsv(path, ()).header) if columns is None else ColumnMap.read(columns)
     sheet = StrictCsv(path, list(mapped.columns.values()), delimiter=mapped.delimiter, decimal=mapped.decimal)
-    strokes, dropped = _Import(sheet, mapped).table()
+    if unread := [repr(name) for name in sheet.header if name and name not in map(nfc, mapped.columns.values())]:
+        sheet.warnings.append(Problem(path, f"columns that the map does not name are not read: {', '.join(unread)}"))
+    own = _Import(sheet, mapped)
+    strokes = own.table()
     if sheet.problems:
-        raise DataError.of(sorted(sheet.problems, key=lambda found: found.line or 0), advice=("--columns", str(columns)))
+        advice = () if columns is None else ("--columns", str(columns))
+        raise DataError.of(sorted(sheet.problems, key=lambda found: found.line or 0), advice=advice)
+    dropped = {"empty row": sheet.empty, "unknown shot type": len(sheet) - strokes.num_rows}
     account = Account(
         matches=len(strokes["match"].unique()),
-        rallies=strokes.group_by(["match", "game", "rally"]).aggregate([]).num_rows,
+        rallies=own.rallies,
         rallies_kept=strokes.group_by(["match", "game", "rally"]).aggregate([]).num_rows,
-        strokes=strokes.num_rows + dropped,
+        strokes=len(sheet) + sheet.empty,
         strokes_kept=strokes.num_rows,
-        dropped={"unknown shot type": dropped} if dropped else {},
+        dropped={reason: count for reason, count in dropped.items() if count},
         area_agreement=None,
     )
     provenance = {
@@ -59,7 +91,8 @@ def import_matches(path: Path, columns: Path) -> tuple[Cleaned, dict[str, Any]]:
         "sha256": hashlib.sha256(sheet.content).hexdigest(),
         "imported_by": f"shuttle_marl {__version__}",
     }
-    return Cleaned(strokes=strokes, account=account, files=(path,)), provenance
+    warnings = tuple(str(found) for found in grouped(sorted(sheet.warnings, key=lambda found: found.line or 0)))
+    return Cleaned(strokes=strokes, account=account, files=(path,), warnings=warnings), provenance
 
 
 class _Import:
@@ -73,20 +106,23 @@ class _Import:
         key = np.stack([np.unique(self._match, return_inverse=True)[1], self._game, self._rally])
         self._first = np.r_[True, (key[:, 1:] != key[:, :-1]).any(axis=0)]
         self._group = np.cumsum(self._first) - 1
+        self.rallies = int(self._first.sum())
+        self._beside = np.r_[False, (key[:2, 1:] == key[:2, :-1]).all(axis=0)]  # in the game of the row before
+        self._names: dict[str, str] = {}
         columns = [sheet.text(column) for column in mapped.columns.values()]
         for row in range(1, self._n):
             if all(column[row] == column[row - 1] for column in columns):
                 sheet.mark(row, "duplicate of the row before")
 
-    def table(self) -> tuple[pa.Table, int]:
-        """The strokes of the rallies without unreadable rows, and the number of dropped rows."""
+    def table(self) -> pa.Table:
+        """The strokes of known types of the rallies without unreadable rows."""
         sheet = self._sheet
         shot = self._code("shot", -1)
         serve = (shot >= 0) & (shot < N_SERVES)
         player, opponent = self._players()
         points = self._points()
         area = self._areas(points["landing"])
-        outcome, reason = self._outcomes(player)
+        outcome, reason = self._outcomes(player, opponent)
         discipline = self._disciplines(player, opponent)
         start = np.flatnonzero(self._first)[self._group]
         height = self._code("height", -1, without=np.isin(shot, [SHOTS.index(name) for name in _ABOVE]).astype(np.int64))
@@ -102,7 +138,7 @@ class _Import:
             "player": player,
             "opponent": opponent,
             "shot": shot,
-            "height": np.where(serve, 0, height),
+            "height": np.where(serve, 0, height) if "height" not in self._map.columns else height,
             "technique": self._code("technique", -1, without=np.zeros(self._n, np.int64)),
             "hurried": pa.nulls(self._n, pa.bool_()),
             "area": _nullable(area, area < 0),
@@ -120,6 +156,14 @@ class _Import:
             "points_opponent": self._optional("points_opponent", "points_opponent"),
             "label_area": pa.nulls(self._n, pa.int8()),
         }
+        if "stroke" in self._map.columns:
+            missing = stroke != np.where(self._first, 1, np.r_[0, stroke[:-1]] + 1)
+            sheet.warn(np.flatnonzero(missing), "strokes of the rally are missing before this one")
+        self._compare_numbers(player, opponent, outcome, columns["points"], columns["points_opponent"])
+        self._compare_points(points, outcome, reason)
+        for name, usual in FIXED_HEIGHT.items():
+            where = ("below", "above")[1 - usual]
+            sheet.warn(np.flatnonzero((shot == SHOTS.index(name)) & (height == 1 - usual)), f"a {name} struck {where} the net")
         # An unreadable row would cause false problems of the other rows of its rally.
         readable = ~np.isin(self._group, np.unique(self._group[sheet.unreadable]))
         known = np.flatnonzero((shot < len(SHOTS)) & readable)
@@ -130,15 +174,17 @@ class _Import:
         for violation in violations(strokes):
             for row in violation.rows:
                 sheet.add(int(sheet.line[known[row]]), f"expected: {violation.rule}")
-        return strokes, self._n - len(known)
+        return strokes
 
     def _text(self, name: str) -> tuple[str, ...]:
         column = self._map.columns[name]
         spellings = self._map.values.get("player", {}) if name in PLAYERS else {}
-        values = tuple(spellings.get(value.strip().casefold(), value.strip()) for value in self._sheet.text(column))
+        values = tuple(nfc(spellings.get(plain(value), value.strip())) for value in self._sheet.text(column))
         for row, value in enumerate(values):
             if not value or not value.isprintable():
-                self._sheet.mark(row, f"{column} {value!r}; expected a name")
+                self._sheet.mark(row, f"{column} {shown(value)}; expected a name")
+            elif name in PLAYERS and not any(map(str.isalnum, value)):
+                self._sheet.mark(row, f"{column} {shown(value)}; expected a name with letters or digits")
         return values
 
     def _number(self, name: str, without: int) -> I64:
@@ -152,11 +198,12 @@ class _Import:
         kind = STROKES.field(field).type
         if name not in self._map.columns:
             return pa.nulls(self._n, kind)
-        values = np.floor(self._sheet.numbers(self._map.columns[name]))
+        values = self._sheet.numbers(self._map.columns[name])
         low, high = RANGES[field]
-        for row in np.flatnonzero((values < low) | (values > high)):
-            self._sheet.mark(row, f"{self._map.columns[name]} {values[row]:g}; expected {low} to {high}")
-        fine = (values >= low) & (values <= high)
+        # Times may have fractions, which the table does not keep.
+        fine = (values >= low) & (values <= high) & ((name == "seconds") | (values == np.floor(values)))
+        for row in np.flatnonzero(~fine & ~np.isnan(values)):
+            self._sheet.mark(row, f"{self._map.columns[name]} {values[row]:g}; expected a whole number from {low} to {high}")
         return _nullable(np.where(fine, np.nan_to_num(values), 0).astype(np.int64), ~fine)
 
     def _code(self, name: str, missing: int, *, without: I64 | None = None) -> I64:
@@ -168,18 +215,22 @@ class _Import:
         own = self._map.values.get(name, {})
         codes: dict[str, int] = {}
         for text in set(self._sheet.text(column)):
-            plain = text.strip().casefold()
-            meant = own.get(plain, plain.replace(" ", "-").replace("_", "-"))
+            word = plain(text)
+            meant = own.get(word, word.replace(" ", "-").replace("_", "-"))
             lower = [word.casefold() for word in words]
             if meant.casefold() in lower:
                 codes[text] = lower.index(meant.casefold())
-            elif not plain and name in ("area", "ending"):
+            elif not word and name in ("area", "ending"):
                 codes[text] = missing
+
+        @functools.cache
+        def hint(text: str) -> str:
+            close = difflib.get_close_matches(plain(text[:50]), [*own, *words], n=1)
+            return f"; did you mean {close[0]}?" if close else f"; map it in [values.{name}] to one of {', '.join(words)}"
+
         for row, text in enumerate(self._sheet.text(column)):
             if text not in codes:
-                close = difflib.get_close_matches(text.strip().casefold(), [*own, *words], n=1)
-                hint = f"; did you mean {close[0]}?" if close else f"; map it in [values.{name}] to one of {', '.join(words)}"
-                self._sheet.mark(row, f"unknown {column} {text!r}{hint}")
+                self._sheet.mark(row, f"unknown {column} {shown(text)}{hint(text)}")
         return np.array([codes.get(text, missing) for text in self._sheet.text(column)], dtype=np.int64)
 
     def _players(self) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
@@ -204,7 +255,15 @@ class _Import:
         return player, opponent
 
     def _identifiers(self, name: str) -> npt.NDArray[Any]:
-        return np.array([player_id(value) for value in self._text(name)], dtype=object)
+        names = self._text(name)
+        for row, value in enumerate(names):
+            if (other := self._names.setdefault(player_id(value), value)) != value:
+                self._sheet.mark(
+                    row,
+                    f"{shown(value)} and {shown(other)} would be one player, {player_id(value)}; write one name, or map one in "
+                    "[values.player]",
+                )
+        return np.array([player_id(value) for value in names], dtype=object)
 
     def _points(self) -> dict[str, F64]:
         """``[n, 2]`` points in the striker's frame, NaN missing."""
@@ -216,6 +275,12 @@ class _Import:
             columns = [self._map.columns.get(f"{name}_{axis}") for axis in "xy"]
             values = [np.full(self._n, np.nan) if column is None else self._sheet.numbers(column) for column in columns]
             points[name] = np.stack(values, axis=1) * sign[:, None]
+            furthest = np.nanmax(np.abs(points[name]), axis=1, initial=0)[~np.isnan(points[name]).all(axis=1)]
+            limit = _SHALLOW if len(furthest) > _FEW / 2 else _TINY
+            if len(furthest) > 2 and furthest.max() <= limit:
+                text = f"all {len(furthest)} {name} points lie within {limit:g} m of the middle of the net: are these metres?"
+                certain = len(furthest) >= _FEW and furthest.max() <= _TINY
+                (self._sheet.problems if certain else self._sheet.warnings).append(Problem(self._sheet.path, text))
         return points
 
     def _areas(self, landing: F64) -> I64:
@@ -226,9 +291,11 @@ class _Import:
         named = self._code("area", -1)
         if self._map.areas_seen_by == "striker":
             named = np.where(named < 0, -1, named + 2 - 2 * (named % 3))
+        differ = np.flatnonzero((computed >= 0) & (named >= 0) & (computed != named))
+        self._sheet.warn(differ, f"{self._map.columns['area']} is not the area of the landing point, which is used")
         return np.where(computed >= 0, computed, named)
 
-    def _outcomes(self, player: npt.NDArray[Any]) -> tuple[I64, I64]:
+    def _outcomes(self, player: npt.NDArray[Any], opponent: npt.NDArray[Any]) -> tuple[I64, I64]:
         """Outcome and reason of each stroke, from the endings and winners of rallies."""
         last = np.r_[self._first[1:], True]
         words = WORDS["ending"]
@@ -236,7 +303,7 @@ class _Import:
         ending = self._code("ending", 0, without=np.zeros(self._n, np.int64))
         for row in np.flatnonzero(~last & (ending > 0)):
             self._sheet.mark(row, f"ending {words[ending[row]]!r} of a stroke that is not the last of its rally")
-        won = self._won(player)
+        won = self._won(player, opponent)
         faults, winners = ([words.index(word) for word in group] for group in (FAULTS, WINNERS))
         fault, winner = np.isin(ending, faults), np.isin(ending, winners)
         for row in np.flatnonzero(last & ((fault & (won == 1)) | (winner & (won == 0)))):
@@ -245,38 +312,113 @@ class _Import:
         outcome = np.where(fault, Outcome.FAULT, np.where(winner, Outcome.WINNER, Outcome.RETURNED))
         by_winner = np.select([won == 1, won == 0], [Outcome.WINNER, Outcome.FAULT], Outcome.UNKNOWN)
         outcome = np.where(undecided, by_winner, outcome)
-        for row in np.flatnonzero(undecided & (won < 0) & (ending != unknown) & ~self._sheet.unreadable):
+        if "ending" in self._map.columns:
+            unsaid = np.flatnonzero(undecided & (won >= 0) & (ending != unknown))
+            self._sheet.warn(unsaid, "the last stroke of its rally has no ending, only a winner")
+        readable = ~np.isin(self._group, self._group[self._sheet.unreadable])
+        for row in np.flatnonzero(undecided & (won < 0) & (ending != unknown) & readable):
             self._sheet.mark(
                 row, "the last stroke of its rally has neither an ending nor a winner; use unknown if neither is known"
             )
         reason = np.array([REASONS.index(word) for word in words])[ending]
         return outcome.astype(np.int64), np.where(undecided, REASONS.index("unknown"), reason)
 
-    def _won(self, player: npt.NDArray[Any]) -> I64:
+    def _won(self, player: npt.NDArray[Any], opponent: npt.NDArray[Any]) -> I64:
         """``[n]`` 1 if the striker won the rally, 0 if not, -1 unknown."""
         if "winner" not in self._map.columns:
             return np.full(self._n, -1)
         winner_of: dict[int, str] = {}
         spellings = self._map.values.get("player", {})
         for row, text in enumerate(self._sheet.text(self._map.columns["winner"])):
-            name = spellings.get(text.strip().casefold(), text)
-            if name.strip() and winner_of.setdefault(int(self._group[row]), player_id(name)) != player_id(name):
-                self._sheet.mark(row, f"{name.strip()!r} contradicts another winner of this rally")
+            name = spellings.get(plain(text), text).strip()
+            both = (player[row], opponent[row])
+            if not name or both[0] == both[1]:  # reported already
+                continue
+            if player_id(name) not in both:
+                self._sheet.mark(row, f"winner {shown(name)}; expected one of the players, {' or '.join(both)}")
+            elif winner_of.setdefault(int(self._group[row]), player_id(name)) != player_id(name):
+                self._sheet.mark(row, f"{shown(name)} contradicts another winner of this rally")
         winners = [winner_of.get(int(group)) for group in self._group]
         return np.array([-1 if name is None else int(name == striker) for name, striker in zip(winners, player, strict=True)])
 
+    def _compare_numbers(
+        self, player: npt.NDArray[Any], opponent: npt.NDArray[Any], outcome: I64, points: pa.Array, points_opponent: pa.Array
+    ) -> None:
+        """Compare numbers of rallies, sides, times and scores with the rows before them."""
+        sheet = self._sheet
+        fresh = ~self._beside
+        gap = self._rally - np.where(fresh, 0, np.r_[0, self._rally[:-1]])
+        sheet.warn(np.flatnonzero(self._first & (gap > 1)), "rallies of the game are missing before this one")
+        if "side" in self._map.columns:
+            end = (self._code("side", 0) == 1) ^ (player < opponent)
+            moved = ~fresh & np.r_[False, end[1:] != end[:-1]]
+            for row in np.flatnonzero(moved & ~self._first):
+                sheet.mark(row, "the players are not on the sides of the stroke before")
+            sheet.warn(np.flatnonzero(moved & self._first & (self._game < 3)), "the players change sides during the game")
+        if "seconds" in self._map.columns:
+            passed = np.diff(sheet.numbers(self._map.columns["seconds"]), prepend=np.nan)
+            sheet.warn(np.flatnonzero(~fresh & self._first & (passed < 0)), "the time is before that of the rally before")
+            inside = passed[~self._first & ~np.isnan(passed)]
+            if len(inside) and not _TEMPO[0] <= np.median(inside) <= _TEMPO[1]:
+                text = f"half of the strokes follow the one before after {np.median(inside):g} s or less: are these seconds?"
+                sheet.warnings.append(Problem(sheet.path, text))
+        number, score = 0, dict[str, int]()
+        for row in np.flatnonzero(np.r_[self._first[1:], True]):
+            if self._group[row] and not self._beside[np.searchsorted(self._group, self._group[row])]:
+                number, score = 0, {}
+            both, after = (player[row], opponent[row]), (points[row].as_py(), points_opponent[row].as_py())
+            if None in after:
+                continue
+            rallies, before = int(self._rally[row]) - number, tuple(score.get(who, 0) for who in both)
+            gained = (after[0] - before[0], after[1] - before[1])
+            winner = {Outcome.WINNER: gained[0], Outcome.FAULT: gained[1]}.get(Outcome(outcome[row]), 1)
+            text = f"score {after[0]}:{after[1]} after {before[0]}:{before[1]}, {rallies} rallies before"
+            if min(gained) < 0 or sum(gained) > rallies or winner < 1:
+                sheet.mark(row, f"{text}: it does not follow from who won; games need the column game")
+            elif sum(gained) < rallies:
+                sheet.warn([row], f"{text}: fewer points than rallies")
+            number, score = int(self._rally[row]), dict(zip(both, after, strict=True))
+
+    def _compare_points(self, points: dict[str, F64], outcome: I64, reason: I64) -> None:
+        """Compare points with each other, and landings with the endings."""
+        warn = self._sheet.warn
+        landing, contact = points["landing"], points["contact"]
+        met = np.r_[[[np.nan] * 2], -landing[:-1]]  # seen by the player who met the shuttle there
+        met[self._first] = np.nan
+        for other, limit, text in ((met, _APART, "where the stroke before was met"), (points["striker"], _REACH, "the striker")):
+            far = np.hypot(*(contact - other).T) > limit
+            warn(np.flatnonzero(far), f"the contact point is more than {limit:g} m from {text}")
+        inside, over = court.in_court(*landing.astype(np.float32).T), landing[:, 1] > REACH_OVER
+        known = ~np.isnan(landing[:, 1])
+        out, short = reason == REASONS.index("out"), np.isin(reason, [REASONS.index("net"), REASONS.index("short")])
+        for wrong, text in (
+            (out & inside, "out, and the landing point lies in court"),
+            (short & over, "net or short, and the landing point lies beyond the net"),
+            ((outcome == Outcome.WINNER) & ~inside, "a winner, and the landing point lies outside the court"),
+        ):
+            warn(np.flatnonzero(known & wrong), text)
+        returned = known & (outcome == Outcome.RETURNED)
+        if returned.sum() > 2 and (returned & ~inside).sum() > returned.sum() / 3:
+            text = "a third of the returned strokes were met outside the court: are x and y metres from the middle of the net?"
+            self._sheet.warnings.append(Problem(self._sheet.path, text))
+
     def _disciplines(self, player: npt.NDArray[Any], opponent: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        known = [{discipline_of(a), discipline_of(b)} - {None} for a, b in zip(player, opponent, strict=True)]
         if "discipline" in self._map.columns:
-            return np.array(DISCIPLINES)[np.maximum(self._code("discipline", -1), 0)]
-        if self._map.discipline:
-            return np.full(self._n, self._map.discipline)
-        known = [discipline_of(a) or discipline_of(b) for a, b in zip(player, opponent, strict=True)]
-        if None in known:
-            self._sheet.mark(
-                known.index(None),
-                f'unknown discipline; set discipline = "{DISCIPLINES[0]}" or "{DISCIPLINES[1]}" in the map, or map a column',
-            )
-        return np.array([kind or DISCIPLINES[0] for kind in known])
+            given = np.array(DISCIPLINES)[np.maximum(self._code("discipline", -1), 0)]
+        elif self._map.discipline:
+            given = np.full(self._n, self._map.discipline)
+        else:
+            for row in [row for row, kinds in enumerate(known) if len(kinds) != 1][:1]:
+                self._sheet.mark(
+                    row,
+                    "unknown discipline, or players of different ones; "
+                    f'set discipline = "{DISCIPLINES[0]}" or "{DISCIPLINES[1]}" in the map, or map a column',
+                )
+            return np.array([min((kind for kind in kinds if kind), default=DISCIPLINES[0]) for kinds in known])
+        others = [row for row, kinds in enumerate(known) if kinds - {given[row]}]
+        self._sheet.warn(others, "a player of the published matches, who plays another discipline there")
+        return given
 
 
 def _nullable(values: npt.NDArray[Any], missing: Bools) -> pa.Array:

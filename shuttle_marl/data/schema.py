@@ -10,12 +10,14 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final
 
+import msgspec
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.compute as pc
 
 from shuttle_marl.arrays import I64, Bools, Ints
+from shuttle_marl.files import Count, Fraction
 from shuttle_marl.game import court, rules
 from shuttle_marl.game.stroke import HEIGHTS, N_SERVES, SHOTS, TECHNIQUES
 
@@ -125,6 +127,7 @@ def outcome_of(played: Ints) -> I64:
 
 
 DROP_REASONS: Final = {
+    "empty row": "No value at all.",
     "repeated row": "The same stroke of the same player stands there twice.",
     "unreadable value": "A value that cannot be what it should be, in a published file.",
     "broken homography": "More than a fifth of the rows of the game put both players in one half.",
@@ -155,13 +158,13 @@ class Account:
             coordinates; None without labels.
     """
 
-    matches: int
-    rallies: int
-    rallies_kept: int
-    strokes: int
-    strokes_kept: int
-    dropped: dict[str, int]
-    area_agreement: float | None
+    matches: Count
+    rallies: Count
+    rallies_kept: Count
+    strokes: Count
+    strokes_kept: Count
+    dropped: dict[str, Count]
+    area_agreement: Fraction | None
 
     def as_json(self) -> dict[str, Any]:
         """The account as plain values."""
@@ -178,17 +181,18 @@ class Account:
         """Inverse of :meth:`as_json`.
 
         Raises:
-            KeyError, TypeError: invalid values.
+            KeyError, TypeError, ValueError: invalid values.
         """
-        return cls(
-            matches=values["matches"],
-            rallies=values["rallies"]["total"],
-            rallies_kept=values["rallies"]["kept"],
-            strokes=values["strokes"]["total"],
-            strokes_kept=values["strokes"]["kept"],
-            dropped=dict(values["dropped"]),
-            area_agreement=values["area_agreement"],
-        )
+        fields = {
+            "matches": values["matches"],
+            "rallies": values["rallies"]["total"],
+            "rallies_kept": values["rallies"]["kept"],
+            "strokes": values["strokes"]["total"],
+            "strokes_kept": values["strokes"]["kept"],
+            "dropped": values["dropped"],
+            "area_agreement": values["area_agreement"],
+        }
+        return msgspec.convert(fields, cls)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -199,11 +203,13 @@ class Cleaned:
         strokes: table of schema :data:`shuttle_marl.data.schema.STROKES`, in playing order.
         account: counts of read and dropped rows.
         files: the files of the games, in order.
+        warnings: what is strange and not wrong, with file and line.
     """
 
     strokes: pa.Table
     account: Account
     files: tuple[Path, ...]
+    warnings: tuple[str, ...] = ()
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

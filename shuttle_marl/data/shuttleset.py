@@ -132,6 +132,7 @@ class RawGame:
         game: number of the game, from 1.
         path: the file.
         broken_homography: whether the points are invalid (:data:`BAD_HOMOGRAPHY`).
+        empty: number of further rows, without any value.
         line: ``[n]`` line in the file of each row.
         unreadable: ``[n]`` rows with an invalid value, which was replaced by a missing one.
         rally, stroke: ``[n]`` numbers of the annotators, from 1; 0 missing.
@@ -152,6 +153,7 @@ class RawGame:
     game: int
     path: Path
     broken_homography: bool
+    empty: int
     line: I64
     unreadable: Bools
     rally: I64
@@ -279,6 +281,7 @@ def read_game(match: ListedMatch, path: Path, problems: list[Problem] | None = N
         game=int(path.stem.removeprefix("set")),
         path=path,
         broken_homography=broken,
+        empty=sheet.empty,
         line=sheet.line,
         rally=sheet.integers("rally", 1, _MAX_NUMBER, missing=0),
         stroke=sheet.integers("ball_round", 1, _MAX_NUMBER, missing=0),

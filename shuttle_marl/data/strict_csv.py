@@ -5,7 +5,8 @@ import dataclasses
 import functools
 import io
 import re
-from collections.abc import Mapping, Sequence
+import unicodedata
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -13,7 +14,7 @@ import numpy as np
 
 from shuttle_marl.arrays import F64, I8, I64
 from shuttle_marl.errors import ShuttleError, command
-from shuttle_marl.files import open_file, problem
+from shuttle_marl.files import problem, read_file
 
 
 @dataclasses.dataclass(frozen=True)
@@ -70,12 +71,19 @@ def grouped(problems: Sequence[Problem]) -> list[Problem]:
     ]
 
 
+_MOST_BYTES: Final = 1 << 25
+_MOST_ROWS: Final = 500_000
+_MOST_PROBLEMS: Final = 10_000
+_LONGEST: Final = 100
+"""Characters of a value that a message shows."""
+_SEPARATOR: Final = re.compile(r'"?sep=(.)"?[\r\n]+')
+"""First line with which spreadsheets state the delimiter."""
 _CLOCK: Final = re.compile(r"(\d{1,4}):([0-5]\d):([0-5]\d)", re.ASCII)
 _NUMBER: Final = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
 
 class StrictCsv:
-    """The n rows of a CSV file in UTF-8 with a header.
+    """The n rows of a CSV file in UTF-8 with a header; text is in Unicode normal form C.
 
     An invalid value becomes a missing one, its row is marked, and the problem is recorded. The caller decides whether problems
     are fatal.
@@ -84,7 +92,10 @@ class StrictCsv:
         path: the file.
         content: its bytes.
         line: ``[n]`` (last) line of each row in the file, from 1.
+        header: names of all columns.
+        empty: number of further rows, without any value.
         problems: problems so far.
+        warnings: what is strange and not wrong.
         unreadable: ``[n]`` rows with an invalid value.
     """
 
@@ -98,38 +109,58 @@ class StrictCsv:
             decimal: decimal mark.
 
         Raises:
-            DataError: the file cannot be opened or decoded, a required column is missing, or there are no rows.
+            DataError: the file cannot be opened or decoded, or is too large; a required column is missing or there twice; there
+                are no rows.
         """
         self.path = path
         self._decimal = decimal
         try:
-            with open_file(path) as file:
-                self.content = file.read()
+            self.content = read_file(path, _MOST_BYTES)
         except (OSError, ValueError) as error:
             raise DataError(path, f"cannot be read ({problem(error)})") from error
-        reader = csv.reader(io.StringIO(_decode(path, self.content), newline=""), delimiter=delimiter)
-        header = next(reader, [])
+        text = io.StringIO(unicodedata.normalize("NFC", _decode(path, self.content)), newline="")
+        if stated := _SEPARATOR.match(text.getvalue()):
+            text.readline()
+            if stated[1] != delimiter:
+                raise DataError(path, f"the delimiter is {stated[1]!r} here, and {delimiter!r} in the map of its columns", line=1)
+        above = int(stated is not None)
+        reader = csv.reader(text, delimiter=delimiter, strict=True)
+        try:
+            header = next(reader, [])
+        except csv.Error as error:
+            raise DataError(path, str(error), line=1 + above) from error
         if not header:
             raise DataError(path, "the file is empty")
+        required = [unicodedata.normalize("NFC", column) for column in required]
+        if twice := sorted({column for column in required if header.count(column) > 1}):
+            raise DataError(path, f"several columns {', '.join(twice)}; rename or remove all but one", line=1 + above)
         missing = [column for column in required if column not in header]
         if missing:
-            raise DataError(path, f"missing column {', '.join(missing)}; the header is {','.join(header)!r}", line=1)
+            raise DataError(path, f"missing column {', '.join(missing)}; the header is {shown(','.join(header))}", line=1 + above)
+        self.header = tuple(header)
         self.problems: list[Problem] = []
+        self._seen: set[Problem] = set()
+        self.warnings: list[Problem] = []
+        self.empty = 0
         rows, lines = [], []
         try:
             for row in reader:
+                line = reader.line_num + above
                 if not any(cell.strip() for cell in row):
-                    continue
-                if len(row) == len(header):
-                    rows.append(row)
-                    lines.append(reader.line_num)
-                else:
+                    self.empty += bool(row)
+                elif len(row) != len(header):
                     self.add(
-                        reader.line_num,
-                        f"{len(row)} fields instead of {len(header)}, ending in {row[-1]!r}: is the file truncated?",
+                        line, f"{len(row)} fields instead of {len(header)}, ending in {shown(row[-1])}: is the file truncated?"
                     )
+                elif any("\n" in cell and cell.count(delimiter) >= len(header) - 1 for cell in row):
+                    self.add(line, "a value contains lines that look like rows: is a quotation mark missing?")
+                else:
+                    rows.append(row)
+                    lines.append(line)
+                if len(rows) + self.empty > _MOST_ROWS:
+                    raise DataError(path, f"more than {_MOST_ROWS:,} rows; divide the file")
         except csv.Error as error:
-            raise DataError(path, str(error), line=reader.line_num) from error
+            raise DataError(path, f"{error}: is a quotation mark missing?", line=reader.line_num + above) from error
         if not rows:
             raise DataError.of(self.problems) if self.problems else DataError(path, "no rows below the header")
         self.line = np.array(lines)
@@ -144,26 +175,40 @@ class StrictCsv:
         return len(self.line)
 
     def add(self, line: int, message: str) -> None:
-        """Record a problem of a line."""
-        self.problems.append(Problem(self.path, message, line))
+        """Record a problem of a line, once.
+
+        Raises:
+            DataError: there are too many to continue.
+        """
+        found = Problem(self.path, message, line)
+        if found in self._seen:
+            return
+        self._seen.add(found)
+        self.problems.append(found)
+        if len(self.problems) == _MOST_PROBLEMS:
+            raise DataError.of([*self.problems, Problem(self.path, "too many problems; the rest is not listed")])
 
     def mark(self, row: int | np.integer, message: str) -> None:
         """Record a problem of a row."""
         self.add(int(self.line[row]), message)
         self.unreadable[row] = True
 
+    def warn(self, rows: Iterable[int | np.integer], message: str) -> None:
+        """Record what is strange about rows; nothing without rows."""
+        self.warnings.extend(Problem(self.path, message, int(self.line[row])) for row in rows)
+
     def text(self, column: str) -> tuple[str, ...]:
         """``[n]`` values as text."""
-        return self._columns[column]
+        return self._columns[unicodedata.normalize("NFC", column)]
 
     def numbers(self, column: str) -> F64:
         """``[n]`` numbers, NaN for empty values and, with a problem, for values that are not finite numbers."""
-        text = self._columns[column]
+        text = self.text(column)
         plain = text if self._decimal == "." else tuple(t.replace(self._decimal, ".") for t in text)
         values = np.array([_float(t) for t in plain]) if any(text) else np.full(len(text), np.nan)
         for row in np.flatnonzero(~np.isfinite(values)):
             if text[row]:
-                self.mark(row, f"{column} {text[row]!r} is not a number")
+                self.mark(row, f"{column} {shown(text[row])} is not a number")
                 values[row] = np.nan
         return values
 
@@ -171,10 +216,10 @@ class StrictCsv:
         """``[n]`` integers from low to high; any other value, also an empty one, is a problem and becomes ``missing``."""
         values = self.numbers(column)
         fine = (values >= low) & (values <= high) & (values == np.floor(values))
-        text = self._columns[column]
+        text = self.text(column)
         for row in np.flatnonzero(~fine):
             if np.isfinite(values[row]) or not text[row]:
-                self.mark(row, f"{column} {text[row]!r} is not an integer from {low} to {high}")
+                self.mark(row, f"{column} {shown(text[row])} is not an integer from {low} to {high}")
         return np.where(fine, np.nan_to_num(values), missing).astype(np.int64)
 
     def codes(self, column: str, high: int) -> I8:
@@ -182,27 +227,32 @@ class StrictCsv:
         values = self.numbers(column)
         fine = np.isnan(values) | ((values >= 1) & (values <= high) & (values == np.floor(values)))
         for row in np.flatnonzero(~fine):
-            self.mark(row, f"{column} {self._columns[column][row]!r}; expected nothing or 1 to {high}")
+            self.mark(row, f"{column} {shown(self.text(column)[row])}; expected nothing or 1 to {high}")
         return np.where(fine, np.nan_to_num(values), 0).astype(np.int8)
 
     def choices(self, column: str, codes: Mapping[str, int]) -> I8:
         """``[n]`` codes of the values; unknown values are a problem and become -1."""
-        text = self._columns[column]
+        text = self.text(column)
         if unknown := set(text) - codes.keys():
             known = ", ".join(key or "nothing" for key in codes)
             for row, value in enumerate(text):
                 if value in unknown:
-                    self.mark(row, f"unknown {column} {value!r}; expected one of {known}")
+                    self.mark(row, f"unknown {column} {shown(value)}; expected one of {known}")
         return np.array([codes.get(value, -1) for value in text], dtype=np.int8)
 
     def seconds(self, column: str) -> I64:
         """``[n]`` times h:mm:ss in seconds; other values are a problem and become -1."""
-        text = self._columns[column]
+        text = self.text(column)
         known = {value: _seconds(value) for value in set(text)}
         values = np.array([known[value] for value in text])
         for row in np.flatnonzero(values < 0):
-            self.mark(row, f"{column} {text[row]!r}; expected h:mm:ss")
+            self.mark(row, f"{column} {shown(text[row])}; expected h:mm:ss")
         return values
+
+
+def shown(value: str) -> str:
+    """A value in a message, quoted and cut."""
+    return repr(value if len(value) <= _LONGEST else f"{value[:_LONGEST]}…")
 
 
 def _decode(path: Path, content: bytes) -> str:

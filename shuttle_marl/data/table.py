@@ -4,7 +4,7 @@ import collections
 import dataclasses
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -26,6 +26,7 @@ from shuttle_marl.files import problem
 
 OPTIONAL: Final = "hurried"
 """Column that files may lack."""
+_OF_PANDAS: Final = "__index_level_"
 _ACCOUNT: Final = b"shuttle_marl.account"
 _PROVENANCE: Final = b"shuttle_marl.provenance"
 
@@ -53,10 +54,12 @@ def load_account(path: Path | str) -> Account:
     if path.is_dir():
         return clean_matches(path).account
     metadata = _open(path).schema_arrow.metadata or {}
+    if _written_elsewhere(metadata):
+        return account_of(read_parquet(path))
     try:
         return Account.from_json(json.loads(metadata[_ACCOUNT]))
     except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
-        raise DataError(path, f"contains no account of its strokes; create it with `{command('data', 'convert')}`") from error
+        raise DataError(path, f"contains no account of its strokes; {_again()}") from error
 
 
 def write_parquet(strokes: pa.Table, path: Path, *, account: Account, provenance: dict[str, Any]) -> None:
@@ -73,22 +76,71 @@ def write_parquet(strokes: pa.Table, path: Path, *, account: Account, provenance
     table_files.write_parquet(path, table, compression_level=9)
 
 
+def account_of(strokes: pa.Table) -> Account:
+    """The account of a table of which nothing is known to be dropped."""
+    rallies = strokes.group_by(["match", "game", "rally"]).aggregate([]).num_rows
+    return Account(
+        matches=len(strokes["match"].unique()),
+        rallies=rallies,
+        rallies_kept=rallies,
+        strokes=strokes.num_rows,
+        strokes_kept=strokes.num_rows,
+        dropped={},
+        area_agreement=None,
+    )
+
+
 def read_parquet(path: Path) -> pa.Table:
-    """Read a stroke table.
+    """Read a stroke table. One that another program wrote, such as pandas, is cast to the schema and must satisfy its rules.
 
     Raises:
-        DataError: missing file, not Parquet, or another schema.
+        DataError: missing file, not Parquet, another schema, or a broken rule.
+        MemoryError: there is less memory than it needs.
     """
-    file = _open(path)
-    check_schema(path, file.schema_arrow)
+    schema = _open(path).schema_arrow
+    elsewhere = _written_elsewhere(schema.metadata or {})
+    if not elsewhere:
+        check_schema(path, schema)
     try:
-        table = file.read()
-        if OPTIONAL in table.column_names:
-            return table
-        missing = pa.nulls(len(table), STROKES.field(OPTIONAL).type)
-        return table.add_column(STROKES.get_field_index(OPTIONAL), STROKES.field(OPTIONAL), missing)
+        table = table_files.read_parquet(path)
+    except MemoryError:
+        raise
     except (OSError, pa.ArrowException) as error:
-        raise DataError(path, f"a damaged Parquet file ({error}); create it again") from error
+        raise DataError(path, f"no readable Parquet file ({error})") from error
+    if elsewhere:
+        table = table.select([name for name in table.column_names if not name.startswith(_OF_PANDAS)])
+    if OPTIONAL not in table.column_names and len(table.column_names) == len(STROKES) - 1:
+        missing = pa.nulls(len(table), STROKES.field(OPTIONAL).type)
+        table = table.add_column(STROKES.get_field_index(OPTIONAL), STROKES.field(OPTIONAL), missing)
+    return _cast(path, table) if elsewhere else table
+
+
+def _again() -> str:
+    return f"create it again with `{command('data', 'convert')}` or `{command('data', 'import')}`"
+
+
+def _written_elsewhere(metadata: Mapping[bytes, bytes]) -> bool:
+    return b"schema" not in metadata and b"version" not in metadata and _ACCOUNT not in metadata
+
+
+def _cast(path: Path, table: pa.Table) -> pa.Table:
+    """A table of another program in the schema of strokes."""
+    advice = f"expected the columns of a table of `{command('data', 'import')}`, in its order, filtered or not"
+    if table.column_names != STROKES.names:
+        raise DataError(path, f"columns {', '.join(table.column_names)}; {advice}: {', '.join(STROKES.names)}")
+    columns = []
+    for field in STROKES:
+        try:
+            column = table[field.name].cast(field.type)
+        except pa.ArrowException as error:
+            raise DataError(path, f"column {field.name!r} is no {field.type} ({error}); {advice}") from error
+        if column.null_count and not field.nullable:
+            raise DataError(path, f"column {field.name!r} lacks {column.null_count} values; {advice}")
+        columns.append(column)
+    strokes = pa.table(columns, schema=STROKES)
+    for violation in violations(strokes):
+        raise DataError(path, str(violation))
+    return strokes
 
 
 def check_schema(path: Path, schema: pa.Schema) -> None:
@@ -97,7 +149,7 @@ def check_schema(path: Path, schema: pa.Schema) -> None:
     Raises:
         DataError: a column other than :data:`OPTIONAL` is missing, or one has another type or position; or the version differs.
     """
-    advice = f"create it again with `{command('data', 'convert')}`"
+    advice = _again()
     version = (schema.metadata or {}).get(b"version")
     expected = STROKES.metadata[b"version"]
     if version != expected:
@@ -190,7 +242,8 @@ def validate(path: Path, splits: Sequence[Split] = SPLITS, columns: Path | None 
     """
     try:
         if columns is not None:
-            return Report(problems=(), notes=(), splits={}, account=import_matches(path, columns)[0].account)
+            cleaned, _ = import_matches(path, columns)
+            return Report(problems=(), notes=cleaned.warnings, splits={}, account=cleaned.account)
         if path.is_dir() and not any((path / source).is_dir() for source in upstream.SOURCES.values()):
             advice = f"`{command('data', 'download')}` downloads them; import your own with `{command('data', 'import')}`"
             nothing = Problem(path, f"contains none of the published data sets ({', '.join(upstream.SOURCES)}); {advice}")
@@ -212,9 +265,12 @@ def _validate_table(path: Path) -> Report:
     ):
         if expected != count:
             problems.append(Problem(path, f"the account has {expected} {name}, the table {count}"))
+    notes: tuple[str, ...] = ()
+    if _written_elsewhere(_open(path).schema_arrow.metadata or {}):
+        notes = ("another program wrote this file, without an account: the counts are those of its rows",)
     if account.strokes_kept + sum(account.dropped.values()) != account.strokes:
         problems.append(Problem(path, "inconsistent account: kept and dropped strokes do not add up to all strokes"))
-    return Report(problems=tuple(problems), notes=(), splits={}, account=account)
+    return Report(problems=tuple(problems), notes=notes, splits={}, account=account)
 
 
 def _validate_folder(root: Path, splits: Sequence[Split]) -> Report:

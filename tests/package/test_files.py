@@ -3,14 +3,17 @@
 import os
 import stat
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from shuttle_marl import table_files
+from shuttle_marl.commands.cli import check_free
 from shuttle_marl.errors import printable
-from shuttle_marl.files import FileWriteError, open_file, replace_file
+from shuttle_marl.files import FileReadError, FileWriteError, cache_folder, open_file, read_json, replace_file
 from shuttle_marl.table_files import csv_bytes, open_parquet, parquet_bytes, read_parquet, write_parquet
 
 FLIPS = int(os.environ.get("SHUTTLE_MUTATIONS", "300"))
@@ -107,3 +110,57 @@ def test_text_for_the_terminal_has_no_control_characters() -> None:
     assert printable("\x1b[31mred\x07\n") == "\\x1b[31mred\\x07\\n"
     assert printable("a\nb\x1b", keep="\n") == "a\nb\\x1b"
     assert printable("\u202eevil\udcff") == "\\u202eevil\\udcff"
+
+
+@pytest.mark.parametrize("kind", ["FIFO", "symbolic link", "folder"])
+def test_only_regular_files_are_replaced(tmp_path: Path, kind: str) -> None:
+    path, other = tmp_path / "out", tmp_path / "other"
+    other.write_bytes(b"before")
+    if kind == "FIFO":
+        os.mkfifo(path)
+    elif kind == "folder":
+        path.mkdir()
+    else:
+        path.symlink_to(other)
+    before = path.lstat()
+    with pytest.raises(FileWriteError, match=f"cannot be written: it is a {kind}"):
+        replace_file(path, b"x")
+    if kind != "folder":  # whose contents may be replaced
+        with pytest.raises(FileWriteError, match=f"cannot be written: it is a {kind}"):
+            check_free(path, overwrite=True)
+    assert path.lstat() == before
+    assert other.read_bytes() == b"before"
+    assert sorted(tmp_path.iterdir()) == sorted([path, other])
+
+
+def test_an_entry_that_stands_there_twice(tmp_path: Path) -> None:
+    (tmp_path / "a.json").write_text('{"a": {"b": 1, "c": 2, "b": 3}}')
+    with pytest.raises(FileReadError, match="the entry 'b' stands there twice"):
+        read_json(tmp_path / "a.json", dict[str, Any])
+
+
+def test_large_files_are_refused_before_they_are_parsed(tmp_path: Path) -> None:
+    with (tmp_path / "a.json").open("wb") as file:
+        file.truncate(60 << 20)
+    with pytest.raises(FileReadError, match="larger than 16 MB"):
+        read_json(tmp_path / "a.json", dict[str, Any])
+
+
+def test_memory_of_a_table_is_added_up_before_it_is_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(table_files, "_MOST", 1 << 20)
+    text = pa.DictionaryArray.from_arrays(pa.array([0] * 2000), pa.array(["x" * 1000]))
+    for column in (text, pa.nulls(200_000, pa.int64())):
+        pq.write_table(pa.table({"a": column}), tmp_path / "t.parquet", store_schema=False)
+        assert (tmp_path / "t.parquet").stat().st_size < 10_000
+        with pytest.raises(pa.ArrowInvalid, match="a table of 1 MB, expected at most 1"):
+            read_parquet(tmp_path / "t.parquet")
+
+
+def test_there_is_no_folder_of_caches_without_a_home(monkeypatch: pytest.MonkeyPatch) -> None:
+    def no_home(*_: Any, **__: Any) -> Path:
+        raise RuntimeError("no home")
+
+    assert (cache_folder() or Path("a")).is_absolute()
+    for instead in (no_home, lambda *_, **__: Path("~/.cache/shuttle_marl")):
+        monkeypatch.setattr("platformdirs.user_cache_path", instead)
+        assert cache_folder() is None

@@ -19,6 +19,7 @@ import re
 import tempfile
 import threading
 import time
+import unicodedata
 import urllib.parse
 from collections.abc import Callable, Mapping, Sequence
 from importlib.resources import files
@@ -121,7 +122,7 @@ def date_of(match: str) -> datetime.date | None:
 
 def player_id(name: str) -> str:
     """Identifier of a player: ``chen-yufei`` for ``'CHEN Yufei'`` and ``'Chen, Yufei'``; without separators of command lines."""
-    return "-".join(re.split(r"[\s.:@,=-]+", name.lower().strip(" .:@,=-")))
+    return "-".join(re.split(r"[\s.:@,=-]+", unicodedata.normalize("NFC", name.lower()).strip(" .:@,=-")))
 
 
 def discipline(player: str) -> str | None:
