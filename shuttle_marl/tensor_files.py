@@ -17,13 +17,16 @@ import numpy.typing as npt
 from safetensors import SafetensorError
 from safetensors.numpy import load, save
 
+from shuttle_marl.files import parsed as parsed  # noqa: PLC0414  exported, as the readers of metadata need both
 from shuttle_marl.files import read_file
 
 _PACKED: Final = "packed"
 _LARGE: Final = 1 << 16
 """Size of the arrays that are packed [bytes]."""
-_MOST: Final = 1 << 28
-"""Maximum size of an unpacked array [bytes]."""
+_MOST: Final = 1 << 27
+"""Maximum size of all unpacked arrays of a file together, and of the file [bytes]."""
+_MOST_HEADER: Final = 1 << 20
+"""Maximum size of names, shapes and metadata [bytes]."""
 
 
 class Tensors(NamedTuple):
@@ -69,11 +72,9 @@ def unpacked_bytes(content: npt.NDArray[np.uint8], dtype: npt.DTypeLike, shape: 
     Raises:
         ValueError: they are damaged, or of another size.
     """
-    kind = np.dtype(dtype)
-    whole = all(isinstance(n, int) and n >= 0 for n in shape)
-    size = kind.itemsize * math.prod(shape) if whole else -1
-    if kind.kind not in "biuf" or not 0 <= size <= _MOST:
-        raise ValueError(f"a packed array of {kind} numbers and shape {shape}")
+    kind, size = np.dtype(dtype), _unpacked_size(dtype, shape)
+    if size > _MOST:
+        raise ValueError(f"a packed array of {size >> 20} MB, expected at most {_MOST >> 20}")
     unpacker = lzma.LZMADecompressor(memlimit=_MOST)
     try:
         # A byte more than the array has, so that what is too long is noticed and never unpacked.
@@ -86,6 +87,18 @@ def unpacked_bytes(content: npt.NDArray[np.uint8], dtype: npt.DTypeLike, shape: 
     return np.array(numbers, order="C").view(kind).reshape(tuple(shape))
 
 
+def _unpacked_size(dtype: npt.DTypeLike, shape: Sequence[int]) -> int:
+    """Size of an array [bytes].
+
+    Raises:
+        ValueError: it has no numbers, or an impossible shape.
+    """
+    kind = np.dtype(dtype)
+    if kind.kind not in "biuf" or not all(isinstance(n, int) and n >= 0 for n in shape):
+        raise ValueError(f"a packed array of {kind} numbers and shape {shape}")
+    return kind.itemsize * math.prod(shape)
+
+
 def read_tensors(path: Path, sha256: str | None = None) -> Tensors:
     """Read a safetensors file.
 
@@ -94,37 +107,32 @@ def read_tensors(path: Path, sha256: str | None = None) -> Tensors:
         sha256: hexadecimal hash of its bytes; None: unknown.
 
     Raises:
-        OSError: the file cannot be opened, or is not a regular file.
-        ValueError: it is not a safetensors file, has arrays of a type unknown to numpy, or does not match the hash.
+        OSError: the file cannot be opened, is not a regular file, or is larger than 128 MB.
+        ValueError: it is not a safetensors file, has arrays of a type unknown to numpy or of more than 128 MB together, or does
+            not match the hash.
     """
-    content = read_file(path)
+    content = read_file(path, _MOST)
     if sha256 is not None and hashlib.sha256(content).hexdigest() != sha256:
         raise ValueError("it was changed after it was written: its checksum does not match")
+    length = int.from_bytes(content[:8], "little")
+    if length > _MOST_HEADER:
+        raise ValueError(f"not a safetensors file: a header of {length} bytes, expected at most {_MOST_HEADER}")
     try:
         arrays = load(content)
     except (SafetensorError, KeyError) as error:
         raise ValueError(f"not a safetensors file: {error}") from error
     # `load` omits the metadata. It has validated the header, whose length is in the first eight bytes.
-    header = json.loads(content[8 : 8 + int.from_bytes(content[:8], "little")])
-    metadata = header.get("__metadata__", {})
+    metadata = parsed(content[8 : 8 + length].decode()).get("__metadata__", {})
     try:
-        for name, (dtype, shape) in parsed(metadata.pop(_PACKED, "{}")).items():
+        packed = parsed(metadata.pop(_PACKED, "{}")).items()
+        # Before the first is unpacked: a small file may hold any number of arrays that each may be unpacked.
+        if (size := sum(_unpacked_size(*described) for _, described in packed)) > _MOST:
+            raise ValueError(f"packed arrays of {size >> 20} MB together, expected at most {_MOST >> 20}")
+        for name, (dtype, shape) in packed:
             arrays[name] = unpacked_bytes(arrays[name], dtype, shape)
     except (AttributeError, KeyError, TypeError) as error:
         raise ValueError(f"no description of its packed arrays: {error}") from error
     return Tensors(metadata, arrays)
-
-
-def parsed(text: str) -> Any:
-    """Parse JSON text, such as metadata of a file.
-
-    Raises:
-        ValueError: the text is not JSON, or is nested too deeply.
-    """
-    try:
-        return json.loads(text)
-    except RecursionError as error:
-        raise ValueError("nested too deeply") from error
 
 
 def checked(array: npt.NDArray[Any], dtype: npt.DTypeLike, shape: tuple[int, ...]) -> npt.NDArray[Any]:

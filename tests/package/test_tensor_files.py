@@ -65,3 +65,21 @@ def test_damaged_and_too_long_content_is_refused() -> None:
     bomb = np.frombuffer(lzma.compress(bytes(10**8)), np.uint8)
     with pytest.raises(ValueError, match="of 13 bytes, expected 12"):
         unpacked_bytes(bomb, "<f4", [3])
+
+
+def test_the_arrays_of_a_file_are_bounded_together(tmp_path: Path) -> None:
+    packed = np.frombuffer(lzma.compress(bytes(1 << 20)), np.uint8)
+    arrays = {f"a{i}": packed for i in range(1000)}
+    save_file(arrays, tmp_path / "file", metadata={"packed": json.dumps({name: ["|u1", [1 << 20]] for name in arrays})})
+    with pytest.raises(ValueError, match="packed arrays of 1000 MB together, expected at most 128"):
+        read_tensors(tmp_path / "file")
+
+
+def test_large_headers_and_files_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "file").write_bytes((1 << 25).to_bytes(8, "little") + b"{" + b" " * (1 << 25))
+    with pytest.raises(ValueError, match="a header of 33554432 bytes"):
+        read_tensors(tmp_path / "file")
+    with (tmp_path / "file").open("wb") as file:
+        file.truncate(1 << 35)
+    with pytest.raises(OSError, match="larger than 128 MB"):
+        read_tensors(tmp_path / "file")
