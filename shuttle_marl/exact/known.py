@@ -18,13 +18,13 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-import platformdirs
 
 from shuttle_marl.exact.fixed_point import TOLERANCE
 from shuttle_marl.exact.match import Odds
 from shuttle_marl.exact.optimal import best_response
 from shuttle_marl.exact.profile import Crossplay, odds_of_pairs
 from shuttle_marl.exact.sources import solvers_hash
+from shuttle_marl.files import cache_folder
 from shuttle_marl.game.tabulated import TabulatedPolicy
 
 Pair = tuple[TabulatedPolicy, TabulatedPolicy]
@@ -121,8 +121,9 @@ def _cached(keys: Sequence[bytes], solve: Callable[[Sequence[bytes]], list[Odds]
     return [found[key] for key in keys]
 
 
-def _path() -> Path:
-    return platformdirs.user_cache_path("shuttle_marl", appauthor=False) / "odds.sqlite"
+def _path() -> Path | None:
+    folder = cache_folder()
+    return None if folder is None else folder / "odds.sqlite"
 
 
 @contextlib.contextmanager
@@ -134,15 +135,17 @@ def _opened(path: Path) -> Iterator[sqlite3.Connection]:
 
 def _read(keys: Sequence[bytes]) -> Iterator[tuple[bytes, Odds]]:
     path = _path()
-    if not path.is_file():
+    if path is None:
         return
     try:
+        if not path.is_file():
+            return
         with _opened(path) as database:
             for key in keys:
                 row = database.execute("SELECT numbers FROM result WHERE key = ?", (key,)).fetchone()
                 if row and (odds := _unpacked(key, row[0])) is not None:
                     yield key, odds
-    except sqlite3.OperationalError as error:
+    except (sqlite3.OperationalError, OSError) as error:
         _warn_once(f"{path}: {error}. Exact odds are recomputed")
     except sqlite3.DatabaseError:  # damaged: created again
         with contextlib.suppress(OSError):
@@ -151,6 +154,9 @@ def _read(keys: Sequence[bytes]) -> Iterator[tuple[bytes, Odds]]:
 
 def _store(solved: dict[bytes, Odds]) -> None:
     path = _path()
+    if path is None:
+        _warn_once("the user has no home folder. Exact odds are recomputed by every command; set XDG_CACHE_HOME to keep them")
+        return
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with _opened(path) as database, database:

@@ -1,8 +1,9 @@
 """Compile functions with numba, and cache the machine code on disk.
 
-numba's own cache raises an error if neither the package nor the home directory is writable, loads damaged files, and does not
-notice changes of inlined functions. The subclasses here fix these three defects. They override private methods of numba, so
-``pyproject.toml`` has an upper bound of its version, which a test compares with the installed one.
+numba's own cache raises an error if neither the package nor the home directory is writable, writes to a folder ``~`` in the
+working folder if there is no home, loads damaged files, and does not notice changes of inlined functions. The subclasses here fix
+these defects. They override private methods of numba, so ``pyproject.toml`` has an upper bound of its version, which a test
+compares with the installed one.
 """
 
 # mypy: allow-untyped-calls
@@ -108,11 +109,24 @@ def _unsealed(content: bytes) -> bytes:
     return content
 
 
+class _HomeLocator(caching.UserWideCacheLocator):
+    """numba's folder for all functions of a user, refused where the user has no home."""
+
+    def ensure_cache_path(self) -> None:
+        if not Path(self.get_cache_path()).is_absolute():
+            raise OSError("no home folder")
+        super().ensure_cache_path()
+
+
 class _Folders(caching.CompileResultCacheImpl):
     """numba's choice of a folder, with that of the package last: an uninstalled package leaves no files behind."""
 
     _locator_classes = sorted(
-        caching.CompileResultCacheImpl._locator_classes, key=lambda locator: locator.__name__.endswith("InTreeCacheLocator")
+        (
+            _HomeLocator if kind is caching.UserWideCacheLocator else kind
+            for kind in caching.CompileResultCacheImpl._locator_classes
+        ),
+        key=lambda locator: locator.__name__.endswith("InTreeCacheLocator"),
     )
 
 

@@ -77,3 +77,25 @@ def test_a_folder_that_cannot_be_written_is_said_once(
     for _ in range(2):
         assert len(known.best_odds(policies[:1])) == 1
     assert caplog.text.count("recomputed") == 1
+
+
+def test_a_cache_that_cannot_be_used_only_costs_time(
+    tmp_path: Path, policies: list[TabulatedPolicy], monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    right = exact.crossplay(policies).serving
+
+    def locked(_: Path) -> bool:
+        raise PermissionError(13, "Permission denied")
+
+    for path, patch in (
+        (tmp_path / "odds.sqlite", locked),
+        (None, Path.is_file),
+        (tmp_path / "file" / "odds.sqlite", Path.is_file),
+    ):
+        (tmp_path / "file").write_text("no folder")
+        monkeypatch.setattr(known, "_path", lambda path=path: path)
+        monkeypatch.setattr(Path, "is_file", patch)
+        known._warn_once.cache_clear()
+        np.testing.assert_allclose(known.crossplay(policies).serving, right, atol=1e-12)
+        assert "recomputed" in caplog.text
+        caplog.clear()

@@ -138,3 +138,11 @@ def test_numba_has_a_tested_upper_bound() -> None:
     assert numba.specifier.contains(installed)
     first_untested = int(installed.split(".")[1]) + 1
     assert bound == f"0.{first_untested}", f"numba {installed} is tested; allow versions below 0.{first_untested}"
+
+
+def test_no_home_is_no_folder_of_that_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "work").mkdir()
+    monkeypatch.chdir(tmp_path / "work")
+    found, _ = run(tmp_path / "code", XDG_CACHE_HOME="~/.cache")
+    assert found == "42"
+    assert not list((tmp_path / "work").iterdir())
