@@ -2,8 +2,11 @@
 
 import difflib
 import importlib
+import io
+import os
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Final
 
 COMMANDS: Final = {
@@ -34,11 +37,22 @@ def main(argv: Sequence[str] | None = None) -> int:
     Returns:
         The exit status.
     """
+    _prepare_output()
     try:
         return _run(*(sys.argv[1:] if argv is None else argv) or ["--help"])
     except KeyboardInterrupt:  # while the command is imported
         sys.stderr.write("interrupted\n")
         return 130
+
+
+def _prepare_output() -> None:
+    """Escape what a terminal cannot show, such as names outside its character set, and discard what is printed nowhere."""
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
+        if stream is None:  # closed by the caller
+            setattr(sys, name, Path(os.devnull).open("w", encoding="utf-8"))  # noqa: SIM115  until the process ends
+        elif isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
 
 
 def _run(name: str, *arguments: str) -> int:

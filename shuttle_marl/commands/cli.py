@@ -26,7 +26,7 @@ from tyro.extras import SubcommandApp
 from shuttle_marl.arrays import F64
 from shuttle_marl.errors import ShuttleError, printable
 from shuttle_marl.extras import install_hint
-from shuttle_marl.files import NO_ROOM
+from shuttle_marl.files import NO_ROOM, check_replaceable
 
 if TYPE_CHECKING:
     from shuttle_marl.analysis.scouting import ListedPlayer
@@ -175,9 +175,9 @@ def _whole_number_rule(type_info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec
     )
 
 
-def print_json(value: Any, *, ensure_ascii: bool = True) -> None:
-    """Print a value as one line of JSON."""
-    sys.stdout.write(json.dumps(value, ensure_ascii=ensure_ascii) + "\n")
+def print_json(value: Any) -> None:
+    """Print a value as one line of JSON, in ASCII: what a terminal cannot show would be replaced by what is no JSON."""
+    sys.stdout.write(json.dumps(value) + "\n")
 
 
 def write_completion(shell: str, commands: Mapping[str, str]) -> None:
@@ -203,11 +203,13 @@ def write_completion(shell: str, commands: Mapping[str, str]) -> None:
 
 
 def check_free(path: Path, *, overwrite: bool = False) -> None:
-    """Refuse to overwrite a file or a folder that is not empty, unless ``overwrite``.
+    """Refuse to overwrite a file or a folder that is not empty, unless ``overwrite``; and what is neither, in any case.
 
     Raises:
         ShuttleError: the path exists.
     """
+    if not path.is_dir():
+        check_replaceable(path)
     taken = path.is_file() or (path.is_dir() and any(path.iterdir()))
     if taken and not overwrite:
         raise ShuttleError(f"{path}: already exists; --overwrite replaces it, --out names another")

@@ -30,7 +30,7 @@ def policies(*, model: tyro.conf.OmitArgPrefixes[GameOptions] = _DEFAULT, json: 
     named = described_names(model.load())
     own = {**forms(), **_OWN}
     if json:
-        cli.print_json({"policies": named, "forms": own}, ensure_ascii=False)
+        cli.print_json({"policies": named, "forms": own})
         return
     out = cli.console()
     for title, lines in (("Policies by name", named), ("Names that you complete", own)):

@@ -16,6 +16,8 @@ from shuttle_marl.__main__ import main as package_main
 from shuttle_marl.commands import cli
 from shuttle_marl.errors import ShuttleError
 
+ROOT = Path(__file__).parents[2]
+
 
 def status_of(command: Callable[[], object]) -> int:
     return cli.run(command, prog="tea", description="Serves tea.", argv=[])
@@ -198,3 +200,32 @@ def test_errors_of_a_subcommand_point_to_its_own_help(capsys: pytest.CaptureFixt
     with pytest.raises(SystemExit):
         cli.run({"serve": serve, "brew": serve}, prog="tea", description="", argv=["serve", "--cups", "x"])
     assert "see tea serve --help" in " ".join("".join(capsys.readouterr()).replace("│", " ").split())
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1", "cp437", "cp1252"])
+def test_what_a_terminal_cannot_show_is_escaped(tmp_path: Path, encoding: str) -> None:
+    (tmp_path / "own.csv").write_text(
+        "match,rally,player,shot,area,winner\n李,1,Ada,Schläger 李,front-centre,Ada\n", encoding="utf-8"
+    )
+    environment = {**os.environ, "PYTHONIOENCODING": encoding}
+    for arguments, status in (
+        ([".data", "import", "own.csv", "--json"], 1),
+        (["", "--help"], 0),
+        ([".data", "validate", "own.csv"], 1),
+    ):
+        command = [sys.executable, "-m", f"shuttle_marl{arguments[0]}", *arguments[1:]]
+        done = subprocess.run(
+            command, env={**environment, "PYTHONPATH": str(ROOT)}, cwd=tmp_path, capture_output=True, check=False
+        )
+        assert done.returncode == status
+        assert b"Traceback" not in done.stderr
+        done.stdout.decode(encoding)
+
+
+def test_a_closed_output_is_no_error() -> None:
+    command = (
+        f"{sys.executable} -m shuttle_marl.data --help >&-; echo $?; {sys.executable} -m shuttle_marl --version 2>&- >&-; echo $?"
+    )
+    done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=False, cwd=ROOT)
+    assert done.stdout.split() == ["0", "0"]
+    assert "Traceback" not in done.stderr
