@@ -13,7 +13,7 @@ import pytest
 from experiments.truth import limits, worlds
 from experiments.truth.__main__ import compare, judged_by, main
 from experiments.truth.calibration import calibration
-from experiments.truth.decisions import Promises, decision_slope, promised_realised, promises, value_error, value_log_loss
+from experiments.truth.decisions import decision_slope, promised_realised, promises, value_error, value_log_loss
 from experiments.truth.legality import after_drop_above, illegal, judged_strokes
 from experiments.truth.likeness import divergence, rally_length, two_sample_auc
 from experiments.truth.limits import attainable, slopes_if_true

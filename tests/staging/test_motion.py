@@ -201,8 +201,8 @@ def test_wrong_rallies() -> None:
     reply = int(np.flatnonzero(~catalogue.is_serve)[0])
 
     def checked(**changes: object) -> None:
-        fields = {"catalogue": catalogue, "server": 0, "stroke": np.array([serve]), "ending": WINNER, **changes}
-        Rally(**{"hurried": np.zeros(np.shape(fields["stroke"]), np.bool_), **fields}).checked()  # type: ignore[arg-type]
+        fields: dict[str, Any] = {"catalogue": catalogue, "server": 0, "stroke": np.array([serve]), "ending": WINNER, **changes}
+        Rally(**{"hurried": np.zeros(np.shape(fields["stroke"]), np.bool_), **fields}).checked()
 
     checked()
     for changes, message in (
