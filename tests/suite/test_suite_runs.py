@@ -182,7 +182,10 @@ def test_fictitious_play_approaches_the_equilibrium(tmp_path: Path) -> None:
 def test_learners_stay_in_their_budget(tmp_path: Path, task: str, method: str) -> None:
     folder = played(tmp_path, method, task)
     found = summarise(folder, game=reduced_model())
-    assert found["exploitability"] < best_response(table("bc")).value.odds().value
+    if task == "exploit-v0":  # who learns to beat one opponent may be exploitable; 0 is what bc wins against it
+        assert found["score"] > 0.1
+    else:
+        assert found["exploitability"] < best_response(table("bc")).value.odds().value
     assert found["strokes"] <= 20_000
     assert reasons(folder) == [None]
 
