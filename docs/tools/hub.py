@@ -39,6 +39,7 @@ _LOG_COLUMNS: Final = {
     "own_last": "Previous stroke of the striker in the rally.",
     "incoming": "Stroke that the striker replies to.",
     "contact": "Contact offered to the striker: 0 below the net, 1 above.",
+    "hurried": "Whether the striker was hurried: 1, else 0.",
     "stroke": "Shot type, target area, contact height and technique.",
     "outcome": f"Outcome: {', '.join(f'{code} {name}' for code, name in enumerate(OUTCOMES))}.",
     "probability": "Probability of the stroke under the behaviour policy; NaN for strokes of the opponent.",

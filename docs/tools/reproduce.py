@@ -127,6 +127,7 @@ RESULTS: Final[dict[str, Result]] = (
             tables=("depth_play", "depth_lists"),
             command="shuttle_marl.exact depth --json",
             tolerance=0.02,
+            estimate="2 minutes",
         ),
         "staging": Result(
             folder="benchmarks",

@@ -115,14 +115,14 @@ def test_an_unknown_name_is_refused() -> None:
 def test_synthetic_games_have_the_size_asked_for(strokes: int, replies: int) -> None:
     game = synthetic_game(strokes, replies, seed=3)
     assert game.n_strokes == strokes
-    assert set(game.legal_count(np.arange(2, game.n_states)).tolist()) == {replies}
-    assert game.n_states == pytest.approx(4 * strokes * replies, rel=0.1)
+    assert set(game.legal_count(np.arange(4, game.n_states)).tolist()) == {replies}
+    assert game.n_states == pytest.approx(8 * strokes * replies, rel=0.1)
 
 
 def test_the_lower_bound_is_that_of_the_tables() -> None:
     game = default_game()
     least = lower_bound_of(game, 1)
     assert least.read_bytes == 24
-    assert least.shown_bytes == 2 * game.n_strokes + 6 * 4
+    assert least.shown_bytes == 2 * game.n_strokes + 7 * 4
     least.play()
     least.show()

@@ -237,7 +237,8 @@ def test_a_model_and_its_data_say_the_same(sample: pa.Table, model: str, tmp_pat
     shipped = load_habits(model_folder())
     assert set(shipped) == set(load_skill(model_folder()).players)
     clear = [[(h.kind, h.about, h.answer) for h in scout(A, model=model, data=data).habits if h.clear] for data in (None, sample)]
-    assert len(clear[0]) > len(clear[1])
+    # The sample is a part of the simulated matches, so a player has no fewer clear habits in the model.
+    assert len(clear[0]) >= len(clear[1])
 
 
 def test_a_damaged_file_of_habits_is_refused(sample: pa.Table, tmp_path: Path) -> None:

@@ -107,7 +107,7 @@ def test_boards_of_the_suite_are_made_from_its_results(tmp_path: Path, monkeypat
     score = {"value": 0.25, "low": 0.2, "high": 0.3}
     row = {
         "task": "exploit-v0", "method": "ppo", "split": "test", "budget": 1000, "score": 0.75, "low": 0.7, "high": 0.8,
-        "scores": {"score": score, "exploitability": score}, "seconds": 12.3, "official": False, "verified": True,
+        "scores": {"score": score, "exploitability": score}, "seconds": 12.3, "official": False, "verified": True, "game": "another",
         "strata": {"bc/1,000": {"score": 0.6}, "safe/1,000": {"score": 0.9}},
     }  # fmt: skip
     rows = [
@@ -125,4 +125,5 @@ def test_boards_of_the_suite_are_made_from_its_results(tmp_path: Path, monkeypat
     assert "Mean score by case:" in text
     assert "| method | `bc` | `safe` |" in text
     assert "| `ppo` | 0.600 | 0.900 |" in text
-    assert "| 1,000 | `ppo` | 0.750 (0.700 to 0.800) | 0.250 |" in suite_tables.summary("docs/suite/")
+    assert "**Preliminary**" in text
+    assert "| 1,000 | `ppo` | 0.750 (0.700 to 0.800), preliminary | 0.250 |" in suite_tables.summary("docs/suite/")
