@@ -18,8 +18,6 @@ _STEP_TIME: Final = 0.17
 """Shortest duration of a step [s]."""
 _SWING: Final = 0.28
 """Longest swing of a foot in a step [s]."""
-_STAYS: Final = 0.14
-"""Distance below which a foot does not step [m]."""
 _CROSSED: Final = 0.30
 """Largest distance of a foot beyond the middle of the body [m]."""
 _SOON: Final = 5
@@ -161,10 +159,10 @@ def _between(here: Stand, there: Stand, feet: tuple[list[Plant], list[Plant]], h
         return landing
     gap = there.begin - here.end
     way = np.array([np.hypot(*(there.place[foot] - feet[foot][-1].place)) for foot in (LEFT, RIGHT)])
-    if way.max() < _STAYS:
+    if way.max() < there.stays:
         return [-1, -1]
     most = max(1, int(gap / (_STEP_TIME * fps)))
-    if way.min() < _STAYS and way.max() < 1.5 * there.stride:
+    if way.min() < there.stays and way.max() < 1.5 * there.stride:
         moving = int(way.argmax())
         landing[1 - moving] = -1
         order = [moving]

@@ -59,6 +59,7 @@ class Stand:
         last: the foot that lands last.
         hop: whether the feet come here together, through the air.
         stride: longest step of a pair of steps on the way here [m].
+        stays: distance below which a foot does not step here [m].
     """
 
     begin: int
@@ -68,6 +69,7 @@ class Stand:
     last: int = RIGHT
     hop: bool = False
     stride: float = 1.25
+    stays: float = 0.14
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)

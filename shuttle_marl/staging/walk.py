@@ -42,7 +42,9 @@ _TURN_BACK: Final = 0.8
 """Time before the end of a walk at which the player turns to the net [s]."""
 _STRINGS: Final = 0.10
 """Height of the middle of the strings when the frame of the racket touches a shuttle on the floor [m]."""
-_CROUCH: Final = 0.14
+_EXACT: Final = 0.03
+"""Distance from the places of the feet in the next rally below which a foot stays [m]."""
+_CROUCH: Final = 0.11
 """Additional depth of the hips in the pick-up [m]."""
 _OWN_FLICK, _FLICK = 0.60, 1.15
 """Duration of the flight into the own hand, and least duration to the other player [s]."""
@@ -243,7 +245,8 @@ class _WalkBuilder:
         self._go(keys, rest, there - here, plan.arrival[seat])
         last[HIPS_YAW] = _nearest(last[HIPS_YAW], keys)
         keys[plan.frames - 3] = keys[plan.frames - 1] = last  # at rest
-        stands.append(_standing(self.ends[seat], 0, plan.arrival[seat] - 1, plan.frames - 1))
+        final = _standing(self.ends[seat], 0, plan.arrival[seat] - 1, plan.frames - 1)
+        stands.append(dataclasses.replace(final, stays=_EXACT))  # the next rally begins with these feet
         pose, zero = np.array(list(keys.values())), np.zeros(plan.frames)
         return Timeline(
             frame=np.array(list(keys)),
