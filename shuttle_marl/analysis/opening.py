@@ -17,8 +17,8 @@ from shuttle_marl.game.tables import ROOT
 class Opening:
     """The K strokes that are possible after a line of strokes from the serve, the most frequent first; seat 0 serves.
 
-    A stroke reaches the receiver below or above the net at random, and hurries them at random. A stroke that is legal in several of
-    these states has the mean of its values, weighted by the probabilities of the states.
+    A stroke reaches the receiver below or above the net at random, and hurries them at random. A stroke that is legal in several
+    of these states has the mean of its values, weighted by the probabilities of the states.
 
     Attributes:
         line: catalogue indices of the strokes so far.

@@ -184,7 +184,7 @@ def test_the_nearest_stroke_of_the_catalogue(bc: TabulatedPolicy) -> None:
 def test_annotated_matches(bc: TabulatedPolicy) -> None:
     found = add_values(strokes_of(Path(str(MATCHES))), bc)
     assert found["value_added"].null_count < 0.05 * found.num_rows
-    # 4.5 % of real strokes are of a shot type that fewer than 5 % choose there, so they are illegal, as is what follows from them.
+    # 4.5 % of real strokes are of a shot type that fewer than 5 % choose there: they are illegal, as is what follows from them.
     assert found["decision"].null_count < 0.17 * found.num_rows
     # The average player is the average of these matches.
     assert abs(np.nanmean(column(found, "value_added"))) < 0.003
