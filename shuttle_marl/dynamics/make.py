@@ -65,6 +65,8 @@ MIN_STROKES: Final = 1000
 """Training strokes of a fit without prior: some nine for each shot type and area."""
 MIN_STROKES_WITH_PRIOR: Final = 300
 """Training strokes of a fit with prior: some twenty faults."""
+ENOUGH_STROKES: Final = 20_000
+"""Strokes that fill most cells and show what people play in 1 % of cases; with fewer, rare strokes and empty cells are a warning."""
 MIN_MATCHES: Final = 2
 """Training matches: members of an ensemble leave one out."""
 MIN_MATCHES_FOR_REFITS: Final = 6
@@ -271,7 +273,9 @@ def save_fit(out: Path, fitted: Fit, sources: Mapping[str, str], skill_sd: F64 |
     report("solving the game")
     weight = np.tile(np.exp(log_choice.astype(np.float64)), game.n_blocks)
     solved = health(PairPolicy(game=game, probability=game.normalized(weight)), fitted.support.strokes)
-    if failed := [text for text, within in criteria(solved, REQUIRED).values() if not within]:
+    enough = fitted.support.strokes.sum() >= ENOUGH_STROKES
+    required = REQUIRED if enough else {"impossible": REQUIRED["impossible"]}
+    if failed := [text for text, within in criteria(solved, required).values() if not within]:
         raise ShuttleError(
             f"the game of these strokes rewards what people do not play ({'; '.join(failed)}), so its best play would be no "
             "badminton; nothing was written. Add matches, or use --prior default, which corrects the shipped models instead"

@@ -213,6 +213,7 @@ def refits_from(prior: Prior, game: Game, deviations: Mapping[str, float], seed:
     for k, refit in enumerate(prior.refits[:number], 1):
         # A shift of the returns moves the winners by as much, and one of the contacts above those below.
         drawn = np.random.default_rng([seed, k]).normal(0, [deviations[name] for name in COMPONENTS]) / STEP
-        steps = steps_between(prior.game, refit) + np.rint(drawn).astype(np.int64)[:, None]
+        steps = steps_between(prior.game, refit).astype(np.int64)
+        steps[: len(COMPONENTS)] += np.rint(drawn).astype(np.int64)[:, None]  # the chance of a hurried receiver stays
         found[str(k)] = moved(game, np.clip(steps, -MOST_STEPS, MOST_STEPS).astype(np.int8), refit.fault_odds)
     return found
