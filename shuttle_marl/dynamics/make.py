@@ -66,7 +66,7 @@ MIN_STROKES: Final = 1000
 MIN_STROKES_WITH_PRIOR: Final = 300
 """Training strokes of a fit with prior: some twenty faults."""
 ENOUGH_STROKES: Final = 20_000
-"""Strokes that fill most cells and show what people play in 1 % of cases; with fewer, rare strokes and empty cells are a warning."""
+"""Strokes that fill most cells, and show what people play in 1 % of cases; with fewer, both are a warning."""
 MIN_MATCHES: Final = 2
 """Training matches: members of an ensemble leave one out."""
 MIN_MATCHES_FOR_REFITS: Final = 6
