@@ -96,4 +96,4 @@ def test_the_shipped_model_predicts_as_well_as_trees(evaluated: dict[str, Any]) 
         scores = evaluated[name]
         assert scores["log_loss"] <= 1.005 * scores["trees"]["log_loss"]
         assert scores["difference"]["low"] <= 0
-        assert scores["ece"] <= 0.012
+        assert scores["ece"] <= 0.015
