@@ -96,4 +96,5 @@ def test_the_shipped_model_predicts_as_well_as_trees(evaluated: dict[str, Any]) 
         scores = evaluated[name]
         assert scores["log_loss"] <= 1.005 * scores["trees"]["log_loss"]
         assert scores["difference"]["low"] <= 0
+        # Of success .0126: slightly compressed in the middle, as the card shows; chance alone gives up to .0105.
         assert scores["ece"] <= 0.015
