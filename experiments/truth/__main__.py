@@ -121,6 +121,7 @@ def compare(parts: Sequence[tuple[World, Strokes]], real: Strokes, promised: Pro
         "value_error": decisions.value_error(real, promised),
         "promised_realised": decisions.promised_realised(real, promised),
         "value_log_loss": decisions.value_log_loss(real, promised),
+        "forecasts": decisions.forecast_errors(real, promised, seed),
         "memory": memory(real, promised),
         "illegal": illegal(real, promised, known, forbidden),
         "two_sample_auc": likeness.two_sample_auc(simulated, real, seed),
@@ -198,6 +199,11 @@ def _print(result: dict[str, Any]) -> None:
         *(
             f"against the other game, {name}: {found['value']:+.5f} ({found['low']:+.5f} to {found['high']:+.5f})"
             for name, found in result.get("against", {}).items()
+        ),
+        *(
+            f"calibration error of the forecast, {name}: {found['ece']:.4f} (of a game without errors {found['chance']:.4f}, at most "
+            f"{found['chance_high']:.4f})"
+            for name, found in result["forecasts"].items()
         ),
         f"log-loss of the value: {result['value_log_loss']:.5f}",
         f"classifying simulated and real rallies: AUC {auc['value']:.3f} (real from real {auc['real_against_real']:.3f}), by "

@@ -16,12 +16,14 @@ import numpy as np
 from experiments.truth.matches import Strokes, ratio_by_match, states_of
 from shuttle_marl.arrays import F64, I64, Bools, Ints
 from shuttle_marl.data.schema import Outcome
+from shuttle_marl.dynamics.evaluate import calibration_error
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tabulated import TabulatedPolicy
 
 HORIZONS: Final = (1, 4, 8)
 """Strokes after which the promise is compared with what happened, beside the end of the rally."""
+_DRAWS: Final = 200
 LEAST_STROKES: Final = 50
 """Errors of shot types with fewer strokes are not reported."""
 
@@ -34,13 +36,17 @@ class Promises:
         value: ``[N]`` V(s), from -1 to 1.
         advantage: ``[N]`` advantage of the chosen shot type and technique over V(s).
         fault: ``[N]`` probability that the stroke is a fault, averaged like the advantage over the areas that ``bc`` chooses.
+        returned: ``[N]`` probability that the stroke, to its recorded area, is returned if it is good.
         above: ``[N]`` probability that the stroke, to its recorded area, is met above the net if it is returned.
+        hurried: ``[N]`` probability that whoever returns it from the height of the real return is hurried.
     """
 
     value: F64
     advantage: F64
     fault: F64
+    returned: F64
     above: F64
+    hurried: F64
 
     @classmethod
     def joined(cls, parts: Sequence["Promises"]) -> "Promises":
@@ -54,12 +60,15 @@ def promises(bc: TabulatedPolicy, strokes: Strokes) -> Promises:
     value = evaluate(bc, bc).striking[0]
     state = states_of(bc.game, strokes.rows)
     known = np.where(state >= 0, value[np.maximum(state, 0)], np.nan)
-    good, _, above = bc.game.stroke_probabilities()
+    good, returned, above = bc.game.stroke_probabilities()
+    hurried = [_mean(bc, strokes, lambda pairs, c=c: bc.game.hurry_of(pairs)[:, c], aimed=True) for c in (0, 1)]  # type: ignore[misc]
     return Promises(
         value=known,
         advantage=worth(bc, strokes, value) - known,
         fault=_mean(bc, strokes, lambda pairs: 1 - good[pairs]),
+        returned=_mean(bc, strokes, lambda pairs: returned[pairs], aimed=True),
         above=_mean(bc, strokes, lambda pairs: above[pairs], aimed=True),
+        hurried=np.where(strokes.rows.next_contact == 1, hurried[1], hurried[0]),
     )
 
 
@@ -185,6 +194,38 @@ def promised_realised(strokes: Strokes, promised: Promises) -> dict[str, dict[st
 def _points(error: F64, match: Ints) -> dict[str, float]:
     found = ratio_by_match(error, np.ones(len(error)), match)
     return {"points": found["value"], "low": found["low"], "high": found["high"], "n": len(error)}
+
+
+def forecast_errors(strokes: Strokes, promised: Promises, seed: int = 0) -> dict[str, dict[str, float]]:
+    """Expected calibration errors of the forecasts of a stroke's end.
+
+    Args:
+        strokes: N strokes.
+        promised: their promises, by games that were fitted without them.
+        seed: random seed of the drawn outcomes.
+
+    Returns:
+        For each forecast ``ece``, ``strokes``, and what a game without any error would have on as many strokes, by outcomes drawn
+        with the promised probabilities: ``chance`` (mean) and ``chance_high`` (95 % quantile).
+    """
+    rows, rng = strokes.rows, np.random.default_rng(seed)
+    good = (rows.outcome == Outcome.RETURNED) | (rows.outcome == Outcome.WINNER)
+    met, timed = rows.next_contact >= 0, (rows.next_contact >= 0) & (rows.next_hurried >= 0)
+    forecasts = {
+        "fault": (promised.fault, rows.outcome == Outcome.FAULT, rows.outcome != Outcome.UNKNOWN),
+        "returned": (promised.returned, rows.outcome == Outcome.RETURNED, good),
+        "above": (promised.above, rows.next_contact == 1, met),
+        "hurried": (promised.hurried, rows.next_hurried == 1, timed),
+    }
+    out = {}
+    for name, (promise, label, known) in forecasts.items():
+        used = known & np.isfinite(promise)
+        p = promise[used]
+        drawn = [calibration_error(rng.random(len(p)) < p, p) for _ in range(_DRAWS)]
+        ece = calibration_error(label[used], p)
+        high = float(np.quantile(drawn, 0.95))
+        out[name] = {"ece": ece, "chance": float(np.mean(drawn)), "chance_high": high, "strokes": len(p)}
+    return out
 
 
 def fault_log_losses(strokes: Strokes, promised: Promises) -> F64:

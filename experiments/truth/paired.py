@@ -37,7 +37,7 @@ def load_values(path: Path, strokes: Strokes) -> Promises:
             raise ShuttleError(f"{path}: values of other strokes; expected the same matches, parts and seed")
         # Files of the game before hurried strikers have no forecasts of faults and contacts.
         unknown = np.full(len(strokes), np.nan)
-        forecasts = {name: arrays.get(name, unknown) for name in ("fault", "above")}
+        forecasts = {name: arrays.get(name, unknown) for name in ("fault", "returned", "above", "hurried")}
         return Promises(value=arrays["value"], advantage=arrays["advantage"], **forecasts)
     except (OSError, KeyError, ValueError) as error:
         raise ShuttleError(f"{path}: no readable values ({error}); write them with --values") from error
