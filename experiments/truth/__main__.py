@@ -201,8 +201,8 @@ def _print(result: dict[str, Any]) -> None:
             for name, found in result.get("against", {}).items()
         ),
         *(
-            f"calibration error of the forecast, {name}: {found['ece']:.4f} (of a game without errors {found['chance']:.4f}, at most "
-            f"{found['chance_high']:.4f})"
+            f"calibration error of the forecast, {name}: {found['ece']:.4f} (of a game without errors {found['chance']:.4f}, "
+            f"at most {found['chance_high']:.4f})"
             for name, found in result["forecasts"].items()
         ),
         f"log-loss of the value: {result['value_log_loss']:.5f}",

@@ -12,10 +12,12 @@ In four cross fits over the training matches, trees that read the bit too predic
 log-loss of a fault -151e-5 [-201, -101], of the contact -85e-5 [-127, -47] (95 % by match). With trees instead of means as value,
 -132e-5 and -69e-5; with trees that were not fitted to the match, -115e-5 and -58e-5.
 
-Matches of the fit are marked by trees that were not fitted to them, in twenty folds; all others by trees fitted to all of them. So
-the bit says the same about both. With five folds (as in the comparison above) it does not: fewer strikers of unseen matches are
-hurried than of those of the fit (23.3 against 24.9 %; 24.6 % with twenty; four fits to half of the training matches), and the
-calibration error of the models that predict the bit there is .024 instead of .013. The log-loss of a fault is the same. Serves are never hurried. Where a position or time is unknown, so is the bit.
+Matches of the fit are marked by trees that were not fitted to them, in twenty folds; all others by trees fitted to all of them.
+So the bit says the same about both. With five folds, as in the comparison above, it does not: fewer strikers of unseen matches
+are hurried than of those of the fit (23.3 against 24.9 %; 24.6 % with twenty; four fits to half of the training matches), and the
+calibration error of the models that predict the bit there is .024 instead of .013. The log-loss of a fault is the same.
+
+Serves are never hurried. Where a position or time is unknown, so is the bit.
 """
 
 import dataclasses
