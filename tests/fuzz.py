@@ -47,6 +47,7 @@ import tyro
 
 from shuttle_marl.commands import analysis, data, dynamics, exact, league, recording, report, scout, training
 from shuttle_marl.files import seal
+from shuttle_marl.game.observation import RALLY_WIDTH
 from shuttle_marl.table_files import seal_parquet
 from tests.recording.mutate import Mutator, mutated
 from tests.reduced import reduced_model
@@ -248,7 +249,7 @@ def foreign(root: Path) -> None:
 
     strokes = load_game(reduced_model()).n_strokes
     torch.manual_seed(0)
-    layers = torch.nn.Sequential(torch.nn.Linear(59, 8), torch.nn.Tanh(), torch.nn.Linear(8, strokes))
+    layers = torch.nn.Sequential(torch.nn.Linear(RALLY_WIDTH, 8), torch.nn.Tanh(), torch.nn.Linear(8, strokes))
     torch.save(layers.state_dict(), root / "weights" / "mine.pt")
     save_file(layers.state_dict(), root / "weights" / "mine.safetensors", metadata={"functions": "tanh"})
     names = ("mlp_extractor.policy_net.0", "action_net")
@@ -508,19 +509,19 @@ class Code:
 
 def forged_weights(rng: random.Random) -> bytes:
     """A file of weights with code, or with tensors of other kinds and sizes."""
-    matrix = torch.zeros(8, 59)
+    matrix = torch.zeros(8, RALLY_WIDTH)
     tensors: list[Callable[[], Any]] = [
         matrix.to_sparse,
         matrix.to_sparse_csr,
-        lambda: torch.zeros(8, 59, device="meta"),
+        lambda: torch.zeros(8, RALLY_WIDTH, device="meta"),
         lambda: torch.quantize_per_tensor(matrix, 0.1, 0, torch.qint8),
         lambda: torch.zeros(1).expand(1 << 18, 1 << 18),
-        lambda: torch.zeros(1).expand(8, 59),
-        lambda: torch.zeros(8, 59, dtype=torch.complex64),
-        lambda: torch.zeros(8, 59, dtype=torch.bool),
-        lambda: torch.zeros(8, 59, dtype=torch.float64) * 1e300,
-        lambda: torch.full((8, 59), torch.nan),
-        lambda: torch.zeros(0, 59),
+        lambda: torch.zeros(1).expand(8, RALLY_WIDTH),
+        lambda: torch.zeros(8, RALLY_WIDTH, dtype=torch.complex64),
+        lambda: torch.zeros(8, RALLY_WIDTH, dtype=torch.bool),
+        lambda: torch.zeros(8, RALLY_WIDTH, dtype=torch.float64) * 1e300,
+        lambda: torch.full((8, RALLY_WIDTH), torch.nan),
+        lambda: torch.zeros(0, RALLY_WIDTH),
         lambda: torch.zeros(()),
         lambda: torch.nested.nested_tensor([torch.zeros(2), torch.zeros(3)]),
         lambda: [1, 2],
