@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from benchmarks.motion_life import Life, measure_life, summary_of_life
-from shuttle_marl.arrays import F64, Bools
+from shuttle_marl.base.arrays import F64, Bools
 from shuttle_marl.game.court import HALF_LENGTH, HALF_WIDTH, SHORT_SERVICE, area_of
 from shuttle_marl.staging.arm import (
     ANGLES,

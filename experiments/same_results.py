@@ -21,8 +21,8 @@ import pyarrow as pa
 import tyro
 from rich.console import Console
 
+from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.commands.cli import run as run_command
-from shuttle_marl.errors import ShuttleError
 
 _TRAIN: Final = ("--seed", "4", "--strokes", "60000", "--out", "{out}")
 _PAIR: Final = ("--players", "viktor-axelsen", "kento-momota")

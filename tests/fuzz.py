@@ -45,10 +45,10 @@ import pyarrow.parquet as pq
 import torch
 import tyro
 
+from shuttle_marl.base.files import seal
+from shuttle_marl.base.table_files import seal_parquet
 from shuttle_marl.commands import analysis, data, dynamics, exact, league, recording, report, scout, training
-from shuttle_marl.files import seal
 from shuttle_marl.game.observation import RALLY_WIDTH
-from shuttle_marl.table_files import seal_parquet
 from tests.recording.mutate import Mutator, mutated
 from tests.reduced import reduced_model
 from tests.waiting import wait_until

@@ -29,8 +29,8 @@ import tyro
 from rich.console import Console
 
 from docs.tools.markdown import ROOT, markdown
+from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.commands import cli
-from shuttle_marl.errors import ShuttleError
 
 PACKAGE: Final = "shuttle_marl"
 PARAMETERS: Final = 8

@@ -11,8 +11,8 @@ from typing import Final
 
 import numpy as np
 
-from shuttle_marl.arrays import F64, I32, I64
-from shuttle_marl.errors import printable
+from shuttle_marl.base.arrays import F64, I32, I64
+from shuttle_marl.base.errors import printable
 from shuttle_marl.exact import ProfileValue, Solution, evaluate
 from shuttle_marl.game.layout import Layout
 from shuttle_marl.game.pairs import AnyGame

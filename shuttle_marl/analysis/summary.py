@@ -7,10 +7,10 @@ from typing import Final
 import numpy as np
 import pyarrow as pa
 
-from shuttle_marl.arrays import F64, I64
+from shuttle_marl.base.arrays import F64, I64
+from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.data import load_strokes
 from shuttle_marl.data.schema import REASONS, STROKES, Outcome
-from shuttle_marl.errors import ShuttleError
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.stroke import N_SHOTS
 from shuttle_marl.recording import Rallies, RallyLog

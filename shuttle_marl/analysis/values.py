@@ -13,7 +13,7 @@ import pyarrow as pa
 from scipy import stats
 
 from shuttle_marl.analysis.summary import AnalysisError
-from shuttle_marl.arrays import F64, I64, Intp
+from shuttle_marl.base.arrays import F64, I64, Intp
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.data.upstream import date_of
 from shuttle_marl.dynamics.features import Rows, rows_from_strokes, states_of, strokes_before

@@ -14,11 +14,11 @@ from shuttle_marl.analysis import Players
 from shuttle_marl.analysis.advice import imitated, meet
 from shuttle_marl.analysis.match import MatchReport, match_report, matches_in
 from shuttle_marl.analysis.summary import AnalysisError
+from shuttle_marl.base.errors import printable
 from shuttle_marl.coach.match_page import Footage
 from shuttle_marl.coach.words import words
 from shuttle_marl.data import load_strokes
 from shuttle_marl.data.own import import_matches
-from shuttle_marl.errors import printable
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game.pairs import AnyGame, PairGame
 from shuttle_marl.game.shipped import is_shipped

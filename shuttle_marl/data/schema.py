@@ -16,8 +16,8 @@ import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from shuttle_marl.arrays import I64, Bools, Ints
-from shuttle_marl.files import Count, Fraction
+from shuttle_marl.base.arrays import I64, Bools, Ints
+from shuttle_marl.base.files import Count, Fraction
 from shuttle_marl.game import court, rules
 from shuttle_marl.game.stroke import HEIGHTS, N_SERVES, SHOTS, TECHNIQUES
 

@@ -13,7 +13,10 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from shuttle_marl import __version__, table_files
+from shuttle_marl import __version__
+from shuttle_marl.base import table_files
+from shuttle_marl.base.errors import command
+from shuttle_marl.base.files import problem
 from shuttle_marl.data import upstream
 from shuttle_marl.data.cleaning import clean_matches
 from shuttle_marl.data.own import import_matches
@@ -21,8 +24,6 @@ from shuttle_marl.data.schema import STROKES, Account, Cleaned, violations
 from shuttle_marl.data.shuttleset import list_matches, read_game
 from shuttle_marl.data.strict_csv import DataError, Problem
 from shuttle_marl.data.upstream import SPLITS, Split, split_of
-from shuttle_marl.errors import command
-from shuttle_marl.files import problem
 
 OPTIONAL: Final = "hurried"
 """Column that files may lack."""

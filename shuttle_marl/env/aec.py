@@ -13,9 +13,9 @@ from pettingzoo import AECEnv
 from pettingzoo.utils.env_logger import EnvLogger
 from pettingzoo.utils.wrappers.order_enforcing import OrderEnforcingWrapper
 
-from shuttle_marl.arrays import F32, U8
+from shuttle_marl.base.arrays import F32, U8
+from shuttle_marl.base.errors import ActionError, OptionError, whole_number
 from shuttle_marl.env.snapshot import Snapshot, as_text
-from shuttle_marl.errors import ActionError, OptionError, whole_number
 from shuttle_marl.game.observation import RALLY_WIDTH
 from shuttle_marl.game.pairs import AnyGame, PairGame, resolve_players
 from shuttle_marl.game.rules import FAULT, OUTCOMES, RETURNED_BELOW, IllegalStrokeError

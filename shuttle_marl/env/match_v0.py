@@ -4,10 +4,10 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 
-from shuttle_marl.arrays import F32
+from shuttle_marl.base.arrays import F32
+from shuttle_marl.base.errors import OptionError
 from shuttle_marl.env.aec import AGENTS, RENDER_MODES, CheckedEnv, RenderMode, ShuttleEnv
 from shuttle_marl.env.wrappers import ActionView, InfoView, MaskView, PlainEnv, wrapped
-from shuttle_marl.errors import OptionError
 from shuttle_marl.game.observation import RALLY_WIDTH, SCORE_WIDTH
 from shuttle_marl.game.pairs import AnyGame
 from shuttle_marl.game.scoring import BWF, Rules, Score, score_fractions

@@ -2,9 +2,9 @@
 
 from typing import Any, ClassVar, Literal
 
+from shuttle_marl.base.errors import OptionError
 from shuttle_marl.env.aec import RENDER_MODES, CheckedEnv, RenderMode, ShuttleEnv
 from shuttle_marl.env.wrappers import ActionView, InfoView, MaskView, PlainEnv, wrapped
-from shuttle_marl.errors import OptionError
 from shuttle_marl.game.pairs import AnyGame
 from shuttle_marl.rally.stepper import RallyDraws
 

@@ -11,11 +11,11 @@ import numpy as np
 from gymnasium import spaces
 from gymnasium.error import ResetNeeded
 
-from shuttle_marl.arrays import U8, Bools
+from shuttle_marl.base.arrays import U8, Bools
+from shuttle_marl.base.errors import OptionError
 from shuttle_marl.env import match_v0, rally_v0
 from shuttle_marl.env.aec import AGENTS, RENDER_MODES, Observation, RenderMode, ShuttleEnv
 from shuttle_marl.env.wrappers import InfoView, MaskView, checked_views
-from shuttle_marl.errors import OptionError
 from shuttle_marl.game.pairs import AnyGame, opponent_tables
 from shuttle_marl.game.policy import Policy, reads_score
 from shuttle_marl.game.rules import IllegalStrokeError

@@ -7,9 +7,9 @@ import numpy.typing as npt
 from gymnasium import spaces
 from pettingzoo.utils.wrappers.order_enforcing import OrderEnforcingWrapper
 
-from shuttle_marl.arrays import I8
+from shuttle_marl.base.arrays import I8
+from shuttle_marl.base.errors import ActionError, OptionError
 from shuttle_marl.env.aec import CheckedEnv, Observation, ShuttleEnv
-from shuttle_marl.errors import ActionError, OptionError
 from shuttle_marl.game.observation import PARTS, STROKE_WIDTH
 
 ActionView = Literal["flat", "components"]

@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from shuttle_marl.arrays import F64, I8, Bools, Floats, Ints
+from shuttle_marl.base.arrays import F64, I8, Bools, Floats, Ints
 
 LENGTH: Final = 13.40
 """Length of the court [m]."""

@@ -17,8 +17,8 @@ import numpy as np
 import pyspiel
 from open_spiel.python import policy as spiel_policy
 
-from shuttle_marl.arrays import F32
-from shuttle_marl.errors import OptionError
+from shuttle_marl.base.arrays import F32
+from shuttle_marl.base.errors import OptionError
 from shuttle_marl.game.observation import RALLY_WIDTH
 from shuttle_marl.game.policy import Policy
 from shuttle_marl.game.rules import FAULT, OUTCOMES, RETURNED_BELOW, WINNER

@@ -12,7 +12,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from shuttle_marl.arrays import I8, I32, U16, U64, Bools, Intp
+from shuttle_marl.base.arrays import I8, I32, U16, U64, Bools, Intp
 from shuttle_marl.game import draws
 from shuttle_marl.game.pairs import AnyGame, PairGame
 from shuttle_marl.game.policy import Policy, PolicyError, States, checked_probabilities, drawn_strokes

@@ -12,12 +12,12 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from shuttle_marl.arrays import I8, I32, U8, U16, U64
+from shuttle_marl.base.arrays import I8, I32, U8, U16, U64
+from shuttle_marl.base.compiling import compiled, inlined
 from shuttle_marl.game.pairs import AnyGame
 from shuttle_marl.game.scoring import BWF, Rules, RulesTuple, count_rally
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.kernel.checks import checked_array, checked_number
-from shuttle_marl.kernel.compiling import compiled, inlined
 from shuttle_marl.kernel.core import (
     BLOCK,
     Tables,

@@ -17,7 +17,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from shuttle_marl.arrays import F32, I32, I64, Bools, Floats, Ints
+from shuttle_marl.base.arrays import F32, I32, I64, Bools, Floats, Ints
 from shuttle_marl.game import draws
 from shuttle_marl.game.pairs import AnyGame
 from shuttle_marl.game.tables import Game

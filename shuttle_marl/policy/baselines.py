@@ -16,7 +16,8 @@ from typing import Final
 
 import numpy as np
 
-from shuttle_marl.arrays import F32, F64, I16, I64
+from shuttle_marl.base.arrays import F32, F64, I16, I64
+from shuttle_marl.base.tensor_files import checked, parsed
 from shuttle_marl.game.court import N_AREAS, area_centre
 from shuttle_marl.game.pairs import SeatGame
 from shuttle_marl.game.policy import PolicyError, States
@@ -26,7 +27,6 @@ from shuttle_marl.game.tables import Game, GameError
 from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities
 from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.policy.plain_network import legal_softmax
-from shuttle_marl.tensor_files import checked, parsed
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)

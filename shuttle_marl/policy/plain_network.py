@@ -22,13 +22,13 @@ import numpy as np
 import numpy.typing as npt
 from safetensors.numpy import save
 
-from shuttle_marl.arrays import F64, I32, Bools
-from shuttle_marl.extras import install_hint
-from shuttle_marl.files import problem, read_file, replace_file
+from shuttle_marl.base.arrays import F64, I32, Bools
+from shuttle_marl.base.extras import install_hint
+from shuttle_marl.base.files import problem, read_file, replace_file
+from shuttle_marl.base.tensor_files import parsed, read_tensors
 from shuttle_marl.game.observation import RALLY_WIDTH, features, with_efforts
 from shuttle_marl.game.policy import Policy, PolicyError, States
 from shuttle_marl.game.tables import Game
-from shuttle_marl.tensor_files import parsed, read_tensors
 
 Inputs = Literal["observation", "tokens"]
 """Input of a network: the vector of ``rally_v0``, or the seven integers of the batched environments."""

@@ -23,7 +23,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Final
 
-from shuttle_marl.errors import described
+from shuttle_marl.base.errors import described
 from shuttle_marl.game.policy import GamePolicy, Policy, PolicyError, TemperedPolicy, UniformPolicy
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate

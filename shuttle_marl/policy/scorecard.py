@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 from scipy.stats import binomtest
 
-from shuttle_marl.arrays import I32, Bools, Intp
+from shuttle_marl.base.arrays import I32, Bools, Intp
 from shuttle_marl.exact.away import Spread, over
 from shuttle_marl.exact.fixed_point import TOLERANCE
 from shuttle_marl.exact.known import best_odds

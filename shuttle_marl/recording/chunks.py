@@ -21,7 +21,7 @@ from mcap.opcode import Opcode
 from mcap.records import Chunk, Message
 from mcap.writer import CompressionType
 
-from shuttle_marl.arrays import Array
+from shuttle_marl.base.arrays import Array
 from shuttle_marl.rally.record import OPTIONAL, PER_STROKE, Rallies, stroke_dtype
 from shuttle_marl.recording.header import VERSION, DamagedLogError, LogHeader
 

@@ -10,8 +10,8 @@ import msgspec
 import numpy as np
 
 from shuttle_marl import __version__
-from shuttle_marl.arrays import U64, Bools, Ints
-from shuttle_marl.errors import ShuttleError
+from shuttle_marl.base.arrays import U64, Bools, Ints
+from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.game.draws import stream as draw_stream
 from shuttle_marl.game.pairs import AnyGame, PairGame, pair_game
 from shuttle_marl.game.scoring import BWF, Rules

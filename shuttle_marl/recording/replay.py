@@ -11,9 +11,9 @@ import numpy as np
 from mcap.opcode import Opcode
 from mcap.records import DataEnd, Footer
 
-from shuttle_marl.arrays import I32, I64, Bools
-from shuttle_marl.errors import printable
-from shuttle_marl.files import open_file
+from shuttle_marl.base.arrays import I32, I64, Bools
+from shuttle_marl.base.errors import printable
+from shuttle_marl.base.files import open_file
 from shuttle_marl.game import draws
 from shuttle_marl.game.layout import Layout
 from shuttle_marl.game.pairs import AnyGame

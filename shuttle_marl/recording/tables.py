@@ -16,11 +16,12 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
 
-from shuttle_marl.arrays import F64, I64, Bools, Floats
+from shuttle_marl.base.arrays import F64, I64, Bools, Floats
+from shuttle_marl.base.errors import ShuttleError
+from shuttle_marl.base.files import replacing
+from shuttle_marl.base.table_files import PARQUET, seal_parquet, without_formulas
 from shuttle_marl.data.schema import REASONS, STROKES, Account, Outcome, outcome_of
 from shuttle_marl.data.upstream import discipline
-from shuttle_marl.errors import ShuttleError
-from shuttle_marl.files import replacing
 from shuttle_marl.game import court, draws
 from shuttle_marl.game.pairs import AnyGame
 from shuttle_marl.game.stroke import N_SERVES, Catalogue
@@ -30,7 +31,6 @@ from shuttle_marl.rally.record import Rallies
 from shuttle_marl.recording.header import LogHeader, Player, RecordingError
 from shuttle_marl.recording.reader import RallyLog, rally_rows, stroke_rows
 from shuttle_marl.recording.replay import require_game, states
-from shuttle_marl.table_files import PARQUET, seal_parquet, without_formulas
 
 _WRITERS: Final[dict[str, Callable[[BinaryIO, pa.Schema], Any]]] = {
     ".parquet": lambda file, schema: pyarrow.parquet.ParquetWriter(file, schema, **PARQUET),
@@ -87,7 +87,7 @@ def export(source: Path, target: Path, rows: Literal["rallies", "strokes"], game
 
     Args:
         source: the log, a file or a folder.
-        target: replaced if it exists. Ends in ``.parquet`` (with checksums, see :mod:`shuttle_marl.table_files`), ``.csv``
+        target: replaced if it exists. Ends in ``.parquet`` (with checksums, see :mod:`shuttle_marl.base.table_files`), ``.csv``
             (lists as texts with spaces between their items; names that a spreadsheet would take for formulas begin with an
             apostrophe) or ``.arrow``.
         rows: one row a rally or a stroke, with the columns of :mod:`shuttle_marl.recording.reader`.

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from shuttle_marl.analysis import LogPlayers, RallyAnalysis, analyse_rally
-from shuttle_marl.errors import printable
+from shuttle_marl.base.errors import printable
 from shuttle_marl.game.draws import stream
 from shuttle_marl.game.pairs import AnyGame, seat_names
 from shuttle_marl.game.rules import OUTCOMES, IllegalStrokeError

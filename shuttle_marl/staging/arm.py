@@ -14,7 +14,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from shuttle_marl.arrays import F64
+from shuttle_marl.base.arrays import F64
 from shuttle_marl.staging.rotation import cross, frame, unit
 from shuttle_marl.staging.skeleton import SWEET_SPOT, Skeleton
 

@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from shuttle_marl.arrays import F64, U64
+from shuttle_marl.base.arrays import F64, U64
 from shuttle_marl.game import draws
 from shuttle_marl.game.court import HALF_LENGTH, HALF_WIDTH, SHORT_SERVICE
 from shuttle_marl.game.rules import FAULT, HURRIED_BELOW, RETURNED_BELOW, WINNER

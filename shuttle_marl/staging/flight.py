@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from shuttle_marl.arrays import F64, Intp
+from shuttle_marl.base.arrays import F64, Intp
 
 GRAVITY: Final = 9.81
 """Acceleration of gravity [m/s²]."""

@@ -6,7 +6,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from shuttle_marl.arrays import F64
+from shuttle_marl.base.arrays import F64
 from shuttle_marl.staging.curves import smooth, widen
 from shuttle_marl.staging.feet import Feet
 from shuttle_marl.staging.keys import LEFT, RIGHT

@@ -7,7 +7,7 @@ staging its Euler angles take several times as long.
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from shuttle_marl.arrays import F64, Floats
+from shuttle_marl.base.arrays import F64, Floats
 
 _IDENTITY = np.eye(3)
 _NEXT, _AFTER = [1, 2, 0], [2, 0, 1]

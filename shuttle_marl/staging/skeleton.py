@@ -13,8 +13,8 @@ from typing import Final
 
 import numpy as np
 
-from shuttle_marl.arrays import F64, I64
-from shuttle_marl.errors import ShuttleError
+from shuttle_marl.base.arrays import F64, I64
+from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.staging.rotation import apply, unit
 
 

@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from shuttle_marl.arrays import F64
+from shuttle_marl.base.arrays import F64
 from shuttle_marl.staging.trajectory import WIN, Trajectory, facing
 
 TOP_SPEED: Final = 6.5

@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 import pyarrow as pa
 
-from shuttle_marl.arrays import F32, I8, I32, I64, Bools
+from shuttle_marl.base.arrays import F32, I8, I32, I64, Bools
 from shuttle_marl.exact.profile import StatePolicy
 from shuttle_marl.game.draws import stream
 from shuttle_marl.game.tables import HURRY_ONE, Game

@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from shuttle_marl.arrays import F64
+from shuttle_marl.base.arrays import F64
 from shuttle_marl.exact import best_response
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities

@@ -12,8 +12,8 @@ from typing import Final
 
 import numpy as np
 
-from shuttle_marl.arrays import U64
-from shuttle_marl.errors import printable
+from shuttle_marl.base.arrays import U64
+from shuttle_marl.base.errors import printable
 from shuttle_marl.game.draws import choice_draw, draw, first_server, outcome_draw, stream
 from shuttle_marl.game.pairs import AnyGame
 from shuttle_marl.game.policy import Policy

@@ -10,13 +10,13 @@ import numpy as np
 import pyarrow as pa
 
 from shuttle_marl.analysis.rally import LogPlayers, Players, legal_states
-from shuttle_marl.arrays import I64
+from shuttle_marl.base.arrays import I64
+from shuttle_marl.base.errors import printable
 from shuttle_marl.data import load_strokes
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.data.upstream import date_of
 from shuttle_marl.dynamics.features import rows_from_strokes
 from shuttle_marl.dynamics.hurried import hurry_of
-from shuttle_marl.errors import printable
 from shuttle_marl.game.draws import stream
 from shuttle_marl.game.pairs import AnyGame
 from shuttle_marl.game.rules import FAULT, WINNER, IllegalStrokeError

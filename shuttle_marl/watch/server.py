@@ -32,9 +32,9 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from starlette.websockets import WebSocket, WebSocketDisconnect
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
-from shuttle_marl.errors import ShuttleError, printable
-from shuttle_marl.extras import install_hint
-from shuttle_marl.files import replacing
+from shuttle_marl.base.errors import ShuttleError, printable
+from shuttle_marl.base.extras import install_hint
+from shuttle_marl.base.files import replacing
 from shuttle_marl.staging import ATHLETES, model_file
 from shuttle_marl.watch import WatchError
 from shuttle_marl.watch.messages import HelloRequest, RallyRequest, decode_request, encode_reply, request_id

@@ -6,7 +6,7 @@ import importlib.util
 import pytest
 
 from docs.tools import recipes
-from shuttle_marl.errors import ShuttleError
+from shuttle_marl.base.errors import ShuttleError
 
 NEEDED = {
     "agilerl": ("agilerl", "peft"),

@@ -14,7 +14,7 @@ X, _Y = 1, 2
 def f(): return X
 """
 TOP = """from shuttle_marl.a import low
-from shuttle_marl.errors import E
+from shuttle_marl.base.errors import E
 Z: int = 3
 def g():
     low.f()
@@ -26,7 +26,7 @@ FILES = {
     "a/__init__.py": "from shuttle_marl.a.low import f\n",
     "a/low.py": LOW,
     "a/top.py": TOP,
-    "a/unused.py": "import shuttle_marl.errors\n",
+    "a/unused.py": "import shuttle_marl.base.errors\n",
 }
 PLAY = """
 from shuttle_marl.a.top import g
@@ -54,7 +54,7 @@ def test_modules_and_their_imports(root: Path) -> None:
     assert set(found) == {f"shuttle_marl{name}" for name in ("", ".errors", ".a", ".a.low", ".a.top", ".a.unused")}
     assert found["shuttle_marl.a.low"].lines == 5
     assert found["shuttle_marl.a.low"].origins == {}
-    assert found["shuttle_marl.a.top"].origins == {"low": "shuttle_marl.a.low", "E": "shuttle_marl.errors"}
+    assert found["shuttle_marl.a.top"].origins == {"low": "shuttle_marl.a.low", "E": "shuttle_marl.base.errors"}
 
 
 def test_modules_with_one_importer(root: Path) -> None:

@@ -133,7 +133,7 @@ def test_a_missing_pygame_is_named_with_the_cure():
 import sys
 sys.modules["pygame"] = None
 from shuttle_marl import rally_v0
-from shuttle_marl.errors import ShuttleError
+from shuttle_marl.base.errors import ShuttleError
 env = rally_v0.env(render_mode="rgb_array")
 env.reset(seed=0)
 try:

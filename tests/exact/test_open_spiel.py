@@ -12,7 +12,7 @@ from open_spiel.python import rl_environment
 from open_spiel.python.algorithms import best_response, expected_game_score
 
 from shuttle_marl import exact, rally_v0
-from shuttle_marl.errors import OptionError
+from shuttle_marl.base.errors import OptionError
 from shuttle_marl.exact import solve
 from shuttle_marl.game import default_game
 from shuttle_marl.game.policy import UniformPolicy

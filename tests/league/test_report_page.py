@@ -12,8 +12,8 @@ import pytest
 from playwright.sync_api import Browser
 from scipy.stats import mannwhitneyu
 
+from shuttle_marl.base.errors import printable
 from shuttle_marl.commands.league import main
-from shuttle_marl.errors import printable
 from shuttle_marl.league import LeagueConfig, LeagueError
 from shuttle_marl.league.assessment import assess
 from shuttle_marl.league.page.learning import Curve

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from shuttle_marl import runs
+from shuttle_marl.base import runs
 from shuttle_marl.league.assessment import Assessment, MetaGame
 from shuttle_marl.league.entrants import LeagueConfig, LeagueError
 from shuttle_marl.league.folder import PAIRINGS, RALLIES, REPORT

@@ -5,8 +5,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from shuttle_marl.arrays import F64
-from shuttle_marl.kernel.compiling import compiled
+from shuttle_marl.base.arrays import F64
+from shuttle_marl.base.compiling import compiled
 from shuttle_marl.staging.arm import (
     BEND,
     DEVIATION,

@@ -7,8 +7,8 @@ import math
 
 import numpy as np
 
-from shuttle_marl.arrays import F64, I64
-from shuttle_marl.kernel.compiling import compiled
+from shuttle_marl.base.arrays import F64, I64
+from shuttle_marl.base.compiling import compiled
 from shuttle_marl.staging.travel import TravelOptions, TravelWishes
 
 
