@@ -38,9 +38,9 @@ COMMANDS: Final[dict[str, tuple[str, ...]]] = {
     "a2c": ("training", "a2c", *_TRAIN),
     "sac": ("training", "sac", *_TRAIN),
     "self-play": ("training", "ppo", "--opponent", "self", *_TRAIN),
-    "exploit": ("suite", "run", "exploit", "--method", "constant", *_SUITE),
-    "offline": ("suite", "run", "offline", "--method", "model", *_SUITE),
-    "robust": ("suite", "run", "robust", "--method", "mean-game", *_SUITE),
+    "exploit": ("suite", "run", "exploit-v0", "--method", "constant", *_SUITE),
+    "offline": ("suite", "run", "offline-v0", "--method", "model", *_SUITE),
+    "robust": ("suite", "run", "robust-v0", "--method", "mean-game", *_SUITE),
 }
 """Arguments after ``python -m shuttle_marl``, by name; ``{out}`` is a separate folder for each command."""
 _LEFT_OUT: Final = ("manifest.json", "tensorboard")

@@ -21,9 +21,9 @@ from shuttle_marl.data import load_strokes
 from shuttle_marl.data.own import import_matches
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game.pairs import AnyGame, PairGame
+from shuttle_marl.game.rally.record import Rallies
 from shuttle_marl.game.shipped import is_shipped
 from shuttle_marl.policy import baselines
-from shuttle_marl.rally.record import Rallies
 from shuttle_marl.recording import RallyLog
 from shuttle_marl.recording.tables import stroke_table
 from shuttle_marl.watch.match import CourtRally

@@ -20,9 +20,9 @@ from shuttle_marl.policy.foreign import time_limit
 
 if TYPE_CHECKING:
     from shuttle_marl.base.arrays import F64
+    from shuttle_marl.game.rally.record import Rallies
     from shuttle_marl.game.tables import Game
     from shuttle_marl.policy.scorecard import Scorecard, Scorer
-    from shuttle_marl.rally.record import Rallies
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -66,4 +66,4 @@ def report(
 COMMANDS: Final = report
 
 
-main: Final = cli.entry_point(COMMANDS, "python -m shuttle_marl.report", __doc__ or "")
+main: Final = cli.entry_point(COMMANDS, "python -m shuttle_marl report", __doc__ or "")

@@ -77,4 +77,4 @@ def scout(
 COMMANDS: Final = scout
 
 
-main: Final = cli.entry_point(COMMANDS, "python -m shuttle_marl.scout", __doc__ or "")
+main: Final = cli.entry_point(COMMANDS, "python -m shuttle_marl scout", __doc__ or "")

@@ -18,9 +18,9 @@ from shuttle_marl.base.errors import ActionError, OptionError, whole_number
 from shuttle_marl.env.snapshot import Snapshot, as_text
 from shuttle_marl.game.observation import RALLY_WIDTH
 from shuttle_marl.game.pairs import AnyGame, PairGame, resolve_players
+from shuttle_marl.game.rally.stepper import RallyDraws, Stroke, stepper_of
 from shuttle_marl.game.rules import FAULT, OUTCOMES, RETURNED_BELOW, IllegalStrokeError
 from shuttle_marl.game.tables import ROOT
-from shuttle_marl.rally.stepper import RallyDraws, Stroke, stepper_of
 
 if TYPE_CHECKING:
     from shuttle_marl.env.picture import CourtRenderer

@@ -10,8 +10,8 @@ from shuttle_marl.env.aec import AGENTS, RENDER_MODES, CheckedEnv, RenderMode, S
 from shuttle_marl.env.wrappers import ActionView, InfoView, MaskView, PlainEnv, wrapped
 from shuttle_marl.game.observation import RALLY_WIDTH, SCORE_WIDTH
 from shuttle_marl.game.pairs import AnyGame
+from shuttle_marl.game.rally.stepper import RallyDraws
 from shuttle_marl.game.scoring import BWF, Rules, Score, score_fractions
-from shuttle_marl.rally.stepper import RallyDraws
 
 __all__ = ["env", "raw_env"]
 

@@ -22,9 +22,9 @@ from shuttle_marl.env.snapshot import (
     standing,
 )
 from shuttle_marl.game.court import AREAS, HALF_LENGTH, HALF_WIDTH, LENGTH, LONG_SERVICE, SHORT_SERVICE, WIDTH
+from shuttle_marl.game.rally.stepper import Stroke
 from shuttle_marl.game.rules import FAULT, OUTCOMES, RETURNED_BELOW, WINNER
 from shuttle_marl.game.stroke import HEIGHTS, TECHNIQUES
-from shuttle_marl.rally.stepper import Stroke
 
 os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
 

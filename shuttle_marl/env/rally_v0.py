@@ -6,7 +6,7 @@ from shuttle_marl.base.errors import OptionError
 from shuttle_marl.env.aec import RENDER_MODES, CheckedEnv, RenderMode, ShuttleEnv
 from shuttle_marl.env.wrappers import ActionView, InfoView, MaskView, PlainEnv, wrapped
 from shuttle_marl.game.pairs import AnyGame
-from shuttle_marl.rally.stepper import RallyDraws
+from shuttle_marl.game.rally.stepper import RallyDraws
 
 __all__ = ["env", "raw_env"]
 

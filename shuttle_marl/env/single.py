@@ -18,12 +18,12 @@ from shuttle_marl.env.aec import AGENTS, RENDER_MODES, Observation, RenderMode, 
 from shuttle_marl.env.wrappers import InfoView, MaskView, checked_views
 from shuttle_marl.game.pairs import AnyGame, opponent_tables
 from shuttle_marl.game.policy import Policy, reads_score
+from shuttle_marl.game.rally.stepper import choose
 from shuttle_marl.game.rules import IllegalStrokeError
 from shuttle_marl.game.scoring import BWF, Rules
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import named
-from shuttle_marl.rally.stepper import choose
 
 Seat = Literal[0, 1]
 

@@ -21,9 +21,9 @@ from shuttle_marl.game.court import (
     area_centre,
 )
 from shuttle_marl.game.layout import Layout
+from shuttle_marl.game.rally.stepper import Stroke
 from shuttle_marl.game.rules import FAULT, HURRIED_BELOW, OUTCOMES, WINNER
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES, Catalogue
-from shuttle_marl.rally.stepper import Stroke
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)

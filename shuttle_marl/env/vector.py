@@ -15,12 +15,12 @@ from shuttle_marl.env.aec import ILLEGAL
 from shuttle_marl.env.wrappers import InfoView, MaskView, checked_views
 from shuttle_marl.game.observation import RALLY_WIDTH, SCORE_WIDTH, SWAP, with_efforts
 from shuttle_marl.game.pairs import AnyGame, opponent_tables, resolve_players
+from shuttle_marl.game.rally.stepper import stepper_of
 from shuttle_marl.game.rules import FAULT, OUTCOMES, WINNER
 from shuttle_marl.game.scoring import BWF, Rules, score_fractions
 from shuttle_marl.kernel import LearnerBatch, LearnerMatchBatch
 from shuttle_marl.kernel.rows import Server
 from shuttle_marl.policy.registry import Opponents, tabulated
-from shuttle_marl.rally.stepper import stepper_of
 
 Arrays = dict[str, npt.NDArray[Any]]
 

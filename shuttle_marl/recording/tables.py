@@ -24,10 +24,10 @@ from shuttle_marl.data.schema import REASONS, STROKES, Account, Outcome, outcome
 from shuttle_marl.data.upstream import discipline
 from shuttle_marl.game import court, draws
 from shuttle_marl.game.pairs import AnyGame
+from shuttle_marl.game.rally.record import Rallies
 from shuttle_marl.game.stroke import N_SERVES, Catalogue
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities
-from shuttle_marl.rally.record import Rallies
 from shuttle_marl.recording.header import LogHeader, Player, RecordingError
 from shuttle_marl.recording.reader import RallyLog, rally_rows, stroke_rows
 from shuttle_marl.recording.replay import require_game, states

@@ -15,9 +15,9 @@ import numpy as np
 from shuttle_marl.base.arrays import F64, U64
 from shuttle_marl.game import draws
 from shuttle_marl.game.court import HALF_LENGTH, HALF_WIDTH, SHORT_SERVICE
+from shuttle_marl.game.rally.record import Rally
 from shuttle_marl.game.rules import FAULT, HURRIED_BELOW, RETURNED_BELOW, WINNER
 from shuttle_marl.game.stroke import N_SERVES, SHOTS, TECHNIQUES
-from shuttle_marl.rally.record import Rally
 from shuttle_marl.staging.flight import Flights, fall, shoot
 from shuttle_marl.staging.library import Athlete
 from shuttle_marl.staging.measured import Measured, quantile

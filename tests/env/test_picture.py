@@ -13,8 +13,8 @@ from shuttle_marl import match_v0, rally_v0
 from shuttle_marl.env.snapshot import Snapshot, shot_in_words
 from shuttle_marl.game import default_game
 from shuttle_marl.game.court import LENGTH, WIDTH
+from shuttle_marl.game.rally.stepper import Stroke
 from shuttle_marl.game.rules import OUTCOMES
-from shuttle_marl.rally.stepper import Stroke
 from tests.exact.exact_games import tiring_game
 
 os.environ.setdefault("SDL_VIDEODRIVER", "dummy")

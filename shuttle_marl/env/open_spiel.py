@@ -1,7 +1,7 @@
 """The rally as a game of OpenSpiel; importing this module registers it.
 
     import pyspiel
-    import shuttle_marl.integrations.open_spiel
+    import shuttle_marl.env.open_spiel
 
     game = pyspiel.load_game("python_shuttle_marl_rally", {"server": 0})
 
@@ -21,11 +21,11 @@ from shuttle_marl.base.arrays import F32
 from shuttle_marl.base.errors import OptionError
 from shuttle_marl.game.observation import RALLY_WIDTH
 from shuttle_marl.game.policy import Policy
+from shuttle_marl.game.rally.stepper import stepper_of
 from shuttle_marl.game.rules import FAULT, OUTCOMES, RETURNED_BELOW, WINNER
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.game.tables import ROOT, Game
 from shuttle_marl.game.tabulated import tabulate
-from shuttle_marl.rally.stepper import stepper_of
 
 __all__ = ["NAME", "RallyGame", "RallyState", "open_spiel_policy"]
 

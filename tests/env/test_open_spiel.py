@@ -13,6 +13,7 @@ from open_spiel.python.algorithms import best_response, expected_game_score
 
 from shuttle_marl import exact, rally_v0
 from shuttle_marl.base.errors import OptionError
+from shuttle_marl.env.open_spiel import NAME, RallyGame, open_spiel_policy
 from shuttle_marl.exact import solve
 from shuttle_marl.game import default_game
 from shuttle_marl.game.policy import UniformPolicy
@@ -20,7 +21,6 @@ from shuttle_marl.game.stroke import Catalogue
 from shuttle_marl.game.tables import ROOT, Game
 from shuttle_marl.game.tabulated import layout
 from shuttle_marl.game.thresholds import ONE
-from shuttle_marl.integrations.open_spiel import NAME, RallyGame, open_spiel_policy
 from tests.exact.exact_games import game_without_outcomes, hand_made, random_game, random_policy, with_probabilities
 
 LADDER = (
