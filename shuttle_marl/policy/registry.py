@@ -340,7 +340,7 @@ _with_argument(
 )  # fmt: skip
 _with_argument(
     "torch:FILE", "mine.safetensors", "a file", lambda file, _: load_weights(Path(file)),
-    "network of your own from its weights: linear layers, saved by save_network or as a state dictionary",
+    "network of your own from its weights: linear layers with one activation function, saved by save_network",
 )  # fmt: skip
 _with_argument(
     "sb3:FILE", "mine.zip", "an archive", lambda file, _: from_sb3(file),
