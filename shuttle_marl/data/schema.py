@@ -166,6 +166,20 @@ class Account:
     dropped: dict[str, Count]
     area_agreement: Fraction | None
 
+    @classmethod
+    def of(cls, strokes: pa.Table) -> "Account":
+        """The account of a table of which nothing is known to be dropped."""
+        rallies = strokes.group_by(["match", "game", "rally"]).aggregate([]).num_rows
+        return cls(
+            matches=len(strokes["match"].unique()),
+            rallies=rallies,
+            rallies_kept=rallies,
+            strokes=strokes.num_rows,
+            strokes_kept=strokes.num_rows,
+            dropped={},
+            area_agreement=None,
+        )
+
     def as_json(self) -> dict[str, Any]:
         """The account as plain values."""
         return {

@@ -56,7 +56,7 @@ def load_account(path: Path | str) -> Account:
         return clean_matches(path).account
     metadata = _open(path).schema_arrow.metadata or {}
     if _written_elsewhere(metadata):
-        return account_of(read_parquet(path))
+        return Account.of(read_parquet(path))
     try:
         return Account.from_json(json.loads(metadata[_ACCOUNT]))
     except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
@@ -75,20 +75,6 @@ def write_parquet(strokes: pa.Table, path: Path, *, account: Account, provenance
     }
     table = strokes.cast(STROKES).combine_chunks().replace_schema_metadata({**STROKES.metadata, **extra})
     table_files.write_parquet(path, table, compression_level=9)
-
-
-def account_of(strokes: pa.Table) -> Account:
-    """The account of a table of which nothing is known to be dropped."""
-    rallies = strokes.group_by(["match", "game", "rally"]).aggregate([]).num_rows
-    return Account(
-        matches=len(strokes["match"].unique()),
-        rallies=rallies,
-        rallies_kept=rallies,
-        strokes=strokes.num_rows,
-        strokes_kept=strokes.num_rows,
-        dropped={},
-        area_agreement=None,
-    )
 
 
 def read_parquet(path: Path) -> pa.Table:

@@ -66,6 +66,11 @@ def third_of(area: Ints) -> Ints:
     return area // (N_AREAS // N_THIRDS)
 
 
+def steps_between(a: Ints, b: Ints) -> Ints:
+    """Steps across and along the court from areas to others, broadcast."""
+    return np.abs(a // 3 - b // 3) + np.abs(a % 3 - b % 3)
+
+
 def area_of(x: Floats, y: Floats) -> I8:
     """The area of a landing point, the nearest one for points outside the court.
 
