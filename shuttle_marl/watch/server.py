@@ -390,7 +390,7 @@ def write_video(address: str, path: Path, progress: Progress = iter, *, size: tu
         fps: frames per second.
 
     Raises:
-        WatchError: no browser is installed, or the page shows no rally.
+        WatchError: no browser is installed, or the page cannot show the rally.
     """
     from playwright.sync_api import Error, sync_playwright  # noqa: PLC0415  an extra
 
@@ -401,8 +401,9 @@ def write_video(address: str, path: Path, progress: Progress = iter, *, size: tu
             page.set_default_timeout(_WAIT)
             page.goto(address)
             page.locator(f"body[data-ready], {_FAILED}").first.wait_for()
-            if page.locator("body[data-ready]").count() == 0:
-                raise WatchError(f"the page shows no rally: {page.locator(_FAILED).first.inner_text()}")
+            failed = page.locator(_FAILED)  # the page says so, then shows its first rally instead
+            if failed.count():
+                raise WatchError(f"the page cannot show the rally: {failed.first.inner_text()}")
             page.evaluate("window.viewer.film()")
             frames = int(page.evaluate("window.viewer.state().duration") * fps + 1e-6) + 1
             with replacing(path) as file:
