@@ -92,13 +92,16 @@ class raw_env(ShuttleEnv):
         return points[player], points[other], games[player], games[other]
 
     def _begin_episode(self) -> int:
-        assert self.last_seed is not None
-        self._draws = RallyDraws(self.last_seed, self.episode)
+        self._draws = self._draws_of_episode()
         self._rally = 0
         server = self._draws.first_server(0) if self.first_server is None else self.first_server
         self._match_winner = None
         self._set_score(Score(server=server, rules=self.rules))
         return server
+
+    def _draws_of_episode(self) -> RallyDraws:
+        assert self.last_seed is not None
+        return RallyDraws(self.last_seed, self.episode)
 
     def _end_rally(self, winner: int) -> None:
         self._set_score(self._score.after(winner))

@@ -10,6 +10,7 @@ have one name, so algorithms on trees (best responses, CFR) need a game without 
 (value iteration with ``cyclic_game=True``) and those that sample take the game as it is.
 """
 
+import functools
 from collections.abc import Mapping
 from typing import Any, Final
 
@@ -99,7 +100,7 @@ class RallyGame(pyspiel.Game):
 
 
 class RallyState(pyspiel.State):
-    """A state, named by who strikes in which state of :mod:`shuttle_marl.game.tables`.
+    """A state, named in words by who strikes in which state of :mod:`shuttle_marl.game.tables`; its clones share no luck.
 
     Attributes:
         tables: the tables of the game.
@@ -159,8 +160,17 @@ class RallyState(pyspiel.State):
     def __str__(self) -> str:
         if self._over:
             return f"won by {self._winner}" if self._winner >= 0 else "cut off"
-        name = f"{self.striker} {self.number} {self._pair}"
-        return f"{name} {self.strokes}" if self._limit else name
+        if self.striker < 0:
+            return "who serves is not decided"
+        name = f"player {self.striker} to strike: {_described(self.tables, self.number)}"
+        if self._pair != _STROKE:
+            name += f"; plays {self.tables.catalogue.names[self.tables.base_pair_stroke[self._pair % self.tables.n_base_pairs]]}"
+        return f"{name}; stroke {self.strokes + 1}" if self._limit else name
+
+
+@functools.lru_cache(maxsize=1 << 16)  # algorithms on trees ask for the name of every node
+def _described(tables: Game, state: int) -> str:
+    return tables.describe(state)
 
 
 class RallyObserver:

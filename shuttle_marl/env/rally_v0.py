@@ -72,11 +72,14 @@ class raw_env(ShuttleEnv):
         self.server = server
 
     def _begin_episode(self) -> int:
-        assert self.last_seed is not None
         if self.episode == 0:
-            self._draws = RallyDraws(self.last_seed)
+            self._draws = self._draws_of_episode()
         self._rally = self.episode
         return self._draws.first_server(self._rally) if self.server is None else self.server
+
+    def _draws_of_episode(self) -> RallyDraws:
+        assert self.last_seed is not None
+        return RallyDraws(self.last_seed)
 
     def _title(self) -> str:
         return f"rally {self.episode + 1} of seed {self.last_seed}"

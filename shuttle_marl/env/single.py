@@ -4,7 +4,8 @@
 and random numbers are those of the wrapped environment.
 """
 
-from typing import Any, Literal, cast
+import copy
+from typing import Any, Literal, Self, cast
 
 import gymnasium
 import numpy as np
@@ -48,6 +49,9 @@ class Opponent:
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Opponent, (self._given, self._game)  # by name if possible, because a table has megabytes
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> "Opponent":
+        return self  # read-only, and a table takes longer than a rally
 
     def choose(self, state: int, draw: int, score: tuple[int, int, int, int] | None) -> int:
         """Catalogue index of the stroke in a state.
@@ -151,6 +155,16 @@ class SingleEnv(gymnasium.Env[Observation, np.int64]):
         self._owed = 0.0
         self._over = self.raw.terminations[self._agent]
         return self._seen(), reward, self._over, False, self._info()
+
+    def fork(self, seed: int | None = None) -> Self:
+        """Copy with fresh luck, of the opponent too, for planning; see :meth:`shuttle_marl.env.aec.ShuttleEnv.fork`.
+
+        With Gymnasium's wrappers around this environment, ``env.unwrapped.fork(seed)`` is a copy without them.
+        """
+        twin = copy.copy(self)
+        twin.raw, twin._unseen = self.raw.fork(seed), self._unseen.copy()
+        twin.render_mode = twin.raw.render_mode
+        return twin
 
     def render(self) -> U8 | str | None:
         """The rally as text (``ansi``), as a picture from above (``rgb_array``), or in a window (``human``)."""

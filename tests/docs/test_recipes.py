@@ -10,6 +10,7 @@ from shuttle_marl.base.errors import ShuttleError
 
 NEEDED = {
     "agilerl": ("agilerl", "peft"),
+    "mcts": (),
     "open_spiel": ("pyspiel", "tree"),
     "own_loop": ("torch",),
     "rllib": ("ray", "tree"),

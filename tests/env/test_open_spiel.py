@@ -68,11 +68,14 @@ def test_minimax_equals_open_spiel(value_iteration: ModuleType, tables: Game) ->
     game = RallyGame({"server": 0}, tables)
     expected = value_iteration.value_iteration(game, depth_limit=-1, threshold=1e-12, cyclic_game=True)
     solution = solve(tables, tolerance=1e-11)
-    seen = 0
+    names = (
+        (f"player {player} to strike: {tables.describe(s)}", (player, s)) for player in (0, 1) for s in range(tables.n_states)
+    )
+    decisions, seen = dict(names), 0
     for name, value in expected.items():
         if name.startswith("won"):
             continue
-        striker, state, _ = map(int, name.split())
+        striker, state = decisions[name]
         own = solution.value[striker][state]
         assert (own if striker == 0 else -own) == pytest.approx(value, abs=1e-8), tables.describe(state)
         seen += 1
