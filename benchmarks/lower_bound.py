@@ -11,7 +11,7 @@ from typing import Any, Final
 import numba
 import numpy as np
 
-from shuttle_marl.arrays import I32, U64, Bools
+from shuttle_marl.base.arrays import I32, U64, Bools
 from shuttle_marl.game.tables import Game
 from shuttle_marl.kernel import RallyBatch
 from shuttle_marl.kernel.core import tables_of

@@ -10,7 +10,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.arrays import F64, I64, Bools
+from shuttle_marl.base.arrays import F64, I64, Bools
 from shuttle_marl.game.stroke import NET_SHOTS, SHOTS
 from shuttle_marl.staging.motion import Motion, against_parents
 from shuttle_marl.staging.skeleton import BONE

@@ -11,25 +11,10 @@ import numpy as np
 import numpy.typing as npt
 
 from benchmarks.motion_life import Life, measure_life, summary_of_life
-from shuttle_marl.arrays import F64, Bools
+from shuttle_marl.base.arrays import F64, Bools
 from shuttle_marl.game.court import HALF_LENGTH, HALF_WIDTH, SHORT_SERVICE, area_of
-from shuttle_marl.staging.arm import (
-    ANGLES,
-    BEND,
-    DEVIATION,
-    ELBOW,
-    FORWARD,
-    LIMITS,
-    MIDDLE,
-    PRONATION,
-    RAISE,
-    ROLL,
-    SWING_1,
-    SWING_LIMIT,
-    TWIST,
-    Arm,
-    arm_of,
-)
+from shuttle_marl.staging.arm import LIMITS, MIDDLE, SWING_LIMIT, Arm, arm_of
+from shuttle_marl.staging.arm_solver import ANGLES, BEND, DEVIATION, ELBOW, FORWARD, PRONATION, RAISE, ROLL, SWING_1, TWIST
 from shuttle_marl.staging.body import NECK_LIMITS
 from shuttle_marl.staging.legs import ANKLE_LIMITS, HIP_LIMITS, KNEE_LIMITS, TOE_LIMITS
 from shuttle_marl.staging.measured import load_measured

@@ -21,7 +21,7 @@ from stable_baselines3.common.env_util import make_vec_env
 from torch import nn
 
 import shuttle_marl  # noqa: F401  registers the environments
-from shuttle_marl.arrays import F64
+from shuttle_marl.base.arrays import F64
 from shuttle_marl.game.observation import features, with_efforts
 from shuttle_marl.game.policy import States
 from shuttle_marl.game.tables import Game

@@ -22,11 +22,11 @@ from rich.table import Table
 from benchmarks.machine import this_machine
 from benchmarks.motion_metrics import measure, summary
 from shuttle_marl.game import default_game
+from shuttle_marl.game.rally.record import Rally
 from shuttle_marl.game.rules import RETURNED_BELOW
 from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.kernel import play_rallies
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.rally.record import Rally
 from shuttle_marl.staging import ATHLETES, Motion, continue_motion, stage
 
 _HANDS: Final = ("right", "right", "left")

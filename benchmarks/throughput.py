@@ -31,7 +31,7 @@ from rich.table import Table
 
 from benchmarks.machine import machine, this_machine
 from benchmarks.throughput_cases import BATCHED, ONE_THREAD, SINGLE, Play, game_of_size, kernel, kernel_observed, lower_bound
-from shuttle_marl.errors import ShuttleError
+from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.game import default_game
 
 Row = dict[str, Any]

@@ -15,15 +15,15 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from shuttle_marl import __version__
+from shuttle_marl.analysis.strokes import simulate
+from shuttle_marl.base.files import replace_file
 from shuttle_marl.commands import cli
 from shuttle_marl.data.schema import Account, Outcome
 from shuttle_marl.data.table import write_parquet
-from shuttle_marl.files import replace_file
 from shuttle_marl.game.shipped import default_game
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.recording.tables import account_of, simulate
 
 PLAYERS = ("bc", "bc:viktor-axelsen", "bc:chou-tien-chen", "bc:an-se-young", "bc:chen-yufei")
 _SAMPLE = Path(__file__).parent / "sample" / "strokes.parquet"
@@ -78,7 +78,7 @@ def make_sample(*, players: tuple[str, ...] = PLAYERS, matches: int = 8, seed: i
     game = default_game()
     probabilities = {player_of(name): tabulate(resolve(name, game), game, name).pair_probabilities() for name in players}
     strokes = simulate(game, probabilities, matches=matches, seed=seed)
-    account = account_of(strokes)
+    account = Account.of(strokes)
     provenance = {
         "simulated_by": f"shuttle_marl {__version__}",
         "policies": list(players),

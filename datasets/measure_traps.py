@@ -16,7 +16,7 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
-from shuttle_marl.arrays import I64, Bools
+from shuttle_marl.base.arrays import I64, Bools
 from shuttle_marl.commands import cli
 from shuttle_marl.data import split_of, upstream
 from shuttle_marl.data.cleaning import (

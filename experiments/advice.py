@@ -19,7 +19,8 @@ import numpy as np
 
 from experiments.truth.matches import Strokes, of_splits, ratio_by_match, states_of, strokes_of
 from shuttle_marl.analysis.advice import Advice, Refitted, advise, imitated, meet, refitted
-from shuttle_marl.arrays import F64, I64, Bools
+from shuttle_marl.base.arrays import F64, I64, Bools
+from shuttle_marl.base.runs import describe, write_json
 from shuttle_marl.commands import cli
 from shuttle_marl.commands.options import Json
 from shuttle_marl.data import Split, load_strokes
@@ -28,7 +29,6 @@ from shuttle_marl.dynamics.hurried import load_hurry
 from shuttle_marl.game.pairs import pair_game
 from shuttle_marl.game.shipped import PROFILES, model_folder
 from shuttle_marl.game.skill import AVERAGE, load_skill
-from shuttle_marl.runs import describe, write_json
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)

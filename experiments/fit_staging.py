@@ -18,12 +18,12 @@ import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from shuttle_marl.arrays import F64, I64, Bools
+from shuttle_marl.base.arrays import F64, I64, Bools
+from shuttle_marl.base.files import replace_file
 from shuttle_marl.commands.cli import run
 from shuttle_marl.data import clean_matches, matches_of
 from shuttle_marl.data.schema import REASONS, Outcome
 from shuttle_marl.data.table import provenance_of
-from shuttle_marl.files import replace_file
 from shuttle_marl.game.court import AREAS, HALF_LENGTH, HALF_WIDTH, N_AREAS
 from shuttle_marl.game.stroke import HEIGHTS, N_SERVES, N_SHOTS, SHOTS
 from shuttle_marl.staging.measured import DISTANCES, FILE, QUANTILES, QUARTILES

@@ -27,11 +27,11 @@ from rich.table import Table
 
 from experiments.truth.matches import RESAMPLES, Strokes, ratio_by_match, states_of, strokes_of
 from shuttle_marl.analysis import pictures
-from shuttle_marl.arrays import F64, I64, Bools
+from shuttle_marl.base.arrays import F64, I64, Bools
+from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.commands.cli import run
 from shuttle_marl.data import Outcome, Split, load_strokes, matches_of
 from shuttle_marl.dynamics.hurried import load_hurry
-from shuttle_marl.errors import ShuttleError
 from shuttle_marl.exact import PairPolicy, solve_soft
 from shuttle_marl.exact.away import of_pair, over
 from shuttle_marl.game import load_game

@@ -23,9 +23,9 @@ from rich.table import Table
 
 from experiments.saving import save_results
 from experiments.spread import IQM
-from shuttle_marl import runs
+from shuttle_marl.base import runs
+from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.commands.cli import run as run_command
-from shuttle_marl.errors import ShuttleError
 from shuttle_marl.game import load_game
 from shuttle_marl.training.league.config import LeagueTrainingConfig
 

@@ -12,9 +12,9 @@ from typing import Any, Final
 
 import numpy as np
 
+from shuttle_marl.base.errors import ShuttleError
+from shuttle_marl.base.files import replace_file
 from shuttle_marl.commands.cli import run
-from shuttle_marl.errors import ShuttleError
-from shuttle_marl.files import replace_file
 
 ROOT: Final = Path(__file__).parents[1]
 COLOURS: Final = {"a2c": "#4477aa", "ppo": "#ee6677", "sac": "#228833", "ppo, self-play": "#aa3377"}

@@ -30,7 +30,9 @@ from rich.table import Table
 
 from experiments.imitation.imitator import Imitator
 from experiments.imitation.match_adaptation import adapt_to_match
-from shuttle_marl.arrays import F64, Bools
+from shuttle_marl.base.arrays import F64, Bools
+from shuttle_marl.base.errors import ShuttleError
+from shuttle_marl.base.runs import describe, write_json
 from shuttle_marl.commands.cli import run
 from shuttle_marl.data import load_strokes
 from shuttle_marl.data.upstream import Split, matches_of
@@ -38,10 +40,8 @@ from shuttle_marl.dynamics.evaluate import next_stroke_probabilities, prediction
 from shuttle_marl.dynamics.features import Rows, rows_from_strokes
 from shuttle_marl.dynamics.fitted import FittedModels
 from shuttle_marl.dynamics.hurried import Hurry, load_hurry
-from shuttle_marl.errors import ShuttleError
 from shuttle_marl.game import model_folder
 from shuttle_marl.game.stroke import N_SHOTS
-from shuttle_marl.runs import describe, write_json
 
 PAPER: Final = {
     "Lin Dan": {"shot_type": [0.473, 0.664, 0.785, 0.880], "area": [0.580, 0.763, 0.854, 0.898]},

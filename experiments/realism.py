@@ -16,7 +16,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from shuttle_marl.arrays import F64
+from shuttle_marl.base.arrays import F64
 from shuttle_marl.commands.cli import run
 from shuttle_marl.data import load_strokes
 from shuttle_marl.data.schema import Outcome

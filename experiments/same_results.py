@@ -21,21 +21,28 @@ import pyarrow as pa
 import tyro
 from rich.console import Console
 
+from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.commands.cli import run as run_command
-from shuttle_marl.errors import ShuttleError
 
-_TRAIN: Final = ("--seed", "4", "--strokes", "300000", "--out")
+_TRAIN: Final = ("--seed", "4", "--strokes", "60000", "--out", "{out}")
+_PAIR: Final = ("--players", "viktor-axelsen", "kento-momota")
+_SUITE: Final = ("--split", "dev", "--quick", "--seeds", "1", "--out", "{out}")
 COMMANDS: Final[dict[str, tuple[str, ...]]] = {
-    "league": ("league", "--matches", "100", "--seed", "3", "--out", "{out}"),
+    "league": ("league", "--matches", "20", "--pool", "bc", "safe", "random", "ppo", "--away", "--seed", "3", "--out", "{out}"),
+    "pair": ("league", "--matches", "20", "--pool", "bc", "random", "attacking", *_PAIR, "--seed", "3", "--out", "{out}"),
+    "sample": ("league", "--matches", "200", "--pool", "bc", "safe", "--record", "sample:3", "--no-exact", "--out", "{out}"),
     "solve": ("exact", "solve", "--no-away", "--json"),
     "evaluate": ("exact", "evaluate", "bc", "minimax", "attacking", "ppo", "sac", "random", "bc:viktor-axelsen", "--json"),
     "crossplay": ("exact", "crossplay", "bc", "minimax", "ppo", "random", "safe", "--json"),
-    "ppo": ("training", "ppo", *_TRAIN, "{out}"),
-    "a2c": ("training", "a2c", *_TRAIN, "{out}"),
-    "sac": ("training", "sac", *_TRAIN, "{out}"),
-    "self-play": ("training", "ppo", "--opponent", "self", *_TRAIN, "{out}"),
+    "ppo": ("training", "ppo", *_TRAIN),
+    "a2c": ("training", "a2c", *_TRAIN),
+    "sac": ("training", "sac", *_TRAIN),
+    "self-play": ("training", "ppo", "--opponent", "self", *_TRAIN),
+    "exploit": ("suite", "run", "exploit-v0", "--method", "constant", *_SUITE),
+    "offline": ("suite", "run", "offline-v0", "--method", "model", *_SUITE),
+    "robust": ("suite", "run", "robust-v0", "--method", "mean-game", *_SUITE),
 }
-"""Arguments after ``python -m shuttle_marl.``, by name; ``{out}`` is a separate folder for each command."""
+"""Arguments after ``python -m shuttle_marl``, by name; ``{out}`` is a separate folder for each command."""
 _LEFT_OUT: Final = ("manifest.json", "tensorboard")
 _PRINTED: Final = "printed.txt"
 _TIMES: Final = ("second", "time", "per_s")
@@ -67,7 +74,7 @@ def run_commands(checkout: Path, out: Path, names: tuple[str, ...]) -> None:
 
 
 def _call(checkout: Path, module: str, *arguments: str) -> str:
-    command = [sys.executable, "-m", f"shuttle_marl.{module}", *arguments]
+    command = [sys.executable, "-m", "shuttle_marl", module, *arguments]
     environment = {**os.environ, "PYTHONPATH": str(checkout), "OMP_NUM_THREADS": "1", "COLUMNS": "160"}
     done = subprocess.run(command, cwd=checkout, env=environment, capture_output=True, text=True, check=False)
     if done.returncode != 0:

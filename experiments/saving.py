@@ -4,8 +4,8 @@ import json
 from pathlib import Path
 from typing import Any, Final
 
-from shuttle_marl import runs
-from shuttle_marl.files import replace_file
+from shuttle_marl.base import runs
+from shuttle_marl.base.files import replace_file
 
 _PACKAGES: Final = ("numpy", "scipy", "torch", "torchrl", "tensordict", "numba")
 

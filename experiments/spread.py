@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from shuttle_marl.league.seeds import interquartile_mean
+from shuttle_marl.base.intervals import interquartile_mean
 
 
 def mean_and_deviation(values: Sequence[float]) -> dict[str, float]:

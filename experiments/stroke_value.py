@@ -37,11 +37,11 @@ from shuttle_marl.analysis import (
 )
 from shuttle_marl.analysis.pictures import COLOURS, INK, SHORT_NAMES
 from shuttle_marl.analysis.values import LEAST_MATCHES, LEAST_STROKES
+from shuttle_marl.base.files import replace_file
 from shuttle_marl.commands.cli import run
 from shuttle_marl.data import anonymised
 from shuttle_marl.exact.away import Spread, Values, over
 from shuttle_marl.exact.profile import moved
-from shuttle_marl.files import replace_file
 from shuttle_marl.game import load_game
 from shuttle_marl.game.court import AREAS
 from shuttle_marl.game.shipped import refits_of

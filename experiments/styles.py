@@ -23,10 +23,11 @@ from scipy.stats import false_discovery_control, ttest_1samp, ttest_ind
 
 from experiments.saving import save_results
 from experiments.spread import mean_and_deviation
-from shuttle_marl import exact, runs
-from shuttle_marl.arrays import F64
+from shuttle_marl import exact
+from shuttle_marl.base import runs
+from shuttle_marl.base.arrays import F64
+from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.commands.cli import run as run_command
-from shuttle_marl.errors import ShuttleError
 from shuttle_marl.game import load_game
 from shuttle_marl.game.court import area_centre
 from shuttle_marl.game.stroke import SHOTS

@@ -23,10 +23,10 @@ import tyro
 from rich.console import Console
 
 from experiments.saving import save_results
-from shuttle_marl import runs
-from shuttle_marl.cluster import in_processes
+from shuttle_marl.base import runs
+from shuttle_marl.base.cluster import in_processes
+from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.commands.cli import run as run_command
-from shuttle_marl.errors import ShuttleError
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.suite import TASKS, SuiteRun, difference, run_method, summarise, verify_run
 from shuttle_marl.suite.board import boards

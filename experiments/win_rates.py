@@ -27,9 +27,9 @@ from rich.table import Table
 
 from experiments.saving import save_results
 from experiments.spread import IQM, mean_and_deviation
-from shuttle_marl import runs
+from shuttle_marl.base import runs
+from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.commands.cli import run as run_command
-from shuttle_marl.errors import ShuttleError
 from shuttle_marl.exact.away import Values, of_pair, over
 from shuttle_marl.exact.known import best_odds, pair_odds
 from shuttle_marl.game import load_game

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import lazy_loader
 
-from shuttle_marl.environment_ids import register_when_imported
+from shuttle_marl.base.environment_ids import register_when_imported
 
 if TYPE_CHECKING:
     from shuttle_marl.analysis import analyse_rally, rank_players

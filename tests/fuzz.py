@@ -45,9 +45,10 @@ import pyarrow.parquet as pq
 import torch
 import tyro
 
+from shuttle_marl.base.files import seal
+from shuttle_marl.base.table_files import seal_parquet
 from shuttle_marl.commands import analysis, data, dynamics, exact, league, recording, report, scout, training
-from shuttle_marl.files import seal
-from shuttle_marl.table_files import seal_parquet
+from shuttle_marl.game.observation import RALLY_WIDTH
 from tests.recording.mutate import Mutator, mutated
 from tests.reduced import reduced_model
 from tests.waiting import wait_until
@@ -67,6 +68,12 @@ MAIN: Final[dict[str, Main]] = {
 CANARY: Final = "CANARY"
 """File that code in a forged file creates."""
 MODULE: Final = "forged_module"
+SB3_SETTINGS: Final = {
+    "policy_class": {"__module__": "sb3_contrib.common.maskable.policies"},
+    "policy_kwargs": {"net_arch": [8]},
+    "observation_space": {"low": "[0. 0.]", "high": "[1. 1.]"},
+}
+"""Settings in an archive of Stable-Baselines3."""
 JUNK: Final[tuple[str, ...]] = (
     *("null", "true", "-1", "0", "1.5", str(2**40), str(2**70), "1" + "0" * 400, "1e999", "NaN", '""', '"x"', "[]", "{}", "[1]"),
     *('[[1, "a"], null]', '{"a": {"b": []}}', "[" * 50_000, "[" * 5_000 + "]" * 5_000, json.dumps("a" * 10**6)),
@@ -155,8 +162,8 @@ FORMATS: Final[dict[str, Format]] = {
         ),
     ),
     "weights": Format(
-        ("mine.pt", "mine.safetensors"),
-        ("exact evaluate torch:mine.pt torch:mine.safetensors --game model --json",),
+        ("mine.safetensors",),
+        ("exact evaluate torch:mine.safetensors --game model --json",),
         checked=False,
     ),
     "sb3": Format(("mine.zip",), ("exact evaluate sb3:mine.zip --game model --json",), checked=False),
@@ -242,15 +249,13 @@ def unfinished(folder: Path) -> None:
 
 def foreign(root: Path) -> None:
     """Write networks of PyTorch and Stable-Baselines3."""
-    from safetensors.torch import save_file
-
     from shuttle_marl.game.shipped import load_game
+    from shuttle_marl.policy import save_network
 
     strokes = load_game(reduced_model()).n_strokes
     torch.manual_seed(0)
-    layers = torch.nn.Sequential(torch.nn.Linear(59, 8), torch.nn.Tanh(), torch.nn.Linear(8, strokes))
-    torch.save(layers.state_dict(), root / "weights" / "mine.pt")
-    save_file(layers.state_dict(), root / "weights" / "mine.safetensors", metadata={"functions": "tanh"})
+    layers = torch.nn.Sequential(torch.nn.Linear(RALLY_WIDTH, 8), torch.nn.Tanh(), torch.nn.Linear(8, strokes))
+    save_network(layers, root / "weights" / "mine.safetensors")
     names = ("mlp_extractor.policy_net.0", "action_net")
     state = {
         f"{name}.{part}": layers.state_dict()[f"{i}.{part}"]
@@ -261,7 +266,7 @@ def foreign(root: Path) -> None:
     torch.save(state, weights)
     with zipfile.ZipFile(root / "sb3" / "mine.zip", "w") as archive:
         archive.writestr("policy.pth", weights.getvalue())
-        archive.writestr("data", json.dumps({"policy_class": {"__module__": "sb3_contrib.common.maskable.policies"}}))
+        archive.writestr("data", json.dumps(SB3_SETTINGS))
 
 
 def spawn(command: str, folder: Path, log: Path | None = None, results: Sequence[str] = ()) -> int:
@@ -364,8 +369,6 @@ def change(path: Path, rng: random.Random, logs: Path) -> str:
             kinds += [lambda path, rng: forge_log(path, rng, logs)] * 2
         case ".safetensors":
             kinds += [forge_safetensors] * 2
-        case ".pt":
-            kinds += [forge_weights] * 2
         case ".zip":
             kinds += [forge_archive] * 2
         case ".parquet":
@@ -508,19 +511,19 @@ class Code:
 
 def forged_weights(rng: random.Random) -> bytes:
     """A file of weights with code, or with tensors of other kinds and sizes."""
-    matrix = torch.zeros(8, 59)
+    matrix = torch.zeros(8, RALLY_WIDTH)
     tensors: list[Callable[[], Any]] = [
         matrix.to_sparse,
         matrix.to_sparse_csr,
-        lambda: torch.zeros(8, 59, device="meta"),
+        lambda: torch.zeros(8, RALLY_WIDTH, device="meta"),
         lambda: torch.quantize_per_tensor(matrix, 0.1, 0, torch.qint8),
         lambda: torch.zeros(1).expand(1 << 18, 1 << 18),
-        lambda: torch.zeros(1).expand(8, 59),
-        lambda: torch.zeros(8, 59, dtype=torch.complex64),
-        lambda: torch.zeros(8, 59, dtype=torch.bool),
-        lambda: torch.zeros(8, 59, dtype=torch.float64) * 1e300,
-        lambda: torch.full((8, 59), torch.nan),
-        lambda: torch.zeros(0, 59),
+        lambda: torch.zeros(1).expand(8, RALLY_WIDTH),
+        lambda: torch.zeros(8, RALLY_WIDTH, dtype=torch.complex64),
+        lambda: torch.zeros(8, RALLY_WIDTH, dtype=torch.bool),
+        lambda: torch.zeros(8, RALLY_WIDTH, dtype=torch.float64) * 1e300,
+        lambda: torch.full((8, RALLY_WIDTH), torch.nan),
+        lambda: torch.zeros(0, RALLY_WIDTH),
         lambda: torch.zeros(()),
         lambda: torch.nested.nested_tensor([torch.zeros(2), torch.zeros(3)]),
         lambda: [1, 2],
@@ -537,19 +540,6 @@ def forged_weights(rng: random.Random) -> bytes:
     except Exception:  # not every mixture of tensors can be saved
         return pickle.dumps([Code()])
     return content.getvalue()
-
-
-def forge_weights(path: Path, rng: random.Random) -> None:
-    """Replace the weights, some of them only."""
-    content = forged_weights(rng)
-    if rng.random() < 0.5 and path.suffix == ".pt":
-        state = torch.load(path)
-        name = rng.choice(list(state))
-        state[name] = rng.choice((state[name].to_sparse(), state[name].double(), state[name][None], state[name] * torch.inf))
-        buffer = io.BytesIO()
-        torch.save(state, buffer)
-        content = buffer.getvalue()
-    path.write_bytes(content)
 
 
 def forge_archive(path: Path, rng: random.Random) -> None:

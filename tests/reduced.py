@@ -18,7 +18,8 @@ import numpy as np
 import numpy.typing as npt
 from safetensors.numpy import save
 
-from shuttle_marl.files import seal
+from shuttle_marl.base.files import seal
+from shuttle_marl.base.tensor_files import tensor_bytes
 from shuttle_marl.game.shipped import (
     BC,
     CARD,
@@ -41,7 +42,6 @@ from shuttle_marl.game.stroke import SHOTS, Catalogue
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import base_pairs, layout
 from shuttle_marl.game.variants import packed
-from shuttle_marl.tensor_files import tensor_bytes
 
 Ints = npt.NDArray[np.integer[Any]]
 

@@ -10,8 +10,8 @@ from typing import Final
 
 from docs.tools.markdown import ROOT, write_or_check
 from shuttle_marl.__main__ import COMMANDS
+from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.commands import cli
-from shuttle_marl.errors import ShuttleError
 
 PAGE: Final = ROOT / "docs" / "commands.md"
 EXAMPLES: Final = {

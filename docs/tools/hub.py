@@ -17,14 +17,14 @@ import yaml
 from docs.tools import croissant
 from docs.tools.markdown import ROOT, markdown, saved
 from shuttle_marl import __version__
+from shuttle_marl.base.errors import ShuttleError
+from shuttle_marl.base.files import replace_file
+from shuttle_marl.base.table_files import write_parquet
 from shuttle_marl.commands import cli
-from shuttle_marl.errors import ShuttleError
-from shuttle_marl.files import replace_file
 from shuttle_marl.game.rules import OUTCOMES
 from shuttle_marl.game.shipped import model_folder
 from shuttle_marl.policy.agents import AGENTS, CARD, NETWORK, read_card
 from shuttle_marl.suite.maintain import write_data
-from shuttle_marl.table_files import write_parquet
 
 _TAGS: Final = ["badminton", "game-theory", "multi-agent", "reinforcement-learning", "sports"]
 _CROISSANT: Final = "croissant.json"

@@ -9,7 +9,7 @@ from typing import Any, Final
 import pyarrow.csv
 
 from docs.tools.markdown import markdown
-from shuttle_marl.errors import ShuttleError
+from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.exact import evaluate
 from shuttle_marl.exact.away import of_pair, over
 from shuttle_marl.game.shipped import load_game, refits_of

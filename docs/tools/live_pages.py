@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Final
 
 from docs.tools.markdown import ROOT
+from shuttle_marl.base.files import replace_file
 from shuttle_marl.commands import cli
-from shuttle_marl.files import replace_file
 from shuttle_marl.game.shipped import default_game
 from shuttle_marl.staging import ATHLETES, model_file
 from shuttle_marl.watch.answers import Answers

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final, Literal
 
-from shuttle_marl.errors import ShuttleError
-from shuttle_marl.files import replace_file
+from shuttle_marl.base.errors import ShuttleError
+from shuttle_marl.base.files import replace_file
 
 ROOT: Final = Path(__file__).parents[2]
 IMAGES: Final = ROOT / "docs" / "images"

@@ -16,8 +16,8 @@ import tyro
 
 from docs.tools.markdown import ROOT
 from docs.tools.site import NOTEBOOKS
+from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.commands import cli
-from shuttle_marl.errors import ShuttleError
 
 NAMES: Final = ("five_minutes", "own_loop")
 """Tutorials that the site shows as notebooks."""

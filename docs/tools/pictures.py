@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import Any, Final
 
 from docs.tools.markdown import IMAGES, ROOT, saved
+from shuttle_marl.base.errors import ShuttleError
+from shuttle_marl.base.files import replace_file
 from shuttle_marl.commands import cli
-from shuttle_marl.errors import ShuttleError
-from shuttle_marl.files import replace_file
 from shuttle_marl.game import model_folder
 from shuttle_marl.game.shipped import read_model_card
 

@@ -20,9 +20,9 @@ from typing import Annotated, Any, Final
 import tyro
 
 from docs.tools.markdown import ROOT
+from shuttle_marl.base.errors import ShuttleError
+from shuttle_marl.base.files import replace_file
 from shuttle_marl.commands import cli
-from shuttle_marl.errors import ShuttleError
-from shuttle_marl.files import replace_file
 from shuttle_marl.game import default_game
 
 PAGE: Final = ROOT / "docs" / "recipes.md"

@@ -25,9 +25,9 @@ from rich.console import Console
 
 from docs.tools import league_tables, suite_tables, tables
 from docs.tools.markdown import ROOT, saved
+from shuttle_marl.base.errors import ShuttleError
+from shuttle_marl.base.files import replace_file
 from shuttle_marl.commands import cli
-from shuttle_marl.errors import ShuttleError
-from shuttle_marl.files import replace_file
 
 _PROVENANCE: Final = frozenset(
     {"command", "commit", "cpu", "cpu_seconds", "git", "machine", "packages", "platform", "python", "printed", "seconds"}

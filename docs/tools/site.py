@@ -34,7 +34,7 @@ NOTEBOOKS: Final = ROOT / "docs" / "notebooks"
 """Folder of executed notebooks, which ``docs.tools.notebooks`` makes and git ignores."""
 REFERENCE: Final = "docs/reference/shuttle_marl/index"
 """First page of the reference, which sphinx-autoapi makes."""
-_WITHOUT_ALL: Final = ("shuttle_marl.env.batched", "shuttle_marl.integrations")
+_WITHOUT_ALL: Final = ("shuttle_marl.env.batched", "shuttle_marl.env.open_spiel")
 """Public modules without ``__all__``: another package exports their names, or only their modules have some."""
 _LINK: Final = re.compile(r"\]\(([^)#:]+\.md)\)")
 

@@ -13,6 +13,7 @@ _PATHS: Final = {
     "training_step": "one iteration of PPO in self-play",
     "recorded_rally": "recording the rallies of a training iteration",
     "page_frame": "one frame of the live court",
+    "league_config": "the configuration of a tournament",
 }
 
 

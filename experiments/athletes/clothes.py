@@ -13,7 +13,7 @@ from scipy.sparse import csr_array
 from scipy.spatial import ConvexHull, cKDTree
 
 from experiments.athletes.base_mesh import Body
-from shuttle_marl.arrays import F64, I64, Bools
+from shuttle_marl.base.arrays import F64, I64, Bools
 
 SOLE: Final = 0.014
 """Thickness of the soles [m]: the floor of a dressed athlete lies this far under the bare feet."""

@@ -7,7 +7,7 @@ import pygltflib as gltf
 
 from experiments.athletes.base_mesh import Body
 from experiments.athletes.clothes import SOLE, Part
-from shuttle_marl.arrays import F64
+from shuttle_marl.base.arrays import F64
 from shuttle_marl.scene.mesh import GlbWriter
 
 MATERIALS: Final[dict[str, tuple[tuple[float, float, float], float]]] = {

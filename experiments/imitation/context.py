@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
-from shuttle_marl.arrays import F32, F64, I16, I64
+from shuttle_marl.base.arrays import F32, F64, I16, I64
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES
 

@@ -22,10 +22,10 @@ import torch
 from experiments.imitation.context import HitContexts, hit_contexts
 from experiments.imitation.networks import ImitatorNetworks, NetworksConfig, TrainingStrokes, one_thread
 from experiments.imitation.trees import ImitatorTrees, TreesConfig
-from shuttle_marl.arrays import F64, I64
+from shuttle_marl.base.arrays import F64, I64
+from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.dynamics.features import rows_from_strokes
-from shuttle_marl.errors import ShuttleError
 
 WORKERS: Final = 2
 """Parts fitted at the same time, each in one thread: another order of summation would give other weights."""

@@ -12,10 +12,10 @@ import numpy as np
 import pyarrow as pa
 
 from experiments.imitation.context import CODES, hit_contexts
-from shuttle_marl.arrays import F32, F64, I64
+from shuttle_marl.base.arrays import F32, F64, I64
+from shuttle_marl.base.compiling import compiled
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.game.stroke import N_SHOTS
-from shuttle_marl.kernel.compiling import compiled
 
 TYPE_VARIANCES: Final = {
     "match": 0.2, "height": 0.05, "reply": 0.07, "player": 0.03, "player_height": 0.03, "position": 0.03, "predicted": 0.3,

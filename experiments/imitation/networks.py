@@ -15,7 +15,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from experiments.imitation.context import CODES, UNSEEN_HEIGHT, HitContexts, cuts_of, steps_of
-from shuttle_marl.arrays import F32, F64, I64
+from shuttle_marl.base.arrays import F32, F64, I64
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.stroke import N_SHOTS
 

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.special import softmax
 
 from experiments.imitation.context import CODES, UNSEEN_HEIGHT, HitContexts, cuts_of, steps_of
-from shuttle_marl.arrays import F32, F64, I16, I64
+from shuttle_marl.base.arrays import F32, F64, I16, I64
 from shuttle_marl.dynamics.trees import PARAMETERS
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.stroke import N_SHOTS

@@ -16,11 +16,11 @@ from experiments.pairs.parts import Part, crossed
 from experiments.pairs.results import results
 from experiments.pairs.strokes import components
 from experiments.truth.matches import strokes_of
+from shuttle_marl.base.errors import ShuttleError
+from shuttle_marl.base.runs import describe, write_json
 from shuttle_marl.commands.cli import run
 from shuttle_marl.data import Split, load_strokes, matches_of
-from shuttle_marl.errors import ShuttleError
 from shuttle_marl.game.shipped import model_folder
-from shuttle_marl.runs import describe, write_json
 
 
 def pairs(

@@ -12,7 +12,7 @@ import torch
 
 from experiments.truth.matches import Strokes, folds_of
 from experiments.truth.worlds import SOURCES
-from shuttle_marl.arrays import I64
+from shuttle_marl.base.arrays import I64
 from shuttle_marl.dynamics.fit import fit
 from shuttle_marl.dynamics.hurried import fit_hurry
 from shuttle_marl.dynamics.make import save_fit, save_variants

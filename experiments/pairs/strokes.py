@@ -12,7 +12,7 @@ import numpy as np
 from scipy.sparse import csr_matrix, identity
 
 from experiments.pairs.parts import Part
-from shuttle_marl.arrays import F64, I64, Bools
+from shuttle_marl.base.arrays import F64, I64, Bools
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.data.upstream import date_of
 from shuttle_marl.dynamics.evaluate import difference_by_match, log_losses

@@ -7,7 +7,7 @@ from typing import Any
 import numba
 import numpy as np
 
-from shuttle_marl.arrays import F64, I64, U8
+from shuttle_marl.base.arrays import F64, I64, U8
 from shuttle_marl.staging.rotation import unit
 
 _NEAR = 0.2

@@ -20,16 +20,16 @@ from experiments.truth.memory import memory
 from experiments.truth.paired import differences, load_values, save_values
 from experiments.truth.transfer import thin_support, transfer
 from experiments.truth.worlds import Fitter, World, by_discipline, cross_parts, marked, shipped_world
-from shuttle_marl.arrays import I64
+from shuttle_marl.analysis.strokes import simulate
+from shuttle_marl.base.arrays import I64
+from shuttle_marl.base.errors import ShuttleError
+from shuttle_marl.base.runs import describe, write_json
 from shuttle_marl.commands.cli import run
 from shuttle_marl.data import Split, load_strokes
-from shuttle_marl.errors import ShuttleError
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game.policy import UniformPolicy
 from shuttle_marl.game.shipped import PROFILES, factors_of, model_folder
 from shuttle_marl.game.tabulated import tabulate
-from shuttle_marl.recording.tables import simulate
-from shuttle_marl.runs import describe, write_json
 
 _SIMULATED: Final = 4
 """Simulated matches for every real one."""

@@ -10,8 +10,8 @@ import numpy as np
 
 from experiments.truth.decisions import Promises, centred, outcomes
 from experiments.truth.matches import RESAMPLES, Strokes
-from shuttle_marl.arrays import F64, I64, Bools, Ints
-from shuttle_marl.errors import ShuttleError
+from shuttle_marl.base.arrays import F64, I64, Bools, Ints
+from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.game.shipped import Estimate
 
 

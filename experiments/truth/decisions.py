@@ -14,7 +14,7 @@ from typing import Any, Final
 import numpy as np
 
 from experiments.truth.matches import Strokes, ratio_by_match, states_of
-from shuttle_marl.arrays import F64, I64, Bools, Ints
+from shuttle_marl.base.arrays import F64, I64, Bools, Ints
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.dynamics.evaluate import calibration_error
 from shuttle_marl.exact import evaluate

@@ -13,7 +13,7 @@ from scipy.spatial.distance import jensenshannon
 from scipy.stats import ks_2samp, wasserstein_distance
 
 from experiments.truth.matches import Strokes, folds_of
-from shuttle_marl.arrays import F64, I64, Bools, Ints
+from shuttle_marl.base.arrays import F64, I64, Bools, Ints
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.dynamics.evaluate import area_under_curve
 from shuttle_marl.dynamics.network import fold_of_match

@@ -26,12 +26,12 @@ from experiments.truth.decisions import HORIZONS, Promises, decision_slope, prom
 from experiments.truth.matches import Strokes, folds_of, of_splits, strokes_of
 from experiments.truth.memory import memory
 from experiments.truth.worlds import Fitter, World, cross_parts
-from shuttle_marl.arrays import F64
+from shuttle_marl.base.arrays import F64
+from shuttle_marl.base.errors import ShuttleError
+from shuttle_marl.base.runs import describe, write_json
 from shuttle_marl.commands.cli import run
 from shuttle_marl.data import load_strokes
-from shuttle_marl.errors import ShuttleError
 from shuttle_marl.exact import evaluate
-from shuttle_marl.runs import describe, write_json
 
 
 def limits(

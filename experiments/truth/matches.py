@@ -7,13 +7,13 @@ from typing import Final
 import numpy as np
 import pyarrow as pa
 
-from shuttle_marl.arrays import F64, I64, Bools, Ints
+from shuttle_marl.base.arrays import F64, I64, Bools, Ints
+from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.data import Split, matches_of
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.dynamics import features
 from shuttle_marl.dynamics.features import Rows, rows_from_strokes, strokes_before
 from shuttle_marl.dynamics.hurried import Hurry
-from shuttle_marl.errors import ShuttleError
 from shuttle_marl.game.tables import Game
 
 RESAMPLES: Final = 2000

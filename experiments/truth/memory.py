@@ -7,7 +7,7 @@ import numpy as np
 
 from experiments.truth.decisions import Promises, realised, slope
 from experiments.truth.matches import Strokes
-from shuttle_marl.arrays import F64
+from shuttle_marl.base.arrays import F64
 
 LAGS: Final = (1, 2, 4, 6, 8)
 """Strokes ago of the advantages whose memory is measured."""

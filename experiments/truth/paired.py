@@ -14,9 +14,9 @@ from experiments.truth.decisions import (
     value_log_losses,
 )
 from experiments.truth.matches import RESAMPLES, Strokes, ratio_by_match
-from shuttle_marl.arrays import F64
-from shuttle_marl.errors import ShuttleError
-from shuttle_marl.files import replace_file
+from shuttle_marl.base.arrays import F64
+from shuttle_marl.base.errors import ShuttleError
+from shuttle_marl.base.files import replace_file
 
 
 def save_values(path: Path, strokes: Strokes, promised: Promises) -> None:

@@ -20,9 +20,9 @@ from experiments.truth.legality import judged_strokes
 from experiments.truth.matches import Strokes, folds_of, of_splits, ratio_by_match, strokes_of
 from experiments.truth.transfer import transferred
 from experiments.truth.worlds import Fitter, World
+from shuttle_marl.base.runs import describe, write_json
 from shuttle_marl.commands.cli import run
 from shuttle_marl.data import load_strokes
-from shuttle_marl.runs import describe, write_json
 
 
 def shares(

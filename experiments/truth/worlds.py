@@ -13,19 +13,19 @@ import torch
 from safetensors.numpy import load_file, save
 
 from experiments.truth.matches import Strokes, folds_of
-from shuttle_marl.arrays import F64
+from shuttle_marl.base.arrays import F64
+from shuttle_marl.base.files import replace_file
+from shuttle_marl.base.tensor_files import read_tensors
 from shuttle_marl.dynamics.compiled import pair_log_choices
 from shuttle_marl.dynamics.fit import Fit, fit, layout_of, supports
 from shuttle_marl.dynamics.hurried import Hurry, fit_hurry, load_hurry
 from shuttle_marl.dynamics.make import load_support
 from shuttle_marl.dynamics.models import known_outcome
 from shuttle_marl.dynamics.network import QUICK
-from shuttle_marl.files import replace_file
 from shuttle_marl.game.shipped import load_game, model_folder
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities
 from shuttle_marl.policy import baselines
-from shuttle_marl.tensor_files import read_tensors
 
 Report = Callable[[str], None]
 SOURCES: Final = Path(__file__).parents[2] / "shuttle_marl" / "dynamics"

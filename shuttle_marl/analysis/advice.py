@@ -20,7 +20,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from shuttle_marl.arrays import F64, I64, Bools
+from shuttle_marl.base.arrays import F64, I64, Bools
 from shuttle_marl.exact import Odds, PairPolicy, ProfileValue, Visits, moved, visits
 from shuttle_marl.exact.profile import StatePolicy, evaluate_chains, induced
 from shuttle_marl.game.court import N_AREAS

@@ -8,7 +8,7 @@ import numpy as np
 import pyarrow as pa
 
 from shuttle_marl.analysis.summary import rally_table
-from shuttle_marl.arrays import F64, I64
+from shuttle_marl.base.arrays import F64, I64
 from shuttle_marl.exact.match import Odds, match_table
 from shuttle_marl.game.scoring import Rules, Score
 from shuttle_marl.game.stroke import SHOTS

@@ -11,7 +11,7 @@ import pyarrow as pa
 from shuttle_marl.analysis.advice import LEAST_REFITS, LEAST_STEADY, TOLERANCE, calibrated
 from shuttle_marl.analysis.course import rally_numbers
 from shuttle_marl.analysis.values import nearest_strokes
-from shuttle_marl.arrays import I64
+from shuttle_marl.base.arrays import I64
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.dynamics.features import rows_from_strokes, states_of, strokes_before
 from shuttle_marl.dynamics.hurried import hurry_of

@@ -12,7 +12,7 @@ import numpy as np
 from scipy import stats
 
 from shuttle_marl.analysis.advice import NORMAL
-from shuttle_marl.arrays import Bools
+from shuttle_marl.base.arrays import Bools
 from shuttle_marl.dynamics.habits import QUESTIONS, Tally
 from shuttle_marl.game.shipped import RELIABLE
 from shuttle_marl.game.stroke import SHOTS, TECHNIQUES

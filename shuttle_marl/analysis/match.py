@@ -20,7 +20,7 @@ from shuttle_marl.analysis.outlook import prior, spread_of
 from shuttle_marl.analysis.scouting import plain, rallies_won
 from shuttle_marl.analysis.summary import AnalysisError, rally_table
 from shuttle_marl.analysis.values import add_values
-from shuttle_marl.arrays import F64, I64, Bools
+from shuttle_marl.base.arrays import F64, I64, Bools
 from shuttle_marl.data.schema import DISCIPLINES
 from shuttle_marl.data.upstream import date_of
 from shuttle_marl.dynamics.habits import Plays, plays_of_strokes, tally

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from shuttle_marl.analysis.rally import Players, decision
-from shuttle_marl.arrays import F64, I32
+from shuttle_marl.base.arrays import F64, I32
 from shuttle_marl.exact import Solution
 from shuttle_marl.game.pairs import AnyGame
 from shuttle_marl.game.rules import RETURNED_BELOW, IllegalStrokeError

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from shuttle_marl.analysis.advice import NORMAL, TOLERANCE, Refitted, error_of
-from shuttle_marl.arrays import F64
+from shuttle_marl.base.arrays import F64
 from shuttle_marl.exact import Odds, Sensitivity, sensitivity
 from shuttle_marl.game.pairs import PairGame
 from shuttle_marl.game.scoring import game_win_probability

@@ -10,10 +10,10 @@ from typing import Any, Final
 import numpy as np
 
 from shuttle_marl.analysis.summary import LONGEST, AnalysisError, Summary
-from shuttle_marl.arrays import F64, Intp
+from shuttle_marl.base.arrays import F64, Intp
+from shuttle_marl.base.files import replace_file
 from shuttle_marl.exact.fixed_point import ExactError
 from shuttle_marl.exact.optimal import Solution
-from shuttle_marl.files import replace_file
 from shuttle_marl.game.court import AREAS, HALF_LENGTH, HALF_WIDTH, N_AREAS, SHORT_SERVICE, WIDTH, area_box, area_centre
 from shuttle_marl.game.shipped import real_strokes
 from shuttle_marl.game.stroke import HEIGHTS, N_SERVES, SHOTS, TECHNIQUES, UnknownStrokeError

@@ -11,19 +11,19 @@ from typing import Final
 
 import numpy as np
 
-from shuttle_marl.arrays import F64, I32, I64
-from shuttle_marl.errors import printable
+from shuttle_marl.base.arrays import F64, I32, I64
+from shuttle_marl.base.errors import printable
 from shuttle_marl.exact import ProfileValue, Solution, evaluate
 from shuttle_marl.game.layout import Layout
 from shuttle_marl.game.pairs import AnyGame
 from shuttle_marl.game.policy import Policy, PolicyError
+from shuttle_marl.game.rally.record import Rally
 from shuttle_marl.game.rules import IllegalStrokeError
 from shuttle_marl.game.scoring import BWF, Rules, Score, match_win_probability
 from shuttle_marl.game.shipped import real_strokes
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, hash_of, tabulate
 from shuttle_marl.policy.registry import resolve_recorded
-from shuttle_marl.rally.record import Rally
 from shuttle_marl.recording.header import Player
 from shuttle_marl.recording.reader import RallyLog
 from shuttle_marl.recording.replay import require_game

@@ -19,7 +19,7 @@ from shuttle_marl.analysis.habits import Ending, Habit, endings, habits, interva
 from shuttle_marl.analysis.outlook import Outlook, outlook
 from shuttle_marl.analysis.summary import AnalysisError, rally_table, summarise
 from shuttle_marl.analysis.tactics import Effect, effects
-from shuttle_marl.arrays import F64
+from shuttle_marl.base.arrays import F64
 from shuttle_marl.data.schema import DISCIPLINES
 from shuttle_marl.data.upstream import date_of
 from shuttle_marl.dynamics.habits import NONE, Plays, load_habits, plays_of_strokes, tally

@@ -7,15 +7,15 @@ from typing import Final
 import numpy as np
 import pyarrow as pa
 
-from shuttle_marl.arrays import F64, I64
+from shuttle_marl.analysis.strokes import stroke_table
+from shuttle_marl.base.arrays import F64, I64
+from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.data import load_strokes
 from shuttle_marl.data.schema import REASONS, STROKES, Outcome
-from shuttle_marl.errors import ShuttleError
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.stroke import N_SHOTS
 from shuttle_marl.recording import Rallies, RallyLog
 from shuttle_marl.recording.reader import is_log
-from shuttle_marl.recording.tables import stroke_table
 
 ENDINGS: Final = ("winner", "out", "net", "short", "foul", "not known")
 """Endings of rallies: a winner, or a fault of the last striker by its kind."""
@@ -217,7 +217,7 @@ def strokes_of_log(log: RallyLog, *, rallies: int = RALLIES, seed: int = 0) -> p
     """Strokes of a rally log in the schema of annotated matches, with about the same number of rallies from each pairing.
 
     A log holds decisions and outcomes; points on the court and times are sampled as in simulated tables
-    (:func:`shuttle_marl.recording.tables.stroke_table`). Matches are named by pairing and number; a single rally counts as a
+    (:func:`shuttle_marl.analysis.strokes.stroke_table`). Matches are named by pairing and number; a single rally counts as a
     match. Matches are complete, except those that span two batches of the log.
 
     Args:

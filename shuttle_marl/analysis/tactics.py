@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 
 from shuttle_marl.analysis.advice import LEAST_STEADY, TOLERANCE, Refitted, calibrated
-from shuttle_marl.arrays import F64, Bools
+from shuttle_marl.base.arrays import F64, Bools
 from shuttle_marl.exact import PairPolicy
 from shuttle_marl.exact.profile import evaluate_chains, induced
 from shuttle_marl.game.shipped import Estimate

@@ -13,14 +13,14 @@ import pyarrow as pa
 from scipy import stats
 
 from shuttle_marl.analysis.summary import AnalysisError
-from shuttle_marl.arrays import F64, I64, Intp
+from shuttle_marl.base.arrays import F64, I64, Intp
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.data.upstream import date_of
 from shuttle_marl.dynamics.features import Rows, rows_from_strokes, states_of, strokes_before
 from shuttle_marl.dynamics.hurried import hurry_of
 from shuttle_marl.exact import evaluate, visits
 from shuttle_marl.game import rules
-from shuttle_marl.game.court import N_AREAS
+from shuttle_marl.game.court import N_AREAS, steps_between
 from shuttle_marl.game.pairs import AnyGame, SeatGame, game_of_people
 from shuttle_marl.game.shipped import factor_of
 from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES, Catalogue
@@ -144,7 +144,7 @@ def nearest_strokes(catalogue: Catalogue) -> I64:
     """``[13, 9, 2, 3]`` catalogue index of the nearest stroke to each combination; -1 if there is none of the shot and height."""
     exact = catalogue.by_parts.astype(np.int64)
     area, technique = np.arange(N_AREAS), np.arange(N_TECHNIQUES)
-    between_areas = np.abs(area[:, None] // 3 - area // 3) + np.abs(area[:, None] % 3 - area % 3)
+    between_areas = steps_between(area[:, None], area)
     distance = 10 * (technique[:, None] != technique)[None, :, None, :] + between_areas[:, None, :, None]
     distance = distance.reshape(N_AREAS * N_TECHNIQUES, N_AREAS * N_TECHNIQUES)
     nearest = exact.copy()

@@ -8,7 +8,7 @@ import numpy as np
 from markupsafe import Markup
 
 from shuttle_marl.analysis.pictures import corners, draw_court
-from shuttle_marl.arrays import F64
+from shuttle_marl.base.arrays import F64
 from shuttle_marl.coach.words import words
 from shuttle_marl.game.court import AREAS, HALF_LENGTH, N_AREAS, area_centre
 from shuttle_marl.pages.charts import DIM, INK, PLAYERS, Chart, label, styled

@@ -8,7 +8,7 @@ from typing import Final
 from shuttle_marl import __version__
 from shuttle_marl.analysis import Players
 from shuttle_marl.analysis.advice import Advice, Meeting
-from shuttle_marl.errors import ShuttleError
+from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.game.draws import stream
 from shuttle_marl.game.pairs import AnyGame, PairGame
 from shuttle_marl.game.scoring import Score

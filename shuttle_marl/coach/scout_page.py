@@ -11,11 +11,11 @@ from shuttle_marl.analysis.advice import LEAST_REFITS, LEAST_STEADY, Advice
 from shuttle_marl.analysis.habits import Ending, Habit
 from shuttle_marl.analysis.scouting import Known, Realised, ScoutingReport
 from shuttle_marl.analysis.tactics import STEPS
+from shuttle_marl.base.errors import printable
 from shuttle_marl.coach import charts
 from shuttle_marl.coach.blocks import Block, Section, chart, page, shown, text
 from shuttle_marl.coach.examples import shared, staged_advice, viewer
 from shuttle_marl.coach.words import of_100, signed, words
-from shuttle_marl.errors import printable
 from shuttle_marl.game.court import AREAS
 from shuttle_marl.game.scoring import BWF
 from shuttle_marl.game.shipped import RELIABLE, Estimate

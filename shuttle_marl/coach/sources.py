@@ -13,19 +13,19 @@ import pyarrow.compute as pc
 from shuttle_marl.analysis import Players
 from shuttle_marl.analysis.advice import imitated, meet
 from shuttle_marl.analysis.match import MatchReport, match_report, matches_in
+from shuttle_marl.analysis.strokes import stroke_table
 from shuttle_marl.analysis.summary import AnalysisError
+from shuttle_marl.base.errors import printable
 from shuttle_marl.coach.match_page import Footage
 from shuttle_marl.coach.words import words
 from shuttle_marl.data import load_strokes
 from shuttle_marl.data.own import import_matches
-from shuttle_marl.errors import printable
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game.pairs import AnyGame, PairGame
+from shuttle_marl.game.rally.record import Rallies
 from shuttle_marl.game.shipped import is_shipped
 from shuttle_marl.policy import baselines
-from shuttle_marl.rally.record import Rallies
 from shuttle_marl.recording import RallyLog
-from shuttle_marl.recording.tables import stroke_table
 from shuttle_marl.watch.match import CourtRally
 from shuttle_marl.watch.recorded import LogRallies, RealRallies
 

@@ -41,9 +41,9 @@ def analysis(
         anonymous: replace the names of players and matches by pseudonyms.
         json: print JSON.
     """
-    from shuttle_marl import table_files  # noqa: PLC0415  keeps --help fast
     from shuttle_marl.analysis import add_values_of_pairs, rally_table, strokes_of, summarise  # noqa: PLC0415
     from shuttle_marl.analysis.summary import players_of  # noqa: PLC0415
+    from shuttle_marl.base import table_files  # noqa: PLC0415  keeps --help fast
     from shuttle_marl.data import anonymised  # noqa: PLC0415
 
     tables = model.load_for(path).seats[0].average
@@ -128,7 +128,7 @@ def _print_table(summaries: dict[str, "Summary"], ratings: dict[str, float]) -> 
     from rich.markup import escape  # noqa: PLC0415
     from rich.table import Table  # noqa: PLC0415
 
-    from shuttle_marl.errors import printable  # noqa: PLC0415
+    from shuttle_marl.base.errors import printable  # noqa: PLC0415
     from shuttle_marl.game.stroke import SHOTS  # noqa: PLC0415
 
     def cell(value: float, scale: float, digits: int) -> str:

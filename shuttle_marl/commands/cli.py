@@ -23,10 +23,10 @@ from rich.text import Text
 from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
 from tyro.extras import SubcommandApp
 
-from shuttle_marl.arrays import F64
-from shuttle_marl.errors import ShuttleError, printable
-from shuttle_marl.extras import install_hint
-from shuttle_marl.files import NO_ROOM, check_replaceable
+from shuttle_marl.base.arrays import F64
+from shuttle_marl.base.errors import ShuttleError, printable
+from shuttle_marl.base.extras import install_hint
+from shuttle_marl.base.files import NO_ROOM, check_replaceable
 
 if TYPE_CHECKING:
     from shuttle_marl.analysis.scouting import ListedPlayer

@@ -9,6 +9,8 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
+from shuttle_marl.base.errors import command, printable
+from shuttle_marl.base.files import replace_file
 from shuttle_marl.commands import cli
 from shuttle_marl.data import upstream
 from shuttle_marl.data.cleaning import clean_matches
@@ -19,8 +21,6 @@ from shuttle_marl.data.strict_csv import DataError
 from shuttle_marl.data.table import Report, anonymised, load_account, provenance_of, write_parquet
 from shuttle_marl.data.table import validate as check
 from shuttle_marl.data.upstream import SPLITS, Split
-from shuttle_marl.errors import command, printable
-from shuttle_marl.files import replace_file
 
 _NOTE = f"The data is not ours. {upstream.LICENCE_NOTE}\nPlease cite, where you use it:\n" + "\n".join(
     f"  {citation}" for citation in upstream.CITATIONS

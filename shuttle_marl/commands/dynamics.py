@@ -9,9 +9,9 @@ from typing import Annotated, Any, Final
 import tyro
 from rich.table import Table
 
+from shuttle_marl.base.errors import ShuttleError, printable
 from shuttle_marl.commands.cli import Command, check_free, console, entry_point, print_json
 from shuttle_marl.data.upstream import Split
-from shuttle_marl.errors import ShuttleError, printable
 from shuttle_marl.game.shipped import model_folder, read_model_card
 
 

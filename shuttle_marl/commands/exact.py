@@ -11,18 +11,18 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 import tyro
 from rich.progress import track
 
+from shuttle_marl.base.errors import printable
 from shuttle_marl.commands import cli
 from shuttle_marl.commands.options import File, GameOptions, Json, Policies, Policy, PolicyOptions, SampleOptions
-from shuttle_marl.errors import printable
 from shuttle_marl.exact.fixed_point import ExactError
 from shuttle_marl.game.shipped import RELIABLE, Estimate, factor_of, least_support, real_strokes, refits_of
 from shuttle_marl.policy.foreign import time_limit
 
 if TYPE_CHECKING:
-    from shuttle_marl.arrays import F64
+    from shuttle_marl.base.arrays import F64
+    from shuttle_marl.game.rally.record import Rallies
     from shuttle_marl.game.tables import Game
     from shuttle_marl.policy.scorecard import Scorecard, Scorer
-    from shuttle_marl.rally.record import Rallies
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

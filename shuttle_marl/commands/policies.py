@@ -6,9 +6,9 @@ import tyro
 from rich.table import Table
 from rich.text import Text
 
+from shuttle_marl.base.errors import printable
 from shuttle_marl.commands import cli
 from shuttle_marl.commands.options import GameOptions
-from shuttle_marl.errors import printable
 
 _DEFAULT: Final = GameOptions()
 _OWN: Final = {

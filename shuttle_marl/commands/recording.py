@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Annotated, Final, Literal
 
 import tyro
 
-from shuttle_marl.arrays import Ints
+from shuttle_marl.base.arrays import Ints
+from shuttle_marl.base.errors import printable
+from shuttle_marl.base.files import replace_file
 from shuttle_marl.commands import cli
 from shuttle_marl.commands.options import Appearance, RallyGameOptions
-from shuttle_marl.errors import printable
-from shuttle_marl.files import replace_file
 from shuttle_marl.game.court import AREAS
 from shuttle_marl.game.policy import Policy
 from shuttle_marl.game.rules import OUTCOMES

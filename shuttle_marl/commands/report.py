@@ -39,10 +39,10 @@ def report(
         pdf: PDF file, written by Chromium.
         json_output: print the figures as JSON, and write no page.
     """
+    from shuttle_marl.base.errors import ShuttleError  # noqa: PLC0415
     from shuttle_marl.coach import sources  # noqa: PLC0415  these keep --help quick
     from shuttle_marl.coach.match_page import match_page  # noqa: PLC0415
     from shuttle_marl.commands.reports import write_report  # noqa: PLC0415
-    from shuttle_marl.errors import ShuttleError  # noqa: PLC0415
     from shuttle_marl.recording.reader import is_log  # noqa: PLC0415
 
     game = model.load_for(path)
@@ -66,4 +66,4 @@ def report(
 COMMANDS: Final = report
 
 
-main: Final = cli.entry_point(COMMANDS, "python -m shuttle_marl.report", __doc__ or "")
+main: Final = cli.entry_point(COMMANDS, "python -m shuttle_marl report", __doc__ or "")

@@ -3,9 +3,9 @@
 import tempfile
 from pathlib import Path
 
+from shuttle_marl.base.errors import printable
+from shuttle_marl.base.files import replace_file
 from shuttle_marl.commands import cli
-from shuttle_marl.errors import printable
-from shuttle_marl.files import replace_file
 
 
 def write_report(page: bytes, out: Path, pdf: Path | None, *, quiet: bool = False) -> None:

@@ -40,11 +40,11 @@ def scout(
 
     from shuttle_marl.analysis.scouting import plain, players_of  # noqa: PLC0415
     from shuttle_marl.analysis.scouting import scout as scouted  # noqa: PLC0415
+    from shuttle_marl.base.errors import ShuttleError  # noqa: PLC0415
     from shuttle_marl.coach.scout_page import scouting_page  # noqa: PLC0415
     from shuttle_marl.coach.words import words  # noqa: PLC0415
     from shuttle_marl.commands.reports import write_report  # noqa: PLC0415
     from shuttle_marl.data import load_strokes  # noqa: PLC0415
-    from shuttle_marl.errors import ShuttleError  # noqa: PLC0415
 
     if list_players:
         listed = players_of(game)
@@ -77,4 +77,4 @@ def scout(
 COMMANDS: Final = scout
 
 
-main: Final = cli.entry_point(COMMANDS, "python -m shuttle_marl.scout", __doc__ or "")
+main: Final = cli.entry_point(COMMANDS, "python -m shuttle_marl scout", __doc__ or "")

@@ -8,9 +8,9 @@ from typing import Annotated, Any, Final, Literal
 import tyro
 from rich.progress import track
 
+from shuttle_marl.base.files import replace_file
 from shuttle_marl.commands import cli
 from shuttle_marl.commands.options import File, Json
-from shuttle_marl.files import replace_file
 from shuttle_marl.suite.options import Beacon, Split, SuiteError, SuiteRun
 
 Task = Annotated[str, tyro.conf.Positional]
@@ -123,7 +123,7 @@ def score(folder: Folder, *, game: str | None = None, beacon: Beacon = None, jso
         beacon: randomness of the beacon round of the hidden split.
         json_output: print JSON.
     """
-    from shuttle_marl import runs  # noqa: PLC0415
+    from shuttle_marl.base import runs  # noqa: PLC0415
     from shuttle_marl.suite.results import summarise  # noqa: PLC0415  numba
     from shuttle_marl.suite.store import RESULTS  # noqa: PLC0415
 

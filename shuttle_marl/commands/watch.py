@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 import tyro
 
+from shuttle_marl.base.errors import printable
 from shuttle_marl.commands import cli
 from shuttle_marl.commands.options import Appearance, RallyGameOptions
-from shuttle_marl.errors import printable
 from shuttle_marl.game.pairs import AnyGame, PairGame, pair_game
 from shuttle_marl.policy.baselines import imitation
 from shuttle_marl.watch import WatchError

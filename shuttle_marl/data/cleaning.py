@@ -14,11 +14,11 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
-from shuttle_marl.arrays import I8, I64, Bools
+from shuttle_marl.base.arrays import I8, I64, Bools
+from shuttle_marl.base.errors import command
 from shuttle_marl.data.schema import DROP_REASONS, REACH_OVER, REASONS, STROKES, Account, Cleaned, Outcome
 from shuttle_marl.data.shuttleset import RawGame, list_matches, read_game
 from shuttle_marl.data.strict_csv import DataError
-from shuttle_marl.errors import command
 from shuttle_marl.game import court
 from shuttle_marl.game.stroke import N_SERVES, SHOTS
 

@@ -8,10 +8,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
+from shuttle_marl.base.errors import command
+from shuttle_marl.base.files import problem, read_file
 from shuttle_marl.data.schema import DISCIPLINES
 from shuttle_marl.data.strict_csv import DataError
-from shuttle_marl.errors import command
-from shuttle_marl.files import problem, read_file
 from shuttle_marl.game import court
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
 

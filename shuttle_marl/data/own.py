@@ -15,7 +15,7 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from shuttle_marl import __version__
-from shuttle_marl.arrays import F64, I64, Bools
+from shuttle_marl.base.arrays import F64, I64, Bools
 from shuttle_marl.data.cleaning import FIXED_HEIGHT
 from shuttle_marl.data.column_map import FAULTS, PLAYERS, WINNERS, WORDS, ColumnMap, nfc, plain
 from shuttle_marl.data.schema import (

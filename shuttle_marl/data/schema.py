@@ -16,8 +16,8 @@ import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from shuttle_marl.arrays import I64, Bools, Ints
-from shuttle_marl.files import Count, Fraction
+from shuttle_marl.base.arrays import I64, Bools, Ints
+from shuttle_marl.base.files import Count, Fraction
 from shuttle_marl.game import court, rules
 from shuttle_marl.game.stroke import HEIGHTS, N_SERVES, SHOTS, TECHNIQUES
 
@@ -165,6 +165,20 @@ class Account:
     strokes_kept: Count
     dropped: dict[str, Count]
     area_agreement: Fraction | None
+
+    @classmethod
+    def of(cls, strokes: pa.Table) -> "Account":
+        """The account of a table of which nothing is known to be dropped."""
+        rallies = strokes.group_by(["match", "game", "rally"]).aggregate([]).num_rows
+        return cls(
+            matches=len(strokes["match"].unique()),
+            rallies=rallies,
+            rallies_kept=rallies,
+            strokes=strokes.num_rows,
+            strokes_kept=strokes.num_rows,
+            dropped={},
+            area_agreement=None,
+        )
 
     def as_json(self) -> dict[str, Any]:
         """The account as plain values."""

@@ -15,12 +15,12 @@ from typing import Any, Final
 
 import numpy as np
 
-from shuttle_marl.arrays import F64, I8, I64, Bools, Ints
+from shuttle_marl.base.arrays import F64, I8, I64, Bools, Ints
+from shuttle_marl.base.errors import command
 from shuttle_marl.data import upstream
 from shuttle_marl.data.schema import FAR_OFF, REASONS
 from shuttle_marl.data.strict_csv import DataError, Problem, StrictCsv
 from shuttle_marl.data.upstream import discipline, player_id
-from shuttle_marl.errors import command
 from shuttle_marl.game.stroke import SHOTS
 
 SHOT_NAMES: Final = {

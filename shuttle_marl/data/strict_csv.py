@@ -12,9 +12,9 @@ from typing import Final
 
 import numpy as np
 
-from shuttle_marl.arrays import F64, I8, I64
-from shuttle_marl.errors import ShuttleError, command
-from shuttle_marl.files import problem, read_file
+from shuttle_marl.base.arrays import F64, I8, I64
+from shuttle_marl.base.errors import ShuttleError, command
+from shuttle_marl.base.files import problem, read_file
 
 
 @dataclasses.dataclass(frozen=True)

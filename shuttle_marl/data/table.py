@@ -13,7 +13,10 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from shuttle_marl import __version__, table_files
+from shuttle_marl import __version__
+from shuttle_marl.base import table_files
+from shuttle_marl.base.errors import command
+from shuttle_marl.base.files import problem
 from shuttle_marl.data import upstream
 from shuttle_marl.data.cleaning import clean_matches
 from shuttle_marl.data.own import import_matches
@@ -21,8 +24,6 @@ from shuttle_marl.data.schema import STROKES, Account, Cleaned, violations
 from shuttle_marl.data.shuttleset import list_matches, read_game
 from shuttle_marl.data.strict_csv import DataError, Problem
 from shuttle_marl.data.upstream import SPLITS, Split, split_of
-from shuttle_marl.errors import command
-from shuttle_marl.files import problem
 
 OPTIONAL: Final = "hurried"
 """Column that files may lack."""
@@ -55,7 +56,7 @@ def load_account(path: Path | str) -> Account:
         return clean_matches(path).account
     metadata = _open(path).schema_arrow.metadata or {}
     if _written_elsewhere(metadata):
-        return account_of(read_parquet(path))
+        return Account.of(read_parquet(path))
     try:
         return Account.from_json(json.loads(metadata[_ACCOUNT]))
     except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
@@ -74,20 +75,6 @@ def write_parquet(strokes: pa.Table, path: Path, *, account: Account, provenance
     }
     table = strokes.cast(STROKES).combine_chunks().replace_schema_metadata({**STROKES.metadata, **extra})
     table_files.write_parquet(path, table, compression_level=9)
-
-
-def account_of(strokes: pa.Table) -> Account:
-    """The account of a table of which nothing is known to be dropped."""
-    rallies = strokes.group_by(["match", "game", "rally"]).aggregate([]).num_rows
-    return Account(
-        matches=len(strokes["match"].unique()),
-        rallies=rallies,
-        rallies_kept=rallies,
-        strokes=strokes.num_rows,
-        strokes_kept=strokes.num_rows,
-        dropped={},
-        area_agreement=None,
-    )
 
 
 def read_parquet(path: Path) -> pa.Table:

@@ -7,9 +7,9 @@ from typing import Any, Final
 import numpy as np
 import pyarrow as pa
 
+from shuttle_marl.base.errors import ShuttleError
+from shuttle_marl.base.files import replace_file, seal
 from shuttle_marl.dynamics.evaluate import criteria
-from shuttle_marl.errors import ShuttleError
-from shuttle_marl.files import replace_file, seal
 from shuttle_marl.game.shipped import BC, CARD, GAME, HABITS, HURRY, NETWORKS, SKILL, SUPPORT, VARIANTS, read_model_card
 from shuttle_marl.game.stroke import SHOTS
 

@@ -27,7 +27,7 @@ from typing import Final
 import numpy as np
 from scipy.stats import beta
 
-from shuttle_marl.arrays import F32, F64, I16, I64, Bools, Ints
+from shuttle_marl.base.arrays import F32, F64, I16, I64, Bools, Ints
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.dynamics.features import STATE, Rows, codes_of_pairs, codes_of_states
 from shuttle_marl.dynamics.fitted import FittedModels

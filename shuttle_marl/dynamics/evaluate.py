@@ -14,7 +14,7 @@ from typing import Any, Final
 import numpy as np
 from scipy.stats import rankdata
 
-from shuttle_marl.arrays import F64, Bools, Ints
+from shuttle_marl.base.arrays import F64, Bools, Ints
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.dynamics.compiled import Support, is_serve_pair
 from shuttle_marl.dynamics.features import STATE, Rows

@@ -29,7 +29,7 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
-from shuttle_marl.arrays import F32, F64, I8, I16, I32, I64, Bools, Ints
+from shuttle_marl.base.arrays import F32, F64, I8, I16, I32, I64, Bools, Ints
 from shuttle_marl.data.schema import REASONS, Outcome
 from shuttle_marl.game.court import N_AREAS, area_of
 from shuttle_marl.game.layout import LONGEST_DUEL

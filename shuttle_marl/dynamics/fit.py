@@ -8,7 +8,8 @@ import numpy as np
 import torch
 from scipy.optimize import minimize
 
-from shuttle_marl.arrays import F64, Bools
+from shuttle_marl.base.arrays import F64, Bools
+from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.dynamics.compiled import (
     MIN_STROKES,
@@ -52,7 +53,6 @@ from shuttle_marl.dynamics.players import player_choices
 from shuttle_marl.dynamics.situations import Situations, fit_situations
 from shuttle_marl.dynamics.skill import Predicted
 from shuttle_marl.dynamics.trees import Trees, fit_trees
-from shuttle_marl.errors import ShuttleError
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.tables import Game, GameError
 

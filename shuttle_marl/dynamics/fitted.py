@@ -11,7 +11,10 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
-from shuttle_marl.arrays import F64, I16, I64, Ints
+from shuttle_marl.base.arrays import F64, I16, I64, Ints
+from shuttle_marl.base.errors import ShuttleError
+from shuttle_marl.base.files import replace_file
+from shuttle_marl.base.tensor_files import checked, parsed, tensor_bytes
 from shuttle_marl.dynamics.features import DISCIPLINES, SLOTS, Rows
 from shuttle_marl.dynamics.models import (
     GOOD,
@@ -28,12 +31,9 @@ from shuttle_marl.dynamics.models import (
 from shuttle_marl.dynamics.network import Ensemble, NetworkSpec
 from shuttle_marl.dynamics.situations import Situations
 from shuttle_marl.dynamics.trees import Trees
-from shuttle_marl.errors import ShuttleError
-from shuttle_marl.files import replace_file
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.shipped import NETWORKS, read_model
 from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES
-from shuttle_marl.tensor_files import checked, parsed, tensor_bytes
 
 
 class ModelError(ShuttleError):

@@ -18,15 +18,15 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
-from shuttle_marl.arrays import F32, F64, I64, Bools
+from shuttle_marl.base.arrays import F32, F64, I64, Bools
+from shuttle_marl.base.files import replace_file
+from shuttle_marl.base.tensor_files import checked, parsed, tensor_bytes
 from shuttle_marl.data.schema import DISCIPLINES, Outcome
 from shuttle_marl.dynamics.features import rows_from_strokes
-from shuttle_marl.files import replace_file
 from shuttle_marl.game.court import AREAS, N_AREAS
 from shuttle_marl.game.shipped import HABITS, read_model
 from shuttle_marl.game.stroke import HEIGHTS, N_SERVES, N_SHOTS, N_TECHNIQUES, SHOTS
 from shuttle_marl.game.tables import GameError
-from shuttle_marl.tensor_files import checked, parsed, tensor_bytes
 
 NONE: Final = N_SHOTS
 """Code of a previous stroke that does not exist; larger codes are unknown."""

@@ -27,16 +27,16 @@ from typing import Final, Self
 
 import numpy as np
 
-from shuttle_marl.arrays import F64, I8, I32, Bools
+from shuttle_marl.base.arrays import F64, I8, I32, Bools
+from shuttle_marl.base.compiling import compiled
+from shuttle_marl.base.errors import ShuttleError
+from shuttle_marl.base.files import replace_file
+from shuttle_marl.base.tensor_files import Tensors, checked, parsed, tensor_bytes
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.dynamics.features import MOVEMENT, SLOTS, Rows
 from shuttle_marl.dynamics.trees import PARAMETERS, lightgbm, stored_trees
-from shuttle_marl.errors import ShuttleError
-from shuttle_marl.files import replace_file
 from shuttle_marl.game.shipped import HURRY, folder_of, read_model
 from shuttle_marl.game.tables import Game
-from shuttle_marl.kernel.compiling import compiled
-from shuttle_marl.tensor_files import Tensors, checked, parsed, tensor_bytes
 
 SHARE: Final = 0.25
 """Share of hurried strikers among the strokes of an incoming shot type and contact height."""

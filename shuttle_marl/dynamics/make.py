@@ -16,8 +16,11 @@ import pyarrow as pa
 import torch
 
 from shuttle_marl import __version__
-from shuttle_marl.arrays import F32, F64, I16
-from shuttle_marl.cluster import end_with_parent
+from shuttle_marl.base.arrays import F32, F64, I16
+from shuttle_marl.base.cluster import end_with_parent
+from shuttle_marl.base.errors import ShuttleError
+from shuttle_marl.base.files import replace_file
+from shuttle_marl.base.tensor_files import checked, tensor_bytes
 from shuttle_marl.data import load_strokes
 from shuttle_marl.data.upstream import Split, matches_of, split_of
 from shuttle_marl.dynamics.card import strokes_hash, write_card
@@ -37,9 +40,7 @@ from shuttle_marl.dynamics.hurried import Hurry, fit_hurry, load_hurry
 from shuttle_marl.dynamics.network import QUICK, EnsembleConfig
 from shuttle_marl.dynamics.prior import Prior, fit_from, refits_from
 from shuttle_marl.dynamics.skill import FittedSkill, check, deviations_in, fit_skill, summary
-from shuttle_marl.errors import ShuttleError
 from shuttle_marl.exact.profile import PairPolicy
-from shuttle_marl.files import replace_file
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.shipped import (
     BC,
@@ -59,7 +60,6 @@ from shuttle_marl.game.shipped import (
 from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.variants import packed
-from shuttle_marl.tensor_files import checked, tensor_bytes
 
 MIN_STROKES: Final = 1000
 """Training strokes of a fit without prior: some nine for each shot type and area."""

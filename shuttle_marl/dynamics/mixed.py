@@ -19,7 +19,7 @@ from scipy.optimize import minimize
 from scipy.sparse import csr_matrix, identity
 from scipy.special import expit
 
-from shuttle_marl.arrays import F64, I64, Bools, Ints
+from shuttle_marl.base.arrays import F64, I64, Bools, Ints
 
 BOUNDS: Final = (0.005, 2.0)
 """Range of a standard deviation; the lower bound stands for no variance."""

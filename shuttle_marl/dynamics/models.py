@@ -39,7 +39,7 @@ from scipy.sparse import csr_matrix
 from torch import Tensor
 from torch.nn import functional
 
-from shuttle_marl.arrays import F64, I16, I32, I64, Bools
+from shuttle_marl.base.arrays import F64, I16, I32, I64, Bools
 from shuttle_marl.data.schema import REASONS, Outcome
 from shuttle_marl.dynamics.features import SLOTS, STATE, Rows
 from shuttle_marl.dynamics.network import Ensemble, EnsembleConfig, NetworkSpec, encode, fit_ensemble

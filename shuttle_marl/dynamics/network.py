@@ -15,7 +15,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from shuttle_marl.arrays import F64, I16, I32, I64, Floats, Ints
+from shuttle_marl.base.arrays import F64, I16, I32, I64, Floats, Ints
 from shuttle_marl.dynamics.features import SLOTS
 
 Loss = Callable[[Tensor, Tensor], Tensor]

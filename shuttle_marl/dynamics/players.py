@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
-from shuttle_marl.arrays import F64, I64, Bools, Ints
+from shuttle_marl.base.arrays import F64, I64, Bools, Ints
 from shuttle_marl.dynamics.features import SLOTS, Rows
 from shuttle_marl.dynamics.fitted import PlayerChoices, tilted
 from shuttle_marl.dynamics.models import latent_target, softmax

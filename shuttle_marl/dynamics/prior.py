@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from scipy.optimize import minimize_scalar
 
-from shuttle_marl.arrays import F64, I16, Bools
+from shuttle_marl.base.arrays import F64, I16, Bools
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.dynamics.compiled import Support, support_of
 from shuttle_marl.dynamics.features import Rows

@@ -21,7 +21,7 @@ import numpy as np
 from scipy.optimize import minimize
 from scipy.special import expit
 
-from shuttle_marl.arrays import F64, I16, Ints
+from shuttle_marl.base.arrays import F64, I16, Ints
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.dynamics.features import NET_SHOT, SLOTS, Rows
 

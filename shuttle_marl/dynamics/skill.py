@@ -36,13 +36,13 @@ from scipy.optimize import minimize
 from scipy.sparse import block_diag, csr_matrix, identity
 from threadpoolctl import threadpool_limits
 
-from shuttle_marl.arrays import F64, I8, I64, Bools, Ints
+from shuttle_marl.base.arrays import F64, I8, I64, Bools, Ints
+from shuttle_marl.base.files import replace_file
 from shuttle_marl.data.upstream import date_of
 from shuttle_marl.dynamics.features import Rows
 from shuttle_marl.dynamics.mixed import MixedModel, Walks, fit_variances, posterior
 from shuttle_marl.dynamics.models import sigmoid
 from shuttle_marl.dynamics.network import fold_of_match
-from shuttle_marl.files import replace_file
 from shuttle_marl.game.shipped import SKILL
 from shuttle_marl.game.skill import AVERAGE, COMPONENTS, GROUPS, ROLES, Skill
 from shuttle_marl.game.stroke import N_SHOTS, SHOTS

@@ -9,12 +9,12 @@ from typing import Any, Final, Self
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.arrays import F64, I16, I32, U8, Bools
+from shuttle_marl.base.arrays import F64, I16, I32, U8, Bools
+from shuttle_marl.base.compiling import compiled
+from shuttle_marl.base.errors import ShuttleError
+from shuttle_marl.base.extras import install_hint
+from shuttle_marl.base.tensor_files import checked
 from shuttle_marl.dynamics.features import SLOTS
-from shuttle_marl.errors import ShuttleError
-from shuttle_marl.extras import install_hint
-from shuttle_marl.kernel.compiling import compiled
-from shuttle_marl.tensor_files import checked
 
 _LOWEST: Final = np.array([0, *((bits & -bits).bit_length() - 1 for bits in range(1, 256))], dtype=np.uint8)
 """``[256]`` position of the lowest bit."""

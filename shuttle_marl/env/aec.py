@@ -1,8 +1,10 @@
 """Base class of ``rally_v0`` and ``match_v0``: a PettingZoo AEC environment of two players, and PettingZoo's checks around it."""
 
+import copy
 import operator
 import secrets
-from typing import TYPE_CHECKING, Any, Final, Literal
+import warnings
+from typing import TYPE_CHECKING, Any, Final, Literal, Self
 
 import gymnasium
 import numpy as np
@@ -13,14 +15,15 @@ from pettingzoo import AECEnv
 from pettingzoo.utils.env_logger import EnvLogger
 from pettingzoo.utils.wrappers.order_enforcing import OrderEnforcingWrapper
 
-from shuttle_marl.arrays import F32, U8
+from shuttle_marl.base.arrays import F32, U8
+from shuttle_marl.base.errors import ActionError, OptionError, whole_number
 from shuttle_marl.env.snapshot import Snapshot, as_text
-from shuttle_marl.errors import ActionError, OptionError, whole_number
+from shuttle_marl.game.draws import stream
 from shuttle_marl.game.observation import RALLY_WIDTH
 from shuttle_marl.game.pairs import AnyGame, PairGame, resolve_players
+from shuttle_marl.game.rally.stepper import RallyDraws, Stroke, stepper_of
 from shuttle_marl.game.rules import FAULT, OUTCOMES, RETURNED_BELOW, IllegalStrokeError
 from shuttle_marl.game.tables import ROOT
-from shuttle_marl.rally.stepper import RallyDraws, Stroke, stepper_of
 
 if TYPE_CHECKING:
     from shuttle_marl.env.picture import CourtRenderer
@@ -42,8 +45,13 @@ _LISTED: Final = 20
 class ShuttleEnv(AECEnv[str, Observation, int]):
     """Turn-based environment of two players; subclasses define what happens at the end of a rally.
 
+    ``copy`` and ``pickle`` make exact copies, for checkpoints: the same strokes have the same outcomes as in the original. A
+    planner that tries strokes on such copies sees the future, so copies of a running episode warn; :meth:`fork` copies with fresh
+    luck.
+
     Attributes:
         game: the tables of the game, or the game of a pair.
+        state_space: space of :meth:`state`.
         last_seed: the last seed; an episode depends only on it and on its number.
         episode: number of the episode since the last seed, from 0.
     """
@@ -84,6 +92,7 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
             )
             for agent in AGENTS
         }
+        self.state_space = spaces.Box(0.0, 1.0, (RALLY_WIDTH + extra_width + 1,), np.float32)
         self._stepper = stepper_of(self.game)
         self.agent_selection = AGENTS[0]
         self._clear_episode()
@@ -99,7 +108,43 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         self._renderer: CourtRenderer | None = None
 
     def __getstate__(self) -> dict[str, Any]:
+        if self._live:
+            warnings.warn(
+                "this copy of an episode has the luck of the original, so a planner that tries strokes on it sees the future; "
+                "env.unwrapped.fork(seed) copies with fresh luck",
+                stacklevel=2,
+            )
+        return self._content()
+
+    def __copy__(self) -> Self:
+        return copy.deepcopy(self)  # a shallow copy would play into the rally of the original
+
+    def _content(self) -> dict[str, Any]:
         return {**self.__dict__, "_renderer": None}  # a window belongs to one environment
+
+    def fork(self, seed: int | None = None) -> Self:
+        """Copy with fresh luck, for planning: the same position, and other outcomes of the strokes to come.
+
+        A fork depends on the seed of the episode and on its own seed alone, and none has the luck of the original, whatever the
+        seeds. It shares the action and observation spaces, and opens no window.
+
+        Args:
+            seed: seed of the luck from here on, also in later episodes; None: random.
+
+        Raises:
+            ResetNeeded: no episode has started.
+            OptionError: the seed is not an integer.
+        """
+        self._require_begun()
+        assert self.last_seed is not None
+        shared = {id(space): space for space in (self.action_spaces, self.observation_spaces, self.state_space)}
+        twin = object.__new__(type(self))
+        twin.__dict__.update(copy.deepcopy(self._content(), shared))
+        drawn = secrets.randbits(63) if seed is None else whole_number("seed", seed)
+        twin.last_seed = int(stream(drawn, self.last_seed % (1 << 64))[0])
+        twin._draws = twin._draws_of_episode()
+        twin.render_mode = None if self.render_mode == "human" else self.render_mode
+        return twin
 
     @property
     def state_number(self) -> int:
@@ -148,6 +193,10 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         row = self._stepper.observe(self._state, receiver=not strikes)
         mask = self._stepper.legal_action_mask(self._state) if self._live and strikes else self._no_action.copy()
         return {"observation": self._vector(row, player), "action_mask": mask}
+
+    def state(self) -> F32:
+        """Global state, for centralised critics: the observation of ``player_0``, and 1 if it is to strike, else 0."""
+        return np.append(self.observe("player_0")["observation"], np.float32(self._striker == 0))
 
     def step(self, action: int | None) -> None:
         """Play a stroke, the catalogue index ``action``; None for an agent that is done.
@@ -250,6 +299,9 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         """Prepare ``_draws`` and ``_rally``; returns the first server."""
         raise NotImplementedError
 
+    def _draws_of_episode(self) -> RallyDraws:
+        raise NotImplementedError
+
     def _end_rally(self, winner: int) -> None:
         """Count a rally; start the next one or end the episode."""
         self._end_episode(winner)
@@ -343,6 +395,12 @@ class CheckedEnv(OrderEnforcingWrapper[str, Observation, Any]):
     def __init__(self, env: ShuttleEnv) -> None:
         super().__init__(env)
         self._raw = env
+
+    def fork(self, seed: int | None = None) -> Self:
+        """Copy with fresh luck; see :meth:`ShuttleEnv.fork`."""
+        twin = copy.copy(self)
+        twin.env = twin._raw = self._raw.fork(seed)
+        return twin
 
     def last(self, observe: bool = True) -> tuple[Observation | None, float, bool, bool, dict[str, Any]]:
         """Observation, reward, terminated, truncated and info of the agent to move."""

@@ -11,8 +11,8 @@ from tensordict import TensorDict, TensorDictBase
 from torchrl.data import Binary, Bounded, Categorical, Composite, Unbounded
 from torchrl.envs import EnvBase
 
-from shuttle_marl.arrays import I32
-from shuttle_marl.errors import whole_number
+from shuttle_marl.base.arrays import I32
+from shuttle_marl.base.errors import whole_number
 from shuttle_marl.game.pairs import AnyGame, opponent_tables, resolve_players
 from shuttle_marl.kernel import LearnerBatch, RallyBatch
 from shuttle_marl.kernel.rows import Observations, Server

@@ -4,14 +4,14 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 
-from shuttle_marl.arrays import F32
+from shuttle_marl.base.arrays import F32
+from shuttle_marl.base.errors import OptionError
 from shuttle_marl.env.aec import AGENTS, RENDER_MODES, CheckedEnv, RenderMode, ShuttleEnv
 from shuttle_marl.env.wrappers import ActionView, InfoView, MaskView, PlainEnv, wrapped
-from shuttle_marl.errors import OptionError
 from shuttle_marl.game.observation import RALLY_WIDTH, SCORE_WIDTH
 from shuttle_marl.game.pairs import AnyGame
+from shuttle_marl.game.rally.stepper import RallyDraws
 from shuttle_marl.game.scoring import BWF, Rules, Score, score_fractions
-from shuttle_marl.rally.stepper import RallyDraws
 
 __all__ = ["env", "raw_env"]
 
@@ -92,13 +92,16 @@ class raw_env(ShuttleEnv):
         return points[player], points[other], games[player], games[other]
 
     def _begin_episode(self) -> int:
-        assert self.last_seed is not None
-        self._draws = RallyDraws(self.last_seed, self.episode)
+        self._draws = self._draws_of_episode()
         self._rally = 0
         server = self._draws.first_server(0) if self.first_server is None else self.first_server
         self._match_winner = None
         self._set_score(Score(server=server, rules=self.rules))
         return server
+
+    def _draws_of_episode(self) -> RallyDraws:
+        assert self.last_seed is not None
+        return RallyDraws(self.last_seed, self.episode)
 
     def _end_rally(self, winner: int) -> None:
         self._set_score(self._score.after(winner))

@@ -7,7 +7,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from shuttle_marl.arrays import U8
+from shuttle_marl.base.arrays import U8
+from shuttle_marl.base.errors import ShuttleError
+from shuttle_marl.base.extras import install_hint
 from shuttle_marl.env.snapshot import (
     Flight,
     Plan,
@@ -19,12 +21,10 @@ from shuttle_marl.env.snapshot import (
     shot_in_words,
     standing,
 )
-from shuttle_marl.errors import ShuttleError
-from shuttle_marl.extras import install_hint
 from shuttle_marl.game.court import AREAS, HALF_LENGTH, HALF_WIDTH, LENGTH, LONG_SERVICE, SHORT_SERVICE, WIDTH
+from shuttle_marl.game.rally.stepper import Stroke
 from shuttle_marl.game.rules import FAULT, OUTCOMES, RETURNED_BELOW, WINNER
 from shuttle_marl.game.stroke import HEIGHTS, TECHNIQUES
-from shuttle_marl.rally.stepper import Stroke
 
 os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
 

@@ -2,11 +2,11 @@
 
 from typing import Any, ClassVar, Literal
 
+from shuttle_marl.base.errors import OptionError
 from shuttle_marl.env.aec import RENDER_MODES, CheckedEnv, RenderMode, ShuttleEnv
 from shuttle_marl.env.wrappers import ActionView, InfoView, MaskView, PlainEnv, wrapped
-from shuttle_marl.errors import OptionError
 from shuttle_marl.game.pairs import AnyGame
-from shuttle_marl.rally.stepper import RallyDraws
+from shuttle_marl.game.rally.stepper import RallyDraws
 
 __all__ = ["env", "raw_env"]
 
@@ -72,11 +72,14 @@ class raw_env(ShuttleEnv):
         self.server = server
 
     def _begin_episode(self) -> int:
-        assert self.last_seed is not None
         if self.episode == 0:
-            self._draws = RallyDraws(self.last_seed)
+            self._draws = self._draws_of_episode()
         self._rally = self.episode
         return self._draws.first_server(self._rally) if self.server is None else self.server
+
+    def _draws_of_episode(self) -> RallyDraws:
+        assert self.last_seed is not None
+        return RallyDraws(self.last_seed)
 
     def _title(self) -> str:
         return f"rally {self.episode + 1} of seed {self.last_seed}"

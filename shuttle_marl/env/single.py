@@ -4,26 +4,27 @@
 and random numbers are those of the wrapped environment.
 """
 
-from typing import Any, Literal, cast
+import copy
+from typing import Any, Literal, Self, cast
 
 import gymnasium
 import numpy as np
 from gymnasium import spaces
 from gymnasium.error import ResetNeeded
 
-from shuttle_marl.arrays import U8, Bools
+from shuttle_marl.base.arrays import U8, Bools
+from shuttle_marl.base.errors import OptionError
 from shuttle_marl.env import match_v0, rally_v0
 from shuttle_marl.env.aec import AGENTS, RENDER_MODES, Observation, RenderMode, ShuttleEnv
 from shuttle_marl.env.wrappers import InfoView, MaskView, checked_views
-from shuttle_marl.errors import OptionError
 from shuttle_marl.game.pairs import AnyGame, opponent_tables
 from shuttle_marl.game.policy import Policy, reads_score
+from shuttle_marl.game.rally.stepper import choose
 from shuttle_marl.game.rules import IllegalStrokeError
 from shuttle_marl.game.scoring import BWF, Rules
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import named
-from shuttle_marl.rally.stepper import choose
 
 Seat = Literal[0, 1]
 
@@ -48,6 +49,9 @@ class Opponent:
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Opponent, (self._given, self._game)  # by name if possible, because a table has megabytes
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> "Opponent":
+        return self  # read-only, and a table takes longer than a rally
 
     def choose(self, state: int, draw: int, score: tuple[int, int, int, int] | None) -> int:
         """Catalogue index of the stroke in a state.
@@ -151,6 +155,16 @@ class SingleEnv(gymnasium.Env[Observation, np.int64]):
         self._owed = 0.0
         self._over = self.raw.terminations[self._agent]
         return self._seen(), reward, self._over, False, self._info()
+
+    def fork(self, seed: int | None = None) -> Self:
+        """Copy with fresh luck, of the opponent too, for planning; see :meth:`shuttle_marl.env.aec.ShuttleEnv.fork`.
+
+        With Gymnasium's wrappers around this environment, ``env.unwrapped.fork(seed)`` is a copy without them.
+        """
+        twin = copy.copy(self)
+        twin.raw, twin._unseen = self.raw.fork(seed), self._unseen.copy()
+        twin.render_mode = twin.raw.render_mode
+        return twin
 
     def render(self) -> U8 | str | None:
         """The rally as text (``ansi``), as a picture from above (``rgb_array``), or in a window (``human``)."""

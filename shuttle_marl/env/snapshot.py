@@ -12,18 +12,14 @@ import numpy as np
 
 from shuttle_marl.game.court import (
     AREAS,
-    BACK_CUT,
-    HALF_LENGTH,
-    HALF_WIDTH,
-    MIDDLE_CUT,
     SHORT_SERVICE,
-    SIDE_CUT,
+    area_box,
     area_centre,
 )
 from shuttle_marl.game.layout import Layout
+from shuttle_marl.game.rally.stepper import Stroke
 from shuttle_marl.game.rules import FAULT, HURRIED_BELOW, OUTCOMES, WINNER
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES, Catalogue
-from shuttle_marl.rally.stepper import Stroke
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -169,10 +165,8 @@ def to_plan(player: int, x: float, y: float) -> Point:
 
 def area_corners(player: int, area: int) -> tuple[Point, Point]:
     """Two opposite corners, in the plan, of an area that a player aims at."""
-    xs = (-HALF_WIDTH, -SIDE_CUT, SIDE_CUT, HALF_WIDTH)
-    ys = (0.0, MIDDLE_CUT, BACK_CUT, HALF_LENGTH)
-    side, depth = area % 3, area // 3
-    return to_plan(player, xs[side], ys[depth]), to_plan(player, xs[side + 1], ys[depth + 1])
+    (left, right), (near, far) = area_box(area)
+    return to_plan(player, left, near), to_plan(player, right, far)
 
 
 def plan_of(snapshot: Snapshot) -> Plan:

@@ -9,18 +9,18 @@ from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from shuttle_marl.arrays import F32, I32, I64, Bools, Intp, Ints
+from shuttle_marl.base.arrays import F32, I32, I64, Bools, Intp, Ints
+from shuttle_marl.base.errors import ActionError, OptionError
 from shuttle_marl.env.aec import ILLEGAL
 from shuttle_marl.env.wrappers import InfoView, MaskView, checked_views
-from shuttle_marl.errors import ActionError, OptionError
 from shuttle_marl.game.observation import RALLY_WIDTH, SCORE_WIDTH, SWAP, with_efforts
 from shuttle_marl.game.pairs import AnyGame, opponent_tables, resolve_players
+from shuttle_marl.game.rally.stepper import stepper_of
 from shuttle_marl.game.rules import FAULT, OUTCOMES, WINNER
 from shuttle_marl.game.scoring import BWF, Rules, score_fractions
 from shuttle_marl.kernel import LearnerBatch, LearnerMatchBatch
 from shuttle_marl.kernel.rows import Server
 from shuttle_marl.policy.registry import Opponents, tabulated
-from shuttle_marl.rally.stepper import stepper_of
 
 Arrays = dict[str, npt.NDArray[Any]]
 

@@ -1,15 +1,16 @@
 """Options of ``env()``: views of the action, the mask and the info."""
 
-from typing import Any, Final, Literal
+import copy
+from typing import Any, Final, Literal, Self, cast
 
 import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 from pettingzoo.utils.wrappers.order_enforcing import OrderEnforcingWrapper
 
-from shuttle_marl.arrays import I8
+from shuttle_marl.base.arrays import I8
+from shuttle_marl.base.errors import ActionError, OptionError
 from shuttle_marl.env.aec import CheckedEnv, Observation, ShuttleEnv
-from shuttle_marl.errors import ActionError, OptionError
 from shuttle_marl.game.observation import PARTS, STROKE_WIDTH
 
 ActionView = Literal["flat", "components"]
@@ -101,6 +102,12 @@ class PlainEnv(OrderEnforcingWrapper[str, Any, Any]):
             # Cached until the next stroke: callers compare infos, and dictionaries with arrays are equal only if identical.
             self._full, self._views = full, {agent: self._view_of(agent, info) for agent, info in full.items()}
         return {agent: self._views[agent] for agent in full}
+
+    def fork(self, seed: int | None = None) -> Self:
+        """Copy with fresh luck; see :meth:`shuttle_marl.env.aec.ShuttleEnv.fork`."""
+        twin = copy.copy(self)
+        twin.env = cast(CheckedEnv, self.env).fork(seed)
+        return twin
 
     def _view_of(self, agent: str, full: dict[str, Any]) -> dict[str, Any]:
         view = dict(full) if self._info == "full" else {}

@@ -15,7 +15,7 @@ from typing import TypeVar
 import numpy as np
 from scipy.special import stdtrit
 
-from shuttle_marl.arrays import F64
+from shuttle_marl.base.arrays import F64
 from shuttle_marl.exact.fixed_point import ExactError
 from shuttle_marl.exact.known import pair_odds
 from shuttle_marl.exact.optimal import Solution, best_response

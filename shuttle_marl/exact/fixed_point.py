@@ -35,8 +35,8 @@ from typing import Final
 
 import numpy as np
 
-from shuttle_marl.arrays import F64
-from shuttle_marl.errors import ShuttleError
+from shuttle_marl.base.arrays import F64
+from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.thresholds import ONE
 

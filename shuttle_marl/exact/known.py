@@ -19,12 +19,12 @@ from typing import Final
 
 import numpy as np
 
+from shuttle_marl.base.files import cache_folder
 from shuttle_marl.exact.fixed_point import TOLERANCE
 from shuttle_marl.exact.match import Odds
 from shuttle_marl.exact.optimal import best_response
 from shuttle_marl.exact.profile import Crossplay, odds_of_pairs
 from shuttle_marl.exact.sources import solvers_hash
-from shuttle_marl.files import cache_folder
 from shuttle_marl.game.tabulated import TabulatedPolicy
 
 Pair = tuple[TabulatedPolicy, TabulatedPolicy]

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from shuttle_marl.arrays import F64, I64, Ints
+from shuttle_marl.base.arrays import F64, I64, Ints
 from shuttle_marl.exact.occupancy import visits
 from shuttle_marl.exact.optimal import pure_policy
 from shuttle_marl.exact.profile import StatePolicy, evaluate

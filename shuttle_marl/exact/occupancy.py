@@ -6,7 +6,7 @@ from typing import Final, Literal
 
 import numpy as np
 
-from shuttle_marl.arrays import F64
+from shuttle_marl.base.arrays import F64
 from shuttle_marl.exact.fixed_point import ROUNDING, TOLERANCE, solve_linear
 from shuttle_marl.exact.profile import InducedChain, StatePolicy, check_opponents, induced
 from shuttle_marl.exact.sweeps import propagate

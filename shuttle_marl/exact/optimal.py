@@ -20,7 +20,7 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from shuttle_marl.arrays import F64, I32
+from shuttle_marl.base.arrays import F64, I32
 from shuttle_marl.exact.fixed_point import TOLERANCE, ExactError, largest_continuation
 from shuttle_marl.exact.match import Odds
 from shuttle_marl.exact.profile import (

@@ -5,7 +5,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from shuttle_marl.arrays import Bools
+from shuttle_marl.base.arrays import Bools
 from shuttle_marl.exact.occupancy import visits
 from shuttle_marl.exact.profile import StatePolicy
 from shuttle_marl.game.court import BACK, third_of

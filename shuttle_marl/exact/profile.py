@@ -9,7 +9,7 @@ from typing import Protocol, TypeVar
 
 import numpy as np
 
-from shuttle_marl.arrays import F64
+from shuttle_marl.base.arrays import F64
 from shuttle_marl.exact.fixed_point import FIRST_RALLY_STATE, TOLERANCE, ExactError
 from shuttle_marl.exact.match import Odds
 from shuttle_marl.exact.solver import BlockLinear, ProfileValue, solve_players

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from shuttle_marl.arrays import F64, Intp
+from shuttle_marl.base.arrays import F64, Intp
 from shuttle_marl.exact.fixed_point import TOLERANCE
 from shuttle_marl.exact.occupancy import visits
 from shuttle_marl.exact.optimal import Response, Solution, best_response, limited, solve

@@ -14,13 +14,13 @@ import dataclasses
 
 import numpy as np
 
-from shuttle_marl.arrays import F64, I8, I32, U8, U16
+from shuttle_marl.base.arrays import F64, I8, I32, U8, U16
+from shuttle_marl.base.compiling import compiled
 from shuttle_marl.exact.fixed_point import TOLERANCE
 from shuttle_marl.exact.occupancy import visits
 from shuttle_marl.exact.profile import StatePolicy, check_opponents, evaluate_chains, induced
 from shuttle_marl.exact.solver import ProfileValue, successors
 from shuttle_marl.game.stroke import N_SHOTS
-from shuttle_marl.kernel.compiling import compiled
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)

@@ -12,7 +12,7 @@ from typing import Protocol
 
 import numpy as np
 
-from shuttle_marl.arrays import F64
+from shuttle_marl.base.arrays import F64
 from shuttle_marl.exact.fixed_point import Linear, newton
 from shuttle_marl.exact.match import Odds
 from shuttle_marl.game.tables import ROOT, Game

@@ -13,11 +13,11 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from shuttle_marl.arrays import F64, I32, U8, U16, Bools
+from shuttle_marl.base.arrays import F64, I32, U8, U16, Bools
+from shuttle_marl.base.compiling import cached, compiled, inlined
 from shuttle_marl.game.draws import CHOICE_ONE
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.thresholds import ONE
-from shuttle_marl.kernel.compiling import cached, compiled, inlined
 
 Chances = F64 | U16
 """``[base pairs]`` probability of each legal pair of a block given its state; of a table, in units of 1/65535."""

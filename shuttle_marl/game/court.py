@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from shuttle_marl.arrays import F64, I8, Bools, Floats, Ints
+from shuttle_marl.base.arrays import F64, I8, Bools, Floats, Ints
 
 LENGTH: Final = 13.40
 """Length of the court [m]."""
@@ -64,6 +64,11 @@ BACK: Final = 2
 def third_of(area: Ints) -> Ints:
     """Third of the half in which areas lie, any shape: 0 front, 1 middle, 2 back."""
     return area // (N_AREAS // N_THIRDS)
+
+
+def steps_between(a: Ints, b: Ints) -> Ints:
+    """Steps across and along the court from areas to others, broadcast."""
+    return np.abs(a // 3 - b // 3) + np.abs(a % 3 - b % 3)
 
 
 def area_of(x: Floats, y: Floats) -> I8:

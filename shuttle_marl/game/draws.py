@@ -9,8 +9,8 @@ from typing import Final
 
 import numpy as np
 
-from shuttle_marl.arrays import F64, I32, U16, U64, Intp, Ints
-from shuttle_marl.errors import whole_number
+from shuttle_marl.base.arrays import F64, I32, U16, U64, Intp, Ints
+from shuttle_marl.base.errors import whole_number
 
 CHOICE_ONE: Final = 65535
 """Draws that choose a stroke lie in [0, 65535), so that a 16-bit cumulative probability can also say "certainly"."""

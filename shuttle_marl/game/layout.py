@@ -20,7 +20,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.arrays import F64, I16, I32, I64, Bools, Floats, Ints
+from shuttle_marl.base.arrays import F64, I16, I32, I64, Bools, Floats, Ints
 from shuttle_marl.game.stroke import Catalogue, frozen
 
 LONGEST_DUEL: Final = 3

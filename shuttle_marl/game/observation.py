@@ -5,7 +5,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.arrays import F32, I32, Ints
+from shuttle_marl.base.arrays import F32, I32, Ints
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.layout import LONGEST_DUEL, Layout
 from shuttle_marl.game.stroke import HEIGHTS, N_SHOTS, N_TECHNIQUES

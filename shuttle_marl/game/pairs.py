@@ -13,7 +13,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from shuttle_marl.arrays import F64, I32, I64, U8, U16, Ints
+from shuttle_marl.base.arrays import F64, I32, I64, U8, U16, Ints
 from shuttle_marl.game.layout import Layout
 from shuttle_marl.game.shipped import PROFILES, load_game, origin_named, origin_of, resolve_game, variants
 from shuttle_marl.game.skill import AVERAGE, Day, Skill, day_of, load_skill

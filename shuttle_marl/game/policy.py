@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 from numpy.random import Generator
 
-from shuttle_marl.arrays import F64, I16, I32, Bools, Floats, Intp, Ints
-from shuttle_marl.errors import ShuttleError, described
+from shuttle_marl.base.arrays import F64, I16, I32, Bools, Floats, Intp, Ints
+from shuttle_marl.base.errors import ShuttleError, described
 from shuttle_marl.game.draws import CHOICE_ONE, chosen
 from shuttle_marl.game.observation import RALLY_WIDTH, states_of
 from shuttle_marl.game.scoring import scores_of

@@ -4,8 +4,8 @@ from typing import Final
 
 import numpy as np
 
-from shuttle_marl.arrays import I8, I32, Bools, Ints
-from shuttle_marl.errors import ActionError
+from shuttle_marl.base.arrays import I8, I32, Bools, Ints
+from shuttle_marl.base.errors import ActionError
 from shuttle_marl.game.layout import LONGEST_DUEL, Layout
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.thresholds import ONE

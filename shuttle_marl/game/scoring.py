@@ -12,8 +12,8 @@ from typing import Any, Final, Literal, NamedTuple, overload
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.arrays import F64, I8, I16, Bools, Ints
-from shuttle_marl.errors import ShuttleError
+from shuttle_marl.base.arrays import F64, I8, I16, Bools, Ints
+from shuttle_marl.base.errors import ShuttleError
 
 
 class ScoringError(ShuttleError):

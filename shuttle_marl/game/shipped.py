@@ -11,12 +11,12 @@ from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
 
-from shuttle_marl.arrays import F64, Bools
-from shuttle_marl.errors import command
-from shuttle_marl.files import FileReadError, read_sealed
+from shuttle_marl.base.arrays import F64, Bools
+from shuttle_marl.base.errors import command
+from shuttle_marl.base.files import FileReadError, read_sealed
+from shuttle_marl.base.tensor_files import Tensors, checked, read_tensors
 from shuttle_marl.game.tables import Game, GameError, Origin
 from shuttle_marl.game.variants import hashes_of, unpacked
-from shuttle_marl.tensor_files import Tensors, checked, read_tensors
 
 GAME: Final = "game.safetensors"
 """The compiled game in a model folder."""

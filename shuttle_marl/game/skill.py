@@ -14,11 +14,11 @@ from typing import Final
 
 import numpy as np
 
-from shuttle_marl.arrays import F32, F64, I8, I32
+from shuttle_marl.base.arrays import F32, F64, I8, I32
+from shuttle_marl.base.tensor_files import Tensors, checked, parsed
 from shuttle_marl.game.shipped import SKILL, read_model
 from shuttle_marl.game.stroke import N_SHOTS
 from shuttle_marl.game.tables import GameError
-from shuttle_marl.tensor_files import Tensors, checked, parsed
 
 COMPONENTS: Final = ("success", "return", "contact")
 """Components of a stroke, in the order of the offsets."""

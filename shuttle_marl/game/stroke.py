@@ -14,8 +14,8 @@ from typing import Any, Final, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.arrays import I8, I16, Bools
-from shuttle_marl.errors import ShuttleError
+from shuttle_marl.base.arrays import I8, I16, Bools
+from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.game.court import AREAS
 
 A = TypeVar("A", bound=np.generic)

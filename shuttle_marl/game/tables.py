@@ -24,13 +24,13 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.arrays import F64, I32, U8, U16, Bools, Ints
-from shuttle_marl.errors import ShuttleError
-from shuttle_marl.files import replace_file
+from shuttle_marl.base.arrays import F64, I32, U8, U16, Bools, Ints
+from shuttle_marl.base.errors import ShuttleError
+from shuttle_marl.base.files import replace_file
+from shuttle_marl.base.tensor_files import checked, parsed, read_tensors, tensor_bytes
 from shuttle_marl.game.layout import ALL, LONGEST_DUEL, Indices, Layout
 from shuttle_marl.game.stroke import SHOTS, Catalogue, frozen
 from shuttle_marl.game.thresholds import ONE, with_fault_odds
-from shuttle_marl.tensor_files import checked, parsed, read_tensors, tensor_bytes
 
 ROOT: Final = 0
 """The state in which every rally starts: the serve, struck from below the net."""

@@ -13,15 +13,15 @@ import numpy as np
 import numpy.typing as npt
 from numpy.random import Generator
 
-from shuttle_marl.arrays import F64, I32, U8, U16, Bools, Floats, Intp, Ints
-from shuttle_marl.files import replace_file
+from shuttle_marl.base.arrays import F64, I32, U8, U16, Bools, Floats, Intp, Ints
+from shuttle_marl.base.files import replace_file
+from shuttle_marl.base.tensor_files import read_tensors, tensor_bytes
 from shuttle_marl.game.draws import CHOICE_ONE, chosen
 from shuttle_marl.game.layout import LONGEST_DUEL
 from shuttle_marl.game.policy import Observation, Policy, PolicyError, States, act, checked_probabilities, reads_score
 from shuttle_marl.game.stroke import Catalogue
 from shuttle_marl.game.tables import HURRY_ONE, Game, GameError
 from shuttle_marl.game.thresholds import ONE
-from shuttle_marl.tensor_files import read_tensors, tensor_bytes
 
 
 def layout(catalogue: Catalogue, replies: Bools, *, duels: bool = False) -> dict[str, I32]:

@@ -4,7 +4,7 @@ from typing import Final
 
 import numpy as np
 
-from shuttle_marl.arrays import I64, U16, Ints
+from shuttle_marl.base.arrays import I64, U16, Ints
 
 ONE: Final = 1 << 16
 """Probability 1 in fixed point."""

@@ -17,10 +17,10 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.arrays import F64, I8, I32, I64, U64, Intp
+from shuttle_marl.base.arrays import F64, I8, I32, I64, U64, Intp
+from shuttle_marl.base.tensor_files import Tensors, packed_bytes, parsed, tensor_bytes, unpacked_bytes
 from shuttle_marl.game.tables import HURRY_ONE, Game, GameError
 from shuttle_marl.game.thresholds import ONE
-from shuttle_marl.tensor_files import Tensors, packed_bytes, parsed, tensor_bytes, unpacked_bytes
 
 STEP: Final = 0.0625
 """Difference of log-odds of one step."""

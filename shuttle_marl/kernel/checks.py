@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.errors import OptionError, ShuttleError, whole_number
+from shuttle_marl.base.errors import OptionError, ShuttleError, whole_number
 
 
 class KernelError(ShuttleError):

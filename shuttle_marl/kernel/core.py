@@ -14,11 +14,11 @@ from typing import Any, Final, NamedTuple, cast
 
 import numpy as np
 
-from shuttle_marl.arrays import I8, I16, I32, I64, U64, Bools
+from shuttle_marl.base.arrays import I8, I16, I32, I64, U64, Bools
+from shuttle_marl.base.compiling import inlined
 from shuttle_marl.game.draws import GOLDEN, MIX_1, MIX_2
 from shuttle_marl.game.pairs import AnyGame, PairGame
 from shuttle_marl.kernel.checks import KernelError
-from shuttle_marl.kernel.compiling import inlined
 
 int64: Final = cast("Callable[[Any], int]", np.int64)
 """``numpy.int64``, typed as the int that it is to callers of compiled functions."""

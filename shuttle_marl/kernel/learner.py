@@ -8,14 +8,14 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from shuttle_marl.arrays import F32, I8, I16, I32, I64, U64, Bools, Ints
+from shuttle_marl.base.arrays import F32, I8, I16, I32, I64, U64, Bools, Ints
+from shuttle_marl.base.compiling import compiled, inlined
 from shuttle_marl.game import draws
 from shuttle_marl.game.pairs import AnyGame
 from shuttle_marl.game.rules import FAULT, WINNER
 from shuttle_marl.game.scoring import BWF, Rules, RulesTuple, count_rally
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.kernel.checks import KernelError, checked_array
-from shuttle_marl.kernel.compiling import compiled, inlined
 from shuttle_marl.kernel.core import (
     BLOCK,
     OPEN,

@@ -12,15 +12,15 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from shuttle_marl.arrays import I8, I32, U16, U64, Bools, Intp
+from shuttle_marl.base.arrays import I8, I32, U16, U64, Bools, Intp
 from shuttle_marl.game import draws
 from shuttle_marl.game.pairs import AnyGame, PairGame
 from shuttle_marl.game.policy import Policy, PolicyError, States, checked_probabilities, drawn_strokes
+from shuttle_marl.game.rally.record import Rallies, stroke_dtype
 from shuttle_marl.game.rules import WINNER, strike
 from shuttle_marl.game.scoring import BWF, Rules, count_rally
 from shuttle_marl.game.tables import ROOT, Game
 from shuttle_marl.kernel.checks import checked_array
-from shuttle_marl.rally.record import Rallies, stroke_dtype
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -78,7 +78,7 @@ HURRIED_BIT: Final = 15
 
 
 def stroke_columns(noted: U16, n_strokes: int) -> dict[str, Any]:
-    """The columns of :class:`~shuttle_marl.rally.record.Rallies` that noted strokes ``[N]`` hold."""
+    """The columns of :class:`~shuttle_marl.game.rally.record.Rallies` that noted strokes ``[N]`` hold."""
     stroke = (noted & np.uint16((1 << HURRIED_BIT) - 1)).astype(stroke_dtype(n_strokes))
     return {"stroke": stroke, "hurried": (noted >> HURRIED_BIT).astype(np.uint8)}
 

@@ -12,12 +12,13 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from shuttle_marl.arrays import I8, I32, U8, U16, U64
+from shuttle_marl.base.arrays import I8, I32, U8, U16, U64
+from shuttle_marl.base.compiling import compiled, inlined
 from shuttle_marl.game.pairs import AnyGame
+from shuttle_marl.game.rally.record import Rallies
 from shuttle_marl.game.scoring import BWF, Rules, RulesTuple, count_rally
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.kernel.checks import checked_array, checked_number
-from shuttle_marl.kernel.compiling import compiled, inlined
 from shuttle_marl.kernel.core import (
     BLOCK,
     Tables,
@@ -34,7 +35,6 @@ from shuttle_marl.kernel.core import (
 from shuttle_marl.kernel.lockstep import HURRIED_BIT, Matches, MatchResults, stroke_columns
 from shuttle_marl.kernel.players import Players, check_players, pack, table_choice
 from shuttle_marl.kernel.rows import Rows, draw_strokes, new_rows, part_of, play
-from shuttle_marl.rally.record import Rallies
 
 _STROKES_A_MATCH: Final = 1600
 """Initial capacity for the strokes of a match, doubled as needed. Not a power of two, so that the strokes of different matches do

@@ -5,12 +5,12 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from shuttle_marl.arrays import I32, U8, U16
+from shuttle_marl.base.arrays import I32, U8, U16
+from shuttle_marl.base.compiling import compiled, inlined
 from shuttle_marl.game.draws import CHOICE_ONE
 from shuttle_marl.game.pairs import AnyGame
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.kernel.checks import KernelError, checked_array
-from shuttle_marl.kernel.compiling import compiled, inlined
 from shuttle_marl.kernel.core import int64
 
 GUIDES: Final = 16

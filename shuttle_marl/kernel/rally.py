@@ -4,11 +4,11 @@ import dataclasses
 
 import numpy as np
 
-from shuttle_marl.arrays import F32, I16, I64, Bools, Ints
+from shuttle_marl.base.arrays import F32, I16, I64, Bools, Ints
+from shuttle_marl.base.compiling import compiled
 from shuttle_marl.game.pairs import AnyGame
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.kernel.checks import checked_number
-from shuttle_marl.kernel.compiling import compiled
 from shuttle_marl.kernel.core import (
     BLOCK,
     Tables,

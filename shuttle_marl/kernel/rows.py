@@ -9,12 +9,12 @@ from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
 
-from shuttle_marl.arrays import F32, I8, I16, I32, I64, U64, Bools, Ints
+from shuttle_marl.base.arrays import F32, I8, I16, I32, I64, U64, Bools, Ints
+from shuttle_marl.base.compiling import compiled, inlined
 from shuttle_marl.game import draws
 from shuttle_marl.game.pairs import AnyGame
 from shuttle_marl.game.rules import IllegalStrokeError
 from shuttle_marl.kernel.checks import KernelError, check_room, checked_array, checked_number
-from shuttle_marl.kernel.compiling import compiled, inlined
 from shuttle_marl.kernel.core import (
     BLOCK,
     OPEN,

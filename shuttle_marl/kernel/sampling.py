@@ -17,9 +17,10 @@ from typing import Any, Final
 
 import numpy as np
 
-from shuttle_marl.arrays import F32, I32, I64, Bools, Floats, Ints
+from shuttle_marl.base.arrays import F32, I32, I64, Bools, Floats, Ints
 from shuttle_marl.game import draws
 from shuttle_marl.game.pairs import AnyGame
+from shuttle_marl.game.rally.record import Rallies, stroke_dtype
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.kernel.checks import KernelError, checked_array, checked_number
@@ -44,7 +45,6 @@ from shuttle_marl.kernel.table_play import (
     write,
 )
 from shuttle_marl.kernel.table_rallies import START, TOO_LONG, Learned, Schedule, Starts, Workspace, new_workspace, no_starts
-from shuttle_marl.rally.record import Rallies, stroke_dtype
 
 Assess = Callable[[I32], tuple[F32, F32]]
 """Maps states ``[U]`` to logits of all strokes ``[U, n]`` and values to the striker ``[U]``."""

@@ -7,10 +7,10 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from shuttle_marl.arrays import F32, F64, I32, I64, U8, UInts
+from shuttle_marl.base.arrays import F32, F64, I32, I64, U8, UInts
+from shuttle_marl.base.compiling import compiled, inlined
 from shuttle_marl.game import draws
 from shuttle_marl.game.rules import FAULT, WINNER
-from shuttle_marl.kernel.compiling import compiled, inlined
 from shuttle_marl.kernel.core import BLOCK, Tables, hurried_in, legal_strokes, stroke_of
 from shuttle_marl.kernel.players import write_guide
 from shuttle_marl.kernel.table_rallies import STALE, TOO_LONG, BlockRallies, Learned, Schedule, Workspace, play

@@ -8,8 +8,8 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from shuttle_marl.arrays import F32, I32, I64, U64
-from shuttle_marl.kernel.compiling import inlined
+from shuttle_marl.base.arrays import F32, I32, I64, U64
+from shuttle_marl.base.compiling import inlined
 from shuttle_marl.kernel.core import (
     BLOCK,
     LOW_16,

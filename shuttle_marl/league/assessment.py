@@ -9,8 +9,8 @@ from typing import Any, Final
 import numpy as np
 from scipy.stats import kendalltau, rankdata
 
-from shuttle_marl.arrays import F64, Intp
-from shuttle_marl.league.meta_games import alpha_rank, maximal_lottery, nash_average
+from shuttle_marl.base.arrays import F64, Intp
+from shuttle_marl.exact.meta_games import alpha_rank, maximal_lottery, nash_average
 from shuttle_marl.league.ranking import ExactOdds, Standing, played_cells
 from shuttle_marl.league.ratings import ELO, Misfit, fewest_to_flip, misfit, prior_wins, wins_of
 from shuttle_marl.league.style import Style

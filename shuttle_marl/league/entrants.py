@@ -9,8 +9,8 @@ from typing import Any, Final, Literal
 import numpy as np
 import tyro
 
-from shuttle_marl.arrays import I32, Intp
-from shuttle_marl.errors import ShuttleError
+from shuttle_marl.base.arrays import I32, Intp
+from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.game.draws import CHOICE_ONE, chosen
 from shuttle_marl.game.pairs import AnyGame, PairGame, pair_game
 from shuttle_marl.game.policy import Policy, PolicyError, reads_score

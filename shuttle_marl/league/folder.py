@@ -11,8 +11,8 @@ from typing import Any, Final
 
 import msgspec
 
-from shuttle_marl import runs
-from shuttle_marl.files import problem, read_file, replace_file
+from shuttle_marl.base import runs
+from shuttle_marl.base.files import problem, read_file, replace_file
 from shuttle_marl.game.pairs import AnyGame
 from shuttle_marl.league.entrants import Entrant, LeagueConfig, LeagueError
 from shuttle_marl.league.tournament import Pairing, PairResult

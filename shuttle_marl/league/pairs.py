@@ -17,7 +17,7 @@ import pyarrow as pa
 
 from shuttle_marl.analysis import rally_table
 from shuttle_marl.analysis.outlook import skill_error, slopes_by_group
-from shuttle_marl.arrays import F64
+from shuttle_marl.base.arrays import F64
 from shuttle_marl.exact import Odds, sensitivity
 from shuttle_marl.game.pairs import PairGame, pair_game
 from shuttle_marl.game.scoring import match_win_probability

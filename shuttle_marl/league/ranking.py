@@ -12,7 +12,7 @@ import numpy as np
 import pyarrow as pa
 from scipy.stats import binomtest
 
-from shuttle_marl.arrays import F64, Intp
+from shuttle_marl.base.arrays import F64, Intp
 from shuttle_marl.exact.fixed_point import TOLERANCE
 from shuttle_marl.game.pairs import AnyGame, PairGame
 from shuttle_marl.game.policy import PolicyError

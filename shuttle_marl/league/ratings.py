@@ -13,7 +13,7 @@ import numpy as np
 from scipy.sparse.csgraph import connected_components
 from scipy.stats import chi2
 
-from shuttle_marl.arrays import F64, I64, Bools, Intp
+from shuttle_marl.base.arrays import F64, I64, Bools, Intp
 
 ELO: Final = 400 / np.log(10)
 """Elo points for a unit of theta: 400 points are odds of ten to one."""

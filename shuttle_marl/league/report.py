@@ -9,7 +9,7 @@ import numpy as np
 from rich.table import Table
 from rich.text import Text
 
-from shuttle_marl.errors import printable
+from shuttle_marl.base.errors import printable
 from shuttle_marl.league.assessment import Assessment
 from shuttle_marl.league.entrants import Format, LeagueConfig
 from shuttle_marl.league.folder import RALLIES

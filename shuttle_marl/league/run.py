@@ -17,10 +17,11 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.text import Text
 
-from shuttle_marl import runs
-from shuttle_marl.cluster import Cluster, open_cluster
-from shuttle_marl.errors import printable
-from shuttle_marl.files import replace_file
+from shuttle_marl.base import runs
+from shuttle_marl.base.cluster import Cluster, open_cluster
+from shuttle_marl.base.errors import printable
+from shuttle_marl.base.files import replace_file
+from shuttle_marl.base.table_files import csv_bytes, write_parquet
 from shuttle_marl.game.pairs import AnyGame, PairGame
 from shuttle_marl.game.scoring import RULES
 from shuttle_marl.game.shipped import least_support, refits_of
@@ -38,7 +39,6 @@ from shuttle_marl.policy.foreign import time_limit
 from shuttle_marl.recording import LogHeader, Pair, Player, RallyRecorder, Sampling
 from shuttle_marl.recording.recover import rallies_of_pairings
 from shuttle_marl.recording.recover import resume as resume_log
-from shuttle_marl.table_files import csv_bytes, write_parquet
 
 if TYPE_CHECKING:
     from shuttle_marl.exact.regret import Holes

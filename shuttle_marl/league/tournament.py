@@ -12,15 +12,15 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from scipy.optimize import brentq
 
-from shuttle_marl.arrays import F64, Bools
-from shuttle_marl.cluster import Cluster, Shared, Task
-from shuttle_marl.files import Count
+from shuttle_marl.base.arrays import F64, Bools
+from shuttle_marl.base.cluster import Cluster, Shared, Task
+from shuttle_marl.base.files import Count
 from shuttle_marl.game import draws
 from shuttle_marl.game.pairs import AnyGame, PairGame
+from shuttle_marl.game.rally.record import Rallies
 from shuttle_marl.game.scoring import BWF, Rules
 from shuttle_marl.kernel.lockstep import Matches, play
 from shuttle_marl.league.entrants import Entrant, ForfeitError, Format, Strikers, seat_tables
-from shuttle_marl.rally.record import Rallies
 
 if TYPE_CHECKING:
     from shuttle_marl.kernel import Players

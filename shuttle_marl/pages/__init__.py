@@ -11,7 +11,7 @@ from typing import Any, Final, Generic, TypeVar
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from shuttle_marl.errors import printable
+from shuttle_marl.base.errors import printable
 
 T = TypeVar("T")
 _TEMPLATES: Final = "templates"

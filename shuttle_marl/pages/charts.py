@@ -15,8 +15,8 @@ from xml.etree import ElementTree
 import numpy as np
 from markupsafe import Markup
 
-from shuttle_marl.arrays import F64
-from shuttle_marl.errors import printable
+from shuttle_marl.base.arrays import F64
+from shuttle_marl.base.errors import printable
 
 _COLOURS: Final = ("#0b8f66", "#d0553c", "#3f6fd8", "#b8860b", "#8a56c9", "#1d9aa8", "#c2478f", "#6b7d2c", "#8c6a55", "#5c6b7a")
 INK, DIM, _LINE, _ACCENT, _SECOND = "#1c2127", "#69727d", "#e3e5e2", "#0b6e4e", "#c8553d"

@@ -11,14 +11,14 @@ import hashlib
 from pathlib import Path
 from typing import Any, Final
 
-from shuttle_marl.errors import command
-from shuttle_marl.files import FileReadError, problem, read_sealed, replace_file, seal
+from shuttle_marl.base.errors import command
+from shuttle_marl.base.files import FileReadError, problem, read_sealed, replace_file, seal
+from shuttle_marl.base.tensor_files import read_tensors
 from shuttle_marl.game.policy import Policy, PolicyError
 from shuttle_marl.game.shipped import folder_of
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.policy.computed import cached_table
-from shuttle_marl.tensor_files import read_tensors
 
 NETWORK: Final = "network.safetensors"
 CARD: Final = "card.json"

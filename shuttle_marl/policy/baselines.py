@@ -16,8 +16,9 @@ from typing import Final
 
 import numpy as np
 
-from shuttle_marl.arrays import F32, F64, I16, I64
-from shuttle_marl.game.court import N_AREAS, area_centre
+from shuttle_marl.base.arrays import F32, F64, I16, I64
+from shuttle_marl.base.tensor_files import checked, parsed
+from shuttle_marl.game.court import BACK, N_AREAS, area_centre, third_of
 from shuttle_marl.game.pairs import SeatGame
 from shuttle_marl.game.policy import PolicyError, States
 from shuttle_marl.game.shipped import BC, CHOICE_UNITS, PROFILES, folder_of, origin_of, read_model
@@ -26,7 +27,6 @@ from shuttle_marl.game.tables import Game, GameError
 from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities
 from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.policy.plain_network import legal_softmax
-from shuttle_marl.tensor_files import checked, parsed
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -233,7 +233,7 @@ def defensive(states: States) -> F64:
     points = _by_shot(DEFEND)[catalogue.shot]
     points = points - (catalogue.area % 3 != 1)
     high = np.isin(catalogue.shot, [SHOTS.index(name) for name in ("lift", "clear", "long-serve")])
-    points = points - 2.0 * (high & (catalogue.area // 3 != 2))
+    points = points - 2.0 * (high & (third_of(catalogue.area) != BACK))
     smashed = np.isin(_incoming_shot(states), [SHOTS.index(name) for name in POWER])
     return points + smashed[:, None] * _by_shot(DEFEND_AGAINST_SMASH)[catalogue.shot]
 

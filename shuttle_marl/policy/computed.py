@@ -16,8 +16,8 @@ from typing import Final
 
 import platformdirs
 
+from shuttle_marl.base.files import FileWriteError
 from shuttle_marl.exact.sources import solvers_hash
-from shuttle_marl.files import FileWriteError
 from shuttle_marl.game.policy import Policy, PolicyError
 from shuttle_marl.game.shipped import PROFILES, origin_of, refits_of, variants
 from shuttle_marl.game.tables import Game

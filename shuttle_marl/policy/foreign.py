@@ -36,8 +36,8 @@ from typing import IO, Any, Final, TypeVar
 
 import numpy as np
 
-from shuttle_marl.arrays import F64, Floats
-from shuttle_marl.errors import described
+from shuttle_marl.base.arrays import F64, Floats
+from shuttle_marl.base.errors import described
 from shuttle_marl.game.policy import Policy, PolicyError, States, reads_score
 from shuttle_marl.game.stroke import HEIGHTS
 from shuttle_marl.game.tables import Game

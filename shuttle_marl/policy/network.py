@@ -14,15 +14,15 @@ from typing import Any, Final, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.arrays import F64, I64, U16
+from shuttle_marl.base.arrays import F64, I64, U16
+from shuttle_marl.base.compiling import cached
+from shuttle_marl.base.tensor_files import checked
 from shuttle_marl.game.draws import CHOICE_ONE
 from shuttle_marl.game.layout import LONGEST_DUEL
 from shuttle_marl.game.policy import PolicyError
 from shuttle_marl.game.stroke import Catalogue
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
-from shuttle_marl.kernel.compiling import cached
-from shuttle_marl.tensor_files import checked
 
 _WEIGHT_BITS: Final = 22
 _EXACT_BITS: Final = 53

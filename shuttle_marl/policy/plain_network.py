@@ -1,8 +1,9 @@
 """User networks as policies: any function from observations to logits, and files of weights.
 
-Files are safetensors, state dictionaries of PyTorch (read with ``weights_only``), or archives of Stable-Baselines3, whose pickled
-parts are never opened; no code in them is run. They must hold a chain of linear layers with one kind of activation. Other
-networks are played through :func:`from_network` or ``module:attribute``.
+Files are those of :func:`save_network`, or archives of Stable-Baselines3, whose pickled parts are never opened; no code in them
+is run. They hold a chain of linear layers with one kind of activation, and name it. Weights alone, such as a state dictionary, do
+not say what is computed between them, so they are refused. Other networks are played through :func:`from_network` or
+``module:attribute``.
 """
 
 import dataclasses
@@ -10,6 +11,7 @@ import functools
 import importlib
 import io
 import json
+import math
 import re
 import sys
 import zipfile
@@ -22,13 +24,14 @@ import numpy as np
 import numpy.typing as npt
 from safetensors.numpy import save
 
-from shuttle_marl.arrays import F64, I32, Bools
-from shuttle_marl.extras import install_hint
-from shuttle_marl.files import problem, read_file, replace_file
+from shuttle_marl.base.arrays import F32, F64, I32, Bools
+from shuttle_marl.base.errors import described
+from shuttle_marl.base.extras import install_hint
+from shuttle_marl.base.files import problem, read_file, replace_file
+from shuttle_marl.base.tensor_files import parsed, read_tensors
 from shuttle_marl.game.observation import RALLY_WIDTH, features, with_efforts
 from shuttle_marl.game.policy import Policy, PolicyError, States
 from shuttle_marl.game.tables import Game
-from shuttle_marl.tensor_files import parsed, read_tensors
 
 Inputs = Literal["observation", "tokens"]
 """Input of a network: the vector of ``rally_v0``, or the seven integers of the batched environments."""
@@ -45,6 +48,22 @@ FUNCTIONS: Final[dict[str, Callable[[F64], F64]]] = {
 _TORCH_NAMES: Final = dict(zip(("ReLU", "Tanh", "Sigmoid", "LeakyReLU", "ELU", "SiLU"), FUNCTIONS, strict=True))
 _NO_EFFECT: Final = ("Dropout", "Identity", "Flatten")
 """Modules without effect in evaluation mode."""
+_REMEDY: Final = (
+    f"a file holds Linear modules with one of {', '.join(_TORCH_NAMES)} between them, the same everywhere and with its default "
+    "settings; play other networks through from_network and module:attribute"
+)
+_TOLERANCE: Final = 1e-5
+"""Largest difference between a network and its file."""
+_COMPARED: Final = 512
+"""Number of random observations on which they are compared."""
+_SB3_POLICIES: Final = (
+    "stable_baselines3.common.policies",
+    "stable_baselines3.dqn.policies",
+    "sb3_contrib.common.maskable.policies",
+)
+"""Modules of the policies of Stable-Baselines3 whose architecture is known."""
+_SB3_SETTINGS: Final = ("net_arch", "activation_fn", "ortho_init", "optimizer_class", "optimizer_kwargs")
+"""Settings of these policies that are understood here, or have no effect on the trained policy."""
 _LARGEST: Final = 1 << 27
 """Largest size of the weights in an archive [bytes]."""
 _ROWS: Final = 4096
@@ -126,13 +145,16 @@ def _called(module: Any) -> Callable[[npt.NDArray[Any]], Any]:
 
     def call(seen: npt.NDArray[Any]) -> Any:
         given = torch.from_numpy(seen)
-        training = module.training
+        if parameter is not None:
+            given = given.to(parameter.device, parameter.dtype if given.is_floating_point() else None)
+        training = {part: part.training for part in module.modules()}
         module.eval()
         try:
             with torch.no_grad():
-                return module(given if parameter is None else given.to(parameter.device)).double().cpu().numpy()
+                return module(given).double().cpu().numpy()
         finally:
-            module.train(training)
+            for part, before in training.items():
+                part.training = before
 
     return call
 
@@ -160,81 +182,200 @@ class Layers:
 def save_network(module: Any, path: Path) -> None:
     """Write a network to a safetensors file, which is played as ``torch:FILE``.
 
+    The modules that compute the output are recorded in a call, and the policy of the file is compared with that of the network on
+    random observations.
+
     Args:
-        module: ``torch.nn.Sequential`` of ``Linear`` with one kind of function between them: ReLU, Tanh, Sigmoid, LeakyReLU, ELU
-            or SiLU.
+        module: PyTorch module whose output is that of a chain of ``Linear`` modules with one kind of module between them: ReLU,
+            Tanh, Sigmoid, LeakyReLU, ELU or SiLU with its default settings. Modules outside of the chain are not saved.
         path: the file.
 
     Raises:
-        PolicyError: the network has other modules.
+        PolicyError: the network computes something else, which the message names.
         FileWriteError: the file cannot be written.
     """
-    parts = [part for part in module.modules() if not next(part.children(), None) and type(part).__name__ not in _NO_EFFECT]
-    kinds = [type(part).__name__ for part in parts]
-    functions = set(kinds[1::2])
-    alternate = len(parts) % 2 == 1 and set(kinds[::2]) == {"Linear"}
-    if not alternate or not functions <= set(_TORCH_NAMES) or len(functions) > 1:
+    linear = [part for part in module.modules() if type(part).__name__ == "Linear"]
+    # Of an observation, or of one behind a mask of the strokes.
+    widths = {RALLY_WIDTH, *(RALLY_WIDTH + part.out_features for part in linear)}
+    width = next((part.in_features for part in linear if part.in_features in widths), None)
+    if width is None:
         raise PolicyError(
-            f"a network of {', '.join(kinds) or 'nothing'} has no file format here: expected Linear layers with one of "
-            f"{', '.join(_TORCH_NAMES)} between them; play others through from_network and module:attribute"
+            f"{type(module).__name__}: no Linear module reads the {RALLY_WIDTH} numbers of an observation; {_REMEDY}"
         )
-    arrays = {}
-    for i, part in enumerate(parts[::2]):
-        weight = part.weight.detach().cpu().numpy()
-        arrays[f"{i}.weight"] = weight
-        arrays[f"{i}.bias"] = part.bias.detach().cpu().numpy() if part.bias is not None else np.zeros(len(weight), weight.dtype)
-    function = _TORCH_NAMES[functions.pop()] if functions else "relu"
-    replace_file(path, save(arrays, metadata={"network": json.dumps({"function": function, "layers": len(parts[::2])})}))
+    rng = np.random.default_rng(0)
+    seen = (rng.random((_COMPARED, width)) * rng.integers(0, 2, (_COMPARED, width))).astype(np.float32)
+    try:
+        chain = _recorded(module, seen)
+        arrays = {}
+        for i, (_, part) in enumerate(chain[::2]):
+            weight = part.weight.detach().float().cpu().numpy()
+            arrays[f"{i}.weight"] = weight
+            arrays[f"{i}.bias"] = (
+                np.zeros(len(weight), np.float32) if part.bias is None else part.bias.detach().float().cpu().numpy()
+            )
+        about = {"function": _TORCH_NAMES[type(chain[1][1]).__name__] if len(chain) > 1 else "relu"}
+        # Other batches than in the recorded call, because a network may look at their size or at the number of its calls.
+        expected = np.concatenate([_called(module)(rows.copy()) for rows in np.split(seen, [1, 8])])
+        if not (difference := _difference(_plain(arrays, about)(seen), expected)) <= _TOLERANCE:
+            raise ValueError(
+                f"its Linear modules and activations alone play another policy, with a difference of {difference:.2g}"
+            )
+    except Exception as error:  # of any type, from a network that does not take such a batch
+        reason = error if type(error) is ValueError else f"called with [B, {width}] numbers, it raised {described(error)}"
+        raise PolicyError(f"no file of this network plays the same: {reason}; {_REMEDY}") from error
+    replace_file(path, save(arrays, metadata={"network": json.dumps(about)}))
+
+
+def _recorded(module: Any, seen: F32) -> list[tuple[str, Any]]:
+    """Call a network and record the modules that compute its output.
+
+    Args:
+        module: PyTorch module.
+        seen: ``[B, W]`` inputs.
+
+    Returns:
+        The modules with their names, linear ones and activations in turn.
+
+    Raises:
+        ValueError: the output is not that of such a chain. The network may raise others.
+    """
+    nn: Any = sys.modules["torch"].nn
+    calls: list[tuple[str, Any, Any, Any]] = []
+
+    def note(name: str, part: Any, given: tuple[Any, ...], result: Any) -> None:
+        calls.append((name, part, given[0] if len(given) == 1 else None, result))
+
+    parts = [(name, part) for name, part in module.named_modules() if not list(part.children())]
+    hooks = [part.register_forward_hook(functools.partial(note, name)) for name, part in [*parts, ("", module)]]
+    try:
+        _called(module)(seen.copy())
+    finally:
+        for hook in hooks:
+            hook.remove()
+    # From the output back to the input: each module must be given the very tensor that the one before returned.
+    _, _, start, current = calls.pop()
+    chain: list[tuple[str, Any]] = []
+    for name, part, given, result in reversed(calls):
+        if result is current:
+            current = given
+            chain[:0] = [(name, part)] if type(part) not in [getattr(nn, kind) for kind in _NO_EFFECT] else []
+    if current is not start:
+        where = f"the input of {chain[0][0]} ({chain[0][1]})" if chain else "its output"
+        raise ValueError(f"{where} is computed outside of its modules, such as a sum, a product or a function")
+    values = np.linspace(-4, 4, 65, dtype=np.float32)
+    for i, (name, part) in enumerate(chain):
+        kind, expected = type(part).__name__, "one of " + ", ".join(_TORCH_NAMES)
+        if i % 2 == 0:
+            fits, expected = type(part) is nn.Linear, "Linear"
+        elif fits := type(part) in [getattr(nn, known) for known in _TORCH_NAMES]:
+            fits = np.allclose(_called(part)(values.copy()), FUNCTIONS[_TORCH_NAMES[kind]](values), atol=1e-6)
+            fits = fits and type(part) is type(chain[1][1]) and i < len(chain) - 1
+        if not fits:
+            raise ValueError(f"module {name or 0} is {part}, where {expected} can stand")
+    return chain
+
+
+def _difference(a: F64, b: F64) -> float:
+    """Largest difference between two policies, of a probability or of a logit relative to the largest one.
+
+    Args:
+        a, b: their ``[B, n]`` logits; a number that is the same for all strokes makes no difference.
+    """
+    if not (np.isfinite(a).all() and np.isfinite(b).all()):
+        return math.inf
+    a, b = (logits - logits.max(axis=1, keepdims=True) for logits in (a, b))
+    legal = np.ones(a.shape, dtype=np.bool_)
+    probability = np.abs(legal_softmax(a, legal) - legal_softmax(b, legal)).max()
+    return float(max(probability, np.abs(a - b).max() / max(1.0, np.abs(a).max())))
 
 
 def load_weights(path: Path) -> Policy:
-    """The policy in a file of weights, safetensors or a state dictionary of PyTorch.
+    """The policy in a file of :func:`save_network`.
 
     Raises:
-        PolicyError: the file does not exist, or it holds no chain of linear layers.
+        PolicyError: the file does not exist, or is no such file; weights alone do not say what is computed between them.
     """
     try:
-        if path.suffix == ".safetensors":
-            metadata, arrays = read_tensors(path)
-            described = parsed(metadata.get("network", "{}"))
-            function = described.get("function", "relu") if isinstance(described, dict) else ""
-        else:
-            arrays, function = _state_dictionary(read_file(path, _LARGEST)), "relu"
-        return _policy(_chain(arrays, function))
+        metadata, arrays = read_tensors(path)
+        return _policy(_plain(arrays, parsed(metadata.get("network", "null"))))
     except (OSError, ValueError) as error:
         raise PolicyError(
-            f"{path}: no network that can be played ({problem(error)}); save_network writes one, and a state dictionary of "
-            "linear layers with ReLU between them will do"
+            f"{path}: no network that can be played ({problem(error)}); save_network writes one from a module, into which "
+            "weights such as a state dictionary are loaded"
         ) from error
+
+
+def _plain(arrays: Mapping[str, npt.NDArray[Any]], about: Any) -> Layers:
+    """The layers in the arrays and the description of a file of :func:`save_network`.
+
+    Raises:
+        ValueError: as :func:`_chain`, or there is no description.
+    """
+    if not isinstance(about, dict):
+        raise ValueError("weights alone, without the name of their activation function")
+    return _chain(arrays, [str(i) for i in range(len(arrays) // 2)], about.get("function"))
 
 
 def from_sb3(path: Path | str) -> Policy:
     """The policy in an archive that Stable-Baselines3 or sb3-contrib saved: PPO, MaskablePPO, A2C or DQN on ``Rally-v0``.
 
     Only the weights and the settings stored as text are read. The activation is the one that the archive names, or the default of
-    the library. DQN plays the stroke with the highest value.
+    the library. DQN plays the stroke with the highest value. The agent must have seen the observations of the environment: those
+    that a wrapper changed within the same bounds leave no trace in the archive.
 
     Args:
         path: the archive, as ``model.save(path)`` writes it.
 
     Raises:
-        PolicyError: the file does not exist, or the policy is not the default architecture for vectors.
+        PolicyError: the file does not exist, the policy is not a chain of layers of the library, or ``VecNormalize`` or another
+            wrapper changed the observations.
     """
     path = Path(path)
     try:
         with zipfile.ZipFile(io.BytesIO(read_file(path, _LARGEST))) as archive:
-            if (size := archive.getinfo("policy.pth").file_size) > _LARGEST:
-                raise ValueError(f"{size:,} bytes of weights")
+            for name in ("policy.pth", "data"):
+                if (size := archive.getinfo(name).file_size) > _LARGEST:
+                    raise ValueError(f"{size:,} bytes in {name}")
             arrays = _state_dictionary(archive.read("policy.pth"))
-            settings = archive.read("data").decode() if archive.getinfo("data").file_size < _LARGEST else ""
-        named = re.search(r"torch\.nn\.modules\.activation\.(\w+)", settings)
-        values = "q_net.q_net.0.weight" in arrays
-        function = _TORCH_NAMES.get(named[1], "") if named else ("relu" if values else "tanh")
-        prefixes = ("q_net.q_net.",) if values else ("mlp_extractor.policy_net.", "action_net.")
-        chain = {name: array for name, array in arrays.items() if name.startswith(prefixes)}
-        return _policy(_chain(chain, function), greedy=values)
-    except (OSError, ValueError, KeyError, zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError) as error:
-        raise PolicyError(f"{path}: no archive of Stable-Baselines3 that can be played ({problem(error)})") from error
+            settings = parsed(archive.read("data").decode())
+        values = settings["policy_class"]["__module__"] == "stable_baselines3.dqn.policies"
+        prefix, rest = (
+            ("q_net.q_net.", ["q_net_target."]) if values else ("mlp_extractor.policy_net.", ["mlp_extractor.value_net."])
+        )
+        names = [f"{prefix}{2 * i}" for i in range(sum(f"{prefix}{2 * i}.weight" in arrays for i in range(len(arrays))))]
+        if not values:
+            names, rest = [*names, "action_net"], [*rest, "value_net."]
+        chain = {name: array for name, array in arrays.items() if not name.startswith(tuple(rest))}
+        return _policy(_chain(chain, names, _sb3_function(settings, "relu" if values else "tanh")), greedy=values)
+    except (OSError, ValueError, LookupError, TypeError, AttributeError, zipfile.BadZipFile, zlib.error, RuntimeError) as error:
+        raise PolicyError(
+            f"{path}: no archive of Stable-Baselines3 that can be played ({problem(error)}); play others through module:attribute"
+        ) from error
+
+
+def _sb3_function(settings: Any, default: str) -> str:
+    """The activation in the settings of an archive.
+
+    Raises:
+        ValueError: a setting that changes the policy is unknown.
+        LookupError, TypeError, AttributeError: the settings have another form.
+    """
+    if (module := settings["policy_class"]["__module__"]) not in _SB3_POLICIES:
+        raise ValueError(f"a policy class of {module!r:.100}, expected one of {', '.join(_SB3_POLICIES)}")
+    chosen = {name: value for name, value in settings["policy_kwargs"].items() if not name.startswith(":")}
+    if unknown := set(chosen) - set(_SB3_SETTINGS):
+        raise ValueError(f"policy_kwargs {min(unknown)!r:.100}, expected {', '.join(_SB3_SETTINGS)} alone")
+    space = settings["observation_space"]
+    both = rf"\{{'action_mask': Box\(0, 1, \(\d+,\), int8\), 'observation': Box\(0\.0, 1\.0, \({RALLY_WIDTH},\), float32\)\}}"
+    plain = "spaces" not in space and set(space["low"]) <= set("[0. \n]") and set(space["high"]) <= set("[1. \n]")
+    if not (plain or re.fullmatch(both, space.get("spaces", ""))) or settings.get("_last_original_obs") is not None:
+        raise ValueError("trained on observations that VecNormalize or another wrapper changed")
+    if "activation_fn" not in chosen:
+        return default
+    named = re.fullmatch(r"<class 'torch\.nn\.modules\.activation\.(\w+)'>", chosen["activation_fn"])
+    if named is None or named[1] not in _TORCH_NAMES:
+        raise ValueError(f"activation_fn {chosen['activation_fn']!r:.100}, expected one of {', '.join(_TORCH_NAMES)}")
+    return _TORCH_NAMES[named[1]]
 
 
 def _state_dictionary(content: bytes) -> dict[str, npt.NDArray[Any]]:
@@ -259,28 +400,30 @@ def _state_dictionary(content: bytes) -> dict[str, npt.NDArray[Any]]:
     return {str(name): value.detach().float().numpy() for name, value in found.items()}
 
 
-def _chain(arrays: Mapping[str, npt.NDArray[Any]], function: str) -> Layers:
-    """Linear layers from weights by name, in the order of the names.
+def _chain(arrays: Mapping[str, npt.NDArray[Any]], names: Sequence[str], function: Any) -> Layers:
+    """Linear layers from weights by name.
+
+    Args:
+        arrays: weights and biases, of these layers alone.
+        names: names of the layers, from the first to the last.
+        function: name of the activation.
 
     Raises:
         ValueError: the weights form no chain, the activation is unknown, or a number is not finite.
     """
-    if function not in FUNCTIONS:
+    if not isinstance(function, str) or function not in FUNCTIONS:
         raise ValueError(f"unknown activation; expected one of {', '.join(FUNCTIONS)}")
-    names = [name.removesuffix(".weight") for name in arrays if name.endswith(".weight")]
-    if all(name.isdigit() for name in names):
-        names.sort(key=int)  # safetensors keeps no order
+    if not names or (wrong := {f"{name}.{part}" for name in names for part in ("weight", "bias")} ^ set(arrays)):
+        raise ValueError(
+            f"{min(wrong) if names else 'nothing'!r:.100} is missing in a chain of linear layers, or is no part of it"
+        )
     layers: list[tuple[F64, F64]] = []
     for name in names:
-        weight = arrays[f"{name}.weight"].astype(np.float64)
-        bias = arrays.get(f"{name}.bias", np.zeros(weight.shape[:1])).astype(np.float64)
+        weight, bias = (arrays[f"{name}.{part}"].astype(np.float64) for part in ("weight", "bias"))
         fits = weight.ndim == 2 and bias.shape == weight.shape[:1] and (not layers or layers[-1][0].shape[0] == weight.shape[1])
         if not fits:
             raise ValueError(f"{name} does not fit the layer before")
         layers.append((weight, bias))
-    known: Sequence[str] = [f"{name}.{part}" for name in names for part in ("weight", "bias")]
-    if not layers or set(arrays) - set(known):
-        raise ValueError(f"{next(iter(set(arrays) - set(known)), 'nothing')} is no part of a chain of linear layers")
     if not all(np.isfinite(part).all() for layer in layers for part in layer):
         raise ValueError("a weight that is not finite")
     return Layers(tuple(layers), function)

@@ -23,7 +23,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Final
 
-from shuttle_marl.errors import described
+from shuttle_marl.base.errors import described
 from shuttle_marl.game.policy import GamePolicy, Policy, PolicyError, TemperedPolicy, UniformPolicy
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
@@ -340,7 +340,7 @@ _with_argument(
 )  # fmt: skip
 _with_argument(
     "torch:FILE", "mine.safetensors", "a file", lambda file, _: load_weights(Path(file)),
-    "network of your own from its weights: linear layers, saved by save_network or as a state dictionary",
+    "network of your own from its weights: linear layers with one activation function, saved by save_network",
 )  # fmt: skip
 _with_argument(
     "sb3:FILE", "mine.zip", "an archive", lambda file, _: from_sb3(file),

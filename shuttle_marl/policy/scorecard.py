@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 from scipy.stats import binomtest
 
-from shuttle_marl.arrays import I32, Bools, Intp
+from shuttle_marl.base.arrays import I32, Bools, Intp
 from shuttle_marl.exact.away import Spread, over
 from shuttle_marl.exact.fixed_point import TOLERANCE
 from shuttle_marl.exact.known import best_odds
@@ -24,13 +24,13 @@ from shuttle_marl.exact.profile import evaluate, moved
 from shuttle_marl.exact.regret import policy_regret
 from shuttle_marl.game import draws
 from shuttle_marl.game.policy import Policy, reads_score
+from shuttle_marl.game.rally.record import Rallies
 from shuttle_marl.game.shipped import real_strokes
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import ROOT, Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.kernel.lockstep import Matches, ask, play
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.rally.record import Rallies
 
 REFERENCE: Final = "bc"
 """The opponent of the benchmark: the behaviour-cloned average player."""

@@ -5,7 +5,7 @@
 the format.
 """
 
-from shuttle_marl.rally.record import Rallies
+from shuttle_marl.game.rally.record import Rallies
 from shuttle_marl.recording.header import SINGLE_RALLY, LogHeader, Pair, Player, RecordingError, Sampling
 from shuttle_marl.recording.reader import RallyLog
 from shuttle_marl.recording.recorder import RallyLogWriter, RallyRecorder

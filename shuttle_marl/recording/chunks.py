@@ -21,8 +21,8 @@ from mcap.opcode import Opcode
 from mcap.records import Chunk, Message
 from mcap.writer import CompressionType
 
-from shuttle_marl.arrays import Array
-from shuttle_marl.rally.record import OPTIONAL, PER_STROKE, Rallies, stroke_dtype
+from shuttle_marl.base.arrays import Array
+from shuttle_marl.game.rally.record import OPTIONAL, PER_STROKE, Rallies, stroke_dtype
 from shuttle_marl.recording.header import VERSION, DamagedLogError, LogHeader
 
 FRAME: Final = struct.Struct("<BQ")
@@ -72,7 +72,7 @@ def arrow_schema(n_strokes: int, columns: tuple[str, ...] = ()) -> pa.Schema:
 
     Args:
         n_strokes: number of strokes in the game.
-        columns: the columns of :data:`shuttle_marl.rally.record.OPTIONAL` in the log.
+        columns: the columns of :data:`shuttle_marl.game.rally.record.OPTIONAL` in the log.
     """
     fields = [pa.field(name, kind, nullable=False) for name, kind in _ROW]
     if "update" in columns:

@@ -16,8 +16,8 @@ import numpy as np
 import pyarrow as pa
 from mcap.writer import Writer
 
-from shuttle_marl.files import NO_ROOM, problem
-from shuttle_marl.rally.record import Rallies
+from shuttle_marl.base.files import NO_ROOM, problem
+from shuttle_marl.game.rally.record import Rallies
 from shuttle_marl.recording.chunks import MAX_CHUNK, MAX_RALLIES, MAX_STROKES, RALLY_TIME, arrow_schema, compression
 from shuttle_marl.recording.header import LogHeader, RecordingError
 from shuttle_marl.recording.log_file import INDEX_NAME, INDEX_SCHEMA, METADATA, PROFILE, TOPIC, advice, unfinished

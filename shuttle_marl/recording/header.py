@@ -10,12 +10,12 @@ import msgspec
 import numpy as np
 
 from shuttle_marl import __version__
-from shuttle_marl.arrays import U64, Bools, Ints
-from shuttle_marl.errors import ShuttleError
+from shuttle_marl.base.arrays import U64, Bools, Ints
+from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.game.draws import stream as draw_stream
 from shuttle_marl.game.pairs import AnyGame, PairGame, pair_game
+from shuttle_marl.game.rally.record import OPTIONAL, Rallies
 from shuttle_marl.game.scoring import BWF, Rules
-from shuttle_marl.rally.record import OPTIONAL, Rallies
 
 VERSION: Final = 3
 """Version of the columns and the header of a log."""
@@ -151,7 +151,7 @@ class LogHeader:
         rules: when games and matches are won.
         draws: numbers from which the draws of a rally follow, see :data:`Draws`.
         record: sample of the matches, see :meth:`Sampling.parse`.
-        columns: the columns of :data:`shuttle_marl.rally.record.OPTIONAL` in the log, in that order.
+        columns: the columns of :data:`shuttle_marl.game.rally.record.OPTIONAL` in the log, in that order.
         pair: the players whose skill the seats have; None: both seats strike with the same tables.
         software: program that wrote the log.
         part: number of this file in the log, from 0; equality ignores this field and the next.

@@ -18,10 +18,10 @@ import pyarrow as pa
 from mcap.opcode import Opcode
 from mcap.records import Attachment, AttachmentIndex, Footer, Header, Metadata
 
-from shuttle_marl.arrays import U64
-from shuttle_marl.errors import command
-from shuttle_marl.files import open_file, problem
-from shuttle_marl.rally.record import Rallies
+from shuttle_marl.base.arrays import U64
+from shuttle_marl.base.errors import command
+from shuttle_marl.base.files import open_file, problem
+from shuttle_marl.game.rally.record import Rallies
 from shuttle_marl.recording.chunks import FRAME, UNDECODABLE, decode, message_of_chunk, records, stream
 from shuttle_marl.recording.header import DamagedLogError, LogHeader, OtherFileError, RecordingError
 

@@ -11,11 +11,11 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
-from shuttle_marl.arrays import I64, Ints, UInts
-from shuttle_marl.files import problem
+from shuttle_marl.base.arrays import I64, Ints, UInts
+from shuttle_marl.base.files import problem
+from shuttle_marl.game.rally.record import PER_STROKE, Rallies
 from shuttle_marl.game.rules import OUTCOMES
 from shuttle_marl.game.stroke import Catalogue, UnknownStrokeError
-from shuttle_marl.rally.record import PER_STROKE, Rallies
 from shuttle_marl.recording.chunks import arrow_schema, from_arrow, to_arrow
 from shuttle_marl.recording.header import LogHeader, OtherFileError, Player, RecordingError
 from shuttle_marl.recording.log_file import SUFFIX, LogFile, existing_parts, is_further_part, part_path

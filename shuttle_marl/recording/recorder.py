@@ -18,8 +18,8 @@ from typing import Any, Final, Self
 import numpy as np
 
 from shuttle_marl.game.draws import pairing_key
+from shuttle_marl.game.rally.record import Rallies
 from shuttle_marl.game.tables import Game
-from shuttle_marl.rally.record import Rallies
 from shuttle_marl.recording.chunks import encode
 from shuttle_marl.recording.file_writer import LogFileWriter
 from shuttle_marl.recording.header import LogHeader, Player, RecordingError, Sampling

@@ -16,8 +16,8 @@ from typing import Any, Final
 from mcap.opcode import Opcode
 from mcap.records import Message
 
-from shuttle_marl.files import open_file, problem
-from shuttle_marl.rally.record import Rallies
+from shuttle_marl.base.files import open_file, problem
+from shuttle_marl.game.rally.record import Rallies
 from shuttle_marl.recording.chunks import FRAME, UNDECODABLE, compression, decode, message_of_chunk
 from shuttle_marl.recording.file_writer import LogFileWriter
 from shuttle_marl.recording.header import DamagedLogError, LogHeader, RecordingError

@@ -11,16 +11,16 @@ import numpy as np
 from mcap.opcode import Opcode
 from mcap.records import DataEnd, Footer
 
-from shuttle_marl.arrays import I32, I64, Bools
-from shuttle_marl.errors import printable
-from shuttle_marl.files import open_file
+from shuttle_marl.base.arrays import I32, I64, Bools
+from shuttle_marl.base.errors import printable
+from shuttle_marl.base.files import open_file
 from shuttle_marl.game import draws
 from shuttle_marl.game.layout import Layout
 from shuttle_marl.game.pairs import AnyGame
+from shuttle_marl.game.rally.record import Rallies
 from shuttle_marl.game.rules import WINNER, strike
 from shuttle_marl.game.scoring import Rules, count_rally, is_over
 from shuttle_marl.game.tabulated import TabulatedPolicy
-from shuttle_marl.rally.record import Rallies
 from shuttle_marl.recording.chunks import FRAME, stream
 from shuttle_marl.recording.header import DamagedLogError, LogHeader, RecordingError, Sampling
 from shuttle_marl.recording.log_file import FOOTER_LENGTH, MAGIC, LogFile, damage

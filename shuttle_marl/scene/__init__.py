@@ -3,7 +3,7 @@
 Needs the extra ``scene``.
 """
 
-from shuttle_marl.errors import ShuttleError
+from shuttle_marl.base.errors import ShuttleError
 
 __all__ = ["SceneError"]
 

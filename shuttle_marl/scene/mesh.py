@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 import pygltflib as gltf
 
-from shuttle_marl.arrays import F64, I64
+from shuttle_marl.base.arrays import F64, I64
 from shuttle_marl.staging.rotation import cross, frame, unit
 
 Array = npt.NDArray[Any]

@@ -13,7 +13,7 @@ import numpy as np
 import pygltflib as gltf
 from foxglove.messages import CylinderPrimitive, LinePrimitive, LinePrimitiveLineType, SceneEntity
 
-from shuttle_marl.arrays import F64, I64
+from shuttle_marl.base.arrays import F64, I64
 from shuttle_marl.game.court import (
     HALF_LENGTH,
     HALF_WIDTH,

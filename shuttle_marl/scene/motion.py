@@ -11,8 +11,8 @@ from typing import Any, Final
 import numpy as np
 from foxglove.messages import Color, FrameTransforms, LinePrimitive, LinePrimitiveLineType, SceneEntity
 
-from shuttle_marl.arrays import F64, I64, Bools, Floats, Intp
-from shuttle_marl.kernel.compiling import compiled
+from shuttle_marl.base.arrays import F64, I64, Bools, Floats, Intp
+from shuttle_marl.base.compiling import compiled
 from shuttle_marl.scene import topics
 from shuttle_marl.scene.report import StagedRally
 from shuttle_marl.scene.topics import (

@@ -7,12 +7,12 @@ from typing import Final
 import numpy as np
 
 from shuttle_marl.analysis import LogPlayers, RallyAnalysis, analyse_rally
-from shuttle_marl.errors import printable
+from shuttle_marl.base.errors import printable
 from shuttle_marl.game.draws import stream
 from shuttle_marl.game.pairs import AnyGame, seat_names
+from shuttle_marl.game.rally.record import Rallies, Rally
 from shuttle_marl.game.rules import OUTCOMES, IllegalStrokeError
 from shuttle_marl.game.scoring import ends_changed
-from shuttle_marl.rally.record import Rallies, Rally
 from shuttle_marl.recording.header import LogHeader
 from shuttle_marl.recording.reader import RallyLog
 from shuttle_marl.scene import SceneError

@@ -29,7 +29,7 @@ from foxglove.messages import (
     Vector3,
 )
 
-from shuttle_marl.arrays import Floats
+from shuttle_marl.base.arrays import Floats
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.scene.mesh import Mesh, glb
 from shuttle_marl.scene.report import SECOND

@@ -15,7 +15,7 @@ from foxglove.messages import Color, CylinderPrimitive, LinePrimitive, LinePrimi
 from shuttle_marl import __version__
 from shuttle_marl.analysis import LogPlayers
 from shuttle_marl.analysis.rally import Resolve
-from shuttle_marl.errors import printable
+from shuttle_marl.base.errors import printable
 from shuttle_marl.game.court import AREAS, area_box
 from shuttle_marl.game.layout import LONGEST_DUEL
 from shuttle_marl.game.pairs import AnyGame

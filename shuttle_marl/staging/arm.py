@@ -10,28 +10,15 @@ Inverse kinematics is damped least squares with the geometric Jacobian (Buss & K
 
 import dataclasses
 import functools
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
-from shuttle_marl.arrays import F64
+from shuttle_marl.base.arrays import F64
+from shuttle_marl.staging.arm_solver import SWING_1, SWING_2, ArmConstants, ArmGoals, pose_arms, solve_arms
 from shuttle_marl.staging.rotation import cross, frame, unit
 from shuttle_marl.staging.skeleton import SWEET_SPOT, Skeleton
 
-ANGLES: Final = (
-    "collar bone up",
-    "collar bone forward",
-    "shoulder swing 1",
-    "shoulder swing 2",
-    "shoulder twist",
-    "elbow bend",
-    "forearm pronation",
-    "wrist bend",
-    "wrist deviation",
-    "grip roll",
-)
-"""Names of the angles."""
-RAISE, FORWARD, SWING_1, SWING_2, TWIST, ELBOW, PRONATION, BEND, DEVIATION, ROLL = range(10)
 LIMITS: Final[F64] = np.radians(
     [(-10, 35), (-25, 30), (-125, 125), (-125, 125), (-95, 95), (0, 150), (-85, 85), (-70, 75), (-25, 40), (-80, 80)]
 )
@@ -55,44 +42,6 @@ _STARTS: Final[F64] = np.radians(
         (5, 10, -60, -30, 0, 40, -30, 0, 10, -40),
     ]
 )
-
-
-class ArmConstants(NamedTuple):
-    """Geometry and limits of a right arm, for the compiled solver.
-
-    Attributes:
-        axes: ``[10, 3]`` axis of each angle in its own frame; the last one is the shaft.
-        offset: ``[4, 3]`` from collar bone to shoulder, elbow, hand and grip at rest [m].
-        to_middle: ``[3, 3]`` rotation of the arm at rest into :data:`MIDDLE`.
-        rest_bend: bend of the elbow at rest [rad].
-        string_normal: ``[3]`` side of the strings that a forehand strikes with, at rest.
-        limits: ``[10, 2]`` least and greatest angles [rad].
-        relaxed: ``[10]`` preferred angles [rad].
-        swing_limit: greatest swing of the shoulder [rad].
-    """
-
-    axes: F64
-    offset: F64
-    to_middle: F64
-    rest_bend: float
-    string_normal: F64
-    limits: F64
-    relaxed: F64
-    swing_limit: float
-
-
-class ArmGoals(NamedTuple):
-    """Goals of N arms, for the compiled solver.
-
-    Attributes:
-        target: ``[N, 4, 3]`` point, shaft, normal and elbow of :class:`Goal`.
-        weight: ``[N, 4]`` their weights.
-        reach: ``[N]`` distance of the point from the grip along the shaft [m].
-    """
-
-    target: F64
-    weight: F64
-    reach: F64
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -147,8 +96,6 @@ class Arm:
 
     def pose(self, angles: F64) -> ArmPose:
         """The bones for ``[N, 10]`` angles [rad]."""
-        from shuttle_marl.staging.compiled.arms import pose_arms  # noqa: PLC0415  numba is slow to import
-
         n = len(angles)
         pose = ArmPose(
             rotation=np.empty((5, n, 3, 3)), position=np.empty((5, n, 3)), axes=np.empty((n, 10, 3)), pivot=np.empty((n, 10, 3))
@@ -201,8 +148,6 @@ def solve(arm: Arm, goal: Goal, start: F64, rounds: int = 40, hold: float = 0.03
         rounds: maximum number of steps.
         hold: weight of staying near :data:`RELAXED`.
     """
-    from shuttle_marl.staging.compiled.arms import solve_arms  # noqa: PLC0415  numba is slow to import
-
     x = np.ascontiguousarray(arm.clipped(np.array(start, dtype=np.float64)))
     target = np.stack([goal.point, goal.shaft, goal.normal, goal.elbow], axis=1)
     goals = ArmGoals(*(np.ascontiguousarray(part, dtype=np.float64) for part in (target, goal.weight, goal.reach)))

@@ -5,9 +5,9 @@ from typing import Final
 
 import numpy as np
 
-from shuttle_marl.arrays import F64, Bools
+from shuttle_marl.base.arrays import F64, Bools
 from shuttle_marl.game import draws
-from shuttle_marl.rally.record import Rally
+from shuttle_marl.game.rally.record import Rally
 from shuttle_marl.staging.body import Course, Player, Prepared, bones, course, free_palm, prepare
 from shuttle_marl.staging.draw import Known, draw_trajectory
 from shuttle_marl.staging.feet import Feet

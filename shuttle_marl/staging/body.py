@@ -5,7 +5,7 @@ from typing import Final
 
 import numpy as np
 
-from shuttle_marl.arrays import F64
+from shuttle_marl.base.arrays import F64
 from shuttle_marl.staging.arm import arm_of
 from shuttle_marl.staging.curves import curve, curve_at, held_ends, smooth
 from shuttle_marl.staging.feet import Feet, Plant, lifted, move, standing, steps

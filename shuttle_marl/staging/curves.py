@@ -4,8 +4,9 @@ from typing import Final
 
 import numpy as np
 
-from shuttle_marl.arrays import F64, I64
+from shuttle_marl.base.arrays import F64, I64
 from shuttle_marl.staging.flight import GRAVITY
+from shuttle_marl.staging.path_solver import monotone_slopes, run_between
 
 _PUSH: Final = 15.0
 """Upward acceleration of a take-off [m/s²]."""
@@ -24,8 +25,6 @@ def slopes_through(frame: I64, pose: F64) -> F64:
         frame: ``[K]`` frame of each pose, ascending.
         pose: ``[K, C]`` the poses.
     """
-    from shuttle_marl.staging.compiled.paths import monotone_slopes  # noqa: PLC0415  numba is slow to import
-
     out = np.zeros_like(pose)
     if len(pose) > 1:
         monotone_slopes(frame, pose, out)
@@ -41,8 +40,6 @@ def curve(frame: I64, pose: F64, slope: F64, frames: int) -> F64:
         slope: ``[K, C]`` slopes per frame.
         frames: F.
     """
-    from shuttle_marl.staging.compiled.paths import run_between  # noqa: PLC0415  numba is slow to import
-
     out = np.empty((frames, pose.shape[1]))
     run_between(frame, np.ascontiguousarray(pose), np.ascontiguousarray(slope), out)
     return out

@@ -12,12 +12,12 @@ from typing import Final
 
 import numpy as np
 
-from shuttle_marl.arrays import F64, U64
+from shuttle_marl.base.arrays import F64, U64
 from shuttle_marl.game import draws
-from shuttle_marl.game.court import HALF_LENGTH, HALF_WIDTH, SHORT_SERVICE
+from shuttle_marl.game.court import HALF_LENGTH, HALF_WIDTH, SHORT_SERVICE, third_of
+from shuttle_marl.game.rally.record import Rally
 from shuttle_marl.game.rules import FAULT, HURRIED_BELOW, RETURNED_BELOW, WINNER
 from shuttle_marl.game.stroke import N_SERVES, SHOTS, TECHNIQUES
-from shuttle_marl.rally.record import Rally
 from shuttle_marl.staging.flight import Flights, fall, shoot
 from shuttle_marl.staging.library import Athlete
 from shuttle_marl.staging.measured import Measured, quantile
@@ -124,7 +124,7 @@ class _TrajectoryBuilder:
         if rally.open:
             # Expectation of the stroke that is not chosen yet.
             hurried, above = divmod(rally.ending - RETURNED_BELOW, HURRIED_BELOW - RETURNED_BELOW)
-            shot = _EXPECTED[above][int(self.area[-1]) // 3] if len(rally) else SHOTS[_SHORT_SERVE]
+            shot = _EXPECTED[above][third_of(int(self.area[-1]))] if len(rally) else SHOTS[_SHORT_SERVE]
             self.shot, self.area = np.r_[self.shot, SHOTS.index(shot)], np.r_[self.area, 1]
             self.height, self.hurried = np.r_[self.height, above], np.r_[self.hurried, hurried > 0]
             self.technique = np.r_[self.technique, 0 if len(rally) else _BACKHAND]

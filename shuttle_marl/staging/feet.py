@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from shuttle_marl.arrays import F64, Bools
+from shuttle_marl.base.arrays import F64, Bools
 from shuttle_marl.staging.keys import LEFT, RIGHT, Stand
 
 _STEP_TIME: Final = 0.17

@@ -13,7 +13,8 @@ from typing import Final
 
 import numpy as np
 
-from shuttle_marl.arrays import F64, Intp
+from shuttle_marl.base.arrays import F64, Intp
+from shuttle_marl.staging.path_solver import integrate
 
 GRAVITY: Final = 9.81
 """Acceleration of gravity [m/s²]."""
@@ -169,8 +170,6 @@ def _integrate(vx: F64, vy: F64, t: F64, steps: int) -> tuple[F64, F64, F64, F64
     # From rest, steps are equal.
     stretch = np.log1p(np.maximum(np.hypot(vx, vy) * t, 1e-3))[:, None] * np.linspace(0, 1, steps + 1)
     nodes = t[:, None] * np.expm1(stretch) / np.maximum(np.expm1(stretch[:, -1:]), 1e-12)
-    from shuttle_marl.staging.compiled.paths import integrate  # noqa: PLC0415  numba is slow to import
-
     state = np.empty((4, len(t), steps + 1))
     integrate(np.ascontiguousarray(vx), np.ascontiguousarray(vy), nodes, state)
     return nodes, state[0], state[1], state[2], state[3]

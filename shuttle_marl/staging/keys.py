@@ -5,7 +5,7 @@ from typing import Final
 
 import numpy as np
 
-from shuttle_marl.arrays import F64, I64
+from shuttle_marl.base.arrays import F64, I64
 from shuttle_marl.staging.motions import (
     AROUND,
     DEFENCE,

@@ -2,11 +2,12 @@
 
 import dataclasses
 import functools
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
-from shuttle_marl.arrays import F64
+from shuttle_marl.base.arrays import F64
+from shuttle_marl.staging.body_solver import FootPath, LegConstants, raise_heels, solve_legs, stand_ankles
 from shuttle_marl.staging.curves import smooth, widen
 from shuttle_marl.staging.feet import Feet
 from shuttle_marl.staging.keys import LEFT, RIGHT
@@ -43,42 +44,6 @@ class Legs:
     position: F64
 
 
-class LegConstants(NamedTuple):
-    """Geometry and limits of one leg, for the compiled solver.
-
-    Attributes:
-        rest: ``[3, 3]`` from hip to knee, to ankle, to toes at rest [m].
-        aligned: ``[2, 3, 3]`` frames of thigh and shank at rest.
-        thigh: length of the thigh [m].
-        shank: length of the shank [m].
-        longest: length of the leg as far as it is used [m].
-        toe_height: height of the joint of the toes over the floor [m].
-        sign: 1 for the right leg, -1 for the left one.
-        hip_limits: :data:`HIP_LIMITS`.
-        ankle_limits: :data:`ANKLE_LIMITS`.
-        toe_limits: :data:`TOE_LIMITS`.
-    """
-
-    rest: F64
-    aligned: F64
-    thigh: float
-    shank: float
-    longest: float
-    toe_height: float
-    sign: float
-    hip_limits: F64
-    ankle_limits: F64
-    toe_limits: F64
-
-
-class FootPath(NamedTuple):
-    """One foot over F frames: ``[F, 3]`` ball, ``[F]`` yaw and ``[F]`` pitch of :class:`~shuttle_marl.staging.feet.Feet`."""
-
-    ball: F64
-    yaw: F64
-    pitch: F64
-
-
 def reach_of(skeleton: Skeleton, height: F64) -> F64:
     """``[F]`` largest horizontal distance of the ball of a foot from the hips at heights ``[F]`` of the hips [m]."""
     size = skeleton.scale
@@ -98,8 +63,6 @@ def settle(skeleton: Skeleton, hips: F64, root: F64, feet: Feet) -> tuple[F64, F
     Returns:
         ``[F, 3]`` the hips, lowered where needed, and the feet.
     """
-    from shuttle_marl.staging.compiled.bodies import raise_heels, stand_ankles  # noqa: PLC0415  numba is slow to import
-
     limit, heel, above = _STRETCH * sum(skeleton.leg), _heel(skeleton), _toe_height(skeleton)
     needed, ankle = np.empty(len(hips)), np.empty((len(hips), 3))
     yaw = feet.yaw.copy()
@@ -132,8 +95,6 @@ def legs(skeleton: Skeleton, hips: F64, root: F64, feet: Feet) -> Legs:
 
     The sole follows the floor as far as the ankle allows; beyond that it tilts or rises about the ball.
     """
-    from shuttle_marl.staging.compiled.bodies import solve_legs  # noqa: PLC0415  numba is slow to import
-
     rotation, position = np.empty((2, 4, len(hips), 3, 3)), np.empty((2, 4, len(hips), 3))
     for foot, side in ((LEFT, "Left"), (RIGHT, "Right")):
         joint = hips + apply(root, skeleton.at(f"{side}UpLeg") - skeleton.at("Hips"))

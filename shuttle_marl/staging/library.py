@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from shuttle_marl.arrays import F64, Bools
+from shuttle_marl.base.arrays import F64, Bools
 from shuttle_marl.staging.arm import Arm, Goal, anywhere, arm_of, solve, solve_best
 from shuttle_marl.staging.motions import (
     AROUND,

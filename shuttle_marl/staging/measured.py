@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from shuttle_marl.arrays import F64, I64
+from shuttle_marl.base.arrays import F64, I64
 from shuttle_marl.game.court import AREAS
 from shuttle_marl.game.stroke import HEIGHTS, N_SERVES, SHOTS
 

@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from shuttle_marl.arrays import F64, I64, Intp
+from shuttle_marl.base.arrays import F64, I64, Intp
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.staging.arm import LIMITS, Arm, Goal, anywhere, arm_of, solve, solve_best, sweet_spot, sweet_spot_jacobian
 from shuttle_marl.staging.curves import slopes_through

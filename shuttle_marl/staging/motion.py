@@ -10,10 +10,10 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.arrays import F32, F64, I64, Bools, Floats, Ints
+from shuttle_marl.base.arrays import F32, F64, I64, Bools, Floats, Ints
+from shuttle_marl.game.rally.record import Rally
 from shuttle_marl.game.rules import OUTCOMES
 from shuttle_marl.game.stroke import Catalogue, UnknownStrokeError
-from shuttle_marl.rally.record import Rally
 from shuttle_marl.staging.body import Player
 from shuttle_marl.staging.flight import Flights, fall
 from shuttle_marl.staging.motions import MOTIONS, Stance

@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from shuttle_marl.arrays import F64
+from shuttle_marl.base.arrays import F64
 from shuttle_marl.game.stroke import SHOTS, TECHNIQUES
 
 SERVE_BACKHAND, SERVE_FOREHAND, OVERHEAD, AROUND, OVERHEAD_BACKHAND = range(5)

@@ -7,7 +7,8 @@ staging its Euler angles take several times as long.
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from shuttle_marl.arrays import F64, Floats
+from shuttle_marl.base.arrays import F64, Floats
+from shuttle_marl.staging.body_solver import quaternions_of
 
 _IDENTITY = np.eye(3)
 _NEXT, _AFTER = [1, 2, 0], [2, 0, 1]
@@ -87,8 +88,6 @@ def frame(first: F64, second: F64) -> F64:
 
 def quaternion(rotation: F64) -> F64:
     """``[..., 4]`` quaternions (x, y, z, w) of matrices, w not negative."""
-    from shuttle_marl.staging.compiled.bodies import quaternions_of  # noqa: PLC0415  numba is slow to import
-
     out = np.empty((*rotation.shape[:-2], 4))
     quaternions_of(np.ascontiguousarray(rotation, dtype=np.float64).reshape(-1, 3, 3), out.reshape(-1, 4))
     return out

@@ -13,8 +13,9 @@ from typing import Final
 
 import numpy as np
 
-from shuttle_marl.arrays import F64, I64
-from shuttle_marl.errors import ShuttleError
+from shuttle_marl.base.arrays import F64, I64
+from shuttle_marl.base.errors import ShuttleError
+from shuttle_marl.staging.body_solver import bend_trunks
 from shuttle_marl.staging.rotation import apply, unit
 
 
@@ -213,8 +214,6 @@ def trunk(skeleton: Skeleton, hips: F64, angles: F64) -> tuple[F64, F64]:
     Returns:
         ``[4, N, 3, 3]`` rotations and ``[4, N, 3]`` positions of Hips, Spine, Spine1, Spine2.
     """
-    from shuttle_marl.staging.compiled.bodies import bend_trunks  # noqa: PLC0415  numba is slow to import
-
     n = len(angles)
     rotation, position = np.empty((4, n, 3, 3)), np.empty((4, n, 3))
     bend_trunks(np.ascontiguousarray(hips), np.ascontiguousarray(angles), skeleton.spine, rotation, position)

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from shuttle_marl.arrays import F64
+from shuttle_marl.base.arrays import F64
 from shuttle_marl.game.rules import WINNER
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.staging.curves import half_time, leap

@@ -5,9 +5,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from shuttle_marl.arrays import F64, I64
+from shuttle_marl.base.arrays import F64, I64
 from shuttle_marl.game.court import NET_HEIGHT, NET_HEIGHT_CENTRE, WIDTH
-from shuttle_marl.rally.record import Rally
+from shuttle_marl.game.rally.record import Rally
 from shuttle_marl.staging.flight import GRAVITY, Flights, fall, shoot
 from shuttle_marl.staging.motions import HELD, Stance
 

@@ -7,11 +7,12 @@ they wait near their base, slow enough for a split step. Solved by the alternati
 Parikh, Chu, Peleato & Eckstein 2011): one pentadiagonal system, factored once, and projections onto discs.
 """
 
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
-from shuttle_marl.arrays import F64
+from shuttle_marl.base.arrays import F64
+from shuttle_marl.staging.path_solver import TravelOptions, TravelWishes, smooth_path
 from shuttle_marl.staging.trajectory import WIN, Trajectory, facing
 
 TOP_SPEED: Final = 6.5
@@ -24,48 +25,6 @@ _PINNED: Final = 1e11
 _CONTACT, _BASE, _STILL, _BRAKE = 4e3, 6.0, 1.2, 0.6
 _LATE: Final = 0.12
 """Time after the contact at which a hurried player brakes [s]."""
-
-
-class TravelWishes(NamedTuple):
-    """Weights of the objective over F frames.
-
-    Attributes:
-        weight: ``[F]`` weight of a place.
-        target: ``[F, 2]`` weight times place.
-        still: ``[F - 1]`` weight of the speed.
-    """
-
-    weight: F64
-    target: F64
-    still: F64
-
-
-class TravelOptions(NamedTuple):
-    """Options of the solver.
-
-    Attributes:
-        bending: weight of the acceleration.
-        speed_penalty: penalty of speed above the limit.
-        acceleration_penalty: penalty of acceleration above the limit.
-        top_speed: limit of the speed [m/s].
-        top_acceleration: limit of the acceleration [m/s²].
-        rounds: iterations after which ``late_slack`` replaces ``slack``.
-        most_rounds: maximum number of iterations.
-        stiffer: iterations at which the penalties grow twelvefold.
-        slack: factor of the limits below which the path is accepted.
-        late_slack: the same after ``rounds``.
-    """
-
-    bending: float
-    speed_penalty: float
-    acceleration_penalty: float
-    top_speed: float
-    top_acceleration: float
-    rounds: int
-    most_rounds: int
-    stiffer: tuple[int, int]
-    slack: float
-    late_slack: float
 
 
 _OPTIONS: Final = TravelOptions(
@@ -146,8 +105,6 @@ def _wishes(trajectory: Trajectory, seat: int, shift: F64, frames: int, fps: int
 
 
 def _solve(wishes: TravelWishes, fps: int) -> F64:
-    from shuttle_marl.staging.compiled.paths import smooth_path  # noqa: PLC0415  numba is slow to import
-
     path = np.empty_like(wishes.target)
     smooth_path(wishes, fps, _OPTIONS, path)
     return path

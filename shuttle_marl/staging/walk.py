@@ -9,7 +9,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from shuttle_marl.arrays import F64
+from shuttle_marl.base.arrays import F64
 from shuttle_marl.game.court import NET_DEPTH, NET_HEIGHT
 from shuttle_marl.staging.assemble import onto_court
 from shuttle_marl.staging.body import Player, Prepared, bones, course, free_palm, prepare

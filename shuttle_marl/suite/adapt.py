@@ -7,7 +7,7 @@ from typing import Any, ClassVar, Final, Protocol
 
 import numpy as np
 
-from shuttle_marl.arrays import I32, I64, Bools
+from shuttle_marl.base.arrays import I32, I64, Bools
 from shuttle_marl.exact.known import best_odds, pair_odds
 from shuttle_marl.game.draws import stream
 from shuttle_marl.game.tables import Game

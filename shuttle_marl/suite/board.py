@@ -7,8 +7,8 @@ from typing import Any, Final, Literal
 
 import jinja2
 
-from shuttle_marl.errors import printable
-from shuttle_marl.files import FileReadError, read_json
+from shuttle_marl.base.errors import printable
+from shuttle_marl.base.files import FileReadError, read_json
 from shuttle_marl.league.report import escaped
 from shuttle_marl.policy.baselines import STYLES
 from shuttle_marl.suite.options import SuiteError

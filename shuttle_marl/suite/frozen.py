@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
-from shuttle_marl.files import FileReadError, read_json, replace_file, seal
+from shuttle_marl.base.files import FileReadError, read_json, replace_file, seal
 from shuttle_marl.game.tables import Game
 from shuttle_marl.suite.options import SuiteError
 from shuttle_marl.suite.task import Task

@@ -13,7 +13,7 @@ from typing import ClassVar
 import numpy as np
 import pyarrow as pa
 
-from shuttle_marl.arrays import F64, I64, Bools
+from shuttle_marl.base.arrays import F64, I64, Bools
 from shuttle_marl.data.schema import Outcome as Ending
 from shuttle_marl.game.tables import Game
 from shuttle_marl.suite.methods import Method, called, made

@@ -13,14 +13,14 @@ from typing import Final
 import numpy as np
 import pyarrow as pa
 
-from shuttle_marl.arrays import F32, I8, I32, I64, Bools
+from shuttle_marl.base.arrays import F32, I8, I32, I64, Bools
 from shuttle_marl.exact.profile import StatePolicy
 from shuttle_marl.game.draws import stream
+from shuttle_marl.game.rally.record import Rallies
 from shuttle_marl.game.tables import HURRY_ONE, Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities
 from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.kernel import play_rallies
-from shuttle_marl.rally.record import Rallies
 from shuttle_marl.suite.task import Arena
 
 OPPONENT: Final = "bc"

@@ -4,9 +4,10 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Final, Literal
 
-from shuttle_marl.errors import command
-from shuttle_marl.files import replace_file
-from shuttle_marl.runs import write_json
+from shuttle_marl.base.errors import command
+from shuttle_marl.base.files import replace_file
+from shuttle_marl.base.runs import write_json
+from shuttle_marl.base.table_files import write_parquet
 from shuttle_marl.suite import frozen
 from shuttle_marl.suite.frozen import Frozen
 from shuttle_marl.suite.methods import kind_of
@@ -16,7 +17,6 @@ from shuttle_marl.suite.options import Split, SuiteError
 from shuttle_marl.suite.registry import TASKS, arena_of, find_task
 from shuttle_marl.suite.store import CARD
 from shuttle_marl.suite.text import Text, json_lines, positions
-from shuttle_marl.table_files import write_parquet
 
 Language = Literal["python", "perl"]
 _TEMPLATES: Final = Path(__file__).parent / "templates" / "submission"

@@ -15,7 +15,7 @@ from unittest import mock
 import gymnasium
 import numpy as np
 
-from shuttle_marl.extras import install_hint
+from shuttle_marl.base.extras import install_hint
 from shuttle_marl.game.observation import observations
 from shuttle_marl.suite.logs import OPPONENT, Transitions
 from shuttle_marl.suite.options import SuiteError

@@ -13,10 +13,10 @@ import platformdirs
 import zstandard
 from scipy.stats import spearmanr
 
+from shuttle_marl.base.files import FileWriteError, replace_file
 from shuttle_marl.exact.known import pair_odds
 from shuttle_marl.exact.match import normalised_score
 from shuttle_marl.exact.sources import solvers_hash
-from shuttle_marl.files import FileWriteError, replace_file
 from shuttle_marl.game.policy import PolicyError
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy

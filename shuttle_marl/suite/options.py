@@ -6,7 +6,7 @@ from typing import Annotated, Final, Literal
 
 import tyro
 
-from shuttle_marl.errors import ShuttleError
+from shuttle_marl.base.errors import ShuttleError
 
 Split = Literal["dev", "test", "hidden"]
 """Part of a task: for tuning, for scores, and from a seed that nobody knows yet (``adapt`` alone)."""

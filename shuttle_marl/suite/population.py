@@ -12,8 +12,9 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from shuttle_marl.arrays import F64
+from shuttle_marl.base.arrays import F64
 from shuttle_marl.exact import best_response
+from shuttle_marl.game.court import BACK, third_of
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities
 from shuttle_marl.policy import baselines
@@ -148,8 +149,8 @@ def _features(game: Game) -> dict[str, F64]:
     area, attack = game.catalogue.area[stroke], game.catalogue.is_attack[stroke]
     fault = game.outcome_probabilities(slice(0, game.n_base_pairs))[:, 0]
     return {
-        "net": (area // 3 == 0).astype(np.float64),
-        "deep": (area // 3 == 2).astype(np.float64),
+        "net": (third_of(area) == 0).astype(np.float64),
+        "deep": (third_of(area) == BACK).astype(np.float64),
         "attack": attack.astype(np.float64),
         "side": (area % 3 != 1).astype(np.float64),
         "risk": np.clip(fault / 0.1, 0, 3),

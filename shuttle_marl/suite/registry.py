@@ -5,7 +5,7 @@ import functools
 from pathlib import Path
 from typing import Final
 
-from shuttle_marl.errors import printable
+from shuttle_marl.base.errors import printable
 from shuttle_marl.game.shipped import is_shipped, resolve_game
 from shuttle_marl.suite.adapt import Adapt
 from shuttle_marl.suite.imitate import Imitate

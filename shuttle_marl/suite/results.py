@@ -9,8 +9,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from shuttle_marl.arrays import F64
-from shuttle_marl.league.seeds import Interval, stratified
+from shuttle_marl.base.arrays import F64
+from shuttle_marl.base.intervals import Interval, stratified
 from shuttle_marl.suite import frozen, store
 from shuttle_marl.suite.options import SuiteError
 from shuttle_marl.suite.registry import arena_of_run, find_task

@@ -9,9 +9,9 @@ from typing import Final
 from rich.console import Console
 from rich.progress import track
 
-from shuttle_marl import runs
-from shuttle_marl.cluster import in_processes, open_cluster
-from shuttle_marl.errors import ShuttleError
+from shuttle_marl.base import runs
+from shuttle_marl.base.cluster import in_processes, open_cluster
+from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.suite import frozen, store
 from shuttle_marl.suite.methods import find
 from shuttle_marl.suite.options import SuiteError, SuiteRun

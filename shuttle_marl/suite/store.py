@@ -18,9 +18,9 @@ import msgspec
 import numpy as np
 import zstandard
 
-from shuttle_marl import runs
-from shuttle_marl.arrays import U16
-from shuttle_marl.files import FileReadError, Sha256, problem, read_file, read_json, replace_file, seal
+from shuttle_marl.base import runs
+from shuttle_marl.base.arrays import U16
+from shuttle_marl.base.files import FileReadError, Sha256, problem, read_file, read_json, replace_file, seal
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.suite.options import Split, SuiteError

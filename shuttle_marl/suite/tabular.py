@@ -11,7 +11,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from shuttle_marl.arrays import F64, I32, I64, Floats, Ints
+from shuttle_marl.base.arrays import F64, I32, I64, Floats, Ints
 from shuttle_marl.exact.profile import PairPolicy
 from shuttle_marl.game.rules import HURRIED_BELOW, OUTCOMES, RETURNED_BELOW
 from shuttle_marl.game.tables import Game

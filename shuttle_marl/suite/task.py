@@ -15,7 +15,7 @@ from typing import Any, ClassVar, Final, Literal
 
 import numpy as np
 
-from shuttle_marl.arrays import F64
+from shuttle_marl.base.arrays import F64
 from shuttle_marl.exact.known import best_odds, pair_odds
 from shuttle_marl.exact.match import Odds
 from shuttle_marl.exact.profile import PairPolicy

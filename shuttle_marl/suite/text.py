@@ -16,8 +16,8 @@ from typing import ClassVar, Final, TypedDict
 
 import numpy as np
 
-from shuttle_marl.arrays import F64, I64
-from shuttle_marl.errors import printable
+from shuttle_marl.base.arrays import F64, I64
+from shuttle_marl.base.errors import printable
 from shuttle_marl.exact import solve, visits
 from shuttle_marl.exact.lists import cells_of, list_policy, mean_losses
 from shuttle_marl.game.pairs import AnyGame

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 
-from shuttle_marl.errors import ShuttleError, printable
-from shuttle_marl.files import FileReadError, read_json
+from shuttle_marl.base.errors import ShuttleError, printable
+from shuttle_marl.base.files import FileReadError, read_json
 from shuttle_marl.suite import frozen, store
 from shuttle_marl.suite.options import SuiteError
 from shuttle_marl.suite.registry import arena_of_run, find_task

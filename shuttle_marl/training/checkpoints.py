@@ -19,13 +19,13 @@ import torch
 from safetensors import SafetensorError
 from safetensors.torch import load, save
 
-from shuttle_marl.arrays import I64
-from shuttle_marl.errors import ShuttleError
-from shuttle_marl.files import Count, FileReadError, Sha256, problem, read_file, read_sealed, replace_file, seal
+from shuttle_marl.base.arrays import I64
+from shuttle_marl.base.errors import ShuttleError
+from shuttle_marl.base.files import Count, FileReadError, Sha256, problem, read_file, read_sealed, replace_file, seal
+from shuttle_marl.game.rally.record import OPTIONAL
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.kernel import RallySampler
-from shuttle_marl.rally.record import OPTIONAL
 from shuttle_marl.recording import SINGLE_RALLY, LogHeader, Player, Rallies, RallyRecorder, Sampling
 from shuttle_marl.recording.recover import resume
 from shuttle_marl.training.config import TrainingConfig, TrainingError

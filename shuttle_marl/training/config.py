@@ -12,7 +12,7 @@ import re
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Final, Literal, get_args, get_type_hints
 
-from shuttle_marl.errors import ShuttleError
+from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.game.shipped import Profile
 from shuttle_marl.game.stroke import SHOTS
 

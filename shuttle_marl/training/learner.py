@@ -30,7 +30,7 @@ from torch.optim import Optimizer
 from torchrl.collectors import BaseCollector
 from torchrl.modules import ProbabilisticActor
 
-from shuttle_marl.arrays import F32, I32
+from shuttle_marl.base.arrays import F32, I32
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy

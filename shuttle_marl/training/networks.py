@@ -16,7 +16,7 @@ from torch.distributions import Categorical, Distribution
 from torch.nn import functional
 from torchrl.modules import ProbabilisticActor, ValueOperator
 
-from shuttle_marl.arrays import F32, F64
+from shuttle_marl.base.arrays import F32, F64
 from shuttle_marl.game.layout import LONGEST_DUEL
 from shuttle_marl.game.policy import PolicyError, States
 from shuttle_marl.game.tables import Game

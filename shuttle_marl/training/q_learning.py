@@ -17,7 +17,7 @@ import torch
 from torch import nn
 from torch.nn import functional
 
-from shuttle_marl.arrays import F32, F64, I32, Ints
+from shuttle_marl.base.arrays import F32, F64, I32, Ints
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.kernel import LearnerBatch

@@ -19,12 +19,13 @@ from rich.text import Text
 from safetensors.numpy import save
 from torch.utils.tensorboard import SummaryWriter
 
-from shuttle_marl import exact, runs
+from shuttle_marl import exact
+from shuttle_marl.base import runs
+from shuttle_marl.base.files import Count
 from shuttle_marl.exact.known import best_odds, pair_odds
 from shuttle_marl.exact.match import Odds, normalised_score
 from shuttle_marl.exact.optimal import best_response
 from shuttle_marl.exact.profile import InducedChain, evaluate_chains, induced
-from shuttle_marl.files import Count
 from shuttle_marl.game import draws
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.game.tables import Game

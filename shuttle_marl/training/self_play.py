@@ -22,7 +22,7 @@ from torch import nn
 from torch.nn import functional
 
 from shuttle_marl import exact
-from shuttle_marl.arrays import F32
+from shuttle_marl.base.arrays import F32
 from shuttle_marl.game.tables import Game
 from shuttle_marl.kernel import RallySampler
 from shuttle_marl.policy.network import PolicyNetwork

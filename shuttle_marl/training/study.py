@@ -8,9 +8,9 @@ from typing import Final, TypeVar
 from rich.console import Console
 from rich.progress import track
 
-from shuttle_marl import runs
-from shuttle_marl.cluster import in_processes
-from shuttle_marl.league.seeds import interquartile_mean
+from shuttle_marl.base import runs
+from shuttle_marl.base.cluster import in_processes
+from shuttle_marl.base.intervals import interquartile_mean
 from shuttle_marl.policy.agents import read_card
 from shuttle_marl.training.config import TrainingConfig, TrainingError
 from shuttle_marl.training.run import AGENT, train

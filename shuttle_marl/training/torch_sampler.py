@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
-from shuttle_marl.arrays import I32, I64, Floats, Ints
+from shuttle_marl.base.arrays import I32, I64, Floats, Ints
 from shuttle_marl.game.draws import CHOICE_ONE, GOLDEN, MIX_1, MIX_2
 from shuttle_marl.game.rules import RETURNED_BELOW
 from shuttle_marl.game.tables import Game

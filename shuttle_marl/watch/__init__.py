@@ -4,7 +4,7 @@ The server plays (:mod:`~shuttle_marl.watch.match`), stages and evaluates; the p
 contains no rules of the game.
 """
 
-from shuttle_marl.errors import ShuttleError
+from shuttle_marl.base.errors import ShuttleError
 
 __all__ = ["WatchError"]
 

@@ -15,7 +15,7 @@ from scipy.special import logsumexp
 
 from shuttle_marl import __version__, staging
 from shuttle_marl.analysis.rally import Players
-from shuttle_marl.errors import ShuttleError
+from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.game.draws import stream
 from shuttle_marl.game.pairs import PairGame, game_of_people
 from shuttle_marl.game.policy import States, checked_probabilities

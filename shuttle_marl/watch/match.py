@@ -12,16 +12,16 @@ from typing import Final
 
 import numpy as np
 
-from shuttle_marl.arrays import U64
-from shuttle_marl.errors import printable
+from shuttle_marl.base.arrays import U64
+from shuttle_marl.base.errors import printable
 from shuttle_marl.game.draws import choice_draw, draw, first_server, outcome_draw, stream
 from shuttle_marl.game.pairs import AnyGame
 from shuttle_marl.game.policy import Policy
+from shuttle_marl.game.rally.record import Rally
+from shuttle_marl.game.rally.stepper import choose, stepper_of
 from shuttle_marl.game.rules import RETURNED_BELOW
 from shuttle_marl.game.scoring import Score
 from shuttle_marl.game.tables import ROOT
-from shuttle_marl.rally.record import Rally
-from shuttle_marl.rally.stepper import choose, stepper_of
 from shuttle_marl.watch import WatchError
 from shuttle_marl.watch.plan import Person, Plan, Side
 from shuttle_marl.watch.policies import PolicyTables

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from shuttle_marl.game.pairs import AnyGame
-from shuttle_marl.rally.record import Rallies
+from shuttle_marl.game.rally.record import Rallies
 from shuttle_marl.recording.header import LogHeader, Pair, Player
 from shuttle_marl.recording.recorder import RallyRecorder
 from shuttle_marl.watch.match import PERSON, CourtRally

@@ -10,13 +10,14 @@ import numpy as np
 import pyarrow as pa
 
 from shuttle_marl.analysis.rally import LogPlayers, Players, legal_states
-from shuttle_marl.arrays import I64
+from shuttle_marl.base.arrays import I64
+from shuttle_marl.base.errors import printable
 from shuttle_marl.data import load_strokes
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.data.upstream import date_of
 from shuttle_marl.dynamics.features import rows_from_strokes
 from shuttle_marl.dynamics.hurried import hurry_of
-from shuttle_marl.errors import printable
+from shuttle_marl.game.court import steps_between
 from shuttle_marl.game.draws import stream
 from shuttle_marl.game.pairs import AnyGame
 from shuttle_marl.game.rules import FAULT, WINNER, IllegalStrokeError
@@ -288,8 +289,7 @@ class RealRallies:
             catalogue.technique[legal] != column["technique"][row]
         )
         if not np.isnan(area):
-            there = catalogue.area[legal].astype(int)
-            distance = distance + np.abs(there // 3 - int(area) // 3) + np.abs(there % 3 - int(area) % 3)
+            distance = distance + steps_between(catalogue.area[legal].astype(int), int(area))
         return int(legal[int(distance.argmin())])
 
     def _found(self) -> list[_Annotated]:

@@ -32,9 +32,9 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from starlette.websockets import WebSocket, WebSocketDisconnect
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
-from shuttle_marl.errors import ShuttleError, printable
-from shuttle_marl.extras import install_hint
-from shuttle_marl.files import replacing
+from shuttle_marl.base.errors import ShuttleError, printable
+from shuttle_marl.base.extras import install_hint
+from shuttle_marl.base.files import replacing
 from shuttle_marl.staging import ATHLETES, model_file
 from shuttle_marl.watch import WatchError
 from shuttle_marl.watch.messages import HelloRequest, RallyRequest, decode_request, encode_reply, request_id
@@ -390,7 +390,7 @@ def write_video(address: str, path: Path, progress: Progress = iter, *, size: tu
         fps: frames per second.
 
     Raises:
-        WatchError: no browser is installed, or the page shows no rally.
+        WatchError: no browser is installed, or the page cannot show the rally.
     """
     from playwright.sync_api import Error, sync_playwright  # noqa: PLC0415  an extra
 
@@ -401,8 +401,9 @@ def write_video(address: str, path: Path, progress: Progress = iter, *, size: tu
             page.set_default_timeout(_WAIT)
             page.goto(address)
             page.locator(f"body[data-ready], {_FAILED}").first.wait_for()
-            if page.locator("body[data-ready]").count() == 0:
-                raise WatchError(f"the page shows no rally: {page.locator(_FAILED).first.inner_text()}")
+            failed = page.locator(_FAILED)  # the page says so, then shows its first rally instead
+            if failed.count():
+                raise WatchError(f"the page cannot show the rally: {failed.first.inner_text()}")
             page.evaluate("window.viewer.film()")
             frames = int(page.evaluate("window.viewer.state().duration") * fps + 1e-6) + 1
             with replacing(path) as file:

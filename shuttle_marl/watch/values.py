@@ -8,7 +8,7 @@ from msgspec.structs import asdict
 from shuttle_marl.analysis.opening import Opening, opening
 from shuttle_marl.analysis.rally import Decision, Players, analyse_rally
 from shuttle_marl.analysis.rally import decision as analyse_decision
-from shuttle_marl.arrays import F64
+from shuttle_marl.base.arrays import F64
 from shuttle_marl.game import court
 from shuttle_marl.game.shipped import RELIABLE, factor_of, least_support
 from shuttle_marl.game.stroke import SHOTS

@@ -9,11 +9,11 @@ from shuttle_marl.analysis.opening import opening, states_after
 from shuttle_marl.analysis.rally import Players
 from shuttle_marl.exact import evaluate, solve
 from shuttle_marl.game.policy import Policy
+from shuttle_marl.game.rally.stepper import stepper_of
 from shuttle_marl.game.rules import RETURNED_BELOW, IllegalStrokeError
 from shuttle_marl.game.tables import ROOT, Game
 from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.rally.stepper import stepper_of
 from tests.reduced import reduced_game
 
 

@@ -9,10 +9,10 @@ from shuttle_marl.analysis import Players, analyse_rally, decision
 from shuttle_marl.analysis.rally import match_win_after
 from shuttle_marl.exact import evaluate, solve
 from shuttle_marl.exact.match import match_table
+from shuttle_marl.game.rally.record import Rally
 from shuttle_marl.game.rules import FAULT, RETURNED_ABOVE, RETURNED_BELOW, WINNER, IllegalStrokeError
 from shuttle_marl.game.scoring import Rules
 from shuttle_marl.game.tables import ROOT
-from shuttle_marl.rally.record import Rally
 from tests.exact.exact_games import random_policy, tiring_game
 
 GAME = tiring_game()

@@ -11,6 +11,7 @@ import pytest
 
 from experiments import stroke_value
 from shuttle_marl.analysis import AnalysisError, pictures, rally_table, strokes_of, strokes_of_log, summarise
+from shuttle_marl.analysis.strokes import stroke_table
 from shuttle_marl.analysis.summary import ENDINGS, _sample, players_of
 from shuttle_marl.analysis.values import LEAST_MATCHES
 from shuttle_marl.commands.analysis import main as analysis
@@ -20,7 +21,6 @@ from shuttle_marl.data.schema import REASONS, STROKES, Outcome, violations
 from shuttle_marl.game.shipped import load_game, refits_of
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.recording import Rallies, RallyLog, RecordingError
-from shuttle_marl.recording.tables import stroke_table
 
 SAMPLE = Path(__file__).parents[2] / "datasets" / "sample" / "strokes.parquet"
 

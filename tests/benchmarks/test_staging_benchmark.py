@@ -9,7 +9,7 @@ import pytest
 from rich.console import Console
 
 from benchmarks import staging
-from shuttle_marl.rally.record import Rally
+from shuttle_marl.game.rally.record import Rally
 from shuttle_marl.staging import Motion, stage
 
 QUIET = Console(file=io.StringIO())

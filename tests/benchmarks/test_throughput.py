@@ -12,7 +12,7 @@ from benchmarks.lower_bound import lower_bound_of
 from benchmarks.synthetic import synthetic_game
 from benchmarks.throughput_cases import BATCHED, SINGLE, Play
 from docs.tools.markdown import saved
-from shuttle_marl.errors import ShuttleError
+from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.game import default_game
 
 

@@ -12,8 +12,8 @@ from scipy import stats
 from shuttle_marl.analysis.advice import Meeting, Refitted, meet
 from shuttle_marl.analysis.habits import discoveries, endings, habits, interval
 from shuttle_marl.analysis.scouting import scout
+from shuttle_marl.base.files import seal
 from shuttle_marl.dynamics.habits import NONE, Plays, load_habits, plays_of_strokes, questions, save_habits, tally
-from shuttle_marl.files import seal
 from shuttle_marl.game.court import AREAS
 from shuttle_marl.game.shipped import CARD, HABITS, load_game, model_folder
 from shuttle_marl.game.skill import load_skill

@@ -19,6 +19,8 @@ from shuttle_marl.analysis.course import Chances
 from shuttle_marl.analysis.match import MatchReport, match_report, matches_in
 from shuttle_marl.analysis.scouting import ScoutingReport, players_of, scout
 from shuttle_marl.analysis.summary import AnalysisError, rally_table
+from shuttle_marl.base.errors import printable
+from shuttle_marl.base.table_files import write_parquet
 from shuttle_marl.coach import match_page as match_pages
 from shuttle_marl.coach import scout_page as scout_pages
 from shuttle_marl.coach import sources
@@ -27,11 +29,9 @@ from shuttle_marl.coach.words import CATALOGUE, Words, of_100, signed
 from shuttle_marl.commands.report import main as report_command
 from shuttle_marl.commands.scout import main as scout_command
 from shuttle_marl.commands.watch import RallyOptions, _reports
-from shuttle_marl.errors import printable
 from shuttle_marl.exact import Odds
 from shuttle_marl.game.scoring import Rules, Score, match_win_probability
 from shuttle_marl.game.shipped import RELIABLE, resolve_game
-from shuttle_marl.table_files import write_parquet
 from shuttle_marl.watch.building import BuildError
 from shuttle_marl.watch.recorded import LogRallies
 from tests.coach.conftest import SAMPLE, A, B

@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 
+from shuttle_marl.analysis.strokes import simulate
 from shuttle_marl.data.schema import REASONS
 from shuttle_marl.game import court, default_game
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy import resolve
-from shuttle_marl.recording.tables import simulate
 
 SHOT_WORDS = (
     "kurzer Aufschlag", "langer Aufschlag", "Clear", "Unterhand-Clear", "Drop", "Smash", "Halbsmash", "Drive", "Treibball",

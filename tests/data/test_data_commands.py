@@ -10,11 +10,11 @@ import pyarrow as pa
 import pytest
 
 from shuttle_marl.__main__ import main as top
+from shuttle_marl.base.errors import command
 from shuttle_marl.commands.data import main
 from shuttle_marl.data import load_account, load_strokes, upstream
 from shuttle_marl.data.schema import STROKES
 from shuttle_marl.data.table import write_parquet
-from shuttle_marl.errors import command
 from tests.data.upstream_layout import Layout, plain_game
 
 NAME = "Viktor_AXELSEN_CHEN_Long_ Finals"

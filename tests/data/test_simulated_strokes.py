@@ -7,18 +7,18 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from shuttle_marl.analysis import strokes as simulation
 from shuttle_marl.analysis import strokes_of_log
+from shuttle_marl.analysis.strokes import SimulationError, simulate, simulated_rallies
 from shuttle_marl.data import split_of
-from shuttle_marl.data.schema import REASONS, STROKES, Outcome, violations
+from shuttle_marl.data.schema import REASONS, STROKES, Account, Outcome, violations
 from shuttle_marl.data.table import load_account, load_strokes, write_parquet
 from shuttle_marl.game import court, scoring
 from shuttle_marl.game.stroke import Catalogue
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import base_pairs, from_pair_probabilities, layout, thresholds
 from shuttle_marl.recording import RallyLog, RallyLogWriter, replay
-from shuttle_marl.recording import tables as simulation
 from shuttle_marl.recording.replay import check
-from shuttle_marl.recording.tables import SimulationError, account_of, simulate, simulated_rallies
 
 SERVES = ("short-serve:front-centre:below:backhand", "long-serve:back-right:below:forehand")
 REPLIES = (
@@ -73,7 +73,7 @@ def test_it_is_a_sound_stroke_table(tmp_path) -> None:
     strokes = simulate(GAME, PLAYERS, matches=7, seed=5)
     assert strokes.schema.equals(STROKES)
     assert [str(v) for v in violations(strokes)] == []
-    account = account_of(strokes)
+    account = Account.of(strokes)
     assert account.matches == 7
     assert account.strokes == account.strokes_kept == strokes.num_rows
     assert account.area_agreement is None

@@ -7,10 +7,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from shuttle_marl.base.files import FileWriteError
 from shuttle_marl.data import DataError, clean_matches, load_account, load_strokes
 from shuttle_marl.data.schema import STROKES, violations
 from shuttle_marl.data.table import provenance_of, write_parquet
-from shuttle_marl.files import FileWriteError
 from tests.data.upstream_layout import Layout, plain_game
 
 

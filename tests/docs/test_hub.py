@@ -13,7 +13,7 @@ import yaml
 from docs.tools import hub
 from docs.tools.markdown import saved
 from shuttle_marl import default_game, resolve, tabulate
-from shuttle_marl.errors import ShuttleError
+from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.game.shipped import model_folder
 from shuttle_marl.policy.agents import AGENTS
 

@@ -6,10 +6,11 @@ import importlib.util
 import pytest
 
 from docs.tools import recipes
-from shuttle_marl.errors import ShuttleError
+from shuttle_marl.base.errors import ShuttleError
 
 NEEDED = {
     "agilerl": ("agilerl", "peft"),
+    "mcts": (),
     "open_spiel": ("pyspiel", "tree"),
     "own_loop": ("torch",),
     "rllib": ("ray", "tree"),

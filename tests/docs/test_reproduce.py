@@ -11,7 +11,7 @@ import pytest
 from docs.tools import reproduce, tables
 from docs.tools.markdown import ROOT
 from docs.tools.reproduce import Result, differences
-from shuttle_marl.errors import ShuttleError
+from shuttle_marl.base.errors import ShuttleError
 
 SAVED = {"value": 2.0, "names": ["a"], "rows": [1, 2.0], "won": True, "seconds": 3, "none": None}
 

@@ -16,7 +16,7 @@ import shuttle_marl
 from docs.tools import command_reference, croissant, live_pages, notebooks, site
 from docs.tools.markdown import ROOT
 from shuttle_marl.__main__ import COMMANDS
-from shuttle_marl.errors import ShuttleError
+from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.staging import model_file
 from shuttle_marl.watch.messages import Request
 from shuttle_marl.watch.plan import Plan

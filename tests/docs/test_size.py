@@ -14,7 +14,7 @@ X, _Y = 1, 2
 def f(): return X
 """
 TOP = """from shuttle_marl.a import low
-from shuttle_marl.errors import E
+from shuttle_marl.base.errors import E
 Z: int = 3
 def g():
     low.f()
@@ -26,7 +26,7 @@ FILES = {
     "a/__init__.py": "from shuttle_marl.a.low import f\n",
     "a/low.py": LOW,
     "a/top.py": TOP,
-    "a/unused.py": "import shuttle_marl.errors\n",
+    "a/unused.py": "import shuttle_marl.base.errors\n",
 }
 PLAY = """
 from shuttle_marl.a.top import g
@@ -54,7 +54,7 @@ def test_modules_and_their_imports(root: Path) -> None:
     assert set(found) == {f"shuttle_marl{name}" for name in ("", ".errors", ".a", ".a.low", ".a.top", ".a.unused")}
     assert found["shuttle_marl.a.low"].lines == 5
     assert found["shuttle_marl.a.low"].origins == {}
-    assert found["shuttle_marl.a.top"].origins == {"low": "shuttle_marl.a.low", "E": "shuttle_marl.errors"}
+    assert found["shuttle_marl.a.top"].origins == {"low": "shuttle_marl.a.low", "E": "shuttle_marl.base.errors"}
 
 
 def test_modules_with_one_importer(root: Path) -> None:
@@ -110,9 +110,46 @@ def narrow(self, a, b, c, d, e, f, g, *, h): ...
 
 def test_rally_types_and_wide_functions(root: Path) -> None:
     (root / "shuttle_marl/a/low.py").write_text(CLASSES, encoding="utf-8")
-    low = next(module for module in size.modules(root).values() if module.name == "shuttle_marl.a.low")
-    assert low.rally_types == ("Rally",)
-    assert low.wide == ("wide",)
+    names = size.names_in(size.modules(root))
+    assert names["rally_types"] == ["shuttle_marl.a.low.Rally"]
+    assert names["wide_functions"] == ["shuttle_marl.a.low.wide"]
+
+
+COUNTED = '''"""A module."""
+# why
+
+def f(game: "DoublesGame") -> str:
+    """What it does,
+    in two lines."""
+    while f(game):
+        strike(game)
+    return """one
+    two"""
+'''
+
+
+def test_code_and_shapes(root: Path) -> None:
+    package = root / "shuttle_marl"
+    for name, text in {
+        "game/__init__.py": "",
+        "game/rules.py": "class DoublesGame: ...\nclass SoloGame: ...\ndef strike(game): ...\n",
+        "game/player.py": f"from shuttle_marl.game.rules import strike\n{COUNTED}",
+        "league/__init__.py": "",
+        "league/journal.py": "def add(path):\n    with path.open('ab') as file:\n        file.write(b'')\n",
+        "league/play.py": "from shuttle_marl.league import journal\n",
+        "a/low.py": "import shuttle_marl.a.top\n",
+        "watch/page/src/frame.ts": 'import { a } from "./a";\n',
+        "watch/page/src/a.ts": 'import { type B } from "./frame";\n',
+    }.items():
+        (package / name).parent.mkdir(exist_ok=True, parents=True)
+        (package / name).write_text(text, encoding="utf-8")
+    found = size.modules(root)
+    names = size.names_in(found)
+    assert found[package / "game/player.py"].code == 6
+    assert names["rally_loops"] == ["shuttle_marl.game.player"]
+    assert names["game_types"] == ["DoublesGame"]
+    assert names["run_folders"] == ["shuttle_marl.league.journal"]
+    assert size.circles(found, root) == ["shuttle_marl.a: low, top", "page: a, frame"]
 
 
 THREADED = """

@@ -7,6 +7,7 @@ import pyarrow as pa
 import pytest
 from scipy.special import expit
 
+from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.data import load_strokes
 from shuttle_marl.data.schema import STROKES
 from shuttle_marl.dynamics.card import strokes_hash
@@ -16,7 +17,6 @@ from shuttle_marl.dynamics.fit import fit
 from shuttle_marl.dynamics.models import fit_ridge, ridge_logits
 from shuttle_marl.dynamics.network import EnsembleConfig, fold_of_match, unseen
 from shuttle_marl.dynamics.players import fit_choice_shifts
-from shuttle_marl.errors import ShuttleError
 
 SAMPLE = Path(__file__).parents[2] / "datasets" / "sample" / "strokes.parquet"
 

@@ -7,7 +7,8 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from shuttle_marl.arrays import F64, Bools
+from shuttle_marl.base.arrays import F64, Bools
+from shuttle_marl.base.tensor_files import read_tensors
 from shuttle_marl.data import load_strokes
 from shuttle_marl.data.schema import REASONS, STROKES, Outcome
 from shuttle_marl.dynamics.features import MOVEMENT, SLOTS, Rows, rows_from_strokes
@@ -15,7 +16,6 @@ from shuttle_marl.dynamics.fit import _fit_hurried
 from shuttle_marl.dynamics.hurried import MIN_ROWS, SHARE, Hurry, fit_hurry
 from shuttle_marl.dynamics.models import HURRIED, sigmoid, was_timed
 from shuttle_marl.game.stroke import SHOTS
-from shuttle_marl.tensor_files import read_tensors
 
 SAMPLE = Path(__file__).parents[2] / "datasets" / "sample" / "strokes.parquet"
 N, MATCHES = 12_000, 24

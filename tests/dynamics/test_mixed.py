@@ -8,7 +8,7 @@ from scipy.sparse import csr_matrix, identity
 from scipy.special import expit, gammaln
 from scipy.stats import multivariate_normal, norm
 
-from shuttle_marl.arrays import F64, I64
+from shuttle_marl.base.arrays import F64, I64
 from shuttle_marl.dynamics.mixed import MixedModel, Walks, fit_variances, gradient_of, posterior
 
 CBPP = (

@@ -12,18 +12,18 @@ import numpy as np
 import pytest
 from safetensors.numpy import load_file, save_file
 
+from shuttle_marl.base.errors import ShuttleError
+from shuttle_marl.base.files import seal
+from shuttle_marl.base.tensor_files import read_tensors
 from shuttle_marl.dynamics.card import write_card
 from shuttle_marl.dynamics.fitted import FittedModels, ModelError
 from shuttle_marl.dynamics.make import load_support
-from shuttle_marl.errors import ShuttleError
-from shuttle_marl.files import seal
 from shuttle_marl.game.policy import PolicyError
 from shuttle_marl.game.shipped import BC, CARD, GAME, NETWORKS, SUPPORT, model_folder, read_model_card
 from shuttle_marl.game.stroke import Catalogue
 from shuttle_marl.game.tables import Game, GameError
 from shuttle_marl.game.tabulated import base_pairs
 from shuttle_marl.policy.baselines import clones
-from shuttle_marl.tensor_files import read_tensors
 from tests.reduced import reduced_model
 
 NESTED = "[" * 100_000

@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from shuttle_marl.arrays import F64
+from shuttle_marl.base.arrays import F64
+from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.commands import data, dynamics, league
 from shuttle_marl.data import load_strokes
 from shuttle_marl.data.upstream import matches_of
@@ -21,7 +22,6 @@ from shuttle_marl.dynamics.make import (
 )
 from shuttle_marl.dynamics.models import sigmoid
 from shuttle_marl.dynamics.prior import PRECISION, _moved, shift_of
-from shuttle_marl.errors import ShuttleError
 from shuttle_marl.game.shipped import load_game, read_model_card, refits_of, variants
 from shuttle_marl.game.variants import steps_between
 from shuttle_marl.policy import registry

@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.data import load_strokes
 from shuttle_marl.dynamics import make
 from shuttle_marl.dynamics.card import add_truth, as_markdown
 from shuttle_marl.dynamics.features import rows_from_strokes
 from shuttle_marl.dynamics.make import make_model, resampled
 from shuttle_marl.dynamics.network import EnsembleConfig, fold_of_match
-from shuttle_marl.errors import ShuttleError
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game.shipped import VARIANTS, load_game, read_model_card, refits_of, variants
 from shuttle_marl.game.tabulated import TabulatedPolicy

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from scipy.special import expit
 
-from shuttle_marl.arrays import F64, Ints
+from shuttle_marl.base.arrays import F64, Ints
+from shuttle_marl.base.files import seal
 from shuttle_marl.data.upstream import date_of, matches_of
 from shuttle_marl.dynamics.features import Rows
 from shuttle_marl.dynamics.skill import (
@@ -24,7 +25,6 @@ from shuttle_marl.dynamics.skill import (
     slope_on_offset,
     summary,
 )
-from shuttle_marl.files import seal
 from shuttle_marl.game.shipped import CARD, SKILL
 from shuttle_marl.game.skill import COMPONENTS, GROUPS, load_skill
 from shuttle_marl.game.stroke import N_SHOTS, SHOTS

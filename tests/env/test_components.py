@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from shuttle_marl import match_v0, rally_v0
+from shuttle_marl.base.errors import ActionError
 from shuttle_marl.env.wrappers import component_masks
-from shuttle_marl.errors import ActionError
 from shuttle_marl.game.rules import IllegalStrokeError
 
 SIZES = [13, 9, 2, 3]

@@ -1,5 +1,6 @@
 """PettingZoo's own conformance tests."""
 
+import importlib
 import random
 import warnings
 from collections.abc import Callable
@@ -51,6 +52,23 @@ def test_api_of_whole_matches_with_rewards_by_rally() -> None:
 )
 def test_seed(make: Callable[[], Any]) -> None:
     conformance.seed_test(make, num_cycles=500)
+
+
+@both
+def test_state(module: ModuleType) -> None:
+    state_test = importlib.import_module("pettingzoo.test.state_test")  # the package has a function of this name
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        state_test.test_state_space(module.env())
+        state_test.test_state(module.raw_env(), 0)
+    env = module.env()
+    env.reset(seed=1)
+    for _ in range(5):
+        seen, turn = np.split(env.state(), [-1])
+        assert np.array_equal(seen, env.observe("player_0")["observation"])
+        assert turn == (env.agent_selection == "player_0")
+        assert env.state() in env.state_space
+        env.step(int(env.last()[0]["action_mask"].argmax()))
 
 
 @both

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from shuttle_marl import match_v0
-from shuttle_marl.errors import OptionError
+from shuttle_marl.base.errors import OptionError
 from shuttle_marl.game import default_game
 from shuttle_marl.game.draws import draw, first_server, outcome_draw, stream
 from shuttle_marl.game.observation import RALLY_WIDTH

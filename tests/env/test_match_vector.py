@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from shuttle_marl import match_v0
+from shuttle_marl.base.errors import ActionError, OptionError
 from shuttle_marl.env.single import SingleMatchEnv
 from shuttle_marl.env.vector import MatchVectorEnv
-from shuttle_marl.errors import ActionError, OptionError
 from shuttle_marl.game import default_game
 from shuttle_marl.game.policy import PolicyError
 from shuttle_marl.game.scoring import Rules

@@ -13,8 +13,8 @@ from shuttle_marl import match_v0, rally_v0
 from shuttle_marl.env.snapshot import Snapshot, shot_in_words
 from shuttle_marl.game import default_game
 from shuttle_marl.game.court import LENGTH, WIDTH
+from shuttle_marl.game.rally.stepper import Stroke
 from shuttle_marl.game.rules import OUTCOMES
-from shuttle_marl.rally.stepper import Stroke
 from tests.exact.exact_games import tiring_game
 
 os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
@@ -133,7 +133,7 @@ def test_a_missing_pygame_is_named_with_the_cure():
 import sys
 sys.modules["pygame"] = None
 from shuttle_marl import rally_v0
-from shuttle_marl.errors import ShuttleError
+from shuttle_marl.base.errors import ShuttleError
 env = rally_v0.env(render_mode="rgb_array")
 env.reset(seed=0)
 try:

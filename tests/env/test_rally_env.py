@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from shuttle_marl import match_v0, rally_v0
-from shuttle_marl.errors import ActionError, OptionError
+from shuttle_marl.base.errors import ActionError, OptionError
 from shuttle_marl.game import default_game, model_folder
 from shuttle_marl.game.court import AREAS
 from shuttle_marl.game.draws import draw, outcome_draw, stream

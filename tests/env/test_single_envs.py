@@ -15,8 +15,8 @@ from gymnasium.utils.env_checker import check_env
 
 import shuttle_marl
 from shuttle_marl import match_v0, rally_v0
+from shuttle_marl.base.errors import ActionError, OptionError
 from shuttle_marl.env.single import SingleEnv, SingleMatchEnv, SingleRallyEnv
-from shuttle_marl.errors import ActionError, OptionError
 from shuttle_marl.game import default_game, draws
 from shuttle_marl.game.observation import RALLY_WIDTH
 from shuttle_marl.game.policy import PolicyError, States

@@ -10,9 +10,9 @@ from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers.vector import DictInfoToList, RecordEpisodeStatistics
 
+from shuttle_marl.base.errors import ActionError, OptionError
 from shuttle_marl.env.single import SingleRallyEnv
 from shuttle_marl.env.vector import RallyVectorEnv
-from shuttle_marl.errors import ActionError, OptionError
 from shuttle_marl.game import default_game
 from shuttle_marl.game.observation import SWAP, observations, stroke_features
 from shuttle_marl.game.policy import PolicyError

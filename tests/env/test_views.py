@@ -16,7 +16,7 @@ from pettingzoo.utils.wrappers import OrderEnforcingWrapper
 from stable_baselines3.common.env_checker import check_env
 
 from shuttle_marl import match_v0, rally_v0
-from shuttle_marl.errors import OptionError
+from shuttle_marl.base.errors import OptionError
 from shuttle_marl.game import GameError, default_game, shipped
 from tests.exact.exact_games import random_game
 

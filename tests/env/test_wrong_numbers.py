@@ -6,10 +6,10 @@ import torch
 from gymnasium.error import ResetNeeded
 
 from shuttle_marl import match_v0, rally_v0
+from shuttle_marl.base.errors import ActionError, OptionError, ShuttleError
 from shuttle_marl.env.batched import RallyEnv, VersusEnv
 from shuttle_marl.env.single import SingleMatchEnv, SingleRallyEnv
 from shuttle_marl.env.vector import RallyVectorEnv
-from shuttle_marl.errors import ActionError, OptionError, ShuttleError
 from shuttle_marl.game.rules import IllegalStrokeError
 from shuttle_marl.kernel import KernelError, RallyBatch
 

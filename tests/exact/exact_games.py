@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 from hypothesis import strategies as st
 
-from shuttle_marl.arrays import F64, I32
+from shuttle_marl.base.arrays import F64, I32
 from shuttle_marl.game.stroke import SHOTS, Catalogue
 from shuttle_marl.game.tables import HURRY_ONE, Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, base_pairs, from_pair_probabilities, layout, thresholds

@@ -12,6 +12,7 @@ from experiments.advice import Judged, judged, main
 from experiments.truth.matches import strokes_of
 from shuttle_marl.analysis import advice
 from shuttle_marl.analysis.advice import advise, refitted
+from shuttle_marl.analysis.strokes import simulate
 from shuttle_marl.data.schema import Account
 from shuttle_marl.data.table import write_parquet
 from shuttle_marl.data.upstream import matches_of
@@ -19,7 +20,6 @@ from shuttle_marl.game.pairs import pair_game
 from shuttle_marl.game.shipped import load_game
 from shuttle_marl.game.skill import AVERAGE
 from shuttle_marl.policy import baselines
-from shuttle_marl.recording.tables import simulate
 from tests.reduced import REFITS, reduced_model
 
 NAMES = ("viktor-axelsen", "kento-momota")

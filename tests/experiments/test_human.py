@@ -8,10 +8,10 @@ import pytest
 
 from experiments import human
 from experiments.truth.matches import Strokes, states_of, strokes_of
+from shuttle_marl.analysis.strokes import simulate
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.exact import PairPolicy, solve_soft
 from shuttle_marl.policy import baselines
-from shuttle_marl.recording.tables import simulate
 from tests.reduced import reduced_game
 
 GAME = reduced_game()

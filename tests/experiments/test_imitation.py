@@ -13,10 +13,10 @@ from experiments.imitation.imitator import Imitator, ImitatorConfig
 from experiments.imitation.match_adaptation import adapt_to_match
 from experiments.imitation.networks import NetworksConfig
 from experiments.imitation.trees import TreesConfig
+from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.data import load_strokes
 from shuttle_marl.data.schema import STROKES, Outcome
 from shuttle_marl.dynamics.fitted import FittedModels
-from shuttle_marl.errors import ShuttleError
 from shuttle_marl.game import model_folder
 from shuttle_marl.game.stroke import SHOTS
 

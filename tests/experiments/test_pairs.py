@@ -16,6 +16,7 @@ from experiments.pairs.parts import Annotated, Part
 from experiments.pairs.results import Rallies, bradley_terry, pair_probabilities, rallies_of, results
 from experiments.pairs.strokes import components
 from experiments.truth.matches import strokes_of
+from shuttle_marl.analysis.strokes import simulate
 from shuttle_marl.data.schema import Account
 from shuttle_marl.data.table import write_parquet
 from shuttle_marl.data.upstream import matches_of
@@ -25,7 +26,6 @@ from shuttle_marl.game.pairs import pair_game
 from shuttle_marl.game.shipped import load_game
 from shuttle_marl.game.skill import load_skill
 from shuttle_marl.policy import baselines
-from shuttle_marl.recording.tables import simulate
 from tests.reduced import reduced_model
 
 NO_ACCOUNT = Account(matches=0, rallies=0, rallies_kept=0, strokes=0, strokes_kept=0, dropped={}, area_agreement=None)

@@ -22,16 +22,16 @@ from experiments.truth.memory import memory
 from experiments.truth.paired import differences, load_values, save_values
 from experiments.truth.transfer import transfer
 from experiments.truth.worlds import Fitter, World, by_discipline, shipped_world
+from shuttle_marl.analysis.strokes import simulate
+from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.data import load_strokes
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.dynamics.features import Rows
-from shuttle_marl.errors import ShuttleError
 from shuttle_marl.game.shipped import Estimate
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.game.thresholds import ONE, with_fault_odds
-from shuttle_marl.recording.tables import simulate
 from tests.reduced import reduced_model
 
 SAMPLE = Path(__file__).parents[2] / "datasets" / "sample" / "strokes.parquet"

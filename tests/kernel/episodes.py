@@ -2,8 +2,8 @@
 
 from shuttle_marl.env import rally_v0
 from shuttle_marl.game.pairs import AnyGame
+from shuttle_marl.game.rally.record import Rallies
 from shuttle_marl.game.rules import OUTCOMES
-from shuttle_marl.rally.record import Rallies
 
 
 def compare_with_rally_v0(seed: int, rallies: Rallies, *, game: AnyGame) -> None:

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from shuttle_marl.errors import OptionError
+from shuttle_marl.base.errors import OptionError
 from shuttle_marl.game.policy import UniformPolicy
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.kernel import KernelError, LearnerBatch, Matches, Players, RallyBatch, pack, play_matches

@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from shuttle_marl.base.compiling import compiled
 from shuttle_marl.env.single import Opponent
 from shuttle_marl.game import draws
 from shuttle_marl.game.draws import CHOICE_ONE
@@ -15,7 +16,6 @@ from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.kernel import Players, core, pack
 from shuttle_marl.kernel import players as packed
-from shuttle_marl.kernel.compiling import compiled
 from tests.exact.exact_games import random_game, random_policy
 
 words = st.integers(0, 2**64 - 1)

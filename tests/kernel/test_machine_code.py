@@ -13,7 +13,7 @@ from packaging.requirements import Requirement
 
 SCRIPT = """
 import logging, sys
-from shuttle_marl.kernel.compiling import compiled, inlined
+from shuttle_marl.base.compiling import compiled, inlined
 {definitions}
 print(twice(21), *twice._cache_hits.values(), sep=",")
 """

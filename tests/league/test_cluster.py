@@ -16,8 +16,8 @@ import pytest
 from filelock import FileLock
 from safetensors.numpy import load
 
-from shuttle_marl import cluster as module
-from shuttle_marl.cluster import Cluster, ClusterError, LostError, Shared, open_cluster
+from shuttle_marl.base import cluster as module
+from shuttle_marl.base.cluster import Cluster, ClusterError, LostError, Shared, open_cluster
 from shuttle_marl.commands.league import main
 from shuttle_marl.league import LeagueConfig, run_league
 from shuttle_marl.league import run as league_run

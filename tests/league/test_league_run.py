@@ -23,9 +23,11 @@ import pyarrow.parquet
 import pytest
 from markdown_it import MarkdownIt
 
+from shuttle_marl.base.errors import ShuttleError, printable
+from shuttle_marl.base.runs import LOCK, is_finished, locked
+from shuttle_marl.base.table_files import csv_bytes
 from shuttle_marl.commands.cli import console
 from shuttle_marl.commands.league import main
-from shuttle_marl.errors import ShuttleError, printable
 from shuttle_marl.game import default_game, load_game, scoring
 from shuttle_marl.game.rules import FAULT
 from shuttle_marl.game.scoring import RULES
@@ -39,8 +41,6 @@ from shuttle_marl.league.report import console_table, report
 from shuttle_marl.league.tournament import Pairing, PairResult, forfeited, round_robin
 from shuttle_marl.recording import RallyLog, RecordingError, replay
 from shuttle_marl.recording.replay import check
-from shuttle_marl.runs import LOCK, is_finished, locked
-from shuttle_marl.table_files import csv_bytes
 from tests.reduced import reduced_game, reduced_model
 
 POOL = ("random", "safe", "attacking")
@@ -260,7 +260,7 @@ def test_every_place_at_which_a_run_can_stop(tmp_path: Path, small_model: str, m
     """Stop at the n-th write that is moved into place or synced, for every n, and resume."""
     # What takes time, and is not about files.
     monkeypatch.setattr("shuttle_marl.league.ranking.ratings", functools.partial(ratings, replicates=2))
-    monkeypatch.setattr("shuttle_marl.runs.describe", lambda packages: {})
+    monkeypatch.setattr("shuttle_marl.base.runs.describe", lambda packages: {})
     config: dict[str, Any] = {"pool": POOL, "matches": 2, "batch": 2, "game": small_model}
     run_league(LeagueConfig(**config, out=tmp_path / "whole"))
     expected = files(tmp_path / "whole")
@@ -381,7 +381,7 @@ def test_a_changed_bit_in_the_unfinished_log_is_noticed_or_harmless(
     tmp_path: Path, small_model: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("shuttle_marl.league.ranking.ratings", functools.partial(ratings, replicates=2))
-    monkeypatch.setattr("shuttle_marl.runs.describe", lambda packages: {})
+    monkeypatch.setattr("shuttle_marl.base.runs.describe", lambda packages: {})
     config: dict[str, Any] = {"pool": POOL, "matches": 2, "batch": 2, "game": small_model}
     run_league(LeagueConfig(**config, out=tmp_path / "whole"))
     expected = files(tmp_path / "whole")

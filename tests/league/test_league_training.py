@@ -18,6 +18,7 @@ import pytest
 from safetensors.numpy import load
 
 from shuttle_marl import exact
+from shuttle_marl.base.runs import RunError
 from shuttle_marl.commands.league import main
 from shuttle_marl.game.policy import PolicyError
 from shuttle_marl.game.shipped import load_game
@@ -25,7 +26,6 @@ from shuttle_marl.game.stroke import Catalogue
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import base_pairs, from_pair_probabilities, layout, thresholds
 from shuttle_marl.game.thresholds import ONE
-from shuttle_marl.runs import RunError
 from shuttle_marl.training.league.config import VARIANTS, LeagueTrainingConfig, LeagueTrainingError, MetaSolver, Variant
 from shuttle_marl.training.league.mixtures import merged, meta_strategy, sharpened
 from shuttle_marl.training.league.population import TABLES, Payoffs, Tables

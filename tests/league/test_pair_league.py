@@ -10,6 +10,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
+from shuttle_marl.base.table_files import read_parquet
 from shuttle_marl.commands.league import main
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game import pairs as pairs_module
@@ -24,7 +25,6 @@ from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording import RallyLog
 from shuttle_marl.recording.header import Pair
 from shuttle_marl.recording.replay import check
-from shuttle_marl.table_files import read_parquet
 from tests.reduced import reduced_game, reduced_model
 
 A, B = "viktor-axelsen", "kento-momota"

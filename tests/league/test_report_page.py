@@ -12,14 +12,14 @@ import pytest
 from playwright.sync_api import Browser
 from scipy.stats import mannwhitneyu
 
+from shuttle_marl.base.errors import printable
+from shuttle_marl.base.intervals import interquartile_mean, probability_of_improvement
 from shuttle_marl.commands.league import main
-from shuttle_marl.errors import printable
 from shuttle_marl.league import LeagueConfig, LeagueError
 from shuttle_marl.league.assessment import assess
 from shuttle_marl.league.page.learning import Curve
 from shuttle_marl.league.page.tournament import TournamentReport, compare, page
 from shuttle_marl.league.ranking import ExactOdds, rank
-from shuttle_marl.league.seeds import interquartile_mean, probability_of_improvement
 from shuttle_marl.league.style import AXES, Style
 from shuttle_marl.league.tournament import COUNTS, PairResult, forfeited, round_robin
 from shuttle_marl.pages import charts

@@ -109,7 +109,7 @@ def test_a_swiss_tournament_that_is_stopped_anywhere_continues_with_the_same_byt
 ) -> None:
     from shuttle_marl.league.folder import append_results
 
-    monkeypatch.setattr("shuttle_marl.runs.describe", lambda packages: {})
+    monkeypatch.setattr("shuttle_marl.base.runs.describe", lambda packages: {})
     config: dict[str, Any] = {"pool": POOL, "matches": 4, "batch": 2, "game": small_model, "format": "swiss"}
     run_league(LeagueConfig(**config, out=tmp_path / "whole"))
     names = [*TABLES, "rallies.mcap", "rallies-2.mcap", "report.html"]

@@ -5,11 +5,11 @@ from pathlib import Path
 
 import pytest
 
+from shuttle_marl.base.runs import CONFIG, MANIFEST
 from shuttle_marl.game.policy import PolicyError
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.league import LeagueConfig
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.runs import CONFIG, MANIFEST
 from tests.reduced import reduced_game, reduced_model
 from tests.tournaments import play_league
 

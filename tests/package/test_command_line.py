@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from shuttle_marl import extras
 from shuttle_marl.__main__ import main as package_main
+from shuttle_marl.base import extras
+from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.commands import cli
-from shuttle_marl.errors import ShuttleError
 
 ROOT = Path(__file__).parents[2]
 
@@ -46,7 +46,7 @@ def test_an_interrupt_is_130() -> None:
 
 TALKS = """
 import sys
-from shuttle_marl import extras
+from shuttle_marl.base import extras
 from shuttle_marl.commands import cli
 
 def command() -> None:
@@ -138,7 +138,7 @@ def test_hints_fit_a_clone_and_an_installed_package(tmp_path: Path, monkeypatch:
     """No index has the package, so its name is never what pip is told to install."""
     clone = Path(extras.__file__).parent.parent
     assert extras.install_hint("train") == f"`make install` in {clone} installs it, or `pip install -e '{clone}[train]'`"
-    monkeypatch.setattr(extras, "__file__", str(tmp_path / "site-packages" / "shuttle_marl" / "extras.py"))
+    monkeypatch.setattr(extras, "__file__", str(tmp_path / "site-packages" / "shuttle_marl" / "base" / "extras.py"))
     required = ["numpy>=2.0", "torch>=2.6; extra == 'train'", 'lightgbm>=4.3 ; extra == "train"', "torch>=2.6; extra == 'test'"]
     monkeypatch.setattr(importlib.metadata, "requires", lambda _: required)
     assert extras.install_hint("train") == "`pip install 'torch>=2.6' 'lightgbm>=4.3'` installs it"

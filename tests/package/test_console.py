@@ -11,7 +11,7 @@ import pytest
 
 import shuttle_marl
 from shuttle_marl.__main__ import main
-from shuttle_marl.errors import command
+from shuttle_marl.base.errors import command
 from shuttle_marl.game import default_game
 from shuttle_marl.policy import registry
 

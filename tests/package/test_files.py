@@ -10,11 +10,11 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from shuttle_marl import table_files
+from shuttle_marl.base import table_files
+from shuttle_marl.base.errors import printable
+from shuttle_marl.base.files import FileReadError, FileWriteError, cache_folder, open_file, read_json, replace_file
+from shuttle_marl.base.table_files import csv_bytes, open_parquet, parquet_bytes, read_parquet, write_parquet
 from shuttle_marl.commands.cli import check_free
-from shuttle_marl.errors import printable
-from shuttle_marl.files import FileReadError, FileWriteError, cache_folder, open_file, read_json, replace_file
-from shuttle_marl.table_files import csv_bytes, open_parquet, parquet_bytes, read_parquet, write_parquet
 
 FLIPS = int(os.environ.get("SHUTTLE_MUTATIONS", "300"))
 

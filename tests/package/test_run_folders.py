@@ -12,8 +12,8 @@ from typing import Any
 
 import pytest
 
-from shuttle_marl import runs
-from shuttle_marl.runs import CONFIG, MANIFEST, RunError, locked, open_run
+from shuttle_marl.base import runs
+from shuttle_marl.base.runs import CONFIG, MANIFEST, RunError, locked, open_run
 
 FIXED = {"seed": 0}
 ROUNDS = 100

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from safetensors.numpy import load_file, save_file
 
-from shuttle_marl.tensor_files import packed_bytes, read_tensors, tensor_bytes, unpacked_bytes
+from shuttle_marl.base.tensor_files import packed_bytes, read_tensors, tensor_bytes, unpacked_bytes
 
 
 def test_packed_arrays_are_read_as_they_were(tmp_path: Path) -> None:

@@ -1,18 +1,26 @@
 """Networks of one's own: any function as a policy, and files of weights that never run anything."""
 
+import functools
 import io
 import json
 import pickle
 import zipfile
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import gymnasium
+import hypothesis
 import numpy as np
 import pytest
 import torch
+from hypothesis import strategies as st
+from safetensors.torch import save_file
 from sb3_contrib import MaskablePPO
 from stable_baselines3 import A2C, DQN, PPO
+from stable_baselines3.common.policies import ActorCriticPolicy
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 from torch import nn
 
 from shuttle_marl.game import default_game, observations
@@ -27,7 +35,7 @@ TIRING = tiring_game()
 STATES = States(game=GAME, state=np.flatnonzero(GAME.playable)[::97].astype(np.int32))
 
 
-def network(game: Any = GAME, hidden: int = 16, function: type[nn.Module] = nn.ReLU, inputs: int = 60) -> nn.Sequential:
+def network(game: Any = GAME, hidden: int = 16, function: Callable[[], nn.Module] = nn.ReLU, inputs: int = 60) -> nn.Sequential:
     torch.manual_seed(0)
     return nn.Sequential(
         nn.Linear(inputs, hidden), function(), nn.Linear(hidden, hidden), function(), nn.Linear(hidden, game.n_strokes)
@@ -95,26 +103,109 @@ def test_a_saved_network_plays_the_same(function: type[nn.Module], tmp_path: Pat
     assert np.array_equal(greedy.argmax(axis=1), p.argmax(axis=1))
 
 
-def test_a_state_dictionary_plays_the_same(tmp_path: Path) -> None:
-    module = network()
-    torch.save(module.state_dict(), tmp_path / "mine.pt")
-    assert np.allclose(resolve(f"torch:{tmp_path}/mine.pt", GAME).probabilities(STATES), softmax_of(module, STATES), atol=1e-6)
+def test_weights_alone_do_not_say_what_is_between_them(tmp_path: Path) -> None:
+    state = network(function=nn.Tanh).state_dict()
+    torch.save(state, tmp_path / "mine.pt")
+    save_file(state, tmp_path / "mine.safetensors")
+    for file, says in (("mine.pt", "not a safetensors file"), ("mine.safetensors", "without the name of their activation")):
+        with pytest.raises(PolicyError, match=f"{says}.*save_network writes one from a module"):
+            resolve(f"torch:{tmp_path / file}", GAME)
 
 
-@pytest.mark.parametrize(
-    "module",
-    [
-        nn.Sequential(nn.Conv1d(1, 1, 1)),
-        nn.Sequential(nn.Linear(60, 8), nn.Linear(8, 8)),
-        nn.Sequential(nn.Linear(60, 8), nn.ReLU()),
-        nn.Sequential(nn.Linear(60, 8), nn.ReLU(), nn.Linear(8, 8), nn.Tanh(), nn.Linear(8, 8)),
-        nn.Sequential(),
-    ],
-)
-def test_networks_without_a_file_format(module: nn.Module, tmp_path: Path) -> None:
-    with pytest.raises(PolicyError, match="has no file format here: expected Linear layers"):
+def test_modules_are_left_as_they_were(tmp_path: Path) -> None:
+    module = network().train()
+    module[1].eval()
+    state = torch.get_rng_state()
+    save_network(module, tmp_path / "mine.safetensors")
+    assert [part.training for part in module] == [True, False, True, True, True]
+    assert not any(part._forward_hooks for part in module.modules())
+    assert torch.equal(torch.get_rng_state(), state)
+
+
+def test_networks_in_double_precision(tmp_path: Path) -> None:
+    module = network().double()
+    save_network(module, tmp_path / "mine.safetensors")
+    p = resolve(f"torch:{tmp_path}/mine.safetensors", GAME).probabilities(STATES)
+    assert np.allclose(p, from_network(module).probabilities(STATES), atol=1e-5)
+
+
+class Computed(nn.Module):
+    """Layers and what is computed around them."""
+
+    def __init__(self, forward: Callable[[Any, torch.Tensor], torch.Tensor], **parts: nn.Module) -> None:
+        super().__init__()
+        self.computed = forward
+        for name, part in parts.items():
+            setattr(self, name, part)
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        return self.computed(self, x)
+
+
+N = GAME.n_strokes
+REFUSED: dict[str, tuple[nn.Module, str]] = {
+    "slope": (network(function=lambda: nn.LeakyReLU(0.2)), r"module 1 is LeakyReLU\(negative_slope=0.2\)"),
+    "alpha": (network(function=lambda: nn.ELU(2.0)), r"module 1 is ELU\(alpha=2.0\)"),
+    "scaled input": (
+        Computed(lambda s, x: s.fc((x - 0.5) * 10), fc=nn.Linear(60, N)),
+        "the input of fc .* outside of its modules",
+    ),
+    "residual": (
+        Computed(
+            lambda s, x: s.fc3(s.fc1(x) + s.act(s.fc2(x))),
+            fc1=nn.Linear(60, 8),
+            fc2=nn.Linear(60, 8),
+            act=nn.ReLU(),
+            fc3=nn.Linear(8, N),
+        ),
+        "the input of fc3 .* outside of its modules",
+    ),
+    "activation first": (
+        Computed(lambda s, x: s.fc(s.act(x)), value=nn.Linear(60, 60), act=nn.ReLU(), fc=nn.Linear(60, N)),
+        r"module act is ReLU\(\)",
+    ),
+    "temperature": (Computed(lambda s, x: s.fc(x) / 0.05, fc=nn.Linear(60, N)), "its output is computed outside of its modules"),
+    "function": (
+        Computed(lambda s, x: s.fc2(torch.relu(s.fc1(x))), fc1=nn.Linear(60, 8), fc2=nn.Linear(8, N)),
+        "the input of fc2",
+    ),
+    "in place": (
+        Computed(lambda s, x: s.fc2(s.act(s.fc1(x).mul_(3))), fc1=nn.Linear(60, 8), act=nn.Tanh(), fc2=nn.Linear(8, N)),
+        "play another policy, with a difference of",
+    ),
+    "normalised": (nn.Sequential(nn.Linear(60, 8), nn.LayerNorm(8), nn.ReLU(), nn.Linear(8, N)), r"module 1 is LayerNorm\("),
+    "unknown": (nn.Sequential(nn.Linear(60, 8), nn.GELU(), nn.Linear(8, N)), r"module 1 is GELU\(approximate='none'\)"),
+    "probabilities": (nn.Sequential(nn.Linear(60, N), nn.Softmax(-1)), r"module 1 is Softmax\("),
+    "two": (Computed(lambda s, x: (s.fc(x), x), fc=nn.Linear(60, N)), "called with .B, 60. numbers, it raised AttributeError"),
+    "width": (nn.Sequential(nn.Linear(59, N)), "no Linear module reads the 60 numbers of an observation"),
+    "convolution": (nn.Sequential(nn.Conv1d(1, 1, 1)), "no Linear module reads"),
+    "no activation": (nn.Sequential(nn.Linear(60, 8), nn.Linear(8, 8)), r"module 1 is Linear\("),
+    "activation last": (nn.Sequential(nn.Linear(60, 8), nn.ReLU()), r"module 1 is ReLU\(\)"),
+    "mixed": (nn.Sequential(nn.Linear(60, 8), nn.ReLU(), nn.Linear(8, 8), nn.Tanh(), nn.Linear(8, N)), r"module 3 is Tanh\(\)"),
+    "nothing": (nn.Sequential(), "no Linear module reads"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_networks_without_a_file_format(name: str, tmp_path: Path) -> None:
+    module, says = REFUSED[name]
+    with pytest.raises(PolicyError, match=f"{says}.*module:attribute"):
         save_network(module, tmp_path / "mine.safetensors")
     assert not list(tmp_path.iterdir())
+
+
+def test_reuse_and_unused_heads_are_saved_as_they_are_called(tmp_path: Path) -> None:
+    torch.manual_seed(0)
+    act, again = nn.Tanh(), nn.Linear(16, 16)
+    reused = nn.Sequential(nn.Linear(60, 16), act, again, act, again, nn.Identity(), act, nn.Dropout(), nn.Linear(16, N))
+    heads = Computed(
+        lambda s, x: [s.policy(h := s.act(s.fc(x))), s.value(h)][0],
+        value=nn.Linear(16, 1), policy=nn.Linear(16, N), fc=nn.Linear(60, 16), act=nn.SiLU(),
+    )  # fmt: skip
+    for module in (reused, heads):
+        save_network(module, tmp_path / "mine.safetensors")
+        p = resolve(f"torch:{tmp_path}/mine.safetensors", GAME).probabilities(STATES)
+        assert np.allclose(p, softmax_of(module.eval(), STATES), atol=1e-6)
 
 
 class Runs:
@@ -137,8 +228,8 @@ def hostile_archive() -> bytes:
 @pytest.mark.parametrize(
     ("file", "content", "says"),
     [
-        ("mine.pt", pickle.dumps(Runs()), "not weights alone"),
-        ("mine.pt", b"", "not weights alone"),
+        ("mine.pt", pickle.dumps(Runs()), "not a safetensors file"),
+        ("mine.pt", b"", "not a safetensors file"),
         ("mine.safetensors", b"x" * 100, "not a safetensors file"),
         ("mine.zip", hostile_archive(), "not weights alone"),
         ("mine.zip", b"PK", "no archive of Stable-Baselines3"),
@@ -161,21 +252,36 @@ def test_files_of_others_never_run(
         resolve_recorded(name, GAME)
 
 
+WEIGHTS = {"0.weight": torch.zeros(4, 60), "0.bias": torch.zeros(4), "1.weight": torch.zeros(N, 4), "1.bias": torch.zeros(N)}
+
+
 @pytest.mark.parametrize(
-    ("state", "says"),
+    ("arrays", "about", "says"),
     [
-        ({"0.weight": torch.zeros(4, 60), "2.weight": torch.zeros(GAME.n_strokes, 5)}, "does not fit the layer before"),
-        ({"0.weight": torch.zeros(GAME.n_strokes, 7)}, "it reads 7 numbers; expected the 60"),
-        ({"0.weight": torch.full((GAME.n_strokes, 60), torch.nan)}, "not finite"),
-        ({"0.weight": torch.zeros(GAME.n_strokes, 60), "norm": torch.zeros(3)}, "norm is no part of a chain"),
-        ({}, "nothing is no part"),
-        ([1], "no state dictionary"),
+        (
+            {**WEIGHTS, "norm": torch.zeros(1)},
+            '{"function": "relu"}',
+            "'norm' is missing in a chain of linear layers, or is no part",
+        ),
+        ({"2.weight": torch.zeros(4, 4), **WEIGHTS, "norm": torch.zeros(3)}, '{"function": "relu"}', "'2.bias' is missing"),
+        ({"0.weight": torch.zeros(N, 60), "0.bias": torch.zeros(3)}, '{"function": "relu"}', "does not fit the layer before"),
+        (
+            {"0.weight": torch.zeros(N, 7), "0.bias": torch.zeros(N)},
+            '{"function": "relu"}',
+            "it reads 7 numbers; expected the 60",
+        ),
+        ({"0.weight": torch.full((N, 60), torch.nan), "0.bias": torch.zeros(N)}, '{"function": "relu"}', "not finite"),
+        (WEIGHTS, '{"function": "gelu"}', "unknown activation; expected one of relu"),
+        (WEIGHTS, '{"function": ["relu"]}', "unknown activation"),
+        (WEIGHTS, '{"layers": 2}', "unknown activation"),
+        (WEIGHTS, '["relu"]', "without the name of their activation"),
+        ({}, '{"function": "relu"}', "'nothing' is missing"),
     ],
 )
-def test_weights_that_are_no_network(state: Any, says: str, tmp_path: Path) -> None:
-    torch.save(state, tmp_path / "mine.pt")
+def test_weights_that_are_no_network(arrays: dict[str, torch.Tensor], about: str, says: str, tmp_path: Path) -> None:
+    save_file(arrays, tmp_path / "mine.safetensors", metadata={"network": about})
     with pytest.raises(PolicyError, match=says):
-        resolve(f"torch:{tmp_path}/mine.pt", GAME)
+        resolve(f"torch:{tmp_path}/mine.safetensors", GAME)
 
 
 def test_names_want_a_file() -> None:
@@ -220,3 +326,173 @@ def test_agents_of_stable_baselines_play_as_they_do_there(
         p = np.where(states.mask, model.policy.get_distribution(seen).distribution.probs.numpy(), 0)
     assert np.allclose(policy.probabilities(states), p / p.sum(axis=1, keepdims=True), atol=1e-5)
     assert np.array_equal(from_sb3(str(tmp_path / "mine.zip")).probabilities(states), policy.probabilities(states))
+
+
+class Scaled(BaseFeaturesExtractor):
+    """Observations times ten."""
+
+    def __init__(self, space: gymnasium.Space[Any]) -> None:
+        super().__init__(space, 60)
+
+    def forward(self, observations: torch.Tensor) -> torch.Tensor:
+        return 10 * observations
+
+
+class Sharper(ActorCriticPolicy):
+    """A policy with other probabilities than those of its layers."""
+
+
+def rally(wrapper: Callable[[gymnasium.Env[Any, Any]], gymnasium.Env[Any, Any]] = lambda env: env) -> gymnasium.Env[Any, Any]:
+    return wrapper(gymnasium.make("shuttle_marl/Rally-v0", opponent="random", game=TIRING, mask="none"))
+
+
+def scaled(env: gymnasium.Env[Any, Any]) -> gymnasium.Env[Any, Any]:
+    space = gymnasium.spaces.Box(0, 10, (60,), np.float32)
+    return gymnasium.wrappers.TransformObservation(env, lambda seen: 10 * seen, space)
+
+
+@pytest.mark.parametrize(
+    ("settings", "says"),
+    [
+        ({"policy_kwargs": {"features_extractor_class": Scaled}}, "policy_kwargs 'features_extractor_class', expected net_arch"),
+        (
+            {"policy_kwargs": {"activation_fn": functools.partial(nn.ELU, 2.0)}},
+            "activation_fn .functools.partial.*expected one of",
+        ),
+        ({"policy_kwargs": {"activation_fn": nn.GELU}}, "activation_fn .*GELU.*expected one of"),
+        ({"policy": Sharper}, "a policy class of '.*test_plain_networks'"),
+        ({"env": rally(scaled)}, "VecNormalize or another wrapper changed"),
+        ({"env": VecNormalize(DummyVecEnv([rally]))}, "VecNormalize or another wrapper changed"),
+        ({"head": nn.Sequential(nn.Linear(64, TIRING.n_strokes), nn.Tanh())}, "action_net.*is missing in a chain"),
+    ],
+    ids=range(7),
+)
+def test_agents_of_stable_baselines_with_more_than_layers(settings: dict[str, Any], says: str, tmp_path: Path) -> None:
+    head = settings.pop("head", None)
+    model = PPO(
+        **{"policy": "MlpPolicy", "env": rally(), "n_steps": 8, "batch_size": 8, "n_epochs": 1, "device": "cpu", **settings}
+    )
+    model.learn(8)
+    if head is not None:
+        model.policy.action_net = head
+    model.save(tmp_path / "mine")
+    with pytest.raises(PolicyError, match=f"{says}.*module:attribute"):
+        resolve(f"sb3:{tmp_path}/mine.zip", TIRING)
+
+
+KINDS: dict[str, Callable[[int], nn.Module]] = {
+    **{kind.__name__: lambda _, kind=kind: kind() for kind in FUNCTIONS},  # type: ignore[misc]
+    "Linear": lambda width: nn.Linear(width, width),
+    "Linear without bias": lambda width: nn.Linear(width, width, bias=False),
+    "ReLU in place": lambda _: nn.ReLU(inplace=True),
+    "ELU in place": lambda _: nn.ELU(inplace=True),
+    **{f"LeakyReLU({slope})": lambda _, slope=slope: nn.LeakyReLU(slope) for slope in (-0.5, 0.0, 0.2)},  # type: ignore[misc]
+    "ELU(2)": lambda _: nn.ELU(2.0),
+    **{
+        kind: lambda _, kind=kind: getattr(nn, kind)()  # type: ignore[misc]
+        for kind in (
+            *(
+                "GELU",
+                "SELU",
+                "CELU",
+                "Mish",
+                "Softplus",
+                "Softsign",
+                "Hardtanh",
+                "Hardswish",
+                "Hardsigmoid",
+                "Hardshrink",
+                "ReLU6",
+            ),
+            *("Softshrink", "Tanhshrink", "LogSigmoid", "RReLU", "PReLU", "Dropout", "AlphaDropout", "Identity", "Flatten"),
+        )
+    },
+    "Softmax": lambda _: nn.Softmax(-1),
+    "LogSoftmax": lambda _: nn.LogSoftmax(-1),
+    "Threshold": lambda _: nn.Threshold(0.1, 0.0),
+    "LayerNorm": nn.LayerNorm,
+    "RMSNorm": nn.RMSNorm,
+    "BatchNorm1d": lambda width: nn.BatchNorm1d(width).eval(),
+    "GroupNorm": lambda width: nn.GroupNorm(1, width),
+    "weight_norm": lambda width: nn.utils.parametrizations.weight_norm(nn.Linear(width, width)),
+    "spectral_norm": lambda width: nn.utils.parametrizations.spectral_norm(nn.Linear(width, width)),
+    "residual": lambda width: Computed(lambda s, x: x + s.fc(x), fc=nn.Linear(width, width)),
+    "shift": lambda _: Computed(lambda _, x: x - 0.5),
+    "scale": lambda _: Computed(lambda _, x: 3 * x),
+    "scale in place": lambda _: Computed(lambda _, x: x.mul_(3)),
+    "function": lambda _: Computed(lambda _, x: torch.relu(x)),
+    "gate": lambda width: Computed(lambda s, x: x * torch.sigmoid(s.fc(x)), fc=nn.Linear(width, width)),
+    "unused head": lambda width: Computed(
+        lambda s, x: [s.fc(x), s.value(x)][0], value=nn.Linear(width, 1), fc=nn.Linear(width, width)
+    ),
+    "size of the batch": lambda _: Computed(lambda _, x: x if len(x) > 1 else -x),
+    "branch": lambda _: Computed(lambda _, x: x if x.mean() > 0.1 else -x),
+    "centred over the batch": lambda _: Computed(lambda _, x: x - x.mean(0)),
+    "noise": lambda _: Computed(lambda _, x: x + torch.randn_like(x)),
+    "hooked": lambda width: hooked(nn.Linear(width, width)),
+    "Linear of another class": lambda width: type("Linear", (nn.Linear,), {"forward": lambda s, x: 2 * nn.Linear.forward(s, x)})(
+        width, width
+    ),
+    "ReLU of another class": lambda _: type("ReLU", (nn.ReLU,), {"forward": lambda _, x: x.abs()})(),
+}
+LINEAR = ("Linear", "Linear without bias", "unused head")
+ACTIVATIONS = (*(kind.__name__ for kind in FUNCTIONS), "ReLU in place", "ELU in place")
+NO_EFFECT = ("Dropout", "Identity", "Flatten")
+
+
+def hooked(module: nn.Module) -> nn.Module:
+    module.register_forward_hook(lambda _, given, result: result * 2)
+    return module
+
+
+@hypothesis.given(
+    function=st.sampled_from(ACTIVATIONS) | st.sampled_from(sorted(KINDS)),
+    layers=st.lists(st.sampled_from(("Linear", "Linear without bias", "unused head")), max_size=2),
+    inserted=st.lists(st.tuples(st.integers(0, 6), st.sampled_from((*NO_EFFECT, *sorted(KINDS)))), max_size=2),
+    reused=st.lists(st.tuples(st.integers(0, 6), st.integers(0, 6)), max_size=1),
+    scale=st.sampled_from([1.0, 6.0]),
+)
+@hypothesis.settings(max_examples=400)
+def test_any_network_is_saved_as_it_plays_or_refused(
+    function: str,
+    layers: list[str],
+    inserted: list[tuple[int, str]],
+    reused: list[tuple[int, int]],
+    scale: float,
+    tmp_path_factory: pytest.TempPathFactory,
+) -> None:
+    torch.manual_seed(0)
+    width, path = 12, tmp_path_factory.getbasetemp() / "any.safetensors"
+    parts = [nn.Linear(60, width), KINDS[function](width)]
+    for layer in layers:
+        parts += [KINDS[layer](width), KINDS[function](width)]
+    for place, kind in inserted:
+        parts.insert(1 + place, KINDS[kind](width))
+    for place, part in reused:
+        parts.insert(1 + place, parts[1 + part % (len(parts) - 1)])
+    module = nn.Sequential(*parts, nn.Linear(width, TIRING.n_strokes))
+    with torch.no_grad():
+        for weight in module.parameters():
+            weight.mul_(scale)
+    try:
+        save_network(module, path)
+    except PolicyError:
+        hypothesis.event("refused")
+        return
+    hypothesis.event("saved")
+    states = States(game=TIRING, state=np.flatnonzero(TIRING.playable).astype(np.int32))
+    p = resolve(f"torch:{path}", TIRING).probabilities(states)
+    assert np.abs(p - from_network(module).probabilities(states)).max() <= 1e-5
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_which_kinds_of_layers_are_saved(kind: str, tmp_path: Path) -> None:
+    torch.manual_seed(0)
+    before = () if kind in LINEAR else (nn.Linear(60, 60),)
+    after = (nn.ReLU(),) if kind in LINEAR or kind in NO_EFFECT else ()
+    module = nn.Sequential(*before, KINDS[kind](60), *after, nn.Linear(60, N))
+    if kind in (*LINEAR, *NO_EFFECT, *ACTIVATIONS):
+        save_network(module, tmp_path / "mine.safetensors")
+        return
+    with pytest.raises(PolicyError, match="no file of this network plays the same"):
+        save_network(module, tmp_path / "mine.safetensors")

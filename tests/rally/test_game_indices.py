@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from shuttle_marl import game as game_package
-from shuttle_marl.arrays import F64
+from shuttle_marl.base.arrays import F64
 from shuttle_marl.game import default_game
 from shuttle_marl.game.rules import FAULT, OUTCOMES, WINNER, states_of_rallies, strike
 from shuttle_marl.game.tables import HURRY_ONE, Game

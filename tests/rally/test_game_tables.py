@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from shuttle_marl.errors import OptionError, ShuttleError
+from shuttle_marl.base.errors import OptionError, ShuttleError
 from shuttle_marl.game import UniformPolicy, default_game, tabulate
 from shuttle_marl.game.draws import stream
 from shuttle_marl.game.stroke import Catalogue, UnknownStrokeError

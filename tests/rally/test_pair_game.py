@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 from safetensors.numpy import load as load_arrays
 
-from shuttle_marl.files import seal
+from shuttle_marl.base.files import seal
+from shuttle_marl.base.tensor_files import tensor_bytes
 from shuttle_marl.game import pairs
 from shuttle_marl.game.pairs import PairGame, pair_game, resolve_players
 from shuttle_marl.game.shipped import CARD, SKILL, load_game, model_folder, read_model_card
@@ -20,7 +21,6 @@ from shuttle_marl.game.skill import Skill, load_skill
 from shuttle_marl.game.stroke import SHOTS, Catalogue
 from shuttle_marl.game.tables import Game, GameError
 from shuttle_marl.game.tabulated import base_pairs, layout
-from shuttle_marl.tensor_files import tensor_bytes
 from tests.reduced import reduced_game, reduced_model
 
 A, B, WOMAN = "viktor-axelsen", "kento-momota", "an-se-young"

@@ -16,10 +16,11 @@ import pytest
 from safetensors.numpy import save_file
 
 from shuttle_marl import match_v0, rally_v0
+from shuttle_marl.base.files import replace_file
+from shuttle_marl.base.tensor_files import Tensors, read_tensors
 from shuttle_marl.commands import exact, league, recording
 from shuttle_marl.dynamics.card import write_card
 from shuttle_marl.env.batched import RallyEnv, VersusEnv
-from shuttle_marl.files import replace_file
 from shuttle_marl.game import shipped
 from shuttle_marl.game.shipped import BC, VARIANTS, load_game, model_folder, origin_of, read_model_card, refits_of, resolve_game
 from shuttle_marl.game.tables import Game, GameError
@@ -29,7 +30,6 @@ from shuttle_marl.game.variants import STEP, moved, packed, steps_between, unpac
 from shuttle_marl.league import default_pool
 from shuttle_marl.policy import baselines
 from shuttle_marl.policy.agents import read_card
-from shuttle_marl.tensor_files import Tensors, read_tensors
 from shuttle_marl.training import PPOConfig, train
 from tests.reduced import reduced_game, reduced_model
 

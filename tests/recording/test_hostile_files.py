@@ -22,13 +22,13 @@ import zstandard
 from mcap.data_stream import RecordBuilder
 from mcap.records import Chunk
 
+from shuttle_marl.base.table_files import read_parquet
 from shuttle_marl.commands import analysis, recording
 from shuttle_marl.recording import LogHeader, Player, Rallies, RallyLog, RallyLogWriter, RecordingError, recover
 from shuttle_marl.recording.chunks import FRAME, message_of_chunk
 from shuttle_marl.recording.header import DamagedLogError
 from shuttle_marl.recording.log_file import unfinished
 from shuttle_marl.recording.replay import check
-from shuttle_marl.table_files import read_parquet
 from tests.recording.mutate import Mutator, read_all
 
 FLIPS = int(os.environ.get("SHUTTLE_MUTATIONS", "300"))

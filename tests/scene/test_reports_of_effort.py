@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from shuttle_marl.analysis import LogPlayers
+from shuttle_marl.analysis.strokes import simulated_rallies
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game.rules import WINNER
 from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities
 from shuttle_marl.recording import RallyLog, RallyLogWriter, replay
 from shuttle_marl.recording.replay import check
-from shuttle_marl.recording.tables import simulated_rallies
 from shuttle_marl.scene import topics
 from shuttle_marl.scene.report import report_rally
 from shuttle_marl.scene.topics import BOARDS

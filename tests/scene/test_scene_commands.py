@@ -16,9 +16,9 @@ from mcap.reader import make_reader
 from benchmarks.staging import self_play_rallies
 from shuttle_marl.commands.recording import main
 from shuttle_marl.game import default_game
+from shuttle_marl.game.rally.record import Rally, RallyError
 from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.rally.record import Rally, RallyError
 from shuttle_marl.recording import SINGLE_RALLY, LogHeader, Player, Rallies, RallyLog, RallyLogWriter
 from shuttle_marl.scene import topics
 from shuttle_marl.scene.write import select, write_scene

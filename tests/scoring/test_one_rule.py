@@ -12,13 +12,13 @@ import pytest
 
 import shuttle_marl
 from shuttle_marl import match_v0
+from shuttle_marl.base.compiling import compiled, inlined
 from shuttle_marl.exact.match import match_table
 from shuttle_marl.game import default_game, scoring
 from shuttle_marl.game.policy import UniformPolicy
 from shuttle_marl.game.scoring import Rules
 from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.kernel import Matches, play_matches
-from shuttle_marl.kernel.compiling import compiled, inlined
 from shuttle_marl.kernel.lockstep import ask, play
 from shuttle_marl.recording.replay import _Matches
 

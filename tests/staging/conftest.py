@@ -3,7 +3,7 @@
 import pytest
 
 from benchmarks.staging import self_play_rallies
-from shuttle_marl.rally.record import Rally
+from shuttle_marl.game.rally.record import Rally
 from shuttle_marl.staging import Motion, stage
 
 HANDS = (("right", "right"), ("left", "right"), ("right", "left"), ("left", "left"))

@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 
 from benchmarks.motion_metrics import arm_angles
 from shuttle_marl.staging import SWEET_SPOT, load_skeleton
-from shuttle_marl.staging.arm import LIMITS, SWING_1, SWING_2, SWING_LIMIT, Goal, anywhere, arm_of, solve, solve_best
+from shuttle_marl.staging.arm import LIMITS, SWING_LIMIT, Goal, anywhere, arm_of, solve, solve_best
+from shuttle_marl.staging.arm_solver import SWING_1, SWING_2
 
 ANGLES = st.lists(st.floats(0.02, 0.98), min_size=10, max_size=10)
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from benchmarks.motion_metrics import joints, measure
+from shuttle_marl.game.rally.record import Rally
 from shuttle_marl.game.rules import OUTCOMES, RETURNED_ABOVE, RETURNED_BELOW
-from shuttle_marl.rally.record import Rally
 from shuttle_marl.staging import ENDS, Motion, StagingError, continue_motion, stage
 
 SAME = ("rotation", "position", "planted", "shuttle", "shuttle_velocity")

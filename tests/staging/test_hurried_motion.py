@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from benchmarks.motion_metrics import measure
-from shuttle_marl.arrays import F64
+from shuttle_marl.base.arrays import F64
+from shuttle_marl.game.rally.record import Rally
 from shuttle_marl.game.rules import HURRIED_BELOW, RETURNED_BELOW
-from shuttle_marl.rally.record import Rally
 from shuttle_marl.staging import Motion, continue_motion, stage
 
 RALLIES = 16

@@ -8,8 +8,8 @@ import pytest
 
 from benchmarks.motion_metrics import joints, measure, summary
 from shuttle_marl.game import default_game
+from shuttle_marl.game.rally.record import Rally, RallyError
 from shuttle_marl.game.rules import FAULT, WINNER
-from shuttle_marl.rally.record import Rally, RallyError
 from shuttle_marl.staging import ENDS, Motion, StagingError, stage
 from shuttle_marl.staging.rotation import about, matrix, quaternion
 from shuttle_marl.staging.skeleton import BONE

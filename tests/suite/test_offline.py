@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from shuttle_marl.exact import best_response, evaluate
+from shuttle_marl.game.rally.record import Rallies
 from shuttle_marl.game.rules import FAULT, WINNER
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities
-from shuttle_marl.rally.record import Rallies
 from shuttle_marl.suite import SuiteRun, run_method, summarise, verify_run
 from shuttle_marl.suite.logs import Log, behaviour, blank, generate, log_of
 from shuttle_marl.suite.methods import BASELINES, find

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from shuttle_marl import runs
-from shuttle_marl.cluster import in_processes
+from shuttle_marl.base import runs
+from shuttle_marl.base.cluster import in_processes
+from shuttle_marl.base.files import seal
 from shuttle_marl.commands.suite import main
 from shuttle_marl.exact import best_response, evaluate
-from shuttle_marl.files import seal
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.kernel import play_rallies
 from shuttle_marl.policy.registry import resolve

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from shuttle_marl.base.table_files import read_parquet
 from shuttle_marl.commands.suite import main
 from shuttle_marl.exact import best_response, moved, solve
 from shuttle_marl.game.observation import states_of
@@ -23,7 +24,6 @@ from shuttle_marl.suite.options import Split, SuiteError
 from shuttle_marl.suite.registry import TASKS, arena_of, find_task
 from shuttle_marl.suite.text import ChatProgram, chosen_states, described, position, positions, prompt, read_answer, regrets
 from shuttle_marl.suite.text_env import OVER, WAIT, TextRallyEnv, text_env
-from shuttle_marl.table_files import read_parquet
 from tests.reduced import reduced_game, reduced_model
 
 GAME = reduced_game()

@@ -15,15 +15,15 @@ import pytest
 import torch
 from safetensors.torch import load, save
 
-from shuttle_marl import runs
+from shuttle_marl.base import runs
+from shuttle_marl.base.errors import ShuttleError
+from shuttle_marl.base.files import read_sealed, seal
+from shuttle_marl.base.runs import RunError
 from shuttle_marl.commands import training as command
-from shuttle_marl.errors import ShuttleError
 from shuttle_marl.exact.match import Odds, normalised_score
-from shuttle_marl.files import read_sealed, seal
 from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.agents import load_agent, read_card
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.runs import RunError
 from shuttle_marl.training import A2CConfig, Evaluator, PPOConfig, SACConfig, TrainingConfig, TrainingError, train
 from shuttle_marl.training import run as training_run
 from shuttle_marl.training.checkpoints import Metrics, last_checkpoint

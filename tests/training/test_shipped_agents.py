@@ -15,8 +15,8 @@ import pytest
 import torch
 from safetensors.numpy import load, save
 
-from shuttle_marl import tensor_files
-from shuttle_marl.files import read_file, seal
+from shuttle_marl.base import tensor_files
+from shuttle_marl.base.files import read_file, seal
 from shuttle_marl.game import default_game, model_folder
 from shuttle_marl.game.policy import PolicyError
 from shuttle_marl.game.tables import Game

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from shuttle_marl.base.intervals import interquartile_mean
+from shuttle_marl.base.runs import RunError
 from shuttle_marl.commands.training import main
-from shuttle_marl.league.seeds import interquartile_mean
-from shuttle_marl.runs import RunError
 from shuttle_marl.training import PPOConfig, TrainingError, train
 from shuttle_marl.training.study import train_seeds
 from tests.reduced import reduced_model

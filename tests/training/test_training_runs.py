@@ -18,13 +18,13 @@ import torch
 from safetensors.numpy import load
 from tensordict import TensorDictBase
 
-from shuttle_marl.files import read_sealed, seal
+from shuttle_marl.base.files import read_sealed, seal
+from shuttle_marl.base.runs import RunError
 from shuttle_marl.game.policy import PolicyError, States
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording.replay import check
-from shuttle_marl.runs import RunError
 from shuttle_marl.training import A2CConfig, Evaluation, Evaluator, PPOConfig, SACConfig, TrainingConfig, TrainingError, train
 from shuttle_marl.training.checkpoints import last_checkpoint
 from shuttle_marl.training.config import DivergedError, SelfPlayVariant, missed

@@ -248,8 +248,9 @@ def test_person_takes_over_at_the_end_of_a_rally_on_a_narrow_screen(viewer: Any,
 
 def test_waiting_players_breathe_unless_reduced_motion_is_preferred(viewer: Any, served: Any) -> None:
     viewer.page.set_viewport_size({"width": 1000, "height": 640})
-    viewer.open(f"{served.address}#seed=2&a=bc&b=bc&rally=1").press("t")
+    viewer.open(f"{served.address}#seed=1&a=bc&b=bc&rally=1").press("t")
     viewer.until(lambda: viewer.state("turn") is not None and not viewer.state("playing"))
+    assert viewer.state("server") == 0, "the serve is the person's"
     assert len({viewer.state("time") for _ in range(5)}) == 1
     viewer.page.emulate_media(reduced_motion="no-preference")
     viewer.page.reload()
@@ -259,14 +260,14 @@ def test_waiting_players_breathe_unless_reduced_motion_is_preferred(viewer: Any,
     waited = viewer.state("time")
     viewer.until(lambda: viewer.state("time") < waited - 0.05)
     viewer.until(lambda: viewer.state("time") > waited - 0.03)
-    assert viewer.press(" ").state("playing") is False, "the serve is the person's"
+    assert viewer.press(" ").state("playing") is False
     aim_by_clicking(viewer)
     viewer.press("i").until(lambda: "wins" in viewer.page.locator("section.board").inner_text())
     viewer.press("Enter")
     viewer.until(lambda: len(viewer.state("strokes")) >= 1)
     viewer.page.get_by_role("button", name="New match").click()
     viewer.page.get_by_role("dialog", name="Start a new match?").get_by_role("button", name="New match").click()
-    viewer.until(lambda: viewer.state("plan")["seed"] != 2)
+    viewer.until(lambda: viewer.state("plan")["seed"] != 1)
     viewer.until(lambda: viewer.state("strokes") == [] or viewer.state("server") == 1)
     assert viewer.state("rally", "person") == [0, {"seat": 0, "rally": 0, "stroke": 0}]
 
@@ -536,7 +537,7 @@ def test_a_bad_link_shows_a_rally(link: str, viewer: Any, served: Any) -> None:
 
 
 def test_a_remarkable_rally_ends_with_one_slow_replay_and_then_the_walk(viewer: Any, served: Any) -> None:
-    viewer.open(f"{served.address}#seed=5&a=bc:viktor-axelsen&b=minimax&rally=2").analysed()
+    viewer.open(f"{served.address}#seed=12&a=bc:viktor-axelsen&b=minimax&rally=2").analysed()
     assert any(stroke["mark"] == "!!" for stroke in viewer.state("analysis")["strokes"])
     viewer.page.emulate_media(reduced_motion="no-preference")
     camera = viewer.state("camera")
@@ -544,6 +545,8 @@ def test_a_remarkable_rally_ends_with_one_slow_replay_and_then_the_walk(viewer: 
     viewer.play()
     viewer.until(lambda: viewer.state("camera") == "side")
     assert viewer.state("time") < viewer.state("duration") - 1
+    assert viewer.state("speed") == 0.25
+    viewer.press(">", ">", ">", ">")  # fewer frames for a software renderer
     viewer.until(lambda: viewer.state("time") > viewer.state("duration") + 0.2)
     assert viewer.state("camera") == camera
     cameras = {camera}

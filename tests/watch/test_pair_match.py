@@ -11,6 +11,7 @@ import pyarrow as pa
 import pytest
 
 from shuttle_marl.analysis.rally import LogPlayers, analyse_rally
+from shuttle_marl.base.table_files import read_parquet, write_parquet
 from shuttle_marl.commands.options import RallyGameOptions
 from shuttle_marl.commands.watch import AdviceOptions, MatchOptions, RallyOptions, _game
 from shuttle_marl.exact import evaluate
@@ -20,7 +21,6 @@ from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording import Derived, RallyLog
 from shuttle_marl.recording.replay import check
 from shuttle_marl.scene.report import report_rally
-from shuttle_marl.table_files import read_parquet, write_parquet
 from shuttle_marl.watch import WatchError, messages
 from shuttle_marl.watch.answers import Answers
 from shuttle_marl.watch.match_log import MatchLog

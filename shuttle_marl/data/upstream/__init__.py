@@ -29,8 +29,8 @@ from typing import Final, Literal, get_args
 import pooch
 import requests
 
-from shuttle_marl.errors import ShuttleError
-from shuttle_marl.files import replace_file
+from shuttle_marl.base.errors import ShuttleError
+from shuttle_marl.base.files import replace_file
 
 REPOSITORY: Final = "wywyWang/CoachAI-Projects"
 COMMIT: Final = "39bbf3fd99b0b709ff6d1647383959b6fa5f5b74"

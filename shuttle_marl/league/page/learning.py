@@ -9,7 +9,7 @@ from typing import Any, Final, TypeGuard
 
 from markupsafe import Markup
 
-from shuttle_marl.files import problem, read_file
+from shuttle_marl.base.files import problem, read_file
 from shuttle_marl.league.entrants import LeagueError
 from shuttle_marl.pages import charts
 

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 
-from shuttle_marl.errors import ShuttleError, described
+from shuttle_marl.base.errors import ShuttleError, described
 from shuttle_marl.policy.foreign import import_attribute
 from shuttle_marl.suite.options import SuiteError
 

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from shuttle_marl.arrays import F64, I16, Floats, Ints
+from shuttle_marl.base.arrays import F64, I16, Floats, Ints
 from shuttle_marl.exact.profile import PairPolicy
 from shuttle_marl.game.rules import OUTCOMES
 from shuttle_marl.game.tables import Game

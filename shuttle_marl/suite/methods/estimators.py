@@ -13,7 +13,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from shuttle_marl.arrays import F64
+from shuttle_marl.base.arrays import F64
 from shuttle_marl.exact import evaluate
 from shuttle_marl.exact.profile import PairPolicy
 from shuttle_marl.game.tabulated import TabulatedPolicy

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from shuttle_marl.arrays import F64
+from shuttle_marl.base.arrays import F64
 from shuttle_marl.exact import best_response
 from shuttle_marl.exact.profile import PairPolicy
 from shuttle_marl.game.tables import Game

@@ -19,7 +19,7 @@ from typing import ClassVar, Final
 import numpy as np
 from scipy.optimize import minimize
 
-from shuttle_marl.arrays import F32, F64, I64, Floats
+from shuttle_marl.base.arrays import F32, F64, I64, Floats
 from shuttle_marl.exact.optimal import best_response
 from shuttle_marl.exact.profile import PairPolicy
 from shuttle_marl.game.tables import Game

@@ -4,7 +4,7 @@ import dataclasses
 import json
 from typing import Any, Final
 
-from shuttle_marl import runs
+from shuttle_marl.base import runs
 from shuttle_marl.suite.players import PlayerSetting, Trained
 from shuttle_marl.training.league.config import LeagueTrainingConfig
 

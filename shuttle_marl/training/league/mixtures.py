@@ -16,10 +16,10 @@ import numpy as np
 import numpy.typing as npt
 
 from shuttle_marl import exact
-from shuttle_marl.arrays import F64, Floats
+from shuttle_marl.base.arrays import F64, Floats
+from shuttle_marl.exact.meta_games import alpha_rank, nash, uniform
 from shuttle_marl.game.policy import TemperedPolicy
 from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities, tabulate
-from shuttle_marl.league.meta_games import alpha_rank, nash, uniform
 from shuttle_marl.training.league.config import MetaSolver
 from shuttle_marl.training.league.population import TOLERANCE
 

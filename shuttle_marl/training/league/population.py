@@ -11,10 +11,10 @@ from typing import Final
 import numpy as np
 import zstandard
 
-from shuttle_marl.arrays import F64
+from shuttle_marl.base.arrays import F64
+from shuttle_marl.base.files import Count, FileReadError, Sha256, open_file, problem, replace_file
 from shuttle_marl.exact.match import Odds
 from shuttle_marl.exact.profile import InducedChain, evaluate_chains, induced
-from shuttle_marl.files import Count, FileReadError, Sha256, open_file, problem, replace_file
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.training.league.config import LeagueTrainingError

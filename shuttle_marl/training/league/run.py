@@ -11,10 +11,11 @@ from typing import Any, Final
 import numpy as np
 from rich.console import Console
 
-from shuttle_marl import exact, runs
+from shuttle_marl import exact
 from shuttle_marl.analysis.pictures import figure, save
-from shuttle_marl.cluster import Cluster, open_cluster
-from shuttle_marl.files import replace_file
+from shuttle_marl.base import runs
+from shuttle_marl.base.cluster import Cluster, open_cluster
+from shuttle_marl.base.files import replace_file
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate

@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.arrays import F64, I64, Floats
+from shuttle_marl.base.arrays import F64, I64, Floats
 from shuttle_marl.game import draws
 from shuttle_marl.training.league.config import LeagueTrainingConfig
 from shuttle_marl.training.league.mixtures import meta_strategy

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Final
 
 import msgspec
 
-from shuttle_marl.files import Count, FileReadError, Fraction, Sha256, read_json, replace_file, seal
+from shuttle_marl.base.files import Count, FileReadError, Fraction, Sha256, read_json, replace_file, seal
 from shuttle_marl.training.checkpoints import Mark
 from shuttle_marl.training.league.config import LeagueTrainingError
 from shuttle_marl.training.league.population import Frozen

@@ -21,8 +21,8 @@ import torch
 from safetensors.numpy import save
 
 from shuttle_marl import exact
-from shuttle_marl.cluster import Cluster, Task, end_with_parent
-from shuttle_marl.files import FileReadError, open_file, problem, read_json, replace_file
+from shuttle_marl.base.cluster import Cluster, Task, end_with_parent
+from shuttle_marl.base.files import FileReadError, open_file, problem, read_json, replace_file
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy

@@ -21,7 +21,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.arrays import F32, I8, U64
+from shuttle_marl.base.arrays import F32, I8, U64
 from shuttle_marl.game.draws import choice_draw, draw, first_server, outcome_draw, stream
 from shuttle_marl.game.observation import EFFORT, SWAP, features
 from shuttle_marl.game.pairs import AnyGame

@@ -10,7 +10,7 @@ from typing import Final, Literal, NamedTuple
 import numpy as np
 from scipy.stats import bootstrap, rankdata, trim_mean
 
-from shuttle_marl.arrays import F64
+from shuttle_marl.base.arrays import F64
 
 RESAMPLES: Final = 10_000
 _TRIMMED: Final = 0.25

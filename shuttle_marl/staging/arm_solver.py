@@ -5,23 +5,63 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from shuttle_marl.arrays import F64
-from shuttle_marl.kernel.compiling import compiled
-from shuttle_marl.staging.arm import (
-    BEND,
-    DEVIATION,
-    ELBOW,
-    FORWARD,
-    PRONATION,
-    RAISE,
-    ROLL,
-    SWING_1,
-    SWING_2,
-    TWIST,
-    ArmConstants,
-    ArmGoals,
+from shuttle_marl.base.arrays import F64
+from shuttle_marl.base.compiling import compiled
+from shuttle_marl.staging.linear import add_vec, copy_mat, copy_vec, cross, mat_mul, mat_vec, rotation_about
+
+ANGLES: Final = (
+    "collar bone up",
+    "collar bone forward",
+    "shoulder swing 1",
+    "shoulder swing 2",
+    "shoulder twist",
+    "elbow bend",
+    "forearm pronation",
+    "wrist bend",
+    "wrist deviation",
+    "grip roll",
 )
-from shuttle_marl.staging.compiled.linear import add_vec, copy_mat, copy_vec, cross, mat_mul, mat_vec, rotation_about
+"""Names of the angles."""
+RAISE, FORWARD, SWING_1, SWING_2, TWIST, ELBOW, PRONATION, BEND, DEVIATION, ROLL = range(10)
+
+
+class ArmConstants(NamedTuple):
+    """Geometry and limits of a right arm, for the compiled solver.
+
+    Attributes:
+        axes: ``[10, 3]`` axis of each angle in its own frame; the last one is the shaft.
+        offset: ``[4, 3]`` from collar bone to shoulder, elbow, hand and grip at rest [m].
+        to_middle: ``[3, 3]`` rotation of the arm at rest into :data:`shuttle_marl.staging.arm.MIDDLE`.
+        rest_bend: bend of the elbow at rest [rad].
+        string_normal: ``[3]`` side of the strings that a forehand strikes with, at rest.
+        limits: ``[10, 2]`` least and greatest angles [rad].
+        relaxed: ``[10]`` preferred angles [rad].
+        swing_limit: greatest swing of the shoulder [rad].
+    """
+
+    axes: F64
+    offset: F64
+    to_middle: F64
+    rest_bend: float
+    string_normal: F64
+    limits: F64
+    relaxed: F64
+    swing_limit: float
+
+
+class ArmGoals(NamedTuple):
+    """Goals of N arms, for the compiled solver.
+
+    Attributes:
+        target: ``[N, 4, 3]`` point, shaft, normal and elbow of :class:`Goal`.
+        weight: ``[N, 4]`` their weights.
+        reach: ``[N]`` distance of the point from the grip along the shaft [m].
+    """
+
+    target: F64
+    weight: F64
+    reach: F64
+
 
 _N: Final = 10
 _ROWS: Final = 12

@@ -16,7 +16,7 @@ def install_hint(extra: str) -> str:
     Args:
         extra: such as ``train``.
     """
-    clone = Path(__file__).resolve().parent.parent
+    clone = Path(__file__).resolve().parents[2]
     if (clone / "pyproject.toml").is_file():
         command = f"`pip install -e {shlex.quote(f'{clone}[{extra}]')}`"
         return f"{command} installs it" if extra in _APART else f"`make install` in {clone} installs it, or {command}"

@@ -20,8 +20,6 @@ from typing import Any, Final, TypeVar, cast
 import numba
 from numba.core import caching
 
-from shuttle_marl.game import draws, scoring
-
 F = TypeVar("F", bound=Callable[..., Any])
 
 _DIGEST: Final = 32
@@ -74,8 +72,9 @@ def _temporary_folder() -> "tempfile.TemporaryDirectory[str] | None":
 @functools.cache
 def _sources(folder: Path) -> str:
     """Digest of all sources that may be inlined into a compiled function: its folder, the kernel, the draws and the scoring."""
-    rules = [Path(str(module.__file__)) for module in (draws, scoring)]
-    files = [*rules, *sorted(Path(__file__).parent.glob("*.py")), *sorted(folder.glob("*.py"))]
+    package = Path(__file__).parents[1]
+    rules = [Path(__file__), package / "game" / "draws.py", package / "game" / "scoring.py"]
+    files = [*rules, *sorted((package / "kernel").glob("*.py")), *sorted(folder.glob("*.py"))]
     return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
 
 

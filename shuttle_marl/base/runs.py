@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Any, Final
 
 import shuttle_marl
-from shuttle_marl import files
-from shuttle_marl.errors import ShuttleError
-from shuttle_marl.files import FileReadError, T, replace_file
+from shuttle_marl.base import files
+from shuttle_marl.base.errors import ShuttleError
+from shuttle_marl.base.files import FileReadError, T, replace_file
 
 CONFIG: Final = "config.json"
 MANIFEST: Final = "manifest.json"
@@ -192,7 +192,7 @@ def locked(folder: Path) -> Iterator[None]:
 
 
 def read_json(path: Path, kind: type[T]) -> T:
-    """Read a JSON file of a run folder as a type, see :func:`shuttle_marl.files.read_json`.
+    """Read a JSON file of a run folder as a type, see :func:`shuttle_marl.base.files.read_json`.
 
     Raises:
         RunError: it is missing or damaged, or not of this type.

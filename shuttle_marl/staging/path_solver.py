@@ -4,12 +4,54 @@ See :mod:`shuttle_marl.staging.curves`, :mod:`shuttle_marl.staging.flight` and :
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
-from shuttle_marl.arrays import F64, I64
-from shuttle_marl.kernel.compiling import compiled
-from shuttle_marl.staging.travel import TravelOptions, TravelWishes
+from shuttle_marl.base.arrays import F64, I64
+from shuttle_marl.base.compiling import compiled
+
+
+class TravelWishes(NamedTuple):
+    """Weights of the objective over F frames.
+
+    Attributes:
+        weight: ``[F]`` weight of a place.
+        target: ``[F, 2]`` weight times place.
+        still: ``[F - 1]`` weight of the speed.
+    """
+
+    weight: F64
+    target: F64
+    still: F64
+
+
+class TravelOptions(NamedTuple):
+    """Options of the solver.
+
+    Attributes:
+        bending: weight of the acceleration.
+        speed_penalty: penalty of speed above the limit.
+        acceleration_penalty: penalty of acceleration above the limit.
+        top_speed: limit of the speed [m/s].
+        top_acceleration: limit of the acceleration [m/s²].
+        rounds: iterations after which ``late_slack`` replaces ``slack``.
+        most_rounds: maximum number of iterations.
+        stiffer: iterations at which the penalties grow twelvefold.
+        slack: factor of the limits below which the path is accepted.
+        late_slack: the same after ``rounds``.
+    """
+
+    bending: float
+    speed_penalty: float
+    acceleration_penalty: float
+    top_speed: float
+    top_acceleration: float
+    rounds: int
+    most_rounds: int
+    stiffer: tuple[int, int]
+    slack: float
+    late_slack: float
 
 
 @compiled

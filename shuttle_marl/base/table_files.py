@@ -14,7 +14,7 @@ import pyarrow.compute as pc
 import pyarrow.csv
 import pyarrow.parquet as pq
 
-from shuttle_marl.files import open_file, replace_file
+from shuttle_marl.base.files import open_file, replace_file
 
 PARQUET: Final[dict[str, Any]] = {"compression": "zstd", "write_page_checksum": True}
 """Options of all Parquet files."""

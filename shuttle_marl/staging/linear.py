@@ -2,8 +2,8 @@
 
 import math
 
-from shuttle_marl.arrays import F64
-from shuttle_marl.kernel.compiling import compiled
+from shuttle_marl.base.arrays import F64
+from shuttle_marl.base.compiling import compiled
 
 
 @compiled

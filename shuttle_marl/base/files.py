@@ -14,7 +14,7 @@ from typing import Annotated, Any, BinaryIO, Final, TypeVar
 import msgspec
 import platformdirs
 
-from shuttle_marl.errors import ShuttleError
+from shuttle_marl.base.errors import ShuttleError
 
 NO_ROOM: Final = (errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC))
 """Error codes of the system for lack of space."""

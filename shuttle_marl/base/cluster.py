@@ -19,8 +19,8 @@ from concurrent import futures
 from typing import Any, Final, Generic, Protocol, TypeVar
 
 import shuttle_marl
-from shuttle_marl.errors import ShuttleError
-from shuttle_marl.extras import install_hint
+from shuttle_marl.base.errors import ShuttleError
+from shuttle_marl.base.extras import install_hint
 
 S = TypeVar("S")
 T = TypeVar("T")

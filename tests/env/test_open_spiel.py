@@ -12,7 +12,8 @@ from open_spiel.python import rl_environment
 from open_spiel.python.algorithms import best_response, expected_game_score
 
 from shuttle_marl import exact, rally_v0
-from shuttle_marl.errors import OptionError
+from shuttle_marl.base.errors import OptionError
+from shuttle_marl.env.open_spiel import NAME, RallyGame, open_spiel_policy
 from shuttle_marl.exact import solve
 from shuttle_marl.game import default_game
 from shuttle_marl.game.policy import UniformPolicy
@@ -20,7 +21,6 @@ from shuttle_marl.game.stroke import Catalogue
 from shuttle_marl.game.tables import ROOT, Game
 from shuttle_marl.game.tabulated import layout
 from shuttle_marl.game.thresholds import ONE
-from shuttle_marl.integrations.open_spiel import NAME, RallyGame, open_spiel_policy
 from tests.exact.exact_games import game_without_outcomes, hand_made, random_game, random_policy, with_probabilities
 
 LADDER = (
@@ -68,11 +68,14 @@ def test_minimax_equals_open_spiel(value_iteration: ModuleType, tables: Game) ->
     game = RallyGame({"server": 0}, tables)
     expected = value_iteration.value_iteration(game, depth_limit=-1, threshold=1e-12, cyclic_game=True)
     solution = solve(tables, tolerance=1e-11)
-    seen = 0
+    names = (
+        (f"player {player} to strike: {tables.describe(s)}", (player, s)) for player in (0, 1) for s in range(tables.n_states)
+    )
+    decisions, seen = dict(names), 0
     for name, value in expected.items():
         if name.startswith("won"):
             continue
-        striker, state, _ = map(int, name.split())
+        striker, state = decisions[name]
         own = solution.value[striker][state]
         assert (own if striker == 0 else -own) == pytest.approx(value, abs=1e-8), tables.describe(state)
         seen += 1

@@ -5,9 +5,9 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from shuttle_marl.arrays import F64
-from shuttle_marl.kernel.compiling import compiled
-from shuttle_marl.staging.compiled.linear import (
+from shuttle_marl.base.arrays import F64
+from shuttle_marl.base.compiling import compiled
+from shuttle_marl.staging.linear import (
     add_vec,
     copy_mat,
     copy_vec,
@@ -22,7 +22,43 @@ from shuttle_marl.staging.compiled.linear import (
     rotation_about,
     transposed_mat_mul,
 )
-from shuttle_marl.staging.legs import FootPath, LegConstants
+
+
+class LegConstants(NamedTuple):
+    """Geometry and limits of one leg, for the compiled solver.
+
+    Attributes:
+        rest: ``[3, 3]`` from hip to knee, to ankle, to toes at rest [m].
+        aligned: ``[2, 3, 3]`` frames of thigh and shank at rest.
+        thigh: length of the thigh [m].
+        shank: length of the shank [m].
+        longest: length of the leg as far as it is used [m].
+        toe_height: height of the joint of the toes over the floor [m].
+        sign: 1 for the right leg, -1 for the left one.
+        hip_limits: :data:`HIP_LIMITS`.
+        ankle_limits: :data:`ANKLE_LIMITS`.
+        toe_limits: :data:`TOE_LIMITS`.
+    """
+
+    rest: F64
+    aligned: F64
+    thigh: float
+    shank: float
+    longest: float
+    toe_height: float
+    sign: float
+    hip_limits: F64
+    ankle_limits: F64
+    toe_limits: F64
+
+
+class FootPath(NamedTuple):
+    """One foot over F frames: ``[F, 3]`` ball, ``[F]`` yaw and ``[F]`` pitch of :class:`~shuttle_marl.staging.feet.Feet`."""
+
+    ball: F64
+    yaw: F64
+    pitch: F64
+
 
 _OUT: Final = 0.10
 """Outward turn of the knees."""

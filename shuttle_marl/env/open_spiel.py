@@ -1,7 +1,7 @@
 """The rally as a game of OpenSpiel; importing this module registers it.
 
     import pyspiel
-    import shuttle_marl.integrations.open_spiel
+    import shuttle_marl.env.open_spiel
 
     game = pyspiel.load_game("python_shuttle_marl_rally", {"server": 0})
 
@@ -10,6 +10,7 @@ have one name, so algorithms on trees (best responses, CFR) need a game without 
 (value iteration with ``cyclic_game=True``) and those that sample take the game as it is.
 """
 
+import functools
 from collections.abc import Mapping
 from typing import Any, Final
 
@@ -17,15 +18,15 @@ import numpy as np
 import pyspiel
 from open_spiel.python import policy as spiel_policy
 
-from shuttle_marl.arrays import F32
-from shuttle_marl.errors import OptionError
+from shuttle_marl.base.arrays import F32
+from shuttle_marl.base.errors import OptionError
 from shuttle_marl.game.observation import RALLY_WIDTH
 from shuttle_marl.game.policy import Policy
+from shuttle_marl.game.rally.stepper import stepper_of
 from shuttle_marl.game.rules import FAULT, OUTCOMES, RETURNED_BELOW, WINNER
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.game.tables import ROOT, Game
 from shuttle_marl.game.tabulated import tabulate
-from shuttle_marl.rally.stepper import stepper_of
 
 __all__ = ["NAME", "RallyGame", "RallyState", "open_spiel_policy"]
 
@@ -99,7 +100,7 @@ class RallyGame(pyspiel.Game):
 
 
 class RallyState(pyspiel.State):
-    """A state, named by who strikes in which state of :mod:`shuttle_marl.game.tables`.
+    """A state, named in words by who strikes in which state of :mod:`shuttle_marl.game.tables`; its clones share no luck.
 
     Attributes:
         tables: the tables of the game.
@@ -159,8 +160,17 @@ class RallyState(pyspiel.State):
     def __str__(self) -> str:
         if self._over:
             return f"won by {self._winner}" if self._winner >= 0 else "cut off"
-        name = f"{self.striker} {self.number} {self._pair}"
-        return f"{name} {self.strokes}" if self._limit else name
+        if self.striker < 0:
+            return "who serves is not decided"
+        name = f"player {self.striker} to strike: {_described(self.tables, self.number)}"
+        if self._pair != _STROKE:
+            name += f"; plays {self.tables.catalogue.names[self.tables.base_pair_stroke[self._pair % self.tables.n_base_pairs]]}"
+        return f"{name}; stroke {self.strokes + 1}" if self._limit else name
+
+
+@functools.lru_cache(maxsize=1 << 16)  # algorithms on trees ask for the name of every node
+def _described(tables: Game, state: int) -> str:
+    return tables.describe(state)
 
 
 class RallyObserver:

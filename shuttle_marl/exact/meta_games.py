@@ -19,8 +19,8 @@ import numpy.typing as npt
 from scipy.optimize import linprog, minimize
 from scipy.special import softmax
 
-from shuttle_marl.arrays import F64, Bools
-from shuttle_marl.errors import ShuttleError
+from shuttle_marl.base.arrays import F64, Bools
+from shuttle_marl.base.errors import ShuttleError
 
 _ROUNDING: Final = 1e-9
 """Payoffs that differ by less, relative to the largest one, are equal."""

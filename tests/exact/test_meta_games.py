@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from shuttle_marl.league.meta_games import MetaGameError, alpha_rank, maximal_lottery, nash, nash_average, uniform
+from shuttle_marl.exact.meta_games import MetaGameError, alpha_rank, maximal_lottery, nash, nash_average, uniform
 
 ROCK_PAPER_SCISSORS = np.array([[0.0, -1, 1], [1, 0, -1], [-1, 1, 0]])
 TRANSITIVE = np.array([[0.0, 1, 2], [-1, 0, 1], [-2, -1, 0]])

@@ -7,8 +7,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from shuttle_marl.arrays import F32, I8, I32, I64, U8, U16, U32, Bools, Ints, UInts
-from shuttle_marl.errors import ShuttleError
+from shuttle_marl.base.arrays import F32, I8, I32, I64, U8, U16, U32, Bools, Ints, UInts
+from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.game.layout import Layout
 from shuttle_marl.game.rules import HURRIED_BELOW, OUTCOMES, RETURNED_BELOW, WINNER, states_of_rallies
 from shuttle_marl.game.stroke import Catalogue

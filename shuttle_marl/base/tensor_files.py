@@ -17,8 +17,8 @@ import numpy.typing as npt
 from safetensors import SafetensorError
 from safetensors.numpy import load, save
 
-from shuttle_marl.files import parsed as parsed  # noqa: PLC0414  exported, as the readers of metadata need both
-from shuttle_marl.files import read_file
+from shuttle_marl.base.files import parsed as parsed  # noqa: PLC0414  exported, as the readers of metadata need both
+from shuttle_marl.base.files import read_file
 
 _PACKED: Final = "packed"
 _LARGE: Final = 1 << 16
