@@ -92,6 +92,7 @@ class Adapt(Task):
     name = "adapt-v0"
     metric = "regret_500"
     higher_is_better = False
+    roles = tuple(map(str, CHANGES))
     optimum = 0.0
     statistic: ClassVar[Statistic] = "mean"
     seeds = 1

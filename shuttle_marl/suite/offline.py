@@ -150,6 +150,7 @@ class Evaluate(LogTask):
     """
 
     name = "evaluate-v0"
+    roles = ()
     metric = "error"
     seeds = 1
     higher_is_better = False

@@ -124,6 +124,8 @@ class Task(abc.ABC):
     splits: ClassVar[tuple[Split, ...]] = ("dev", "test")
     variants: ClassVar[Mapping[str, str]] = {}
     """Variant of the model that a split is played on, such as the game of one discipline."""
+    roles: ClassVar[tuple[str, ...]] = ("player",)
+    """Roles of the policies of an outcome."""
     optimum: ClassVar[float | None] = None
     """Score of perfect play; None: not known."""
     target: ClassVar[str] = ""

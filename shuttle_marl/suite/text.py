@@ -75,6 +75,7 @@ class Text(Task):
     """
 
     name = "text-v0"
+    roles = ()
     metric = "regret"
     higher_is_better = False
     optimum = 0.0

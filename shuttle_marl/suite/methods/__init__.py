@@ -14,6 +14,7 @@ from typing import Any, Final
 
 from shuttle_marl.base.errors import ShuttleError, described
 from shuttle_marl.policy.foreign import import_attribute
+from shuttle_marl.policy.sources import source_hashes
 from shuttle_marl.suite.options import SuiteError
 
 Method = Callable[..., Any]
@@ -134,6 +135,14 @@ def find(task: str, name: str) -> Method:
     if not callable(thing):
         raise SuiteError(f"method {name!r} is a {type(thing).__name__}; expected a function or a class")
     return thing
+
+
+def sources(task: str, name: str) -> dict[str, str]:
+    """Hashes of the files of a method that :func:`find` found, by file or package."""
+    key, _, argument = name.partition(":")
+    if key not in BASELINES[kind_of(task)]:
+        return source_hashes(name)
+    return {**source_hashes(f"{__name__}:"), **source_hashes(f":{argument}")}
 
 
 def _program(name: str, setting: Any) -> Any:
