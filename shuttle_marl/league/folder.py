@@ -13,7 +13,7 @@ import msgspec
 
 from shuttle_marl.base import runs
 from shuttle_marl.base.files import problem, read_file, replace_file
-from shuttle_marl.game.pairs import AnyGame
+from shuttle_marl.game.tables import Game
 from shuttle_marl.league.entrants import Entrant, LeagueConfig, LeagueError
 from shuttle_marl.league.tournament import Pairing, PairResult
 from shuttle_marl.policy.sources import source_hashes
@@ -92,7 +92,7 @@ def log_name(stage: int) -> str:
     return f"rallies-{stage + 1}.mcap" if stage else RALLIES
 
 
-def manifest(config: LeagueConfig, game: AnyGame, entrants: Sequence[Entrant]) -> dict[str, Any]:
+def manifest(config: LeagueConfig, game: Game, entrants: Sequence[Entrant]) -> dict[str, Any]:
     """Manifest of a run that starts now: everything that is needed to reproduce it."""
     return {
         "status": "running",
