@@ -13,7 +13,7 @@ from shuttle_marl.game.draws import stream
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.kernel import play_rallies
-from shuttle_marl.suite.methods import Method, called, made
+from shuttle_marl.suite.method import Method, called, made
 from shuttle_marl.suite.options import Split, SuiteError
 from shuttle_marl.suite.population import ADAPT_RALLIES, CONTROL, FAMILIES, Opponent, known, opponent
 from shuttle_marl.suite.task import Arena, Case, Outcome, Statistic, Task, required, table_of

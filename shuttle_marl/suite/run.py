@@ -13,7 +13,7 @@ from shuttle_marl.base import runs
 from shuttle_marl.base.cluster import in_processes, open_cluster
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.suite import frozen, store
-from shuttle_marl.suite.methods import find, sources
+from shuttle_marl.suite.method import find, sources
 from shuttle_marl.suite.options import SuiteError, SuiteRun
 from shuttle_marl.suite.registry import arena_of, find_task
 from shuttle_marl.suite.results import summarise

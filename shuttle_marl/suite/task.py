@@ -154,7 +154,7 @@ class Task(abc.ABC):
         Args:
             arena: game and split.
             case: one of :meth:`cases`.
-            method: see :func:`shuttle_marl.suite.methods.find`.
+            method: see :func:`shuttle_marl.suite.method.find`.
             seed: random seed of the unit.
             folder: folder for files of the method, which may contain those of an interrupted call.
 

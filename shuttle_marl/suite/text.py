@@ -23,7 +23,7 @@ from shuttle_marl.exact.lists import cells_of, list_policy, mean_losses
 from shuttle_marl.game.rules import OUTCOMES
 from shuttle_marl.game.stroke import HEIGHTS
 from shuttle_marl.game.tables import Game
-from shuttle_marl.suite.methods import Method, called, made
+from shuttle_marl.suite.method import Method, called, made
 from shuttle_marl.suite.options import SuiteError
 from shuttle_marl.suite.task import Arena, Case, Outcome, Task
 

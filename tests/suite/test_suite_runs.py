@@ -20,7 +20,7 @@ from shuttle_marl.kernel import play_rallies
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.suite import store
 from shuttle_marl.suite.board import render
-from shuttle_marl.suite.methods import sources
+from shuttle_marl.suite.method import sources
 from shuttle_marl.suite.options import SuiteError, SuiteRun
 from shuttle_marl.suite.players import Trained
 from shuttle_marl.suite.registry import TASKS
