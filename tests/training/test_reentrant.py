@@ -67,7 +67,7 @@ def test_two_trainings_in_two_threads_equal_two_in_a_row(name: str, tmp_path: Pa
 @contextlib.contextmanager
 def other_defaults() -> Iterator[None]:
     """A caller who has changed what PyTorch has as a default."""
-    threads, seed = torch.get_num_threads(), torch.initial_seed()
+    threads, state = torch.get_num_threads(), torch.get_rng_state()
     torch.manual_seed(5)
     torch.set_default_dtype(torch.float64)
     torch.set_default_device("meta")
@@ -81,7 +81,7 @@ def other_defaults() -> Iterator[None]:
         torch.set_default_device(None)
         torch.set_num_threads(threads)
         torch.use_deterministic_algorithms(False)
-        torch.manual_seed(seed)
+        torch.set_rng_state(state)
 
 
 @pytest.mark.parametrize("name", CONFIGS)
