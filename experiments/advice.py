@@ -26,7 +26,7 @@ from shuttle_marl.commands.options import Json
 from shuttle_marl.data import Split, load_strokes
 from shuttle_marl.data.upstream import date_of
 from shuttle_marl.dynamics.hurried import load_hurry
-from shuttle_marl.game.pairs import pair_game
+from shuttle_marl.game.pairs import pair_game, people_of
 from shuttle_marl.game.shipped import PROFILES, model_folder
 from shuttle_marl.game.skill import AVERAGE, load_skill
 
@@ -79,7 +79,7 @@ def judged(strokes: Strokes, found: Refitted, seat: int, advised: Sequence[Advic
     policy, value = found.home.policies[seat], found.home.value.striking[seat]
     game, factor = policy.game, 1.0 if found.factor is None else found.factor.value
     state = states_of(game, strokes.rows)
-    mine = (strokes.rows.striker == found.pair.players[seat]) & (state >= 0) & (strokes.result != 0)
+    mine = (strokes.rows.striker == people_of(found.pair).players[seat]) & (state >= 0) & (strokes.result != 0)
     following, chance = found.home.value.striking[1 - seat], policy.block_probabilities(0)
     parts = [Judged(advised=np.zeros(0, np.bool_), promised=np.zeros(0), realised=np.zeros(0), match=np.zeros(0, np.int64))]
     for advice in advised:

@@ -30,7 +30,7 @@ from shuttle_marl.commands.cli import run as run_command
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.suite import TASKS, SuiteRun, difference, run_method, summarise, verify_run
 from shuttle_marl.suite.board import boards
-from shuttle_marl.suite.methods import BASELINES, kind_of
+from shuttle_marl.suite.method import BASELINES, kind_of
 from shuttle_marl.suite.options import Split
 from shuttle_marl.suite.registry import arena_of
 

@@ -20,7 +20,7 @@ from rich.table import Table
 
 from shuttle_marl.commands.cli import run as run_command
 from shuttle_marl.suite import TASKS
-from shuttle_marl.suite.methods import find
+from shuttle_marl.suite.method import find
 from shuttle_marl.suite.options import Split
 from shuttle_marl.suite.population import FAMILIES
 from shuttle_marl.suite.registry import arena_of

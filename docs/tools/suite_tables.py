@@ -7,7 +7,7 @@ from typing import Any, Final
 from docs.tools.markdown import ROOT, markdown, saved
 from shuttle_marl.suite import frozen
 from shuttle_marl.suite.board import boards, number
-from shuttle_marl.suite.methods import kind_of
+from shuttle_marl.suite.method import kind_of
 from shuttle_marl.suite.registry import TASKS
 
 _NONE: Final = "There are no results yet: `python -m experiments.suite --json experiments/results/suite.json` makes them."

@@ -25,9 +25,10 @@ from shuttle_marl.exact import Odds, PairPolicy, ProfileValue, Visits, moved, vi
 from shuttle_marl.exact.profile import StatePolicy, evaluate_chains, induced
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.layout import Layout
-from shuttle_marl.game.pairs import PairGame
+from shuttle_marl.game.pairs import people_of
 from shuttle_marl.game.shipped import RELIABLE, Estimate, factor_of, real_strokes
 from shuttle_marl.game.stroke import N_SHOTS
+from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.policy import baselines
 
@@ -119,11 +120,11 @@ def meet(first: TabulatedPolicy, second: TabulatedPolicy) -> Meeting:
     return Meeting(policies=(first, second), value=value, seen=visits(first, second, tolerance=TOLERANCE, chains=chains))
 
 
-def imitated(pair: PairGame) -> tuple[TabulatedPolicy, TabulatedPolicy]:
+def imitated(pair: Game) -> tuple[TabulatedPolicy, TabulatedPolicy]:
     """Both players of a pair as they are imitated: by their own choices where the model has them, else as the average player."""
     first, second = (
         baselines.load(player if player in baselines.players(game) else None, game)
-        for player, game in zip(pair.players, pair.seats, strict=True)
+        for player, game in zip(people_of(pair).players, pair.seats, strict=True)
     )
     return first, second
 
@@ -139,21 +140,21 @@ class Refitted:
         factor: share of predicted advantages that real matches realise by the end of the rally; None: not known.
     """
 
-    pair: PairGame
+    pair: Game
     home: Meeting
     refits: tuple[Meeting, ...]
     factor: Estimate | None
 
 
-def refitted(pair: PairGame) -> Refitted:
+def refitted(pair: Game) -> Refitted:
     """Solve a pair of imitated players in the game and in its refits, on all cores."""
     home = imitated(pair)
 
-    def solved(game: PairGame) -> Meeting:
+    def solved(game: Game) -> Meeting:
         return meet(*(moved(policy, seat) for policy, seat in zip(home, game.seats, strict=True)))
 
     with ThreadPoolExecutor(os.cpu_count()) as threads:
-        first, *others = threads.map(solved, (pair, *pair.refits()))
+        first, *others = threads.map(solved, (pair, *people_of(pair).refits()))
     return Refitted(pair=pair, home=first, refits=tuple(others), factor=factor_of(pair.seats[0]))
 
 

@@ -16,10 +16,7 @@ from shuttle_marl.data.schema import Outcome
 from shuttle_marl.dynamics.features import rows_from_strokes, states_of, strokes_before
 from shuttle_marl.dynamics.hurried import hurry_of
 from shuttle_marl.exact import evaluate, moved
-from shuttle_marl.game.pairs import pair_game
-from shuttle_marl.game.shipped import PROFILES, RELIABLE, Estimate, factor_of, real_strokes, refits_of
-from shuttle_marl.game.skill import AVERAGE
-from shuttle_marl.game.tables import Game, GameError
+from shuttle_marl.game.shipped import RELIABLE, Estimate, factor_of, real_strokes, refits_of
 from shuttle_marl.game.tabulated import TabulatedPolicy
 
 MOST: Final = 5
@@ -54,14 +51,14 @@ class Choice:
     times: int
 
 
-def costly_choices(strokes: pa.Table, average: TabulatedPolicy, discipline: str, seat: I64) -> tuple[list[Choice], int]:
+def costly_choices(strokes: pa.Table, average: TabulatedPolicy, seat: I64) -> tuple[list[Choice], int]:
     """Decisions that cost most if both go on like average players, compared with the best stroke that is known well enough."""
     game = average.game
     real = real_strokes(game)
     values = [evaluate(average, average, tolerance=TOLERANCE).striking[0]]
     games = [game]
     if real is not None:
-        games += _refits(game, discipline)
+        games += refits_of(game)
     refits = len(games) - 1
     if real is None or refits < LEAST_REFITS:
         return [], refits
@@ -121,17 +118,3 @@ def costly_choices(strokes: pa.Table, average: TabulatedPolicy, discipline: str,
             )
         )
     return sorted(out, key=lambda choice: -choice.cost.value)[:MOST], refits
-
-
-def _refits(game: Game, discipline: str) -> list[Game]:
-    """The game of an average player of the discipline in the refits of its model."""
-    origin = game.origin
-    if origin is None:
-        return list(refits_of(game))
-    if origin.variant not in PROFILES:
-        return list(refits_of(game))
-    try:
-        pairs = pair_game(AVERAGE, AVERAGE, discipline=discipline, game=str(origin.folder)).refits()
-    except GameError:  # a model without the skill of players
-        return []
-    return [each.seats[0] for each in pairs]

@@ -21,17 +21,15 @@ from shuttle_marl.analysis.scouting import plain, rallies_won
 from shuttle_marl.analysis.summary import AnalysisError, rally_table
 from shuttle_marl.analysis.values import add_values
 from shuttle_marl.base.arrays import F64, I64, Bools
-from shuttle_marl.data.schema import DISCIPLINES
 from shuttle_marl.data.upstream import date_of
 from shuttle_marl.dynamics.habits import Plays, plays_of_strokes, tally
 from shuttle_marl.exact import evaluate
 from shuttle_marl.exact.match import Odds
-from shuttle_marl.game.pairs import AnyGame, PairGame, game_of_people
+from shuttle_marl.game.pairs import game_of_people, people_of
 from shuttle_marl.game.scoring import BWF, Rules
-from shuttle_marl.game.shipped import PROFILES, RELIABLE, Estimate, factor_of, resolve_game, variants
+from shuttle_marl.game.shipped import RELIABLE, Estimate, factor_of, resolve_game
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.policy import baselines
 
 LENGTHS: Final = ((1, 3), (4, 7), (8, 12), (13, 9999))
@@ -134,7 +132,7 @@ class MatchReport:
     lengths: Sequence[Won]
     heat: Sequence[Heat]
     changes: Sequence[Change]
-    game: AnyGame
+    game: Game
 
     def as_json(self) -> dict[str, Any]:
         """The figures as JSON."""
@@ -150,7 +148,7 @@ def matches_in(strokes: pa.Table) -> list[str]:
     return list(strokes["match"].unique().to_pylist())
 
 
-def match_report(strokes: pa.Table, *, game: AnyGame | None = None, rules: Rules = BWF, odds: Odds | None = None) -> MatchReport:
+def match_report(strokes: pa.Table, *, game: Game | None = None, rules: Rules = BWF, odds: Odds | None = None) -> MatchReport:
     """Compute a match report.
 
     Args:
@@ -173,9 +171,8 @@ def match_report(strokes: pa.Table, *, game: AnyGame | None = None, rules: Rules
     players = (str(first[0]), str(first[1]))
     match = str(strokes["match"][0].as_py())
     base = resolve_game(None) if game is None else game.seats[0].average
-    discipline = PROFILES[DISCIPLINES.index(strokes["discipline"][0].as_py())]
-    played = game_of_people(base, players, date_of(match)) if not isinstance(game, PairGame) else _seated(game, players)
-    average = _average(base, discipline)
+    played = game_of_people(base, players, date_of(match)) if game is None or game.people is None else _seated(game, players)
+    average = baselines.load(None, base)
     valued = add_values(strokes, average)
     known = odds is not None or played is not None
     if odds is None and played is not None:
@@ -187,7 +184,7 @@ def match_report(strokes: pa.Table, *, game: AnyGame | None = None, rules: Rules
     plays = plays_of_strokes(strokes)
     seat = (strokes["player"].to_numpy(zero_copy_only=False) == players[1]).astype(np.int64)
     won = rallies_won(strokes)
-    choices, refits = costly_choices(strokes, average, discipline, seat)
+    choices, refits = costly_choices(strokes, average, seat)
     decided = [i for i, row in enumerate(rallies) if row.winner is not None]
     return MatchReport(
         match=match,
@@ -211,15 +208,9 @@ def match_report(strokes: pa.Table, *, game: AnyGame | None = None, rules: Rules
     )
 
 
-def _seated(game: PairGame, players: tuple[str, str]) -> PairGame | None:
-    return game if players[0] == game.players[0] else game.swapped if players[0] == game.players[1] else None
-
-
-def _average(game: Game, discipline: str) -> TabulatedPolicy:
-    """The average player of a discipline, or of the game where the model does not tell disciplines apart."""
-    origin = game.origin
-    tables = resolve_game(game, discipline) if origin is not None and discipline in variants(str(origin.folder)) else game
-    return baselines.load(None, tables)
+def _seated(game: Game, players: tuple[str, str]) -> Game | None:
+    known = people_of(game).players
+    return game if players[0] == known[0] else game.swapped if players[0] == known[1] else None
 
 
 def _values(valued: pa.Table, seat: I64) -> list[ShotValue]:

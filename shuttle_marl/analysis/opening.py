@@ -8,9 +8,8 @@ import numpy as np
 from shuttle_marl.analysis.rally import Players, decision
 from shuttle_marl.base.arrays import F64, I32
 from shuttle_marl.exact import Solution
-from shuttle_marl.game.pairs import AnyGame
 from shuttle_marl.game.rules import RETURNED_BELOW, IllegalStrokeError
-from shuttle_marl.game.tables import ROOT
+from shuttle_marl.game.tables import ROOT, Game
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -45,7 +44,7 @@ class Opening:
     optimal: F64
 
 
-def opening(game: AnyGame, line: Sequence[int], players: Players, solution: Solution) -> Opening:
+def opening(game: Game, line: Sequence[int], players: Players, solution: Solution) -> Opening:
     """The strokes after a line.
 
     Args:
@@ -89,7 +88,7 @@ def opening(game: AnyGame, line: Sequence[int], players: Players, solution: Solu
     )
 
 
-def states_after(game: AnyGame, line: Sequence[int]) -> dict[int, float]:
+def states_after(game: Game, line: Sequence[int]) -> dict[int, float]:
     """States of the next striker after a line whose strokes were all returned, with their probabilities.
 
     Raises:

@@ -9,10 +9,11 @@ import numpy as np
 from shuttle_marl.analysis.advice import NORMAL, TOLERANCE, Refitted, error_of
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.exact import Odds, Sensitivity, sensitivity
-from shuttle_marl.game.pairs import PairGame
+from shuttle_marl.game.pairs import people_of
 from shuttle_marl.game.scoring import game_win_probability
-from shuttle_marl.game.shipped import Estimate, origin_named, read_model_card
+from shuttle_marl.game.shipped import Estimate, read_model_card
 from shuttle_marl.game.skill import COMPONENTS, GROUPS, Skill
+from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 
 
@@ -26,19 +27,20 @@ def slopes_by_group(found: Sensitivity, skill: Skill) -> list[F64]:
     return [by_group(win) for win in found.win]
 
 
-def skill_error(pair: PairGame, slopes: Sequence[F64]) -> float:
+def skill_error(pair: Game, slopes: Sequence[F64]) -> float:
     """Standard deviation of the probability of winning a rally by the uncertainty of both players' skill."""
-    both = (pair.players, pair.players[::-1])
-    variances = (pair.skill.variances(*names, pair.date) for names in both)
+    people = people_of(pair)
+    both = (people.players, people.players[::-1])
+    variances = (people.skill.variances(*names, people.date) for names in both)
     return math.sqrt(sum(float((slope**2 * each).sum()) for slope, each in zip(slopes, variances, strict=True)))
 
 
-def form_error(pair: PairGame, slopes: Sequence[F64]) -> float:
+def form_error(pair: Game, slopes: Sequence[F64]) -> float:
     """Standard deviation of the probability of winning a rally by the form of both players on a day.
 
     The model card has it as the effect of each side of a match on each component; 0 in models whose card does not.
     """
-    card = read_model_card(origin_named(pair.model).folder)
+    card = read_model_card(people_of(pair).origin.folder)
     sides = [card.get("skill", {}).get("deviations", {}).get(name, {}).get("side", 0.0) for name in COMPONENTS]
     return math.sqrt(sum(float((slope[:, 0] ** 2 * np.square(sides)).sum()) for slope in slopes))
 
@@ -75,9 +77,9 @@ class Outlook:
     match: Estimate
 
 
-def prior(pair: PairGame, first: TabulatedPolicy, second: TabulatedPolicy, odds: Odds) -> tuple[list[Odds], F64]:
+def prior(pair: Game, first: TabulatedPolicy, second: TabulatedPolicy, odds: Odds) -> tuple[list[Odds], F64]:
     """Prior of the odds of two players before a match, with the uncertainty of skill and form."""
-    slopes = slopes_by_group(sensitivity(first, second, tolerance=TOLERANCE), pair.skill)
+    slopes = slopes_by_group(sensitivity(first, second, tolerance=TOLERANCE), people_of(pair).skill)
     return spread_of(odds, math.hypot(skill_error(pair, slopes), form_error(pair, slopes)))
 
 
@@ -87,7 +89,7 @@ def outlook(found: Refitted) -> Outlook:
     Probabilities are means over the form of the day; the intervals contain the uncertainty of the skill and of the game.
     """
     odds, refits = found.home.odds, [meeting.odds for meeting in found.refits]
-    slopes = slopes_by_group(sensitivity(*found.home.policies, tolerance=TOLERANCE), found.pair.skill)
+    slopes = slopes_by_group(sensitivity(*found.home.policies, tolerance=TOLERANCE), people_of(found.pair).skill)
     skill, form = skill_error(found.pair, slopes), form_error(found.pair, slopes)
 
     def estimate(figure: Callable[[Odds], float]) -> Estimate:

@@ -15,7 +15,6 @@ from shuttle_marl.base.arrays import F64, I32, I64
 from shuttle_marl.base.errors import printable
 from shuttle_marl.exact import ProfileValue, Solution, evaluate
 from shuttle_marl.game.layout import Layout
-from shuttle_marl.game.pairs import AnyGame
 from shuttle_marl.game.policy import Policy, PolicyError
 from shuttle_marl.game.rally.record import Rally
 from shuttle_marl.game.rules import IllegalStrokeError
@@ -92,7 +91,7 @@ class Decision:
         return int(np.argmax(np.where(enough, self.optimal, -np.inf) if enough.any() else self.optimal))
 
 
-def decision(game: AnyGame, state: int, seat: int, players: Players, solution: Solution | None = None) -> Decision:
+def decision(game: Game, state: int, seat: int, players: Players, solution: Solution | None = None) -> Decision:
     """Values of all legal strokes of a state.
 
     Args:
@@ -149,7 +148,7 @@ class RallyAnalysis:
 
 
 def analyse_rally(
-    rally: Rally, game: AnyGame, players: Players, *, rules: Rules = BWF, solution: Solution | None = None
+    rally: Rally, game: Game, players: Players, *, rules: Rules = BWF, solution: Solution | None = None
 ) -> RallyAnalysis:
     """Values of every stroke of a rally.
 
@@ -237,7 +236,7 @@ class LogPlayers:
         RecordingError: the log was played on another game.
     """
 
-    def __init__(self, log: RallyLog, game: AnyGame, resolve: Resolve = resolve_recorded) -> None:
+    def __init__(self, log: RallyLog, game: Game, resolve: Resolve = resolve_recorded) -> None:
         require_game(log, game)
         self.unknown: dict[str, str] = {}
         self._log, self._game, self._resolve = log, game, resolve

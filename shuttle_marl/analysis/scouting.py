@@ -24,10 +24,11 @@ from shuttle_marl.data.schema import DISCIPLINES
 from shuttle_marl.data.upstream import date_of
 from shuttle_marl.dynamics.habits import NONE, Plays, load_habits, plays_of_strokes, tally
 from shuttle_marl.game.court import AREAS
-from shuttle_marl.game.pairs import PairGame, pair_game
+from shuttle_marl.game.pairs import pair_game
 from shuttle_marl.game.shipped import PROFILES, RELIABLE, Estimate, factor_of, model_folder, resolve_game
 from shuttle_marl.game.skill import AVERAGE, Day, Skill, load_skill
 from shuttle_marl.game.stroke import SHOTS
+from shuttle_marl.game.tables import Game
 from shuttle_marl.policy import baselines
 
 
@@ -130,7 +131,7 @@ class ScoutingReport:
     realised: Sequence[Realised | None]
     with_advice: Estimate | None
     effects: Sequence[Effect]
-    pair: PairGame | None
+    pair: Game | None
     home: Meeting | None
 
     def as_json(self) -> dict[str, Any]:
@@ -237,7 +238,7 @@ def scout(
             imitated=name in clones,
         )
 
-    def pair(*names: str) -> PairGame:
+    def pair(*names: str) -> Game:
         first, second = (name if name in skill.players else AVERAGE for name in names)
         return pair_game(first, second, date=date, discipline=discipline, game=model)
 
@@ -336,7 +337,7 @@ def _seen(data: pa.Table, player: str) -> Seen:
     )
 
 
-def realised(plays: Plays, data: pa.Table, advised: Sequence[Advice], pair: PairGame) -> list[Realised | None]:
+def realised(plays: Plays, data: pa.Table, advised: Sequence[Advice], pair: Game) -> list[Realised | None]:
     """Results of advised strokes in annotated matches; None with too few strokes."""
     catalogue = pair.catalogue
     out: list[Realised | None] = []

@@ -21,7 +21,7 @@ from shuttle_marl.dynamics.hurried import hurry_of
 from shuttle_marl.exact import evaluate, visits
 from shuttle_marl.game import rules
 from shuttle_marl.game.court import N_AREAS, steps_between
-from shuttle_marl.game.pairs import AnyGame, SeatGame, game_of_people
+from shuttle_marl.game.pairs import game_of_people, people_of
 from shuttle_marl.game.shipped import factor_of
 from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES, Catalogue
 from shuttle_marl.game.tables import Game
@@ -68,8 +68,7 @@ def add_values(strokes: pa.Table, reference: TabulatedPolicy, opponent: Tabulate
     sides = (reference,) if opponent is None else (reference, opponent)
     second = np.zeros(len(strokes), dtype=bool)
     if opponent is not None:
-        assert isinstance(opponent.game, SeatGame)
-        second = strokes["player"].to_numpy(zero_copy_only=False) == opponent.game.pair_game.players[1]
+        second = strokes["player"].to_numpy(zero_copy_only=False) == people_of(opponent.game).players[1]
     rows = rows_from_strokes(strokes, hurry_of(reference.game))
     nearest = nearest_strokes(reference.game.catalogue)
     own, incoming = (strokes_before(rows, name, nearest, reference.game.n_strokes) for name in ("own", "incoming"))
@@ -118,7 +117,7 @@ def add_values_of_pairs(strokes: pa.Table, reference: str, game: Game) -> pa.Tab
     """
     match = strokes["match"].to_numpy(zero_copy_only=False)
     starts = np.flatnonzero(np.concatenate([[True], match[1:] != match[:-1]])) if len(match) else np.zeros(1, dtype=np.intp)
-    parts: list[tuple[AnyGame, pa.Table]] = []
+    parts: list[tuple[Game, pa.Table]] = []
     for start, end in zip(starts.tolist(), [*starts[1:].tolist(), len(match)], strict=True):
         part = strokes.slice(start, end - start)
         of_part = _game_of_people(part, game)
@@ -133,7 +132,7 @@ def add_values_of_pairs(strokes: pa.Table, reference: str, game: Game) -> pa.Tab
     return pa.concat_tables(valued)
 
 
-def _game_of_people(strokes: pa.Table, game: Game) -> AnyGame:
+def _game_of_people(strokes: pa.Table, game: Game) -> Game:
     """The game of the two people of a match; ``game`` itself if the model does not know them."""
     people = sorted(strokes["player"].unique().to_pylist())
     found = None if len(people) != 2 else game_of_people(game, (people[0], people[1]), date_of(strokes["match"][0].as_py()))

@@ -10,8 +10,8 @@ from shuttle_marl.analysis import Players
 from shuttle_marl.analysis.advice import Advice, Meeting
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.game.draws import stream
-from shuttle_marl.game.pairs import AnyGame, PairGame
 from shuttle_marl.game.scoring import Score
+from shuttle_marl.game.tables import Game
 from shuttle_marl.pages import Viewer
 from shuttle_marl.staging import stage
 from shuttle_marl.staging.skeleton import model_file
@@ -67,7 +67,7 @@ def viewer() -> Viewer:
     return Viewer(script=script.replace("</script", "<\\/script").replace("<!--", "<\\!--"), style=style.replace("</", "<\\/"))
 
 
-def shared(rallies: Sequence[CourtRally], game: AnyGame, players: Players, athlete: str) -> tuple[str, int]:
+def shared(rallies: Sequence[CourtRally], game: Game, players: Players, athlete: str) -> tuple[str, int]:
     """Rallies as the content of a saved page of the live court.
 
     Args:
@@ -106,7 +106,7 @@ def shared(rallies: Sequence[CourtRally], game: AnyGame, players: Players, athle
     return json.dumps(content), count
 
 
-def staged_advice(advised: Iterable[Advice], pair: PairGame, home: Meeting, names: tuple[str, str]) -> list[CourtRally]:
+def staged_advice(advised: Iterable[Advice], pair: Game, home: Meeting, names: tuple[str, str]) -> list[CourtRally]:
     """A simulated rally for each advice: the situation occurs, and seat 0 plays the advised stroke.
 
     Args:

@@ -14,9 +14,9 @@ from shuttle_marl.coach.blocks import Block, Section, chart, page, shown, text
 from shuttle_marl.coach.examples import shared, viewer
 from shuttle_marl.coach.scout_page import habit_words
 from shuttle_marl.coach.words import of_100, signed, words
-from shuttle_marl.game.pairs import AnyGame
 from shuttle_marl.game.scoring import is_over
 from shuttle_marl.game.shipped import RELIABLE
+from shuttle_marl.game.tables import Game
 from shuttle_marl.pages import Cell, Column, Table, name, table
 from shuttle_marl.watch.building import BuildError
 from shuttle_marl.watch.match import CourtRally
@@ -39,7 +39,7 @@ class Footage:
     """
 
     staged: dict[int, CourtRally]
-    game: AnyGame
+    game: Game
     players: Players
     athlete: str
     command: str

@@ -21,9 +21,9 @@ from shuttle_marl.coach.words import words
 from shuttle_marl.data import load_strokes
 from shuttle_marl.data.own import import_matches
 from shuttle_marl.exact import evaluate
-from shuttle_marl.game.pairs import AnyGame, PairGame
 from shuttle_marl.game.rally.record import Rallies
-from shuttle_marl.game.shipped import is_shipped
+from shuttle_marl.game.shipped import folder_of, is_shipped
+from shuttle_marl.game.tables import Game
 from shuttle_marl.policy import baselines
 from shuttle_marl.recording import RallyLog
 from shuttle_marl.watch.match import CourtRally
@@ -32,7 +32,7 @@ from shuttle_marl.watch.recorded import LogRallies, RealRallies
 _LISTED = 12
 
 
-def of_strokes(path: Path, game: AnyGame, match: str | None = None, columns: Path | None = None) -> tuple[MatchReport, Footage]:
+def of_strokes(path: Path, game: Game, match: str | None = None, columns: Path | None = None) -> tuple[MatchReport, Footage]:
     """The report of an annotated match.
 
     Args:
@@ -49,8 +49,8 @@ def of_strokes(path: Path, game: AnyGame, match: str | None = None, columns: Pat
     name = _match(matches_in(strokes), match)
     report = match_report(strokes.filter(pc.equal(strokes["match"], name)), game=game)
     staged = RealRallies(path, game.seats[0], strokes)
-    origin = game.seats[0].origin
-    model = () if origin is None or is_shipped(origin.folder.name) else ("--game", str(origin.folder))
+    folder = folder_of(game.seats[0])
+    model = () if folder is None or is_shipped(folder.name) else ("--game", str(folder))
     numbers = staged.numbers(name)
     found = {i: numbers[row.key] for i, row in enumerate(report.rallies) if row.key in numbers}
     rallies = {i: staged.rally(found[i]) for i in report.moments if i in found}
@@ -78,7 +78,7 @@ def _match(names: list[str], wanted: str | None) -> str:
     return found[0]
 
 
-def of_log(path: Path, game: AnyGame, match: int = 0, pairing: int = 0) -> tuple[MatchReport, Footage]:
+def of_log(path: Path, game: Game, match: int = 0, pairing: int = 0) -> tuple[MatchReport, Footage]:
     """The report of a match of a rally log.
 
     Args:
@@ -113,7 +113,7 @@ def of_log(path: Path, game: AnyGame, match: int = 0, pairing: int = 0) -> tuple
 
 def _footage(report: MatchReport, rallies: dict[int, CourtRally], watch: tuple[str, dict[int, int]], *, women: bool) -> Footage:
     game = report.game
-    if isinstance(game, PairGame):
+    if game.people is not None:
         first, second = imitated(game)
         players = Players(tables=(first, second), value=meet(first, second).value)
     else:
@@ -148,8 +148,9 @@ def anonymous(report: MatchReport, footage: Footage) -> tuple[MatchReport, Foota
     """The same without the names of players and match."""
     names = words()("player_a"), words()("player_b")
     game = footage.game
-    if isinstance(game, PairGame):
-        game = dataclasses.replace(game, players=names if game.players == report.players else names[::-1])
+    if game.people is not None:
+        hidden = names if game.people.players == report.players else names[::-1]
+        game = dataclasses.replace(game, people=dataclasses.replace(game.people, players=hidden))
     staged = {i: dataclasses.replace(rally, names=names) for i, rally in footage.staged.items()}
     return (
         dataclasses.replace(report, players=names, match="", game=game),

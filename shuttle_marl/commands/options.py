@@ -13,7 +13,6 @@ from shuttle_marl.game.shipped import Profile, resolve_game
 from shuttle_marl.policy.foreign import POLICY_TIMEOUT, time_limit
 
 if TYPE_CHECKING:
-    from shuttle_marl.game.pairs import AnyGame
     from shuttle_marl.game.tables import Game
     from shuttle_marl.game.tabulated import TabulatedPolicy
 
@@ -49,7 +48,7 @@ class RallyGameOptions:
     profile: Profile | None = None
     """Men or women: the game of that discipline alone."""
 
-    def load_for(self, path: Path | None) -> "AnyGame":
+    def load_for(self, path: Path | None) -> "Game":
         """The game of a rally log; for annotated matches the shipped one, with a notice.
 
         Args:

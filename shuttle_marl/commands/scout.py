@@ -45,6 +45,7 @@ def scout(
     from shuttle_marl.coach.words import words  # noqa: PLC0415
     from shuttle_marl.commands.reports import write_report  # noqa: PLC0415
     from shuttle_marl.data import load_strokes  # noqa: PLC0415
+    from shuttle_marl.game.pairs import people_of  # noqa: PLC0415
 
     if list_players:
         listed = players_of(game)
@@ -66,7 +67,8 @@ def scout(
             if (known := getattr(report, role)) is not None
         }
         if report.pair is not None:
-            changed["pair"] = dataclasses.replace(report.pair, players=(hidden[player], hidden[names[0]]))
+            people = dataclasses.replace(people_of(report.pair), players=(hidden[player], hidden[names[0]]))
+            changed["pair"] = dataclasses.replace(report.pair, people=people)
         report = dataclasses.replace(report, **changed)
     if json_output:
         cli.print_json(report.as_json())

@@ -26,7 +26,7 @@ def list_tasks(*, json_output: Json = False) -> None:
         json_output: print JSON.
     """
     from shuttle_marl.suite.frozen import load  # noqa: PLC0415  numba
-    from shuttle_marl.suite.methods import BASELINES, kind_of  # noqa: PLC0415
+    from shuttle_marl.suite.method import BASELINES, kind_of  # noqa: PLC0415
     from shuttle_marl.suite.registry import TASKS  # noqa: PLC0415
 
     frozen = load()

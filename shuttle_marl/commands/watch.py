@@ -16,7 +16,8 @@ import tyro
 from shuttle_marl.base.errors import printable
 from shuttle_marl.commands import cli
 from shuttle_marl.commands.options import Appearance, RallyGameOptions
-from shuttle_marl.game.pairs import AnyGame, PairGame, pair_game
+from shuttle_marl.game.pairs import pair_game
+from shuttle_marl.game.tables import Game
 from shuttle_marl.policy.baselines import imitation
 from shuttle_marl.watch import WatchError
 
@@ -49,11 +50,11 @@ class MatchOptions:
     players: tuple[str, str] | None = None
     date: str | None = None
 
-    def policies(self, game: AnyGame) -> tuple[str, str]:
+    def policies(self, game: Game) -> tuple[str, str]:
         """Policies of the near and the far player; by default the players of the game of a pair, imitated."""
         first, second = ("ppo", "bc")
-        if self.players is not None and isinstance(game, PairGame):
-            first, second = map(imitation, game.players, game.seats)
+        if self.players is not None and game.people is not None:
+            first, second = map(imitation, game.people.players, game.seats)
         return self.a or first, self.b or second
 
 
@@ -171,7 +172,7 @@ def watch(
             running.run(sockets=[listener])
 
 
-def _game(match: MatchOptions, rallies: RallyOptions, model: AdviceOptions) -> AnyGame:
+def _game(match: MatchOptions, rallies: RallyOptions, model: AdviceOptions) -> Game:
     """The game of the recorded rallies, of two players, or of a model.
 
     Raises:
@@ -184,7 +185,7 @@ def _game(match: MatchOptions, rallies: RallyOptions, model: AdviceOptions) -> A
     return pair_game(*match.players, date=match.date, discipline=model.profile, game=model.game or "default")
 
 
-def _recorded(options: RallyOptions, game: AnyGame) -> "Recorded | None":
+def _recorded(options: RallyOptions, game: Game) -> "Recorded | None":
     """The recorded rallies to show; None: a match.
 
     Raises:
@@ -204,7 +205,7 @@ def _recorded(options: RallyOptions, game: AnyGame) -> "Recorded | None":
     return recorded
 
 
-def _reports(options: RallyOptions, recorded: "Recorded", game: AnyGame) -> Callable[[int], bytes]:
+def _reports(options: RallyOptions, recorded: "Recorded", game: Game) -> Callable[[int], bytes]:
     """The report of the match of a recorded rally, as a page."""
 
     @functools.lru_cache(maxsize=8)

@@ -5,11 +5,11 @@ from collections.abc import Callable
 from typing import Any, Final
 
 import numpy as np
-import torch
 from scipy.optimize import minimize
 
 from shuttle_marl.base.arrays import F64, Bools
 from shuttle_marl.base.errors import ShuttleError
+from shuttle_marl.base.pytorch import own_settings
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.dynamics.compiled import (
     MIN_STROKES,
@@ -102,6 +102,7 @@ class Fit:
         return compile_game(self.game, probabilities), probabilities
 
 
+@own_settings(THREADS)
 def fit(
     train: Rows,
     validation: Rows | None,
@@ -130,8 +131,6 @@ def fit(
     config = config or EnsembleConfig()
     # The first round of expectation maximisation need not converge.
     first_round = dataclasses.replace(QUICK, epochs=max(1, config.epochs // 2), batch=config.batch)
-    torch.use_deterministic_algorithms(True)
-    torch.set_num_threads(THREADS)
     known, good, met = (train.take(mask(train)) for mask in (known_outcome, was_good, was_met))
 
     report("targets")

@@ -13,13 +13,13 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
-import torch
 
 from shuttle_marl import __version__
 from shuttle_marl.base.arrays import F32, F64, I16
 from shuttle_marl.base.cluster import end_with_parent
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.files import replace_file
+from shuttle_marl.base.pytorch import own_settings
 from shuttle_marl.base.tensor_files import checked, tensor_bytes
 from shuttle_marl.data import load_strokes
 from shuttle_marl.data.upstream import Split, matches_of, split_of
@@ -83,6 +83,7 @@ _RULE: Final = (
 _CITATIONS: Final = {"ShuttleSet": "arXiv:2306.04948 (ShuttleSet)", "ShuttleSet22": "arXiv:2306.15664 (ShuttleSet22)"}
 
 
+@own_settings(THREADS)
 def make_model(
     data: Path,
     out: Path,
@@ -213,6 +214,7 @@ class Refit:
     seed: int
     config: EnsembleConfig
 
+    @own_settings(THREADS)
     def __call__(self, number: int) -> Game:
         """The game of refit ``number``, from 1."""
         rows = resampled(self.train, [self.seed, number])
@@ -448,6 +450,7 @@ def save_variants(folder: Path, game: Game, variants: Mapping[str, Game], card: 
     write_card(folder, {**card, "variants": list(variants)})
 
 
+@own_settings(THREADS)
 def evaluate_model(data: Path, folder: Path, split: Split, *, report: Callable[[str], None]) -> dict[str, Any]:
     """Scores of a model folder on a split; see :func:`shuttle_marl.dynamics.evaluate.evaluate`.
 
@@ -456,7 +459,6 @@ def evaluate_model(data: Path, folder: Path, split: Split, *, report: Callable[[
     Raises:
         ShuttleError: the data contain no match of the split.
     """
-    torch.set_num_threads(THREADS)
     report("reading strokes")
     rows = rows_from_strokes(load_strokes(data), load_hurry(folder))
     share = read_model_card(folder)["data"].get("validation_share")

@@ -20,10 +20,10 @@ from shuttle_marl.base.errors import ActionError, OptionError, whole_number
 from shuttle_marl.env.snapshot import Snapshot, as_text
 from shuttle_marl.game.draws import stream
 from shuttle_marl.game.observation import RALLY_WIDTH
-from shuttle_marl.game.pairs import AnyGame, PairGame, resolve_players
+from shuttle_marl.game.pairs import resolve_players
 from shuttle_marl.game.rally.stepper import RallyDraws, Stroke, stepper_of
 from shuttle_marl.game.rules import FAULT, OUTCOMES, RETURNED_BELOW, IllegalStrokeError
-from shuttle_marl.game.tables import ROOT
+from shuttle_marl.game.tables import ROOT, Game
 
 if TYPE_CHECKING:
     from shuttle_marl.env.picture import CourtRenderer
@@ -64,7 +64,7 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
     def __init__(
         self,
         *,
-        game: AnyGame | str | None,
+        game: Game | str | None,
         profile: str | None,
         players: tuple[str, str] | None,
         max_strokes: int | None,
@@ -285,7 +285,7 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         between_rallies = self._state == ROOT and bool(self._strokes)
         return Snapshot(
             game=self.game,
-            names=self.game.players if isinstance(self.game, PairGame) else AGENTS,
+            names=AGENTS if self.game.people is None else self.game.people.players,
             title=self._title(),
             strokes=tuple(self._strokes),
             server=self._strokes[0].player if self._strokes else self._striker,

@@ -13,7 +13,8 @@ from torchrl.envs import EnvBase
 
 from shuttle_marl.base.arrays import I32
 from shuttle_marl.base.errors import whole_number
-from shuttle_marl.game.pairs import AnyGame, opponent_tables, resolve_players
+from shuttle_marl.game.pairs import opponent_tables, resolve_players
+from shuttle_marl.game.tables import Game
 from shuttle_marl.kernel import LearnerBatch, RallyBatch
 from shuttle_marl.kernel.rows import Observations, Server
 from shuttle_marl.policy.registry import Opponents, tabulated
@@ -38,7 +39,7 @@ class _BatchedEnv(EnvBase):
 
     batch_locked = True
 
-    def __init__(self, game: AnyGame, batch: RallyBatch | LearnerBatch, seed: int) -> None:
+    def __init__(self, game: Game, batch: RallyBatch | LearnerBatch, seed: int) -> None:
         size = len(batch)
         super().__init__(batch_size=torch.Size([size]))
         # EnvBase is an nn.Module, so attributes can only be set after the call above.
@@ -144,7 +145,7 @@ class RallyEnv(_BatchedEnv):
         self,
         batch: int = 1024,
         *,
-        game: AnyGame | str | None = None,
+        game: Game | str | None = None,
         profile: str | None = None,
         players: tuple[str, str] | None = None,
         seed: int = 0,
@@ -183,7 +184,7 @@ class VersusEnv(_BatchedEnv):
         batch: int = 1024,
         *,
         opponents: Opponents = "bc",
-        game: AnyGame | str | None = None,
+        game: Game | str | None = None,
         profile: str | None = None,
         players: tuple[str, str] | None = None,
         seed: int = 0,

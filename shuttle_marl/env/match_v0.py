@@ -9,9 +9,9 @@ from shuttle_marl.base.errors import OptionError
 from shuttle_marl.env.aec import AGENTS, RENDER_MODES, CheckedEnv, RenderMode, ShuttleEnv
 from shuttle_marl.env.wrappers import ActionView, InfoView, MaskView, PlainEnv, wrapped
 from shuttle_marl.game.observation import RALLY_WIDTH, SCORE_WIDTH
-from shuttle_marl.game.pairs import AnyGame
 from shuttle_marl.game.rally.stepper import RallyDraws
 from shuttle_marl.game.scoring import BWF, Rules, Score, score_fractions
+from shuttle_marl.game.tables import Game
 
 __all__ = ["env", "raw_env"]
 
@@ -67,7 +67,7 @@ class raw_env(ShuttleEnv):
         first_server: Literal[0, 1] | None = None,
         reward: Literal["match", "rally"] = "match",
         rules: Rules = BWF,
-        game: AnyGame | str | None = None,
+        game: Game | str | None = None,
         profile: str | None = None,
         players: tuple[str, str] | None = None,
         max_strokes: int | None = None,

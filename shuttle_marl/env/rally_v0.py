@@ -5,8 +5,8 @@ from typing import Any, ClassVar, Literal
 from shuttle_marl.base.errors import OptionError
 from shuttle_marl.env.aec import RENDER_MODES, CheckedEnv, RenderMode, ShuttleEnv
 from shuttle_marl.env.wrappers import ActionView, InfoView, MaskView, PlainEnv, wrapped
-from shuttle_marl.game.pairs import AnyGame
 from shuttle_marl.game.rally.stepper import RallyDraws
+from shuttle_marl.game.tables import Game
 
 __all__ = ["env", "raw_env"]
 
@@ -58,7 +58,7 @@ class raw_env(ShuttleEnv):
         self,
         *,
         server: Literal[0, 1] | None = None,
-        game: AnyGame | str | None = None,
+        game: Game | str | None = None,
         profile: str | None = None,
         players: tuple[str, str] | None = None,
         max_strokes: int | None = None,

@@ -17,7 +17,7 @@ from shuttle_marl.base.errors import OptionError
 from shuttle_marl.env import match_v0, rally_v0
 from shuttle_marl.env.aec import AGENTS, RENDER_MODES, Observation, RenderMode, ShuttleEnv
 from shuttle_marl.env.wrappers import InfoView, MaskView, checked_views
-from shuttle_marl.game.pairs import AnyGame, opponent_tables
+from shuttle_marl.game.pairs import opponent_tables
 from shuttle_marl.game.policy import Policy, reads_score
 from shuttle_marl.game.rally.stepper import choose
 from shuttle_marl.game.rules import IllegalStrokeError
@@ -98,7 +98,7 @@ class SingleEnv(gymnasium.Env[Observation, np.int64]):
         self._over = True
 
     @property
-    def game(self) -> AnyGame:
+    def game(self) -> Game:
         """The tables of the game, or the game of a pair."""
         return self.raw.game
 
@@ -224,7 +224,7 @@ class SingleRallyEnv(SingleEnv):
         opponent: str | Policy = "bc",
         seat: Seat = 0,
         server: Seat | None = None,
-        game: AnyGame | str | None = None,
+        game: Game | str | None = None,
         profile: str | None = None,
         players: tuple[str, str] | None = None,
         mask: MaskView = "observation",
@@ -273,7 +273,7 @@ class SingleMatchEnv(SingleEnv):
         first_server: Seat | None = None,
         reward: Literal["match", "rally"] = "match",
         rules: Rules = BWF,
-        game: AnyGame | str | None = None,
+        game: Game | str | None = None,
         profile: str | None = None,
         players: tuple[str, str] | None = None,
         mask: MaskView = "observation",

@@ -14,10 +14,11 @@ from shuttle_marl.base.errors import ActionError, OptionError
 from shuttle_marl.env.aec import ILLEGAL
 from shuttle_marl.env.wrappers import InfoView, MaskView, checked_views
 from shuttle_marl.game.observation import RALLY_WIDTH, SCORE_WIDTH, SWAP, with_efforts
-from shuttle_marl.game.pairs import AnyGame, opponent_tables, resolve_players
+from shuttle_marl.game.pairs import opponent_tables, resolve_players
 from shuttle_marl.game.rally.stepper import stepper_of
 from shuttle_marl.game.rules import FAULT, OUTCOMES, WINNER
 from shuttle_marl.game.scoring import BWF, Rules, score_fractions
+from shuttle_marl.game.tables import Game
 from shuttle_marl.kernel import LearnerBatch, LearnerMatchBatch
 from shuttle_marl.kernel.rows import Server
 from shuttle_marl.policy.registry import Opponents, tabulated
@@ -39,7 +40,7 @@ class VersusVectorEnv(VectorEnv[Any, Ints, npt.NDArray[Any]]):
 
     def __init__(
         self,
-        game: AnyGame,
+        game: Game,
         batch: LearnerBatch | LearnerMatchBatch,
         vector: spaces.Box,
         mask: MaskView,
@@ -208,7 +209,7 @@ class RallyVectorEnv(VersusVectorEnv):
         opponent: Opponents = "bc",
         seat: int | Ints = 0,
         server: Server = None,
-        game: AnyGame | str | None = None,
+        game: Game | str | None = None,
         profile: str | None = None,
         players: tuple[str, str] | None = None,
         observation: Literal["features", "tokens"] = "features",
@@ -298,7 +299,7 @@ class MatchVectorEnv(VersusVectorEnv):
         first_server: Server = None,
         reward: Literal["match", "rally"] = "match",
         rules: Rules = BWF,
-        game: AnyGame | str | None = None,
+        game: Game | str | None = None,
         profile: str | None = None,
         players: tuple[str, str] | None = None,
         mask: MaskView = "observation",

@@ -34,7 +34,6 @@ from shuttle_marl.exact.profile import (
 from shuttle_marl.exact.solver import BlockLinear, ProfileValue, solve_players, successors
 from shuttle_marl.exact.sweeps import after_block_choices, block_choices, block_mean, block_soft_values
 from shuttle_marl.game.draws import CHOICE_ONE
-from shuttle_marl.game.pairs import AnyGame, PairGame
 from shuttle_marl.game.shipped import supported
 from shuttle_marl.game.tables import ROOT, Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
@@ -113,7 +112,7 @@ class RobustSolution:
         return self.value.odds()
 
 
-def solve(game: AnyGame, other: Game | None = None, *, tolerance: float = TOLERANCE) -> Solution:
+def solve(game: Game, other: Game | None = None, *, tolerance: float = TOLERANCE) -> Solution:
     """Minimax value and policies.
 
     Args:
@@ -125,9 +124,9 @@ def solve(game: AnyGame, other: Game | None = None, *, tolerance: float = TOLERA
         ExactError: the layouts differ, or some stroke never ends a rally.
     """
     if other is None:
-        game, other = game.seats if isinstance(game, PairGame) else (game, game.opposite)
-    elif isinstance(game, PairGame):
-        raise ExactError(f"the game of {game.title} has the tables of both players; solve it alone")
+        game, other = game.seats if game.people is not None else (game, game.opposite)
+    elif game.people is not None:
+        raise ExactError(f"the game of {game.people.title} has the tables of both players; solve it alone")
     check_opponents(game, other)
     theirs = None if other is game else _BestStrokes((other,))
     return Solution(games=(game, other), **_equilibrium(_BestStrokes((game,)), theirs, tolerance))

@@ -14,7 +14,7 @@ from shuttle_marl.exact.fixed_point import FIRST_RALLY_STATE, TOLERANCE, ExactEr
 from shuttle_marl.exact.match import Odds
 from shuttle_marl.exact.solver import BlockLinear, ProfileValue, solve_players
 from shuttle_marl.exact.sweeps import Chances, block_expected, block_mean
-from shuttle_marl.game.pairs import SeatGame
+from shuttle_marl.game.pairs import people_of
 from shuttle_marl.game.scoring import BWF, Rules, match_win_probability
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
@@ -120,12 +120,20 @@ def check_opponents(first: Game, second: Game) -> None:
     """
     check_same_layout(first, second)
     for game, other in ((first, second), (second, first)):
-        if isinstance(game, SeatGame) and not (isinstance(other, SeatGame) and game.meets(other)):
-            players = game.pair_game.players
+        if game.whole is not None and not _meets(game, other):
+            players = people_of(game).players
             raise ExactError(
                 f"{players[game.seat]} strikes with the tables of a pair, and the opponent does not strike as "
                 f"{players[1 - game.seat]} does; move its policy to those tables with exact.moved(policy, game.opposite)"
             )
+
+
+def _meets(game: Game, other: Game) -> bool:
+    """Whether other tables are those of the opponent: of the other player against this one."""
+    if other.whole is None:
+        return False
+    mine, theirs = people_of(game).players, people_of(other).players
+    return (mine[game.seat], mine[1 - game.seat]) == (theirs[1 - other.seat], theirs[other.seat])
 
 
 def moved(policy: PolicyT, game: Game) -> PolicyT:
@@ -133,7 +141,7 @@ def moved(policy: PolicyT, game: Game) -> PolicyT:
 
     Args:
         policy: a table or a :class:`PairPolicy`.
-        game: the tables, such as one of :attr:`shuttle_marl.game.pairs.PairGame.seats`.
+        game: the tables, such as one of :attr:`shuttle_marl.game.tables.Game.seats`.
 
     Raises:
         ExactError: the layouts differ.

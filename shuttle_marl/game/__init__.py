@@ -14,7 +14,7 @@ import lazy_loader
 
 if TYPE_CHECKING:
     from shuttle_marl.game.observation import observations
-    from shuttle_marl.game.pairs import PairGame, pair_game
+    from shuttle_marl.game.pairs import pair_game
     from shuttle_marl.game.policy import (
         Policy,
         PolicyError,
@@ -39,7 +39,6 @@ __all__ = [
     "Catalogue",
     "Game",
     "GameError",
-    "PairGame",
     "Policy",
     "PolicyError",
     "Rules",
@@ -63,7 +62,7 @@ __getattr__, __dir__, _ = lazy_loader.attach(
     __name__,
     submod_attrs={
         "observation": ("observations",),
-        "pairs": ("PairGame", "pair_game"),
+        "pairs": ("pair_game",),
         "policy": (
             "Policy",
             "PolicyError",

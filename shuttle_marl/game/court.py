@@ -6,7 +6,7 @@ Lengths follow the BWF Laws of Badminton (13.40 m x 6.10 m, singles width 5.18 m
 The cuts between the areas are those with which ShuttleSet was annotated (Wang et al., KDD 2023).
 """
 
-from typing import Final
+from typing import Final, TypeVar
 
 import numpy as np
 
@@ -55,18 +55,19 @@ AREAS: Final = (
 )
 """The nine areas of the receiver's half, right and left as the receiver sees them; index = 3 * depth + side."""
 N_AREAS: Final = len(AREAS)
+AreaT = TypeVar("AreaT", int, Ints)
 N_THIRDS: Final = 3
 """Front, middle and back third of a half, numbers 0 to 2 of :func:`third_of`."""
 BACK: Final = 2
 """Number of the back third."""
 
 
-def third_of(area: Ints) -> Ints:
+def third_of(area: AreaT) -> AreaT:
     """Third of the half in which areas lie, any shape: 0 front, 1 middle, 2 back."""
     return area // (N_AREAS // N_THIRDS)
 
 
-def steps_between(a: Ints, b: Ints) -> Ints:
+def steps_between(a: Ints, b: Ints | int) -> Ints:
     """Steps across and along the court from areas to others, broadcast."""
     return np.abs(a // 3 - b // 3) + np.abs(a % 3 - b % 3)
 

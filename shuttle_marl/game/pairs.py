@@ -8,13 +8,11 @@ in whole numbers, so the game of a pair has the same tables, and the same hash, 
 import dataclasses
 import datetime
 import functools
-import hashlib
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
-from shuttle_marl.base.arrays import F64, I32, I64, U8, U16, Ints
-from shuttle_marl.game.layout import Layout
+from shuttle_marl.base.arrays import F64, I64, U16, Ints
 from shuttle_marl.game.shipped import PROFILES, load_game, origin_named, origin_of, resolve_game, variants
 from shuttle_marl.game.skill import AVERAGE, Day, Skill, day_of, load_skill
 from shuttle_marl.game.stroke import frozen
@@ -25,113 +23,47 @@ STEP: Final = 2.0**-10
 """Difference of log-odds to which the offsets of a pair are rounded."""
 _LARGEST: Final = 4.0
 """Offsets are limited to this difference of log-odds."""
-LAYOUT: Final = tuple(field.name for field in dataclasses.fields(Layout))
 
 
-@dataclasses.dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class PairGame(Layout):
-    """The game of two players; its layout is that of both tables.
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class People:
+    """Two players in whose game seats 0 and 1 strike with their skill.
 
     Attributes:
-        players: names of the players at seats 0 and 1.
-        threshold: ``[base pairs, 3]`` each: thresholds of the strokes of seats 0 and 1, as in :class:`~shuttle_marl.game.Game`.
-        hurry: ``[base pairs, 2]`` uint8 chance of a hurried receiver, at both seats.
-        fault_odds: ``[L]`` int32 odds of a fault by effort.
+        players: their names; ``average`` for the average player.
         model: the model or variant whose tables the offsets are applied to, by name or folder.
         date: day of the skill; None: the last one known.
         discipline: ``men`` or ``women`` for the tables of that discipline; None: the average of both.
     """
 
     players: tuple[str, str]
-    threshold: tuple[U16, U16]
-    hurry: U8
-    fault_odds: I32
-    model: str
-    date: datetime.date | None
-    discipline: str | None
+    model: str = "default"
+    date: datetime.date | None = None
+    discipline: str | None = None
 
-    def __repr__(self) -> str:
-        return f"PairGame(players={self.players}, hash={self.hash[:12]!r}, date={self.date}, discipline={self.discipline!r})"
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return _pickled, (*self.players, self.date, self.discipline, self.model, self.hash)
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> "PairGame":
-        return self  # nothing in it can be changed
-
-    @property
-    def levels(self) -> int:
-        """Number of levels of effort L; 1 where effort does not count."""
-        return len(self.fault_odds)
-
-    @functools.cached_property
-    def seats(self) -> tuple["SeatGame", "SeatGame"]:
-        """The tables with which seats 0 and 1 strike."""
-        layout = {name: getattr(self, name) for name in LAYOUT}
-        first, second = (
-            SeatGame(**layout, threshold=threshold, hurry=self.hurry, fault_odds=self.fault_odds, pair_game=self, seat=seat)
-            for seat, threshold in enumerate(self.threshold)
-        )
-        return first, second
-
-    @functools.cached_property
-    def hash(self) -> str:
-        """SHA-256 over the hashes of both tables, hexadecimal: the version of the game of the pair."""
-        return hashlib.sha256(f"pair {self.seats[0].hash} {self.seats[1].hash}".encode()).hexdigest()
+    def game(self, model: str | None = None) -> Game:
+        """Their game, in another model if one is named."""
+        return pair_game(*self.players, date=self.date, discipline=self.discipline, game=model or self.model)
 
     @property
     def title(self) -> str:
         """The players, and the day of their skill, in words."""
         return " against ".join(self.players) + ("" if self.date is None else f" as of {self.date}")
 
-    @functools.cached_property
-    def swapped(self) -> "PairGame":
-        """The same game with the seats exchanged."""
-        return dataclasses.replace(self, players=self.players[::-1], threshold=self.threshold[::-1])
-
     @property
-    def skill(self) -> Skill:
-        """Skill of the players of the model.
-
-        Raises:
-            GameError: the file of the model is damaged.
-        """
-        return load_skill(origin_named(self.model).folder)
-
-    def refits(self) -> tuple["PairGame", ...]:
-        """The same pair in the refits of the game on resampled matches; none in a refit.
-
-        Raises:
-            GameError: a file of the model is damaged.
-        """
-        folder, variant = origin_named(self.model)
-        if variant is not None:
-            return ()
-        names = [name for name in variants(str(folder)) if name not in PROFILES]
-        return tuple(
-            pair_game(*self.players, date=self.date, discipline=self.discipline, game=f"{self.model}:{name}") for name in names
-        )
-
-
-@dataclasses.dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class SeatGame(Game):
-    """The tables with which one player of a pair strikes.
-
-    Attributes:
-        pair_game: the game of the pair.
-        seat: seat of the player.
-    """
-
-    pair_game: PairGame
-    seat: int
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return _seat, (self.pair_game, self.seat)
+    def swapped(self) -> "People":
+        """The same players at the other seats."""
+        return dataclasses.replace(self, players=self.players[::-1])
 
     @property
     def origin(self) -> Origin:
         """The model, and the discipline as the variant, for policies of the model."""
-        return Origin(origin_named(self.pair_game.model).folder, self.pair_game.discipline or AVERAGE)
+        return Origin(origin_named(self.model).folder, self.discipline or AVERAGE)
+
+    @property
+    def average(self) -> Game:
+        """The game of the model, without skill and discipline, whose agents can play this one."""
+        return load_game(str(self.origin.folder))
 
     @property
     def profile(self) -> Game:
@@ -140,37 +72,49 @@ class SeatGame(Game):
         return load_game(f"{folder}:{discipline}") if discipline in variants(str(folder)) else self.average
 
     @property
-    def average(self) -> Game:
-        """The game of the model, without skill and discipline, whose agents can play this one."""
-        return load_game(str(origin_named(self.pair_game.model).folder))
+    def skill(self) -> Skill:
+        """Skill of the players of the model.
 
-    def meets(self, other: "SeatGame") -> bool:
-        """Whether other tables are those of the opponent: of the other player against this one."""
-        mine, theirs = self.pair_game.players, other.pair_game.players
-        return (mine[self.seat], mine[1 - self.seat]) == (theirs[1 - other.seat], theirs[other.seat])
+        Raises:
+            GameError: the file of the model is damaged.
+        """
+        return load_skill(self.origin.folder)
 
-    @property
-    def opposite(self) -> Game:
-        """The tables with which the other player of the pair strikes."""
-        return self.pair_game.seats[1 - self.seat]
+    def refits(self) -> tuple[Game, ...]:
+        """Their game in the refits of the model on resampled matches; none in a refit.
+
+        Raises:
+            GameError: a file of the model is damaged.
+        """
+        folder, variant = origin_named(self.model)
+        names = () if variant is not None else variants(str(folder))
+        return tuple(self.game(f"{self.model}:{name}") for name in names if name not in PROFILES)
 
 
-AnyGame = Game | PairGame
-"""A game in which both players strike with the same tables, or that of a pair."""
+def people_of(game: Game) -> People:
+    """The players of the game of a pair, or of the tables of one seat of it.
+
+    Raises:
+        GameError: both seats have the same tables.
+    """
+    people = game.people if game.whole is None else game.whole.people
+    if people is None:
+        raise GameError("this is not the game of two players; make one with pair_game")
+    return people
 
 
-def seat_names(game: AnyGame, policies: tuple[str, str]) -> tuple[str, str]:
+def seat_names(game: Game, policies: tuple[str, str]) -> tuple[str, str]:
     """Names of the seats: of the policies, in the game of a pair behind those of the players whose skill they have."""
-    if not isinstance(game, PairGame):
+    if game.people is None:
         return policies
     first, second = (
         player if policy in (player, f"bc:{player}") else f"{player} ({policy})"
-        for player, policy in zip(game.players, policies, strict=True)
+        for player, policy in zip(game.people.players, policies, strict=True)
     )
     return first, second
 
 
-def opponent_tables(game: AnyGame, seat: int | Ints) -> Game:
+def opponent_tables(game: Game, seat: int | Ints) -> Game:
     """The tables with which the opponent of a learner strikes.
 
     Args:
@@ -180,20 +124,16 @@ def opponent_tables(game: AnyGame, seat: int | Ints) -> Game:
     Raises:
         GameError: the seats of the game of a pair differ, because the opponent would be another player in each.
     """
-    if not isinstance(game, PairGame):
+    if game.people is None:
         return game
     learners = np.unique(seat)
     if len(learners) != 1 or learners[0] not in (0, 1):
-        raise GameError(f"seat {seat!r}: in the game of {game.title} expected 0 or 1 for all rows, the player that learns")
+        raise GameError(f"seat {seat!r}: in the game of {game.people.title} expected 0 or 1 for all rows, the player that learns")
     return game.seats[1 - int(learners[0])]
 
 
-def _seat(pair: PairGame, seat: int) -> SeatGame:
-    return pair.seats[seat]
-
-
 @functools.lru_cache(maxsize=8)
-def pair_game(a: str, b: str, *, date: Day = None, discipline: str | None = None, game: str = "default") -> PairGame:
+def pair_game(a: str, b: str, *, date: Day = None, discipline: str | None = None, game: str = "default") -> Game:
     """The game of two players with their skill.
 
     Args:
@@ -221,22 +161,12 @@ def pair_game(a: str, b: str, *, date: Day = None, discipline: str | None = None
             raise GameError(f"{a} and {b} play {chosen}'s singles, and {game} is the game of {variant}'s")
         game, variant, chosen = game.rpartition(":")[0], None, variant
     base = _base(game, chosen)
-    threshold = tuple(_with_skill(base, skill.of_shots(*names, date)) for names in ((a, b), (b, a)))
-    return PairGame(
-        **{name: getattr(base, name) for name in LAYOUT},
-        players=(a, b),
-        threshold=(threshold[0], threshold[1]),
-        hurry=base.hurry,
-        fault_odds=base.fault_odds,
-        model=game,
-        date=None if date is None else day_of(date),
-        discipline=chosen,
-    )
+    threshold = np.stack([_with_skill(base, skill.of_shots(*names, date)) for names in ((a, b), (b, a))])
+    people = People(players=(a, b), model=game, date=None if date is None else day_of(date), discipline=chosen)
+    return dataclasses.replace(base, threshold=threshold, people=people)
 
 
-def resolve_players(
-    game: AnyGame | str | None, profile: str | None, players: tuple[str, str] | None, *, date: Day = None
-) -> AnyGame:
+def resolve_players(game: Game | str | None, profile: str | None, players: tuple[str, str] | None, *, date: Day = None) -> Game:
     """The game of two players, or :func:`shuttle_marl.game.shipped.resolve_game` without players.
 
     Args:
@@ -248,9 +178,9 @@ def resolve_players(
     Raises:
         GameError: as :func:`pair_game`, or two names are expected, or the game belongs to no model.
     """
-    if isinstance(game, PairGame):
+    if isinstance(game, Game) and game.people is not None:
         if profile is not None or players is not None:
-            raise GameError(f"the game of {game.title} together with players or a profile; give one of them")
+            raise GameError(f"the game of {game.people.title} together with players or a profile; give one of them")
         return game
     if players is None:
         return resolve_game(game, profile)
@@ -264,14 +194,12 @@ def resolve_players(
     return pair_game(*players, date=date, discipline=profile, game=game or "default")
 
 
-def game_of_people(game: Game, people: tuple[str, str], date: Day = None) -> PairGame | None:
+def game_of_people(game: Game, people: tuple[str, str], date: Day = None) -> Game | None:
     """The game of the two people of a real match, as of its day; None where the model of ``game`` does not have their skill."""
     try:
-        found = resolve_players(game, None, people, date=date)
+        return resolve_players(game, None, people, date=date)
     except GameError:
         return None
-    assert isinstance(found, PairGame)
-    return found
 
 
 @functools.lru_cache(maxsize=32)
@@ -296,15 +224,3 @@ def _with_skill(base: Game, offset: F64) -> U16:
     # A stroke that ends rallies in the average game still does; else exact values would have no error bound.
     table[:, 1:] = np.maximum(table[:, 1:], (base.threshold[:, 1:2] > 0).astype(np.uint16))
     return frozen(table)
-
-
-def _pickled(a: str, b: str, date: datetime.date | None, discipline: str | None, model: str, value: str) -> PairGame:
-    """A pair that was pickled by its names.
-
-    Raises:
-        GameError: the model has changed since.
-    """
-    pair = pair_game(a, b, date=date, discipline=discipline, game=model)
-    if pair.hash != value:
-        raise GameError(f"{pair.title}: pickled with game {value[:12]}, and the model has {pair.hash[:12]}; make it again")
-    return pair

@@ -232,7 +232,9 @@ def origin_of(game: Game) -> Origin | None:
     Games of the shipped default are known in every process, also where they were not loaded.
     """
     loaded_from: Origin | None = getattr(game, _LOADED_FROM, None)
-    return loaded_from or game.origin or _origin_of_hash(game.hash)
+    if game.whole is not None and game.whole.people is not None:
+        return game.whole.people.origin
+    return loaded_from or _origin_of_hash(game.hash)
 
 
 def shipped_game(digest: str) -> Game | None:
@@ -254,7 +256,7 @@ def _origin_of_hash(digest: str) -> Origin | None:
 
 def _reduced(game: Game) -> tuple[Any, ...]:
     """Pickle a shipped game by its name and its hash instead of its tables, which are megabytes."""
-    origin = _ORIGINS.get(game.hash)
+    origin = None if game.whole else _ORIGINS.get(game.hash)
     if origin is None or origin.folder.parent != _MODELS:
         return game.__reduce__()
     name = origin.folder.name if origin.variant is None else f"{origin.folder.name}:{origin.variant}"

@@ -19,7 +19,7 @@ import functools
 import hashlib
 import json
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -32,11 +32,15 @@ from shuttle_marl.game.layout import ALL, LONGEST_DUEL, Indices, Layout
 from shuttle_marl.game.stroke import SHOTS, Catalogue, frozen
 from shuttle_marl.game.thresholds import ONE, with_fault_odds
 
+if TYPE_CHECKING:
+    from shuttle_marl.game.pairs import People
+
 ROOT: Final = 0
 """The state in which every rally starts: the serve, struck from below the net."""
 HURRY_ONE: Final = 1 << 8
 """Probability 1 of a hurried receiver in fixed point."""
 _TYPES: Final = {"threshold": np.uint16, "hurry": np.uint8}
+_NO_TABLES: Final = ("catalogue", "people", "whole", "seat")
 _MOST_LEVELS: Final = 8
 _MOST_ODDS: Final = 1 << 20
 
@@ -62,17 +66,26 @@ def _no_effort() -> I32:
 class Game(Layout):
     """A compiled game: its layout and the probabilities of outcomes.
 
+    In most games both seats strike with the same tables. In the game of a pair (:mod:`shuttle_marl.game.pairs`) each seat has
+    thresholds of its own; what plays or values strokes takes the tables of the striker, ``game.seats[striker]``.
+
     Attributes:
         threshold: ``[base pairs, 3]`` uint16, cumulative probabilities of fault, + winner, + returned from below at effort 0, in
-            units of 1/65536.
+            units of 1/65536; in the game of a pair ``[2, base pairs, 3]``, by seat.
         hurry: ``[base pairs, 2]`` uint8, probability that the receiver of a return is hurried, from below and from above the net,
             in units of 1/256; 0 in games that do not know it.
         fault_odds: ``[L]`` int32, odds of a fault at each own effort, relative to those at effort 0, in units of 1/65536.
+        people: the players of the game of a pair; None: both seats have the same tables, or these are those of one seat.
+        whole: the game of the pair that these are the tables of one seat of; None: of none.
+        seat: that seat.
     """
 
     threshold: U16
     hurry: U8
     fault_odds: I32 = dataclasses.field(default_factory=_no_effort)
+    people: "People | None" = None
+    whole: "Game | None" = None
+    seat: int = 0
 
     def __post_init__(self) -> None:
         for name, array in self._arrays().items():
@@ -80,15 +93,24 @@ class Game(Layout):
                 kind = getattr(array, "dtype", type(array).__name__)
                 raise GameError(f"table {name} of {kind}: expected uint16 for threshold, uint8 for hurry, int32 for the others")
             object.__setattr__(self, name, frozen(array))
-        self._check_layout()
+        if (self.people is not None) != (self.threshold.ndim == 3):
+            raise GameError("tables of two seats are those of a pair: make them with pair_game")
+        if self.whole is None:  # else it is checked
+            self._check_layout()
 
     def __repr__(self) -> str:
+        if self.people is not None:
+            return f"Game(hash={self.hash[:12]!r}, people={self.people!r})"
         return (
             f"Game(hash={self.hash[:12]!r}, n_strokes={self.n_strokes}, n_states={self.n_states}, n_pairs={self.n_pairs}, "
             f"levels={self.levels})"
         )
 
     def __reduce__(self) -> tuple[Any, ...]:
+        if self.people is not None:
+            return _game_of_people, (self.people, self.hash)
+        if self.whole is not None:
+            return _game_of_seat, (self.whole, self.seat)
         arrays: dict[str, Any] = self._arrays()
         return functools.partial(Game, catalogue=self.catalogue, **arrays), ()
 
@@ -136,25 +158,33 @@ class Game(Layout):
             hurry=self.hurry[keep],
         )
 
-    @property
+    @functools.cached_property
     def seats(self) -> "tuple[Game, Game]":
-        """The tables with which seats 0 and 1 strike: these, twice (:class:`shuttle_marl.game.pairs.PairGame` has two)."""
-        return self, self
+        """The tables with which seats 0 and 1 strike: these, twice, but in the game of a pair."""
+        if self.people is None:
+            return self, self
+        first, second = (
+            dataclasses.replace(self, threshold=self.threshold[seat], people=None, whole=self, seat=seat) for seat in (0, 1)
+        )
+        return first, second
 
     @property
     def opposite(self) -> "Game":
-        """The tables with which the opponent of a player with these tables strikes: the same ones."""
-        return self
+        """The tables with which the opponent of a player with these tables strikes: the same ones, but in the game of a pair."""
+        return self if self.whole is None else self.whole.seats[1 - self.seat]
 
     @property
     def average(self) -> "Game":
-        """The game without skill of players, whose agents can play this one: the same one."""
-        return self
+        """The game without skill of players, whose agents can play this one: the same one, but in the game of a pair."""
+        people = self.people if self.whole is None else self.whole.people
+        return self if people is None else people.average
 
     @property
-    def origin(self) -> Origin | None:
-        """Where the game comes from, if it knows; :func:`shuttle_marl.game.shipped.origin_of` also knows loaded games."""
-        return None
+    def swapped(self) -> "Game":
+        """The game with the seats exchanged."""
+        if self.people is None:
+            return self
+        return dataclasses.replace(self, threshold=np.ascontiguousarray(self.threshold[::-1]), people=self.people.swapped)
 
     @property
     def levels(self) -> int:
@@ -163,7 +193,15 @@ class Game(Layout):
 
     @functools.cached_property
     def limits(self) -> U16:
-        """``[L, base pairs, 3]`` thresholds at each own effort; those at effort 0 are ``threshold``."""
+        """``[L, base pairs, 3]`` thresholds at each own effort; those at effort 0 are ``threshold``.
+
+        Raises:
+            GameError: in the game of a pair, each seat has its own.
+        """
+        if self.people is not None:
+            raise GameError(
+                f"the game of {self.people.title} has the tables of both players; take those of a seat, game.seats[0]"
+            )
         return frozen(np.stack([with_fault_odds(self.threshold, odds) for odds in self.fault_odds.tolist()]))
 
     def limits_of(self, pairs: slice | Indices = ALL) -> U16:
@@ -217,6 +255,8 @@ class Game(Layout):
     @functools.cached_property
     def hash(self) -> str:
         """SHA-256 over the names of the strokes and all tables, hexadecimal: the version of the game."""
+        if self.people is not None:
+            return hashlib.sha256(f"pair {self.seats[0].hash} {self.seats[1].hash}".encode()).hexdigest()
         digest = hashlib.sha256(self.catalogue.version.encode())
         for name, array in self._arrays().items():
             digest.update(f"{name}{array.dtype.str}{array.shape}".encode())
@@ -232,8 +272,8 @@ class Game(Layout):
         n, edges, replies = self.n_strokes, len(self.edge_own), len(self.reply_edge)
         wanted = {
             "edge_own": (edges,), "edge_incoming": (edges,), "edge_duel": (edges,), "reply_start": (n + 1, 2, 2),
-            "reply_count": (n + 1, 2), "reply_edge": (replies,), "threshold": (len(self.threshold), 3),
-            "hurry": (len(self.threshold), 2), "fault_odds": (len(self.fault_odds),),
+            "reply_count": (n + 1, 2), "reply_edge": (replies,), "threshold": (*self.threshold.shape[:-2], len(self.hurry), 3),
+            "hurry": (len(self.hurry), 2), "fault_odds": (len(self.fault_odds),),
         }  # fmt: skip
         for name, shape in wanted.items():
             if getattr(self, name).shape != shape:
@@ -245,7 +285,7 @@ class Game(Layout):
                 raise GameError(f"table {name}: expected numbers from 0 to {highest}")
         if not 1 <= self.levels <= _MOST_LEVELS or self.fault_odds[0] != ONE or not _within(self.fault_odds, 1, _MOST_ODDS):
             raise GameError(f"table fault_odds: expected 1 to {_MOST_LEVELS} odds of 1 to {_MOST_ODDS}, the first of them {ONE}")
-        if (self.threshold[:, 1:] < self.threshold[:, :-1]).any():
+        if (self.threshold[..., 1:] < self.threshold[..., :-1]).any():
             raise GameError("table threshold: the cumulative probabilities of a legal pair fall")
         self._check_replies()
 
@@ -261,7 +301,7 @@ class Game(Layout):
         if not (_within(starts, 0, replies) and _within(counts, 0, n) and _within(starts + counts, 0, replies)):
             raise GameError(f"tables reply_start and reply_count: expected replies from 0 to {replies - 1}")
         legal = self.reply_count[self.edge_incoming].ravel()
-        if 2 * legal.sum() != len(self.threshold):
+        if 2 * legal.sum() != len(self.hurry):
             raise GameError("table threshold does not count the legal strokes of the states")
         if (legal[np.arange(len(legal)) != 1] == 0).any():
             raise GameError("a state other than the serve from above has no legal stroke")
@@ -290,7 +330,7 @@ class Game(Layout):
                 raise GameError("table reply_start: the legal strokes of a state depend on the duel")
 
     def _arrays(self) -> dict[str, npt.NDArray[np.generic]]:
-        return {f.name: getattr(self, f.name) for f in dataclasses.fields(Game) if f.name != "catalogue"}
+        return {field.name: getattr(self, field.name) for field in dataclasses.fields(Game) if field.name not in _NO_TABLES}
 
     def save(self, path: Path, metadata: dict[str, str] | None = None) -> None:
         """Write the tables as safetensors, beside and moved into place."""
@@ -325,12 +365,29 @@ class Game(Layout):
                 columns = checked(arrays[name], kind, (len(arrays[name]), pairs))
                 arrays[name] = np.empty(columns.T.shape, kind)
                 arrays[name][order] = np.cumsum(columns, axis=1, dtype=kind).T
-            game = cls(catalogue=catalogue, **arrays)
+            tables: dict[str, Any] = arrays
+            game = cls(catalogue=catalogue, **tables)
         except (OSError, KeyError, IndexError, TypeError, ValueError, ShuttleError) as error:
             raise GameError(f"{path}: no readable game tables ({error}); fit or install the model again") from error
         if game.hash != header.get("hash"):
             raise GameError(f"{path}: the tables do not fit their hash; the file is damaged, install the model again")
         return game
+
+
+def _game_of_people(people: "People", value: str) -> Game:
+    """The game of a pair that was pickled by its names.
+
+    Raises:
+        GameError: the model has changed since.
+    """
+    game = people.game()
+    if game.hash != value:
+        raise GameError(f"{people.title}: pickled with game {value[:12]}, and the model has {game.hash[:12]}; make it again")
+    return game
+
+
+def _game_of_seat(whole: Game, seat: int) -> Game:
+    return whole.seats[seat]
 
 
 def _within(array: Ints, low: int, high: int) -> bool:

@@ -17,7 +17,7 @@ import numpy as np
 from shuttle_marl.base.arrays import I8, I16, I32, I64, U64, Bools
 from shuttle_marl.base.compiling import inlined
 from shuttle_marl.game.draws import GOLDEN, MIX_1, MIX_2
-from shuttle_marl.game.pairs import AnyGame, PairGame
+from shuttle_marl.game.tables import Game
 from shuttle_marl.kernel.checks import KernelError
 
 int64: Final = cast("Callable[[Any], int]", np.int64)
@@ -74,7 +74,7 @@ class Tables(NamedTuple):
 
 
 @functools.lru_cache(maxsize=8)
-def tables_of(game: AnyGame) -> Tables:
+def tables_of(game: Game) -> Tables:
     """Packed tables of a game (cached).
 
     Raises:
@@ -84,7 +84,7 @@ def tables_of(game: AnyGame) -> Tables:
     # With e = inverse * size - 2^57 < size, the block of s comes out right where s * e < 2^57, that is for all s < B size.
     if game.n_blocks * size * size >= 1 << 57 or game.n_pairs >= 1 << 31:
         raise KernelError(f"the game has {game.n_states:,} states and {game.n_pairs:,} legal pairs: too many for the kernel")
-    seats = game.seats if isinstance(game, PairGame) else (game,)
+    seats = game.seats if game.people is not None else (game,)
     t = np.concatenate([tables.limits.reshape(-1, 3) for tables in seats]).astype(np.uint64)
     hurry = np.concatenate([np.tile(tables.hurry, (game.levels, 1)) for tables in seats]).astype(np.uint64)
     shifts = np.array([0, 16, 32, 48, 56], np.uint64)
@@ -95,7 +95,7 @@ def tables_of(game: AnyGame) -> Tables:
     first = np.stack([block * size, block * game.n_base_pairs, effort * game.n_base_pairs], axis=1, dtype=np.int32)
     return Tables(
         limits=np.bitwise_or.reduce(np.concatenate([t, hurry], axis=1) << shifts, axis=1),
-        seat=np.int64(len(t) // 2 if isinstance(game, PairGame) else 0),
+        seat=np.int64(len(t) // 2 if game.people is not None else 0),
         head=np.ascontiguousarray(head),
         inverse=np.uint64(-(-(1 << int(_SHIFT)) // size)),
         first=np.ascontiguousarray(first),

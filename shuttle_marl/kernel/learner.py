@@ -11,9 +11,9 @@ import numpy as np
 from shuttle_marl.base.arrays import F32, I8, I16, I32, I64, U64, Bools, Ints
 from shuttle_marl.base.compiling import compiled, inlined
 from shuttle_marl.game import draws
-from shuttle_marl.game.pairs import AnyGame
 from shuttle_marl.game.rules import FAULT, WINNER
 from shuttle_marl.game.scoring import BWF, Rules, RulesTuple, count_rally
+from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.kernel.checks import KernelError, checked_array
 from shuttle_marl.kernel.core import (
@@ -159,7 +159,7 @@ class OpponentBatch(Batch):
 
     def __init__(
         self,
-        game: AnyGame,
+        game: Game,
         batch: int,
         *,
         opponents: Sequence[TabulatedPolicy],
@@ -234,7 +234,7 @@ class LearnerBatch(OpponentBatch):
 
     def __init__(
         self,
-        game: AnyGame,
+        game: Game,
         batch: int,
         *,
         opponents: Sequence[TabulatedPolicy],
@@ -464,7 +464,7 @@ class LearnerMatchBatch(OpponentBatch):
 
     def __init__(
         self,
-        game: AnyGame,
+        game: Game,
         batch: int,
         *,
         opponents: Sequence[TabulatedPolicy],

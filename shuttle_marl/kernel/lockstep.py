@@ -14,7 +14,6 @@ import numpy as np
 
 from shuttle_marl.base.arrays import I8, I32, U16, U64, Bools, Intp
 from shuttle_marl.game import draws
-from shuttle_marl.game.pairs import AnyGame, PairGame
 from shuttle_marl.game.policy import Policy, PolicyError, States, checked_probabilities, drawn_strokes
 from shuttle_marl.game.rally.record import Rallies, stroke_dtype
 from shuttle_marl.game.rules import WINNER, strike
@@ -84,7 +83,7 @@ def stroke_columns(noted: U16, n_strokes: int) -> dict[str, Any]:
 
 
 def play(
-    game: AnyGame,
+    game: Game,
     matches: Matches,
     choose: Choose,
     *,
@@ -145,9 +144,9 @@ def play(
     return MatchResults(games, log.read(matches.entrant))
 
 
-def _strike(game: AnyGame, striker: I32, state: I32, k: Intp, draw: I32) -> tuple[I8, I32]:
+def _strike(game: Game, striker: I32, state: I32, k: Intp, draw: I32) -> tuple[I8, I32]:
     """:func:`shuttle_marl.game.rules.strike`, by seat in the game of a pair."""
-    if not isinstance(game, PairGame):
+    if game.people is None:
         return strike(game, state, k, draw)
     outcome, following = np.empty(len(state), np.int8), np.empty(len(state), np.int32)
     for seat, tables in enumerate(game.seats):

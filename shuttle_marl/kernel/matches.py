@@ -14,9 +14,9 @@ import numpy as np
 
 from shuttle_marl.base.arrays import I8, I32, U8, U16, U64
 from shuttle_marl.base.compiling import compiled, inlined
-from shuttle_marl.game.pairs import AnyGame
 from shuttle_marl.game.rally.record import Rallies
 from shuttle_marl.game.scoring import BWF, Rules, RulesTuple, count_rally
+from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.kernel.checks import checked_array, checked_number
 from shuttle_marl.kernel.core import (
@@ -190,7 +190,7 @@ def _play_block(tables: Tables, players: Players, matches: Matches, rules: Rules
 
 
 def play_matches(
-    game: AnyGame,
+    game: Game,
     matches: Matches,
     policies: Sequence[TabulatedPolicy] | Players,
     *,

@@ -8,7 +8,7 @@ import numpy as np
 from shuttle_marl.base.arrays import I32, U8, U16
 from shuttle_marl.base.compiling import compiled, inlined
 from shuttle_marl.game.draws import CHOICE_ONE
-from shuttle_marl.game.pairs import AnyGame
+from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.kernel.checks import KernelError, checked_array
 from shuttle_marl.kernel.core import int64
@@ -91,7 +91,7 @@ def _write_guides(cumulative: U16, pair_start: I32, guide: U8) -> None:
             write_guide(cumulative, pair_start[s], guide[s])
 
 
-def empty_players(game: AnyGame, count: int) -> Players:
+def empty_players(game: Game, count: int) -> Players:
     """Tables of ``count`` policies, filled with zeros.
 
     Raises:
@@ -103,7 +103,7 @@ def empty_players(game: AnyGame, count: int) -> Players:
     return Players(np.zeros((count, game.n_pairs), np.uint16), np.zeros((count, game.n_states, GUIDES), np.uint8))
 
 
-def pack(policies: Sequence[TabulatedPolicy], game: AnyGame) -> Players:
+def pack(policies: Sequence[TabulatedPolicy], game: Game) -> Players:
     """Pack policies that are tabulated for one game, or for either seat of the game of a pair.
 
     Raises:
@@ -117,7 +117,7 @@ def pack(policies: Sequence[TabulatedPolicy], game: AnyGame) -> Players:
     return players
 
 
-def put_player(players: Players, number: int, policy: TabulatedPolicy, game: AnyGame) -> None:
+def put_player(players: Players, number: int, policy: TabulatedPolicy, game: Game) -> None:
     """Replace one of the packed policies.
 
     Raises:
@@ -134,7 +134,7 @@ def put_player(players: Players, number: int, policy: TabulatedPolicy, game: Any
     _write_guides(players.cumulative[number], game.pair_start, players.guide[number])
 
 
-def check_players(players: Players, game: AnyGame, count: int | None = None) -> None:
+def check_players(players: Players, game: Game, count: int | None = None) -> None:
     """Check that packed policies only choose strokes that exist.
 
     Args:

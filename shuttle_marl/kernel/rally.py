@@ -6,7 +6,7 @@ import numpy as np
 
 from shuttle_marl.base.arrays import F32, I16, I64, Bools, Ints
 from shuttle_marl.base.compiling import compiled
-from shuttle_marl.game.pairs import AnyGame
+from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.kernel.checks import checked_number
 from shuttle_marl.kernel.core import (
@@ -137,7 +137,7 @@ class RallyBatch(Batch):
         threads: number of threads; does not change results.
     """
 
-    def __init__(self, game: AnyGame, batch: int, *, seed: int = 0, server: Server = None, threads: int = 1) -> None:
+    def __init__(self, game: Game, batch: int, *, seed: int = 0, server: Server = None, threads: int = 1) -> None:
         super().__init__(game, batch, server=server, threads=threads)
         self.reset(seed)
 

@@ -12,8 +12,8 @@ import numpy as np
 from shuttle_marl.base.arrays import F32, I8, I16, I32, I64, U64, Bools, Ints
 from shuttle_marl.base.compiling import compiled, inlined
 from shuttle_marl.game import draws
-from shuttle_marl.game.pairs import AnyGame
 from shuttle_marl.game.rules import IllegalStrokeError
+from shuttle_marl.game.tables import Game
 from shuttle_marl.kernel.checks import KernelError, check_room, checked_array, checked_number
 from shuttle_marl.kernel.core import (
     BLOCK,
@@ -277,7 +277,7 @@ def in_slices(work: Callable[[int, int], Any], size: int, threads: int) -> None:
 class Batch:
     """Base of the batches of rallies and matches."""
 
-    def __init__(self, game: AnyGame, batch: int, *, server: Server, threads: int) -> None:
+    def __init__(self, game: Game, batch: int, *, server: Server, threads: int) -> None:
         if server not in (None, 0, 1):
             raise KernelError(f"server {server!r}: expected 0, 1, or None for a random server")
         self.game = game

@@ -19,7 +19,6 @@ import numpy as np
 
 from shuttle_marl.base.arrays import F32, I32, I64, Bools, Floats, Ints
 from shuttle_marl.game import draws
-from shuttle_marl.game.pairs import AnyGame
 from shuttle_marl.game.rally.record import Rallies, stroke_dtype
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
@@ -384,7 +383,7 @@ class RallySampler:
         return tape
 
 
-def play_rallies(game: AnyGame, policies: tuple[TabulatedPolicy, TabulatedPolicy], n: int, *, seed: int = 0) -> Rallies:
+def play_rallies(game: Game, policies: tuple[TabulatedPolicy, TabulatedPolicy], n: int, *, seed: int = 0) -> Rallies:
     """Play the first n rallies of a seed, with the draws of the first n episodes of ``rally_v0``.
 
     Args:

@@ -12,7 +12,7 @@ import tyro
 from shuttle_marl.base.arrays import I32, Intp
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.game.draws import CHOICE_ONE, chosen
-from shuttle_marl.game.pairs import AnyGame, PairGame, pair_game
+from shuttle_marl.game.pairs import pair_game
 from shuttle_marl.game.policy import Policy, PolicyError, reads_score
 from shuttle_marl.game.scoring import RulesName
 from shuttle_marl.game.shipped import Profile, resolve_game
@@ -144,7 +144,7 @@ class LeagueConfig:
         fixed: dict[str, Any] = json.loads(json.dumps({name: getattr(self, name) for name in (*names, *pair)}))
         return fixed
 
-    def load(self) -> AnyGame:
+    def load(self) -> Game:
         """The game that is played.
 
         Raises:
@@ -155,7 +155,7 @@ class LeagueConfig:
         return pair_game(*self.players, date=self.date, discipline=self.profile, game=self.game)
 
 
-def default_pool(game: AnyGame) -> tuple[str, ...]:
+def default_pool(game: Game) -> tuple[str, ...]:
     """Behaviour-cloned players (the average and the first few individuals), scripted styles, random, trained agents, anchors.
 
     The anchors are reference points of the scale: perfect play, and the best response to ``bc``. Only policies that can play this
@@ -191,7 +191,7 @@ class Entrant:
         return "" if self.table is None else hash_of(self.table, self.opposite or self.table)
 
 
-def enter(name: str, game: AnyGame, *, requested: bool = True) -> Entrant:
+def enter(name: str, game: Game, *, requested: bool = True) -> Entrant:
     """Resolve an entrant and evaluate it in every state.
 
     Args:
@@ -225,10 +225,10 @@ class ForfeitError(Exception):
         self.name, self.reason = name, reason
 
 
-def seat_tables(game: AnyGame, entrants: Sequence[Entrant]) -> list[TabulatedPolicy | None]:
+def seat_tables(game: Game, entrants: Sequence[Entrant]) -> list[TabulatedPolicy | None]:
     """Tables of all entrants, in the game of a pair first those of seat 0, then those of seat 1."""
     first = [entrant.table for entrant in entrants]
-    return [*first, *(entrant.opposite for entrant in entrants)] if isinstance(game, PairGame) else first
+    return [*first, *(entrant.opposite for entrant in entrants)] if game.people is not None else first
 
 
 class Strikers:
@@ -237,11 +237,11 @@ class Strikers:
     The tables of all entrants are stacked, so a stroke takes one row look-up and one comparison.
     """
 
-    def __init__(self, game: AnyGame, entrants: Sequence[Entrant]) -> None:
+    def __init__(self, game: Game, entrants: Sequence[Entrant]) -> None:
         self._game, self._entrants = game, entrants
         self._sampled = [i for i, entrant in enumerate(entrants) if entrant.table is None and not entrant.failure]
         tables = [np.empty((0, 0), dtype=np.uint16) if table is None else table.padded for table in seat_tables(game, entrants)]
-        self._second = len(entrants) if isinstance(game, PairGame) else 0
+        self._second = len(entrants) if game.people is not None else 0
         width = max(table.shape[1] for table in tables)
         self._rows = np.full((sum(map(len, tables)), width), CHOICE_ONE, dtype=np.uint16)
         self._first_row = np.cumsum([0, *map(len, tables)])[:-1].astype(np.int32)

@@ -13,9 +13,10 @@ import msgspec
 
 from shuttle_marl.base import runs
 from shuttle_marl.base.files import problem, read_file, replace_file
-from shuttle_marl.game.pairs import AnyGame
+from shuttle_marl.game.tables import Game
 from shuttle_marl.league.entrants import Entrant, LeagueConfig, LeagueError
 from shuttle_marl.league.tournament import Pairing, PairResult
+from shuttle_marl.policy.sources import source_hashes
 
 PAIRINGS: Final = "pairings.jsonl"
 RALLIES: Final = "rallies.mcap"
@@ -91,7 +92,7 @@ def log_name(stage: int) -> str:
     return f"rallies-{stage + 1}.mcap" if stage else RALLIES
 
 
-def manifest(config: LeagueConfig, game: AnyGame, entrants: Sequence[Entrant]) -> dict[str, Any]:
+def manifest(config: LeagueConfig, game: Game, entrants: Sequence[Entrant]) -> dict[str, Any]:
     """Manifest of a run that starts now: everything that is needed to reproduce it."""
     return {
         "status": "running",
@@ -99,6 +100,8 @@ def manifest(config: LeagueConfig, game: AnyGame, entrants: Sequence[Entrant]) -
         **runs.describe(PACKAGES),
         "game": {"model": config.game, "hash": game.hash, "catalogue": game.catalogue.version},
         "policies": {entrant.name: entrant.hash for entrant in entrants},
+        # What has no table is known by its files alone.
+        "sources": {entrant.name: source_hashes(entrant.name) for entrant in entrants if not entrant.hash},
     }
 
 
@@ -113,7 +116,7 @@ def check_same(folder: Path, about: dict[str, Any]) -> None:
     if not path.exists():
         return
     before = runs.read_json(path, dict[str, Any])
-    for what in ("game", "policies"):
+    for what in ("game", "policies", "sources"):
         known = before.get(what, {})
         # Entrants may have been added since then.
         if not isinstance(known, dict) or {key: about[what].get(key) for key in known} != known:

@@ -19,7 +19,7 @@ from shuttle_marl.analysis import rally_table
 from shuttle_marl.analysis.outlook import skill_error, slopes_by_group
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.exact import Odds, sensitivity
-from shuttle_marl.game.pairs import PairGame, pair_game
+from shuttle_marl.game.pairs import pair_game, people_of
 from shuttle_marl.game.scoring import match_win_probability
 from shuttle_marl.game.shipped import Profile, model_folder
 from shuttle_marl.game.skill import COMPONENTS, GROUPS, Day, load_skill
@@ -145,17 +145,18 @@ def predict_pairs(
     return found
 
 
-def predict(pair: PairGame, policy: str | None = None) -> Prediction:
+def predict(pair: Game, policy: str | None = None) -> Prediction:
     """Predict the result of one pair; arguments and errors as for :func:`predict_pairs`."""
+    people = people_of(pair)
     first, second = (
-        _table(tables, policy or imitation(player, tables)) for player, tables in zip(pair.players, pair.seats, strict=True)
+        _table(tables, policy or imitation(player, tables)) for player, tables in zip(people.players, pair.seats, strict=True)
     )
     found = sensitivity(first, second, tolerance=_TOLERANCE)
-    odds, skill = found.value.odds(), pair.skill
+    odds, skill = found.value.odds(), people.skill
     slopes = slopes_by_group(found, skill)
     width = _NORMAL * skill_error(pair, slopes)
     return Prediction(
-        players=pair.players,
+        players=people.players,
         hash=pair.hash,
         rally_win=odds.rally,
         rally_low=max(0.0, odds.rally - width),
@@ -176,15 +177,15 @@ def _shifted(odds: Odds, change: float) -> float:
     return float(match_win_probability(serving, receiving))
 
 
-def _reasons(pair: PairGame, slopes: Sequence[F64]) -> dict[str, float]:
+def _reasons(pair: Game, slopes: Sequence[F64]) -> dict[str, float]:
     """Points in 100 rallies by player, component, role and group, the largest ones; to first order."""
-    names = (GENERAL, *GROUPS)
+    names, people = (GENERAL, *GROUPS), people_of(pair)
     found: dict[str, float] = {}
     for seat, slope in enumerate(slopes):
-        for role, player in enumerate((pair.players[seat], pair.players[1 - seat])):
-            if player not in pair.skill.players:
+        for role, player in enumerate((people.players[seat], people.players[1 - seat])):
+            if player not in people.skill.players:
                 continue
-            points = 100 * slope * pair.skill.offset[pair.skill.knot(player, pair.date), :, role]
+            points = 100 * slope * people.skill.offset[people.skill.knot(player, people.date), :, role]
             for component, group in np.ndindex(points.shape):
                 what = f"{player}: {COMPONENTS[component]} of {_SIDES[role]}, {names[group]}"
                 found[what] = round(float(points[component, group]), 3)

@@ -14,7 +14,6 @@ from scipy.stats import binomtest
 
 from shuttle_marl.base.arrays import F64, Intp
 from shuttle_marl.exact.fixed_point import TOLERANCE
-from shuttle_marl.game.pairs import AnyGame, PairGame
 from shuttle_marl.game.policy import PolicyError
 from shuttle_marl.game.scoring import BWF, Rules
 from shuttle_marl.game.tables import Game
@@ -66,7 +65,7 @@ class ExactOdds:
         return float(self.match[self.names.index(names[0]), self.names.index(names[1])])
 
 
-def exact_odds(game: AnyGame, entrants: Sequence[Entrant], refits: Sequence[AnyGame] = (), rules: Rules = BWF) -> ExactOdds:
+def exact_odds(game: Game, entrants: Sequence[Entrant], refits: Sequence[Game] = (), rules: Rules = BWF) -> ExactOdds:
     """Solve every pair of entrants, and the best response to each.
 
     Args:
@@ -85,16 +84,14 @@ def exact_odds(game: AnyGame, entrants: Sequence[Entrant], refits: Sequence[AnyG
     )
     tables = {i: entrant.table for i, entrant in enumerate(entrants) if entrant.table is not None}
     try:
-        if isinstance(game, PairGame):
+        if game.people is not None:
             return _fill_pair(blank, {i: entrants[i] for i in tables}, refits, rules) if tables else blank
         return _fill(blank, game, tables, refits, rules) if tables else blank
     except ExactError as error:
         return dataclasses.replace(blank, problem=str(error))
 
 
-def _fill(
-    blank: ExactOdds, game: Game, tables: Mapping[int, TabulatedPolicy], refits: Sequence[AnyGame], rules: Rules
-) -> ExactOdds:
+def _fill(blank: ExactOdds, game: Game, tables: Mapping[int, TabulatedPolicy], refits: Sequence[Game], rules: Rules) -> ExactOdds:
     from shuttle_marl.exact import moved  # noqa: PLC0415  numba
     from shuttle_marl.exact.known import best_odds, crossplay  # noqa: PLC0415  numba
     from shuttle_marl.policy.scorecard import Scorer  # noqa: PLC0415  numba
@@ -121,14 +118,14 @@ def _fill(
     if not refits:
         return filled
 
-    def in_refit(refit: AnyGame) -> F64:
+    def in_refit(refit: Game) -> F64:
         return crossplay([moved(table, refit.seats[0]) for table in policies], tolerance=_AWAY).match(rules)
 
     away, shares = _away(len(match), at, refits, in_refit)
     return dataclasses.replace(filled, away=away, away_shares=shares)
 
 
-def _fill_pair(blank: ExactOdds, entrants: Mapping[int, Entrant], refits: Sequence[AnyGame], rules: Rules) -> ExactOdds:
+def _fill_pair(blank: ExactOdds, entrants: Mapping[int, Entrant], refits: Sequence[Game], rules: Rules) -> ExactOdds:
     """Figures in the game of a pair: means over both seats of each entrant."""
     from shuttle_marl.exact import moved  # noqa: PLC0415  numba
     from shuttle_marl.exact.known import best_odds  # noqa: PLC0415  numba
@@ -143,7 +140,7 @@ def _fill_pair(blank: ExactOdds, entrants: Mapping[int, Entrant], refits: Sequen
     if not refits:
         return filled
 
-    def in_refit(refit: AnyGame) -> F64:
+    def in_refit(refit: Game) -> F64:
         first, second = refit.seats
         return _both_seats([(moved(a, first), moved(b, second)) for a, b in tables], rules, _AWAY)
 
@@ -159,7 +156,7 @@ def _both_seats(tables: Sequence[tuple[TabulatedPolicy, TabulatedPolicy]], rules
     return np.asarray((win + 1 - win.T) / 2)
 
 
-def _away(n: int, at: Sequence[int], refits: Sequence[AnyGame], match: Callable[[AnyGame], F64]) -> "tuple[Spread, F64]":
+def _away(n: int, at: Sequence[int], refits: Sequence[Game], match: Callable[[Game], F64]) -> "tuple[Spread, F64]":
     """``[N]`` fraction of matches won against all others over refits, and ``[R, N]`` in each; NaN without a table.
 
     Args:
@@ -170,7 +167,7 @@ def _away(n: int, at: Sequence[int], refits: Sequence[AnyGame], match: Callable[
     """
     from shuttle_marl.exact.away import over  # noqa: PLC0415  numba
 
-    def shares(refit: AnyGame) -> "dict[str, Values]":
+    def shares(refit: Game) -> "dict[str, Values]":
         win, share = match(refit), np.full(n, np.nan)
         share[at] = np.round((win.sum(axis=1) - win.diagonal()) / max(1, len(at) - 1), _DECIMALS)
         each.append(share)

@@ -22,9 +22,9 @@ from shuttle_marl.base.cluster import Cluster, open_cluster
 from shuttle_marl.base.errors import printable
 from shuttle_marl.base.files import replace_file
 from shuttle_marl.base.table_files import csv_bytes, write_parquet
-from shuttle_marl.game.pairs import AnyGame, PairGame
 from shuttle_marl.game.scoring import RULES
 from shuttle_marl.game.shipped import least_support, refits_of
+from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.league import folder as run_folder
 from shuttle_marl.league.assessment import as_json, assess
@@ -103,9 +103,7 @@ def run_league(config: LeagueConfig, console: Console | None = None) -> LeagueRu
             raise LeagueError(str(error)) from error
 
 
-def _run(
-    config: LeagueConfig, game: AnyGame, entrants: Sequence[Entrant], console: Console, cluster: Cluster | None
-) -> LeagueRun:
+def _run(config: LeagueConfig, game: Game, entrants: Sequence[Entrant], console: Console, cluster: Cluster | None) -> LeagueRun:
     with run_folder.open_run(config) as opened:
         folder = opened.absolute()
         about = run_folder.manifest(config, game, entrants)
@@ -139,7 +137,7 @@ def _run(
 
 def _play(
     config: LeagueConfig,
-    game: AnyGame,
+    game: Game,
     entrants: Sequence[Entrant],
     known: Sequence[Sequence[Pairing]],
     results: list[PairResult],
@@ -208,7 +206,7 @@ def _play(
 
 def _open_recorder(
     config: LeagueConfig,
-    game: AnyGame,
+    game: Game,
     entrants: Sequence[Entrant],
     known: Sequence[Sequence[Pairing]],
     results: Sequence[PairResult],
@@ -240,12 +238,12 @@ def _open_recorder(
     return RallyRecorder(resume_log(path, header, recorded))
 
 
-def _exact(config: LeagueConfig, game: AnyGame, entrants: Sequence[Entrant], console: Console) -> ExactOdds:
+def _exact(config: LeagueConfig, game: Game, entrants: Sequence[Entrant], console: Console) -> ExactOdds:
     if not config.exact:
         return exact_odds(game, [dataclasses.replace(entrant, table=None) for entrant in entrants])
-    refits: Sequence[AnyGame] = ()
+    refits: Sequence[Game] = ()
     if config.away:
-        refits = game.refits() if isinstance(game, PairGame) else refits_of(game)
+        refits = game.people.refits() if game.people is not None else refits_of(game)
     if config.away and len(refits) < 2:
         refits = ()
         _say(console, "the model has fewer than two refits, so there are no results in refits (--away)")
@@ -258,7 +256,7 @@ def _exact(config: LeagueConfig, game: AnyGame, entrants: Sequence[Entrant], con
 
 def _write_tables(
     config: LeagueConfig,
-    game: AnyGame,
+    game: Game,
     entrants: Sequence[Entrant],
     known: Sequence[Sequence[Pairing]],
     results: Sequence[PairResult],
@@ -288,9 +286,9 @@ def _write_tables(
     return standings
 
 
-def _holes(game: AnyGame, tables: Mapping[str, TabulatedPolicy], best: int) -> "dict[str, Holes]":
+def _holes(game: Game, tables: Mapping[str, TabulatedPolicy], best: int) -> "dict[str, Holes]":
     """States in which the best policies lose most to their best responses."""
-    if not best or isinstance(game, PairGame):
+    if not best or game.people is not None:
         return {}
     from shuttle_marl.exact import ExactError, solve  # noqa: PLC0415  numba
     from shuttle_marl.exact.optimal import limited  # noqa: PLC0415  numba

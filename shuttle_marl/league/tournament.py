@@ -16,9 +16,9 @@ from shuttle_marl.base.arrays import F64, Bools
 from shuttle_marl.base.cluster import Cluster, Shared, Task
 from shuttle_marl.base.files import Count
 from shuttle_marl.game import draws
-from shuttle_marl.game.pairs import AnyGame, PairGame
 from shuttle_marl.game.rally.record import Rallies
 from shuttle_marl.game.scoring import BWF, Rules
+from shuttle_marl.game.tables import Game
 from shuttle_marl.kernel.lockstep import Matches, play
 from shuttle_marl.league.entrants import Entrant, ForfeitError, Format, Strikers, seat_tables
 
@@ -337,7 +337,7 @@ class Tournament:
 
     def __init__(
         self,
-        game: AnyGame,
+        game: Game,
         entrants: Sequence[Entrant],
         options: MatchOptions,
         *,
@@ -443,7 +443,7 @@ class Tournament:
         from shuttle_marl.kernel import play_matches  # noqa: PLC0415  numba is slow to import
 
         # The tables of seat 1 in the game of a pair are behind those of seat 0.
-        second = (self._table_of >= 0).sum() if isinstance(self._game, PairGame) else 0
+        second = (self._table_of >= 0).sum() if self._game.people is not None else 0
         entrant = self._table_of[matches.entrant] + np.array([0, second], dtype=np.int32)
         seated = Matches(entrant=entrant, first_server=matches.first_server, key=matches.key)
         options = self._options

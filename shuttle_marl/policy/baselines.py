@@ -19,7 +19,7 @@ import numpy as np
 from shuttle_marl.base.arrays import F32, F64, I16, I64
 from shuttle_marl.base.tensor_files import checked, parsed
 from shuttle_marl.game.court import BACK, N_AREAS, area_centre, third_of
-from shuttle_marl.game.pairs import SeatGame
+from shuttle_marl.game.pairs import people_of
 from shuttle_marl.game.policy import PolicyError, States
 from shuttle_marl.game.shipped import BC, CHOICE_UNITS, PROFILES, folder_of, origin_of, read_model
 from shuttle_marl.game.stroke import HEIGHTS, N_SHOTS, N_TECHNIQUES, SHOTS
@@ -141,8 +141,8 @@ def load(player: str | None, game: Game) -> TabulatedPolicy:
     Raises:
         PolicyError: as :func:`probabilities`.
     """
-    if isinstance(game, SeatGame):  # choices do not depend on skill, so all pairs share a table
-        return dataclasses.replace(load(player, game.profile), game=game)
+    if game.whole is not None:  # choices do not depend on skill, so all pairs share a table
+        return dataclasses.replace(load(player, people_of(game).profile), game=game)
     return from_pair_probabilities(game, np.tile(probabilities(player, game), game.n_blocks))
 
 

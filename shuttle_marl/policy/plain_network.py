@@ -262,7 +262,7 @@ def _recorded(module: Any, seen: F32) -> list[tuple[str, Any]]:
     if current is not start:
         where = f"the input of {chain[0][0]} ({chain[0][1]})" if chain else "its output"
         raise ValueError(f"{where} is computed outside of its modules, such as a sum, a product or a function")
-    values = np.linspace(-4, 4, 65, dtype=np.float32)
+    values = np.linspace(-4, 4, 65)
     for i, (name, part) in enumerate(chain):
         kind, expected = type(part).__name__, "one of " + ", ".join(_TORCH_NAMES)
         if i % 2 == 0:

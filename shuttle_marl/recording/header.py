@@ -13,9 +13,10 @@ from shuttle_marl import __version__
 from shuttle_marl.base.arrays import U64, Bools, Ints
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.game.draws import stream as draw_stream
-from shuttle_marl.game.pairs import AnyGame, PairGame, pair_game
+from shuttle_marl.game.pairs import pair_game
 from shuttle_marl.game.rally.record import OPTIONAL, Rallies
 from shuttle_marl.game.scoring import BWF, Rules
+from shuttle_marl.game.tables import Game
 
 VERSION: Final = 3
 """Version of the columns and the header of a log."""
@@ -76,13 +77,14 @@ class Pair:
     discipline: str | None = None
 
     @classmethod
-    def of(cls, game: AnyGame) -> "Pair | None":
+    def of(cls, game: Game) -> "Pair | None":
         """The players of a game; None if it is not that of a pair."""
-        if not isinstance(game, PairGame):
+        if game.people is None:
             return None
-        return cls(players=game.players, date=None if game.date is None else str(game.date), discipline=game.discipline)
+        people = game.people
+        return cls(players=people.players, date=None if people.date is None else str(people.date), discipline=people.discipline)
 
-    def game(self, model: str = "default") -> PairGame:
+    def game(self, model: str = "default") -> Game:
         """The game of these players in a model.
 
         Raises:

@@ -16,10 +16,10 @@ from shuttle_marl.base.errors import printable
 from shuttle_marl.base.files import open_file
 from shuttle_marl.game import draws
 from shuttle_marl.game.layout import Layout
-from shuttle_marl.game.pairs import AnyGame
 from shuttle_marl.game.rally.record import Rallies
 from shuttle_marl.game.rules import WINNER, strike
 from shuttle_marl.game.scoring import Rules, count_rally, is_over
+from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.recording.chunks import FRAME, stream
 from shuttle_marl.recording.header import DamagedLogError, LogHeader, RecordingError, Sampling
@@ -29,7 +29,7 @@ from shuttle_marl.recording.reader import RallyLog
 _BLOCK: Final = 1 << 20
 
 
-def require_game(log: RallyLog, game: AnyGame) -> None:
+def require_game(log: RallyLog, game: Game) -> None:
     """Check that a log was played on a game.
 
     Raises:
@@ -69,7 +69,7 @@ class Replay:
     wrong: tuple[int, ...]
 
 
-def replay(log: RallyLog, game: AnyGame, policies: Mapping[str, TabulatedPolicy] | None = None) -> Replay:
+def replay(log: RallyLog, game: Game, policies: Mapping[str, TabulatedPolicy] | None = None) -> Replay:
     """Replay every rally of a log from its draws.
 
     If the draws are unknown, only the legality of the strokes and the winners are checked.
@@ -97,7 +97,7 @@ def replay(log: RallyLog, game: AnyGame, policies: Mapping[str, TabulatedPolicy]
     return Replay(rallies=rallies, strokes=strokes, wrong=tuple(wrong))
 
 
-def _wrong_strokes(header: LogHeader, game: AnyGame, rallies: Rallies, policies: Mapping[int, TabulatedPolicy]) -> Bools:
+def _wrong_strokes(header: LogHeader, game: Game, rallies: Rallies, policies: Mapping[int, TabulatedPolicy]) -> Bools:
     """``[N]`` whether a stroke is illegal, or differs in its outcome or its policy's choice from the replay."""
     state, k = states(game, rallies)
     wrong = state < 0
@@ -142,7 +142,7 @@ class Checked:
     problems: tuple[str, ...]
 
 
-def check(path: Path, game: AnyGame | None = None) -> Checked:
+def check(path: Path, game: Game | None = None) -> Checked:
     """Check a log.
 
     Args:

@@ -12,8 +12,8 @@ import pyarrow.parquet
 
 from shuttle_marl.base.files import replacing
 from shuttle_marl.base.table_files import PARQUET, seal_parquet, without_formulas
-from shuttle_marl.game.pairs import AnyGame
 from shuttle_marl.game.rally.record import Rallies
+from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.recording.header import RecordingError
 from shuttle_marl.recording.reader import RallyLog, rally_rows, stroke_rows
@@ -38,7 +38,7 @@ class Derived:
         RecordingError: the log was played on another game.
     """
 
-    def __init__(self, log: RallyLog, game: AnyGame, policies: Mapping[str, TabulatedPolicy] | None = None) -> None:
+    def __init__(self, log: RallyLog, game: Game, policies: Mapping[str, TabulatedPolicy] | None = None) -> None:
         require_game(log, game)
         self._game = game
         chosen = policies or {}
@@ -69,7 +69,7 @@ class Derived:
         return found
 
 
-def export(source: Path, target: Path, rows: Literal["rallies", "strokes"], game: AnyGame | None = None) -> int:
+def export(source: Path, target: Path, rows: Literal["rallies", "strokes"], game: Game | None = None) -> int:
     """Write a log as a table, complete or not at all.
 
     Args:

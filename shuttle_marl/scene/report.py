@@ -9,10 +9,11 @@ import numpy as np
 from shuttle_marl.analysis import LogPlayers, RallyAnalysis, analyse_rally
 from shuttle_marl.base.errors import printable
 from shuttle_marl.game.draws import stream
-from shuttle_marl.game.pairs import AnyGame, seat_names
+from shuttle_marl.game.pairs import seat_names
 from shuttle_marl.game.rally.record import Rallies, Rally
 from shuttle_marl.game.rules import OUTCOMES, IllegalStrokeError
 from shuttle_marl.game.scoring import ends_changed
+from shuttle_marl.game.tables import Game
 from shuttle_marl.recording.header import LogHeader
 from shuttle_marl.recording.reader import RallyLog
 from shuttle_marl.scene import SceneError
@@ -40,7 +41,7 @@ class RallyReport:
 
     number: int
     names: tuple[str, str]
-    game: AnyGame
+    game: Game
     played: Rally
     winner: int
     reason: str
@@ -92,7 +93,7 @@ class StagedRally:
         return self.at(float(self.motion.time[-1]))
 
 
-def report_rally(log: RallyLog, number: int, game: AnyGame, players: LogPlayers) -> RallyReport:
+def report_rally(log: RallyLog, number: int, game: Game, players: LogPlayers) -> RallyReport:
     """Report of one rally.
 
     Args:

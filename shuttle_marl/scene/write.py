@@ -18,8 +18,8 @@ from shuttle_marl.analysis.rally import Resolve
 from shuttle_marl.base.errors import printable
 from shuttle_marl.game.court import AREAS, area_box
 from shuttle_marl.game.layout import LONGEST_DUEL
-from shuttle_marl.game.pairs import AnyGame
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
+from shuttle_marl.game.tables import Game
 from shuttle_marl.policy.registry import resolve_recorded
 from shuttle_marl.recording.reader import RallyLog, rally_rows
 from shuttle_marl.scene import SceneError, topics
@@ -274,7 +274,7 @@ def select(
 def write_scene(
     log: RallyLog,
     numbers: Sequence[int],
-    game: AnyGame,
+    game: Game,
     *,
     athletes: tuple[str, str] = ("male", "male"),
     handedness: tuple[str, str] = ("right", "right"),
@@ -342,7 +342,7 @@ def _rows(log: RallyLog, numbers: Sequence[int]) -> bytes:
     return sink.getvalue().to_pybytes()
 
 
-def _facts(log: RallyLog, numbers: Sequence[int], game: AnyGame) -> dict[str, str]:
+def _facts(log: RallyLog, numbers: Sequence[int], game: Game) -> dict[str, str]:
     """Origin of the rallies: log, seeds, game and policies."""
     headers = [file.header for file in log.files]
     seated = sorted({int(policy) for number in numbers for policy in log.rally(int(number)).policy[0]})

@@ -13,7 +13,7 @@ from shuttle_marl.game.draws import stream
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.kernel import play_rallies
-from shuttle_marl.suite.methods import Method, called, made
+from shuttle_marl.suite.method import Method, called, made
 from shuttle_marl.suite.options import Split, SuiteError
 from shuttle_marl.suite.population import ADAPT_RALLIES, CONTROL, FAMILIES, Opponent, known, opponent
 from shuttle_marl.suite.task import Arena, Case, Outcome, Statistic, Task, required, table_of
@@ -92,6 +92,7 @@ class Adapt(Task):
     name = "adapt-v0"
     metric = "regret_500"
     higher_is_better = False
+    roles = tuple(map(str, CHANGES))
     optimum = 0.0
     statistic: ClassVar[Statistic] = "mean"
     seeds = 1

@@ -16,7 +16,7 @@ import pyarrow as pa
 from shuttle_marl.base.arrays import F64, I64, Bools
 from shuttle_marl.data.schema import Outcome as Ending
 from shuttle_marl.game.tables import Game
-from shuttle_marl.suite.methods import Method, called, made
+from shuttle_marl.suite.method import Method, called, made
 from shuttle_marl.suite.options import SuiteError
 from shuttle_marl.suite.task import Arena, Case, Outcome, Task, exploitability, odds_against, required, table_of
 

@@ -10,7 +10,7 @@ from shuttle_marl.base.runs import write_json
 from shuttle_marl.base.table_files import write_parquet
 from shuttle_marl.suite import frozen
 from shuttle_marl.suite.frozen import Frozen
-from shuttle_marl.suite.methods import kind_of
+from shuttle_marl.suite.method import kind_of
 from shuttle_marl.suite.minari_data import write_minari
 from shuttle_marl.suite.offline import LogTask, log_of_unit
 from shuttle_marl.suite.options import Split, SuiteError

@@ -21,7 +21,7 @@ from shuttle_marl.game.policy import PolicyError
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.suite.logs import OPPONENT, Log, behaviour, blank, generate
-from shuttle_marl.suite.methods import Method, called, find, made
+from shuttle_marl.suite.method import Method, called, find, made
 from shuttle_marl.suite.options import SuiteError
 from shuttle_marl.suite.store import packed, unpacked
 from shuttle_marl.suite.task import Arena, Case, Outcome, Task, best_against, exploitability, odds_against, required, table_of
@@ -150,6 +150,7 @@ class Evaluate(LogTask):
     """
 
     name = "evaluate-v0"
+    roles = ()
     metric = "error"
     seeds = 1
     higher_is_better = False

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 from shuttle_marl.exact.match import normalised_score
 from shuttle_marl.game.tables import Game
-from shuttle_marl.suite.methods import Method, made
+from shuttle_marl.suite.method import Method, made
 from shuttle_marl.suite.options import SuiteError
 from shuttle_marl.suite.task import (
     QUICK_STROKES,

@@ -13,7 +13,7 @@ from shuttle_marl.base import runs
 from shuttle_marl.base.cluster import in_processes, open_cluster
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.suite import frozen, store
-from shuttle_marl.suite.methods import find
+from shuttle_marl.suite.method import find, sources
 from shuttle_marl.suite.options import SuiteError, SuiteRun
 from shuttle_marl.suite.registry import arena_of, find_task
 from shuttle_marl.suite.results import summarise
@@ -80,10 +80,26 @@ def run_method(options: SuiteRun, console: Console | None = None) -> Path:
             for case, seed in numbers
             if not store.entry_path(folder, case, seed).exists()
         ]
+        _check_sources(folder, task.name, options.method, resumed=options.resume and bool(units))
         _play_all(folder, units, options, console or Console(quiet=True))
         runs.write_json(folder / store.RESULTS, summarise(folder, options.beacon, options.game))
         runs.write_json(folder / runs.MANIFEST, {"status": "finished", **about})
     return folder
+
+
+def _check_sources(folder: Path, task: str, method: str, *, resumed: bool) -> None:
+    """Keep the hashes of the files of a method, or compare them with those that the run was started with."""
+    path, now = folder / store.SOURCES, sources(task, method)
+    if resumed:
+        before = runs.read_json(path, dict[str, str]) if path.exists() else {}
+        changed = sorted(key for key in before.keys() | now.keys() if before.get(key) != now.get(key))
+        if changed:
+            raise SuiteError(
+                f"{folder}: {', '.join(changed)} changed after the run was started, and results of two versions of a method are "
+                "never mixed; restore what it was, or start the run again with --overwrite or another --out"
+            )
+    elif not path.exists():
+        runs.write_json(path, now)
 
 
 def _play_all(folder: Path, units: Sequence[_Unit], options: SuiteRun, console: Console) -> None:

@@ -5,12 +5,13 @@
 - ``entries/CASE-SEED.json``: one unit: fingerprint of the case, hashes of the policies, answers, scores, curve, seconds; with a
   checksum;
 - ``policies/HASH.zst``: one table of a policy, compressed; HASH is the SHA-256 of its numbers;
+- ``sources.json``: hashes of the files of the method;
 - ``work/CASE-SEED/``: files of the method, which nothing reads;
 - ``results.json``: aggregates, recomputed by ``score``.
 """
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Final
 
@@ -20,6 +21,7 @@ import zstandard
 
 from shuttle_marl.base import runs
 from shuttle_marl.base.arrays import U16
+from shuttle_marl.base.errors import printable
 from shuttle_marl.base.files import FileReadError, Sha256, problem, read_file, read_json, replace_file, seal
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
@@ -30,6 +32,7 @@ ENTRIES: Final = "entries"
 POLICIES: Final = "policies"
 CARD: Final = "card.json"
 RESULTS: Final = "results.json"
+SOURCES: Final = "sources.json"
 _LEVEL: Final = 9
 
 
@@ -127,13 +130,18 @@ def read_entry(path: Path) -> Entry:
         raise SuiteError(f"{path}: {error}") from error
 
 
-def read_outcome(folder: Path, entry: Entry, game: Game) -> Outcome:
-    """The outcome of a unit, with its policies.
+def read_outcome(folder: Path, entry: Entry, game: Game, roles: Collection[str]) -> Outcome:
+    """The outcome of a unit, with its policies; each is read once.
 
     Raises:
-        SuiteError, PolicyError: a policy is missing, damaged, or of another game.
+        SuiteError, PolicyError: a policy is missing, damaged, of another game, or of another role than those of the task.
     """
-    policies = {role: load_policy(folder, digest, game) for role, digest in entry.policies.items()}
+    if other := [role for role in entry.policies if role not in roles]:
+        raise SuiteError(
+            f"the entry has {len(other)} policies of roles that the task does not have, such as {printable(other[0][:40])}"
+        )
+    loaded = {digest: load_policy(folder, digest, game) for digest in set(entry.policies.values())}
+    policies = {role: loaded[digest] for role, digest in entry.policies.items()}
     return Outcome(policies=policies, answers=entry.answers, strokes=entry.strokes, curve=entry.curve)
 
 

@@ -124,6 +124,8 @@ class Task(abc.ABC):
     splits: ClassVar[tuple[Split, ...]] = ("dev", "test")
     variants: ClassVar[Mapping[str, str]] = {}
     """Variant of the model that a split is played on, such as the game of one discipline."""
+    roles: ClassVar[tuple[str, ...]] = ("player",)
+    """Roles of the policies of an outcome."""
     optimum: ClassVar[float | None] = None
     """Score of perfect play; None: not known."""
     target: ClassVar[str] = ""
@@ -152,7 +154,7 @@ class Task(abc.ABC):
         Args:
             arena: game and split.
             case: one of :meth:`cases`.
-            method: see :func:`shuttle_marl.suite.methods.find`.
+            method: see :func:`shuttle_marl.suite.method.find`.
             seed: random seed of the unit.
             folder: folder for files of the method, which may contain those of an interrupted call.
 

@@ -20,11 +20,10 @@ from shuttle_marl.base.arrays import F64, I64
 from shuttle_marl.base.errors import printable
 from shuttle_marl.exact import solve, visits
 from shuttle_marl.exact.lists import cells_of, list_policy, mean_losses
-from shuttle_marl.game.pairs import AnyGame
 from shuttle_marl.game.rules import OUTCOMES
 from shuttle_marl.game.stroke import HEIGHTS
 from shuttle_marl.game.tables import Game
-from shuttle_marl.suite.methods import Method, called, made
+from shuttle_marl.suite.method import Method, called, made
 from shuttle_marl.suite.options import SuiteError
 from shuttle_marl.suite.task import Arena, Case, Outcome, Task
 
@@ -75,6 +74,7 @@ class Text(Task):
     """
 
     name = "text-v0"
+    roles = ()
     metric = "regret"
     higher_is_better = False
     optimum = 0.0
@@ -154,13 +154,13 @@ def positions(arena: Arena) -> list[Position]:
     return [position(arena.game, state, number) for number, state in enumerate(chosen_states(arena).tolist())]
 
 
-def position(game: AnyGame, state: int, number: int = 0) -> Position:
+def position(game: Game, state: int, number: int = 0) -> Position:
     """A state as a position."""
     legal = [game.catalogue.names[stroke] for stroke in game.legal_strokes(state)]
     return {"id": number, "text": described(game, state), "legal": legal, "observation": game.observation(state).tolist()}
 
 
-def described(game: AnyGame, state: int) -> str:
+def described(game: Game, state: int) -> str:
     """A state in words, from the view of the striker."""
     own, incoming, contact, duel, effort, other, hurried = game.observation(state).tolist()
     if incoming == game.n_strokes:
@@ -177,7 +177,7 @@ def described(game: AnyGame, state: int) -> str:
     return " ".join(words)
 
 
-def _stroke(game: AnyGame, stroke: int) -> str:
+def _stroke(game: Game, stroke: int) -> str:
     shot, area, height, technique = game.catalogue.names[stroke].split(":")
     return f"{shot.replace('-', ' ')} to the {area.replace('-', ' ')}, hit {height} the net, {technique.replace('-', ' ')}"
 

@@ -13,7 +13,7 @@ from gymnasium import spaces
 from shuttle_marl.env import rally_v0
 from shuttle_marl.env.aec import CheckedEnv
 from shuttle_marl.env.single import SingleRallyEnv
-from shuttle_marl.game.pairs import AnyGame
+from shuttle_marl.game.tables import Game
 from shuttle_marl.suite.text import position, prompt, read_answer
 
 OVER: Final = "The rally is over."
@@ -21,7 +21,7 @@ WAIT: Final = "Your opponent strikes."
 WORDS: Final = spaces.Text(1 << 16, charset=string.printable)
 
 
-def stroke_of(game: AnyGame, state: int, answer: str) -> int:
+def stroke_of(game: Game, state: int, answer: str) -> int:
     """Catalogue index of the last legal stroke that an answer names; of an illegal stroke if it names none."""
     legal = {game.catalogue.names[stroke]: int(stroke) for stroke in game.legal_strokes(state)}
     name = read_answer(answer, list(legal))
@@ -57,7 +57,7 @@ class TextRallyEnv(gymnasium.Env[str, str]):
         return words(self.rally.game, self.rally.state_number)
 
 
-def words(game: AnyGame, state: int) -> str:
+def words(game: Game, state: int) -> str:
     """A state as a question, with the legal strokes."""
     return prompt(position(game, state))
 

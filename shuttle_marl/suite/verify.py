@@ -105,7 +105,7 @@ def _refused(folder: Path, config: RunConfig, task: Task, arena: Arena, number: 
         if entry.fingerprint != fingerprint:
             raise SuiteError(f"the case has fingerprint {entry.fingerprint[:12]}; expected {fingerprint[:12]}")
         frozen.load().check(task, config.split, f"{case.name}/{seed}", fingerprint, arena.game)
-        scores = task.score(arena, case, seed, store.read_outcome(folder, entry, arena.game))
+        scores = task.score(arena, case, seed, store.read_outcome(folder, entry, arena.game, task.roles))
         if other := entry.scores.keys() - scores.keys():
             raise SuiteError(f"the entry has scores that the task does not have: {', '.join(sorted(map(printable, other)))}")
         for name, value in scores.items():

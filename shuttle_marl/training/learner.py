@@ -63,7 +63,7 @@ Predict = Callable[[torch.Tensor], tuple[torch.Tensor, torch.Tensor]]
 """``[U, 6]`` observations to ``[U, n]`` logits and ``[U]`` values."""
 
 SEEDS: Final = 1 << 31
-"""Seeds of torch and numpy are below this."""
+"""Seeds of generators are below this."""
 
 
 class Learner(abc.ABC):
@@ -87,6 +87,9 @@ class Learner(abc.ABC):
     def eval_actor(self) -> ProbabilisticActor:
         """The policy that is evaluated and saved."""
         return self.actor
+
+    def draw_from(self, generator: torch.Generator) -> None:  # noqa: B027
+        """Draw the random numbers of updates from a generator, instead of PyTorch's own."""
 
     @abc.abstractmethod
     def predict(self, observation: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
@@ -185,7 +188,7 @@ def normalised(data: TensorDictBase) -> TensorDictBase:
     """
     strokes, deviation = int(data["strokes"]), float(data["deviation"])
     scale = 1 / (strokes * max(deviation, 1e-6))
-    return data.copy().update({"weight": data["visits"] / strokes, "advantage": data["advantage"] * scale})
+    return data.copy().update({"weight": data["visits"].float() / strokes, "advantage": data["advantage"] * scale})
 
 
 def minibatches(data: TensorDictBase, count: int) -> Iterator[TensorDictBase]:
@@ -310,6 +313,8 @@ class RallyCollector(BaseCollector):
             TorchSampler(game, opponents, device=device, **options) if on_device else RallySampler(game, opponents, **options)
         )
         self._observer = Observer(game, config.device)
+        self.generator = torch.Generator()
+        """Random numbers of rollouts and updates; :meth:`set_seed` seeds it."""
         self.iteration = 0
         """Number of collected iterations."""
         self.strokes = 0
@@ -352,7 +357,7 @@ class RallyCollector(BaseCollector):
             self.sampler.take()
             columns = {name: getattr(strokes, name) for name in ("state", "pair", "following", "reward")}
             return TensorDict({name: torch.from_numpy(part) for name, part in columns.items()}, batch_size=[len(strokes.pair)])
-        taken = self.sampler.take(torch.randperm(len(self.sampler.known)).numpy())
+        taken = self.sampler.take(torch.randperm(len(self.sampler.known), generator=self.generator).numpy())
         columns = {
             "visits": taken.visits,
             "value_target": taken.returns[:, None],
@@ -374,8 +379,8 @@ class RallyCollector(BaseCollector):
         return logits.cpu().numpy(), value.cpu().numpy()
 
     def set_seed(self, seed: int, static_seed: bool = False) -> int:  # noqa: ARG002  TorchRL's
-        """Reseed the sampler and torch, and return the seed; later strokes depend on seed, weights and state alone."""
-        torch.manual_seed(seed % SEEDS)
+        """Reseed sampler and generator, and return the seed; later strokes depend on seed, weights and state alone."""
+        self.generator.manual_seed(seed % SEEDS)
         self.sampler.reset(seed % SEEDS)
         return seed % SEEDS
 
@@ -405,6 +410,7 @@ class Trainer:
         self, learner: Learner, collector: RallyCollector, update_opponents: Callable[[int], None] | None = None
     ) -> None:
         self.learner, self.collector, self._update_opponents = learner, collector, update_opponents
+        learner.draw_from(collector.generator)
         self.iteration, self.strokes = 0, 0
         """Iterations, and strokes of the learner."""
 

@@ -255,13 +255,16 @@ def tabulated(actor: ProbabilisticActor, game: Game, temperature: float = 1.0) -
         raise DivergedError(str(error)) from error
 
 
-def imitate(actor: ProbabilisticActor, policy: TabulatedPolicy, weight: F64, *, steps: int = 600) -> float:
-    """Train an actor to imitate a policy, with torch's random generator.
+def imitate(
+    actor: ProbabilisticActor, policy: TabulatedPolicy, weight: F64, generator: torch.Generator, *, steps: int = 600
+) -> float:
+    """Train an actor to imitate a policy.
 
     Args:
         actor: trained in place.
         policy: target policy.
         weight: ``[S]`` frequency of each state.
+        generator: draws the states.
         steps: number of gradient steps.
 
     Returns:
@@ -277,9 +280,8 @@ def imitate(actor: ProbabilisticActor, policy: TabulatedPolicy, weight: F64, *, 
     gap = torch.tensor(float("nan"))
     for step in range(steps):
         optimizer.param_groups[0]["lr"] = 3e-3 * (1 - step / steps)
-        drawn = torch.searchsorted(cumulative, torch.rand(1024, dtype=torch.float64) * cumulative[-1]).clamp_max(
-            len(cumulative) - 1
-        )
+        drawn = torch.rand(1024, dtype=torch.float64, generator=generator) * cumulative[-1]
+        drawn = torch.searchsorted(cumulative, drawn).clamp_max(len(cumulative) - 1)
         states = drawn.numpy()
         target = torch.from_numpy(policy.probabilities(States(game=game, state=states.astype(np.int32)))).float().to(device)
         mask = torch.from_numpy(game.mask(states)).to(device)

@@ -18,6 +18,7 @@ from torch import nn
 from torch.nn import functional
 
 from shuttle_marl.base.arrays import F32, F64, I32, Ints
+from shuttle_marl.base.pytorch import InitialWeights, own_settings
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.kernel import LearnerBatch
@@ -97,13 +98,14 @@ class _Learner:
     """A Q-network with its target and optimiser."""
 
     def __init__(self, game: Game, config: QConfig, seed: int) -> None:
-        torch.manual_seed(seed)
+        self.generator = torch.Generator().manual_seed(seed)
         self.game, self.config, self.steps = game, config, 0
         self.q = self.network(game.n_strokes)
         self.target = copy.deepcopy(self.q)
 
     def network(self, outputs: int) -> nn.Module:
-        return head(self.game, outputs, width=self.config.width, hidden=self.config.hidden, scale=0.1)
+        with InitialWeights(self.generator):
+            return head(self.game, outputs, width=self.config.width, hidden=self.config.hidden, scale=0.1)
 
     def optimiser(self, *networks: nn.Module) -> torch.optim.Adam:
         return torch.optim.Adam([p for network in networks for p in network.parameters()], lr=self.config.learning_rate)
@@ -132,6 +134,7 @@ class _Learner:
         return np.asarray(values[game.base_pair_state, game.base_pair_stroke], dtype=np.float64)
 
 
+@own_settings(1)
 def conservative_q(game: Game, data: Transitions, config: QConfig, seed: int) -> F64:
     """``[base pairs]`` Q-values of CQL."""
     learner, rng = _Learner(game, config, seed), np.random.default_rng(seed)
@@ -144,6 +147,7 @@ def conservative_q(game: Game, data: Transitions, config: QConfig, seed: int) ->
     return learner.table(learner.q)
 
 
+@own_settings(1)
 def implicit_q(game: Game, data: Transitions, config: QConfig, seed: int) -> F64:
     """``[base pairs]`` logits of the policy of IQL."""
     learner, rng = _Learner(game, config, seed), np.random.default_rng(seed)
@@ -165,6 +169,7 @@ def implicit_q(game: Game, data: Transitions, config: QConfig, seed: int) -> F64
     return learner.table(policy)
 
 
+@own_settings(1)
 def deep_q(game: Game, opponent: TabulatedPolicy, strokes: int, config: QConfig, seed: int) -> F64:
     """``[base pairs]`` Q-values of DQN after so many strokes against an opponent."""
     learner, rng = _Learner(game, config, seed), np.random.default_rng(seed)

@@ -22,6 +22,7 @@ from torch.utils.tensorboard import SummaryWriter
 from shuttle_marl import exact
 from shuttle_marl.base import runs
 from shuttle_marl.base.files import Count
+from shuttle_marl.base.pytorch import InitialWeights, own_settings
 from shuttle_marl.exact.known import best_odds, pair_odds
 from shuttle_marl.exact.match import Odds, normalised_score
 from shuttle_marl.exact.optimal import best_response
@@ -182,7 +183,8 @@ def train(config: TrainingConfig, console: Console | None = None) -> TrainingRun
     name = f"{config.algorithm}-{config.seed}"
     with runs.open_run(config.out, name, config.fixed(), resume=config.resume, overwrite=config.overwrite) as folder:
         try:
-            return _Run(config, game, opponents, folder, console).go()
+            with own_settings(config.threads):
+                return _Run(config, game, opponents, folder, console).go()
         except torch.OutOfMemoryError as error:
             raise TrainingError(
                 f"--device {config.device}: its memory is too small for this run ({_first_line(error)}); the last checkpoint is "
@@ -236,13 +238,13 @@ class _Run:
     def __init__(
         self, config: TrainingConfig, game: Game, opponents: list[TabulatedPolicy], folder: Path, console: Console
     ) -> None:
-        torch.set_num_threads(config.threads)
         self.config, self.game, self.folder, self.console = config, game, folder, console
         # Self-play is evaluated against the benchmark's opponent.
         evaluated = opponents or [tabulate(resolve("bc", game), game, "bc")]
         self.evaluator = Evaluator(game, evaluated)
-        torch.manual_seed(self._seed(_WEIGHTS))
-        self.learner = LEARNERS[config.algorithm](config, game)
+        self.generator = torch.Generator().manual_seed(self._seed(_WEIGHTS))
+        with InitialWeights(self.generator):
+            self.learner = LEARNERS[config.algorithm](config, game)
         variant = config if isinstance(config, SelfPlayConfig) and config.variant != "plain" else None
         initial = opponents if variant is None else evaluated * n_opponents(variant)
         collector = RallyCollector(config, game, initial, self.learner.predict, distinct=self.learner.distinct)
@@ -451,7 +453,7 @@ class _Run:
         policy = tabulate(resolve(name, self.game), self.game, name)
         weight = exact.visits(policy, policy).states[0]
         with self.console.status(Text(f"imitating {name}")):
-            gap = imitate(self.learner.actor, policy, weight)
+            gap = imitate(self.learner.actor, policy, weight, self.generator)
             self.learner.eval_actor.load_state_dict(self.learner.actor.state_dict())
         self.console.print(f"imitated {name}: {gap:.3f} nats per stroke above its entropy", highlight=False, markup=False)
 

@@ -72,6 +72,10 @@ class SAC(Learner):
         counts = game.legal_count(np.arange(game.n_states))
         self.uniform_entropy = float(np.log(counts[counts > 0]).mean())
 
+    def draw_from(self, generator: torch.Generator) -> None:
+        """Draw minibatches from a generator, see :meth:`Learner.draw_from`."""
+        self.buffer.set_rng(generator)
+
     @property
     def eval_actor(self) -> ProbabilisticActor:
         """The moving average of the policy."""
@@ -79,7 +83,7 @@ class SAC(Learner):
 
     def predict(self, observation: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Logits, and zeros as values, which SAC does not use."""
-        return logit_network(self.actor)(observation), torch.zeros(len(observation))
+        return logit_network(self.actor)(observation), torch.zeros(len(observation), dtype=torch.float32)
 
     def update(self, data: TensorDictBase, remaining: float) -> dict[str, float]:
         """Store the transitions and take ``updates`` gradient steps, see :meth:`Learner.update`."""
@@ -119,17 +123,17 @@ class SAC(Learner):
         loss, observer = self.loss, self.observer
         # y = r + gamma V(s'), as the mean over the transitions of each pair (s, a).
         following, which_next = torch.unique(drawn["following"], return_inverse=True)
-        value = torch.zeros(len(following))
+        value = torch.zeros(len(following), dtype=torch.float32)
         value[following >= 0] = self.config.discount * self.soft_values(following[following >= 0]).cpu()
         pairs, which, count = torch.unique(drawn["pair"], return_inverse=True, return_counts=True)
-        target = torch.zeros(len(pairs)).index_add_(0, which, drawn["reward"] + value[which_next]) / count
+        target = torch.zeros(len(pairs), dtype=torch.float32).index_add_(0, which, drawn["reward"] + value[which_next]) / count
         # Distinct states s, and the state of each pair.
         first = torch.empty(len(pairs), dtype=torch.long).scatter_(0, which, torch.arange(len(which)))
         states, row = torch.unique_consecutive(drawn["state"][first], return_inverse=True)
         inputs, row, strokes = observer.inputs(states), row.to(observer.device), observer.strokes(pairs)
         # w(s, a) = N(s, a) / N and w(s) = N(s) / N
-        weight = count.to(observer.device) * (1 / len(drawn))
-        visits = torch.zeros(len(states), device=observer.device).index_add_(0, row, weight)
+        weight = count.to(observer.device).float() * (1 / len(drawn))
+        visits = torch.zeros(len(states), dtype=torch.float32, device=observer.device).index_add_(0, row, weight)
         # The loss takes the target as the reward of a transition that ends the rally, so that it adds no value to it.
         ended = torch.ones(len(pairs), 1, dtype=torch.bool, device=observer.device)
         unused = {name: part[:1].expand(len(pairs), *part.shape[1:]) for name, part in inputs.items()}

@@ -17,7 +17,7 @@ from shuttle_marl import __version__, staging
 from shuttle_marl.analysis.rally import Players
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.game.draws import stream
-from shuttle_marl.game.pairs import PairGame, game_of_people
+from shuttle_marl.game.pairs import game_of_people
 from shuttle_marl.game.policy import States, checked_probabilities
 from shuttle_marl.policy import registry
 from shuttle_marl.policy.baselines import imitation
@@ -238,15 +238,15 @@ class Answers:
     @staticmethod
     def _imitated(values: StrokeValues) -> Players:
         """The imitated people of a pair, or two average elite players."""
-        if isinstance(values.game, PairGame):
-            first, second = map(imitation, values.game.players, values.game.seats)
+        if values.game.people is not None:
+            first, second = map(imitation, values.game.people.players, values.game.seats)
             return values.players((Side(policy=first), Side(policy=second)))
         return values.players((ELITE, ELITE))
 
     def _values_of(self, query: messages.Query) -> StrokeValues:
         """Values of strokes in the game of the two people who played a real rally, if the model has their skill."""
         people = None if query.plan is not None or self._recorded is None else self._recorded.people(query.rally)
-        if people is None or isinstance(self._game, PairGame):
+        if people is None or self._game.people is not None:
             return self._values
         found: StrokeValues = self._pairs.get(people, lambda: self._values_of_people(people))
         return found

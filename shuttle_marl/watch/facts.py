@@ -6,10 +6,11 @@ from msgspec.structs import asdict
 from shuttle_marl import staging
 from shuttle_marl.game import court
 from shuttle_marl.game.layout import Layout
-from shuttle_marl.game.pairs import AnyGame, PairGame, seat_names
+from shuttle_marl.game.pairs import seat_names
 from shuttle_marl.game.rules import OUTCOMES
 from shuttle_marl.game.shipped import real_strokes
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
+from shuttle_marl.game.tables import Game
 from shuttle_marl.staging.trajectory import facing
 from shuttle_marl.watch import messages
 from shuttle_marl.watch.match import CourtRally
@@ -81,7 +82,7 @@ def stroke_facts(game: Layout, stroke: int, seat: int) -> messages.StrokeFacts:
     )
 
 
-def rally_facts(game: AnyGame, rally: CourtRally, motion: staging.Motion) -> messages.RallyFacts:
+def rally_facts(game: Game, rally: CourtRally, motion: staging.Motion) -> messages.RallyFacts:
     """A rally without its motion: score, strokes with their probabilities, positions and times, and a person's turn."""
     winner = rally.winner
     return messages.RallyFacts(
@@ -101,17 +102,17 @@ def rally_facts(game: AnyGame, rally: CourtRally, motion: staging.Motion) -> mes
     )
 
 
-def _skill(game: AnyGame) -> str | None:
-    if not isinstance(game, PairGame):
+def _skill(game: Game) -> str | None:
+    if game.people is None:
         return None
-    return "with the skill of both players" + ("" if game.date is None else f" as of {game.date}")
+    return "with the skill of both players" + ("" if game.people.date is None else f" as of {game.people.date}")
 
 
 def _player(motion: staging.Motion, seat: int) -> messages.PlayerFacts:
     return messages.PlayerFacts(athlete=motion.skeletons[seat].name, hand=motion.handedness[seat])
 
 
-def _turn(game: AnyGame, rally: CourtRally, state: int) -> messages.Turn:
+def _turn(game: Game, rally: CourtRally, state: int) -> messages.Turn:
     seat = (rally.server + len(rally)) % 2
     game = game.seats[seat]
     strokes = game.legal_strokes(state).tolist()
@@ -131,7 +132,7 @@ def _score_after(rally: CourtRally, winner: int) -> messages.ScoreFacts:
     return messages.ScoreFacts(points=points, games=after.games, over=after.over, game_won=game_won)
 
 
-def _stroke(game: AnyGame, rally: CourtRally, motion: staging.Motion, i: int, state: int) -> messages.Stroke:
+def _stroke(game: Game, rally: CourtRally, motion: staging.Motion, i: int, state: int) -> messages.Stroke:
     trajectory, stroke, game = motion.trajectory, int(rally.stroke[i]), game.seats[int(rally.striker[i])]
     pair = int(game.pair(state, stroke))
     good, returned, _ = (rounded(float(p)) for p in game.stroke_probabilities(pair))

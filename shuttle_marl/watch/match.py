@@ -15,13 +15,12 @@ import numpy as np
 from shuttle_marl.base.arrays import U64
 from shuttle_marl.base.errors import printable
 from shuttle_marl.game.draws import choice_draw, draw, first_server, outcome_draw, stream
-from shuttle_marl.game.pairs import AnyGame
 from shuttle_marl.game.policy import Policy
 from shuttle_marl.game.rally.record import Rally
 from shuttle_marl.game.rally.stepper import choose, stepper_of
 from shuttle_marl.game.rules import RETURNED_BELOW
 from shuttle_marl.game.scoring import Score
-from shuttle_marl.game.tables import ROOT
+from shuttle_marl.game.tables import ROOT, Game
 from shuttle_marl.watch import WatchError
 from shuttle_marl.watch.plan import Person, Plan, Side
 from shuttle_marl.watch.policies import PolicyTables
@@ -59,7 +58,7 @@ class Match:
         policies: policies of the players.
     """
 
-    def __init__(self, plan: Plan, game: AnyGame, policies: PolicyTables) -> None:
+    def __init__(self, plan: Plan, game: Game, policies: PolicyTables) -> None:
         self.plan, self._game, self._policies = plan, game, policies
         self._scores = [Score(server=int(first_server(draw(stream(plan.seed, 0, 0), 0))[0]), rules=plan.rules)]
         self._lock = threading.Lock()
@@ -101,7 +100,7 @@ class Match:
 
 
 def play_rally(
-    game: AnyGame,
+    game: Game,
     policies: tuple[Policy, Policy],
     key: U64,
     about: tuple[int, tuple[str, str], Score],
@@ -169,7 +168,7 @@ def play_rally(
     )
 
 
-def seed_of_line(game: AnyGame, line: Sequence[int]) -> int | None:
+def seed_of_line(game: Game, line: Sequence[int]) -> int | None:
     """The first seed of a match whose first rally seat 0 serves and in which all strokes of a line are legal and returned.
 
     Args:

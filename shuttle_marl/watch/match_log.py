@@ -8,8 +8,8 @@ from typing import Final
 
 import numpy as np
 
-from shuttle_marl.game.pairs import AnyGame
 from shuttle_marl.game.rally.record import Rallies
+from shuttle_marl.game.tables import Game
 from shuttle_marl.recording.header import LogHeader, Pair, Player
 from shuttle_marl.recording.recorder import RallyRecorder
 from shuttle_marl.watch.match import PERSON, CourtRally
@@ -29,7 +29,7 @@ class MatchLog:
         policies: policies of the opponents.
     """
 
-    def __init__(self, folder: Path, game: AnyGame, policies: PolicyTables) -> None:
+    def __init__(self, folder: Path, game: Game, policies: PolicyTables) -> None:
         self._folder, self._game, self._policies = folder, game, policies
         self._open: OrderedDict[object, RallyRecorder] = OrderedDict()
         self._recorded: set[tuple[object, int]] = set()

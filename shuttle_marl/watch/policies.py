@@ -9,8 +9,8 @@ from collections.abc import Callable, Hashable, Sequence
 from typing import Any, Final, TypeVar
 
 from shuttle_marl.exact import ProfileValue, Solution, Visits, evaluate, solve, visits
-from shuttle_marl.game.pairs import AnyGame, PairGame
 from shuttle_marl.game.policy import Policy, TemperedPolicy
+from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve, resolve_recorded
 from shuttle_marl.watch.plan import Side
@@ -56,10 +56,10 @@ class PolicyTables:
         trusted: names that the user gave, which may name modules and files.
     """
 
-    def __init__(self, game: AnyGame, trusted: Sequence[str] = ()) -> None:
+    def __init__(self, game: Game, trusted: Sequence[str] = ()) -> None:
         self.game = game
         self._trusted = frozenset(trusted)
-        self._asymmetric = isinstance(game, PairGame)
+        self._asymmetric = game.people is not None
         self._policies, self._tables = OnceCache(_MAX_TABLES), OnceCache(_MAX_TABLES)
         self._values, self._visits, self._solution = OnceCache(_MAX_VALUES), OnceCache(_MAX_VALUES), OnceCache(1)
 

@@ -19,11 +19,10 @@ from shuttle_marl.dynamics.features import rows_from_strokes
 from shuttle_marl.dynamics.hurried import hurry_of
 from shuttle_marl.game.court import steps_between
 from shuttle_marl.game.draws import stream
-from shuttle_marl.game.pairs import AnyGame
 from shuttle_marl.game.rules import FAULT, WINNER, IllegalStrokeError
 from shuttle_marl.game.scoring import Score
 from shuttle_marl.game.stroke import N_SERVES
-from shuttle_marl.game.tables import ROOT
+from shuttle_marl.game.tables import ROOT, Game
 from shuttle_marl.recording.reader import RallyLog
 from shuttle_marl.scene.report import staging_key
 from shuttle_marl.watch import WatchError
@@ -91,7 +90,7 @@ class LogRallies:
         RecordingError: the log cannot be read, or was played on another game.
     """
 
-    def __init__(self, path: Path, game: AnyGame) -> None:
+    def __init__(self, path: Path, game: Game) -> None:
         self._log, self._game = RallyLog(path), game
         self._lock = threading.RLock()  # a log is one open file, and requests are answered by several threads
         self._players, self._games = LogPlayers(self._log, game), OnceCache(_MAX_MATCHES)
@@ -191,7 +190,7 @@ class RealRallies:
         WatchError: it holds no whole rally.
     """
 
-    def __init__(self, path: Path, game: AnyGame, strokes: pa.Table | None = None) -> None:
+    def __init__(self, path: Path, game: Game, strokes: pa.Table | None = None) -> None:
         table = load_strokes(path) if strokes is None else strokes
         self._game = game
         self._columns = {

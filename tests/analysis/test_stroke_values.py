@@ -95,14 +95,15 @@ def test_values_of_two_people_are_those_of_their_game(tournament: Path, valued: 
     striking = np.stack(evaluate(first, second).striking)
     with RallyLog(tournament) as log:
         state, _ = states(bc.game, Rallies.concatenate([batch for _, batch in log.batches()]))
-    seat = (np.array(found["player"].to_pylist()) == pair.players[1]).astype(int)
+    seat = (np.array(found["player"].to_pylist()) == pair.people.players[1]).astype(int)
     assert np.allclose(column(found, "win_before"), (1 + striking[seat, state[played]]) / 2, atol=1e-12)
     rallies = rally_table(found)
-    added, sign = column(found, "value_added"), np.where(np.array(found["player"].to_pylist()) == pair.players[0], 1.0, -1.0)
+    name, added = pair.people.players[0], column(found, "value_added")
+    sign = np.where(np.array(found["player"].to_pylist()) == name, 1.0, -1.0)
     wins = np.add.reduceat(sign * added, rallies["first"].to_numpy())
-    served = np.array(rallies["server"].to_pylist()) == pair.players[0]
+    served = np.array(rallies["server"].to_pylist()) == name
     serve = np.where(served, 1 + striking[0, ROOT], 1 - striking[1, ROOT]) / 2
-    assert np.allclose(wins, (np.array(rallies["winner"].to_pylist()) == pair.players[0]) - serve, atol=1e-9)
+    assert np.allclose(wins, (np.array(rallies["winner"].to_pylist()) == name) - serve, atol=1e-9)
     assert np.abs(column(found, "win_before") - column(valued.filter(pa.array(played)), "win_before")).max() > 0.01
 
 

@@ -18,8 +18,8 @@ from shuttle_marl.exact import (
     visits,
 )
 from shuttle_marl.exact import known as cached
-from shuttle_marl.game.pairs import STEP, PairGame, pair_game
-from shuttle_marl.game.tables import ROOT
+from shuttle_marl.game.pairs import STEP, pair_game
+from shuttle_marl.game.tables import ROOT, Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.game.variants import odds_of_steps, with_odds
 from shuttle_marl.kernel import play_rallies
@@ -31,21 +31,21 @@ A, B = "viktor-axelsen", "kento-momota"
 
 
 @pytest.fixture(scope="module")
-def pair() -> PairGame:
+def pair() -> Game:
     return pair_game(A, B, game=reduced_model())
 
 
 @pytest.fixture(scope="module")
-def clones(pair: PairGame) -> tuple[TabulatedPolicy, TabulatedPolicy]:
+def clones(pair: Game) -> tuple[TabulatedPolicy, TabulatedPolicy]:
     return seated(pair, f"bc:{A}", f"bc:{B}")
 
 
-def seated(pair: PairGame, *names: str) -> tuple[TabulatedPolicy, TabulatedPolicy]:
+def seated(pair: Game, *names: str) -> tuple[TabulatedPolicy, TabulatedPolicy]:
     first, second = (tabulate(resolve(name, game), game, name) for name, game in zip(names, pair.seats, strict=True))
     return first, second
 
 
-def test_exact_value_is_that_of_played_rallies(pair: PairGame, clones: tuple[TabulatedPolicy, TabulatedPolicy]) -> None:
+def test_exact_value_is_that_of_played_rallies(pair: Game, clones: tuple[TabulatedPolicy, TabulatedPolicy]) -> None:
     odds, n = evaluate(*clones).odds(), 100_000
     played = play_rallies(pair, clones, n, seed=1)
     for server, probability in enumerate((odds.serving, odds.receiving)):
@@ -55,7 +55,7 @@ def test_exact_value_is_that_of_played_rallies(pair: PairGame, clones: tuple[Tab
     assert abs(odds.rally - evaluate(*(moved(table, table.game.average) for table in clones)).odds().rally) > 0.02
 
 
-def test_perfect_play_is_that_of_value_iteration(pair: PairGame) -> None:
+def test_perfect_play_is_that_of_value_iteration(pair: Game) -> None:
     solution, (first, second) = solve(pair), (ValueIteration(game) for game in pair.seats)
     striking = np.zeros((2, pair.n_states))
     for _ in range(400):
@@ -70,7 +70,7 @@ def test_perfect_play_is_that_of_value_iteration(pair: PairGame) -> None:
     assert solution.value_at_serve == solution.value[0][ROOT]
 
 
-def test_exchanged_players_have_mirrored_values(pair: PairGame, clones: tuple[TabulatedPolicy, TabulatedPolicy]) -> None:
+def test_exchanged_players_have_mirrored_values(pair: Game, clones: tuple[TabulatedPolicy, TabulatedPolicy]) -> None:
     other = pair.swapped
     mirrored = evaluate(moved(clones[1], other.seats[0]), moved(clones[0], other.seats[1]))
     here = evaluate(*clones)
@@ -88,7 +88,7 @@ def test_average_players_have_the_values_of_the_average_game() -> None:
     assert solve(both).value_at_serve == pytest.approx(solve(game).value_at_serve, abs=1e-8)
 
 
-def test_best_responses_are_those_of_the_other_player(pair: PairGame, clones: tuple[TabulatedPolicy, TabulatedPolicy]) -> None:
+def test_best_responses_are_those_of_the_other_player(pair: Game, clones: tuple[TabulatedPolicy, TabulatedPolicy]) -> None:
     answer = best_response(clones[1])
     assert answer.game is pair.seats[0]
     assert evaluate(answer.policy, clones[1]).odds().value == pytest.approx(answer.value.odds().value, abs=1e-8)
@@ -99,7 +99,7 @@ def test_best_responses_are_those_of_the_other_player(pair: PairGame, clones: tu
     assert nash_conv(clones[0]).nash_conv == pytest.approx(alone, abs=1e-6)
 
 
-def test_crossplay_of_both_players(pair: PairGame) -> None:
+def test_crossplay_of_both_players(pair: Game) -> None:
     names = ("bc", "random")
     first, second = zip(*(seated(pair, name, name) for name in names), strict=True)
     odds, again = crossplay(first, second), cached.crossplay(first, second)
@@ -110,7 +110,7 @@ def test_crossplay_of_both_players(pair: PairGame) -> None:
     assert odds.error_bound < 1e-8
 
 
-def test_tables_of_a_pair_meet_only_each_other(pair: PairGame, clones: tuple[TabulatedPolicy, TabulatedPolicy]) -> None:
+def test_tables_of_a_pair_meet_only_each_other(pair: Game, clones: tuple[TabulatedPolicy, TabulatedPolicy]) -> None:
     average = moved(clones[0], clones[0].game.average)
     for opponent in (clones[0], average):
         with pytest.raises(ExactError, match=f"{A} strikes with the tables of a pair, and the opponent does not strike as {B}"):
@@ -122,11 +122,11 @@ def test_tables_of_a_pair_meet_only_each_other(pair: PairGame, clones: tuple[Tab
     with pytest.raises(ExactError, match="solve it alone"):
         solve(pair, pair.seats[1])
     # Another refit of the same pair is no obstacle: it has the same players.
-    refit = pair.refits()[0]
+    refit = pair.people.refits()[0]
     evaluate(clones[0], moved(clones[1], refit.seats[1]))
 
 
-def test_policies_of_the_seats(pair: PairGame) -> None:
+def test_policies_of_the_seats(pair: Game) -> None:
     solution = solve(pair)
     for seat, table in enumerate(seated(pair, "minimax", "minimax")):
         assert table.hash == solution.policy[seat].hash
@@ -135,7 +135,7 @@ def test_policies_of_the_seats(pair: PairGame) -> None:
     assert first.hash == best_response(bc[1]).policy.hash != second.hash == best_response(bc[0]).policy.hash
 
 
-def test_derivatives_are_those_of_finite_differences(pair: PairGame, clones: tuple[TabulatedPolicy, TabulatedPolicy]) -> None:
+def test_derivatives_are_those_of_finite_differences(pair: Game, clones: tuple[TabulatedPolicy, TabulatedPolicy]) -> None:
     found, rng, width = sensitivity(*clones), np.random.default_rng(1), 0.125
     assert found.value.odds().rally == pytest.approx(evaluate(*clones).odds().rally, abs=1e-8)
     used = np.argwhere(np.abs(found.win) > 2e-3)

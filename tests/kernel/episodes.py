@@ -1,12 +1,12 @@
 """Compares rallies with the same episodes of ``rally_v0``, stroke by stroke."""
 
 from shuttle_marl.env import rally_v0
-from shuttle_marl.game.pairs import AnyGame
 from shuttle_marl.game.rally.record import Rallies
 from shuttle_marl.game.rules import OUTCOMES
+from shuttle_marl.game.tables import Game
 
 
-def compare_with_rally_v0(seed: int, rallies: Rallies, *, game: AnyGame) -> None:
+def compare_with_rally_v0(seed: int, rallies: Rallies, *, game: Game) -> None:
     """Assert that rallies have server, strokes, ending and winner of the episodes of ``rally_v0`` of their ``match`` number."""
     raw = rally_v0.raw_env(game=game)
     rows = {number: row for row, number in enumerate(rallies.match.tolist())}

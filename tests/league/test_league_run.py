@@ -480,6 +480,24 @@ def test_resume_finds_the_latest_unfinished_run(small_model: str, tmp_path: Path
     assert run_league(LeagueConfig(**config, resume=True)).folder == runs[1]
 
 
+def test_a_policy_without_a_table_that_changed_is_not_resumed(
+    small_model: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(str(tmp_path))
+    source = tmp_path / "by_score.py"
+    source.write_text(
+        "def uniform(states):\n    return states.legal / states.legal.sum(1, keepdims=True)\nuniform.reads_score = True\n"
+    )
+    pool = ("by_score:uniform", "random")
+    folder = run_league(LeagueConfig(pool=pool, matches=2, game=small_model, out=tmp_path / "run")).folder
+    about = json.loads((folder / "manifest.json").read_text())
+    assert set(about["sources"]["by_score:uniform"]) == {"by_score.py"}
+    (folder / "manifest.json").write_text(json.dumps({**about, "status": "running"}))
+    source.write_text(source.read_text() + "# changed\n")
+    with pytest.raises(LeagueError, match="the sources changed"):
+        run_league(LeagueConfig(pool=pool, matches=2, game=small_model, out=tmp_path / "run", resume=True))
+
+
 def test_what_cannot_be_resumed(small_model: str, finished: Path, tmp_path: Path) -> None:
     config: dict[str, Any] = {"pool": ("random", "safe"), "matches": 2, "game": small_model, "out": tmp_path / "run"}
     with pytest.raises(LeagueError, match="no run to resume in"):

@@ -132,13 +132,13 @@ def test_networks_in_double_precision(tmp_path: Path) -> None:
 class Computed(nn.Module):
     """Layers and what is computed around them."""
 
-    def __init__(self, forward: Callable[[Any, torch.Tensor], torch.Tensor], **parts: nn.Module) -> None:
+    def __init__(self, forward: Callable[[Any, torch.Tensor], Any], **parts: nn.Module) -> None:
         super().__init__()
         self.computed = forward
         for name, part in parts.items():
             setattr(self, name, part)
 
-    def forward(self, x: torch.Tensor) -> torch.Tensor:
+    def forward(self, x: torch.Tensor) -> Any:
         return self.computed(self, x)
 
 

@@ -15,8 +15,8 @@ from safetensors.numpy import load as load_arrays
 from shuttle_marl.base.files import seal
 from shuttle_marl.base.tensor_files import tensor_bytes
 from shuttle_marl.game import pairs
-from shuttle_marl.game.pairs import PairGame, pair_game, resolve_players
-from shuttle_marl.game.shipped import CARD, SKILL, load_game, model_folder, read_model_card
+from shuttle_marl.game.pairs import pair_game, resolve_players
+from shuttle_marl.game.shipped import CARD, SKILL, load_game, model_folder, origin_of, read_model_card
 from shuttle_marl.game.skill import Skill, load_skill
 from shuttle_marl.game.stroke import SHOTS, Catalogue
 from shuttle_marl.game.tables import Game, GameError
@@ -31,7 +31,7 @@ def skill() -> Skill:
     return load_skill(model_folder(reduced_model()))
 
 
-def pair(a: str = A, b: str = B, **options: Any) -> PairGame:
+def pair(a: str = A, b: str = B, **options: Any) -> Game:
     return pair_game(a, b, game=reduced_model(), **options)
 
 
@@ -95,7 +95,7 @@ def test_exchanged_players_have_exchanged_tables() -> None:
     both, other = pair(), pair(B, A)
     assert both.seats[0].hash == other.seats[1].hash != both.seats[1].hash
     assert both.swapped.hash == other.hash != both.hash
-    assert both.swapped.players == (B, A)
+    assert both.swapped.people.players == (B, A)
     assert both.seats[0].opposite is both.seats[1]
 
 
@@ -104,9 +104,9 @@ def test_a_pair_and_its_seats_are_pickled_by_name() -> None:
     content = pickle.dumps(both)
     assert len(content) < 1000
     copy = pickle.loads(content)
-    assert (copy.hash, copy.players, copy.date) == (both.hash, both.players, datetime.date(2020, 6, 1))
+    assert (copy.hash, copy.people.players, copy.people.date) == (both.hash, both.people.players, datetime.date(2020, 6, 1))
     seat = pickle.loads(pickle.dumps(both.seats[1]))
-    assert (seat.hash, seat.seat, seat.origin) == (both.seats[1].hash, 1, both.seats[1].origin)
+    assert (seat.hash, seat.seat, origin_of(seat)) == (both.seats[1].hash, 1, both.people.origin)
 
 
 def test_the_last_skill_on_or_before_the_day() -> None:
@@ -126,7 +126,7 @@ def test_players_of_one_discipline() -> None:
         pair(A, WOMAN)
     with pytest.raises(GameError, match="in women's singles: viktor-axelsen plays men's singles"):
         pair(A, B, discipline="women")
-    assert pair(WOMAN, OTHER_WOMAN).discipline == pair("average", WOMAN).discipline == "women"
+    assert pair(WOMAN, OTHER_WOMAN).people.discipline == pair("average", WOMAN).people.discipline == "women"
     with pytest.raises(GameError, match="no skill of the player 'nobody'; there are: average, viktor"):
         pair(A, "nobody")
     with pytest.raises(GameError, match="discipline 'mixed': expected one of men, women"):
@@ -137,10 +137,10 @@ def test_players_of_one_discipline() -> None:
 
 
 def test_the_pair_in_refits() -> None:
-    refits = pair().refits()
-    assert [refit.model for refit in refits] == [f"{reduced_model()}:{name}" for name in "12"]
+    refits = pair().people.refits()
+    assert [refit.people.model for refit in refits] == [f"{reduced_model()}:{name}" for name in "12"]
     assert len({pair().hash, *(refit.hash for refit in refits)}) == 3
-    assert all(refit.players == (A, B) and refit.refits() == () for refit in refits)
+    assert all(refit.people.players == (A, B) and refit.people.refits() == () for refit in refits)
     plain = pair_game("average", "average", game=f"{reduced_model()}:1")
     assert plain.seats[0].hash == load_game(f"{reduced_model()}:1").hash
 

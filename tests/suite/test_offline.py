@@ -15,7 +15,7 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities
 from shuttle_marl.suite import SuiteRun, run_method, summarise, verify_run
 from shuttle_marl.suite.logs import Log, behaviour, blank, generate, log_of
-from shuttle_marl.suite.methods import BASELINES, find
+from shuttle_marl.suite.method import BASELINES, find
 from shuttle_marl.suite.methods.estimators import (
     ImportanceSampling,
     ModelBased,

@@ -14,11 +14,13 @@ from shuttle_marl.base.cluster import in_processes
 from shuttle_marl.base.files import seal
 from shuttle_marl.commands.suite import main
 from shuttle_marl.exact import best_response, evaluate
+from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.kernel import play_rallies
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.suite import store
 from shuttle_marl.suite.board import render
+from shuttle_marl.suite.method import sources
 from shuttle_marl.suite.options import SuiteError, SuiteRun
 from shuttle_marl.suite.players import Trained
 from shuttle_marl.suite.registry import TASKS
@@ -207,7 +209,7 @@ def test_processes_take_arguments_when_they_are_free() -> None:
 def test_a_score_is_within_the_interval_of_a_simulation(tmp_path: Path) -> None:
     folder = played(tmp_path, f"{__name__}:noisy")
     entry = store.read_entry(store.entry_path(folder, 0, 0))
-    player = store.read_outcome(folder, entry, GAME).policies["player"]
+    player = store.read_outcome(folder, entry, GAME, ["player"]).policies["player"]
     rallies = play_rallies(GAME, (player, table("safe")), 20_000, seed=3)
     won = float((rallies.winner == 0).mean())
     assert entry.scores["rally_win"] == pytest.approx(won, abs=4 * 0.5 / np.sqrt(20_000))
@@ -215,7 +217,7 @@ def test_a_score_is_within_the_interval_of_a_simulation(tmp_path: Path) -> None:
 
 def test_players_that_act_are_tabulated(tmp_path: Path) -> None:
     folder = played(tmp_path, f"{__name__}:greedy")
-    player = store.read_outcome(folder, store.read_entry(store.entry_path(folder, 0, 0)), GAME).policies["player"]
+    player = store.read_outcome(folder, store.read_entry(store.entry_path(folder, 0, 0)), GAME, ["player"]).policies["player"]
     first = np.zeros(GAME.n_pairs)
     first[GAME.first_pairs] = 1
     assert np.array_equal(player.pair_probabilities(), first)
@@ -239,6 +241,75 @@ def test_a_run_is_resumed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
     assert {**again, "seconds": 0} == {**whole, "seconds": 0}
     with pytest.raises(runs.RunError, match="other flags"):
         played(tmp_path, f"{__name__}:noisy", seeds=3, resume=True)
+
+
+def test_units_of_two_versions_of_a_method_are_not_mixed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(tmp_path))
+    (tmp_path / "my_method.py").write_text("def player(setting):\n    import my_helper\n    return my_helper.NAME\n")
+    helper = tmp_path / "my_helper.py"
+    helper.write_text("NAME = 'bc'\n")
+    folder = played(tmp_path, "my_method:player", seeds=2)
+    assert set(json.loads((folder / store.SOURCES).read_text())) == {"my_method.py", "my_helper.py"}
+    helper.write_text("NAME = 'safe'\n")
+    kept = store.entry_path(folder, 0, 1).read_bytes()
+    played(tmp_path, "my_method:player", seeds=2, resume=True)  # nothing is left to play
+    store.entry_path(folder, 0, 1).unlink()
+    for _ in range(2):
+        with pytest.raises(SuiteError, match=r"my_helper.py changed after .* --overwrite or another --out"):
+            played(tmp_path, "my_method:player", seeds=2, resume=True)
+    helper.write_text("NAME = 'bc'\n")
+    played(tmp_path, "my_method:player", seeds=2, resume=True)
+    assert {**json.loads(kept), "seconds": 0, "checksum": 0} == {
+        **json.loads(store.entry_path(folder, 0, 1).read_text()),
+        "seconds": 0,
+        "checksum": 0,
+    }
+
+
+def test_the_files_of_a_method(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "bot.py").write_text("from parts import first\n")
+    (tmp_path / "parts").mkdir()
+    (tmp_path / "parts" / "__init__.py").write_text("from . import second\n")
+    for name in ("first", "second", "unused"):
+        (tmp_path / "parts" / f"{name}.py").write_text("import numpy\n")
+    (tmp_path / "weights.bin").write_bytes(b"12")
+
+    def now() -> dict[str, str]:
+        return sources("exploit-v0", "program:python bot.py --weights weights.bin")
+
+    before = now()
+    assert set(before) == {"bot.py", "parts", "weights.bin"}
+    (tmp_path / "parts" / "unused.py").write_text("import scipy\n")
+    assert now() == before
+    for changed in ("bot.py", "parts/second.py", "weights.bin"):
+        with (tmp_path / changed).open("a") as file:
+            file.write("# changed\n")
+        assert {key for key, value in now().items() if value != before[key]} == {changed.partition("/")[0]}
+        before = now()
+    assert set(sources("exploit-v0", "bc")) == {"shuttle_marl"}
+    assert set(sources("imitate-v0", "policy:table:weights.bin")) == {"shuttle_marl", "weights.bin"}
+
+
+def test_policies_of_other_roles_are_refused_and_each_table_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = played(tmp_path, "bc")
+    path, entry = first_entry(folder)
+    (digest,) = entry["policies"].values()
+    forge(path, {**entry, "policies": {f"role {i}\x1b": digest for i in range(1000)}})
+    assert r"1000 policies of roles that the task does not have, such as role 0\x1b" in str(reasons(folder)[0])
+    reads: list[str] = []
+    load = store.load_policy
+
+    def counted(folder: Path, digest: str, game: Game) -> TabulatedPolicy:
+        reads.append(digest)
+        return load(folder, digest, game)
+
+    monkeypatch.setattr(store, "load_policy", counted)
+    roles = [str(i) for i in range(9)]
+    forge(path, {**entry, "policies": dict.fromkeys(roles, digest)})
+    outcome = store.read_outcome(folder, store.read_entry(path), GAME, roles)
+    assert reads == [digest]
+    assert len({id(policy) for policy in outcome.policies.values()}) == 1
 
 
 def test_changed_submissions_are_refused(tmp_path: Path) -> None:

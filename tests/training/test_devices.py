@@ -111,7 +111,7 @@ def test_imitating_mixes_no_devices() -> None:
         with pretended_cuda():
             torch.manual_seed(0)
             actor = PPO(PPOConfig(**SMALL, device=device), GAME).actor
-            imitate(actor, BC, np.ones(GAME.n_states), steps=3)
+            imitate(actor, BC, np.ones(GAME.n_states), torch.Generator().manual_seed(0), steps=3)
             weights.append([weight.detach().cpu() for weight in actor.parameters()])
     assert all(map(torch.equal, *weights))
 

@@ -15,7 +15,7 @@ from shuttle_marl.base.table_files import read_parquet, write_parquet
 from shuttle_marl.commands.options import RallyGameOptions
 from shuttle_marl.commands.watch import AdviceOptions, MatchOptions, RallyOptions, _game
 from shuttle_marl.exact import evaluate
-from shuttle_marl.game.pairs import PairGame, pair_game
+from shuttle_marl.game.pairs import pair_game
 from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording import Derived, RallyLog
@@ -80,7 +80,7 @@ def test_a_log_of_a_pair(tmp_path: Path, policies: PolicyTables, answers: Answer
     log.close()
     path = next(tmp_path.glob("*.mcap"))
     game = RallyGameOptions(game=reduced_model()).load_for(path)
-    assert isinstance(game, PairGame)
+    assert game.people is not None
     assert game.hash == PAIR.hash
     assert check(path, game).problems == ()
     with RallyLog(path) as opened:
@@ -105,8 +105,8 @@ def test_options_of_the_command() -> None:
     assert MatchOptions(players=(A, B), a="minimax").policies(PAIR) == ("minimax", f"bc:{B}")
     assert MatchOptions().policies(reduced_game()) == ("ppo", "bc")
     game = _game(match, RallyOptions(), advice)
-    assert isinstance(game, PairGame)
-    assert (game.players, str(game.date)) == ((A, B), "2020-02-02")
+    assert game.people is not None
+    assert (game.people.players, str(game.people.date)) == ((A, B), "2020-02-02")
     with pytest.raises(WatchError, match="leave out --players"):
         _game(match, RallyOptions(replay=Path("x.mcap")), advice)
 

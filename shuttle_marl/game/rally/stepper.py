@@ -24,7 +24,6 @@ import numpy.typing as npt
 from shuttle_marl.base.arrays import F32, I8, U64
 from shuttle_marl.game.draws import choice_draw, draw, first_server, outcome_draw, stream
 from shuttle_marl.game.observation import EFFORT, SWAP, features
-from shuttle_marl.game.pairs import AnyGame
 from shuttle_marl.game.policy import Policy, States, checked_probabilities, drawn_strokes
 from shuttle_marl.game.rules import HURRIED_BELOW, RETURNED_BELOW
 from shuttle_marl.game.tables import Game
@@ -58,7 +57,7 @@ class Stepper:
         observations: ``[base states, 60]`` float32 observation of the striker in each state, efforts zero.
     """
 
-    def __init__(self, game: AnyGame) -> None:
+    def __init__(self, game: Game) -> None:
         self.game = game
         self.observations = features(game)
         self._masks = np.ascontiguousarray(game.reply_mask.reshape(-1, game.n_strokes).astype(np.int8))
@@ -144,7 +143,7 @@ def _view(table: npt.NDArray[Any]) -> memoryview:
 
 
 @functools.lru_cache(maxsize=8)
-def stepper_of(game: AnyGame) -> Stepper:
+def stepper_of(game: Game) -> Stepper:
     """The stepper of a game, built once."""
     return Stepper(game)
 

@@ -23,6 +23,7 @@ from safetensors.numpy import save
 from shuttle_marl import exact
 from shuttle_marl.base.cluster import Cluster, Task, end_with_parent
 from shuttle_marl.base.files import FileReadError, open_file, problem, read_json, replace_file
+from shuttle_marl.base.pytorch import InitialWeights, own_settings
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
@@ -63,7 +64,8 @@ def take_turn(folder: Path, config: LeagueTrainingConfig, turn: Turn, game: Game
     result = completed(folder, turn)
     if result is not None:
         return result
-    return _Turn(folder, config, turn, resolve_game(config.game, config.profile) if game is None else game).take()
+    with own_settings(1):
+        return _Turn(folder, config, turn, resolve_game(config.game, config.profile) if game is None else game).take()
 
 
 def warm_up(config: LeagueTrainingConfig) -> None:
@@ -148,15 +150,14 @@ def _learner_config(config: LeagueTrainingConfig, *, self_play: bool) -> Trainin
 
 class _Turn:
     def __init__(self, folder: Path, config: LeagueTrainingConfig, turn: Turn, game: Game) -> None:
-        torch.set_num_threads(1)
         self.folder, self.config, self.turn, self.game = folder, config, turn, game
         self.tables = Tables(folder, game)
         opponents = [self.tables.read(name) for name in turn.opponents]
         if turn.response_fraction:  # replaced by the best response before the first iteration
             opponents.append(_first_stroke(game))
         settings = _learner_config(config, self_play=not opponents or config.algorithm != "sac")
-        torch.manual_seed(turn.seed % SEEDS)
-        learner = ALGORITHMS[config.algorithm](settings, game)
+        with InitialWeights(torch.Generator().manual_seed(turn.seed % SEEDS)):
+            learner = ALGORITHMS[config.algorithm](settings, game)
         collector = RallyCollector(settings, game, opponents, learner.predict, distinct=learner.distinct)
         self.trainer = Trainer(learner, collector, self._update_response if turn.response_fraction else None)
         self.pending: Future[TabulatedPolicy] | None = None

@@ -1,10 +1,26 @@
 // Keyboard shortcuts of the page.
 
 import { hideTip } from "./glossary";
-import type { Layout } from "./layout";
 import { type Player, SPEEDS } from "./player";
-import type { Acts } from "./screen";
-import { CAMERAS, type Stage } from "./stage";
+import { CAMERAS, type Camera, type Stage } from "./stage";
+
+/** What keys do to the match and to the page. */
+interface Acts {
+  toggle(): void;
+  stroke(step: number): void;
+  rally(step: number): void;
+  camera(camera: Camera): void;
+  replay(): void;
+  sound(): void;
+  newMatch(): void;
+  takeOver(seat: number): void;
+}
+
+interface Page {
+  speed: { value: string };
+  showText(on: boolean): void;
+  toggleHelp(): void;
+}
 
 /** Keys and what they do: everywhere, in a match between policies, and while a person plays. */
 export function keyList(match: boolean): { general: [string, string][]; play: [string, string][] } {
@@ -44,7 +60,7 @@ export function keyTable(
   acts: Acts,
   player: Player,
   stage: Stage | null,
-  layout: Layout,
+  layout: Page,
   match: boolean,
 ): Record<string, () => void> {
   const speed = (step: number) => {
