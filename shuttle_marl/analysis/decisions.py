@@ -86,7 +86,9 @@ def costly_choices(strokes: pa.Table, average: TabulatedPolicy, seat: I64) -> tu
     rally, number = rally_numbers(strokes), rows.stroke.astype(np.int64)
     factor, out = factor_of(game), []
     seen: set[tuple[int, int]] = set()
-    for k in np.argsort(-cost, kind="stable")[:_CANDIDATES].tolist():
+    # Who won the rally by a stroke is not told that it was costly.
+    cost[rows.outcome[known] == Outcome.WINNER] = 0
+    for k in [k for k in np.argsort(-cost, kind="stable")[:_CANDIDATES].tolist() if cost[k] > 0]:
         place = int(known[k])
         better = int(pairs[best[k]])
         costs = np.array(

@@ -49,15 +49,21 @@ _NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(15)
 
 
 def spread_of(odds: Odds, deviation: float) -> tuple[list[Odds], F64]:
-    """Odds that differ by a normal deviation of both probabilities, as points with weights (Gauss-Hermite)."""
+    """Odds that differ by a normal deviation of both probabilities, as points with weights."""
 
     def moved(by: float) -> Odds:
         serving, receiving = (min(1.0, max(0.0, p + by)) for p in (odds.serving, odds.receiving))
         return dataclasses.replace(odds, serving=serving, receiving=receiving)
 
+    points, weights = spread(deviation)
+    return [moved(by) for by in points.tolist()], weights
+
+
+def spread(deviation: float) -> tuple[F64, F64]:
+    """Points and weights of a normal deviation (Gauss-Hermite)."""
     if not deviation:
-        return [odds], np.ones(1)
-    return [moved(deviation * x) for x in _NODES.tolist()], np.asarray(_WEIGHTS / _WEIGHTS.sum())
+        return np.zeros(1), np.ones(1)
+    return deviation * _NODES, np.asarray(_WEIGHTS / _WEIGHTS.sum())
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -68,6 +74,7 @@ class Outlook:
         serving, receiving: a rally that the player serves, and receives.
         rally: a rally, both serving equally often.
         game, match: a game, and the match.
+        deviation: standard deviation of the probability of winning a rally, over which all of them are means.
     """
 
     serving: Estimate
@@ -75,6 +82,7 @@ class Outlook:
     rally: Estimate
     game: Estimate
     match: Estimate
+    deviation: float
 
 
 def prior(pair: Game, first: TabulatedPolicy, second: TabulatedPolicy, odds: Odds) -> tuple[list[Odds], F64]:
@@ -91,6 +99,8 @@ def outlook(found: Refitted) -> Outlook:
     odds, refits = found.home.odds, [meeting.odds for meeting in found.refits]
     slopes = slopes_by_group(sensitivity(*found.home.policies, tolerance=TOLERANCE), people_of(found.pair).skill)
     skill, form = skill_error(found.pair, slopes), form_error(found.pair, slopes)
+    of_game = error_of([each.rally for each in refits]) if len(refits) > 1 else 0.0
+    width, deviation = NORMAL * math.hypot(skill, of_game), math.hypot(form, skill, of_game)
 
     def estimate(figure: Callable[[Odds], float]) -> Estimate:
         def mean(about: Odds, deviation: float) -> float:
@@ -101,10 +111,7 @@ def outlook(found: Refitted) -> Outlook:
             moved = dataclasses.replace(odds, serving=odds.serving + by, receiving=odds.receiving + by)
             return mean(moved, form)
 
-        of_game = error_of([each.rally for each in refits]) if len(refits) > 1 else 0.0
-        width = NORMAL * math.hypot(skill, of_game)
-        value = mean(odds, math.hypot(form, skill, of_game))
-        return Estimate(value, max(0.0, shifted(-width)), min(1.0, shifted(width)))
+        return Estimate(mean(odds, deviation), max(0.0, shifted(-width)), min(1.0, shifted(width)))
 
     return Outlook(
         serving=estimate(lambda o: o.serving),
@@ -112,4 +119,5 @@ def outlook(found: Refitted) -> Outlook:
         rally=estimate(lambda o: o.rally),
         game=estimate(lambda o: float(game_win_probability(o.serving, o.receiving))),
         match=estimate(Odds.match),
+        deviation=deviation,
     )

@@ -273,7 +273,8 @@ def scout(
         pair=None if found is None else found.pair,
         home=None if found is None else found.home,
     )
-    if found is None or player is None:
+    # A player whom the model does not know is an average one there, whom no advice would concern.
+    if found is None or player is None or not {opponent, player} <= set(skill.players):
         return report
     advised = advise(found, average=meet(*imitated(pair(player, AVERAGE))))
     return dataclasses.replace(

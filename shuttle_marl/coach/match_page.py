@@ -98,11 +98,11 @@ def _course(report: MatchReport) -> Section:
     caption = say("match.course_chart", first=report.players[0])
     drawn = charts.course(chance, games, report.moments, report.players, caption)
     key = "course_before" if report.skilled else "course_equal"
-    return Section(
-        say("match.course"),
-        lead,
-        [chart(drawn, caption), text(say(f"match.{key}", first=report.players[0], share=of_100(report.before)))],
-    )
+    blocks = [chart(drawn, caption), text(say(f"match.{key}", first=report.players[0], share=of_100(report.before)))]
+    played = sum(map(sum, report.score))
+    if played > len(report.rallies):
+        blocks.insert(0, text(say("match.course_missing", played=played, rallies=len(report.rallies))))
+    return Section(say("match.course"), lead, blocks)
 
 
 def _points(row: RallyRow) -> str:
@@ -335,7 +335,7 @@ def _rallies(report: MatchReport, footage: Footage) -> Section:
     blocks = []
     if footage.numbers:
         head = say("match.rallies_number")
-        columns.append(Column(head, lambda r: Cell(str(n), n) if (n := footage.numbers.get(r[0])) else Cell()))
+        columns.append(Column(head, lambda r: Cell() if (n := footage.numbers.get(r[0])) is None else Cell(str(n), n)))
         blocks.append(text(say("match.rallies_watch", command=footage.command, column=head)))
     lead = say("match.rallies_lead", first=players[0])
     return Section(say("match.rallies"), lead, [*blocks, shown(table(numbered, columns))])

@@ -9,8 +9,10 @@ import numpy as np
 from shuttle_marl.analysis import Players
 from shuttle_marl.analysis.advice import LEAST_REFITS, LEAST_STEADY, Advice
 from shuttle_marl.analysis.habits import Ending, Habit
+from shuttle_marl.analysis.outlook import spread
 from shuttle_marl.analysis.scouting import Known, Realised, ScoutingReport
 from shuttle_marl.analysis.tactics import STEPS
+from shuttle_marl.base.arrays import F64
 from shuttle_marl.base.errors import printable
 from shuttle_marl.coach import charts
 from shuttle_marl.coach.blocks import Block, Section, chart, page, shown, text
@@ -42,7 +44,7 @@ def scouting_page(report: ScoutingReport) -> bytes:
     opponent = report.opponent.name
     sections = [_outlook(report), _habits(report)] if report.player is not None else [_habits(report)]
     if report.player is not None:
-        sections += [_advice(report, reason), _tactics(report)]
+        sections += [_advice(report, reason), _tactics(report)] if report.effects else [_unknown(report)]
     sections.append(_sure(report))
     since = report.opponent.since
     fields = {
@@ -206,6 +208,14 @@ def _advice(report: ScoutingReport, reason: str) -> Section:
     return Section(say("scout.advice", opponent=opponent), lead, blocks)
 
 
+def _unknown(report: ScoutingReport) -> Section:
+    """Instead of advice, where the model does not know both players."""
+    say = words()
+    unknown = [known.name for known in (report.player, report.opponent) if known is not None and not known.strokes]
+    lead = " ".join(say("scout.advice_unknown", name=each) for each in unknown)
+    return Section(say("scout.advice", opponent=report.opponent.name), lead, [])
+
+
 def _card(report: ScoutingReport, advice: Advice, real: Realised | None, number: int) -> Block:
     say, opponent = words(), report.opponent.name
     assert report.pair is not None
@@ -238,7 +248,12 @@ def _card(report: ScoutingReport, advice: Advice, real: Realised | None, number:
             stroke=say.stroke(catalogue, advice.usual, "their"),
             share=of_100(advice.usual_share),
         ),
-        say("scout.advice_steady", steady=of_100(advice.steady), average=signed(advice.against_average)),
+        say(
+            "scout.advice_steady",
+            positive=int((advice.refits > 0).sum()),
+            refits=len(advice.refits),
+            average=signed(advice.against_average),
+        ),
     ]
     if advice.before is not None:
         lines.append(
@@ -280,14 +295,14 @@ def _tactics(report: ScoutingReport) -> Section:
     else:
         lead = say("scout.tactics_none" if report.refits >= LEAST_REFITS else "scout.tactics_no_refits")
     rows = [charts.Bar(names[e.tactic], 100 * e.more.value, 100 * e.more.low, 100 * e.more.high, clear=e.clear) for e in found]
-    half = [(effect.serving + effect.receiving) / 2 for effect in found]
-    step = STEPS.index(0.1)
-    middle = STEPS.index(0.0)
-    less = STEPS.index(-0.1)
+    share = 1.0 if report.factor is None else report.factor.value
+    middle, less = STEPS.index(0.0), STEPS.index(-0.1)
 
-    def exact(index: int) -> list[Cell]:
-        return [Cell(signed(float(rally[index] - rally[middle])), float(rally[index] - rally[middle])) for rally in half]
+    def reduced(values: F64) -> F64:
+        """Changes at each step, reduced to what real matches realise, as in the chart."""
+        return share * (values - values[middle])
 
+    fewer = [float(reduced((effect.serving + effect.receiving) / 2)[less]) for effect in found]
     heads = ("tactics_head", "tactics_now", "tactics_often", "tactics_more", "tactics_less", "tactics_clear")
     columns: list[Column[object]] = [
         Column(say(f"scout.{head}"), lambda _: Cell(), left=not i, wrap=not i) for i, head in enumerate(heads)
@@ -297,19 +312,21 @@ def _tactics(report: ScoutingReport) -> Section:
             name(names[effect.tactic]),
             Cell(of_100(effect.share), effect.share),
             Cell(f"{effect.often:.1f}", effect.often),
-            more,
-            fewer,
+            Cell(signed(effect.more.value), effect.more.value),
+            Cell(signed(change), change),
             name(say("yes" if effect.clear else "no")),
         ]
-        for effect, more, fewer in zip(found, exact(step), exact(less), strict=True)
+        for effect, change in zip(found, fewer, strict=True)
     ]
+    assert report.outlook is not None
+    at, weights = spread(report.outlook.deviation)
     data = {
         "steps": STEPS,
-        "tactics": [{"serving": e.serving.round(6).tolist(), "receiving": e.receiving.round(6).tolist()} for e in found],
+        "tactics": [{name: reduced(getattr(e, name)).round(6).tolist() for name in ("serving", "receiving")} for e in found],
         "base": {"serving": float(found[0].serving[middle]), "receiving": float(found[0].receiving[middle])},
+        "spread": {"at": at.round(6).tolist(), "weights": weights.round(6).tolist()},
         "rules": dataclasses.asdict(BWF),
     }
-    assert report.outlook is not None
     content = {
         "table": json.dumps(data),
         "low": round(100 * STEPS[0]),

@@ -54,7 +54,7 @@ def of_strokes(path: Path, game: Game, match: str | None = None, columns: Path |
     numbers = staged.numbers(name)
     found = {i: numbers[row.key] for i, row in enumerate(report.rallies) if row.key in numbers}
     rallies = {i: staged.rally(found[i]) for i in report.moments if i in found}
-    shown = {} if columns is not None else {i: number + 1 for i, number in found.items()}
+    shown = {} if columns is not None else found
     watch = _watch("--real", str(path), *model, "--rally")
     women = strokes.filter(pc.equal(strokes["match"], name))["discipline"][0].as_py() == "WS"
     return report, _footage(report, rallies, (watch, shown), women=women)
@@ -106,7 +106,7 @@ def of_log(path: Path, game: Game, match: int = 0, pairing: int = 0) -> tuple[Ma
     odds = None if known is None or known.value is None else known.value.odds(seats.index(strokes["player"][0].as_py()))
     report = match_report(strokes, game=game, rules=played, odds=odds)
     shown = {i: staged.rally(numbers[i]) for i in report.moments}
-    watch = _watch("--replay", str(path), "--rally"), {i: number + 1 for i, number in enumerate(numbers)}
+    watch = _watch("--replay", str(path), "--rally"), dict(enumerate(numbers))
     footage = _footage(report, shown, watch, women=False)
     return report, footage if known is None else dataclasses.replace(footage, game=game, players=known)
 

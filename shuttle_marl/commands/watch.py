@@ -94,11 +94,13 @@ class ServerOptions:
 
     Attributes:
         host: address to listen on; the default accepts connections from this machine only.
+        allowed_hosts: further host names of the server, such as that of a proxy in front of it.
         port: port; if it is in use, a free one.
         browser: open the page in the browser.
     """
 
     host: str = "127.0.0.1"
+    allowed_hosts: tuple[str, ...] = ()
     port: int = 8090
     browser: Annotated[bool, tyro.conf.arg(help_behavior_hint="")] = True
 
@@ -139,15 +141,15 @@ def watch(
         raise WatchError("--video and --save-site: give one of them")
     if video is not None:
         check_video(video)
-    try:
-        page = build(lambda words: console.print(words, soft_wrap=True))
-    except BuildError as error:
-        raise WatchError(str(error)) from error
     game = _game(match, rallies, model)
     names = match.policies(game)
     sides = [{"policy": name, "temperature": t} for name, t in zip(names, match.temperature, strict=True)]
     plan, policies = Plan.parse({"seed": match.seed, "sides": sides}), PolicyTables(game, names)
     recorded, first = _recorded(rallies, policies.game), rallies.rally or 0
+    try:  # last, because it may take longest
+        page = build(lambda words: console.print(words, soft_wrap=True))
+    except BuildError as error:
+        raise WatchError(str(error)) from error
     with (
         contextlib.closing(bind(server.host, server.port)) as listener,
         contextlib.closing(MatchLog(record, policies.game, policies)) as log,
@@ -160,7 +162,8 @@ def watch(
         host = f"[{server.host}]" if ":" in server.host else server.host
         address = f"http://{host}:{listener.getsockname()[1]}/"
         report = None if recorded is None else _reports(rallies, recorded, policies.game)
-        running = Server(application(answers, page, report=report, hosts=hosts_of(server.host)))
+        app = application(answers, page, report=report, hosts=hosts_of(server.host), proxies=server.allowed_hosts)
+        running = Server(app)
         if video is not None:
             _film(running, listener, f"{address}?quality=full#rally={first + 1}", video)
             return

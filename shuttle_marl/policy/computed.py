@@ -14,9 +14,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
-import platformdirs
-
-from shuttle_marl.base.files import FileWriteError
+from shuttle_marl.base.files import FileWriteError, cache_folder
 from shuttle_marl.exact.sources import solvers_hash
 from shuttle_marl.game.policy import Policy, PolicyError
 from shuttle_marl.game.shipped import PROFILES, origin_of, refits_of, variants
@@ -39,7 +37,10 @@ def cached_table(game: Game, key: str, compute: Callable[[], TabulatedPolicy]) -
         key: everything that the result depends on besides the game.
         compute: computes the table.
     """
-    path = _folder() / f"{hashlib.sha256(f'{game.hash} {key}'.encode()).hexdigest()[:32]}.safetensors"
+    folder = cache_folder()
+    if folder is None:
+        return compute()
+    path = folder / "policies" / f"{hashlib.sha256(f'{game.hash} {key}'.encode()).hexdigest()[:32]}.safetensors"
     with contextlib.suppress(PolicyError):  # missing or damaged
         table = TabulatedPolicy.load(path, game)
         with contextlib.suppress(OSError):
@@ -48,10 +49,6 @@ def cached_table(game: Game, key: str, compute: Callable[[], TabulatedPolicy]) -
     table = compute()
     _store(table, path)
     return table
-
-
-def _folder() -> Path:
-    return platformdirs.user_cache_path("shuttle_marl", appauthor=False) / "policies"
 
 
 def _store(table: TabulatedPolicy, path: Path) -> None:

@@ -9,11 +9,10 @@ from pathlib import Path
 from typing import Any, ClassVar, Final
 
 import numpy as np
-import platformdirs
 import zstandard
 from scipy.stats import spearmanr
 
-from shuttle_marl.base.files import FileWriteError, replace_file
+from shuttle_marl.base.files import FileWriteError, cache_folder, replace_file
 from shuttle_marl.exact.known import pair_odds
 from shuttle_marl.exact.match import normalised_score
 from shuttle_marl.exact.sources import solvers_hash
@@ -253,7 +252,9 @@ def _sources() -> str:
 def _cached(key: str, log: Log, train: Callable[[], TabulatedPolicy]) -> TabulatedPolicy:
     """A table from the user's cache folder, or trained and stored there; a damaged file is replaced."""
     digest = hashlib.sha256(f"{key} {_sources()}".encode()).hexdigest()[:32]
-    path = platformdirs.user_cache_path("shuttle_marl", appauthor=False) / "suite" / f"{digest}.zst"
+    if (folder := cache_folder()) is None:
+        return train()
+    path = folder / "suite" / f"{digest}.zst"
     with contextlib.suppress(OSError, ValueError, zstandard.ZstdError, PolicyError):
         return TabulatedPolicy.checked(unpacked(path.read_bytes(), log.game), log.game, key)
     table = train()

@@ -77,7 +77,12 @@ Answer = Callable[[PageRequest], bytes]
 
 
 def application(
-    answer: Answer, page: Path, *, report: Callable[[int], bytes] | None = None, hosts: tuple[str, ...] = _LOOPBACK
+    answer: Answer,
+    page: Path,
+    *,
+    report: Callable[[int], bytes] | None = None,
+    hosts: tuple[str, ...] = _LOOPBACK,
+    proxies: tuple[str, ...] = (),
 ) -> ASGIApp:
     """The ASGI application.
 
@@ -86,6 +91,7 @@ def application(
         page: folder of the built page.
         report: makes the report of the match of a recorded rally as a page, and raises ShuttleError; called in worker threads.
         hosts: allowed values of the Host header; ``*`` allows every IP address.
+        proxies: further ones, whose pages may connect whatever Host header the proxy sends.
     """
     routes: list[BaseRoute] = [Route("/", _file(page / "index.html"))]
     routes += [Route(f"/{name}", _file(page / name)) for name in _TYPES]
@@ -93,7 +99,7 @@ def application(
     if report is not None:
         routes.append(Route("/report", _report(report)))
     routes.append(WebSocketRoute("/ws", _Connections(answer).serve))
-    return _Guard(Starlette(routes=routes), hosts)
+    return _Guard(Starlette(routes=routes), hosts, tuple(map(str.lower, proxies)))
 
 
 def _file(path: Path) -> Callable[[Request], Awaitable[Response]]:
@@ -126,15 +132,15 @@ def _report(report: Callable[[int], bytes]) -> Callable[[Request], Awaitable[Res
 class _Guard:
     """Refuses requests to other hosts and from other origins, and adds security headers to every response."""
 
-    def __init__(self, app: ASGIApp, hosts: tuple[str, ...]) -> None:
-        self._app, self._hosts = app, hosts
+    def __init__(self, app: ASGIApp, hosts: tuple[str, ...], proxies: tuple[str, ...]) -> None:
+        self._app, self._hosts, self._proxies = app, hosts, proxies
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] not in ("http", "websocket"):
             await self._app(scope, receive, send)
             return
         headers = Headers(scope=scope)
-        reason = refusal(headers.getlist("host"), headers.getlist("origin"), self._hosts)
+        reason = refusal(headers.getlist("host"), headers.getlist("origin"), self._hosts, self._proxies)
         if reason is None:
             await self._app(scope, receive, _with_headers(send))
         elif scope["type"] == "websocket":
@@ -155,19 +161,21 @@ def _with_headers(send: Send) -> Send:
     return sending
 
 
-def refusal(hosts: list[str], origins: list[str], allowed: tuple[str, ...]) -> str | None:
+def refusal(hosts: list[str], origins: list[str], allowed: tuple[str, ...], proxies: tuple[str, ...] = ()) -> str | None:
     """Reason to refuse a request; None if it is allowed.
 
     Args:
         hosts: its Host headers.
-        origins: its Origin headers; browsers send one, which must be the host itself.
-        allowed: allowed host names; ``*`` allows every IP address, which DNS rebinding cannot forge.
+        origins: its Origin headers; browsers send one, which must be the host itself, or a proxy.
+        allowed: allowed host names in lower case; ``*`` allows every IP address, which DNS rebinding cannot forge.
+        proxies: further allowed host names in lower case.
     """
     host = _split(f"//{hosts[0]}").hostname if len(hosts) == 1 else None
-    if host is None or not (host in allowed or ("*" in allowed and _is_address(host))):
+    if host is None or not (host in (*allowed, *proxies) or ("*" in allowed and _is_address(host))):
         name = printable(", ".join(hosts))[:100] or "of no name"
-        return f"refused a request to the host {name}: open the address that was printed"
-    if len(origins) > 1 or (origins and _split(origins[0]).netloc != hosts[0]):
+        return f"refused a request to the host {name}: open the address that was printed, or allow a name with --allowed-hosts"
+    origin = _split(origins[0]) if len(origins) == 1 else None
+    if origins and (origin is None or (origin.netloc.lower() != hosts[0].lower() and origin.hostname not in proxies)):
         return f"refused a page of {printable(', '.join(origins))[:100]}: only the page of this server may connect"
     return None
 
@@ -340,7 +348,8 @@ def hosts_of(host: str) -> tuple[str, ...]:
     """Allowed values of the Host header for an address to listen on."""
     if host in _LOOPBACK:
         return _LOOPBACK
-    return (*_LOOPBACK, host, socket.gethostname(), *(("*",) if host in ("0.0.0.0", "::") else ()))
+    # Browsers send names in lower case, whatever a machine is called.
+    return (*_LOOPBACK, host.lower(), socket.gethostname().lower(), *(("*",) if host in ("0.0.0.0", "::") else ()))
 
 
 Progress = Callable[[Iterable[int]], Iterable[int]]

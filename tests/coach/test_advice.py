@@ -138,8 +138,8 @@ def test_the_outlook_contains_both_uncertainties(found: Refitted) -> None:
     assert seen.rally.value == pytest.approx(odds.rally)
     # The mean over what is not known is less certain than the match of known odds.
     assert abs(seen.match.value - 0.5) < abs(odds.match() - 0.5)
-    for estimate in dataclasses.astuple(seen):
-        assert estimate[1] < estimate[0] < estimate[2]
+    for estimate in (seen.serving, seen.receiving, seen.rally, seen.game, seen.match):
+        assert estimate.low < estimate.value < estimate.high
     alone = outlook(dataclasses.replace(found, refits=()))
     assert alone.rally.high - alone.rally.low < seen.rally.high - seen.rally.low
 

@@ -13,10 +13,12 @@ import pyarrow.compute as pc
 import pytest
 from playwright.sync_api import Browser, Frame, Page
 
-from shuttle_marl.analysis import advice
+from shuttle_marl.analysis import advice, decisions
 from shuttle_marl.analysis.advice import Refitted
 from shuttle_marl.analysis.course import Chances
+from shuttle_marl.analysis.decisions import Choice
 from shuttle_marl.analysis.match import MatchReport, match_report, matches_in
+from shuttle_marl.analysis.outlook import spread_of
 from shuttle_marl.analysis.scouting import ScoutingReport, players_of, scout
 from shuttle_marl.analysis.summary import AnalysisError, rally_table
 from shuttle_marl.base.errors import printable
@@ -29,11 +31,12 @@ from shuttle_marl.coach.words import CATALOGUE, Words, of_100, signed
 from shuttle_marl.commands.report import main as report_command
 from shuttle_marl.commands.scout import main as scout_command
 from shuttle_marl.commands.watch import RallyOptions, _reports
+from shuttle_marl.data.schema import Outcome
 from shuttle_marl.exact import Odds
-from shuttle_marl.game.scoring import Rules, Score, match_win_probability
-from shuttle_marl.game.shipped import RELIABLE, resolve_game
+from shuttle_marl.game.scoring import Rules, Score
+from shuttle_marl.game.shipped import RELIABLE, real_strokes, resolve_game
 from shuttle_marl.watch.building import BuildError
-from shuttle_marl.watch.recorded import LogRallies
+from shuttle_marl.watch.recorded import LogRallies, RealRallies
 from tests.coach.conftest import SAMPLE, A, B
 from tests.needs import missing
 from tests.pages import Tags, parsed
@@ -94,6 +97,8 @@ def test_a_scouting_report_has_its_five_parts(scouted: ScoutingReport, unbuilt: 
     assert text.count("Behind the advice") == len(scouted.advice) >= 3
     assert "left out: Node is missing" in text
     assert text.count("Gain:") == len(scouted.advice)
+    assert text.count(f"of {scouted.refits} variations of the model.") == len(scouted.advice)
+    assert "100 variations" not in text
     assert len([tag for tag, a in tags.tags if tag == "input"]) == len(scouted.effects)
 
 
@@ -138,6 +143,12 @@ def test_a_player_with_fifty_strokes(model: str, sample: pa.Table, unbuilt: None
     whole = scout("club-player", A if report.discipline == "men" else "an-se-young", model=model, data=few)
     _, text = read(scout_pages.scouting_page(whole))
     assert "The data have no strokes of Club Player" in text
+    # Nor is an average player advised, or described, under this name.
+    for unknown in (whole, scout(whole.player.name if whole.player else "", "club-player", model=model, data=few)):
+        assert not [*unknown.advice, *unknown.effects]
+        _, text = read(scout_pages.scouting_page(unknown))
+        assert "The model has no strokes of Club Player" in text
+        assert "What if you play more of it?" not in text
 
 
 def test_players_who_cannot_be_scouted(model: str) -> None:
@@ -194,6 +205,54 @@ def test_chances_learn_the_form_of_the_day() -> None:
     chances.learn(0, 0)
     assert chances.of(score, 0) == pytest.approx((0.8 * 0.8 + 0.4 * 0.4) / 1.2)
     assert chances.of(score.after(1), 1) == 0.0
+
+
+def test_strokes_without_enough_examples_are_not_called_costly(
+    sample: pa.Table, model: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A stroke is compared only if both it and the better one are known, however much the refits say that it costs."""
+    real = real_strokes(resolve_game(model))
+    assert real is not None
+    monkeypatch.setattr(decisions, "MOST", 60)
+    found: list[Choice] = []
+    for share in (0.97, 0.995):
+        monkeypatch.setattr(
+            decisions, "real_strokes", lambda game, share=share: np.where(real > np.quantile(real, share), real, 7)
+        )
+        found += match_report(sample.filter(pc.equal(sample["match"], matches_in(sample)[0])), game=resolve_game(model)).choices
+    assert found
+    assert all(min(choice.played_behind, choice.better_behind) >= RELIABLE for choice in found)
+
+
+def test_a_stroke_that_won_the_rally_is_not_called_costly(match: pa.Table, model: str, reported: MatchReport) -> None:
+    worst = reported.choices[0]
+    game, rally = reported.rallies[worst.rally].key
+    there = (match["game"].to_numpy() == game) & (match["rally"].to_numpy() == rally)
+    number = match["stroke"].to_numpy()
+    outcome = np.where(there & (number == worst.stroke), Outcome.WINNER, match["outcome"].to_numpy())
+    place = match.schema.get_field_index("outcome")
+    won = match.set_column(place, match.schema.field("outcome"), pa.array(outcome, match.schema.field("outcome").type))
+    report = match_report(won.filter(pa.array(~there | (number <= worst.stroke))), game=resolve_game(model))
+    assert (worst.rally, worst.stroke) not in {(choice.rally, choice.stroke) for choice in report.choices}
+
+
+def test_rallies_that_the_data_lack_are_mentioned(match: pa.Table, model: str, reported: MatchReport) -> None:
+    assert "By the score" not in read(match_pages.match_page(reported, footage(reported)))[1]
+    keep = pc.invert(pc.is_in(match["rally"], value_set=pa.array([3, 4, 9], match.schema.field("rally").type)))
+    report = match_report(match.filter(keep), game=resolve_game(model))
+    played = sum(map(sum, report.score))
+    assert played > len(report.rallies)
+    _, text = read(match_pages.match_page(report, footage(report)))
+    assert f"By the score {played} rallies were played; the data have {len(report.rallies)} of them" in text
+
+
+def test_numbers_of_the_live_court_are_those_of_its_option(tmp_path: Path, model: str, match: pa.Table) -> None:
+    write_parquet(tmp_path / "strokes.parquet", match)
+    report, shown = sources.of_strokes(tmp_path / "strokes.parquet", resolve_game(model))
+    rallies = RealRallies(tmp_path / "strokes.parquet", resolve_game(model))
+    assert sorted(shown.numbers.values()) == list(range(rallies.count))
+    content = match_pages.match_page(report, dataclasses.replace(shown, staged={})).decode()
+    assert "--rally N" in content
 
 
 def test_choices_and_values_have_their_numbers(reported: MatchReport) -> None:
@@ -408,17 +467,21 @@ def test_pages_in_a_browser(
         assert {url.partition(":")[0] for url in asked} <= {"file", "blob", "data"}
         page.close()
         assert axe(file) == []
-    # The sliders: exact at the steps of the table.
+    # The sliders: exact at the steps of the table, reduced, and as in the outlook before they are moved.
     page = browser.new_page()
     page.goto((tmp_path / "page-0.html").as_uri())
-    effect = scouted.effects[0]
+    effect, of_day = scouted.effects[0], scouted.outlook
+    assert of_day is not None
+    factor = 1.0 if scouted.factor is None else scouted.factor.value
     for value, at in ((10, 3), (-20, 0), (0, 2)):
         page.locator("input[type=range]").first.evaluate(
             f"e => {{ e.value = {value}; e.dispatchEvent(new Event('input', {{bubbles: true}})) }}"
         )
-        expected = float(match_win_probability(effect.serving[at], effect.receiving[at]))
+        now = [float(p[2] + factor * (p[at] - p[2])) for p in (effect.serving, effect.receiving)]
+        odds, weights = spread_of(Odds(serving=now[0], receiving=now[1], error_bound=0.0), of_day.deviation)
+        expected = of_day.match.value if at == 2 else float(weights @ [each.match() for each in odds])
         assert float(page.locator("[data-figure=match]").inner_text()) == pytest.approx(100 * expected, abs=0.06)
-        rally = (effect.serving[at] + effect.receiving[at]) / 2
+        rally = float(weights @ [each.rally for each in odds])
         assert float(page.locator("[data-figure=rally]").inner_text()) == pytest.approx(100 * rally, abs=0.06)
     page.close()
 

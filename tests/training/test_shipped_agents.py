@@ -59,9 +59,9 @@ def test_self_play_is_hard_to_exploit() -> None:
 @pytest.fixture
 def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """An empty cache folder."""
-    monkeypatch.setattr(computed, "_folder", lambda: tmp_path / "cache")
+    monkeypatch.setattr(computed, "cache_folder", lambda: tmp_path)
     computed._warn_once.cache_clear()
-    yield tmp_path / "cache"
+    yield tmp_path / "policies"
     computed._warn_once.cache_clear()
 
 
@@ -197,6 +197,15 @@ def test_without_a_cache_agents_play_and_it_is_said_once(
     assert len(counted) == 2
     assert len(caplog.records) == 1
     assert "computed again in every process" in caplog.text
+
+
+def test_without_a_home_agents_play(counted: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    def no_home(*_: object, **__: object) -> Path:
+        raise RuntimeError("no home")
+
+    monkeypatch.setattr("platformdirs.user_cache_path", no_home)
+    load_agent(shipped_folder("ppo", model_folder()), GAME)
+    assert len(counted) == 1
 
 
 def test_playing_needs_no_torch() -> None:

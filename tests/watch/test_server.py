@@ -82,6 +82,24 @@ def test_a_server_on_all_interfaces_accepts_ip_addresses_only() -> None:
     assert refusal(["192.0.2.7:8090"], [], hosts_of("127.0.0.1")) is not None
 
 
+@pytest.mark.parametrize("name", ["DESKTOP-AB12", "Annas-MacBook-Pro.local"])
+@pytest.mark.parametrize("everywhere", [True, False])
+def test_names_of_machines_are_compared_without_case(name: str, everywhere: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("socket.gethostname", lambda: name)
+    allowed = hosts_of("0.0.0.0" if everywhere else name)
+    for sent in (name, name.lower()):  # browsers send the latter
+        assert refusal([f"{sent}:8090"], [f"http://{name.lower()}:8090"], allowed) is None
+
+
+def test_a_proxy_passes_its_own_name_or_that_of_the_server() -> None:
+    proxies, allowed = ("court.example",), hosts_of("127.0.0.1")
+    assert "--allowed-hosts" in str(refusal(["court.example"], ["https://court.example"], allowed))
+    for host in ("court.example", "Court.Example:443", "127.0.0.1:8090"):
+        assert refusal([host], ["https://court.example"], allowed, proxies) is None
+    assert refusal(["court.example"], ["https://evil.example"], allowed, proxies) is not None
+    assert refusal(["evil.example"], ["https://court.example"], allowed, proxies) is not None
+
+
 @pytest.mark.slow
 def test_files_are_served_and_nothing_else(served: Served) -> None:
     for path, kind in {"/": "text/html", "/watch.js": "text/javascript", "/watch.css": "text/css", "/male.glb": "model/"}.items():

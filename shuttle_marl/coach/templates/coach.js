@@ -49,9 +49,9 @@ function matchChance(serving, receiving, { points, cap, games, clear }) {
   return (match(0, 0, 0) + match(0, 0, 1)) / 2;
 }
 
-// Sliders: exact values at the steps of a table, straight lines between them, and sums over the tactics.
+// Sliders: changes at the steps of a table, straight lines between them, and sums over the tactics; figures are means over the spread.
 for (const panel of document.querySelectorAll(".sliders")) {
-  const { steps, tactics, base, rules } = JSON.parse(panel.dataset.table);
+  const { steps, tactics, base, spread, rules } = JSON.parse(panel.dataset.table);
   const inputs = [...panel.querySelectorAll("input")];
   const change = (values, at) => {
     const k = Math.max(1, steps.findIndex((step) => step >= at));
@@ -60,10 +60,14 @@ for (const panel of document.querySelectorAll(".sliders")) {
   };
   const show = () => {
     const [serving, receiving] = ["serving", "receiving"].map((name) => {
-      const sum = inputs.reduce((total, input, i) => total + change(tactics[i][name], Number(input.value) / 100) - base[name], base[name]);
-      return Math.min(1, Math.max(0, sum));
+      return inputs.reduce((total, input, i) => total + change(tactics[i][name], Number(input.value) / 100), base[name]);
     });
-    const figures = { rally: (serving + receiving) / 2, match: matchChance(serving, receiving, rules) };
+    const figures = { rally: 0, match: 0 };
+    spread.at.forEach((by, i) => {
+      const [served, received] = [serving, receiving].map((p) => Math.min(1, Math.max(0, p + by)));
+      figures.rally += (spread.weights[i] * (served + received)) / 2;
+      figures.match += spread.weights[i] * matchChance(served, received, rules);
+    });
     for (const [name, value] of Object.entries(figures)) {
       panel.querySelector(`[data-figure=${name}]`).textContent = (100 * value).toFixed(1);
     }
