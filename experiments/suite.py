@@ -18,7 +18,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
 import tyro
 from rich.console import Console
 
@@ -30,7 +29,7 @@ from shuttle_marl.commands.cli import run as run_command
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.suite import TASKS, SuiteRun, difference, run_method, summarise, verify_run
 from shuttle_marl.suite.board import boards
-from shuttle_marl.suite.method import BASELINES, kind_of
+from shuttle_marl.suite.method import BASELINES, baseline_of, kind_of
 from shuttle_marl.suite.options import Split
 from shuttle_marl.suite.registry import arena_of
 
@@ -44,9 +43,7 @@ VARIANTS: Final = {
     ),
     "offline-v0": ("fitted-q:8", "model:8"),
     "robust-v0": ("human:0.1",),
-    "text-v0": tuple(
-        f"policy:{name}" for name in ("bc", "safe", "human:0.05", "ppo", "ppo:self-play", "best-response:bc", "minimax")
-    ),
+    "text-v0": tuple(f"policy:{name}" for name in ("bc", "safe", "human:0.05", "best-response:bc", "minimax")),
     "imitate-v0": ("counts:8", "policy:human:0.05", "policy:minimax"),
 }
 """Baselines with arguments, besides those without."""
@@ -63,8 +60,6 @@ QUICK: Final = {
     "text-v0": "random",
 }
 """Cheapest baseline of each task."""
-FIXED: Final = ("bc", "minimax", "best-response", "random", "constant", "constant-by-incoming", "fictitious-play", "psro-exact")
-"""Methods that do not depend on the seed: one is enough."""
 UNIT: Final = {"exploit-v0": 1.5, "equilibrium-v0": 1.5, "adapt-v0": 4.0, "offline-v0": 1.5, "evaluate-v0": 3.0}
 """Seconds of a unit besides the method, on one core of the machine of the committed results; of other tasks: 10."""
 METHOD: Final = {
@@ -152,9 +147,11 @@ def jobs_of(config: Suite, folder: Path) -> list[Job]:
             if budget and config.budgets and budget not in config.budgets:
                 continue
             for method in methods:
-                seeds = 1 if config.quick or method in FIXED else task.seeds
+                baseline = baseline_of(name, method)
+                fixed = baseline is not None and baseline.kind == "reference"
+                seeds = 1 if config.quick or fixed else task.seeds
                 seconds = UNIT.get(name, 10.0) + _of(METHOD, method, 0.5)
-                if _of(SPEED, method, 0) and method not in FIXED:
+                if _of(SPEED, method, 0) and not fixed:
                     seconds += budget / _of(SPEED, method, 0)
                 options = SuiteRun(
                     task=name,
@@ -183,11 +180,8 @@ def run_job(job: Job) -> tuple[Job, float]:
     begun, options = time.monotonic(), job.options
     assert options.out is not None
     run_method(dataclasses.replace(options, resume=(options.out / runs.CONFIG).exists()))
-    row = {**summarise(options.out, game=options.game), "verified": None, "tuning_strokes": None}
-    if job.verify:
-        found = verify_run(options.out, game=options.game, data=options.data)
-        row["verified"] = all(finding.reason is None for finding in found)
-    runs.write_json(options.out / ROW, row)
+    verified = not verify_run(options.out, game=options.game, data=options.data).refused if job.verify else None
+    runs.write_json(options.out / ROW, {**summarise(options.out, game=options.game), "verified": verified})
     return job, time.monotonic() - begun
 
 
@@ -199,8 +193,7 @@ def rows_of(folder: Path, game: str) -> list[dict[str, Any]]:
         for method, out in folders.items():
             best = board["best"]
             if best and method != best["method"] and rows[out]["seeds"] == best["seeds"]:
-                found = difference(TASKS[board["task"]], folders[best["method"]], out, game)
-                rows[out]["behind"] = {name: None if np.isnan(value) else value for name, value in found._asdict().items()}
+                rows[out]["behind"] = difference(TASKS[board["task"]], folders[best["method"]], out, game)
     return list(rows.values())
 
 

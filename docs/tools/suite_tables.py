@@ -2,11 +2,10 @@
 
 import functools
 from collections.abc import Callable
-from typing import Any, Final
+from typing import Final
 
 from docs.tools.markdown import ROOT, markdown, saved
-from shuttle_marl.suite import frozen
-from shuttle_marl.suite.board import boards, number
+from shuttle_marl.suite.board import Board, boards, number, with_interval
 from shuttle_marl.suite.method import kind_of
 from shuttle_marl.suite.registry import TASKS
 
@@ -20,41 +19,35 @@ _SHOWN: Final = 4
 """Number of further scores in a table."""
 
 
-def _boards(name: str) -> list[dict[str, Any]]:
-    """Boards of a task; empty as long as there are no results. Those of another game than the frozen one are not official."""
+def _boards(name: str) -> list[Board]:
+    """Boards of a task; empty as long as there are no results."""
     if not (ROOT / "experiments" / "results" / "suite.json").is_file():
         return []
-    rows = saved("experiments", "suite")["rows"]
-    current = [{**row, "official": row["official"] and frozen.load().official(row["game"])} for row in rows]
-    return [board for board in boards(current) if board["task"] == name]
+    return [board for board in boards(saved("experiments", "suite")["rows"]) if board["task"] == name]
 
 
-def _with_interval(row: dict[str, Any], metric: str) -> str:
-    value = number(row["score"], metric)
-    return value if row["low"] is None else f"{value} ({number(row['low'], metric)} to {number(row['high'], metric)})"
-
-
-def _best(board: dict[str, Any]) -> str:
-    """The optimum, the best learned method and the open gap."""
+def _best(board: Board) -> str:
+    """The optimum, the best method and the open gap."""
     metric, best = board["metric"], board["best"]
-    text = "" if best is None else f"Best learned: `{best['method']}`, {_with_interval(best, metric)}. "
+    text = "" if best is None else f"Best: `{best['method']}`, {with_interval(best['scores'][metric], metric)}. "
     if board["gap"] is not None:
         text += f"Optimum {number(board['optimum'], metric)}, open gap {number(board['gap'], metric)}. "
     return f"{text}Hard: {board['target']}." if board["target"] else text.strip()
 
 
-def _table(board: dict[str, Any]) -> str:
+def _table(board: Board) -> str:
     metric, columns = board["metric"], board["columns"][:_SHOWN]
     rows = []
     for row in board["rows"]:
-        scores = (number((row["scores"].get(name) or {}).get("value"), name) for name in columns)
+        scores = (number(row["scores"][name]["value"], name) if name in row["scores"] else "" for name in columns)
         checked = "yes" if row["verified"] else "no"
-        behind = row.get("behind")
-        apart = "" if behind is None else _with_interval({**behind, "score": behind["value"]}, metric)
-        rows.append((f"`{row['method']}`", _with_interval(row, metric), apart, *scores, f"{row['seconds']:.0f}", checked))
-    headings = ("method", f"{metric} (95 %)", "behind the best learned", *columns, "seconds", "verified")
-    table = markdown(headings, rows, left=("method",))
-    state = "" if board["official"] else f" {_PRELIMINARY}"
+        apart = with_interval(row["behind"], metric) if "behind" in row else ""
+        place = str(row.get("rank", row["kind"]))
+        figures = (with_interval(row["scores"][metric], metric), apart, *scores, f"{row['seconds']:.0f}", checked)
+        rows.append((row["access"], place, f"`{row['method']}`", *figures))
+    headings = ("access", "rank", "method", f"{metric} (95 %)", "behind the best", *columns, "seconds", "verified")
+    table = markdown(headings, rows, left=("access", "rank", "method"))
+    state = "" if board["frozen"] else f" {_PRELIMINARY}"
     return f"**{board['title']}**\n\n{table}\n\n{_best(board)}{state}"
 
 
@@ -64,7 +57,7 @@ def task_boards(name: str) -> str:
     return "\n\n".join(shown) or _NONE
 
 
-def _by_case(board: dict[str, Any]) -> str:
+def _by_case(board: Board) -> str:
     """Mean score of each method in each case, if there are several."""
     metric, first = board["metric"], board["rows"][0]["strata"]
     if len(first) < 2:
@@ -89,11 +82,11 @@ def summary(folder: str) -> str:
             last, metric = found[-1], task.metric
             gap = "" if last["gap"] is None else number(last["gap"], metric)
             budget = f"{last['budget']:,}" if last["budget"] else ""
-            state = "" if last["official"] else ", preliminary"
-            best = (budget, f"`{row['method']}`", f"{_with_interval(row, metric)}{state}", gap)
+            state = "" if last["frozen"] else ", preliminary"
+            best = (budget, f"`{row['method']}`", f"{with_interval(row['scores'][metric], metric)}{state}", gap)
         rows.append((f"[`{name}`]({folder}{kind_of(name)}.md)", question, task.metric, *best))
-    headings = ("task", "question", "score", "strokes", "best learned", "result", "open gap")
-    return markdown(headings, rows, left=("task", "question", "score", "best learned"))
+    headings = ("task", "question", "score", "strokes", "best", "result", "open gap")
+    return markdown(headings, rows, left=("task", "question", "score", "best"))
 
 
 BLOCKS: Final[dict[str, Callable[[], str]]] = {

@@ -8,7 +8,7 @@ import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -203,7 +203,7 @@ def read_json(path: Path, kind: type[T]) -> T:
         raise RunError(f"{path}: cannot be read ({error}); start the run again with --overwrite") from error
 
 
-def write_json(path: Path, fields: dict[str, Any]) -> None:
+def write_json(path: Path, fields: Mapping[str, object]) -> None:
     """Write a JSON object atomically."""
     # Arguments of a command may hold undecodable bytes, which are escaped.
     replace_file(path, (json.dumps(fields, indent=2, ensure_ascii=False) + "\n").encode(errors="backslashreplace"))

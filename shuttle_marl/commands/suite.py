@@ -8,6 +8,7 @@ from typing import Annotated, Any, Final, Literal
 import tyro
 from rich.progress import track
 
+from shuttle_marl.base.errors import printable
 from shuttle_marl.base.files import replace_file
 from shuttle_marl.commands import cli
 from shuttle_marl.commands.options import File, Json
@@ -16,6 +17,8 @@ from shuttle_marl.suite.options import Beacon, Split, SuiteError, SuiteRun
 Task = Annotated[str, tyro.conf.Positional]
 Folder = Annotated[Path, tyro.conf.Positional]
 Folders = Annotated[tuple[Path, ...], tyro.conf.Positional]
+_SHOWN: Final = 20
+"""Refused units that are printed."""
 _PRELIMINARY: Final = "The game of the suite is not frozen yet: tasks take the installed one, and scores are preliminary."
 
 
@@ -145,25 +148,29 @@ def verify(
     """
     from shuttle_marl.suite.verify import NOT_VERIFIED, verify_run  # noqa: PLC0415  numba
 
-    findings = verify_run(folder, game=game, beacon=beacon, data=data, progress=_progress)
-    refused = [finding for finding in findings if finding.reason is not None]
+    found = verify_run(folder, game=game, beacon=beacon, data=data, progress=_progress)
+    remarks = [] if found.summary is None else found.summary["remarks"]
     if json_output:
         cli.print_json(
             {
                 "folder": str(folder),
-                "units": len(findings),
-                "reproduced": len(findings) - len(refused),
-                "refused": [dataclasses.asdict(finding) for finding in refused],
+                "units": found.units,
+                "reproduced": 0 if found.refused else found.units,
+                "refused": [dataclasses.asdict(each) for each in found.refused],
+                "remarks": remarks,
                 "not_verified": list(NOT_VERIFIED),
             }
         )
     else:
         out = cli.console()
-        for finding in refused:
-            out.print(f"refused: {finding.case}, seed {finding.seed}: {finding.reason}", soft_wrap=True)
-        out.print(f"{len(findings) - len(refused)} of {len(findings)} units reproduced. Not verified: {', '.join(NOT_VERIFIED)}.")
-    if refused:
-        raise SuiteError(f"{folder}: {len(refused)} of {len(findings)} units are refused")
+        for each in found.refused[:_SHOWN]:
+            out.print(printable(f"refused: {each.case}, seed {each.seed}: {each.reason}"), soft_wrap=True)
+        if not found.refused:
+            out.print(f"{found.units} units reproduced. Not verified: {', '.join(NOT_VERIFIED)}.", soft_wrap=True)
+        if remarks:
+            out.print(f"not official: {'; '.join(remarks)}", soft_wrap=True)
+    if found.refused:
+        raise SuiteError(f"{folder}: {len(found.refused)} of {found.units} units are refused")
 
 
 def board(
@@ -172,16 +179,22 @@ def board(
     results: File = None,
     check: bool = True,
     game: str | None = None,
+    beacon: Beacon = None,
+    data: Path | None = None,
     out: File = None,
     html: bool = False,
 ) -> None:
     """Write the leaderboard from run folders, best method first, with the optimum and the open gap.
+
+    Folders that are refused are left out, with the reason; the command then exits with 1.
 
     Args:
         folders: run folders.
         results: a file of `python -m experiments.suite`, whose rows are added as they are.
         check: verify the folders; entries that are not verified are marked.
         game: model of the game; default: the shipped one that a run names.
+        beacon: randomness of the beacon round of the hidden split.
+        data: annotated matches, for imitate.
         out: write the board here; default: print it.
         html: write HTML instead of Markdown.
     """
@@ -189,15 +202,15 @@ def board(
 
     if not folders and results is None:
         raise SuiteError("nothing to show: name run folders, or a file of results with --results")
-    failures: list[SuiteError] = []
-    rows = rows_of(folders, results, check=check, game=game, progress=_progress, failed=failures.append)
+    left: list[str] = []
+    rows = rows_of(folders, results, check=check, game=game, beacon=beacon, data=data, progress=_progress, failed=left.append)
     text = render(rows, "html" if html else "md")
     if out is None:
         print(text, end="")  # noqa: T201
     else:
         replace_file(out, text.encode())
-    if failures:
-        raise SuiteError("left out: " + "; ".join(map(str, failures)))
+    if left:
+        raise SuiteError("left out: " + "; ".join(map(printable, left)))
 
 
 def new_submission(task: Task, *, out: Path = Path(), language: Literal["python", "perl"] = "python") -> None:
@@ -268,7 +281,7 @@ def freeze(
 
 
 def _print_summary(folder: Path, beacon: str | None, game: str | None, *, json_output: bool) -> None:
-    from shuttle_marl.suite.board import number  # noqa: PLC0415  numba
+    from shuttle_marl.suite.board import with_interval  # noqa: PLC0415  numba
     from shuttle_marl.suite.results import summarise  # noqa: PLC0415
 
     found = summarise(folder, beacon, game)
@@ -277,13 +290,12 @@ def _print_summary(folder: Path, beacon: str | None, game: str | None, *, json_o
         return
     rows = {"task": f"{found['task']}, {found['split']}", "method": found["method"], "seeds": str(found["seeds"])}
     for name, each in found["scores"].items():
-        interval = "" if each["low"] is None else f" ({number(each['low'], name)} to {number(each['high'], name)})"
-        rows[name] = number(each["value"], name) + interval
+        rows[name] = with_interval(each, name)
     rows["seconds"] = f"{found['seconds']:.1f}"
     rows["folder"] = str(folder)
     cli.console().print(cli.facts(rows))
-    if not found["official"]:
-        cli.console().print("preliminary: a quick run, or a game that is not the frozen one of the suite")
+    if found["remarks"]:
+        cli.console().print(f"not official: {'; '.join(found['remarks'])}", soft_wrap=True)
 
 
 def _progress(units: Sequence[Any]) -> Any:

@@ -1,55 +1,50 @@
-"""The leaderboard as Markdown and HTML, from the summaries of runs."""
+"""The leaderboard as Markdown and HTML, from the rows of runs."""
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, TypedDict
 
 import jinja2
 
-from shuttle_marl.base.errors import printable
+from shuttle_marl.base.errors import ShuttleError, described, printable
 from shuttle_marl.base.files import FileReadError, read_json
 from shuttle_marl.league.report import escaped
-from shuttle_marl.policy.baselines import STYLES
-from shuttle_marl.suite.options import SuiteError
+from shuttle_marl.suite import frozen
+from shuttle_marl.suite.method import baseline_of
+from shuttle_marl.suite.options import ACCESS, Split, SuiteError
 from shuttle_marl.suite.registry import TASKS
-from shuttle_marl.suite.results import summarise
-from shuttle_marl.suite.store import read_card
+from shuttle_marl.suite.results import Bounds, Row, summarise
 from shuttle_marl.suite.verify import verify_run
 
 _TEMPLATES: Final = Path(__file__).parent / "templates"
 _PERCENT: Final = ("regret", "rally_win", "error", "bias", "legal", "away")
 """Beginnings of the names of scores that are printed in per cent."""
-_REFERENCES: Final = (
-    "best-response",
-    "minimax",
-    "bc",
-    "random",
-    "constant",
-    "constant-by-incoming",
-    "fictitious-play",
-    "psro-exact",
-    "human",
-    *STYLES,
-)
-"""Methods and policies that read the tables or do not learn; they are not counted as the best baseline."""
-_ABLATION: Final = "-without-"
-"""Part of the names of ablations, which are not counted either: to take the best of them would be a choice by the test score."""
+_CHECKED: Final = {True: "yes", False: "no", None: "not checked"}
+_LONGEST: Final = 60
+"""Characters of a name that are shown."""
 
 
-def render(summaries: Sequence[Mapping[str, Any]], kind: Literal["md", "html"]) -> str:
-    """The board.
-
-    Args:
-        summaries: outputs of :func:`shuttle_marl.suite.results.summarise`, with ``verified``: True, False, or None if unknown.
-        kind: Markdown or HTML.
-    """
+def render(rows: Sequence[Row], kind: Literal["md", "html"]) -> str:
+    """The board as Markdown or HTML."""
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(_TEMPLATES), autoescape=kind == "html", trim_blocks=True, lstrip_blocks=True
     )
     environment.filters["text"] = printable if kind == "html" else escaped
-    environment.filters["number"] = number
-    return environment.get_template(f"board.{kind}").render(boards=boards(summaries)) + "\n"
+    environment.filters["name"] = shown if kind == "html" else code
+    environment.filters |= {"number": number, "interval": with_interval, "stated": _stated, "checked": _CHECKED.get}
+    return environment.get_template(f"board.{kind}").render(boards=boards(rows)) + "\n"
+
+
+def shown(name: str) -> str:
+    """A stranger's name in ASCII, so that it looks like no other one, and short."""
+    text = " ".join(printable(name).encode("ascii", "backslashreplace").decode().split()) or "(no name)"
+    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
+
+
+def code(name: str) -> str:
+    """The same as code in a table of Markdown, in which nothing is an address or a mention."""
+    return "`" + shown(name).replace("`", "'").replace("|", "\\|") + "`"
 
 
 def rows_of(
@@ -58,31 +53,35 @@ def rows_of(
     *,
     check: bool = True,
     game: str | None = None,
+    beacon: str | None = None,
+    data: Path | None = None,
     progress: Callable[[Any], Any] = lambda units: units,
-    failed: Callable[[SuiteError], object],
-) -> list[dict[str, Any]]:
-    """Summaries of run folders and of a file of results, for :func:`render`.
+    failed: Callable[[str], object],
+) -> list[Row]:
+    """Rows of run folders and of a file of results, for :func:`render`.
 
     Args:
-        folders: run folders.
-        results: JSON file with ``rows``; None: none.
+        folders: run folders, which may be those of strangers.
+        results: JSON file with ``rows``, which are taken as they are; None: none.
         check: verify the folders.
         game: model of the game; None: the shipped model that a run names.
+        beacon: randomness of the beacon round of the hidden split.
+        data: annotated matches, for ``imitate``.
         progress: wraps the units of a folder.
-        failed: receives the error of each folder that holds no finished run; the board does without it.
+        failed: receives the reason why a folder is left out: it is refused, is no finished run, or stands there twice.
 
     Raises:
         SuiteError: the file cannot be read.
     """
-    rows = []
+    rows: list[Row] = []
     for folder in folders:
         try:
-            row = summarise(folder, game=game)
-            verified = all(each.reason is None for each in verify_run(folder, game=game, progress=progress)) if check else None
-        except SuiteError as error:
-            failed(error)
+            row = _row(folder, check=check, game=game, beacon=beacon, data=data, progress=progress)
+            _compare(row, rows)
+        except Exception as error:
+            failed(f"{folder}: {error if isinstance(error, ShuttleError) else described(error)}")
         else:
-            rows.append({**row, "tuning_strokes": read_card(folder).get("tuning_strokes"), "verified": verified})
+            rows.append(row)
     if results is not None:
         try:
             rows += read_json(results, _Results).rows
@@ -91,24 +90,78 @@ def rows_of(
     return rows
 
 
+def _row(folder: Path, *, check: bool, game: str | None, beacon: str | None, data: Path | None, progress: Any) -> Row:
+    """The row of a folder."""
+    if check:
+        found = verify_run(folder, game=game, beacon=beacon, data=data, progress=progress)
+        if found.summary is None:
+            raise SuiteError(f"{len(found.refused)} of {found.units} units are refused: {found.refused[0].reason}")
+        row = found.summary
+    else:
+        row = summarise(folder, beacon, game)
+    row["verified"] = True if check else None
+    if baseline_of(row["task"], row["method"]) is not None:
+        row["remarks"] = [*row["remarks"], "names a method of the package, which verification cannot prove"]
+    return {**row, "official": not row["remarks"]}
+
+
+def _compare(row: Row, rows: Sequence[Row]) -> None:
+    """Find another row with the same policies and answers; references have them for several budgets.
+
+    Raises:
+        SuiteError: it is the same run.
+    """
+    for other in rows:
+        if (other["task"], other["outputs"]) == (row["task"], row["outputs"]):
+            if all(other[key] == row[key] for key in ("method", "split", "budget")):
+                raise SuiteError("the same run as another one of the board")
+            if row["kind"] != "reference":
+                budget = "" if other["budget"] is None else f" at {other['budget']:,} strokes"
+                row["remarks"] = [*row["remarks"], f"the same policies as {shown(other['method'])}{budget}"]
+                row["official"] = False
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class _Results:
-    rows: list[dict[str, Any]]
+    rows: list[Row]
 
 
-def boards(summaries: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Title, columns, rows and open gap of each task, split and budget, best method first."""
-    found = []
+class Board(TypedDict):
+    """A board: rows of a task, split and budget, best first; methods of each access are ranked apart.
+
+    ``best`` is the first official method of the least access, ``gap`` its distance to the optimum.
+    """
+
+    task: str
+    split: Split
+    budget: int
+    title: str
+    about: str
+    metric: str
+    optimum: float | None
+    target: str
+    best: Row | None
+    gap: float | None
+    columns: list[str]
+    rows: list[Row]
+    frozen: bool
+
+
+def boards(rows: Sequence[Row]) -> list[Board]:
+    """Boards of all tasks, splits and budgets."""
+    found: list[Board] = []
     for name, task in TASKS.items():
-        of_task = [row for row in summaries if row["task"] == name]
-        parts = {(task.splits.index(row["split"]), row["budget"] or 0) for row in of_task}
-        for number, budget in sorted(parts):
+        of_task = [row for row in rows if row["task"] == name and row["split"] in task.splits]
+        for number, budget in sorted({(task.splits.index(row["split"]), row["budget"] or 0) for row in of_task}):
             split = task.splits[number]
-            rows = [row for row in of_task if (row["split"], row["budget"] or 0) == (split, budget)]
-            rows.sort(key=lambda row: -row["score"] if task.higher_is_better else row["score"])
-            learned = [row for row in rows if row["verified"] is not False and _counts(row["method"])]
-            gap = abs(task.optimum - learned[0]["score"]) if learned and task.optimum is not None else None
-            columns = list(dict.fromkeys(score for row in rows for score in row["scores"] if score != task.metric))
+            shown = [row for row in of_task if (row["split"], row["budget"] or 0) == (split, budget)]
+            sign = -1 if task.higher_is_better else 1
+            shown.sort(key=lambda row: (ACCESS.index(row["access"]), sign * row["score"]))
+            ranked = [row for row in shown if row["kind"] == "method" and row.get("verified") is not False]
+            best = next((row for row in ranked if row["official"]), ranked[0] if ranked else None)
+            places = [row["access"] for row in ranked]
+            for place, row in enumerate(ranked):
+                row["rank"] = place - places.index(row["access"]) + 1
             found.append({
                 "task": name,
                 "split": split,
@@ -118,18 +171,25 @@ def boards(summaries: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
                 "metric": task.metric,
                 "optimum": task.optimum,
                 "target": task.target,
-                "best": learned[0] if learned else None,
-                "gap": gap,
-                "columns": columns,
-                "rows": rows,
-                "official": all(row["official"] for row in rows),
+                "best": best,
+                "gap": abs(task.optimum - best["score"]) if best and task.optimum is not None else None,
+                "columns": list(dict.fromkeys(score for row in shown for score in row["scores"] if score != task.metric)),
+                "rows": shown,
+                "frozen": all(frozen.load().official(row["game"]) and not row["quick"] for row in shown),
             })  # fmt: skip
     return found
 
 
-def _counts(method: str) -> bool:
-    name = method.removeprefix("policy:").partition(":")[0]
-    return name not in _REFERENCES and _ABLATION not in method
+def _stated(strokes: int | str | None) -> str:
+    """Strokes used for tuning, as the author states them."""
+    return "not stated" if strokes is None else f"{strokes:,}" if isinstance(strokes, int) else shown(strokes)
+
+
+def with_interval(score: Bounds, name: str) -> str:
+    """A score with its interval, if it has one."""
+    low, high = score["low"], score["high"]
+    text = number(score["value"], name)
+    return text if low is None or high is None else f"{text} ({number(low, name)} to {number(high, name)})"
 
 
 def number(value: float | None, name: str = "") -> str:

@@ -6,7 +6,6 @@ from typing import Any, Final, Literal
 
 from shuttle_marl.base.errors import command
 from shuttle_marl.base.files import replace_file
-from shuttle_marl.base.runs import write_json
 from shuttle_marl.base.table_files import write_parquet
 from shuttle_marl.suite import frozen
 from shuttle_marl.suite.frozen import Frozen
@@ -15,7 +14,7 @@ from shuttle_marl.suite.minari_data import write_minari
 from shuttle_marl.suite.offline import LogTask, log_of_unit
 from shuttle_marl.suite.options import Split, SuiteError
 from shuttle_marl.suite.registry import TASKS, arena_of, find_task
-from shuttle_marl.suite.store import CARD
+from shuttle_marl.suite.store import CARD, Card, write_card
 from shuttle_marl.suite.text import Text, json_lines, positions
 
 Language = Literal["python", "perl"]
@@ -59,7 +58,7 @@ def new_submission(task: str, out: Path, language: Language = "python") -> str:
         if path.exists():
             raise SuiteError(f"{path}: already exists; name another folder")
     replace_file(target, (_TEMPLATES / source).read_bytes())
-    write_json(out / CARD, {"method": target.stem, "authors": None, "paper": None, "tuning_strokes": 0})
+    write_card(out, Card(method=target.stem, tuning_strokes=0))
     method = "program:perl player.pl" if language == "perl" else f"my_{module}:{attribute}"
     return command("suite", "run", task, "--method", method, "--quick")
 

@@ -4,6 +4,7 @@ A method is called with the setting of a case (see the page of the task) and ret
 baseline is a module of this package; its name may have an argument after a colon, such as ``restricted-nash:0.5``.
 """
 
+import dataclasses
 import functools
 import importlib
 import inspect
@@ -15,86 +16,114 @@ from typing import Any, Final
 from shuttle_marl.base.errors import ShuttleError, described
 from shuttle_marl.policy.foreign import import_attribute
 from shuttle_marl.policy.sources import source_hashes
-from shuttle_marl.suite.options import SuiteError
+from shuttle_marl.suite.options import Access, Kind, SuiteError
 
 Method = Callable[..., Any]
 
-BASELINES: Final[dict[str, dict[str, str]]] = {
+
+@dataclasses.dataclass(frozen=True)
+class Baseline:
+    """A method of this package.
+
+    Attributes:
+        path: ``MODULE:ATTRIBUTE`` within this package.
+        access: what it reads.
+        kind: references do not depend on the seed, so one is enough.
+        argument: of the method, if its name has none.
+    """
+
+    path: str
+    access: Access = "samples"
+    kind: Kind = "method"
+    argument: str | None = None
+
+
+BASELINES: Final[dict[str, dict[str, Baseline]]] = {
     "exploit": {
-        "ppo": "training:ppo",
-        "a2c": "training:a2c",
-        "sac": "training:sac",
-        "dqn": "deep:dqn",
-        "maskable-ppo": "sb3:maskable_ppo",
-        "constant": "constant:constant",
-        "constant-by-incoming": "constant:by_incoming",
-        "bc": "references:bc",
-        "minimax": "references:minimax",
-        "best-response": "references:best_response",
-        "random": "references:random",
+        "ppo": Baseline("training:ppo"),
+        "a2c": Baseline("training:a2c"),
+        "sac": Baseline("training:sac"),
+        "dqn": Baseline("deep:dqn"),
+        "maskable-ppo": Baseline("sb3:maskable_ppo"),
+        "constant": Baseline("constant:constant", "opponent", "reference"),
+        "constant-by-incoming": Baseline("constant:by_incoming", "opponent", "reference"),
+        "bc": Baseline("references:bc", "tables", "reference"),
+        "minimax": Baseline("references:minimax", "tables", "reference"),
+        "best-response": Baseline("references:best_response", "opponent", "reference"),
+        "random": Baseline("references:random", "samples", "reference"),
     },
     "equilibrium": {
-        "ppo": "training:ppo",
-        "a2c": "training:a2c",
-        "sac": "training:sac",
-        "ppo-best-response": "training:ppo_best_response",
-        "ppo-restarts": "training:ppo_restarts",
-        "ppo-pool": "training:ppo_pool",
-        "ppo-magnet": "training:ppo_magnet",
-        "ppo-nash": "training:ppo_nash",
-        "psro": "training:psro",
-        "psro-exact": "training:psro_exact",
-        "fictitious-play": "references:fictitious_play",
-        "bc": "references:bc",
-        "minimax": "references:minimax",
-        "random": "references:random",
+        "ppo": Baseline("training:ppo"),
+        "a2c": Baseline("training:a2c"),
+        "sac": Baseline("training:sac"),
+        "ppo-best-response": Baseline("training:ppo_best_response", "tables"),
+        "ppo-restarts": Baseline("training:ppo_restarts", "tables"),
+        "ppo-pool": Baseline("training:ppo_pool"),
+        "ppo-magnet": Baseline("training:ppo_magnet"),
+        "ppo-nash": Baseline("training:ppo_nash"),
+        "psro": Baseline("training:psro", "tables"),
+        "psro-exact": Baseline("training:psro_exact", "tables", "reference"),
+        "fictitious-play": Baseline("references:fictitious_play", "tables", "reference"),
+        "bc": Baseline("references:bc", "tables", "reference"),
+        "minimax": Baseline("references:minimax", "tables", "reference"),
+        "random": Baseline("references:random", "samples", "reference"),
     },
     "adapt": {
-        "minimax": "adapters:Minimax",
-        "best-response-bc": "adapters:RestrictedNash",
-        "restricted-nash": "adapters:RestrictedNash",
-        "bandit": "adapters:Bandit",
-        "bayes": "adapters:Bayes",
-        "thompson": "adapters:Thompson",
-        "posterior-mean": "adapters:PosteriorMean",
-        "counts": "adapters:Counts",
-        "tilted-mixture": "tilt:TiltedMixture",
-        "tilted-mixture-without-levels": "tilt:WithoutLevels",
-        "tilted-mixture-without-mixture": "tilt:WithoutMixture",
-        "tilted-mixture-without-tilt": "tilt:WithoutTilt",
-        "tilted-mixture-without-change": "tilt:WithoutChange",
+        "minimax": Baseline("adapters:Minimax", "tables", "reference"),
+        "best-response-bc": Baseline("adapters:RestrictedNash", "tables", "reference"),
+        "restricted-nash": Baseline("adapters:RestrictedNash", "tables", "reference"),
+        "bandit": Baseline("adapters:Bandit", "tables"),
+        "bayes": Baseline("adapters:Bayes", "tables"),
+        "thompson": Baseline("adapters:Thompson", "tables"),
+        "posterior-mean": Baseline("adapters:PosteriorMean", "tables"),
+        "counts": Baseline("adapters:Counts", "tables"),
+        "tilted-mixture": Baseline("tilt:TiltedMixture", "tables"),
+        "tilted-mixture-without-levels": Baseline("tilt:WithoutLevels", "tables", "ablation"),
+        "tilted-mixture-without-mixture": Baseline("tilt:WithoutMixture", "tables", "ablation"),
+        "tilted-mixture-without-tilt": Baseline("tilt:WithoutTilt", "tables", "ablation"),
+        "tilted-mixture-without-change": Baseline("tilt:WithoutChange", "tables", "ablation"),
     },
     "offline": {
-        "clone": "learned:Clone",
-        "one-step": "learned:OneStep",
-        "fitted-q": "learned:FittedQ",
-        "bcq": "learned:ConstrainedQ",
-        "cql": "deep:ConservativeQ",
-        "iql": "deep:ImplicitQ",
-        "model": "learned:Model",
-        "model-pessimistic": "learned:PessimisticModel",
-        "fitted-q-boosted": "boosted:BoostedQ",
-        "model-boosted": "boosted:BoostedModel",
+        "clone": Baseline("learned:Clone"),
+        "one-step": Baseline("learned:OneStep"),
+        "fitted-q": Baseline("learned:FittedQ"),
+        "bcq": Baseline("learned:ConstrainedQ"),
+        "cql": Baseline("deep:ConservativeQ"),
+        "iql": Baseline("deep:ImplicitQ"),
+        "model": Baseline("learned:Model"),
+        "model-pessimistic": Baseline("learned:PessimisticModel"),
+        "fitted-q-boosted": Baseline("boosted:BoostedQ"),
+        "model-boosted": Baseline("boosted:BoostedModel"),
     },
     "evaluate": {
-        "importance-sampling": "estimators:ImportanceSampling",
-        "weighted-importance-sampling": "estimators:WeightedImportanceSampling",
-        "per-decision": "estimators:PerDecision",
-        "doubly-robust": "estimators:DoublyRobust",
-        "fitted-q-evaluation": "estimators:FittedQEvaluation",
-        "model": "estimators:ModelBased",
+        "importance-sampling": Baseline("estimators:ImportanceSampling"),
+        "weighted-importance-sampling": Baseline("estimators:WeightedImportanceSampling"),
+        "per-decision": Baseline("estimators:PerDecision"),
+        "doubly-robust": Baseline("estimators:DoublyRobust"),
+        "fitted-q-evaluation": Baseline("estimators:FittedQEvaluation"),
+        "model": Baseline("estimators:ModelBased"),
     },
-    "imitate": {"bc": "imitation:Named", "policy": "imitation:Named", "counts": "imitation:Counts"},
+    "imitate": {
+        "bc": Baseline("imitation:Named", "tables", "reference"),
+        "policy": Baseline("imitation:Named", "tables", "reference"),
+        "counts": Baseline("imitation:Counts"),
+    },
     "robust": {
-        "minimax": "references:minimax",
-        "minimax-robust": "robust:minimax_robust",
-        "mean-game": "robust:mean_game",
-        "human": "robust:human",
-        "bc": "references:bc",
+        "minimax": Baseline("references:minimax", "tables", "reference"),
+        "minimax-robust": Baseline("robust:minimax_robust", "tables"),
+        "mean-game": Baseline("robust:mean_game", "tables"),
+        "human": Baseline("robust:human", "tables", "reference"),
+        "bc": Baseline("references:bc", "tables", "reference"),
     },
-    "text": {"random": "text:RandomLegal", "policy": "text:Policy", "chat": "text:chat"},
+    "text": {
+        "random": Baseline("text:RandomLegal", "samples", "reference"),
+        "ppo": Baseline("text:Policy", argument="ppo"),
+        "ppo-self-play": Baseline("text:Policy", argument="ppo:self-play"),
+        "policy": Baseline("text:Policy", "tables", "reference"),
+        "chat": Baseline("text:chat"),
+    },
 }
-"""Baselines by kind of task, as ``MODULE:ATTRIBUTE`` within this package."""
+"""Baselines by kind of task."""
 
 
 PROGRAMS: Final = ("exploit", "equilibrium", "robust", "text")
@@ -104,6 +133,11 @@ PROGRAMS: Final = ("exploit", "equilibrium", "robust", "text")
 def kind_of(task: str) -> str:
     """Kind of a task: its name without the version."""
     return task.rpartition("-")[0]
+
+
+def baseline_of(task: str, name: str) -> Baseline | None:
+    """The baseline of this package that a name means; None for methods of others."""
+    return BASELINES[kind_of(task)].get(name.partition(":")[0])
 
 
 def find(task: str, name: str) -> Method:
@@ -121,9 +155,10 @@ def find(task: str, name: str) -> Method:
     known = BASELINES[kind_of(task)]
     key, colon, argument = name.partition(":")
     if key in known:
-        module, _, attribute = known[key].partition(":")
+        module, _, attribute = known[key].path.partition(":")
         method: Method = getattr(importlib.import_module(f"shuttle_marl.suite.methods.{module}"), attribute)
-        return functools.partial(method, argument=argument) if colon else method
+        chosen = argument if colon else known[key].argument
+        return method if chosen is None else functools.partial(method, argument=chosen)
     if key == "program" and argument and kind_of(task) in PROGRAMS:
         return functools.partial(_program, name)
     if key == "program":

@@ -8,11 +8,12 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, Final
 
+import msgspec
 import numpy as np
 import zstandard
 from scipy.stats import spearmanr
 
-from shuttle_marl.base.files import FileWriteError, cache_folder, replace_file
+from shuttle_marl.base.files import FileWriteError, Fraction, cache_folder, replace_file
 from shuttle_marl.exact.known import pair_odds
 from shuttle_marl.exact.match import normalised_score
 from shuttle_marl.exact.sources import solvers_hash
@@ -203,11 +204,12 @@ class Evaluate(LogTask):
     def score(self, arena: Arena, case: Case, seed: int, outcome: Outcome) -> dict[str, float]:
         """Error, bias, rank correlation and regret; bias also of the trained policies alone."""
         policies, estimates = targets(arena, case, seed), outcome.answers.get("estimates")
-        if not isinstance(estimates, list) or len(estimates) != len(policies):
+        try:
+            estimated = np.array(msgspec.convert(estimates, list[Fraction]))
+        except msgspec.ValidationError as error:
+            raise SuiteError(f"the estimates are no numbers from 0 to 1 ({error})") from error
+        if len(estimated) != len(policies):
             raise SuiteError(f"expected {len(policies)} estimates")
-        estimated = np.array([float(value) for value in estimates])
-        if not ((estimated >= 0) & (estimated <= 1)).all():
-            raise SuiteError("an estimate is not a number from 0 to 1")
         odds = pair_odds([(policy, arena.policy(OPPONENT)) for policy in policies.values()])
         return errors(estimated, np.array([each.rally for each in odds]), [name in TRAINED for name in policies])
 

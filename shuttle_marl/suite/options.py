@@ -2,7 +2,7 @@
 
 import dataclasses
 from pathlib import Path
-from typing import Annotated, Final, Literal
+from typing import Annotated, Final, Literal, get_args
 
 import tyro
 
@@ -10,6 +10,12 @@ from shuttle_marl.base.errors import ShuttleError
 
 Split = Literal["dev", "test", "hidden"]
 """Part of a task: for tuning, for scores, and from a seed that nobody knows yet (``adapt`` alone)."""
+Access = Literal["samples", "tables", "opponent"]
+"""What a method reads: what it plays, logs or texts alone; or the tables of the game; or also those of its opponent."""
+ACCESS: Final[tuple[Access, ...]] = get_args(Access)
+"""From little to much."""
+Kind = Literal["method", "ablation", "reference"]
+"""What a row of a board is: a method, one without a part of it, or a reference, which is computed or does not learn."""
 Beacon = Annotated[str | None, tyro.conf.arg(metavar="HEX")]
 _MOST_WORKERS: Final = 512
 

@@ -59,7 +59,7 @@ class Trained:
 
     player: Any
     strokes: int | None = None
-    curve: tuple[tuple[float, float], ...] = ()
+    curve: tuple[tuple[int, float], ...] = ()
 
 
 def outcome_of(result: Any, game: Game, name: str, budget: int | None) -> Outcome:
@@ -72,14 +72,15 @@ def outcome_of(result: Any, game: Game, name: str, budget: int | None) -> Outcom
     trained = result if isinstance(result, Trained) else Trained(player=result)
     try:
         strokes = None if trained.strokes is None else operator.index(trained.strokes)
-        curve = tuple((float(used), float(score)) for used, score in trained.curve)
+        curve = tuple((int(used), float(score)) for used, score in trained.curve)
     except (TypeError, ValueError) as error:
         raise SuiteError(
             f"the method of {name} returned strokes {trained.strokes!r}; expected a whole number ({error})"
         ) from error
-    if strokes is not None and (strokes < 0 or (budget is not None and strokes > budget)):
+    used = [0 if strokes is None else strokes, *(used for used, _ in curve)]
+    if min(used) < 0 or (budget is not None and max(used) > budget):
         limit = "" if budget is None else f"; the budget is {budget:,}"
-        raise SuiteError(f"the method of {name} used {strokes:,} strokes of the learner{limit}")
+        raise SuiteError(f"the method of {name} used {max(used, key=abs):,} strokes of the learner{limit}")
     return Outcome(policies={"player": table_of(trained.player, game, name)}, strokes=strokes, curve=curve)
 
 
@@ -110,6 +111,8 @@ class Exploit(_PlayerTask):
     """
 
     name = "exploit-v0"
+    access = "opponent"
+    budgets = (10**5, 10**6, 10**7)
     optimum = 1.0
     target = "1.0 at 10^5 strokes at an exploitability below .05; a constant list of strokes reaches about 0.9 against bc"
 
@@ -119,7 +122,7 @@ class Exploit(_PlayerTask):
             opponents = ["safe", *(f"bc:{player}" for player in arena.players[:1])]
         else:
             opponents = ["bc", "attacking", "defensive", *(f"bc:{player}" for player in arena.players[:2])]
-        budgets = (QUICK_STROKES,) if arena.quick else (10**5, 10**6, 10**7)
+        budgets = (QUICK_STROKES,) if arena.quick else self.budgets
         return [
             Case(name=f"{opponent}/{budget:,}", budget=budget, options={"opponent": opponent})
             for opponent in opponents[: 1 if arena.quick else None]
@@ -148,6 +151,7 @@ class Equilibrium(_PlayerTask):
     """
 
     name = "equilibrium-v0"
+    budgets = (10**6, 10**7, 10**8)
     metric = "exploitability"
     higher_is_better = False
     optimum = 0.0
@@ -156,7 +160,7 @@ class Equilibrium(_PlayerTask):
 
     def all_cases(self, arena: Arena) -> list[Case]:
         """Each budget."""
-        budgets = (QUICK_STROKES,) if arena.quick else (10**6, 10**7, 10**8)
+        budgets = (QUICK_STROKES,) if arena.quick else self.budgets
         return [Case(name=f"{budget:,}", budget=budget) for budget in budgets]
 
     def score(self, arena: Arena, case: Case, seed: int, outcome: Outcome) -> dict[str, float]:  # noqa: ARG002

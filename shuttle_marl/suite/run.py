@@ -13,11 +13,11 @@ from shuttle_marl.base import runs
 from shuttle_marl.base.cluster import in_processes, open_cluster
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.suite import frozen, store
-from shuttle_marl.suite.method import find, sources
+from shuttle_marl.suite.method import baseline_of, find, sources
 from shuttle_marl.suite.options import SuiteError, SuiteRun
 from shuttle_marl.suite.registry import arena_of, find_task
 from shuttle_marl.suite.results import summarise
-from shuttle_marl.suite.store import Entry, RunConfig
+from shuttle_marl.suite.store import Card, Entry, RunConfig
 
 PACKAGES: Final = ("numpy", "scipy", "numba", "msgspec", "zstandard")
 
@@ -43,6 +43,8 @@ def run_method(options: SuiteRun, console: Console | None = None) -> Path:
     """
     task = find_task(options.task)
     find(task.name, options.method)
+    baseline = baseline_of(task.name, options.method)
+    fixed_seeds = options.quick or (baseline is not None and baseline.kind == "reference")
     arena = arena_of(
         task,
         options.game,
@@ -63,17 +65,20 @@ def run_method(options: SuiteRun, console: Console | None = None) -> Path:
         split=options.split,
         quick=options.quick,
         budget=options.budget,
-        seeds=options.seeds or (1 if options.quick else task.seeds),
+        seeds=options.seeds or (1 if fixed_seeds else task.seeds),
         game=store.GameOf(model=options.game, hash=arena.game.hash),
     )
+    if baseline is None:
+        card = store.read_card(Path())
+    else:
+        card = Card(method=options.method, kind=baseline.kind, access=baseline.access)
     name = "-".join([task.name, options.method, options.split, *([] if options.budget is None else [str(options.budget)])])
     words = "".join(c if c.isalnum() or c in "-_." else "-" for c in name)
     fixed = dataclasses.asdict(config)
     with runs.open_run(options.out, words[:80], fixed, resume=options.resume, overwrite=options.overwrite) as folder:
         about = runs.describe(PACKAGES)
         runs.write_json(folder / runs.MANIFEST, {"status": "running", **about})
-        card = {"method": options.method, "authors": None, "paper": None, "tuning_strokes": None}
-        store.write_card(folder, store.read_card(Path()) or card)
+        store.write_card(folder, card)
         numbers = [(case, seed) for case in range(len(cases)) for seed in range(config.seeds)]
         units = [
             _Unit(folder=folder, config=config, beacon=options.beacon, data=options.data, case=case, seed=seed)
@@ -157,7 +162,7 @@ def play_unit(unit: _Unit) -> PlayedUnit:
     except ShuttleError as error:
         raise SuiteError(f"{config.method}, case {case.name}, seed {unit.seed}: {error}") from error
     seconds = time.monotonic() - begun
-    entry = Entry(
+    entry = store.checked(Entry(
         case=case.name,
         seed=unit.seed,
         fingerprint=fingerprint,
@@ -167,7 +172,7 @@ def play_unit(unit: _Unit) -> PlayedUnit:
         seconds=seconds,
         strokes=outcome.strokes,
         curve=tuple(outcome.curve),
-    )
+    ))  # fmt: skip
     if not any(work.iterdir()):
         work.rmdir()
     path = store.entry_path(unit.folder, unit.case, unit.seed)

@@ -1,7 +1,7 @@
 """The folder of a run, which is also a submission.
 
 - ``config.json``: task, method, split, seeds, and the game;
-- ``card.json``: what the author says about the method; edited by hand, never scored;
+- ``card.json``: what the author says about the method, see :class:`Card`; edited by hand, never scored;
 - ``entries/CASE-SEED.json``: one unit: fingerprint of the case, hashes of the policies, answers, scores, curve, seconds; with a
   checksum;
 - ``policies/HASH.zst``: one table of a policy, compressed; HASH is the SHA-256 of its numbers;
@@ -22,11 +22,11 @@ import zstandard
 from shuttle_marl.base import runs
 from shuttle_marl.base.arrays import U16
 from shuttle_marl.base.errors import printable
-from shuttle_marl.base.files import FileReadError, Sha256, problem, read_file, read_json, replace_file, seal
+from shuttle_marl.base.files import Count, FileReadError, Sha256, problem, read_file, read_json, replace_file, seal
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
-from shuttle_marl.suite.options import Split, SuiteError
-from shuttle_marl.suite.task import Outcome
+from shuttle_marl.suite.options import Access, Kind, Split, SuiteError
+from shuttle_marl.suite.task import Case, Outcome
 
 ENTRIES: Final = "entries"
 POLICIES: Final = "policies"
@@ -34,13 +34,17 @@ CARD: Final = "card.json"
 RESULTS: Final = "results.json"
 SOURCES: Final = "sources.json"
 _LEVEL: Final = 9
+Name = Annotated[str, msgspec.Meta(min_length=1, max_length=1000)]
+"""A name in a file of a stranger."""
+Figure = Annotated[float, msgspec.Meta(ge=-1e9, le=1e9)]
+"""A score in a file of a stranger; neither infinite nor NaN."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class GameOf:
     """Game of a run: the model it was loaded from, and the hash of its tables."""
 
-    model: str
+    model: Name
     hash: Sha256
 
 
@@ -55,13 +59,33 @@ class RunConfig:
         game: the game.
     """
 
-    task: str
-    method: str
+    task: Name
+    method: Name
     split: Split
     quick: bool
-    budget: int | None = None
-    seeds: Annotated[int, msgspec.Meta(ge=1, le=10**4)]
+    budget: Count | None = None
+    seeds: Annotated[int, msgspec.Meta(ge=1, le=100)]
     game: GameOf
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Card:
+    """Content of ``card.json``.
+
+    Attributes:
+        method: name for people.
+        authors, paper: as the author likes.
+        tuning_strokes: strokes or runs that were used for tuning; None: not stated.
+        kind: what the method is on a board.
+        access: what it reads; None: all that its task offers.
+    """
+
+    method: Name | None = None
+    authors: Name | Sequence[Name] | None = None
+    paper: Name | None = None
+    tuning_strokes: Count | Name | None = None
+    kind: Kind = "method"
+    access: Access | None = None
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -77,15 +101,15 @@ class Entry:
         seconds: time of the method, without scoring.
     """
 
-    case: str
+    case: Name
     seed: int
-    fingerprint: str
+    fingerprint: Sha256
     policies: Mapping[str, Sha256]
     answers: Mapping[str, Any]
-    scores: Mapping[str, float]
-    seconds: float
-    strokes: int | None = None
-    curve: Sequence[tuple[float, float]] = ()
+    scores: Annotated[Mapping[str, Figure], msgspec.Meta(max_length=16)]
+    seconds: Annotated[float, msgspec.Meta(ge=0, le=1e9)]
+    strokes: Count | None = None
+    curve: Annotated[Sequence[tuple[Count, Figure]], msgspec.Meta(max_length=10_000)] = ()
 
 
 def read_config(folder: Path) -> RunConfig:
@@ -186,34 +210,62 @@ def unpacked(content: bytes, game: Game) -> U16:
     return np.cumsum(differences, dtype=np.uint16)
 
 
-def write_card(folder: Path, fields: Mapping[str, Any]) -> None:
+def write_card(folder: Path, card: Card) -> None:
     """Write the card of a run, unless its author has written one."""
     if not (folder / CARD).exists():
-        runs.write_json(folder / CARD, dict(fields))
+        runs.write_json(folder / CARD, dataclasses.asdict(card))
 
 
-def read_card(folder: Path) -> dict[str, Any]:
-    """The card of a run; empty if it cannot be read."""
+def read_card(folder: Path) -> Card:
+    """The card of a run; an empty one if there is none.
+
+    Raises:
+        SuiteError: it is damaged.
+    """
+    if not (folder / CARD).exists():
+        return Card()
     try:
-        return read_json(folder / CARD, dict[str, Any])
-    except FileReadError:
-        return {}
+        return read_json(folder / CARD, Card)
+    except FileReadError as error:
+        raise SuiteError(f"{folder / CARD}: {error}") from error
 
 
-def read_entries(folder: Path, names: Sequence[str], seeds: int) -> dict[tuple[str, int], Entry]:
+def read_unit(folder: Path, number: int, case: Case, seed: int) -> Entry:
+    """The unit of a case, with what can be checked without computing anything.
+
+    Raises:
+        SuiteError: it is missing, damaged, of another case or seed, or used more than its budget.
+    """
+    path = entry_path(folder, number, seed)
+    entry = read_entry(path)
+    if (entry.case, entry.seed) != (case.name, seed):
+        raise SuiteError(f"{path}: is of case {entry.case!r} and seed {entry.seed}; expected {case.name!r} and {seed}")
+    if case.budget and max(entry.strokes or 0, *(used for used, _ in entry.curve), 0) > case.budget:
+        raise SuiteError(f"{path}: has more strokes than the budget of {case.budget:,}")
+    return entry
+
+
+def checked(entry: Entry) -> Entry:
+    """The entry, if it can be read again.
+
+    Raises:
+        SuiteError: a number is out of range, or there are too many.
+    """
+    try:
+        return msgspec.convert(dataclasses.asdict(entry), Entry)
+    except msgspec.ValidationError as error:
+        raise SuiteError(f"the method returned something that cannot be stored: {error}") from error
+
+
+def read_entries(folder: Path, cases: Sequence[Case], seeds: int) -> dict[tuple[str, int], Entry]:
     """Units of a run by case and seed; missing ones are left out.
 
     Raises:
-        SuiteError: a unit is damaged, or is not of the case and seed of its file.
+        SuiteError: see :func:`read_unit`.
     """
-    found = {}
-    for number, name in enumerate(names):
-        for seed in range(seeds):
-            path = entry_path(folder, number, seed)
-            if not path.exists():
-                continue
-            entry = read_entry(path)
-            if (entry.case, entry.seed) != (name, seed):
-                raise SuiteError(f"{path}: is of case {entry.case!r} and seed {entry.seed}; expected {name!r} and {seed}")
-            found[name, seed] = entry
-    return found
+    return {
+        (case.name, seed): read_unit(folder, number, case, seed)
+        for number, case in enumerate(cases)
+        for seed in range(seeds)
+        if entry_path(folder, number, seed).exists()
+    }

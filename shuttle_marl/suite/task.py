@@ -24,7 +24,7 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities, tabulate
 from shuttle_marl.policy import baselines
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.suite.options import Split, SuiteError
+from shuttle_marl.suite.options import Access, Split, SuiteError
 
 Statistic = Literal["iqm", "mean"]
 SPLITS: Final[tuple[Split, ...]] = ("dev", "test", "hidden")
@@ -69,7 +69,7 @@ class Outcome:
     policies: Mapping[str, TabulatedPolicy] = dataclasses.field(default_factory=dict)
     answers: Mapping[str, Any] = dataclasses.field(default_factory=dict)
     strokes: int | None = None
-    curve: Sequence[tuple[float, float]] = ()
+    curve: Sequence[tuple[int, float]] = ()
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -119,6 +119,10 @@ class Task(abc.ABC):
     """Entry of the scores that ranks methods."""
     higher_is_better: ClassVar[bool] = True
     statistic: ClassVar[Statistic] = "iqm"
+    access: ClassVar[Access] = "tables"
+    """The most that a method may read."""
+    budgets: ClassVar[tuple[int, ...]] = ()
+    """Strokes that a learner may play, which methods declare; each has a board of its own."""
     seeds: ClassVar[int] = 5
     """Default number of seeds."""
     splits: ClassVar[tuple[Split, ...]] = ("dev", "test")
@@ -138,8 +142,7 @@ class Task(abc.ABC):
             SuiteError: there is none of this budget.
         """
         found = self.all_cases(arena)
-        budgets = sorted({case.budget for case in found if case.budget})
-        if arena.budget is not None and arena.budget not in budgets:
+        if arena.budget is not None and arena.budget not in (budgets := sorted({case.budget for case in found} - {0})):
             raise SuiteError(f"--budget {arena.budget}: {self.name} has {', '.join(map(str, budgets)) or 'no budgets'}")
         return [case for case in found if arena.budget in (None, case.budget)]
 

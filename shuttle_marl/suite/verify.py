@@ -11,9 +11,9 @@ from shuttle_marl.base.files import FileReadError, read_json
 from shuttle_marl.suite import frozen, store
 from shuttle_marl.suite.options import SuiteError
 from shuttle_marl.suite.registry import arena_of_run, find_task
-from shuttle_marl.suite.results import summarise
+from shuttle_marl.suite.results import Row, cases_of, summarise
 from shuttle_marl.suite.store import RunConfig
-from shuttle_marl.suite.task import Arena, Task
+from shuttle_marl.suite.task import Arena, Case, Task
 
 TOLERANCE: Final = 1e-9
 """Largest difference between a recomputed score and the stored one."""
@@ -22,12 +22,27 @@ NOT_VERIFIED: Final = ("strokes used", "tuning", "seconds", "that the method pro
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Finding:
-    """Verification of a unit: recomputed, or the reason why it is refused."""
+class Refusal:
+    """A unit that is refused, and the reason."""
 
     case: str
     seed: int
-    reason: str | None
+    reason: str
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Verification:
+    """Verification of a run.
+
+    Attributes:
+        units: number of units.
+        refused: units that are refused.
+        summary: of the run; None if a unit is refused. Its remarks say why results are not official.
+    """
+
+    units: int
+    refused: list[Refusal]
+    summary: Row | None
 
 
 def verify_run(
@@ -37,8 +52,10 @@ def verify_run(
     beacon: str | None = None,
     data: Path | None = None,
     progress: Callable[[Any], Any] = lambda units: units,
-) -> list[Finding]:
+) -> Verification:
     """Recompute all scores of a run from its policies and answers.
+
+    Nothing is recomputed if a unit can be refused without it.
 
     Args:
         folder: of the run.
@@ -53,19 +70,26 @@ def verify_run(
     config = store.read_config(folder)
     task = find_task(config.task)
     arena = arena_of_run(task, config, game, beacon=beacon, data=data)
-    cases = task.cases(arena)
+    cases = cases_of(task, arena, config)
     units = [(number, seed) for number in range(len(cases)) for seed in range(config.seeds)]
-    found = [
-        Finding(case=cases[number].name, seed=seed, reason=_refused(folder, config, task, arena, number, seed))
-        for number, seed in progress(units)
-    ]
-    if all(finding.reason is None for finding in found) and not _aggregated(folder, beacon, game):
-        reason = f"{store.RESULTS} holds other aggregates than those of the units; `suite score` writes them again"
-        found = [dataclasses.replace(finding, reason=reason) for finding in found]
-    return found
+    summary, refused = None, []
+    for check in (_read, _recomputed):
+        for number, seed in progress(units):
+            try:
+                check(folder, config, task, arena, number, cases[number], seed)
+            except ShuttleError as error:
+                refused.append(Refusal(case=cases[number].name, seed=seed, reason=str(error)))
+        if refused:
+            break
+    else:
+        summary = summarise(folder, beacon, game)
+        if not _aggregated(folder, summary):
+            reason = f"{store.RESULTS} holds other aggregates than those of the units; `suite score` writes them again"
+            refused = [Refusal(case=cases[number].name, seed=seed, reason=reason) for number, seed in units]
+    return Verification(units=len(units), refused=refused, summary=None if refused else summary)
 
 
-def _aggregated(folder: Path, beacon: str | None, game: str | None) -> bool:
+def _aggregated(folder: Path, summary: Row) -> bool:
     """Whether the stored aggregates, if there are any, are those of the units."""
     path = folder / store.RESULTS
     if not path.exists():
@@ -74,7 +98,7 @@ def _aggregated(folder: Path, beacon: str | None, game: str | None) -> bool:
         stored = read_json(path, dict[str, Any])
     except FileReadError:
         return False
-    expected = json.loads(json.dumps(summarise(folder, beacon, game)))
+    expected = json.loads(json.dumps(summary))
     return all(_close(stored.get(name), value) for name, value in expected.items())
 
 
@@ -92,25 +116,23 @@ def _close(stored: Any, expected: Any) -> bool:
     return bool(stored == expected)
 
 
-def _refused(folder: Path, config: RunConfig, task: Task, arena: Arena, number: int, seed: int) -> str | None:
-    """Why a unit is refused; None if its scores are reproduced."""
-    case = task.cases(arena)[number]
-    try:
-        if config.game.hash != arena.game.hash:
-            raise SuiteError(f"played on game {config.game.hash[:12]}; this is {arena.game.hash[:12]}")
-        entry = store.read_entry(store.entry_path(folder, number, seed))
-        if (entry.case, entry.seed) != (case.name, seed):
-            raise SuiteError(f"the entry is of case {entry.case!r} and seed {entry.seed}")
-        fingerprint = task.fingerprint(arena, case, seed)
-        if entry.fingerprint != fingerprint:
-            raise SuiteError(f"the case has fingerprint {entry.fingerprint[:12]}; expected {fingerprint[:12]}")
-        frozen.load().check(task, config.split, f"{case.name}/{seed}", fingerprint, arena.game)
-        scores = task.score(arena, case, seed, store.read_outcome(folder, entry, arena.game, task.roles))
-        if other := entry.scores.keys() - scores.keys():
-            raise SuiteError(f"the entry has scores that the task does not have: {', '.join(sorted(map(printable, other)))}")
-        for name, value in scores.items():
-            if not abs(value - entry.scores.get(name, float("nan"))) <= TOLERANCE:
-                raise SuiteError(f"{name} is {value:.9f}, not {entry.scores.get(name)}")
-    except ShuttleError as error:
-        return str(error)
-    return None
+def _read(folder: Path, config: RunConfig, task: Task, arena: Arena, number: int, case: Case, seed: int) -> None:  # noqa: ARG001
+    """Check what needs no computing."""
+    if config.game.hash != arena.game.hash:
+        raise SuiteError(f"played on game {config.game.hash[:12]}; this is {arena.game.hash[:12]}")
+    store.read_unit(folder, number, case, seed)
+
+
+def _recomputed(folder: Path, config: RunConfig, task: Task, arena: Arena, number: int, case: Case, seed: int) -> None:
+    """Check the fingerprint and the scores."""
+    entry = store.read_unit(folder, number, case, seed)
+    fingerprint = task.fingerprint(arena, case, seed)
+    if entry.fingerprint != fingerprint:
+        raise SuiteError(f"the case has fingerprint {entry.fingerprint[:12]}; expected {fingerprint[:12]}")
+    frozen.load().check(task, config.split, f"{case.name}/{seed}", fingerprint, arena.game)
+    scores = task.score(arena, case, seed, store.read_outcome(folder, entry, arena.game, task.roles))
+    if other := entry.scores.keys() - scores.keys():
+        raise SuiteError(f"the entry has scores that the task does not have: {', '.join(sorted(map(printable, other)))}")
+    for name, value in scores.items():
+        if not abs(value - entry.scores.get(name, float("nan"))) <= TOLERANCE:
+            raise SuiteError(f"{name} is {value:.9f}, not {entry.scores.get(name)}")

@@ -222,7 +222,7 @@ def test_baselines_of_offline(method: str, tmp_path: Path, monkeypatch: pytest.M
     # In rallies: the edge of the best response, the unit of the score, depends on the game. Networks have learned for 100 steps.
     assert found["scores"]["rally_win"]["value"] > 0.45
     assert found["score"] < 1
-    assert [finding.reason for finding in verify_run(folder, game=reduced_model())] == [None]
+    assert verify_run(folder, game=reduced_model()).refused == []
 
 
 def test_a_run_of_evaluate_is_verified(tmp_path: Path) -> None:
@@ -234,7 +234,7 @@ def test_a_run_of_evaluate_is_verified(tmp_path: Path) -> None:
     found = summarise(folder, game=reduced_model())
     assert 0 < found["score"] < 0.5
     assert -1 <= found["scores"]["rank_correlation"]["value"] <= 1
-    assert [finding.reason for finding in verify_run(folder, game=reduced_model())] == [None, None]
+    assert verify_run(folder, game=reduced_model()).refused == []
 
 
 class Half:

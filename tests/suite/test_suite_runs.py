@@ -24,7 +24,7 @@ from shuttle_marl.suite.method import sources
 from shuttle_marl.suite.options import SuiteError, SuiteRun
 from shuttle_marl.suite.players import Trained
 from shuttle_marl.suite.registry import TASKS
-from shuttle_marl.suite.results import difference, summarise
+from shuttle_marl.suite.results import Row, difference, summarise
 from shuttle_marl.suite.run import run_method
 from shuttle_marl.suite.verify import verify_run
 from tests.reduced import reduced_game, reduced_model
@@ -64,8 +64,8 @@ def played(tmp_path: Path, method: str, task: str = "exploit-v0", **options: Any
     return run_method(SuiteRun(task=task, method=method, game=reduced_model(), quick=True, out=tmp_path / name, **options))
 
 
-def reasons(folder: Path) -> list[str | None]:
-    return [finding.reason for finding in verify_run(folder, game=reduced_model())]
+def reasons(folder: Path) -> list[str]:
+    return [each.reason for each in verify_run(folder, game=reduced_model()).refused]
 
 
 def first_entry(folder: Path) -> tuple[Path, dict[str, Any]]:
@@ -93,8 +93,10 @@ def test_scores_are_exact_and_verified(tmp_path: Path) -> None:
     low, high = evaluate(bc, safe).odds().rally, best_response(safe).value.odds().rally
     assert result["scores"]["rally_win"]["value"] == pytest.approx(np.mean(wins), abs=1e-9)
     assert result["score"] == pytest.approx((np.mean(wins) - low) / (high - low), abs=1e-8)
+    assert result["low"] is not None
+    assert result["high"] is not None
     assert result["low"] < result["score"] < result["high"]
-    assert reasons(folder) == [None, None]
+    assert reasons(folder) == []
 
 
 def leaves(setting: Any) -> Any:
@@ -149,14 +151,12 @@ def test_forged_aggregates_and_unknown_scores_are_refused(tmp_path: Path) -> Non
     results = json.loads((folder / store.RESULTS).read_text())
     (folder / store.RESULTS).write_text(json.dumps({**results, "score": 0.99}))
     (reason,) = reasons(folder)
-    assert reason is not None
     assert "suite score" in reason
     assert main(("score", str(folder), "--game", reduced_model())) == 0
-    assert reasons(folder) == [None]
+    assert reasons(folder) == []
     path, entry = first_entry(folder)
     forge(path, {**entry, "scores": {**entry["scores"], "exploitabilty": -1.0}})
     (reason,) = reasons(folder)
-    assert reason is not None
     assert "exploitabilty" in reason
 
 
@@ -189,7 +189,7 @@ def test_learners_stay_in_their_budget(tmp_path: Path, task: str, method: str) -
     else:
         assert found["exploitability"] < best_response(table("bc")).value.odds().value
     assert found["strokes"] <= 20_000
-    assert reasons(folder) == [None]
+    assert reasons(folder) == []
 
 
 def test_processes_take_arguments_when_they_are_free() -> None:
@@ -324,7 +324,7 @@ def test_changed_submissions_are_refused(tmp_path: Path) -> None:
     forge(path, {**entry, "fingerprint": "0" * 64})
     assert "fingerprint" in str(reasons(folder)[0])
     path.write_bytes(original)
-    assert reasons(folder) == [None]
+    assert reasons(folder) == []
 
     (policy,) = (folder / store.POLICIES).iterdir()
     content = policy.read_bytes()
@@ -349,37 +349,38 @@ def test_changed_submissions_are_refused(tmp_path: Path) -> None:
 def test_an_entry_of_another_unit_is_refused(tmp_path: Path) -> None:
     folder = played(tmp_path, f"{__name__}:noisy", seeds=2)
     store.entry_path(folder, 0, 1).write_bytes(store.entry_path(folder, 0, 0).read_bytes())
-    assert reasons(folder)[0] is None
-    assert "seed 0" in str(reasons(folder)[1])
+    assert [(each.seed, "seed 0" in each.reason) for each in verify_run(folder, game=reduced_model()).refused] == [(1, True)]
 
 
 def test_paired_differences(tmp_path: Path) -> None:
     better = played(tmp_path, "best-response", seeds=2)
     worse = played(tmp_path, f"{__name__}:noisy", seeds=2)
     found = difference(TASKS["exploit-v0"], better, worse, reduced_model())
-    assert found.value == pytest.approx(1 - summarise(worse, game=reduced_model())["score"], abs=1e-9)
-    assert found.low <= found.value <= found.high
+    assert found["value"] == pytest.approx(1 - summarise(worse, game=reduced_model())["score"], abs=1e-9)
+    assert found["low"] is not None
+    assert found["high"] is not None
+    assert found["low"] <= found["value"] <= found["high"]
     with pytest.raises(SuiteError, match="different cases or seeds"):
         difference(TASKS["exploit-v0"], better, played(tmp_path, "bc"), reduced_model())
 
 
 def test_the_board_orders_and_escapes(tmp_path: Path) -> None:
-    row = summarise(played(tmp_path, "bc"), game=reduced_model())
-    rows = [
-        {**row, "method": "<b>x</b>|y", "score": 0.4, "tuning_strokes": None, "verified": True},
-        {**row, "method": "other", "score": 0.6, "tuning_strokes": 100, "verified": False},
-    ]
+    played_row = summarise(played(tmp_path, "bc"), game=reduced_model())
+    row: Row = {**played_row, "kind": "method", "verified": True}
+    rows: list[Row] = [{**row, "method": "<b>x</b>|y `z` @all", "score": 0.4}, {**row, "method": "other", "score": 0.6}]
     markdown, html = render(rows, "md"), render(rows, "html")
-    assert markdown.index("| other") < markdown.index("| \\<b")
-    assert "\\<b\\>x\\</b\\>\\|y" in markdown
+    assert markdown.index("| 1 | `other` |") < markdown.index("| 2 | `<b>x</b>\\|y 'z' @all` |")
     assert "<b>x" not in html
     assert "&lt;b&gt;x" in html
-    # Neither a refused entry, nor a policy that reads the tables, nor an ablation is the best learned method.
-    names = ("minimax", "policy:minimax", "policy:human:0.05", "policy:best-response:bc", "other-without-parts")
-    unlearned = [{**rows[0], "method": name, "score": 0.9} for name in names]
-    assert "open gap 0.600" in render([*rows, *unlearned], "md")
-    assert "open gap 0.300" in render([*rows, {**rows[0], "method": "policy:ppo", "score": 0.7}], "md")
+    # Neither a reference nor an ablation is the best method, whatever its name, nor one that reads more.
+    unranked: list[Row] = [{**row, "method": f"my-{kind}", "kind": kind, "score": 0.9} for kind in ("reference", "ablation")]
+    assert "open gap 0.400" in render([*rows, *unranked], "md")
+    assert "open gap 0.400" in render([*rows, {**row, "method": "reader", "access": "opponent", "score": 0.7}], "md")
+    assert "open gap 0.300" in render([*rows, {**row, "method": "minimax-without-name", "score": 0.7}], "md")
     assert "Preliminary" in markdown
+    homograph, long, empty = ({**rows[0], "method": name} for name in ("\u0440po", "x" * 10**6, "\u200b "))
+    shown = render([homograph, long, empty], "md")  # type: ignore[list-item]
+    assert all(text in shown for text in ("`\\u0440po`", f"`{'x' * 60}...`", "`\\u200b`"))
 
 
 def test_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:

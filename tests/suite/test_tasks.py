@@ -35,7 +35,7 @@ def run(tmp_path: Path, task: str, method: str, **options: Any) -> Path:
 
 
 def accepted(folder: Path) -> bool:
-    return all(finding.reason is None for finding in verify_run(folder, game=reduced_model()))
+    return not verify_run(folder, game=reduced_model()).refused
 
 
 def test_robust_is_the_worst_of_the_refits(tmp_path: Path) -> None:
@@ -144,7 +144,7 @@ def test_imitation_of_real_matches(tmp_path: Path) -> None:
     arena = arena_of(find_task("imitate-v0"), "default", "test", data=data)
     losses = [-np.log(arena.policy(name).probability_of(parts(arena)[1].pair)).mean() for name in ("bc", "random")]
     assert losses[0] < losses[1] - 0.5
-    assert [finding.reason for finding in verify_run(folders[0], game=reduced_model(), data=data)] == [None]
+    assert verify_run(folders[0], game=reduced_model(), data=data).refused == []
 
 
 @pytest.mark.skipif("SHUTTLESET" not in os.environ, reason="needs annotated matches")
@@ -290,7 +290,7 @@ def test_frozen_cases_are_checked(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     # Another population under the same name is noticed.
     changed = dict.fromkeys(done.cases, "0" * 64)
     frozen.save(frozen.Frozen(game=done.game, cases=changed), path)
-    assert "the frozen one 000000000000" in str(verify_run(folder, game=reduced_model())[0].reason)
+    assert "the frozen one 000000000000" in verify_run(folder, game=reduced_model()).refused[0].reason
     # Other tasks are added to the frozen ones of the same game.
     more = freeze(path, ["equilibrium-v0"], model=reduced_model())
     assert {name.split("/")[0] for name in more.cases} == {"robust-v0", "text-v0", "equilibrium-v0"}

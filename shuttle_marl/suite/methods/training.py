@@ -108,5 +108,5 @@ def _train(algorithm: str, setting: PlayerSetting, **options: Any) -> Trained:
     lines = (done.folder / "metrics.jsonl").read_text(encoding="utf-8").splitlines()
     points = [json.loads(line) for line in lines]
     figure = "normalised_score" if setting.opponent is not None else "exploitability"
-    curve = tuple((float(point["strokes"]), float(point[figure])) for point in points if point[figure] is not None)
+    curve = tuple((int(point["strokes"]), float(point[figure])) for point in points if point[figure] is not None)
     return Trained(player=done.policy, strokes=done.strokes, curve=curve)
