@@ -2,15 +2,17 @@
 
     python -m benchmarks.staging [--rallies N] [--quick] [--json]
 
-Rallies between two behaviour-cloned players are staged, right- and left-handers, male and female athletes in turn, and
-measured as motion: positions, rotations, and the path of the shuttle; each is packed and unpacked again, and every tenth one is
-staged stroke by stroke as in live play. Seconds are CPU seconds of the process, which has one thread (set
-OMP_NUM_THREADS=1).
+Matches between two behaviour-cloned players are staged rally by rally, right- and left-handers, male and female athletes in
+turn, and measured as motion: positions, rotations, and the path of the shuttle; an umpire counts breaches of the rules. Each
+is packed and unpacked again, and every tenth one is staged stroke by stroke as in live play. Seconds are CPU seconds of the
+process, which has one thread (set OMP_NUM_THREADS=1).
 """
 
 import dataclasses
+import itertools
 import json
 import time
+from collections.abc import Iterator
 from typing import Annotated, Any, Final
 
 import numpy as np
@@ -19,13 +21,14 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
+from benchmarks.court_rules import Breaches, Umpire
 from benchmarks.machine import this_machine
 from benchmarks.motion_metrics import measure, summary
-from shuttle_marl.game import default_game
+from shuttle_marl.game import default_game, draws
 from shuttle_marl.game.rally.record import Rally
 from shuttle_marl.game.rules import RETURNED_BELOW
 from shuttle_marl.game.tabulated import tabulate
-from shuttle_marl.kernel import play_rallies
+from shuttle_marl.kernel import Matches, play_matches, play_rallies
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.staging import ATHLETES, Motion, continue_motion, stage
 
@@ -37,10 +40,11 @@ _CONTINUED: Final = 10
 
 def run(rallies: int, seed: int, console: Console) -> dict[str, Any]:
     """Stage rallies and measure them; lengths are in metres unless the key names another unit."""
-    played = self_play_rallies("bc", rallies, seed=seed)
+    played = list(itertools.islice(match_rallies("bc", seed=seed), rallies))
     stage(played[0], seed=0, athletes=ATHLETES)  # solves the libraries of poses, which are cached
     cpu, size, error, found = 0.0, 0, 0.0, []
     extensions: list[float] = []
+    umpire, breaches = Umpire(server=played[0].server), Breaches()
     for i, rally in enumerate(track(played, "staging", console=console)):
         hands = (_HANDS[i % 3], _HANDS[i // 3 % 3])
         athletes = (ATHLETES[i % 2], ATHLETES[i // 2 % 2])
@@ -48,6 +52,11 @@ def run(rallies: int, seed: int, console: Console) -> dict[str, Any]:
         motion = stage(rally, seed=i, handedness=hands, athletes=athletes)
         cpu += time.process_time() - begun
         found.append(measure(motion))
+        if rally.number == 0:
+            umpire = Umpire(server=rally.server)
+        breaches.look(motion, umpire)
+        assert rally.winner is not None
+        umpire.award(rally.winner)
         packed = motion.pack()
         size += len(packed)
         error = max(error, pack_error(motion, Motion.unpack(packed)))
@@ -57,11 +66,28 @@ def run(rallies: int, seed: int, console: Console) -> dict[str, Any]:
     return {
         **this_machine(),
         **figures,
+        "rules": dataclasses.asdict(breaches),
         "pack_kb_per_s": size / 1024 / figures["seconds"],
         "pack_error_mm": 1000 * error,
         "continue_ms": 1000 * float(np.median(extensions)),
         "realtime": figures["seconds"] / cpu,
     }
+
+
+def match_rallies(policy: str, *, seed: int) -> Iterator[Rally]:
+    """Rallies of matches between two players of the same policy, match after match.
+
+    Args:
+        policy: name in the registry.
+        seed: random seed.
+    """
+    game = default_game()
+    table = tabulate(resolve(policy, game), game)
+    for match in itertools.count():
+        key = draws.stream(seed, np.array([match]))
+        entrants, server = np.zeros((1, 2), np.int32), np.array([match % 2], np.int8)
+        rallies = play_matches(game, Matches(entrant=entrants, first_server=server, key=key), [table]).rallies
+        yield from (rallies.row(k, game.catalogue) for k in range(len(rallies)))
 
 
 def self_play_rallies(policy: str, n: int, *, seed: int) -> list[Rally]:
