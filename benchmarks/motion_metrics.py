@@ -13,6 +13,7 @@ import numpy.typing as npt
 from benchmarks.motion_life import Life, measure_life, summary_of_life
 from shuttle_marl.base.arrays import F64, Bools
 from shuttle_marl.game.court import HALF_LENGTH, HALF_WIDTH, SHORT_SERVICE, area_of
+from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.staging.arm import LIMITS, MIDDLE, SWING_LIMIT, Arm, arm_of
 from shuttle_marl.staging.arm_solver import ANGLES, BEND, DEVIATION, ELBOW, FORWARD, PRONATION, RAISE, ROLL, SWING_1, TWIST
 from shuttle_marl.staging.body import NECK_LIMITS
@@ -21,7 +22,7 @@ from shuttle_marl.staging.measured import load_measured
 from shuttle_marl.staging.motion import Motion
 from shuttle_marl.staging.rotation import cross, exponential, matrix, to_yaw_pitch_roll, unit
 from shuttle_marl.staging.skeleton import BONE, MIRROR, SPINE_LIMITS, Skeleton
-from shuttle_marl.staging.trajectory import NET, OPEN, OUT, RETURN, WIN, facing, net_height, own_frame
+from shuttle_marl.staging.trajectory import NET, OPEN, OUT, RETURN, WIN, net_height, own_frame
 
 _FLIP: Final = np.diag([-1.0, 1.0, 1.0])
 _FINE: float = 2000.0
@@ -95,7 +96,7 @@ def joints(motion: Motion, seat: int) -> list[Joint]:
 def as_right_hander(motion: Motion, seat: int) -> F64:
     """``[F, 23, 3, 3]`` rotations of a player in their own frame, a left-hander's mirrored."""
     right = motion.handedness[seat] == "right"
-    sign = own_frame(seat, right)
+    sign = own_frame(motion.trajectory.rally.facing(seat), right)
     rotation = np.diag([sign[1], sign[1], 1.0]) @ matrix(motion.rotation[:, seat])
     return rotation if right else _FLIP @ rotation[:, MIRROR] @ _FLIP
 
@@ -325,19 +326,21 @@ def _clearance(motion: Motion, i: int) -> float:
 
 def _ends_truly(motion: Motion, i: int, frame: int) -> bool:
     """Whether a stroke ends according to its outcome."""
-    trajectory, stroke = motion.trajectory, motion.trajectory.rally.stroke[i]
-    x, y, z = motion.shuttle[frame].astype(np.float64) * np.array([facing(int(trajectory.rally.striker[i]))] * 2 + [1.0])
-    meant = int(area_of(np.array(x), np.array(y))) == trajectory.rally.catalogue.area[stroke]
-    serve = bool(trajectory.rally.catalogue.is_serve[stroke])
+    trajectory, rally = motion.trajectory, motion.trajectory.rally
+    stroke, sign = rally.stroke[i], rally.facing(int(rally.striker[i]))
+    x, y, z = motion.shuttle[frame].astype(np.float64) * np.array([sign, sign, 1.0])
+    meant = int(area_of(np.array(x), np.array(y))) == rally.aim[stroke]
+    serve = bool(rally.catalogue.is_serve[stroke])
     in_box = abs(x) <= HALF_WIDTH and (SHORT_SERVICE if serve else 0.0) <= y <= HALF_LENGTH
     if trajectory.end[i] in (RETURN, OPEN):
-        # The contact of a serve is in front of the server, so its position is moved into the service court.
-        return meant or serve
+        # A serve is met within the service court, a net kill is struck before the shuttle is where it was meant for.
+        killed = i + 1 < len(rally) and SHOTS[rally.catalogue.shot[rally.stroke[i + 1]]] == "net-kill"
+        return meant or serve or killed
     if trajectory.end[i] == WIN:
         return bool((meant or serve) and in_box and z < 0.05)
     if trajectory.end[i] == OUT:
         return bool(not in_box and z < 0.05)
     after = motion.shuttle[frame:].astype(np.float64)
     touched = abs(y) < 0.05 and z < float(net_height(x))
-    stays = (after[:, 1] * facing(int(trajectory.rally.striker[i])) < 0.05).all()
+    stays = (after[:, 1] * sign < 0.05).all()
     return bool(touched and stays and after[-1, 2] < 0.05)

@@ -87,7 +87,7 @@ def match_rallies(policy: str, *, seed: int) -> Iterator[Rally]:
         key = draws.stream(seed, np.array([match]))
         entrants, server = np.zeros((1, 2), np.int32), np.array([match % 2], np.int8)
         rallies = play_matches(game, Matches(entrant=entrants, first_server=server, key=key), [table]).rallies
-        yield from (rallies.row(k, game.catalogue) for k in range(len(rallies)))
+        yield from (dataclasses.replace(rallies.row(k, game.catalogue), match=match) for k in range(len(rallies)))
 
 
 def self_play_rallies(policy: str, n: int, *, seed: int) -> list[Rally]:

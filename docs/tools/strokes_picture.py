@@ -23,7 +23,6 @@ from shuttle_marl.staging import Motion, stage
 from shuttle_marl.staging.motions import MOTIONS
 from shuttle_marl.staging.rotation import matrix, unit
 from shuttle_marl.staging.skeleton import BONE
-from shuttle_marl.staging.trajectory import facing
 
 INSTANTS = (-0.50, -0.28, -0.12, 0.0, 0.12, 0.35)
 FILM = (-0.36, -0.24, -0.16, -0.10, -0.06, -0.02, 0.0, 0.02, 0.06, 0.12, 0.20, 0.32, 0.48)
@@ -35,7 +34,8 @@ CLOTH = ((0.70, 0.04, 0.05), (0.03, 0.03, 0.05))
 def draw(motion: Motion, seat: int, frame: int, centre: np.ndarray, size: int) -> np.ndarray:
     """The player from diagonally ahead on the racket side."""
     right = motion.handedness[seat] == "right"
-    ahead, aside = facing(seat), facing(seat) * (1 if right else -1)
+    ahead = motion.trajectory.rally.facing(seat)
+    aside = ahead if right else -ahead
     camera = Camera(
         place=(float(centre[0] + 2.9 * aside), float(centre[1] + 3.3 * ahead), 1.9),
         target=(float(centre[0]), float(centre[1]), 1.15),

@@ -10,7 +10,7 @@ from typing import Final, TypeVar
 
 import numpy as np
 
-from shuttle_marl.base.arrays import F64, I8, Bools, Floats, Ints
+from shuttle_marl.base.arrays import F64, I8, I64, Bools, Floats, Ints
 
 LENGTH: Final = 13.40
 """Length of the court [m]."""
@@ -56,6 +56,8 @@ AREAS: Final = (
 """The nine areas of the receiver's half, right and left as the receiver sees them; index = 3 * depth + side."""
 N_AREAS: Final = len(AREAS)
 AreaT = TypeVar("AreaT", int, Ints)
+N_SIDES: Final = 3
+"""Right, centre and left of a half, numbers 0 to 2."""
 N_THIRDS: Final = 3
 """Front, middle and back third of a half, numbers 0 to 2 of :func:`third_of`."""
 BACK: Final = 2
@@ -64,7 +66,7 @@ BACK: Final = 2
 
 def third_of(area: AreaT) -> AreaT:
     """Third of the half in which areas lie, any shape: 0 front, 1 middle, 2 back."""
-    return area // (N_AREAS // N_THIRDS)
+    return area // N_SIDES
 
 
 def steps_between(a: Ints, b: Ints | int) -> Ints:
@@ -105,14 +107,24 @@ def area_centre(area: Ints) -> F64:
     return np.stack([xs[area % 3], ys[area // 3]], axis=-1)
 
 
-def area_box(area: int, *, serve: bool = False) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Extent of an area across and along the court, in the striker's frame [m].
+def service_area(area: Ints, from_right: bool) -> I64:
+    """Areas at which a serve from the right or the left service court aims, any shape.
 
-    Args:
-        area: index into :data:`AREAS`.
-        serve: whether only the part behind the short service line counts.
+    A serve flies diagonally, from the right court into the receiver's right one: an area at the other side is mirrored.
     """
-    depth, side = divmod(area, 3)
+    side = area % N_SIDES
+    return np.where(side == (2 if from_right else 0), area + 2 - 2 * side, area).astype(np.int64)
+
+
+def area_box(area: int) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Extent of an area across and along the court, in the striker's frame [m]."""
+    depth, side = divmod(area, N_SIDES)
     across = ((-HALF_WIDTH, -SIDE_CUT), (-SIDE_CUT, SIDE_CUT), (SIDE_CUT, HALF_WIDTH))[side]
     along = ((0.0, MIDDLE_CUT), (MIDDLE_CUT, BACK_CUT), (BACK_CUT, HALF_LENGTH))[depth]
-    return across, (max(along[0], SHORT_SERVICE), along[1]) if serve else along
+    return across, along
+
+
+def service_box(area: int, from_right: bool) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Part of :func:`area_box` within the service court into which a serve flies [m]."""
+    (x0, x1), (y0, y1) = area_box(int(service_area(np.array(area), from_right)))
+    return (x0, min(x1, 0.0)) if from_right else (max(x0, 0.0), x1), (max(y0, SHORT_SERVICE), y1)

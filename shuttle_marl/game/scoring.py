@@ -147,19 +147,12 @@ def scores_of(fractions: F64, rules: Rules = BWF) -> I16:
     return np.rint(fractions[:, :4] * [rules.cap, rules.cap, rules.games, rules.games]).astype(np.int16)
 
 
-def ends_changed(points: tuple[int, int], games: tuple[int, int], rules: Rules = BWF) -> bool:
-    """Whether the players are at other ends of the court than in the first rally of the match.
+def serves_from_right(points: Any) -> Any:
+    """Whether a server with these points serves from the right service court: an even number (BWF Law 10.1).
 
-    They change after every game, and in the deciding one when the first of them has half of its points (BWF Law 8).
-
-    Args:
-        points: of both in the current game.
-        games: won by both.
-        rules: of the match.
+    The receiver stands in the court diagonally opposite, their own right one. A number, or an array of any shape.
     """
-    deciding = rules.games > 1 and games[0] == games[1] == rules.games - 1
-    halved = deciding and max(points) >= (rules.points + 1) // 2
-    return bool((sum(games) + halved) % 2)
+    return points % 2 == 0
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -194,6 +187,38 @@ class Score:
     def by_game(self) -> tuple[tuple[int, int], ...]:
         """Points of both seats in each game that has begun."""
         return self.finished if self.over else (*self.finished, self.points)
+
+    @property
+    def ends_changed(self) -> bool:
+        """Whether the players are at other ends of the court than in the first rally of the match.
+
+        They change after every game, and in the deciding one when the first of them has half of its points (BWF Law 8).
+        """
+        return bool((sum(self.games) + (self._deciding and max(self.points) >= self._half)) % 2)
+
+    @property
+    def changes_ends(self) -> bool:
+        """Whether the players change ends before the rally."""
+        begins = self.points == (0, 0) and any(self.games) and not self.over
+        return begins or (self._deciding and self.interval)
+
+    @property
+    def interval(self) -> bool:
+        """Whether an interval precedes the rally, because the leader has just reached half of the points (BWF Law 16.2)."""
+        return self.rules.games > 1 and self.points[self.server] == self._half > self.points[1 - self.server]
+
+    @property
+    def break_before(self) -> str:
+        """What precedes the rally, in words: an interval, a change of ends, both, or nothing."""
+        return " and ".join(["interval"] * self.interval + ["change of ends"] * self.changes_ends)
+
+    @property
+    def _deciding(self) -> bool:
+        return self.rules.games > 1 and self.games[0] == self.games[1] == self.rules.games - 1
+
+    @property
+    def _half(self) -> int:
+        return (self.rules.points + 1) // 2
 
     def seen_by(self, seat: int) -> tuple[int, int, int, int]:
         """Points of a seat, of the other seat, games of the seat and of the other seat."""

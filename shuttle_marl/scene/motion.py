@@ -113,7 +113,7 @@ def _transforms(staged: StagedRally) -> Iterator[Timed]:
     motion = staged.motion
     last, length = len(motion.time) - 1, round(_PACKET * motion.fps)
     when = [stamp(staged.at(seconds)) for seconds in motion.time.tolist()]
-    tracks = [(track, track.instants(length)) for track in tracks_of(motion, ends_changed=staged.report.ends_changed)]
+    tracks = [(track, track.instants(length)) for track in tracks_of(motion)]
     for first in range(0, last, length):
         until, transforms = min(first + length, last), []
         for track, instants in tracks:
@@ -153,7 +153,7 @@ def _trail(staged: StagedRally) -> Iterator[Timed]:
 def _trail_entities(time: int, path: F64, fade: F64, gap: F64) -> list[SceneEntity]:
     """Path of the shuttle so far, and a line behind the shuttle that fills the gap until the next message."""
     faded = [colour(*_TRAIL_COLOUR, round(float(alpha), 2)) for alpha in fade]
-    out = [SceneEntity(id="trail", timestamp=stamp(time), frame_id=PLAY, lines=[_strip(path, faded)])]
+    out = [SceneEntity(id="trail", timestamp=stamp(time), frame_id=WORLD, lines=[_strip(path, faded)])]
     if gap.any():
         line = _strip(np.stack([gap, np.zeros(3)]), faded[-1:])
         out.append(SceneEntity(id="gap", timestamp=stamp(time), frame_id=SHUTTLE_PLACE, frame_locked=True, lines=[line]))
@@ -175,9 +175,7 @@ def _strip(path: F64, colours: list[Color]) -> LinePrimitive:
 
 def _states(staged: StagedRally) -> Iterator[Timed]:
     report, motion, trajectory = staged.report, staged.motion, staged.motion.trajectory
-    side = -1.0 if report.ends_changed else 1.0
-    hips = side * motion.position[:, :, 0, :2].astype(np.float64)
-    shuttle = motion.shuttle * np.array([side, side, 1.0])
+    hips = motion.position[:, :, 0, :2].astype(np.float64)
     speed = np.linalg.norm(np.gradient(hips, 1 / motion.fps, axis=0), axis=2)
     shuttle_speed = np.linalg.norm(motion.shuttle_velocity, axis=1)
     last_stroke = np.searchsorted(motion.contact_frame, np.arange(len(motion.time)), side="right") - 1
@@ -190,7 +188,7 @@ def _states(staged: StagedRally) -> Iterator[Timed]:
             phase = "over"
         else:
             phase = f"{report.names[report.played.striker[stroke]]} struck"
-        x, y, z = (round(float(v), 3) for v in shuttle[frame])
+        x, y, z = (round(float(v), 3) for v in motion.shuttle[frame])
         shuttle_state = {"x": x, "y": y, "z": z, "speed": round(float(shuttle_speed[frame]), 2)}
         content: dict[str, Any] = {"phase": phase, "shuttle": shuttle_state}
         for seat in (0, 1):
@@ -199,17 +197,12 @@ def _states(staged: StagedRally) -> Iterator[Timed]:
         yield numbers_on(topics.STATE, staged.at(seconds), content)
 
 
-def tracks_of(motion: Motion, *, ends_changed: bool = False) -> list[Track]:
-    """Frames of reference that move: the play, both players with names and shadows, the shuttle.
-
-    Args:
-        motion: motion of shuttle and players.
-        ends_changed: whether seat 0 plays from the other end of the court.
-    """
+def tracks_of(motion: Motion) -> list[Track]:
+    """Frames of reference that move: both players with names and shadows, the shuttle."""
     frames = len(motion.time)
     never, struck = np.zeros(frames, dtype=np.bool_), np.zeros(frames, dtype=np.bool_)
     struck[motion.contact_frame] = True
-    turned = np.tile([0.0, 0.0, 1.0, 0.0] if ends_changed else [0.0, 0.0, 0.0, 1.0], (frames, 1))
+    turned = np.tile([0.0, 0.0, 1.0, 0.0] if motion.trajectory.rally.ends_changed else [0.0, 0.0, 0.0, 1.0], (frames, 1))
     out = [Track(child=PLAY, parent=WORLD, values=turned, tolerance=TOLERANCE, exact=never)]
     for seat in (0, 1):
         own = never.copy()
@@ -217,7 +210,7 @@ def tracks_of(motion: Motion, *, ends_changed: bool = False) -> list[Track]:
         out += _player(motion, seat, own)
     shuttle = _rounded(motion.shuttle)
     out += [
-        Track(child=SHUTTLE_PLACE, parent=PLAY, values=shuttle, tolerance=TOLERANCE, exact=struck),
+        Track(child=SHUTTLE_PLACE, parent=WORLD, values=shuttle, tolerance=TOLERANCE, exact=struck),
         Track(
             child=SHUTTLE_FRAME,
             parent=SHUTTLE_PLACE,
@@ -229,20 +222,20 @@ def tracks_of(motion: Motion, *, ends_changed: bool = False) -> list[Track]:
     above = np.concatenate([motion.position[:, :, 0], shuttle[:, None]], axis=1)
     for k, name in enumerate(SHADOWS):
         below = _rounded(np.column_stack([above[:, k, :2], np.full(frames, _ABOVE_FLOOR)]))
-        out.append(Track(child=name, parent=PLAY, values=below, tolerance=_COARSE, exact=never))
+        out.append(Track(child=name, parent=WORLD, values=below, tolerance=_COARSE, exact=never))
     return out
 
 
 def _player(motion: Motion, seat: int, exact: Bools) -> list[Track]:
     """Position of the hips, rotation of every bone in its joint, and position of the name."""
-    above = motion.parents(seat)
+    above, side = motion.parents(seat), motion.trajectory.rally.facing(0)
     turn = matrix(motion.rotation[:, seat])
     local = quaternion(np.swapaxes(turn[:, np.where(above >= 0, above, 0)], -1, -2) @ turn)
-    local[:, above < 0] = quaternion(turn[:, above < 0])
+    local[:, above < 0] = quaternion(np.array([[side], [side], [1.0]]) * turn[:, above < 0])
     reach = _reach(motion.rest(seat), above)
     place, name = motion.position[:, seat, 0], motion.position[:, seat, BONE["Head"]] + np.array([0.0, 0.0, _NAME])
     return [
-        Track(child=place_frame(seat), parent=PLAY, values=_rounded(place), tolerance=TOLERANCE, exact=exact),
+        Track(child=place_frame(seat), parent=PLAY, values=_rounded(place * [side, side, 1.0]), tolerance=TOLERANCE, exact=exact),
         *(
             Track(
                 child=bone_frame(seat, bone),
@@ -253,7 +246,7 @@ def _player(motion: Motion, seat: int, exact: Bools) -> list[Track]:
             )
             for i, bone in enumerate(BONES)
         ),
-        Track(child=name_frame(seat), parent=PLAY, values=_rounded(name), tolerance=_COARSE, exact=np.zeros_like(exact)),
+        Track(child=name_frame(seat), parent=WORLD, values=_rounded(name), tolerance=_COARSE, exact=np.zeros_like(exact)),
     ]
 
 

@@ -12,7 +12,7 @@ from shuttle_marl.game.draws import stream
 from shuttle_marl.game.pairs import seat_names
 from shuttle_marl.game.rally.record import Rallies, Rally
 from shuttle_marl.game.rules import OUTCOMES, IllegalStrokeError
-from shuttle_marl.game.scoring import ends_changed
+from shuttle_marl.game.scoring import Score
 from shuttle_marl.game.tables import Game
 from shuttle_marl.recording.header import LogHeader
 from shuttle_marl.recording.reader import RallyLog
@@ -34,8 +34,8 @@ class RallyReport:
         played: strokes and the score before the rally.
         winner: seat that won the rally.
         reason: outcome of the last stroke, in words.
+        before: interval or change of ends before the rally, in words; empty: neither.
         analysis: values of the strokes; NaN where a policy is not known.
-        ends_changed: whether the players are at other ends than in the first rally of the match.
         key: random seed of the staging.
     """
 
@@ -45,8 +45,8 @@ class RallyReport:
     played: Rally
     winner: int
     reason: str
+    before: str
     analysis: RallyAnalysis
-    ends_changed: bool
     key: int
 
     @property
@@ -109,7 +109,7 @@ def report_rally(log: RallyLog, number: int, game: Game, players: LogPlayers) ->
     """
     row = log.rally(number)
     header = log.files[log.file_of(number)].header
-    played = row.row(0, log.catalogue).checked()
+    played = row.row(0, log.catalogue, header.rules).checked()
     try:
         analysis = analyse_rally(played, game, players.of_rally(number), rules=header.rules)
     except IllegalStrokeError as error:
@@ -122,8 +122,8 @@ def report_rally(log: RallyLog, number: int, game: Game, players: LogPlayers) ->
         played=played,
         winner=int(row.winner[0]),
         reason=OUTCOMES[played.ending],
+        before=Score(points=played.points, games=played.games, server=played.server, rules=header.rules).break_before,
         analysis=analysis,
-        ends_changed=ends_changed(played.points, played.games, header.rules),
         key=staging_key(header, row),
     )
 

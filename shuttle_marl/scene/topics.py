@@ -56,7 +56,7 @@ SCENES: Final = (COURT, PLAYERS, SHUTTLE, STROKE_MARKS, *BOARDS)
 WORLD: Final = "court"
 """Frame of reference of the court."""
 PLAY: Final = "play"
-"""Frame of reference of players and shuttle: the court, turned by half a turn while the players are at exchanged ends."""
+"""Frame of reference of the players, which cameras follow: the court, turned by half a turn while they are at exchanged ends."""
 SHUTTLE_FRAME: Final = "shuttle"
 """Moves and turns with the shuttle; the cork points along z."""
 SHUTTLE_PLACE: Final = "shuttle_place"

@@ -16,7 +16,7 @@ from shuttle_marl import __version__
 from shuttle_marl.analysis import LogPlayers
 from shuttle_marl.analysis.rally import Resolve
 from shuttle_marl.base.errors import printable
-from shuttle_marl.game.court import AREAS, area_box
+from shuttle_marl.game.court import AREAS
 from shuttle_marl.game.layout import LONGEST_DUEL
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
 from shuttle_marl.game.tables import Game
@@ -28,9 +28,8 @@ from shuttle_marl.scene.models import court
 from shuttle_marl.scene.models import players as player_models
 from shuttle_marl.scene.motion import joint_message, motion_messages
 from shuttle_marl.scene.report import SECOND, RallyReport, StagedRally, report_rally
-from shuttle_marl.scene.topics import PLAY, Timed, at, box, colour, entities_on, log_line, numbers_on, point, stamp
+from shuttle_marl.scene.topics import WORLD, Timed, at, box, colour, entities_on, log_line, numbers_on, point, stamp
 from shuttle_marl.staging import ENDS, stage
-from shuttle_marl.staging.trajectory import facing
 
 TOP: Final = 5
 """Number of strokes of a policy that are listed."""
@@ -95,7 +94,7 @@ def stroke_message(staged: StagedRally, i: int) -> dict[str, Any]:
         "player": report.names[seat],
         "stroke": catalogue.names[stroke],
         "shot": SHOTS[catalogue.shot[stroke]],
-        "area": AREAS[catalogue.area[stroke]],
+        "area": AREAS[report.played.aim[stroke]],
         "height": HEIGHTS[catalogue.height[stroke]],
         "technique": TECHNIQUES[catalogue.technique[stroke]],
         "p_succ": float(decision.p_succ[rank]),
@@ -131,10 +130,12 @@ def _score(staged: StagedRally, strokes: list[dict[str, Any]]) -> Iterator[Timed
     after = {"points_0": report.points_after[0], "points_1": report.points_after[1]}
     yield numbers_on(topics.SCORE, start, before)
     yield numbers_on(topics.SCORE, over, {**before, **after, "winner": report.winner, "reason": report.reason})
-    serves = f"{report.names[played.server]} serves"
-    yield from boards(report, start, serves, marked=played.server)
+    serves = f"{report.names[played.server]} serves from the {'right' if played.from_right else 'left'}"
+    yield from boards(report, start, "\n".join(filter(None, (report.before, serves))), marked=played.server)
     games = f"   games {played.games[0]}-{played.games[1]}" if report.in_match else ""
     score = f"{report.names[0]}  {played.points[0]} - {played.points[1]}  {report.names[1]}{games}"
+    if report.before:
+        yield log_line(start, report.before, "umpire")
     yield log_line(start, f"rally {report.number}: {score}, {serves}", "umpire")
     summary = {"rally": report.number, "winner": report.names[report.winner], "reason": report.reason, "strokes": strokes}
     yield numbers_on(topics.SUMMARY, start, summary)
@@ -148,7 +149,7 @@ def _action(report: RallyReport, i: int) -> str:
     """A stroke on the scoreboard."""
     played, decision, rank = report.played, report.analysis.decisions[i], report.analysis.rank[i]
     catalogue, stroke = played.catalogue, played.stroke[i]
-    shot, area = SHOTS[catalogue.shot[stroke]].replace("-", " "), AREAS[catalogue.area[stroke]].replace("-", " ")
+    shot, area = SHOTS[catalogue.shot[stroke]].replace("-", " "), AREAS[played.aim[stroke]].replace("-", " ")
     technique = TECHNIQUES[catalogue.technique[stroke]].replace("-", " ")
     lines = [
         f"{shot} to {area}, {technique}",
@@ -201,12 +202,12 @@ def _flight(staged: StagedRally, i: int, time: int) -> list[SceneEntity]:
         points=[point(p) for p in np.round(path, 3)],
         color=_PATH,
     )
-    stroke, sign = played.stroke[i], facing(int(played.striker[i]))
-    (x0, x1), (y0, y1) = area_box(int(played.catalogue.area[stroke]), serve=bool(played.catalogue.is_serve[stroke]))
+    sign = played.facing(int(played.striker[i]))
+    (x0, x1), (y0, y1) = played.aim_box(int(played.stroke[i]))
     target = box((sign * (x0 + x1) / 2, sign * (y0 + y1) / 2, 0.006), (x1 - x0, y1 - y0, 0.004), _TARGET)
     return [
-        SceneEntity(id="path", timestamp=stamp(time), frame_id=PLAY, lines=[line]),
-        SceneEntity(id="target", timestamp=stamp(time), frame_id=PLAY, cubes=[target]),
+        SceneEntity(id="path", timestamp=stamp(time), frame_id=WORLD, lines=[line]),
+        SceneEntity(id="target", timestamp=stamp(time), frame_id=WORLD, cubes=[target]),
     ]
 
 
@@ -218,7 +219,7 @@ def _landing(staged: StagedRally, time: int) -> SceneEntity:
     disc = CylinderPrimitive(
         pose=at((x, y, 0.008)), size=Vector3(x=0.30, y=0.30, z=0.006), bottom_scale=1.0, top_scale=1.0, color=shade
     )
-    return SceneEntity(id="landing", timestamp=stamp(time), frame_id=PLAY, cylinders=[disc])
+    return SceneEntity(id="landing", timestamp=stamp(time), frame_id=WORLD, cylinders=[disc])
 
 
 EPOCH: Final = 1_735_689_600 * SECOND

@@ -1,9 +1,9 @@
 """From a played rally to motion: one staging, for every renderer.
 
 ``stage(rally, seed=…)`` gives the path of the shuttle and the bones of both players, 50 times a second, in the frame of the
-court: metres, seconds, z up, the origin on the floor under the middle of the net, seat 0 at y < 0 looking towards +y. The
-same arguments give the same motion. ``docs/staging.md`` shows how a renderer uses it; ``athletes/`` holds the skinned
-models, and :class:`Skeleton` their rest pose, bone by bone.
+court: metres, seconds, z up, the origin on the floor under the middle of the net, seat 0 at y < 0 looking towards +y, unless
+the players have changed ends. The same arguments give the same motion. ``docs/staging.md`` shows how a renderer uses it;
+``athletes/`` holds the skinned models, and :class:`Skeleton` their rest pose, bone by bone.
 """
 
 from shuttle_marl.staging.assemble import continue_motion, stage

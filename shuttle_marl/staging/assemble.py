@@ -78,7 +78,7 @@ def stage(
         StagingError: an invalid option.
     """
     _check(handedness, fps, lead_in, importance)
-    players = _players((load_skeleton(athletes[0]), load_skeleton(athletes[1])), handedness)
+    players = players_of(rally, (load_skeleton(athletes[0]), load_skeleton(athletes[1])), handedness)
     return _staged(rally.checked(), players, None, seed, fps, lead_in, importance)
 
 
@@ -112,12 +112,16 @@ def continue_motion(
     """
     rally = rally.checked()
     branch = _branch(rally, motion, from_stroke, at)
-    players = _players(motion.skeletons, motion.handedness)
+    players = players_of(rally, motion.skeletons, motion.handedness)
     return _staged(rally, players, branch, seed, motion.fps, lead_in, importance)
 
 
-def _players(skeletons: tuple[Skeleton, Skeleton], handedness: tuple[str, str]) -> tuple[Athlete, Athlete]:
-    first, second = (Athlete(seat=seat, right_handed=handedness[seat] == "right", skeleton=skeletons[seat]) for seat in (0, 1))
+def players_of(rally: Rally, skeletons: tuple[Skeleton, Skeleton], handedness: tuple[str, str]) -> tuple[Athlete, Athlete]:
+    """Both players of a rally as bodies."""
+    first, second = (
+        Athlete(seat=seat, facing=rally.facing(seat), right_handed=handedness[seat] == "right", skeleton=skeletons[seat])
+        for seat in (0, 1)
+    )
     return first, second
 
 
@@ -171,7 +175,8 @@ def _branch(rally: Rally, motion: Motion, from_stroke: int | None, at: int | Non
         )
     ]
     same.append(np.array_equal(old.hurried[:strokes], rally.hurried[:strokes]))
-    if old.server != rally.server or not all(same):
+    same += [getattr(old, name) == getattr(rally, name) for name in ("server", "from_right", "ends_changed")]
+    if not all(same):
         raise StagingError(f"the motion and the rally have other strokes before number {strokes}: expected the same ones")
     if strokes:
         if at is not None:

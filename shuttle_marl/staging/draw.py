@@ -14,7 +14,7 @@ import numpy as np
 
 from shuttle_marl.base.arrays import F64, U64
 from shuttle_marl.game import draws
-from shuttle_marl.game.court import HALF_LENGTH, HALF_WIDTH, SHORT_SERVICE, third_of
+from shuttle_marl.game.court import HALF_LENGTH, HALF_WIDTH, N_SIDES, SHORT_SERVICE, third_of
 from shuttle_marl.game.rally.record import Rally
 from shuttle_marl.game.rules import FAULT, HURRIED_BELOW, RETURNED_BELOW, WINNER
 from shuttle_marl.game.stroke import N_SERVES, SHOTS, TECHNIQUES
@@ -22,7 +22,7 @@ from shuttle_marl.staging.flight import Flights, fall, shoot
 from shuttle_marl.staging.library import Athlete
 from shuttle_marl.staging.measured import Measured, quantile
 from shuttle_marl.staging.motions import OVERHEAD_FROM, OVERHEADS, Stance, height_range, motion_of, stance_of
-from shuttle_marl.staging.trajectory import NET, OPEN, OUT, RETURN, WIN, Trajectory, behind, facing, net_height
+from shuttle_marl.staging.trajectory import NET, OPEN, OUT, RETURN, WIN, Trajectory, behind, net_height
 
 _CLEARANCE: Final = 0.035
 """Least height of the shuttle above the net [m]."""
@@ -35,11 +35,12 @@ _CLEAR: Final = SHOTS.index("clear")
 _FURTHER_BACK: Final = 0.3
 """Contact of a clear: distance behind the contact of a smash [m]."""
 _SHORT_SERVE: Final = SHOTS.index("short-serve")
+_KILL: Final = SHOTS.index("net-kill")
 _BACKHAND: Final = TECHNIQUES.index("backhand")
 _EXPECTED: Final = (("net-shot", "block", "lift"), ("net-kill", "drive", "clear"))
 """Expected shot types of the next striker, by height (below, above) and depth of the area."""
 _QUICK: Final = 0.5
-"""Times and heights of contacts of hurried players: share of the range of all, from its lower end."""
+"""Times and heights of contacts of hurried players, and places of net kills: share of the range of all, from its lower end."""
 _LOW_FROM: Final = 1.2
 """Distance from the net above which hurried players strike lower [m]."""
 _SHORT: Final = 0.08
@@ -118,7 +119,7 @@ class _TrajectoryBuilder:
         self.rally, self.measured, self.players, self.key, self.fps = rally, measured, players, key, fps
         self.drawn: dict[int, list[float]] = {}
         c, s = rally.catalogue, rally.stroke
-        self.shot, self.area = c.shot[s].astype(np.int64), c.area[s].astype(np.int64)
+        self.shot, self.area = c.shot[s].astype(np.int64), rally.aim[s]
         self.height, self.technique = c.height[s].astype(np.int64), c.technique[s].astype(np.int64)
         self.hurried = rally.hurried
         if rally.open:
@@ -143,7 +144,7 @@ class _TrajectoryBuilder:
         if known and struck:
             old = known.trajectory
             before, first = old.before, struck - 1
-            contacts = [old.contact[i] * _turn(self._striker(i)) for i in range(struck)]
+            contacts = [old.contact[i] * _turn(rally, self._striker(i)) for i in range(struck)]
             stances, times, base = list(old.stance[:struck]), old.time[:struck].tolist(), [*old.base[:struck]]
         else:
             contact, stance = self._serve(before)
@@ -174,10 +175,9 @@ class _TrajectoryBuilder:
 
     def _serve(self, before: F64) -> tuple[F64, Stance]:
         """Contact and stance of the server; writes the positions of both players to ``before``."""
-        shot, side, server = self.shot[0], self.area[0] % 3, self.rally.server
-        # Server and receiver stand in diagonally opposite service courts.
-        right = side == 0 or (side == 1 and self.uniform(0, 0) < 0.5)
-        sign = 1.0 if right else -1.0
+        shot, server = self.shot[0], self.rally.server
+        # The receiver stands in the service court diagonally opposite, their own right one if it is that of the server.
+        sign = 1.0 if self.rally.from_right else -1.0
         x, y, rx, ry = (
             float(quantile(self.measured.serve[shot, who, axis], np.array(self.uniform(0, 1 + 2 * who + axis))))
             for who in (0, 1)
@@ -276,7 +276,11 @@ class _TrajectoryBuilder:
         """End point of try ``k`` in the striker's frame, and the height class of the next contact."""
         first = _SLOT * (k + 1)
         u = [self.uniform(i, first + 1 + j) for j in range(4)]
-        places = self.measured.places[self.shot[i], self.area[i]]
+        area = self.area[i]
+        if end in (RETURN, OPEN) and self.shot[i + 1] == _KILL:
+            # Who kills a shuttle at the net steps in before it has dropped, wherever it was meant for.
+            area, u[1] = area % N_SIDES, _QUICK * u[1]
+        places = self.measured.places[self.shot[i], area]
         x, y = (float(quantile(places[axis], np.array(u[axis]))) for axis in (0, 1))
         if self.shot[i] < N_SERVES:
             x, y = self._into_service_court(x, y)
@@ -290,9 +294,7 @@ class _TrajectoryBuilder:
 
     def _into_service_court(self, x: float, y: float) -> tuple[float, float]:
         """Move a point into the service court diagonally opposite to the server."""
-        area = self.area[0]
-        right = area % 3 == 0 or (area % 3 == 1 and self.uniform(0, 0) < 0.5)
-        return (-1.0 if right else 1.0) * max(abs(x), 0.04), max(y, SHORT_SERVICE + 0.04)
+        return (-1.0 if self.rally.from_right else 1.0) * max(abs(x), 0.04), max(y, SHORT_SERVICE + 0.04)
 
     def _outside(self, i: int, x: float, y: float, which: float, u: float) -> tuple[float, float]:
         """Move a point over the line nearest to the target area."""
@@ -359,9 +361,9 @@ def _over_net(flights: Flights) -> F64:
     return np.where(np.isnan(over), np.inf, over)
 
 
-def _turn(seat: int) -> F64:
+def _turn(rally: Rally, seat: int) -> F64:
     """``[3]`` signs between the frame of a seat and the frame of the court."""
-    return np.array([facing(seat), facing(seat), 1.0])
+    return np.array([rally.facing(seat), rally.facing(seat), 1.0])
 
 
 def _trajectory(
@@ -376,7 +378,7 @@ def _trajectory(
 ) -> Trajectory:
     """Trajectory from stroke ``first`` in the frame of the court; the inputs are in the frames of the strikers."""
     n = len(rally)
-    turn = np.array([_turn(int(seat)) for seat in rally.striker[first:]]).reshape(-1, 3)
+    turn = np.array([_turn(rally, int(seat)) for seat in rally.striker[first:]]).reshape(-1, 3)
     points = np.array([choice.point for choice in drawn]).reshape(-1, 3) * turn
     time = np.array(times[first:n])
     return Trajectory(

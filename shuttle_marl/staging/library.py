@@ -128,11 +128,13 @@ class Athlete:
 
     Attributes:
         seat: 0 or 1.
+        facing: sign between the frame of the court and that of the seat.
         right_handed: which hand holds the racket.
         skeleton: bones of the athlete.
     """
 
     seat: int
+    facing: float
     right_handed: bool
     skeleton: Skeleton
 
@@ -144,7 +146,7 @@ class Athlete:
     @property
     def signs(self) -> F64:
         """``[3]`` signs between the frame of the court and the player's own frame, mirrored for a left-hander."""
-        return own_frame(self.seat, self.right_handed)
+        return own_frame(self.facing, self.right_handed)
 
 
 @functools.cache

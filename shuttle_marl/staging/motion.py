@@ -22,7 +22,7 @@ from shuttle_marl.staging.skeleton import BONE, N_BONES, SWEET_SPOT, Skeleton, S
 from shuttle_marl.staging.trajectory import ENDS, Trajectory
 
 MAGIC: Final = b"SMOT"
-VERSION: Final = 1
+VERSION: Final = 2
 BITS: Final = 15
 """Bits of each component of a quaternion."""
 HIPS_STEP: Final = 2.5e-4
@@ -210,9 +210,9 @@ class Motion:
     """A rally as motion: F frames, two players, 23 bones. Metres, seconds; the frame of the court.
 
     The origin lies on the floor under the middle of the net, x along the net, y along the court, z up. Seat 0 plays from
-    y < 0 and looks towards +y, seat 1 from y > 0. A bone's rotation is relative to the rest pose of its
-    skeleton, in which all bones are aligned with the axes and the athlete looks towards +y; so a vertex ``v`` of the rest
-    pose on bone ``b`` is at ``rotation[b] (v - rest[b]) + position[b]``.
+    y < 0 and looks towards +y, seat 1 from y > 0, unless they have changed ends. A bone's rotation is relative to the rest pose
+    of its skeleton, in which all bones are aligned with the axes and the athlete looks towards +y; so a vertex ``v`` of the
+    rest pose on bone ``b`` is at ``rotation[b] (v - rest[b]) + position[b]``.
 
     Attributes:
         fps: frames a second.
@@ -284,6 +284,8 @@ class Motion:
             "frames": frames - first,
             "players": [{"athlete": self.skeletons[seat].name, "hand": self.handedness[seat]} for seat in (0, 1)],
             "server": rally.server,
+            "points": list(rally.points),
+            "ends_changed": rally.ends_changed,
             "ending": OUTCOMES[rally.ending],
             "before": [_short(place) for place in trajectory.before],
             "strokes": strokes,
@@ -405,6 +407,8 @@ def _trajectory(head: dict[str, Any]) -> Trajectory:
         stroke=np.array([catalogue.index(name) for name in names], dtype=np.int64),
         hurried=np.array([bool(stroke.get("hurried")) for stroke in strokes], dtype=np.bool_),
         ending=OUTCOMES.index(head["ending"]),
+        points=(int(head["points"][0]), int(head["points"][1])),
+        ends_changed=bool(head["ends_changed"]),
     )
 
     def column(name: str, shape: tuple[int, ...]) -> F64:

@@ -91,20 +91,19 @@ def behind(old: Trajectory, new: Trajectory, first: int) -> Trajectory:
     )
 
 
-def facing(seat: int) -> float:
-    """Sign, +1 or -1, of x and y between the frame of a seat and the frame of the court."""
-    return 1.0 - 2.0 * seat
-
-
 def net_height(x: F64 | float) -> F64:
     """Height of the top of the net [m]: 1.524 m in the middle, 1.55 m over the doubles side lines."""
     return NET_HEIGHT_CENTRE + (NET_HEIGHT - NET_HEIGHT_CENTRE) * (2 * np.asarray(x, dtype=np.float64) / WIDTH) ** 2
 
 
-def own_frame(seat: int, right_handed: bool) -> F64:
-    """``[3]`` signs between the frame of the court and the player's own frame, mirrored for a left-hander."""
-    sign = facing(seat)
-    return np.array([sign if right_handed else -sign, sign, 1.0])
+def own_frame(facing: float, right_handed: bool) -> F64:
+    """``[3]`` signs between the frame of the court and the player's own frame, mirrored for a left-hander.
+
+    Args:
+        facing: sign between both frames, see :meth:`~shuttle_marl.game.rally.record.Rally.facing`.
+        right_handed: which hand holds the racket.
+    """
+    return np.array([facing if right_handed else -facing, facing, 1.0])
 
 
 def shuttle_path(trajectory: Trajectory, frames: int, fps: int, first: int = 0) -> tuple[F64, F64]:
@@ -120,7 +119,8 @@ def shuttle_path(trajectory: Trajectory, frames: int, fps: int, first: int = 0) 
     position, velocity = np.zeros((frames, 3)), np.zeros((frames, 3))
     if not len(trajectory.time):
         # In front of the server.
-        position[:] = (*(trajectory.before[trajectory.rally.server] * facing(trajectory.rally.server)), 1.0)
+        rally = trajectory.rally
+        position[:] = (*(trajectory.before[rally.server] * rally.facing(rally.server)), 1.0)
         return position, velocity
     position[:] = trajectory.contact[0]
     for i in range(first, len(trajectory.time)):

@@ -13,7 +13,7 @@ import numpy as np
 
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.staging.path_solver import TravelOptions, TravelWishes, smooth_path
-from shuttle_marl.staging.trajectory import WIN, Trajectory, facing
+from shuttle_marl.staging.trajectory import WIN, Trajectory
 
 TOP_SPEED: Final = 6.5
 """Speed of the hips over the floor that is never passed [m/s]."""
@@ -95,7 +95,7 @@ def _wishes(trajectory: Trajectory, seat: int, shift: F64, frames: int, fps: int
         return TravelWishes(weight, target, still)
     elif striker[-1] != seat and trajectory.end[-1] == WIN:
         # The receiver goes for a winner, but does not get there.
-        landing = facing(seat) * trajectory.end_point[-1, :2]
+        landing = rally.facing(seat) * trajectory.end_point[-1, :2]
         begun = trajectory.base[-1, seat]
         place = begun + 0.55 * (landing - begun)
         place[1] = min(place[1], -0.8)

@@ -11,7 +11,7 @@ import numpy as np
 
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.game.court import NET_DEPTH, NET_HEIGHT
-from shuttle_marl.staging.assemble import onto_court
+from shuttle_marl.staging.assemble import onto_court, players_of
 from shuttle_marl.staging.body import Player, Prepared, bones, course, free_palm, prepare
 from shuttle_marl.staging.curves import smooth
 from shuttle_marl.staging.feet import Plant
@@ -86,12 +86,14 @@ def with_walk(rally: Motion, following: Motion) -> Motion:
         The motion of the rally, followed by 3 to 12 seconds of walking.
 
     Raises:
-        StagingError: an unpacked motion, an unfinished rally, or other players or frame rates.
+        StagingError: an unpacked motion, an unfinished rally, or other ends, players or frame rates.
     """
     if rally.players is None or following.players is None:
         raise StagingError("no walk leads from or to an unpacked motion: pass those that stage() returned")
     if rally.trajectory.rally.open:
         raise StagingError("the rally continues: a walk leads from the end of a rally to the next one")
+    if rally.trajectory.rally.ends_changed != following.trajectory.rally.ends_changed:
+        raise StagingError("the players change ends: a walk leads between rallies that they play at the same ends")
     for name in ("fps", "skeletons", "handedness"):
         if getattr(rally, name) != getattr(following, name):
             raise StagingError(f"the rallies have different {name}: expected two rallies of a match")
@@ -103,13 +105,11 @@ class _WalkBuilder:
         assert rally.players is not None
         assert following.players is not None
         self.rally, self.following, self.fps = rally, following, rally.fps
-        self.athletes = [
-            Athlete(seat=seat, right_handed=rally.handedness[seat] == "right", skeleton=rally.skeletons[seat]) for seat in (0, 1)
-        ]
+        self.athletes = players_of(rally.trajectory.rally, rally.skeletons, rally.handedness)
         self.starts, self.ends = rally.players, following.players
         self.lying = rally.shuttle[-1].astype(np.float64)
         self.server = following.trajectory.rally.server
-        picker = int(self.lying[1] > 0)
+        picker = int(self.lying[1] * rally.trajectory.rally.facing(0) > 0)
         self.stance = self._pick_up(picker)
         self.plan = self._times(picker)
 

@@ -154,7 +154,7 @@ class Answers:
             raise WatchError("the rally is over; there is nothing to choose")
         values = self._values_of(query)
         choice = values.decision(rally.turn, (rally.server + len(rally)) % 2, self._players(query))
-        return messages.OptionsReply(values.options(choice, limit=len(choice.stroke)))
+        return messages.OptionsReply(values.options(rally, choice, limit=len(choice.stroke)))
 
     def _overview(self, query: messages.MatchRequest) -> messages.MatchReply:
         def analysed() -> Iterator[tuple[CourtRally, Players, messages.Analysis]]:

@@ -5,13 +5,12 @@ from msgspec.structs import asdict
 
 from shuttle_marl import staging
 from shuttle_marl.game import court
-from shuttle_marl.game.layout import Layout
 from shuttle_marl.game.pairs import seat_names
+from shuttle_marl.game.rally.record import Rally
 from shuttle_marl.game.rules import OUTCOMES
 from shuttle_marl.game.shipped import real_strokes
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
 from shuttle_marl.game.tables import Game
-from shuttle_marl.staging.trajectory import facing
 from shuttle_marl.watch import messages
 from shuttle_marl.watch.match import CourtRally
 
@@ -66,16 +65,16 @@ def rounded(value: float) -> float:
     return round(float(value), 7)
 
 
-def stroke_facts(game: Layout, stroke: int, seat: int) -> messages.StrokeFacts:
-    """Words of a stroke of the catalogue, and the area at which a seat aims with it."""
-    catalogue, sign = game.catalogue, facing(seat)
-    (x0, x1), (y0, y1) = court.area_box(int(catalogue.area[stroke]), serve=bool(catalogue.is_serve[stroke]))
+def stroke_facts(rally: Rally, stroke: int, seat: int) -> messages.StrokeFacts:
+    """Words of a stroke of the catalogue, and the area at which a seat aims with it in a rally."""
+    catalogue, sign = rally.catalogue, rally.facing(seat)
+    (x0, x1), (y0, y1) = rally.aim_box(stroke)
     xs, ys = sorted((sign * x0, sign * x1)), sorted((sign * y0, sign * y1))
     return messages.StrokeFacts(
         stroke=stroke,
         seat=seat,
         shot=SHOTS[catalogue.shot[stroke]],
-        area=court.AREAS[catalogue.area[stroke]],
+        area=court.AREAS[rally.aim[stroke]],
         height=HEIGHTS[catalogue.height[stroke]],
         technique=TECHNIQUES[catalogue.technique[stroke]],
         box=(xs[0], xs[1], ys[0], ys[1]),
@@ -90,6 +89,9 @@ def rally_facts(game: Game, rally: CourtRally, motion: staging.Motion) -> messag
         skill=_skill(game),
         names=seat_names(game, rally.names),
         server=rally.server,
+        from_right=rally.from_right,
+        ends_changed=rally.ends_changed,
+        before=rally.score.break_before,
         points=rally.points,
         games=rally.games,
         finished=list(rally.score.finished),
@@ -118,8 +120,9 @@ def _turn(game: Game, rally: CourtRally, state: int) -> messages.Turn:
     strokes = game.legal_strokes(state).tolist()
     good, returned, _ = game.stroke_probabilities(game.pair_at(state, np.arange(len(strokes))))
     legal = [
-        messages.TurnStroke(**asdict(stroke_facts(game, stroke, seat)), p_succ=rounded(good[k]), p_ret=rounded(returned[k]))
+        messages.TurnStroke(**asdict(stroke_facts(rally, stroke, seat)), p_succ=rounded(good[k]), p_ret=rounded(returned[k]))
         for k, stroke in enumerate(strokes)
+        if rally.as_named(stroke)
     ]
     height, hurried = HEIGHTS[int(game.contact(state))], bool(game.hurried(state))
     return messages.Turn(seat=seat, number=len(rally), height=height, hurried=hurried, strokes=legal)
@@ -129,7 +132,9 @@ def _score_after(rally: CourtRally, winner: int) -> messages.ScoreFacts:
     after = rally.score.after(winner)
     game_won = len(after.finished) > len(rally.score.finished)
     points = after.finished[-1] if game_won else after.points
-    return messages.ScoreFacts(points=points, games=after.games, over=after.over, game_won=game_won)
+    return messages.ScoreFacts(
+        points=points, games=after.games, over=after.over, game_won=game_won, changes_ends=after.changes_ends
+    )
 
 
 def _stroke(game: Game, rally: CourtRally, motion: staging.Motion, i: int, state: int) -> messages.Stroke:
@@ -138,7 +143,7 @@ def _stroke(game: Game, rally: CourtRally, motion: staging.Motion, i: int, state
     good, returned, _ = (rounded(float(p)) for p in game.stroke_probabilities(pair))
     real = real_strokes(game)
     return messages.Stroke(
-        **asdict(stroke_facts(game, stroke, int(rally.striker[i]))),
+        **asdict(stroke_facts(rally, stroke, int(rally.striker[i]))),
         state=state,
         p_succ=good,
         p_ret=returned,

@@ -160,6 +160,7 @@ def play_rally(
         points=score.points,
         games=score.games,
         number=number,
+        ends_changed=score.ends_changed,
         names=names,
         score=score,
         turn=turn,

@@ -255,12 +255,13 @@ class Turn(Struct):
 
 
 class ScoreFacts(Struct):
-    """The score after a rally."""
+    """The score after a rally; ``changes_ends``: whether the players change ends before the next one."""
 
     points: Pair
     games: Pair
     over: bool
     game_won: bool
+    changes_ends: bool
 
 
 class PlayerFacts(Struct):
@@ -275,12 +276,18 @@ class RallyFacts(Struct):
 
     Attributes:
         skill: skill of the players in the game of a pair, in words; None: both strike with the same probabilities.
+        from_right: whether the server serves from the right service court.
+        ends_changed: whether seat 0 is at y > 0.
+        before: interval or change of ends before the rally, in words; empty: neither.
     """
 
     number: int
     skill: str | None
     names: tuple[str, str]
     server: int
+    from_right: bool
+    ends_changed: bool
+    before: str
     points: Pair
     games: Pair
     finished: list[Pair]

@@ -109,7 +109,7 @@ class LogRallies:
     def _rally(self, number: int) -> CourtRally:
         found = self._log.rally(number)
         header = self._log.files[self._log.file_of(number)].header
-        rally = found.row(0, self._log.catalogue).checked()
+        rally = found.row(0, self._log.catalogue, header.rules).checked()
         try:
             legal_states(rally, self._game)
         except IllegalStrokeError as error:
@@ -125,6 +125,7 @@ class LogRallies:
             points=rally.points,
             games=rally.games,
             number=number,
+            ends_changed=rally.ends_changed,
             names=(printable(first.name), printable(second.name)),
             score=Score(points=rally.points, games=rally.games, finished=finished, server=rally.server, rules=header.rules),
             key=staging_key(header, found),
@@ -276,6 +277,7 @@ class RealRallies:
             points=found.score.points,
             games=found.score.games,
             number=number,
+            ends_changed=found.score.ends_changed,
             names=(printable(found.players[0]), printable(found.players[1])),
             score=found.score,
             key=int(stream(0, number)[0] >> np.uint64(1)),

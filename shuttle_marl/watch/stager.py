@@ -34,7 +34,8 @@ class Stager:
         """
         since = person.stroke if person is not None and person.rally == rally.number else 0
         strokes = rally.stroke.tobytes(), rally.hurried.tobytes()
-        key = (rally.key, rally.server, strokes, rally.ending, rally.turn, rally.chosen, person is not None, since)
+        court = rally.server, rally.from_right, rally.ends_changed
+        key = (rally.key, court, strokes, rally.ending, rally.turn, rally.chosen, person is not None, since)
         return self._motions.get(key, compute)
 
     def stage(self, rally: CourtRally, continuing: Motion | None = None, from_stroke: int | None = None) -> Motion:

@@ -10,6 +10,8 @@ from shuttle_marl.analysis.rally import Decision, Players, analyse_rally
 from shuttle_marl.analysis.rally import decision as analyse_decision
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.game import court
+from shuttle_marl.game.rally.record import Rally
+from shuttle_marl.game.rules import RETURNED_BELOW
 from shuttle_marl.game.shipped import RELIABLE, factor_of, least_support
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.watch import messages
@@ -77,14 +79,14 @@ class StrokeValues:
         over = rally.winner is not None
         return messages.Analysis(
             number=rally.number,
-            strokes=[self._stroke(choice, rank, match_win) for choice, rank, match_win in strokes],
-            landings=[_landings(self.game.catalogue.area, choice) for choice in found.decisions],
+            strokes=[self._stroke(rally, choice, rank, match_win) for choice, rank, match_win in strokes],
+            landings=[_landings(rally.aim, choice) for choice in found.decisions],
             win_after=float(found.rally_win[-1]) if over else None,
             match_after=float(found.match_win[-1]) if over else None,
             accuracy=(accuracy[0], accuracy[1]),
         )
 
-    def _stroke(self, choice: Decision, rank: int, match_win: float) -> messages.StrokeValue:
+    def _stroke(self, rally: Rally, choice: Decision, rank: int, match_win: float) -> messages.StrokeValue:
         win, chosen = choice.value, float(choice.win[rank])
         better = choice.best(self._at_least)
         regret = max(0.0, float(choice.optimal[better] - choice.optimal[rank]))
@@ -99,23 +101,27 @@ class StrokeValues:
             mark=self._mark(regret, int(choice.pair[rank])),
             better=int(choice.stroke[better]),
             question=int(choice.stroke[asked]) if reliable else None,
-            options=self.options(choice, always=tuple(dict.fromkeys((rank, better, asked)))),
+            options=self.options(rally, choice, always=tuple(dict.fromkeys((rank, better, asked)))),
             sure=_support_sentence(choice.support[[rank, better]]) + self._realised,
         )
 
-    def options(self, choice: Decision, *, always: tuple[int, ...] = (), limit: int = SHOWN) -> list[messages.Option]:
+    def options(
+        self, rally: Rally, choice: Decision, *, always: tuple[int, ...] = (), limit: int = SHOWN
+    ) -> list[messages.Option]:
         """The strokes of a decision, most probable first.
 
         Args:
+            rally: the rally.
             choice: the decision.
             always: positions that are always listed.
             limit: maximum number of strokes.
         """
-        order = np.argsort(-choice.probability, kind="stable").tolist()
+        order = [k for k in np.argsort(-choice.probability, kind="stable").tolist() if rally.as_named(int(choice.stroke[k]))]
+        order += [k for k in always if k not in order]
         listed = list(dict.fromkeys([*order[: limit - len(always)], *always, *order]))[:limit]
         return [
             messages.Option(
-                **self._valued(choice, k), probability=rounded(choice.probability[k]), regret=rounded(choice.regret[k])
+                **self._valued(rally, choice, k), probability=rounded(choice.probability[k]), regret=rounded(choice.regret[k])
             )
             for k in sorted(listed, key=order.index)
         ]
@@ -131,20 +137,24 @@ class StrokeValues:
             IllegalStrokeError: a stroke of the line is not legal there.
         """
         found = opening(self.game, line, players, self._policies.solution)
+        none = np.zeros(0, np.int64)
+        begun = Rally(catalogue=self.game.catalogue, server=0, stroke=none, hurried=none > 0, ending=RETURNED_BELOW)
         return messages.OpeningReply(
             strokes=[
                 messages.OpeningStroke(
-                    **self._valued(found, k), available=rounded(found.available[k]), share=rounded(found.share[k])
+                    **(self._valued(begun, found, k) | {"area": court.AREAS[self.game.catalogue.area[found.stroke[k]]]}),
+                    available=rounded(found.available[k]),
+                    share=rounded(found.share[k]),
                 )
                 for k in range(len(found.stroke))
             ],
             seed=seed_of_line(self.game, line) if line else None,
         )
 
-    def _valued(self, choice: Decision | Opening, k: int) -> dict[str, Any]:
+    def _valued(self, rally: Rally, choice: Decision | Opening, k: int) -> dict[str, Any]:
         """Fields of :class:`~shuttle_marl.watch.messages.ValuedStroke` of the k-th stroke."""
         return {
-            **asdict(stroke_facts(self.game, int(choice.stroke[k]), choice.seat)),
+            **asdict(stroke_facts(rally, int(choice.stroke[k]), choice.seat)),
             "p_succ": rounded(choice.p_succ[k]),
             "p_ret": rounded(choice.p_ret[k]),
             "support": None if np.isnan(choice.support[k]) else round(float(choice.support[k]), 1),

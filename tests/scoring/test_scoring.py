@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from shuttle_marl.game.scoring import BWF, Rules, Score, ScoringError, ends_changed, wins_game
+from shuttle_marl.game.scoring import BWF, Rules, Score, ScoringError, serves_from_right, wins_game
 
 
 def play(score: Score, winners: str) -> Score:
@@ -162,5 +162,29 @@ def test_matches_to_21_last_between_42_and_177_rallies() -> None:
     ],
 )
 def test_players_change_ends(points: tuple[int, int], games: tuple[int, int], rules: Rules, changed: bool) -> None:
-    assert ends_changed(points, games, rules) is changed
-    assert ends_changed(points[::-1], games[::-1], rules) is changed
+    assert Score(points=points, games=games, rules=rules).ends_changed is changed
+    assert Score(points=points[::-1], games=games[::-1], rules=rules).ends_changed is changed
+
+
+def test_an_even_score_serves_from_the_right() -> None:
+    assert [serves_from_right(points) for points in (0, 1, 2, 21)] == [True, False, True, False]
+    assert serves_from_right(np.array([4, 7])).tolist() == [True, False]
+
+
+@pytest.mark.parametrize(
+    ("points", "games", "server", "rules", "expected"),
+    [
+        ((0, 0), (0, 0), 0, BWF, ""),
+        ((11, 4), (0, 0), 0, BWF, "interval"),
+        ((11, 5), (0, 0), 1, BWF, ""),
+        ((11, 11), (0, 0), 1, BWF, ""),
+        ((10, 11), (1, 0), 1, BWF, "interval"),
+        ((0, 0), (1, 0), 1, BWF, "change of ends"),
+        ((0, 0), (1, 1), 0, BWF, "change of ends"),
+        ((9, 11), (1, 1), 1, BWF, "interval and change of ends"),
+        ((0, 0), (2, 1), 0, BWF, ""),
+        ((2, 0), (0, 0), 0, Rules(points=3, clear=1, cap=3, games=1), ""),
+    ],
+)
+def test_what_precedes_a_rally(points: tuple[int, int], games: tuple[int, int], server: int, rules: Rules, expected: str) -> None:
+    assert Score(points=points, games=games, server=server, rules=rules).break_before == expected

@@ -8,12 +8,13 @@ import pytest
 
 from benchmarks.motion_metrics import joints, measure, summary
 from shuttle_marl.game import default_game
+from shuttle_marl.game.court import AREAS, MIDDLE_CUT, SHORT_SERVICE, SIDE_CUT
 from shuttle_marl.game.rally.record import Rally, RallyError
-from shuttle_marl.game.rules import FAULT, WINNER
-from shuttle_marl.staging import ENDS, Motion, StagingError, stage
+from shuttle_marl.game.rules import FAULT, RETURNED_BELOW, WINNER
+from shuttle_marl.staging import ENDS, Motion, StagingError, continue_motion, stage
 from shuttle_marl.staging.rotation import about, matrix, quaternion
 from shuttle_marl.staging.skeleton import BONE
-from shuttle_marl.staging.trajectory import NET, OUT, RETURN, WIN, facing, net_height, with_contacts_moved
+from shuttle_marl.staging.trajectory import NET, OUT, RETURN, WIN, net_height, with_contacts_moved
 
 
 def spoilt(motion: Motion, **changes: Any) -> Motion:
@@ -82,7 +83,7 @@ def test_a_rally_takes_place_as_it_was_played(motions: list[Motion]) -> None:
         trajectory = motion.trajectory
         assert len(motion.contact_frame) == len(trajectory.rally)
         assert (np.diff(motion.contact_frame) > 0).all()
-        side = np.array([facing(int(seat)) for seat in trajectory.rally.striker])
+        side = np.array([trajectory.rally.facing(int(seat)) for seat in trajectory.rally.striker])
         assert (trajectory.contact[:, 1] * side < 0).all(), "a stroke is struck on the striker's half"
         above = trajectory.rally.catalogue.height[trajectory.rally.stroke].astype(bool)
         assert (trajectory.contact[above, 2] > net_height(trajectory.contact[above, 0])).all()
@@ -95,7 +96,7 @@ def test_a_rally_takes_place_as_it_was_played(motions: list[Motion]) -> None:
 def test_players_stay_on_their_half(motions: list[Motion]) -> None:
     for motion in motions:
         for seat in (0, 1):
-            assert (motion.position[:, seat, 0, 1] * facing(seat) < 0).all()
+            assert (motion.position[:, seat, 0, 1] * motion.trajectory.rally.facing(seat) < 0).all()
 
 
 def test_bones_keep_their_lengths_and_the_racket_its_hand(motions: list[Motion]) -> None:
@@ -221,3 +222,39 @@ def test_wrong_rallies() -> None:
     wrong = 3 - int(catalogue.height[reply])
     with pytest.raises(RallyError, match="heights of the strokes"):
         Rally.from_strokes(catalogue, [(0, serve, wrong), (1, reply, WINNER)])
+
+
+def test_changed_ends_turn_the_whole_rally(played: list[Rally]) -> None:
+    rally = next(rally for rally in played if 3 <= len(rally) <= 5)
+    here, there = (stage(dataclasses.replace(rally, ends_changed=changed), seed=3) for changed in (False, True))
+    half_turn = np.array([-1.0, -1.0, 1.0])
+    for name in ("shuttle", "shuttle_velocity", "position", "sweet_spot"):
+        assert getattr(there, name) == pytest.approx(getattr(here, name) * half_turn, abs=1e-6)
+    assert matrix(there.rotation) == pytest.approx(np.diag(half_turn) @ matrix(here.rotation), abs=1e-5)
+    with pytest.raises(StagingError, match="other strokes"):
+        continue_motion(here, there.trajectory.rally, seed=3)
+
+
+def test_the_score_decides_the_service_court(played: list[Rally]) -> None:
+    rally = next(rally for rally in played if 3 <= len(rally) <= 5)
+    for points in (0, 1, 4, 7):
+        of_server = (points, 2) if rally.server == 0 else (2, points)
+        motion = stage(dataclasses.replace(rally, points=of_server), seed=3)
+        own = motion.position[motion.contact_frame[0], :, 0, 0] * [motion.trajectory.rally.facing(seat) for seat in (0, 1)]
+        assert ((own > 0) == (points % 2 == 0)).all(), "both stand in their own right court for an even score"
+
+
+def test_serves_to_the_side_are_mirrored() -> None:
+    catalogue = default_game().catalogue
+    serve = catalogue.index("long-serve:back-right:below:forehand")
+    none = np.zeros(0, np.int64)
+    even = Rally(catalogue=catalogue, server=0, stroke=none, hurried=none > 0, ending=RETURNED_BELOW)
+    odd = dataclasses.replace(even, points=(3, 2))
+    assert [AREAS[rally.aim[serve]] for rally in (even, odd)] == ["back-right", "back-left"]
+    assert [rally.as_named(serve) for rally in (even, odd)] == [True, False]
+    (x0, x1), (y0, y1) = even.aim_box(serve)
+    assert odd.aim_box(serve) == ((-x1, -x0), (y0, y1))
+    centre = catalogue.index("short-serve:front-centre:below:backhand")
+    assert even.aim_box(centre) == ((-SIDE_CUT, 0.0), (SHORT_SERVICE, MIDDLE_CUT))
+    clear = next(k for k, name in enumerate(catalogue.names) if name.startswith("clear:back-left"))
+    assert odd.aim[clear] == catalogue.area[clear], "other strokes are not"

@@ -105,7 +105,7 @@ def test_any_column_of_16_bits_comes_back(values: list[int]) -> None:
     [
         (lambda c: b"", "first bytes"),
         (lambda c: b"GLTF" + c[4:], "first bytes"),
-        (lambda c: c[:4] + b"\x07" + c[5:], "version 07: expected 1"),
+        (lambda c: c[:4] + b"\x07" + c[5:], "version 07: expected 2"),
         (lambda c: c[:-40], "cut off"),
         (lambda c: c[:300] + bytes([c[300] ^ 8]) + c[301:], "damaged|cut off"),
         (lambda c: c[:5] + zlib.compress(b"\x02\0\0\0[]"), "no object"),

@@ -9,8 +9,10 @@ import numpy as np
 
 from shuttle_marl.base.arrays import F32, I8, I32, I64, U8, U16, U32, Bools, Ints, UInts
 from shuttle_marl.base.errors import ShuttleError
+from shuttle_marl.game.court import area_box, service_area, service_box
 from shuttle_marl.game.layout import Layout
 from shuttle_marl.game.rules import HURRIED_BELOW, OUTCOMES, RETURNED_BELOW, WINNER, states_of_rallies
+from shuttle_marl.game.scoring import BWF, Rules, Score, serves_from_right
 from shuttle_marl.game.stroke import Catalogue
 
 PER_STROKE: Final = ("stroke", "hurried", "log_probability", "value")
@@ -43,6 +45,7 @@ class Rally:
         games: games won by seats 0 and 1, before the rally.
         match: number of the match.
         number: number of the rally within its match.
+        ends_changed: whether the players are at other ends of the court than in the first rally of the match.
     """
 
     catalogue: Catalogue
@@ -54,6 +57,7 @@ class Rally:
     games: tuple[int, int] = (0, 0)
     match: int = 0
     number: int = 0
+    ends_changed: bool = False
 
     @classmethod
     def from_strokes(cls, catalogue: Catalogue, strokes: Iterable[tuple[int, int, int]]) -> "Rally":
@@ -120,6 +124,30 @@ class Rally:
     def striker(self) -> I64:
         """``[n]`` seat of the striker of each stroke."""
         return (self.server + np.arange(len(self.stroke))) % 2
+
+    @property
+    def from_right(self) -> bool:
+        """Whether the server serves from the right service court."""
+        return bool(serves_from_right(self.points[self.server]))
+
+    @functools.cached_property
+    def aim(self) -> I64:
+        """``[strokes of the catalogue]`` area at which each stroke aims in this rally; the score mirrors those of serves."""
+        area = self.catalogue.area.astype(np.int64)
+        return np.where(self.catalogue.is_serve, service_area(area, self.from_right), area)
+
+    def as_named(self, stroke: int) -> bool:
+        """Whether a stroke of the catalogue aims at the area of its name; the score mirrors some serves."""
+        return bool(self.aim[stroke] == self.catalogue.area[stroke])
+
+    def aim_box(self, stroke: int) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Extent of the area at which a stroke of the catalogue aims in this rally, in the striker's frame [m]."""
+        area = int(self.aim[stroke])
+        return service_box(area, self.from_right) if self.catalogue.is_serve[stroke] else area_box(area)
+
+    def facing(self, seat: int) -> float:
+        """Sign, +1 or -1, of x and y between the frame of a seat and the frame of the court, in which seat 0 begins at y < 0."""
+        return 1.0 if bool(seat) == self.ends_changed else -1.0
 
     @functools.cached_property
     def outcome(self) -> I64:
@@ -211,25 +239,28 @@ class Rallies:
         """Names of the columns of :data:`OPTIONAL` that are present."""
         return tuple(name for name in OPTIONAL if getattr(self, name) is not None)
 
-    def row(self, i: int, catalogue: Catalogue) -> Rally:
+    def row(self, i: int, catalogue: Catalogue, rules: Rules = BWF) -> Rally:
         """One rally.
 
         Args:
             i: row, 0 <= i < R.
             catalogue: strokes of the game.
+            rules: of its match.
         """
         first, last = self.first_stroke[[i, i + 1]]
         points_0, points_1, games_0, games_1 = self.score[i].tolist()
+        score = Score(points=(points_0, points_1), games=(games_0, games_1), server=int(self.server[i]), rules=rules)
         return Rally(
             catalogue=catalogue,
-            server=int(self.server[i]),
+            server=score.server,
             stroke=self.stroke[first:last].astype(np.int64),
             hurried=self.hurried[first:last].astype(np.bool_),
             ending=int(self.reason[i]),
-            points=(points_0, points_1),
-            games=(games_0, games_1),
+            points=score.points,
+            games=score.games,
             match=int(self.match[i]),
             number=int(self.rally[i]),
+            ends_changed=score.ends_changed,
         )
 
     def states(self, game: Layout) -> I32:

@@ -4,6 +4,7 @@ import { Challenges } from "./challenges";
 import { still } from "./dom";
 import { Ending } from "./ending";
 import { type FrameListener, Frames } from "./frame";
+import { facing } from "./hall";
 import { keyTable, listen } from "./keys";
 import type { Mode } from "./layout";
 import { readLink } from "./link";
@@ -18,7 +19,7 @@ import { type Choice, openStartCard } from "./start";
 import { state } from "./state";
 import { StrokeValues } from "./strokeValues";
 import { Timeline } from "./timeline";
-import type { Hello, Side } from "./wire.gen";
+import type { Hello, RallyFacts, Side } from "./wire.gen";
 
 export class App {
   readonly stage: Stage | null;
@@ -69,7 +70,7 @@ export class App {
       go: (rally, stroke, playing) => this.go(rally, stroke, playing),
       setMode: (mode) => this.setMode(mode),
       enter: (mode) => this.enter(mode, mode === "play"),
-      seeFrom: (seat) => this.seeFrom(seat),
+      seeFrom: (seat) => this.seeFrom(seat, null),
     });
     this.ending = new Ending(this.course, this.frames, this.rallies, this.screen, source, () =>
       this.go(this.course.number + 1, null, true),
@@ -184,6 +185,9 @@ export class App {
     this.saving.endFilm();
     this.ending.restoreCamera();
     this.shown = shown;
+    if (course.person) {
+      this.seeFrom(course.person.seat, rally);
+    }
     frames.show(rally, motion, time);
     player.playing = playing;
     document.body.dataset["ready"] = "";
@@ -291,7 +295,7 @@ export class App {
     const played = this.course.person !== null;
     this.course.visit(place);
     if (played && !this.course.person) {
-      this.seeFrom(0);
+      this.seeFrom(0, null);
       this.enter("watch");
     }
     void this.go(place.rally, place.stroke);
@@ -337,7 +341,6 @@ export class App {
     this.enter("play");
     const taken = await this.rallies.fetch(course.wanted(course.number), null, undo);
     if (taken) {
-      this.seeFrom(seat);
       this.show(taken, Math.min(time, taken.motion.duration), true);
       layout.say(`You play side ${"AB"[seat]}: choose a stroke and hit`);
     }
@@ -346,13 +349,13 @@ export class App {
   /** Ends the play of the person. */
   private leave(): void {
     this.course.person = null;
-    this.seeFrom(0);
+    this.seeFrom(0, null);
   }
 
-  /** Shows the court from the end of a seat. */
-  private seeFrom(seat: number): void {
+  /** Shows the court from the end where a seat is in a rally; null: at the beginning of a match. */
+  private seeFrom(seat: number, rally: RallyFacts | null): void {
     if (this.stage) {
-      this.stage.flipped = seat === 1;
+      this.stage.flipped = rally ? facing(rally, seat) < 0 : seat === 1;
     }
   }
 

@@ -1,6 +1,6 @@
 // The court with score, stroke and probability drawn into one picture, for pictures and films.
 
-import { does, percent, words } from "./dom";
+import { capitalised, does, percent, words } from "./dom";
 import { displayName } from "./names";
 import { reason } from "./narration";
 import { COLOURS } from "./stage";
@@ -69,7 +69,7 @@ export function drawCard(canvas: HTMLCanvasElement, court: HTMLCanvasElement, mo
   }
 }
 
-function drawScore(pen: Pen, { rally, over }: Moment): void {
+function drawScore(pen: Pen, { rally, stroke, over }: Moment): void {
   const { unit } = pen;
   const [left, top, row, wide] = [36 * unit, 36 * unit, 58 * unit, 560 * unit];
   const points = over && rally.after ? rally.after.points : rally.points;
@@ -92,6 +92,11 @@ function drawScore(pen: Pen, { rally, over }: Moment): void {
     pen.box(left + wide - 76 * unit, top + seat * row, 76 * unit, row, "#1d2b44", 0);
     pen.font(32, 700);
     pen.text(String(points[seat]), left + wide - 38 * unit, y, TEXT, "center");
+  }
+  if (rally.before && stroke < 0) {
+    pen.box(left, top + 2 * row, wide, 0.8 * row, VEIL);
+    pen.font(28);
+    pen.text(capitalised(rally.before), left + 56 * unit, top + 2.4 * row, GOLD, "left", wide - 76 * unit);
   }
 }
 

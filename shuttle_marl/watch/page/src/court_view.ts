@@ -1,6 +1,6 @@
 // Overlays of the court: score, shot, speed, cameras.
 
-import { type Child, h, percent, replaceChildren, sideColour, words } from "./dom";
+import { type Child, capitalised, h, percent, replaceChildren, sideColour, words } from "./dom";
 import { hurriedTag } from "./glossary";
 import { displayName } from "./names";
 import { CAMERAS, type Camera, type Stage } from "./stage";
@@ -10,9 +10,11 @@ export class ScoreBug {
   readonly element = h("div", { class: "bug", role: "group", "aria-label": "Score" });
   private shown = "";
 
-  show(rally: RallyFacts, over: boolean): void {
+  /** @param begun whether the serve is struck; until then an interval or a change of ends is told. */
+  show(rally: RallyFacts, begun: boolean, over: boolean): void {
+    const before = begun ? "" : rally.before;
     const points = over && rally.after ? rally.after.points : rally.points;
-    const key = JSON.stringify([rally.names, points, rally.finished, rally.server, over]);
+    const key = JSON.stringify([rally.names, points, rally.finished, rally.server, before, over]);
     if (key === this.shown) {
       return;
     }
@@ -31,6 +33,7 @@ export class ScoreBug {
           h("span", { class: "points" }, String(points[seat])),
         ),
       ),
+      before && h("p", { class: "before" }, capitalised(before)),
     );
   }
 }

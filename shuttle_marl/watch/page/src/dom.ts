@@ -63,6 +63,11 @@ export function words(name: string): string {
     .replace("cross court", "cross-court");
 }
 
+/** Words with a capital at the start. */
+export function capitalised(words: string): string {
+  return words.charAt(0).toUpperCase() + words.slice(1);
+}
+
 /** Colour of a side, on panels and overlays. */
 export function sideColour(seat: number): string {
   return seat ? "var(--b)" : "var(--a)";

@@ -57,11 +57,11 @@ export class Ending {
     this.replayed = null;
   }
 
-  /** Plays the walk to the next rally; the next rally itself where the page has no walks, or a person plays. */
-  private async walk({ motion }: Shown): Promise<void> {
+  /** Plays the walk to the next rally; the rally itself on pages without walks, to a person, and after a change of ends. */
+  private async walk({ motion, rally }: Shown): Promise<void> {
     const { course, frames, rallies, screen, source } = this;
     const { request } = rallies;
-    const watched = source.walk && screen.mode === "watch";
+    const watched = source.walk && screen.mode === "watch" && !rally.after?.changes_ends;
     const whole = watched ? await source.walk!(course.wanted(course.number), motion).catch(() => null) : null;
     if (request !== rallies.request) {
       return; // another rally was asked for

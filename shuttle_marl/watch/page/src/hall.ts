@@ -1,11 +1,16 @@
 // The hall: floor, court, net, boards, stands and lights. All static objects.
 
 import * as THREE from "three";
-import type { HallFacts } from "./wire.gen";
+import type { HallFacts, RallyFacts } from "./wire.gen";
 
 /** Converts court axes to three.js axes. */
 export function at(x: number, y: number, z: number): THREE.Vector3 {
   return new THREE.Vector3(-x, z, y);
+}
+
+/** Sign of x and y between the frame of a seat and the frame of the court; at +1 the seat is at the near end, y < 0. */
+export function facing(rally: RallyFacts, seat: number): 1 | -1 {
+  return (seat === 1) === rally.ends_changed ? 1 : -1;
 }
 
 /** Background colour. */

@@ -166,8 +166,8 @@ export class Motion {
    */
   static async unpack(content: ArrayBuffer, before: Motion | null = null): Promise<Motion> {
     const magic = new Uint8Array(content, 0, 5);
-    if (String.fromCharCode(...magic.subarray(0, 4)) !== "SMOT" || magic[4] !== 1) {
-      throw new Error("not a packed motion of version 1");
+    if (String.fromCharCode(...magic.subarray(0, 4)) !== "SMOT" || magic[4] !== 2) {
+      throw new Error("not a packed motion of version 2");
     }
     const data = await inflated(new Uint8Array(content, 5));
     const size = new DataView(data.buffer, data.byteOffset).getUint32(0, true);

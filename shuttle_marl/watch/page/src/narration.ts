@@ -1,6 +1,6 @@
 // Text description of a rally, for screen readers and text mode.
 
-import { does, percent, words } from "./dom";
+import { capitalised, does, percent, words } from "./dom";
 import { displayName } from "./names";
 import type { RallyFacts } from "./wire.gen";
 
@@ -35,5 +35,6 @@ export function reason(rally: RallyFacts): string {
 }
 
 export function startSentence(rally: RallyFacts): string {
-  return `Rally ${rally.number + 1}, ${rally.points[0]} to ${rally.points[1]}, games ${rally.games[0]} to ${rally.games[1]}. ${does(displayName(rally.names[rally.server]!), "serve", true)}.`;
+  const court = rally.from_right ? "right" : "left";
+  return `${rally.before && `${capitalised(rally.before)}. `}Rally ${rally.number + 1}, ${rally.points[0]} to ${rally.points[1]}, games ${rally.games[0]} to ${rally.games[1]}. ${does(displayName(rally.names[rally.server]!), "serve", true)} from the ${court}.`;
 }

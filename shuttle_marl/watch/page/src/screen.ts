@@ -6,6 +6,7 @@ import type { Moment } from "./card";
 import { Chip, cameraButtons, ScoreBug, SpeedLabel } from "./court_view";
 import { does, h, replaceChildren } from "./dom";
 import type { Frames } from "./frame";
+import { facing } from "./hall";
 import { type Hooks, Layout, MODES, type Mode } from "./layout";
 import { Learn } from "./learn";
 import { MatchPanel } from "./match_panel";
@@ -237,7 +238,7 @@ export class Screen {
     this.board.playing = this.person;
     this.browser?.show(null, rally.number);
     this.layout.what.textContent = `${rally.names[0]} (A) v ${rally.names[1]} (B) · ${where} · rally ${rally.number + 1}`;
-    sides?.forEach((side, i) => this.sides[i]!.show(side, seat === i));
+    sides?.forEach((side, i) => this.sides[i]!.show(side, facing(rally, i) > 0, seat === i));
     this.layout.tellFromStart(startSentence(rally));
     this.layout.banner.classList.add("hidden");
     this.back.classList.toggle("hidden", !tried);
@@ -318,7 +319,7 @@ export class Screen {
     }
     this.moves.keepInView();
     const over = this.isOver(rally);
-    this.bug.show(rally, over);
+    this.bug.show(rally, player.stroke >= 0, over);
     this.chip.show(rally, player.stroke);
     this.curve.move(player.time);
     if (this.stage) {

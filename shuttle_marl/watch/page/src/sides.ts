@@ -13,6 +13,7 @@ export class SideCard {
   private readonly take: HTMLButtonElement;
   private readonly identifier = h("code");
   private readonly strength = h("span");
+  private readonly half = h("b");
   private readonly meter = h("span", { class: "meter" });
 
   constructor(seat: number, policies: string[], change: (side: Side) => void, takeOver: () => void) {
@@ -48,7 +49,7 @@ export class SideCard {
     this.element = h(
       "section",
       { class: "panel side", style: `--mine:${sideColour(seat)}`, "aria-label": `Side ${name}` },
-      h("h2", {}, h("span", {}, `Side ${name}`), h("b", {}, seat ? "far court" : "near court")),
+      h("h2", {}, h("span", {}, `Side ${name}`), this.half),
       this.select,
       h("p", { class: "identifier" }, this.identifier, this.strength),
       this.meter,
@@ -57,7 +58,9 @@ export class SideCard {
     );
   }
 
-  show(side: Side, person: boolean): void {
+  /** @param near whether the player is at the near end. */
+  show(side: Side, near: boolean, person: boolean): void {
+    this.half.textContent = near ? "near court" : "far court";
     if (![...this.select.options].some((option) => option.value === side.policy)) {
       this.select.append(h("option", { value: side.policy }, displayName(side.policy)));
     }

@@ -5,7 +5,7 @@ import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
 import { clone } from "three/addons/utils/SkeletonUtils.js";
 import { Athlete, type Kit } from "./athlete";
-import { at, Backdrop, BEHIND, buildHall, DARK, simplify } from "./hall";
+import { at, Backdrop, BEHIND, buildHall, DARK, facing, simplify } from "./hall";
 import type { Motion } from "./motion";
 import { nameOnShirt } from "./names";
 import { type Flight, Marks, Shuttle } from "./shuttle";
@@ -305,7 +305,7 @@ export class Stage {
       case "winner": {
         const seat = rally.winner!;
         const hips = motion.hipsAt(rally.strokes.at(-1)!.end_time, seat, [0, 0, 0]);
-        const net = seat ? -1 : 1;
+        const net = facing(rally, seat);
         return {
           eye: at(0.8 * hips[0], hips[1] + net * 4, 1.7),
           look: at(hips[0], hips[1], 1.15),
@@ -331,9 +331,9 @@ export class Stage {
             }
           : { eye: at(0, -end * 0.01, 15.5), look: at(0, 0, 0), fov: 52 * Math.min(wide, 1.25) };
       case "follow": {
-        const seat = this.flipped ? 1 : 0;
+        const seat = facing(rally, 0) === end ? 0 : 1; // the player at the near end
         const hips = motion.hipsAt(time, seat, [0, 0, 0]);
-        const away = seat ? 1 : -1;
+        const away = -end;
         return { eye: at(hips[0] * 0.85, hips[1] + away * 4.4, 2.55), look: at(hips[0] * 0.5, -away * 2.5, 1.35), fov: 50 };
       }
       default: {

@@ -2,6 +2,7 @@
 
 import { h, percent, replaceChildren, s, words } from "./dom";
 import { term } from "./glossary";
+import { facing } from "./hall";
 import type { HallFacts, RallyFacts } from "./wire.gen";
 
 /** P(success) and P(returned) of the current stroke. */
@@ -26,7 +27,7 @@ export class Chances {
   }
 }
 
-/** The court from above: target areas of the policy and path of the shuttle. Seat 0 is on the left. */
+/** The court from above: target areas of the policy and path of the shuttle. The near end is on the left. */
 export class LandingMap {
   readonly element = h("section", { class: "panel", "aria-label": "Target areas of the striker's policy" });
   private readonly drawing = s("svg", { class: "map", viewBox: "-7 -3.35 14 6.7", role: "img" });
@@ -43,7 +44,7 @@ export class LandingMap {
     const most = Math.max(...(landing ?? [1]));
     if (stroke && landing) {
       this.hall.areas.forEach(({ box: [[x0, x1], [y0, y1]] }, area) => {
-        const sign = stroke.seat ? -1 : 1;
+        const sign = facing(rally, stroke.seat);
         const share = landing[area]!;
         const [left, top] = [Math.min(sign * y0, sign * y1), Math.min(sign * x0, sign * x1)];
         parts.push(

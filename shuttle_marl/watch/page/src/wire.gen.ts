@@ -134,6 +134,9 @@ export interface RallyFacts {
   skill: string | null;
   names: [string, string];
   server: number;
+  from_right: boolean;
+  ends_changed: boolean;
+  before: string;
   points: [number, number];
   games: [number, number];
   finished: [number, number][];
@@ -145,12 +148,13 @@ export interface RallyFacts {
   players: [PlayerFacts, PlayerFacts];
 }
 
-/** The score after a rally. */
+/** The score after a rally; ``changes_ends``: whether the players change ends before the next one. */
 export interface ScoreFacts {
   points: [number, number];
   games: [number, number];
   over: boolean;
   game_won: boolean;
+  changes_ends: boolean;
 }
 
 /** A stroke of a rally; ``hurried``: whether its striker was late or stretched. */
