@@ -7,10 +7,11 @@ import dataclasses
 import functools
 import hashlib
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
+import zstandard
 from numpy.random import Generator
 
 from shuttle_marl.base.arrays import F64, I32, U8, U16, Bools, Floats, Intp, Ints
@@ -114,6 +115,7 @@ def hurry_units(p: F64) -> U8:
 
 
 _CHUNK = 4096
+_LEVEL: Final = 9
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -196,6 +198,30 @@ class TabulatedPolicy:
         """Write the table as safetensors, with its hash and that of the game, beside and moved into place."""
         header = {"game": self.game.hash, "hash": self.hash, **(metadata or {})}
         replace_file(path, tensor_bytes({"cumulative": self.cumulative}, header))
+
+    def packed(self) -> bytes:
+        """The table as its differences modulo 2^16, low bytes before high bytes, compressed by zstd with a checksum."""
+        differences = np.diff(self.cumulative, prepend=np.uint16(0)).astype("<u2")
+        compressor = zstandard.ZstdCompressor(level=_LEVEL, write_checksum=True)
+        return compressor.compress(differences.view(np.uint8).reshape(-1, 2).T.tobytes())
+
+    @classmethod
+    def unpacked(cls, content: bytes, game: Game, where: str) -> "TabulatedPolicy":
+        """Reverse :meth:`packed`.
+
+        Raises:
+            ValueError: it does not have as many numbers as the game has legal pairs.
+            zstandard.ZstdError: it is not compressed by zstd, or damaged.
+            PolicyError: it is no table over the legal strokes of the game; ``where`` begins the message.
+        """
+        size = 2 * game.n_pairs
+        with zstandard.ZstdDecompressor().stream_reader(content) as reader:
+            # One byte more, so that a file that would expand to more is found, and never expanded.
+            numbers = reader.read(size + 1)
+        if len(numbers) != size:
+            raise ValueError(f"it is of another game; expected the {game.n_pairs:,} legal pairs of game {game.hash[:12]}")
+        differences = np.frombuffer(numbers, dtype=np.uint8).reshape(2, -1).T.copy().view("<u2").ravel()
+        return cls.checked(np.cumsum(differences, dtype=np.uint16), game, where)
 
     @classmethod
     def checked(cls, cumulative: npt.NDArray[Any], game: Game, where: str) -> "TabulatedPolicy":

@@ -14,7 +14,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
-from shuttle_marl.base.files import FileWriteError, cache_folder
+import zstandard
+
+from shuttle_marl.base.files import FileWriteError, cache_folder, read_file, replace_file
 from shuttle_marl.exact.sources import solvers_hash
 from shuttle_marl.game.policy import Policy, PolicyError
 from shuttle_marl.game.shipped import PROFILES, origin_of, refits_of, variants
@@ -24,7 +26,7 @@ from shuttle_marl.policy import baselines
 
 TYPICAL_TAU: Final = 0.05
 """Cost of the listed KL-regularised equilibrium, which wins about as often as perfect play in refits of the game."""
-_MOST_TABLES: Final = 48
+_MOST_TABLES: Final = 256
 """Capacity of the cache; the least recently used tables are evicted."""
 _LOG: Final = logging.getLogger(__name__)
 
@@ -40,9 +42,9 @@ def cached_table(game: Game, key: str, compute: Callable[[], TabulatedPolicy]) -
     folder = cache_folder()
     if folder is None:
         return compute()
-    path = folder / "policies" / f"{hashlib.sha256(f'{game.hash} {key}'.encode()).hexdigest()[:32]}.safetensors"
-    with contextlib.suppress(PolicyError):  # missing or damaged
-        table = TabulatedPolicy.load(path, game)
+    path = folder / "policies" / f"{hashlib.sha256(f'{game.hash} {key}'.encode()).hexdigest()[:32]}.zst"
+    with contextlib.suppress(OSError, ValueError, zstandard.ZstdError, PolicyError):  # missing or damaged
+        table = TabulatedPolicy.unpacked(read_file(path), game, str(path))
         with contextlib.suppress(OSError):
             os.utime(path)
         return table
@@ -54,12 +56,12 @@ def cached_table(game: Game, key: str, compute: Callable[[], TabulatedPolicy]) -
 def _store(table: TabulatedPolicy, path: Path) -> None:
     """Store a table in the cache, if it can be written."""
     try:
-        table.save(path)
+        replace_file(path, table.packed())
     except FileWriteError as error:
         _warn_once(f"{error}. Tables of trained and solved policies are computed again in every process, which takes seconds")
         return
     with contextlib.suppress(OSError):
-        tables = sorted(path.parent.glob("*.safetensors"), key=lambda found: found.stat().st_mtime, reverse=True)
+        tables = sorted(path.parent.glob("*.zst"), key=lambda found: found.stat().st_mtime, reverse=True)
         for old in tables[_MOST_TABLES:]:
             old.unlink()
 

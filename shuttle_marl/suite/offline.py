@@ -1,29 +1,26 @@
 """The tasks ``offline-v0`` and ``evaluate-v0``: learning, and evaluation of policies, from a fixed log."""
 
-import contextlib
 import dataclasses
 import functools
 import hashlib
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, Final
 
 import msgspec
 import numpy as np
-import zstandard
 from scipy.stats import spearmanr
 
-from shuttle_marl.base.files import FileWriteError, Fraction, cache_folder, replace_file
+from shuttle_marl.base.files import Fraction
 from shuttle_marl.exact.known import pair_odds
 from shuttle_marl.exact.match import normalised_score
 from shuttle_marl.exact.sources import solvers_hash
-from shuttle_marl.game.policy import PolicyError
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
+from shuttle_marl.policy.computed import cached_table
 from shuttle_marl.suite.logs import OPPONENT, Log, behaviour, blank, generate
 from shuttle_marl.suite.method import Method, called, find, made
 from shuttle_marl.suite.options import SuiteError
-from shuttle_marl.suite.store import packed, unpacked
 from shuttle_marl.suite.task import Arena, Case, Outcome, Task, best_against, exploitability, odds_against, required, table_of
 
 BEHAVIOURS: Final = ("bc", "bc+0.1*minimax", "attacking@greedy", "minimax", "bc:PLAYER")
@@ -238,7 +235,8 @@ def _targets(arena: Arena, behaviour_name: str, strokes: int, seed: int) -> dict
     setting = LogSetting(game=blank(arena.game), seed=seed, folder=Path())
     found = {name: behaviour(arena, _of_split(name, arena)) for name in NAMED}
     for name in TRAINED:
-        table = _cached(f"{log.hash} {name} {seed}", log, lambda name=name: fitted(find(Offline.name, name), log, setting, name))  # type: ignore[misc]
+        train = functools.partial(lambda name: fitted(find(Offline.name, name), log, setting, name), name)
+        table = cached_table(log.game, f"{log.hash} {name} {seed} {_sources()}", train)
         found[name] = in_game(table, arena.game)
     return found
 
@@ -249,17 +247,3 @@ def _sources() -> str:
     files = [*Path(__file__).parent.glob("*.py"), *(Path(__file__).parent / "methods").glob("*.py")]
     content = b"".join(path.read_bytes() for path in sorted(files))
     return hashlib.sha256(content + solvers_hash().encode()).hexdigest()
-
-
-def _cached(key: str, log: Log, train: Callable[[], TabulatedPolicy]) -> TabulatedPolicy:
-    """A table from the user's cache folder, or trained and stored there; a damaged file is replaced."""
-    digest = hashlib.sha256(f"{key} {_sources()}".encode()).hexdigest()[:32]
-    if (folder := cache_folder()) is None:
-        return train()
-    path = folder / "suite" / f"{digest}.zst"
-    with contextlib.suppress(OSError, ValueError, zstandard.ZstdError, PolicyError):
-        return TabulatedPolicy.checked(unpacked(path.read_bytes(), log.game), log.game, key)
-    table = train()
-    with contextlib.suppress(FileWriteError):
-        replace_file(path, packed(table.cumulative))
-    return table

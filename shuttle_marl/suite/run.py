@@ -176,6 +176,4 @@ def play_unit(unit: _Unit) -> PlayedUnit:
     if not any(work.iterdir()):
         work.rmdir()
     path = store.entry_path(unit.folder, unit.case, unit.seed)
-    return PlayedUnit(
-        path=path, entry=entry, policies={policy.hash: store.packed(policy.cumulative) for policy in outcome.policies.values()}
-    )
+    return PlayedUnit(path=path, entry=entry, policies={p.hash: p.packed() for p in outcome.policies.values()})

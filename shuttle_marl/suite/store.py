@@ -16,15 +16,12 @@ from pathlib import Path
 from typing import Annotated, Any, Final
 
 import msgspec
-import numpy as np
-import zstandard
 
 from shuttle_marl.base import runs
-from shuttle_marl.base.arrays import U16
 from shuttle_marl.base.errors import printable
-from shuttle_marl.base.files import Count, FileReadError, Sha256, problem, read_file, read_json, replace_file, seal
+from shuttle_marl.base.files import Count, FileReadError, Sha256, read_json, replace_file, seal
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy
+from shuttle_marl.policy.stored import StoredPolicies, policy_file
 from shuttle_marl.suite.options import Access, Kind, Split, SuiteError
 from shuttle_marl.suite.task import Case, Outcome
 
@@ -33,7 +30,6 @@ POLICIES: Final = "policies"
 CARD: Final = "card.json"
 RESULTS: Final = "results.json"
 SOURCES: Final = "sources.json"
-_LEVEL: Final = 9
 Name = Annotated[str, msgspec.Meta(min_length=1, max_length=1000)]
 """A name in a file of a stranger."""
 Figure = Annotated[float, msgspec.Meta(ge=-1e9, le=1e9)]
@@ -132,14 +128,9 @@ def entry_path(folder: Path, case: int, seed: int) -> Path:
 def write_entry(folder: Path, path: Path, entry: Entry, policies: Mapping[str, bytes]) -> None:
     """Write the packed policies of a unit by their hashes, and then its entry."""
     for digest, content in policies.items():
-        if not (target := policy_path(folder, digest)).exists():
+        if not (target := policy_file(folder / POLICIES, digest)).exists():
             replace_file(target, content)
     replace_file(path, seal(dataclasses.asdict(entry)))
-
-
-def policy_path(folder: Path, digest: str) -> Path:
-    """File of a policy."""
-    return folder / POLICIES / f"{digest}.zst"
 
 
 def read_entry(path: Path) -> Entry:
@@ -158,56 +149,17 @@ def read_outcome(folder: Path, entry: Entry, game: Game, roles: Collection[str])
     """The outcome of a unit, with its policies; each is read once.
 
     Raises:
-        SuiteError, PolicyError: a policy is missing, damaged, of another game, or of another role than those of the task.
+        PolicyError: a policy is missing, damaged, or of another game.
+        SuiteError: the task has no such role.
     """
     if other := [role for role in entry.policies if role not in roles]:
         raise SuiteError(
             f"the entry has {len(other)} policies of roles that the task does not have, such as {printable(other[0][:40])}"
         )
-    loaded = {digest: load_policy(folder, digest, game) for digest in set(entry.policies.values())}
+    stored = StoredPolicies(folder / POLICIES, game)
+    loaded = {digest: stored.read(digest) for digest in set(entry.policies.values())}
     policies = {role: loaded[digest] for role, digest in entry.policies.items()}
     return Outcome(policies=policies, answers=entry.answers, strokes=entry.strokes, curve=entry.curve)
-
-
-def load_policy(folder: Path, digest: str, game: Game) -> TabulatedPolicy:
-    """Read the table of a policy by its hash.
-
-    Raises:
-        SuiteError: it is missing, damaged, of another game, or does not have this hash.
-        PolicyError: it is no table over the legal strokes of the game.
-    """
-    path = policy_path(folder, digest)
-    try:
-        cumulative = unpacked(read_file(path, 4 * game.n_pairs), game)
-    except (OSError, ValueError, zstandard.ZstdError) as error:
-        raise SuiteError(f"{path}: the policy cannot be read ({problem(error)}); run the method again") from error
-    policy = TabulatedPolicy.checked(cumulative, game, str(path))
-    if policy.hash != digest:
-        raise SuiteError(f"{path}: the table was changed: its hash is {policy.hash[:12]}")
-    return policy
-
-
-def packed(cumulative: U16) -> bytes:
-    """A table as its differences modulo 2^16, low bytes before high bytes, compressed by zstd."""
-    differences = np.diff(cumulative, prepend=np.uint16(0)).astype("<u2")
-    return zstandard.ZstdCompressor(level=_LEVEL).compress(differences.view(np.uint8).reshape(-1, 2).T.tobytes())
-
-
-def unpacked(content: bytes, game: Game) -> U16:
-    """Reverse :func:`packed`.
-
-    Raises:
-        ValueError: it does not have as many numbers as the game has legal pairs.
-        zstandard.ZstdError: it is not compressed by zstd.
-    """
-    size = 2 * game.n_pairs
-    with zstandard.ZstdDecompressor().stream_reader(content) as reader:
-        # One byte more, so that a file that would expand to more is found, and never expanded.
-        numbers = reader.read(size + 1)
-    if len(numbers) != size:
-        raise ValueError(f"it is of another game; expected the {game.n_pairs:,} legal pairs of game {game.hash[:12]}")
-    differences = np.frombuffer(numbers, dtype=np.uint8).reshape(2, -1).T.copy().view("<u2").ravel()
-    return np.cumsum(differences, dtype=np.uint16)
 
 
 def write_card(folder: Path, card: Card) -> None:

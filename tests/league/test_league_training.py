@@ -26,9 +26,10 @@ from shuttle_marl.game.stroke import Catalogue
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import base_pairs, from_pair_probabilities, layout, thresholds
 from shuttle_marl.game.thresholds import ONE
+from shuttle_marl.policy.stored import StoredPolicies
 from shuttle_marl.training.league.config import VARIANTS, LeagueTrainingConfig, LeagueTrainingError, MetaSolver, Variant
 from shuttle_marl.training.league.mixtures import merged, meta_strategy, sharpened
-from shuttle_marl.training.league.population import TABLES, Payoffs, Tables
+from shuttle_marl.training.league.population import TABLES, Payoffs
 from shuttle_marl.training.league.run import MAIN, train_league
 from shuttle_marl.training.league.schedule import MIN_SECONDS, Schedule
 from shuttle_marl.training.league.state import LEAGUE, LeagueState
@@ -95,7 +96,7 @@ def test_every_variant_learns(variant: Variant, model: str, tmp_path: Path) -> N
     # Policies are stored once, under their hashes, and those of the past are never changed.
     hashes = [each["hash"] for each in done.figures["policies"]]
     assert len(set(hashes)) == len(hashes)
-    tables = Tables(done.folder, game)
+    tables = StoredPolicies(done.folder / TABLES, game)
     assert [tables.read(name).hash for name in hashes] == hashes
     assert (done.folder / "exploitability.png").stat().st_size > 1000
     with pytest.raises(RunError, match="finished run"):
@@ -184,7 +185,7 @@ def test_probabilities_that_do_not_add_up_are_no_table(model: str, factor: float
 def test_payoffs_are_those_of_cross_play_and_solved_once(model: str, tmp_path: Path) -> None:
     game = load_game(model)
     rng = np.random.default_rng(2)
-    tables, policies = Tables(tmp_path, game), []
+    tables, policies = StoredPolicies(tmp_path / TABLES, game), []
     for _ in range(4):
         weight = rng.gamma(0.5, size=game.n_pairs) + 1e-3
         policies.append(
@@ -332,7 +333,7 @@ def test_damage_is_noticed(whole: Path, model: str, tmp_path: Path) -> None:
     shutil.copytree(whole, tmp_path / "run")
     best = json.loads((whole / LEAGUE).read_text())["best"]["hash"]
     (tmp_path / "run" / TABLES / f"{best}.zst").write_bytes(b"rubbish")
-    with pytest.raises(LeagueTrainingError, match="cannot be read"):
+    with pytest.raises(PolicyError, match="cannot be read"):
         train_league(config)
     (tmp_path / "run" / LEAGUE).write_text("{}")
     with pytest.raises(LeagueTrainingError, match="cannot be used"):
@@ -370,7 +371,7 @@ def test_the_command_prints_its_figures(model: str, tmp_path: Path, capsys: pyte
 def test_the_first_round_of_a_time_budget_is_short(model: str, tmp_path: Path) -> None:
     config = LeagueTrainingConfig(budget="60s", rounds=6, workers=2)
     state = LeagueState(game="")
-    schedule = Schedule(config, state, Payoffs(Tables(tmp_path, load_game(model)), {}))
+    schedule = Schedule(config, state, Payoffs(StoredPolicies(tmp_path / TABLES, load_game(model)), {}))
     first, second = (next(turn for turn in schedule.turns(number, 0.0) if turn.member == "main-agent-0") for number in (1, 2))
     assert first.seconds == pytest.approx(60 / 6 / 3 / schedule.load, abs=1e-3)
     assert second.seconds == pytest.approx(60 / 5 / schedule.load, abs=1e-3)

@@ -12,6 +12,7 @@ from shuttle_marl.exact.fixed_point import ExactError
 from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy import baselines
 from shuttle_marl.policy.registry import resolve
+from shuttle_marl.policy.stored import StoredPolicies
 from shuttle_marl.suite import SuiteRun, run_method, store, summarise, verify_run
 from shuttle_marl.suite.adapt import CHANGES, observed
 from shuttle_marl.suite.methods.adapters import Counts, PosteriorMean, mean_policy
@@ -105,7 +106,10 @@ def test_regret_is_exact(tmp_path: Path, arena: Arena) -> None:
     folder = run(tmp_path, f"{__name__}:Oracle")
     first, second = (store.read_entry(store.entry_path(folder, number, 0)) for number in (0, 1))
     assert first.scores["regret_500"] == pytest.approx(0, abs=1e-6)
-    player, human = store.load_policy(folder, first.policies["0"], GAME), opponent(arena, "human", 0).policies[0]
+    player, human = (
+        StoredPolicies(folder / store.POLICIES, GAME).read(first.policies["0"]),
+        opponent(arena, "human", 0).policies[0],
+    )
     lost = best_response(human).value.odds().rally - evaluate(player, human).odds().rally
     assert [second.scores[f"regret_{n}"] for n in (20, 500)] == pytest.approx([lost, lost], abs=2e-6)
     assert second.scores["exploitability"] == pytest.approx(best_response(player).value.odds().value, abs=2e-6)

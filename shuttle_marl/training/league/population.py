@@ -5,19 +5,15 @@ import dataclasses
 import os
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 from typing import Final
 
 import numpy as np
-import zstandard
 
 from shuttle_marl.base.arrays import F64
-from shuttle_marl.base.files import Count, FileReadError, Sha256, open_file, problem, replace_file
+from shuttle_marl.base.files import Count, Sha256
 from shuttle_marl.exact.match import Odds
 from shuttle_marl.exact.profile import InducedChain, evaluate_chains, induced
-from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy
-from shuttle_marl.training.league.config import LeagueTrainingError
+from shuttle_marl.policy.stored import StoredPolicies
 
 TABLES: Final = "tables"
 """Folder of the tables in the folder of a run."""
@@ -25,56 +21,6 @@ TOLERANCE: Final = 1e-5
 """Error bound of payoffs and exploitability, far below the noise of training."""
 _CHAIN_BYTES: Final = 2 << 30
 """Memory of the cache of induced chains."""
-
-
-class Tables:
-    """Tables of policies in the folder of a run, by hash.
-
-    Args:
-        folder: folder of the run.
-        game: game of the policies.
-    """
-
-    def __init__(self, folder: Path, game: Game) -> None:
-        self._folder, self._game = folder, game
-
-    def save(self, policy: TabulatedPolicy) -> str:
-        """Save a policy unless it exists, and return its hash."""
-        name = policy.hash
-        path = self.path(self._folder, name)
-        if not path.exists():
-            replace_file(path, zstandard.ZstdCompressor(level=1).compress(policy.cumulative.tobytes()))
-        return name
-
-    def read(self, name: str) -> TabulatedPolicy:
-        """Read the policy of a hash.
-
-        Raises:
-            LeagueTrainingError: the file is missing or damaged.
-        """
-        path = self.path(self._folder, name)
-        size = 2 * self._game.n_pairs
-        try:
-            with open_file(path) as file:
-                content = zstandard.ZstdDecompressor().decompress(file.read(), max_output_size=size)
-            cumulative = np.frombuffer(content, np.uint16)
-            policy = TabulatedPolicy(game=self._game, cumulative=cumulative)
-            if len(cumulative) != self._game.n_pairs or policy.hash != name:
-                raise FileReadError("it does not match the hash in its name")
-        except (OSError, zstandard.ZstdError, FileReadError) as error:
-            raise LeagueTrainingError(f"{path}: cannot be read ({problem(error)}); train again with --overwrite") from error
-        return policy
-
-    def prune(self, retained: Collection[str]) -> None:
-        """Delete all tables except those of the given hashes."""
-        for path in (self._folder / TABLES).glob("*.zst"):
-            if path.stem not in retained:
-                path.unlink(missing_ok=True)
-
-    @staticmethod
-    def path(folder: Path, name: str) -> Path:
-        """File of the table of a hash in the folder of a run."""
-        return folder / TABLES / f"{name}.zst"
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -102,7 +48,7 @@ class Payoffs:
         cells: solved pairs, from :meth:`as_json`.
     """
 
-    def __init__(self, tables: Tables, cells: Mapping[str, Sequence[float]] = {}) -> None:
+    def __init__(self, tables: StoredPolicies, cells: Mapping[str, Sequence[float]] = {}) -> None:
         self._tables = tables
         self._cells: dict[tuple[str, str], tuple[float, float]] = {}
         for pair, (first, second) in cells.items():

@@ -21,11 +21,12 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy import registry
 from shuttle_marl.policy.agents import save_agent
+from shuttle_marl.policy.stored import StoredPolicies
 from shuttle_marl.training.checkpoints import Metrics
 from shuttle_marl.training.config import missed
 from shuttle_marl.training.league.config import MOST_WORKERS, POOL, LeagueTrainingConfig, LeagueTrainingError
 from shuttle_marl.training.league.mixtures import respond, sharpened
-from shuttle_marl.training.league.population import TOLERANCE, Frozen, Payoffs, Tables
+from shuttle_marl.training.league.population import TABLES, TOLERANCE, Frozen, Payoffs
 from shuttle_marl.training.league.schedule import MIN_SECONDS, Schedule
 from shuttle_marl.training.league.state import Best, LeagueState, Member, TurnResult
 from shuttle_marl.training.league.turns import Workers, network_path, prune_states
@@ -100,7 +101,7 @@ class _League:
         begun: float,
     ) -> None:
         self.config, self.game, self.folder, self.console = config, game, folder, console
-        self.tables, self.metrics = Tables(folder, game), Metrics(folder / METRICS)
+        self.tables, self.metrics = StoredPolicies(folder / TABLES, game), Metrics(folder / METRICS)
         saved = LeagueState.load(folder, game.hash)
         self.metrics.truncate(None if saved is None else saved.metrics)
         self.state = saved or LeagueState(game=game.hash)

@@ -28,10 +28,11 @@ from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.policy.network import PolicyNetwork
+from shuttle_marl.policy.stored import StoredPolicies, policy_file
 from shuttle_marl.training.checkpoints import read_state, write_state
 from shuttle_marl.training.config import SELF, A2CConfig, DivergedError, PPOConfig, SACConfig, TrainingConfig
 from shuttle_marl.training.league.config import LeagueTrainingConfig, LeagueTrainingError
-from shuttle_marl.training.league.population import Tables
+from shuttle_marl.training.league.population import TABLES
 from shuttle_marl.training.league.schedule import order
 from shuttle_marl.training.league.state import Turn, TurnResult
 from shuttle_marl.training.learner import SEEDS, RallyCollector, Trainer
@@ -90,13 +91,13 @@ def warm_up(config: LeagueTrainingConfig) -> None:
 def input_files(turn: Turn) -> list[Path]:
     """Files in the folder of a run that a turn reads."""
     before = [] if turn.fresh else _paths(Path(), turn.member, turn.round - 1)
-    return [*(Tables.path(Path(), name) for name in turn.opponents), *before]
+    return [*(policy_file(Path(TABLES), name) for name in turn.opponents), *before]
 
 
 def output_files(turn: Turn, result: TurnResult) -> list[Path]:
     """Files in the folder of a run that a turn writes, the description last."""
     about, state = _paths(Path(), turn.member, turn.round)
-    return [Tables.path(Path(), result.hash), network_path(Path(), turn.member, turn.round), state, about]
+    return [policy_file(Path(TABLES), result.hash), network_path(Path(), turn.member, turn.round), state, about]
 
 
 def network_path(folder: Path, member: str, number: int) -> Path:
@@ -151,7 +152,7 @@ def _learner_config(config: LeagueTrainingConfig, *, self_play: bool) -> Trainin
 class _Turn:
     def __init__(self, folder: Path, config: LeagueTrainingConfig, turn: Turn, game: Game) -> None:
         self.folder, self.config, self.turn, self.game = folder, config, turn, game
-        self.tables = Tables(folder, game)
+        self.tables = StoredPolicies(folder / TABLES, game)
         opponents = [self.tables.read(name) for name in turn.opponents]
         if turn.response_fraction:  # replaced by the best response before the first iteration
             opponents.append(_first_stroke(game))
