@@ -1,7 +1,6 @@
 """Assessment of a tournament beyond its ranking: the meta-game of the entrants, cycles, and the robustness of the ranks."""
 
 import dataclasses
-import itertools
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
@@ -12,7 +11,7 @@ from scipy.stats import kendalltau, rankdata
 from shuttle_marl.base.arrays import F64, Intp
 from shuttle_marl.exact.meta_games import alpha_rank, maximal_lottery, nash_average
 from shuttle_marl.league.ranking import ExactOdds, Standing, played_cells
-from shuttle_marl.league.ratings import ELO, Misfit, fewest_to_flip, misfit, prior_wins, wins_of
+from shuttle_marl.league.ratings import ELO, Misfit, misfit, prior_wins, wins_of
 from shuttle_marl.league.style import Style
 from shuttle_marl.league.tournament import PairResult
 
@@ -53,22 +52,6 @@ class Cycle:
     wins: tuple[float, float, float]
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Flip:
-    """Neighbours in the ranking.
-
-    Attributes:
-        above, below: the two entrants.
-        matches: least number of matches whose removal makes them change places; None if there is none.
-        played: number of matches of the tournament.
-    """
-
-    above: str
-    below: str
-    matches: int | None
-    played: int
-
-
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Stability:
     """Ranks by the exact fraction of matches won, in R refits of the game.
@@ -99,7 +82,6 @@ class Assessment:
         games: meta-games by description: of all, and without :data:`ANCHOR`.
         cyclic_share: fraction of the squared log-odds that no rating can express (Jiang, Lim, Yao & Ye, Math. Programming 2011).
         cycles: of three entrants, the clearest first.
-        flips: neighbours in the ranking.
         stability: None without results in refits.
         styles: by name, of entrants with a table.
     """
@@ -111,7 +93,6 @@ class Assessment:
     games: dict[str, MetaGame]
     cyclic_share: float
     cycles: list[Cycle]
-    flips: list[Flip]
     stability: Stability | None
     styles: Mapping[str, Style]
 
@@ -145,16 +126,6 @@ def assess(
         games=meta_games([name for name in pool if name in {standing.player for standing in rated}], pool, win),
         cyclic_share=cyclic_share(win),
         cycles=cycles(pool, win),
-        flips=[
-            Flip(
-                above=above.player,
-                below=below.player,
-                matches=fewest_to_flip(cells, pairs, len(pool), pool.index(above.player), pool.index(below.player)),
-                played=int(2 * cells.sum()),
-            )
-            for above, below in itertools.pairwise(rated)
-            if above.rating > below.rating  # entrants that forfeited are ranked behind lower ratings
-        ],
         stability=stability(exact),
         styles=styles,
     )
@@ -272,7 +243,6 @@ def as_json(assessment: Assessment, standings: Sequence[Standing]) -> dict[str, 
         },
         "cyclic_share": assessment.cyclic_share,
         "cycles": [{"players": cycle.names, "match_win": cycle.wins} for cycle in assessment.cycles],
-        "flips": [dataclasses.asdict(flip) for flip in assessment.flips],
         "stability": None
         if stable is None
         else {

@@ -6,14 +6,13 @@ matches of a cell have the same random numbers and are dependent.
 """
 
 import dataclasses
-from collections.abc import Callable
 from typing import Final
 
 import numpy as np
 from scipy.sparse.csgraph import connected_components
 from scipy.stats import chi2
 
-from shuttle_marl.base.arrays import F64, I64, Bools, Intp
+from shuttle_marl.base.arrays import F64, Bools, Intp
 
 ELO: Final = 400 / np.log(10)
 """Elo points for a unit of theta: 400 points are odds of ten to one."""
@@ -25,7 +24,6 @@ _INDEPENDENT: Final = np.array([0.25, 0.5, 0.25])
 """Probabilities of zero, one and two matches won in a cell between equals, if the matches are independent."""
 _AT_ONCE: Final = 1 << 21
 """Number of matrix entries that are fitted in one batch."""
-_TIE: Final = 1e-9
 """Ratings that differ by less are equal."""
 _SURE: Final = 5e-7
 """Exact odds are rounded to six decimals; probabilities are clipped to this distance from 0 and 1, so ratings are finite."""
@@ -241,74 +239,3 @@ def misfit(cells: F64, pairs: Intp, theta: F64) -> Misfit:
         degrees=degrees,
         p=float(chi2.sf(statistic, degrees)) if degrees else float("nan"),
     )
-
-
-def fewest_to_flip(cells: F64, pairs: Intp, n: int, above: int, below: int) -> int | None:
-    """Least number of matches whose removal ranks one entrant behind another.
-
-    Matches are removed by their influence on the difference of the two ratings (Broderick, Giordano & Meager, arXiv 2011.14999),
-    which is recomputed after each fit. The result is verified by a fit, so it is an upper bound, which is nearly always tight.
-
-    Args:
-        cells: ``[P, 3]`` as in :func:`ratings`; a match is removed, not a cell.
-        pairs: ``[P, 2]`` the entrants of each pairing.
-        n: number of entrants.
-        above: index of the entrant with the higher rating.
-        below: index of the other one.
-
-    Returns:
-        0 if ``below`` is rated higher already (ties are not); None if no removal suffices.
-    """
-
-    def behind(theta: F64) -> bool:
-        return bool(theta[above] < theta[below] - _TIE)
-
-    won = wins_of(cells, pairs, n)
-    wins, left = won + prior_wins(won), np.rint(won).astype(np.int64)
-    theta, removed = bradley_terry(wins), 0
-    if behind(theta):
-        return 0
-    while True:
-        gap = max(0.0, theta[above] - theta[below])
-        influence = np.where(left > 0, _influence(wins, theta, above, below), 0.0)
-        order = np.argsort(-influence, axis=None)
-        order = order[influence.ravel()[order] > 0]
-        if not len(order):
-            return None
-        # As many of the most influential matches as close the gap to first order, and at least one.
-        closed = np.cumsum(left.ravel()[order] * influence.ravel()[order])
-        whole = int(np.searchsorted(closed, gap))
-        removal = np.zeros(left.size, dtype=np.int64)
-        removal[order[:whole]] = left.ravel()[order[:whole]]
-        if whole < len(order):
-            rest = gap - (closed[whole - 1] if whole else 0.0)
-            removal[order[whole]] = max(1, int(np.ceil(rest / influence.ravel()[order[whole]])))
-        following = bradley_terry(wins - removal.reshape(n, n), theta)
-        if behind(following):
-            return removed + _fewest_of(wins, removal, order, theta, behind)
-        wins, left, theta, removed = (
-            wins - removal.reshape(n, n),
-            left - removal.reshape(n, n),
-            following,
-            removed + int(removal.sum()),
-        )
-
-
-def _influence(wins: F64, theta: F64, above: int, below: int) -> F64:
-    """``[n, n]`` first-order decrease of ``theta[above] - theta[below]`` when a win of i over j is removed."""
-    _, covariance = _information(wins + wins.T, theta)
-    v = covariance[:, above] - covariance[:, below]
-    return (1 - 1 / (1 + np.exp(theta[None, :] - theta[:, None]))) * (v[:, None] - v[None, :])
-
-
-def _fewest_of(wins: F64, removal: I64, order: Intp, theta: F64, behind: Callable[[F64], bool]) -> int:
-    """Least number of the removed matches, in the order of their influence, that suffices, by bisection."""
-    low, high = 0, int(removal.sum())
-    before = np.concatenate([[0], np.cumsum(removal[order])[:-1]])
-    while high - low > 1:
-        middle = (low + high) // 2
-        part = np.zeros_like(removal)
-        part[order] = np.clip(middle - before, 0, removal[order])
-        found = bradley_terry(wins - part.reshape(wins.shape), theta)
-        low, high = (low, middle) if behind(found) else (middle, high)
-    return high

@@ -186,16 +186,9 @@ def _games(assessment: Assessment) -> list[str]:
 
 
 def _stability(assessment: Assessment) -> list[str]:
-    """Section on the stability of the ranks: removed matches, misfit of the ratings, and refits of the game."""
+    """Section on the stability of the ranks: misfit of the ratings, and refits of the game."""
     fit, stable = assessment.misfit, assessment.stability
     lines = ["## Stability of the ranks", ""]
-    if assessment.flips:
-        lines += [
-            f"Smallest number of the {assessment.flips[0].played:,} matches whose removal swaps two neighbours.",
-            "",
-        ]
-        rows = [[flip.above, flip.below, "none" if flip.matches is None else f"{flip.matches:,}"] for flip in assessment.flips]
-        lines += [*_markdown(["above", "below", "matches"], rows), ""]
     if fit.degrees:
         worst = sorted(zip(assessment.pairs, fit.share, fit.expected, fit.z, strict=True), key=lambda row: -abs(float(row[3])))
         lines += [

@@ -72,11 +72,6 @@ def test_a_tournament_in_a_circle() -> None:
     assert found.win == pytest.approx(ROCK, abs=0.02)
     assert found.misfit.p < 1e-6
     assert [set(cycle.names) for cycle in found.cycles] == [set(NAMES)]
-    assert [(flip.above, flip.below) for flip in found.flips] == [
-        (standings[0].player, standings[1].player),
-        (standings[1].player, standings[2].player),
-    ]
-    assert all(flip.matches is not None and 0 < flip.matches < flip.played == 300 for flip in found.flips)
     assert found.stability is None
     text = json.dumps(as_json(found, standings), allow_nan=False)
     assert json.loads(text)["ranking"][0]["player"] == standings[0].player

@@ -1,7 +1,6 @@
 """Ratings and intervals against closed forms, other libraries, and simulated leagues."""
 
 import math
-from itertools import combinations_with_replacement
 
 import numpy as np
 import pytest
@@ -13,7 +12,6 @@ from shuttle_marl.league.ratings import (
     ELO,
     bradley_terry,
     exact_ratings,
-    fewest_to_flip,
     misfit,
     prior_wins,
     rank_intervals,
@@ -188,36 +186,3 @@ def test_misfit_is_rare_where_the_model_holds_and_found_where_it_does_not() -> N
     assert found.expected == pytest.approx([0.5] * 3)
     assert np.sign(found.z).tolist() == [1, -1, 1]
     assert math.isnan(misfit(circle[:1], pairs[:1], np.zeros(2)).p)
-
-
-@given(st.integers(0, 1000))
-@settings(max_examples=15, deadline=None)
-def test_the_fewest_matches_that_flip_the_order(seed: int) -> None:
-    """Against all ways to remove up to two matches."""
-    rng = np.random.default_rng(seed)
-    cells, pairs = league(np.array([0.3, 0.2, 0.0]), 8, rng)
-    theta = ratings(cells, pairs, 3, seed=0, replicates=1)[0]
-    above, below = map(int, np.argsort(-theta)[:2])
-    fewest = fewest_to_flip(cells, pairs, 3, above, below)
-    won = wins_of(cells, pairs, 3)
-    wins = won + prior_wins(won)
-    kinds = [(i, j) for i in range(3) for j in range(3) if i != j]
-
-    def flips(removed: list[tuple[int, int]]) -> bool:
-        gone = np.zeros((3, 3))
-        for kind in removed:
-            gone[kind] += 1
-        if (gone > won).any():
-            return False
-        after = bradley_terry(wins - gone)
-        return bool(after[above] < after[below] - 1e-9)
-
-    smaller = next((k for k in (1, 2) if any(map(flips, map(list, combinations_with_replacement(kinds, k))))), 3)
-    assert fewest == smaller if smaller < 3 else fewest is not None and fewest >= 3
-
-
-def test_an_order_that_no_removal_changes() -> None:
-    """Without its wins the unbeaten one is equal to the other, not behind it."""
-    cells, pairs = np.array([[0.0, 0, 100]]), np.array([[0, 1]])
-    assert fewest_to_flip(cells, pairs, 2, 0, 1) is None
-    assert fewest_to_flip(cells, pairs, 2, 1, 0) == 0

@@ -195,24 +195,8 @@ def _cycles(assessment: Assessment) -> Table:
 
 
 def _robustness(assessment: Assessment) -> list[Table]:
-    """Tables on the stability of the ranks: removed matches, refits of the game, and the misfit of the ratings."""
+    """Tables on the stability of the ranks: refits of the game, and the misfit of the ratings."""
     tables, fit, stable = [], assessment.misfit, assessment.stability
-    if assessment.flips:
-        played = assessment.flips[0].played
-        tables.append(
-            table(
-                assessment.flips,
-                [
-                    Column("above", lambda flip: name(flip.above), left=True),
-                    Column("below", lambda flip: name(flip.below), left=True),
-                    Column("matches", lambda flip: Cell("none" if flip.matches is None else f"{flip.matches:,}", flip.matches),
-                           ascending=True),
-                    Column("of all", lambda flip: percent(math.nan if flip.matches is None else flip.matches / played, 3),
-                           ascending=True),
-                ],
-                f"Smallest number of the {played:,} matches whose removal swaps two neighbours",
-            )
-        )  # fmt: skip
     if stable is not None:
         tables.append(
             table(
