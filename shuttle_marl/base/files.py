@@ -138,6 +138,15 @@ def seal(fields: dict[str, Any]) -> bytes:
     return (json.dumps({**fields, _SEAL: _digest(fields)}, indent=2, ensure_ascii=False) + "\n").encode(errors="backslashreplace")
 
 
+def replace_sealed(path: Path, fields: dict[str, Any]) -> None:
+    """Write the content of :func:`seal` atomically.
+
+    Raises:
+        FileWriteError: as :func:`replace_file`.
+    """
+    replace_file(path, seal(fields))
+
+
 def read_json(path: Path, kind: type[T], *, sealed: bool = False) -> T:
     """Read a JSON file as a type.
 

@@ -3,11 +3,13 @@
 import contextlib
 import importlib.metadata
 import json
+import os
 import platform
 import re
 import shutil
 import subprocess
 import sys
+import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -21,6 +23,8 @@ CONFIG: Final = "config.json"
 MANIFEST: Final = "manifest.json"
 LOCK: Final = ".lock"
 """Lock file of a folder; never replaced or removed, so that all processes lock the same file."""
+_CHECKSUM: Final = "crc32"
+_ADVICE: Final = "restore it from a backup, or start the run again with --overwrite"
 _LEFTOVER: Final = re.compile(rf"\.{re.escape(CONFIG)}\..*\.part")
 """File that remains if a process is killed before it wrote the configuration."""
 
@@ -207,6 +211,89 @@ def write_json(path: Path, fields: Mapping[str, object]) -> None:
     """Write a JSON object atomically."""
     # Arguments of a command may hold undecodable bytes, which are escaped.
     replace_file(path, (json.dumps(fields, indent=2, ensure_ascii=False) + "\n").encode(errors="backslashreplace"))
+
+
+class Journal:
+    """File of JSON objects, one a line, that a run appends to; each holds a CRC-32 of its other fields.
+
+    Args:
+        path: the file.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def append(self, lines: Sequence[dict[str, Any]]) -> None:
+        """Append lines, synchronised to the disk.
+
+        Raises:
+            RunError: the file cannot be written.
+        """
+        content = "".join(json.dumps({**line, _CHECKSUM: _checksum(line)}, ensure_ascii=False) + "\n" for line in lines)
+        try:
+            with self._path.open("ab") as file:
+                file.write(content.encode())
+                file.flush()
+                os.fsync(file.fileno())
+        except OSError as error:
+            reason = f"cannot be written ({error.strerror})"
+            raise RunError(f"{self._path}: {reason}; free disk space and continue with --resume") from error
+
+    def read(self, *, finished: bool = False) -> list[dict[str, Any]]:
+        """All lines, without their checksums; an incomplete last one, of a process that was killed, is left out.
+
+        Args:
+            finished: the run is finished, so no line may be incomplete.
+
+        Raises:
+            RunError: the file cannot be read, or a line is damaged.
+        """
+        *whole, rest = self._content().split(b"\n")
+        if rest and finished:
+            raise RunError(f"{self._path}: the last line is incomplete; {_ADVICE}")
+        return [self._parsed(number, line) for number, line in enumerate(whole, 1)]
+
+    def keep(self, count: int) -> None:
+        """Remove all but the first lines.
+
+        Raises:
+            RunError: the file cannot be read, a line that stays is damaged, or there are fewer.
+        """
+        whole = self._content()
+        *lines, _ = whole.split(b"\n")
+        if len(lines) < count:
+            raise RunError(f"{self._path}: {len(lines)} lines, expected {count}; {_ADVICE}")
+        for number, line in enumerate(lines[:count], 1):
+            self._parsed(number, line)
+        kept = b"".join(line + b"\n" for line in lines[:count])
+        if kept != whole:
+            replace_file(self._path, kept)
+
+    def _content(self) -> bytes:
+        try:
+            return files.read_file(self._path)
+        except FileNotFoundError:
+            return b""
+        except OSError as error:
+            raise RunError(f"{self._path}: cannot be read ({files.problem(error)}); {_ADVICE}") from error
+
+    def _parsed(self, number: int, line: bytes) -> dict[str, Any]:
+        try:
+            fields = files.parsed(line.decode())
+            if not isinstance(fields, dict):
+                reason = "not a JSON object"
+            elif fields.pop(_CHECKSUM, None) != _checksum(fields):
+                reason = f"its {_CHECKSUM} does not match"
+            else:
+                return fields
+        except ValueError as error:
+            reason = str(error)
+        raise RunError(f"{self._path}: line {number} is damaged ({reason}); {_ADVICE}")
+
+
+def _checksum(fields: dict[str, Any]) -> str:
+    """CRC-32 of the fields as JSON with sorted keys, in ASCII and without spaces; 8 hexadecimal digits."""
+    return f"{zlib.crc32(json.dumps(fields, sort_keys=True, separators=(',', ':')).encode()):08x}"
 
 
 def describe(packages: Sequence[str]) -> dict[str, Any]:

@@ -8,7 +8,7 @@ import numpy as np
 import pyarrow as pa
 
 from shuttle_marl.base.errors import ShuttleError
-from shuttle_marl.base.files import replace_file, seal
+from shuttle_marl.base.files import replace_sealed
 from shuttle_marl.dynamics.evaluate import criteria
 from shuttle_marl.game.shipped import BC, CARD, GAME, HABITS, HURRY, NETWORKS, SKILL, SUPPORT, VARIANTS, read_model_card
 from shuttle_marl.game.stroke import SHOTS
@@ -59,7 +59,7 @@ def write_card(folder: Path, card: dict[str, Any]) -> None:
     optional = (HABITS, HURRY, SKILL, VARIANTS)
     files = [name for name in (GAME, BC, NETWORKS, SUPPORT, *optional) if (folder / name).is_file() or name not in optional]
     hashes = {name: sha256((folder / name).read_bytes()).hexdigest() for name in files}
-    replace_file(folder / CARD, seal({**card, "sha256": hashes}))
+    replace_sealed(folder / CARD, {**card, "sha256": hashes})
 
 
 def add_truth(folder: Path, truth: dict[str, Any]) -> None:

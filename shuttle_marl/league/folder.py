@@ -2,9 +2,6 @@
 
 import contextlib
 import dataclasses
-import json
-import os
-import zlib
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -12,7 +9,6 @@ from typing import Any, Final
 import msgspec
 
 from shuttle_marl.base import runs
-from shuttle_marl.base.files import problem, read_file, replace_file
 from shuttle_marl.game.tables import Game
 from shuttle_marl.league.entrants import Entrant, LeagueConfig, LeagueError
 from shuttle_marl.league.tournament import Pairing, PairResult
@@ -22,7 +18,6 @@ PAIRINGS: Final = "pairings.jsonl"
 RALLIES: Final = "rallies.mcap"
 REPORT: Final = "report.json"
 PAGE: Final = "report.html"
-_CHECKSUM: Final = "crc32"
 PACKAGES: Final = ("numpy", "scipy", "numba", "pyarrow", "mcap", "zstandard", "matplotlib", "jinja2")
 """Packages whose versions can affect the files of a run."""
 
@@ -134,18 +129,23 @@ def read_results(
         finished: whether the run is finished, so that all pairings are required.
 
     Raises:
-        LeagueError: a line is damaged, or pairings are missing.
+        RunError: a line is damaged.
+        LeagueError: pairings are missing.
     """
-    path = folder / PAIRINGS
-    text = _content(path)
-    whole = text[: text.rfind(b"\n") + 1]
-    results = [_read_line(path, number, line) for number, line in enumerate(whole.splitlines(), 1)]
+    journal = runs.Journal(folder / PAIRINGS)
+    try:
+        results = [msgspec.convert(fields, PairResult) for fields in journal.read(finished=finished)]
+    except msgspec.ValidationError as error:
+        raise LeagueError(f"{folder / PAIRINGS}: is damaged ({error}); play the tournament again with --overwrite") from error
     expected = [(pairing.number, pairing.names) for pairing in schedule(results)]
     found = [(result.pairing, result.names) for result in results]
-    if found != expected[: len(found)] or (finished and (found != expected or whole != text)):
-        raise LeagueError(f"{path}: pairings are missing, out of order, or of another run; {_ADVICE}")
-    if len(whole) < len(text):
-        replace_file(path, whole)
+    if found != expected[: len(found)] or (finished and found != expected):
+        raise LeagueError(
+            f"{folder / PAIRINGS}: pairings are missing, out of order, or of another run; restore it from a backup, or play the "
+            "tournament again with --overwrite"
+        )
+    if not finished:
+        journal.keep(len(results))
     return results
 
 
@@ -153,53 +153,6 @@ def append_results(folder: Path, results: list[PairResult]) -> None:
     """Append finished pairings, synchronised to the disk.
 
     Raises:
-        LeagueError: the file cannot be written.
+        RunError: the file cannot be written.
     """
-    path = folder / PAIRINGS
-    try:
-        with path.open("ab") as file:
-            file.write(b"".join(map(_line, results)))
-            file.flush()
-            os.fsync(file.fileno())
-    except OSError as error:
-        raise LeagueError(f"{path}: cannot be written ({error.strerror}); free disk space and continue with --resume") from error
-
-
-_ADVICE: Final = "restore it from a backup, or play the tournament again with --overwrite"
-
-
-def _content(path: Path) -> bytes:
-    try:
-        return read_file(path)
-    except FileNotFoundError:
-        return b""
-    except OSError as error:
-        raise LeagueError(f"{path}: cannot be read ({problem(error)}); {_ADVICE}") from error
-
-
-def _line(result: PairResult) -> bytes:
-    """A finished pairing as a line of JSON with a checksum."""
-    fields = dataclasses.asdict(result)
-    return (json.dumps({**fields, _CHECKSUM: _checksum(fields)}, ensure_ascii=False) + "\n").encode()
-
-
-def _read_line(path: Path, number: int, line: bytes) -> PairResult:
-    """Reverse :func:`_line`."""
-    try:
-        fields = json.loads(line.decode())
-        if not isinstance(fields, dict):
-            reason = "not a JSON object"
-        elif fields.pop(_CHECKSUM, None) != _checksum(fields):
-            reason = f"its {_CHECKSUM} does not match"
-        else:
-            return msgspec.convert(fields, PairResult)
-    except RecursionError:
-        reason = "nested too deeply"
-    except (ValueError, msgspec.ValidationError) as error:
-        reason = str(error)
-    raise LeagueError(f"{path}: line {number} is damaged ({reason}); {_ADVICE}")
-
-
-def _checksum(fields: dict[str, Any]) -> str:
-    """CRC-32 of the fields as JSON with sorted keys, in ASCII and without spaces; 8 hexadecimal digits."""
-    return f"{zlib.crc32(json.dumps(fields, sort_keys=True, separators=(',', ':')).encode()):08x}"
+    runs.Journal(folder / PAIRINGS).append([dataclasses.asdict(result) for result in results])

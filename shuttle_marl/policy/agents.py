@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from shuttle_marl.base.errors import command
-from shuttle_marl.base.files import FileReadError, problem, read_sealed, replace_file, seal
+from shuttle_marl.base.files import FileReadError, problem, read_sealed, replace_file, replace_sealed
 from shuttle_marl.base.tensor_files import read_tensors
 from shuttle_marl.game.policy import Policy, PolicyError
 from shuttle_marl.game.shipped import folder_of
@@ -42,7 +42,7 @@ def save_agent(folder: Path, game: Game, network: bytes, card: dict[str, Any]) -
     replace_file(folder / NETWORK, network)
     hashes = {NETWORK: hashlib.sha256(network).hexdigest()}
     content = {"game": game.hash, "catalogue": game.catalogue.version, "sha256": hashes, **card}
-    replace_file(folder / CARD, seal(content))
+    replace_sealed(folder / CARD, content)
 
 
 def load_agent(folder: Path, game: Game) -> TabulatedPolicy:

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
-from shuttle_marl.base.files import FileReadError, read_json, replace_file, seal
+from shuttle_marl.base.files import FileReadError, read_json, replace_sealed
 from shuttle_marl.game.tables import Game
 from shuttle_marl.suite.options import SuiteError
 from shuttle_marl.suite.task import Task
@@ -65,4 +65,4 @@ def load(path: Path = FROZEN) -> Frozen:
 
 def save(frozen: Frozen, path: Path = FROZEN) -> None:
     """Write the frozen settings."""
-    replace_file(path, seal({**dataclasses.asdict(frozen), "cases": dict(sorted(frozen.cases.items()))}))
+    replace_sealed(path, {**dataclasses.asdict(frozen), "cases": dict(sorted(frozen.cases.items()))})

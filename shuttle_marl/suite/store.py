@@ -19,7 +19,7 @@ import msgspec
 
 from shuttle_marl.base import runs
 from shuttle_marl.base.errors import printable
-from shuttle_marl.base.files import Count, FileReadError, Sha256, read_json, replace_file, seal
+from shuttle_marl.base.files import Count, FileReadError, Sha256, read_json, replace_file, replace_sealed
 from shuttle_marl.game.tables import Game
 from shuttle_marl.policy.stored import StoredPolicies, policy_file
 from shuttle_marl.suite.options import Access, Kind, Split, SuiteError
@@ -130,7 +130,7 @@ def write_entry(folder: Path, path: Path, entry: Entry, policies: Mapping[str, b
     for digest, content in policies.items():
         if not (target := policy_file(folder / POLICIES, digest)).exists():
             replace_file(target, content)
-    replace_file(path, seal(dataclasses.asdict(entry)))
+    replace_sealed(path, dataclasses.asdict(entry))
 
 
 def read_entry(path: Path) -> Entry:

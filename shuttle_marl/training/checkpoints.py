@@ -6,13 +6,12 @@ on: tensors in ``state.safetensors``, the rest in ``about.json``, which also hol
 
 import dataclasses
 import hashlib
-import json
 import os
 import shutil
 from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
-from typing import Any, Final, TypedDict
+from typing import Any, Final
 
 import numpy as np
 import torch
@@ -21,7 +20,7 @@ from safetensors.torch import load, save
 
 from shuttle_marl.base.arrays import I64
 from shuttle_marl.base.errors import ShuttleError
-from shuttle_marl.base.files import Count, FileReadError, Sha256, problem, read_file, read_sealed, replace_file, seal
+from shuttle_marl.base.files import FileReadError, problem, read_file, read_sealed, replace_file, replace_sealed
 from shuttle_marl.game.rally.record import OPTIONAL
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
@@ -83,7 +82,7 @@ def write_state(path: Path, about_path: Path, state: dict[str, torch.Tensor], ab
     # Some tensors share their memory, which safetensors refuses.
     content = save({name: tensor.clone() for name, tensor in state.items()})
     replace_file(path, content)
-    replace_file(about_path, seal({"sha256": {path.name: hashlib.sha256(content).hexdigest()}, **about}))
+    replace_sealed(about_path, {"sha256": {path.name: hashlib.sha256(content).hexdigest()}, **about})
 
 
 def read_state(path: Path, about_path: Path) -> tuple[dict[str, Any], dict[str, torch.Tensor]]:
@@ -106,53 +105,6 @@ def read_state(path: Path, about_path: Path) -> tuple[dict[str, Any], dict[str, 
 
 def _complete(run: Path) -> list[Path]:
     return sorted(path for path in (run / CHECKPOINTS).glob("[0-9]*") if (path / _ABOUT).is_file())
-
-
-class Mark(TypedDict):
-    """Length [bytes] and SHA-256 of a file of evaluations."""
-
-    bytes: Count
-    sha256: Sha256
-
-
-class Metrics:
-    """File of evaluations, one JSON object per line. Checkpoints hold its length and hash.
-
-    Args:
-        path: path of the file.
-    """
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-
-    def append(self, line: dict[str, Any]) -> None:
-        """Append a line."""
-        with self._path.open("a", encoding="utf-8") as file:
-            file.write(json.dumps(line) + "\n")
-
-    def mark(self) -> Mark:
-        """Write the file to disk, and return its length and hash for :meth:`truncate`."""
-        with self._path.open("ab+") as file:
-            os.fsync(file.fileno())
-            file.seek(0)
-            content = file.read()
-        return {"bytes": len(content), "sha256": hashlib.sha256(content).hexdigest()}
-
-    def truncate(self, mark: Mark | None) -> None:
-        """Remove all lines after a mark; None: all lines.
-
-        Raises:
-            TrainingError: the file cannot be read, or was changed before the mark.
-        """
-        try:
-            content = self._path.read_bytes() if mark is not None else b""
-        except OSError as error:
-            raise TrainingError(f"{self._path}: cannot be read ({problem(error)}); train again with --overwrite") from error
-        retained = content[: mark["bytes"]] if mark is not None else b""
-        if mark is not None and mark != {"bytes": len(retained), "sha256": hashlib.sha256(retained).hexdigest()}:
-            raise TrainingError(f"{self._path}: was changed after it was written; train again with --overwrite")
-        if retained != content or mark is None:
-            replace_file(self._path, retained)
 
 
 RALLIES: Final = "rallies.mcap"

@@ -38,8 +38,6 @@ from shuttle_marl.training.a2c import A2C
 from shuttle_marl.training.checkpoints import (
     CHECKPOINTS,
     RALLIES,
-    Mark,
-    Metrics,
     RunLog,
     last_checkpoint,
     open_log,
@@ -231,7 +229,7 @@ class Checkpoint:
     seconds: float
     stopped: bool
     best: float | None
-    metrics: Mark
+    metrics: Count
 
 
 class _Run:
@@ -250,7 +248,8 @@ class _Run:
         collector = RallyCollector(config, game, initial, self.learner.predict, distinct=self.learner.distinct)
         self.self_play = None if variant is None else SelfPlayOpponents(variant, game, self.learner, collector.sampler)
         self.trainer = Trainer(self.learner, collector, None if self.self_play is None else self.self_play.update)
-        self.metrics = Metrics(folder / METRICS)
+        self.metrics = runs.Journal(folder / METRICS)
+        self.evaluations = 0
         self.made_with: dict[str, str] = {}
         self.opponents = opponents
         self.saved, self.seconds = 0, 0.0
@@ -278,6 +277,7 @@ class _Run:
             **runs.describe(_PACKAGES),
             "game": {"model": config.game, "hash": self.game.hash, "catalogue": self.game.catalogue.version},
         }
+        self.evaluations = 0
         self.made_with = about["packages"]
         resumed = self._restore()
         runs.write_json(self.folder / runs.MANIFEST, about)
@@ -360,7 +360,7 @@ class _Run:
             "best": None if self.best == -math.inf else self.best,
             "stopped": self.stopped,
             "rallies": self.rallies,
-            "metrics": self.metrics.mark(),
+            "metrics": self.evaluations,
         }
         save_checkpoint(self.folder, self.iteration, state, about)
         self.saved = self.iteration
@@ -383,7 +383,8 @@ class _Run:
         evaluation = self.evaluator.evaluate(policy, exploitability=self._exploitability)
         figures = {**dataclasses.asdict(evaluation), **losses}
         line = {"iteration": self.iteration, "strokes": self.strokes, "seconds": round(self.seconds, 2), **figures}
-        self.metrics.append(line)
+        self.metrics.append([line])
+        self.evaluations += 1
         for name, value in figures.items():
             if value is not None:
                 board.add_scalar(name, value, self.strokes)
@@ -419,7 +420,7 @@ class _Run:
         """Restore the last checkpoint; returns whether there is one."""
         saved = last_checkpoint(self.folder) if self.config.resume else None
         if saved is None:
-            self.metrics.truncate(None)
+            self.metrics.keep(0)
             return False
         fields, state = saved
         if fields.get("game") != self.game.hash:
@@ -436,7 +437,8 @@ class _Run:
                 f"{path}: the last checkpoint is of another kind of run ({type(error).__name__}: {error}); train again with "
                 "--overwrite"
             ) from error
-        self.metrics.truncate(about.metrics)
+        self.metrics.keep(about.metrics)
+        self.evaluations = about.metrics
         self.console.print(f"{self.folder}: continues after iteration {self.iteration}", highlight=False, markup=False)
         return True
 

@@ -14,10 +14,10 @@ from shuttle_marl.base.cluster import in_processes
 from shuttle_marl.base.files import seal
 from shuttle_marl.commands.suite import main
 from shuttle_marl.exact import best_response, evaluate
-from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.kernel import play_rallies
 from shuttle_marl.policy.registry import resolve
+from shuttle_marl.policy.stored import StoredPolicies
 from shuttle_marl.suite import store
 from shuttle_marl.suite.board import render
 from shuttle_marl.suite.method import sources
@@ -298,13 +298,13 @@ def test_policies_of_other_roles_are_refused_and_each_table_is_read_once(tmp_pat
     forge(path, {**entry, "policies": {f"role {i}\x1b": digest for i in range(1000)}})
     assert r"1000 policies of roles that the task does not have, such as role 0\x1b" in str(reasons(folder)[0])
     reads: list[str] = []
-    load = store.load_policy
+    load = StoredPolicies.read
 
-    def counted(folder: Path, digest: str, game: Game) -> TabulatedPolicy:
+    def counted(stored: StoredPolicies, digest: str) -> TabulatedPolicy:
         reads.append(digest)
-        return load(folder, digest, game)
+        return load(stored, digest)
 
-    monkeypatch.setattr(store, "load_policy", counted)
+    monkeypatch.setattr(StoredPolicies, "read", counted)
     roles = [str(i) for i in range(9)]
     forge(path, {**entry, "policies": dict.fromkeys(roles, digest)})
     outcome = store.read_outcome(folder, store.read_entry(path), GAME, roles)

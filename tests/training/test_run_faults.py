@@ -26,7 +26,7 @@ from shuttle_marl.policy.agents import load_agent, read_card
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.training import A2CConfig, Evaluator, PPOConfig, SACConfig, TrainingConfig, TrainingError, train
 from shuttle_marl.training import run as training_run
-from shuttle_marl.training.checkpoints import Metrics, last_checkpoint
+from shuttle_marl.training.checkpoints import last_checkpoint
 from shuttle_marl.training.config import DivergedError
 from tests.reduced import reduced_game, reduced_model
 
@@ -83,7 +83,7 @@ def readers(folder: Path) -> dict[Path, Callable[[], Any]]:
     mark = read_sealed(checkpoint(folder) / "about.json")["metrics"]
 
     def metrics() -> bytes:
-        Metrics(folder / "metrics.jsonl").truncate(mark)
+        runs.Journal(folder / "metrics.jsonl").keep(mark)
         return (folder / "metrics.jsonl").read_bytes()
 
     def agent() -> Any:

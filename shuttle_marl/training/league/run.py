@@ -22,7 +22,6 @@ from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy import registry
 from shuttle_marl.policy.agents import save_agent
 from shuttle_marl.policy.stored import StoredPolicies
-from shuttle_marl.training.checkpoints import Metrics
 from shuttle_marl.training.config import missed
 from shuttle_marl.training.league.config import MOST_WORKERS, POOL, LeagueTrainingConfig, LeagueTrainingError
 from shuttle_marl.training.league.mixtures import respond, sharpened
@@ -101,10 +100,10 @@ class _League:
         begun: float,
     ) -> None:
         self.config, self.game, self.folder, self.console = config, game, folder, console
-        self.tables, self.metrics = StoredPolicies(folder / TABLES, game), Metrics(folder / METRICS)
+        self.tables, self.metrics = StoredPolicies(folder / TABLES, game), runs.Journal(folder / METRICS)
         saved = LeagueState.load(folder, game.hash)
-        self.metrics.truncate(None if saved is None else saved.metrics)
         self.state = saved or LeagueState(game=game.hash)
+        self.metrics.keep(self.state.metrics)
         if saved is None:
             for name, policy in given.items():
                 self._join(Frozen(name=name, role="given", round=0, hash=self.tables.save(policy)))
@@ -257,7 +256,8 @@ class _League:
             "match_win": odds.match(),
             "policies": len(state.population),
         }
-        self.metrics.append(line)
+        self.metrics.append([line])
+        state.metrics += 1
         if state.best is None or exploitability < state.best.exploitability:
             state.best = Best(name=name, hash=table, exploitability=exploitability, temperature=temperature)
         self.console.print(
@@ -275,7 +275,6 @@ class _League:
         retained |= set() if state.best is None else {state.best.hash}
         state.cells = self.payoffs.as_json(retained)
         state.seconds = round(self._elapsed(), 2)
-        state.metrics = self.metrics.mark()
         state.save(self.folder)
         # The previous state needed its tables until it was replaced.
         self.tables.prune(retained)

@@ -7,8 +7,7 @@ from typing import Annotated, Any, Final
 
 import msgspec
 
-from shuttle_marl.base.files import Count, FileReadError, Fraction, Sha256, read_json, replace_file, seal
-from shuttle_marl.training.checkpoints import Mark
+from shuttle_marl.base.files import Count, FileReadError, Fraction, Sha256, read_json, replace_sealed
 from shuttle_marl.training.league.config import LeagueTrainingError
 from shuttle_marl.training.league.population import Frozen
 
@@ -115,7 +114,7 @@ class LeagueState:
         converged: whether the last best response of psro was in the population already.
         seconds: duration of the run so far.
         overhead: seconds of the last round in which its main agent did not learn.
-        metrics: mark of the evaluations, see :meth:`shuttle_marl.training.checkpoints.Metrics.truncate`.
+        metrics: number of evaluations.
     """
 
     game: str
@@ -127,11 +126,11 @@ class LeagueState:
     converged: bool = False
     seconds: float = 0.0
     overhead: float = 0.0
-    metrics: Mark | None = None
+    metrics: Count = 0
 
     def save(self, folder: Path) -> None:
         """Write the state to the folder of its run."""
-        replace_file(folder / LEAGUE, seal(dataclasses.asdict(self)))
+        replace_sealed(folder / LEAGUE, dataclasses.asdict(self))
 
     @classmethod
     def load(cls, folder: Path, game: str) -> "LeagueState | None":
