@@ -24,7 +24,6 @@ _INDEPENDENT: Final = np.array([0.25, 0.5, 0.25])
 """Probabilities of zero, one and two matches won in a cell between equals, if the matches are independent."""
 _AT_ONCE: Final = 1 << 21
 """Number of matrix entries that are fitted in one batch."""
-"""Ratings that differ by less are equal."""
 _SURE: Final = 5e-7
 """Exact odds are rounded to six decimals; probabilities are clipped to this distance from 0 and 1, so ratings are finite."""
 

@@ -5,6 +5,7 @@ import dataclasses
 import functools
 import hashlib
 import math
+import re
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, Final, Generic, TypeVar
 
@@ -15,6 +16,8 @@ from shuttle_marl.base.errors import printable
 
 T = TypeVar("T")
 _TEMPLATES: Final = "templates"
+_MARKUP: Final = re.compile(r"[\\`*\[\]<>|~&#]|(?<![A-Za-z0-9])_|_(?![A-Za-z0-9])")
+"""Special characters of Markdown or HTML; an underscore within a word is none."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -43,6 +46,7 @@ class Column(Generic[T]):
         left: whether it is aligned to the left, as text is.
         wrap: whether lines in it may break.
         ascending: whether the first click puts the smallest key on top.
+        brief: whether a short form of the table has it.
     """
 
     heading: str
@@ -52,6 +56,7 @@ class Column(Generic[T]):
     left: bool = False
     wrap: bool = False
     ascending: bool = False
+    brief: bool = True
 
 
 @dataclasses.dataclass(frozen=True)
@@ -66,6 +71,18 @@ class Table:
 def table(items: Iterable[T], columns: Sequence[Column[T]], caption: str = "") -> Table:
     """The table with a row for each item."""
     return Table(columns, [[column.cell(item) for column in columns] for item in items], caption)
+
+
+def markdown(shown: Table) -> list[str]:
+    """Lines of a table in Markdown."""
+    lines = [[column.heading for column in shown.columns], *([cell.text for cell in row] for row in shown.rows)]
+    rows = ["| " + " | ".join(map(escaped, line)) + " |" for line in lines]
+    return [rows[0], "| " + " | ".join(["---"] * len(shown.columns)) + " |", *rows[1:]]
+
+
+def escaped(text: str) -> str:
+    """Text, escaped for Markdown."""
+    return _MARKUP.sub(r"\\\g<0>", printable(text))
 
 
 def number(value: float, form: str) -> Cell:

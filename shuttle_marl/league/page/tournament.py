@@ -11,12 +11,13 @@ from typing import TYPE_CHECKING, Any, Final
 
 from shuttle_marl.base import runs
 from shuttle_marl.base.intervals import Interval, interquartile_mean, probability_of_improvement
-from shuttle_marl.league.assessment import Assessment, MetaGame
+from shuttle_marl.league.assessment import Assessment
+from shuttle_marl.league.columns import cycles, meta_game, ranking, robustness
 from shuttle_marl.league.entrants import LeagueConfig, LeagueError
 from shuttle_marl.league.folder import PAIRINGS, RALLIES, REPORT
 from shuttle_marl.league.page.learning import FIGURES, METRICS, Curve, learning_charts, read_curve
 from shuttle_marl.league.ranking import Standing
-from shuttle_marl.league.report import LEAST_SHOWN, TITLES
+from shuttle_marl.league.report import TITLES
 from shuttle_marl.league.style import AXES, PEOPLE
 from shuttle_marl.league.tournament import PairResult
 from shuttle_marl.pages import Cell, Column, Table, charts, interval, name, number, percent, render, table
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
     from shuttle_marl.exact.regret import Hole, Holes
 
 _MOST_RADARS: Final = 40
-_MOST_MISFITS: Final = 40
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -67,17 +67,17 @@ def page(report: TournamentReport) -> bytes:
         subtitle=f"seed {report.config.seed} · game {report.config.game} ({report.game[:12]}) · {report.config.rules} points",
         totals={"players": len(standings)} | {what: sum(seat[what] for r in played for seat in r.seats) for what in counted},
         summary=_summary(standings),
-        ranking=_ranking(report),
+        ranking=ranking(standings, assessment.styles),
         rating_chart=charts.forest([(s.player, s.rating, s.rating_low, s.rating_high, s.rating_exact) for s in standings], "Elo"),
         payoff_chart=charts.heat_map([s.player for s in standings], assessment.win[order][:, order]),
         curves=learning_charts(report.curves),
         holes={player: _holes(player, each) for player, each in report.holes.items()},
         people=PEOPLE,
         styles=_styles(report),
-        games=[_meta_game(about, game) for about, game in assessment.games.items()],
+        games=[meta_game(about, game) for about, game in assessment.games.items()],
         cyclic_share=assessment.cyclic_share,
-        cycles=_cycles(assessment),
-        robustness=_robustness(assessment),
+        cycles=cycles(assessment),
+        robustness=robustness(assessment),
         recorded_every=Sampling.parse(report.config.record).every,
         logs=[*report.logs.values()],
         files=(REPORT, PAIRINGS, "results.csv"),
@@ -94,35 +94,6 @@ def _summary(standings: Sequence[Standing]) -> str:
     if len(first) == 1:
         return f"{first[0]} is ranked first: no other 95 % interval of the rank includes 1."
     return f"{', '.join(first[:-1])} and {first[-1]} share the first rank: their 95 % intervals of the rank include it."
-
-
-def _ranking(report: TournamentReport) -> Table:
-    likeness = {player: style.likeness for player, style in report.assessment.styles.items()}
-    columns: list[Column[Standing]] = [
-        Column("#", lambda s: Cell(str(s.rank), s.rank), ascending=True),
-        Column("player", lambda s: Cell(s.player + (f" (forfeited {s.forfeits})" if s.forfeits else ""), s.player.casefold()),
-               left=True),
-        Column("rating", lambda s: number(s.rating, "+.0f"), about="Bradley-Terry, in Elo points; mean of the pool 0"),
-        Column("95 % interval", lambda s: interval(s.rating_low, s.rating_high, "+.0f"),
-               about="of the rating, by a bootstrap over cells of swapped seats"),
-        Column("exact", lambda s: number(s.rating_exact, "+.0f"), about="limit of the rating after infinitely many matches"),
-        Column("ranks", lambda s: Cell(f"{s.rank_low} to {s.rank_high}", s.rank_low) if s.rank_low else Cell(),
-               about="95 % interval of the rank", ascending=True),
-        Column("matches won", lambda s: percent(s.share)),
-        Column("exactly", lambda s: percent(s.exact_share), about="expected fraction of the matches, without sampling"),
-        Column("away", lambda s: percent(s.away_share), about="the same in refits of the game, mean"),
-        Column("rallies won", lambda s: percent(s.rally_share)),
-        Column("serving", lambda s: percent(s.serving), about="rallies won when serving"),
-        Column("receiving", lambda s: percent(s.receiving), about="rallies won when receiving"),
-        Column("exploitability", lambda s: number(s.exploitability, ".4f"),
-               about="gain of the best response to the player; 0 is perfect play", ascending=True),
-        Column("normalised", lambda s: number(s.normalised_score, ".3f"),
-               about=f"by rallies won against {PEOPLE}: 0 for {PEOPLE}, 1 for the best response to it"),
-        Column("likeness", lambda s: percent(likeness.get(s.player, math.nan)),
-               about=f"fraction of the strokes in common with {PEOPLE}"),
-    ]  # fmt: skip
-    shown = [column for column in columns if column.left or any(column.cell(s).text for s in report.standings)]
-    return table(report.standings, shown)
 
 
 def _styles(report: TournamentReport) -> dict[str, Any]:
@@ -174,58 +145,6 @@ def _stroke(stroke: str, share: float, real: float | None) -> Cell:
 def _holes(player: str, holes: "Holes") -> Table:
     caption = f"{player}: exploitability {holes.exploitability:.4f}, {100 * holes.share:.0f} % of its loss here"
     return table(holes.holes, _HOLES, caption)
-
-
-def _meta_game(about: str, game: MetaGame) -> Table:
-    weights = zip(game.names, game.nash_average.tolist(), game.maximal_lottery.tolist(), game.alpha_rank.tolist(), strict=True)
-    shown = sorted((row for row in weights if max(row[1:]) >= LEAST_SHOWN), key=lambda row: -max(row[1:]))
-    columns: list[Column[tuple[str, float, float, float]]] = [
-        Column("player", lambda row: name(row[0]), left=True),
-        Column("Nash averaging", lambda row: percent(row[1])),
-        Column("maximal lottery", lambda row: percent(row[2])),
-        Column("alpha-rank", lambda row: percent(row[3])),
-    ]
-    return table(shown, columns, about.capitalize())
-
-
-def _cycles(assessment: Assessment) -> Table:
-    headings = ("first", "beats second", "beats third, which beats the first", "first win", "second", "third", "closest")
-    rows = [[*map(name, cycle.names), *map(percent, cycle.wins), percent(min(cycle.wins))] for cycle in assessment.cycles]
-    return Table([Column(heading, name, left=i < 3) for i, heading in enumerate(headings)], rows)
-
-
-def _robustness(assessment: Assessment) -> list[Table]:
-    """Tables on the stability of the ranks: refits of the game, and the misfit of the ratings."""
-    tables, fit, stable = [], assessment.misfit, assessment.stability
-    if stable is not None:
-        tables.append(
-            table(
-                zip(stable.names, stable.home.tolist(), stable.away.T.tolist(), strict=True),
-                [
-                    Column("player", lambda row: name(row[0]), left=True),
-                    Column("rank", lambda row: number(row[1], "d"), ascending=True),
-                    Column("in refits", lambda row: interval(min(row[2]), max(row[2]), "d")),
-                    Column("the same", lambda row: percent(row[2].count(row[1]) / len(row[2]), 0)),
-                ],
-                f"Exact ranks in {len(stable.away)} refits of the game (mean Kendall's tau {stable.agreement.mean():.2f})",
-            )
-        )
-    if fit.degrees:
-        pairs = zip(assessment.pairs, fit.share.tolist(), fit.expected.tolist(), fit.z.tolist(), strict=True)
-        tables.append(
-            table(
-                sorted(pairs, key=lambda row: -abs(row[3]))[:_MOST_MISFITS],
-                [
-                    Column("player", lambda row: name(row[0][0]), left=True),
-                    Column("opponent", lambda row: name(row[0][1]), left=True),
-                    Column("matches won", lambda row: percent(row[1])),
-                    Column("by the ratings", lambda row: percent(row[2])),
-                    Column("standard errors", lambda row: number(row[3], "+.1f")),
-                ],
-                f"Misfit of the ratings: chi-squared {fit.statistic:.1f} with {fit.degrees} degrees of freedom, p = {fit.p:.2g}",
-            )
-        )
-    return tables
 
 
 def _pairings(report: TournamentReport) -> Table:
@@ -339,9 +258,9 @@ def _compare_tournaments(reports: Mapping[str, dict[str, Any]]) -> dict[str, Any
     except (KeyError, TypeError, ValueError) as error:
         raise LeagueError(f"{run}/{REPORT}: not the report of a tournament ({type(error).__name__}: {error})") from error
     columns: list[Column[str]] = [Column("player", name, left=True)]
-    for run, ranking in rankings.items():
-        columns += _rating_columns(run, ranking)
-    players = dict.fromkeys(player for ranking in rankings.values() for player in ranking)
+    for run, ranked in rankings.items():
+        columns += _rating_columns(run, ranked)
+    players = dict.fromkeys(player for ranked in rankings.values() for player in ranked)
     rated = {
         run: [(player, *(row[figure] for figure in _RATING[1:])) for player, row in rows.items()]
         for run, rows in rankings.items()
