@@ -2,7 +2,7 @@
 
     python -m experiments.same_results BEFORE AFTER [--out FOLDER] [--only NAME ...]
 
-Files must be equal byte for byte, with these exceptions: JSON is compared without times, printed text without folder names, and a
+Files must be equal byte for byte, with these exceptions: JSON is compared without times and the checksums over them, printed text without folder names, and a
 rally log whose bytes differ (its format may have changed) must contain the same strokes. Manifests and TensorBoard files are
 excluded, because they contain times and versions. Both checkouts run with this interpreter, one command after another, which
 takes some minutes.
@@ -45,7 +45,7 @@ COMMANDS: Final[dict[str, tuple[str, ...]]] = {
 """Arguments after ``python -m shuttle_marl``, by name; ``{out}`` is a separate folder for each command."""
 _LEFT_OUT: Final = ("manifest.json", "tensorboard")
 _PRINTED: Final = "printed.txt"
-_TIMES: Final = ("second", "time", "per_s")
+_TIMES: Final = ("second", "time", "per_s", "checksum", "crc32")
 
 
 class SameResultsError(ShuttleError):
