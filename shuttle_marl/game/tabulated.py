@@ -215,11 +215,9 @@ class TabulatedPolicy:
             PolicyError: it is no table over the legal strokes of the game; ``where`` begins the message.
         """
         size = 2 * game.n_pairs
-        with zstandard.ZstdDecompressor().stream_reader(content) as reader:
-            # One byte more, so that a file that would expand to more is found, and never expanded.
-            numbers = reader.read(size + 1)
-        if len(numbers) != size:
+        if zstandard.frame_content_size(content) != size:  # what would expand to more is never expanded
             raise ValueError(f"it is of another game; expected the {game.n_pairs:,} legal pairs of game {game.hash[:12]}")
+        numbers = zstandard.ZstdDecompressor().decompress(content)
         differences = np.frombuffer(numbers, dtype=np.uint8).reshape(2, -1).T.copy().view("<u2").ravel()
         return cls.checked(np.cumsum(differences, dtype=np.uint16), game, where)
 

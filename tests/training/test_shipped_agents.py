@@ -1,6 +1,5 @@
 """The trained agents that come with the package: played from tables made of their networks, as good as their cards say."""
 
-import dataclasses
 import logging
 import os
 import shutil
@@ -13,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from safetensors.numpy import load, save
+from safetensors.numpy import save
 
 from shuttle_marl.base import tensor_files
 from shuttle_marl.base.files import read_file, seal
@@ -161,14 +160,8 @@ def test_a_table_is_made_once_and_again_where_it_is_damaged(cache: Path, counted
     whole = kept.read_bytes()
     assert load_agent(folder, GAME).hash == first.hash
     assert len(counted) == 1
-    changed = load(whole)["cumulative"].copy()
-    changed[1] += 1
-    wrong = dataclasses.replace(first, cumulative=changed)
-    for number, damaged in enumerate((whole[:-1], whole[:-3] + bytes([whole[-3] ^ 1]) + whole[-2:], b"", None)):
-        if damaged is None:
-            wrong.save(kept, {"hash": first.hash})
-        else:
-            kept.write_bytes(damaged)
+    for number, damaged in enumerate((whole[:-1], whole[:-3] + bytes([whole[-3] ^ 1]) + whole[-2:], b"")):
+        kept.write_bytes(damaged)
         for _ in range(2):
             assert load_agent(folder, GAME).hash == first.hash
             assert len(counted) == 2 + number
