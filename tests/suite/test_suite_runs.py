@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from shuttle_marl.base import runs
+from shuttle_marl.base.arrays import U16
 from shuttle_marl.base.cluster import in_processes
 from shuttle_marl.base.files import seal
 from shuttle_marl.commands.suite import main
@@ -328,14 +329,18 @@ def test_changed_submissions_are_refused(tmp_path: Path) -> None:
 
     (policy,) = (folder / store.POLICIES).iterdir()
     content = policy.read_bytes()
-    numbers = store.unpacked(content, GAME).copy()
+    numbers = TabulatedPolicy.unpacked(content, GAME, "").cumulative.copy()
+
+    def packed(numbers: U16) -> bytes:
+        return TabulatedPolicy(game=GAME, cumulative=numbers).packed()
+
     numbers[np.flatnonzero((numbers > 0) & (numbers < 65534) & (numbers % 2 == 0))[0]] ^= 1  # one bit
-    policy.write_bytes(store.packed(numbers))
+    policy.write_bytes(packed(numbers))
     assert "the table was changed" in str(reasons(folder)[0])
-    policy.write_bytes(store.packed(numbers[1:]))
+    policy.write_bytes(packed(numbers[1:]))
     assert "expected the" in str(reasons(folder)[0])
     numbers[1] = 65535
-    policy.write_bytes(store.packed(numbers))
+    policy.write_bytes(packed(numbers))
     assert "a cumulative probability falls" in str(reasons(folder)[0])
     policy.write_bytes(b"nonsense")
     assert "cannot be read" in str(reasons(folder)[0])
