@@ -22,7 +22,7 @@ type), and not the probability in each: bounds around the mean would cut off wha
 
 import dataclasses
 import itertools
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from scipy.stats import beta
@@ -240,7 +240,7 @@ class PairProbabilities:
 
 def empty_game(catalogue: Catalogue, replies: Bools) -> Game:
     """Layout of a game without probabilities."""
-    tables: dict[str, Any] = layout(catalogue, replies, duels=True)
+    tables = layout(catalogue, replies, duels=True)
     pairs = base_pairs(tables)
     threshold, hurry = np.zeros((pairs, 3), dtype=np.uint16), np.zeros((pairs, 2), dtype=np.uint8)
     return Game(catalogue=catalogue, threshold=threshold, hurry=hurry, **tables)

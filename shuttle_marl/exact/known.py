@@ -24,7 +24,7 @@ from shuttle_marl.exact.fixed_point import TOLERANCE
 from shuttle_marl.exact.match import Odds
 from shuttle_marl.exact.optimal import best_response
 from shuttle_marl.exact.profile import Crossplay, odds_of_pairs
-from shuttle_marl.exact.sources import solvers_hash
+from shuttle_marl.exact.version import solvers_hash
 from shuttle_marl.game.tabulated import TabulatedPolicy
 
 Pair = tuple[TabulatedPolicy, TabulatedPolicy]

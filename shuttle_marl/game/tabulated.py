@@ -25,7 +25,7 @@ from shuttle_marl.game.tables import HURRY_ONE, Game, GameError
 from shuttle_marl.game.thresholds import ONE
 
 
-def layout(catalogue: Catalogue, replies: Bools, *, duels: bool = False) -> dict[str, I32]:
+def layout(catalogue: Catalogue, replies: Bools, *, duels: bool = False) -> dict[str, Any]:
     """The index tables of a game from who may answer what.
 
     Args:

@@ -17,7 +17,7 @@ from typing import Final
 import zstandard
 
 from shuttle_marl.base.files import FileWriteError, cache_folder, read_file, replace_file
-from shuttle_marl.exact.sources import solvers_hash
+from shuttle_marl.exact.version import solvers_hash
 from shuttle_marl.game.policy import Policy, PolicyError
 from shuttle_marl.game.shipped import PROFILES, origin_of, refits_of, variants
 from shuttle_marl.game.tables import Game

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from foxglove.messages import SceneEntity
 
-from shuttle_marl.scene.report import RallyReport
+from shuttle_marl.scene.rally_report import RallyReport
 from shuttle_marl.scene.topics import BOARDS, WORLD, Timed, colour, entities_on, label, place_frame, stamp
 
 COLUMNS: Final = 28

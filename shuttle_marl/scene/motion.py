@@ -14,7 +14,7 @@ from foxglove.messages import Color, FrameTransforms, LinePrimitive, LinePrimiti
 from shuttle_marl.base.arrays import F64, I64, Bools, Floats, Intp
 from shuttle_marl.base.compiling import compiled
 from shuttle_marl.scene import topics
-from shuttle_marl.scene.report import StagedRally
+from shuttle_marl.scene.rally_report import StagedRally
 from shuttle_marl.scene.topics import (
     PLAY,
     SHADOWS,

@@ -32,7 +32,7 @@ from foxglove.messages import (
 from shuttle_marl.base.arrays import Floats
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.scene.mesh import Mesh, glb
-from shuttle_marl.scene.report import SECOND
+from shuttle_marl.scene.rally_report import SECOND
 
 COURT: Final = "/scene/court"
 PLAYERS: Final = "/scene/players"

@@ -27,7 +27,7 @@ from shuttle_marl.scene.board import boards
 from shuttle_marl.scene.models import court
 from shuttle_marl.scene.models import players as player_models
 from shuttle_marl.scene.motion import joint_message, motion_messages
-from shuttle_marl.scene.report import SECOND, RallyReport, StagedRally, report_rally
+from shuttle_marl.scene.rally_report import SECOND, RallyReport, StagedRally, report_rally
 from shuttle_marl.scene.topics import WORLD, Timed, at, box, colour, entities_on, log_line, numbers_on, point, stamp
 from shuttle_marl.staging import ENDS, stage
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import lazy_loader
 
 if TYPE_CHECKING:
+    from shuttle_marl.suite.exploit import PlayerSetting, Trained
     from shuttle_marl.suite.options import SuiteError, SuiteRun
-    from shuttle_marl.suite.players import PlayerSetting, Trained
     from shuttle_marl.suite.registry import TASKS, find_task
     from shuttle_marl.suite.results import difference, summarise
     from shuttle_marl.suite.run import run_method

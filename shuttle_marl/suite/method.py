@@ -116,11 +116,11 @@ BASELINES: Final[dict[str, dict[str, Baseline]]] = {
         "bc": Baseline("references:bc", "tables", "reference"),
     },
     "text": {
-        "random": Baseline("text:RandomLegal", "samples", "reference"),
-        "ppo": Baseline("text:Policy", argument="ppo"),
-        "ppo-self-play": Baseline("text:Policy", argument="ppo:self-play"),
-        "policy": Baseline("text:Policy", "tables", "reference"),
-        "chat": Baseline("text:chat"),
+        "random": Baseline("chat:RandomLegal", "samples", "reference"),
+        "ppo": Baseline("chat:Policy", argument="ppo"),
+        "ppo-self-play": Baseline("chat:Policy", argument="ppo:self-play"),
+        "policy": Baseline("chat:Policy", "tables", "reference"),
+        "chat": Baseline("chat:chat"),
     },
 }
 """Baselines by kind of task."""

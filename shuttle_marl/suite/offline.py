@@ -14,7 +14,7 @@ from scipy.stats import spearmanr
 from shuttle_marl.base.files import Fraction
 from shuttle_marl.exact.known import pair_odds
 from shuttle_marl.exact.match import normalised_score
-from shuttle_marl.exact.sources import solvers_hash
+from shuttle_marl.exact.version import solvers_hash
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.policy.computed import cached_table

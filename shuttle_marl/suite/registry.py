@@ -8,10 +8,10 @@ from typing import Final
 from shuttle_marl.base.errors import printable
 from shuttle_marl.game.shipped import is_shipped, resolve_game
 from shuttle_marl.suite.adapt import Adapt
+from shuttle_marl.suite.exploit import Equilibrium, Exploit
 from shuttle_marl.suite.imitate import Imitate
 from shuttle_marl.suite.offline import Evaluate, Offline
 from shuttle_marl.suite.options import Split, SuiteError
-from shuttle_marl.suite.players import Equilibrium, Exploit
 from shuttle_marl.suite.population import checked_beacon
 from shuttle_marl.suite.robust import Robust
 from shuttle_marl.suite.store import RunConfig

@@ -9,9 +9,9 @@ from shuttle_marl.exact import moved
 from shuttle_marl.exact.known import best_odds, pair_odds
 from shuttle_marl.game.shipped import refits_of
 from shuttle_marl.game.tables import Game
+from shuttle_marl.suite.exploit import outcome_of
 from shuttle_marl.suite.method import Method, made
 from shuttle_marl.suite.options import SuiteError
-from shuttle_marl.suite.players import outcome_of
 from shuttle_marl.suite.task import Arena, Case, Outcome, Task, required
 
 _REFERENCE = "bc"

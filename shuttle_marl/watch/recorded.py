@@ -24,7 +24,7 @@ from shuttle_marl.game.scoring import Score
 from shuttle_marl.game.stroke import N_SERVES
 from shuttle_marl.game.tables import ROOT, Game
 from shuttle_marl.recording.reader import RallyLog
-from shuttle_marl.scene.report import staging_key
+from shuttle_marl.scene.rally_report import staging_key
 from shuttle_marl.watch import WatchError
 from shuttle_marl.watch.match import CourtRally
 from shuttle_marl.watch.policies import OnceCache

@@ -14,7 +14,7 @@ from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities
 from shuttle_marl.recording import RallyLog, RallyLogWriter, replay
 from shuttle_marl.recording.replay import check
 from shuttle_marl.scene import topics
-from shuttle_marl.scene.report import report_rally
+from shuttle_marl.scene.rally_report import report_rally
 from shuttle_marl.scene.topics import BOARDS
 from shuttle_marl.scene.write import percent, write_scene
 from tests.exact.exact_games import random_policy, tiring_game

@@ -21,7 +21,7 @@ from shuttle_marl.policy.registry import resolve, resolve_recorded
 from shuttle_marl.recording import RallyLog
 from shuttle_marl.scene import topics
 from shuttle_marl.scene.motion import TOLERANCE
-from shuttle_marl.scene.report import StagedRally, report_rally
+from shuttle_marl.scene.rally_report import StagedRally, report_rally
 from shuttle_marl.scene.topics import PLAY, SHADOWS, SHUTTLE_PLACE, WORLD, bone_frame
 from shuttle_marl.scene.write import CUT, EPOCH, LAYOUTS, write_scene
 from shuttle_marl.staging import BONES, SWEET_SPOT, load_skeleton, stage

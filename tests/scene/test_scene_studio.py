@@ -19,7 +19,7 @@ from experiments.studio.__main__ import main
 from shuttle_marl.game import default_game
 from shuttle_marl.recording import RallyLog
 from shuttle_marl.scene import topics
-from shuttle_marl.scene.report import SECOND
+from shuttle_marl.scene.rally_report import SECOND
 from shuttle_marl.scene.write import EPOCH, select, write_scene
 from tests.scene.conftest import read
 

@@ -14,9 +14,9 @@ from shuttle_marl.base.files import seal
 from shuttle_marl.commands.suite import main
 from shuttle_marl.suite import frozen, store
 from shuttle_marl.suite.board import rows_of
+from shuttle_marl.suite.exploit import Equilibrium, Trained
 from shuttle_marl.suite.frozen import Frozen
 from shuttle_marl.suite.options import SuiteError, SuiteRun
-from shuttle_marl.suite.players import Equilibrium, Trained
 from shuttle_marl.suite.registry import TASKS, arena_of
 from shuttle_marl.suite.results import Row, summarise
 from shuttle_marl.suite.run import run_method

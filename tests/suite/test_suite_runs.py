@@ -21,9 +21,9 @@ from shuttle_marl.policy.registry import resolve
 from shuttle_marl.policy.stored import StoredPolicies
 from shuttle_marl.suite import store
 from shuttle_marl.suite.board import render
+from shuttle_marl.suite.exploit import Trained
 from shuttle_marl.suite.method import sources
 from shuttle_marl.suite.options import SuiteError, SuiteRun
-from shuttle_marl.suite.players import Trained
 from shuttle_marl.suite.registry import TASKS
 from shuttle_marl.suite.results import Row, difference, summarise
 from shuttle_marl.suite.run import run_method

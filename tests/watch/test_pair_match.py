@@ -21,7 +21,7 @@ from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording import Derived, RallyLog
 from shuttle_marl.recording.replay import check
-from shuttle_marl.scene.report import report_rally
+from shuttle_marl.scene.rally_report import report_rally
 from shuttle_marl.watch import WatchError, messages
 from shuttle_marl.watch.answers import Answers
 from shuttle_marl.watch.match_log import MatchLog

@@ -7,7 +7,7 @@ weaknesses need.
 from shuttle_marl.exact.lists import cells_of, lists
 from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.suite.players import PlayerSetting, Trained
+from shuttle_marl.suite.exploit import PlayerSetting, Trained
 
 
 def constant(setting: PlayerSetting) -> Trained:

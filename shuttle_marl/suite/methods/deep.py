@@ -9,9 +9,9 @@ from typing import ClassVar
 from shuttle_marl.exact.profile import PairPolicy
 from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve
+from shuttle_marl.suite.exploit import PlayerSetting, Trained
 from shuttle_marl.suite.logs import Transitions
 from shuttle_marl.suite.offline import LogSetting
-from shuttle_marl.suite.players import PlayerSetting, Trained
 from shuttle_marl.suite.tabular import greedy
 
 

@@ -4,7 +4,7 @@ from shuttle_marl.exact import best_response as respond
 from shuttle_marl.exact.profile import PairPolicy
 from shuttle_marl.game.tabulated import from_pair_probabilities, tabulate
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.suite.players import PlayerSetting, Trained
+from shuttle_marl.suite.exploit import PlayerSetting, Trained
 
 _STEPS = 30
 

@@ -5,8 +5,8 @@ from typing import Any
 
 import gymnasium
 
+from shuttle_marl.suite.exploit import PlayerSetting, Trained
 from shuttle_marl.suite.options import SuiteError
-from shuttle_marl.suite.players import PlayerSetting, Trained
 
 _ENVS = 16
 

@@ -5,7 +5,7 @@ import json
 from typing import Any, Final
 
 from shuttle_marl.base import runs
-from shuttle_marl.suite.players import PlayerSetting, Trained
+from shuttle_marl.suite.exploit import PlayerSetting, Trained
 from shuttle_marl.training.league.config import LeagueTrainingConfig
 
 _SHARE: Final = 0.97
