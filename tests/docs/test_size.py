@@ -22,7 +22,8 @@ def g():
 """
 FILES = {
     "__init__.py": "",
-    "errors.py": "class E(Exception): ...\n",
+    "base/__init__.py": "",
+    "base/errors.py": "class E(Exception): ...\n",
     "a/__init__.py": "from shuttle_marl.a.low import f\n",
     "a/low.py": LOW,
     "a/top.py": TOP,
@@ -51,7 +52,7 @@ def root(tmp_path: Path) -> Path:
 
 def test_modules_and_their_imports(root: Path) -> None:
     found = {module.name: module for module in size.modules(root).values()}
-    assert set(found) == {f"shuttle_marl{name}" for name in ("", ".errors", ".a", ".a.low", ".a.top", ".a.unused")}
+    assert set(found) == {f"shuttle_marl{name}" for name in ("", ".base", ".base.errors", ".a", ".a.low", ".a.top", ".a.unused")}
     assert found["shuttle_marl.a.low"].lines == 5
     assert found["shuttle_marl.a.low"].origins == {}
     assert found["shuttle_marl.a.top"].origins == {"low": "shuttle_marl.a.low", "E": "shuttle_marl.base.errors"}
