@@ -139,13 +139,13 @@ def test_what_cannot_be_continued(played: list[Rally]) -> None:
 
 
 @pytest.mark.slow
-def test_a_thousand_random_branches_keep_all_limits(played: list[Rally]) -> None:
+def test_random_branches_keep_all_limits(played: list[Rally]) -> None:
     rng = np.random.default_rng(3)
-    for i in range(40):
+    for i in range(16):
         rally = played[int(rng.integers(len(played)))]
         motion = stage(rally, seed=int(rng.integers(1 << 30)), handedness=HANDS[i % 2], athletes=("male", "female"))
         new: list[np.ndarray] = []
-        for _ in range(25):
+        for _ in range(16):
             k = int(rng.integers(1, len(rally)))
             height = rally.catalogue.height[rally.stroke[k]]
             legal = np.flatnonzero((rally.catalogue.height == height) & ~rally.catalogue.is_serve)
