@@ -133,6 +133,18 @@ def truth_memory() -> str:
     return f"{table}\n\n{result['matches']} matches; in brackets 95 % intervals. {_made_by(result)}."
 
 
+def truth_forecasts() -> str:
+    """Calibration errors of the forecasts of a stroke's end, and of outcomes drawn with the promised probabilities."""
+    found = saved("experiments", "truth_cross")["forecasts"]
+    headings = ["expected calibration error", *found]
+    rows = [
+        ["game", *(f"{errors['ece']:.4f}" for errors in found.values())],
+        ["without errors: mean (at most)", *(f"{e['chance']:.4f} ({e['chance_high']:.4f})" for e in found.values())],
+        ["strokes", *(f"{errors['strokes']:,}" for errors in found.values())],
+    ]
+    return markdown(headings, rows, left=("expected calibration error",))
+
+
 def _slope(found: dict[str, float]) -> str:
     return f"{found['value']:.2f} ({found['low']:.2f} to {found['high']:.2f})"
 

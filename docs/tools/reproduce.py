@@ -88,7 +88,9 @@ RESULTS: Final[dict[str, Result]] = (
             ("styles", ("styles",), "styles --seeds 10 --out runs/again --json {out}", 0.2, "an hour"),
             (
                 "truth_cross",
-                ("truth_calibration", "truth_figures", "truth_memory", "truth_shots", "truth_slopes", "truth_told_apart"),
+                tuple(
+                    f"truth_{name}" for name in ("calibration", "figures", "forecasts", "memory", "shots", "slopes", "told_apart")
+                ),
                 "truth --data {data} --cross 4 --out {out}",
                 0.02,
                 "half an hour",

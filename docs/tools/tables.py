@@ -69,6 +69,7 @@ BLOCKS: Final[dict[str, Callable[[], str]]] = {
     "depth_play": experiment_tables.depth_play,
     "depth_lists": experiment_tables.depth_lists,
     "truth_limits": experiment_tables.truth_limits,
+    "truth_forecasts": experiment_tables.truth_forecasts,
     "truth_memory": experiment_tables.truth_memory,
     "truth_shots": experiment_tables.truth_shots,
     "truth_slopes": experiment_tables.truth_slopes,
