@@ -136,7 +136,7 @@ def test_a_library_of_an_extra_that_is_missing_is_named(
 
 def test_hints_fit_a_clone_and_an_installed_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """No index has the package, so its name is never what pip is told to install."""
-    clone = Path(extras.__file__).parent.parent
+    clone = Path(extras.__file__).parents[2]
     assert extras.install_hint("train") == f"`make install` in {clone} installs it, or `pip install -e '{clone}[train]'`"
     monkeypatch.setattr(extras, "__file__", str(tmp_path / "site-packages" / "shuttle_marl" / "base" / "extras.py"))
     required = ["numpy>=2.0", "torch>=2.6; extra == 'train'", 'lightgbm>=4.3 ; extra == "train"', "torch>=2.6; extra == 'test'"]
