@@ -153,7 +153,7 @@ _IMPORT: Final = re.compile(r'^(?:import|export)\b[^"\';]*["\'](\.[^"\']*)["\']'
 _DECIDES: Final = frozenset(f"{PACKAGE}.{name}" for name in ("game.rules", "kernel.core", "kernel.rows"))
 _DECIDING: Final = frozenset({"strike", "strike_one", "outcome_of", "play"})
 _CODING: Final = frozenset({"compress", "decompress", "stream_reader", "frombuffer", "save", "read_tensors"})
-_FOLDERS: Final = ("runs", "base", "league", "suite", "training")
+_FOLDERS: Final = ("runs", "base.runs", "league", "suite", "training")
 _STROKES: Final = frozenset({"stroke", "strokes", "pair", "played"})
 _ENDS: Final = frozenset({"server", "ending", "ended", "reason"})
 _RECORDING: Final = ("training", "rally", "game/rally", "recording")
@@ -233,7 +233,7 @@ def names_in(found: dict[Path, Module]) -> dict[str, list[str]]:
         "rally_types": [f"{module.name}.{name}" for module in played for name in _rally_types(module.tree)],
         "rally_loops": [module.name for module in every if module.name not in _DECIDES and _loops_over_strokes(module)],
         "game_types": sorted(game_names & annotations),
-        "run_folders": [m.name for m in every if m.name.split(".")[1] in _FOLDERS and _writes_run(m.tree)],
+        "run_folders": [m.name for m in every if m.name.removeprefix(f"{PACKAGE}.").startswith(_FOLDERS) and _writes_run(m.tree)],
         "policy_codecs": [m.name for m in every if _codes_tables(m.tree)],
         "same_names": sorted(f"{name} ({n})" for name, n in stems.items() if n > 2),
     }

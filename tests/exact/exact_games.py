@@ -2,12 +2,13 @@
 
 import dataclasses
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from hypothesis import strategies as st
 
-from shuttle_marl.base.arrays import F64, I32
+from shuttle_marl.base.arrays import F64
 from shuttle_marl.game.stroke import SHOTS, Catalogue
 from shuttle_marl.game.tables import HURRY_ONE, Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, base_pairs, from_pair_probabilities, layout, thresholds
@@ -61,7 +62,7 @@ def random_game(seed: int, rallies: int = 5, density: float = 0.5) -> Game:
     return with_probabilities(game_without_outcomes(catalogue, tables, odds), seed)
 
 
-def game_without_outcomes(catalogue: Catalogue, tables: dict[str, I32], odds: Sequence[int] = (ONE,)) -> Game:
+def game_without_outcomes(catalogue: Catalogue, tables: dict[str, Any], odds: Sequence[int] = (ONE,)) -> Game:
     """A game whose probabilities are still to be set."""
     size = base_pairs(tables)
     threshold, hurry = np.zeros((size, 3), np.uint16), np.zeros((size, 2), np.uint8)
