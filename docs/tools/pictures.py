@@ -116,7 +116,7 @@ def _reports() -> None:
         browser = playwright.chromium.launch(executable_path=browser_program(), args=browser_flags())
         for name, (command, *arguments) in commands.items():
             file = Path(folder) / f"{name}.html"
-            _module(f"shuttle_marl.{command}", *arguments, "--out", str(file))()
+            _module("shuttle_marl", command, *arguments, "--out", str(file))()
             page = browser.new_page(viewport={"width": _COACH[0], "height": _COACH[1]})
             page.goto(file.as_uri())
             replace_file(IMAGES / f"{name}.png", page.screenshot())

@@ -272,8 +272,8 @@ class Game(Layout):
         n, edges, replies = self.n_strokes, len(self.edge_own), len(self.reply_edge)
         wanted = {
             "edge_own": (edges,), "edge_incoming": (edges,), "edge_duel": (edges,), "reply_start": (n + 1, 2, 2),
-            "reply_count": (n + 1, 2), "reply_edge": (replies,), "threshold": (*self.threshold.shape[:-2], len(self.hurry), 3),
-            "hurry": (len(self.hurry), 2), "fault_odds": (len(self.fault_odds),),
+            "reply_count": (n + 1, 2), "reply_edge": (replies,), "threshold": (*self.threshold.shape[:-1], 3),
+            "hurry": (*self.threshold.shape[-2:-1], 2), "fault_odds": (len(self.fault_odds),),
         }  # fmt: skip
         for name, shape in wanted.items():
             if getattr(self, name).shape != shape:
