@@ -66,6 +66,12 @@ class Judged:
         return out
 
 
+def named(found: Refitted, players: tuple[str, str]) -> Refitted:
+    """The same games of two players, with other names."""
+    people = dataclasses.replace(people_of(found.pair), players=players)
+    return dataclasses.replace(found, pair=dataclasses.replace(found.pair, people=people))
+
+
 def judged(strokes: Strokes, found: Refitted, seat: int, advised: Sequence[Advice], match: int) -> Judged:
     """The strokes of one player of a match in the situations of the advice.
 
@@ -129,7 +135,7 @@ def advice(
         found = refitted(pair_game(names[0], names[1], **asked))
         # As in the report: advice is ordered by what it gains, and by what it gains more than against an average player.
         against = [pair_game(names[0], AVERAGE, **asked), pair_game(AVERAGE, names[1], **asked)]
-        found = dataclasses.replace(found, pair=dataclasses.replace(found.pair, players=(people[0], people[1])))
+        found = named(found, (people[0], people[1]))
         for seat in (0, 1):
             advised = advise(found, seat, average=meet(*imitated(against[seat])))
             given += len(advised)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from experiments import advice as experiment
-from experiments.advice import Judged, judged, main
+from experiments.advice import Judged, judged, main, named
 from experiments.truth.matches import strokes_of
 from shuttle_marl.analysis import advice
 from shuttle_marl.analysis.advice import advise, refitted
@@ -34,7 +34,7 @@ def test_promises_are_kept_where_the_game_is_true() -> None:
     game = load_game(reduced_model())
     table = simulate(game, dict.fromkeys(NAMES, baselines.load(None, game).pair_probabilities()), matches=40, seed=5)
     found = dataclasses.replace(refitted(pair_game(AVERAGE, AVERAGE, game=reduced_model())), factor=None)
-    found = dataclasses.replace(found, pair=dataclasses.replace(found.pair, players=NAMES))
+    found = named(found, NAMES)
     every = strokes_of(table)
     parts = []
     for number, name in enumerate(every.matches):

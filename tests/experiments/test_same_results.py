@@ -82,7 +82,7 @@ def test_a_checkout_equals_itself(tmp_path: Path, capsys: pytest.CaptureFixture[
 def test_wrong_arguments_are_named(tmp_path: Path) -> None:
     with pytest.raises(same_results.SameResultsError, match="no package shuttle_marl here"):
         same_results.main(tmp_path, ROOT)
-    with pytest.raises(same_results.SameResultsError, match="--only tea: expected some of league, solve"):
+    with pytest.raises(same_results.SameResultsError, match="--only tea: expected some of league, "):
         same_results.main(ROOT, ROOT, only=("tea",))
     with pytest.raises(same_results.SameResultsError, match="exists; name a new folder"):
         same_results.main(ROOT, ROOT, out=tmp_path)
