@@ -218,13 +218,13 @@ def test_rallies_are_those_of_the_environment() -> None:
 
 
 @pytest.mark.slow(minutes=True)
-def test_a_hundred_thousand_rallies_are_those_of_the_environment() -> None:
+def test_twenty_thousand_rallies_are_those_of_the_environment() -> None:
     rallies = strokes = 0
-    for seed in range(10, 20):
+    for seed in (10, 11):
         more = differ(10_000, 2048, seed)
         rallies, strokes = rallies + more[0], strokes + more[1]
-    assert rallies == 100_000
-    assert strokes > 400_000
+    assert rallies == 20_000
+    assert strokes > 80_000
 
 
 def differ_versus(rallies: int, batch: int, seed: int, seat: int, opponent: TabulatedPolicy = BC) -> int:

@@ -34,7 +34,7 @@ def test_interquartile_mean_and_its_interval() -> None:
 def test_a_run_ends_in_a_table_and_continues(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    agents = {"ppo": PPOConfig(**SMALL), "ppo, self-play": PPOConfig(**SMALL, opponent=("self",))}
+    agents = {"ppo, self-play": PPOConfig(**SMALL, opponent=("self",))}  # `.ci/run` trains all
     monkeypatch.setattr(win_rates, "AGENTS", agents)
     monkeypatch.setattr(win_rates, "OPPONENTS", ("bc", "minimax"))
     # Two refits say as much of this program as eight.
@@ -45,15 +45,15 @@ def test_a_run_ends_in_a_table_and_continues(
     assert "not directly comparable" in capsys.readouterr().out
     result = json.loads(saved.read_text())
     rows = {row["agent"]: row for row in result["rows"]}
-    assert list(rows) == ["bc", "best response", "minimax", "ppo", "ppo, self-play"]
+    assert list(rows) == ["bc", "best response", "minimax", "ppo, self-play"]
     assert rows["bc"]["matches_won"]["mean"] == 0.5
     assert rows["best response"]["normalised_score"]["mean"] == pytest.approx(1, abs=1e-3)
     assert rows["minimax"]["exploitability"]["mean"] == pytest.approx(0, abs=1e-4)
     # Rallies are played to their end.
-    assert 1024 <= rows["ppo"]["strokes"] < 2048
+    assert 1024 <= rows["ppo, self-play"]["strokes"] < 2048
     for row in rows.values():
         assert len(row["seeds"]) == 2
-    assert [len(curve) for curve in result["curves"]["ppo"]] == [2, 2]
+    assert [len(curve) for curve in result["curves"]["ppo, self-play"]] == [2, 2]
     assert result["exact_match_win_against"]["minimax"]["minimax"] == pytest.approx(0.5)
     assert (out / "matches" / "minimax-0" / "rallies.mcap").is_file()
     again = tmp_path / "again.json"
