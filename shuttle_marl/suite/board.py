@@ -9,7 +9,7 @@ import jinja2
 
 from shuttle_marl.base.errors import ShuttleError, described, printable
 from shuttle_marl.base.files import FileReadError, read_json
-from shuttle_marl.league.report import escaped
+from shuttle_marl.pages import escaped
 from shuttle_marl.suite import frozen
 from shuttle_marl.suite.method import baseline_of
 from shuttle_marl.suite.options import ACCESS, Split, SuiteError
