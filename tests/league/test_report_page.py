@@ -223,9 +223,9 @@ def test_in_a_browser_it_asks_for_nothing_and_sorts(browser: Browser, tmp_path: 
     names = heads.all_text_contents()
     exact = names.index("exploitability")
     heads.nth(exact).click()
-    assert column(exact) == ["0.0000", "0.4000", "", ""]
+    assert column(exact) == ["0.000", "0.400", "", ""]
     heads.nth(exact).click()
-    assert column(exact) == ["0.4000", "0.0000", "", ""]
+    assert column(exact) == ["0.400", "0.000", "", ""]
     heads.nth(1).click()
     assert [name[:2] for name in column(1)] == ["</", "bc", "fa", "mi"]
     heads.nth(names.index("rating")).click()

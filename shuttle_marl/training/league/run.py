@@ -285,7 +285,7 @@ class _League:
             raise LeagueTrainingError(
                 f"{self.folder}: no round was completed; train again with a longer --budget and --overwrite"
             )
-        curve = [json.loads(line) for line in (self.folder / METRICS).read_text(encoding="utf-8").splitlines()]
+        curve = self.metrics.read()
         policy = self.tables.read(state.best.hash)
         policy.save(self.folder / MAIN, {"policy": state.best.name})
         member, _, number = state.best.name.rpartition("@")
