@@ -18,6 +18,7 @@ import torch
 from safetensors.numpy import load
 from tensordict import TensorDictBase
 
+from shuttle_marl.base import runs
 from shuttle_marl.base.files import read_sealed, seal
 from shuttle_marl.base.runs import RunError
 from shuttle_marl.game.policy import PolicyError, States
@@ -69,7 +70,7 @@ def rallies(run: Path) -> bytes:
 
 
 def metrics(run: Path) -> list[dict[str, float]]:
-    lines = [json.loads(line) for line in (run / "metrics.jsonl").read_text().splitlines()]
+    lines = runs.Journal(run / "metrics.jsonl").read()
     return [{k: v for k, v in line.items() if k != "seconds"} for line in lines]
 
 
