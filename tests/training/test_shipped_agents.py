@@ -254,6 +254,7 @@ def test_a_card_names_no_file(tmp_path: Path, cache: Path, monkeypatch: pytest.M
         return read_file(path, *arguments)
 
     monkeypatch.setattr(tensor_files, "read_file", noted)
+    monkeypatch.setattr(computed, "read_file", noted)
     load_agent(folder, GAME)
     assert {path.parent for path in opened} == {folder, cache}
     wrong: tuple[Any, ...] = ([], "x", None, {NETWORK: 1})
