@@ -33,8 +33,8 @@ __all__ = [
 __getattr__, __dir__, _ = lazy_loader.attach(
     __name__,
     submod_attrs={
+        "exploit": ("PlayerSetting", "Trained"),
         "options": ("SuiteError", "SuiteRun"),
-        "players": ("PlayerSetting", "Trained"),
         "registry": ("TASKS", "find_task"),
         "results": ("difference", "summarise"),
         "run": ("run_method",),
