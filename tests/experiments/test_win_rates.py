@@ -49,8 +49,8 @@ def test_a_run_ends_in_a_table_and_continues(
     assert rows["bc"]["matches_won"]["mean"] == 0.5
     assert rows["best response"]["normalised_score"]["mean"] == pytest.approx(1, abs=1e-3)
     assert rows["minimax"]["exploitability"]["mean"] == pytest.approx(0, abs=1e-4)
-    # Rallies are played to their end.
-    assert 1024 <= rows["ppo, self-play"]["strokes"] < 2048
+    # The rallies of the last iteration are played to their end.
+    assert 1024 <= rows["ppo, self-play"]["strokes"] < 3 * 1024
     for row in rows.values():
         assert len(row["seeds"]) == 2
     assert [len(curve) for curve in result["curves"]["ppo, self-play"]] == [2, 2]
