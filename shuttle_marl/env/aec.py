@@ -20,9 +20,9 @@ from shuttle_marl.base.errors import ActionError, OptionError, whole_number
 from shuttle_marl.env.snapshot import Snapshot, as_text
 from shuttle_marl.game.draws import stream
 from shuttle_marl.game.observation import RALLY_WIDTH
-from shuttle_marl.game.pairs import resolve_players
 from shuttle_marl.game.rally.stepper import RallyDraws, Stroke, stepper_of
 from shuttle_marl.game.rules import FAULT, OUTCOMES, RETURNED_BELOW, IllegalStrokeError
+from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.game.tables import ROOT, Game
 
 if TYPE_CHECKING:
@@ -65,8 +65,6 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         self,
         *,
         game: Game | str | None,
-        profile: str | None,
-        players: tuple[str, str] | None,
         max_strokes: int | None,
         render_mode: RenderMode | None,
         extra_width: int,
@@ -74,7 +72,7 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         super().__init__()
         if render_mode not in (None, *RENDER_MODES):
             raise OptionError(f"render_mode {render_mode!r}: expected one of {', '.join(RENDER_MODES)}, or None")
-        self.game = resolve_players(game, profile, players)
+        self.game = resolve_game(game)
         self.render_mode = render_mode
         self.max_strokes = None if max_strokes is None else whole_number("max_strokes", max_strokes, 1)
         self.last_seed: int | None = None

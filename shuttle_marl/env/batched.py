@@ -13,7 +13,8 @@ from torchrl.envs import EnvBase
 
 from shuttle_marl.base.arrays import I32
 from shuttle_marl.base.errors import whole_number
-from shuttle_marl.game.pairs import opponent_tables, resolve_players
+from shuttle_marl.game.pairs import opponent_tables
+from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.game.tables import Game
 from shuttle_marl.kernel import LearnerBatch, RallyBatch
 from shuttle_marl.kernel.rows import Observations, Server
@@ -129,9 +130,7 @@ class RallyEnv(_BatchedEnv):
 
     Args:
         batch: number of rallies B.
-        game: the tables, the game of a pair, or a model by name or folder; None: the default game.
-        profile: variant of that model, such as ``men`` or ``women``; None: the average of both.
-        players: names of the players at seats 0 and 1, for the game of that pair; None: both strike with the same tables.
+        game: the tables, the game of a pair, or a model by name or folder (``default:men``); None: the default game.
         seed: random seed.
         server: seat that serves, 0 or 1; None: random.
         threads: number of threads; does not change results.
@@ -146,13 +145,11 @@ class RallyEnv(_BatchedEnv):
         batch: int = 1024,
         *,
         game: Game | str | None = None,
-        profile: str | None = None,
-        players: tuple[str, str] | None = None,
         seed: int = 0,
         server: Server = None,
         threads: int = 1,
     ) -> None:
-        resolved = resolve_players(game, profile, players)
+        resolved = resolve_game(game)
         super().__init__(resolved, RallyBatch(resolved, batch, seed=seed, server=server, threads=threads), seed)
 
 
@@ -165,9 +162,7 @@ class VersusEnv(_BatchedEnv):
     Args:
         batch: number of rallies B.
         opponents: name of a policy, a policy, or a sequence of K; row b plays number b modulo K.
-        game: the tables, the game of a pair, or a model by name or folder; None: the default game.
-        profile: variant of that model, such as ``men`` or ``women``; None: the average of both.
-        players: names of the players at seats 0 and 1, for the game of that pair; None: both strike with the same tables.
+        game: the tables, the game of a pair, or a model by name or folder (``default:men``); None: the default game.
         seed: random seed of rallies and opponents.
         seat: seat of the learner, 0 or 1.
         server: seat that serves, 0 or 1; None: random.
@@ -185,14 +180,12 @@ class VersusEnv(_BatchedEnv):
         *,
         opponents: Opponents = "bc",
         game: Game | str | None = None,
-        profile: str | None = None,
-        players: tuple[str, str] | None = None,
         seed: int = 0,
         seat: int = 0,
         server: Server = None,
         threads: int = 1,
     ) -> None:
-        resolved = resolve_players(game, profile, players)
+        resolved = resolve_game(game)
         versus = LearnerBatch(
             resolved,
             batch,

@@ -43,9 +43,7 @@ class raw_env(ShuttleEnv):
         first_server: first server, 0 or 1; None: random.
         reward: ``match``: +1 and -1 at the end of the match; ``rally``: +1 and -1 at the end of every rally.
         rules: points, lead, cap and games.
-        game: the tables, the game of a pair, or a model by name or folder; None: the default game.
-        profile: variant of that model, such as ``men`` or ``women``; None: the average of both.
-        players: names of the players at seats 0 and 1, for the game of that pair; None: both strike with the same tables.
+        game: the tables, the game of a pair, or a model by name or folder (``default:men``); None: the default game.
         max_strokes: maximum number of strokes, after which the match is truncated; None: no limit.
         render_mode: ``human``, ``rgb_array``, ``ansi``, or None.
 
@@ -68,14 +66,10 @@ class raw_env(ShuttleEnv):
         reward: Literal["match", "rally"] = "match",
         rules: Rules = BWF,
         game: Game | str | None = None,
-        profile: str | None = None,
-        players: tuple[str, str] | None = None,
         max_strokes: int | None = None,
         render_mode: RenderMode | None = None,
     ) -> None:
-        super().__init__(
-            game=game, profile=profile, players=players, max_strokes=max_strokes, render_mode=render_mode, extra_width=SCORE_WIDTH
-        )
+        super().__init__(game=game, max_strokes=max_strokes, render_mode=render_mode, extra_width=SCORE_WIDTH)
         if first_server not in (None, 0, 1):
             raise OptionError(f"first_server {first_server!r}: expected 0, 1, or None for a random server")
         if reward not in ("match", "rally"):

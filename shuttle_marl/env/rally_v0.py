@@ -36,9 +36,7 @@ class raw_env(ShuttleEnv):
 
     Args:
         server: server, 0 or 1; None: random.
-        game: the tables, the game of a pair, or a model by name or folder; None: the default game.
-        profile: variant of that model, such as ``men`` or ``women``; None: the average of both.
-        players: names of the players at seats 0 and 1, for the game of that pair; None: both strike with the same tables.
+        game: the tables, the game of a pair, or a model by name or folder (``default:men``); None: the default game.
         max_strokes: maximum number of strokes, after which the rally is truncated; None: no limit.
         render_mode: ``human``, ``rgb_array``, ``ansi``, or None.
 
@@ -59,14 +57,10 @@ class raw_env(ShuttleEnv):
         *,
         server: Literal[0, 1] | None = None,
         game: Game | str | None = None,
-        profile: str | None = None,
-        players: tuple[str, str] | None = None,
         max_strokes: int | None = None,
         render_mode: RenderMode | None = None,
     ) -> None:
-        super().__init__(
-            game=game, profile=profile, players=players, max_strokes=max_strokes, render_mode=render_mode, extra_width=0
-        )
+        super().__init__(game=game, max_strokes=max_strokes, render_mode=render_mode, extra_width=0)
         if server not in (None, 0, 1):
             raise OptionError(f"server {server!r}: expected 0, 1, or None for a random server")
         self.server = server

@@ -203,9 +203,7 @@ class SingleRallyEnv(SingleEnv):
         opponent: name of a policy, or a policy.
         seat: the learner's seat; with a random server it only decides for which draws the learner serves.
         server: seat that serves, 0 or 1; None: random.
-        game: the tables, the game of a pair, or a model by name or folder; None: the default game.
-        profile: variant of that model, such as ``men`` or ``women``; None: the average of both.
-        players: names of the players at seats 0 and 1, for the game of that pair; None: both strike with the same tables.
+        game: the tables, the game of a pair, or a model by name or folder (``default:men``); None: the default game.
         mask: place of the mask: ``observation`` (in the dictionary of the observation), ``info`` (``info["action_mask"]``) or
             ``none``. Observations are plain vectors with the last two.
         info: ``full``: last stroke and result, with text and None; ``none``: numbers only. Default: full with
@@ -225,13 +223,11 @@ class SingleRallyEnv(SingleEnv):
         seat: Seat = 0,
         server: Seat | None = None,
         game: Game | str | None = None,
-        profile: str | None = None,
-        players: tuple[str, str] | None = None,
         mask: MaskView = "observation",
         info: InfoView | None = None,
         render_mode: RenderMode | None = None,
     ) -> None:
-        raw = rally_v0.raw_env(server=server, game=game, profile=profile, players=players, render_mode=render_mode)
+        raw = rally_v0.raw_env(server=server, game=game, render_mode=render_mode)
         other = Opponent(opponent, opponent_tables(raw.game, seat))
         if other.reads_score:
             raise OptionError(f"opponent {other.name!r} reads the score, which a rally does not have; use shuttle_marl/Match-v0")
@@ -250,9 +246,7 @@ class SingleMatchEnv(SingleEnv):
         first_server: seat that serves first, 0 or 1; None: random.
         reward: ``match``: +1 and -1 at the end of the match; ``rally``: +1 and -1 at the end of every rally.
         rules: points, lead, cap and games.
-        game: the tables, the game of a pair, or a model by name or folder; None: the default game.
-        profile: variant of that model, such as ``men`` or ``women``; None: the average of both.
-        players: names of the players at seats 0 and 1, for the game of that pair; None: both strike with the same tables.
+        game: the tables, the game of a pair, or a model by name or folder (``default:men``); None: the default game.
         mask: place of the mask: ``observation`` (in the dictionary of the observation), ``info`` (``info["action_mask"]``) or
             ``none``. Observations are plain vectors with the last two.
         info: ``full``: last stroke and result, with text and None; ``none``: numbers only. Default: full with
@@ -274,8 +268,6 @@ class SingleMatchEnv(SingleEnv):
         reward: Literal["match", "rally"] = "match",
         rules: Rules = BWF,
         game: Game | str | None = None,
-        profile: str | None = None,
-        players: tuple[str, str] | None = None,
         mask: MaskView = "observation",
         info: InfoView | None = None,
         render_mode: RenderMode | None = None,
@@ -285,8 +277,6 @@ class SingleMatchEnv(SingleEnv):
             reward=reward,
             rules=rules,
             game=game,
-            profile=profile,
-            players=players,
             render_mode=render_mode,
         )
         super().__init__(raw, Opponent(opponent, opponent_tables(raw.game, seat)), seat, mask, info)

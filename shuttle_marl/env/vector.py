@@ -14,10 +14,11 @@ from shuttle_marl.base.errors import ActionError, OptionError
 from shuttle_marl.env.aec import ILLEGAL
 from shuttle_marl.env.wrappers import InfoView, MaskView, checked_views
 from shuttle_marl.game.observation import RALLY_WIDTH, SCORE_WIDTH, SWAP, with_efforts
-from shuttle_marl.game.pairs import opponent_tables, resolve_players
+from shuttle_marl.game.pairs import opponent_tables
 from shuttle_marl.game.rally.stepper import stepper_of
 from shuttle_marl.game.rules import FAULT, OUTCOMES, WINNER
 from shuttle_marl.game.scoring import BWF, Rules, score_fractions
+from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.game.tables import Game
 from shuttle_marl.kernel import LearnerBatch, LearnerMatchBatch
 from shuttle_marl.kernel.rows import Server
@@ -184,9 +185,7 @@ class RallyVectorEnv(VersusVectorEnv):
         opponent: name of a policy, a policy, or a sequence of K; row b plays number b modulo K.
         seat: the learner's seat, 0 or 1, in all rows or ``[B]`` in each.
         server: seat that serves, 0 or 1; None: random.
-        game: the tables, the game of a pair, or a model by name or folder; None: the default game.
-        profile: variant of that model, such as ``men`` or ``women``; None: the average of both.
-        players: names of the players at seats 0 and 1, for the game of that pair; None: both strike with the same tables.
+        game: the tables, the game of a pair, or a model by name or folder (``default:men``); None: the default game.
         observation: ``features``: the 60 numbers of ``rally_v0``; ``tokens``: own last stroke, incoming stroke (n: none yet),
             contact height, consecutive net shots, own effort, the opponent's, and hurried as seven integers, for embeddings.
         mask: place of the mask: ``observation`` (in the dictionary of the observation), ``info`` (``infos["action_mask"]``) or
@@ -210,8 +209,6 @@ class RallyVectorEnv(VersusVectorEnv):
         seat: int | Ints = 0,
         server: Server = None,
         game: Game | str | None = None,
-        profile: str | None = None,
-        players: tuple[str, str] | None = None,
         observation: Literal["features", "tokens"] = "features",
         mask: MaskView = "observation",
         info: InfoView | None = None,
@@ -219,7 +216,7 @@ class RallyVectorEnv(VersusVectorEnv):
     ) -> None:
         if observation not in ("features", "tokens"):
             raise OptionError(f"observation {observation!r}: expected 'features' or 'tokens'")
-        tables = resolve_players(game, profile, players)
+        tables = resolve_game(game)
         self._batch = LearnerBatch(
             tables,
             num_envs,
@@ -274,9 +271,7 @@ class MatchVectorEnv(VersusVectorEnv):
         first_server: seat that serves first, 0 or 1; None: random.
         reward: ``match``: +1 and -1 at the end of the match; ``rally``: +1 and -1 at the end of every rally.
         rules: points, lead, cap and games.
-        game: the tables, the game of a pair, or a model by name or folder; None: the default game.
-        profile: variant of that model, such as ``men`` or ``women``; None: the average of both.
-        players: names of the players at seats 0 and 1, for the game of that pair; None: both strike with the same tables.
+        game: the tables, the game of a pair, or a model by name or folder (``default:men``); None: the default game.
         mask: place of the mask: ``observation`` (in the dictionary of the observation), ``info`` (``infos["action_mask"]``) or
             ``none``.
         info: ``full``, or ``none``: numbers only, without ``final_obs`` and ``final_info``. Default: full with
@@ -300,15 +295,13 @@ class MatchVectorEnv(VersusVectorEnv):
         reward: Literal["match", "rally"] = "match",
         rules: Rules = BWF,
         game: Game | str | None = None,
-        profile: str | None = None,
-        players: tuple[str, str] | None = None,
         mask: MaskView = "observation",
         info: InfoView | None = None,
         threads: int = 1,
     ) -> None:
         if reward not in ("match", "rally"):
             raise OptionError(f"reward {reward!r}: expected 'match' or 'rally'")
-        tables = resolve_players(game, profile, players)
+        tables = resolve_game(game)
         self.rules = rules
         self._features = stepper_of(tables).observations
         self._batch = LearnerMatchBatch(

@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 
 from shuttle_marl.base.arrays import F64, I64, U16, Ints
-from shuttle_marl.game.shipped import PROFILES, load_game, origin_named, origin_of, resolve_game, variants
+from shuttle_marl.game.shipped import PROFILES, load_game, origin_named, origin_of, variants
 from shuttle_marl.game.skill import AVERAGE, Day, Skill, day_of, load_skill
 from shuttle_marl.game.stroke import frozen
 from shuttle_marl.game.tables import Game, GameError, Origin
@@ -166,38 +166,14 @@ def pair_game(a: str, b: str, *, date: Day = None, discipline: str | None = None
     return dataclasses.replace(base, threshold=threshold, people=people)
 
 
-def resolve_players(game: Game | str | None, profile: str | None, players: tuple[str, str] | None, *, date: Day = None) -> Game:
-    """The game of two players, or :func:`shuttle_marl.game.shipped.resolve_game` without players.
-
-    Args:
-        game: a model by name or folder, or its game; None: the default model. The game of a pair is returned as it is.
-        profile: a variant of that model, such as ``men``; None: the game itself, or with players that of their discipline.
-        players: names of the players at seats 0 and 1; None: both strike with the same tables.
-        date: day of the players' skill; None: the last one known.
-
-    Raises:
-        GameError: as :func:`pair_game`, or two names are expected, or the game belongs to no model.
-    """
-    if isinstance(game, Game) and game.people is not None:
-        if profile is not None or players is not None:
-            raise GameError(f"the game of {game.people.title} together with players or a profile; give one of them")
-        return game
-    if players is None:
-        return resolve_game(game, profile)
-    if isinstance(players, str) or len(players) != 2:
-        raise GameError(f"players {players!r}: expected two names, such as ('viktor-axelsen', 'kento-momota')")
-    if isinstance(game, Game):
-        origin = origin_of(game)
-        if origin is None:
-            raise GameError("players need a model with their skill; this game was not loaded from one")
-        game = str(origin.folder) if origin.variant is None else f"{origin.folder}:{origin.variant}"
-    return pair_game(*players, date=date, discipline=profile, game=game or "default")
-
-
 def game_of_people(game: Game, people: tuple[str, str], date: Day = None) -> Game | None:
-    """The game of the two people of a real match, as of its day; None where the model of ``game`` does not have their skill."""
+    """The game of the two people of a real match, as of its day; None where ``game`` is of no model that has their skill."""
+    origin = origin_of(game) if game.people is None else None
+    if origin is None:
+        return None
+    model = str(origin.folder) if origin.variant is None else f"{origin.folder}:{origin.variant}"
     try:
-        return resolve_players(game, None, people, date=date)
+        return pair_game(*people, date=date, game=model)
     except GameError:
         return None
 

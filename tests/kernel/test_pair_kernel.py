@@ -60,10 +60,10 @@ def test_rallies_are_those_of_the_environment() -> None:
 
 def test_batches_are_those_of_the_environment() -> None:
     """RallyBatch and RallyEnv step given strokes; the strokes decide who strikes with which tables."""
-    batch, env, size = RallyBatch(PAIR, 8, seed=5), RallyEnv(8, game=reduced_model(), players=(A, B), seed=5), 8
+    batch, env, size = RallyBatch(PAIR, 8, seed=5), RallyEnv(8, game=PAIR, seed=5), 8
     raws = []
     for row in range(size):
-        raw = rally_v0.raw_env(players=(A, B), game=reduced_model())
+        raw = rally_v0.raw_env(game=PAIR)
         raw.reset(seed=5)
         for _ in range(row):
             raw.reset()
@@ -86,7 +86,7 @@ def test_batches_are_those_of_the_environment() -> None:
 @pytest.mark.parametrize("seat", [0, 1])
 def test_learners_against_the_other_player(seat: Literal[0, 1]) -> None:
     """The Gymnasium environments of one rally and of many, and TorchRL's, play the same episodes."""
-    options: dict[str, Any] = {"game": reduced_model(), "players": (A, B)}
+    options: dict[str, Any] = {"game": PAIR}
     single = SingleRallyEnv(opponent="minimax", seat=seat, **options)
     vector = RallyVectorEnv(1, opponent="minimax", seat=seat, **options)
     versus = VersusEnv(1, opponents="minimax", seat=seat, seed=4, **options)
@@ -111,7 +111,7 @@ def test_learners_against_the_other_player(seat: Literal[0, 1]) -> None:
 
 
 def test_matches_of_learners() -> None:
-    options: dict[str, Any] = {"game": reduced_model(), "players": (A, B), "reward": "rally", "rules": RULES["to five"]}
+    options: dict[str, Any] = {"game": PAIR, "reward": "rally", "rules": RULES["to five"]}
     single, vector = SingleMatchEnv(opponent="bc", **options), MatchVectorEnv(1, opponent="bc", **options)
     seen, _ = single.reset(seed=2)
     vector.reset(seed=2)
@@ -125,7 +125,7 @@ def test_matches_of_learners() -> None:
 
 
 def test_the_players_are_named_and_the_average_game_is_the_default() -> None:
-    env = match_v0.env(players=(A, B), game=reduced_model(), render_mode="ansi")
+    env = match_v0.env(game=PAIR, render_mode="ansi")
     env.reset(seed=1)
     assert env.unwrapped.game.hash == PAIR.hash
     text = env.render()

@@ -15,7 +15,7 @@ from safetensors.numpy import load as load_arrays
 from shuttle_marl.base.files import seal
 from shuttle_marl.base.tensor_files import tensor_bytes
 from shuttle_marl.game import pairs
-from shuttle_marl.game.pairs import pair_game, resolve_players
+from shuttle_marl.game.pairs import game_of_people, pair_game
 from shuttle_marl.game.shipped import CARD, SKILL, load_game, model_folder, origin_of, read_model_card
 from shuttle_marl.game.skill import Skill, load_skill
 from shuttle_marl.game.stroke import SHOTS, Catalogue
@@ -145,17 +145,13 @@ def test_the_pair_in_refits() -> None:
     assert plain.seats[0].hash == load_game(f"{reduced_model()}:1").hash
 
 
-def test_ways_to_name_the_players() -> None:
-    both = pair()
-    assert resolve_players(both, None, None) is both
-    assert resolve_players(reduced_game(), None, (A, B)).hash == both.hash
-    assert resolve_players(reduced_game(), None, None) is reduced_game()
-    with pytest.raises(GameError, match="give one of them"):
-        resolve_players(both, "men", None)
-    with pytest.raises(GameError, match="expected two names"):
-        resolve_players(reduced_model(), None, A)  # type: ignore[arg-type]
-    with pytest.raises(GameError, match="was not loaded from one"):
-        resolve_players(fixed_game(), None, (A, B))
+def test_game_of_two_people() -> None:
+    both = game_of_people(reduced_game(), (A, B))
+    assert both is not None
+    assert both.hash == pair().hash
+    assert game_of_people(reduced_game(), (A, "nobody")) is None
+    assert game_of_people(fixed_game(), (A, B)) is None
+    assert game_of_people(pair(), (A, B)) is None
 
 
 def test_a_model_without_skill(tmp_path: Path) -> None:

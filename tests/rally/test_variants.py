@@ -152,7 +152,7 @@ def test_variants_are_found_by_name(model: Path) -> None:
 
 def test_environments_play_the_game_of_a_discipline(model: Path) -> None:
     men = load_game(f"{model}:men")
-    options: dict[str, Any] = {"game": str(model), "profile": "men"}
+    options: dict[str, Any] = {"game": f"{model}:men"}
     environments: list[Any] = [
         rally_v0.env(**options).unwrapped,
         match_v0.env(**options).unwrapped,
@@ -164,7 +164,7 @@ def test_environments_play_the_game_of_a_discipline(model: Path) -> None:
     ]
     assert {env.game.hash for env in environments} == {men.hash}
     with pytest.raises(GameError, match="no variant 'women'"):
-        rally_v0.env(game=str(model), profile="women")
+        rally_v0.env(game=f"{model}:women")
 
 
 def test_commands_play_the_game_of_a_discipline(model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
