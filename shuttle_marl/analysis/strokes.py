@@ -14,7 +14,7 @@ import pyarrow as pa
 
 from shuttle_marl.base.arrays import F64, I64, Bools, Floats
 from shuttle_marl.base.errors import ShuttleError
-from shuttle_marl.data.schema import REASONS, STROKES, Outcome, outcome_of
+from shuttle_marl.data.schema import OPTIONAL, REASONS, STROKES, Outcome, outcome_of
 from shuttle_marl.data.upstream import discipline
 from shuttle_marl.game import court, draws
 from shuttle_marl.game.rally.record import Rallies
@@ -263,7 +263,7 @@ def stroke_table(
         "reason": placed.reason,
         "points": after[row, seat],
         "points_opponent": after[row, 1 - seat],
-        "label_area": pa.nulls(len(stroke), pa.int8()),
+        **{name: pa.nulls(len(stroke), STROKES.field(name).type) for name in ("label_area", *OPTIONAL) if name != "hurried"},
     }
     try:
         return pa.table([_array(columns[field.name], field.type) for field in STROKES], schema=STROKES)

@@ -75,15 +75,17 @@ def import_own(
     overwrite: bool = False,
     json: bool = False,
 ) -> None:
-    """Import your own matches from a CSV file with a row per stroke, and write a Parquet file.
+    """Import your own matches from a table or from the file of another program, and write a Parquet file.
 
     Args:
-        file: The CSV file, in UTF-8.
-        columns: Column map, a TOML file; `data template` writes an example. None: the headers are the names used there.
+        file: A CSV file in UTF-8 with a row per stroke; or a file of ShuttleSet, BadmintonDB, ELAN, Sportscode, or of a program
+            that recognises strokes in videos (JSON). The content tells which.
+        columns: Column map, a TOML file; `data template` writes an example. None: headers and words in any of seven languages.
         out: Parquet file to write; None: only read and count.
         anonymous: Replace the names of players and matches by pseudonyms.
         overwrite: Replace an existing file.
-        json: Print JSON: the numbers of rows, of kept and, by reason, of dropped ones; and warnings.
+        json: Print JSON: the format, the numbers of rows, of kept and, by reason, of dropped ones, what was inferred and what the
+            file does not have, and warnings.
     """
     if out is not None:
         cli.check_free(out, overwrite=overwrite)
@@ -94,9 +96,14 @@ def import_own(
         write_parquet(strokes, out, account=account, provenance=provenance)
     if json:
         counts = {"rows": account.strokes, "kept": account.strokes_kept, "dropped": account.dropped}
-        cli.print_json({**counts, "warnings": cleaned.warnings})
+        about = {"inferred": cleaned.inferred, "lost": cleaned.lost, "warnings": cleaned.warnings}
+        cli.print_json({"format": cleaned.format, **counts, **about})
         return
+    sys.stdout.write(f"format: {cleaned.format}\n")
     _show(account)
+    for kind, sentences in (("inferred", cleaned.inferred), ("not in the file", cleaned.lost)):
+        for sentence in sentences:
+            sys.stdout.write(f"{kind}: {printable(sentence)}\n")
     for warning in cleaned.warnings:
         sys.stdout.write(f"warning: {printable(warning)}\n")
     if out is not None:

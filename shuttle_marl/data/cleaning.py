@@ -16,7 +16,7 @@ import pyarrow as pa
 
 from shuttle_marl.base.arrays import I8, I64, Bools
 from shuttle_marl.base.errors import command
-from shuttle_marl.data.schema import DROP_REASONS, REACH_OVER, REASONS, STROKES, Account, Cleaned, Outcome
+from shuttle_marl.data.schema import DROP_REASONS, OPTIONAL, REACH_OVER, REASONS, STROKES, Account, Cleaned, Outcome
 from shuttle_marl.data.shuttleset import RawGame, list_matches, read_game
 from shuttle_marl.data.strict_csv import DataError
 from shuttle_marl.game import court
@@ -151,7 +151,7 @@ def clean_game(raw: RawGame) -> tuple[pa.Table, dict[str, int]]:
         **{name: columns[name] < 0 for name in ("points", "points_opponent")},
         **{name: np.isnan(values) for name, values in columns.items() if values.dtype == np.float32},
     }
-    arrays = {**texts, "hurried": pa.nulls(len(rows), pa.bool_())}
+    arrays = {**texts, **{name: pa.nulls(len(rows), STROKES.field(name).type) for name in OPTIONAL}}
     for name, values in columns.items():
         mask = missing.get(name)
         arrays[name] = pa.array(values[rows], STROKES.field(name).type, mask=None if mask is None else mask[rows])

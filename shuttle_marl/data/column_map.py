@@ -1,4 +1,4 @@
-"""Column maps: TOML files that map a user's headers and words to those of this package, and their template."""
+"""Column maps from a user's headers and words to those of this package: TOML files, their template, and what headers mean."""
 
 import dataclasses
 import difflib
@@ -11,27 +11,33 @@ from typing import Any, Final
 from shuttle_marl.base.errors import command
 from shuttle_marl.base.files import problem, read_file
 from shuttle_marl.data.schema import DISCIPLINES
-from shuttle_marl.data.strict_csv import DataError
+from shuttle_marl.data.strict_csv import DataError, Sheet
+from shuttle_marl.data.words import Words
 from shuttle_marl.game import court
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
 
 COLUMNS: Final[dict[str, str]] = {
-    "match": "name of the match; its rows are consecutive",
+    "match": "name of the match; its rows are consecutive; without it all are of one match, the name of the file",
     "discipline": "MS or WS, by match; or the same for all: discipline = \"MS\" in the map",
     "game": "game of the match, from 1; without it all are game 1",
-    "rally": "rally of the game, from 1",
+    "rally": "rally of the game, from 1; without it a rally begins with each serve",
     "stroke": "stroke of the rally, the serve is 1; without it strokes are counted in the order of the rows",
     "player": "the striker",
     "opponent": "the other player; without it the other name in the match",
-    "shot": f"one of {', '.join(SHOTS)}; or unknown: the row is dropped",
+    "shot": f"one of {', '.join(SHOTS)}; serve: the reply tells which; or unknown: the row is dropped",
     "height": "above or below the net at contact; without it smashes, half smashes, clears, drops and net kills are above",
     "technique": "forehand, backhand or around-the-head; without it all are forehand",
-    "area": f"where it was met or fell: one of {', '.join(court.AREAS)}; may be empty for faults, and where there is a landing",
-    "ending": "of the last stroke of a rally: out, net, short, foul (faults), landed, misjudged (winners); empty: returned",
-    "winner": "winner of the rally, one of its players, in any of its rows; required without ending",
+    "area": f"where it was met or fell: one of {', '.join(court.AREAS)}; without it the next stroke tells where it was met",
+    "ending": "of the last stroke of a rally: out, net, short, foul, error, forced-error, unforced-error (faults), landed, "
+    "misjudged (winners); empty: returned",
+    "forced": "forced or unforced: whether the opponent forced the fault",
+    "winner": "winner of the rally, one of its players, in any of its rows; without it and ending, who serves next",
+    "score": "points of both, as 5-3, in any row of a rally; whose are first, and whether before or after it, tells who won",
     "points": "points of the striker in this game after the rally",
     "points_opponent": "points of the opponent in this game after the rally",
     "seconds": "time in the video [s]; whole seconds are kept",
+    "frame": "frame in the video",
+    "confidence": "probability that the row is right, from 0 to 1, of a program that recognised the stroke",
     "side": "near or far: the striker's half; only for coordinates = \"court\"",
     **{
         f"{name}_{axis}": f"{text}, {axis} [m]"
@@ -47,16 +53,17 @@ COLUMNS: Final[dict[str, str]] = {
 """Description of each column."""
 PLAYERS: Final = ("player", "opponent", "winner")
 """Columns with names of players, whose spellings ``[values.player]`` maps."""
-REQUIRED: Final = ("match", "rally", "player", "shot")
+REQUIRED: Final = ("player", "shot")
 _COORDINATES: Final = ("striker", "court")
-FAULTS: Final = ("out", "net", "short", "foul")
+FAULTS: Final = ("out", "net", "short", "foul", "error", "forced-error", "unforced-error")
 WINNERS: Final = ("landed", "misjudged")
 WORDS: Final[dict[str, tuple[str, ...]]] = {
-    "shot": (*SHOTS, "unknown"),
+    "shot": (*SHOTS, "unknown", "serve"),
     "height": HEIGHTS,
     "technique": TECHNIQUES,
     "area": court.AREAS,
     "ending": ("returned", *FAULTS, *WINNERS, "unknown"),
+    "forced": ("unforced", "forced"),
     "discipline": DISCIPLINES,
     "side": ("near", "far"),
 }
@@ -65,6 +72,8 @@ _SETTINGS: Final = ("source", "discipline", "coordinates", "areas_seen_by", "del
 
 _MOST_BYTES: Final = 1 << 18
 _LONGEST_LINE: Final = 2000
+_SHOWN: Final = 30
+"""Headers that a message shows."""
 
 TEMPLATE_CSV: Final = """\
 match,game,rally,stroke,player,shot,height,technique,area,ending,points,points_opponent
@@ -108,24 +117,26 @@ class ColumnMap:
     """Map from a user's headers and words to those of this package.
 
     Attributes:
-        source: source of the matches.
-        columns: header by name of :data:`COLUMNS`.
+        source: source of the matches; empty: that of the format.
+        columns: header by name of :data:`COLUMNS`; none: those that the words of the header mean (:meth:`filled`).
         values: by column, word of this package by the user's word in lower case.
         discipline: of all matches; empty: that of a column, or of known players.
         coordinates: ``striker``: as in the schema; ``court``: the same for both players.
         areas_seen_by: ``receiver`` or ``striker``, from whose view left and right are.
-        delimiter: of values.
+        delimiter: of values; empty: a comma, and without columns what the header has most of.
         decimal: decimal mark.
+        guessed: whether the columns are those that the words of the header mean.
     """
 
-    source: str
-    columns: Mapping[str, str]
-    values: Mapping[str, Mapping[str, str]]
+    source: str = ""
+    columns: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    values: Mapping[str, Mapping[str, str]] = dataclasses.field(default_factory=dict)
     discipline: str = ""
     coordinates: str = "striker"
     areas_seen_by: str = "receiver"
-    delimiter: str = ","
+    delimiter: str = ""
     decimal: str = "."
+    guessed: bool = False
 
     @classmethod
     def read(cls, path: Path) -> "ColumnMap":
@@ -146,17 +157,28 @@ class ColumnMap:
         except (TypeError, ValueError, AttributeError) as error:
             raise DataError(path, f"{error}; `{command('data', 'template')}` writes an example") from error
 
-    @classmethod
-    def of_header(cls, path: Path, header: Sequence[str]) -> "ColumnMap":
-        """The map of a file whose headers are names of :data:`COLUMNS`.
+    def filled(self, sheet: Sheet) -> "ColumnMap":
+        """The map of a table; without columns, those that the words of its header mean.
 
         Raises:
             DataError: a required column is missing.
         """
+        if self.columns:
+            return self
+        words = Words("column", sheet.header)
+        found: dict[str, str] = {name: name for name in sheet.header if name in COLUMNS}
+        for name in sheet.header:
+            meaning = words.meaning(name)
+            if meaning is not None and name not in COLUMNS:
+                found.setdefault(meaning, name)
+        if "shot" not in found and "stroke" in found and not any(map(str.isdigit, sheet.columns[found["stroke"]])):
+            found["shot"] = found.pop("stroke")
         try:
-            return cls._checked({"columns": {name: name for name in header if name in COLUMNS}})
+            _check_columns(found, self.coordinates)
         except ValueError as error:
-            raise DataError(path, f"{error}, or map your headers with --columns") from error
+            header = ", ".join(map(repr, sheet.header[:_SHOWN]))
+            raise DataError(sheet.path, f"{error}, or map your headers with --columns; the header is {header}") from error
+        return dataclasses.replace(self, columns=found, guessed=True)
 
     @classmethod
     def _checked(cls, fields: dict[str, Any]) -> "ColumnMap":
@@ -164,14 +186,6 @@ class ColumnMap:
         columns, values = fields.get("columns", {}), fields.get("values", {})
         _known(columns, COLUMNS, "column")
         _known(values, (*WORDS, "player"), "column with words")
-        if missing := [name for name in REQUIRED if name not in columns]:
-            raise ValueError(f"[columns] lacks {', '.join(missing)}")
-        if len({"points", "points_opponent"} & set(columns)) == 1:
-            raise ValueError("[columns] needs points and points_opponent, or neither")
-        if not {"ending", "winner"} & set(columns):
-            raise ValueError("[columns] needs ending or winner")
-        if "area" not in columns and not {"landing_x", "landing_y"} <= set(columns):
-            raise ValueError("[columns] needs area, or landing_x and landing_y")
         for name, column in columns.items():
             if not isinstance(column, str):
                 raise ValueError(f"[columns] {name} = {column!r}; expected the name of a column, in quotes")
@@ -189,7 +203,7 @@ class ColumnMap:
             for word, meant in words.items():
                 if lower[name].setdefault(plain(word), meant) != meant:
                     raise ValueError(f"[values.{name}] {word!r} stands there twice, with different meanings")
-        found = cls(**{**fields, "source": fields.get("source", "own matches"), "columns": columns, "values": lower})
+        found = cls(**{**fields, "columns": columns, "values": lower})
         for name, value, allowed in (
             ("discipline", found.discipline, ("", *DISCIPLINES)),
             ("coordinates", found.coordinates, _COORDINATES),
@@ -198,13 +212,23 @@ class ColumnMap:
         ):
             if value not in allowed:
                 raise ValueError(f"{name} = {value!r}; expected one of {', '.join(map(repr, allowed))}")
-        if not isinstance(found.source, str) or not found.source.strip() or not found.source.isprintable():
+        if "source" in fields and not (isinstance(found.source, str) and found.source.strip() and found.source.isprintable()):
             raise ValueError(f"source = {found.source!r}; expected a line of text")
-        if not isinstance(found.delimiter, str) or len(found.delimiter) != 1 or found.delimiter == found.decimal:
+        delimiter = fields.get("delimiter", ";")
+        if not isinstance(delimiter, str) or len(delimiter) != 1 or delimiter == found.decimal:
             raise ValueError(f"delimiter = {found.delimiter!r}; expected one character, another than decimal")
-        if found.coordinates == "court" and "side" not in columns:
-            raise ValueError('coordinates = "court" needs the column side')
+        if columns:
+            _check_columns(columns, found.coordinates)
         return found
+
+
+def _check_columns(columns: Mapping[str, str], coordinates: str) -> None:
+    if missing := [name for name in REQUIRED if name not in columns]:
+        raise ValueError(f"[columns] lacks {', '.join(missing)}")
+    if len({"points", "points_opponent"} & set(columns)) == 1:
+        raise ValueError("[columns] needs points and points_opponent, or neither")
+    if coordinates == "court" and "side" not in columns:
+        raise ValueError('coordinates = "court" needs the column side')
 
 
 def nfc(text: str) -> str:

@@ -1,11 +1,11 @@
-"""Import of a user's matches from a CSV file with a row per stroke, by a :class:`~shuttle_marl.data.column_map.ColumnMap`.
+"""Import of a user's matches from a table of strokes, by a :class:`~shuttle_marl.data.column_map.ColumnMap`.
 
 Nothing is repaired: every invalid value and every broken rule of the schema is reported with its line. Columns that repeat each
-other are compared; where they may differ, or values are improbable, that is a warning.
+other are compared; where they may differ, or values are improbable, that is a warning. What the file lacks is inferred where
+other values tell it, and marked.
 """
 
-import difflib
-import functools
+import dataclasses
 import hashlib
 from pathlib import Path
 from typing import Any, Final
@@ -16,8 +16,10 @@ import pyarrow as pa
 
 from shuttle_marl import __version__
 from shuttle_marl.base.arrays import F64, I64, Bools
+from shuttle_marl.data import readers
 from shuttle_marl.data.cleaning import FIXED_HEIGHT
 from shuttle_marl.data.column_map import FAULTS, PLAYERS, WINNERS, WORDS, ColumnMap, nfc, plain
+from shuttle_marl.data.inference import LONG_REPLIES, PAUSE, areas_met, read_score, winners_by_score
 from shuttle_marl.data.schema import (
     DISCIPLINES,
     RANGES,
@@ -29,15 +31,26 @@ from shuttle_marl.data.schema import (
     Outcome,
     violations,
 )
-from shuttle_marl.data.strict_csv import DataError, Problem, StrictCsv, grouped, shown
+from shuttle_marl.data.strict_csv import DataError, Problem, Sheet, grouped, shown
 from shuttle_marl.data.upstream import discipline as discipline_of
 from shuttle_marl.data.upstream import player_id
+from shuttle_marl.data.words import Words
 from shuttle_marl.game import court
 from shuttle_marl.game.stroke import N_SERVES, SHOTS
 
 POINTS: Final = ("landing", "contact", "striker", "receiver")
 _ABOVE: Final = ("clear", "drop", "smash", "half-smash", "net-kill")
-
+_MAY_BE_EMPTY: Final = ("area", "ending", "height", "technique", "forced")
+_MOST_HINTS: Final = 50
+"""Unknown words of a column for which a similar one is looked up."""
+INFERRED: Final = {
+    "shot": "whether serves are short, from the replies",
+    "height": "contact heights, from the shot types",
+    "technique": "techniques, taken as forehand",
+    "area": "areas, from the next strokes; their confidence is a column",
+    "outcome": "who won the rallies, from who serves next",
+}
+"""What may be inferred of a stroke, and from what."""
 
 _APART: Final = 0.5
 """Largest distance of a contact point from the landing of the stroke before, which is the same point [m]."""
@@ -57,8 +70,8 @@ def import_matches(path: Path, columns: Path | None = None) -> tuple[Cleaned, di
     """Import matches.
 
     Args:
-        path: CSV file in UTF-8 with a row per stroke.
-        columns: column map, a TOML file; None: the headers are the names of the columns of a map.
+        path: file of a format of :mod:`shuttle_marl.data.readers`.
+        columns: column map, a TOML file; None: the columns are those that the words of the header mean.
 
     Returns:
         The strokes with their account, and their provenance.
@@ -66,67 +79,168 @@ def import_matches(path: Path, columns: Path | None = None) -> tuple[Cleaned, di
     Raises:
         DataError: an unreadable file, invalid values, or broken rules.
     """
-    mapped = ColumnMap.of_header(path, StrictCsv(path, ()).header) if columns is None else ColumnMap.read(columns)
-    sheet = StrictCsv(path, list(mapped.columns.values()), delimiter=mapped.delimiter, decimal=mapped.decimal)
+    given = ColumnMap() if columns is None else ColumnMap.read(columns)
+    reading = readers.read(path, given)
+    sheet = reading.sheet
+    mapped = given.filled(sheet)
+    mapped = dataclasses.replace(mapped, source=given.source or reading.source)
+    sheet.require(mapped.columns.values())
+    lost, told = list(reading.lost), list[Problem]()
     if unread := [repr(name) for name in sheet.header if name and name not in map(nfc, mapped.columns.values())]:
-        sheet.warnings.append(Problem(path, f"columns that the map does not name are not read: {', '.join(unread)}"))
-    own = _Import(sheet, mapped)
-    strokes = own.table()
-    if sheet.problems:
-        advice = () if columns is None else ("--columns", str(columns))
-        raise DataError.of(sorted(sheet.problems, key=lambda found: found.line or 0), advice=advice)
-    dropped = {"empty row": sheet.empty, "unknown shot type": len(sheet) - strokes.num_rows}
+        told.append(Problem(path, f"columns that the map does not name are not read: {', '.join(unread)}"))
+    whole, broken, rallies = sheet, 0, 0
+    while True:
+        own = _Import(sheet, mapped, strict=reading.strict)
+        strokes = own.table()
+        rallies = max(rallies, own.rallies)
+        if not sheet.problems:
+            break
+        wrong = own.wrong()
+        if reading.strict or wrong.all() or not wrong.any():
+            advice = () if columns is None else ("--columns", str(columns))
+            raise DataError.of(sorted(sheet.problems, key=lambda found: found.line or 0), advice=advice)
+        told += sheet.problems
+        broken += int(wrong.sum())
+        sheet = sheet.without(wrong)
+    dropped = {
+        "empty row": sheet.empty,
+        "no stroke": sheet.others,
+        "broken rally": broken,
+        "unknown shot type": len(sheet) - strokes.num_rows,
+    }
     account = Account(
         matches=len(strokes["match"].unique()),
-        rallies=own.rallies,
+        rallies=rallies,
         rallies_kept=strokes.group_by(["match", "game", "rally"]).aggregate([]).num_rows,
-        strokes=len(sheet) + sheet.empty,
+        strokes=len(whole) + sheet.empty + sheet.others,
         strokes_kept=strokes.num_rows,
         dropped={reason: count for reason, count in dropped.items() if count},
         area_agreement=None,
     )
+    unknown = int(((strokes["area"].is_null().to_numpy()) & (strokes["outcome"].to_numpy() != Outcome.FAULT)).sum())
+    lost += [f"areas of strokes without a known reply: {unknown:,} of {strokes.num_rows:,}"] if unknown else []
+    inferred = (*reading.inferred, *own.inferred(strokes))
     provenance = {
         "source": mapped.source,
+        "format": reading.format,
         "file": path.name,
         "sha256": hashlib.sha256(sheet.content).hexdigest(),
+        "inferred": list(inferred),
+        "lost": lost,
         "imported_by": f"shuttle_marl {__version__}",
     }
-    warnings = tuple(str(found) for found in grouped(sorted(sheet.warnings, key=lambda found: found.line or 0)))
-    return Cleaned(strokes=strokes, account=account, files=(path,), warnings=warnings), provenance
+    found = sorted([*told, *sheet.warnings], key=lambda problem: problem.line or 0)
+    return Cleaned(
+        strokes=strokes,
+        account=account,
+        files=(path,),
+        warnings=tuple(str(problem) for problem in grouped(found)),
+        format=reading.format,
+        inferred=inferred,
+        lost=tuple(lost),
+    ), provenance
 
 
 class _Import:
     """Conversion of the columns of a file; problems are recorded in the sheet."""
 
-    def __init__(self, sheet: StrictCsv, mapped: ColumnMap) -> None:
-        self._sheet, self._map, self._n = sheet, mapped, len(sheet)
-        self._match = np.array(self._text("match"))
+    def __init__(self, sheet: Sheet, mapped: ColumnMap, *, strict: bool) -> None:
+        self._sheet, self._map, self._n, self._strict = sheet, mapped, len(sheet), strict
+        self._marks: dict[str, Bools] = {}
+        self._notes: list[str] = []
+        if "match" in mapped.columns:
+            self._match = np.array(self._text("match"))
+        else:
+            self._match = np.full(self._n, "".join(c if c.isprintable() else "_" for c in sheet.path.stem).strip() or "match")
         self._game = self._number("game", 1)
-        self._rally = self._number("rally", 1)
-        key = np.stack([np.unique(self._match, return_inverse=True)[1], self._game, self._rally])
+        shot = self._code("shot", -1)
+        match = np.unique(self._match, return_inverse=True)[1]
+        self._rally = self._number("rally", 1) if "rally" in mapped.columns else self._numbered(match, shot)
+        key = np.stack([match, self._game, self._rally])
         self._first = np.r_[True, (key[:, 1:] != key[:, :-1]).any(axis=0)]
         self._group = np.cumsum(self._first) - 1
         self.rallies = int(self._first.sum())
         self._beside = np.r_[False, (key[:2, 1:] == key[:2, :-1]).all(axis=0)]  # in the game of the row before
         self._names: dict[str, str] = {}
         columns = [sheet.text(column) for column in mapped.columns.values()]
-        for row in range(1, self._n):
+        for row in range(1, self._n) if {"rally", "stroke", "seconds", "frame"} & mapped.columns.keys() else ():
             if all(column[row] == column[row - 1] for column in columns):
                 sheet.mark(row, "duplicate of the row before")
+        self._stroke = self._strokes(shot)
+        self._reply = np.r_[~self._first[1:] & (np.diff(self._stroke) == 1), False]
+        following = np.where(self._reply, np.r_[shot[1:], -1], -1)
+        bare = shot == WORDS["shot"].index("serve")
+        self._shot = np.where(bare, np.isin(following, LONG_REPLIES).astype(np.int64), shot)
+        self._mark("shot", bare)
+
+    def _numbered(self, match: I64, shot: I64) -> I64:
+        """Numbers of rallies in their games: each begins with a serve, or after a pause."""
+        begins = np.isin(shot, [*range(N_SERVES), WORDS["shot"].index("serve")])
+        if "seconds" in self._map.columns:
+            begins |= np.diff(self._sheet.numbers(self._map.columns["seconds"]), prepend=np.nan) > PAUSE
+        fresh = np.r_[True, (np.diff(match) != 0) | (np.diff(self._game) != 0)]
+        number = np.cumsum(begins | fresh)
+        self._notes.append(f"where rallies begin: with each serve, or after a pause of {PAUSE:g} s")
+        return number - number[np.flatnonzero(fresh)][np.cumsum(fresh) - 1] + 1
+
+    def _strokes(self, shot: I64) -> I64:
+        """Numbers of strokes in their rallies; in files of programs one is missing where a player strikes twice in a row."""
+        if "stroke" in self._map.columns:
+            return self._number("stroke", 1)
+        start = np.flatnonzero(self._first)[self._group]
+        if self._strict:
+            return np.arange(self._n) - start + 1
+        player = np.array(self._sheet.text(self._map.columns["player"]))
+        served = np.isin(shot, [-1, *range(N_SERVES), *map(WORDS["shot"].index, ("unknown", "serve"))])
+        step = np.cumsum(np.where(np.r_[False, player[1:] == player[:-1]], 2, 1))
+        return step - step[start] + np.where(served[start], 1, 2)
+
+    def _mark(self, name: str, rows: Bools) -> None:
+        self._marks[name] = self._marks.get(name, np.zeros(self._n, dtype=bool)) | rows
+
+    def wrong(self) -> Bools:
+        """``[n]`` rows of the rallies with problems."""
+        return np.isin(self._group, self._group[self._sheet.unreadable])
+
+    def inferred(self, strokes: pa.Table) -> tuple[str, ...]:
+        """Sentences on what was inferred, with the numbers of kept strokes."""
+        words = strokes["inferred"].fill_null("").to_pylist()
+        counts = {name: sum(name in word.split() for word in words) for name in INFERRED}
+        return (
+            *self._notes,
+            *(f"{text}: {counts[name]:,} of {strokes.num_rows:,} strokes" for name, text in INFERRED.items() if counts[name]),
+        )
 
     def table(self) -> pa.Table:
         """The strokes of known types of the rallies without unreadable rows."""
-        sheet = self._sheet
-        shot = self._code("shot", -1)
+        sheet, shot, stroke = self._sheet, self._shot, self._stroke
         serve = (shot >= 0) & (shot < N_SERVES)
         player, opponent = self._players()
         points = self._points()
-        area = self._areas(points["landing"])
-        outcome, reason = self._outcomes(player, opponent)
+        technique = self._code("technique", -1, without=np.full(self._n, -1))
+        self._mark("technique", technique < 0)
+        landed = self._areas(points["landing"])
+        met, share = areas_met(np.where(self._reply, np.r_[shot[1:], -1], -1), np.r_[technique[1:], -1])
+        guessed = (landed < 0) & (met >= 0)
+        self._mark("area", guessed)
+        area = np.where(guessed, met, landed)
+        ending = self._code("ending", 0, without=np.zeros(self._n, np.int64))
+        scored, after = self._scores(player, ending)
+        outcome, reason = self._outcomes(player, opponent, ending, scored)
+        forced = self._code("forced", -1, without=np.full(self._n, -1))
+        for word, code in (("unforced-error", 0), ("forced-error", 1)):
+            forced = np.where(ending == WORDS["ending"].index(word), code, forced)
         discipline = self._disciplines(player, opponent)
-        start = np.flatnonzero(self._first)[self._group]
-        height = self._code("height", -1, without=np.isin(shot, [SHOTS.index(name) for name in _ABOVE]).astype(np.int64))
-        stroke = self._number("stroke", 1) if "stroke" in self._map.columns else np.arange(self._n) - start + 1
+        height = self._code("height", -1, without=np.full(self._n, -1))
+        self._mark("height", (height < 0) & ~serve)
+        height = np.where(height >= 0, height, np.isin(shot, [SHOTS.index(name) for name in _ABOVE])).astype(np.int64)
+        sure = np.full(self._n, np.nan)
+        if "confidence" in self._map.columns:
+            sure = sheet.numbers(self._map.columns["confidence"])
+            for row in np.flatnonzero((sure < 0) | (sure > 1)):
+                sheet.mark(row, f"{self._map.columns['confidence']} {sure[row]:g}; expected 0 to 1")
+        sure = np.where(guessed, np.where(np.isnan(sure), 1.0, sure) * share, sure)
+        marks = [" ".join(name for name in INFERRED if name in self._marks and self._marks[name][row]) for row in range(self._n)]
         landing_x, landing_y = points["landing"].T.astype(np.float32)
         columns: dict[str, Any] = {
             "match": self._match,
@@ -138,8 +252,8 @@ class _Import:
             "player": player,
             "opponent": opponent,
             "shot": shot,
-            "height": np.where(serve, 0, height) if "height" not in self._map.columns else height,
-            "technique": self._code("technique", -1, without=np.zeros(self._n, np.int64)),
+            "height": height,
+            "technique": np.maximum(technique, 0),
             "hurried": pa.nulls(self._n, pa.bool_()),
             "area": _nullable(area, area < 0),
             "in_court": _nullable(court.in_court(landing_x, landing_y), np.isnan(landing_y)),
@@ -149,12 +263,14 @@ class _Import:
                 for i, axis in enumerate("xy")
             },
             "clock": self._optional("seconds", "clock"),
-            "frame": pa.nulls(self._n, pa.int32()),
+            "frame": self._optional("frame", "frame"),
             "outcome": outcome,
             "reason": reason,
-            "points": self._optional("points", "points"),
-            "points_opponent": self._optional("points_opponent", "points_opponent"),
+            **{name: after.get(name, self._optional(name, name)) for name in ("points", "points_opponent")},
             "label_area": pa.nulls(self._n, pa.int8()),
+            "forced": _nullable(forced == 1, forced < 0),
+            "confidence": _nullable(sure, np.isnan(sure)),
+            "inferred": pa.array([mark or None for mark in marks], pa.string()),
         }
         if "stroke" in self._map.columns:
             missing = stroke != np.where(self._first, 1, np.r_[0, stroke[:-1]] + 1)
@@ -173,7 +289,7 @@ class _Import:
         strokes = pa.table(arrays, schema=STROKES)
         for violation in violations(strokes):
             for row in violation.rows:
-                sheet.add(int(sheet.line[known[row]]), f"expected: {violation.rule}")
+                sheet.mark(known[row], f"expected: {violation.rule}")
         return strokes
 
     def _text(self, name: str) -> tuple[str, ...]:
@@ -212,25 +328,22 @@ class _Import:
             assert without is not None
             return without
         column, words = self._map.columns[name], WORDS[name]
-        own = self._map.values.get(name, {})
+        own, texts = self._map.values.get(name, {}), set(self._sheet.text(column))
+        vocabulary = Words(name, texts)
         codes: dict[str, int] = {}
-        for text in set(self._sheet.text(column)):
-            word = plain(text)
-            meant = own.get(word, word.replace(" ", "-").replace("_", "-"))
-            lower = [word.casefold() for word in words]
-            if meant.casefold() in lower:
-                codes[text] = lower.index(meant.casefold())
-            elif not word and name in ("area", "ending"):
+        for text in texts:
+            meant = own.get(plain(text)) or vocabulary.meaning(text)
+            if meant is not None:
+                codes[text] = words.index(meant)
+            elif not text.strip() and name in _MAY_BE_EMPTY:
                 codes[text] = missing
-
-        @functools.cache
-        def hint(text: str) -> str:
-            close = difflib.get_close_matches(plain(text[:50]), [*own, *words], n=1)
-            return f"; did you mean {close[0]}?" if close else f"; map it in [values.{name}] to one of {', '.join(words)}"
-
-        for row, text in enumerate(self._sheet.text(column)):
+        unknown = sorted(texts - codes.keys())
+        hints = {text: vocabulary.meant(text, own) for text in unknown[:_MOST_HINTS]}
+        for row, text in enumerate(self._sheet.text(column)) if unknown else ():
             if text not in codes:
-                self._sheet.mark(row, f"unknown {column} {shown(text)}{hint(text)}")
+                meant = hints.get(text)
+                hint = f"did you mean {meant}?" if meant else f"map it in [values.{name}] to one of {', '.join(words)}"
+                self._sheet.mark(row, f"unknown {column} {shown(text)}; {hint}")
         return np.array([codes.get(text, missing) for text in self._sheet.text(column)], dtype=np.int64)
 
     def _players(self) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
@@ -295,15 +408,47 @@ class _Import:
         self._sheet.warn(differ, f"{self._map.columns['area']} is not the area of the landing point, which is used")
         return np.where(computed >= 0, computed, named)
 
-    def _outcomes(self, player: npt.NDArray[Any], opponent: npt.NDArray[Any]) -> tuple[I64, I64]:
+    def _scores(self, player: npt.NDArray[Any], ending: I64) -> tuple[I64, dict[str, pa.Array]]:
+        """``[n]`` 1 if the striker won the rally by the score, or by who serves next, 0 if not, -1 unknown; points after it."""
+        words, first = WORDS["ending"], np.flatnonzero(self._first)
+        last = np.r_[first[1:], self._n] - 1
+        fresh = ~self._beside[first]
+        side = (player != player[first][np.flatnonzero(fresh)][np.cumsum(fresh) - 1][self._group]).astype(np.int64)
+        server = np.where(self._stroke[first] % 2 == 1, side[first], 1 - side[first])
+        after: dict[str, pa.Array] = {}
+        winner = np.full(len(first), -1)
+        following = np.where(np.r_[fresh[1:], True], -1, np.r_[server[1:], -1])  # who won serves next
+        if "score" in self._map.columns:
+            fault, won_by = (np.isin(ending[last], [words.index(word) for word in group]) for group in (FAULTS, WINNERS))
+            told = np.select([fault, won_by], [1 - side[last], side[last]], following)
+            scores: list[tuple[int, int] | None] = [None] * len(first)
+            for row, text in enumerate(self._sheet.text(self._map.columns["score"])):
+                if text.strip() and (score := read_score(text)) is None:
+                    self._sheet.mark(row, f"score {shown(text)}; expected points such as 5-3 (did a spreadsheet make it a date?)")
+                elif text.strip():
+                    scores[self._group[row]] = score
+            points, won, reading = winners_by_score(scores, fresh, server.tolist(), told.tolist())
+            self._notes.append(reading)
+            winner = np.array(won)
+            both = np.array([(np.nan, np.nan) if pair is None else pair for pair in points])[self._group]
+            for name, seat in (("points", side), ("points_opponent", 1 - side)):
+                own = both[np.arange(self._n), seat]
+                after[name] = _nullable(np.nan_to_num(own).astype(np.int64), np.isnan(own))
+        elif not {"ending", "winner"} & self._map.columns.keys():
+            winner = following
+            self._mark("outcome", np.isin(np.arange(self._n), last[winner >= 0]))
+        of_row = winner[self._group]
+        return np.where(of_row < 0, -1, (of_row == side).astype(np.int64)), after
+
+    def _outcomes(self, player: npt.NDArray[Any], opponent: npt.NDArray[Any], ending: I64, scored: I64) -> tuple[I64, I64]:
         """Outcome and reason of each stroke, from the endings and winners of rallies."""
         last = np.r_[self._first[1:], True]
         words = WORDS["ending"]
         unknown = words.index("unknown")
-        ending = self._code("ending", 0, without=np.zeros(self._n, np.int64))
         for row in np.flatnonzero(~last & (ending > 0)):
             self._sheet.mark(row, f"ending {words[ending[row]]!r} of a stroke that is not the last of its rally")
         won = self._won(player, opponent)
+        won = np.where(won < 0, scored, won)
         faults, winners = ([words.index(word) for word in group] for group in (FAULTS, WINNERS))
         fault, winner = np.isin(ending, faults), np.isin(ending, winners)
         for row in np.flatnonzero(last & ((fault & (won == 1)) | (winner & (won == 0)))):
@@ -312,15 +457,16 @@ class _Import:
         outcome = np.where(fault, Outcome.FAULT, np.where(winner, Outcome.WINNER, Outcome.RETURNED))
         by_winner = np.select([won == 1, won == 0], [Outcome.WINNER, Outcome.FAULT], Outcome.UNKNOWN)
         outcome = np.where(undecided, by_winner, outcome)
-        if "ending" in self._map.columns:
+        if "ending" in self._map.columns and self._strict:
             unsaid = np.flatnonzero(undecided & (won >= 0) & (ending != unknown))
             self._sheet.warn(unsaid, "the last stroke of its rally has no ending, only a winner")
         readable = ~np.isin(self._group, self._group[self._sheet.unreadable])
-        for row in np.flatnonzero(undecided & (won < 0) & (ending != unknown) & readable):
+        written = self._strict and {"ending", "winner"} & self._map.columns.keys()
+        for row in np.flatnonzero(undecided & (won < 0) & (ending != unknown) & readable) if written else ():
             self._sheet.mark(
                 row, "the last stroke of its rally has neither an ending nor a winner; use unknown if neither is known"
             )
-        reason = np.array([REASONS.index(word) for word in words])[ending]
+        reason = np.array([REASONS.index(word if word in REASONS else "unknown") for word in words])[ending]
         return outcome.astype(np.int64), np.where(undecided, REASONS.index("unknown"), reason)
 
     def _won(self, player: npt.NDArray[Any], opponent: npt.NDArray[Any]) -> I64:
@@ -409,6 +555,11 @@ class _Import:
         elif self._map.discipline:
             given = np.full(self._n, self._map.discipline)
         else:
+            if self._map.guessed and not any(known):
+                self._notes.append(
+                    f'the discipline: {DISCIPLINES[0]}; if it is another, set discipline = "{DISCIPLINES[1]}" in a map'
+                )
+                return np.full(self._n, DISCIPLINES[0])
             for row in [row for row, kinds in enumerate(known) if len(kinds) != 1][:1]:
                 self._sheet.mark(
                     row,

@@ -68,7 +68,7 @@ _FIELDS: Final[tuple[tuple[str, pa.DataType, bool, str], ...]] = (
      "without this column have no known ones."),
     ("area", pa.int8(), True, "Area of the landing point recomputed from it (nearest area if outside the court), index "
      "into shuttle_marl.game.court.AREAS. Of a returned stroke the landing is where the receiver met the shuttle. Of a "
-     "fault it is where the shuttle came down, NOT the target. Null if no landing was recorded."),
+     "fault it is where the shuttle came down, NOT the target. Null if no landing was recorded or inferred."),
     ("in_court", pa.bool_(), True, "Whether the landing point lies in the opponent's singles court."),
     ("landing_x", pa.float32(), True, "Landing point [m]."),
     ("landing_y", pa.float32(), True, "Landing point [m], positive beyond the net."),
@@ -86,6 +86,11 @@ _FIELDS: Final[tuple[tuple[str, pa.DataType, bool, str], ...]] = (
     ("points_opponent", pa.int8(), True, "Points of the receiver in this game AFTER the rally."),
     ("label_area", pa.int8(), True, "The annotators' area label of the landing, corrected for the mirrored matches; "
      "same index as area, null where they put it outside the court, and in simulated tables."),
+    ("forced", pa.bool_(), True, "Whether the opponent forced the fault; null: not recorded, or no fault."),
+    ("confidence", pa.float32(), True, "Probability that the row is right: that of the program that recognised the stroke, times "
+     "the share of the inferred area; null: written by a person."),
+    ("inferred", pa.string(), True, "Values that the file did not contain and that were inferred: names of columns, separated by "
+     "spaces; null: none."),
 )  # fmt: skip
 
 STROKES: Final = pa.schema(
@@ -93,6 +98,9 @@ STROKES: Final = pa.schema(
     metadata={"schema": "shuttle_marl.strokes", "version": "1"},
 )
 """Arrow schema of a stroke table."""
+
+OPTIONAL: Final = ("hurried", "forced", "confidence", "inferred")
+"""Columns that files may lack."""
 
 RANGES: Final = {
     "game": (1, 9),
@@ -128,11 +136,13 @@ def outcome_of(played: Ints) -> I64:
 
 DROP_REASONS: Final = {
     "empty row": "No value at all.",
+    "no stroke": "An entry of another kind in the file of another program, such as a rally or a pause.",
     "repeated row": "The same stroke of the same player stands there twice.",
     "unreadable value": "A value that cannot be what it should be, in a published file.",
     "broken homography": "More than a fifth of the rows of the game put both players in one half.",
     "contact heights unreliable": "Those of the whole game contradict each other, or the shot types.",
-    "broken rally": "Strokes are not numbered 1, 2, …, players do not alternate, or the rally's number is taken.",
+    "broken rally": "Strokes are not numbered 1, 2, …, players do not alternate, or the rally's number is taken; in files of "
+    "other programs, any problem.",
     "unknown shot type": "Nearly always a serve that the camera missed; the rest of the rally is kept.",
     "serve type inside a rally": "A serve that is not the first stroke.",
     "first stroke is no serve": "A rally that starts with another shot type.",
@@ -218,12 +228,18 @@ class Cleaned:
         account: counts of read and dropped rows.
         files: the files of the games, in order.
         warnings: what is strange and not wrong, with file and line.
+        format: of the file.
+        inferred: sentences on what was inferred.
+        lost: sentences on what the file does not have.
     """
 
     strokes: pa.Table
     account: Account
     files: tuple[Path, ...]
     warnings: tuple[str, ...] = ()
+    format: str = "ShuttleSet"
+    inferred: tuple[str, ...] = ()
+    lost: tuple[str, ...] = ()
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -363,6 +379,8 @@ def _endings(t: _Columns) -> Iterator[tuple[str, tuple[str, ...], Bools]]:
     yield "the first stroke of a rally, and no other, is a serve", ("shot",), serve != first
     yield "serves are struck below the net", ("shot", "height"), serve & (t["height"] != 0)
     yield "no serve is hurried", ("shot", "hurried"), serve & (t["hurried"] == 1)
+    yield "only faults are forced or unforced", ("forced", "outcome"), ~np.isnan(t["forced"]) & (outcome != Outcome.FAULT)
+    yield "confidence lies between 0 and 1", ("confidence",), (t["confidence"] < 0) | (t["confidence"] > 1)
 
 
 def _points(t: _Columns) -> Iterator[tuple[str, tuple[str, ...], Bools]]:
@@ -384,7 +402,6 @@ def _points(t: _Columns) -> Iterator[tuple[str, tuple[str, ...], Bools]]:
         ("landing_y", "outcome"),
         over & (lands < -REACH_OVER),
     )
-    yield "only faults have neither a landing nor an area", ("landing_y", "area", "outcome"), over & np.isnan(t["area"])
     # In the precision of the file: a point on a line must fall on the same side of it.
     x, y = t["landing_x"].astype(np.float32), lands.astype(np.float32)
     known = ~np.isnan(lands)

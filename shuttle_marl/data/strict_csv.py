@@ -1,4 +1,4 @@
-"""Strict reading of CSV files: every value is checked, and every problem is recorded with file, line and value."""
+"""Tables of text, and strict reading of CSV files: every problem of a value is recorded with file, line and value."""
 
 import csv
 import dataclasses
@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from shuttle_marl.base.arrays import F64, I8, I64
+from shuttle_marl.base.arrays import F64, I8, I64, Bools
 from shuttle_marl.base.errors import ShuttleError, command
 from shuttle_marl.base.files import problem, read_file
 
@@ -25,14 +25,16 @@ class Problem:
         path: the file or folder.
         message: description with the value and the expectation.
         line: line in the file, from 1; None for the whole file.
+        unit: what ``line`` counts: ``line``, or ``entry`` in files where a line tells nothing.
     """
 
     path: Path
     message: str
     line: int | None = None
+    unit: str = "line"
 
     def __str__(self) -> str:
-        where = f"{self.path}" if self.line is None else f"{self.path}, line {self.line}"
+        where = f"{self.path}" if self.line is None else f"{self.path}, {self.unit} {self.line}"
         return f"{where}: {self.message}"
 
 
@@ -52,7 +54,7 @@ class DataError(ShuttleError):
         """One error for several problems; ``advice``: options with which ``validate`` lists them."""
         problems = grouped(problems)
         error = cls(problems[0].path, problems[0].message, line=problems[0].line)
-        error.problems = tuple(problems)
+        error.problems, error.args = tuple(problems), (str(problems[0]),)
         if len(problems) > 1:
             files = (str(problems[0].path), *advice) if advice else ()
             listed = command("data", "validate", *files)
@@ -76,14 +78,16 @@ _MOST_ROWS: Final = 500_000
 _MOST_PROBLEMS: Final = 10_000
 _LONGEST: Final = 100
 """Characters of a value that a message shows."""
+DELIMITERS: Final = (",", ";", "\t", "|")
+"""Delimiters that are recognised, the usual one first."""
 _SEPARATOR: Final = re.compile(r'"?sep=(.)"?[\r\n]+')
 """First line with which spreadsheets state the delimiter."""
 _CLOCK: Final = re.compile(r"(\d{1,4}):([0-5]\d):([0-5]\d)", re.ASCII)
 _NUMBER: Final = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
 
-class StrictCsv:
-    """The n rows of a CSV file in UTF-8 with a header; text is in Unicode normal form C.
+class Sheet:
+    """The n rows of a table of text with a header; text is in Unicode normal form C.
 
     An invalid value becomes a missing one, its row is marked, and the problem is recorded. The caller decides whether problems
     are fatal.
@@ -91,85 +95,85 @@ class StrictCsv:
     Attributes:
         path: the file.
         content: its bytes.
+        unit: what ``line`` counts (:class:`Problem`).
         line: ``[n]`` (last) line of each row in the file, from 1.
         header: names of all columns.
+        columns: ``[n]`` values of each column.
         empty: number of further rows, without any value.
+        others: number of further entries that are no strokes.
         problems: problems so far.
         warnings: what is strange and not wrong.
         unreadable: ``[n]`` rows with an invalid value.
     """
 
-    def __init__(self, path: Path, required: Sequence[str], *, delimiter: str = ",", decimal: str = ".") -> None:
-        """Read a file.
+    def __init__(
+        self,
+        path: Path,
+        content: bytes,
+        table: tuple[Sequence[str], Sequence[Sequence[str]], Sequence[int]] | None = None,
+        *,
+        unit: str = "line",
+        decimal: str = ".",
+    ) -> None:
+        """A table.
 
         Args:
             path: the file.
-            required: headers of the columns to read.
-            delimiter: of values.
+            content: its bytes.
+            table: header, rows, and the line of each row; None: :meth:`fill` follows.
+            unit: what the lines count.
             decimal: decimal mark.
 
         Raises:
-            DataError: the file cannot be opened or decoded, or is too large; a required column is missing or there twice; there
-                are no rows.
+            DataError: there are no rows, or too many, or a value is too long.
         """
-        self.path = path
+        self.path, self.content, self.unit = path, content, unit
         self._decimal = decimal
-        try:
-            self.content = read_file(path, _MOST_BYTES)
-        except (OSError, ValueError) as error:
-            raise DataError(path, f"cannot be read ({problem(error)})") from error
-        text = io.StringIO(unicodedata.normalize("NFC", _decode(path, self.content)), newline="")
-        if stated := _SEPARATOR.match(text.getvalue()):
-            text.readline()
-            if stated[1] != delimiter:
-                raise DataError(path, f"the delimiter is {stated[1]!r} here, and {delimiter!r} in the map of its columns", line=1)
-        above = int(stated is not None)
-        reader = csv.reader(text, delimiter=delimiter, strict=True)
-        try:
-            header = next(reader, [])
-        except csv.Error as error:
-            raise DataError(path, str(error), line=1 + above) from error
-        if not header:
-            raise DataError(path, "the file is empty")
-        required = [unicodedata.normalize("NFC", column) for column in required]
-        if twice := sorted({column for column in required if header.count(column) > 1}):
-            raise DataError(path, f"several columns {', '.join(twice)}; rename or remove all but one", line=1 + above)
-        missing = [column for column in required if column not in header]
-        if missing:
-            raise DataError(path, f"missing column {', '.join(missing)}; the header is {shown(','.join(header))}", line=1 + above)
-        self.header = tuple(header)
+        self.header: tuple[str, ...] = ()
+        self.columns: dict[str, tuple[str, ...]] = {}
         self.problems: list[Problem] = []
         self._seen: set[Problem] = set()
         self.warnings: list[Problem] = []
-        self.empty = 0
-        rows, lines = [], []
-        try:
-            for row in reader:
-                line = reader.line_num + above
-                if not any(cell.strip() for cell in row):
-                    self.empty += bool(row)
-                elif len(row) != len(header):
-                    self.add(
-                        line, f"{len(row)} fields instead of {len(header)}, ending in {shown(row[-1])}: is the file truncated?"
-                    )
-                elif any("\n" in cell and cell.count(delimiter) >= len(header) - 1 for cell in row):
-                    self.add(line, "a value contains lines that look like rows: is a quotation mark missing?")
-                else:
-                    rows.append(row)
-                    lines.append(line)
-                if len(rows) + self.empty > _MOST_ROWS:
-                    raise DataError(path, f"more than {_MOST_ROWS:,} rows; divide the file")
-        except csv.Error as error:
-            raise DataError(path, f"{error}: is a quotation mark missing?", line=reader.line_num + above) from error
+        self.empty = self.others = 0
+        if table is not None:
+            self.fill(*table)
+
+    def fill(self, header: Sequence[str], rows: Sequence[Sequence[str]], lines: Sequence[int]) -> None:
+        """Set the rows.
+
+        Raises:
+            DataError: there are none, or too many, or a value is too long.
+        """
         if not rows:
-            raise DataError.of(self.problems) if self.problems else DataError(path, "no rows below the header")
+            raise DataError(self.path, "no strokes")
+        if len(rows) > _MOST_ROWS:
+            raise DataError(self.path, f"more than {_MOST_ROWS:,} rows; divide the file")
+        self.header = tuple(unicodedata.normalize("NFC", name) for name in header)
         self.line = np.array(lines)
         self.unreadable = np.zeros(len(rows), dtype=bool)
-        for found in self.problems:  # a row is missing between these two
-            after = int(np.searchsorted(self.line, found.line or 0))
-            self.unreadable[max(0, after - 1) : after + 1] = True
-        columns = zip(*rows, strict=True)
-        self._columns = {name: column for name, column in zip(header, columns, strict=True) if name in required}
+        self.columns = dict(zip(self.header, zip(*rows, strict=True), strict=True))
+
+    def require(self, names: Iterable[str], line: int | None = None) -> None:
+        """Check that columns stand there once, in a header on that line.
+
+        Raises:
+            DataError: one does not.
+        """
+        names = [unicodedata.normalize("NFC", name) for name in names]
+        if twice := sorted({name for name in names if self.header.count(name) > 1}):
+            raise DataError(self.path, f"several columns {', '.join(twice)}; rename or remove all but one", line=line)
+        if missing := [name for name in names if name not in self.header]:
+            header = shown(",".join(self.header))
+            raise DataError(self.path, f"missing column {', '.join(missing)}; the header is {header}", line=line)
+
+    def without(self, rows: Bools) -> "Sheet":
+        """The same without some rows, problems and warnings."""
+        kept = np.flatnonzero(~rows).tolist()
+        columns = [[self.columns[name][row] for row in kept] for name in self.header]
+        table = self.header, list(zip(*columns, strict=True)), self.line[kept].tolist()
+        other = Sheet(self.path, self.content, table, unit=self.unit, decimal=self._decimal)
+        other.empty, other.others = self.empty, self.others
+        return other
 
     def __len__(self) -> int:
         return len(self.line)
@@ -180,7 +184,7 @@ class StrictCsv:
         Raises:
             DataError: there are too many to continue.
         """
-        found = Problem(self.path, message, line)
+        found = Problem(self.path, message, line, self.unit)
         if found in self._seen:
             return
         self._seen.add(found)
@@ -195,11 +199,11 @@ class StrictCsv:
 
     def warn(self, rows: Iterable[int | np.integer], message: str) -> None:
         """Record what is strange about rows; nothing without rows."""
-        self.warnings.extend(Problem(self.path, message, int(self.line[row])) for row in rows)
+        self.warnings.extend(Problem(self.path, message, int(self.line[row]), self.unit) for row in rows)
 
     def text(self, column: str) -> tuple[str, ...]:
         """``[n]`` values as text."""
-        return self._columns[unicodedata.normalize("NFC", column)]
+        return self.columns[unicodedata.normalize("NFC", column)]
 
     def numbers(self, column: str) -> F64:
         """``[n]`` numbers, NaN for empty values and, with a problem, for values that are not finite numbers."""
@@ -248,6 +252,81 @@ class StrictCsv:
         for row in np.flatnonzero(values < 0):
             self.mark(row, f"{column} {shown(text[row])}; expected h:mm:ss")
         return values
+
+
+class StrictCsv(Sheet):
+    """The rows of a CSV file in UTF-8 with a header."""
+
+    def __init__(self, path: Path, required: Sequence[str], *, delimiter: str | None = ",", decimal: str = ".") -> None:
+        """Read a file.
+
+        Args:
+            path: the file.
+            required: headers of the columns to read.
+            delimiter: of values; None: the most frequent one of the header.
+            decimal: decimal mark.
+
+        Raises:
+            DataError: the file cannot be opened or decoded, or is too large; a required column is missing or there twice; there
+                are no rows.
+        """
+        super().__init__(path, read_content(path), decimal=decimal)
+        text = io.StringIO(unicodedata.normalize("NFC", _decode(path, self.content)), newline="")
+        if stated := _SEPARATOR.match(text.getvalue()):
+            text.readline()
+            if delimiter is not None and stated[1] != delimiter:
+                raise DataError(path, f"the delimiter is {stated[1]!r} here, and {delimiter!r} in the map of its columns", line=1)
+        above = int(stated is not None)
+        if delimiter is None:
+            first = text.getvalue().splitlines()[above : above + 1] or [""]
+            delimiter = stated[1] if stated else max(DELIMITERS, key=first[0].count)
+            self._decimal = "." if delimiter == "," else ","
+        reader = csv.reader(text, delimiter=delimiter, strict=True)
+        try:
+            header = next(reader, [])
+        except csv.Error as error:
+            raise DataError(path, str(error), line=1 + above) from error
+        if not header:
+            raise DataError(path, "the file is empty")
+        self.header = tuple(header)
+        self.require(required, 1 + above)
+        rows, lines = [], []
+        try:
+            for row in reader:
+                line = reader.line_num + above
+                if not any(cell.strip() for cell in row):
+                    self.empty += bool(row)
+                elif len(row) != len(header):
+                    self.add(
+                        line, f"{len(row)} fields instead of {len(header)}, ending in {shown(row[-1])}: is the file truncated?"
+                    )
+                elif any("\n" in cell and cell.count(delimiter) >= len(header) - 1 for cell in row):
+                    self.add(line, "a value contains lines that look like rows: is a quotation mark missing?")
+                else:
+                    rows.append(row)
+                    lines.append(line)
+                if len(rows) + self.empty > _MOST_ROWS:
+                    raise DataError(path, f"more than {_MOST_ROWS:,} rows; divide the file")
+        except csv.Error as error:
+            raise DataError(path, f"{error}: is a quotation mark missing?", line=reader.line_num + above) from error
+        if not rows:
+            raise DataError.of(self.problems) if self.problems else DataError(path, "no rows below the header")
+        self.fill(header, rows, lines)
+        for found in self.problems:  # a row is missing between these two
+            after = int(np.searchsorted(self.line, found.line or 0))
+            self.unreadable[max(0, after - 1) : after + 1] = True
+
+
+def read_content(path: Path) -> bytes:
+    """The bytes of a file.
+
+    Raises:
+        DataError: it cannot be opened, or is too large.
+    """
+    try:
+        return read_file(path, _MOST_BYTES)
+    except (OSError, ValueError) as error:
+        raise DataError(path, f"cannot be read ({problem(error)})") from error
 
 
 def shown(value: str) -> str:

@@ -20,13 +20,11 @@ from shuttle_marl.base.files import problem
 from shuttle_marl.data import upstream
 from shuttle_marl.data.cleaning import clean_matches
 from shuttle_marl.data.own import import_matches
-from shuttle_marl.data.schema import STROKES, Account, Cleaned, violations
+from shuttle_marl.data.schema import OPTIONAL, STROKES, Account, Cleaned, violations
 from shuttle_marl.data.shuttleset import list_matches, read_game
 from shuttle_marl.data.strict_csv import DataError, Problem
 from shuttle_marl.data.upstream import SPLITS, Split, split_of
 
-OPTIONAL: Final = "hurried"
-"""Column that files may lack."""
 _OF_PANDAS: Final = "__index_level_"
 _ACCOUNT: Final = b"shuttle_marl.account"
 _PROVENANCE: Final = b"shuttle_marl.provenance"
@@ -96,10 +94,16 @@ def read_parquet(path: Path) -> pa.Table:
         raise DataError(path, f"no readable Parquet file ({error})") from error
     if elsewhere:
         table = table.select([name for name in table.column_names if not name.startswith(_OF_PANDAS)])
-    if OPTIONAL not in table.column_names and len(table.column_names) == len(STROKES) - 1:
-        missing = pa.nulls(len(table), STROKES.field(OPTIONAL).type)
-        table = table.add_column(STROKES.get_field_index(OPTIONAL), STROKES.field(OPTIONAL), missing)
+    if table.column_names == _expected(table.column_names):
+        for field in STROKES:
+            if field.name not in table.column_names:
+                table = table.add_column(STROKES.get_field_index(field.name), field, pa.nulls(len(table), field.type))
     return _cast(path, table) if elsewhere else table
+
+
+def _expected(names: Sequence[str]) -> list[str]:
+    """Names of a table in the schema, which may lack optional ones."""
+    return [name for name in STROKES.names if name in names or name not in OPTIONAL]
 
 
 def _again() -> str:
@@ -134,7 +138,8 @@ def check_schema(path: Path, schema: pa.Schema) -> None:
     """Compare a schema with :data:`~shuttle_marl.data.schema.STROKES`.
 
     Raises:
-        DataError: a column other than :data:`OPTIONAL` is missing, or one has another type or position; or the version differs.
+        DataError: a column other than :data:`~shuttle_marl.data.schema.OPTIONAL` is missing, or one has another type or position;
+            or the version differs.
     """
     advice = _again()
     version = (schema.metadata or {}).get(b"version")
@@ -143,13 +148,13 @@ def check_schema(path: Path, schema: pa.Schema) -> None:
         raise DataError(path, f"schema version {version!r}, expected {expected!r}; {advice}")
     for field in STROKES:
         if field.name not in schema.names:
-            if field.name == OPTIONAL:
+            if field.name in OPTIONAL:
                 continue
             raise DataError(path, f"column {field.name!r} is missing; {advice}")
         found = schema.field(field.name)
         if found.type != field.type or found.nullable != field.nullable:
             raise DataError(path, f"column {field.name!r} is {_kind(found)}, expected {_kind(field)}; {advice}")
-    if schema.names not in (STROKES.names, [name for name in STROKES.names if name != OPTIONAL]):
+    if schema.names != _expected(schema.names):
         raise DataError(path, f"columns {', '.join(schema.names)}; expected {', '.join(STROKES.names)} in this order")
 
 

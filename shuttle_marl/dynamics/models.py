@@ -248,12 +248,12 @@ def known_outcome(rows: Rows) -> Bools:
 
 def was_good(rows: Rows) -> Bools:
     """``[N]`` rows that the return network is fitted to."""
-    return (rows.outcome == Outcome.RETURNED) | (rows.outcome == Outcome.WINNER)
+    return ((rows.outcome == Outcome.RETURNED) | (rows.outcome == Outcome.WINNER)) & (rows.codes["area"] >= 0)
 
 
 def was_met(rows: Rows) -> Bools:
     """``[N]`` rows that the contact network is fitted to."""
-    return (rows.outcome == Outcome.RETURNED) & (rows.next_contact >= 0)
+    return (rows.outcome == Outcome.RETURNED) & (rows.next_contact >= 0) & (rows.codes["area"] >= 0)
 
 
 def was_timed(rows: Rows) -> Bools:

@@ -116,6 +116,14 @@ def test_what_is_not_written_down_is_filled_in(tmp_path: Path) -> None:
     assert strokes["opponent"].to_pylist() == ["bea", "ada", "bea", "bea", "ada"]
     assert strokes["game"].to_pylist() == [1] * 5
     assert strokes["source"].to_pylist() == ["own matches"] * 5
+    assert strokes["inferred"].to_pylist() == [
+        "technique",
+        "height technique",
+        "height technique",
+        "technique",
+        "height technique",
+    ]
+    assert strokes["confidence"].null_count == 5
 
 
 def test_areas_of_the_striker_are_mirrored(tmp_path: Path) -> None:
@@ -163,7 +171,6 @@ def test_strokes_of_an_unknown_type_are_left_out(tmp_path: Path) -> None:
         ("final,1,Bea", "final,1,a:b", 6, "match .final. has 3 players"),
         ("lift,,out", "lift,,", 6, "neither an ending nor a winner"),
         ("lift,back-left,", "lift,back-left,net", 3, "ending 'net' of a stroke that is not the last"),
-        ("lift,back-left,", "lift,,", 3, "only faults have neither a landing nor an area"),
         ("final,1,Ada,short serve", "final,1,Ada,clear", 2, "the first stroke of a rally, and no other, is a serve"),
         ("landed,-2.0,4.0,near,", "landed,-2.0", 4, "7 fields instead of 10"),
         ("final,2,Ada", "final,2,Bea", 6, "players alternate in a rally"),
@@ -219,8 +226,6 @@ def test_maps_with_something_wrong(tmp_path: Path, more: str, says: str) -> None
         ('source = ""\n' + MAP, "expected a line of text"),
         ("source = 3\n" + MAP, "expected a line of text"),
         (MAP.replace('shot = "shot"', ""), "lacks shot"),
-        (MAP.replace('ending = "end"', ""), "needs ending or winner"),
-        (MAP.replace('area = "area"', ""), "needs area, or landing_x"),
         (MAP.replace('discipline = "MS"', ""), "unknown discipline"),
         ("columns = 3", "expected a table"),
     ],

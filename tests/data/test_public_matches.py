@@ -5,12 +5,17 @@ import os
 import runpy
 from pathlib import Path
 
+import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 import pytest
 
 from shuttle_marl.data import clean_matches, matches_of, split_of
+from shuttle_marl.data.inference import MET
 from shuttle_marl.data.schema import DROP_REASONS, Cleaned, violations
 from shuttle_marl.data.shuttleset import list_matches
+from shuttle_marl.game.court import AREAS
+from shuttle_marl.game.stroke import SHOTS
 
 ROOT = os.environ.get("SHUTTLESET")
 pytestmark = [pytest.mark.skipif(not ROOT, reason="SHUTTLESET names no folder"), pytest.mark.slow]
@@ -70,3 +75,19 @@ def test_the_datasheet_tells_these_numbers(public: Cleaned) -> None:
         rallies = rows.group_by(["match", "game", "rally"]).aggregate([]).num_rows
         kept = len(rows["match"].unique())
         assert f"| {split} | {len(matches_of(split))} | {kept} | {rallies:,} | {rows.num_rows:,} |" in lines
+
+
+def test_areas_of_replies_are_those_of_the_train_matches(public: Cleaned) -> None:
+    names = [name for name in public.strokes["match"].unique().to_pylist() if split_of(name) == "train"]
+    strokes = public.strokes.filter(pc.is_in(public.strokes["match"], pa.array(names)))
+    rally = ("match", "game", "rally")
+    column = {name: strokes[name].to_numpy(zero_copy_only=False) for name in (*rally, "stroke", "shot", "technique")}
+    same = np.logical_and.reduce([column[name][1:] == column[name][:-1] for name in rally])
+    rows = np.flatnonzero(same & (np.diff(column["stroke"]) == 1) & strokes["area"].is_valid().to_numpy()[:-1])
+    area, reply, technique = strokes["area"].to_numpy()[rows].astype(int), column["shot"][rows + 1], column["technique"][rows + 1]
+    for shot, entries in MET.items():
+        for number, (name, share) in enumerate(entries, -1):
+            chosen = (reply == SHOTS.index(shot)) & ((technique == number) | (number < 0))
+            if chosen.sum() >= 30:
+                assert np.bincount(area[chosen], minlength=9).argmax() == AREAS.index(name), (shot, number)
+                assert (area[chosen] == AREAS.index(name)).mean() == pytest.approx(share, abs=0.0051), (shot, number)

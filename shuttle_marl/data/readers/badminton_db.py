@@ -1,0 +1,116 @@
+"""Annotations of BadmintonDB as JSON (Ban et al., MMSports 2022): points with their strokes, times, and the cause of the end."""
+
+import dataclasses
+import re
+from pathlib import Path
+from typing import Any, Final
+
+from shuttle_marl.data.readers.reading import Reading, sheet_of
+from shuttle_marl.data.readers.tree import text
+from shuttle_marl.data.strict_csv import DataError
+
+SEATS: Final = ("T1P1", "T2P1")
+ENDINGS: Final = {
+    "end_out": "out", "end_fault": "error", "end_miss": "landed", "end_lucky": "landed", "end_misjudge": "misjudged",
+}  # fmt: skip
+"""Ending by cause."""
+_FILE: Final = re.compile(r".*?-(MS|WS)-(.+?) \([A-Z]{3}\)-(.+?) \([A-Z]{3}\)-.*")
+"""Names of published files: discipline and players."""
+_BACKHAND: Final = re.compile(r"(.+?)[ -]*\(?Bh\)?", re.IGNORECASE)
+_LOST: Final = (
+    "areas, positions and contact heights",
+    "types of strokes that were faults of their own (FAULT): these rows are dropped",
+    "whether a serve is short, unless it is a flick serve, and whether a fault fell short or into the net",
+    "strokes around the head: they are forehands",
+)
+
+
+@dataclasses.dataclass(kw_only=True)
+class Point:
+    """A point of a match.
+
+    Attributes:
+        before: score before it, of seats 0 and 1.
+        game: from 1.
+        strokes: seat (None: not known), time [s], type and place in the file of each stroke.
+        cause: of its end.
+    """
+
+    before: tuple[int, int]
+    game: int
+    strokes: list[tuple[int | None, float, str, int]] = dataclasses.field(default_factory=list)
+    cause: str = ""
+
+
+def recognises(value: Any) -> bool:
+    """Whether JSON is of this format."""
+    points = list(value.values()) if isinstance(value, dict) else value
+    return bool(points) and isinstance(points, list) and isinstance(points[0], dict) and "PointInfo" in points[0]
+
+
+def read(path: Path, content: bytes, value: Any) -> Reading:
+    """Read a file.
+
+    Raises:
+        DataError: a point has another form.
+    """
+    points, place = [], 0
+    for name, point in value.items() if isinstance(value, dict) else enumerate(value, 1):
+        try:
+            about = point["PointInfo"]
+            seats = [about[seat] for seat in SEATS]
+            found = Point(
+                before=(int(seats[0]["Point"]), int(seats[1]["Point"])),
+                game=1 + int(seats[0]["Score"]) + int(seats[1]["Score"]),
+                cause=text((about["WonEnd"] or {}).get("Cause")),
+            )
+            for stroke in about["Rally"] or ():
+                place += 1
+                kind = text(stroke.get("StrokeType"))
+                found.strokes.append((SEATS.index(stroke["Player"]), float(stroke["StrokeBegin"]), kind, place))
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            raise DataError(path, f"{name}: no point of BadmintonDB ({type(error).__name__}: {error})") from error
+        points.append(found)
+    return reading_of(path, content, points, "BadmintonDB JSON", "stroke")
+
+
+def reading_of(path: Path, content: bytes, points: list[Point], name: str, unit: str, lost: tuple[str, ...] = ()) -> Reading:
+    """The table of the strokes of points."""
+    told = _FILE.fullmatch(path.stem)
+    people = told.groups()[1:] if told else SEATS
+    entries, places = [], []
+    number = game = 0
+    for point, following in zip(points, [*points[1:], None], strict=True):
+        number = number + 1 if point.game == game else 1
+        game = point.game
+        after = following.before if following is not None and following.game == game else after_cause(point)
+        for i, (seat, seconds, kind, place) in enumerate(point.strokes):
+            backhand = _BACKHAND.fullmatch(kind)
+            shot = backhand[1] if backhand else kind
+            entry = {"shot": "unknown" if shot.strip("*").upper() in ("", "FAULT", "ERROR-TIER") or seat is None else shot}
+            entry |= {"game": str(game), "rally": str(number), "stroke": str(i + 1), "seconds": f"{seconds:.3f}"}
+            entry |= {"technique": "backhand" if backhand else "forehand", "discipline": told[1] if told else ""}
+            own = i % 2 if seat is None else seat
+            entry |= {"player": people[own], "opponent": people[1 - own]}
+            if after is not None:
+                entry |= {"points": str(after[own]), "points_opponent": str(after[1 - own])}
+            if i == len(point.strokes) - 1:
+                entry["ending"] = ENDINGS.get(point.cause.lower(), "unknown")
+            entries.append(entry)
+            places.append(place)
+    if told is None:
+        lost += ("names of the players: the file is not named as the published ones",)
+        for entry in entries:
+            del entry["discipline"]
+    inferred = ("players and discipline from the name of the file",) if told else ()
+    sheet = sheet_of(path, content, entries, places, unit)
+    return Reading(format=name, sheet=sheet, source="BadmintonDB", lost=_LOST + lost, inferred=inferred)
+
+
+def after_cause(point: Point) -> tuple[int, int] | None:
+    """The score after a point by its cause; None without one."""
+    ending = ENDINGS.get(point.cause.lower())
+    if ending is None or not point.strokes or point.strokes[-1][0] is None:
+        return None
+    won = point.strokes[-1][0] if ending in ("landed", "misjudged") else 1 - point.strokes[-1][0]
+    return point.before[0] + (won == 0), point.before[1] + (won == 1)

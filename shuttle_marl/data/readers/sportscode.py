@@ -1,0 +1,76 @@
+"""Instances of Sportscode and of programs that write its XML (Dartfish, Nacsport): start, end, code, labels in groups.
+
+A stroke is an instance whose code or one of whose labels is a type of stroke; groups are columns, in any language. Labels
+without a known group count if they are words of badminton. The code is the player if it is no stroke. Instances called rally or
+game number the strokes within them.
+"""
+
+import xml.etree.ElementTree as ET
+from pathlib import Path
+from typing import Final
+
+from shuttle_marl.data.readers.reading import Reading, sheet_of
+from shuttle_marl.data.readers.tree import line_of, text_of
+from shuttle_marl.data.strict_csv import DataError
+from shuttle_marl.data.words import Words
+
+INSTANCE: Final = "ALL_INSTANCES/instance"
+_KINDS: Final = ("shot", "ending", "technique", "height", "area")
+"""Kinds of words that labels without a group may be, the first ones first."""
+
+
+def read(path: Path, content: bytes, root: ET.Element) -> Reading:
+    """Read a file.
+
+    Raises:
+        DataError: it holds no strokes.
+    """
+    columns = Words("column", ())
+    kinds = {kind: Words(kind, (label.text or "" for label in root.iter("text"))) for kind in _KINDS}
+    spans: dict[str, list[tuple[float, float]]] = {"game": [], "rally": []}
+    strokes: list[tuple[float, float, int, dict[str, str]]] = []
+    others, unread = 0, set[str]()
+    for instance in root.iterfind(f".//{INSTANCE}"):
+        code = text_of(instance, "code")
+        entry: dict[str, str] = {}
+        for label in instance.iterfind("label"):
+            group, word = text_of(label, "group"), text_of(label, "text")
+            column = columns.meaning(group) or next((kind for kind in _KINDS if kinds[kind].meaning(word)), "")
+            if column:
+                entry.setdefault(column, word)
+            else:
+                unread.add(group or word)
+        if kinds["shot"].meaning(code):
+            entry.setdefault("shot", code)
+        elif "shot" in entry and not columns.meaning(code):
+            entry.setdefault("player", code)
+        start, end = (_seconds(path, instance, tag) for tag in ("start", "end"))
+        if "shot" in entry:
+            strokes.append((start, end, line_of(instance), entry))
+            continue
+        others += 1
+        span = columns.meaning(code.rstrip("0123456789 "))
+        if span in spans:
+            spans[span].append((start, end))
+    strokes.sort(key=lambda stroke: stroke[:2])
+    entries = []
+    for start, end, _, entry in strokes:
+        entry["seconds"] = f"{start:.3f}"
+        for name, within in spans.items():
+            around = [i for i, (a, b) in enumerate(sorted(within), 1) if a <= (start + end) / 2 <= b]
+            if around:
+                entry.setdefault(name, str(around[-1]))
+        entries.append(entry)
+    sheet = sheet_of(path, content, entries, [line for _, _, line, _ in strokes])
+    sheet.others = others
+    lost = ["times of the strokes: those of the start of their instances, which may be earlier"]
+    if unread:
+        lost.append(f"labels that are no columns here: {', '.join(map(repr, sorted(unread)[:20]))}")
+    return Reading(format="Sportscode XML", sheet=sheet, source="Sportscode", lost=tuple(lost))
+
+
+def _seconds(path: Path, instance: ET.Element, tag: str) -> float:
+    try:
+        return float(text_of(instance, tag))
+    except ValueError as error:
+        raise DataError(path, f"{tag} {text_of(instance, tag)[:50]!r}; expected seconds", line=line_of(instance)) from error

@@ -1,0 +1,78 @@
+"""XML and JSON in bounded time and memory: no document type, so no entities and nothing from elsewhere; bounded depth."""
+
+import xml.etree.ElementTree as ET
+from pathlib import Path
+from typing import Any, Final
+from xml.parsers import expat
+
+import msgspec
+
+from shuttle_marl.data.strict_csv import DataError
+
+LINE: Final = "\N{NUMBER SIGN}line"
+"""Attribute of each element: its line in the file, a name that no XML attribute has."""
+_DEEPEST: Final = 50
+_MOST_ELEMENTS: Final = 2_000_000
+
+
+def parse_xml(path: Path, content: bytes) -> ET.Element:
+    """The root of an XML file.
+
+    Raises:
+        DataError: it is not well-formed, has a document type, or is too deep or too large.
+    """
+    builder, parser = ET.TreeBuilder(), expat.ParserCreate()
+    depth = elements = 0
+
+    def refuse(*_: object) -> None:
+        told = "the XML has a document type declaration, which is not read; delete it"
+        raise DataError(path, told, line=parser.CurrentLineNumber)
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        nonlocal depth, elements
+        depth, elements = depth + 1, elements + 1
+        if depth > _DEEPEST or elements > _MOST_ELEMENTS:
+            raise DataError(path, "the XML is too deep or too large", line=parser.CurrentLineNumber)
+        builder.start(tag, {**attributes, LINE: str(parser.CurrentLineNumber)})
+
+    def end(tag: str) -> None:
+        nonlocal depth
+        depth -= 1
+        builder.end(tag)
+
+    parser.StartDoctypeDeclHandler = refuse
+    parser.StartElementHandler, parser.EndElementHandler, parser.CharacterDataHandler = start, end, builder.data
+    try:
+        parser.Parse(content, True)
+    except (expat.ExpatError, LookupError, ValueError) as error:
+        raise DataError(path, f"no readable XML ({error})") from error
+    return builder.close()
+
+
+def text_of(element: ET.Element, tag: str) -> str:
+    """Text of the first child of that name, empty without one."""
+    return (element.findtext(tag) or "").strip()
+
+
+def line_of(element: ET.Element) -> int:
+    """Its line in the file."""
+    return int(element.attrib[LINE])
+
+
+def parse_json(path: Path, content: bytes) -> Any:
+    """The value of a JSON file.
+
+    Raises:
+        DataError: it is no JSON, or too deep.
+    """
+    try:
+        return msgspec.json.decode(content.removeprefix(b"\xef\xbb\xbf"))
+    except (msgspec.DecodeError, RecursionError, UnicodeError) as error:
+        raise DataError(path, f"no readable JSON ({error})") from error
+
+
+def text(value: object) -> str:
+    """A scalar of JSON as text; empty for null and for what is no scalar."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f"{value:.10g}" if isinstance(value, float) else str(value).strip() if isinstance(value, int | str) else ""

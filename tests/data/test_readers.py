@@ -1,0 +1,219 @@
+"""Files of other programs, a small sample of each format: read without a map, with what was inferred and lost."""
+
+import json
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from shuttle_marl.commands.data import main
+from shuttle_marl.data import DataError, Outcome, load_strokes
+from shuttle_marl.data.inference import read_score, winners_by_score
+from shuttle_marl.data.own import import_matches
+from shuttle_marl.data.schema import REASONS, Cleaned, violations
+from shuttle_marl.game.court import AREAS
+from shuttle_marl.game.stroke import SHOTS
+
+SAMPLES = Path(__file__).parent / "samples"
+CLUB = "2031-01-1F-WS-Ada ALPHA (ABC)-Bea BETA (XYZ)-Club Open-1080p"
+FILES = {
+    "ShuttleSet": "Ada_ALPHA_Bea_BETA_Club_Open_2031/set1.csv",
+    "BadmintonDB JSON": f"{CLUB}.json",
+    "BadmintonDB ELAN": f"{CLUB}.eaf",
+    "ELAN": "club.eaf",
+    "JSON of a video pipeline": "strokes.json",
+    "Sportscode XML": "sportscode.xml",
+    "CSV": "rallies.csv",
+}
+
+
+def read(name: str, columns: Path | None = None) -> Cleaned:
+    return import_matches(SAMPLES / FILES[name], columns)[0]
+
+
+def words(strokes: pa.Table, name: str, of: Sequence[str]) -> list[str | None]:
+    return [None if code is None else of[code] for code in strokes[name].to_pylist()]
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_each_format_is_recognised_and_accounted_for(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    # The content tells the format, not the name of the file.
+    path = tmp_path / "file.bin"
+    path.write_bytes((SAMPLES / FILES[name]).read_bytes())
+    assert main(["import", str(path), "--out", str(tmp_path / "o.parquet"), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["format"] == name
+    assert told["rows"] == told["kept"] + sum(told["dropped"].values())
+    assert told["kept"] >= 5
+    assert told["inferred"]
+    assert told["lost"] or name == "CSV"
+    assert main(["validate", str(tmp_path / "o.parquet")]) == 0
+    assert load_strokes(tmp_path / "o.parquet").num_rows == told["kept"]
+    capsys.readouterr()
+    assert main(["import", str(path)]) == 0
+    text = capsys.readouterr().out
+    assert all(f"not in the file: {sentence}" in text for sentence in told["lost"])
+
+
+def test_badminton_db_is_the_same_as_json_and_elan() -> None:
+    strokes, elan = read("BadmintonDB JSON").strokes, read("BadmintonDB ELAN").strokes
+    assert strokes.equals(elan.set_column(0, strokes.schema.field("match"), strokes["match"]))
+    assert set(strokes["player"].to_pylist()) == {"ada-alpha", "bea-beta"}
+    assert set(strokes["discipline"].to_pylist()) == {"WS"}
+    first = strokes.slice(0, 5)  # its sixth stroke was a fault of unknown type
+    assert words(first, "shot", SHOTS) == ["short-serve", "lift", "smash", "block", "net-shot"]
+    assert first["technique"].to_pylist() == [0, 0, 0, 1, 1]
+    assert words(first, "area", AREAS) == ["front-right", "back-centre", "middle-left", "front-left", None]
+    assert first["confidence"].to_pylist() == pytest.approx([0.48, 0.28, 0.57, 0.41, None])
+    assert first["inferred"].to_pylist() == ["shot area", "height area", "height area", "height area", "height"]
+    assert first["player"].to_pylist()[0] == "bea-beta"
+    assert (first["points"][0].as_py(), first["points_opponent"][0].as_py()) == (1, 0)
+    ends = [row for row in strokes.to_pylist() if row["outcome"] != Outcome.RETURNED]
+    assert [REASONS[row["reason"]] for row in ends] == ["landed", "misjudged", "out", "out"]
+    assert sorted(set(strokes["game"].to_pylist())) == [1, 2]
+
+
+def test_a_pipeline_misses_strokes_and_knows_no_endings(tmp_path: Path) -> None:
+    strokes = read("JSON of a video pipeline").strokes
+    rallies = [(row["rally"], row["stroke"]) for row in strokes.to_pylist()]
+    # The reply to the second serve is missing, and its number.
+    assert rallies == [(1, 1), (1, 2), (1, 3), (1, 4), (1, 5), (2, 1), (2, 3), (3, 1), (3, 2), (3, 3), (3, 4)]
+    assert words(strokes, "shot", SHOTS)[:5] == ["short-serve", "lift", "smash", "block", "net-shot"]
+    assert strokes["outcome"].to_pylist()[4] == Outcome.FAULT  # bottom serves next
+    assert strokes["outcome"].to_pylist()[-1] == Outcome.UNKNOWN
+    confidence = strokes["confidence"].to_pylist()
+    assert confidence[0] == pytest.approx(0.95 * 0.30)  # of the program, times that of the area where a lift is met
+    assert confidence[4] == pytest.approx(0.83)
+    assert strokes["frame"].to_pylist()[:2] == [300, 327]
+    assert strokes["clock"].to_pylist()[0] == 10
+    (tmp_path / "map.toml").write_text('discipline = "WS"\n[values.player]\ntop = "Ada"\nbottom = "Bea"\n')
+    named = read("JSON of a video pipeline", tmp_path / "map.toml").strokes
+    assert set(named["player"].to_pylist()) == {"ada", "bea"}
+    assert set(named["discipline"].to_pylist()) == {"WS"}
+
+
+def test_a_pipeline_with_rallies_names_and_results(tmp_path: Path) -> None:
+    rally = {
+        "result": "unforced error", "score": "0-1",
+        "shots": [{"frame": 30, "stroke_type": "top_short service"}, {"frame": 60, "stroke_type": "bottom_lob"},
+                  {"frame": 95, "stroke_type": "top_smash"}],
+    }  # fmt: skip
+    (tmp_path / "a.json").write_text(json.dumps({"fps": 25, "players": {"top": "Ada", "bottom": "Bea"}, "rallies": [rally]}))
+    cleaned = import_matches(tmp_path / "a.json")[0]
+    strokes = cleaned.strokes
+    assert strokes["player"].to_pylist() == ["ada", "bea", "ada"]
+    assert strokes["outcome"].to_pylist() == [0, 0, Outcome.FAULT]
+    assert strokes["forced"].to_pylist() == [None, None, False]
+    assert strokes["points"].to_pylist() == [0, 1, 0]
+    assert cleaned.lost == ()
+
+
+def test_sportscode_and_elan_by_the_words_of_their_labels_and_tiers() -> None:
+    strokes = read("Sportscode XML").strokes
+    assert words(strokes, "shot", SHOTS) == ["short-serve", "lift", "smash", "long-serve", "clear", "drop"]
+    assert words(strokes, "area", AREAS)[1:3] == ["back-left", "middle-right"]
+    assert strokes["technique"].to_pylist()[0] == 1
+    assert strokes["rally"].to_pylist() == [1, 1, 1, 2, 2, 2]
+    assert strokes["forced"].to_pylist()[-1] is False
+    assert strokes["clock"].to_pylist() == [9, 10, 11, 29, 30, 31]
+    danish = read("ELAN").strokes
+    assert words(danish, "shot", SHOTS) == ["short-serve", "lift", "smash", "long-serve", "drop", "net-shot"]
+    assert words(danish, "reason", REASONS)[2::3] == ["landed", "net"]
+
+
+def test_a_lone_game_of_shuttleset() -> None:
+    cleaned = read("ShuttleSet")
+    strokes = cleaned.strokes
+    assert cleaned.account.dropped == {"broken rally": 3, "unknown shot type": 1}
+    assert any("line 10: expected: players alternate" in warning for warning in cleaned.warnings)
+    assert words(strokes, "shot", SHOTS) == ["short-serve", "lift", "smash", "push", "clear"]
+    assert words(strokes, "area", AREAS) == ["front-centre", "back-left", "middle-left", "back-right", "back-centre"]
+    assert words(strokes, "reason", REASONS) == ["returned", "returned", "landed", "returned", "out"]
+    assert strokes["technique"].to_pylist() == [1, 0, 0, 0, 2]
+    assert strokes["inferred"].null_count == 5
+    assert set(strokes["match"].to_pylist()) == {"Ada_ALPHA_Bea_BETA_Club_Open_2031"}
+
+
+XML = '<?xml version="1.0"?>{doctype}<file><ALL_INSTANCES>{inside}</ALL_INSTANCES></file>'
+STROKE = '{"frame": 1, "player": "top", "stroke_type": "smash"}'
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        (XML.format(doctype='<!DOCTYPE f [<!ENTITY a "x">]>', inside="&a;"), "document type declaration"),
+        (XML.format(doctype='<!DOCTYPE f SYSTEM "file:///etc/passwd">', inside=""), "document type declaration"),
+        (XML.format(doctype="", inside="<a>" * 100 + "</a>" * 100), "too deep"),
+        (XML.format(doctype="", inside="<instance><start>x</start><code>smash</code></instance>"), "expected seconds"),
+        (XML.format(doctype="", inside="<instance><start>1</start><end>2</end><code>goal</code></instance>"), "no strokes"),
+        ("<a><b></a>", "no readable XML"),
+        ("<html></html>", "expected annotations of ELAN, or instances of Sportscode"),
+        ("<ANNOTATION_DOCUMENT></ANNOTATION_DOCUMENT>", "tiers none; expected Strokes, and Points or Player"),
+        ("[" * 100_000, "no readable JSON"),
+        ('{"a": NaN}', "no readable JSON"),
+        ('{"a": [1, 2]}', "JSON without strokes"),
+        ('{"Point1": {"PointInfo": {"T1P1": 3}}}', "Point1: no point of BadmintonDB"),
+        (f"[{STROKE.replace('smash', 'x' * 5000)}]", "more than 1,000 characters in stroke 1"),
+        (f"[{STROKE.replace('smash', 'somersault')}]", "stroke 1: unknown shot 'somersault'"),
+        (f"[{STROKE.replace('top', chr(92) + 'u0007')}]", "expected a name"),
+        ("PK\x03\x04", "save the sheet as CSV"),
+    ],
+)
+def test_hostile_and_foreign_files(tmp_path: Path, content: str, says: str) -> None:
+    (tmp_path / "f").write_text(content)
+    with pytest.raises(DataError, match=says):
+        import_matches(tmp_path / "f")
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.sampled_from(sorted(FILES)), st.integers(0, 20_000), st.binary(max_size=3), st.booleans())
+def test_damage_is_told_or_accounted_for(name: str, at: int, junk: bytes, cut: bool) -> None:
+    content = (SAMPLES / FILES[name]).read_bytes()
+    at %= len(content)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "f"
+        path.write_bytes(content[:at] + junk + (b"" if cut else content[at + len(junk) :]))
+        error, cleaned = None, None
+        try:
+            cleaned = import_matches(path)[0]
+        except DataError as caught:
+            error = caught
+        if error is not None:
+            assert str(path) in str(error)
+            return
+    account = cleaned.account
+    assert account.strokes == account.strokes_kept + sum(account.dropped.values())
+    assert account.strokes_kept == cleaned.strokes.num_rows
+    assert list(violations(cleaned.strokes)) == []
+
+
+@settings(max_examples=100, deadline=None)
+@given(
+    st.lists(st.integers(0, 1), min_size=3, max_size=12).filter(lambda won: len(set(won)) == 2),
+    st.integers(0, 2),
+    st.booleans(),
+    st.integers(0, 1),
+)
+def test_scores_are_read_in_any_convention(won: list[int], order: int, before: bool, server: int) -> None:
+    points, scores, servers, after = [0, 0], [], [], []
+    for winner in won:
+        start = tuple(points)
+        points[winner] += 1
+        shown = start if before else tuple(points)
+        first = (0, 1, server)[order]
+        scores.append((shown[first], shown[1 - first]))
+        servers.append(server)
+        after.append(tuple(points))
+        server = winner
+    told = [*won[:-1], won[-1]]
+    fresh = np.arange(len(won)) == 0
+    found, winners, reading = winners_by_score(scores, fresh, servers, told)
+    assert found == after, reading
+    assert winners == ([*won[:-1], -1] if before else won)
+    assert read_score("5\u20133") == read_score(" 5 : 3 ") == (5, 3)
+    assert read_score("05-Mar") is None
