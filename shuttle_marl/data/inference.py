@@ -73,7 +73,7 @@ def winners_by_score(
     Returns:
         Points of 0 and 1 after each rally; winners, -1 not known; and the reading in words.
     """
-    readings = []
+    readings: list[tuple[int, int, int, list[Points | None], list[int], str]] = []
     for before in (False, True):
         for order, whose in enumerate(("the first striker's", "the other player's", "the server's")):
             first = [(0, 1, server[r])[order] for r in range(len(scores))]

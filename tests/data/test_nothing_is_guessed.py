@@ -293,6 +293,8 @@ def hostile(folder: Path, kind: str) -> list[str]:
         "short": header + "a\n" * 1_000_000,
         "empty": header + ",,,,,\n" * 600_000,
         "cell": header + "x" * 1_000_000,
+        "json": "[" + ",".join(['{"shot":"x"}'] * 2_000_000) + "]",
+        "xml": "<file><ALL_INSTANCES>" + "<instance/>" * 2_500_000 + "</ALL_INSTANCES></file>",
     }
     if kind == "large":
         with path.open("wb") as file:
@@ -311,7 +313,7 @@ def hostile(folder: Path, kind: str) -> list[str]:
     return ["import", str(path), "--columns", str(folder / "map.toml")]
 
 
-@pytest.mark.parametrize("kind", ["large", "rows", "short", "empty", "cell", "names", "deep", "dotted"])
+@pytest.mark.parametrize("kind", ["large", "rows", "short", "empty", "cell", "json", "xml", "names", "deep", "dotted"])
 def test_hostile_files_are_refused_in_bounded_memory_and_time(tmp_path: Path, kind: str) -> None:
     read(tmp_path)
 

@@ -60,7 +60,7 @@ def test_each_format_is_recognised_and_accounted_for(name: str, tmp_path: Path, 
     assert all(f"not in the file: {sentence}" in text for sentence in told["lost"])
 
 
-def test_badminton_db_is_the_same_as_json_and_elan() -> None:
+def test_badminton_db_is_the_same_as_json_and_elan(tmp_path: Path) -> None:
     strokes, elan = read("BadmintonDB JSON").strokes, read("BadmintonDB ELAN").strokes
     assert strokes.equals(elan.set_column(0, strokes.schema.field("match"), strokes["match"]))
     assert set(strokes["player"].to_pylist()) == {"ada-alpha", "bea-beta"}
@@ -76,6 +76,17 @@ def test_badminton_db_is_the_same_as_json_and_elan() -> None:
     ends = [row for row in strokes.to_pylist() if row["outcome"] != Outcome.RETURNED]
     assert [REASONS[row["reason"]] for row in ends] == ["landed", "misjudged", "out", "out"]
     assert sorted(set(strokes["game"].to_pylist())) == [1, 2]
+    told = json.loads((SAMPLES / FILES["BadmintonDB JSON"]).read_text())
+    told["Point2"]["PointInfo"]["WonEnd"]["Cause"] = "end_lucky"
+    told["Point3"]["PointInfo"]["WonEnd"]["Cause"] = "end_out"  # the score says that its striker won
+    told["Point1"]["PointInfo"]["Rally"][1] |= {"Player": None, "StrokeType": None}
+    path = tmp_path / f"{CLUB}.json"
+    path.write_text(json.dumps(told))
+    cleaned = import_matches(path)[0]
+    ends = [row for row in cleaned.strokes.to_pylist() if row["outcome"] != Outcome.RETURNED]
+    assert [REASONS[row["reason"]] for row in ends] == ["landed", "unknown", "out", "out"]
+    assert [row["outcome"] for row in ends[:2]] == [Outcome.WINNER] * 2
+    assert cleaned.account.dropped == {"unknown shot type": 2}
 
 
 def test_a_pipeline_misses_strokes_and_knows_no_endings(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from collections import defaultdict
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -66,7 +67,7 @@ RALLIES = {
 }
 
 
-def rows_of(folder: Path, text: str, delimiter: str = ",") -> list[dict[str, object]]:
+def rows_of(folder: Path, text: str, delimiter: str = ",") -> list[dict[str, Any]]:
     (folder / "rallies.csv").write_text("\n".join(line.strip() for line in text.splitlines()).replace(",", delimiter))
     return import_matches(folder / "rallies.csv")[0].strokes.to_pylist()
 
@@ -122,8 +123,8 @@ def test_the_table_has_every_meaning_in_every_language_once() -> None:
     for kind in ("column", *WORDS):
         known = COLUMNS if kind == "column" else WORDS[kind]
         assert set(everything[kind]) <= set(known)
-        for language, words in table(kind).items():
-            assert set(words.values()) <= set(known), (kind, language)
+        for language, meant in table(kind).items():
+            assert set(meant.values()) <= set(known), (kind, language)
     for kind in {*WORDS, "column"} - {"area"}:
         meanings: dict[tuple[str, str], set[str]] = defaultdict(set)
         for meaning, words in everything[kind].items():

@@ -5,6 +5,7 @@ import re
 from pathlib import Path
 from typing import Any, Final
 
+from shuttle_marl.data.column_map import WINNERS
 from shuttle_marl.data.readers.reading import Reading, sheet_of
 from shuttle_marl.data.readers.tree import text
 from shuttle_marl.data.strict_csv import DataError
@@ -62,12 +63,12 @@ def read(path: Path, content: bytes, value: Any) -> Reading:
             found = Point(
                 before=(int(seats[0]["Point"]), int(seats[1]["Point"])),
                 game=1 + int(seats[0]["Score"]) + int(seats[1]["Score"]),
-                cause=text((about["WonEnd"] or {}).get("Cause")),
+                cause=text((about.get("WonEnd") or {}).get("Cause")),
             )
-            for stroke in about["Rally"] or ():
+            for stroke in about.get("Rally") or ():
                 place += 1
-                kind = text(stroke.get("StrokeType"))
-                found.strokes.append((SEATS.index(stroke["Player"]), float(stroke["StrokeBegin"]), kind, place))
+                seat = SEATS.index(stroke["Player"]) if stroke.get("Player") in SEATS else None
+                found.strokes.append((seat, float(stroke["StrokeBegin"]), text(stroke.get("StrokeType")), place))
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise DataError(path, f"{name}: no point of BadmintonDB ({type(error).__name__}: {error})") from error
         points.append(found)
@@ -84,6 +85,7 @@ def reading_of(path: Path, content: bytes, points: list[Point], name: str, unit:
         number = number + 1 if point.game == game else 1
         game = point.game
         after = following.before if following is not None and following.game == game else after_cause(point)
+        won = None if after is None else int(after[1] > point.before[1])
         for i, (seat, seconds, kind, place) in enumerate(point.strokes):
             backhand = _BACKHAND.fullmatch(kind)
             shot = backhand[1] if backhand else kind
@@ -95,7 +97,10 @@ def reading_of(path: Path, content: bytes, points: list[Point], name: str, unit:
             if after is not None:
                 entry |= {"points": str(after[own]), "points_opponent": str(after[1 - own])}
             if i == len(point.strokes) - 1:
-                entry["ending"] = ENDINGS.get(point.cause.lower(), "unknown")
+                # Who won follows from the score; a cause that contradicts it is another one.
+                ending = ENDINGS.get(point.cause.lower(), "unknown")
+                entry["ending"] = ending if won is None or (ending in WINNERS) == (won == seat) else "unknown"
+                entry["winner"] = "" if won is None else people[won]
             entries.append(entry)
             places.append(place)
     if told is None:
@@ -112,5 +117,5 @@ def after_cause(point: Point) -> tuple[int, int] | None:
     ending = ENDINGS.get(point.cause.lower())
     if ending is None or not point.strokes or point.strokes[-1][0] is None:
         return None
-    won = point.strokes[-1][0] if ending in ("landed", "misjudged") else 1 - point.strokes[-1][0]
+    won = point.strokes[-1][0] if ending in WINNERS else 1 - point.strokes[-1][0]
     return point.before[0] + (won == 0), point.before[1] + (won == 1)

@@ -33,7 +33,7 @@ def read(path: Path, content: bytes, value: Any) -> Reading:
     entries = _strokes(value, {}, names, words)
     if not entries:
         raise DataError(path, 'JSON without strokes; expected objects with a type of stroke, such as "stroke_type": "smash"')
-    inferred, lost = [], []
+    inferred, lost = list[str](), list[str]()
     if any("player" not in entry for entry in entries):
         for entry in entries:
             if found := _SIDE.fullmatch(entry["shot"]):

@@ -12,7 +12,7 @@ from shuttle_marl.data.strict_csv import DataError
 LINE: Final = "\N{NUMBER SIGN}line"
 """Attribute of each element: its line in the file, a name that no XML attribute has."""
 _DEEPEST: Final = 50
-_MOST_ELEMENTS: Final = 2_000_000
+_MOST_ELEMENTS: Final = 1_000_000
 
 
 def parse_xml(path: Path, content: bytes) -> ET.Element:
