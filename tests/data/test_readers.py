@@ -22,7 +22,7 @@ from shuttle_marl.game.stroke import SHOTS
 SAMPLES = Path(__file__).parent / "samples"
 CLUB = "2031-01-1F-WS-Ada ALPHA (ABC)-Bea BETA (XYZ)-Club Open-1080p"
 FILES = {
-    "ShuttleSet": "Ada_ALPHA_Bea_BETA_Club_Open_2031/set1.csv",
+    "ShuttleSet": "Ada_ALPHA_Bea_BETA_Club_Open_2031.csv",
     "BadmintonDB JSON": f"{CLUB}.json",
     "BadmintonDB ELAN": f"{CLUB}.eaf",
     "ELAN": "club.eaf",
@@ -137,8 +137,12 @@ def test_sportscode_and_elan_by_the_words_of_their_labels_and_tiers() -> None:
     assert words(danish, "reason", REASONS)[2::3] == ["landed", "net"]
 
 
-def test_a_lone_game_of_shuttleset() -> None:
-    cleaned = read("ShuttleSet")
+def test_a_lone_game_of_shuttleset(tmp_path: Path) -> None:
+    # In the folder of a match, the name of the file tells the game.
+    path = tmp_path / "Ada_ALPHA_Bea_BETA_Club_Open_2031" / "set2.csv"
+    path.parent.mkdir()
+    path.write_bytes((SAMPLES / FILES["ShuttleSet"]).read_bytes())
+    cleaned, _ = import_matches(path)
     strokes = cleaned.strokes
     assert cleaned.account.dropped == {"broken rally": 3, "unknown shot type": 1}
     assert any("line 10: expected: players alternate" in warning for warning in cleaned.warnings)
@@ -147,7 +151,7 @@ def test_a_lone_game_of_shuttleset() -> None:
     assert words(strokes, "reason", REASONS) == ["returned", "returned", "landed", "returned", "out"]
     assert strokes["technique"].to_pylist() == [1, 0, 0, 0, 2]
     assert strokes["inferred"].null_count == 5
-    assert set(strokes["match"].to_pylist()) == {"Ada_ALPHA_Bea_BETA_Club_Open_2031"}
+    assert set(zip(strokes["match"].to_pylist(), strokes["game"].to_pylist(), strict=True)) == {(path.parent.name, 2)}
 
 
 XML = '<?xml version="1.0"?>{doctype}<file><ALL_INSTANCES>{inside}</ALL_INSTANCES></file>'
