@@ -19,6 +19,7 @@ from shuttle_marl.game.court import (
 from shuttle_marl.game.layout import Layout
 from shuttle_marl.game.rally.stepper import Stroke
 from shuttle_marl.game.rules import FAULT, HURRIED_BELOW, OUTCOMES, WINNER
+from shuttle_marl.game.scoring import serves_from_right
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES, Catalogue
 
 
@@ -172,7 +173,7 @@ def area_corners(player: int, area: int) -> tuple[Point, Point]:
 def plan_of(snapshot: Snapshot) -> Plan:
     """Place the strokes of a rally on the court."""
     points = snapshot.by_game[-1] if snapshot.by_game else (0, 0)
-    side = 1.0 if points[snapshot.server] % 2 == 0 else -1.0  # even: served from the right
+    side = 1.0 if serves_from_right(points[snapshot.server]) else -1.0
     contact = to_plan(snapshot.server, 0.4 * side, -SHORT_SERVICE - 0.25)
     stands = [to_plan(p, 0.5 * side, -SHORT_SERVICE - (0.5 if p == snapshot.server else 1.0)) for p in (0, 1)]
     came_from: list[Point | None] = [None, None]

@@ -23,7 +23,7 @@ from shuttle_marl.staging.motion import Motion
 from shuttle_marl.staging.motions import LUNGE, Stance
 from shuttle_marl.staging.poses import CONTACT
 from shuttle_marl.staging.rotation import turned
-from shuttle_marl.staging.skeleton import HIPS_HEIGHT, HIPS_YAW, StagingError
+from shuttle_marl.staging.skeleton import HIPS_HEIGHT, HIPS_PITCH, HIPS_YAW, SPINE_PITCH, StagingError
 from shuttle_marl.staging.trajectory import net_height
 
 _SPEED: Final = 1.6
@@ -44,8 +44,8 @@ _STRINGS: Final = 0.10
 """Height of the middle of the strings when the frame of the racket touches a shuttle on the floor [m]."""
 _EXACT: Final = 0.03
 """Distance from the places of the feet in the next rally below which a foot stays [m]."""
-_CROUCH: Final = 0.11
-"""Additional depth of the hips in the pick-up [m]."""
+_BOW: Final = np.radians(10)
+"""Additional bow of hips and spine in the pick-up [rad]: with deeper hips instead, the hip joint lets no foot stand in front."""
 _OWN_FLICK, _FLICK = 0.60, 1.15
 """Duration of the flight into the own hand, and least duration to the other player [s]."""
 _HOLD: Final = 0.5
@@ -310,7 +310,8 @@ def _pick_up_poses(athlete: Athlete, heading: float, higher: float) -> F64:
     poses[:, HIPS_YAW] += heading
     need = np.array([_STRINGS - library.contact[LUNGE, 0, 2]])
     low = bent(poses[CONTACT, TRUNK], LUNGE, need)[0] - poses[CONTACT, TRUNK]
-    low[HIPS_HEIGHT] += higher - _CROUCH
+    low[HIPS_HEIGHT] += higher
+    low[[HIPS_PITCH, SPINE_PITCH]] += _BOW
     for k, share in ((CONTACT - 1, 0.7), (CONTACT, 1.0), (CONTACT + 1, 0.7)):
         poses[k, TRUNK] += share * low
     return poses

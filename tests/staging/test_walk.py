@@ -51,8 +51,12 @@ def test_players_walk_and_their_feet_do_not_slide(walks) -> None:
             stands = whole.planted[part, :, foot]
             way = np.hypot(*np.moveaxis(np.diff(whole.position[part, :, BONES.index(name), :2].astype(float), axis=0), -1, 0))
             assert way[stands[1:] & stands[:-1]].max() < 3e-3
-        assert whole.position[part, :, :, 2].min() > -0.06
-        assert whole.position[part, :, 0, 2].min() > 0.25, "the hips are lowest in the pick-up"
+        for seat in (0, 1):
+            toes = whole.position[part, seat][:, [BONES.index("LeftToeBase"), BONES.index("RightToeBase")], 2]
+            assert toes.min() > rally.skeletons[seat].at("RightToeBase")[2] - 5e-3, "no foot passes under the floor"
+            knees = whole.position[part, seat][:, [BONES.index("LeftLeg"), BONES.index("RightLeg")], 2]
+            assert knees.min() > 0.1
+        assert whole.position[part, :, 0, 2].min() > 0.4, "the hips are lowest in the pick-up"
 
 
 def test_the_shuttle_is_flicked_up_by_the_racket_and_caught_by_the_server(walks) -> None:
@@ -66,6 +70,7 @@ def test_the_shuttle_is_flicked_up_by_the_racket_and_caught_by_the_server(walks)
         strings = whole.sweet_spot[n - 1 + picked, picker]
         assert np.hypot(*(strings - lies)[:2]) < 0.02
         assert strings[2] == pytest.approx(0.10, abs=0.02)
+        assert whole.planted[n - 1 + picked, picker].all(), "on both feet"
         hand = whole.position[-1, server, BONES.index("LeftHand" if whole.handedness[server] == "right" else "RightHand")]
         assert np.linalg.norm(shuttle[-1] - hand) < 0.15
         over = np.flatnonzero(np.diff(np.sign(shuttle[:, 1])))
@@ -95,6 +100,9 @@ def test_what_does_not_follow_is_refused(match, played) -> None:
         with_walk(match[0], stage(played[1], seed=0, handedness=match[0].handedness, athletes=("male", "female"), fps=100))
     with pytest.raises(StagingError, match="different skeletons"):
         with_walk(match[0], stage(played[1], seed=0, handedness=match[0].handedness))
+    there = stage(dataclasses.replace(played[1], ends_changed=True), seed=0, athletes=("male", "female"))
+    with pytest.raises(StagingError, match="change ends"):
+        with_walk(match[0], there)
     opened = dataclasses.replace(played[1], stroke=played[1].stroke[:1], hurried=played[1].hurried[:1], ending=2)
     with pytest.raises(StagingError, match="the rally continues"):
         with_walk(stage(opened, seed=0, handedness=match[0].handedness, athletes=("male", "female")), match[1])
