@@ -555,3 +555,17 @@ def test_a_remarkable_rally_ends_with_one_slow_replay_and_then_the_walk(viewer: 
 
     viewer.press(">", ">").until(walked)
     assert cameras == {camera}
+
+
+def test_the_court_stays_visible_when_a_paused_rally_is_stepped_slowly(viewer: Any, served: Any) -> None:
+    viewer.page.set_viewport_size({"width": 640, "height": 600})
+    viewer.open(f"{served.address}?quality=lite#seed=5&a=bc&b=minimax&rally=1&stroke=1")
+    bright = (
+        "() => { const c = document.querySelector('.court canvas'); const t = document.createElement('canvas');"
+        "t.width = t.height = 16; const g = t.getContext('2d'); g.drawImage(c, 0, 0, 16, 16);"
+        "return Math.max(...g.getImageData(0, 0, 16, 16).data.filter((_, i) => i % 4 < 3)); }"
+    )
+    for _ in range(12):  # more than the slow frames after which the resolution falls
+        viewer.press(".")
+        viewer.page.wait_for_timeout(150)
+        assert viewer.page.evaluate(bright) > 60

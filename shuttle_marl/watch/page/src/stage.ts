@@ -234,14 +234,14 @@ export class Stage {
       ? Math.min(1, (time - last.end_time) / RISING) * Math.min(1, 0.3 + rally.strokes.length / LONG)
       : 0;
     this.marks.showLanding(over && time < last.end_time + LANDED ? last.end_point : null, last?.end === "winner");
+    if (this.lite && this.hurried) {
+      this.easeOff(paused); // before the picture, which a new resolution clears
+    }
     // Software rendering draws the static background once per view.
     if (this.lite && this.shownCamera !== "free" && this.shownCamera !== "follow") {
       this.backdrop.render(this.scene, this.eye);
     } else {
       this.renderer.render(this.scene, this.eye);
-    }
-    if (this.lite && this.hurried) {
-      this.easeOff();
     }
   }
 
@@ -251,12 +251,12 @@ export class Stage {
     this.renderer.setPixelRatio(on || this.lite ? 1 : Math.min(window.devicePixelRatio, 2));
   }
 
-  /** Lowers the resolution after several slow frames. */
-  private easeOff(): void {
+  /** Lowers the resolution after several slow frames; while paused, frames come when the viewer steps. */
+  private easeOff(paused: boolean): void {
     const now = performance.now();
     const since = now - this.drawn;
     this.drawn = now;
-    this.late = since > LATE && since < 2000 ? this.late + 1 : 0;
+    this.late = !paused && since > LATE && since < 2000 ? this.late + 1 : 0;
     if (this.late === 8) {
       this.renderer.setPixelRatio(FEWER);
     }
