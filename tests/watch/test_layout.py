@@ -10,7 +10,7 @@ from tests.watch.conftest import Viewer
 
 pytestmark = pytest.mark.slow
 
-SIZES = ((390, 664), (390, 844), (820, 1180), (1280, 720), (1366, 768), (1680, 980))
+SIZES = ((390, 664), (390, 844), (844, 390), (820, 1180), (1280, 720), (1366, 768), (1680, 980))
 MODES = ("watch", "analyse", "learn", "play")
 PLACE = "#seed=5&a=bc&b=minimax&rally=1&stroke=3"
 OVERFLOWS = """() => {
@@ -155,6 +155,8 @@ def test_menus_close_and_terms_are_explained(viewer: Any, served: Any) -> None:
     sound = viewer.page.get_by_role("button", name="Sound", exact=True)
     assert sound.get_attribute("aria-pressed") == "false", "silent until asked for"
     assert viewer.press("m").page.get_by_role("button", name="Sound", pressed=True).count() == 1
+    assert not viewer.page.locator(".detail:visible").count(), "watching needs no figures for experts"
+    assert viewer.press("e").page.locator(".detail:visible").count() > 4
     unexplained = viewer.page.locator(".panel > h2, .panel h3").evaluate_all(
         "(all) => all.filter((e) => !e.querySelector('.why') && !e.closest('.side, .keylist')).map((e) => e.textContent)"
     )

@@ -118,7 +118,7 @@ def test_what_if_continues_without_a_jump_and_comes_back(viewer: Any, served: An
     viewer.seek(before)
     hips = viewer.state("hips")
     viewer.seek(contacts[2])
-    table = viewer.page.locator("table.options")
+    table = viewer.press("e").page.locator("table.options")
     table.locator("tbody tr:not(.chosen) button").first.click()
     viewer.until(lambda: viewer.state("strokes") != played)
     viewer.play(False)
@@ -329,7 +329,7 @@ def test_a_log_is_replayed(viewer: Any, page_folder: Any, tmp_path: Any) -> None
         assert viewer.state("points") == rally.score[0, :2].tolist()
         played = viewer.state("strokes")
         viewer.seek(viewer.state("contacts")[0])
-        viewer.page.locator("table.options tbody tr:not(.chosen) button").first.click()
+        viewer.press("e").page.locator("table.options tbody tr:not(.chosen) button").first.click()
         viewer.until(lambda: viewer.state("strokes") != played)
 
 
@@ -363,7 +363,7 @@ def test_a_shared_page_opens_from_disk(viewer: Any, served: Any, browser: Any, t
     shared.play().until(lambda: not shared.state("playing"))
     shared.page.wait_for_timeout(500)
     assert shared.page.locator("[role=alert]:visible").count() == 0, "there is no rally after the last one"
-    shared.page.locator(".options .try").first.wait_for()
+    shared.press("e").page.locator(".options .try").first.wait_for()
     assert shared.page.locator(".options button.try").count() == 0, "no server, no what if"
     assert shared.page.get_by_text("take over").count() == 0
     viewer.page.get_by_text("Share", exact=True).click()

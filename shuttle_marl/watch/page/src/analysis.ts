@@ -234,7 +234,7 @@ export class OptionTable {
             }
           : { class: "try", title: `${name}, ${words(option.technique)}` },
         h("i", { style: `width:${(100 * option.probability) / most}%` }),
-        h("span", {}, name, option.technique === "forehand" ? "" : option.technique === "backhand" ? " · bh" : " · ath"),
+        h("span", {}, name, option.technique === "forehand" ? "" : ` · ${words(option.technique)}`),
       );
       return h(
         "tr",
@@ -251,7 +251,7 @@ export class OptionTable {
       {},
       h("th", { scope: "col" }, this.tryOut ? "click: what if" : "stroke"),
       h("th", { scope: "col" }, term("chosen")),
-      h("th", { scope: "col" }, perfect ? term("perfect play", "wins*") : term("as they play", "wins")),
+      h("th", { scope: "col" }, perfect ? term("perfect play", "best play") : term("as they play", "wins")),
       h("th", { scope: "col" }, term("in")),
       h("th", { scope: "col" }, term("comes back", "back")),
     );

@@ -48,7 +48,7 @@ export class Board {
     document.body.classList.toggle("choosing", turn !== null);
     if (turn) {
       this.shot = this.area = this.technique = "";
-      this.choose({});
+      this.draw();
       (this.element.querySelector(".shots button:not(:disabled)") as HTMLElement | null)?.focus({ preventScroll: true });
     } else {
       this.hooks.aim(null);
@@ -80,11 +80,11 @@ export class Board {
     return this.turn?.strokes.find((s) => s.shot === this.shot && s.area === this.area && s.technique === this.technique);
   }
 
-  /** Sets parts of a stroke; the others change to the most probable legal ones if necessary. */
+  /** Sets parts of a stroke; once its shot is chosen, the others are the most probable legal ones if necessary. */
   private choose(parts: { shot?: string; area?: string; technique?: string }): void {
     const { strokes } = this.turn!;
     const fits = (test: (s: TurnStroke) => boolean) => strokes.filter(test);
-    this.shot = parts.shot ?? (this.shot || this.likeliest(strokes).shot);
+    this.shot = parts.shot ?? this.shot;
     let left = fits((s) => s.shot === this.shot);
     const area = parts.area ?? this.area;
     this.area = left.some((s) => s.area === area) ? area : this.likeliest(left).area;
@@ -133,7 +133,9 @@ export class Board {
       const mine = ofShot.filter((s) => s.area === area);
       const share = mine.length ? Math.max(...mine.map((s) => s.p_succ)) : 0;
       const best = this.best(mine);
-      const facts = mine.length ? [`in ${percent(share)}`, best && `wins ${best}`] : ["not legal here"];
+      const facts = mine.length
+        ? [`in ${percent(share)}`, best && `wins ${best}`]
+        : [this.shot ? "not legal here" : "choose a shot"];
       return h(
         "button",
         {
@@ -164,7 +166,7 @@ export class Board {
     const option = now ? this.values.get(now.stroke) : undefined;
     const chances = now
       ? `in ${percent(now.p_succ)} · comes back ${percent(now.p_ret)}${option ? ` · wins ${percent(option.win)}` : ""}`
-      : "";
+      : "Choose a shot";
     replaceChildren(
       this.element,
       h(
@@ -190,7 +192,12 @@ export class Board {
         { class: "row" },
         h("button", { "data-key": "hint", onclick: () => void this.askHints() }, "Hint ", h("kbd", {}, "i")),
         h("span", { role: "status" }, chances),
-        h("button", { class: "hit", "data-key": "hit", onclick: () => this.hit() }, "Hit ", h("kbd", {}, "Enter")),
+        h(
+          "button",
+          { class: "hit", "data-key": "hit", disabled: !now, onclick: () => this.hit() },
+          "Hit ",
+          h("kbd", {}, "Enter"),
+        ),
       ),
     );
     this.element.style.setProperty("--mine", sideColour(seat));
@@ -231,14 +238,15 @@ export class Board {
     }
     const { strokes } = this.turn;
     if (key === "Enter") {
+      const { shot } = this; // without one, Enter presses the button that has the focus
       this.hit();
-      return true;
+      return shot !== "";
     }
     if (key === "i") {
       void this.askHints();
       return true;
     }
-    if (key === "q") {
+    if (key === "q" && this.shot) {
       const { techniques } = this.hall;
       const there = techniques.filter((t) =>
         strokes.some((s) => s.shot === this.shot && s.area === this.area && s.technique === t),

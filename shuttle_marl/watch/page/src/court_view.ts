@@ -113,14 +113,21 @@ export function cameraButtons(choose: (camera: Camera) => void): { element: HTML
         "aria-pressed": "false",
         "aria-label": `${i + 1} ${camera}`,
         title: `Camera ${i + 1}: ${camera}`,
-        "data-number": i + 1,
       },
       `${i + 1} ${camera}`,
     ),
   );
-  const element = h("div", { class: "cameras", role: "group", "aria-label": "Cameras" }, ...buttons);
+  const names = h(
+    "select",
+    { "aria-label": "Camera", onchange: () => choose(names.value as Camera) },
+    ...CAMERAS.map((camera) => h("option", {}, camera)),
+  );
+  const element = h("div", { class: "cameras", role: "group", "aria-label": "Cameras" }, ...buttons, names);
   return {
     element,
-    show: (camera) => buttons.forEach((button, i) => button.setAttribute("aria-pressed", String(CAMERAS[i] === camera))),
+    show: (camera) => {
+      buttons.forEach((button, i) => button.setAttribute("aria-pressed", String(CAMERAS[i] === camera)));
+      names.value = camera;
+    },
   };
 }

@@ -51,7 +51,7 @@ export function buildHall(scene: THREE.Scene, facts: HallFacts, lite: boolean): 
   addBoards(scene);
   addStands(scene, lite, excitement);
   scene.traverse((part) => part.layers.set(BEHIND));
-  addNet(scene, facts);
+  addNet(scene, facts, lite);
   addLights(scene, lite);
   if (lite) {
     simplify(scene);
@@ -146,7 +146,7 @@ function addFloor(scene: THREE.Scene, { court }: HallFacts): void {
   scene.add(mat);
 }
 
-function addNet(scene: THREE.Scene, { court }: HallFacts): void {
+function addNet(scene: THREE.Scene, { court }: HallFacts, lite: boolean): void {
   const top = (x: number) => court.net_centre + (court.net - court.net_centre) * (x / (court.width / 2)) ** 2;
   const sag = (geometry: THREE.BufferGeometry) => {
     const position = geometry.getAttribute("position");
@@ -178,7 +178,9 @@ function addNet(scene: THREE.Scene, { court }: HallFacts): void {
   );
   const tape = new THREE.Mesh(
     sag(new THREE.BoxGeometry(court.width, court.tape, 0.014, 24, 1, 1).translate(0, -court.tape / 2, 0)),
-    new THREE.MeshStandardMaterial({ color: 0xffffff, roughness: 0.85, emissive: 0x333333 }),
+    lite // its faces are a pixel high: with different shades the tape looks torn
+      ? new THREE.MeshBasicMaterial({ color: 0xf0f0f0 })
+      : new THREE.MeshStandardMaterial({ color: 0xffffff, roughness: 0.85, emissive: 0x333333 }),
   );
   tape.castShadow = true;
   scene.add(netting, tape);
@@ -256,7 +258,10 @@ function addStands(scene: THREE.Scene, lite: boolean, excitement: { value: numbe
   const tiers = new THREE.Mesh(joined(steps), new THREE.MeshLambertMaterial({ color: 0x111a2b }));
   scene.add(tiers);
   const body = lite
-    ? new THREE.ConeGeometry(0.22, 0.75, 3, 1, true).translate(0, 0.37, 0) // few vertices: there are thousands of them
+    ? joined([
+        new THREE.CylinderGeometry(0.19, 0.14, 0.5, 4, 1, true).translate(0, 0.25, 0), // few vertices: there are thousands
+        new THREE.OctahedronGeometry(0.13).translate(0, 0.64, 0),
+      ])
     : joined([
         new THREE.CylinderGeometry(0.2, 0.14, 0.46, 6, 1, true).scale(1, 1, 0.6).translate(0, 0.25, 0),
         new THREE.CylinderGeometry(0.06, 0.2, 0.07, 6, 1, true).scale(1, 1, 0.6).translate(0, 0.515, 0),

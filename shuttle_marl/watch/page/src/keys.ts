@@ -18,6 +18,7 @@ interface Acts {
 
 interface Page {
   speed: { value: string };
+  details: { click(): void };
   showText(on: boolean): void;
   toggleHelp(): void;
 }
@@ -35,6 +36,7 @@ export function keyList(match: boolean): { general: [string, string][]; play: [s
     ["r", "slow-motion replay"],
     ["m", "sound"],
     ["w", "in words"],
+    ["e", "details"],
     ["h", "keys"],
   ];
   if (!match) {
@@ -93,6 +95,7 @@ export function keyTable(
     ...(match ? matchKeys : {}),
     m: () => acts.sound(),
     w: () => layout.showText(!document.body.classList.contains("text")),
+    e: () => layout.details.click(),
     h: () => layout.toggleHelp(),
     "?": () => layout.toggleHelp(),
     Escape: () => hideTip(),

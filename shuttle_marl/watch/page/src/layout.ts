@@ -61,6 +61,8 @@ export class Layout {
   private readonly words: HTMLElement;
   private readonly textButton: HTMLButtonElement;
   private readonly soundButton: HTMLButtonElement;
+  /** Whether figures for experts are shown beside a watched rally. */
+  readonly details: HTMLButtonElement;
   private timer = 0;
   private busyTimer = 0;
 
@@ -96,6 +98,12 @@ export class Layout {
     this.autoNext = toggleButton("auto-next", true, (on) => hooks.autoNext(on));
     this.textButton = toggleButton("In words", false, (on) => hooks.textMode(on));
     this.soundButton = toggleButton("Sound", false, () => hooks.sound());
+    const detailed = (on: boolean) => document.body.classList.toggle("details", on);
+    this.details = toggleButton("Details", remembered(DETAILS), (on) => {
+      detailed(on);
+      remember(DETAILS, on);
+    });
+    detailed(remembered(DETAILS));
     this.tabs = tabList("Mode", modes, "page", (mode) => hooks.mode(mode));
     parts.curve.append(this.transport());
     const canvas =
@@ -145,6 +153,7 @@ export class Layout {
         this.what,
         ...actions(
           isMatch ? h("button", { onclick: () => hooks.newMatch() }, "New match") : null,
+          this.details,
           this.textButton,
           this.soundButton,
           share,
@@ -255,6 +264,22 @@ export class Layout {
   tell(words: string): void {
     this.lines.append(h("li", {}, words));
   }
+}
+
+const DETAILS = "shuttle_marl.details";
+
+function remembered(name: string): boolean {
+  try {
+    return localStorage.getItem(name) !== null;
+  } catch {
+    return false; // a browser that stores nothing
+  }
+}
+
+function remember(name: string, on: boolean): void {
+  try {
+    on ? localStorage.setItem(name, "") : localStorage.removeItem(name);
+  } catch {}
 }
 
 function toggleButton(name: string, on: boolean, act: (on: boolean) => void): HTMLButtonElement {

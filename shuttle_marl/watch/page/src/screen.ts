@@ -149,6 +149,9 @@ export class Screen {
           failed: (error) => this.layout.say(error.message, true),
         })
       : null;
+    for (const { element } of [this.options, this.chances, this.landing, this.styles]) {
+      element.classList.add("detail");
+    }
     this.layout = new Layout(
       {
         canvas: stage?.canvas ?? null,

@@ -11,7 +11,7 @@ export class SideCard {
   private readonly slider: HTMLInputElement;
   private readonly output = h("output");
   private readonly take: HTMLButtonElement;
-  private readonly identifier = h("code");
+  private readonly identifier = h("code", { class: "detail" });
   private readonly strength = h("span");
   private readonly half = h("b");
   private readonly meter = h("span", { class: "meter" });
@@ -53,7 +53,7 @@ export class SideCard {
       this.select,
       h("p", { class: "identifier" }, this.identifier, this.strength),
       this.meter,
-      h("div", { class: "variety" }, term("variety"), this.slider, this.output),
+      h("div", { class: "variety detail" }, term("variety"), this.slider, this.output),
       this.take,
     );
   }
