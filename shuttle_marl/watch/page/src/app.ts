@@ -107,7 +107,7 @@ export class App {
       copyLink: () => this.saving.copyLink(),
       savePicture: () => this.saving.picture(() => this.draw()),
       savePage: (match) => void this.saving.page(match),
-      saveFilm: () => this.saving.film(),
+      saveFilm: () => this.saving.film(() => this.draw()),
       rally: (step) => void this.go(this.course.number + step),
       stroke: (step) => this.stepStroke(step),
       toggle: () => this.toggle(),

@@ -67,7 +67,7 @@ export class Saving {
   }
 
   /** Plays the rally from its start at the selected speed and records it. */
-  film(): void {
+  film(draw: () => void): void {
     if (!this.frames.stage) {
       return;
     }
@@ -76,6 +76,8 @@ export class Saving {
     this.player.seek(0);
     this.player.playing = true;
     this.prepare(cardSize());
+    draw();
+    this.drawCard(); // the first frame of the film is not empty
     this.recorder.start(this.card, `rally-${this.course.number + 1}.webm`);
     this.layout.say("recording until the rally ends or is paused");
   }
