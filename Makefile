@@ -24,6 +24,7 @@ INPUTS := pyproject.toml constraints.txt
 
 # Where `make docs` writes the site.
 SITE := build/site
+LIVE := docs/site/extra/live
 SITE_JOBS ?= 2
 # `-t quick` leaves out the reference.
 SITE_FLAGS ?=
@@ -93,11 +94,15 @@ $(TEST_STAMP): $(INPUTS) | $(BIN)/python
 
 docs: live site
 
+# Pages of the site on which rallies play; the site has frames for them.
+$(LIVE): | $(TEST_STAMP)
+	$(BIN)/python -m docs.tools.live_pages
+
 live: $(TEST_STAMP)
 	$(BIN)/python -m docs.tools.live_pages
 
 # Warnings are errors.
-site: $(TEST_STAMP)
+site: $(TEST_STAMP) | $(LIVE)
 	$(BIN)/python -m sphinx -W --keep-going -q $(SITE_FLAGS) -j $(SITE_JOBS) -d build/doctrees -c docs/site . $(SITE)
 	@echo 'open $(SITE)/index.html'
 

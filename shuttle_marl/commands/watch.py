@@ -230,8 +230,9 @@ def _save_site(folder: Path, page: Path, answers: "Answers") -> None:
     from shuttle_marl.watch.site import save_site  # noqa: PLC0415
 
     with cli.console(stderr=True).status("saving the rallies …") as status:
-        count, size = save_site(folder, page, answers, lambda done: status.update(f"saving the rallies … {done}"))
-    sys.stdout.write(f"{printable(str(folder))}: {count} rallies, {size / 1e6:.1f} MB\n")
+        count, size, left = save_site(folder, page, answers, lambda done: status.update(f"saving the rallies … {done}"))
+    rest = f"; {left:,} more did not fit" if left else ""
+    sys.stdout.write(f"{printable(str(folder))}: {count:,} rallies, {size / 1e6:.1f} MB{rest}\n")
 
 
 def _film(server: "Server", listener: socket.socket, address: str, path: Path) -> None:

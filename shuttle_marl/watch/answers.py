@@ -105,6 +105,10 @@ class Answers:
         found: messages.MatchReply = self._overviews.get(msgspec.json.encode(about), lambda: self._overview(about))
         return found
 
+    def length(self, plan: Plan) -> int:
+        """Number of rallies of a match between policies."""
+        return sum(1 for _ in self._rallies_of(messages.MatchRequest(id=0, plan=plan, rally=0)))
+
     def opening(self, line: tuple[int, ...]) -> messages.OpeningReply:
         """Strokes that follow the first strokes of a rally between two average pros, or the two people of a pair."""
         return self._values.opening(line, self._imitated(self._values))

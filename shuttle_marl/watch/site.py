@@ -32,8 +32,8 @@ def save_site(
     progress: Callable[[int], object] = lambda _: None,
     *,
     limit: int = MAX_SITE,
-) -> tuple[int, int]:
-    """Write a site that every web server can serve; returns its number of rallies and its size [bytes].
+) -> tuple[int, int, int]:
+    """Write a site that every web server can serve; returns its number of rallies, its size [bytes], and the rallies left out.
 
     Args:
         folder: its folder; a site that is there is replaced.
@@ -65,8 +65,9 @@ def save_site(
         raise WatchError(f"{folder}: the first rally does not fit into {limit / 1e6:.1f} MB")
     rallies |= _overviews(answers, hello, count)
     if hello.recorded is None:
-        hello = replace(hello, rallies=count)
+        whole, hello = answers.length(hello.plan), replace(hello, rallies=count)
     else:
+        whole = hello.recorded.count
         known = replace(hello.recorded, count=count, first=min(hello.recorded.first, count - 1))
         hello = replace(hello, recorded=known)
     rallies["openings"] = gzip.compress(messages.encode_reply(0, _openings(answers)), mtime=0)
@@ -77,7 +78,7 @@ def save_site(
     for old in (folder / _REPLIES).glob("*.bin"):
         if old.stem not in rallies:
             old.unlink()
-    return count, sum(map(len, content.values()))
+    return count, sum(map(len, content.values())), whole - count
 
 
 def _check(folder: Path) -> None:

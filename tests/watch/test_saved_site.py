@@ -30,14 +30,15 @@ def answers() -> Answers:
 
 
 @pytest.fixture(scope="module")
-def site(page_folder: Path, answers: Answers, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, int, int]:
+def site(page_folder: Path, answers: Answers, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, int, int, int]:
     folder = tmp_path_factory.mktemp("site")
     return folder, *save_site(folder, page_folder, answers, limit=LIMIT)
 
 
 @pytest.mark.slow
-def test_a_site_is_small_and_names_no_host(site: tuple[Path, int, int], page_folder: Path, answers: Answers) -> None:
-    folder, count, size = site
+def test_a_site_is_small_and_names_no_host(site: tuple[Path, int, int, int], page_folder: Path, answers: Answers) -> None:
+    folder, count, size, left = site
+    assert count + left == answers.length(answers.hello().plan)
     files = [path for path in folder.rglob("*") if path.is_file()]
     assert size == sum(path.stat().st_size for path in files) <= LIMIT
     assert {path.name for path in folder.iterdir()} == {"index.html", "watch.js", "watch.css", "male.glb", "replies"}
@@ -51,7 +52,7 @@ def test_a_site_is_small_and_names_no_host(site: tuple[Path, int, int], page_fol
     assert index.index("Content-Security-Policy") < index.index("<script")
     # A site is replaced as a whole.
     (folder / "replies" / "rally-999.bin").write_bytes(b"of a longer match")
-    assert save_site(folder, page_folder, answers, limit=LIMIT) == (count, size)
+    assert save_site(folder, page_folder, answers, limit=LIMIT) == (count, size, left)
     assert not (folder / "replies" / "rally-999.bin").exists()
 
 
@@ -70,7 +71,7 @@ class _Quiet(SimpleHTTPRequestHandler):
 
 
 @pytest.fixture
-def address(site: tuple[Path, int, int]) -> Iterator[str]:
+def address(site: tuple[Path, int, int, int]) -> Iterator[str]:
     with ThreadingHTTPServer(("127.0.0.1", 0), functools.partial(_Quiet, directory=str(site[0]))) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
         yield f"http://127.0.0.1:{server.server_address[1]}/"
@@ -78,7 +79,7 @@ def address(site: tuple[Path, int, int]) -> Iterator[str]:
 
 
 @pytest.mark.slow
-def test_any_server_shows_a_site(site: tuple[Path, int, int], address: str, browser: Browser) -> None:
+def test_any_server_shows_a_site(site: tuple[Path, int, int, int], address: str, browser: Browser) -> None:
     page = browser.new_page(viewport={"width": 1280, "height": 720})
     try:
         viewer = Viewer(page).open(address)
