@@ -96,7 +96,7 @@ def shared(rallies: Sequence[CourtRally], game: Game, players: Players, athlete:
         hall=hall_facts(),
         policies=[ELITE.policy],
         plan=Plan(seed=0, sides=(ELITE, ELITE)),
-        recorded=messages.RecordedFacts("", count, 0),
+        recorded=messages.RecordedFacts("", count, 0, []),
     )
     content = {
         "hello": _packed(messages.encode_reply(0, hello)),

@@ -133,7 +133,9 @@ class Answers:
             hall=hall_facts(),
             policies=list(dict.fromkeys([*(side.policy for side in self._plan.sides), *registry.names(self._game.seats[0])])),
             plan=self._plan,
-            recorded=None if recorded is None else messages.RecordedFacts(recorded.title, recorded.count, self._first_shown),
+            recorded=None
+            if recorded is None
+            else messages.RecordedFacts(recorded.title, recorded.count, self._first_shown, recorded.matches),
         )
 
     def _rally(self, request: messages.RallyRequest) -> tuple[messages.RallyReply, bytes]:

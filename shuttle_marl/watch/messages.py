@@ -184,12 +184,27 @@ class HallFacts(Struct):
     techniques: list[str]
 
 
+class RecordedMatch(Struct):
+    """An annotated match: its first rally, event, players and date.
+
+    Attributes:
+        missing: number of its rallies that the data do not hold.
+    """
+
+    first: int
+    title: str
+    names: tuple[str, str]
+    date: str | None
+    missing: int
+
+
 class RecordedFacts(Struct):
-    """Recorded rallies that the server shows."""
+    """Recorded rallies that the server shows; ``matches``: of annotated ones, in the order of their rallies."""
 
     title: str
     count: int
     first: int
+    matches: list[RecordedMatch]
 
 
 class Hello(Struct):

@@ -2,6 +2,7 @@
 
 import dataclasses
 import datetime
+import functools
 import threading
 from pathlib import Path
 from typing import Final, NamedTuple, Protocol
@@ -27,6 +28,7 @@ from shuttle_marl.recording.reader import RallyLog
 from shuttle_marl.scene.rally_report import staging_key
 from shuttle_marl.watch import WatchError
 from shuttle_marl.watch.match import CourtRally
+from shuttle_marl.watch.messages import RecordedMatch
 from shuttle_marl.watch.policies import OnceCache
 
 _MAX_MATCHES: Final = 16
@@ -63,6 +65,11 @@ class Recorded(Protocol):
         """The people who played a real rally; None: policies played."""
         ...
 
+    @property
+    def matches(self) -> list[RecordedMatch]:
+        """The annotated matches; none of a log."""
+        ...
+
     def match(self, number: int) -> "str | tuple[int, int]":
         """Match of a rally: its name in annotated matches, or numbers of pairing and match of a log."""
         ...
@@ -95,6 +102,7 @@ class LogRallies:
         self._lock = threading.RLock()  # a log is one open file, and requests are answered by several threads
         self._players, self._games = LogPlayers(self._log, game), OnceCache(_MAX_MATCHES)
         self.title = printable(path.name)
+        self.matches: list[RecordedMatch] = []
 
     @property
     def count(self) -> int:
@@ -223,6 +231,26 @@ class RealRallies:
         """Number of rallies."""
         return len(self._rallies)
 
+    @functools.cached_property
+    def matches(self) -> list[RecordedMatch]:
+        """The matches; see :class:`Recorded`."""
+        names = [self.match(number) for number in range(self.count)]
+        firsts = [number for number in range(self.count) if number == 0 or names[number] != names[number - 1]]
+        return [self._described(first, end) for first, end in zip(firsts, [*firsts[1:], self.count], strict=True)]
+
+    def _described(self, first: int, end: int) -> RecordedMatch:
+        name, last = self.match(first), self._rallies[end - 1]
+        players, date = last.players, date_of(name)
+        # Every rally but the last one is a point of a score.
+        played = sum(map(sum, last.score.finished)) + sum(last.score.points) + 1
+        return RecordedMatch(
+            first=first,
+            title=printable(_event(name, players)),
+            names=(printable(players[0]), printable(players[1])),
+            date=None if date is None else date.isoformat(),
+            missing=max(0, played - (end - first)),
+        )
+
     def players(self, number: int) -> None:
         """Not known: people played."""
 
@@ -335,3 +363,14 @@ class RealRallies:
         if np.isnan(own) or np.isnan(other):
             return None
         return (int(own), int(other)) if seat == 0 else (int(other), int(own))
+
+
+def _event(match: str, players: tuple[str, str]) -> str:
+    """Name of a match without its players: ``KOREA OPEN 2019 Final`` of ``Kento_MOMOTA_CHOU_Tien_Chen_KOREA_OPEN_2019_Final``."""
+    words, names = match.replace("_", " ").split(), tuple(map(_letters, players))
+    ends = [k for k in range(2, len(words)) if _letters("".join(words[:k])) in ("".join(names), "".join(names[::-1]))]
+    return " ".join(words[ends[0] if ends else 0 :])
+
+
+def _letters(text: str) -> str:
+    return "".join(filter(str.isalnum, text.casefold()))

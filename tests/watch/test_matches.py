@@ -25,7 +25,7 @@ from shuttle_marl.watch.match_log import MatchLog
 from shuttle_marl.watch.messages import RallyRequest, decode_request
 from shuttle_marl.watch.plan import Change, Person, Plan, Side
 from shuttle_marl.watch.policies import PolicyTables
-from shuttle_marl.watch.recorded import LogRallies, RealRallies, Recorded
+from shuttle_marl.watch.recorded import LogRallies, RealRallies, Recorded, _event
 from shuttle_marl.watch.stager import Stager
 from shuttle_marl.watch.values import ELITE
 
@@ -144,6 +144,20 @@ def test_real_rallies_have_the_hurried_strikers_of_the_table(tables: PolicyTable
     assert whole == {True}, "the game has every state"
     first = shown._rallies[0].rows
     assert rallies[0].hurried.tolist() == marked.to_numpy(zero_copy_only=False)[first].tolist()
+
+
+def test_annotated_matches_are_listed_by_event_date_and_players(tables: PolicyTables) -> None:
+    strokes = load_strokes(SAMPLE)
+    match, game, rally = (strokes[name].to_numpy(zero_copy_only=False) for name in ("match", "game", "rally"))
+    lost = (match == match[0]) & (game == 1) & (rally == 4)
+    shown = RealRallies(SAMPLE, tables.game, strokes.filter(pa.array(np.isin(match, match[[0, -1]]) & ~lost)))
+    first, second = shown.matches
+    assert [first.first, shown.match(second.first - 1), shown.match(second.first)] == [0, match[0], match[-1]]
+    assert [first.missing, second.missing] == [1, 0]
+    assert set(first.names) == set(strokes["player"].to_pylist()[:2])
+    players = ("an-se-young", "chou-tien-chen")
+    assert _event("CHOU_Tien_Chen_AN_Seyoung_Korea_Open_2019_Final", players) == "Korea Open 2019 Final"
+    assert _event("Korea_Open_2019_Final", players) == "Korea Open 2019 Final"
 
 
 @pytest.mark.parametrize(

@@ -343,6 +343,10 @@ def test_a_real_match_is_shown(viewer: Any, page_folder: Any) -> None:
         viewer.page.locator(".browser [data-rally='5']").click()
         viewer.until(lambda: viewer.state("rally") == 5)
         assert viewer.page.locator(".browser [aria-current]").get_attribute("data-rally") == "5"
+        last = viewer.page.locator("#matches option").last.get_attribute("value")
+        viewer.page.get_by_label("Find a match by event, date or player").fill(last)
+        viewer.page.keyboard.press("Enter")
+        viewer.until(lambda: viewer.state("rally") > 500)
 
 
 def test_a_shared_page_opens_from_disk(viewer: Any, served: Any, browser: Any, tmp_path: Any) -> None:

@@ -12,6 +12,7 @@ import { confirmed } from "./menus";
 import { displayName } from "./names";
 import type { Player } from "./player";
 import { Rallies, type Shown, type Source } from "./rallies";
+import { matchOf } from "./rally_browser";
 import { Saving } from "./saving";
 import { type Acts, Screen } from "./screen";
 import type { Stage } from "./stage";
@@ -191,7 +192,9 @@ export class App {
     frames.show(rally, motion, time);
     player.playing = playing;
     document.body.dataset["ready"] = "";
-    const match = hello.recorded ? hello.recorded.title : `seed ${course.plan!.seed}`;
+    const known = hello.recorded && matchOf(hello.recorded.matches, rally.number);
+    const event = known ? [known.title, known.date].filter(Boolean).join(", ") : hello.recorded?.title;
+    const match = event ?? `seed ${course.plan!.seed}`;
     const where = rally.skill ? `${match}, ${rally.skill}` : match;
     this.screen.show(rally, where, course.sides, course.person?.seat ?? null, course.isTried);
     this.saving.updateAddress();

@@ -2,19 +2,49 @@
 
 import { h, percent, replaceChildren } from "./dom";
 import { term } from "./glossary";
-import type { MatchReply } from "./wire.gen";
+import { displayName } from "./names";
+import type { MatchReply, RecordedMatch } from "./wire.gen";
+
+/** The match of a rally. */
+export function matchOf(matches: RecordedMatch[], rally: number): RecordedMatch | undefined {
+  return matches.findLast(({ first }) => first <= rally);
+}
+
+/** Date, event and players of a match. */
+function matchName({ title, names, date }: RecordedMatch): string {
+  return `${date ? `${date} · ` : ""}${title} · ${names.map(displayName).join(" v ")}`;
+}
 
 export class RallyBrowser {
   readonly element = h("section", { class: "panel browser hidden", "aria-label": "Rallies of the match" });
   private list = h("ol");
   private readonly report = h("a", { target: "_blank", rel: "noopener" }, "Match report");
   private match: MatchReply | null = null;
+  private readonly picker: HTMLElement | null;
 
   /** @param live whether the page has a server, which makes match reports. */
   constructor(
     private readonly open: (rally: number) => void,
     private readonly live: boolean,
-  ) {}
+    private readonly matches: RecordedMatch[],
+  ) {
+    const picker = h("input", {
+      type: "search",
+      list: "matches",
+      placeholder: `Find one of ${matches.length} matches`,
+      "aria-label": "Find a match by event, date or player",
+      onchange: () => {
+        const found = matches.find((one) => matchName(one) === picker.value);
+        if (found) {
+          picker.value = "";
+          this.open(found.first);
+        }
+      },
+    });
+    const newest = [...matches].sort((a, b) => (b.date ?? "").localeCompare(a.date ?? ""));
+    const names = h("datalist", { id: "matches" }, ...newest.map((one) => h("option", { value: matchName(one) })));
+    this.picker = matches.length > 1 ? h("div", { class: "picker" }, picker, names) : null;
+  }
 
   /**
    * @param match the match; null: as before.
@@ -38,9 +68,13 @@ export class RallyBrowser {
         ),
       );
       this.list = h("ol", {}, ...rows);
+      const missing = matchOf(this.matches, current)?.missing ?? 0;
       replaceChildren(
         this.element,
+        this.picker,
         h("h2", {}, term("rallies", "Rallies"), h("span", {}, "strokes · swing")),
+        missing > 0 &&
+          h("p", { class: "quiet" }, `${missing} more ${missing > 1 ? "rallies are" : "rally is"} not in the data`),
         this.list,
         this.live && this.report,
       );

@@ -101,7 +101,7 @@ export class Screen {
     this.moves = new MoveList((stroke) => acts.seekStroke(stroke));
     this.options = new OptionTable(live ? (stroke) => acts.whatIf(stroke) : null);
     this.match = new MatchPanel((rally, stroke) => acts.open(rally, stroke));
-    this.browser = match ? null : new RallyBrowser((rally) => acts.open(rally, null), live);
+    this.browser = match ? null : new RallyBrowser((rally) => acts.open(rally, null), live, hello.recorded!.matches);
     this.landing = new LandingMap(hello.hall);
     this.back = h(
       "button",
@@ -240,7 +240,7 @@ export class Screen {
     this.person = seat !== null;
     this.board.playing = this.person;
     this.browser?.show(null, rally.number);
-    this.layout.what.textContent = `${rally.names[0]} (A) v ${rally.names[1]} (B) · ${where} · rally ${rally.number + 1}`;
+    this.layout.what.textContent = `${displayName(rally.names[0])} (A) v ${displayName(rally.names[1])} (B) · ${where} · rally ${rally.number + 1}`;
     sides?.forEach((side, i) => this.sides[i]!.show(side, facing(rally, i) > 0, seat === i));
     this.layout.tellFromStart(startSentence(rally));
     this.layout.banner.classList.add("hidden");

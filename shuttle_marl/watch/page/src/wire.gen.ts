@@ -99,11 +99,21 @@ export interface Change {
   side: Side;
 }
 
-/** Recorded rallies that the server shows. */
+/** Recorded rallies that the server shows; ``matches``: of annotated ones, in the order of their rallies. */
 export interface RecordedFacts {
   title: string;
   count: number;
   first: number;
+  matches: RecordedMatch[];
+}
+
+/** An annotated match: its first rally, event, players and date. */
+export interface RecordedMatch {
+  first: number;
+  title: string;
+  names: [string, string];
+  date: string | null;
+  missing: number;
 }
 
 /** Strokes and motion of a rally. */
