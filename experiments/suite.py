@@ -32,6 +32,7 @@ from shuttle_marl.suite.board import boards
 from shuttle_marl.suite.method import BASELINES, baseline_of, kind_of
 from shuttle_marl.suite.options import Split
 from shuttle_marl.suite.registry import arena_of
+from shuttle_marl.suite.results import Row
 
 VARIANTS: Final = {
     "adapt-v0": (
@@ -185,16 +186,15 @@ def run_job(job: Job) -> tuple[Job, float]:
     return job, time.monotonic() - begun
 
 
-def rows_of(folder: Path, game: str) -> list[dict[str, Any]]:
-    """The rows of all finished runs, with the paired difference to the best learned method where the units are the same."""
-    rows = {path.parent: json_format.loads(path.read_text()) for path in sorted(folder.glob(f"*/*/{ROW}"))}
-    for board in boards(list(rows.values())):
-        folders = {row["method"]: out for out, row in rows.items() if any(row is other for other in board["rows"])}
-        for method, out in folders.items():
+def rows_of(folder: Path) -> list[Row]:
+    """The rows of all finished runs, with the paired difference to the best method where the units are the same."""
+    rows = [json_format.loads(path.read_text()) for path in sorted(folder.glob(f"*/*/{ROW}"))]
+    for board in boards(rows):
+        for row in board["rows"]:
             best = board["best"]
-            if best and method != best["method"] and rows[out]["seeds"] == best["seeds"]:
-                rows[out]["behind"] = difference(TASKS[board["task"]], folders[best["method"]], out, game)
-    return list(rows.values())
+            if best and row is not best and row["seeds"] == best["seeds"]:
+                row["behind"] = difference(best, row)
+    return rows
 
 
 def kept_rows(path: Path | None, rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
@@ -240,7 +240,7 @@ def suite(config: tyro.conf.OmitArgPrefixes[Suite], json: Path | None = None) ->
         for job, seconds in done:
             spent, estimated = spent + seconds, estimated + job.seconds
             console.print(_line(job, f"{seconds / 60:.1f} min, estimated {job.seconds / 60:.1f}"))
-        rows = rows_of(folder, config.game)
+        rows = rows_of(folder)
         save_results(folder, {"rows": [*kept_rows(json, rows), *rows]}, json)
     left = f"; {len(waiting) - started} are left, --resume starts them" if started < len(waiting) else ""
     console.print(f"{len(rows)} runs are in {folder}{left}")

@@ -36,16 +36,17 @@ def _best(board: Board) -> str:
 
 
 def _table(board: Board) -> str:
-    metric, columns = board["metric"], board["columns"][:_SHOWN]
+    metric, columns = board["metric"], [name for name in board["columns"] if name != "worst"][:_SHOWN]
     rows = []
     for row in board["rows"]:
         scores = (number(row["scores"][name]["value"], name) if name in row["scores"] else "" for name in columns)
         checked = "yes" if row["verified"] else "no"
         apart = with_interval(row["behind"], metric) if "behind" in row else ""
         place = str(row.get("rank", row["kind"]))
-        figures = (with_interval(row["scores"][metric], metric), apart, *scores, f"{row['seconds']:.0f}", checked)
+        worst = number(row["worst"], metric)
+        figures = (with_interval(row["scores"][metric], metric), worst, apart, *scores, f"{row['seconds']:.0f}", checked)
         rows.append((row["access"], place, f"`{row['method']}`", *figures))
-    headings = ("access", "rank", "method", f"{metric} (95 %)", "behind the best", *columns, "seconds", "verified")
+    headings = ("access", "rank", "method", f"{metric} (95 %)", "worst", "behind the best", *columns, "seconds", "verified")
     table = markdown(headings, rows, left=("access", "rank", "method"))
     state = "" if board["frozen"] else f" {_PRELIMINARY}"
     return f"**{board['title']}**\n\n{table}\n\n{_best(board)}{state}"

@@ -1,14 +1,15 @@
-"""Statistics over training seeds: interquartile mean, probability of improvement, and bootstrap intervals.
+"""Statistics over training seeds: interquartile means, probability of improvement, and intervals.
 
 As recommended by Agarwal et al. (NeurIPS 2021, arXiv 2108.13264) for few runs: the interquartile mean is robust to single runs,
 and the bootstrap is stratified by task.
 """
 
 from collections.abc import Sequence
-from typing import Final, Literal, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from scipy.stats import bootstrap, rankdata, trim_mean
+from scipy.stats import t as student
 
 from shuttle_marl.base.arrays import F64
 
@@ -25,30 +26,64 @@ class Interval(NamedTuple):
 
 
 def interquartile_mean(tasks: Sequence[Sequence[float]], seed: int = 0) -> Interval:
-    """Mean of the middle half of all runs of all tasks.
+    """Mean of the middle half of all runs of all tasks; the bootstrap resamples the runs of each task.
 
     Args:
         tasks: figures of the runs of each task, at least one.
         seed: random seed of the bootstrap.
     """
-    return stratified(tasks, "iqm", seed)
-
-
-def stratified(strata: Sequence[Sequence[float] | F64], statistic: Literal["iqm", "mean"], seed: int = 0) -> Interval:
-    """A statistic of pooled figures; the bootstrap resamples within each stratum.
-
-    Args:
-        strata: figures of each stratum, at least one.
-        statistic: interquartile mean, or mean.
-        seed: random seed of the bootstrap.
-    """
-    trimmed = _TRIMMED if statistic == "iqm" else 0.0
 
     def middle(*columns: F64, axis: int = -1) -> F64:
-        return np.asarray(trim_mean(np.concatenate(columns, axis=axis), trimmed, axis=axis))
+        return np.asarray(trim_mean(np.concatenate(columns, axis=axis), _TRIMMED, axis=axis))
 
-    samples = [np.asarray(stratum, dtype=np.float64) for stratum in strata]
+    samples = [np.asarray(runs, dtype=np.float64) for runs in tasks]
     return _interval(float(middle(*samples)), samples, middle, seed)
+
+
+class Estimate(NamedTuple):
+    """A mean with the variance of its error, and the degrees of freedom of that; without a variance it is NaN."""
+
+    value: float
+    variance: float
+    freedom: int
+
+
+def estimate(sample: Sequence[float] | F64, *, trimmed: bool) -> Estimate:
+    """The mean of a sample, or its interquartile mean.
+
+    The variance is that of a trimmed mean, from the winsorised sample (Tukey & McLaughlin, Sankhya A 25, 1963; Yuen, Biometrika
+    61, 1974).
+
+    Args:
+        sample: at least one figure.
+        trimmed: leave out the lowest and the highest quarter, rounded down.
+    """
+    ordered = np.sort(np.asarray(sample, dtype=np.float64))
+    cut = int(_TRIMMED * len(ordered)) if trimmed else 0
+    kept = ordered[cut : len(ordered) - cut]
+    n, freedom = len(ordered), len(kept) - 1
+    spread = np.clip(ordered, kept[0], kept[-1]).var(ddof=1) if n > 1 else np.nan
+    return Estimate(float(kept.mean()), float(spread * (n - 1) / (len(kept) * freedom)) if freedom else np.nan, freedom)
+
+
+def combined(estimates: Sequence[Estimate], weights: Sequence[float]) -> Interval:
+    """Weighted mean of independent estimates, with an interval of Student's t that holds for few runs, as a bootstrap does not.
+
+    Degrees of freedom are those of Welch and Satterthwaite (Biometrics Bulletin 2, 1946).
+
+    Args:
+        estimates: at least one.
+        weights: of each.
+    """
+    share = np.asarray(weights, dtype=np.float64) / np.sum(weights)
+    value, variance, freedom = (np.array(column, dtype=np.float64) for column in zip(*estimates, strict=True))
+    mean, error = float(share @ value), share**2 * variance
+    if np.isnan(error).any():
+        return Interval(mean, float("nan"), float("nan"))
+    if not error.any():
+        return Interval(mean, mean, mean)
+    half = float(student.ppf(0.975, error.sum() ** 2 / (error**2 / freedom).sum()) * np.sqrt(error.sum()))
+    return Interval(mean, mean - half, mean + half)
 
 
 def probability_of_improvement(ours: Sequence[float], theirs: Sequence[float], seed: int = 0) -> Interval:

@@ -16,7 +16,7 @@ from shuttle_marl.kernel import play_rallies
 from shuttle_marl.suite.method import Method, called, made
 from shuttle_marl.suite.options import Split, SuiteError
 from shuttle_marl.suite.population import ADAPT_RALLIES, CONTROL, FAMILIES, Opponent, known, opponent
-from shuttle_marl.suite.task import Arena, Case, Outcome, Statistic, Task, required, table_of
+from shuttle_marl.suite.task import Arena, Case, Outcome, Task, required, table_of
 
 CHANGES: Final = (0, 2, 5, 10, 20, 40, 80, 160, 320)
 """Rallies before which the policy may change."""
@@ -94,7 +94,6 @@ class Adapt(Task):
     higher_is_better = False
     roles = tuple(map(str, CHANGES))
     optimum = 0.0
-    statistic: ClassVar[Statistic] = "mean"
     seeds = 1
     splits: ClassVar[tuple[Split, ...]] = ("dev", "test", "hidden")
     protocol = "method(setting: AdaptSetting) -> object with observe_rally(rally) and policy_for_next_rally() -> player"

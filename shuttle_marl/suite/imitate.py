@@ -70,7 +70,8 @@ class Imitate(Task):
     """Predict the next stroke of people, and play like them at a given strength.
 
     Given: the strokes of the training matches. Score: log-loss of the whole stroke (type, area, contact, technique) in unseen
-    matches, in nats; also how often the stroke is among the one or three likeliest, and what the policy loses to perfect play.
+    matches, in nats, mean over matches; also how often the stroke is among the one or three likeliest, and what the policy loses
+    to perfect play.
     """
 
     name = "imitate-v0"
@@ -101,12 +102,19 @@ class Imitate(Task):
         player, unseen = required(outcome), parts(arena)[1]
         probability = player.pair_probabilities()
         return {
-            "log_loss": float(-np.log(np.maximum(player.probability_of(unseen.pair), _FLOOR)).mean()),
+            "log_loss": float(np.mean(list(self.parts(arena, case, outcome).values()))),
             "top_1": top(1, probability, unseen),
             "top_3": top(3, probability, unseen),
             "regret": 0.5 - odds_against(player, arena.policy("minimax")).rally,
             "exploitability": exploitability(player),
         }
+
+    def parts(self, arena: Arena, case: Case, outcome: Outcome) -> dict[str, float]:  # noqa: ARG002
+        """Log-loss in each unseen match."""
+        unseen = parts(arena)[1]
+        names, match = np.unique(unseen.match, return_inverse=True)
+        loss = -np.log(np.maximum(required(outcome).probability_of(unseen.pair), _FLOOR))
+        return dict(zip(names.tolist(), (np.bincount(match, loss) / np.bincount(match)).tolist(), strict=True))
 
 
 def top(k: int, probability: F64, strokes: HumanStrokes) -> float:

@@ -1,7 +1,4 @@
-"""Aggregates of runs: interquartile means, performance profiles and differences, with bootstrap intervals.
-
-As recommended by Agarwal et al. (NeurIPS 2021, arXiv 2108.13264). The bootstrap resamples the units within each stratum of cases.
-"""
+"""Aggregates of runs: mean over cases of interquartile means over seeds, worst case, performance profile, and differences."""
 
 import hashlib
 import json
@@ -11,8 +8,7 @@ from typing import Final, NotRequired, TypedDict
 
 import numpy as np
 
-from shuttle_marl.base.arrays import F64
-from shuttle_marl.base.intervals import Interval, stratified
+from shuttle_marl.base.intervals import combined, estimate
 from shuttle_marl.suite import frozen, store
 from shuttle_marl.suite.options import Access, Kind, Split, SuiteError
 from shuttle_marl.suite.registry import arena_of_run, find_task
@@ -21,6 +17,10 @@ from shuttle_marl.suite.task import Arena, Case, Task
 
 PROFILE_POINTS: Final = 21
 """Number of thresholds of a performance profile."""
+
+
+Units = dict[str, dict[str, list[float]]]
+"""Figures by stratum, case and seed."""
 
 
 class Bounds(TypedDict):
@@ -39,10 +39,12 @@ class Row(TypedDict):
         game: hash of the game.
         kind, access, tuning_strokes: of the card.
         metric, score, low, high: the main score with its interval.
-        exploitability: if the task scores it.
+        worst, worst_case: the main score of the worst case.
+        objective, exploitability: if the task scores them.
         seconds, strokes: sums over all units, as they are declared.
         scores: all scores by name.
-        strata: mean scores of each stratum of cases.
+        strata: scores of each stratum of cases.
+        units: main score by stratum, case and seed.
         profile: see :func:`profile`.
         outputs: hash of all policies and answers; runs with the same ones are the same.
         remarks: why the row is not official, or what a reader should know.
@@ -66,11 +68,15 @@ class Row(TypedDict):
     score: float
     low: float | None
     high: float | None
+    worst: float
+    worst_case: str
+    objective: float | None
     exploitability: float | None
     seconds: float
     strokes: int
     scores: dict[str, Bounds]
     strata: dict[str, dict[str, float]]
+    units: Units
     profile: dict[str, list[float]]
     outputs: str
     remarks: list[str]
@@ -99,14 +105,18 @@ def summarise(folder: Path, beacon: str | None = None, game: str | None = None) 
     if missing:
         raise SuiteError(f"{folder}: {missing} of {len(cases) * config.seeds} units are missing; --resume plays them")
     units = list(entries.values())
-    names = units[0].scores.keys()
-    if task.metric not in names or any(entry.scores.keys() != names for entry in units):
+    names, parts = units[0].scores.keys(), units[0].parts.keys()
+    if task.metric not in names or any(entry.scores.keys() != names or entry.parts.keys() != parts for entry in units):
         raise SuiteError(f"{folder}: the units have different scores, or none named {task.metric}; `suite verify` says more")
-    scores = {name: aggregate(task, cases, entries, name) for name in names}
+    counting = [case for case in cases if case.counts]
+    scores = {name: aggregate(units_of(counting, entries, name, task.metric)) for name in names}
     different = min(len({_output(entries[case.name, seed]) for seed in range(config.seeds)}) for case in cases)
     if different < config.seeds:  # copies are no sample
         scores = {name: {"value": each["value"], "low": None, "high": None} for name, each in scores.items()}
     main, remarks = scores[task.metric], _remarks(task, config, card, units, different)
+    by_unit = units_of(counting, entries, task.metric, task.metric)
+    middles = {case: _middles({case: seeds})[0] for parts in by_unit.values() for case, seeds in parts.items()}
+    worst = (min if task.higher_is_better else max)(middles, key=lambda case: middles[case])
     return {
         "task": task.name,
         "method": config.method,
@@ -122,19 +132,27 @@ def summarise(folder: Path, beacon: str | None = None, game: str | None = None) 
         "score": main["value"],
         "low": main["low"],
         "high": main["high"],
+        "worst": middles[worst],
+        "worst_case": worst,
+        "objective": scores["objective"]["value"] if "objective" in scores else None,
         "exploitability": scores["exploitability"]["value"] if "exploitability" in scores else None,
         "seconds": float(sum(entry.seconds for entry in units)),
         "strokes": sum(entry.strokes or 0 for entry in units),
         "scores": scores,
         "strata": {
-            stratum: {name: float(np.mean(values)) for name, values in by_name.items()}
-            for stratum, by_name in _by_stratum(cases, entries).items()
+            stratum: {name: aggregate(units_of(of_stratum, entries, name))["value"] for name in names}
+            for stratum, of_stratum in _by_stratum(cases).items()
         },
-        "profile": profile(_columns(cases, entries, task.metric)),
+        "units": by_unit,
+        "profile": profile(by_unit),
         "outputs": hashlib.sha256(repr(sorted(map(_output, units))).encode()).hexdigest(),
         "remarks": remarks,
         "official": not remarks,
     }
+
+
+def _by_stratum(cases: Sequence[Case]) -> dict[str, list[Case]]:
+    return {name: [case for case in cases if case.stratum == name] for name in dict.fromkeys(case.stratum for case in cases)}
 
 
 def _output(entry: Entry) -> str:
@@ -180,53 +198,61 @@ def cases_of(task: Task, arena: Arena, config: store.RunConfig) -> list[Case]:
     return cases
 
 
-def aggregate(task: Task, cases: Sequence[Case], entries: Mapping[tuple[str, int], Entry], name: str) -> Bounds:
-    """A score over all units, with its 95 % interval."""
-    return _bounds(stratified(_columns(cases, entries, name), task.statistic))
+def units_of(cases: Sequence[Case], entries: Mapping[tuple[str, int], Entry], name: str, metric: str = "") -> Units:
+    """Figures of a score by stratum, case and seed; parts of a case stand for cases if the score is the metric."""
+    found: Units = {}
+    for case in cases:
+        units = [entry for (of, _), entry in entries.items() if of == case.name]
+        if name == metric and units[0].parts:
+            found[case.name] = {part: [entry.parts[part] for entry in units] for part in units[0].parts}
+        else:
+            found.setdefault(case.stratum, {})[case.name] = [entry.scores[name] for entry in units]
+    return found
 
 
-def _bounds(found: Interval) -> Bounds:
-    """An interval as JSON; without bounds for a single unit, which has none."""
+def aggregate(units: Units) -> Bounds:
+    """The mean over cases of the interquartile mean over seeds, with its 95 % interval.
+
+    The sample of a stratum are its cases, which are exchangeable, or the seeds of its only case.
+    """
+    estimates = [
+        estimate(_middles(cases), trimmed=False) if len(cases) > 1 else estimate(*cases.values(), trimmed=True)
+        for cases in units.values()
+    ]
+    found = combined(estimates, list(map(len, units.values())))
     low, high = (None if np.isnan(bound) else bound for bound in (found.low, found.high))
     return {"value": found.value, "low": low, "high": high}
 
 
-def difference(task: Task, ours: Path, theirs: Path, game: str | None = None) -> Bounds:
-    """Mean difference of the main score in paired units, positive if the first run is better, with its 95 % interval.
+def _middles(cases: Mapping[str, Sequence[float]]) -> list[float]:
+    """The interquartile mean over seeds of each case."""
+    return [estimate(seeds, trimmed=True).value for seeds in cases.values()]
+
+
+def difference(ours: Row, theirs: Row) -> Bounds:
+    """Difference of the main score in paired units, positive if the first run is better, aggregated as scores are.
 
     Raises:
-        SuiteError: the runs have different cases or seeds.
+        SuiteError: the runs have different tasks, cases or seeds.
     """
-    columns = []
-    for folder in (ours, theirs):
-        config = store.read_config(folder)
-        cases = cases_of(task, arena_of_run(task, config, game), config)
-        columns.append(_columns(cases, store.read_entries(folder, cases, config.seeds), task.metric))
-    shapes = [[len(column) for column in part] for part in columns]
-    if shapes[0] != shapes[1]:
-        raise SuiteError(f"{ours} and {theirs} have different cases or seeds; run both with the same ones")
-    sign = 1 if task.higher_is_better else -1
-    return _bounds(stratified([sign * (first - second) for first, second in zip(*columns, strict=True)], "mean"))
+    sizes = [
+        (row["task"], [(case, len(seeds)) for cases in row["units"].values() for case, seeds in cases.items()])
+        for row in (ours, theirs)
+    ]
+    if sizes[0] != sizes[1]:
+        raise SuiteError(f"{ours['method']} and {theirs['method']} have different cases or seeds; run both with the same ones")
+    sign = 1 if find_task(ours["task"]).higher_is_better else -1
+    return aggregate({
+        stratum: {
+            case: [sign * (x - y) for x, y in zip(seeds, theirs["units"][stratum][case], strict=True)]
+            for case, seeds in cases.items()
+        }
+        for stratum, cases in ours["units"].items()
+    })  # fmt: skip
 
 
-def profile(columns: Sequence[F64]) -> dict[str, list[float]]:
+def profile(units: Units) -> dict[str, list[float]]:
     """Performance profile: fraction of units whose score is above each threshold."""
-    values = np.concatenate(columns)
+    values = np.array([value for cases in units.values() for seeds in cases.values() for value in seeds])
     thresholds = np.linspace(min(0.0, values.min()), max(1.0, values.max()), PROFILE_POINTS)
     return {"threshold": thresholds.tolist(), "above": (values[:, None] > thresholds).mean(axis=0).tolist()}
-
-
-def _by_stratum(cases: Sequence[Case], entries: Mapping[tuple[str, int], Entry]) -> dict[str, dict[str, list[float]]]:
-    stratum = {case.name: case.stratum for case in cases}
-    found: dict[str, dict[str, list[float]]] = {}
-    for (name, _), entry in entries.items():
-        for score, value in entry.scores.items():
-            found.setdefault(stratum[name], {}).setdefault(score, []).append(value)
-    return found
-
-
-def _columns(cases: Sequence[Case], entries: Mapping[tuple[str, int], Entry], name: str) -> list[F64]:
-    """Values of a score by stratum, in the order of cases and seeds; without controls."""
-    counting = {case.name for case in cases if case.counts}
-    counted = {unit: entry for unit, entry in entries.items() if unit[0] in counting}
-    return [np.array(by_name[name]) for by_name in _by_stratum(cases, counted).values()]

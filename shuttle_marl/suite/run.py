@@ -169,6 +169,7 @@ def play_unit(unit: _Unit) -> PlayedUnit:
         policies={role: policy.hash for role, policy in outcome.policies.items()},
         answers=dict(outcome.answers),
         scores=task.score(arena, case, unit.seed, outcome),
+        parts=task.parts(arena, case, outcome),
         seconds=seconds,
         strokes=outcome.strokes,
         curve=tuple(outcome.curve),

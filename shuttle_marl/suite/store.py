@@ -94,6 +94,7 @@ class Entry:
         policies: hash of each policy by role.
         answers, strokes, curve: see :class:`shuttle_marl.suite.task.Outcome`.
         scores: by name.
+        parts: see :meth:`shuttle_marl.suite.task.Task.parts`.
         seconds: time of the method, without scoring.
     """
 
@@ -104,6 +105,7 @@ class Entry:
     answers: Mapping[str, Any]
     scores: Annotated[Mapping[str, Figure], msgspec.Meta(max_length=16)]
     seconds: Annotated[float, msgspec.Meta(ge=0, le=1e9)]
+    parts: Annotated[Mapping[str, Figure], msgspec.Meta(max_length=1000)] = dataclasses.field(default_factory=dict)
     strokes: Count | None = None
     curve: Annotated[Sequence[tuple[Count, Figure]], msgspec.Meta(max_length=10_000)] = ()
 

@@ -11,7 +11,7 @@ import functools
 import hashlib
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, ClassVar, Final, Literal
+from typing import Any, ClassVar, Final
 
 import numpy as np
 
@@ -26,7 +26,6 @@ from shuttle_marl.policy import baselines
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.suite.options import Access, Split, SuiteError
 
-Statistic = Literal["iqm", "mean"]
 SPLITS: Final[tuple[Split, ...]] = ("dev", "test", "hidden")
 QUICK_STROKES: Final = 20_000
 """Budget of a quick run, in strokes of the learner."""
@@ -38,7 +37,7 @@ class Case:
 
     Attributes:
         name: unique within the task and the split.
-        stratum: cases whose scores are exchangeable for the bootstrap share it; default: the name.
+        stratum: exchangeable cases share it, see :func:`shuttle_marl.suite.results.aggregate`; default: the name.
         counts: whether its scores count in the aggregates; controls do not.
         budget: number of strokes; 0: the task has no budgets.
         options: what the task needs to set the case up, as JSON.
@@ -118,7 +117,6 @@ class Task(abc.ABC):
     metric: ClassVar[str] = "score"
     """Entry of the scores that ranks methods."""
     higher_is_better: ClassVar[bool] = True
-    statistic: ClassVar[Statistic] = "iqm"
     access: ClassVar[Access] = "tables"
     """The most that a method may read."""
     budgets: ClassVar[tuple[int, ...]] = ()
@@ -172,6 +170,10 @@ class Task(abc.ABC):
         Raises:
             SuiteError: the outcome lacks something, or holds something illegal.
         """
+
+    def parts(self, arena: Arena, case: Case, outcome: Outcome) -> dict[str, float]:  # noqa: ARG002
+        """Parts of a case by name, whose mean is the main score: a sample for its interval. Empty if seeds or cases are."""
+        return {}
 
     @abc.abstractmethod
     def given(self, arena: Arena, case: Case, seed: int) -> Iterable[str]:

@@ -79,7 +79,6 @@ class Text(Task):
     higher_is_better = False
     optimum = 0.0
     seeds = 1
-    statistic = "mean"
     variants: ClassVar[Mapping[str, str]] = {"dev": "women"}
     protocol = "method(setting: TextSetting) -> object with answer(position: dict) -> name of a stroke"
     target = "a regret below 1.5 %"
@@ -102,18 +101,28 @@ class Text(Task):
 
     def score(self, arena: Arena, case: Case, seed: int, outcome: Outcome) -> dict[str, float]:  # noqa: ARG002
         """Regret, fraction of legal answers, and probability under bc."""
-        game, states, names = arena.game, chosen_states(arena), list(arena.game.catalogue.names)
-        answers = outcome.answers.get("strokes")
-        if not isinstance(answers, list) or len(answers) != len(states):
-            raise SuiteError(f"expected {len(states)} answers")
-        regret, bc = regrets(game), arena.policy("bc")
-        lost, legal, likeness = [], [], []
-        for state, answer in zip(states.tolist(), answers, strict=True):
-            pair = int(game.pair(state, names.index(answer))) if answer in names else -1
-            legal.append(pair >= 0)
-            lost.append(float(regret[pair] if pair >= 0 else regret[game.pairs_of(state)].max()))
-            likeness.append(float(bc.probability_of(np.array([pair]))[0]) if pair >= 0 else 0.0)
-        return {"regret": float(np.mean(lost)), "legal": float(np.mean(legal)), "likeness": float(np.mean(likeness))}
+        pair = _answered(arena, outcome)
+        legal, likeness = pair >= 0, np.zeros(len(pair))
+        likeness[legal] = arena.policy("bc").probability_of(pair[legal])
+        regret = np.mean(list(self.parts(arena, case, outcome).values()))
+        return {"regret": float(regret), "legal": float(legal.mean()), "likeness": float(likeness.mean())}
+
+    def parts(self, arena: Arena, case: Case, outcome: Outcome) -> dict[str, float]:  # noqa: ARG002
+        """Regret in each position."""
+        regret, of_state = regrets(arena.game), arena.game.pairs_of
+        answered = zip(chosen_states(arena).tolist(), _answered(arena, outcome).tolist(), strict=True)
+        lost = [regret[pair] if pair >= 0 else regret[of_state(state)].max() for state, pair in answered]
+        return {str(number): float(each) for number, each in enumerate(lost)}
+
+
+def _answered(arena: Arena, outcome: Outcome) -> I64:
+    """Legal pair of each answer; -1: not a legal stroke."""
+    game, states, names = arena.game, chosen_states(arena), list(arena.game.catalogue.names)
+    answers = outcome.answers.get("strokes")
+    if not isinstance(answers, list) or len(answers) != len(states):
+        raise SuiteError(f"expected {len(states)} answers")
+    named = zip(states.tolist(), answers, strict=True)
+    return np.array([int(game.pair(state, names.index(name))) if name in names else -1 for state, name in named])
 
 
 @functools.lru_cache(maxsize=2)

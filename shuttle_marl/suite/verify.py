@@ -130,9 +130,13 @@ def _recomputed(folder: Path, config: RunConfig, task: Task, arena: Arena, numbe
     if entry.fingerprint != fingerprint:
         raise SuiteError(f"the case has fingerprint {entry.fingerprint[:12]}; expected {fingerprint[:12]}")
     frozen.load().check(task, config.split, f"{case.name}/{seed}", fingerprint, arena.game)
-    scores = task.score(arena, case, seed, store.read_outcome(folder, entry, arena.game, task.roles))
-    if other := entry.scores.keys() - scores.keys():
-        raise SuiteError(f"the entry has scores that the task does not have: {', '.join(sorted(map(printable, other)))}")
-    for name, value in scores.items():
-        if not abs(value - entry.scores.get(name, float("nan"))) <= TOLERANCE:
-            raise SuiteError(f"{name} is {value:.9f}, not {entry.scores.get(name)}")
+    outcome = store.read_outcome(folder, entry, arena.game, task.roles)
+    for stored, found in (
+        (entry.scores, task.score(arena, case, seed, outcome)),
+        (entry.parts, task.parts(arena, case, outcome)),
+    ):
+        if other := stored.keys() - found.keys():
+            raise SuiteError(f"the entry has scores that the task does not have: {', '.join(sorted(map(printable, other)))}")
+        for name, value in found.items():
+            if not abs(value - stored.get(name, float("nan"))) <= TOLERANCE:
+                raise SuiteError(f"{name} is {value:.9f}, not {stored.get(name)}")

@@ -67,9 +67,11 @@ def test_no_run_is_started_that_ends_too_late(tmp_path: Path, capsys: pytest.Cap
     assert "robust-v0 minimax: 0.2 min\n1 runs, 0 minutes" in capsys.readouterr().err
 
 
-@pytest.mark.skipif(not RESULTS.is_file(), reason="no results are committed")
 def test_committed_results_are_of_this_game_and_reproduced(tmp_path: Path) -> None:
     rows = json.loads(RESULTS.read_text())["rows"]
+    if not rows:
+        assert "no results yet" in task_boards("robust-v0")
+        pytest.skip("no results are committed")
     games = {default_game().hash, *(load_game(f"default:{name}").hash for name in variants())}
     assert [(row["task"], row["method"]) for row in rows if row["verified"] is not True] == []
     if not any(row["game"] in games for row in rows):
@@ -103,7 +105,7 @@ def test_methods_are_compared_with_the_best_in_the_same_units(tmp_path: Path) ->
     out = tmp_path / "runs"
     flags = ["--quick", "--game", reduced_model(), "--workers", "1", "--out", str(out), "--tasks", "robust-v0", "--split", "test"]
     assert main([*flags, "--methods", "human:0.1", "mean-game"]) == 0
-    rows = {row["method"]: row for row in rows_of(out, reduced_model())}
+    rows = {row["method"]: row for row in rows_of(out)}
     best, other = sorted(rows.values(), key=lambda row: -row["score"])
     assert other["behind"]["value"] == pytest.approx(best["score"] - other["score"], abs=1e-12)
     assert "behind" not in best

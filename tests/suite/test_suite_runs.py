@@ -360,13 +360,14 @@ def test_an_entry_of_another_unit_is_refused(tmp_path: Path) -> None:
 def test_paired_differences(tmp_path: Path) -> None:
     better = played(tmp_path, "best-response", seeds=2)
     worse = played(tmp_path, f"{__name__}:noisy", seeds=2)
-    found = difference(TASKS["exploit-v0"], better, worse, reduced_model())
-    assert found["value"] == pytest.approx(1 - summarise(worse, game=reduced_model())["score"], abs=1e-9)
+    rows = [summarise(folder, game=reduced_model()) for folder in (better, worse)]
+    found = difference(*rows)
+    assert found["value"] == pytest.approx(1 - rows[1]["score"], abs=1e-9)
     assert found["low"] is not None
     assert found["high"] is not None
     assert found["low"] <= found["value"] <= found["high"]
     with pytest.raises(SuiteError, match="different cases or seeds"):
-        difference(TASKS["exploit-v0"], better, played(tmp_path, "bc"), reduced_model())
+        difference(rows[0], summarise(played(tmp_path, "bc"), game=reduced_model()))
 
 
 def test_the_board_orders_and_escapes(tmp_path: Path) -> None:
