@@ -17,6 +17,7 @@ from shuttle_marl.suite.options import Beacon, Split, SuiteError, SuiteRun
 Task = Annotated[str, tyro.conf.Positional]
 Folder = Annotated[Path, tyro.conf.Positional]
 Folders = Annotated[tuple[Path, ...], tyro.conf.Positional]
+_FRONTIER: Final[tuple[Literal["score", "exploitability", "objective"], ...]] = ("score", "exploitability", "objective")
 _SHOWN: Final = 20
 """Refused units that are printed."""
 _PRELIMINARY: Final = "The game of the suite is not frozen yet: tasks take the installed one, and scores are preliminary."
@@ -213,6 +214,32 @@ def board(
         raise SuiteError("left out: " + "; ".join(map(printable, left)))
 
 
+def frontier(task: Task, *, opponent: str, game: str = "default", json_output: Json = False) -> None:
+    """Show what the best can reach against an opponent: score against exploitability, by the weight of the opponent.
+
+    Args:
+        task: exploit-v0.
+        opponent: name of a policy, such as bc.
+        game: model of the game.
+        json_output: print JSON.
+    """
+    from shuttle_marl.exact.fixed_point import TOLERANCE  # noqa: PLC0415  numba
+    from shuttle_marl.suite.exploit import Exploit  # noqa: PLC0415
+    from shuttle_marl.suite.frontier import frontier as points_of  # noqa: PLC0415
+    from shuttle_marl.suite.registry import arena_of, find_task  # noqa: PLC0415
+
+    found = find_task(task)
+    if not isinstance(found, Exploit):
+        raise SuiteError(f"{task} has no frontier of an opponent; exploit-v0 has")
+    arena = arena_of(found, game, "test")
+    points = points_of(arena.policy(opponent), arena.policy("bc"), tolerance=TOLERANCE)
+    if json_output:
+        cli.print_json(points)
+        return
+    rows = {f"p = {each['p']:g}": ", ".join(f"{name} {each[name]:.3f}" for name in _FRONTIER) for each in points}
+    cli.console().print(cli.facts(rows))
+
+
 def new_submission(task: Task, *, out: Path = Path(), language: Literal["python", "perl"] = "python") -> None:
     """Write a template of a method, at most 40 lines that run as they are, and a card.
 
@@ -309,6 +336,7 @@ COMMANDS: Final[dict[str, cli.Command]] = {
     "score": score,
     "verify": verify,
     "board": board,
+    "frontier": frontier,
     "new-submission": new_submission,
     "data": data,
     "freeze": freeze,

@@ -22,8 +22,8 @@ import numpy as np
 from shuttle_marl.base.files import cache_folder
 from shuttle_marl.exact.fixed_point import TOLERANCE
 from shuttle_marl.exact.match import Odds
-from shuttle_marl.exact.optimal import best_response
-from shuttle_marl.exact.profile import Crossplay, odds_of_pairs
+from shuttle_marl.exact.optimal import best_response, restricted_response
+from shuttle_marl.exact.profile import Crossplay, evaluate, odds_of_pairs
 from shuttle_marl.exact.version import solvers_hash
 from shuttle_marl.game.tabulated import TabulatedPolicy
 
@@ -104,6 +104,35 @@ def best_odds(policies: Sequence[TabulatedPolicy], *, tolerance: float = TOLERAN
             return list(threads.map(lambda key: best_response(by_key[key], tolerance=tolerance).value.odds(), wanted))
 
     return _cached(keys, solve)
+
+
+def restricted_odds(opponents: Sequence[TabulatedPolicy], p: float, *, tolerance: float = TOLERANCE) -> list[tuple[Odds, Odds]]:
+    """Odds of the restricted response to each opponent against that opponent, and against its own worst enemy.
+
+    Args:
+        opponents: each of one game.
+        p: see :func:`shuttle_marl.exact.restricted_response`.
+        tolerance: largest acceptable error bound of a value.
+
+    Raises:
+        ExactError: play may never end.
+    """
+    keys = [_key(f"restricted {p!r}", each.game.hash, each.hash, repr(tolerance)) for each in opponents]
+    by_key = dict(zip(keys, opponents, strict=True))
+
+    def solve(wanted: Sequence[bytes]) -> list[Odds]:
+        def both(key: bytes) -> tuple[Odds, Odds]:
+            policy = restricted_response(by_key[key], p, tolerance=tolerance).policy
+            won = evaluate(policy, by_key[key], tolerance=tolerance).odds()
+            return won, _swapped(best_response(policy, tolerance=tolerance).value.odds())
+
+        with ThreadPoolExecutor(os.cpu_count()) as threads:
+            found = dict(zip(own := list(dict.fromkeys(key[:32] for key in wanted)), threads.map(both, own), strict=True))
+        return [found[key[:32]][len(key) > 32] for key in wanted]
+
+    # The second figure of an opponent has a longer key.
+    odds = _cached([*keys, *(key + b"worst" for key in keys)], solve)
+    return list(zip(odds[: len(keys)], odds[len(keys) :], strict=True))
 
 
 def _key(*parts: str) -> bytes:

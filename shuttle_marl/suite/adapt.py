@@ -13,6 +13,7 @@ from shuttle_marl.game.draws import stream
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.kernel import play_rallies
+from shuttle_marl.suite.frontier import best, normalised, responses, results
 from shuttle_marl.suite.method import Method, called, made
 from shuttle_marl.suite.options import Split, SuiteError
 from shuttle_marl.suite.population import ADAPT_RALLIES, CONTROL, FAMILIES, Opponent, known, opponent
@@ -85,19 +86,19 @@ class Adapt(Task):
     """Adapt to an unknown opponent within 500 rallies.
 
     Given: the game, about 25 known opponents, and rallies against one that is not known; the policy may change before rallies 0,
-    2, 5, 10, 20, 40, 80, 160 and 320. Score: regret, the fraction of rallies lost against the best response to what the opponent
-    plays, averaged over 20, 100 and 500 rallies; and exploitability of what is played from rally 20 on.
+    2, 5, 10, 20, 40, 80, 160 and 320. Score: the restricted Nash objective of ``exploit``, averaged over all rallies; also
+    regret, the fraction of rallies lost against the best response to what the opponent plays, over 20, 100 and 500 rallies; and
+    exploitability of what is played from rally 20 on.
     """
 
     name = "adapt-v0"
-    metric = "regret_500"
-    higher_is_better = False
+    metric = "objective"
     roles = tuple(map(str, CHANGES))
-    optimum = 0.0
+    optimum = 1.0
     seeds = 1
     splits: ClassVar[tuple[Split, ...]] = ("dev", "test", "hidden")
     protocol = "method(setting: AdaptSetting) -> object with observe_rally(rally) and policy_for_next_rally() -> player"
-    target = "regret 1.5, 0.8 and 0.4 % after 20, 100 and 500 rallies in unseen families, at an exploitability of .06 or less"
+    target = "an objective above .99"
 
     def all_cases(self, arena: Arena) -> list[Case]:
         """Opponents of each family, and controls, which do not count in the score."""
@@ -135,22 +136,39 @@ class Adapt(Task):
         return (*map(str, against.starts), *hashes)
 
     def score(self, arena: Arena, case: Case, seed: int, outcome: Outcome) -> dict[str, float]:  # noqa: ARG002
-        """Mean regret over each horizon, and exploitability."""
+        """Objective, mean regret over each horizon, and exploitability."""
         against = _opponent(arena, case)
         tables = [required(outcome, str(start)) for start in CHANGES]
         regret, blocks = np.zeros(ADAPT_RALLIES), _blocks(against)
         played = [(tables[np.searchsorted(CHANGES, start, side="right") - 1], policy) for start, policy, _ in blocks]
-        best = dict(zip(against.policies, best_odds(against.policies, tolerance=_TOLERANCE), strict=True))
+        most = dict(zip(against.policies, best_odds(against.policies, tolerance=_TOLERANCE), strict=True))
         for (start, policy, last), odds in zip(blocks, pair_odds(played, tolerance=_TOLERANCE), strict=True):
-            regret[start:last] = best[policy].rally - odds.rally
+            regret[start:last] = most[policy].rally - odds.rally
         at_risk = [
             (start, last) for start, last in zip(CHANGES, (*CHANGES[1:], ADAPT_RALLIES), strict=True) if start >= RISK_FROM
         ]
         risk = best_odds([tables[CHANGES.index(start)] for start, _ in at_risk], tolerance=_TOLERANCE)
         return {
+            "objective": _objective(arena, played, [last - start for start, _, last in blocks]),
             **{f"regret_{horizon}": float(regret[:horizon].mean()) for horizon in HORIZONS},
             "exploitability": float(np.average([odds.value for odds in risk], weights=[last - start for start, last in at_risk])),
         }
+
+
+def _objective(arena: Arena, played: list[tuple[TabulatedPolicy, TabulatedPolicy]], rallies: list[int]) -> float:
+    """The normalised objective of pairs of policies, each played for so many rallies."""
+    against = list(dict.fromkeys(policy for _, policy in played))
+    greatest = dict(zip(against, map(best, responses(against, tolerance=_TOLERANCE)), strict=True))
+    reference = [(arena.policy("bc"), policy) for _, policy in played]
+    worth, zero, one = (
+        float(np.average([result.worth() for result in found], weights=rallies))
+        for found in (
+            results(played, tolerance=_TOLERANCE),
+            results(reference, tolerance=_TOLERANCE),
+            [greatest[policy] for _, policy in played],
+        )
+    )
+    return normalised(worth, zero, one)
 
 
 def _opponent(arena: Arena, case: Case) -> Opponent:

@@ -93,7 +93,7 @@ def test_scores_are_exact_and_verified(tmp_path: Path) -> None:
     wins = [evaluate(table(f"bc@{temperature}"), safe).odds().rally for temperature in (0.3, 0.4)]
     low, high = evaluate(bc, safe).odds().rally, best_response(safe).value.odds().rally
     assert result["scores"]["rally_win"]["value"] == pytest.approx(np.mean(wins), abs=1e-9)
-    assert result["score"] == pytest.approx((np.mean(wins) - low) / (high - low), abs=1e-8)
+    assert result["scores"]["score"]["value"] == pytest.approx((np.mean(wins) - low) / (high - low), abs=1e-8)
     assert result["low"] is not None
     assert result["high"] is not None
     assert result["low"] < result["score"] < result["high"]
@@ -162,7 +162,8 @@ def test_forged_aggregates_and_unknown_scores_are_refused(tmp_path: Path) -> Non
 
 
 def test_references_bound_the_scale(tmp_path: Path) -> None:
-    assert summarise(played(tmp_path, "best-response"), game=reduced_model())["score"] == pytest.approx(1, abs=1e-9)
+    best = summarise(played(tmp_path, "best-response"), game=reduced_model())
+    assert best["scores"]["score"]["value"] == pytest.approx(1, abs=1e-8)
     assert summarise(played(tmp_path, "bc"), game=reduced_model())["score"] == pytest.approx(0, abs=1e-9)
     assert summarise(played(tmp_path / "e", "minimax", "equilibrium-v0"), game=reduced_model())[
         "exploitability"
@@ -362,7 +363,7 @@ def test_paired_differences(tmp_path: Path) -> None:
     worse = played(tmp_path, f"{__name__}:noisy", seeds=2)
     rows = [summarise(folder, game=reduced_model()) for folder in (better, worse)]
     found = difference(*rows)
-    assert found["value"] == pytest.approx(1 - rows[1]["score"], abs=1e-9)
+    assert found["value"] == pytest.approx(rows[0]["score"] - rows[1]["score"], abs=1e-9)
     assert found["low"] is not None
     assert found["high"] is not None
     assert found["low"] <= found["value"] <= found["high"]
