@@ -107,9 +107,9 @@ def test_boards_of_the_suite_are_made_from_its_results(tmp_path: Path, monkeypat
     score = {"value": 0.25, "low": 0.2, "high": 0.3}
     row = {
         "task": "exploit-v0", "method": "ppo", "split": "test", "budget": 1000, "score": 0.75, "low": 0.7, "high": 0.8,
-        "worst": 0.6, "scores": {"score": {"value": 0.75, "low": 0.7, "high": 0.8}, "exploitability": score}, "seconds": 12.3,
+        "worst": 0.6, "scores": {"objective": {"value": 0.75, "low": 0.7, "high": 0.8}, "exploitability": score}, "seconds": 12.3,
         "official": False, "verified": True, "game": "another", "quick": False, "kind": "method", "access": "samples",
-        "strata": {"bc/1,000": {"score": 0.6}, "safe/1,000": {"score": 0.9}},
+        "strata": {"bc/1,000": {"objective": 0.6}, "safe/1,000": {"objective": 0.9}},
     }  # fmt: skip
     rows = [
         row,
@@ -124,7 +124,7 @@ def test_boards_of_the_suite_are_made_from_its_results(tmp_path: Path, monkeypat
     assert text.index("| samples | reference | `minimax`") < text.index(ppo) < text.index("| samples | 2 | `dqn`")
     assert "| 0.600 | 0.250 (0.200 to 0.300) | 0.2500 |" in text
     assert "Best: `ppo`, 0.750 (0.700 to 0.800). Optimum 1.000, open gap 0.250." in text
-    assert "Mean score by case:" in text
+    assert "Mean objective by case:" in text
     assert "| method | `bc` | `safe` |" in text
     assert "| `ppo` | 0.600 | 0.900 |" in text
     assert "**Preliminary**" in text
