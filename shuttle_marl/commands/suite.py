@@ -215,7 +215,7 @@ def board(
 
 
 def frontier(task: Task, *, opponent: str, game: str = "default", json_output: Json = False) -> None:
-    """Show what the best can reach against an opponent: score against exploitability, by the weight of the opponent.
+    """Show what the best can reach against an opponent: score against exploitability, by the restriction of the opponent.
 
     Args:
         task: exploit-v0.
@@ -232,7 +232,7 @@ def frontier(task: Task, *, opponent: str, game: str = "default", json_output: J
     if not isinstance(found, Exploit):
         raise SuiteError(f"{task} has no frontier of an opponent; exploit-v0 has")
     arena = arena_of(found, game, "test")
-    points = points_of(arena.policy(opponent), arena.policy("bc"), tolerance=TOLERANCE)
+    points = points_of(arena, arena.policy(opponent), tolerance=TOLERANCE)
     if json_output:
         cli.print_json(points)
         return

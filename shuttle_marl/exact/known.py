@@ -22,8 +22,8 @@ import numpy as np
 from shuttle_marl.base.files import cache_folder
 from shuttle_marl.exact.fixed_point import TOLERANCE
 from shuttle_marl.exact.match import Odds
-from shuttle_marl.exact.optimal import best_response, restricted_response
-from shuttle_marl.exact.profile import Crossplay, evaluate, odds_of_pairs
+from shuttle_marl.exact.optimal import best_response, restricted_response, restricted_value
+from shuttle_marl.exact.profile import Crossplay, odds_of_pairs
 from shuttle_marl.exact.version import solvers_hash
 from shuttle_marl.game.tabulated import TabulatedPolicy
 
@@ -106,33 +106,36 @@ def best_odds(policies: Sequence[TabulatedPolicy], *, tolerance: float = TOLERAN
     return _cached(keys, solve)
 
 
-def restricted_odds(opponents: Sequence[TabulatedPolicy], p: float, *, tolerance: float = TOLERANCE) -> list[tuple[Odds, Odds]]:
-    """Odds of the restricted response to each opponent against that opponent, and against its own worst enemy.
+def restricted_odds(
+    pairs: Sequence[tuple[TabulatedPolicy | None, TabulatedPolicy]], p: float, *, tolerance: float = TOLERANCE
+) -> list[Odds]:
+    """Odds of the first policy of each pair against the second, restricted as for :func:`shuttle_marl.exact.restricted_response`.
 
     Args:
-        opponents: each of one game.
-        p: see :func:`shuttle_marl.exact.restricted_response`.
+        pairs: each of one game; None: the restricted response.
+        p: probability with which the second policy is played at each stroke.
         tolerance: largest acceptable error bound of a value.
 
     Raises:
         ExactError: play may never end.
     """
-    keys = [_key(f"restricted {p!r}", each.game.hash, each.hash, repr(tolerance)) for each in opponents]
-    by_key = dict(zip(keys, opponents, strict=True))
+    keys = [
+        _key(f"restricted {p!r}", each.game.hash, "best" if player is None else player.hash, each.hash, repr(tolerance))
+        for player, each in pairs
+    ]
+    by_key = dict(zip(keys, pairs, strict=True))
+
+    def value(key: bytes) -> Odds:
+        player, opponent = by_key[key]
+        if player is None:
+            return restricted_response(opponent, p, tolerance=tolerance).value.odds()
+        return restricted_value(player, opponent, p, tolerance=tolerance).odds()
 
     def solve(wanted: Sequence[bytes]) -> list[Odds]:
-        def both(key: bytes) -> tuple[Odds, Odds]:
-            policy = restricted_response(by_key[key], p, tolerance=tolerance).policy
-            won = evaluate(policy, by_key[key], tolerance=tolerance).odds()
-            return won, _swapped(best_response(policy, tolerance=tolerance).value.odds())
-
         with ThreadPoolExecutor(os.cpu_count()) as threads:
-            found = dict(zip(own := list(dict.fromkeys(key[:32] for key in wanted)), threads.map(both, own), strict=True))
-        return [found[key[:32]][len(key) > 32] for key in wanted]
+            return list(threads.map(value, wanted))
 
-    # The second figure of an opponent has a longer key.
-    odds = _cached([*keys, *(key + b"worst" for key in keys)], solve)
-    return list(zip(odds[: len(keys)], odds[len(keys) :], strict=True))
+    return _cached(keys, solve)
 
 
 def _key(*parts: str) -> bytes:

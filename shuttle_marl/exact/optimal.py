@@ -321,6 +321,25 @@ def restricted_response(policy: StatePolicy | InducedChain, p: float, *, toleran
     return Response(game=chain.game, rank=own.ranks(value.striking[1]), value=value, sweeps=sweeps)
 
 
+def restricted_value(policy: StatePolicy, opponent: StatePolicy, p: float, *, tolerance: float = TOLERANCE) -> ProfileValue:
+    """The value of a policy against the opponent of :func:`restricted_response`.
+
+    No policy, not even one that remembers, is worth more than that response, because the restricted game is a zero-sum game of
+    perfect information, of which the response is an equilibrium strategy.
+
+    Args:
+        policy: of player 0.
+        opponent: policy that player 1 plays with probability ``p`` at each stroke; else the stroke that is worst for player 0.
+        p: from 0 to 1.
+        tolerance: largest acceptable error bound of a value.
+
+    Raises:
+        ExactError: play may never end.
+    """
+    restricted = _Restricted(induced(opponent), _BestStrokes((opponent.game,)), p)
+    return solve_players(induced(policy), restricted, tolerance)[0]
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Restricted:
     """A player who follows a policy with probability ``p`` at each stroke, and else plays the best stroke."""

@@ -13,7 +13,7 @@ from shuttle_marl.game.draws import stream
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.kernel import play_rallies
-from shuttle_marl.suite.frontier import best, normalised, responses, results
+from shuttle_marl.suite.frontier import objective
 from shuttle_marl.suite.method import Method, called, made
 from shuttle_marl.suite.options import Split, SuiteError
 from shuttle_marl.suite.population import ADAPT_RALLIES, CONTROL, FAMILIES, Opponent, known, opponent
@@ -149,26 +149,10 @@ class Adapt(Task):
         ]
         risk = best_odds([tables[CHANGES.index(start)] for start, _ in at_risk], tolerance=_TOLERANCE)
         return {
-            "objective": _objective(arena, played, [last - start for start, _, last in blocks]),
+            "objective": objective(arena, played, rallies=[last - start for start, _, last in blocks], tolerance=_TOLERANCE),
             **{f"regret_{horizon}": float(regret[:horizon].mean()) for horizon in HORIZONS},
             "exploitability": float(np.average([odds.value for odds in risk], weights=[last - start for start, last in at_risk])),
         }
-
-
-def _objective(arena: Arena, played: list[tuple[TabulatedPolicy, TabulatedPolicy]], rallies: list[int]) -> float:
-    """The normalised objective of pairs of policies, each played for so many rallies."""
-    against = list(dict.fromkeys(policy for _, policy in played))
-    greatest = dict(zip(against, map(best, responses(against, tolerance=_TOLERANCE)), strict=True))
-    reference = [(arena.policy("bc"), policy) for _, policy in played]
-    worth, zero, one = (
-        float(np.average([result.worth() for result in found], weights=rallies))
-        for found in (
-            results(played, tolerance=_TOLERANCE),
-            results(reference, tolerance=_TOLERANCE),
-            [greatest[policy] for _, policy in played],
-        )
-    )
-    return normalised(worth, zero, one)
 
 
 def _opponent(arena: Arena, case: Case) -> Opponent:

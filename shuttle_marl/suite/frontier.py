@@ -1,37 +1,32 @@
 """The restricted Nash objective, and the frontier between beating an opponent and being beaten (Johanson et al., NeurIPS 2007).
 
-What is played is worth ``p`` times the rallies that it wins against an opponent, and ``1 - p`` times those that it wins against
-its own worst enemy. The responses of the frontier are those to an opponent who is restricted at each stroke. The restricted
-response for ``p`` is the best of them, so neither rallies won against the opponent nor exploitability ever fall with ``p``.
+What is played is worth the rallies that it wins against an opponent who is restricted to a policy with probability ``p`` at each
+stroke, and else plays the stroke that is worst for it. The restricted response to the policy is the best play of any kind, see
+:func:`shuttle_marl.exact.optimal.restricted_value`.
 """
 
 from collections.abc import Sequence
-from typing import Final, NamedTuple, TypedDict
+from typing import Final, TypedDict
 
+import numpy as np
+
+from shuttle_marl.exact import restricted_response
 from shuttle_marl.exact.known import best_odds, pair_odds, restricted_odds
 from shuttle_marl.exact.match import normalised_score
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.suite.options import SuiteError
+from shuttle_marl.suite.task import Arena
 
 WEIGHT: Final = 0.75
-"""Weight of the opponent in the objective; the rest is that of the worst enemy."""
-STEPS: Final = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0)
-"""Restrictions of the opponent at each stroke, and weights of the points of a frontier."""
-
-
-class Result(NamedTuple):
-    """Rallies won against an opponent, and against the worst enemy of what is played."""
-
-    won: float
-    worst: float
-
-    def worth(self, p: float = WEIGHT) -> float:
-        """The objective, as a fraction of rallies."""
-        return p * self.won + (1 - p) * self.worst
+"""Restriction of the opponent in the objective."""
+STEPS: Final = (0.0, 0.25, 0.5, WEIGHT, 0.9, 1.0)
+"""Restrictions of the points of a frontier."""
+_DIGITS: Final = 7
+"""Decimal places of a frontier, which are exact; + 0.0 makes 0.0 of -0.0."""
 
 
 class Point(TypedDict):
-    """A point of a frontier; ``score`` and ``objective`` are 0 for bc and 1 for the best."""
+    """A point of a frontier: the restricted response for ``p``; its figures are those of ``exploit``."""
 
     p: float
     score: float
@@ -39,53 +34,66 @@ class Point(TypedDict):
     objective: float
 
 
-def results(pairs: Sequence[tuple[TabulatedPolicy, TabulatedPolicy]], *, tolerance: float) -> list[Result]:
-    """The result of the first policy of each pair against the second."""
-    won = pair_odds(pairs, tolerance=tolerance)
-    enemies = best_odds([player for player, _ in pairs], tolerance=tolerance)
-    return [Result(odds.rally, 1 - enemy.rally) for odds, enemy in zip(won, enemies, strict=True)]
-
-
-def responses(opponents: Sequence[TabulatedPolicy], *, tolerance: float) -> list[list[Result]]:
-    """For each opponent the results of the responses, by restriction."""
-    by_step = [restricted_odds(opponents, step, tolerance=tolerance) for step in STEPS]
-    return [[Result(won.rally, worst.rally) for won, worst in of_opponent] for of_opponent in zip(*by_step, strict=True)]
-
-
-def best(found: Sequence[Result], p: float = WEIGHT) -> Result:
-    """The result of the restricted response for a weight."""
-    return max(found, key=lambda result: result.worth(p))
-
-
-def normalised(worth: float, reference: float, greatest: float) -> float:
-    """0 for the reference, 1 for the restricted response.
+def normalised(worth: float, zero: float, one: float) -> float:
+    """A figure on the scale from ``zero`` to ``one``.
 
     Raises:
-        SuiteError: the reference is as good.
+        SuiteError: these are equal.
     """
-    score = normalised_score(worth, reference, greatest)
+    score = normalised_score(worth, zero, one)
     if score is None:
-        raise SuiteError("bc is a best response to this opponent, so there is nothing to score")
+        raise SuiteError("the opponent has no weakness, so there is nothing to score")
     return score
 
 
-def frontier(opponent: TabulatedPolicy, reference: TabulatedPolicy, *, tolerance: float) -> list[Point]:
-    """The points of an opponent for all weights of :data:`STEPS` and :data:`WEIGHT`.
+def objective(
+    arena: Arena,
+    played: Sequence[tuple[TabulatedPolicy, TabulatedPolicy]],
+    *,
+    rallies: Sequence[int] | None = None,
+    tolerance: float,
+) -> float:
+    """The objective: 0 for perfect play, which makes use of no weakness, and 1 for the restricted response.
 
     Args:
-        opponent: who is to be beaten.
-        reference: who scores 0.
+        arena: has perfect play.
+        played: a policy and its opponent, one pair after the other.
+        rallies: for how many rallies each pair played; None: equally many.
         tolerance: largest acceptable error bound of a value.
+
+    Raises:
+        SuiteError: perfect play is the restricted response.
     """
-    (zero,), (found,) = results([(reference, opponent)], tolerance=tolerance), responses([opponent], tolerance=tolerance)
-    most, greatest = best(found, 1.0).won, best(found).worth()
+    opponents = [opponent for _, opponent in played]
+    perfect = [arena.policy("minimax")] * len(played)
+    worth, zero, one = (
+        float(np.average([odds.rally for odds in restricted_odds(pairs, WEIGHT, tolerance=tolerance)], weights=rallies))
+        for pairs in (played, [*zip(perfect, opponents, strict=True)], [(None, each) for each in opponents])
+    )
+    return normalised(worth, zero, one)
+
+
+def score(arena: Arena, won: float, opponent: TabulatedPolicy, *, tolerance: float) -> float:
+    """Rallies won against an opponent: 0 for bc, and 1 for the best response.
+
+    Raises:
+        SuiteError: bc is a best response.
+    """
+    (zero,) = pair_odds([(arena.policy("bc"), opponent)], tolerance=tolerance)
+    return normalised(won, zero.rally, best_odds([opponent], tolerance=tolerance)[0].rally)
+
+
+def frontier(arena: Arena, opponent: TabulatedPolicy, *, tolerance: float) -> list[Point]:
+    """The points of an opponent for :data:`STEPS`."""
+    players = [restricted_response(opponent, p, tolerance=tolerance).policy for p in STEPS]
+    won = pair_odds([(player, opponent) for player in players], tolerance=tolerance)
+    enemies = best_odds(players, tolerance=tolerance)
     return [
         {
             "p": p,
-            "score": normalised(chosen.won, zero.won, most),
-            "exploitability": 1 - 2 * chosen.worst,
-            "objective": normalised(chosen.worth(), zero.worth(), greatest),
+            "score": round(score(arena, odds.rally, opponent, tolerance=tolerance), _DIGITS),
+            "exploitability": round(enemy.value, _DIGITS) + 0.0,
+            "objective": round(objective(arena, [(player, opponent)], tolerance=tolerance), _DIGITS) + 0.0,
         }
-        for p in sorted({*STEPS, WEIGHT})
-        if (chosen := best(found, p))
+        for p, player, odds, enemy in zip(STEPS, players, won, enemies, strict=True)
     ]
