@@ -126,6 +126,45 @@ def _rolled_out(env: Any, batch: int, threads: int) -> Play:
     return play
 
 
+def jax(batch: int, _: int) -> Play:
+    """``shuttle_marl.env.jax``, many strokes in one compiled call; random legal strokes, observations and masks."""
+    import jax as jax_library
+    import jax.numpy as jnp
+    from jax import random
+
+    from shuttle_marl.env import jax as rally
+
+    steps = _steps(batch)
+
+    def stroke(tables: rally.Tables, now: Any, key: Any) -> tuple[Any, Any]:
+        state, seen = now
+        base = state % (len(tables.base_pair_start) - 1)
+        one, two = random.split(key)
+        k = random.randint(one, state.shape, 0, tables.base_pair_start[base + 1] - tables.base_pair_start[base])
+        chosen = tables.edge_incoming[tables.reply_edge[tables.first_reply[base] + k]]
+        after = jax_library.vmap(rally.step, (None, 0, 0, 0))(tables, state, chosen, rally.draws(two, state.shape))
+        tokens, mask = jax_library.vmap(rally.observe, (None, 0))(tables, after.state)
+        # What nobody reads would be compiled away.
+        return (after.state, seen + tokens.sum(axis=1) + mask.sum(axis=1)), None
+
+    @jax_library.jit
+    def played(tables: rally.Tables, now: Any, key: Any) -> Any:
+        keys = random.split(key, steps + 1)
+        now, _ = jax_library.lax.scan(lambda n, k: stroke(tables, n, k), now, keys[1:])
+        return now, keys[0]
+
+    tables = rally.Tables.of()
+    now, key = (jnp.tile(rally.init(), batch), jnp.zeros(batch, jnp.int32)), random.key(0)
+
+    def play() -> int:
+        nonlocal now, key
+        now, key = played(tables, now, key)
+        now[0].block_until_ready()
+        return steps * batch
+
+    return play
+
+
 def vector(batch: int, threads: int) -> Play:
     """``RallyVectorEnv`` against ``bc``, random legal strokes; a stroke and the reply to it count once."""
     from shuttle_marl.env.vector import RallyVectorEnv
@@ -219,6 +258,7 @@ BATCHED: Final[dict[str, Maker]] = {
     "kernel_observed": kernel_observed,
     "torchrl": torchrl,
     "torchrl_stock": torchrl_stock,
+    "jax": jax,
     "vector": vector,
     "match_vector": match_vector,
     "tournament": tournament,
@@ -232,5 +272,5 @@ SINGLE: Final[dict[str, Maker]] = {
     "tictactoe_v3": _loop(_classic("tictactoe_v3")),
 }
 """Environments without batches, which alternate in one process."""
-ONE_THREAD: Final = ("cartpole_vector", *SINGLE)
-"""Cases that cannot use a second thread."""
+ONE_THREAD: Final = ("cartpole_vector", "jax", *SINGLE)
+"""Cases that are not told the number of their threads."""

@@ -10,6 +10,7 @@ from shuttle_marl.base.errors import ShuttleError
 
 NEEDED = {
     "agilerl": ("agilerl", "peft"),
+    "jax": ("jax", "optax"),
     "mcts": (),
     "open_spiel": ("pyspiel", "tree"),
     "own_loop": ("torch",),

@@ -1,0 +1,101 @@
+"""The rally as pure functions for JAX, bit-equal to the kernel: to be jitted, mapped by ``jax.vmap``, or run on an accelerator.
+
+``pip install jax``. The functions are of one rally and play both seats: a stroke gives the state of the next striker.
+"""
+
+from typing import NamedTuple, Self
+
+import jax
+import jax.numpy as jnp
+
+from shuttle_marl.game.rules import RETURNED_BELOW, WINNER
+from shuttle_marl.game.shipped import default_game
+from shuttle_marl.game.tables import ROOT, Game
+
+
+class Tables(NamedTuple):
+    """The arrays of a game, a tree of JAX; see :class:`shuttle_marl.game.tables.Game`."""
+
+    limits: jax.Array
+    hurry: jax.Array
+    base_pair_start: jax.Array
+    first_reply: jax.Array
+    reply_edge: jax.Array
+    reply_rank: jax.Array
+    edge_own: jax.Array
+    edge_incoming: jax.Array
+    edge_duel: jax.Array
+    edge_attack: jax.Array
+
+    @classmethod
+    def of(cls, game: Game | None = None) -> Self:
+        """The arrays of a game, the shipped one by default.
+
+        Raises:
+            GameError: it is the game of a pair, whose seats have tables of their own; take ``game.seats[0]``.
+        """
+        game = game or default_game()
+        return cls(*(jnp.asarray(getattr(game, name)) for name in cls._fields))
+
+
+class Step(NamedTuple):
+    """What a stroke leads to.
+
+    Attributes:
+        state: int32, state of the receiver, who is the next striker; at the end of a rally that of the next serve.
+        reward: float32 of the striker: 1 for a winner, -1 for a fault, else 0. The receiver's is its negative.
+        terminated: bool, whether the rally is over.
+    """
+
+    state: jax.Array
+    reward: jax.Array
+    terminated: jax.Array
+
+
+def init() -> jax.Array:
+    """The state of the server."""
+    return jnp.asarray(ROOT, jnp.int32)
+
+
+def observe(tables: Tables, state: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """What the striker sees.
+
+    Returns:
+        ``[7]`` int32 observation, see :meth:`shuttle_marl.game.layout.Layout.observation`, and ``[n]`` bool, which strokes are
+        legal.
+    """
+    block, base = jnp.divmod(state, len(tables.base_pair_start) - 1)
+    own_effort, opponent_effort = jnp.divmod(block, len(tables.limits))
+    edge, contact, hurried = base >> 2, state & 1, state >> 1 & 1
+    own, incoming, duel = tables.edge_own[edge], tables.edge_incoming[edge], tables.edge_duel[edge]
+    seen = jnp.stack([own, incoming, contact, duel, own_effort, opponent_effort, hurried])
+    return seen, tables.reply_rank[incoming, contact] >= 0
+
+
+def draws(key: jax.Array, shape: tuple[int, ...] = ()) -> jax.Array:
+    """Uniform int32 in [0, 2^24), which decide strokes."""
+    return (jax.random.bits(key, shape, jnp.uint32) >> 8).astype(jnp.int32)
+
+
+def step(tables: Tables, state: jax.Array, stroke: jax.Array, draw: jax.Array) -> Step:
+    """Play a stroke: the rule of :func:`shuttle_marl.game.rules.strike`.
+
+    Args:
+        tables: of the game.
+        state: int32, state of the striker.
+        stroke: int32, catalogue index of a legal stroke; not checked.
+        draw: int32, see :func:`draws`.
+    """
+    levels, n_states = len(tables.limits), len(tables.base_pair_start) - 1
+    block, base = jnp.divmod(state, n_states)
+    own, other = jnp.divmod(block, levels)
+    k = tables.reply_rank[tables.edge_incoming[base >> 2], state & 1, stroke].astype(jnp.int32)
+    pair, edge = tables.base_pair_start[base] + k, tables.reply_edge[tables.first_reply[base] + k]
+    outcome = (draw & 0xFFFF >= tables.limits[own, pair]).sum(dtype=jnp.int32)
+    contact = outcome - RETURNED_BELOW
+    over = contact < 0
+    hurried = draw >> 16 < tables.hurry[pair, jnp.maximum(contact, 0)]
+    after = other * levels + jnp.minimum(own + tables.edge_attack[edge], levels - 1)
+    following = after * n_states + 4 * edge + 2 * hurried + contact
+    reward = jnp.where(over, jnp.where(outcome == WINNER, 1.0, -1.0), 0.0)
+    return Step(jnp.where(over, ROOT, following).astype(jnp.int32), reward, over)
