@@ -44,8 +44,9 @@ def _table(board: Board) -> str:
         apart = with_interval(row["behind"], metric) if "behind" in row else ""
         place = str(row.get("rank", row["kind"]))
         worst = number(row["worst"], metric)
+        access = row["access"] + (", isolated" if row["isolated"] else "")
         figures = (with_interval(row["scores"][metric], metric), worst, apart, *scores, f"{row['seconds']:.0f}", checked)
-        rows.append((row["access"], place, f"`{row['method']}`", *figures))
+        rows.append((access, place, f"`{row['method']}`", *figures))
     headings = ("access", "rank", "method", f"{metric} (95 %)", "worst", "behind the best", *columns, "seconds", "verified")
     table = markdown(headings, rows, left=("access", "rank", "method"))
     state = "" if board["frozen"] else f" {_PRELIMINARY}"

@@ -75,6 +75,7 @@ class Imitate(Task):
     """
 
     name = "imitate-v0"
+    access = "samples"
     metric = "log_loss"
     higher_is_better = False
     seeds = 1

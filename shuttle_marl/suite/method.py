@@ -172,9 +172,11 @@ def find(task: str, name: str) -> Method:
     return thing
 
 
-def sources(task: str, name: str) -> dict[str, str]:
-    """Hashes of the files of a method that :func:`find` found, by file or package."""
+def sources(task: str, name: str, *, isolated: bool = False) -> dict[str, str]:
+    """Hashes of the files of a method that :func:`find` found, or of an isolated one, by file or package."""
     key, _, argument = name.partition(":")
+    if isolated:  # its module is not imported here
+        return source_hashes(f":{key.replace('.', '/')}.py")
     if key not in BASELINES[kind_of(task)]:
         return source_hashes(name)
     return {**source_hashes(f"{__name__}:"), **source_hashes(f":{argument}")}

@@ -88,6 +88,7 @@ class Offline(LogTask):
     """
 
     name = "offline-v0"
+    access = "samples"
     protocol = "method(setting: LogSetting) -> object with fit(log) -> player; log is a Log, or Transitions if track is 'own'"
     optimum = 1.0
     target = "0.9 at 10^5 strokes, and never below the behaviour policy on narrow logs"
@@ -147,6 +148,7 @@ class Evaluate(LogTask):
     """
 
     name = "evaluate-v0"
+    access = "samples"
     roles = ()
     metric = "error"
     seeds = 1

@@ -40,6 +40,8 @@ class SuiteRun:
     """Number of seeds, from 0; default: that of the task."""
     quick: bool = False
     """The smallest cases and budgets only, to test a method; not a score."""
+    isolated: bool = False
+    """Run MODULE:ATTRIBUTE as a program that gets episodes only and cannot import this package."""
     workers: int = 1
     """Parallel processes; results do not depend on it."""
     ray: str | None = None

@@ -10,7 +10,8 @@ import numpy as np
 
 from shuttle_marl.base.intervals import combined, estimate
 from shuttle_marl.suite import frozen, store
-from shuttle_marl.suite.options import Access, Kind, Split, SuiteError
+from shuttle_marl.suite.method import baseline_of
+from shuttle_marl.suite.options import ACCESS, Access, Kind, Split, SuiteError
 from shuttle_marl.suite.registry import arena_of_run, find_task
 from shuttle_marl.suite.store import Entry
 from shuttle_marl.suite.task import Arena, Case, Task
@@ -37,7 +38,9 @@ class Row(TypedDict):
     Attributes:
         task, method, split, quick, budget, seeds: of the configuration.
         game: hash of the game.
-        kind, access, tuning_strokes: of the card.
+        kind, tuning_strokes: of the card.
+        access: see :func:`access_of`.
+        isolated: whether the method ran as a program of its own.
         metric, score, low, high: the main score with its interval.
         worst, worst_case: the main score of the worst case.
         objective, exploitability: if the task scores them.
@@ -63,6 +66,7 @@ class Row(TypedDict):
     game: str
     kind: Kind
     access: Access
+    isolated: bool
     tuning_strokes: int | str | None
     metric: str
     score: float
@@ -126,7 +130,8 @@ def summarise(folder: Path, beacon: str | None = None, game: str | None = None) 
         "seeds": config.seeds,
         "game": config.game.hash,
         "kind": card.kind,
-        "access": card.access or task.access,
+        "access": access_of(task, config, card),
+        "isolated": config.isolated,
         "tuning_strokes": card.tuning_strokes,
         "metric": task.metric,
         "score": main["value"],
@@ -149,6 +154,18 @@ def summarise(folder: Path, beacon: str | None = None, game: str | None = None) 
         "remarks": remarks,
         "official": not remarks,
     }
+
+
+def access_of(task: Task, config: store.RunConfig, card: store.Card) -> Access:
+    """What the method of a run may have read.
+
+    Methods of this package declare it. Another one has read samples alone if it ran isolated; else at least the tables, which it
+    can import, and all that its task offers if its card does not say.
+    """
+    baseline = baseline_of(task.name, config.method)
+    if baseline is not None or config.isolated:
+        return "samples" if baseline is None else baseline.access
+    return max(card.access or task.offers, "tables", key=ACCESS.index)
 
 
 def _by_stratum(cases: Sequence[Case]) -> dict[str, list[Case]]:

@@ -13,7 +13,8 @@ from shuttle_marl.base import runs
 from shuttle_marl.base.cluster import in_processes, open_cluster
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.suite import frozen, store
-from shuttle_marl.suite.method import baseline_of, find, sources
+from shuttle_marl.suite.isolated import Isolated
+from shuttle_marl.suite.method import Method, baseline_of, find, sources
 from shuttle_marl.suite.options import SuiteError, SuiteRun
 from shuttle_marl.suite.registry import arena_of, find_task
 from shuttle_marl.suite.results import summarise
@@ -42,7 +43,7 @@ def run_method(options: SuiteRun, console: Console | None = None) -> Path:
         RunError: the folder cannot be used.
     """
     task = find_task(options.task)
-    find(task.name, options.method)
+    method_of(task.name, options.method, isolated=options.isolated)
     baseline = baseline_of(task.name, options.method)
     fixed_seeds = options.quick or (baseline is not None and baseline.kind == "reference")
     arena = arena_of(
@@ -67,6 +68,7 @@ def run_method(options: SuiteRun, console: Console | None = None) -> Path:
         budget=options.budget,
         seeds=options.seeds or (1 if fixed_seeds else task.seeds),
         game=store.GameOf(model=options.game, hash=arena.game.hash),
+        isolated=options.isolated,
     )
     if baseline is None:
         card = store.read_card(Path())
@@ -85,16 +87,29 @@ def run_method(options: SuiteRun, console: Console | None = None) -> Path:
             for case, seed in numbers
             if not store.entry_path(folder, case, seed).exists()
         ]
-        _check_sources(folder, task.name, options.method, resumed=options.resume and bool(units))
+        _check_sources(folder, config, resumed=options.resume and bool(units))
         _play_all(folder, units, options, console or Console(quiet=True))
         runs.write_json(folder / store.RESULTS, summarise(folder, options.beacon, options.game))
         runs.write_json(folder / runs.MANIFEST, {"status": "finished", **about})
     return folder
 
 
-def _check_sources(folder: Path, task: str, method: str, *, resumed: bool) -> None:
+def method_of(task: str, name: str, *, isolated: bool) -> Method:
+    """The method of a run, see :func:`shuttle_marl.suite.method.find`.
+
+    Raises:
+        SuiteError: there is none, or a method of this package is to be isolated.
+    """
+    if not isolated:
+        return find(task, name)
+    if baseline_of(task, name) is not None or ":" not in name or name.startswith("program:"):
+        raise SuiteError(f"--isolated takes a method MODULE:ATTRIBUTE of your own, not {name!r}")
+    return Isolated(name)
+
+
+def _check_sources(folder: Path, config: RunConfig, *, resumed: bool) -> None:
     """Keep the hashes of the files of a method, or compare them with those that the run was started with."""
-    path, now = folder / store.SOURCES, sources(task, method)
+    path, now = folder / store.SOURCES, sources(config.task, config.method, isolated=config.isolated)
     if resumed:
         before = runs.read_json(path, dict[str, str]) if path.exists() else {}
         changed = sorted(key for key in before.keys() | now.keys() if before.get(key) != now.get(key))
@@ -158,7 +173,7 @@ def play_unit(unit: _Unit) -> PlayedUnit:
     work = unit.folder / "work" / f"{unit.case:03d}-{unit.seed}"
     work.mkdir(parents=True, exist_ok=True)
     try:
-        outcome = task.play(arena, case, find(task.name, config.method), unit.seed, work)
+        outcome = task.play(arena, case, method_of(task.name, config.method, isolated=config.isolated), unit.seed, work)
     except ShuttleError as error:
         raise SuiteError(f"{config.method}, case {case.name}, seed {unit.seed}: {error}") from error
     seconds = time.monotonic() - begun

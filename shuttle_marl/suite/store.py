@@ -53,6 +53,7 @@ class RunConfig:
         split, quick, budget: part of the task.
         seeds: seeds from 0.
         game: the game.
+        isolated: whether the method ran as a program that gets episodes only.
     """
 
     task: Name
@@ -62,6 +63,7 @@ class RunConfig:
     budget: Count | None = None
     seeds: Annotated[int, msgspec.Meta(ge=1, le=100)]
     game: GameOf
+    isolated: bool = False
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -118,7 +118,11 @@ class Task(abc.ABC):
     """Entry of the scores that ranks methods."""
     higher_is_better: ClassVar[bool] = True
     access: ClassVar[Access] = "tables"
-    """The most that a method may read."""
+    """The least that a method has to read; methods of *samples* can be isolated."""
+    offers: ClassVar[Access] = "tables"
+    """The most that a method can read."""
+    entrance: ClassVar[bool] = False
+    """Whether a list of strokes by incoming shot scores above .90 of the metric: an entrance to the suite, no hard task."""
     budgets: ClassVar[tuple[int, ...]] = ()
     """Strokes that a learner may play, which methods declare; each has a board of its own."""
     seeds: ClassVar[int] = 5

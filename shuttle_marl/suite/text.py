@@ -74,6 +74,7 @@ class Text(Task):
     """
 
     name = "text-v0"
+    access = "samples"
     roles = ()
     metric = "regret"
     higher_is_better = False

@@ -164,12 +164,13 @@ def test_forged_aggregates_and_unknown_scores_are_refused(tmp_path: Path) -> Non
 def test_references_bound_the_scale(tmp_path: Path) -> None:
     best = summarise(played(tmp_path, "best-response"), game=reduced_model())
     assert best["scores"]["score"]["value"] == pytest.approx(1, abs=1e-8)
-    assert summarise(played(tmp_path, "bc"), game=reduced_model())["score"] == pytest.approx(0, abs=1e-9)
+    assert summarise(played(tmp_path, "bc"), game=reduced_model())["scores"]["score"]["value"] == pytest.approx(0, abs=1e-9)
     assert summarise(played(tmp_path / "e", "minimax", "equilibrium-v0"), game=reduced_model())[
         "exploitability"
     ] == pytest.approx(0, abs=1e-9)
     one, some = (
-        summarise(played(tmp_path, name), game=reduced_model())["score"] for name in ("constant", "constant-by-incoming")
+        summarise(played(tmp_path, name), game=reduced_model())["scores"]["score"]["value"]
+        for name in ("constant", "constant-by-incoming")
     )
     assert 0 < one < some < 1
 
@@ -187,7 +188,7 @@ def test_learners_stay_in_their_budget(tmp_path: Path, task: str, method: str) -
     folder = played(tmp_path, method, task)
     found = summarise(folder, game=reduced_model())
     if task == "exploit-v0":  # who learns to beat one opponent may be exploitable; 0 is what bc wins against it
-        assert found["score"] > 0.1
+        assert found["scores"]["score"]["value"] > 0.1
     else:
         assert found["exploitability"] < best_response(table("bc")).value.odds().value
     assert found["strokes"] <= 20_000
@@ -401,7 +402,7 @@ def test_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatc
     assert [task["task"] for task in tasks] == list(TASKS)
     assert all(task["about"] and task["protocol"] and task["baselines"] for task in tasks)
     found = told("run", "exploit-v0", "--method", "bc", "--quick", "--game", reduced_model())
-    assert (found["score"], found["official"]) == (pytest.approx(0, abs=1e-9), False)
+    assert (found["scores"]["score"]["value"], found["official"]) == (pytest.approx(0, abs=1e-9), False)
     assert told("score", found["folder"], "--game", reduced_model())["score"] == found["score"]
     assert told("verify", found["folder"], "--game", reduced_model())["reproduced"] == 1
     assert main(("board", found["folder"], "--game", reduced_model(), "--out", "board.html", "--html")) == 0

@@ -1,0 +1,133 @@
+"""What methods may read: ranks apart, and programs that get episodes only."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import shuttle_marl
+from shuttle_marl.commands.suite import main
+from shuttle_marl.exact import evaluate
+from shuttle_marl.game.shipped import resolve_game
+from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
+from shuttle_marl.policy.registry import resolve
+from shuttle_marl.policy.stored import StoredPolicies
+from shuttle_marl.suite import store
+from shuttle_marl.suite.board import boards
+from shuttle_marl.suite.options import SuiteError, SuiteRun
+from shuttle_marl.suite.registry import TASKS, arena_of
+from shuttle_marl.suite.results import summarise
+from shuttle_marl.suite.run import run_method
+from shuttle_marl.suite.verify import verify_run
+from tests.reduced import reduced_model
+
+METHODS = (Path(__file__).parent / "isolated_methods.py").read_text(encoding="utf-8")
+
+
+@pytest.fixture(autouse=True)
+def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A folder of a stranger, with methods and a card that says they read samples."""
+    (tmp_path / "strange.py").write_text(METHODS)
+    (tmp_path / "card.json").write_text('{"access": "samples"}')
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PACKAGE", str(Path(shuttle_marl.__file__).parent))
+
+
+def run(task: str, method: str, **options: Any) -> Path:
+    return run_method(SuiteRun(task=task, method=method, game=reduced_model(), quick=True, out=Path("run"), **options))
+
+
+def test_tasks_say_what_is_read(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(("list", "--json")) == 0
+    tasks = json.loads(capsys.readouterr().out)["tasks"]
+    assert {each["access"] for each in tasks} == {"samples", "tables"}
+    for each in tasks:
+        assert each["metric"]
+        assert isinstance(each["entrance"], bool)
+
+
+def named(setting: Any) -> str:
+    return "minimax"
+
+
+def named_response(setting: Any) -> str:
+    return f"best-response:{setting.opponent}"
+
+
+class Solver:
+    """Solves the shipped game, and values the policies of a log in it."""
+
+    def estimate(self, log: Any, policies: Any) -> list[float]:
+        game = resolve_game(reduced_model())
+        bc = tabulate(resolve("bc", game), game)
+        return [evaluate(TabulatedPolicy(game=game, cumulative=each.cumulative), bc).odds().rally for each in policies]
+
+
+@pytest.mark.parametrize(
+    ("task", "method", "access"),
+    [("exploit-v0", "named", "tables"), ("exploit-v0", "named_response", "tables"), ("evaluate-v0", "Solver", "tables")],
+)
+def test_what_was_not_isolated_is_not_ranked_among_samples(task: str, method: str, access: str) -> None:
+    row = summarise(run(task, f"{__name__}:{method}"), game=reduced_model())
+    assert (row["access"], row["isolated"]) == (access, False)
+    (board,) = boards([row])
+    assert [(each["access"], each["rank"]) for each in board["rows"]] == [(access, 1)]
+    Path("card.json").unlink()
+    assert summarise(run(task, f"{__name__}:{method}", overwrite=True), game=reduced_model())["access"] == TASKS[task].offers
+
+
+@pytest.mark.parametrize(
+    ("task", "method"),
+    [
+        ("exploit-v0", "learner"),
+        ("equilibrium-v0", "learner"),
+        ("offline-v0", "Offline"),
+        ("evaluate-v0", "Estimator"),
+        ("text-v0", "Text"),
+        ("adapt-v0", "Adapter"),
+    ],
+)
+def test_isolated_methods_get_episodes(task: str, method: str) -> None:
+    folder = run(task, f"strange:{method}", isolated=True)
+    assert verify_run(folder, game=reduced_model()).refused == []
+    row = summarise(folder, game=reduced_model())
+    assert (row["access"], row["isolated"]) == ("samples", True)
+    if method == "learner":
+        assert row["strokes"] == 64 * (20_000 // 64)
+
+
+@pytest.mark.parametrize(
+    ("method", "reason"),
+    [
+        ("named", "returns an object with act"),
+        ("imports", "cannot import shuttle_marl"),
+        ("opens", "cannot open"),
+        ("starts", "cannot start programs"),
+        ("prints", "SystemExit: 3"),
+        ("missing", "AttributeError"),
+    ],
+)
+def test_isolated_methods_read_no_tables(method: str, reason: str) -> None:
+    with pytest.raises(SuiteError, match=reason):
+        run("exploit-v0", f"strange:{method}", isolated=True)
+
+
+def test_what_cannot_be_isolated_is_refused() -> None:
+    for task, method in (("exploit-v0", "ppo"), ("exploit-v0", "program:perl player.pl")):
+        with pytest.raises(SuiteError, match="of your own"):
+            run(task, method, isolated=True)
+    with pytest.raises(SuiteError, match="tables of games"):
+        run("robust-v0", "strange:learner", isolated=True)
+
+
+def test_the_table_is_what_the_method_plays() -> None:
+    folder = run("offline-v0", "strange:Offline", isolated=True)
+    arena = arena_of(TASKS["offline-v0"], reduced_model(), "dev", quick=True)
+    entry = store.read_entry(store.entry_path(folder, 0, 0))
+    policy = StoredPolicies(folder / store.POLICIES, arena.game).read(entry.policies["player"])
+    states = np.flatnonzero(arena.game.playable)
+    row, pair = arena.game.pairs(states)
+    first = [arena.game.legal_strokes(state).min() for state in states]
+    assert (policy.probability_of(pair) == (arena.game.pair_stroke[pair] == np.array(first)[row])).all()
