@@ -16,7 +16,7 @@ from shuttle_marl.base.errors import whole_number
 from shuttle_marl.game.pairs import opponent_tables
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.game.tables import Game
-from shuttle_marl.kernel import LearnerBatch, RallyBatch
+from shuttle_marl.kernel import RallyBatch
 from shuttle_marl.kernel.rows import Observations, Server
 from shuttle_marl.policy.registry import Opponents, tabulated
 
@@ -40,7 +40,7 @@ class _BatchedEnv(EnvBase):
 
     batch_locked = True
 
-    def __init__(self, game: Game, batch: RallyBatch | LearnerBatch, seed: int) -> None:
+    def __init__(self, game: Game, batch: RallyBatch, seed: int) -> None:
         size = len(batch)
         super().__init__(batch_size=torch.Size([size]))
         # EnvBase is an nn.Module, so attributes can only be set after the call above.
@@ -186,7 +186,7 @@ class VersusEnv(_BatchedEnv):
         threads: int = 1,
     ) -> None:
         resolved = resolve_game(game)
-        versus = LearnerBatch(
+        versus = RallyBatch(
             resolved,
             batch,
             opponents=tabulated(opponents, opponent_tables(resolved, seat)),
@@ -198,11 +198,11 @@ class VersusEnv(_BatchedEnv):
         super().__init__(resolved, versus, seed)
 
     @property
-    def versus(self) -> LearnerBatch:
+    def versus(self) -> RallyBatch:
         """The batch of the kernel, to assign and replace opponents."""
-        return cast(LearnerBatch, self._batch)
+        return self._batch
 
     @property
     def unseen(self) -> tuple[int, int]:
         """Rallies that ended on the opponent's serve since the last seed: won and lost by the learner."""
-        return self.versus.unseen
+        return self._batch.unseen

@@ -20,7 +20,8 @@ from shuttle_marl.game.rules import FAULT, OUTCOMES, WINNER
 from shuttle_marl.game.scoring import BWF, Rules, score_fractions
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.game.tables import Game
-from shuttle_marl.kernel import LearnerBatch, LearnerMatchBatch
+from shuttle_marl.kernel import MatchBatch, RallyBatch
+from shuttle_marl.kernel.rally import ILLEGAL as LOST
 from shuttle_marl.kernel.rows import Server
 from shuttle_marl.policy.registry import Opponents, tabulated
 
@@ -35,6 +36,9 @@ class VersusVectorEnv(VectorEnv[Any, Ints, npt.NDArray[Any]]):
     A row is reset in the step in which its episode ends (``AutoresetMode.SAME_STEP``); then ``infos["final_obs"]`` contains its
     last observation and ``infos["final_info"]`` the reason. ``infos["unseen"]``, ``[B, 2]``, counts the skipped episodes that
     each row won and lost before the learner's first stroke.
+
+    Attributes:
+        versus: the batch of the kernel, to assign and replace opponents.
     """
 
     metadata: dict[str, Any] = {"render_modes": [], "autoreset_mode": AutoresetMode.SAME_STEP}  # noqa: RUF012
@@ -42,13 +46,13 @@ class VersusVectorEnv(VectorEnv[Any, Ints, npt.NDArray[Any]]):
     def __init__(
         self,
         game: Game,
-        batch: LearnerBatch | LearnerMatchBatch,
+        batch: RallyBatch,
         vector: spaces.Box,
         mask: MaskView,
         info: InfoView | None,
     ) -> None:
         self._mask, self._info = mask, checked_views(mask, info)
-        self.game, self._kernel, self.num_envs = game, batch, len(batch)
+        self.game, self.versus, self.num_envs = game, batch, len(batch)
         n = game.n_strokes
         self.single_action_space = spaces.Discrete(n)
         self.single_observation_space = (
@@ -63,15 +67,15 @@ class VersusVectorEnv(VectorEnv[Any, Ints, npt.NDArray[Any]]):
     @property
     def unseen(self) -> tuple[int, int]:
         """Episodes that ended before the learner's first stroke since the last seed: won and lost by the learner."""
-        return self._kernel.unseen
+        return self.versus.unseen
 
     def action_masks(self) -> Bools:
         """``[B, n]`` legal strokes of each row."""
-        return self.game.mask(self._kernel.rows.state)
+        return self.game.mask(self.versus.rows.state)
 
     def random_actions(self) -> I64:
         """``[B]`` uniformly sampled legal strokes, with the random number of the next stroke of each row."""
-        return self._kernel.random_strokes()
+        return self.versus.random_strokes()
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Start the next episode in every row, up to the learner's first stroke.
@@ -95,7 +99,7 @@ class VersusVectorEnv(VectorEnv[Any, Ints, npt.NDArray[Any]]):
         if seed is None and not self._begun:
             seed = int(self.np_random.integers(1 << 63))
         self._begun = True
-        self._kernel.reset(seed, mask)
+        self.versus.reset(seed, mask)
         return self._seen()
 
     def step(self, actions: Ints) -> tuple[Any, F32, Bools, Bools, dict[str, Any]]:
@@ -116,13 +120,13 @@ class VersusVectorEnv(VectorEnv[Any, Ints, npt.NDArray[Any]]):
         whole = actions.dtype.kind in "iu" and actions.shape == (self.num_envs,)
         if not whole or not ((actions >= 0) & (actions < self.game.n_strokes)).all():
             raise ActionError(f"actions {actions!r}: expected {self.num_envs} integers from 0 to {self.game.n_strokes - 1}")
-        before = self._kernel.rows.state.copy()
+        before = self.versus.rows.state.copy()
         rewards, terminated, illegal = self._play(before, actions)
         final: dict[str, Any] = {}
         if terminated.any():
             if self._info == "full":
                 final = self._final(np.flatnonzero(terminated), terminated, before, illegal, rewards)
-            self._kernel.reset(rows=terminated)
+            self.versus.reset(rows=terminated)
         seen, infos = self._seen()
         return seen, rewards, terminated, np.zeros_like(terminated), {**infos, **final}
 
@@ -147,19 +151,19 @@ class VersusVectorEnv(VectorEnv[Any, Ints, npt.NDArray[Any]]):
         raise NotImplementedError
 
     def _seen(self) -> tuple[Any, dict[str, Any]]:
-        observed = self._kernel.new_observations()
-        self._kernel.observe(observed)
+        observed = self.versus.new_observations()
+        self.versus.observe(observed)
         self._tokens = observed.tokens
         mask, vectors = observed.mask.view(np.int8), self._vectors()
         every = np.ones(self.num_envs, np.bool_)
-        infos: dict[str, Any] = {"unseen": self._kernel.opponents.unseen.copy(), "_unseen": every}
+        infos: dict[str, Any] = {"unseen": self.versus.opponents.unseen.copy(), "_unseen": every}
         if self._mask == "info":
             infos |= {"action_mask": mask, "_action_mask": every.copy()}
         return ({"observation": vectors, "action_mask": mask} if self._mask == "observation" else vectors), infos
 
     def _final(self, rows: Intp, over: Bools, before: I32, illegal: Bools, rewards: F32) -> dict[str, Any]:
         """Gymnasium's ``final_obs`` and ``final_info`` of finished episodes."""
-        kernel, lost = self._kernel, illegal[rows]
+        kernel, lost = self.versus, illegal[rows]
         # The learner is the receiver of the final state if the last stroke was theirs.
         own = lost | (kernel.rows.striker[rows] == kernel.opponents.seat[rows])
         vectors = self._final_vectors(rows, np.where(illegal, before, kernel.rows.state)[rows], own)
@@ -168,7 +172,7 @@ class VersusVectorEnv(VectorEnv[Any, Ints, npt.NDArray[Any]]):
         reason = np.full(self.num_envs, None, dtype=object)
         for row, vector in zip(rows, vectors, strict=True):
             seen[row] = {"observation": vector, "action_mask": nothing} if self._mask == "observation" else vector
-        reason[rows] = _REASONS[np.where(lost, 2, self._won_by_stroke(rows, own, rewards).astype(np.intp))]
+        reason[rows] = _REASONS[np.where(lost, LOST, self._won_by_stroke(rows, own, rewards).astype(np.intp))]
         return {
             "final_obs": seen,
             "_final_obs": over.copy(),
@@ -217,7 +221,7 @@ class RallyVectorEnv(VersusVectorEnv):
         if observation not in ("features", "tokens"):
             raise OptionError(f"observation {observation!r}: expected 'features' or 'tokens'")
         tables = resolve_game(game)
-        self._batch = LearnerBatch(
+        batch = RallyBatch(
             tables,
             num_envs,
             opponents=tabulated(opponent, opponent_tables(tables, seat)),
@@ -229,24 +233,19 @@ class RallyVectorEnv(VersusVectorEnv):
         highest = tables.highest_observation
         vector = spaces.Box(0.0, 1.0, (RALLY_WIDTH,), np.float32)
         tokens = spaces.Box(np.zeros_like(highest), highest, dtype=np.int32)
-        super().__init__(tables, self._batch, vector if observation == "features" else tokens, mask, info)
-
-    @property
-    def versus(self) -> LearnerBatch:
-        """The batch of the kernel, to assign and replace opponents."""
-        return self._batch
+        super().__init__(tables, batch, vector if observation == "features" else tokens, mask, info)
 
     def _play(self, before: I32, actions: Ints) -> tuple[F32, Bools, Bools]:
         illegal = self.game.rank(before, actions) < 0
         if illegal.any():
             # The rally is lost anyway, so it continues with any legal stroke.
             actions = np.where(illegal, self.game.stroke_at(before, 0), actions)
-        rewards, terminated = self._batch.step(actions, reset=False)
+        rewards, terminated = self.versus.step(actions, reset=False)
         rewards[illegal], terminated[illegal] = -1, True
         return rewards, terminated, illegal
 
     def _vectors(self) -> npt.NDArray[Any]:
-        return self._tokens if self._features is None else with_efforts(self.game, self._features, self._batch.rows.state)
+        return self._tokens if self._features is None else with_efforts(self.game, self._features, self.versus.rows.state)
 
     def _final_vectors(self, rows: Intp, state: I32, own: Bools) -> npt.NDArray[Any]:  # noqa: ARG002
         if self._features is None:
@@ -304,7 +303,7 @@ class MatchVectorEnv(VersusVectorEnv):
         tables = resolve_game(game)
         self.rules = rules
         self._features = stepper_of(tables).observations
-        self._batch = LearnerMatchBatch(
+        batch = MatchBatch(
             tables,
             num_envs,
             opponents=tabulated(opponent, opponent_tables(tables, seat)),
@@ -314,20 +313,15 @@ class MatchVectorEnv(VersusVectorEnv):
             each_rally=reward == "rally",
             threads=threads,
         )
-        super().__init__(tables, self._batch, spaces.Box(0.0, 1.0, (RALLY_WIDTH + SCORE_WIDTH,), np.float32), mask, info)
+        self._matches = batch.matches
+        super().__init__(tables, batch, spaces.Box(0.0, 1.0, (RALLY_WIDTH + SCORE_WIDTH,), np.float32), mask, info)
 
-    @property
-    def versus(self) -> LearnerMatchBatch:
-        """The batch of the kernel, to assign and replace opponents."""
-        return self._batch
-
-    def _play(self, before: I32, actions: Ints) -> tuple[F32, Bools, Bools]:
-        illegal = self.game.rank(before, actions) < 0
-        rewards, terminated = self._batch.play(actions)
-        return rewards, terminated, illegal
+    def _play(self, before: I32, actions: Ints) -> tuple[F32, Bools, Bools]:  # noqa: ARG002
+        rewards, terminated = self.versus.step(actions, reset=False)
+        return rewards, terminated, self._matches.reason == LOST
 
     def _vectors(self) -> npt.NDArray[Any]:
-        rally = with_efforts(self.game, self._features, self._batch.rows.state)
+        rally = with_efforts(self.game, self._features, self.versus.rows.state)
         return np.concatenate([rally, self._scores(np.arange(self.num_envs))], axis=1)
 
     def _final_vectors(self, rows: Intp, state: I32, own: Bools) -> npt.NDArray[Any]:
@@ -335,23 +329,23 @@ class MatchVectorEnv(VersusVectorEnv):
         return np.concatenate([np.where(own[:, None], seen, seen[:, SWAP]), self._scores(rows)], axis=1)
 
     def _won_by_stroke(self, rows: Intp, own: Bools, rewards: F32) -> Bools:  # noqa: ARG002
-        return self._batch.matches.reason[rows] == 1
+        return self._matches.reason[rows] == 1
 
     def _seen(self) -> tuple[Any, dict[str, Any]]:
         seen, infos = super()._seen()
-        every, matches = np.arange(self.num_envs), self._batch.matches
+        every, matches = np.arange(self.num_envs), self._matches
         for name, values in (("points", matches.points), ("games", matches.games)):
             infos[name], infos[f"_{name}"] = np.stack(self._of_seats(values, every), axis=1), infos["_unseen"].copy()
         return seen, infos
 
     def _of_seats(self, values: I32, rows: Intp) -> tuple[I32, I32]:
         """``[D]`` each: values of the learner's seat and of the opponent's."""
-        seat = self._batch.opponents.seat[rows].astype(np.intp)
+        seat = self.versus.opponents.seat[rows].astype(np.intp)
         return values[rows, seat], values[rows, 1 - seat]
 
     def _scores(self, rows: Intp) -> F32:
         """``[D, 6]`` score observed by each learner; see ``match_v0``."""
-        matches = self._batch.matches
+        matches = self._matches
         shares = score_fractions(self._of_seats(matches.points, rows), self._of_seats(matches.games, rows), self.rules)
-        serves = matches.server[rows] == self._batch.opponents.seat[rows]
+        serves = matches.server[rows] == self.versus.opponents.seat[rows]
         return np.stack([*shares, serves, ~serves], axis=1).astype(np.float32)

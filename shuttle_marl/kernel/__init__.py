@@ -9,18 +9,16 @@ import lazy_loader
 
 if TYPE_CHECKING:
     from shuttle_marl.kernel.checks import KernelError
-    from shuttle_marl.kernel.learner import LearnerBatch, LearnerMatchBatch
     from shuttle_marl.kernel.lockstep import Matches, MatchResults
     from shuttle_marl.kernel.matches import play_matches
     from shuttle_marl.kernel.players import Players, pack
-    from shuttle_marl.kernel.rally import RallyBatch, Tally
+    from shuttle_marl.kernel.rally import MatchBatch, RallyBatch, Tally
     from shuttle_marl.kernel.sampling import Distinct, RallySampler, play_rallies
 
 __all__ = [
     "Distinct",
     "KernelError",
-    "LearnerBatch",
-    "LearnerMatchBatch",
+    "MatchBatch",
     "MatchResults",
     "Matches",
     "Players",
@@ -39,8 +37,7 @@ __getattr__, __dir__, _ = lazy_loader.attach(
         "lockstep": ("MatchResults", "Matches"),
         "matches": ("play_matches",),
         "players": ("Players", "pack"),
-        "rally": ("RallyBatch", "Tally"),
+        "rally": ("MatchBatch", "RallyBatch", "Tally"),
         "sampling": ("Distinct", "RallySampler", "play_rallies"),
-        "learner": ("LearnerBatch", "LearnerMatchBatch"),
     },
 )

@@ -1,27 +1,43 @@
-"""Thousands of rallies at once in which every stroke of both players is given."""
+"""Thousands of rallies or matches at once, in which a seat's strokes are given or come from tables.
+
+Without opponents the strokes of both seats are given, and a step is one stroke. With opponents a step is the learner's stroke and
+the opponent's, until the learner is to strike.
+"""
 
 import dataclasses
+from collections.abc import Sequence
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from shuttle_marl.base.arrays import F32, I16, I64, Bools, Ints
-from shuttle_marl.base.compiling import compiled
+from shuttle_marl.base.arrays import F32, I8, I16, I32, I64, U64, Bools, Ints
+from shuttle_marl.base.compiling import compiled, inlined
+from shuttle_marl.game.rules import FAULT
+from shuttle_marl.game.scoring import BWF, Rules, RulesTuple, count_rally
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
-from shuttle_marl.kernel.checks import checked_number
+from shuttle_marl.kernel.checks import KernelError, checked_array, checked_number
 from shuttle_marl.kernel.core import (
     BLOCK,
+    OPEN,
+    Block,
     Tables,
     choose_stroke,
     draw,
+    extend,
+    first_server,
+    int64,
     legal_strokes,
     list_where,
     new_block,
+    next_state,
+    outcome_of,
     read_limits,
+    strike_one,
     stroke_of,
     uniform_choice,
 )
-from shuttle_marl.kernel.players import Players, check_players, empty_players, pack, table_choice
+from shuttle_marl.kernel.players import Players, check_players, empty_players, pack, put_player, table_choice
 from shuttle_marl.kernel.rows import (
     Batch,
     Observations,
@@ -39,12 +55,221 @@ from shuttle_marl.kernel.rows import (
     strike,
 )
 
+ILLEGAL: Final = 2
+"""Reason of the end of a match that was lost by an illegal stroke; otherwise FAULT or WINNER, the outcome of the last stroke."""
+
+_count_rally = inlined(count_rally)
+
+
+class Opponents(NamedTuple):
+    """Opponents of a learner, row by row.
+
+    Attributes:
+        players: the K opponents.
+        seat: ``[B]`` int8 seat of the learner.
+        opponent: ``[B]`` int32 opponent in the current rally or match.
+        following: ``[B]`` int32 opponent in those that start from now on.
+        unseen: ``[B, 2]`` int64 rallies or matches that ended before the learner's first stroke: won and lost by the learner.
+    """
+
+    players: Players
+    seat: I8
+    opponent: I32
+    following: I32
+    unseen: I64
+
+
+class MatchRows(NamedTuple):
+    """The matches of B rows, beside their rallies.
+
+    Attributes:
+        key: ``[B]`` uint64 key of the match's draws.
+        rally: ``[B]`` int64 number of the rally in its match.
+        points: ``[B, 2]`` int32 points of the seats in the current game; after the end of the match, in its last game.
+        games: ``[B, 2]`` int32 games of the seats.
+        server: ``[B]`` int8 seat that serves the rally; after the end of the match, its winner.
+        owed: ``[B]`` float32 reward for rallies that ended before the learner's first stroke.
+        reason: ``[B]`` int8 FAULT, WINNER or :data:`ILLEGAL`: how the last rally ended.
+        rules: when a game and a match are won.
+        each: 1 if every rally is rewarded, 0 if only the match is.
+    """
+
+    key: U64
+    rally: I64
+    points: I32
+    games: I32
+    server: I8
+    owed: F32
+    reason: I8
+    rules: RulesTuple
+    each: int
+
+
+# Arrays of these tuples are read where they are used: a local name for one, across branches, costs a count of its references.
+
+
+@inlined
+def _begin_rally(rows: Rows, matches: MatchRows, i: int, server: int) -> None:
+    """Start the next rally of a match."""
+    rows.key[i] = extend(matches.key[i], matches.rally[i])
+    rows.state[i] = 0
+    rows.stroke[i] = 0
+    rows.striker[i] = server
+    matches.server[i] = server
+
+
+@inlined
+def _end_rally(rows: Rows, matches: MatchRows | None, seat: int, i: int, outcome: int) -> np.float32:
+    """Count a rally after its last stroke; if its match continues, start the next one. Returns the learner's reward."""
+    winner = int64(rows.striker[i]) ^ outcome  # the striker is already the receiver of the last stroke
+    over = True
+    if matches is not None:
+        matches.reason[i] = outcome
+        counted = _count_rally(matches.points[i, winner], matches.points[i, 1 - winner], matches.games[i, winner], matches.rules)
+        matches.points[i, winner], matches.games[i, winner] = counted.points, counted.games
+        over = bool(counted.match_won)
+        if over:
+            matches.server[i] = winner
+        else:
+            if counted.game_won:
+                matches.points[i, 0] = matches.points[i, 1] = 0
+            matches.rally[i] += 1
+            _begin_rally(rows, matches, i, winner)
+    rows.live[i] = not over
+    return np.float32(2 * (winner == seat) - 1) * np.float32(over if matches is None else max(matches.each, over))
+
+
+@inlined
+def _until_learner(tables: Tables, rows: Rows, matches: MatchRows | None, opponents: Opponents, i: int) -> np.float32:
+    """Let the opponent play until the learner is to strike or the episode is over; returns the learner's reward."""
+    seat, reward = int64(opponents.seat[i]), np.float32(0)
+    while rows.live[i] and rows.striker[i] != seat:
+        s, bits = rows.state[i], draw(rows.key[i], rows.stroke[i])
+        k = table_choice(opponents.players, opponents.opponent[i], s, legal_strokes(tables, s).pair, bits)
+        outcome, rows.state[i] = strike_one(tables, s, k, rows.striker[i], bits)
+        rows.stroke[i] += 1
+        rows.striker[i] ^= 1
+        if outcome < OPEN:
+            reward += _end_rally(rows, matches, seat, i, outcome)
+    return reward
+
+
+@inlined
+def _begin(tables: Tables, rows: Rows, matches: MatchRows | None, opponents: Opponents | None, i: int, serving: Serving) -> None:
+    """Start rallies, or matches, until the learner strikes in one."""
+    while True:
+        begin(rows, i, serving)
+        if matches is not None:
+            matches.key[i] = rows.key[i]
+            matches.rally[i] = matches.reason[i] = 0
+            matches.points[i, 0] = matches.points[i, 1] = 0
+            matches.games[i, 0] = matches.games[i, 1] = 0
+            first = serving.server if serving.server >= 0 else first_server(draw(extend(rows.key[i], 0), 0))
+            _begin_rally(rows, matches, i, first)
+        if opponents is None:
+            return
+        opponents.opponent[i] = opponents.following[i]
+        reward = _until_learner(tables, rows, matches, opponents, i)
+        if rows.live[i]:
+            if matches is not None:
+                matches.owed[i] = reward
+            return
+        won = matches.server[i] == opponents.seat[i] if matches is not None else reward > 0
+        opponents.unseen[i, 1 - won] += 1
+
 
 @compiled
-def _reset(rows: Rows, which: Bools, serving: Serving) -> None:
+def _reset(
+    tables: Tables, rows: Rows, matches: MatchRows | None, opponents: Opponents | None, which: Bools, serving: Serving
+) -> None:
     for i in range(rows.state.size):
         if which[i]:
-            begin(rows, i, serving)
+            _begin(tables, rows, matches, opponents, i, serving)
+
+
+@inlined
+def _reply(tables: Tables, players: Players, opponent: I32, part: Rows, block: Block, output: Output) -> None:
+    """Play the opponent's stroke in every row of a block whose rally continues."""
+    # From here on the first entries of the block belong to the listed rows; outcomes stay those of the rows.
+    replies = list_where(block, part.state.size, over=False)
+    for r in range(replies):
+        at = np.uint64(block.listed[r])
+        block.bits[r] = draw(part.key[at], part.stroke[at])
+    for r in range(replies):
+        at = np.uint64(block.listed[r])
+        s = part.state[at]
+        legal = legal_strokes(tables, s)
+        k = table_choice(players, opponent[at], s, legal.pair, block.bits[r])
+        choose_stroke(tables, block, r, legal, k, part.striker[at])
+    read_limits(tables, block, replies)
+    for r in range(replies):
+        at = np.uint64(block.listed[r])
+        outcome = outcome_of(block.limits[r], block.bits[r])
+        ends = outcome < OPEN
+        block.outcome[at] = outcome
+        part.state[at] = next_state(block.arrival[r], outcome)
+        part.stroke[at] += 1
+        part.striker[at] ^= 1
+        output.done[at] = ends
+        output.reward[at] = (1 - 2 * outcome) * ends
+
+
+@inlined
+def _count(
+    tables: Tables,
+    rows: Rows,
+    matches: MatchRows,
+    opponents: Opponents,
+    block: Block,
+    output: Output,
+    begin_block: int,
+) -> None:
+    """Count the rallies of matches that ended in a block, and let the opponent serve."""
+    for j in range(output.done.size):
+        i = begin_block + j
+        reward = matches.owed[i]
+        matches.owed[i] = 0
+        if matches.reason[i] == ILLEGAL:
+            rows.live[i], block.outcome[j] = False, FAULT  # so that a reset finds the row
+            reward -= 1
+        elif output.done[j]:
+            reward += _end_rally(rows, matches, int64(opponents.seat[i]), i, block.outcome[j])
+            reward += _until_learner(tables, rows, matches, opponents, i)
+        output.reward[j], output.done[j] = reward, not rows.live[i]
+
+
+@compiled
+def _step(
+    tables: Tables,
+    rows: Rows,
+    matches: MatchRows | None,
+    opponents: Opponents | None,
+    rank: I16,
+    output: Output,
+    serving: Serving,
+    span: tuple[int, int],
+) -> None:
+    first, last = span
+    block = new_block()
+    for begin_block in range(first, last, BLOCK):
+        end_block = min(begin_block + BLOCK, last)
+        part = part_of(rows, begin_block, end_block)
+        results = Output(output.reward[begin_block:end_block], output.done[begin_block:end_block], output.observed)
+        strike(tables, part, rank[begin_block:end_block], block)
+        reward_strikers(block, results.reward, results.done)
+        if opponents is not None:
+            _reply(tables, opponents.players, opponents.opponent[begin_block:end_block], part, block, results)
+        if matches is not None and opponents is not None:
+            _count(tables, rows, matches, opponents, block, results, begin_block)
+        else:
+            for j in range(results.done.size):
+                part.live[j] = not results.done[j]
+        if serving.reset:
+            for r in range(list_where(block, results.done.size, over=True)):
+                if results.done[block.listed[r]]:
+                    _begin(tables, rows, matches, opponents, begin_block + block.listed[r], serving)
+        if output.observed.mask.shape[0] > 0:
+            observe(tables, rows, output.observed, begin_block, end_block)
 
 
 @compiled
@@ -54,24 +279,6 @@ def _choose(tables: Tables, rows: Rows, players: Players, stroke: I64, first: in
         legal = legal_strokes(tables, s)
         k = table_choice(players, rows.striker[i], s, legal.pair, draw(rows.key[i], rows.stroke[i]))
         stroke[i] = stroke_of(tables, legal, k)
-
-
-@compiled
-def _step(tables: Tables, rows: Rows, rank: I16, output: Output, serving: Serving, first: int, last: int) -> None:
-    block = new_block()
-    for begin_block in range(first, last, BLOCK):
-        end_block = min(begin_block + BLOCK, last)
-        part = part_of(rows, begin_block, end_block)
-        over = output.done[begin_block:end_block]
-        strike(tables, part, rank[begin_block:end_block], block)
-        reward_strikers(block, output.reward[begin_block:end_block], over)
-        for j in range(over.size):
-            part.live[j] = not over[j]
-        if serving.reset:
-            for j in range(list_where(block, over.size, over=True)):
-                begin(rows, begin_block + block.listed[j], serving)
-        if output.observed.mask.shape[0] > 0:
-            observe(tables, rows, output.observed, begin_block, end_block)
 
 
 @compiled
@@ -124,25 +331,92 @@ class Tally:
 
 
 class RallyBatch(Batch):
-    """B rallies in which every stroke is given.
+    """B rallies in which the strokes of both seats are given, or those of a learner, against tabulated opponents.
 
     Row b plays rallies b, b + B, b + 2 B, … of the seed. Rally r has the draws of episode r of ``rally_v0`` with the same seed,
-    so it depends on its number and its strokes alone.
+    so it depends on its number and its strokes alone: the lower half of a draw decides the outcome of a stroke, the upper half
+    the opponent's choice. A rally that ends on the opponent's serve is counted in :attr:`unseen`, and the row continues with its
+    next rally.
 
     Args:
         game: the game.
         batch: number of rows B.
+        opponents: K opponents, tabulated for this game; row b plays against opponent b modulo K. None: all strokes are given.
         seed: random seed.
+        seat: seat of the learner, 0 or 1, for all rows or each ``[B]``.
         server: seat that serves, 0 or 1; None: random.
         threads: number of threads; does not change results.
+
+    Raises:
+        KernelError: no opponent, one of another game, a seat that is neither 0 nor 1, or an invalid number.
     """
 
-    def __init__(self, game: Game, batch: int, *, seed: int = 0, server: Server = None, threads: int = 1) -> None:
+    matches: MatchRows | None = None
+
+    def __init__(
+        self,
+        game: Game,
+        batch: int,
+        *,
+        opponents: Sequence[TabulatedPolicy] | None = None,
+        seed: int = 0,
+        seat: int | Ints = 0,
+        server: Server = None,
+        threads: int = 1,
+    ) -> None:
         super().__init__(game, batch, server=server, threads=threads)
+        seats = np.asarray(seat)
+        if seats.shape not in ((), (batch,)) or not np.isin(seats, (0, 1)).all():
+            raise KernelError(f"seat {seat!r}: expected 0 or 1, or an array of them of shape ({batch},)")
+        players = empty_players(game, 0) if opponents is None else pack(opponents, game)
+        assigned = (np.arange(batch) % max(1, len(players.cumulative))).astype(np.int32)
+        self.opponents = Opponents(
+            players=players,
+            seat=np.broadcast_to(seats, batch).astype(np.int8),
+            opponent=assigned.copy(),
+            following=assigned,
+            unseen=np.zeros((batch, 2), np.int64),
+        )
+        self._state = (self._tables, self.rows, self.matches, None if opponents is None else self.opponents)
         self.reset(seed)
 
+    @property
+    def n_opponents(self) -> int:
+        """Number of opponents K."""
+        return len(self.opponents.players.cumulative)
+
+    @property
+    def unseen(self) -> tuple[int, int]:
+        """Rallies or matches that ended before the learner's first stroke, since the last seed: won and lost by the learner."""
+        won, lost = self.opponents.unseen.sum(axis=0).tolist()
+        return won, lost
+
+    def assign(self, opponent: Ints) -> None:
+        """Set the opponent of each row in the rallies that start from now on.
+
+        Args:
+            opponent: ``[B]`` numbers from 0 to K - 1.
+
+        Raises:
+            KernelError: an invalid number.
+        """
+        self.opponents.following[:] = checked_array("opponents", opponent, np.int32, (len(self),), 0, self.n_opponents - 1)
+
+    def replace_opponent(self, number: int, policy: TabulatedPolicy) -> None:
+        """Replace an opponent, also in rallies that have started.
+
+        Raises:
+            KernelError: a policy of another game, or an invalid number.
+        """
+        put_player(self.opponents.players, number, policy, self.game)
+
+    def reseed(self, seed: int) -> None:
+        """Restart the numbers of the rallies or matches with another seed; rows continue their current one."""
+        super().reseed(seed)
+        self.opponents.unseen[:] = 0
+
     def reset(self, seed: int | None = None, rows: Bools | None = None) -> None:
-        """Start the next rally in some rows.
+        """Start the next rally or match in some rows, up to the learner's first stroke.
 
         Args:
             seed: restart with rally 0 of this seed; None: continue.
@@ -150,7 +424,26 @@ class RallyBatch(Batch):
         """
         if seed is not None:
             self.reseed(seed)
-        _reset(self.rows, self._chosen_rows(rows), self._serving())
+        _reset(*self._state, self._chosen_rows(rows), self._serving())
+
+    def step(self, stroke: Ints, *, reset: bool = True, observed: Observations | None = None) -> tuple[F32, Bools]:
+        """Play one stroke in every row, and the opponent's until the learner is to strike again.
+
+        Args:
+            stroke: ``[B]`` catalogue index of each striker's stroke.
+            reset: whether rows whose rally or match is over start the next one in the same step.
+            observed: output arrays for the observations after the step; None: not wanted.
+
+        Returns:
+            ``[B]`` float32 reward of the striker (+1 won, -1 lost, 0 the rally continues) and ``[B]`` whether it is over.
+
+        Raises:
+            IllegalStrokeError: an illegal stroke, or a row that is over; the batch is unchanged.
+            KernelError: arrays of wrong shape or dtype; the batch is unchanged.
+        """
+        output, rank, serving = self._output(observed), self._ranks(stroke), self._serving(reset=reset)
+        in_slices(lambda a, b: _step(*self._state, rank, output, serving, (a, b)), len(self), self.threads)
+        return output.reward, output.done
 
     def policy_strokes(self, players: Players) -> I64:
         """``[B]`` stroke of each row by tabulated policies and the draw of its next stroke.
@@ -165,25 +458,6 @@ class RallyBatch(Batch):
         stroke = np.empty(len(self), np.int64)
         in_slices(lambda a, b: _choose(self._tables, self.rows, players, stroke, a, b), len(self), self.threads)
         return stroke
-
-    def step(self, stroke: Ints, *, reset: bool = True, observed: Observations | None = None) -> tuple[F32, Bools]:
-        """Play one stroke in every row.
-
-        Args:
-            stroke: ``[B]`` catalogue index of each striker's stroke.
-            reset: whether rows whose rally is over start the next one in the same step.
-            observed: output arrays for the observations after the step; None: not wanted.
-
-        Returns:
-            ``[B]`` float32 reward of the striker (+1 winner, -1 fault, 0 returned) and ``[B]`` whether the rally is over.
-
-        Raises:
-            IllegalStrokeError: an illegal stroke, or a row that is over; the batch is unchanged.
-            KernelError: arrays of wrong shape or dtype; the batch is unchanged.
-        """
-        output, rank, serving = self._output(observed), self._ranks(stroke), self._serving(reset=reset)
-        in_slices(lambda a, b: _step(self._tables, self.rows, rank, output, serving, a, b), len(self), self.threads)
-        return output.reward, output.done
 
     def run(self, strokes: int, policies: tuple[TabulatedPolicy, TabulatedPolicy] | None = None) -> Tally:
         """Let every row play a number of strokes by itself; rallies that end are followed by the next.
@@ -204,3 +478,58 @@ class RallyBatch(Batch):
         in_slices(work, len(self), self.threads)
         winners, faults, seat_0 = np.sum(tallies, axis=0).tolist()
         return Tally(winners=winners, faults=faults, won_by_seat_0=seat_0)
+
+
+class MatchBatch(RallyBatch):
+    """B matches of a learner against tabulated opponents; row b plays matches b, b + B, b + 2 B, … of the seed.
+
+    The draws are those of ``match_v0``. An illegal stroke loses the match. A match that ends before the learner's first stroke is
+    counted in :attr:`unseen`, and the row continues with its next match.
+
+    Args:
+        game: the game.
+        batch: number of rows B.
+        opponents: K opponents, tabulated for this game; row b plays against opponent b modulo K.
+        rules: when a game and a match are won.
+        each_rally: whether every rally is rewarded, or only the match.
+        **options: ``seed``, ``seat``, ``server`` of the first rally, and ``threads``, as of :class:`RallyBatch`.
+
+    Attributes:
+        matches: score, server and draws of each row.
+
+    Raises:
+        KernelError: no opponent, one of another game, a seat that is neither 0 nor 1, or an invalid number.
+    """
+
+    def __init__(
+        self,
+        game: Game,
+        batch: int,
+        *,
+        opponents: Sequence[TabulatedPolicy],
+        rules: Rules = BWF,
+        each_rally: bool = False,
+        **options: Any,
+    ) -> None:
+        size = checked_number("batch", batch, 1)
+        self.matches: MatchRows = MatchRows(
+            key=np.empty(size, np.uint64),
+            rally=np.zeros(size, np.int64),
+            points=np.zeros((size, 2), np.int32),
+            games=np.zeros((size, 2), np.int32),
+            server=np.zeros(size, np.int8),
+            owed=np.zeros(size, np.float32),
+            reason=np.zeros(size, np.int8),
+            rules=rules.as_tuple,
+            each=int(each_rally),
+        )
+        super().__init__(game, batch, opponents=opponents, **options)
+
+    def _ranks(self, stroke: Ints) -> I16:
+        """``[B]`` position of each stroke among the legal strokes; 0 for an illegal one, which is noted as the reason."""
+        wanted = checked_array("strokes", stroke, np.int64, (len(self),), 0, self.game.n_strokes - 1)
+        if not self.rows.live.all():
+            self._refuse(int(np.argmin(self.rows.live)), 0)
+        rank = self.game.rank(self.rows.state, wanted)
+        self.matches.reason[rank < 0] = ILLEGAL
+        return np.maximum(rank, 0).astype(np.int16)

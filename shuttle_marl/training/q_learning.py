@@ -21,7 +21,7 @@ from shuttle_marl.base.arrays import F32, F64, I32, Ints
 from shuttle_marl.base.pytorch import InitialWeights, own_settings
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
-from shuttle_marl.kernel import LearnerBatch
+from shuttle_marl.kernel import RallyBatch
 from shuttle_marl.training.networks import ILLEGAL, head
 
 _LARGEST_WEIGHT: Final = 100.0
@@ -174,7 +174,7 @@ def deep_q(game: Game, opponent: TabulatedPolicy, strokes: int, config: QConfig,
     """``[base pairs]`` Q-values of DQN after so many strokes against an opponent."""
     learner, rng = _Learner(game, config, seed), np.random.default_rng(seed)
     optimiser = learner.optimiser(learner.q)
-    played = LearnerBatch(game, config.rows, opponents=[opponent], seed=seed)
+    played = RallyBatch(game, config.rows, opponents=[opponent], seed=seed)
     size, rows = min(config.buffer, strokes) // config.rows * config.rows, config.rows
     none = np.zeros(size, np.int32)
     memory = Transitions(state=none, stroke=none.copy(), reward=np.zeros(size, np.float32), following=none.copy())

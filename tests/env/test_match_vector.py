@@ -13,8 +13,7 @@ from shuttle_marl.env.vector import MatchVectorEnv
 from shuttle_marl.game import default_game
 from shuttle_marl.game.policy import PolicyError
 from shuttle_marl.game.scoring import Rules
-from shuttle_marl.kernel import KernelError, LearnerMatchBatch
-from shuttle_marl.kernel.learner import LearnerBatch
+from shuttle_marl.kernel import KernelError, MatchBatch
 from tests.exact.exact_games import random_policy, tiring_game
 
 NAME = "shuttle_marl/Match-v0"
@@ -81,18 +80,21 @@ def test_batch_and_threads_change_nothing() -> None:
     """Row 0 of one is what all rows of many play in turn."""
     opponent = random_policy(GAME, 3)
     batches = [
-        LearnerMatchBatch(GAME, 2048, opponents=[opponent], seed=2, rules=SHORT, each_rally=True, threads=threads)
-        for threads in (1, 2)
+        MatchBatch(GAME, 2048, opponents=[opponent], seed=2, rules=SHORT, each_rally=True, threads=threads) for threads in (1, 2)
     ]
     for _ in range(40):
         strokes = [batch.random_strokes() for batch in batches]
         assert np.array_equal(strokes[0], strokes[1])
-        found = [batch.play(stroke) for batch, stroke in zip(batches, strokes, strict=True)]
+        found = [batch.step(stroke, reset=False) for batch, stroke in zip(batches, strokes, strict=True)]
         assert np.array_equal(found[0][0], found[1][0])
         assert np.array_equal(found[0][1], found[1][1])
         for batch, (_, over) in zip(batches, found, strict=True):
             batch.reset(rows=over)
-    assert all(np.array_equal(a, b) for a, b in zip(*(batch.matches for batch in batches), strict=True))
+    fused = MatchBatch(GAME, 2048, opponents=[opponent], seed=2, rules=SHORT, each_rally=True)
+    for _ in range(40):
+        fused.step(fused.random_strokes())
+    assert all(np.array_equal(a, b) for a, b in zip(fused.matches[:7], batches[0].matches[:7], strict=True))
+    assert all(np.array_equal(a, b) for a, b in zip(*(batch.matches[:7] for batch in batches), strict=True))
     assert batches[0].unseen == batches[1].unseen
 
 
@@ -165,7 +167,6 @@ def test_what_cannot_be_asked_for() -> None:
     over = batch.rows.live
     over[1] = False
     with pytest.raises(Exception, match="row 1: its rally is over"):
-        batch.play(np.zeros(2, np.int64))
+        batch.step(np.zeros(2, np.int64))
     with pytest.raises(KernelError, match="strokes: "):
-        batch.play(np.zeros(3, np.int64))
-    assert not isinstance(batch, LearnerBatch), "its step is not that of rallies"
+        batch.step(np.zeros(3, np.int64))

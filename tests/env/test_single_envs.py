@@ -23,7 +23,7 @@ from shuttle_marl.game.policy import PolicyError, States
 from shuttle_marl.game.scoring import Rules
 from shuttle_marl.game.tables import ROOT
 from shuttle_marl.game.tabulated import tabulate
-from shuttle_marl.kernel import LearnerBatch
+from shuttle_marl.kernel import RallyBatch
 from shuttle_marl.policy.registry import resolve
 from tests.exact.exact_games import random_game, random_policy, tiring_game
 
@@ -131,7 +131,7 @@ def test_a_rally_is_that_of_the_kernel(seat: int, server: int | None, tiring: bo
     game = tiring_game() if tiring else GAME
     table = random_policy(game, 3) if tiring else tabulate(resolve("bc", game), game)
     env = SingleRallyEnv(opponent=table, seat=seat, server=server, game=game)  # type: ignore[arg-type]
-    batch = LearnerBatch(game, 1, opponents=[table], seat=seat, server=server, seed=3)  # type: ignore[arg-type]
+    batch = RallyBatch(game, 1, opponents=[table], seat=seat, server=server, seed=3)  # type: ignore[arg-type]
     rng = np.random.default_rng(0)
     for episode in range(150):
         seen, info = env.reset(seed=3 if episode == 0 else None)

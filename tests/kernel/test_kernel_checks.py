@@ -9,7 +9,7 @@ import pytest
 from shuttle_marl.base.errors import OptionError
 from shuttle_marl.game.policy import UniformPolicy
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
-from shuttle_marl.kernel import KernelError, LearnerBatch, Matches, Players, RallyBatch, pack, play_matches
+from shuttle_marl.kernel import KernelError, Matches, Players, RallyBatch, pack, play_matches
 from shuttle_marl.kernel.rows import Observations
 from tests.reduced import reduced_game
 
@@ -18,14 +18,12 @@ TABLE = tabulate(UniformPolicy(), GAME)
 PLAYERS = pack([TABLE, TABLE], GAME)
 ROWS = 64
 
-Batch = RallyBatch | LearnerBatch
+
+def a_batch(kind: str) -> RallyBatch:
+    return RallyBatch(GAME, ROWS, opponents=None if kind == "rally" else [TABLE])
 
 
-def a_batch(kind: str) -> Batch:
-    return RallyBatch(GAME, ROWS) if kind == "rally" else LearnerBatch(GAME, ROWS, opponents=[TABLE])
-
-
-def state_of(batch: Batch) -> list[bytes]:
+def state_of(batch: RallyBatch) -> list[bytes]:
     return [array.tobytes() for array in batch.rows]
 
 
@@ -118,7 +116,7 @@ def test_room_for_observations_is_checked(kind: str, change: Callable[[Observati
     [np.ones(ROWS), np.zeros(ROWS - 1, int), np.full(ROWS, 1), np.full(ROWS, -1), np.full(ROWS, 2**40), np.zeros(ROWS, bool)],
 )
 def test_assigned_opponents_are_checked(opponents: np.ndarray) -> None:
-    batch = LearnerBatch(GAME, ROWS, opponents=[TABLE])
+    batch = RallyBatch(GAME, ROWS, opponents=[TABLE])
     with pytest.raises(KernelError, match="opponents: "):
         batch.assign(opponents)
     assert (batch.opponents.following == 0).all()

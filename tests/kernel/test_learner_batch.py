@@ -1,4 +1,4 @@
-"""``LearnerBatch`` against ``rally_v0`` played one stroke at a time, with the opponent's choice by its definition."""
+"""``RallyBatch`` against ``rally_v0`` played one stroke at a time, with the opponent's choice by its definition."""
 
 import dataclasses
 import functools
@@ -12,7 +12,7 @@ from shuttle_marl.game import default_game, draws
 from shuttle_marl.game.rules import IllegalStrokeError
 from shuttle_marl.game.tables import ROOT, Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
-from shuttle_marl.kernel import KernelError, LearnerBatch
+from shuttle_marl.kernel import KernelError, RallyBatch
 from shuttle_marl.policy.registry import resolve
 from tests.exact.exact_games import random_game, random_policy
 
@@ -73,7 +73,7 @@ def by_hand(game: Game, opponent: TabulatedPolicy, *, seat: int, server: int | N
     return played
 
 
-def by_kernel(batch: LearnerBatch, rallies: int, *, fused: bool = True) -> tuple[dict[int, list[Turn]], dict[int, int]]:
+def by_kernel(batch: RallyBatch, rallies: int, *, fused: bool = True) -> tuple[dict[int, list[Turn]], dict[int, int]]:
     """The learner's turns in each of the first rallies, and the opponent of each."""
     found: dict[int, list[Turn]] = {}
     met: dict[int, int] = {}
@@ -100,7 +100,7 @@ def unseen_among(played: list[Rally]) -> tuple[int, int]:
 def test_one_row_plays_the_rallies_of_the_environment(seat: int, server: int | None) -> None:
     for seed, name in enumerate(NAMES):
         expected = by_hand(GAME, table(name), seat=seat, server=server, seed=seed, rallies=120)
-        batch = LearnerBatch(GAME, 1, opponents=[table(name)], seat=seat, server=server, seed=seed)  # type: ignore[arg-type]
+        batch = RallyBatch(GAME, 1, opponents=[table(name)], seat=seat, server=server, seed=seed)  # type: ignore[arg-type]
         turns, _ = by_kernel(batch, 100)
         assert turns == {number: rally for number, rally in enumerate(expected[:100]) if not isinstance(rally, bool)}
         assert batch.rows.rally[0] < 120
@@ -114,7 +114,7 @@ def test_neither_company_nor_threads_nor_the_way_to_reset_change_a_rally(size: i
     game = random_game(3, 8, 0.5)
     opponent = random_policy(game, 1)
     expected = by_hand(game, opponent, seat=1, server=None, seed=11, rallies=400)
-    batch = LearnerBatch(game, size, opponents=[opponent], seat=1, seed=11, threads=threads)
+    batch = RallyBatch(game, size, opponents=[opponent], seat=1, seed=11, threads=threads)
     turns, _ = by_kernel(batch, 400, fused=fused)
     assert turns == {number: rally for number, rally in enumerate(expected) if not isinstance(rally, bool)}
     assert min(unseen_among(expected)) > 10
@@ -124,7 +124,7 @@ def test_rallies_that_never_come_to_the_learner_are_counted_exactly() -> None:
     game = random_game(3, 8, 0.5)
     opponent = random_policy(game, 1)
     expected = by_hand(game, opponent, seat=0, server=1, seed=2, rallies=500)
-    batch = LearnerBatch(game, 1, opponents=[opponent], seat=0, server=1, seed=2)
+    batch = RallyBatch(game, 1, opponents=[opponent], seat=0, server=1, seed=2)
     while batch.rows.rally[0] < 450:
         batch.step(batch.random_strokes())
     assert batch.unseen == unseen_among(expected[: batch.rows.rally[0]])
@@ -137,7 +137,7 @@ def test_rows_meet_their_opponents_from_their_seats() -> None:
     """K opponents in turn, and a seat for each row."""
     opponents = [table(name) for name in NAMES]
     seat = np.arange(12) // 3 % 2
-    batch = LearnerBatch(GAME, 12, opponents=opponents, seat=seat, seed=4)
+    batch = RallyBatch(GAME, 12, opponents=opponents, seat=seat, seed=4)
     assert batch.n_opponents == 3
     turns, met = by_kernel(batch, 240)
     played = {(o, s): by_hand(GAME, opponents[o], seat=s, server=None, seed=4, rallies=240) for o in range(3) for s in (0, 1)}
@@ -150,7 +150,7 @@ def test_rows_meet_their_opponents_from_their_seats() -> None:
 
 def test_assigned_opponents_come_with_the_next_rally() -> None:
     opponents = [table(name) for name in NAMES]
-    batch = LearnerBatch(GAME, 50, opponents=opponents, seed=6)
+    batch = RallyBatch(GAME, 50, opponents=opponents, seed=6)
     assert batch.opponents.opponent.tolist() == [row % 3 for row in range(50)]
     batch.assign(np.full(50, 2))
     unchanged = np.ones(50, np.bool_)
@@ -162,10 +162,10 @@ def test_assigned_opponents_come_with_the_next_rally() -> None:
 
 
 def test_another_policy_in_the_place_of_an_opponent() -> None:
-    replaced = LearnerBatch(GAME, 20, opponents=[table("random"), table("bc")], seed=7)
+    replaced = RallyBatch(GAME, 20, opponents=[table("random"), table("bc")], seed=7)
     replaced.replace_opponent(0, table("bc"))
     replaced.reset(7)
-    reference = LearnerBatch(GAME, 20, opponents=[table("bc")], seed=7)
+    reference = RallyBatch(GAME, 20, opponents=[table("bc")], seed=7)
     for _ in range(20):
         strokes = reference.random_strokes()
         got, expected = replaced.step(strokes), reference.step(strokes)
@@ -176,7 +176,7 @@ def test_another_policy_in_the_place_of_an_opponent() -> None:
 
 
 def test_what_is_seen_in_the_step_is_what_is_seen_after_it() -> None:
-    batch = LearnerBatch(GAME, 600, opponents=[table("bc")], seed=9)
+    batch = RallyBatch(GAME, 600, opponents=[table("bc")], seed=9)
     for _ in range(8):
         seen, after = batch.new_observations(), batch.new_observations()
         batch.step(batch.random_strokes(), observed=seen)
@@ -188,7 +188,7 @@ def test_what_is_seen_in_the_step_is_what_is_seen_after_it() -> None:
 
 
 def test_an_illegal_stroke_is_refused_and_nothing_changes() -> None:
-    batch = LearnerBatch(GAME, 40, opponents=[table("bc")], seed=1)
+    batch = RallyBatch(GAME, 40, opponents=[table("bc")], seed=1)
     before = [array.copy() for array in (*batch.rows, batch.opponents.opponent, batch.opponents.unseen)]
     strokes = batch.random_strokes()
     strokes[31] = int(np.flatnonzero(~GAME.mask(batch.rows.state[31]))[0])
@@ -215,19 +215,19 @@ other_game = random_game(1)
 def test_options_out_of_range_are_refused(options: dict[str, object], message: str) -> None:
     given: dict[str, object] = {"batch": 4, "opponents": [table("bc")], **options}
     with pytest.raises(KernelError, match=message):
-        LearnerBatch(GAME, **given)  # type: ignore[arg-type]
+        RallyBatch(GAME, **given)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("numbers", [np.array([0, 0, 0]), np.array([0, 0, 0, 1]), np.array([0, 0, 0, -1])])
 def test_opponents_that_do_not_exist_cannot_be_assigned(numbers: npt.NDArray[np.int64]) -> None:
-    batch = LearnerBatch(GAME, 4, opponents=[table("bc")])
+    batch = RallyBatch(GAME, 4, opponents=[table("bc")])
     with pytest.raises(KernelError, match=r"opponents: .*expected (int32 of shape|0 to 0)"):
         batch.assign(numbers)
 
 
 def test_a_serve_is_never_played_by_both() -> None:
-    batch = LearnerBatch(GAME, 500, opponents=[table("bc")], server=0, seat=0)
+    batch = RallyBatch(GAME, 500, opponents=[table("bc")], server=0, seat=0)
     assert (batch.rows.state == ROOT).all()
     assert batch.unseen == (0, 0)
-    batch = LearnerBatch(GAME, 500, opponents=[table("bc")], server=0, seat=1)
+    batch = RallyBatch(GAME, 500, opponents=[table("bc")], server=0, seat=1)
     assert (batch.rows.state != ROOT).all()

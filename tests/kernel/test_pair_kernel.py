@@ -97,7 +97,7 @@ def test_learners_against_the_other_player(seat: Literal[0, 1]) -> None:
     vector.reset(seed=4)
     now = versus.reset()
     for step in range(300):
-        assert single.state_number == vector._batch.rows.state[0] == versus.states[0]
+        assert single.state_number == vector.versus.rows.state[0] == versus.states[0]
         legal = np.flatnonzero(seen["action_mask"])
         stroke = int(legal[step % len(legal)])
         seen, reward, over, _, _ = single.step(stroke)
