@@ -5,6 +5,7 @@ such as ``default:men`` means one of its variants: the game of one discipline, o
 """
 
 import copyreg
+import dataclasses
 import functools
 from pathlib import Path
 from typing import Any, Final, Literal, NamedTuple
@@ -16,6 +17,7 @@ from shuttle_marl.base.errors import command
 from shuttle_marl.base.files import FileReadError, read_sealed
 from shuttle_marl.base.tensor_files import Tensors, checked, read_tensors
 from shuttle_marl.game.tables import Game, GameError, Origin
+from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.game.variants import hashes_of, unpacked
 
 GAME: Final = "game.safetensors"
@@ -291,6 +293,26 @@ def refits_of(game: Game) -> tuple[Game, ...]:
     if origin is None or origin.variant is not None:
         return ()
     return tuple(load_game(f"{origin.folder}:{name}") for name in variants(str(origin.folder)) if name not in PROFILES)
+
+
+def drawn_game(game: Game, rng: np.random.Generator, sigma: float) -> Game:
+    """A game of the same strokes and people in which the outcomes are others, drawn at random.
+
+    Args:
+        game: of a model.
+        rng: decides the game.
+        sigma: standard deviation of the shifts of the log-probabilities of a fault, a winner and both returns: one for each shot
+            type, area and contact, and one for each incoming shot type and answer.
+    """
+    stroke, state, catalogue = game.base_pair_stroke, game.base_pair_state, game.catalogue
+    shot, came = catalogue.shot[stroke], np.append(catalogue.shot, catalogue.shot.max() + 1)[game.incoming(state)]
+    of_stroke, of_answer = rng.normal(size=(13, 9, 2, 4)), rng.normal(size=(14, 13, 4))
+    shift = (of_stroke[shot, catalogue.area[stroke], game.contact(state)] + of_answer[came, shot]) / 2**0.5
+    weight = np.diff(game.threshold.astype(np.float64), axis=1, prepend=0, append=ONE) * np.exp(sigma * shift)
+    limit = np.cumsum(weight, axis=1)[:, :3] / weight.sum(axis=1, keepdims=True) * ONE
+    drawn = dataclasses.replace(game, threshold=np.minimum(np.rint(limit), ONE - 1).astype(np.uint16))
+    object.__setattr__(drawn, _LOADED_FROM, origin_of(game))
+    return drawn
 
 
 def real_strokes(game: Game) -> F64 | None:

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Final
 
 from shuttle_marl.base.files import FileReadError, read_json, replace_sealed
-from shuttle_marl.game.tables import Game
 from shuttle_marl.suite.options import SuiteError
 from shuttle_marl.suite.task import Task
 
@@ -35,14 +34,14 @@ class Frozen:
         """Whether the hash is that of the frozen game or of a variant of it."""
         return digest in (self.game, *self.variants)
 
-    def check(self, task: Task, split: str, case: str, fingerprint: str, game: Game) -> None:
+    def check(self, task: Task, split: str, case: str, fingerprint: str, base: str) -> None:
         """Check that a case is the frozen one; cases of other games are not checked.
 
         Raises:
             SuiteError: the case was changed, or depends on another version of a library.
         """
         known = self.cases.get(f"{task.name}/{split}/{case}")
-        if self.official(game.hash) and known is not None and known != fingerprint:
+        if self.official(base) and known is not None and known != fingerprint:
             raise SuiteError(
                 f"{task.name} {case} ({split}): its fingerprint is {fingerprint[:12]}, the frozen one {known[:12]}; "
                 "install the version of the package that the task was frozen with"

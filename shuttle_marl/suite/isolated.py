@@ -19,7 +19,7 @@ from shuttle_marl.game.observation import observations
 from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities
 from shuttle_marl.kernel import RallyBatch
 from shuttle_marl.suite import program
-from shuttle_marl.suite.exploit import PlayerSetting, Trained
+from shuttle_marl.suite.exploit import OPPONENT, PlayerSetting, Trained
 from shuttle_marl.suite.options import SuiteError
 from shuttle_marl.suite.robust import RobustSetting
 
@@ -53,7 +53,7 @@ class Program:
 
     def __init__(self, name: str, setting: Any) -> None:
         self._setting, self.game, self.used = setting, setting.game, 0
-        closed = [_PACKAGE, *([] if (cache := cache_folder()) is None else [cache])]
+        closed = [_PACKAGE, setting.folder / OPPONENT, *([] if (cache := cache_folder()) is None else [cache])]
         command = [sys.executable, "-I", program.__file__, name, *map(str, (Path.cwd(), *(path.resolve() for path in closed)))]
         self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
         weakref.finalize(self, _end, self._process)

@@ -23,8 +23,8 @@ from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.kernel import play_rallies
 from shuttle_marl.suite.task import Arena
 
-OPPONENT: Final = "bc"
-"""Opponent of all logs."""
+OPPONENT: Final = "human:0.05"
+"""Opponent of all logs: strong enough that a list of strokes by incoming shot is no answer to it."""
 _MARGIN: Final = 1.1
 _STROKES: Final = 2.0
 """Initial guess of the strokes of one player in a rally."""

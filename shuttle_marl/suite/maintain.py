@@ -129,7 +129,7 @@ def freeze(
         for split in task.splits:
             if split != "hidden":
                 arena = arena_of(task, model, split, data=data)
-                variants |= {arena.game.hash} - {game.hash}
+                variants |= {arena.base} - {game.hash}
                 units += [(task, split, arena, case, seed) for case in task.cases(arena) for seed in range(task.seeds)]
     for task, split, arena, case, seed in progress(units):
         cases[f"{task.name}/{split}/{case.name}/{seed}"] = task.fingerprint(arena, case, seed)

@@ -20,7 +20,7 @@ from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.policy.computed import cached_table
 from shuttle_marl.suite.logs import OPPONENT, Log, behaviour, blank, generate
 from shuttle_marl.suite.method import Method, called, find, made
-from shuttle_marl.suite.options import SuiteError
+from shuttle_marl.suite.options import Split, SuiteError
 from shuttle_marl.suite.task import Arena, Case, Outcome, Task, best_against, exploitability, odds_against, required, table_of
 
 BEHAVIOURS: Final = ("bc", "bc+0.1*minimax", "attacking@greedy", "minimax", "bc:PLAYER")
@@ -56,9 +56,12 @@ class LogSetting:
 
 
 class LogTask(Task):
-    """A task with logs; the dev split is the game of one discipline."""
+    """A task with logs; the dev split is the game of one discipline, and the others have a game that does not ship."""
 
+    access = "samples"
     variants: ClassVar[Mapping[str, str]] = {"dev": "women"}
+    splits: ClassVar[tuple[Split, ...]] = ("dev", "test", "hidden")
+    drawn: ClassVar[Mapping[str, float]] = {"test": 0.5, "hidden": 0.5}
 
     def behaviours(self, arena: Arena) -> tuple[str, ...]:
         """Names of the behaviour policies of the split."""
@@ -82,13 +85,12 @@ def log_of_unit(arena: Arena, case: Case, seed: int) -> Log:
 class Offline(LogTask):
     """Learn from a fixed log and nothing else.
 
-    Given: 10^4, 10^5 or (bc) 10^6 own strokes of a behaviour policy against bc, with the replies. Score: fraction of rallies won
-    against bc, scaled so that 0 is bc and 1 the best response. A method reads the strokes of both players, or its own transitions
-    alone (``track = "own"``).
+    Given: 10^4, 10^5 or (bc) 10^6 own strokes of a behaviour policy against human:0.05, with the replies. Score: fraction of
+    rallies won against it, scaled so that 0 is play as strong as it and 1 the best response. A method reads the strokes of both
+    players, or its own transitions alone (``track = "own"``).
     """
 
     name = "offline-v0"
-    access = "samples"
     protocol = "method(setting: LogSetting) -> object with fit(log) -> player; log is a Log, or Transitions if track is 'own'"
     optimum = 1.0
     target = "0.9 at 10^5 strokes, and never below the behaviour policy on narrow logs"
@@ -116,7 +118,7 @@ class Offline(LogTask):
         player, opponent = required(outcome), arena.policy(OPPONENT)
         odds, best = odds_against(player, opponent), best_against(opponent)
         score = normalised_score(odds.rally, 0.5, best.rally)
-        assert score is not None  # a best response to bc beats it
+        assert score is not None  # a best response beats it
         return {"score": score, "rally_win": odds.rally, "exploitability": exploitability(player)}
 
 
@@ -142,13 +144,13 @@ def in_game(policy: TabulatedPolicy, game: Game) -> TabulatedPolicy:
 class Evaluate(LogTask):
     """Estimate the value of 32 policies from a log (off-policy evaluation).
 
-    Given: 10^4 or 10^5 own strokes of a behaviour policy against bc with their probabilities, and 32 policies: 16 named ones and
-    16 trained by methods of ``offline`` on the same log (``same``) or on another one (``fresh``). Score: root mean square error
-    of the estimated fractions of rallies won, clipped to [0, 1]; also bias, rank correlation, and regret of the policy chosen.
+    Given: 10^4 or 10^5 own strokes of a behaviour policy against human:0.05 with their probabilities, and 32 policies: 16 named
+    ones and 16 trained by methods of ``offline`` on the same log (``same``) or on another one (``fresh``). Score: root mean
+    square error of the estimated fractions of rallies won, clipped to [0, 1]; also bias, rank correlation, and regret of the
+    policy chosen.
     """
 
     name = "evaluate-v0"
-    access = "samples"
     roles = ()
     metric = "error"
     seeds = 1

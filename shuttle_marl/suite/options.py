@@ -9,7 +9,7 @@ import tyro
 from shuttle_marl.base.errors import ShuttleError
 
 Split = Literal["dev", "test", "hidden"]
-"""Part of a task: for tuning, for scores, and from a seed that nobody knows yet (``adapt`` alone)."""
+"""Part of a task: for tuning, for scores, and from a seed that nobody knows yet."""
 Access = Literal["samples", "tables", "opponent"]
 """What a method reads: what it plays, logs or texts alone; or the tables of the game; or also those of its opponent."""
 ACCESS: Final[tuple[Access, ...]] = get_args(Access)

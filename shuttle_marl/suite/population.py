@@ -2,7 +2,8 @@
 
 Players are divided into three parts: clones of the first are known, the others belong to the dev and to the test population. Each
 opponent is drawn from the seed of its split, its family and its number alone. The seed of the test split is public, so that
-everyone can verify; that of the hidden split is drawn by a public beacon later, because a public seed can be enumerated.
+everyone can verify; that of the hidden splits, of this task and of others, is drawn by a public beacon later, because a public
+seed can be enumerated.
 """
 
 import functools
@@ -18,7 +19,7 @@ from shuttle_marl.game.court import BACK, third_of
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities
 from shuttle_marl.policy import baselines
-from shuttle_marl.suite.options import SuiteError
+from shuttle_marl.suite.options import Split, SuiteError
 from shuttle_marl.suite.task import Arena
 
 FAMILIES: Final = ("synthetic", "human", "counter", "mixture", "switcher")
@@ -108,8 +109,13 @@ def _players(arena: Arena, part: int) -> list[str]:
 
 
 def _rng(arena: Arena, family: str, number: int) -> np.random.Generator:
-    seed = arena.beacon if arena.split == "hidden" else f"adapt-v0 {arena.split}"
-    digest = hashlib.sha256(f"{seed} {family} {number}".encode()).digest()
+    return rng_of("adapt-v0", arena.split, arena.beacon, f"{family} {number}")
+
+
+def rng_of(name: str, split: Split, beacon: str | None, words: str) -> np.random.Generator:
+    """Random numbers of a split: those of the hidden one follow from the beacon."""
+    seed = beacon if split == "hidden" else f"{name} {split}"
+    digest = hashlib.sha256(f"{seed} {words}".encode()).digest()
     return np.random.default_rng(int.from_bytes(digest[:16], "big"))
 
 

@@ -6,13 +6,13 @@ from pathlib import Path
 from typing import Final
 
 from shuttle_marl.base.errors import printable
-from shuttle_marl.game.shipped import is_shipped, resolve_game
+from shuttle_marl.game.shipped import drawn_game, is_shipped, resolve_game
 from shuttle_marl.suite.adapt import Adapt
 from shuttle_marl.suite.exploit import Equilibrium, Exploit
 from shuttle_marl.suite.imitate import Imitate
 from shuttle_marl.suite.offline import Evaluate, Offline
 from shuttle_marl.suite.options import Split, SuiteError
-from shuttle_marl.suite.population import checked_beacon
+from shuttle_marl.suite.population import checked_beacon, rng_of
 from shuttle_marl.suite.robust import Robust
 from shuttle_marl.suite.store import RunConfig
 from shuttle_marl.suite.task import Arena, Task
@@ -58,7 +58,10 @@ def arena_of(
         beacon = checked_beacon(beacon)
     variant = task.variants.get(split)
     name = model if variant is None else f"{model}:{variant}"
-    return Arena(game=resolve_game(name), model=name, split=split, quick=quick, budget=budget, beacon=beacon, data=data)
+    game, base = resolve_game(name), resolve_game(name).hash
+    if sigma := task.drawn.get(split):
+        game = drawn_game(game, rng_of("drawn game", split, beacon, "game"), sigma)
+    return Arena(game=game, model=name, base=base, split=split, quick=quick, budget=budget, beacon=beacon, data=data)
 
 
 def arena_of_run(

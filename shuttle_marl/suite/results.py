@@ -37,7 +37,7 @@ class Row(TypedDict):
 
     Attributes:
         task, method, split, quick, budget, seeds: of the configuration.
-        game: hash of the game.
+        game: hash of the game of the model.
         kind, tuning_strokes: of the card.
         access: see :func:`access_of`.
         isolated: whether the method ran as a program of its own.
@@ -103,7 +103,8 @@ def summarise(folder: Path, beacon: str | None = None, game: str | None = None) 
     """
     config, card = store.read_config(folder), store.read_card(folder)
     task = find_task(config.task)
-    cases = cases_of(task, arena_of_run(task, config, game, beacon=beacon), config)
+    arena = arena_of_run(task, config, game, beacon=beacon)
+    cases = cases_of(task, arena, config)
     entries = store.read_entries(folder, cases, config.seeds)
     missing = len(cases) * config.seeds - len(entries)
     if missing:
@@ -118,6 +119,8 @@ def summarise(folder: Path, beacon: str | None = None, game: str | None = None) 
     if different < config.seeds:  # copies are no sample
         scores = {name: {"value": each["value"], "low": None, "high": None} for name, each in scores.items()}
     main, remarks = scores[task.metric], _remarks(task, config, card, units, different)
+    if config.game.hash != arena.game.hash or not frozen.load().official(arena.base):
+        remarks = ["another game than the frozen one", *remarks]
     by_unit = units_of(counting, entries, task.metric, task.metric)
     middles = {case: _middles({case: seeds})[0] for parts in by_unit.values() for case, seeds in parts.items()}
     worst = (min if task.higher_is_better else max)(middles, key=lambda case: middles[case])
@@ -128,7 +131,7 @@ def summarise(folder: Path, beacon: str | None = None, game: str | None = None) 
         "quick": config.quick,
         "budget": config.budget,
         "seeds": config.seeds,
-        "game": config.game.hash,
+        "game": arena.base,
         "kind": card.kind,
         "access": access_of(task, config, card),
         "isolated": config.isolated,
@@ -182,8 +185,6 @@ def _remarks(task: Task, config: store.RunConfig, card: store.Card, units: Seque
     found = []
     if config.quick:
         found.append("a quick run")
-    if not frozen.load().official(config.game.hash):
-        found.append("another game than the frozen one")
     if different < config.seeds:
         found.append(f"{config.seeds} seeds, of which {different} differ")
     if card.kind != "reference":

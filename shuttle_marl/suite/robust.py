@@ -7,14 +7,17 @@ from typing import ClassVar
 
 from shuttle_marl.exact import moved
 from shuttle_marl.exact.known import best_odds, pair_odds
-from shuttle_marl.game.shipped import refits_of
+from shuttle_marl.game.shipped import drawn_game, refits_of
 from shuttle_marl.game.tables import Game
 from shuttle_marl.suite.exploit import outcome_of
 from shuttle_marl.suite.method import Method, made
-from shuttle_marl.suite.options import SuiteError
+from shuttle_marl.suite.options import Split, SuiteError
+from shuttle_marl.suite.population import rng_of
 from shuttle_marl.suite.task import Arena, Case, Outcome, Task, required
 
 _REFERENCE = "bc"
+_SIGMA = 0.1
+"""Spread of the hidden games, about that of the refits."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -38,11 +41,13 @@ class Robust(Task):
     """Play well in a game that is known with errors.
 
     Given: the game and half of its refits on resampled matches. Score: the fraction of rallies won against the best response in
-    the other refits, on average and at worst; also the same against bc. The dev split uses the given half alone.
+    the other refits, on average and at worst; also the same against bc. The dev split uses the given half alone,
+    and the hidden one has games drawn around the game.
     """
 
     name = "robust-v0"
     metric = "mean"
+    splits: ClassVar[tuple[Split, ...]] = ("dev", "test", "hidden")
     seeds = 1
     protocol: ClassVar[str] = "method(setting: RobustSetting) -> a player: policy, name, or object with act or table"
     target = "above minimax of the average game"
@@ -90,4 +95,7 @@ def refits(arena: Arena) -> tuple[tuple[Game, ...], tuple[Game, ...]]:
     if len(found) < 2:
         raise SuiteError("robust-v0 needs a game with two refits or more on resampled matches")
     half = len(found) // 2
+    if arena.split == "hidden":
+        rng = rng_of(Robust.name, arena.split, arena.beacon, "refits")
+        return found[:half], tuple(drawn_game(arena.game, rng, _SIGMA) for _ in range(half))
     return (found[: half // 2], found[half // 2 : half]) if arena.split == "dev" else (found[:half], found[half:])

@@ -168,7 +168,7 @@ def play_unit(unit: _Unit) -> PlayedUnit:
     )
     case = task.cases(arena)[unit.case]
     fingerprint = task.fingerprint(arena, case, unit.seed)
-    frozen.load().check(task, config.split, f"{case.name}/{unit.seed}", fingerprint, arena.game)
+    frozen.load().check(task, config.split, f"{case.name}/{unit.seed}", fingerprint, arena.base)
     begun = time.monotonic()
     work = unit.folder / "work" / f"{unit.case:03d}-{unit.seed}"
     work.mkdir(parents=True, exist_ok=True)

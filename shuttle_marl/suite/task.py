@@ -78,6 +78,7 @@ class Arena:
     Attributes:
         game: the tables.
         model: name or folder of the model of the game.
+        base: hash of the game of the model; that of ``game``, unless the split has a game drawn at random.
         split: part of the task.
         quick: the smallest cases and budgets only.
         budget: cases of this budget only; None: all.
@@ -87,6 +88,7 @@ class Arena:
 
     game: Game
     model: str = "default"
+    base: str = ""
     split: Split = "dev"
     quick: bool = False
     budget: int | None = None
@@ -130,6 +132,8 @@ class Task(abc.ABC):
     splits: ClassVar[tuple[Split, ...]] = ("dev", "test")
     variants: ClassVar[Mapping[str, str]] = {}
     """Variant of the model that a split is played on, such as the game of one discipline."""
+    drawn: ClassVar[Mapping[str, float]] = {}
+    """Splits whose game does not ship: it is drawn with this standard deviation, see :func:`drawn_game`."""
     roles: ClassVar[tuple[str, ...]] = ("player",)
     """Roles of the policies of an outcome."""
     optimum: ClassVar[float | None] = None

@@ -129,7 +129,7 @@ def _recomputed(folder: Path, config: RunConfig, task: Task, arena: Arena, numbe
     fingerprint = task.fingerprint(arena, case, seed)
     if entry.fingerprint != fingerprint:
         raise SuiteError(f"the case has fingerprint {entry.fingerprint[:12]}; expected {fingerprint[:12]}")
-    frozen.load().check(task, config.split, f"{case.name}/{seed}", fingerprint, arena.game)
+    frozen.load().check(task, config.split, f"{case.name}/{seed}", fingerprint, arena.base)
     outcome = store.read_outcome(folder, entry, arena.game, task.roles)
     for stored, found in (
         (entry.scores, task.score(arena, case, seed, outcome)),

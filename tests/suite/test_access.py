@@ -129,5 +129,5 @@ def test_the_table_is_what_the_method_plays() -> None:
     policy = StoredPolicies(folder / store.POLICIES, arena.game).read(entry.policies["player"])
     states = np.flatnonzero(arena.game.playable)
     row, pair = arena.game.pairs(states)
-    first = [arena.game.legal_strokes(state).min() for state in states]
+    first = [arena.game.legal_strokes(state).min() for state in states.tolist()]
     assert (policy.probability_of(pair) == (arena.game.pair_stroke[pair] == np.array(first)[row])).all()

@@ -14,7 +14,7 @@ from shuttle_marl.game.rules import FAULT, WINNER
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities
 from shuttle_marl.suite import SuiteRun, run_method, summarise, verify_run
-from shuttle_marl.suite.logs import Log, behaviour, blank, generate, log_of
+from shuttle_marl.suite.logs import OPPONENT, Log, behaviour, blank, generate, log_of
 from shuttle_marl.suite.method import BASELINES, find
 from shuttle_marl.suite.methods.estimators import (
     ImportanceSampling,
@@ -133,7 +133,7 @@ def test_greedy_and_best_respect_what_is_allowed() -> None:
 def test_a_large_log_recovers_the_game() -> None:
     arena = arena_of(find_task("offline-v0"), reduced_model(), "test")
     log = generate(arena, "bc@1.5", 300_000, seed=1)
-    target, opponent = arena.policy("bc@0.7"), arena.policy("bc")
+    target, opponent = arena.policy("bc@0.7"), arena.policy(OPPONENT)
     true = evaluate(target, opponent).odds().rally
     assert ModelBased().estimate(log, [in_game(target, log.game)]) == pytest.approx([true], abs=0.01)
     _, v = q_and_v(log.transitions, in_game(target, log.game))
@@ -162,12 +162,15 @@ def test_methods_beat_the_behaviour(tmp_path: Path) -> None:
     arena = arena_of(task, reduced_model(), "test")
     setting = LogSetting(game=blank(GAME), seed=0, folder=tmp_path)
 
-    def won(method: Any, strokes: int) -> float:
-        player = in_game(fitted(method, generate(arena, "bc", strokes, 0), setting, "offline"), GAME)
-        return evaluate(player, arena.policy("bc")).odds().rally
+    opponent = arena.policy(OPPONENT)
 
-    assert won(Clone, 50_000) == pytest.approx(0.5, abs=0.01)
-    assert 0.5 < won(OneStep, 50_000) < won(Model, 200_000)
+    def won(method: Any, strokes: int) -> float:
+        player = in_game(fitted(method, generate(arena, "bc", strokes, 0), setting, "offline"), arena.game)
+        return evaluate(player, opponent).odds().rally
+
+    behaved = evaluate(arena.policy("bc"), opponent).odds().rally
+    assert won(Clone, 50_000) == pytest.approx(behaved, abs=0.01)
+    assert behaved < won(OneStep, 50_000) < won(Model, 200_000)
 
 
 def test_pessimism_adds_to_faults() -> None:
@@ -220,7 +223,7 @@ def test_baselines_of_offline(method: str, tmp_path: Path, monkeypatch: pytest.M
     folder = run_method(SuiteRun(task="offline-v0", method=method, game=reduced_model(), quick=True, out=tmp_path / "run"))
     found = summarise(folder, game=reduced_model())
     # In rallies: the edge of the best response, the unit of the score, depends on the game. Networks have learned for 100 steps.
-    assert found["scores"]["rally_win"]["value"] > 0.45
+    assert found["scores"]["rally_win"]["value"] > 0.4
     assert found["score"] < 1
     assert verify_run(folder, game=reduced_model()).refused == []
 
