@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from shuttle_marl.recording import RallyLog, RallyLogWriter
     from shuttle_marl.training import A2CConfig, PPOConfig, SACConfig, train
 
-__version__ = "0.2.0"
+__version__ = "0.3.0.dev0"
 
 __all__ = [
     "A2CConfig",

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 import yaml
 from packaging.requirements import Requirement
+from packaging.version import Version
 
 import shuttle_marl
 
@@ -24,8 +25,14 @@ def test_every_file_states_the_version() -> None:
     assert json.loads((ROOT / ".zenodo.json").read_text())["version"] == version
     assert yaml.safe_load((ROOT / "CITATION.cff").read_text())["version"] == version
     assert yaml.safe_load(RECIPE)["context"]["version"] == version
-    (latest, *_) = re.findall(r"^## \[(\d[^\]]*)\] - \d{4}-\d\d-\d\d$", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
-    assert latest == version
+    assert f"version = {{{version}}}" in (ROOT / "README.md").read_text()
+    changelog = (ROOT / "CHANGELOG.md").read_text()
+    (latest, *_) = re.findall(r"^## \[(\d[^\]]*)\] - \d{4}-\d\d-\d\d$", changelog, re.MULTILINE)
+    if Version(version).is_devrelease:  # between two releases
+        assert Version(latest) < Version(version)
+        assert "## [Unreleased]\n" in changelog
+    else:
+        assert latest == version
 
 
 def test_the_conda_recipe_has_the_dependencies_of_the_package() -> None:
