@@ -1,8 +1,8 @@
 """Compile functions with numba, and cache the machine code on disk.
 
 numba's own cache raises an error if neither the package nor the home directory is writable, writes to a folder ``~`` in the
-working folder if there is no home, loads damaged files, and does not notice changes of inlined functions. The subclasses here fix
-these defects. They override private methods of numba, so ``pyproject.toml`` has an upper bound of its version, which a test
+working folder if there is no home, fails on damaged files, and does not notice changes of inlined functions. The subclasses here
+fix these defects. They override private methods of numba, so ``pyproject.toml`` has an upper bound of its version, which a test
 compares with the installed one.
 """
 
@@ -11,7 +11,6 @@ compares with the installed one.
 import functools
 import hashlib
 import logging
-import pickle
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
@@ -22,8 +21,6 @@ from numba.core import caching
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-_DIGEST: Final = 32
-"""Length of the SHA-256 at the end of every file [bytes]."""
 _LOG: Final = logging.getLogger(__name__)
 
 
@@ -78,36 +75,6 @@ def _sources(folder: Path) -> str:
     return hashlib.sha256(b"".join(file.read_bytes() for file in files)).hexdigest()
 
 
-class _SealedFile(caching.IndexDataCacheFile):
-    """numba's cache files of one function, each followed by a digest that detects damage."""
-
-    def _dump(self, obj: Any) -> bytes:
-        content: bytes = super()._dump(obj)
-        return content + hashlib.sha256(content).digest()
-
-    def _load_index(self) -> Any:
-        try:
-            content = Path(self._index_path).read_bytes()
-        except FileNotFoundError:
-            return {}
-        # numba writes its version first; it is compared without being unpickled.
-        version = pickle.dumps(self._version, protocol=-1)
-        if not content.startswith(version):
-            return {}
-        stamp, overloads = pickle.loads(_unsealed(content[len(version) :]))
-        return overloads if stamp == self._source_stamp else {}
-
-    def _load_data(self, name: str) -> Any:
-        return pickle.loads(_unsealed(Path(self._data_path(name)).read_bytes()))
-
-
-def _unsealed(content: bytes) -> bytes:
-    content, digest = content[:-_DIGEST], content[-_DIGEST:]
-    if hashlib.sha256(content).digest() != digest:
-        raise ValueError("checksum mismatch")
-    return content
-
-
 class _HomeLocator(caching.UserWideCacheLocator):
     """numba's folder for all functions of a user, refused where the user has no home."""
 
@@ -136,7 +103,7 @@ class _Cache(caching.FunctionCache):
 
     def __init__(self, function: Callable[..., Any]) -> None:
         super().__init__(function)
-        self._cache_file = _SealedFile(
+        self._cache_file = caching.IndexDataCacheFile(
             cache_path=self._cache_path,
             filename_base=self._impl.filename_base,
             source_stamp=(self._impl.locator.get_source_stamp(), _sources(Path(function.__code__.co_filename).parent)),

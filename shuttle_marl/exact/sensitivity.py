@@ -11,6 +11,7 @@ the change of Q in every state, weighted by the expected visits (the derivative 
 """
 
 import dataclasses
+from typing import NamedTuple
 
 import numpy as np
 
@@ -37,34 +38,38 @@ class Sensitivity:
     win: F64
 
 
-@compiled
-def _add(
-    visited: F64,
-    chance: F64,
-    limits: U16,
-    hurry: U8,
-    pair_start: I32,
-    edge: I32,
-    attack: I8,
-    shot: I8,
-    plain: F64,
-    after: F64,
-    out: F64,
-) -> None:
-    """Add the derivatives of the values of a block's strokes, weighted by visits.
+class _Strokes(NamedTuple):
+    """Strokes of a block.
 
-    Args:
-        visited: ``[base states]`` visits.
-        chance: ``[base pairs]`` probability of each legal pair given its state.
+    Attributes:
         limits: ``[base pairs, 3]`` thresholds.
         hurry: ``[base pairs, 2]`` probability of a hurried receiver, in units of 1/256.
         pair_start: ``[base states + 1]`` first pair of each state.
         edge: ``[base pairs]`` edge that follows.
         attack: ``[edges]`` whether its stroke is an attack.
         shot: ``[base pairs]`` shot type.
+    """
+
+    limits: U16
+    hurry: U8
+    pair_start: I32
+    edge: I32
+    attack: I8
+    shot: I8
+
+
+@compiled
+def _add(visited: F64, chance: F64, strokes: _Strokes, plain: F64, after: F64, out: F64) -> None:
+    """Add the derivatives of the values of a block's strokes, weighted by visits.
+
+    Args:
+        visited: ``[base states]`` visits.
+        chance: ``[base pairs]`` probability of each legal pair given its state.
+        strokes: the strokes.
         plain, after: ``[base states]`` values of the next block after a stroke that is no attack and after an attack.
         out: ``[3, 13]`` the result.
     """
+    limits, hurry, pair_start, edge, attack, shot = strokes
     for s in range(visited.size):
         if visited[s] == 0.0:
             continue
@@ -101,16 +106,12 @@ def sensitivity(policy: StatePolicy, opponent: StatePolicy, *, tolerance: float 
     for player, played in enumerate((policy, opponent)):
         game, following = played.game, value.striking[1 - player]
         shot = game.catalogue.shot[game.base_pair_stroke]
+        tables = (game.hurry, game.base_pair_start, game.base_pair_edge, game.edge_attack.view(np.int8), shot)
         for block in range(game.n_blocks):
             _add(
                 np.ascontiguousarray(seen.states[player][game.block_states(block)]),
                 played.block_probabilities(block),
-                game.limits[block // game.levels],
-                game.hurry,
-                game.base_pair_start,
-                game.base_pair_edge,
-                game.edge_attack.view(np.int8),
-                shot,
+                _Strokes(game.limits[block // game.levels], *tables),
                 *successors(game, following, block),
                 win[player],
             )

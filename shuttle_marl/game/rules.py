@@ -68,7 +68,7 @@ def states_of_rallies(game: Layout, stroke: Ints, position: Ints, hurried: Bools
     return game.state_of(own, incoming, game.catalogue.height[stroke], duel, effort, opponent_effort, hurry)
 
 
-def strike(game: Game, state: Ints, k: Ints, draw: Ints) -> tuple[I8, I32]:
+def strike(game: Game, state: Ints, k: Ints, draw: Ints, striker: Ints | None = None) -> tuple[I8, I32]:
     """Play the k-th legal stroke of each state.
 
     Args:
@@ -76,11 +76,18 @@ def strike(game: Game, state: Ints, k: Ints, draw: Ints) -> tuple[I8, I32]:
         state: ``[B]`` state of the striker.
         k: ``[B]`` which of its legal strokes, 0 <= k < legal_count(state); not checked.
         draw: ``[B]`` uniform integers in [0, 2^24), see :func:`shuttle_marl.game.draws.outcome_draw`.
+        striker: ``[B]`` seat of the striker, for the game of a pair; None: ``game`` holds the tables of all strikers.
 
     Returns:
         ``[B]`` outcome (index into :data:`OUTCOMES`) and ``[B]`` state of the receiver, who is the next striker;
         -1 where the rally is over.
     """
+    if striker is not None and game.people is not None:
+        ends, after = np.empty(len(state), np.int8), np.empty(len(state), np.int32)
+        for seat, tables in enumerate(game.seats):
+            at = striker == seat
+            ends[at], after[at] = strike(tables, state[at], k[at], draw[at])
+        return ends, after
     block, base = np.divmod(state, game.n_base_states)
     own, other = np.divmod(block, game.levels)
     # Rows by `take` and three comparisons: an index array and a sum over an axis of length three cost several times as much.

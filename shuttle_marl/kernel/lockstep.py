@@ -121,7 +121,7 @@ def play(
         k = choose(entrant[2 * match + striker], state, draws.choice_draw(bits), striker, slots[_POINTS:])
         if keep_strokes:
             log.write_strokes(match, game.stroke_at(state, k), game.hurried(state))
-        outcome, following = _strike(game, striker, state, k, draws.outcome_draw(bits))
+        outcome, following = strike(game, state, k, draws.outcome_draw(bits), striker)
         stroke += 1
         ended = np.flatnonzero(following < 0)
         if len(ended):
@@ -142,17 +142,6 @@ def play(
             progress(unreported)
             unreported = 0
     return MatchResults(games, log.read(matches.entrant))
-
-
-def _strike(game: Game, striker: I32, state: I32, k: Intp, draw: I32) -> tuple[I8, I32]:
-    """:func:`shuttle_marl.game.rules.strike`, by seat in the game of a pair."""
-    if game.people is None:
-        return strike(game, state, k, draw)
-    outcome, following = np.empty(len(state), np.int8), np.empty(len(state), np.int32)
-    for seat, tables in enumerate(game.seats):
-        at = striker == seat
-        outcome[at], following[at] = strike(tables, state[at], k[at], draw[at])
-    return outcome, following
 
 
 def ask(policy: Policy, name: str, game: Game, state: I32, draw: I32, striker: I32, score: I32) -> Intp:

@@ -426,7 +426,7 @@ def _rallies_of(tables: Tables, learned: Learned, opponents: I32, tape: Tape, nu
     count = int(length.sum(dtype=np.int64))
     stroke = np.empty(count, stroke_dtype(tables.rank.shape[1]))
     hurried, extra = np.empty(count, np.uint8), np.empty((2 if figures else 0, count), np.float32)
-    read_tape(tables, learned, opponents, tape, rows, start, stroke, hurried, extra)
+    read_tape(tables, learned, opponents, tape, np.stack([rows, start]), stroke, hurried, extra)
     server, winner, reason = tape.ended[:, rows]
     policy = np.zeros((len(number), 2), np.uint16)
     policy[:, 1] = np.maximum(opponents[number % len(opponents)], 0)

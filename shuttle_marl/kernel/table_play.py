@@ -370,7 +370,7 @@ def replay(tables: Tables, learned: Learned, schedule: Schedule, numbers: I64, w
 
 @compiled
 def read_tape(
-    tables: Tables, learned: Learned, opponents: I32, tape: Tape, rows: I64, start: I64, stroke: UInts, hurried: U8, figures: F32
+    tables: Tables, learned: Learned, opponents: I32, tape: Tape, places: I64, stroke: UInts, hurried: U8, figures: F32
 ) -> None:
     """Write the strokes of some rallies of a tape, rally after rally, and the learner's figures of them.
 
@@ -379,18 +379,17 @@ def read_tape(
         learned: the learner.
         opponents: see :class:`Schedule`.
         tape: the rallies.
-        rows: ``[R]`` rows of the tape.
-        start: ``[R]`` index of their first stroke on the tape.
+        places: ``[2, R]`` rows of the tape, and index of their first stroke on it.
         stroke: ``[N]`` output: catalogue indices.
         hurried: ``[N]`` output: whether the striker was hurried.
         figures: ``[2, N]`` output: log-probability and value of the learner's strokes, NaN for others; ``[0, N]``: not wanted.
     """
     n = 0
-    for i in range(rows.size):
-        row = rows[i]
+    for i in range(places.shape[1]):
+        row, start = places[0, i], places[1, i]
         both, server = opponents[tape.rally[row] % opponents.size] < 0, tape.ended[0, row]
         for t in range(tape.length[row]):
-            s, pair = tape.state[start[i] + t], tape.pair[start[i] + t]
+            s, pair = tape.state[start + t], tape.pair[start + t]
             legal = legal_strokes(tables, s)
             stroke[n], hurried[n] = stroke_of(tables, legal, pair - legal.pair), hurried_in(s)
             if figures.shape[0] > 0:

@@ -11,13 +11,12 @@ import numpy as np
 from mcap.opcode import Opcode
 from mcap.records import DataEnd, Footer
 
-from shuttle_marl.base.arrays import I32, I64, Bools
+from shuttle_marl.base.arrays import I64, Bools
 from shuttle_marl.base.errors import printable
 from shuttle_marl.base.files import open_file
 from shuttle_marl.game import draws
-from shuttle_marl.game.layout import Layout
 from shuttle_marl.game.rally.record import Rallies
-from shuttle_marl.game.rules import WINNER, strike
+from shuttle_marl.game.rules import WINNER
 from shuttle_marl.game.scoring import Rules, count_rally, is_over
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
@@ -42,16 +41,6 @@ def require_game(log: RallyLog, game: Game) -> None:
         raise RecordingError(
             f"{log.path}: played on game {played[:12]}{of}, not on {game.hash[:12]}; name its model with --game (and --profile)"
         )
-
-
-def states(game: Layout, rallies: Rallies) -> tuple[I32, I32]:
-    """``[N]`` each: state in which every stroke was struck, and its position among the legal strokes.
-
-    Both are -1 if the stroke or the incoming stroke is illegal.
-    """
-    state = rallies.states(game)
-    k = np.where(state < 0, -1, game.rank(np.maximum(state, 0), rallies.stroke.astype(np.int64)))
-    return np.where(k < 0, -1, state), k
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -99,22 +88,18 @@ def replay(log: RallyLog, game: Game, policies: Mapping[str, TabulatedPolicy] | 
 
 def _wrong_strokes(header: LogHeader, game: Game, rallies: Rallies, policies: Mapping[int, TabulatedPolicy]) -> Bools:
     """``[N]`` whether a stroke is illegal, or differs in its outcome or its policy's choice from the replay."""
-    state, k = states(game, rallies)
-    wrong = state < 0
     if header.draws == "unknown":
-        return wrong
-    legal = np.flatnonzero(~wrong)
+        return rallies.legal(game)[0] < 0
     key = header.rally_key(rallies)
-    bits = draws.draw(key[rallies.row_of_stroke[legal]], rallies.position[legal])
-    played = rallies.outcome(game.catalogue)
-    for seat, tables in enumerate(game.seats):
-        mine = np.flatnonzero(rallies.striker[legal] == seat)
-        outcome, _ = strike(tables, state[legal[mine]], k[legal[mine]], draws.outcome_draw(bits[mine]))
-        wrong[legal[mine]] = outcome != played[legal[mine]]
-    policy = rallies.policy[rallies.row_of_stroke[legal], rallies.striker[legal]]
+    wrong = rallies.wrong_outcomes(game, key)
+    if not policies:
+        return wrong
+    state, k = rallies.legal(game)
+    row, striker = rallies.row_of_stroke, rallies.striker
     for i, table in policies.items():
-        mine = np.flatnonzero(policy == i)
-        wrong[legal[mine]] |= table.choose(state[legal[mine]], draws.choice_draw(bits[mine])) != k[legal[mine]]
+        mine = np.flatnonzero((rallies.policy[row, striker] == i) & (state >= 0))
+        u = draws.choice_draw(draws.draw(key[row[mine]], rallies.position[mine]))
+        wrong[mine] |= table.choose(state[mine], u) != k[mine]
     return wrong
 
 

@@ -17,7 +17,7 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.recording.header import RecordingError
 from shuttle_marl.recording.reader import RallyLog, rally_rows, stroke_rows
-from shuttle_marl.recording.replay import require_game, states
+from shuttle_marl.recording.replay import require_game
 
 _WRITERS: Final[dict[str, Callable[[BinaryIO, pa.Schema], Any]]] = {
     ".parquet": lambda file, schema: pyarrow.parquet.ParquetWriter(file, schema, **PARQUET),
@@ -52,7 +52,7 @@ class Derived:
             ``p_above`` that this happens above the net (float64), and with policies ``probability`` (float64) with which
             the striker's policy chooses the stroke, NaN for other policies. Illegal strokes have state -1 and probabilities NaN.
         """
-        state, k = states(self._game, rallies)
+        state, k = rallies.legal(self._game)
         pair = self._game.pair_at(np.maximum(state, 0), np.maximum(k, 0))
         names = ("p_succ", "p_ret", "p_above")
         first, second = (tables.stroke_probabilities(pair) for tables in self._game.seats)

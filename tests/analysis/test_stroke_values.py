@@ -19,7 +19,6 @@ from shuttle_marl.game.tables import ROOT
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording import Rallies, RallyLog
-from shuttle_marl.recording.replay import states
 
 MATCHES = os.environ.get("SHUTTLESET")
 SAMPLE = Path(__file__).parents[2] / "datasets" / "sample" / "strokes.parquet"
@@ -34,7 +33,7 @@ def test_values_are_those_of_the_exact_solution(tournament: Path, valued: pa.Tab
     game = bc.game
     with RallyLog(tournament) as log:
         rallies = Rallies.concatenate([batch for _, batch in log.batches()])
-    state, k = states(game, rallies)
+    state, k = rallies.legal(game)
     value = evaluate(bc, bc).striking[0]
     assert np.allclose(column(valued, "win_before"), (1 + value[state]) / 2, atol=1e-12)
     last = rallies.first_stroke[1:] - 1
@@ -52,7 +51,7 @@ def test_the_decision_of_a_fault_is_a_mean_over_its_possible_targets(tournament:
     game = bc.game
     with RallyLog(tournament) as log:
         rallies = Rallies.concatenate([batch for _, batch in log.batches()])
-    state, _ = states(game, rallies)
+    state, _ = rallies.legal(game)
     value = evaluate(bc, bc).striking[0]
     quality, probability = game.stroke_values(value), bc.pair_probabilities()
     fault = 1 - game.stroke_probabilities()[0]
@@ -94,7 +93,7 @@ def test_values_of_two_people_are_those_of_their_game(tournament: Path, valued: 
     first, second = (tabulate(resolve("bc", seat), seat, "bc") for seat in pair.seats)
     striking = np.stack(evaluate(first, second).striking)
     with RallyLog(tournament) as log:
-        state, _ = states(bc.game, Rallies.concatenate([batch for _, batch in log.batches()]))
+        state, _ = Rallies.concatenate([batch for _, batch in log.batches()]).legal(bc.game)
     seat = (np.array(found["player"].to_pylist()) == pair.people.players[1]).astype(int)
     assert np.allclose(column(found, "win_before"), (1 + striking[seat, state[played]]) / 2, atol=1e-12)
     rallies = rally_table(found)

@@ -14,6 +14,7 @@ from shuttle_marl.game import default_game
 from shuttle_marl.game.policy import PolicyError
 from shuttle_marl.game.scoring import Rules
 from shuttle_marl.kernel import KernelError, MatchBatch
+from shuttle_marl.kernel.rally import MatchRows
 from tests.exact.exact_games import random_policy, tiring_game
 
 NAME = "shuttle_marl/Match-v0"
@@ -93,8 +94,9 @@ def test_batch_and_threads_change_nothing() -> None:
     fused = MatchBatch(GAME, 2048, opponents=[opponent], seed=2, rules=SHORT, each_rally=True)
     for _ in range(40):
         fused.step(fused.random_strokes())
-    assert all(np.array_equal(a, b) for a, b in zip(fused.matches[:7], batches[0].matches[:7], strict=True))
-    assert all(np.array_equal(a, b) for a, b in zip(*(batch.matches[:7] for batch in batches), strict=True))
+    for name in MatchRows._fields:
+        first, *others = (np.asarray(getattr(batch.matches, name)) for batch in (*batches, fused))
+        assert all(np.array_equal(first, other) for other in others), name
     assert batches[0].unseen == batches[1].unseen
 
 

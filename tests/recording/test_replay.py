@@ -12,7 +12,7 @@ from shuttle_marl.game.rules import HURRIED_BELOW, strike
 from shuttle_marl.game.tables import HURRY_ONE, ROOT
 from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.recording import LogHeader, Rallies, RallyLog, RallyLogWriter, RecordingError, replay
-from shuttle_marl.recording.replay import check, states
+from shuttle_marl.recording.replay import check
 
 GAME = default_game()
 
@@ -37,7 +37,7 @@ def written(tmp_path: Path) -> Callable[[LogHeader, Rallies], Path]:
 
 def test_states_are_those_that_the_rules_lead_to(whole: tuple[LogHeader, Rallies]) -> None:
     _, rallies = whole
-    state, k = states(GAME, rallies)
+    state, k = rallies.legal(GAME)
     outcome = rallies.outcome(GAME.catalogue)
     last = rallies.first_stroke[1:] - 1
     assert (state[rallies.first_stroke[:-1]] == ROOT).all()

@@ -7,13 +7,15 @@ from typing import Any, Final
 
 import numpy as np
 
-from shuttle_marl.base.arrays import F32, I8, I32, I64, U8, U16, U32, Bools, Ints, UInts
+from shuttle_marl.base.arrays import F32, I8, I32, I64, U8, U16, U32, U64, Bools, Ints, UInts
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.game.court import area_box, service_area, service_box
+from shuttle_marl.game.draws import draw, outcome_draw
 from shuttle_marl.game.layout import Layout
-from shuttle_marl.game.rules import HURRIED_BELOW, OUTCOMES, RETURNED_BELOW, WINNER, states_of_rallies
+from shuttle_marl.game.rules import HURRIED_BELOW, OUTCOMES, RETURNED_BELOW, WINNER, states_of_rallies, strike
 from shuttle_marl.game.scoring import BWF, Rules, Score, serves_from_right
 from shuttle_marl.game.stroke import Catalogue
+from shuttle_marl.game.tables import Game
 
 PER_STROKE: Final = ("stroke", "hurried", "log_probability", "value")
 """Columns of :class:`Rallies` with one entry for each stroke; the others have one for each rally."""
@@ -266,6 +268,30 @@ class Rallies:
     def states(self, game: Layout) -> I32:
         """``[N]`` state of the game in which each stroke was struck, -1 where the game has no such state."""
         return states_of_rallies(game, self.stroke, self.position, self.hurried)
+
+    def legal(self, game: Layout) -> tuple[I32, I32]:
+        """``[N]`` each: state in which every stroke was struck, and its position among the legal strokes.
+
+        Both are -1 if the stroke or the incoming stroke is illegal.
+        """
+        state = self.states(game)
+        k = np.where(state < 0, -1, game.rank(np.maximum(state, 0), self.stroke.astype(np.int64)))
+        return np.where(k < 0, -1, state), k
+
+    def wrong_outcomes(self, game: Game, key: U64) -> Bools:
+        """``[N]`` whether a stroke is illegal, or has another outcome than its draw gives.
+
+        Args:
+            game: the game.
+            key: ``[R]`` uint64 key of the draws of each rally.
+        """
+        state, k = self.legal(game)
+        wrong: Bools = state < 0
+        legal = np.flatnonzero(~wrong)
+        drawn = outcome_draw(draw(key[self.row_of_stroke[legal]], self.position[legal]))
+        outcome, _ = strike(game, state[legal], k[legal], drawn, self.striker[legal])
+        wrong[legal] = outcome != self.outcome(game.catalogue)[legal]
+        return wrong
 
     def slice(self, first: int, last: int) -> "Rallies":
         """Rows ``first`` up to ``last``, without a copy."""
