@@ -236,8 +236,7 @@ def suite(config: tyro.conf.OmitArgPrefixes[Suite], json: Path | None = None) ->
                     started += 1
                     yield job
 
-        done = map(run_job, in_time()) if config.workers == 1 else in_processes(run_job, in_time(), config.workers)
-        for job, seconds in done:
+        for job, seconds in in_processes(run_job, in_time(), config.workers):
             spent, estimated = spent + seconds, estimated + job.seconds
             console.print(_line(job, f"{seconds / 60:.1f} min, estimated {job.seconds / 60:.1f}"))
         rows = rows_of(folder)

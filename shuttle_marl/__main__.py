@@ -9,6 +9,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
+from shuttle_marl.base.interrupts import interrupts_held
+
 COMMANDS: Final = {
     "analysis": "summaries and pictures of recorded rallies, compared with real matches",
     "data": "download, convert, import, summarise and check annotated matches",
@@ -57,7 +59,8 @@ def _prepare_output() -> None:
 
 def _run(name: str, *arguments: str) -> int:
     if name in COMMANDS:
-        command = importlib.import_module(f"shuttle_marl.commands.{name}")
+        with interrupts_held():
+            command = importlib.import_module(f"shuttle_marl.commands.{name}")
         return int(command.main(list(arguments)))
     if name in ("--help", "-h"):
         sys.stdout.write(_usage())

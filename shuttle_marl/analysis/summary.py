@@ -9,7 +9,7 @@ import pyarrow as pa
 
 from shuttle_marl.analysis.strokes import stroke_table
 from shuttle_marl.base.arrays import F64, I64
-from shuttle_marl.base.errors import ShuttleError
+from shuttle_marl.base.errors import ShuttleError, whole_number
 from shuttle_marl.data import load_strokes
 from shuttle_marl.data.schema import REASONS, STROKES, Outcome
 from shuttle_marl.game.court import N_AREAS
@@ -202,7 +202,9 @@ def strokes_of(path: Path, *, rallies: int = RALLIES, seed: int = 0) -> pa.Table
         RecordingError: the log cannot be read.
         DataError: the file is missing or cannot be read.
         AnalysisError: there are no strokes.
+        OptionError: ``rallies`` is less than 1.
     """
+    rallies = whole_number("rallies", rallies, 1)
     if is_log(path):
         with RallyLog(path) as log:
             strokes = strokes_of_log(log, rallies=rallies, seed=seed)

@@ -21,6 +21,7 @@ from typing import Any, Final, Generic, Protocol, TypeVar
 import shuttle_marl
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.extras import install_hint
+from shuttle_marl.base.interrupts import interrupts_blocked
 
 S = TypeVar("S")
 T = TypeVar("T")
@@ -36,7 +37,7 @@ _SHARED_VALUES: Final = 2
 
 
 class ClusterError(ShuttleError):
-    """A cluster that cannot be used, or that loses a task repeatedly."""
+    """Processes or a cluster that cannot be used, or that lose a task repeatedly."""
 
 
 class LostError(Exception):
@@ -283,33 +284,77 @@ def _versions(packages: tuple[str, ...]) -> dict[str, str]:
 
 
 def in_processes(function: Callable[[S], T], arguments: Iterable[S], processes: int) -> Iterator[T]:
-    """Call a function of a module with each argument, in processes that end with this one; results as they come.
+    """Call a function of a module with each argument, in this process or in others that end with it; results as they come.
 
     An argument is taken from the iterable when a process is free, so a generator can stop when time is up.
 
     Args:
         function: called with one argument.
         arguments: of the calls.
-        processes: number of parallel processes.
+        processes: number of parallel processes; 1: this one.
+
+    Raises:
+        ClusterError: processes cannot be started.
     """
-    context = multiprocessing.get_context("spawn")
-    with futures.ProcessPoolExecutor(processes, mp_context=context, initializer=end_with_parent) as pool:
+    check_processes(processes)
+    if processes <= 1:
+        yield from map(function, arguments)
+        return
+    with WorkerPool(processes) as pool:
         waiting: set[futures.Future[T]] = set()
         left = iter(arguments)
-        try:
-            while True:
-                waiting |= {pool.submit(function, each) for each in itertools.islice(left, processes - len(waiting))}
-                if not waiting:
-                    return
-                done, waiting = futures.wait(waiting, return_when=futures.FIRST_COMPLETED)
-                for each in done:
-                    yield each.result()
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise
+        while True:
+            waiting |= {pool.submit(function, each) for each in itertools.islice(left, processes - len(waiting))}
+            if not waiting:
+                return
+            done, waiting = futures.wait(waiting, return_when=futures.FIRST_COMPLETED)
+            for each in done:
+                yield each.result()
 
 
-def end_with_parent() -> None:
+class WorkerPool(futures.ProcessPoolExecutor):
+    """Processes that end with this one. Ctrl-C does not reach them, but ends the context of the pool, and them with it.
+
+    Args:
+        processes: their number.
+    """
+
+    def __init__(self, processes: int) -> None:
+        super().__init__(processes, mp_context=multiprocessing.get_context("spawn"), initializer=_end_with_parent)
+
+    def submit(self, function: Callable[..., T], /, *arguments: Any, **options: Any) -> futures.Future[T]:
+        """Submit a call, which may start a process."""
+        with interrupts_blocked():
+            return super().submit(function, *arguments, **options)
+
+    def kill(self) -> None:
+        """End the processes at once; calls that are not complete raise BrokenProcessPool."""
+        for process in list((self._processes or {}).values()):
+            process.kill()
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        if kind in (KeyboardInterrupt, GeneratorExit):
+            self.kill()
+        self.shutdown(cancel_futures=True)
+
+
+def check_processes(processes: int) -> None:
+    """Check that as many processes can be started.
+
+    Raises:
+        ClusterError: this machine has no semaphores for them.
+    """
+    try:
+        if processes > 1:
+            multiprocessing.get_context("spawn").Lock()
+    except (OSError, ImportError) as error:
+        raise ClusterError(
+            f"processes cannot be started: there are no semaphores here ({error}), perhaps because /dev/shm is missing; "
+            "compute in one process, with --workers 1 or --jobs 1"
+        ) from error
+
+
+def _end_with_parent() -> None:
     """End this worker when its parent process ends for any reason."""
     parent = multiprocessing.parent_process()
     assert parent is not None

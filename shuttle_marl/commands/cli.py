@@ -129,8 +129,8 @@ def run(commands: Command | dict[str, Command], *, prog: str, description: str, 
         return _fail(prog, f"{_file(error, '')} cannot be used ({error.strerror}); name another file or folder")
     except MemoryError as error:
         return _fail(prog, f"not enough memory{f' ({error})' if str(error) else ''}; use fewer matches, or a machine with more")
-    except KeyboardInterrupt:
-        console(stderr=True).print("interrupted; files written so far are complete")
+    except KeyboardInterrupt as error:
+        console(stderr=True).print(printable(str(error)) or "interrupted; no file is left half-written", soft_wrap=True)
         return 130
     return 0
 

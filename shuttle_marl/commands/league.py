@@ -10,6 +10,7 @@ import tyro
 
 from shuttle_marl.base.errors import command, printable
 from shuttle_marl.base.files import replace_file
+from shuttle_marl.base.interrupts import interrupts_held
 from shuttle_marl.commands import cli
 from shuttle_marl.game.shipped import Profile
 from shuttle_marl.league.entrants import LeagueConfig, LeagueError
@@ -41,7 +42,8 @@ def train(
         config: what to train.
         json_output: print the final figures as JSON.
     """
-    from shuttle_marl.training.league.run import MAIN, train_league  # noqa: PLC0415  torch
+    with interrupts_held():
+        from shuttle_marl.training.league.run import MAIN, train_league  # noqa: PLC0415  torch
 
     done = train_league(config, cli.console(stderr=True))
     figures = done.figures

@@ -7,6 +7,7 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
+from shuttle_marl.base.interrupts import interrupts_held
 from shuttle_marl.commands.cli import Command, console, entry_point
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.policy.registry import resolve
@@ -22,7 +23,8 @@ def _train(config: TrainingConfig, seeds: int, jobs: int) -> None:
     if seeds > 1:
         _train_seeds(config, seeds, jobs)
         return
-    from shuttle_marl.training.run import train  # noqa: PLC0415  torch
+    with interrupts_held():
+        from shuttle_marl.training.run import train  # noqa: PLC0415  torch
 
     done = train(config, Console(stderr=True, highlight=False))
     figures = done.evaluation
@@ -36,7 +38,8 @@ def _train(config: TrainingConfig, seeds: int, jobs: int) -> None:
 
 
 def _train_seeds(config: TrainingConfig, seeds: int, jobs: int) -> None:
-    from shuttle_marl.training.study import train_seeds  # noqa: PLC0415  torch
+    with interrupts_held():
+        from shuttle_marl.training.study import train_seeds  # noqa: PLC0415  torch
 
     done = train_seeds(config, seeds, jobs, Console(stderr=True, highlight=False))
     table = Table("exact figure", "interquartile mean", "95 %", "lowest seed", "highest seed")

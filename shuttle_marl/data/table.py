@@ -196,6 +196,8 @@ def _open(path: Path) -> pq.ParquetFile:
         return table_files.open_parquet(path)
     except FileNotFoundError as error:
         raise DataError(path, "no such file or folder; expected a folder with the data or a Parquet file") from error
+    except MemoryError:
+        raise
     except pa.ArrowException as error:
         own = f"; `{command('data', 'import')}` converts a CSV file" if path.suffix.lower() in (".csv", ".txt") else ""
         raise DataError(path, f"no readable Parquet file ({error}){own}") from error

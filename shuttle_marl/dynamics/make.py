@@ -1,12 +1,11 @@
 """Model folders: splits of the matches, fit or correction of a prior model, refits, files, and scores."""
 
+import contextlib
 import dataclasses
 import hashlib
 import json
 import math
-import multiprocessing
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any, Final
 
@@ -16,7 +15,7 @@ import pyarrow as pa
 
 from shuttle_marl import __version__
 from shuttle_marl.base.arrays import F32, F64, I16
-from shuttle_marl.base.cluster import end_with_parent
+from shuttle_marl.base.cluster import WorkerPool, check_processes
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.files import replace_file
 from shuttle_marl.base.pytorch import own_settings
@@ -117,6 +116,7 @@ def make_model(
         ShuttleError: the data are too few, their matches have no split, or the game rewards strokes that nobody plays
             (:data:`shuttle_marl.dynamics.evaluate.REQUIRED`).
     """
+    check_processes(jobs)
     report("reading strokes")
     strokes = load_strokes(data)
     rows = rows_from_strokes(strokes)
@@ -184,9 +184,9 @@ def make_model(
     save_variants(out, game, variants, card)
     if refits and start is None:
         task = Refit(train=train, layout=game, seed=seed, config=config or QUICK)
-        context = multiprocessing.get_context("spawn")
-        with ProcessPoolExecutor(min(jobs, refits), mp_context=context, initializer=end_with_parent) as pool:
-            for number, refit in enumerate(pool.map(task, range(1, refits + 1)), 1):
+        with contextlib.nullcontext() if jobs == 1 else WorkerPool(min(jobs, refits)) as pool:
+            apply = map if pool is None else pool.map
+            for number, refit in enumerate(apply(task, range(1, refits + 1)), 1):
                 report(f"refit {number} of {refits} is fitted")
                 variants[str(number)] = refit
                 # After each refit, so that an interrupted command leaves a complete folder.

@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.progress import track
 
 from shuttle_marl.base import runs
-from shuttle_marl.base.cluster import in_processes, open_cluster
+from shuttle_marl.base.cluster import check_processes, in_processes, open_cluster
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.suite import frozen, store
 from shuttle_marl.suite.isolated import Isolated
@@ -77,6 +77,7 @@ def run_method(options: SuiteRun, console: Console | None = None) -> Path:
     name = "-".join([task.name, options.method, options.split, *([] if options.budget is None else [str(options.budget)])])
     words = "".join(c if c.isalnum() or c in "-_." else "-" for c in name)
     fixed = dataclasses.asdict(config)
+    check_processes(1 if options.ray is not None else options.workers)
     with runs.open_run(options.out, words[:80], fixed, resume=options.resume, overwrite=options.overwrite) as folder:
         about = runs.describe(PACKAGES)
         runs.write_json(folder / runs.MANIFEST, {"status": "running", **about})
@@ -133,8 +134,6 @@ def _played(units: Sequence[_Unit], options: SuiteRun) -> Iterator["PlayedUnit"]
             tasks = [cluster.submit(play_unit, unit) for unit in units]
             for task in tasks:
                 yield task.result()
-    elif options.workers == 1 or len(units) <= 1:
-        yield from map(play_unit, units)
     else:
         yield from in_processes(play_unit, units, min(options.workers, len(units)))
 

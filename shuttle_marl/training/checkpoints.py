@@ -77,6 +77,11 @@ def last_checkpoint(run: Path) -> tuple[dict[str, Any], dict[str, torch.Tensor]]
         raise TrainingError(f"{folder}: cannot be read ({error}); delete it to continue from the one before") from error
 
 
+def saved_iteration(run: Path) -> int:
+    """Number of iterations in the last checkpoint of a run; 0 without one."""
+    return max((int(folder.name) for folder in _complete(run)), default=0)
+
+
 def write_state(path: Path, about_path: Path, state: dict[str, torch.Tensor], about: dict[str, Any]) -> None:
     """Write tensors, and then a description with their hash."""
     # Some tensors share their memory, which safetensors refuses.

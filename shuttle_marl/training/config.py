@@ -61,8 +61,9 @@ class Within:
 
 Count = Annotated[int, Within(low=1, high=10**15, text="a whole number from 1 to 10^15")]
 CountOrZero = Annotated[int, Within(low=0, high=10**15, text="a whole number from 0 to 10^15")]
-Positive = Annotated[float, Within(above=0, text="a number above 0")]
-Fraction = Annotated[float, Within(above=0, high=1, text="a number above 0, at most 1")]
+# PyTorch rounds smaller numbers to 0 and larger ones to infinity.
+Positive = Annotated[float, Within(low=1e-30, high=1e30, text="a number from 1e-30 to 1e30")]
+Fraction = Annotated[float, Within(low=1e-30, high=1, text="a number from 1e-30 to 1")]
 FractionOrZero = Annotated[float, Within(low=0, high=1, text="a number from 0 to 1")]
 Weight = Annotated[float, Within(low=0, high=10, text="a number from 0 to 10")]
 Growth = Annotated[float, Within(low=0, high=1000, text="a number from 0 to 1,000")]

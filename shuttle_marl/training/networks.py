@@ -17,6 +17,7 @@ from torch.nn import functional
 from torchrl.modules import ProbabilisticActor, ValueOperator
 
 from shuttle_marl.base.arrays import F32, F64
+from shuttle_marl.base.interrupts import check_interrupt
 from shuttle_marl.game.layout import LONGEST_DUEL
 from shuttle_marl.game.policy import PolicyError, States
 from shuttle_marl.game.tables import Game
@@ -279,6 +280,7 @@ def imitate(
     optimizer = torch.optim.Adam(network.parameters(), lr=3e-3)
     gap = torch.tensor(float("nan"))
     for step in range(steps):
+        check_interrupt()
         optimizer.param_groups[0]["lr"] = 3e-3 * (1 - step / steps)
         drawn = torch.rand(1024, dtype=torch.float64, generator=generator) * cumulative[-1]
         drawn = torch.searchsorted(cumulative, drawn).clamp_max(len(cumulative) - 1)

@@ -22,6 +22,7 @@ from torch.utils.tensorboard import SummaryWriter
 from shuttle_marl import exact
 from shuttle_marl.base import runs
 from shuttle_marl.base.files import Count
+from shuttle_marl.base.interrupts import check_interrupt, interrupts_held, was_interrupted
 from shuttle_marl.base.pytorch import InitialWeights, own_settings
 from shuttle_marl.exact.known import best_odds, pair_odds
 from shuttle_marl.exact.match import Odds, normalised_score
@@ -42,6 +43,7 @@ from shuttle_marl.training.checkpoints import (
     last_checkpoint,
     open_log,
     save_checkpoint,
+    saved_iteration,
 )
 from shuttle_marl.training.config import DivergedError, SelfPlayConfig, TrainingConfig, TrainingError, missed
 from shuttle_marl.training.learner import SEEDS, Learner, RallyCollector, Tensors, Trainer
@@ -172,6 +174,7 @@ def train(config: TrainingConfig, console: Console | None = None) -> TrainingRun
         TrainingError: the device is not available or the memory is too small; nothing was written. Or learning diverged, the
             device ran out of memory, or a file of the run is damaged or cannot be written; the last checkpoint is intact.
         RecordingError: the rally log cannot be written; the last checkpoint is intact.
+        KeyboardInterrupt: Ctrl-C, raised between two iterations; the message says what is saved.
     """
     console = console or Console(quiet=True)
     game = resolve_game(config.game, config.profile)
@@ -179,7 +182,8 @@ def train(config: TrainingConfig, console: Console | None = None) -> TrainingRun
     opponents = [tabulate(resolve(name, game), game, name) for name in names]
     _check_machine(config, game)
     name = f"{config.algorithm}-{config.seed}"
-    with runs.open_run(config.out, name, config.fixed(), resume=config.resume, overwrite=config.overwrite) as folder:
+    opened = runs.open_run(config.out, name, config.fixed(), resume=config.resume, overwrite=config.overwrite)
+    with interrupts_held(), opened as folder:
         try:
             with own_settings(config.threads):
                 return _Run(config, game, opponents, folder, console).go()
@@ -188,6 +192,13 @@ def train(config: TrainingConfig, console: Console | None = None) -> TrainingRun
                 f"--device {config.device}: its memory is too small for this run ({_first_line(error)}); the last checkpoint is "
                 "intact; train with smaller --batch, --growth or --width, or with --device cpu"
             ) from error
+        except (KeyboardInterrupt, Exception) as error:
+            if not (isinstance(error, KeyboardInterrupt) or was_interrupted()):
+                raise
+            saved = (
+                f"iteration {saved_iteration(folder)} of {config.iterations}" if saved_iteration(folder) else "no iteration yet"
+            )
+            raise KeyboardInterrupt(f"interrupted; {saved} is saved; the same with --resume --out {folder} continues") from error
 
 
 def check_device(device: str) -> None:
@@ -342,6 +353,7 @@ class _Run:
                 log.record(trainer.collector.sampler, segment, self.iteration - 1)
 
         for _ in range(min(config.checkpoint_every, config.iterations - self.iteration)):
+            check_interrupt()
             with self._diverging():
                 losses = trainer.iterate(1 - self._fraction(), collected)
             if log is not None:
@@ -499,4 +511,4 @@ def _progress(console: Console) -> Progress:
         TimeRemainingColumn(),
         TextColumn("{task.fields[status]}"),
     )
-    return Progress(*columns, console=console, transient=True)
+    return Progress(*columns, console=console, transient=True, disable=not (console.is_terminal or console.is_jupyter))

@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.progress import track
 
 from shuttle_marl.base import runs
-from shuttle_marl.base.cluster import in_processes
+from shuttle_marl.base.cluster import check_processes, in_processes
 from shuttle_marl.base.intervals import interquartile_mean
 from shuttle_marl.policy.agents import read_card
 from shuttle_marl.training.config import TrainingConfig, TrainingError
@@ -47,9 +47,12 @@ def train_seeds(config: TrainingConfig, seeds: int, jobs: int, console: Console 
     Raises:
         TrainingError: too few seeds or jobs, or a run failed (:func:`~shuttle_marl.training.run.train`); finished runs are kept.
         RunError: the folder cannot be used.
+        ClusterError: processes cannot be started.
+        KeyboardInterrupt: Ctrl-C; the message says what is saved.
     """
     if seeds < 2 or jobs < 1:
         raise TrainingError(f"--seeds {seeds} --jobs {jobs}: expected at least 2 seeds and 1 job")
+    check_processes(min(jobs, seeds))
     fixed = {**config.fixed(), "seeds": seeds}
     name = f"{config.algorithm}-{seeds}-seeds"
     with runs.open_run(config.out, name, fixed, resume=config.resume, overwrite=config.overwrite) as folder:
@@ -57,7 +60,12 @@ def train_seeds(config: TrainingConfig, seeds: int, jobs: int, console: Console 
         configs = [
             dataclasses.replace(config, seed=seed, out=folder / f"seed-{seed}", resume=False, overwrite=False) for seed in numbers
         ]
-        train_all(configs, jobs, console or Console(quiet=True))
+        try:
+            train_all(configs, jobs, console or Console(quiet=True))
+        except KeyboardInterrupt as error:
+            finished = sum(runs.is_finished(folder / f"seed-{seed}") for seed in numbers)
+            saved = f"{finished} of {seeds} runs are finished"
+            raise KeyboardInterrupt(f"interrupted; {saved}; the same with --resume --out {folder} continues") from error
         evaluations = {seed: read_card(folder / f"seed-{seed}" / AGENT)["evaluation"] for seed in numbers}
         study = Study(folder=folder, evaluations=evaluations, figures=_figures(list(evaluations.values())))
         about = runs.describe(_PACKAGES)
@@ -98,7 +106,9 @@ def side_by_side(work: Callable[[_Config], None], configs: Sequence[_Config], jo
         jobs: number of parallel processes.
         console: shows progress.
     """
-    for _ in track(in_processes(work, configs, jobs), "training", len(configs), console=console, transient=True):
+    for _ in track(
+        in_processes(work, configs, min(jobs, len(configs))), "training", len(configs), console=console, transient=True
+    ):
         pass
 
 

@@ -449,7 +449,7 @@ def browser_program() -> str:
     for name in (os.environ.get("CHROMIUM", ""), *BROWSERS):
         if name and (found := shutil.which(name)):
             return found
-    raise WatchError("a video needs Chromium or Chrome; install it, or name it in the variable CHROMIUM")
+    raise WatchError("this needs Chromium or Chrome; install it, or name it in the variable CHROMIUM")
 
 
 def browser_flags(*, mesa: bool | None = None) -> list[str]:

@@ -193,6 +193,11 @@ def test_stroke_value_of_the_sample(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert "ask for fewer" in capsys.readouterr().err
 
 
+def test_a_number_of_rallies_that_cannot_be_meant(tournament: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert analysis([str(tournament), "--rallies", "-1"]) == 1
+    assert capsys.readouterr().err == "error: python -m shuttle_marl.analysis: rallies -1: expected a whole number, 1 or more\n"
+
+
 def test_no_more_rallies_are_sampled_than_asked_for(tournament: Path) -> None:
     """Whole matches are sampled, so the last one may exceed the number; with one batch per match, by one match at most."""
     with RallyLog(tournament) as log:

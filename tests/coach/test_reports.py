@@ -29,12 +29,14 @@ from shuttle_marl.coach import sources
 from shuttle_marl.coach.examples import base91, viewer
 from shuttle_marl.coach.words import CATALOGUE, Words, of_100, signed
 from shuttle_marl.commands.report import main as report_command
+from shuttle_marl.commands.reports import write_report
 from shuttle_marl.commands.scout import main as scout_command
 from shuttle_marl.commands.watch import RallyOptions, _reports
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.exact import Odds
 from shuttle_marl.game.scoring import Rules, Score
 from shuttle_marl.game.shipped import RELIABLE, real_strokes, resolve_game
+from shuttle_marl.watch import WatchError
 from shuttle_marl.watch.building import BuildError
 from shuttle_marl.watch.recorded import LogRallies, RealRallies
 from tests.coach.conftest import SAMPLE, A, B
@@ -437,6 +439,13 @@ def listen(page: Page, errors: list[str], asked: list[str]) -> None:
     page.on("console", lambda message: errors.append(message.text) if message.type == "error" else None)
     page.on("pageerror", lambda error: errors.append(str(error)))
     page.on("request", lambda request: asked.append(request.url))
+
+
+def test_a_browser_that_does_not_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CHROMIUM", "false")
+    with pytest.raises(WatchError, match=r"/false cannot print the report \(.*\); open .*page.html in another browser"):
+        write_report(b"<p>report</p>", tmp_path / "page.html", tmp_path / "page.pdf")
+    assert [path.name for path in tmp_path.iterdir()] == ["page.html"]
 
 
 @pytest.mark.usefixtures("built")

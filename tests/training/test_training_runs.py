@@ -258,6 +258,8 @@ def test_bad_input_is_refused_before_anything_is_written(
         ({"batch": 0}, "--batch 0"),
         ({"variant": "pool"}, "--variant pool: requires self-play"),
         ({"target": 1.5}, "--target"),
+        ({"critic": 1e-300}, "--critic 1e-300: expected a number from 1e-30 to 1e30"),
+        ({"learning_rate": 1e39}, "--learning-rate 1e.39: expected a number from 1e-30 to 1e30"),
         ({"resume": True, "overwrite": True}, "give one of them"),
     ],
 )

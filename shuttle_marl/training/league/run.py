@@ -14,8 +14,9 @@ from rich.console import Console
 from shuttle_marl import exact
 from shuttle_marl.analysis.pictures import figure, save
 from shuttle_marl.base import runs
-from shuttle_marl.base.cluster import Cluster, open_cluster
+from shuttle_marl.base.cluster import Cluster, check_processes, open_cluster
 from shuttle_marl.base.files import replace_file
+from shuttle_marl.base.interrupts import check_interrupt, interrupts_held, was_interrupted
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
@@ -73,8 +74,10 @@ def train_league(config: LeagueTrainingConfig, console: Console | None = None) -
         GameError: the model does not exist; nothing was written.
         RunError: the run folder cannot be used.
         TrainingError: learning diverged, or a file of the run is damaged; the last round is intact.
-        ClusterError: the cluster cannot be used (nothing was written), or lost turns repeatedly.
+        ClusterError: processes or the cluster cannot be used (nothing was written), or lost turns repeatedly.
+        KeyboardInterrupt: Ctrl-C; the message says what is saved.
     """
+    check_processes(1 if config.ray is not None else config.workers)
     begun = time.monotonic()
     game = resolve_game(config.game, config.profile)
     names = config.pool or tuple(name for name in POOL if name in registry.names(game)) or ("random",)
@@ -85,8 +88,16 @@ def train_league(config: LeagueTrainingConfig, console: Console | None = None) -
             cluster = stack.enter_context(open_cluster(config.ray, _PACKAGES))
             config = dataclasses.replace(config, workers=min(cluster.slots, MOST_WORKERS))
         opened = runs.open_run(config.out, "league-training", config.fixed(), resume=config.resume, overwrite=config.overwrite)
+        stack.enter_context(interrupts_held())
         folder = stack.enter_context(opened)
-        return _League(config, game, given, folder, console or Console(quiet=True), begun).go(cluster)
+        try:
+            return _League(config, game, given, folder, console or Console(quiet=True), begun).go(cluster)
+        except (KeyboardInterrupt, Exception) as error:
+            if not (isinstance(error, KeyboardInterrupt) or was_interrupted()):
+                raise
+            saved = LeagueState.load(folder, game.hash)
+            rounds = f"round {saved.round}" if saved is not None else "no round yet"
+            raise KeyboardInterrupt(f"interrupted; {rounds} is saved; the same with --resume --out {folder} continues") from error
 
 
 class _League:
@@ -128,6 +139,7 @@ class _League:
                 with self.console.status("compiling"):
                     workers.warm_up(self.config)
             while not self._over():
+                check_interrupt()
                 started = time.monotonic()
                 before = self.state.round
                 with self.console.status(f"round {before + 1}"):

@@ -7,11 +7,10 @@ sent with a turn, and output files are sent back.
 
 import contextlib
 import dataclasses
-import multiprocessing
 import tempfile
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from typing import Any, Final, TypeVar
@@ -21,8 +20,9 @@ import torch
 from safetensors.numpy import save
 
 from shuttle_marl import exact
-from shuttle_marl.base.cluster import Cluster, Task, end_with_parent
+from shuttle_marl.base.cluster import Cluster, Task, WorkerPool
 from shuttle_marl.base.files import FileReadError, open_file, problem, read_json, replace_file
+from shuttle_marl.base.interrupts import check_interrupt, interrupts_held
 from shuttle_marl.base.pytorch import InitialWeights, own_settings
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.game.tables import Game
@@ -45,6 +45,8 @@ LEARNERS: Final = "learners"
 """Folder of the states of learners in the folder of a run."""
 _CONFIGS: Final[dict[str, type[TrainingConfig]]] = {"ppo": PPOConfig, "a2c": A2CConfig, "sac": SACConfig}
 _TOLERANCE: Final = 1e-4
+_PATIENCE: Final = 0.2
+"""Longest time after which Ctrl-C is noticed while workers compute [s]."""
 _ATTEMPTS: Final = 3
 """Number of times that workers may die in one round."""
 
@@ -65,7 +67,7 @@ def take_turn(folder: Path, config: LeagueTrainingConfig, turn: Turn, game: Game
     result = completed(folder, turn)
     if result is not None:
         return result
-    with own_settings(1):
+    with interrupts_held(), own_settings(1):
         return _Turn(folder, config, turn, resolve_game(config.game, config.profile) if game is None else game).take()
 
 
@@ -176,6 +178,7 @@ class _Turn:
         first, last = turn.remaining
         with ThreadPoolExecutor(1) as self.solver:
             while progress < 1:
+                check_interrupt()
                 try:
                     trainer.iterate(first + (last - first) * progress)
                 except DivergedError as error:
@@ -241,16 +244,14 @@ class Workers:
     def __init__(self, count: int, game: Game, cluster: Cluster | None = None) -> None:
         self._count, self._cluster = count, cluster
         self._game = None if cluster is None else cluster.share(game)
-        self._pool: ProcessPoolExecutor | None = None
-        self._others: set[int | None] = set()
-        """Child processes that do not belong to the pool."""
+        self._pool: WorkerPool | None = None
 
     def __enter__(self) -> "Workers":
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         if self._pool is not None:
-            self._pool.shutdown(wait=True, cancel_futures=True)
+            self._pool.__exit__(kind)
 
     def take(self, folder: Path, config: LeagueTrainingConfig, turns: Sequence[Turn]) -> list[TurnResult]:
         """Take turns; if a worker dies, its incomplete turns are repeated.
@@ -266,13 +267,12 @@ class Workers:
         for _ in range(_ATTEMPTS):
             try:
                 waiting = [self._submit(take_turn, folder, config, turn) for turn in turns]
-                return [future.result() for future in waiting]
+                return [_result(future) for future in waiting]
             except BrokenProcessPool:
                 # A worker that was starting when another one died can outlive the pool, which would wait for it forever.
+                if self._pool is not None:
+                    self._pool.kill()
                 self._pool = None
-                for child in multiprocessing.active_children():
-                    if child.pid not in self._others:
-                        child.kill()
         raise LeagueTrainingError(
             f"{folder}: workers died {_ATTEMPTS} times in one round, perhaps for lack of memory; continue with --resume and "
             "fewer --workers"
@@ -283,7 +283,7 @@ class Workers:
         if self._cluster is None and self._count > 1:
             with contextlib.suppress(BrokenProcessPool):  # a turn reports it
                 for each in [self._submit(warm_up, config) for _ in range(self._count)]:
-                    each.result()
+                    _result(each)
         elif self._cluster is None:
             warm_up(config)
 
@@ -305,14 +305,19 @@ class Workers:
         Raises:
             BrokenProcessPool: a worker died.
         """
-        if self._pool is None:
-            self._others = {child.pid for child in multiprocessing.active_children()}
-            context = multiprocessing.get_context("spawn")
-            self._pool = ProcessPoolExecutor(self._count, mp_context=context, initializer=end_with_parent)
         try:
+            if self._pool is None:
+                self._pool = WorkerPool(self._count)
             return self._pool.submit(function, *arguments)
         except OSError as error:  # the pool closed its pipes while another worker was starting
             raise BrokenProcessPool(str(error)) from error
+
+
+def _result(future: Future[T]) -> T:
+    """The result of a call, while Ctrl-C is held back."""
+    while not wait([future], timeout=_PATIENCE).done:
+        check_interrupt()
+    return future.result()
 
 
 def take_remotely(
