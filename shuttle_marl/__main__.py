@@ -1,9 +1,11 @@
 """``shuttle-marl COMMAND …`` is short for ``python -m shuttle_marl.COMMAND …``."""
 
+import atexit
 import difflib
 import importlib
 import io
 import os
+import signal
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -45,6 +47,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:  # while the command is imported
         sys.stderr.write("interrupted\n")
         return 130
+    finally:
+        atexit.register(signal.signal, signal.SIGINT, signal.SIG_IGN)  # all is written; libraries take long to unload
 
 
 def _prepare_output() -> None:

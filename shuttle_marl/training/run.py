@@ -451,7 +451,9 @@ class _Run:
             ) from error
         self.metrics.keep(about.metrics)
         self.evaluations = about.metrics
-        self.console.print(f"{self.folder}: continues after iteration {self.iteration}", highlight=False, markup=False)
+        self.console.print(
+            f"{self.folder}: continues after iteration {self.iteration}", highlight=False, markup=False, soft_wrap=True
+        )
         return True
 
     def _load(self, about: "Checkpoint", state: Tensors) -> None:

@@ -119,7 +119,7 @@ class _League:
             for name, policy in given.items():
                 self._join(Frozen(name=name, role="given", round=0, hash=self.tables.save(policy)))
         else:
-            console.print(f"{folder}: continues after round {saved.round}", highlight=False, markup=False)
+            console.print(f"{folder}: continues after round {saved.round}", highlight=False, markup=False, soft_wrap=True)
         self.payoffs = Payoffs(self.tables, self.state.cells)
         self.schedule = Schedule(config, self.state, self.payoffs)
         self.begun = begun - self.state.seconds
