@@ -184,7 +184,7 @@ def match_report(strokes: pa.Table, *, game: Game | None = None, rules: Rules = 
     plays = plays_of_strokes(strokes)
     seat = (strokes["player"].to_numpy(zero_copy_only=False) == players[1]).astype(np.int64)
     won = rallies_won(strokes)
-    choices, refits = costly_choices(strokes, average, seat)
+    choices, refits = costly_choices(strokes, base, seat)
     decided = [i for i, row in enumerate(rallies) if row.winner is not None]
     return MatchReport(
         match=match,

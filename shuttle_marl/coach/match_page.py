@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from shuttle_marl.analysis import Players
-from shuttle_marl.analysis.advice import LEAST_REFITS, LEAST_STEADY
+from shuttle_marl.analysis.advice import LEAST_REFITS
 from shuttle_marl.analysis.course import RallyRow
 from shuttle_marl.analysis.match import MatchReport, Won
 from shuttle_marl.coach import charts
@@ -355,7 +355,7 @@ def _sure(report: MatchReport) -> Section:
         fields = {"share": report.factor.value, "low": report.factor.low, "high": report.factor.high}
         share = say("scout.sure_factor", **{key: of_100(value) for key, value in fields.items()})
     lead = say("match.sure_lead", strokes=report.strokes, rallies=len(report.rallies))
-    choices = say("match.sure_choices", least=RELIABLE, steady=of_100(LEAST_STEADY), refits=report.refits)
+    choices = say("match.sure_choices", least=RELIABLE, refits=report.refits)
     return Section(
         say("match.sure"),
         lead,

@@ -73,19 +73,7 @@ class RallyOptions:
     rally: int | None = None
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class AdviceOptions(RallyGameOptions):
-    """The game, and the strokes that are advised."""
-
-    at_least: int | None = None
-    """Real strokes in the data behind a stroke that is advised; default: 20 in models of own data, else 0."""
-
-    def __post_init__(self) -> None:
-        if self.at_least is not None and self.at_least < 0:
-            raise WatchError(f"--at-least {self.at_least}: expected 0 or more")
-
-
-_ADVICE: Final = AdviceOptions()
+_GAME: Final = RallyGameOptions()
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -113,7 +101,7 @@ def watch(
     record: Path = Path("runs/watch"),
     video: Path | None = None,
     save_site: Path | None = None,
-    model: tyro.conf.OmitArgPrefixes[AdviceOptions] = _ADVICE,
+    model: tyro.conf.OmitArgPrefixes[RallyGameOptions] = _GAME,
     server: tyro.conf.OmitArgPrefixes[ServerOptions] = ServerOptions(),
 ) -> None:
     """Watch matches in 3D, analyse them, or play: opens a page in the browser, served by this machine.
@@ -125,7 +113,7 @@ def watch(
         record: folder for the logs of rallies that you play.
         video: render the rally to this file (.mp4 or .webm) without a screen, and exit.
         save_site: write the match, or the recorded rallies, as static files to this folder, for any web server, and exit.
-        model: game, and strokes that are advised.
+        model: the game.
         server: server of the page.
     """
     from shuttle_marl.watch.answers import Answers  # noqa: PLC0415  these keep --help quick
@@ -155,7 +143,7 @@ def watch(
         contextlib.closing(MatchLog(record, policies.game, policies)) as log,
     ):
         stager = Stager(appearance.athletes, appearance.hands)
-        answers = Answers(policies, plan, stager, recorded=recorded, first=first, log=log, at_least=model.at_least)
+        answers = Answers(policies, plan, stager, recorded=recorded, first=first, log=log)
         if save_site is not None:
             _save_site(save_site, page, answers)
             return
@@ -175,7 +163,7 @@ def watch(
             running.run(sockets=[listener])
 
 
-def _game(match: MatchOptions, rallies: RallyOptions, model: AdviceOptions) -> Game:
+def _game(match: MatchOptions, rallies: RallyOptions, model: RallyGameOptions) -> Game:
     """The game of the recorded rallies, of two players, or of a model.
 
     Raises:

@@ -51,7 +51,6 @@ class Answers:
         recorded: recorded rallies to show instead of matches.
         first: number of the rally that is shown first.
         log: log of the rallies that a person plays; None: not recorded.
-        at_least: real strokes behind strokes that are advised, see :class:`StrokeValues`.
     """
 
     def __init__(
@@ -63,14 +62,12 @@ class Answers:
         recorded: Recorded | None = None,
         first: int = 0,
         log: MatchLog | None = None,
-        at_least: int | None = None,
     ) -> None:
         self._game, self._policies, self._plan = policies.game, policies, plan
         self._recorded, self._first_shown = recorded, first
-        self._values, self._stager, self._log = StrokeValues(policies, at_least), stager, log
+        self._values, self._stager, self._log = StrokeValues(policies), stager, log
         self._overviews = OnceCache(_MAX_OVERVIEWS)
         self._matches, self._packed, self._pairs = OnceCache(_MAX_MATCHES), OnceCache(_MAX_PACKED), OnceCache(_MAX_PAIRS)
-        self._at_least = at_least
 
     def __call__(self, request: messages.Request) -> bytes:
         """The encoded reply to a request.
@@ -259,7 +256,7 @@ class Answers:
 
     def _values_of_people(self, people: People) -> StrokeValues:
         game = game_of_people(self._game.seats[0], people.names, people.date)
-        return self._values if game is None else StrokeValues(PolicyTables(game), self._at_least)
+        return self._values if game is None else StrokeValues(PolicyTables(game))
 
     def _motion(self, query: messages.Query, rally: CourtRally) -> staging.Motion:
         def compute() -> staging.Motion:

@@ -321,7 +321,7 @@ class RallyReply(Struct):
 
 
 class ValuedStroke(StrokeFacts, kw_only=True):
-    """A stroke with its values: ``win`` if both players continue with their policies, ``best`` if both play perfectly."""
+    """A stroke with its values: ``win`` if both players continue with their policies, ``best`` if both play strongly."""
 
     p_succ: float
     p_ret: float
@@ -331,26 +331,35 @@ class ValuedStroke(StrokeFacts, kw_only=True):
 
 
 class Option(ValuedStroke, kw_only=True):
-    """A stroke of a decision; ``regret`` assumes that both play perfectly."""
+    """A stroke of a decision."""
 
     probability: float
-    regret: float
+
+
+class Question(Struct):
+    """The right answer and wrong ones, the stroke played first; ``share`` of elite players who choose the right shot type."""
+
+    right: int
+    wrong: list[int]
+    share: float
 
 
 class StrokeValue(Struct, kw_only=True):
     """Values of a stroke of a rally; ``win``, ``chosen`` and ``match`` are probabilities that seat 0 wins.
 
-    ``question`` is the best stroke with enough real strokes to ask for it, None if the stroke played has too few.
+    ``change`` and ``loss`` compare the stroke with what elite players choose and with the better one
+    (:mod:`shuttle_marl.analysis.marks`); ``change`` is None where too few real strokes stand behind it.
     """
 
     win: float
     chosen: float
     match: float
     probability: float
-    regret: float
+    change: float | None
+    loss: float
     mark: str
     better: int
-    question: int | None
+    question: Question | None
     options: list[Option]
     sure: str
 
@@ -363,7 +372,6 @@ class Analysis(Struct):
     landings: list[tuple[list[float] | None, list[float] | None]]
     win_after: float | None
     match_after: float | None
-    accuracy: tuple[float | None, float | None]
 
 
 class OptionsReply(Struct):
@@ -404,14 +412,14 @@ class MatchRally(Struct):
 
 
 class Moment(Struct):
-    """A costly stroke: ``regret`` and ``cost`` are the probabilities of winning the rally and the match that it loses."""
+    """A costly stroke: ``loss`` and ``cost`` are the probabilities of winning the rally and the match that it loses."""
 
     rally: int
     stroke: int
     seat: int
     shot: str
     mark: str
-    regret: float
+    loss: float
     cost: float
 
 

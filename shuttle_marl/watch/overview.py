@@ -6,6 +6,7 @@ from typing import Final
 
 import numpy as np
 
+from shuttle_marl.analysis.marks import MARKS
 from shuttle_marl.analysis.rally import Players, match_win_after
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.watch import messages
@@ -13,7 +14,6 @@ from shuttle_marl.watch.match import CourtRally
 
 MOMENTS: Final = 5
 """Number of costliest strokes."""
-MARKS: Final = ("!!", "!", "?!", "?")
 
 
 def match_overview(
@@ -23,13 +23,13 @@ def match_overview(
 
     Args:
         rallies: finished rallies of the match in their order, with their players and the values of their strokes.
-        moments: maximum number of costliest strokes. The cost of a stroke is its regret times the difference that the rally
+        moments: maximum number of costliest strokes. The cost of a stroke is its loss times the difference that the rally
             makes to the probability of winning the match.
     """
     rows: list[messages.MatchRally] = []
     costly: list[messages.Moment] = []
     marks: tuple[Counter[str], Counter[str]] = (Counter(), Counter())
-    accuracy: tuple[list[tuple[float, int]], list[tuple[float, int]]] = ([], [])
+    sound: tuple[list[bool], list[bool]] = ([], [])
     after: float | None = None
     for rally, players, values in rallies:
         winner = rally.winner
@@ -44,17 +44,16 @@ def match_overview(
         for i, (value, seat) in enumerate(zip(values.strokes, seats, strict=True)):
             marks[seat][value.mark] += 1
             shot = SHOTS[rally.catalogue.shot[rally.stroke[i]]]
-            costly.append(messages.Moment(rally.number, i, seat, shot, value.mark, value.regret, value.regret * (won - lost)))
-        for seat, share in enumerate(values.accuracy):
-            if share is not None:
-                accuracy[seat].append((share, seats.count(seat)))
+            costly.append(messages.Moment(rally.number, i, seat, shot, value.mark, value.loss, value.loss * (won - lost)))
+            if value.change is not None:
+                sound[seat].append("?" not in value.mark)
     # Where one side wins for certain, no stroke costs the match: then the cost of the rally decides.
-    costly.sort(key=lambda moment: (-round(moment.cost, 4), -moment.regret))
-    means = [float(np.average([a for a, _ in part], weights=[n for _, n in part])) if part else None for part in accuracy]
+    costly.sort(key=lambda moment: (-round(moment.cost, 4), -moment.loss))
+    means = [float(np.mean(part)) if part else None for part in sound]
     return messages.MatchReply(
         rallies=rows,
         win_after=after,
-        moments=[moment for moment in costly[:moments] if moment.regret > 0],
+        moments=[moment for moment in costly[:moments] if "?" in moment.mark],
         accuracy=(means[0], means[1]),
         marks=([marks[0][mark] for mark in MARKS], [marks[1][mark] for mark in MARKS]),
     )

@@ -5,6 +5,7 @@ from typing import Any, Final
 import numpy as np
 from msgspec.structs import asdict
 
+from shuttle_marl.analysis.marks import Basis, Judged, basis_of
 from shuttle_marl.analysis.opening import Opening, opening
 from shuttle_marl.analysis.rally import Decision, Players, analyse_rally
 from shuttle_marl.analysis.rally import decision as analyse_decision
@@ -12,7 +13,7 @@ from shuttle_marl.base.arrays import F64
 from shuttle_marl.game import court
 from shuttle_marl.game.rally.record import Rally
 from shuttle_marl.game.rules import RETURNED_BELOW
-from shuttle_marl.game.shipped import RELIABLE, factor_of, least_support
+from shuttle_marl.game.shipped import RELIABLE, factor_of
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.watch import messages
 from shuttle_marl.watch.facts import rounded, stroke_facts
@@ -24,10 +25,6 @@ SHOWN: Final = 8
 """Number of strokes listed for each decision."""
 ELITE: Final = Side(policy="bc")
 """The imitated average elite player, the reference of all comparisons."""
-_POOR, _BAD = 0.10, 0.15
-"""Least regret of strokes marked ``?!`` and ``?``."""
-_FINE, _RARE, _VERY_RARE = 0.002, 0.05, 0.01
-"""A stroke with at most the first regret is marked ``!`` or ``!!`` if elite players choose it less often than the others."""
 _SOME: Final = 100
 """Number of real strokes from which a probability is reliable."""
 _MAX_STYLES: Final = 64
@@ -38,15 +35,13 @@ class StrokeValues:
 
     Args:
         policies: policies, their values and the solved game.
-        at_least: real strokes behind strokes that are advised; None: :func:`shuttle_marl.game.shipped.least_support`.
 
     Attributes:
         game: the game.
     """
 
-    def __init__(self, policies: PolicyTables, at_least: int | None = None) -> None:
+    def __init__(self, policies: PolicyTables) -> None:
         self._policies, self.game = policies, policies.game
-        self._at_least = least_support(policies.game.seats[0]) if at_least is None else at_least
         self._styles = OnceCache(_MAX_STYLES)
         factor = factor_of(policies.game.seats[0])
         self._realised = ""
@@ -65,17 +60,17 @@ class StrokeValues:
 
     def decision(self, state: int, seat: int, players: Players) -> Decision:
         """The decision of a seat in a state."""
-        return analyse_decision(self.game, state, seat, players, self._policies.solution)
+        return analyse_decision(self.game, state, seat, players)
+
+    def judged(self, choice: Decision) -> Judged:
+        """The strokes of a decision by the one basis of all marks, in the same order."""
+        basis: Basis = basis_of(self.game)
+        return basis.judged(np.array([choice.state]))
 
     def analysis(self, rally: CourtRally, players: Players) -> messages.Analysis:
         """Values of every stroke of a rally."""
-        found = analyse_rally(rally, self.game, players, rules=rally.score.rules, solution=self._policies.solution)
+        found = analyse_rally(rally, self.game, players, rules=rally.score.rules)
         strokes = zip(found.decisions, found.rank.tolist(), found.match_win.tolist(), strict=False)
-        fractions: tuple[list[float], list[float]] = ([], [])
-        for choice, rank in zip(found.decisions, found.rank, strict=True):
-            spread = float(np.ptp(choice.optimal))
-            fractions[choice.seat].append(1 - float(choice.regret[rank]) / spread if spread > 0 else 1.0)
-        accuracy = [round(float(np.mean(part)), 4) if part else None for part in fractions]
         over = rally.winner is not None
         return messages.Analysis(
             number=rally.number,
@@ -83,46 +78,51 @@ class StrokeValues:
             landings=[_landings(rally.aim, choice) for choice in found.decisions],
             win_after=float(found.rally_win[-1]) if over else None,
             match_after=float(found.match_win[-1]) if over else None,
-            accuracy=(accuracy[0], accuracy[1]),
         )
 
     def _stroke(self, rally: Rally, choice: Decision, rank: int, match_win: float) -> messages.StrokeValue:
         win, chosen = choice.value, float(choice.win[rank])
-        better = choice.best(self._at_least)
-        regret = max(0.0, float(choice.optimal[better] - choice.optimal[rank]))
-        asked = choice.best(RELIABLE)
-        reliable = bool((choice.support[[rank, asked]] >= RELIABLE).all())
+        judged = self.judged(choice)
+        loss, asked = float(judged.loss[rank]), judged.question(rank)
+        better = int(judged.best[0]) if loss > 0 else rank
+        question = None
+        if asked is not None:
+            right, wrong = asked
+            share = rounded(judged.share[right])
+            question = messages.Question(int(choice.stroke[right]), [int(choice.stroke[k]) for k in wrong], share)
+        always = (rank, better, *(() if asked is None else (asked[0], *asked[1])))
         return messages.StrokeValue(
             win=rounded(win if choice.seat == 0 else 1 - win),
             chosen=rounded(chosen if choice.seat == 0 else 1 - chosen),
             match=rounded(match_win),
             probability=rounded(choice.probability[rank]),
-            regret=rounded(regret),
-            mark=self._mark(regret, int(choice.pair[rank])),
+            change=rounded(judged.change[rank]) if judged.known[rank] else None,
+            loss=rounded(loss),
+            mark=judged.marks[rank],
             better=int(choice.stroke[better]),
-            question=int(choice.stroke[asked]) if reliable else None,
-            options=self.options(rally, choice, always=tuple(dict.fromkeys((rank, better, asked)))),
+            question=question,
+            options=self.options(rally, choice, judged, always=tuple(dict.fromkeys(always))),
             sure=_support_sentence(choice.support[[rank, better]]) + self._realised,
         )
 
     def options(
-        self, rally: Rally, choice: Decision, *, always: tuple[int, ...] = (), limit: int = SHOWN
+        self, rally: Rally, choice: Decision, judged: Judged | None = None, *, always: tuple[int, ...] = (), limit: int = SHOWN
     ) -> list[messages.Option]:
         """The strokes of a decision, most probable first.
 
         Args:
             rally: the rally.
             choice: the decision.
+            judged: its strokes by the basis of the marks; None: computed.
             always: positions that are always listed.
             limit: maximum number of strokes.
         """
         order = [k for k in np.argsort(-choice.probability, kind="stable").tolist() if rally.as_named(int(choice.stroke[k]))]
         order += [k for k in always if k not in order]
         listed = list(dict.fromkeys([*order[: limit - len(always)], *always, *order]))[:limit]
+        best = (judged or self.judged(choice)).win
         return [
-            messages.Option(
-                **self._valued(rally, choice, k), probability=rounded(choice.probability[k]), regret=rounded(choice.regret[k])
-            )
+            messages.Option(**self._valued(rally, choice, k, best), probability=rounded(choice.probability[k]))
             for k in sorted(listed, key=order.index)
         ]
 
@@ -142,7 +142,10 @@ class StrokeValues:
         return messages.OpeningReply(
             strokes=[
                 messages.OpeningStroke(
-                    **(self._valued(begun, found, k) | {"area": court.AREAS[self.game.catalogue.area[found.stroke[k]]]}),
+                    **(
+                        self._valued(begun, found, k, found.optimal)
+                        | {"area": court.AREAS[self.game.catalogue.area[found.stroke[k]]]}
+                    ),
                     available=rounded(found.available[k]),
                     share=rounded(found.share[k]),
                 )
@@ -151,7 +154,7 @@ class StrokeValues:
             seed=seed_of_line(self.game, line) if line else None,
         )
 
-    def _valued(self, rally: Rally, choice: Decision | Opening, k: int) -> dict[str, Any]:
+    def _valued(self, rally: Rally, choice: Decision | Opening, k: int, best: F64) -> dict[str, Any]:
         """Fields of :class:`~shuttle_marl.watch.messages.ValuedStroke` of the k-th stroke."""
         return {
             **asdict(stroke_facts(rally, int(choice.stroke[k]), choice.seat)),
@@ -159,7 +162,7 @@ class StrokeValues:
             "p_ret": rounded(choice.p_ret[k]),
             "support": None if np.isnan(choice.support[k]) else round(float(choice.support[k]), 1),
             "win": rounded(choice.win[k]),
-            "best": rounded(choice.optimal[k]),
+            "best": rounded(best[k]),
         }
 
     def styles(self, sides: tuple[Side, Side]) -> messages.Styles:
@@ -191,14 +194,6 @@ class StrokeValues:
         first = self._policies.values((sides[0], ELITE)).odds().rally
         second = 1 - self._policies.values((ELITE, sides[1])).odds().rally
         return messages.Styles(figures=figures, shots=shots_, strength=(rounded(first), rounded(second)))
-
-    def _mark(self, regret: float, pair: int) -> str:
-        if regret >= _POOR:
-            return "?" if regret >= _BAD else "?!"
-        usual = float(self._policies.table(ELITE).probability_of(np.array([pair]))[0])
-        if regret <= _FINE and usual < _RARE:
-            return "!!" if usual < _VERY_RARE else "!"
-        return ""
 
 
 def _landings(area: np.ndarray, choice: Decision) -> tuple[list[float] | None, list[float] | None]:

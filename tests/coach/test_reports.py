@@ -17,6 +17,7 @@ from shuttle_marl.analysis import advice, decisions
 from shuttle_marl.analysis.advice import Refitted
 from shuttle_marl.analysis.course import Chances
 from shuttle_marl.analysis.decisions import Choice
+from shuttle_marl.analysis.marks import basis_of
 from shuttle_marl.analysis.match import MatchReport, match_report, matches_in
 from shuttle_marl.analysis.outlook import spread_of
 from shuttle_marl.analysis.scouting import ScoutingReport, players_of, scout
@@ -217,10 +218,8 @@ def test_strokes_without_enough_examples_are_not_called_costly(
     assert real is not None
     monkeypatch.setattr(decisions, "MOST", 60)
     found: list[Choice] = []
-    for share in (0.97, 0.995):
-        monkeypatch.setattr(
-            decisions, "real_strokes", lambda game, share=share: np.where(real > np.quantile(real, share), real, 7)
-        )
+    for share in (0.5, 0.8):
+        monkeypatch.setattr(basis_of(resolve_game(model)), "_real", np.where(real > np.quantile(real, share), real, 7))
         found += match_report(sample.filter(pc.equal(sample["match"], matches_in(sample)[0])), game=resolve_game(model)).choices
     assert found
     assert all(min(choice.played_behind, choice.better_behind) >= RELIABLE for choice in found)

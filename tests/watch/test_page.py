@@ -161,6 +161,7 @@ def test_learn_mode_asks_before_it_shows_the_better_stroke(viewer: Any, served: 
         )
         if viewer.page.get_by_text("Accuracy: 100 %").count():
             break
+        viewer.until(lambda: viewer.state("analysis") is not None)
         question, time, contacts, analysis = viewer.state("asked", "time", "contacts", "analysis")
         assert time < contacts[question], "it stops before the decision"
         assert viewer.page.locator(".moves li button").count() == question, "nothing is told before"
@@ -168,19 +169,20 @@ def test_learn_mode_asks_before_it_shows_the_better_stroke(viewer: Any, served: 
         assert all(number <= question for number in named), "nor on the timeline"
         value = analysis["strokes"][question]
         options = {option["stroke"]: option for option in value["options"]}
-        best, played = options[value["question"]], options[viewer.state("strokes")[question]]
-        assert min(best["support"], played["support"]) >= 20
+        asked_for = value["question"]
+        best, played = options[asked_for["right"]], options[viewer.state("strokes")[question]]
+        assert min(options[stroke]["support"] for stroke in (asked_for["right"], *asked_for["wrong"])) >= 20
         assert best["best"] - played["best"] >= 0.03
         viewer.page.locator(".quiz button").nth(1).hover()
         assert viewer.state("target") in [option["box"] for option in options.values()], "the answer pointed at is drawn"
         viewer.page.locator(".quiz button").first.click()
         assert viewer.page.locator(".quiz .right").count() == 1
-        assert viewer.page.get_by_text("real strokes stand behind both").count() == 1
+        assert viewer.page.get_by_text("real strokes stand behind each answer").count() == 1
         strokes = viewer.state("strokes")
         if asked == 0:  # both continuations
             viewer.page.get_by_role("button", name="Play the better one").click()
             viewer.until(lambda strokes=strokes: viewer.state("strokes") != strokes)
-            assert viewer.state("strokes")[question] == value["question"]
+            assert viewer.state("strokes")[question] == asked_for["right"]
             viewer.page.get_by_role("button", name="Play what was played").click()
             viewer.until(lambda strokes=strokes: viewer.state("strokes") == strokes)
         asked += 1
@@ -279,8 +281,8 @@ def test_a_duel_is_played_by_keyboard_recorded_and_ends_with_a_report(viewer: An
         # In words and quickly: no picture is drawn, because every key would wait for it.
         viewer.page.set_viewport_size({"width": 480, "height": 320})
         viewer.open(server.address)
-        viewer.page.get_by_role("button", name="Duel with perfect play").press("Enter")
-        viewer.until(lambda: viewer.state("names") == ["you", "minimax"])
+        viewer.page.get_by_role("button", name="Duel with a strong player").press("Enter")
+        viewer.until(lambda: viewer.state("names") == ["you", "human:0.05"])
         assert viewer.state("plan")["points"] == 3
         viewer.press("w", ">", ">")
         last, chosen, deadline = -1, 0, time.monotonic() + 420
@@ -304,7 +306,7 @@ def test_a_duel_is_played_by_keyboard_recorded_and_ends_with_a_report(viewer: An
         dialog = viewer.page.get_by_role("dialog", name="Game summary")
         dialog.wait_for()
         text = dialog.inner_text()
-        assert f"You chose {chosen} strokes, with an accuracy of" in text
+        assert f"You chose {chosen} strokes: accuracy " in text
         assert re.search(r"You play .?\d+ % like ", text)
         assert viewer.state("rally") == last
         viewer.until(lambda: len(viewer.state("turn_ms")) == chosen)
@@ -468,7 +470,7 @@ def test_the_puzzles_of_the_day_are_rated(viewer: Any, served: Any) -> None:
             assert viewer.state("plan")["seed"] == 20260501
             asked, analysis = viewer.state("asked", "analysis")
             options = {option["stroke"]: option["best"] for option in analysis["strokes"][asked]["options"]}
-            best = options[analysis["strokes"][asked]["question"]]
+            best = options[analysis["strokes"][asked]["question"]["right"]]
             viewer.page.locator(".quiz button").first.click()
             right = viewer.page.locator(".quiz .right")
             assert right.count() == 1

@@ -26,11 +26,12 @@ export function winAt(rally: RallyFacts, analysis: Analysis | null, time: number
   return (steps.findLast((step) => step.time <= time + 1e-6) ?? steps[0])?.win ?? null;
 }
 
-/** Change of seat 0's probability of winning from a stroke to the next decision. */
-export function change(analysis: Analysis, i: number): number | null {
-  const now = analysis.strokes[i]?.win ?? null;
-  const next = analysis.strokes[i + 1]?.win ?? (i === analysis.strokes.length - 1 ? analysis.win_after : null);
-  return now === null || next === null ? null : next - now;
+/** Share of the judged strokes of a seat in some rallies that have no `?!`, `?` or `??`, as words. */
+export function accuracy(rallies: { rally: RallyFacts; analysis: Analysis }[], seat: number): string {
+  const values = rallies.flatMap(({ rally, analysis }) => analysis.strokes.filter((_, i) => rally.strokes[i]!.seat === seat));
+  const judged = values.filter(({ change }) => change !== null);
+  const sound = judged.filter(({ mark }) => !mark.includes("?"));
+  return judged.length ? `accuracy ${percent(sound.length / judged.length)}` : "no stroke that can be judged";
 }
 
 export class Curve {
@@ -137,7 +138,7 @@ export class MoveList {
     this.current = -2;
     this.rows = rally.strokes.slice(0, upTo).map((stroke, i) => {
       const value = analysis?.strokes[i];
-      const delta = analysis ? change(analysis, i) : null;
+      const delta = value?.change ?? null;
       const bad = value?.mark.includes("?") ? " bad" : "";
       return h(
         "button",
@@ -161,7 +162,7 @@ export class MoveList {
       "h2",
       {},
       h("span", {}, `Rally ${rally.number + 1} · ${rally.strokes.length} stroke${rally.strokes.length === 1 ? "" : "s"}`),
-      term("change", "change (A)"),
+      term("change"),
     );
     const ended = rally.winner === null || upTo < rally.strokes.length ? null : endLine(rally);
     replaceChildren(this.element, heading, h("ol", {}, ...this.rows.map((row) => h("li", {}, row))), ended);
@@ -211,8 +212,8 @@ export class OptionTable {
   /** @param tryOut plays a stroke instead; null: this page has no server that could. */
   constructor(private readonly tryOut: ((stroke: number) => void) | null) {}
 
-  /** @param perfect whether the values assume perfect play, as the questions of Learn do. */
-  show(rally: RallyFacts, index: number, value: StrokeValue | undefined, perfect: boolean): void {
+  /** @param strong whether the values assume strong play of both, as marks and the questions of Learn do. */
+  show(rally: RallyFacts, index: number, value: StrokeValue | undefined, strong: boolean): void {
     const stroke = rally.strokes[index];
     this.element.classList.toggle("hidden", !stroke || !value);
     if (!stroke || !value) {
@@ -241,7 +242,7 @@ export class OptionTable {
         { class: `${chosen ? "chosen " : ""}${option.stroke === value.better ? "best" : ""}` },
         h("td", {}, button),
         h("td", {}, percent(option.probability)),
-        h("td", {}, points(perfect ? option.best : option.win)),
+        h("td", {}, points(strong ? option.best : option.win)),
         h("td", {}, percent(option.p_succ)),
         h("td", {}, percent(option.p_ret)),
       );
@@ -251,7 +252,7 @@ export class OptionTable {
       {},
       h("th", { scope: "col" }, this.tryOut ? "click: what if" : "stroke"),
       h("th", { scope: "col" }, term("chosen")),
-      h("th", { scope: "col" }, perfect ? term("perfect play", "best play") : term("as they play", "wins")),
+      h("th", { scope: "col" }, strong ? term("strong play", "wins*") : term("as they play", "wins")),
       h("th", { scope: "col" }, term("in")),
       h("th", { scope: "col" }, term("comes back", "back")),
     );
@@ -261,10 +262,12 @@ export class OptionTable {
         "h2",
         {},
         h("span", {}, `${displayName(rally.names[stroke.seat]!)} at stroke ${index + 1}`),
-        value.regret > 5e-4 ? term("regret", `regret ${points(value.regret)}`) : h("span", {}, "best"),
+        value.loss > 5e-4
+          ? term("loss", `loses ${points(value.loss)}`)
+          : h("span", {}, value.change === null ? "rare" : "sound"),
       ),
       h("table", { class: "options" }, h("thead", {}, head), h("tbody", {}, ...rows)),
-      h("p", { class: "quiet" }, `${perfect ? "* If both play perfectly afterwards. " : ""}${value.sure}`),
+      h("p", { class: "quiet" }, `${strong ? "* If both play strongly afterwards. " : ""}${value.sure}`),
     );
   }
 }

@@ -1,4 +1,4 @@
-// Reasons to come back: the puzzles of the day, and a duel with perfect play.
+// Reasons to come back: the puzzles of the day, and a duel with a strong player.
 
 import { Daily, today } from "./daily";
 import { h } from "./dom";
@@ -12,7 +12,7 @@ import type { RallyFacts, Side } from "./wire.gen";
 
 const POINTS = 3; // of a duel
 const PRO: Side = { policy: "bc", temperature: 1 };
-const PERFECT: Side = { policy: "minimax", temperature: 1 };
+const STRONG: Side = { policy: "human:0.05", temperature: 1 };
 
 export interface ChallengeHooks {
   /** Number of rallies of the page; null: a server plays others. */
@@ -47,17 +47,17 @@ export class Challenges {
     await hooks.go(daily.first, null, false);
   }
 
-  /** Starts a duel with perfect play. */
+  /** Starts a duel with a strong player. */
   async duel(): Promise<void> {
     const { course, screen, hooks } = this;
-    course.open({ seed: Math.floor(Math.random() * 2 ** 31), sides: [PRO, PERFECT], points: POINTS });
+    course.open({ seed: Math.floor(Math.random() * 2 ** 31), sides: [PRO, STRONG], points: POINTS });
     course.person = { seat: 0, rally: 0, stroke: 0 };
     this.values.played.length = 0;
     hooks.enter("play");
     hooks.seeFrom(0);
     screen.hear();
     await hooks.go(0, null, true);
-    screen.layout.say(`A duel to ${POINTS} points with perfect play: choose a stroke and hit`);
+    screen.layout.say(`A duel to ${POINTS} points with a strong player: choose a stroke and hit`);
   }
 
   /** Shows the costliest decisions of a person in the finished game, and whose choices theirs are like. */

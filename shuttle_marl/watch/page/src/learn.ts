@@ -1,51 +1,45 @@
 // Quiz: stops before the costliest decisions of a rally and asks for a better stroke.
 
+import { accuracy } from "./analysis";
 import { type Daily, PUZZLES } from "./daily";
 import { h, percent, replaceChildren, words } from "./dom";
 import { term } from "./glossary";
 import { displayName } from "./names";
-import type { Analysis, Option, RallyFacts, StrokeValue } from "./wire.gen";
+import type { Analysis, Option, RallyFacts } from "./wire.gen";
 
 const QUESTIONS = 3;
-const WORTH_ASKING = 0.03; // minimum loss of the stroke played, as a probability of winning the rally
-const ANSWERS = 4;
-const CLOSE = 0.02; // an answer that loses less than this is not offered beside the best one
 const RALLIES = 20; // rallies without a question that are skipped
 
 interface Question {
   stroke: number;
   best: Option;
-  played: Option;
+  /** Wrong answers, the stroke played first. */
+  wrong: Option[];
+  /** Share of elite players who choose the right shot type. */
+  share: number;
 }
 
 /**
- * The costliest decisions whose best and played strokes have enough real strokes behind them, in order of time.
- * @param asked best shot types of earlier questions; decisions with others come first.
+ * Decisions to ask for, in order of time: the costliest, or of a puzzle one whose right answer elite players choose least.
+ * @param asked right shot types of earlier puzzles, which are not asked for again; null: no puzzle.
  */
-export function questions(
-  rally: RallyFacts,
-  analysis: Analysis,
-  most = QUESTIONS,
-  asked: ReadonlySet<string> = new Set(),
-): Question[] {
-  const found = analysis.strokes.flatMap((value, stroke): Question[] => {
-    const pick = (wanted: number) => value.options.find((option) => option.stroke === wanted);
-    const [best, played] = [value.question === null ? undefined : pick(value.question), pick(rally.strokes[stroke]!.stroke)];
-    return best && played && best.best - played.best >= WORTH_ASKING ? [{ stroke, best, played }] : [];
+export function questions(analysis: Analysis, asked: ReadonlySet<string> | null = null): Question[] {
+  const found = analysis.strokes.flatMap(({ question, options }, stroke): Question[] => {
+    const pick = (wanted: number) => options.find((option) => option.stroke === wanted)!;
+    const best = question && pick(question.right);
+    return best && !asked?.has(best.shot) ? [{ stroke, best, wrong: question.wrong.map(pick), share: question.share }] : [];
   });
-  const loss = ({ best, played }: Question) => best.best - played.best - Number(asked.has(best.shot));
+  const loss = ({ best, wrong }: Question) => best.best - wrong[0]!.best;
   return found
-    .sort((a, b) => loss(b) - loss(a))
-    .slice(0, most)
+    .sort((a, b) => (asked ? a.share - b.share : loss(b) - loss(a)))
+    .slice(0, asked ? 1 : QUESTIONS)
     .sort((a, b) => a.stroke - b.stroke);
 }
 
-/** Answers of a question: the best stroke, the one played, and worse ones, in an order that does not tell which is which. */
-function answers({ best, played }: Question, value: StrokeValue): Option[] {
-  const others = value.options.filter((option) => option !== best && option !== played && best.best - option.best >= CLOSE);
-  const bySupport = others.sort((a, b) => (b.support ?? 0) - (a.support ?? 0));
-  const mixed = ({ stroke }: Option) => Math.imul(stroke + 1 + 64 * played.stroke, 0x9e3779b1) >>> 0;
-  return [best, played, ...bySupport].slice(0, ANSWERS).sort((a, b) => mixed(a) - mixed(b));
+/** Answers of a question in an order that does not tell which is which. */
+function answers({ best, wrong }: Question): Option[] {
+  const mixed = ({ stroke }: Option) => Math.imul(stroke + 1 + 64 * wrong[0]!.stroke, 0x9e3779b1) >>> 0;
+  return [best, ...wrong].sort((a, b) => mixed(a) - mixed(b));
 }
 
 function name(option: Option): string {
@@ -105,7 +99,7 @@ export class Learn {
       return;
     }
     const { daily } = this;
-    this.left = daily ? questions(rally, analysis, 1, daily.shots) : questions(rally, analysis);
+    this.left = questions(analysis, daily?.shots);
     this.element.classList.remove("hidden");
     const another = daily
       ? daily.after(rally.number) !== null
@@ -197,8 +191,7 @@ export class Learn {
     if (!this.question || this.element.querySelector(".quiz")) {
       return;
     }
-    const value = this.analysis!.strokes[this.question.stroke]!;
-    this.options = answers(this.question, value);
+    this.options = answers(this.question);
     const buttons = this.options.map((option) => {
       const point = () => this.hooks.point(option);
       return h(
@@ -236,7 +229,8 @@ export class Learn {
   }
 
   private answer(given: Option): void {
-    const { stroke, best, played } = this.question!;
+    const { stroke, best, wrong } = this.question!;
+    const played = wrong[0]!;
     const right = given === best;
     this.asked++;
     this.right += right ? 1 : 0;
@@ -257,7 +251,7 @@ export class Learn {
     this.hooks.reveal(stroke);
     const lost = (option: Option) => percent(best.best - option.best);
     const verdict = right ? "Correct." : `Better: ${name(best)}; yours loses ${lost(given)}.`;
-    const support = Math.round(Math.min(best.support!, played.support!));
+    const support = Math.round(Math.min(...this.options.map((option) => option.support!)));
     const { playInstead, playFrom } = this.hooks;
     this.element.querySelector(".day")?.remove();
     const last = this.daily ? (this.daily.done ? "Result" : "Next puzzle") : "Show accuracy";
@@ -266,8 +260,8 @@ export class Learn {
       h(
         "p",
         {},
-        `${verdict} The stroke played loses ${lost(played)}. Percentages: winning the rally with perfect play afterwards. ` +
-          `At least ${support.toLocaleString("en")} real strokes stand behind both.`,
+        `${verdict} The stroke played loses ${lost(played)}. Percentages: winning the rally if both play strongly afterwards. ` +
+          `At least ${support.toLocaleString("en")} real strokes stand behind each answer.`,
       ),
       h(
         "div",
@@ -311,12 +305,13 @@ export class Learn {
 
   private tellAccuracy(): void {
     this.question = null;
-    const accuracy = this.analysis!.accuracy.map((share, seat) =>
+    const [rally, analysis] = [this.rally!, this.analysis!];
+    const shares = [0, 1].map((seat) =>
       h(
         "p",
         {},
-        h("b", { class: seat ? "b" : "a" }, displayName(this.rally!.names[seat]!)),
-        share === null ? ": no strokes" : `: accuracy ${percent(share)}`,
+        h("b", { class: seat ? "b" : "a" }, displayName(rally.names[seat]!)),
+        `: ${accuracy([{ rally, analysis }], seat)}`,
       ),
     );
     const score = this.asked ? `${this.right} of ${this.asked} correct.` : "No decision of this rally is worth a question.";
@@ -325,8 +320,8 @@ export class Learn {
       this.element,
       h("h2", {}, term("accuracy", "Accuracy")),
       h("p", {}, score),
-      ...accuracy,
-      h("p", { class: "quiet" }, "Accuracy: 100 % is perfect play, 0 % the worst stroke at every decision."),
+      ...shares,
+      h("p", { class: "quiet" }, "Accuracy: 100 % is a rally without ?!, ? and ??."),
       h("div", { class: "row" }, done, this.dayButton()),
     );
     this.hooks.reveal(Infinity);

@@ -5,7 +5,7 @@ import { term } from "./glossary";
 import { displayName } from "./names";
 import type { MatchReply, Moment } from "./wire.gen";
 
-const MARKS = ["!!", "!", "?!", "?"] as const;
+const MARKS = ["!!", "!", "?!", "?", "??"] as const;
 const [WIDE, TALL] = [1000, 90];
 
 export class MatchPanel {
@@ -29,7 +29,7 @@ export class MatchPanel {
         "p",
         {},
         h("b", { class: seat ? "b" : "a" }, displayName(names[seat as 0 | 1])),
-        accuracy === null ? "" : `: accuracy ${percent(accuracy)}`,
+        accuracy === null ? "" : h("span", {}, ": ", term("accuracy"), ` ${percent(accuracy)}`),
         h("span", { class: "quiet" }, ` · ${marks}`),
       );
     });
@@ -38,13 +38,13 @@ export class MatchPanel {
       h("h2", {}, term("match", "Match (A wins)"), h("span", {}, `${match.rallies.length} rallies`)),
       this.curve(match, current),
       ...sides,
-      h("h3", { style: "margin-top:8px" }, term("regret", "Costliest strokes")),
+      h("h3", { style: "margin-top:8px" }, term("loss", "Costliest strokes")),
       h("ol", { class: "moments" }, ...match.moments.map((moment) => h("li", {}, this.moment(moment)))),
     );
   }
 
   private moment(moment: Moment): HTMLElement {
-    const cost = moment.cost >= 5e-4 ? `${points(moment.cost)} of the match` : `${points(moment.regret)} of the rally`;
+    const cost = moment.cost >= 5e-4 ? `${points(moment.cost)} of the match` : `${points(moment.loss)} of the rally`;
     return h(
       "button",
       { onclick: () => this.open(moment.rally, moment.stroke) },

@@ -2,6 +2,7 @@
 
 const KNOWN: Record<string, string> = {
   bc: "Average pro",
+  "human:0.05": "Strong player",
   minimax: "Perfect play",
   "minimax:robust": "Perfect play, safe against errors of the model",
   "best-response:bc": "Best reply to the average pro",
@@ -12,7 +13,7 @@ const KNOWN: Record<string, string> = {
 };
 const GROUPS: [string, (identifier: string) => boolean][] = [
   ["Real players, imitated", (name) => /^bc(:|$)/.test(name)],
-  ["Perfect play", (name) => /^(minimax|best-response|human)/.test(name)],
+  ["Strong and perfect play", (name) => /^(minimax|best-response|human)/.test(name)],
   ["Trained agents", (name) => /^(ppo|a2c|sac)(:|$)/.test(name)],
   ["Simple styles", (name) => name in KNOWN],
 ];

@@ -33,7 +33,7 @@ export function openStartCard(choose: (choice: Choice) => void): void {
       "div",
       { class: "row" },
       h("button", { onclick: () => pick("daily") }, "Rally of the day: five puzzles"),
-      h("button", { onclick: () => pick("duel") }, "Duel with perfect play, to 3 points"),
+      h("button", { onclick: () => pick("duel") }, "Duel with a strong player, to 3 points"),
     ),
   );
   element.addEventListener("close", () => element.remove());

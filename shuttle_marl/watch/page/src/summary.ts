@@ -1,5 +1,6 @@
 // The summary of a game that a person played: their costliest decisions.
 
+import { accuracy } from "./analysis";
 import { h, percent, words } from "./dom";
 import { displayName } from "./names";
 import type { Analysis, Likeness, RallyFacts } from "./wire.gen";
@@ -32,8 +33,8 @@ export async function summary(
     ),
   );
   const worst = strokes
-    .filter(({ value }) => value.regret > 0)
-    .sort((a, b) => b.value.regret - a.value.regret)
+    .filter(({ value }) => value.mark.includes("?"))
+    .sort((a, b) => b.value.loss - a.value.loss)
     .slice(0, MOST);
   const rows = worst.map(({ number, i, stroke, value }) => {
     const better = value.options.find((option) => option.stroke === value.better);
@@ -41,23 +42,16 @@ export async function summary(
       "li",
       { style: "margin:6px 0" },
       h("button", { onclick: () => go(number, i) }, `rally ${number + 1}, stroke ${i + 1}`),
-      ` ${words(stroke.shot)} to ${words(stroke.area)} · regret ${percent(value.regret)}`,
+      ` ${words(stroke.shot)} to ${words(stroke.area)} · loses ${percent(value.loss)}`,
       better ? ` · better: ${words(better.shot)} to ${words(better.area)}` : "",
     );
   });
-  const shares = found.flatMap(({ rally, analysis }): [number, number][] => {
-    const share = analysis.accuracy[seat as 0 | 1];
-    return share === null ? [] : [[share, rally.strokes.filter((stroke) => stroke.seat === seat).length]];
-  });
-  const total = shares.reduce((sum, [, count]) => sum + count, 0);
-  const accuracy = shares.reduce((sum, [share, count]) => sum + share * count, 0) / Math.max(total, 1);
-  const mean = strokes.length ? strokes.reduce((sum, { value }) => sum + value.regret, 0) / strokes.length : 0;
   const score = last.after!.points.join(" – ");
   return [
     h(
       "p",
       {},
-      `${score}. You chose ${strokes.length} strokes, with an accuracy of ${percent(accuracy)} and a mean regret of ${(100 * mean).toFixed(1)} %. Largest regrets:`,
+      `${score}. You chose ${strokes.length} strokes: ${accuracy(found, seat)}.${worst.length ? " The costliest:" : ""}`,
     ),
     h("ol", {}, ...rows),
   ];

@@ -237,7 +237,6 @@ export interface Analysis {
   landings: ([number[] | null, number[] | null])[];
   win_after: number | null;
   match_after: number | null;
-  accuracy: [number | null, number | null];
 }
 
 /** Values of a stroke of a rally; ``win``, ``chosen`` and ``match`` are probabilities that seat 0 wins. */
@@ -246,15 +245,23 @@ export interface StrokeValue {
   chosen: number;
   match: number;
   probability: number;
-  regret: number;
+  change: number | null;
+  loss: number;
   mark: string;
   better: number;
-  question: number | null;
+  question: Question | null;
   options: Option[];
   sure: string;
 }
 
-/** A stroke of a decision; ``regret`` assumes that both play perfectly. */
+/** The right answer and wrong ones, the stroke played first; ``share`` of elite players who choose the right shot type. */
+export interface Question {
+  right: number;
+  wrong: number[];
+  share: number;
+}
+
+/** A stroke of a decision. */
 export interface Option {
   stroke: number;
   seat: number;
@@ -269,7 +276,6 @@ export interface Option {
   win: number;
   best: number;
   probability: number;
-  regret: number;
 }
 
 /** Values of the strokes between which a person chooses. */
@@ -336,14 +342,14 @@ export interface MatchRally {
   swing: number;
 }
 
-/** A costly stroke: ``regret`` and ``cost`` are the probabilities of winning the rally and the match that it loses. */
+/** A costly stroke: ``loss`` and ``cost`` are the probabilities of winning the rally and the match that it loses. */
 export interface Moment {
   rally: number;
   stroke: number;
   seat: number;
   shot: string;
   mark: string;
-  regret: number;
+  loss: number;
   cost: number;
 }
 

@@ -1,0 +1,144 @@
+"""Marks of the strokes of real matches, and the puzzles of thirty days (:mod:`shuttle_marl.analysis.marks`).
+
+``python -m experiments.marks --data DIR [--json]``
+
+A player's accuracy in a match is the share of judged strokes without ``?!``, ``?`` and ``??``. The thresholds of the marks were
+chosen on the training matches; figures of all others are beside those of all.
+"""
+
+import sys
+from collections import Counter
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from scipy import stats
+
+from shuttle_marl.analysis.decisions import judged_strokes
+from shuttle_marl.analysis.marks import MARKS, basis_of
+from shuttle_marl.base.runs import describe, write_json
+from shuttle_marl.commands import cli
+from shuttle_marl.commands.options import Json
+from shuttle_marl.data import load_strokes, matches_of
+from shuttle_marl.data.schema import Outcome
+from shuttle_marl.game.shipped import RELIABLE, load_game
+from shuttle_marl.game.stroke import SHOTS
+from shuttle_marl.game.tables import Game
+from shuttle_marl.watch.match import Match
+from shuttle_marl.watch.plan import Plan, Side
+from shuttle_marl.watch.policies import PolicyTables
+
+LEAST_JUDGED: Final = 30
+"""Judged strokes from which the accuracy of a player in a match counts."""
+DAYS, PUZZLES = 30, 5
+_RALLIES: Final = 40
+
+
+def marks_of(data: Path, game: Game) -> dict[str, Any]:
+    """Accuracy, marks and who was marked better, over the matches of a data set."""
+    strokes = load_strokes(data)
+    found = judged_strokes(strokes, basis_of(game))
+    match, player, won = (strokes[name].to_numpy(zero_copy_only=False) for name in ("match", "player", "outcome"))
+    known, marks = found.judged.known[found.position], np.array(found.judged.marks)[found.position]
+    marked, bad = marks != "", np.isin(marks, ("?!", "?", "??"))
+    games = _winners(match, player, strokes, won)
+    accuracy = {
+        (name, who): float(1 - bad[mine].mean())
+        for name, (winner, loser) in games.items()
+        for who in (winner, loser)
+        if (mine := known & (match[found.row] == name) & (player[found.row] == who)).sum() >= LEAST_JUDGED
+    }
+    both = [[accuracy[name, who] for who in pair] for name, pair in games.items() if all((name, who) in accuracy for who in pair)]
+    better, decided = sum(a > b for a, b in both), sum(a != b for a, b in both)
+    test = stats.binomtest(better, decided)
+    interval = test.proportion_ci()
+    unseen = ~np.isin([name for name, _ in accuracy], list(matches_of("train")))
+    values = np.array(list(accuracy.values()))
+
+    def spread(some: Any) -> dict[str, float]:
+        p10, median, p90 = np.quantile(some, (0.1, 0.5, 0.9))
+        return {"median": float(median), "p10": float(p10), "p90": float(p90), "n": len(some)}
+
+    behind = found.judged.behind[found.position[marked]]
+    return {
+        "matches": len(games),
+        "strokes": strokes.num_rows,
+        "judged": int(known.sum()),
+        "accuracy": spread(values),
+        "accuracy_not_in_training": spread(values[unseen]) if unseen.any() else None,
+        "per_100_strokes": {mark: 100 * float((marks == mark).sum()) / strokes.num_rows for mark in MARKS},
+        "few": float((behind < RELIABLE).mean()) if len(behind) else 0.0,
+        "winner_marked_better": {
+            "matches": decided,
+            "better": better,
+            "share": better / decided,
+            "low": interval.low,
+            "high": interval.high,
+            "p": float(test.pvalue),
+        },
+    }
+
+
+def _winners(match: Any, player: Any, strokes: Any, outcome: Any) -> dict[str, tuple[str, str]]:
+    """Winner and loser of each match: of the last rally in the data."""
+    opponent, out = strokes["opponent"].to_numpy(zero_copy_only=False), {}
+    last = np.flatnonzero(np.r_[match[1:] != match[:-1], True])
+    for row in last.tolist():
+        names = (str(player[row]), str(opponent[row]))
+        out[str(match[row])] = names if outcome[row] == Outcome.WINNER else names[::-1]
+    return out
+
+
+def puzzles_of(game: Game) -> dict[str, Any]:
+    """Right answers of the puzzles of thirty days, chosen as the page does, and how many a rule of thumb solves."""
+    basis, tables, elite = basis_of(game), PolicyTables(game), Side(policy="bc")
+    shots: Counter[str] = Counter()
+    solved = 0
+    for day in range(DAYS):
+        match, asked = Match(Plan(seed=20260501 + day, sides=(elite, elite)), game, tables), set[str]()
+        for number in range(_RALLIES):
+            if len(asked) == PUZZLES:
+                break
+            rally, best = match.rally(number), None
+            for state, stroke in zip(rally.states(game).astype(np.int64).tolist(), rally.stroke.tolist(), strict=True):
+                judged = basis.judged(np.array([state]))
+                played = int(game.rank(np.array([state]), np.array([stroke]))[0])
+                found = judged.question(played)
+                if found is None or SHOTS[judged.shot[found[0]]] in asked:
+                    continue
+                share = float(judged.share[found[0]])
+                if best is None or share < best[0]:
+                    best = share, SHOTS[judged.shot[found[0]]], int(game.contact(state))
+            if best is not None:
+                _, right, contact = best
+                asked.add(right)
+                shots[right] += 1
+                solved += right == ("smash" if contact else "net-shot")
+    total = sum(shots.values())
+    return {"puzzles": total, "right": {shot: n / total for shot, n in shots.most_common()}, "rule_of_thumb": solved / total}
+
+
+def marks(*, data: Path, model: str = "default", out: Path | None = None, json_output: Json = False) -> None:
+    """Mark the strokes of real matches as the page does.
+
+    Args:
+        data: folder of the download, or a Parquet file of `data convert`.
+        model: a model by name or folder.
+        out: JSON file for the result, with its provenance.
+        json_output: print JSON.
+    """
+    game = load_game(model)
+    result = {**marks_of(data, game), "puzzles": puzzles_of(game)}
+    if out is not None:
+        write_json(out, {**describe(("numpy",)), **result})
+    if json_output:
+        cli.print_json(result)
+        return
+    for name, value in result.items():
+        cli.console().print(f"{name}: {value}", soft_wrap=True)
+
+
+main = cli.entry_point(marks, "python -m experiments.marks", __doc__ or "")
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,192 @@
+"""One basis for what page and reports say about choices: marks, changes, better strokes, costly decisions and puzzles.
+
+Both players go on like strong human players (``human:0.05``: perfect play that pays for leaving what people do, see
+:func:`shuttle_marl.policy.computed.human_policy`). The **change** of a stroke is its probability of winning the rally minus the
+mean over the strokes that elite players choose there: the mean over the refits of the game, times the share of predicted
+advantages that real matches realise (:func:`~shuttle_marl.game.shipped.factor_of`).
+
+A stroke is judged only if at least :data:`~shuttle_marl.game.shipped.RELIABLE` real strokes stand behind it and behind the best
+one. It is marked if its change is larger than the disagreement of the refits, and if elite players play its shot type there in
+less than :data:`RARE` of the cases. Thresholds were chosen on the training matches (``experiments.marks``).
+"""
+
+import dataclasses
+import functools
+import os
+import threading
+from concurrent.futures import ThreadPoolExecutor
+from typing import Final
+
+import numpy as np
+
+from shuttle_marl.analysis.advice import LEAST_REFITS, NORMAL, TOLERANCE
+from shuttle_marl.base.arrays import F64, I64, Bools
+from shuttle_marl.exact import evaluate, moved
+from shuttle_marl.game.shipped import RELIABLE, Estimate, factor_of, real_strokes, refits_of
+from shuttle_marl.game.stroke import N_SHOTS
+from shuttle_marl.game.tables import Game
+from shuttle_marl.policy import baselines
+from shuttle_marl.policy.computed import TYPICAL_TAU, human_policy
+
+MARKS: Final = ("!!", "!", "?!", "?", "??")
+RARE: Final = 0.25
+"""Share of the shot type among the choices of elite players from which a stroke has no mark."""
+_LEAST: Final = {"!!": 0.06, "!": 0.04, "?!": 0.02, "?": 0.04, "??": 0.07}
+"""Least change, or loss, of each mark, in rallies won."""
+_MASTERED: Final = 0.03
+"""Least difference between the right answer of a question and the stroke played."""
+_WRONG: Final = 0.02
+"""Least difference between the right answer and the other ones."""
+_ANSWERS: Final = 4
+
+
+def agree(changes: F64) -> Bools:
+    """Whether ``[R, ...]`` values in the refits have a mean that is larger than their disagreement; False of too few refits."""
+    if len(changes) < LEAST_REFITS:
+        return np.zeros(changes.shape[1:], np.bool_)
+    error = NORMAL * changes.std(axis=0, ddof=1) * np.sqrt(1 + 1 / len(changes))
+    return np.asarray(np.abs(changes.mean(axis=0)) > error)
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Judged:
+    """The P legal strokes of N states, one state after the other.
+
+    Attributes:
+        row: ``[P]`` number of the state.
+        start: ``[N]`` position of the first stroke of each state.
+        stroke, shot: ``[P]`` catalogue index and shot type.
+        behind: ``[P]`` real strokes behind it; NaN: unknown.
+        share: ``[P]`` probability that elite players choose its shot type there.
+        refits: ``[R, P]`` change in each refit, not calibrated.
+        change: ``[P]`` calibrated change.
+        win: ``[P]`` probability that the striker wins the rally.
+    """
+
+    row: I64
+    start: I64
+    stroke: I64
+    shot: I64
+    behind: F64
+    share: F64
+    refits: F64
+    change: F64
+    win: F64
+
+    @functools.cached_property
+    def best(self) -> I64:
+        """``[N]`` position of the best stroke with enough real strokes behind it; -1: none."""
+        worth = np.where(self.behind >= RELIABLE, self.change, -np.inf)
+        parts = np.split(worth, self.start[1:])
+        return np.array(
+            [s + int(p.argmax()) if p.max() > -np.inf else -1 for s, p in zip(self.start.tolist(), parts, strict=True)]
+        )
+
+    @property
+    def known(self) -> Bools:
+        """``[P]`` whether enough real strokes stand behind the stroke and the best one."""
+        return np.asarray((self.behind >= RELIABLE) & (self.best[self.row] >= 0))
+
+    @functools.cached_property
+    def loss(self) -> F64:
+        """``[P]`` what a stroke loses to the best one, in rallies won; 0 where that is not known or the refits disagree."""
+        best = self.best[self.row]
+        clear = self.known & agree(self.refits[:, best] - self.refits)
+        return np.where(clear, np.maximum(0.0, self.change[best] - self.change), 0.0)
+
+    @functools.cached_property
+    def marks(self) -> list[str]:
+        """``[P]`` marks; empty for most strokes."""
+        out = np.full(len(self.row), "", dtype="<U2")
+        marked = self.known & agree(self.refits) & (self.share < RARE)
+        for mark in ("!", "!!", "?!", "?", "??"):
+            bad = "?" in mark
+            size = np.where(self.loss > 0, -self.change, 0.0) if bad else self.change
+            out[marked & (size >= _LEAST[mark])] = mark
+        return [str(mark) for mark in out]
+
+    def question(self, played: int) -> tuple[int, list[int]] | None:
+        """A question about the only state: position of the right answer, and of wrong ones, the stroke played first.
+
+        The right answer is as good as what elite players choose, and clearly better than all others. Of several shot types that
+        are right one is drawn, by the stroke played, so that no rule of thumb knows it.
+        """
+        if not self.known[played]:
+            return None
+
+        def below(right: int, least: float) -> Bools:
+            worse = self.change[right] - self.change >= least
+            return np.asarray(self.known & worse & agree(self.refits[:, [right]] - self.refits))
+
+        good = [k for k in np.flatnonzero(self.known & (self.change >= 0)).tolist() if below(k, _MASTERED)[played]]
+        order = np.random.default_rng(played).permutation(N_SHOTS)
+        for right in sorted(good, key=lambda k: (order[self.shot[k]], -self.change[k])):
+            wrong = [k for k in np.argsort(-self.behind, kind="stable").tolist() if k != played and below(right, _WRONG)[k]]
+            if len(wrong) >= _ANSWERS - 2:
+                return right, [played, *wrong[: _ANSWERS - 2]]
+        return None
+
+
+class Basis:
+    """Values of the choices in a game.
+
+    Args:
+        game: of one player alone, without the skill of people.
+
+    Attributes:
+        game: the game.
+        refits: number of refits.
+        factor: share of predicted advantages that real matches realise; None: unknown, taken as 1.
+    """
+
+    def __init__(self, game: Game) -> None:
+        self.game, self.factor = game, factor_of(game)
+        self._usual, self._real = baselines.load(None, game), real_strokes(game)
+        strong, refits = human_policy(TYPICAL_TAU, None, game), refits_of(game)
+        self.refits = len(refits)
+        self._worlds = (game, *refits)
+        with ThreadPoolExecutor(os.cpu_count()) as threads:
+            policies = (strong, *(moved(strong, refit) for refit in refits))
+            self._values = list(threads.map(lambda policy: evaluate(policy, policy, tolerance=TOLERANCE).striking[0], policies))
+
+    def judged(self, states: I64) -> Judged:
+        """The legal strokes of ``[N]`` states."""
+        game = self.game
+        row, pairs = game.pairs(states)
+        behind = np.full(len(pairs), np.nan) if self._real is None else self._real[game.base_pair_edge[pairs % game.n_base_pairs]]
+        chance = self._usual.probability_of(pairs)
+        reliable = chance * (behind >= RELIABLE)
+        weight = np.where((np.bincount(row, reliable, len(states)) > 0)[row], reliable, chance)
+        total = np.bincount(row, weight, len(states))
+        worth = np.stack([world.stroke_values(v, pairs) / 2 for world, v in zip(self._worlds, self._values, strict=True)])
+        usual = np.stack([np.bincount(row, weight * each, len(states)) / total for each in worth])
+        refits = (worth - usual[:, row])[min(1, self.refits) :]
+        change = (Estimate(1.0, 1.0, 1.0) if self.factor is None else self.factor).value * refits.mean(axis=0)
+        stroke = game.base_pair_stroke[pairs % game.n_base_pairs].astype(np.int64)
+        shot = game.catalogue.shot[stroke].astype(np.int64)
+        kind = row * N_SHOTS + shot
+        return Judged(
+            row=row,
+            start=np.searchsorted(row, np.arange(len(states))),
+            stroke=stroke,
+            shot=shot,
+            behind=behind,
+            share=np.bincount(kind, chance, len(states) * N_SHOTS)[kind],
+            refits=refits,
+            change=change,
+            win=np.clip(0.5 + usual[0][row] + change, 0.0, 1.0),
+        )
+
+
+_LOCK: Final = threading.Lock()
+
+
+def basis_of(game: Game) -> Basis:
+    """The basis of a game, or of the one without the skill of people; computed once, also if several threads ask."""
+    with _LOCK:
+        return _computed(game.seats[0].average)
+
+
+@functools.lru_cache(maxsize=2)
+def _computed(game: Game) -> Basis:
+    return Basis(game)

@@ -1,0 +1,85 @@
+"""The one basis of marks, changes, better strokes and questions."""
+
+import numpy as np
+import pytest
+
+from experiments.marks import marks_of, puzzles_of
+from experiments.stroke_value import SAMPLE
+from shuttle_marl.analysis.advice import LEAST_REFITS
+from shuttle_marl.analysis.marks import RARE, Basis, agree, basis_of
+from shuttle_marl.base.arrays import I64
+from shuttle_marl.exact import evaluate, moved
+from shuttle_marl.game import default_game
+from shuttle_marl.game.shipped import RELIABLE, factor_of, real_strokes, refits_of
+from shuttle_marl.game.tabulated import tabulate
+from shuttle_marl.policy.registry import resolve
+
+
+@pytest.fixture(scope="module")
+def basis() -> Basis:
+    return basis_of(default_game())
+
+
+@pytest.fixture(scope="module")
+def states() -> I64:
+    return np.random.default_rng(3).choice(np.flatnonzero(default_game().playable), 300, replace=False)
+
+
+def test_a_change_is_that_of_strong_play_in_the_refits_against_the_choice_of_elite_players(basis: Basis, states: I64) -> None:
+    game, real, factor = basis.game, real_strokes(basis.game), factor_of(basis.game)
+    assert real is not None
+    assert factor is not None
+    judged = basis.judged(states)
+    strong, elite = (tabulate(resolve(name, game), game) for name in ("human:0.05", "bc"))
+    last = refits_of(game)[-1]
+    value = evaluate(moved(strong, last), moved(strong, last)).striking[0]
+    for i in range(0, len(states), 20):
+        pairs = np.arange(game.n_pairs)[game.pairs_of(int(states[i]))]
+        mine = np.flatnonzero(judged.row == i)
+        chance = elite.probability_of(pairs) * (real[game.base_pair_edge[pairs % game.n_base_pairs]] >= RELIABLE)
+        if chance.sum() == 0:
+            continue
+        wins = last.stroke_values(value, pairs) / 2
+        assert judged.refits[-1, mine] == pytest.approx(wins - chance @ wins / chance.sum(), abs=1e-5)
+        assert judged.change[mine] == pytest.approx(factor.value * judged.refits[:, mine].mean(axis=0))
+        assert judged.start[i] == mine[0]
+
+
+def test_marks_need_real_strokes_agreement_and_a_rare_choice(basis: Basis, states: I64) -> None:
+    judged = basis.judged(states)
+    marks = np.array(judged.marks)
+    marked = marks != ""
+    assert marked.sum() > 20
+    assert judged.behind[marked].min() >= RELIABLE
+    assert judged.behind[judged.best[judged.row[marked]]].min() >= RELIABLE
+    assert judged.share[marked].max() < RARE
+    assert agree(judged.refits)[marked].all()
+    losses = -judged.change[np.char.find(marks, "?") >= 0]
+    assert losses.min() >= 0.02
+    assert judged.change[np.isin(marks, ("!", "!!"))].min() >= 0.04
+    assert (judged.loss >= 0).all()
+    best = judged.best[judged.best >= 0]
+    assert (judged.loss[best] == 0).all()
+
+
+def test_refits_that_differ_or_are_few_do_not_agree() -> None:
+    values = np.array([[1.0, 1.0, -1.0]] * LEAST_REFITS) + np.linspace(-0.1, 0.1, LEAST_REFITS)[:, None] * [1, 12, 1]
+    assert agree(values).tolist() == [True, False, True]
+    assert not agree(values[1:]).any()
+
+
+def test_marks_of_matches_rest_on_real_strokes() -> None:
+    found = marks_of(SAMPLE, default_game())
+    assert found["few"] == 0
+    assert found["matches"] == 8
+    assert 0.8 < found["accuracy"]["median"] < 1
+    assert found["per_100_strokes"]["??"] > 0
+
+
+@pytest.mark.slow
+def test_no_shot_type_and_no_rule_of_thumb_solves_the_puzzles() -> None:
+    found = puzzles_of(default_game())
+    assert found["puzzles"] == 150
+    assert len(found["right"]) >= 9
+    assert max(found["right"].values()) <= 0.25
+    assert found["rule_of_thumb"] <= 0.35
