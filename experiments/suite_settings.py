@@ -88,7 +88,7 @@ def exploit(measure: Measure) -> Iterator[Figure]:
     """Constant lists should not solve the task."""
     for case in measure.cases[: len({case.options["opponent"] for case in measure.cases})]:
         for method in ("constant", "constant-by-incoming"):
-            yield Figure(f"score of {method}, {case.name}", measure.mean(method, [case], "score"), -1, 0.97)
+            yield Figure(f"objective of {method}, {case.name}", measure.mean(method, [case], "objective"), -1e3, 0.9)
 
 
 def equilibrium(measure: Measure) -> Iterator[Figure]:

@@ -5,16 +5,14 @@ from collections.abc import Callable
 from typing import Final
 
 from docs.tools.markdown import ROOT, markdown, saved
-from shuttle_marl.suite.board import Board, boards, number, with_interval
+from shuttle_marl.suite.board import Board, boards, number, rating, with_interval
 from shuttle_marl.suite.method import kind_of
 from shuttle_marl.suite.registry import TASKS
 
 _NONE: Final = "There are no results yet: `python -m experiments.suite --json experiments/results/suite.json` makes them."
 _BY_CASE: Final = ("exploit-v0", "offline-v0")
 """Tasks with a table of each case."""
-_PRELIMINARY: Final = (
-    "**Preliminary**: measured on the game before the frozen one, in which net kills from the back line were legal."
-)
+_PRELIMINARY: Final = "**Preliminary**: measured on another game than the frozen one."
 _SHOWN: Final = 4
 """Number of further scores in a table."""
 
@@ -91,8 +89,16 @@ def summary(folder: str) -> str:
     return markdown(headings, rows, left=("task", "question", "score", "best"))
 
 
+def ratings() -> str:
+    """The rating of each method over all tasks."""
+    found = [board for name in TASKS for board in _boards(name)]
+    rows = [(f"`{name}`", f"{points:.0f}") for name, points in rating(found).items()]
+    return markdown(("method", "rating"), rows, left=("method",)) if rows else _NONE
+
+
 BLOCKS: Final[dict[str, Callable[[], str]]] = {
     "suite_summary": functools.partial(summary, ""),
+    "suite_rating": ratings,
     "suite_board": functools.partial(summary, "docs/suite/"),
     **{f"suite_{kind_of(name)}": functools.partial(task_boards, name) for name in TASKS},
 }

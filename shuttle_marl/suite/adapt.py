@@ -98,7 +98,8 @@ class Adapt(Task):
     seeds = 1
     splits: ClassVar[tuple[Split, ...]] = ("dev", "test", "hidden")
     protocol = "method(setting: AdaptSetting) -> object with observe_rally(rally) and policy_for_next_rally() -> player"
-    target = "an objective above .99"
+    target = "an objective above .9"
+    hard = 0.9
 
     def all_cases(self, arena: Arena) -> list[Case]:
         """Opponents of each family, and controls, which do not count in the score."""

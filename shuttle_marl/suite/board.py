@@ -1,11 +1,13 @@
 """The leaderboard as Markdown and HTML, from the rows of runs."""
 
 import dataclasses
+import itertools
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Final, Literal, TypedDict
 
 import jinja2
+import numpy as np
 
 from shuttle_marl.base.errors import ShuttleError, described, printable
 from shuttle_marl.base.files import FileReadError, read_json
@@ -20,6 +22,8 @@ from shuttle_marl.suite.verify import verify_run
 _TEMPLATES: Final = Path(__file__).parent / "templates"
 _PERCENT: Final = ("regret", "rally_win", "error", "bias", "legal", "away")
 """Beginnings of the names of scores that are printed in per cent."""
+_SWEEPS: Final = 2000
+"""Iterations of the ratings."""
 _CHECKED: Final = {True: "yes", False: "no", None: "not checked"}
 _LONGEST: Final = 60
 """Characters of a name that are shown."""
@@ -33,7 +37,7 @@ def render(rows: Sequence[Row], kind: Literal["md", "html"]) -> str:
     environment.filters["text"] = printable if kind == "html" else escaped
     environment.filters["name"] = shown if kind == "html" else code
     environment.filters |= {"number": number, "interval": with_interval, "stated": _stated, "checked": _CHECKED.get}
-    return environment.get_template(f"board.{kind}").render(boards=boards(rows)) + "\n"
+    return environment.get_template(f"board.{kind}").render(boards=(found := boards(rows)), ratings=rating(found)) + "\n"
 
 
 def shown(name: str) -> str:
@@ -178,6 +182,31 @@ def boards(rows: Sequence[Row]) -> list[Board]:
                 "frozen": all(frozen.load().official(row["game"]) and not row["quick"] for row in shown),
             })  # fmt: skip
     return found
+
+
+def rating(found: Sequence[Board]) -> dict[str, float]:
+    """Bradley-Terry ratings of all methods in Elo points, best first (MM algorithm: Hunter, Annals of Statistics 32, 2004).
+
+    A game is a pair of rows of a board with the same units, and its result the fraction of units in which a row is the better
+    one. Everyone also draws once with a player of 1500 points, so that ratings are finite, and boards without common methods
+    comparable.
+    """
+    names = list(dict.fromkeys(row["method"] for board in found for row in board["rows"] if row["kind"] != "ablation"))
+    won = np.zeros((len(names), len(names)))
+    for board in found:
+        sign = 1 if TASKS[board["task"]].higher_is_better else -1
+        middle = {row["method"]: {case: np.mean(seeds) for part in row["units"].values() for case, seeds in part.items()}
+                  for row in board["rows"] if row["kind"] != "ablation"}  # fmt: skip
+        for (ours, mine), (theirs, other) in itertools.permutations(middle.items(), 2):
+            if mine.keys() == other.keys():
+                better = [0.5 + 0.5 * np.sign(sign * (mine[case] - other[case])) for case in mine]
+                won[names.index(ours), names.index(theirs)] += np.mean(better)
+    strength, games = np.ones(len(names)), won + won.T
+    for _ in range(_SWEEPS):
+        expected = (games / (strength[:, None] + strength)).sum(axis=1) + 1 / (1 + strength)
+        strength = (won.sum(axis=1) + 0.5) / expected
+    points = 1500 + 400 * np.log10(strength)
+    return {names[i]: float(points[i]) for i in np.argsort(-points, kind="stable").tolist()}
 
 
 def _stated(strokes: int | str | None) -> str:

@@ -139,7 +139,9 @@ class Task(abc.ABC):
     optimum: ClassVar[float | None] = None
     """Score of perfect play; None: not known."""
     target: ClassVar[str] = ""
-    """A result that is hard but looks possible, in words."""
+    """A result that is hard, in words; who knows what is hidden reaches it."""
+    hard: ClassVar[float | None] = None
+    """The metric in it, if it is a number."""
 
     def cases(self, arena: Arena) -> list[Case]:
         """Cases of the split, or those of one budget.

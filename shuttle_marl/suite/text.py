@@ -82,7 +82,8 @@ class Text(Task):
     seeds = 1
     variants: ClassVar[Mapping[str, str]] = {"dev": "women"}
     protocol = "method(setting: TextSetting) -> object with answer(position: dict) -> name of a stroke"
-    target = "a regret below 1.5 %"
+    target = "a regret below .015"
+    hard = 0.015
 
     def all_cases(self, arena: Arena) -> list[Case]:
         """One; that of a quick run has fewer positions, so it is another case."""
