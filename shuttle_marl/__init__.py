@@ -4,7 +4,7 @@ The public API; ``docs/api.md`` has a line about each name. Everything is import
 ``import shuttle_marl`` imports neither numpy nor PettingZoo nor PyTorch.
 """
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import lazy_loader
 
@@ -59,7 +59,7 @@ __all__ = [
     "train",
 ]
 
-__getattr__, _, _ = lazy_loader.attach(
+_load, _, _ = lazy_loader.attach(
     __name__,
     submod_attrs={
         "analysis": ["analyse_rally", "rank_players"],
@@ -74,6 +74,16 @@ __getattr__, _, _ = lazy_loader.attach(
         "training": ["A2CConfig", "PPOConfig", "SACConfig", "train"],
     },
 )
+
+
+def __getattr__(name: str) -> Any:
+    from shuttle_marl.base.errors import did_you_mean  # noqa: PLC0415
+    from shuttle_marl.base.extras import hinted  # noqa: PLC0415
+
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}{did_you_mean(name, __all__)}")
+    with hinted():
+        return _load(name)
 
 
 def __dir__() -> list[str]:

@@ -60,6 +60,43 @@ def recording() -> str:
     return f"{markdown(('', 'measured'), rows, left=('',))}\n\n{played}"
 
 
+def cluster() -> str:
+    """Estimated cost and storage of large tournaments, from ``benchmarks/results/throughput.json`` and ``recording.json``."""
+    log = saved("benchmarks", "recording")
+    played = [row for row in saved("benchmarks", "throughput") if row["what"] == "tournament" and row["threads"] == 1]
+    speed = max(row["strokes_per_s"] for row in played)
+    size, write = log["bytes_per_stroke"], log["cpu_us_per_stroke"] / 1e6
+    rows = [
+        (f"10{power}", *map(_time, (n / speed, n / speed / 64)), _size(size * n), _time(write * n), _size(size * n / 1000))
+        for n, power in ((10**9, "⁹"), (10**10, "¹⁰"), (10**11, "¹¹"), (10**12, "¹²"))
+    ]
+    headings = (
+        "strokes", f"core time: n / {speed / 1e6:.1f} M", "on 64 cores", f"log of all: {size:.2f} n bytes",
+        f"written in {1e6 * write:.4f} n µs", "log of `sample:1000`",
+    )  # fmt: skip
+    hours, gigabytes = 1e12 / speed / 3600, size * 1000
+    return (
+        f"Measured on one core ([benchmarks](../benchmarks/README.md)): a tournament from tables plays {speed / 1e6:.1f} million "
+        f"strokes a second (`tournament`, one thread), the log takes {size:.2f} bytes a stroke, and its writer takes "
+        f"{1e6 * write:.4f} µs for one.\n\n{markdown(headings, rows, left=())}\n\n"
+        "The third column assumes that all cores are equally fast and never idle. At assumed prices of 0.05 dollars a core hour "
+        f"and 0.02 dollars a gigabyte and month, 10¹² strokes cost {0.05 * hours:.2f} dollars to play, and their complete log "
+        f"{0.02 * gigabytes:.0f} dollars a month."
+    )
+
+
+def _time(seconds: float) -> str:
+    unit, name = next((unit, name) for unit, name in ((3600, "h"), (60, "min"), (1, "s")) if seconds >= unit or unit == 1)
+    value = seconds / unit
+    return f"{value:.1f} {name}" if value < 10 else f"{value:.0f} {name}"
+
+
+def _size(content: float) -> str:
+    unit, name = next((unit, name) for unit, name in ((1e12, "TB"), (1e9, "GB"), (1e6, "MB")) if content >= unit or unit == 1e6)
+    value = content / unit
+    return f"{value:.1f} {name}" if value < 10 else f"{value:.0f} {name}"
+
+
 def viewer() -> str:
     """Cost of the live court, from ``benchmarks/results/viewer.json``."""
     result = saved("benchmarks", "viewer")

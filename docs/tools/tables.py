@@ -37,6 +37,7 @@ LEAGUE_BLOCKS: Final[dict[str, Callable[[Path], str]]] = {
 BLOCKS: Final[dict[str, Callable[[], str]]] = {
     "advice_results": experiment_tables.advice_results,
     "aec": benchmark_tables.aec,
+    "cluster": benchmark_tables.cluster,
     "exact_values": benchmark_tables.exact_values,
     "human": experiment_tables.human,
     "human_players": experiment_tables.human_players,

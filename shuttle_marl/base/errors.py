@@ -1,11 +1,16 @@
 """Base class of errors that users can fix, and errors, checks and text functions that several packages share."""
 
+import functools
+import inspect
 import operator
 import shlex
 import shutil
 import sys
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeVar
+
+T = TypeVar("T")
 
 _LONGEST_MESSAGE: Final = 1000
 
@@ -36,6 +41,31 @@ def whole_number(name: str, value: Any, least: int | None = None) -> int:
         wanted = "a whole number" if least is None else f"a whole number, {least} or more"
         raise OptionError(f"{name} {value!r}: expected {wanted}")
     return number
+
+
+def did_you_mean(name: str, known: Iterable[str], cutoff: float = 0.6) -> str:
+    """A hint at the names that are most like a misspelt one, for the end of a message; empty if none is."""
+    import difflib  # noqa: PLC0415  `import shuttle_marl` needs none
+
+    close = difflib.get_close_matches(name, list(known), n=3, cutoff=cutoff)
+    return f"; did you mean {' or '.join(close)}?" if close else ""
+
+
+def suggesting(cls: type[T]) -> type[T]:
+    """Class decorator: a keyword argument that the constructor lacks is a TypeError that says which one is like it."""
+    init = cls.__init__
+    names = list(inspect.signature(init).parameters)[1:]
+
+    @functools.wraps(init)
+    def checked(self: T, *args: Any, **options: Any) -> None:
+        for name in options:
+            if name not in names:
+                hint = did_you_mean(name, names) or f"; there are {', '.join(names)}"
+                raise TypeError(f"{cls.__name__}() has no argument {name!r}{hint}")
+        init(self, *args, **options)
+
+    cls.__init__ = checked  # type: ignore[method-assign, assignment]
+    return cls
 
 
 def described(error: BaseException) -> str:

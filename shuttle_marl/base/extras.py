@@ -1,11 +1,26 @@
 """Installation hints for extras, in a clone of the repository or for an installed package."""
 
+import contextlib
 import importlib.metadata
 import shlex
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
 _PACKAGE: Final = "shuttle-marl"
+_EXTRAS: Final = {
+    "av": "video",
+    "foxglove": "scene",
+    "lightgbm": "train",
+    "mcap_protobuf": "scene",
+    "playwright": "video",
+    "pygame": "render",
+    "pygltflib": "scene",
+    "tensordict": "train",
+    "torch": "train",
+    "torchrl": "train",
+}
+"""Extra of the package by optional library."""
 _APART: Final = ("ray",)
 """Extras that `make install` omits."""
 
@@ -25,6 +40,23 @@ def install_hint(extra: str) -> str:
     if not libraries:
         return f"install the package again with its extra {extra}"
     return f"`pip install {' '.join(map(shlex.quote, libraries))}` installs it"
+
+
+def lacking(error: ModuleNotFoundError) -> str | None:
+    """What to do about an import that failed for want of an extra; None if it failed otherwise."""
+    library = (error.name or "").partition(".")[0]
+    return f"this needs {library}, which is not installed; {install_hint(_EXTRAS[library])}" if library in _EXTRAS else None
+
+
+@contextlib.contextmanager
+def hinted() -> Iterator[None]:
+    """Say in an ``ImportError`` how to install the extra that an import lacks."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        if (hint := lacking(error)) is None or str(error) == hint:
+            raise
+        raise ModuleNotFoundError(hint, name=error.name) from error
 
 
 def _libraries(extra: str) -> list[str]:

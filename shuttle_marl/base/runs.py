@@ -131,7 +131,7 @@ def _check_free(out: Path, *, overwrite: bool) -> None:
         return
     if not (out / CONFIG).is_file():
         raise RunError(f"{out}: contains files that are not a run; name another folder with --out")
-    if not overwrite:
+    if not overwrite and has_results(out):
         state = "a finished run" if is_finished(out) else "an unfinished run"
         raise RunError(f"{out}: contains {state}; --resume continues it, --overwrite replaces it, --out names another")
 
@@ -164,6 +164,12 @@ def _check_agrees(folder: Path, fixed: dict[str, Any]) -> None:
     different = [f"{key}: {before.get(key)!r} then, {fixed[key]!r} now" for key in fixed if before.get(key) != fixed[key]]
     if different:
         raise RunError(f"{folder}: was started with other flags ({'; '.join(different)}); give the same ones to resume it")
+
+
+def has_results(folder: Path) -> bool:
+    """Whether a run has written anything besides its own description; one that failed before has not."""
+    described = (CONFIG, MANIFEST, LOCK)
+    return any(not path.is_dir() and (path.parent != folder or path.name not in described) for path in folder.rglob("*"))
 
 
 def is_finished(folder: Path) -> bool:

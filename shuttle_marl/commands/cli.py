@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import tyro
 from rich.console import Console
+from rich.status import Status
 from rich.table import Table
 from rich.text import Text
 from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
@@ -25,7 +26,7 @@ from tyro.extras import SubcommandApp
 
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.base.errors import ShuttleError, printable
-from shuttle_marl.base.extras import install_hint
+from shuttle_marl.base.extras import lacking
 from shuttle_marl.base.files import NO_ROOM, check_replaceable
 
 if TYPE_CHECKING:
@@ -40,17 +41,6 @@ Command = Callable[..., object]
 Headlines = tuple[str, Mapping[str, float | None], "Mapping[str, Spread] | None"]
 """Policy, its results in the game by name, and their spreads in the refits; None without refits."""
 
-_EXTRAS: Final = {
-    "av": "video",
-    "foxglove": "scene",
-    "lightgbm": "train",
-    "mcap_protobuf": "scene",
-    "playwright": "video",
-    "pygame": "render",
-    "pygltflib": "scene",
-    "torch": "train",
-}
-"""Extra of the package by optional library."""
 _NUMBERS: Final = ConstructorRegistry()
 _SCALES: Final = {"k": 10**3, "m": 10**6, "g": 10**9}
 _MOST_DIGITS: Final = 30
@@ -88,6 +78,11 @@ def console(*, stderr: bool = False) -> Console:
     return default if default.is_terminal or stderr else plain(width=_WIDTH)
 
 
+def working(what: str) -> Status:
+    """Context that shows on a terminal that a command is at work, and on what."""
+    return console(stderr=True).status(f"{what} …")
+
+
 def run(commands: Command | dict[str, Command], *, prog: str, description: str, argv: Sequence[str] | None = None) -> int:
     """Parse the command line, call the command, and return the exit status.
 
@@ -113,10 +108,9 @@ def run(commands: Command | dict[str, Command], *, prog: str, description: str, 
     except ShuttleError as error:
         return _fail(prog, str(error))
     except ModuleNotFoundError as error:
-        library = (error.name or "").partition(".")[0]
-        if library not in _EXTRAS:
+        if (hint := lacking(error)) is None:
             raise
-        return _fail(prog, f"this needs {library}, which is not installed; {install_hint(_EXTRAS[library])}")
+        return _fail(prog, hint)
     except OSError as error:
         if isinstance(error, BrokenPipeError) and _reader_is_gone():
             _drop_output()

@@ -73,14 +73,17 @@ def solve(
 
     tables = model.load()
     strokes = _strokes_to_plot(tables, chart)
-    warm_up(tables)
+    with cli.working("compiling"):
+        warm_up(tables)
     begun = time.perf_counter()
-    solution = solve_game(tables, tolerance=tolerance)
+    with cli.working("solving"):
+        solution = solve_game(tables, tolerance=tolerance)
     seconds = time.perf_counter() - begun
     if chart.plot is not None:
         _plot(solution, chart.plot, *strokes)
     others = refits_of(tables) if away else ()
-    spreads = over(others, functools.partial(of_solution, solution)) if others else None
+    with cli.working("playing the refits"):
+        spreads = over(others, functools.partial(of_solution, solution)) if others else None
     figures = {
         "value_at_serve": solution.value_at_serve,
         "states": tables.n_states,
@@ -136,8 +139,8 @@ def evaluate(
 
     _check_some(policies)
     tables = model.load()
-    scorer = Scorer(tables, refits=refits_of(tables) if away else ())
-    with time_limit(model.policy_timeout):
+    with cli.working("preparing the policies"), time_limit(model.policy_timeout):
+        scorer = Scorer(tables, refits=refits_of(tables) if away else ())
         found = [(name, resolve(name, scorer.game)) for name in policies]
     sampled = list(dict.fromkeys(name for name, policy in found if reads_score(policy)))
     cards: list[Scorecard] = []
@@ -196,17 +199,19 @@ def best_response(
 
     _check_at_least(at_least)
     tables = model.load()
-    (opponent,) = model.tabulate([policy], tables)
     least = least_support(tables) if at_least is None else at_least
-    answer = respond(opponent, at_least=least)
-    odds, seen = answer.value.odds(), visits(answer.policy, opponent)
+    with cli.working("solving"):
+        (opponent,) = model.tabulate([policy], tables)
+        answer = respond(opponent, at_least=least)
+        odds, seen = answer.value.odds(), visits(answer.policy, opponent)
     expected = _expected_wins(tables, odds.rally)
     mix = [dict(zip(SHOTS, seen.shot_mix(player).tolist(), strict=True)) for player in (0, 1)]
     support = _support(tables, seen.base_pairs(0).sum(axis=0))
     if save is not None:
         answer.policy.save(save, {"policy": f"best-response:{policy}"})
     others = refits_of(tables) if away else ()
-    spreads = over(others, functools.partial(of_pair, answer.policy, opponent)) if others else None
+    with cli.working("playing the refits"):
+        spreads = over(others, functools.partial(of_pair, answer.policy, opponent)) if others else None
     figures: dict[str, Any] = {
         "policy": policy,
         "rally_win": odds.rally,
@@ -281,7 +286,8 @@ def holes(
         raise ExactError(f"--top {top}: expected 1 or more")
     tables = model.load()
     least = least_support(tables) if at_least is None else at_least
-    found = find(*model.tabulate([policy], tables), top=top, at_least=least)
+    with cli.working("solving"):
+        found = find(*model.tabulate([policy], tables), top=top, at_least=least)
     if json_output:
         cli.print_json({"policy": policy, "at_least": least, **found.as_json()})
         return

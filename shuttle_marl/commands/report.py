@@ -46,12 +46,13 @@ def report(
     from shuttle_marl.recording.reader import is_log  # noqa: PLC0415
 
     game = model.load_for(path)
-    if is_log(path):
-        if match is not None and not match.isdecimal():
-            raise ShuttleError(f"--match {match}: expected the number of a match of the log, from 0")
-        figures, footage = sources.of_log(path, game, int(match or 0), pairing)
-    else:
-        figures, footage = sources.of_strokes(path, game, match, columns)
+    with cli.working("analysing the match"):
+        if is_log(path):
+            if match is not None and not match.isdecimal():
+                raise ShuttleError(f"--match {match}: expected the number of a match of the log, from 0")
+            figures, footage = sources.of_log(path, game, int(match or 0), pairing)
+        else:
+            figures, footage = sources.of_strokes(path, game, match, columns)
     if video is not None:
         footage = dataclasses.replace(footage, video=sources.video_of(video))
     if anonymous:

@@ -57,8 +57,9 @@ def scout(
     if player is None:
         raise ShuttleError("scout: expected PLAYER OPPONENT, or one player, or --list")
     names = (player,) if opponent is None else (opponent, player)
-    strokes = None if data is None else load_strokes(data)
-    report = scouted(*names, model=game, date=date, data=strokes)
+    with cli.working("analysing the match-up"):
+        strokes = None if data is None else load_strokes(data)
+        report = scouted(*names, model=game, date=date, data=strokes)
     if anonymous:
         hidden = {name: words()(key) for name, key in zip(names[::-1], ("player_a", "player_b"), strict=False)}
         changed = {

@@ -371,7 +371,9 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
     def _refusal(self, action: Any, stroke: int) -> ActionError:
         names = self.game.catalogue.names
         if not 0 <= stroke < len(names):
-            return ActionError(f"{self.agent_selection}: action {action!r} is not a stroke; expected 0 to {len(names) - 1}")
+            return ActionError(
+                f"{self.agent_selection}: action {action!r} is not a stroke; expected an integer from 0 to {len(names) - 1}"
+            )
         legal = self.game.legal_strokes(self._state).tolist()
         listed = ", ".join(f"{i} {names[i]}" for i in legal[:_LISTED])
         more = f" and {len(legal) - _LISTED} more" if len(legal) > _LISTED else ""

@@ -6,19 +6,21 @@ The same seed and strokes give the rallies of ``rally_v0``: row b of B plays the
 
 from typing import Any, cast
 
-import torch
-from tensordict import TensorDict, TensorDictBase
-from torchrl.data import Binary, Bounded, Categorical, Composite, Unbounded
-from torchrl.envs import EnvBase
-
 from shuttle_marl.base.arrays import I32
-from shuttle_marl.base.errors import whole_number
+from shuttle_marl.base.errors import suggesting, whole_number
+from shuttle_marl.base.extras import hinted
 from shuttle_marl.game.pairs import opponent_tables
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.game.tables import Game
 from shuttle_marl.kernel import RallyBatch
 from shuttle_marl.kernel.rows import Observations, Server
 from shuttle_marl.policy.registry import Opponents, tabulated
+
+with hinted():
+    import torch
+    from tensordict import TensorDict, TensorDictBase
+    from torchrl.data import Binary, Bounded, Categorical, Composite, Unbounded
+    from torchrl.envs import EnvBase
 
 _SEEDS = 1 << 63
 
@@ -122,6 +124,7 @@ def _unchecked(entries: dict[str, torch.Tensor], batch_size: torch.Size) -> Tens
     return TensorDict._new_unsafe(source=entries, batch_size=batch_size)
 
 
+@suggesting
 class RallyEnv(_BatchedEnv):
     """B rallies for self-play: each step of a rollout is one stroke, of the two players in turn, observed by the striker.
 
@@ -153,6 +156,7 @@ class RallyEnv(_BatchedEnv):
         super().__init__(resolved, RallyBatch(resolved, batch, seed=seed, server=server, threads=threads), seed)
 
 
+@suggesting
 class VersusEnv(_BatchedEnv):
     """B rallies of a learner against opponents: each step of a rollout is the learner's stroke and the reply.
 

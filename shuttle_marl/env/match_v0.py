@@ -1,13 +1,13 @@
 """A match between two players, as a PettingZoo AEC environment."""
 
-from typing import Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 
 from shuttle_marl.base.arrays import F32
-from shuttle_marl.base.errors import OptionError
+from shuttle_marl.base.errors import OptionError, suggesting
 from shuttle_marl.env.aec import AGENTS, RENDER_MODES, CheckedEnv, RenderMode, ShuttleEnv
-from shuttle_marl.env.wrappers import ActionView, InfoView, MaskView, PlainEnv, wrapped
+from shuttle_marl.env.wrappers import ActionView, InfoView, MaskView, PlainEnv, without_parallel, wrapped
 from shuttle_marl.game.observation import RALLY_WIDTH, SCORE_WIDTH
 from shuttle_marl.game.rally.stepper import RallyDraws
 from shuttle_marl.game.scoring import BWF, Rules, Score, score_fractions
@@ -36,6 +36,7 @@ def env(
     return wrapped(raw_env(**kwargs), action, mask, info)
 
 
+@suggesting
 class raw_env(ShuttleEnv):
     """A match: best of three games to 21; the winner of a rally serves next.
 
@@ -135,3 +136,7 @@ class raw_env(ShuttleEnv):
 
     def _title(self) -> str:
         return f"match {self.episode + 1} of seed {self.last_seed}"
+
+
+if not TYPE_CHECKING:  # a type checker would take every name for one of this module
+    __getattr__ = without_parallel(__name__, __all__)

@@ -1,10 +1,10 @@
 """One rally between two players, as a PettingZoo AEC environment; ``match_v0`` plays matches of such rallies."""
 
-from typing import Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
-from shuttle_marl.base.errors import OptionError
+from shuttle_marl.base.errors import OptionError, suggesting
 from shuttle_marl.env.aec import RENDER_MODES, CheckedEnv, RenderMode, ShuttleEnv
-from shuttle_marl.env.wrappers import ActionView, InfoView, MaskView, PlainEnv, wrapped
+from shuttle_marl.env.wrappers import ActionView, InfoView, MaskView, PlainEnv, without_parallel, wrapped
 from shuttle_marl.game.rally.stepper import RallyDraws
 from shuttle_marl.game.tables import Game
 
@@ -31,6 +31,7 @@ def env(
     return wrapped(raw_env(**kwargs), action, mask, info)
 
 
+@suggesting
 class raw_env(ShuttleEnv):
     """One rally, with reward +1 for the winner and -1 for the loser at its end.
 
@@ -77,3 +78,7 @@ class raw_env(ShuttleEnv):
 
     def _title(self) -> str:
         return f"rally {self.episode + 1} of seed {self.last_seed}"
+
+
+if not TYPE_CHECKING:  # a type checker would take every name for one of this module
+    __getattr__ = without_parallel(__name__, __all__)

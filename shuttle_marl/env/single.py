@@ -13,7 +13,7 @@ from gymnasium import spaces
 from gymnasium.error import ResetNeeded
 
 from shuttle_marl.base.arrays import U8, Bools
-from shuttle_marl.base.errors import OptionError
+from shuttle_marl.base.errors import OptionError, suggesting
 from shuttle_marl.env import match_v0, rally_v0
 from shuttle_marl.env.aec import AGENTS, RENDER_MODES, Observation, RenderMode, ShuttleEnv
 from shuttle_marl.env.wrappers import InfoView, MaskView, checked_views
@@ -73,7 +73,7 @@ class SingleEnv(gymnasium.Env[Observation, np.int64]):
     Episodes that end before the learner's first stroke are skipped and counted in :attr:`unseen`; include them in win rates.
 
     An illegal stroke loses the episode, as in ``rally_v0.env()``: reward -1, ``terminated``, and ``info["reason"]`` is ``illegal
-    stroke``.
+    stroke``. ``info["illegal"]`` counts the episodes lost so since the last seed.
 
     Attributes:
         raw: the wrapped PettingZoo environment.
@@ -93,7 +93,7 @@ class SingleEnv(gymnasium.Env[Observation, np.int64]):
         both = raw.observation_space(self._agent)
         self.observation_space = both if mask == "observation" else cast(spaces.Dict, both)["observation"]
         self.action_space = raw.action_space(self._agent)
-        self._unseen = np.zeros(2, np.int64)
+        self._unseen, self._illegal = np.zeros(2, np.int64), 0
         self._owed = 0.0
         self._over = True
 
@@ -121,7 +121,7 @@ class SingleEnv(gymnasium.Env[Observation, np.int64]):
         """Start the next episode, up to the learner's first stroke; with a seed, the first episode of that seed."""
         super().reset(seed=seed)
         if seed is not None:
-            self._unseen[:] = 0
+            self._unseen[:] = self._illegal = 0
         while True:
             self.raw.reset(seed=seed, options=options)
             seed = None
@@ -151,6 +151,7 @@ class SingleEnv(gymnasium.Env[Observation, np.int64]):
             self.raw.step(cast(int, action))
         except IllegalStrokeError as illegal:
             self.raw.forfeit(illegal.stroke)
+            self._illegal += 1
         reward = self._owed + self.raw.rewards[self._agent] + self._await_turn()
         self._owed = 0.0
         self._over = self.raw.terminations[self._agent]
@@ -188,7 +189,7 @@ class SingleEnv(gymnasium.Env[Observation, np.int64]):
         return seen if self._mask == "observation" else seen["observation"]
 
     def _info(self) -> dict[str, Any]:
-        info: dict[str, Any] = {"unseen": self._unseen.copy()}
+        info: dict[str, Any] = {"unseen": self._unseen.copy(), "illegal": self._illegal}
         if self._info_view == "full":
             info.update(self.raw.infos[self._agent])
         if self._mask == "info":
@@ -196,6 +197,7 @@ class SingleEnv(gymnasium.Env[Observation, np.int64]):
         return info
 
 
+@suggesting
 class SingleRallyEnv(SingleEnv):
     """``shuttle_marl/Rally-v0``: one rally against an opponent, with reward +1 for a win and -1 for a loss.
 
@@ -234,6 +236,7 @@ class SingleRallyEnv(SingleEnv):
         super().__init__(raw, other, seat, mask, info)
 
 
+@suggesting
 class SingleMatchEnv(SingleEnv):
     """``shuttle_marl/Match-v0``: a match against an opponent, who may read the score.
 

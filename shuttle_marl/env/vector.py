@@ -10,7 +10,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from shuttle_marl.base.arrays import F32, I32, I64, Bools, Intp, Ints
-from shuttle_marl.base.errors import ActionError, OptionError
+from shuttle_marl.base.errors import ActionError, OptionError, suggesting
 from shuttle_marl.env.aec import ILLEGAL
 from shuttle_marl.env.wrappers import InfoView, MaskView, checked_views
 from shuttle_marl.game.observation import RALLY_WIDTH, SCORE_WIDTH, SWAP, with_efforts
@@ -35,7 +35,7 @@ class VersusVectorEnv(VectorEnv[Any, Ints, npt.NDArray[Any]]):
 
     A row is reset in the step in which its episode ends (``AutoresetMode.SAME_STEP``); then ``infos["final_obs"]`` contains its
     last observation and ``infos["final_info"]`` the reason. ``infos["unseen"]``, ``[B, 2]``, counts the skipped episodes that
-    each row won and lost before the learner's first stroke.
+    each row won and lost before the learner's first stroke, ``infos["illegal"]``, ``[B]``, those lost by an illegal stroke.
 
     Attributes:
         versus: the batch of the kernel, to assign and replace opponents.
@@ -62,6 +62,7 @@ class VersusVectorEnv(VectorEnv[Any, Ints, npt.NDArray[Any]]):
         )
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self._illegal = np.zeros(self.num_envs, np.int64)
         self._begun = False
 
     @property
@@ -99,6 +100,8 @@ class VersusVectorEnv(VectorEnv[Any, Ints, npt.NDArray[Any]]):
         if seed is None and not self._begun:
             seed = int(self.np_random.integers(1 << 63))
         self._begun = True
+        if seed is not None:
+            self._illegal[:] = 0
         self.versus.reset(seed, mask)
         return self._seen()
 
@@ -122,6 +125,7 @@ class VersusVectorEnv(VectorEnv[Any, Ints, npt.NDArray[Any]]):
             raise ActionError(f"actions {actions!r}: expected {self.num_envs} integers from 0 to {self.game.n_strokes - 1}")
         before = self.versus.rows.state.copy()
         rewards, terminated, illegal = self._play(before, actions)
+        self._illegal += illegal
         final: dict[str, Any] = {}
         if terminated.any():
             if self._info == "full":
@@ -157,6 +161,7 @@ class VersusVectorEnv(VectorEnv[Any, Ints, npt.NDArray[Any]]):
         mask, vectors = observed.mask.view(np.int8), self._vectors()
         every = np.ones(self.num_envs, np.bool_)
         infos: dict[str, Any] = {"unseen": self.versus.opponents.unseen.copy(), "_unseen": every}
+        infos |= {"illegal": self._illegal.copy(), "_illegal": every.copy()}
         if self._mask == "info":
             infos |= {"action_mask": mask, "_action_mask": every.copy()}
         return ({"observation": vectors, "action_mask": mask} if self._mask == "observation" else vectors), infos
@@ -181,6 +186,7 @@ class VersusVectorEnv(VectorEnv[Any, Ints, npt.NDArray[Any]]):
         }
 
 
+@suggesting
 class RallyVectorEnv(VersusVectorEnv):
     """B copies of ``shuttle_marl/Rally-v0``.
 
@@ -258,6 +264,7 @@ class RallyVectorEnv(VersusVectorEnv):
         return (rewards[rows] > 0) != own
 
 
+@suggesting
 class MatchVectorEnv(VersusVectorEnv):
     """B copies of ``shuttle_marl/Match-v0``, with the same episodes, for opponents that do not read the score.
 

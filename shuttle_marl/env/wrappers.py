@@ -1,6 +1,7 @@
 """Options of ``env()``: views of the action, the mask and the info."""
 
 import copy
+from collections.abc import Callable
 from typing import Any, Final, Literal, Self, cast
 
 import numpy as np
@@ -9,7 +10,7 @@ from gymnasium import spaces
 from pettingzoo.utils.wrappers.order_enforcing import OrderEnforcingWrapper
 
 from shuttle_marl.base.arrays import I8
-from shuttle_marl.base.errors import ActionError, OptionError
+from shuttle_marl.base.errors import ActionError, OptionError, did_you_mean
 from shuttle_marl.env.aec import CheckedEnv, Observation, ShuttleEnv
 from shuttle_marl.game.observation import PARTS, STROKE_WIDTH
 
@@ -139,6 +140,17 @@ def checked_views(mask: MaskView, info: InfoView | None) -> InfoView:
     if info not in (None, "full", "none"):
         raise OptionError(f"info {info!r}: expected 'full' or 'none'")
     return info or ("full" if mask == "observation" else "none")
+
+
+def without_parallel(module: str, known: list[str]) -> Callable[[str], Any]:
+    """``__getattr__`` of a module of an environment, whose players strike in turn."""
+
+    def missing(name: str) -> Any:
+        parallel = "; players strike in turn, so there is no parallel environment: use env()"
+        hint = parallel if "parallel" in name else did_you_mean(name, known)
+        raise AttributeError(f"module {module!r} has no attribute {name!r}{hint}")
+
+    return missing
 
 
 def component_masks(mask: I8) -> tuple[I8, ...]:

@@ -254,21 +254,18 @@ class Exploitability:
     """Gains of best responses on a profile, on the scale from -1 to 1, both players serving equally often.
 
     Attributes:
-        nash_conv: sum of the gains of both players' best responses over the profile; 0 for a Nash equilibrium (Lanctot et al.,
-            NeurIPS 2017).
-        error_bound: absolute error bound of it.
+        exploitability: NashConv divided by the number of players, the unit of all other figures. For one policy in both seats of
+            the symmetric game, its best response wins ``(1 + exploitability) / 2`` of the rallies.
+        error_bound: absolute error bound of NashConv.
     """
 
-    nash_conv: float
+    exploitability: float
     error_bound: float
 
     @property
-    def exploitability(self) -> float:
-        """NashConv divided by the number of players.
-
-        For one policy in both seats of the symmetric game, its best response wins ``(1 + exploitability) / 2`` of the rallies.
-        """
-        return self.nash_conv / 2
+    def nash_conv(self) -> float:
+        """Sum of the gains of both players' best responses; 0 for a Nash equilibrium (Lanctot et al., NeurIPS 2017)."""
+        return 2 * self.exploitability
 
 
 def best_response(
@@ -391,7 +388,7 @@ def nash_conv(policy: StatePolicy, opponent: StatePolicy | None = None, *, toler
     other = answer if opponent is None else best_response(opponent, game=policy.game, tolerance=tolerance)
     # The game is zero-sum, so the values of the profile itself cancel.
     gain = answer.value.odds().value + other.value.odds().value
-    return Exploitability(nash_conv=gain, error_bound=answer.value.error_bound + other.value.error_bound)
+    return Exploitability(exploitability=gain / 2, error_bound=answer.value.error_bound + other.value.error_bound)
 
 
 def solve_soft(

@@ -10,7 +10,7 @@ import numpy as np
 import tyro
 
 from shuttle_marl.base.arrays import I32, Intp
-from shuttle_marl.base.errors import ShuttleError
+from shuttle_marl.base.errors import ShuttleError, suggesting
 from shuttle_marl.game.draws import CHOICE_ONE, chosen
 from shuttle_marl.game.pairs import pair_game
 from shuttle_marl.game.policy import Policy, PolicyError, reads_score
@@ -43,6 +43,7 @@ class LeagueError(ShuttleError):
     """A tournament with invalid options, or a run folder that cannot be used."""
 
 
+@suggesting
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class LeagueConfig:
     """A tournament: a round robin, in which every pair of entrants plays the same number of matches, or another format."""

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from shuttle_marl.base.errors import ShuttleError, described
+from shuttle_marl.base.extras import lacking
 from shuttle_marl.policy.foreign import import_attribute
 from shuttle_marl.policy.sources import source_hashes
 from shuttle_marl.suite.options import Access, Kind, SuiteError
@@ -210,6 +211,8 @@ def called(name: str, function: Callable[..., Any], *arguments: Any) -> Any:
         return function(*arguments)
     except ShuttleError:
         raise
+    except ModuleNotFoundError as error:
+        raise SuiteError(f"the method of {name}: {lacking(error) or error}") from error
     except (Exception, SystemExit) as error:
         # The last line of the file whose code was called.
         frames = traceback.extract_tb(error.__traceback__)[1:]

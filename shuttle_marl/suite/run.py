@@ -2,12 +2,12 @@
 
 import dataclasses
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from rich.console import Console
-from rich.progress import track
+from rich.progress import Progress, TimeElapsedColumn
 
 from shuttle_marl.base import runs
 from shuttle_marl.base.cluster import check_processes, in_processes, open_cluster
@@ -79,17 +79,16 @@ def run_method(options: SuiteRun, console: Console | None = None) -> Path:
     fixed = dataclasses.asdict(config)
     check_processes(1 if options.ray is not None else options.workers)
     with runs.open_run(options.out, words[:80], fixed, resume=options.resume, overwrite=options.overwrite) as folder:
-        about = runs.describe(PACKAGES)
-        runs.write_json(folder / runs.MANIFEST, {"status": "running", **about})
-        store.write_card(folder, card)
         numbers = [(case, seed) for case in range(len(cases)) for seed in range(config.seeds)]
         units = [
             _Unit(folder=folder, config=config, beacon=options.beacon, data=options.data, case=case, seed=seed)
             for case, seed in numbers
             if not store.entry_path(folder, case, seed).exists()
         ]
-        _check_sources(folder, config, resumed=options.resume and bool(units))
+        about = {**runs.describe(PACKAGES), "sources": _sources(folder, config, more=bool(units))}
+        runs.write_json(folder / runs.MANIFEST, {"status": "running", **about})
         _play_all(folder, units, options, console or Console(quiet=True))
+        store.write_card(folder, card)
         runs.write_json(folder / store.RESULTS, summarise(folder, options.beacon, options.game))
         runs.write_json(folder / runs.MANIFEST, {"status": "finished", **about})
     return folder
@@ -108,24 +107,25 @@ def method_of(task: str, name: str, *, isolated: bool) -> Method:
     return Isolated(name)
 
 
-def _check_sources(folder: Path, config: RunConfig, *, resumed: bool) -> None:
-    """Keep the hashes of the files of a method, or compare them with those that the run was started with."""
-    path, now = folder / store.SOURCES, sources(config.task, config.method, isolated=config.isolated)
-    if resumed:
-        before = runs.read_json(path, dict[str, str]) if path.exists() else {}
-        changed = sorted(key for key in before.keys() | now.keys() if before.get(key) != now.get(key))
-        if changed:
-            raise SuiteError(
-                f"{folder}: {', '.join(changed)} changed after the run was started, and results of two versions of a method are "
-                "never mixed; restore what it was, or start the run again with --overwrite or another --out"
-            )
-    elif not path.exists():
-        runs.write_json(path, now)
+def _sources(folder: Path, config: RunConfig, *, more: bool) -> Mapping[str, str]:
+    """Hashes of the files of a method, which are those that the run was started with if there is more to play."""
+    path, now = folder / runs.MANIFEST, sources(config.task, config.method, isolated=config.isolated)
+    if not runs.has_results(folder):
+        return now
+    before: dict[str, str] = runs.read_json(path, dict[str, Any]).get("sources", {}) if path.exists() else {}
+    changed = sorted(key for key in before.keys() | now.keys() if before.get(key) != now.get(key))
+    if changed and more:
+        raise SuiteError(
+            f"{folder}: {', '.join(changed)} changed after the run was started, and results of two versions of a method are "
+            "never mixed; restore what it was, or start the run again with --overwrite or another --out"
+        )
+    return before
 
 
 def _play_all(folder: Path, units: Sequence[_Unit], options: SuiteRun, console: Console) -> None:
-    for played in track(_played(units, options), "units", len(units), console=console, transient=True):
-        store.write_entry(folder, played.path, played.entry, played.policies)
+    with Progress(*Progress.get_default_columns(), TimeElapsedColumn(), console=console, transient=True) as bar:
+        for played in bar.track(_played(units, options), len(units), description="units"):  # a unit may take hours
+            store.write_entry(folder, played.path, played.entry, played.policies)
 
 
 def _played(units: Sequence[_Unit], options: SuiteRun) -> Iterator["PlayedUnit"]:

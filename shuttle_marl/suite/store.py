@@ -5,7 +5,6 @@
 - ``entries/CASE-SEED.json``: one unit: fingerprint of the case, hashes of the policies, answers, scores, curve, seconds; with a
   checksum;
 - ``policies/HASH.zst``: one table of a policy, compressed; HASH is the SHA-256 of its numbers;
-- ``sources.json``: hashes of the files of the method;
 - ``work/CASE-SEED/``: files of the method, which nothing reads;
 - ``results.json``: aggregates, recomputed by ``score``.
 """
@@ -29,7 +28,6 @@ ENTRIES: Final = "entries"
 POLICIES: Final = "policies"
 CARD: Final = "card.json"
 RESULTS: Final = "results.json"
-SOURCES: Final = "sources.json"
 Name = Annotated[str, msgspec.Meta(min_length=1, max_length=1000)]
 """A name in a file of a stranger."""
 Figure = Annotated[float, msgspec.Meta(ge=-1e9, le=1e9)]

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import lazy_loader
 
+from shuttle_marl.base.extras import hinted
+
 if TYPE_CHECKING:
     from shuttle_marl.training.config import A2CConfig, PPOConfig, SACConfig, TrainingConfig, TrainingError
     from shuttle_marl.training.run import Evaluation, Evaluator, TrainingRun, train
@@ -23,10 +25,11 @@ __all__ = [
     "train",
 ]
 
-__getattr__, __dir__, _ = lazy_loader.attach(
+_load, __dir__, _ = lazy_loader.attach(
     __name__,
     submod_attrs={
         "config": ("A2CConfig", "PPOConfig", "SACConfig", "TrainingConfig", "TrainingError"),
         "run": ("Evaluation", "Evaluator", "TrainingRun", "train"),
     },
 )
+__getattr__ = hinted()(_load)

@@ -12,7 +12,7 @@ import re
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Final, Literal, get_args, get_type_hints
 
-from shuttle_marl.base.errors import ShuttleError
+from shuttle_marl.base.errors import ShuttleError, suggesting
 from shuttle_marl.game.shipped import Profile
 from shuttle_marl.game.stroke import SHOTS
 
@@ -288,6 +288,7 @@ class SelfPlayConfig(TrainingConfig):
             raise TrainingError(f"--variant {self.variant}: requires self-play, with --opponent self")
 
 
+@suggesting
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class PPOConfig(SelfPlayConfig):
     """Proximal policy optimisation (Schulman et al. 2017) with generalised advantages (Schulman et al. 2016)."""
@@ -334,6 +335,7 @@ class PPOConfig(SelfPlayConfig):
             object.__setattr__(self, "anneal_after", 0.2 if self.self_play else 1.0)
 
 
+@suggesting
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class A2CConfig(TrainingConfig):
     """Advantage actor-critic (Mnih et al. 2016), synchronous, with generalised advantages."""
@@ -362,6 +364,7 @@ class A2CConfig(TrainingConfig):
     """Maximum norm of the gradient."""
 
 
+@suggesting
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class SACConfig(TrainingConfig):
     """Soft actor-critic (Haarnoja et al. 2018) for discrete actions (Christodoulou 2019)."""

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from docs.tools import league_tables, markdown, suite_tables, tables
+from docs.tools import benchmark_tables, league_tables, markdown, suite_tables, tables
 from docs.tools.league_tables import TableError
 from docs.tools.markdown import ROOT
 from shuttle_marl.league.entrants import LeagueConfig
@@ -44,6 +44,15 @@ def test_a_table_is_replaced_and_nothing_else() -> None:
 def test_a_page_without_one_place_is_refused(page: str) -> None:
     with pytest.raises(TableError, match="expected one <!-- begin: x -->"):
         tables.replaced(page, "x", "new")
+
+
+def test_costs_of_a_cluster_follow_from_the_benchmarks() -> None:
+    rows = markdown.saved("benchmarks", "throughput")
+    fastest = max(row["strokes_per_s"] for row in rows if (row["what"], row["threads"]) == ("tournament", 1))
+    costs = benchmark_tables.cluster()
+    assert f"plays {fastest / 1e6:.1f} million strokes a second" in costs
+    assert costs in (ROOT / "docs" / "cluster.md").read_text(encoding="utf-8")
+    assert [benchmark_tables._time(seconds) for seconds in (1, 90, 5400, 10**6)] == ["1.0 s", "1.5 min", "1.5 h", "278 h"]
 
 
 def test_ranking_of_a_run(run: Path) -> None:

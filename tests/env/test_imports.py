@@ -1,10 +1,14 @@
 """Modules that importing and playing load."""
 
+import functools
+import inspect
 import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
+import gymnasium
 import pytest
 
 import shuttle_marl
@@ -45,6 +49,44 @@ def test_the_environments_are_attributes_of_the_package():
     assert {"rally_v0", "match_v0", "__version__"} <= set(dir(shuttle_marl))
     with pytest.raises(AttributeError, match="rally_v1"):
         _ = shuttle_marl.rally_v1
+
+
+def test_slips_are_answered_with_what_was_meant():
+    slip: dict[str, Any] = {"oponent": "bc"}
+    with pytest.raises(AttributeError, match="'resovle'; did you mean resolve"):
+        _ = shuttle_marl.resovle
+    for module in (shuttle_marl.rally_v0, shuttle_marl.match_v0):
+        with pytest.raises(AttributeError, match="strike in turn"):
+            _ = module.parallel_env
+    vector = functools.partial(gymnasium.make_vec, "shuttle_marl/Match-v0", num_envs=2)
+    for make in (functools.partial(gymnasium.make, "shuttle_marl/Rally-v0"), vector, shuttle_marl.PPOConfig):
+        with pytest.raises(TypeError, match="'oponent'; did you mean opponent"):
+            make(**slip)
+    with pytest.raises(TypeError, match="there are server, game"):
+        shuttle_marl.rally_v0.env(opponent="bc")
+    assert "server" in inspect.signature(shuttle_marl.rally_v0.raw_env).parameters
+
+
+WITHOUT_TORCH = """
+import sys
+sys.modules["torch"] = None
+for statement in sys.argv[1:]:
+    try:
+        exec(statement)
+    except ModuleNotFoundError as error:
+        print(error)
+"""
+
+
+def test_without_torch_the_extra_is_named():
+    statements = [
+        "from shuttle_marl import RallyEnv",
+        "from shuttle_marl import train",
+        "import shuttle_marl.env.batched",
+        "from shuttle_marl.training import train",
+    ]
+    done = subprocess.run([sys.executable, "-c", WITHOUT_TORCH, *statements], capture_output=True, text=True, check=True)
+    assert done.stdout.count("this needs torch, which is not installed; `make install`") == len(statements)
 
 
 def test_the_api_page_lists_every_public_name():

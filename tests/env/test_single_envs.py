@@ -17,6 +17,7 @@ import shuttle_marl
 from shuttle_marl import match_v0, rally_v0
 from shuttle_marl.base.errors import ActionError, OptionError
 from shuttle_marl.env.single import SingleEnv, SingleMatchEnv, SingleRallyEnv
+from shuttle_marl.env.vector import RallyVectorEnv
 from shuttle_marl.game import default_game, draws
 from shuttle_marl.game.observation import RALLY_WIDTH
 from shuttle_marl.game.policy import PolicyError, States
@@ -166,7 +167,7 @@ def test_what_is_seen_and_told_is_that_of_the_environment_inside() -> None:
         expected = raw.observe("player_1")
         assert env.observation_space.contains(seen)
         assert all(np.array_equal(seen[key], expected[key]) for key in expected)
-        assert {key: value for key, value in info.items() if key != "unseen"} == raw.infos["player_1"]
+        assert {key: value for key, value in info.items() if key not in ("unseen", "illegal")} == raw.infos["player_1"]
         stroke = legal_stroke(seen, rng)
         seen, _, over, _, info = env.step(stroke)
         raw.step(stroke)
@@ -200,15 +201,28 @@ def test_long_rallies_use_draws_beyond_the_first_block() -> None:
 @pytest.mark.parametrize("make", [SingleRallyEnv, lambda: SingleMatchEnv(rules=SHORT)])
 def test_an_illegal_stroke_loses_the_episode(make: Any) -> None:
     env: SingleEnv = make()
-    seen, _ = env.reset(seed=1)
+    seen, info = env.reset(seed=1)
     wrong = int(np.flatnonzero(seen["action_mask"] == 0)[0])
+    assert info["illegal"] == 0
     seen, reward, over, truncated, info = env.step(wrong)
-    assert (reward, over, truncated) == (-1.0, True, False)
+    assert (reward, over, truncated, info["illegal"]) == (-1.0, True, False, 1)
     assert info["reason"] == "illegal stroke"
     assert info["stroke"] == env.game.catalogue.names[wrong]
     assert not seen["action_mask"].any()
     with pytest.raises(ResetNeeded, match="call reset"):
         env.step(0)
+    assert env.reset()[1]["illegal"] == 1
+    assert env.reset(seed=1)[1]["illegal"] == 0
+
+
+def test_a_learner_without_a_mask_is_told_in_numbers_what_it_lost() -> None:
+    env, rows = SingleRallyEnv(mask="none"), RallyVectorEnv(3, mask="none")
+    env.reset(seed=1)
+    rows.reset(seed=1)
+    assert env.step(int(np.flatnonzero(~env.action_masks())[0]))[4]["illegal"] == 1
+    actions = np.where(np.arange(3) == 1, (~rows.action_masks()).argmax(axis=1), rows.random_actions())
+    assert rows.step(actions)[4]["illegal"].tolist() == [0, 1, 0]
+    assert rows.reset(seed=2)[1]["illegal"].tolist() == [0, 0, 0]
 
 
 @pytest.mark.parametrize("action", [-1, GAME.n_strokes, 1.5, "smash", None])

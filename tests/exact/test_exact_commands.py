@@ -1,13 +1,16 @@
 """The command line: solve, evaluate, best-response, crossplay."""
 
+import io
 import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from shuttle_marl.analysis.pictures import aims
+from shuttle_marl.commands import cli
 from shuttle_marl.commands import exact as commands
 from shuttle_marl.commands.exact import main
 from shuttle_marl.commands.recording import main as recording
@@ -236,3 +239,11 @@ def test_policies_that_hang_or_exit(
     monkeypatch.chdir(tmp_path)
     assert says in failure(capsys, command, f"{name}:player", "--policy-timeout", "0.2")
     assert "--policy-timeout -1" in failure(capsys, command, f"{name}:player", "--policy-timeout", "-1")
+
+
+@pytest.mark.parametrize(("command", "says"), [("solve", "solving"), ("evaluate bc", "policies"), ("holes bc", "solving")])
+def test_a_terminal_shows_what_a_command_is_at(command: str, says: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    terminal = io.StringIO()
+    monkeypatch.setattr(cli, "Console", lambda **options: Console(**{**options, "file": terminal, "force_terminal": True}))
+    assert main((*command.split(), "--game", reduced_model())) == 0
+    assert says in terminal.getvalue()

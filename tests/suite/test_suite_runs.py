@@ -2,6 +2,8 @@
 
 import dataclasses
 import json
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -134,6 +136,28 @@ def test_declared_strokes_are_checked(tmp_path: Path) -> None:
         assert not list((tmp_path / f"{__name__}-{name}" / store.ENTRIES).glob("*"))
 
 
+def test_a_method_that_failed_before_its_first_unit_can_be_run_again(tmp_path: Path) -> None:
+    for _ in range(2):
+        with pytest.raises(SuiteError, match="KeyError"):
+            played(tmp_path, f"{__name__}:fails")
+    assert not runs.has_results(tmp_path / f"{__name__}-fails")
+    folder = played(tmp_path, "bc")
+    with pytest.raises(runs.RunError, match="a finished run"):
+        played(tmp_path, "bc")
+    assert runs.has_results(folder)
+
+
+def test_a_method_whose_library_is_missing_says_how_to_install_it(tmp_path: Path) -> None:
+    code = (
+        "import sys; sys.modules['torch'] = None\n"
+        "from shuttle_marl.commands.suite import main\n"
+        f"arguments = ['run', 'exploit-v0', '--method', 'ppo', '--quick', '--game', {reduced_model()!r}, '--out', 'o']\n"
+        "main(arguments), main(arguments)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=tmp_path)
+    assert done.stderr.count("this needs torch, which is not installed; `make install`") == 2
+
+
 def test_a_wrong_option_leaves_no_folder(tmp_path: Path) -> None:
     with pytest.raises(SuiteError, match="--budget -1"):
         played(tmp_path, "bc", budget=-1)
@@ -252,7 +276,7 @@ def test_units_of_two_versions_of_a_method_are_not_mixed(tmp_path: Path, monkeyp
     helper = tmp_path / "my_helper.py"
     helper.write_text("NAME = 'bc'\n")
     folder = played(tmp_path, "my_method:player", seeds=2)
-    assert set(json.loads((folder / store.SOURCES).read_text())) == {"my_method.py", "my_helper.py"}
+    assert set(json.loads((folder / runs.MANIFEST).read_text())["sources"]) == {"my_method.py", "my_helper.py"}
     helper.write_text("NAME = 'safe'\n")
     kept = store.entry_path(folder, 0, 1).read_bytes()
     played(tmp_path, "my_method:player", seeds=2, resume=True)  # nothing is left to play
