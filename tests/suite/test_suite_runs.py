@@ -91,9 +91,9 @@ def test_a_model_folder_that_a_run_names_is_not_opened(tmp_path: Path) -> None:
 
 def test_scores_are_exact_and_verified(tmp_path: Path) -> None:
     folder = played(tmp_path, f"{__name__}:noisy", seeds=2)
-    result, safe, bc = summarise(folder, game=reduced_model()), table("safe"), table("bc")
-    wins = [evaluate(table(f"bc@{temperature}"), safe).odds().rally for temperature in (0.3, 0.4)]
-    low, high = evaluate(bc, safe).odds().rally, best_response(safe).value.odds().rally
+    result, opponent, bc = summarise(folder, game=reduced_model()), table("bc@0.5"), table("bc")
+    wins = [evaluate(table(f"bc@{temperature}"), opponent).odds().rally for temperature in (0.3, 0.4)]
+    low, high = evaluate(bc, opponent).odds().rally, best_response(opponent).value.odds().rally
     assert result["scores"]["rally_win"]["value"] == pytest.approx(np.mean(wins), abs=1e-9)
     assert result["scores"]["score"]["value"] == pytest.approx((np.mean(wins) - low) / (high - low), abs=1e-8)
     assert result["low"] is not None
@@ -113,7 +113,7 @@ def fails(setting: Any) -> Any:
 
 @pytest.mark.parametrize(("method", "told"), [("leaves", r"SystemExit: 0 \(.*, line \d+\)"), ("fails", r"KeyError: 'zz' \(")])
 def test_errors_of_methods_say_where(method: str, told: str, tmp_path: Path) -> None:
-    with pytest.raises(SuiteError, match=rf"{__name__}:{method}, case safe/20,000, seed 0: .*{told}"):
+    with pytest.raises(SuiteError, match=rf"{__name__}:{method}, case bc@0.5/20,000, seed 0: .*{told}"):
         played(tmp_path, f"{__name__}:{method}")
 
 
@@ -237,7 +237,7 @@ def test_a_score_is_within_the_interval_of_a_simulation(tmp_path: Path) -> None:
     folder = played(tmp_path, f"{__name__}:noisy")
     entry = store.read_entry(store.entry_path(folder, 0, 0))
     player = store.read_outcome(folder, entry, GAME, ["player"]).policies["player"]
-    rallies = play_rallies(GAME, (player, table("safe")), 20_000, seed=3)
+    rallies = play_rallies(GAME, (player, table("bc@0.5")), 20_000, seed=3)
     won = float((rallies.winner == 0).mean())
     assert entry.scores["rally_win"] == pytest.approx(won, abs=4 * 0.5 / np.sqrt(20_000))
 
@@ -441,7 +441,7 @@ def test_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatc
     forge(path, {**entry, "scores": {**entry["scores"], "score": 0.5}})
     assert main(("verify", found["folder"], "--game", reduced_model())) == 1
     printed = capsys.readouterr()
-    assert "refused: safe" in printed.out
+    assert "refused: bc@0.5" in printed.out
     assert main(("run", "exploit-v0", "--method", "nothing")) == 1
     assert "no method 'nothing'" in capsys.readouterr().err
 
