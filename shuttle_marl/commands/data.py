@@ -85,11 +85,18 @@ def import_own(
         anonymous: Replace the names of players and matches by pseudonyms.
         overwrite: Replace an existing file.
         json: Print JSON: the format, the numbers of rows, of kept and, by reason, of dropped ones, what was inferred and what the
-            file does not have, and warnings.
+            file does not have, and warnings; for a refused file, its problems.
     """
     if out is not None:
         cli.check_free(out, overwrite=overwrite)
-    cleaned, provenance = import_matches(file, columns)
+    try:
+        cleaned, provenance = import_matches(file, columns)
+    except DataError as error:
+        if json:
+            dropped = {"file refused": error.rows} if error.rows else {}
+            told = [str(problem) for problem in error.problems]
+            cli.print_json({"rows": error.rows, "kept": 0, "dropped": dropped, "warnings": [], "problems": told})
+        raise
     account = cleaned.account
     if out is not None:
         strokes = anonymised(cleaned.strokes) if anonymous else cleaned.strokes

@@ -7,6 +7,8 @@ other values tell it, and marked.
 
 import dataclasses
 import hashlib
+import unicodedata
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -77,10 +79,18 @@ def import_matches(path: Path, columns: Path | None = None) -> tuple[Cleaned, di
         The strokes with their account, and their provenance.
 
     Raises:
-        DataError: an unreadable file, invalid values, or broken rules.
+        DataError: an unreadable file, invalid values, or broken rules; with the number of rows that were read.
     """
     given = ColumnMap() if columns is None else ColumnMap.read(columns)
     reading = readers.read(path, given)
+    try:
+        return _imported(path, columns, given, reading)
+    except DataError as error:
+        error.rows = len(reading.sheet) + reading.sheet.empty + reading.sheet.others
+        raise
+
+
+def _imported(path: Path, columns: Path | None, given: ColumnMap, reading: readers.Reading) -> tuple[Cleaned, dict[str, Any]]:
     sheet = reading.sheet
     mapped = given.filled(sheet)
     mapped = dataclasses.replace(mapped, source=given.source or reading.source)
@@ -162,6 +172,8 @@ class _Import:
         self.rallies = int(self._first.sum())
         self._beside = np.r_[False, (key[:2, 1:] == key[:2, :-1]).all(axis=0)]  # in the game of the row before
         self._names: dict[str, str] = {}
+        self._alike: dict[str, str] = {}
+        self._warn_alike(self._match.tolist(), "match")
         columns = [sheet.text(column) for column in mapped.columns.values()]
         for row in range(1, self._n) if {"rally", "stroke", "seconds", "frame"} & mapped.columns.keys() else ():
             if all(column[row] == column[row - 1] for column in columns):
@@ -376,7 +388,20 @@ class _Import:
                     f"{shown(value)} and {shown(other)} would be one player, {player_id(value)}; write one name, or map one in "
                     "[values.player]",
                 )
+        self._warn_alike(names, "player")
         return np.array([player_id(value) for value in names], dtype=object)
+
+    def _warn_alike(self, names: Sequence[str], what: str) -> None:
+        """Warn of names that differ only in capitals, accents, width, or the order of words, or mix alphabets."""
+        for row in sorted({name: row for row, name in reversed(list(enumerate(names)))}.values()):
+            name = str(names[row])
+            words = player_id("".join(c for c in unicodedata.normalize("NFKD", name) if not unicodedata.combining(c))).split("-")
+            other = self._alike.setdefault(f"{what} {words if what == 'match' else sorted(words)}", name)
+            if other != name and (what == "match" or player_id(other) != player_id(name)):
+                self._sheet.warn([row], f"{shown(name)} and {shown(other)} are alike: are they one {what}?")
+            mixed = {unicodedata.name(c, "").partition(" ")[0] for c in name if c.isalpha()} & {"LATIN", "CYRILLIC", "GREEK"}
+            if len(mixed) > 1:
+                self._sheet.warn([row], f"{what} {shown(name)} mixes letters of {' and '.join(sorted(mixed)).lower()}")
 
     def _points(self) -> dict[str, F64]:
         """``[n, 2]`` points in the striker's frame, NaN missing."""
@@ -495,6 +520,13 @@ class _Import:
         fresh = ~self._beside
         gap = self._rally - np.where(fresh, 0, np.r_[0, self._rally[:-1]])
         sheet.warn(np.flatnonzero(self._first & (gap > 1)), "rallies of the game are missing before this one")
+        same = np.r_[False, self._match[1:] == self._match[:-1]]
+        leap = self._game - np.where(same, np.r_[0, self._game[:-1]], 0)
+        sheet.warn(np.flatnonzero(leap > 1), "games of the match are missing before this one")
+        won = np.select([outcome == Outcome.WINNER, outcome == Outcome.FAULT], [player, opponent], "")
+        served = self._first & (self._stroke == 1) & (self._shot < N_SERVES) & ~fresh & (gap == 1)
+        others = served & np.r_[False, (won[:-1] != "") & (won[:-1] != player[1:])]
+        sheet.warn(np.flatnonzero(others), "the server did not win the rally before")
         if "side" in self._map.columns:
             end = (self._code("side", 0) == 1) ^ (player < opponent)
             moved = ~fresh & np.r_[False, end[1:] != end[:-1]]
@@ -504,6 +536,8 @@ class _Import:
         if "seconds" in self._map.columns:
             passed = np.diff(sheet.numbers(self._map.columns["seconds"]), prepend=np.nan)
             sheet.warn(np.flatnonzero(~fresh & self._first & (passed < 0)), "the time is before that of the rally before")
+            for row in np.flatnonzero(~self._first & (passed < 0)):
+                sheet.mark(row, "the time is before that of the stroke before")
             inside = passed[~self._first & ~np.isnan(passed)]
             if len(inside) and not _TEMPO[0] <= np.median(inside) <= _TEMPO[1]:
                 text = f"half of the strokes follow the one before after {np.median(inside):g} s or less: are these seconds?"

@@ -43,7 +43,10 @@ class DataError(ShuttleError):
 
     Attributes:
         problems: all problems, at least one; the message is the first.
+        rows: number of rows of the file, as far as they could be read.
     """
+
+    rows = 0
 
     def __init__(self, path: Path, message: str, *, line: int | None = None) -> None:
         self.problems: tuple[Problem, ...] = (Problem(path, message, line),)
@@ -73,6 +76,8 @@ def grouped(problems: Sequence[Problem]) -> list[Problem]:
     ]
 
 
+_LARGEST: Final = 1e15
+"""Bound of numbers; float32 takes them and their squares."""
 _MOST_BYTES: Final = 1 << 25
 _MOST_ROWS: Final = 500_000
 _MOST_PROBLEMS: Final = 10_000
@@ -100,7 +105,7 @@ class Sheet:
         header: names of all columns.
         columns: ``[n]`` values of each column.
         empty: number of further rows, without any value.
-        others: number of further entries that are no strokes.
+        others: number of further rows that cannot be read, or entries that are no strokes.
         problems: problems so far.
         warnings: what is strange and not wrong.
         unreadable: ``[n]`` rows with an invalid value.
@@ -210,9 +215,9 @@ class Sheet:
         text = self.text(column)
         plain = text if self._decimal == "." else tuple(t.replace(self._decimal, ".") for t in text)
         values = np.array([_float(t) for t in plain]) if any(text) else np.full(len(text), np.nan)
-        for row in np.flatnonzero(~np.isfinite(values)):
+        for row in np.flatnonzero(~(np.abs(values) < _LARGEST)):
             if text[row]:
-                self.mark(row, f"{column} {shown(text[row])} is not a number")
+                self.mark(row, f"{column} {shown(text[row])} is {'too large' if np.isfinite(values[row]) else 'not a number'}")
                 values[row] = np.nan
         return values
 
@@ -297,10 +302,12 @@ class StrictCsv(Sheet):
                 if not any(cell.strip() for cell in row):
                     self.empty += bool(row)
                 elif len(row) != len(header):
+                    self.others += 1
                     self.add(
                         line, f"{len(row)} fields instead of {len(header)}, ending in {shown(row[-1])}: is the file truncated?"
                     )
                 elif any("\n" in cell and cell.count(delimiter) >= len(header) - 1 for cell in row):
+                    self.others += 1
                     self.add(line, "a value contains lines that look like rows: is a quotation mark missing?")
                 else:
                     rows.append(row)

@@ -129,6 +129,60 @@ def test_the_score_follows_from_who_won(tmp_path: Path, score: tuple[object, ...
         read(tmp_path, SCORED.format(1, 0, 1, 1), SCORE_MAP.replace('points_opponent = "q"\n', ""))
 
 
+LI = SCORED.replace("Ada", "Ada Li").format(1, 0, 1, 1)
+
+
+@pytest.mark.parametrize(
+    ("match", "player", "servers", "says"),
+    [
+        ("second", "\u00c1da Li", "Ada", "'\u00c1da Li' and 'Ada Li' are alike: are they one player"),
+        ("second", "\uff21da Li", "Ada", "are alike: are they one player"),
+        ("second", "Li, Ada", "Ada", "'Li, Ada' and 'Ada Li' are alike"),
+        ("second", "\u0410da Li", "Ada", "mixes letters of cyrillic and latin"),
+        ("FINAL", "Ada Li", "Ada", "'FINAL' and 'final' are alike: are they one match"),
+        ("f\u00ednal", "Ada Li", "Ada", "are alike: are they one match"),
+        ("second", "Ada Li", "Bea", "line 8: the server did not win the rally before"),
+    ],
+)
+def test_names_that_are_alike_and_servers_are_told(tmp_path: Path, match: str, player: str, servers: str, says: str) -> None:
+    second = LI.replace("final", match).splitlines()[1:]
+    if servers == "Bea":
+        second[2:] = ["second,2,Bea,short serve,front-centre,,1,1,20", "second,2,Ada Li,lift,back-left,Bea,1,1,21"]
+    rows = LI + "\n".join(second).replace("Ada Li", f'"{player}"')
+    told = read(tmp_path, rows, SCORE_MAP).warnings
+    assert [says in text for text in told] == [True]
+    assert read(tmp_path, LI, SCORE_MAP).warnings == ()
+
+
+def test_games_times_and_numbers_that_cannot_be_are_told(tmp_path: Path) -> None:
+    fields, rows = SCORE_MAP + 'game = "g"\n', SCORED.format(1, 0, 1, 1).replace("final,", "final,1,").replace("h,r", "h,g,r")
+    later = rows.partition("\n")[2].replace("final,1", "final,3")
+    assert "line 6: games of the match are missing" in read(tmp_path, rows + later, fields).warnings[0]
+    with pytest.raises(DataError, match="line 3: the time is before that of the stroke before"):
+        read(tmp_path, rows.replace("1.9", "3.9"), fields)
+    with pytest.raises(DataError, match="t '1e308' is too large"):
+        read(tmp_path, rows.replace("1.9", "1e308"), fields)
+
+
+@pytest.mark.parametrize(
+    ("content", "rows"),
+    [
+        (ROWS.replace("smash", "smahs"), 5), (ROWS + ",,,,,\n\nfinal,3,Cleo,clear,middle,Cleo\n", 7), ("", 0),
+        (ROWS.splitlines()[0], 0), ("a,b\n1,2\n", 0), (ROWS + "final\n", 6), ("\x00\x01", 0), ("<x/>", 0), ("[1", 0),
+    ],
+)  # fmt: skip
+def test_a_refused_file_accounts_for_its_rows(
+    content: str, rows: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    read(tmp_path)
+    (tmp_path / "own.csv").write_text(content)
+    assert main(["import", str(tmp_path / "own.csv"), "--columns", str(tmp_path / "map.toml"), "--json"]) == 1
+    out, told = capsys.readouterr()
+    said = json.loads(out)
+    assert (said["rows"], said["kept"], sum(said["dropped"].values())) == (rows, 0, rows)
+    assert said["problems"][0] in told
+
+
 @pytest.mark.parametrize(("scale", "says"), [(1 / 13.4, "are these metres"), (0.3, "are these metres"), (1.4, "a third of")])
 def test_coordinates_are_metres(tmp_path: Path, scale: float, says: str) -> None:
     fields = MAP.replace('area = "area"', 'landing_x = "x"\nlanding_y = "y"')
