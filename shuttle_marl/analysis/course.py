@@ -2,7 +2,7 @@
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import pyarrow as pa
@@ -12,6 +12,9 @@ from shuttle_marl.base.arrays import F64, I64
 from shuttle_marl.exact.match import Odds, match_table
 from shuttle_marl.game.scoring import Rules, Score
 from shuttle_marl.game.stroke import SHOTS
+
+_TURN: Final = 0.1
+"""Least change of the probability of winning a rally that is told."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -26,8 +29,8 @@ class RallyRow:
         ending: one of :data:`~shuttle_marl.analysis.summary.ENDINGS`.
         last_shot: shot type of the last stroke.
         before, after: probability that player 0 wins the match, before and after it.
-        decided: number of the stroke that changed the probability of winning the rally most, from 1, with the player who struck
-            it, its shot type, and the change for that player; None: not known.
+        decided: number of the stroke before the last one that changed the probability of winning the rally most, from 1, with the
+            player who struck it, its shot type, and the change for that player; None: not known, or less than a tenth.
         seconds: time of the rally in the video [s]; None: unknown.
     """
 
@@ -76,10 +79,10 @@ def rallies_of(valued: pa.Table, players: tuple[str, str], rules: Rules, chances
         chances = (chance, chances_of.of(after, server if winner is None else winner))
         added = column["value_added"][start:end]
         decided = None
-        if winner is not None and np.isfinite(added[-1]):
-            striker = np.array([players.index(name) for name in column["player"][start:end]])
-            gain = np.where(striker == winner, added, -added)
-            k = int(np.nanargmax(gain))
+        striker = np.array([players.index(name) for name in column["player"][start:end]])
+        gain = np.nan_to_num(np.where(striker == winner, added, -added))[:-1]
+        if winner is not None and len(gain) and gain.max() >= _TURN:
+            k = int(gain.argmax())
             shot = SHOTS[int(column["shot"][start + k])]
             decided = (int(column["stroke"][start + k]), int(striker[k]), shot, float(added[k]))
         clock = column["clock"][start]

@@ -29,7 +29,7 @@ class Choice:
         player: who decided; ``rally``: index of the rally; ``stroke``: number of the stroke in it, from 1.
         incoming: catalogue index of the incoming stroke, the number of strokes for a serve; ``contact``: 0 below, 1 above.
         played, better: catalogue indices of the stroke and of a better one.
-        cost: rallies won less by this choice, per time, calibrated.
+        cost: rallies won less than with what elite players choose there, per time, calibrated: the change of the live court.
         played_behind, better_behind: real strokes behind both.
         times: number of times that the player chose so in the match.
     """
@@ -91,7 +91,7 @@ def judged_strokes(strokes: pa.Table, basis: Basis) -> JudgedStrokes:
 
 
 def costly_choices(strokes: pa.Table, game: Game, seat: I64) -> tuple[list[Choice], int]:
-    """The strokes of a match that are marked ``?!``, ``?`` or ``??`` and lose most, and the number of refits behind them."""
+    """The strokes of a match that are marked ``?!``, ``?`` or ``??`` and lose most, one of a kind, and the number of refits."""
     basis = basis_of(game)
     found = judged_strokes(strokes, basis)
     judged, position = found.judged, found.position
@@ -99,12 +99,11 @@ def costly_choices(strokes: pa.Table, game: Game, seat: I64) -> tuple[list[Choic
     # Who won the rally by a stroke is not told that it was costly.
     bad &= strokes["outcome"].to_numpy()[found.row] != Outcome.WINNER
     rally, number, who = rally_numbers(strokes), strokes["stroke"].to_numpy().astype(np.int64), seat[found.row]
-    seen: set[tuple[int, int]] = set()
+    seen: set[tuple[int, int, int]] = set()
     out: list[Choice] = []
-    for k in np.flatnonzero(bad)[np.argsort(-judged.loss[position[bad]], kind="stable")].tolist():
+    for k in np.flatnonzero(bad)[np.argsort(judged.change[position[bad]], kind="stable")].tolist():
         place, best = int(position[k]), int(judged.best[k])
-        better = int(judged.stroke[best])
-        what = (int(who[k]), better)
+        what = (int(who[k]), int(judged.shot[place]), int(judged.shot[best]))
         if what in seen or len(out) == MOST:
             continue
         seen.add(what)
@@ -117,8 +116,8 @@ def costly_choices(strokes: pa.Table, game: Game, seat: I64) -> tuple[list[Choic
                 incoming=int(found.incoming[k]),
                 contact=int(found.contact[k]),
                 played=int(found.stroke[k]),
-                better=better,
-                cost=calibrated(judged.refits[:, best] - judged.refits[:, place], basis.factor),
+                better=int(judged.stroke[best]),
+                cost=calibrated(-judged.refits[:, place], basis.factor),
                 played_behind=float(judged.behind[place]),
                 better_behind=float(judged.behind[best]),
                 times=int((alike & (found.contact == found.contact[k])).sum()),

@@ -224,6 +224,8 @@ def scout(
     """
     folder = model_folder(model)
     skill, clones = load_skill(folder), baselines.clones(folder).players
+    known_names = [*skill.players, *([] if data is None else data["player"].unique().to_pylist())]
+    opponent, player = _as_known(opponent, known_names), None if player is None else _as_known(player, known_names)
     discipline = _discipline(skill, [name for name in (opponent, player) if name is not None], data)
 
     def known(name: str) -> Known:
@@ -293,6 +295,15 @@ def _with_advice(found: Refitted, advised: Sequence[Advice]) -> Estimate | None:
     gains = np.array([after.rally - before.odds.rally for after, before in zip(refits, found.refits, strict=True)])
     gain, before = calibrated(gains, found.factor), found.home.odds.rally
     return Estimate(before + gain.value, before + gain.low, before + gain.high)
+
+
+def _as_known(name: str, known: Sequence[str]) -> str:
+    """The player that a name means as people type it: ``Viktor Axelsen``, ``AXELSEN Viktor`` or ``viktor-axelsen``."""
+
+    def words(text: str) -> list[str]:
+        return sorted(text.casefold().replace("-", " ").replace("_", " ").split())
+
+    return name if name in known else next((each for each in known if words(each) == words(name)), name)
 
 
 def _discipline(skill: Skill, names: Sequence[str], data: pa.Table | None) -> str:

@@ -10,7 +10,7 @@ from markupsafe import Markup
 from shuttle_marl.analysis.pictures import corners, draw_court
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.coach.words import words
-from shuttle_marl.game.court import AREAS, HALF_LENGTH, N_AREAS, area_centre
+from shuttle_marl.game.court import AREAS, HALF_LENGTH, N_AREAS, SHORT_SERVICE, area_centre
 from shuttle_marl.pages.charts import DIM, INK, PLAYERS, Chart, label, styled
 
 _WIDTH: Final = 460.0
@@ -95,6 +95,31 @@ def court(shares: F64, reference: F64, title: str, clear: Sequence[int] = ()) ->
     named = zip(AREAS, shares, strict=True)
     described = ", ".join(f"{words()(f'short_areas.{area}')} {100 * share:.0f}" for area, share in named)
     return chart.svg(f"{title}: {described}")
+
+
+@styled
+def drill(met: int, target: int, title: str) -> Markup:
+    """A whole court with the area where the player meets the shuttle, at the bottom, and the target of the answer.
+
+    Args:
+        met: area of the player's half; -1: the player serves.
+        target: area of the other half.
+        title: description for screen readers.
+    """
+    chart = Chart(220.0, 420.0)
+    axes = chart.axes
+    draw_court(axes)
+    axes.grid(visible=False)
+    x1, y1 = area_centre(np.array(target))
+    axes.fill(*corners(target), facecolor=_MORE, edgecolor=_DARK, zorder=3.5)
+    if met < 0:
+        x0, y0 = (0.4 if x1 < 0 else -0.4), -SHORT_SERVICE - 0.5
+    else:
+        x0, y0 = (-float(part) for part in area_centre(np.array(met)))
+        axes.fill(*corners(met, incoming=True), facecolor=_LESS, edgecolor=_DARK, zorder=3.5)
+        axes.annotate("", (x0, y0), (0.0, 3.5), arrowprops={"arrowstyle": "->", "color": _DARK, "linestyle": "--"}, zorder=6)
+    axes.annotate("", (x1, y1), (x0, y0), arrowprops={"arrowstyle": "->", "color": _DARK, "linewidth": 2.5}, zorder=6)
+    return chart.svg(title)
 
 
 @styled

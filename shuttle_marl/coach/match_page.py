@@ -11,6 +11,7 @@ from shuttle_marl.analysis.course import RallyRow
 from shuttle_marl.analysis.match import MatchReport, Won
 from shuttle_marl.coach import charts
 from shuttle_marl.coach.blocks import Block, Section, chart, page, shown, text
+from shuttle_marl.coach.drills import training
 from shuttle_marl.coach.examples import shared, viewer
 from shuttle_marl.coach.scout_page import habit_words
 from shuttle_marl.coach.words import of_100, signed, words
@@ -65,6 +66,7 @@ def match_page(report: MatchReport, footage: Footage) -> bytes:
         _moments(report, examples, reason),
         _values(report),
         _choices(report),
+        *_training(report),
         _serving(report),
         _lengths(report),
         _heat(report),
@@ -221,6 +223,22 @@ def _choices(report: MatchReport) -> Section:
     strokes = {"stroke": say.stroke(names, worst.played, "receiver"), "better": say.stroke(names, worst.better, "receiver")}
     lead = say("match.choices_lead", player=report.players[worst.player], cost=of_100(worst.cost.value), **strokes)
     return Section(say("match.choices"), lead, blocks)
+
+
+def _training(report: MatchReport) -> list[Section]:
+    """Drills of the costly decisions of each player."""
+    say, catalogue, out = words(), report.game.catalogue, []
+    for player, who in enumerate(report.players):
+        asked = []
+        for choice in report.choices:
+            serve = choice.incoming >= len(catalogue.names)
+            met = (-1, -1) if serve else (int(catalogue.shot[choice.incoming]), int(catalogue.area[choice.incoming]))
+            if choice.player == player:
+                asked.append((*met, choice.better))
+        if asked:
+            section = training(catalogue, asked, say("match.training_lead", player=who))
+            out.append(dataclasses.replace(section, heading=say("match.training", player=who)))
+    return out
 
 
 def _won_table(rows: Sequence[Won], label: Callable[[Won], str], players: tuple[str, str] | None, head: str) -> Table:

@@ -16,6 +16,7 @@ from shuttle_marl.base.arrays import F64
 from shuttle_marl.base.errors import printable
 from shuttle_marl.coach import charts
 from shuttle_marl.coach.blocks import Block, Section, chart, page, shown, text
+from shuttle_marl.coach.drills import training
 from shuttle_marl.coach.examples import shared, staged_advice, viewer
 from shuttle_marl.coach.words import of_100, signed, words
 from shuttle_marl.game.court import AREAS
@@ -26,6 +27,8 @@ from shuttle_marl.pages import Cell, Column, Table, Viewer, name, table
 from shuttle_marl.watch.building import BuildError
 
 _SHOWN: int = 12
+_RARE = 0.02
+"""Least share, of the player or of others, of an answer that is listed."""
 _ENDS = ("fault", "winner")
 _EVEN = 0.6
 """A match is open if neither player is expected to win it more often."""
@@ -43,8 +46,12 @@ def scouting_page(report: ScoutingReport) -> bytes:
     report = dataclasses.replace(report, **named)
     opponent = report.opponent.name
     sections = [_outlook(report), _habits(report)] if report.player is not None else [_habits(report)]
+    if (plan := _plan(report)) is not None:
+        sections.append(plan)
     if report.player is not None:
         sections += [_advice(report, reason), _tactics(report)] if report.effects else [_unknown(report)]
+    if report.advice:
+        sections.append(_training(report))
     sections.append(_sure(report))
     since = report.opponent.since
     fields = {
@@ -144,8 +151,8 @@ def _habits(report: ScoutingReport) -> Section:
         ]
         blocks += [
             chart(charts.bars(rows, say("scout.habits", opponent=opponent)), say("scout.habit_chart")),
-            shown(_table(clear)),
         ]
+    blocks += _described(report, ("shots",), "scout.mix_table")
     if report.target_strokes >= RELIABLE:
         caption = say("scout.targets_chart", opponent=opponent, strokes=round(report.target_strokes))
         drawn = charts.court(report.targets, report.targets_usual, caption)
@@ -153,8 +160,8 @@ def _habits(report: ScoutingReport) -> Section:
     lines = _endings(report.endings)
     if lines:
         blocks += [text(say("scout.endings_lead")), Block("list", items=lines)]
-    else:
-        blocks.append(text(say("scout.endings_none", opponent=opponent)))
+    if whole := [each for each in report.endings if each.technique is None]:
+        blocks.append(shown(_ends(whole)))
     if report.seen is not None:
         blocks.append(text(say("scout.tempo", opponent=opponent, length=report.seen.length, usual=report.seen.length_usual)))
         if report.seen.seconds == report.seen.seconds:
@@ -163,16 +170,59 @@ def _habits(report: ScoutingReport) -> Section:
     return Section(say("scout.habits", opponent=opponent), lead, blocks)
 
 
-def _table(habits: Sequence[Habit]) -> Table:
+def _described(report: ScoutingReport, kinds: Sequence[str], heading: str) -> list[Block]:
+    """Table of all answers to some questions that are not very rare, with their numbers."""
+    asked = [habit for kind in kinds for habit in report.habits if habit.kind == kind and max(habit.share, habit.usual) >= _RARE]
+    asked.sort(key=lambda habit: (kinds.index(habit.kind), habit.about, -habit.share))
+    return [shown(_table(asked, words()(heading, opponent=report.opponent.name)))] if asked else []
+
+
+def _plan(report: ScoutingReport) -> Section | None:
+    """What the opponent does at the serve, after it, and with the smash: to prepare serve, return and defence."""
+    say, opponent, lines = words(), report.opponent.name, []
+    for kind, about in (("serve", ()), ("return", ("short-serve",)), ("third", ()), ("direction", ("smash",))):
+        found = sorted((h for h in report.habits if (h.kind, h.about) == (kind, about)), key=lambda h: -h.share)
+        if found:
+            answers = [h.answer if kind == "direction" else say.shot(h.answer, many=True) for h in found[:3]]
+            shares = [of_100(h.share) for h in found[:3]]
+            if kind == "direction":
+                answers = [say(f"directions.{answer}") for answer in answers]
+            most = ", ".join(f"{answer} {share}" for answer, share in zip(answers, shares, strict=True))
+            lines.append(say(f"scout.plan_{kind}", opponent=opponent, most=most, strokes=round(found[0].strokes)))
+    if not lines:
+        return None
+    kinds = ("serve", "serve_side", "return", "third")
+    blocks = [Block("list", items=lines[1:]), *_described(report, kinds, "scout.plan_table")]
+    return Section(say("scout.plan"), lines[0], blocks)
+
+
+def _ends(endings: Sequence[Ending]) -> Table:
+    say = words()
+    columns: list[Column[Ending]] = [
+        Column(say("match.values_shot"), lambda e: name(say.shot(e.shot, many=True)), left=True),
+        Column(say("scout.habit_strokes"), lambda e: Cell(f"{e.strokes:,.0f}", e.strokes)),
+        Column(say("scout.ends_faults"), lambda e: Cell(_range(Estimate(*e.fault[:3])), e.fault[0])),
+        Column(say("scout.ends_winners"), lambda e: Cell(_range(Estimate(*e.winner[:3])), e.winner[0])),
+    ]
+    return table(sorted(endings, key=lambda e: -e.strokes), columns, say("scout.ends_table"))
+
+
+def _table(habits: Sequence[Habit], heading: str) -> Table:
     say = words()
     columns: list[Column[Habit]] = [
-        Column(say("scout.habit_head"), lambda h: name(habit_words(h)), left=True, wrap=True),
+        Column(
+            say("scout.habit_head"),
+            lambda h: name(say.shot(h.answer, many=True) if h.kind == "shots" else habit_words(h)),
+            left=True,
+            wrap=True,
+        ),
         Column(say("scout.habit_share"), lambda h: Cell(of_100(h.share), h.share)),
         Column(say("scout.habit_range"), lambda h: Cell(say("range", low=of_100(h.low), high=of_100(h.high)), h.high - h.low)),
         Column(say("scout.habit_usual"), lambda h: Cell(of_100(h.usual), h.usual)),
         Column(say("scout.habit_strokes"), lambda h: Cell(f"{h.strokes:,.0f}", h.strokes)),
+        Column(say("scout.habit_clear"), lambda h: name(say("yes" if h.clear else "no")), left=True),
     ]
-    return table(habits, columns)
+    return table(habits, columns, heading)
 
 
 def _endings(endings: Sequence[Ending]) -> list[str]:
@@ -206,6 +256,14 @@ def _advice(report: ScoutingReport, reason: str) -> Section:
     if reason:
         blocks.append(text(say("too_large", reason=reason)))
     return Section(say("scout.advice", opponent=opponent), lead, blocks)
+
+
+def _training(report: ScoutingReport) -> Section:
+    """Drills of the advice, of different strokes where there are some."""
+    assert report.pair is not None
+    catalogue = report.pair.catalogue
+    asked = [(*advice.situation[:2], advice.stroke) for advice in report.advice]
+    return training(catalogue, asked, words()("scout.training_lead", opponent=report.opponent.name))
 
 
 def _unknown(report: ScoutingReport) -> Section:

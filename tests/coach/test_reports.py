@@ -90,12 +90,13 @@ def read(content: bytes) -> tuple[Tags, str]:
 # The scouting report.
 
 
-def test_a_scouting_report_has_its_five_parts(scouted: ScoutingReport, unbuilt: None) -> None:
+def test_a_scouting_report_has_its_seven_parts(scouted: ScoutingReport, unbuilt: None) -> None:
     tags, text = read(scout_pages.scouting_page(scouted))
     assert [name for tag, a in tags.tags if tag == "section" and (name := a["id"])] == [
-        "the-match-up", "how-kento-momota-plays", "where-kento-momota-can-be-hurt", "what-if-you-play-more-of-it?",
-        "how-sure-is-this?",
+        "the-match-up", "how-kento-momota-plays", "serve,-return-and-defence:-what-to-expect", "where-kento-momota-can-be-hurt",
+        "what-if-you-play-more-of-it?", "what-to-train-this-week", "how-sure-is-this?",
     ]  # fmt: skip
+    assert [text.count(f"Drill {number}.") for number in (1, 2, 3, 4)] == [1, 1, 1, 0]
     assert "Viktor Axelsen is expected to win" in text or "This match is open" in text
     assert text.count("Behind the advice") == len(scouted.advice) >= 3
     assert "left out: Node is missing" in text
@@ -110,7 +111,27 @@ def test_a_profile_alone_has_no_advice(model: str, unbuilt: None) -> None:
     assert (report.outlook, report.player, [*report.advice], [*report.effects]) == (None, None, [], [])
     _, text = read(scout_pages.scouting_page(report))
     assert "How Kento Momota plays" in text
+    assert "All strokes of Kento Momota after the serve" in text
+    assert "How the strokes end" in text
     assert "Gain:" not in text
+    assert "Drill" not in text
+
+
+@pytest.mark.parametrize("typed", ["Kento Momota", "MOMOTA kento", "kento_momota"])
+def test_players_are_found_as_people_type_their_names(model: str, typed: str) -> None:
+    assert scout(typed, model=model).opponent == scout(B, model=model).opponent
+
+
+def test_a_key_moment_is_not_the_last_stroke(reported: MatchReport) -> None:
+    turned = [(row.decided[0], row.strokes) for row in reported.rallies if row.decided is not None]
+    assert turned
+    assert all(number < strokes for number, strokes in turned)
+
+
+def test_costly_decisions_are_of_different_kinds(reported: MatchReport) -> None:
+    shot = reported.game.catalogue.shot
+    kinds = [(choice.player, int(shot[choice.played]), int(shot[choice.better])) for choice in reported.choices]
+    assert len(set(kinds)) == len(kinds)
 
 
 def test_figures_as_json(scouted: ScoutingReport, reported: MatchReport) -> None:
