@@ -1,7 +1,7 @@
 """Tasks on the machines of a Ray cluster, with the same results as in this process.
 
-A task is a function of the package whose result depends only on its arguments. A task that is lost with its worker or machine is
-restarted elsewhere, and run in this process if no worker is left.
+A task is a function of the package whose result depends only on its arguments, so Ray starts one that is lost with its worker or
+machine again elsewhere.
 """
 
 import contextlib
@@ -16,7 +16,7 @@ import platform
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent import futures
-from typing import Any, Final, Generic, Protocol, TypeVar
+from typing import Any, Final, Generic, TypeVar
 
 import shuttle_marl
 from shuttle_marl.base.errors import ShuttleError
@@ -28,10 +28,8 @@ T = TypeVar("T")
 
 LOCAL: Final = "local"
 """Address that starts Ray on this machine alone."""
-_ATTEMPTS: Final = 4
-"""Attempts before a task counts as one that crashes its workers."""
-_PATIENCE: Final = 5.0
-"""Seconds without a result after which the workers of a cluster are counted."""
+_RETRIES: Final = 3
+"""How often Ray starts a task again whose worker or machine died, or whose result was lost with a machine."""
 _SHARED_VALUES: Final = 2
 """Capacity of the cache of shared values in a worker."""
 
@@ -40,48 +38,18 @@ class ClusterError(ShuttleError):
     """Processes or a cluster that cannot be used, or that lose a task repeatedly."""
 
 
-class LostError(Exception):
-    """The worker of a task, or the machine with its result, died."""
-
-
-class Backend(Protocol):
-    """Executor of the tasks of a :class:`Cluster`."""
-
-    def slots(self) -> int:
-        """Number of parallel tasks; 0 if no worker is left."""
-
-    def put(self, value: Any) -> Any:
-        """Store a value for many tasks; returns a reference to it."""
-
-    def start(self, function: Callable[..., Any], arguments: Sequence[Any]) -> Any:
-        """Start a task; arguments may be references. Returns a hashable handle."""
-
-    def wait(self, started: Sequence[Any], seconds: float) -> Sequence[Any]:
-        """Handles whose tasks have ended or are lost; waits for the first one, or until the timeout [s]."""
-
-    def get(self, started: Any) -> Any:
-        """Result of a task, or its error.
-
-        Raises:
-            LostError: the result was lost with a worker or a machine.
-        """
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclasses.dataclass(frozen=True)
 class Shared(Generic[T]):
-    """An argument of many tasks, sent once to every machine."""
+    """An argument of many tasks, sent once to every machine, and cached by each worker."""
 
-    value: T
     reference: Any
 
 
 class Task(Generic[T]):
     """A task of a cluster."""
 
-    def __init__(self, cluster: "Cluster", function: Callable[..., T], arguments: Sequence[Any]) -> None:
-        self._cluster, self.function, self.arguments = cluster, function, arguments
-        self.attempts = 0
-        self._outcome: Callable[[], T] | None = None
+    def __init__(self, ray: Any, reference: Any) -> None:
+        self._ray, self._reference = ray, reference
 
     def result(self) -> T:
         """Wait for the result of the function.
@@ -90,39 +58,33 @@ class Task(Generic[T]):
             ClusterError: the task was lost repeatedly.
             Exception: raised by the function.
         """
-        while self._outcome is None:
-            self._cluster.advance()
-        return self._outcome()
-
-    def end(self, outcome: Callable[[], T]) -> None:
-        """Store the result, or the error, of the last attempt."""
-        self._outcome = outcome
-
-    def run_here(self) -> None:
-        """Call the function in this process."""
-        value = self.function(*(each.value if isinstance(each, Shared) else each for each in self.arguments))
-        self.end(lambda: value)
+        try:
+            value: T = self._ray.get(self._reference)
+        except self._ray.exceptions.RayTaskError as error:
+            raise error.cause from error
+        except self._ray.exceptions.RayError as error:
+            raise ClusterError(
+                f"a task was lost {_RETRIES + 1} times with its worker, perhaps for lack of memory "
+                f"({str(error).strip().partition(chr(10))[0]}); continue with --resume on machines with more memory per processor"
+            ) from error
+        return value
 
 
 class Cluster:
-    """Runs tasks, and restarts lost ones.
+    """Runs tasks on a Ray cluster, which starts lost ones again."""
 
-    Args:
-        backend: executor of the tasks.
-    """
-
-    def __init__(self, backend: Backend) -> None:
-        self._backend = backend
-        self._open: dict[Any, Task[Any]] = {}
+    def __init__(self, ray: Any, versions: Mapping[str, str]) -> None:
+        self._ray, self._versions = ray, versions
+        self._call = ray.remote(num_cpus=1, max_retries=_RETRIES, scheduling_strategy="SPREAD")(_call)
 
     @property
     def slots(self) -> int:
         """Current number of parallel tasks; at least 1."""
-        return max(1, self._backend.slots())
+        return max(1, int(self._ray.cluster_resources().get("CPU", 0)))
 
     def share(self, value: T) -> Shared[T]:
         """Prepare a value as an argument of many tasks."""
-        return Shared(value, self._backend.put(value))
+        return Shared(self._ray.put(value))
 
     def submit(self, function: Callable[..., T], *arguments: Any) -> Task[T]:
         """Start a task.
@@ -131,49 +93,7 @@ class Cluster:
             function: a function of the package whose result depends only on its arguments.
             arguments: its arguments; a :class:`Shared` is replaced by its value.
         """
-        task = Task(self, function, arguments)
-        self._start(task)
-        return task
-
-    def _start(self, task: Task[Any]) -> None:
-        task.attempts += 1
-        arguments = [each.reference if isinstance(each, Shared) else each for each in task.arguments]
-        self._open[self._backend.start(task.function, arguments)] = task
-
-    def advance(self) -> None:
-        """Collect finished tasks and restart lost ones; run one in this process if no worker is left."""
-        # Results are fetched as soon as they are complete, so that a machine that fails later loses none.
-        over = self._backend.wait(list(self._open), _PATIENCE)
-        for started in over:
-            task = self._open.pop(started)
-            try:
-                value = self._backend.get(started)
-            except LostError as error:
-                self._start_again(task, error)
-            except Exception as error:  # raised again by `Task.result`
-                task.end(functools.partial(_raise, error))
-            else:
-                task.end(functools.partial(_same, value))
-        if not over and not self._backend.slots():
-            self._open.pop(next(iter(self._open))).run_here()
-
-    def _start_again(self, task: Task[Any], error: LostError) -> None:
-        if task.attempts < _ATTEMPTS:
-            self._start(task)
-            return
-        message = (
-            f"a task was lost {_ATTEMPTS} times with its worker, perhaps for lack of memory ({error}); continue with --resume on "
-            "machines with more memory per processor"
-        )
-        task.end(functools.partial(_raise, ClusterError(message)))
-
-
-def _same(value: T) -> T:
-    return value
-
-
-def _raise(error: Exception) -> Any:
-    raise error
+        return Task(self._ray, self._call.remote(function, list(arguments), self._versions))
 
 
 @contextlib.contextmanager
@@ -206,51 +126,14 @@ def open_cluster(address: str, packages: Sequence[str]) -> Iterator[Cluster]:
                 "this machine"
             ) from error
     try:
-        yield Cluster(_Ray(ray, _versions(tuple(packages))))
+        yield Cluster(ray, _versions(tuple(packages)))
     finally:
         if joined:
             ray.shutdown()
 
 
-class _Ray:
-    """Ray as a :class:`Backend`."""
-
-    def __init__(self, ray: Any, versions: Mapping[str, str]) -> None:
-        self._ray, self._versions = ray, versions
-        # :class:`Cluster` restarts lost tasks.
-        self._call = ray.remote(num_cpus=1, max_retries=0, scheduling_strategy="SPREAD")(_call)
-
-    def slots(self) -> int:
-        return int(self._ray.cluster_resources().get("CPU", 0))
-
-    def put(self, value: Any) -> Any:
-        return _Reference(self._ray.put(value))
-
-    def start(self, function: Callable[..., Any], arguments: Sequence[Any]) -> Any:
-        return self._call.remote(function, list(arguments), self._versions)
-
-    def wait(self, started: Sequence[Any], seconds: float) -> Sequence[Any]:
-        over: Sequence[Any] = self._ray.wait(list(started), num_returns=1, timeout=seconds, fetch_local=False)[0]
-        return over
-
-    def get(self, started: Any) -> Any:
-        try:
-            return self._ray.get(started)
-        except self._ray.exceptions.RayTaskError as error:
-            raise error.cause from error
-        except self._ray.exceptions.RayError as error:
-            raise LostError(str(error).strip().partition("\n")[0]) from error
-
-
-@dataclasses.dataclass(frozen=True)
-class _Reference:
-    """A value in the object store of Ray, cached by each worker."""
-
-    reference: Any
-
-
 @functools.lru_cache(maxsize=_SHARED_VALUES)
-def _fetched(shared: _Reference) -> Any:
+def _fetched(shared: Shared[Any]) -> Any:
     import ray  # noqa: PLC0415  an extra
 
     return ray.get(shared.reference)
@@ -265,7 +148,7 @@ def _call(function: Callable[..., Any], arguments: Sequence[Any], versions: Mapp
             f"machine {platform.node()} of the cluster has other versions than this one ({'; '.join(different)}); "
             "install the same ones on all"
         )
-    return function(*(_fetched(each) if isinstance(each, _Reference) else each for each in arguments))
+    return function(*(_fetched(each) if isinstance(each, Shared) else each for each in arguments))
 
 
 _OWN: Final = ("python", "shuttle_marl")

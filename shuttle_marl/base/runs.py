@@ -220,11 +220,7 @@ def write_json(path: Path, fields: Mapping[str, object]) -> None:
 
 
 class Journal:
-    """File of JSON objects, one a line, that a run appends to; each holds a CRC-32 of its other fields.
-
-    Args:
-        path: the file.
-    """
+    """File of JSON objects, one a line, that a run appends to; each holds a CRC-32 of its other fields."""
 
     def __init__(self, path: Path) -> None:
         self._path = path

@@ -14,11 +14,7 @@ CATALOGUE: Final = Path(__file__).parent / "words.toml"
 
 
 class Words:
-    """Texts by key.
-
-    Args:
-        path: the catalogue.
-    """
+    """Texts by key."""
 
     def __init__(self, path: Path = CATALOGUE) -> None:
         self._texts = tomllib.loads(path.read_text(encoding="utf-8"))

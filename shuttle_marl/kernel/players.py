@@ -134,18 +134,17 @@ def put_player(players: Players, number: int, policy: TabulatedPolicy, game: Gam
     _write_guides(players.cumulative[number], game.pair_start, players.guide[number])
 
 
-def check_players(players: Players, game: Game, count: int | None = None) -> None:
+def check_players(players: Players, game: Game) -> None:
     """Check that packed policies only choose strokes that exist.
 
     Args:
         players: result of :func:`pack`.
         game: game for which they were packed.
-        count: required number of policies; None: any.
 
     Raises:
-        KernelError: another number of policies, another game, or tables that :func:`pack` does not produce.
+        KernelError: another game, or tables that :func:`pack` does not produce.
     """
-    number = len(players.cumulative) if count is None else count
+    number = len(players.cumulative)
     cumulative = checked_array("packed policies", players.cumulative, np.uint16, (number, game.n_pairs))
     guide = checked_array("guide of packed policies", players.guide, np.uint8, (number, game.n_states, GUIDES))
     if cumulative is not players.cumulative or guide is not players.guide:

@@ -34,10 +34,9 @@ from shuttle_marl.kernel.core import (
     outcome_of,
     read_limits,
     strike_one,
-    stroke_of,
     uniform_choice,
 )
-from shuttle_marl.kernel.players import Players, check_players, empty_players, pack, put_player, table_choice
+from shuttle_marl.kernel.players import Players, empty_players, pack, put_player, table_choice
 from shuttle_marl.kernel.rows import (
     Batch,
     Observations,
@@ -273,15 +272,6 @@ def _step(
 
 
 @compiled
-def _choose(tables: Tables, rows: Rows, players: Players, stroke: I64, first: int, last: int) -> None:
-    for i in range(first, last):
-        s = rows.state[i]
-        legal = legal_strokes(tables, s)
-        k = table_choice(players, rows.striker[i], s, legal.pair, draw(rows.key[i], rows.stroke[i]))
-        stroke[i] = stroke_of(tables, legal, k)
-
-
-@compiled
 def _run(tables: Tables, rows: Rows, players: Players, tally: I64, serving: Serving, strokes: int, first: int, last: int) -> None:
     """Let rows play by themselves; ``tally`` counts rallies won by the striker, lost by the striker, won by seat 0.
 
@@ -444,20 +434,6 @@ class RallyBatch(Batch):
         output, rank, serving = self._output(observed), self._ranks(stroke), self._serving(reset=reset)
         in_slices(lambda a, b: _step(*self._state, rank, output, serving, (a, b)), len(self), self.threads)
         return output.reward, output.done
-
-    def policy_strokes(self, players: Players) -> I64:
-        """``[B]`` stroke of each row by tabulated policies and the draw of its next stroke.
-
-        Args:
-            players: policies at seats 0 and 1, packed by :func:`~shuttle_marl.kernel.pack`.
-
-        Raises:
-            KernelError: not two policies of this game.
-        """
-        check_players(players, self.game, 2)
-        stroke = np.empty(len(self), np.int64)
-        in_slices(lambda a, b: _choose(self._tables, self.rows, players, stroke, a, b), len(self), self.threads)
-        return stroke
 
     def run(self, strokes: int, policies: tuple[TabulatedPolicy, TabulatedPolicy] | None = None) -> Tally:
         """Let every row play a number of strokes by itself; rallies that end are followed by the next.

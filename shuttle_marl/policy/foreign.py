@@ -19,7 +19,6 @@ import math
 import operator
 import os
 import queue
-import secrets
 import select
 import shlex
 import signal
@@ -258,10 +257,6 @@ def _stop(thread: threading.Thread) -> None:
         ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread.ident), ctypes.py_object(SystemExit))
 
 
-_MARK: Final = "SHUTTLE_MARL_PROGRAM"
-"""Environment variable that marks a program and its children."""
-
-
 class ProgramPolicy:
     """A program in any language that chooses every stroke, ``program:COMMAND``.
 
@@ -336,7 +331,6 @@ class ProgramPolicy:
 
     def _start(self) -> None:
         self._errors: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115  open as long as the program runs
-        mark = secrets.token_hex(16)
         try:
             self._process = subprocess.Popen(
                 self._command,
@@ -344,11 +338,10 @@ class ProgramPolicy:
                 stdout=subprocess.PIPE,
                 stderr=self._errors,
                 start_new_session=True,
-                env={**os.environ, _MARK: mark},
             )
         except OSError as error:
             raise PolicyError(f"it cannot be started: {self._command[0]}: {error.strerror}") from error
-        self._finalize = weakref.finalize(self, _end, self._process, mark)
+        self._finalize = weakref.finalize(self, _end, self._process)
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         self._stdin, self._stdout = self._process.stdin.fileno(), self._process.stdout.fileno()
@@ -435,14 +428,10 @@ def _left(end: float | None) -> float | None:
     return None if end is None else max(0.0, end - time.monotonic())
 
 
-def _end(process: "subprocess.Popen[bytes]", mark: str) -> None:
-    """Kill a program and its children, on Linux also those in other sessions, which inherit its environment."""
+def _end(process: "subprocess.Popen[bytes]") -> None:
+    """Kill a program and its children, but those that it started in sessions of their own."""
     with contextlib.suppress(ProcessLookupError, PermissionError):
         os.killpg(process.pid, signal.SIGKILL)
-    for path in Path("/proc").glob("[0-9]*/environ"):
-        with contextlib.suppress(OSError):
-            if f"{_MARK}={mark}".encode() in path.read_bytes():
-                os.kill(int(path.parent.name), signal.SIGKILL)
     for pipe in (process.stdin, process.stdout):
         if pipe is not None:
             with contextlib.suppress(OSError):

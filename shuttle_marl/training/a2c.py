@@ -17,12 +17,7 @@ from shuttle_marl.training.networks import logit_network, make_actor, make_criti
 
 
 class A2C(Learner):
-    """Networks, loss and update of A2C.
-
-    Args:
-        config: settings.
-        game: the tables.
-    """
+    """Networks, loss and update of A2C."""
 
     def __init__(self, config: A2CConfig, game: Game) -> None:
         self.config = config

@@ -229,11 +229,7 @@ def weighted_sums(terms: TensorDictBase, weight: torch.Tensor) -> TensorDictBase
 
 
 class Mean:
-    """Means of the terms of a loss over gradient steps.
-
-    Args:
-        names: names of the terms.
-    """
+    """Means of the terms of a loss over gradient steps."""
 
     def __init__(self, *names: str) -> None:
         self._totals, self._count = dict.fromkeys(names, 0.0), 0
@@ -257,12 +253,7 @@ class Mean:
 
 
 class Observer:
-    """Network inputs of states, as tensors on a device.
-
-    Args:
-        game: the tables.
-        device: device of the tensors.
-    """
+    """Network inputs of states, as tensors on a device."""
 
     def __init__(self, game: Game, device: str) -> None:
         self.device = torch.device(device)

@@ -21,12 +21,7 @@ from shuttle_marl.training.self_play import ReferencePolicy
 
 
 class PPO(Learner):
-    """Networks, loss and update of PPO.
-
-    Args:
-        config: settings.
-        game: the tables.
-    """
+    """Networks, loss and update of PPO."""
 
     def __init__(self, config: PPOConfig, game: Game) -> None:
         self.config = config

@@ -85,12 +85,7 @@ class Evaluation:
 
 
 class Evaluator:
-    """Evaluates policies against fixed opponents; what does not depend on the policy is solved once.
-
-    Args:
-        game: the tables.
-        opponents: tabulated opponents.
-    """
+    """Evaluates policies against fixed opponents; what does not depend on the policy is solved once."""
 
     def __init__(self, game: Game, opponents: Sequence[TabulatedPolicy]) -> None:
         self._opponents = opponents

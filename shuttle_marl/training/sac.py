@@ -31,12 +31,7 @@ _TRANSITION: Final = ("state", "pair", "following", "reward")
 
 
 class SAC(Learner):
-    """Networks, losses, replay buffer and update of SAC.
-
-    Args:
-        config: settings.
-        game: the tables.
-    """
+    """Networks, losses, replay buffer and update of SAC."""
 
     distinct = False
 

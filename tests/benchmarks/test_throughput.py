@@ -10,9 +10,8 @@ pytest.importorskip("pygame")
 from benchmarks import throughput
 from benchmarks.lower_bound import lower_bound_of
 from benchmarks.synthetic import synthetic_game
-from benchmarks.throughput_cases import BATCHED, SINGLE, Play
+from benchmarks.throughput_cases import BATCHED, SINGLE
 from docs.tools.markdown import saved
-from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.game import default_game
 
 
@@ -24,52 +23,6 @@ def test_every_maker_plays(what: str) -> None:
         played = play()
         assert played > 0
         assert played % batch == 0 or what == "tournament"
-
-
-class Clocks:
-    """Stands for the module ``time``: a call that plays takes 1/256 s of the processor, and ``busy`` times that on the clock."""
-
-    def __init__(self, busy: float = 1) -> None:
-        self.busy, self.played = busy, 0
-
-    def process_time(self) -> float:
-        return self.played / 256
-
-    def perf_counter(self) -> float:
-        return self.busy * self.process_time()
-
-
-def turns_of(clocks: Clocks, threads: int) -> tuple[list[str], list[list[float]]]:
-    """Names in the order in which they had their turns, and the speeds that were found."""
-    order: list[str] = []
-
-    def player(name: str) -> Play:
-        def play() -> int:
-            clocks.played += 1
-            if order[-1:] != [name]:
-                order.append(name)
-            return 7
-
-        return play
-
-    return order, throughput.speeds([player("a"), player("b")], 1 / 64, 3, threads)
-
-
-@pytest.mark.parametrize("threads", [1, 2])
-def test_turns_are_taken_and_end(threads: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    clocks = Clocks()
-    monkeypatch.setattr(throughput, "time", clocks)
-    order, found = turns_of(clocks, threads)
-    assert order == ["a", "b"] * 4, "a call to warm up and three turns"
-    assert found == [[7 * 256.0] * 3] * 2
-
-
-def test_a_busy_machine_gets_fewer_turns(monkeypatch: pytest.MonkeyPatch) -> None:
-    clocks = Clocks(busy=10)
-    monkeypatch.setattr(throughput, "time", clocks)
-    order, found = turns_of(clocks, 1)
-    assert order == ["a", "b"] * 3
-    assert found == [[7 * 256.0] * 2] * 2
 
 
 @pytest.mark.slow
@@ -104,11 +57,6 @@ def test_results_hold_all_that_is_measured() -> None:
         for batch in throughput.BATCHES:
             assert (what, batch, 1) in measured
     assert {(what, 1, 1) for what in SINGLE} <= measured
-
-
-def test_an_unknown_name_is_refused() -> None:
-    with pytest.raises(ShuttleError, match="no such measurement: kernels; there are kernel, "):
-        throughput.main(only=("kernels",))
 
 
 @pytest.mark.parametrize(("strokes", "replies"), [(40, 14), (100, 28)])

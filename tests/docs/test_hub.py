@@ -11,9 +11,7 @@ import pytest
 import yaml
 
 from docs.tools import hub
-from docs.tools.markdown import saved
 from shuttle_marl import default_game, resolve, tabulate
-from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.game.shipped import model_folder
 from shuttle_marl.policy.agents import AGENTS
 
@@ -57,16 +55,3 @@ def test_descriptions_are_of_the_files(folder: Path, name: str) -> None:
         (file,) = {field["source"]["fileObject"]["@id"] for field in records["field"]}
         assert [field["source"]["extract"]["column"] for field in records["field"]] == pq.read_schema(folder / name / file).names
     assert {file for config in card(folder / name)[0]["configs"] for file in config["data_files"]} == set(files)
-
-
-def test_results_are_those_of_the_boards(folder: Path) -> None:
-    rows = pq.read_table(folder / "suite/results.parquet").to_pylist()
-    expected = saved("experiments", "suite")["rows"]
-    assert [(row["task"], row["method"], row["score"]) for row in rows] == [
-        (r["task"], r["method"], r["score"]) for r in expected
-    ]
-
-
-def test_an_existing_folder_is_not_replaced(folder: Path) -> None:
-    with pytest.raises(ShuttleError, match="already exists"):
-        hub.main(out=folder, quick=True)

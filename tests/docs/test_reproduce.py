@@ -71,18 +71,6 @@ def test_differences(change: dict, tolerance: float, found: list[str]) -> None:
     assert differences(SAVED, {**SAVED, **change}, tolerance)[0] == found
 
 
-def test_a_key_that_is_gone() -> None:
-    beyond, greatest = differences(SAVED, {}, 0.0)
-    assert beyond == [f".{key}: only in the saved result" for key in sorted({*SAVED} - {"seconds"})]
-    assert greatest == math.inf
-
-
-def test_speeds_have_another_tolerance() -> None:
-    beyond, greatest = differences({"a": [{"speed": 2, "x": 4}]}, {"a": [{"speed": 1, "x": 3}]}, 0.1, ["speed"])
-    assert beyond == [".a[0].x: 4, now 3"]
-    assert greatest == 0.25
-
-
 def result(command: str) -> Result:
     return Result(folder="benchmarks", tables=("again",), command=command, tolerance=0.1)
 
@@ -100,33 +88,3 @@ def test_a_result_is_made_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr(reproduce, "saved", lambda folder, name: [3])
     with pytest.raises(ShuttleError, match=r"(?s)again: 1 differences.*\[0\]: 3, now 2"):
         reproduce.main("again")
-
-
-def test_time_and_difference_are_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    kept, table = tmp_path / "reproduced.json", tmp_path / "benchmarks" / "results" / "again.json"
-    kept.write_text("{}")
-    table.parent.mkdir(parents=True)
-    (tmp_path / "prints.py").write_text("print('[2]')\n")
-    monkeypatch.setattr(reproduce, "ROOT", tmp_path)
-    monkeypatch.setattr(reproduce, "_AGAIN", kept)
-    monkeypatch.setattr(reproduce, "RESULTS", {"again": result("prints")})
-    monkeypatch.setattr(reproduce, "saved", lambda folder, name: json.loads(table.read_text()))
-    for before, after, difference in (("[2]", "[2]", 0.0), ("[2.1]", "[2]\n", 0.1 / 2.1), ("[3]", "[2]\n", None)):
-        table.write_text(before)
-        reproduce.check("again", save=True)
-        assert table.read_text() == after
-        assert reproduce.measured() == {"again": {"seconds": 0, "difference": pytest.approx(difference)}}
-
-
-def test_what_cannot_be_made_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv("SHUTTLESET", raising=False)
-    with pytest.raises(ShuttleError, match="needs the annotated matches"):
-        reproduce.check("human")
-    with pytest.raises(ShuttleError, match="no table 'nothing'"):
-        reproduce.check("nothing")
-    with pytest.raises(ShuttleError, match="recipes is not compared"):
-        reproduce.check("recipes")
-    monkeypatch.setattr(reproduce, "ROOT", tmp_path)
-    (tmp_path / "fails.py").write_text("raise SystemExit(3)\n")
-    with pytest.raises(ShuttleError, match="exit status 3"):
-        reproduce.remake("again", result("fails"))

@@ -29,16 +29,6 @@ FILES = {
     "a/top.py": TOP,
     "a/unused.py": "import shuttle_marl.base.errors\n",
 }
-PLAY = """
-from shuttle_marl.a.top import g
-def call():
-    try:
-        g()
-    except Exception:
-        pass
-def play():
-    traced(call)
-"""
 
 
 @pytest.fixture
@@ -50,52 +40,8 @@ def root(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_modules_and_their_imports(root: Path) -> None:
-    found = {module.name: module for module in size.modules(root).values()}
-    assert set(found) == {f"shuttle_marl{name}" for name in ("", ".base", ".base.errors", ".a", ".a.low", ".a.top", ".a.unused")}
-    assert found["shuttle_marl.a.low"].lines == 5
-    assert found["shuttle_marl.a.low"].origins == {}
-    assert found["shuttle_marl.a.top"].origins == {"low": "shuttle_marl.a.low", "E": "shuttle_marl.base.errors"}
-
-
 def test_modules_with_one_importer(root: Path) -> None:
     assert [module.name for module in size.single_importers(size.modules(root))] == ["shuttle_marl.a.low"]
-
-
-def test_files_that_run_and_that_running_code_names(root: Path) -> None:
-    parts = size.files_of(root, size.modules(root), PLAY)
-    assert {path.name for path in parts} == {"top.py", "low.py", "errors.py"}
-
-
-PLAY_RUN = """
-from shuttle_marl.training import before, run, after
-def call():
-    before.f()
-    run.one_stroke()
-    after.f()
-def play():
-    traced(call, begin="collect", end="save_checkpoint")
-"""
-RUNS = {
-    "before.py": "def f(): return 1\n",
-    "after.py": "def f(): return 2\n",
-    "kept.py": "def save_checkpoint(): return learned()\ndef learned(): return 3\n",
-    "rows.py": "def collect(): return 4\n",
-    "run.py": "from shuttle_marl.training import kept, rows\ndef one_stroke():\n    rows.collect()\n    kept.save_checkpoint()\n",
-}
-
-
-def test_a_part_of_what_is_played_is_counted(root: Path) -> None:
-    (root / "shuttle_marl/training").mkdir()
-    for name, text in {"__init__.py": "", **RUNS}.items():
-        (root / "shuttle_marl/training" / name).write_text(text, encoding="utf-8")
-    parts = size.files_of(root, size.modules(root), PLAY_RUN)
-    assert {path.name for path in parts} == {"run.py", "rows.py", "kept.py"}
-
-
-def test_a_folder_without_the_package_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(size.SizeError, match="no package shuttle_marl here"):
-        size.modules(tmp_path)
 
 
 CLASSES = """class Rally:
@@ -151,46 +97,6 @@ def test_code_and_shapes(root: Path) -> None:
     assert names["game_types"] == ["DoublesGame"]
     assert names["run_folders"] == ["shuttle_marl.league.journal"]
     assert size.circles(found, root) == ["shuttle_marl.a: low, top", "page: a, frame"]
-
-
-THREADED = """
-import threading
-from shuttle_marl.training import log
-from shuttle_marl.recording import writer
-def play():
-    traced(lambda: (log.before(), log.add(writer.write), log.before()), within="add")
-"""
-
-
-def test_files_within_a_function_and_in_its_threads(root: Path) -> None:
-    for folder, name, text in (
-        (
-            "training",
-            "log",
-            "import threading\ndef before(): ...\ndef add(write):\n    t = threading.Thread(target=write); t.start(); t.join()\n",
-        ),
-        ("recording", "writer", "from shuttle_marl.recording import chunk\ndef write(): chunk.compress()\n"),
-        ("recording", "chunk", "def compress(): ...\n"),
-        ("training", "unused", "def before(): ...\n"),
-    ):
-        (root / "shuttle_marl" / folder).mkdir(exist_ok=True)
-        (root / "shuttle_marl" / folder / "__init__.py").touch()
-        (root / "shuttle_marl" / folder / f"{name}.py").write_text(text, encoding="utf-8")
-    parts = size.files_of(root, size.modules(root), THREADED)
-    assert {path.name for path in parts} == {"log.py", "writer.py", "chunk.py"}
-
-
-def test_scripts_that_a_frame_imports(tmp_path: Path) -> None:
-    for name, text in {
-        "frame": 'import type { T } from "./types";\nimport { a,\n  type B } from "./a";\nimport { type C } from "./types";\n',
-        "a": 'export { b } from "./b.ts";\nimport { Vector3 } from "three";\n',
-        "b": "",
-        "types": "",
-    }.items():
-        (tmp_path / f"{name}.ts").write_text(text, encoding="utf-8")
-    assert {path.name for path in size.imported_scripts(tmp_path / "frame.ts")} == {"frame.ts", "a.ts", "b.ts", "types.ts"}
-    with pytest.raises(size.SizeError, match=r"none\.ts"):
-        size.imported_scripts(tmp_path / "none.ts")
 
 
 @pytest.mark.parametrize(("setup", "most", "file"), [(size.STROKE, 4, "tables.py")])

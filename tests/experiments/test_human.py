@@ -52,14 +52,6 @@ def test_the_target_of_a_fault_is_not_known(strokes: Strokes) -> None:
     assert np.array_equal(GAME.pair_state[mine.pair], states_of(GAME, mine.strokes.rows)[mine.row])
 
 
-def test_without_a_better_tau_the_clone_stays() -> None:
-    losses = np.ones((len(human.TAUS) + 1, 30))
-    losses[:-1] += 0.1
-    found = human.fit(losses, np.arange(30) // 3)
-    assert (found["tau"], found["low"], found["high"]) == (None, None, None)
-    assert found["gain"] == {"value": 0.0, "low": 0.0, "high": 0.0}
-
-
 def test_the_picture_and_the_tables(tmp_path: Path) -> None:
     result = json.loads((Path(human.__file__).parent / "results" / "human.json").read_text())
     human.draw(result, tmp_path / "human.png")

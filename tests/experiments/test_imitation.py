@@ -13,7 +13,6 @@ from experiments.imitation.imitator import Imitator, ImitatorConfig
 from experiments.imitation.match_adaptation import adapt_to_match
 from experiments.imitation.networks import NetworksConfig
 from experiments.imitation.trees import TreesConfig
-from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.data import load_strokes
 from shuttle_marl.data.schema import STROKES, Outcome
 from shuttle_marl.dynamics.fitted import FittedModels
@@ -98,16 +97,6 @@ def test_a_match_corrects_what_it_contradicts(strokes: pa.Table) -> None:
     assert corrected[late, drive].min() > 0.1
 
 
-def test_what_came_before_changes_a_prediction(strokes: pa.Table, imitator: Imitator) -> None:
-    row = strokes["stroke"].to_pylist().index(6)
-    before = imitator.predict(strokes)[row]
-    for lag in (1, 2, 3, 4):
-        shots = np.array(strokes["shot"]).copy()
-        shots[row - lag] = (shots[row - lag] + 5) % 13
-        other = strokes.set_column(strokes.schema.get_field_index("shot"), STROKES.field("shot"), pa.array(shots))
-        assert np.abs(imitator.predict(other)[row] - before).max() > 1e-6, f"the stroke {lag} before is read"
-
-
 def test_positions_are_in_the_frame_of_the_striker(strokes: pa.Table) -> None:
     contexts = hit_contexts(strokes)
     row = strokes["stroke"].to_pylist().index(4)
@@ -122,18 +111,6 @@ def test_positions_are_in_the_frame_of_the_striker(strokes: pa.Table) -> None:
     assert contexts.codes[row, list(CODES).index("area_2")] == own["area"]
 
 
-def test_strokes_before_a_gap_are_known_those_in_it_are_not(strokes: pa.Table) -> None:
-    row = strokes["stroke"].to_pylist().index(5)
-    first = row - 4
-    rally = pa.concat_tables([strokes.slice(first, 2), strokes.slice(row - 1, 2)])  # strokes 1, 2, 4, 5
-    code = dict(zip(CODES, hit_contexts(rally).codes[-1], strict=True))
-    assert [code[f"shot_{lag}"] for lag in (1, 2, 3, 4)] == [
-        strokes["shot"][row - 1].as_py(), CODES["shot_2"] - 1, strokes["shot"][row - 3].as_py(), strokes["shot"][first].as_py()
-    ]  # fmt: skip
-    serve = dict(zip(CODES, hit_contexts(rally).codes[0], strict=True))
-    assert serve["shot_1"] == CODES["shot_1"] - 2, "none at the serve"
-
-
 def test_probabilities_sum_to_one_and_serves_are_serves(strokes: pa.Table, imitator: Imitator) -> None:
     probability = imitator.predict(strokes)
     assert probability.shape == (strokes.num_rows, 13, 9)
@@ -142,42 +119,6 @@ def test_probabilities_sum_to_one_and_serves_are_serves(strokes: pa.Table, imita
     served = np.array(strokes["stroke"]) == 1
     assert probability[served, :2].sum(axis=(1, 2)).mean() > 0.9
     assert probability[~served, :2].sum(axis=(1, 2)).mean() < 0.1
-
-
-def test_unknown_players_are_the_average_player(strokes: pa.Table, imitator: Imitator) -> None:
-    named, other = imitator.players[:2]
-    average = imitator.predict(strokes, striker="a-stranger")
-    assert np.array_equal(average, imitator.predict(strokes, striker="another"))
-    assert not np.array_equal(imitator.predict(strokes, striker=named), imitator.predict(strokes, striker=other))
-
-
-def test_equal_seeds_give_equal_predictions(strokes: pa.Table) -> None:
-    part = strokes.slice(0, 600)
-    first, second, other = (Imitator.fit(part, config=SMALL, seed=seed).predict(part) for seed in (3, 3, 4))
-    assert np.array_equal(first, second)
-    assert not np.array_equal(first, other)
-
-
-def test_the_prediction_is_the_mean_of_networks_and_trees(strokes: pa.Table, imitator: Imitator) -> None:
-    part = strokes.slice(0, 300)
-    shot = np.array(part["shot"])
-    contexts, players = hit_contexts(part), np.zeros((len(part), 2), dtype=np.int64)
-    for half in (imitator.networks, imitator.trees):
-        alone = half.predict(contexts, players)
-        np.testing.assert_allclose(alone.sum(axis=(1, 2)), 1)
-        assert alone.sum(axis=2)[np.arange(len(part)), shot].mean() > 0.2
-    both = imitator.trees.predict(contexts, players) / 2 + imitator.networks.predict(contexts, players) / 2
-    stranger = part.set_column(part.schema.get_field_index("opponent"), STROKES.field("opponent"), pa.array(["x"] * len(part)))
-    np.testing.assert_allclose(imitator.predict(stranger, striker="y"), both)
-
-
-def test_no_strokes_no_fit(strokes: pa.Table) -> None:
-    with pytest.raises(ShuttleError, match="no stroke to learn from"):
-        Imitator.fit(strokes.slice(0, 0))
-    fault = strokes.filter(pa.compute.equal(strokes["outcome"], int(Outcome.FAULT)))
-    with pytest.raises(ShuttleError, match="no stroke whose area is known"):
-        Imitator.fit(fault)
-    assert Imitator.fit(strokes.slice(0, 400), config=SMALL).predict(strokes.slice(0, 0)).shape == (0, 13, 9)
 
 
 def test_areas_of_faults_are_not_learned(strokes: pa.Table) -> None:

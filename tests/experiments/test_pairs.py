@@ -14,13 +14,12 @@ from experiments.pairs import strokes as of_strokes
 from experiments.pairs.__main__ import main
 from experiments.pairs.parts import Annotated, Part
 from experiments.pairs.results import Rallies, bradley_terry, pair_probabilities, rallies_of, results
-from experiments.pairs.strokes import components
 from experiments.truth.matches import strokes_of
 from shuttle_marl.analysis.strokes import simulate
 from shuttle_marl.data.schema import Account
 from shuttle_marl.data.table import write_parquet
 from shuttle_marl.data.upstream import matches_of
-from shuttle_marl.dynamics.skill import VARIANCES, Predicted
+from shuttle_marl.dynamics.skill import VARIANCES
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game.pairs import pair_game
 from shuttle_marl.game.shipped import load_game
@@ -112,36 +111,6 @@ def test_results_are_scored(part: Part) -> None:
     assert found["matches"] == 12
     assert found["calibration"]["low"] < 0.5
     json.dumps(found)
-
-
-def test_strokes_are_scored(part: Part, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(of_strokes, "deviations_in", lambda card: np.full((3, len(VARIANCES)), 0.1))
-    found = components([part])
-    # Offsets at random, of players who are average, predict no better.
-    assert sum(one["difference"] for one in found.values()) > 0
-    for one in found.values():
-        assert one["high"] > 0
-        assert one["pair"] == pytest.approx(one["average"] + one["difference"])
-        assert one["offset"]["high"] < 1
-        assert one["update"]["rows"] < one["rows"] == one["both_seen"]["rows"]
-        assert np.isnan(one["one_unseen"]["pair"])
-
-
-def test_the_first_game_updates_the_offsets(part: Part) -> None:
-    rows, first = part.unseen.strokes.rows, part.unseen.game == 1
-    opening, later = rows.take(first), rows.take(~first)
-    rng, name = np.random.default_rng(0), "viktor-axelsen"
-    label = rng.random(len(opening)) < expit(-1 + 1.0 * (opening.striker == name))
-    stage = Predicted(rows=opening, logit=np.full(len(opening), -1.0), label=label)
-    sd = np.where(np.array(VARIANCES) == "side", 1.0, 0.05)
-    change = of_strokes._update((stage, np.zeros(len(opening))), later, load_skill(part.folder), sd, "success")
-    assert change[later.striker == name].mean() == pytest.approx(1, abs=0.15)
-    assert change[later.striker != name].mean() == pytest.approx(0, abs=0.15)
-    # A match without a first game is left as it is.
-    nothing = of_strokes._update(
-        (stage.take(np.zeros(len(label), bool)), np.zeros(0)), later, load_skill(part.folder), sd, "return"
-    )
-    assert nothing == pytest.approx(0)
 
 
 def test_the_command(

@@ -51,11 +51,6 @@ def test_another_number_is_found(folders: tuple[Path, Path], name: str, data: by
     assert difference.startswith(f"ppo/run/{name}: differs")
 
 
-def test_a_missing_file_is_found(folders: tuple[Path, Path]) -> None:
-    (folders[0] / "ppo" / "run" / "results.json").unlink()
-    assert found(folders) == ["ppo/run/results.json: only after"]
-
-
 def test_a_log_may_have_other_bytes_but_no_other_strokes(tmp_path: Path) -> None:
     folders = tmp_path / "before", tmp_path / "after"
     for folder, pool in zip(folders, (("safe", "random"), ("random", "safe")), strict=True):
@@ -77,12 +72,3 @@ def test_a_checkout_equals_itself(tmp_path: Path, capsys: pytest.CaptureFixture[
     same_results.main(ROOT, ROOT, out=tmp_path / "out", only=("solve",))
     assert "the same: 1 commands, 1 files" in capsys.readouterr().out
     assert "value" in (tmp_path / "out" / "before" / "solve" / "printed.txt").read_text(encoding="utf-8")
-
-
-def test_wrong_arguments_are_named(tmp_path: Path) -> None:
-    with pytest.raises(same_results.SameResultsError, match="no package shuttle_marl here"):
-        same_results.main(tmp_path, ROOT)
-    with pytest.raises(same_results.SameResultsError, match="--only tea: expected some of league, "):
-        same_results.main(ROOT, ROOT, only=("tea",))
-    with pytest.raises(same_results.SameResultsError, match="exists; name a new folder"):
-        same_results.main(ROOT, ROOT, out=tmp_path)

@@ -7,7 +7,7 @@ import pytest
 
 from docs.tools.suite_tables import task_boards
 from experiments import suite_settings
-from experiments.suite import QUICK, Suite, jobs_of, kept_rows, main, rows_of
+from experiments.suite import QUICK, Suite, jobs_of, main, rows_of
 from shuttle_marl.commands.suite import main as suite
 from shuttle_marl.game import default_game, load_game
 from shuttle_marl.game.shipped import variants
@@ -38,17 +38,6 @@ def test_the_board_is_made_from_the_results(tmp_path: Path, capsys: pytest.Captu
     assert "## robust-v0, test" in capsys.readouterr().out
 
 
-def test_rows_of_other_boards_stay(tmp_path: Path) -> None:
-    def row(budget: int, method: str, game: str = "a") -> dict[str, object]:
-        return {"task": "offline-v0", "split": "test", "budget": budget, "method": method, "game": game}
-
-    known = tmp_path / "suite.json"
-    assert kept_rows(known, [row(10**4, "clone")]) == []
-    known.write_text(json.dumps({"rows": [row(10**4, "cql"), row(10**5, "clone"), row(10**6, "clone", "b")]}))
-    assert kept_rows(known, [row(10**4, "clone")]) == [row(10**5, "clone")]
-    assert kept_rows(known, []) == []
-
-
 def test_all_baselines_are_run() -> None:
     jobs = jobs_of(Suite(data=Path("data"), game=reduced_model()), Path("runs"))
     assert {job.options.task for job in jobs} == set(TASKS) == set(QUICK)
@@ -57,14 +46,6 @@ def test_all_baselines_are_run() -> None:
     small = jobs_of(Suite(game=reduced_model(), budgets=(10**5,)), Path("runs"))
     assert {job.options.budget for job in small} == {None, 10**5}
     assert "imitate-v0" not in {job.options.task for job in small}
-
-
-def test_no_run_is_started_that_ends_too_late(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    flags = ("--quick", "--game", reduced_model(), "--workers", "1", "--out", str(tmp_path / "runs"), "--tasks", "robust-v0")
-    assert main([*flags, "--minutes", "0"]) == 0
-    assert "0 runs are in" in capsys.readouterr().err
-    assert main([*flags, "--plan"]) == 0
-    assert "robust-v0 minimax: 0.2 min\n1 runs, 0 minutes" in capsys.readouterr().err
 
 
 def test_committed_results_are_of_this_game_and_reproduced(tmp_path: Path) -> None:
@@ -87,11 +68,6 @@ def test_committed_results_are_of_this_game_and_reproduced(tmp_path: Path) -> No
     assert {name: each[metric] for name, each in again["strata"].items()} == pytest.approx(
         {name: each[metric] for name, each in committed["strata"].items()}, abs=1e-9
     )
-
-
-def test_methods_belong_to_one_task(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["--methods", "bc"]) == 1
-    assert "one of --tasks" in capsys.readouterr().err
 
 
 def test_figures_of_the_settings(capsys: pytest.CaptureFixture[str]) -> None:

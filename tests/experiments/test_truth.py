@@ -10,8 +10,8 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from experiments.truth import limits, worlds
-from experiments.truth.__main__ import compare, judged_by, main
+from experiments.truth import worlds
+from experiments.truth.__main__ import compare, judged_by
 from experiments.truth.calibration import calibration
 from experiments.truth.decisions import decision_slope, promised_realised, promises, value_error, value_log_loss
 from experiments.truth.legality import after_drop_above, illegal, judged_strokes
@@ -21,10 +21,9 @@ from experiments.truth.matches import Strokes, folds_of, ratio_by_match, states_
 from experiments.truth.memory import memory
 from experiments.truth.paired import differences, load_values, save_values
 from experiments.truth.transfer import transfer
-from experiments.truth.worlds import Fitter, World, by_discipline, shipped_world
+from experiments.truth.worlds import Fitter, World, shipped_world
 from shuttle_marl.analysis.strokes import simulate
 from shuttle_marl.base.errors import ShuttleError
-from shuttle_marl.data import load_strokes
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.dynamics.features import Rows
 from shuttle_marl.game.shipped import Estimate
@@ -34,7 +33,6 @@ from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.game.thresholds import ONE, with_fault_odds
 from tests.reduced import reduced_model
 
-SAMPLE = Path(__file__).parents[2] / "datasets" / "sample" / "strokes.parquet"
 ATTACKS = (SHOTS.index("smash"), SHOTS.index("half-smash"))
 
 
@@ -90,15 +88,6 @@ def test_every_stroke_of_a_simulated_match_stands_in_a_state_of_its_game(world: 
     third, shot = np.flatnonzero(strokes.number == 3), strokes.rows.codes["shot"]
     assert (world.game.catalogue.shot[world.game.own(state[third])] == shot[third - 2]).all()
     assert (world.game.catalogue.shot[world.game.incoming(state[third])] == shot[third - 1]).all()
-
-
-def test_the_winner_of_a_rally_is_the_server_of_the_next(table: pa.Table, strokes: Strokes) -> None:
-    starts = np.flatnonzero(strokes.number == 1)
-    player = np.array(table["player"].to_pylist())
-    match, game = strokes.rows.match[starts], table["game"].to_numpy()[starts]
-    follows = (match[1:] == match[:-1]) & (game[1:] == game[:-1])
-    won = strokes.result[starts[:-1]] == 1
-    assert ((player[starts[1:]] == player[starts[:-1]])[follows] == won[follows]).all()
 
 
 def test_in_a_true_game_promises_come_true(world: World, strokes: Strokes) -> None:
@@ -255,13 +244,6 @@ def test_two_games_are_compared_on_the_same_strokes(world: World, strokes: Strok
         load_values(tmp_path / "values", strokes.take(strokes.in_matches(strokes.rows.matches[:20])))
 
 
-def test_folds_are_even_within_each_discipline(strokes: Strokes) -> None:
-    fold = folds_of(strokes, 4, seed=1)
-    assert all(len(set(fold[strokes.rows.match == match])) == 1 for match in range(10))
-    assert np.ptp([len(strokes.take(fold == k).matches) for k in range(4)]) <= 1
-    assert not np.array_equal(fold, folds_of(strokes, 4, seed=2))
-
-
 def test_a_ratio_and_its_interval() -> None:
     rng = np.random.default_rng(0)
     match = np.repeat(np.arange(200), 50)
@@ -281,27 +263,6 @@ def test_all_figures_at_once(world: World, strokes: Strokes) -> None:
     assert set(found["support"]) == {"bc", "best_response", "minimax"}
     assert all(0 <= share <= 1 for share in found["support"].values())
     json.dumps(found)
-
-
-def test_the_command_asks_for_matches(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["--data", str(tmp_path)]) == 1
-    assert "either --split NAME or --cross NUMBER" in capsys.readouterr().err
-    assert main(["--data", str(tmp_path), "--cross", "1"]) == 1
-    assert "expected 2 or more" in capsys.readouterr().err
-    for wrong in ("--cross", "--halvings"):
-        assert limits.main(["--data", str(tmp_path), wrong, "0"]) == 1
-        assert f"{wrong} 0" in capsys.readouterr().err
-
-
-def test_matches_are_split_by_discipline_for_their_profiles(strokes: Strokes) -> None:
-    both = strokes_of(load_strokes(SAMPLE))
-    assert [part for part, _ in by_discipline(both, profiles=False)] == [None]
-    parts = by_discipline(both, profiles=True)
-    assert [discipline for discipline, _ in parts] == [0, 1]
-    assert sum(len(part) for _, part in parts) == len(both)
-    for discipline, part in parts:
-        assert (part.rows.codes["discipline"] == discipline).all()
-        assert (part.number[part.last] >= part.number).all()
 
 
 def test_the_games_of_both_disciplines_come_from_one_fit(

@@ -59,10 +59,3 @@ def test_a_run_ends_in_a_table_and_continues(
     again = tmp_path / "again.json"
     assert win_rates.main([*flags[:-1], str(again), "--resume"]) == 0
     assert json.loads(again.read_text())["rows"] == result["rows"]
-
-
-def test_bad_settings_are_named(capsys: pytest.CaptureFixture[str]) -> None:
-    assert win_rates.main(["--agents", "dqn"]) == 1
-    assert "dqn" in capsys.readouterr().err
-    assert win_rates.main(["--seeds", "1"]) == 1
-    assert "2 seeds or more" in capsys.readouterr().err

@@ -145,8 +145,6 @@ def changed(name: str, at: Any, value: int) -> Players:
 def test_packed_policies_made_by_hand_are_checked(players: Players) -> None:
     with pytest.raises(KernelError, match=r"packed policies"):
         play_matches(GAME, some_matches(), players)
-    with pytest.raises(KernelError, match=r"packed policies"):
-        RallyBatch(GAME, 4).policy_strokes(players)
 
 
 @pytest.mark.parametrize(

@@ -9,12 +9,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from shuttle_marl.base.arrays import I64
 from shuttle_marl.game import default_game, draws
 from shuttle_marl.game.policy import UniformPolicy
 from shuttle_marl.game.rules import FAULT, WINNER, IllegalStrokeError, strike
 from shuttle_marl.game.tables import ROOT, Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
-from shuttle_marl.kernel import KernelError, RallyBatch, Tally, pack, play_rallies
+from shuttle_marl.kernel import KernelError, RallyBatch, Tally, play_rallies
 from shuttle_marl.kernel.rows import TOKENS, Observations, Rows, _observe
 from shuttle_marl.policy.baselines import load
 from tests.exact.exact_games import random_game, random_policy
@@ -287,16 +288,21 @@ def test_the_smallest_game_can_be_played() -> None:
 
 
 def test_policies_choose_as_the_batch_that_plays_by_itself() -> None:
-    opponents = [random_policy(GAME, seed) for seed in range(3)]
+    opponents = [random_policy(GAME, seed) for seed in range(2)]
     alone, batch = RallyBatch(GAME, 30, seed=7), RallyBatch(GAME, 30, seed=7)
     alone.run(50, (opponents[0], opponents[1]))
-    players = pack(opponents[:2], GAME)
     for _ in range(50):
-        batch.step(batch.policy_strokes(players))
+        batch.step(strokes_of(batch, opponents[0], opponents[1]))
     assert np.array_equal(alone.rows.state, batch.rows.state)
     assert np.array_equal(alone.rows.rally, batch.rows.rally)
-    with pytest.raises(KernelError, match=r"packed policies: uint16 of shape \(3, \d+\); expected uint16 of shape \(2, \d+\)"):
-        batch.policy_strokes(pack(opponents, GAME))
+
+
+def strokes_of(batch: RallyBatch, one: TabulatedPolicy, other: TabulatedPolicy) -> I64:
+    """Strokes of two policies by the draws of the rows, by their definition."""
+    rows = batch.rows
+    u = draws.choice_draw(draws.draw(rows.key, rows.stroke))
+    k = np.where(rows.striker == 0, one.choose(rows.state, u), other.choose(rows.state, u))
+    return batch.game.stroke_at(rows.state, k).astype(np.int64)
 
 
 def test_rallies_of_two_policies_are_those_of_the_batch() -> None:
@@ -307,9 +313,9 @@ def test_rallies_of_two_policies_are_those_of_the_batch() -> None:
     compare_with_rally_v0(3, rallies, game=game)
     assert rallies.match.tolist() == list(range(n))
     assert (rallies.policy == [0, 1]).all()
-    batch, players = RallyBatch(game, n, seed=3), pack([one, other], game)
+    batch = RallyBatch(game, n, seed=3)
     for t in range(int(rallies.length.max())):
-        stroke = batch.policy_strokes(players)
+        stroke = strokes_of(batch, one, other)
         running = (batch.rows.rally < n) & (rallies.length > t)
         assert np.array_equal(stroke[running], rallies.stroke[rallies.first_stroke[:-1][running] + t])
         batch.step(stroke)

@@ -4,11 +4,10 @@ import contextlib
 import importlib.util
 import json
 import os
-import pickle
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -17,11 +16,9 @@ from filelock import FileLock
 from safetensors.numpy import load
 
 from shuttle_marl.base import cluster as module
-from shuttle_marl.base.cluster import Cluster, ClusterError, LostError, Shared, open_cluster
+from shuttle_marl.base.cluster import ClusterError, open_cluster
 from shuttle_marl.commands.league import main
 from shuttle_marl.league import LeagueConfig, run_league
-from shuttle_marl.league import run as league_run
-from shuttle_marl.training.league import run as training_run
 from shuttle_marl.training.league.config import LeagueTrainingConfig
 from shuttle_marl.training.league.run import MAIN, train_league
 from tests.reduced import reduced_model
@@ -32,103 +29,15 @@ TRAINED: dict[str, Any] = {
 }  # fmt: skip
 
 
-class Fake:
-    """Runs tasks when they are waited for, the last one first, and loses some.
-
-    Args:
-        lost: how often each task is lost, by its number; later ones never are.
-        slots: workers; 0: none is left, and no task ever ends.
-    """
-
-    def __init__(self, lost: Sequence[int] = (), slots: int = 2) -> None:
-        self._lost, self._slots = list(lost), slots
-        self.started: list[tuple[Callable[..., Any], Sequence[Any]]] = []
-        self.put_values: list[Any] = []
-
-    def slots(self) -> int:
-        return self._slots
-
-    def put(self, value: Any) -> Any:
-        # A worker has no more than what travels.
-        self.put_values.append(pickle.loads(pickle.dumps(value)))
-        return f"reference {len(self.put_values) - 1}"
-
-    def start(self, function: Callable[..., Any], arguments: Sequence[Any]) -> int:
-        assert not any(isinstance(each, Shared) for each in arguments)
-        self.started.append((function, arguments))
-        return len(self.started) - 1
-
-    def wait(self, started: Sequence[Any], seconds: float) -> Sequence[Any]:
-        return [max(started)] if self._slots else []
-
-    def get(self, started: int) -> Any:
-        if started < len(self._lost) and self._lost[started]:
-            # The next attempt is a task of its own number.
-            self._lost.extend([0] * (len(self.started) - len(self._lost)) + [self._lost[started] - 1])
-            raise LostError("node died")
-        function, arguments = self.started[started]
-        values = [self.put_values[int(e.split()[1])] if isinstance(e, str) else e for e in arguments]
-        return function(*values)
-
-
 def product(a: int, b: int) -> int:
     if b == 13:
         raise ValueError("unlucky")
     return a * b
 
 
-def test_lost_tasks_are_started_again_and_results_keep_their_order() -> None:
-    backend = Fake(lost=[0, 1, 0, 3])
-    cluster = Cluster(backend)
-    ten = cluster.share(10)
-    tasks = [cluster.submit(product, ten, b) for b in range(6)]
-    assert [task.result() for task in tasks] == [0, 10, 20, 30, 40, 50]
-    assert len(backend.started) == 6 + 1 + 3
-    assert backend.put_values == [10]
-
-
-def test_a_task_that_is_lost_again_and_again_is_given_up_and_the_others_are_not() -> None:
-    cluster = Cluster(Fake(lost=[9]))
-    lost, kept = cluster.submit(product, 2, 3), cluster.submit(product, 4, 5)
-    assert kept.result() == 20
-    with pytest.raises(ClusterError, match=r"lost 4 times .*node died.*--resume"):
-        lost.result()
-
-
-def test_an_error_of_a_task_is_raised_where_its_result_is_asked_for() -> None:
-    cluster = Cluster(Fake())
-    first, second = cluster.submit(product, 1, 13), cluster.submit(product, 1, 2)
-    assert second.result() == 2
-    with pytest.raises(ValueError, match="unlucky"):
-        first.result()
-
-
-def test_tasks_are_taken_here_when_no_worker_is_left() -> None:
-    cluster = Cluster(Fake(slots=0))
-    seven = cluster.share(7)
-    assert [task.result() for task in [cluster.submit(product, seven, b) for b in range(3)]] == [0, 7, 14]
-    assert cluster.slots == 1
-
-
-@contextlib.contextmanager
-def _lossy(address: str, packages: Sequence[str]) -> Iterator[Cluster]:
-    yield Cluster(Fake(lost=[1, 0, 2], slots=int(address)))
-
-
 def _files(folder: Path) -> dict[str, bytes]:
     """Files of a tournament, but the one that says when it was played."""
     return {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file() and path.name != "manifest.json"}
-
-
-@pytest.mark.parametrize("slots", [0, 2])
-def test_a_tournament_that_loses_tasks_has_the_same_bytes(
-    slots: int, small_model: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(league_run, "open_cluster", _lossy)
-    config: dict[str, Any] = {**PLAYED, "pool": ("attacking", "safe", "random"), "game": small_model, "batch": 40}
-    run_league(LeagueConfig(**config, out=tmp_path / "serial"))
-    run_league(LeagueConfig(**config, ray=str(slots), out=tmp_path / "cluster"))
-    assert _files(tmp_path / "cluster") == _files(tmp_path / "serial")
 
 
 def _final(folder: Path) -> tuple[dict[str, Any], bytes]:
@@ -144,17 +53,6 @@ def _tables(folder: Path) -> dict[str, bytes]:
     return {
         str(p.relative_to(folder)): p.read_bytes() for name in ("tables", "learners") for p in (folder / name).glob("*.[sz]*")
     }
-
-
-def test_training_that_loses_turns_has_the_same_results(
-    small_model: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(training_run, "open_cluster", _lossy)
-    config: dict[str, Any] = {**TRAINED, "strokes": 400, "rounds": 2, "game": small_model}
-    train_league(LeagueTrainingConfig(**config, workers=1, out=tmp_path / "serial"))
-    train_league(LeagueTrainingConfig(**config, ray="2", out=tmp_path / "cluster"))
-    assert _final(tmp_path / "cluster") == _final(tmp_path / "serial")
-    assert _tables(tmp_path / "cluster") == _tables(tmp_path / "serial")
 
 
 @pytest.mark.parametrize("command", [[], ["train"]])
@@ -271,5 +169,12 @@ def test_ray_on_this_machine_and_no_cluster_anywhere(
     run_league(LeagueConfig(**config, out=tmp_path / "serial"))
     run_league(LeagueConfig(**config, ray="local", out=tmp_path / "local"))
     assert _files(tmp_path / "local") == _files(tmp_path / "serial")
+    with open_cluster("local", ()) as cluster:
+        ten = cluster.share(10)
+        assert [task.result() for task in [cluster.submit(product, ten, b) for b in range(3)]] == [0, 10, 20]
+        with pytest.raises(ValueError, match="unlucky"):
+            cluster.submit(product, 1, 13).result()
+        with pytest.raises(ClusterError, match=r"lost 4 times with its worker.*--resume"):
+            cluster.submit(os._exit, 1).result()
     with pytest.raises(ClusterError, match="no cluster can be reached"), open_cluster("auto", ()):
         pass
