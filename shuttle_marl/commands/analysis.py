@@ -26,6 +26,10 @@ def analysis(
     reference: str = "bc",
     model: tyro.conf.OmitArgPrefixes[RallyGameOptions] = _MODEL,
     rallies: int = 20_000,
+    games: tuple[int, ...] = (),
+    leading: tuple[int, int] | None = None,
+    server: str | None = None,
+    length: tuple[int, int] | None = None,
     anonymous: bool = False,
     json: bool = False,
 ) -> None:
@@ -34,21 +38,28 @@ def analysis(
     Args:
         path: a rally log, a folder of them, a stroke table, or a folder with annotated matches.
         against: another of these for comparison, for example real matches; all its players are counted together.
-        out: folder for pictures and tables of rallies and strokes.
+        out: folder for pictures and tables of rallies and strokes, as Parquet and CSV files.
         reference: policy whose play the values assume.
         model: game on which values are computed.
         rallies: approximate number of rallies sampled from a log, the same number from each pairing.
+        games: numbers of the games that count, from 1; default: all.
+        leading: least and most points of the player who leads before a rally that counts, such as 18 29 for the ends of games.
+        server: name of the server of the rallies that count.
+        length: least and most strokes of a rally that counts.
         anonymous: replace the names of players and matches by pseudonyms.
         json: print JSON.
     """
     from shuttle_marl.analysis import add_values_of_pairs, rally_table, strokes_of, summarise  # noqa: PLC0415
+    from shuttle_marl.analysis.filters import RallyFilter  # noqa: PLC0415
     from shuttle_marl.analysis.summary import players_of  # noqa: PLC0415
     from shuttle_marl.base import table_files  # noqa: PLC0415  keeps --help fast
+    from shuttle_marl.base.files import replace_file  # noqa: PLC0415
     from shuttle_marl.data import anonymised  # noqa: PLC0415
 
     tables = model.load_for(path).seats[0].average
-    valued = add_values_of_pairs(strokes_of(path, rallies=rallies), reference, tables)
-    games = dict(zip(*valued.select(["match", "value_game"]).to_pydict().values(), strict=True))
+    chosen = RallyFilter(games=games, leading=leading, server=server, length=length)
+    valued = chosen.of(add_values_of_pairs(strokes_of(path, rallies=rallies), reference, tables))
+    played = dict(zip(*valued.select(["match", "value_game"]).to_pydict().values(), strict=True))
     if anonymous:
         valued = anonymised(valued.drop_columns("value_game"))  # which names the pair
     summaries = {name: summarise(valued, name) for name in players_of(valued)[:_SHOWN]}
@@ -56,17 +67,18 @@ def analysis(
         others = add_values_of_pairs(strokes_of(against, rallies=rallies), reference, tables)
         summaries[against.resolve().name] = summarise(others)
     if out is not None:
-        table_files.write_parquet(out / "strokes.parquet", valued)
-        table_files.write_parquet(out / "rallies.parquet", rally_table(valued))
+        for kind, table in (("strokes", valued), ("rallies", rally_table(valued))):
+            table_files.write_parquet(out / f"{kind}.parquet", table)
+            replace_file(out / f"{kind}.csv", table_files.csv_bytes(table))
         name = "all together" if against is None else against.resolve().name
         _draw(out, summaries, name, summarise(valued) if against is None else summaries[name])
     if json:
         _print_json(summaries, _ratings(path))
     else:
         _print_table(summaries, _ratings(path))
-        pairs = sum(value != tables.hash for value in games.values())
+        pairs = sum(value != tables.hash for value in played.values())
         cli.console().print(
-            f"values of {pairs} of {len(games)} matches in the game of the two people who played, with their skill, "
+            f"values of {pairs} of {len(played)} matches in the game of the two people who played, with their skill, "
             f"of the others in the average game {tables.hash[:12]}",
             soft_wrap=True,
         )

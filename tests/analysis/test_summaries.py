@@ -11,6 +11,7 @@ import pytest
 
 from experiments import stroke_value
 from shuttle_marl.analysis import AnalysisError, pictures, rally_table, strokes_of, strokes_of_log, summarise
+from shuttle_marl.analysis.filters import RallyFilter
 from shuttle_marl.analysis.strokes import stroke_table
 from shuttle_marl.analysis.summary import ENDINGS, _sample, players_of
 from shuttle_marl.analysis.values import LEAST_MATCHES
@@ -155,6 +156,25 @@ def test_pictures(valued: pa.Table, tmp_path: Path) -> None:
         stroke_value.draw_rally(unknown, 0, 2)
 
 
+def test_rallies_are_chosen_by_game_score_server_and_length() -> None:
+    strokes = strokes_of(SAMPLE)
+    rallies = rally_table(strokes).to_pylist()
+    server = rallies[0]["server"]
+    for chosen, wanted in (
+        (RallyFilter(games=(2,)), [r for r in rallies if r["game"] == 2]),
+        (RallyFilter(server=server, length=(4, 7)), [r for r in rallies if r["server"] == server and 4 <= r["length"] <= 7]),
+    ):
+        found = rally_table(chosen.of(strokes)).to_pylist()
+        assert [{**r, "first": 0} for r in found] == [{**r, "first": 0} for r in wanted]
+    first = rally_table(RallyFilter(leading=(0, 0)).of(strokes))
+    games = {(r["match"], r["game"]) for r in rallies}
+    assert {(r["match"], r["game"]) for r in first.to_pylist()} == games
+    assert len(first) == len(games)
+    assert set(first["rally"].to_pylist()) == {1}
+    with pytest.raises(AnalysisError, match="no rally of"):
+        RallyFilter(games=(4,)).of(strokes)
+
+
 @pytest.mark.slow
 def test_the_command(tournament: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert analysis([str(tournament), "--against", str(SAMPLE), "--out", str(tmp_path / "out"), "--json"]) == 0
@@ -165,7 +185,7 @@ def test_the_command(tournament: Path, tmp_path: Path, capsys: pytest.CaptureFix
     assert found["attacking"]["rating"] > found["random"]["rating"]
     assert found["strokes.parquet"]["rating"] is None
     assert {path.name for path in (tmp_path / "out").iterdir()} == {
-        "landings.png", "rallies.parquet", "shots.png", "strokes.parquet",
+        "landings.png", "rallies.csv", "rallies.parquet", "shots.png", "strokes.csv", "strokes.parquet",
         *(f"replies-{name}.png" for name in ("attacking", "bc", "random", "strokes.parquet")),
     }  # fmt: skip
     assert analysis([str(tournament)]) == 0

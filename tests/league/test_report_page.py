@@ -1,5 +1,6 @@
 """Reports as pages: what they say, that text from outside stays text, and in a browser that they work without a network."""
 
+import csv
 import dataclasses
 import json
 import math
@@ -232,6 +233,12 @@ def test_in_a_browser_it_asks_for_nothing_and_sorts(browser: Browser, tmp_path: 
     ratings = [float(shown) for shown in column(names.index("rating")) if shown]
     assert ratings == sorted(ratings, reverse=True)
     assert opened.locator("th[aria-sort]").count() == 1
+    with opened.expect_download() as download:
+        opened.get_by_role("button", name="CSV").first.click()
+    with download.value.path().open(encoding="utf-8-sig", newline="") as file:
+        rows = list(csv.reader(file))
+    assert rows[0] == names
+    assert [row[1] for row in rows[1:]] == column(1)
     opened.close()
     assert problems == []
     assert asked == [path.as_uri()]
