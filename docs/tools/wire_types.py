@@ -10,7 +10,7 @@ import sys
 import types
 import typing
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import Annotated, Any, Final, Literal
 
 import msgspec
 import tyro
@@ -37,6 +37,8 @@ def _type(kind: Any, structs: dict[str, type[Struct]]) -> str:
     origin, arguments = typing.get_origin(kind), typing.get_args(kind)
     if origin is Annotated:
         return _type(arguments[0], structs)
+    if origin is Literal:
+        return " | ".join(f'"{word}"' for word in arguments)
     if origin in (typing.Union, types.UnionType):
         return " | ".join(_type(argument, structs) for argument in arguments)
     if origin is tuple and arguments == _VECTOR:

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from shuttle_marl.watch.answers import Answers
     from shuttle_marl.watch.recorded import Recorded
     from shuttle_marl.watch.server import Server
+    from shuttle_marl.watch.tagging import TagFile
 
 
 _APPEARANCE: Final = Appearance()
@@ -77,6 +78,27 @@ _GAME: Final = RallyGameOptions()
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class TagOptions:
+    """A video whose strokes are entered, instead of a match.
+
+    Attributes:
+        tag: the video, which only this machine reads.
+        out: table of the strokes, a CSV file; continued if it exists.
+    """
+
+    tag: Path | None = None
+    out: Path | None = None
+
+    def open(self) -> "TagFile | None":
+        """The files; None: no video is tagged."""
+        from shuttle_marl.watch.tagging import TagFile  # noqa: PLC0415
+
+        if (self.tag is None) != (self.out is None):
+            raise WatchError("--tag and --out belong together: a video, and the table of its strokes")
+        return None if self.tag is None or self.out is None else TagFile(self.tag, self.out)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class ServerOptions:
     """The server of the page.
 
@@ -97,6 +119,7 @@ def watch(
     *,
     match: tyro.conf.OmitArgPrefixes[MatchOptions] = MatchOptions(),
     rallies: tyro.conf.OmitArgPrefixes[RallyOptions] = RallyOptions(),
+    tagging: tyro.conf.OmitArgPrefixes[TagOptions] = TagOptions(),
     appearance: tyro.conf.OmitArgPrefixes[Appearance] = _APPEARANCE,
     record: Path = Path("runs/watch"),
     video: Path | None = None,
@@ -109,6 +132,7 @@ def watch(
     Args:
         match: match that a page shows first.
         rallies: recorded rallies instead of a match.
+        tagging: a video whose strokes are entered, instead of a match.
         appearance: appearance of the players.
         record: folder for the logs of rallies that you play.
         video: render the rally to this file (.mp4 or .webm) without a screen, and exit.
@@ -129,6 +153,7 @@ def watch(
         raise WatchError("--video and --save-site: give one of them")
     if video is not None:
         check_video(video)
+    tags = tagging.open()
     game = _game(match, rallies, model)
     names = match.policies(game)
     sides = [{"policy": name, "temperature": t} for name, t in zip(names, match.temperature, strict=True)]
@@ -143,20 +168,22 @@ def watch(
         contextlib.closing(MatchLog(record, policies.game, policies)) as log,
     ):
         stager = Stager(appearance.athletes, appearance.hands)
-        answers = Answers(policies, plan, stager, recorded=recorded, first=first, log=log)
+        answers = Answers(policies, plan, stager, recorded=recorded, first=first, log=log, tags=tags)
         if save_site is not None:
             _save_site(save_site, page, answers)
             return
         host = f"[{server.host}]" if ":" in server.host else server.host
         address = f"http://{host}:{listener.getsockname()[1]}/"
         report = None if recorded is None else _reports(rallies, recorded, policies.game)
-        app = application(answers, page, report=report, hosts=hosts_of(server.host), proxies=server.allowed_hosts)
+        footage = None if tags is None else tags.video
+        app = application(answers, page, report=report, video=footage, hosts=hosts_of(server.host), proxies=server.allowed_hosts)
         running = Server(app)
         if video is not None:
             _film(running, listener, f"{address}?quality=full#rally={first + 1}", video)
             return
-        console.print(f"{address} shows the match; press Ctrl-C to stop", soft_wrap=True)
-        threading.Thread(target=answers.warm, daemon=True).start()
+        console.print(f"{address} shows the {'match' if tags is None else 'video'}; press Ctrl-C to stop", soft_wrap=True)
+        if tags is None:
+            threading.Thread(target=answers.warm, daemon=True).start()
         if server.browser:
             webbrowser.open(address)
         with contextlib.suppress(KeyboardInterrupt):

@@ -30,6 +30,7 @@ from shuttle_marl.watch.plan import Plan, Side
 from shuttle_marl.watch.policies import OnceCache, PolicyTables
 from shuttle_marl.watch.recorded import People, Recorded
 from shuttle_marl.watch.stager import Stager
+from shuttle_marl.watch.tagging import TagFile, suggestions
 from shuttle_marl.watch.values import ELITE, StrokeValues
 
 _MAX_MATCHES: Final = 64
@@ -51,6 +52,7 @@ class Answers:
         recorded: recorded rallies to show instead of matches.
         first: number of the rally that is shown first.
         log: log of the rallies that a person plays; None: not recorded.
+        tags: the video that is tagged, instead of rallies; None: none.
     """
 
     def __init__(
@@ -62,12 +64,14 @@ class Answers:
         recorded: Recorded | None = None,
         first: int = 0,
         log: MatchLog | None = None,
+        tags: TagFile | None = None,
     ) -> None:
         self._game, self._policies, self._plan = policies.game, policies, plan
         self._recorded, self._first_shown = recorded, first
         self._values, self._stager, self._log = StrokeValues(policies), stager, log
         self._overviews = OnceCache(_MAX_OVERVIEWS)
         self._matches, self._packed, self._pairs = OnceCache(_MAX_MATCHES), OnceCache(_MAX_PACKED), OnceCache(_MAX_PAIRS)
+        self._tags = tags
 
     def __call__(self, request: messages.Request) -> bytes:
         """The encoded reply to a request.
@@ -93,6 +97,12 @@ class Answers:
             return self._likeness(request), b""
         if isinstance(request, messages.OpeningRequest):
             return self.opening(request.line), b""
+        if isinstance(request, messages.TagRequest):
+            if self._tags is None:
+                raise WatchError("this server tags no video; load the page again")
+            return self._tags.save(request), b""
+        if isinstance(request, messages.SuggestRequest):
+            return self._suggestions(request), b""
         return self._styles(request), b""
 
     def match(self, request: messages.MatchRequest) -> messages.MatchReply:
@@ -181,6 +191,9 @@ class Answers:
             if rally.score.after(rally.winner).over or (ends and number >= query.rally):
                 return
             before, number = rally, number + 1
+
+    def _suggestions(self, request: messages.SuggestRequest) -> messages.Suggestions:
+        return messages.Suggestions(suggestions(self._game.seats[0], self._policies.policy(ELITE), request.line))
 
     def _likeness(self, query: messages.LikenessRequest) -> messages.Likeness:
         if query.person is None:

@@ -7,11 +7,13 @@ padded to a multiple of four bytes, then a body, such as a packed motion. See ``
 
 import struct
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Any, Final
+from typing import Annotated, Any, Final, Literal
 
 import msgspec
 from msgspec import Meta, Struct
 
+from shuttle_marl.game.court import AREAS
+from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
 from shuttle_marl.watch import WatchError
 from shuttle_marl.watch.plan import MAX_RALLIES, CatalogueIndex, Chosen, Person, Plan
 
@@ -106,6 +108,69 @@ class OpeningRequest(Struct, forbid_unknown_fields=True, tag_field="op", tag="op
     line: Annotated[tuple[CatalogueIndex, ...], Meta(max_length=3)] = ()
 
 
+Name = Annotated[str, Meta(min_length=1, max_length=100, pattern=r"^[^\x00-\x1f\x7f=+\-@][^\x00-\x1f\x7f]*$")]
+"""Text of a cell, which no spreadsheet takes for a formula."""
+Count = Annotated[int, Meta(ge=0, le=100_000)]
+Metres = Annotated[float, Meta(ge=-30, le=30)]
+
+
+class TagStroke(Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
+    """A stroke of a rally that is tagged: indices of its shot type, technique, contact height and area."""
+
+    shot: Annotated[int, Meta(ge=0, lt=len(SHOTS))]
+    technique: Annotated[int, Meta(ge=0, lt=len(TECHNIQUES))]
+    height: Annotated[int, Meta(ge=0, lt=len(HEIGHTS))]
+    area: Annotated[int, Meta(ge=0, lt=len(AREAS))] | None
+
+
+class TagRow(TagStroke, forbid_unknown_fields=True, frozen=True, kw_only=True):
+    """A tagged stroke, a row of the table; the fields are columns of ``data import``."""
+
+    match: Name
+    discipline: Literal["MS", "WS"]
+    game: Count
+    rally: Count
+    stroke: Count
+    player: Name
+    opponent: Name
+    landing_x: Metres | None
+    landing_y: Metres | None
+    contact_x: Metres | None
+    contact_y: Metres | None
+    seconds: Annotated[float, Meta(ge=0, le=100_000)]
+    frame: Annotated[int, Meta(ge=0, le=10_000_000)]
+    ending: Literal["out", "net", "short", "foul", "landed", "misjudged"] | None
+    winner: Name | None
+    points: Count | None
+    points_opponent: Count | None
+
+
+class TagRequest(Struct, forbid_unknown_fields=True, kw_only=True, tag_field="op", tag="tag", frozen=True):
+    """An input of a person who tags a video, and the rows that it changed.
+
+    Attributes:
+        at: number of inputs before it.
+        input: the input as JSON; None: the last one is undone.
+        only_rows: whether no input is added, only rows.
+        first: number of the first row that changed; those from there on are replaced.
+        rows: the new ones.
+    """
+
+    id: int
+    at: Count
+    input: Annotated[str, Meta(max_length=1000)] | None
+    first: Count
+    rows: Annotated[tuple[TagRow, ...], Meta(max_length=400)]
+    only_rows: bool = False
+
+
+class SuggestRequest(Struct, forbid_unknown_fields=True, tag_field="op", tag="suggest", frozen=True):
+    """Shot types that probably follow the strokes of a rally."""
+
+    id: int
+    line: Annotated[tuple[TagStroke, ...], Meta(max_length=300)]
+
+
 Request = (
     HelloRequest
     | RallyRequest
@@ -115,6 +180,8 @@ Request = (
     | MatchRequest
     | LikenessRequest
     | OpeningRequest
+    | TagRequest
+    | SuggestRequest
 )
 
 
@@ -207,6 +274,15 @@ class RecordedFacts(Struct):
     matches: list[RecordedMatch]
 
 
+class TagFacts(Struct):
+    """The video that is tagged: name, name of the table, inputs so far as JSON, and number of saved rows."""
+
+    video: str
+    out: str
+    inputs: list[str]
+    rows: int
+
+
 class Hello(Struct):
     """Reply to :class:`HelloRequest`; ``rallies``: number of rallies of a match in a site, None where a server plays them."""
 
@@ -217,6 +293,7 @@ class Hello(Struct):
     plan: Plan
     recorded: RecordedFacts | None
     rallies: int | None = None
+    tag: TagFacts | None = None
 
 
 class StrokeFacts(Struct, kw_only=True):
@@ -475,7 +552,31 @@ class Openings(Struct):
     lines: dict[str, OpeningReply]
 
 
-Reply = Hello | RallyReply | Analysis | OptionsReply | Styles | MatchReply | Likeness | OpeningReply | Openings
+class Saved(Struct):
+    """Reply to :class:`TagRequest`: numbers of inputs and rows that are saved."""
+
+    inputs: int
+    rows: int
+
+
+class Suggestion(Struct):
+    """A shot type with its probability, its usual technique and its usual contact height, as indices."""
+
+    shot: int
+    probability: float
+    technique: int
+    height: int
+
+
+class Suggestions(Struct):
+    """Reply to :class:`SuggestRequest`, the most probable first."""
+
+    shots: list[Suggestion]
+
+
+Reply = (
+    Hello | RallyReply | Analysis | OptionsReply | Styles | MatchReply | Likeness | OpeningReply | Openings | Saved | Suggestions
+)
 REPLIES: Final[Mapping[type[Struct], type[Struct]]] = {
     HelloRequest: Hello,
     RallyRequest: RallyReply,
@@ -485,6 +586,8 @@ REPLIES: Final[Mapping[type[Struct], type[Struct]]] = {
     MatchRequest: MatchReply,
     LikenessRequest: Likeness,
     OpeningRequest: OpeningReply,
+    TagRequest: Saved,
+    SuggestRequest: Suggestions,
 }
 """Type of the reply to each type of request."""
 

@@ -183,6 +183,15 @@ class _Annotated:
     rows: I64
 
 
+def nearest_stroke(game: Game, state: int, shot: int, technique: int, area: int | None) -> int:
+    """The legal stroke nearest to an annotated one: by shot type, then technique, then area, unless that is not known (None)."""
+    legal, catalogue = game.legal_strokes(state), game.catalogue
+    distance = _FAR * (catalogue.shot[legal] != shot) + 10.0 * (catalogue.technique[legal] != technique)
+    if area is not None:
+        distance = distance + steps_between(catalogue.area[legal].astype(int), area)
+    return int(legal[int(distance.argmin())])
+
+
 class RealRallies:
     """The rallies of annotated matches, as strokes of the game.
 
@@ -312,14 +321,9 @@ class RealRallies:
         )
 
     def _nearest(self, state: int, row: int) -> int:
-        legal, catalogue, column = self._game.legal_strokes(state), self._game.catalogue, self._columns
-        area = column["area"][row]
-        distance = _FAR * (catalogue.shot[legal] != column["shot"][row]) + 10.0 * (
-            catalogue.technique[legal] != column["technique"][row]
-        )
-        if not np.isnan(area):
-            distance = distance + steps_between(catalogue.area[legal].astype(int), int(area))
-        return int(legal[int(distance.argmin())])
+        column, area = self._columns, self._columns["area"][row]
+        shot, technique = int(column["shot"][row]), int(column["technique"][row])
+        return nearest_stroke(self._game, state, shot, technique, None if np.isnan(area) else int(area))
 
     def _found(self) -> list[_Annotated]:
         """Whole rallies: from a serve to a stroke that ended them, none missing. Seat 0 is who strikes first in a match."""

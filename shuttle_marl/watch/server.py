@@ -12,6 +12,7 @@ import importlib.util
 import io
 import ipaddress
 import logging
+import mimetypes
 import os
 import shutil
 import socket
@@ -37,7 +38,7 @@ from shuttle_marl.base.extras import install_hint
 from shuttle_marl.base.files import replacing
 from shuttle_marl.staging import ATHLETES, model_file
 from shuttle_marl.watch import WatchError
-from shuttle_marl.watch.messages import HelloRequest, RallyRequest, decode_request, encode_reply, request_id
+from shuttle_marl.watch.messages import HelloRequest, RallyRequest, TagRequest, decode_request, encode_reply, request_id
 from shuttle_marl.watch.messages import Request as PageRequest
 
 if TYPE_CHECKING:
@@ -53,7 +54,7 @@ _RATE, _BURST = 40.0, 120.0
 _CONCURRENT: Final = 16
 """Maximum number of concurrent requests of a connection."""
 _THREADS: Final = 4
-_FAST: Final = (HelloRequest, RallyRequest)
+_FAST: Final = (HelloRequest, RallyRequest, TagRequest)
 """Requests that never wait for the game to be solved; the others have separate threads."""
 _DIGITS: Final = 9
 """Maximum number of digits of the number of a rally."""
@@ -66,7 +67,7 @@ _SHUTDOWN: Final = 1
 _LOOPBACK: Final = ("localhost", "127.0.0.1", "::1")
 CONTENT_POLICY: Final = (
     "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; "
-    "connect-src 'self' data: blob:; media-src blob:; base-uri 'none'; form-action 'none'"
+    "connect-src 'self' data: blob:; media-src 'self' blob:; base-uri 'none'; form-action 'none'"
 )
 """Content security policy of the page: its own files alone, and no inline script."""
 _POLICY: Final = f"{CONTENT_POLICY}; frame-ancestors 'none'"
@@ -81,6 +82,7 @@ def application(
     page: Path,
     *,
     report: Callable[[int], bytes] | None = None,
+    video: Path | None = None,
     hosts: tuple[str, ...] = _LOOPBACK,
     proxies: tuple[str, ...] = (),
 ) -> ASGIApp:
@@ -90,20 +92,23 @@ def application(
         answer: request handler.
         page: folder of the built page.
         report: makes the report of the match of a recorded rally as a page, and raises ShuttleError; called in worker threads.
+        video: the video that is tagged.
         hosts: allowed values of the Host header; ``*`` allows every IP address.
         proxies: further ones, whose pages may connect whatever Host header the proxy sends.
     """
     routes: list[BaseRoute] = [Route("/", _file(page / "index.html"))]
     routes += [Route(f"/{name}", _file(page / name)) for name in _TYPES]
     routes += [Route(f"/{name}.glb", _file(model_file(name))) for name in ATHLETES]
+    if video is not None:
+        routes.append(Route("/video", _file(video, mimetypes.guess_type(video.name)[0])))
     if report is not None:
         routes.append(Route("/report", _report(report)))
     routes.append(WebSocketRoute("/ws", _Connections(answer).serve))
     return _Guard(Starlette(routes=routes), hosts, tuple(map(str.lower, proxies)))
 
 
-def _file(path: Path) -> Callable[[Request], Awaitable[Response]]:
-    kind = _TYPES.get(path.name, "model/gltf-binary")
+def _file(path: Path, kind: str | None = None) -> Callable[[Request], Awaitable[Response]]:
+    kind = kind or _TYPES.get(path.name, "model/gltf-binary")
 
     async def respond(_: Request) -> Response:
         return FileResponse(path, media_type=kind, headers={"Cache-Control": "no-cache"})

@@ -8,6 +8,7 @@ import { h } from "./dom";
 import { Motion } from "./motion";
 import type { Source, Wanted } from "./rallies";
 import { isSite, openReply, openShared, readShared, type Shared, sharedPage, ungzipped } from "./share";
+import { Tagging } from "./tag";
 import type { Analysis, Hello, MatchReply, OpeningReply, RallyFacts, RallyRequest, Styles } from "./wire.gen";
 
 declare global {
@@ -24,8 +25,14 @@ async function unpacked({ facts, body }: { facts: { rally: RallyFacts }; body: A
   return { rally: facts.rally, motion: isCondensed(body) ? expanded(body) : await Motion.unpack(body, before) };
 }
 
+interface Opened {
+  hello: Hello;
+  source: Source;
+  server?: Connection;
+}
+
 /** Source of a page that a server sent. */
-async function served(): Promise<{ hello: Hello; source: Source }> {
+async function served(): Promise<Opened> {
   const lost = h(
     "div",
     { class: "notice hidden", role: "alert", style: "position:fixed;bottom:12px;z-index:9" },
@@ -76,7 +83,7 @@ async function served(): Promise<{ hello: Hello; source: Source }> {
       );
     },
   };
-  return { hello, source };
+  return { hello, source, server };
 }
 
 const noPlay = () => Promise.reject(new Error("a saved page cannot play; start the server"));
@@ -102,7 +109,7 @@ function stored(find: <F>(key: string) => Found<F>, match: (wanted: Wanted) => s
 const MISSING = "the saved page does not contain this rally";
 
 /** Source of a saved page. */
-async function saved(shared: Shared): Promise<{ hello: Hello; source: Source }> {
+async function saved(shared: Shared): Promise<Opened> {
   const { facts } = await openShared<Hello>(shared.hello);
   const saved = Object.keys(shared.replies).filter((key) => key.startsWith("rally "));
   const rallies = 1 + Math.max(...saved.map((key) => Number(key.slice("rally ".length))));
@@ -116,7 +123,7 @@ async function saved(shared: Shared): Promise<{ hello: Hello; source: Source }> 
 }
 
 /** Source of a site of static files. */
-async function site(): Promise<{ hello: Hello; source: Source }> {
+async function site(): Promise<Opened> {
   const find = async <F>(key: string): Found<F> => {
     const reply = await fetch(`replies/${key.replace(" ", "-")}.bin`);
     if (!reply.ok) {
@@ -142,20 +149,25 @@ const fetchModel = async (athlete: string) => (await fetch(`${athlete}.glb`)).ar
 
 const shared = readShared();
 try {
-  const { hello, source } = await (shared ? saved(shared) : isSite() ? site() : served());
-  const app = new App(hello, source);
-  window.viewer = {
-    state: () => app.state(),
-    seek: (time: number) => {
-      app.seek(time);
-      app.draw();
-    },
-    go: (rally: number, stroke: number | null = null) => app.go(rally, stroke),
-    key: (key: string) => app.key(key),
-    draw: () => app.draw(),
-    film: () => app.film(),
-    floorAt: (x: number, y: number) => app.stage?.floorAt(x, y) ?? null,
-  };
+  const { hello, source, server } = await (shared ? saved(shared) : isSite() ? site() : served());
+  if (hello.tag && server) {
+    const tagging = new Tagging(hello, hello.tag, server);
+    window.viewer = { state: () => tagging.facts };
+  } else {
+    const app = new App(hello, source);
+    window.viewer = {
+      state: () => app.state(),
+      seek: (time: number) => {
+        app.seek(time);
+        app.draw();
+      },
+      go: (rally: number, stroke: number | null = null) => app.go(rally, stroke),
+      key: (key: string) => app.key(key),
+      draw: () => app.draw(),
+      film: () => app.film(),
+      floorAt: (x: number, y: number) => app.stage?.floorAt(x, y) ?? null,
+    };
+  }
 } catch (error) {
   document.body.append(h("p", { role: "alert", style: "padding:20px" }, (error as Error).message));
 }

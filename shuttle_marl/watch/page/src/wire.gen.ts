@@ -15,6 +15,7 @@ export interface Hello {
   plan: Plan;
   recorded: RecordedFacts | null;
   rallies?: number | null;
+  tag?: TagFacts | null;
 }
 
 /** Dimensions and vocabulary for drawing. */
@@ -114,6 +115,14 @@ export interface RecordedMatch {
   names: [string, string];
   date: string | null;
   missing: number;
+}
+
+/** The video that is tagged: name, name of the table, inputs so far as JSON, and number of saved rows. */
+export interface TagFacts {
+  video: string;
+  out: string;
+  inputs: string[];
+  rows: number;
 }
 
 /** Strokes and motion of a rally. */
@@ -397,6 +406,72 @@ export interface OpeningStroke {
   share: number;
 }
 
+/** An input of a person who tags a video, and the rows that it changed. */
+export interface TagRequest {
+  at: number;
+  input: string | null;
+  first: number;
+  rows: TagRow[];
+  only_rows: boolean;
+}
+
+/** A tagged stroke, a row of the table; the fields are columns of ``data import``. */
+export interface TagRow {
+  shot: number;
+  technique: number;
+  height: number;
+  area: number | null;
+  match: string;
+  discipline: "MS" | "WS";
+  game: number;
+  rally: number;
+  stroke: number;
+  player: string;
+  opponent: string;
+  landing_x: number | null;
+  landing_y: number | null;
+  contact_x: number | null;
+  contact_y: number | null;
+  seconds: number;
+  frame: number;
+  ending: "out" | "net" | "short" | "foul" | "landed" | "misjudged" | null;
+  winner: string | null;
+  points: number | null;
+  points_opponent: number | null;
+}
+
+/** Reply to TagRequest: numbers of inputs and rows that are saved. */
+export interface Saved {
+  inputs: number;
+  rows: number;
+}
+
+/** Shot types that probably follow the strokes of a rally. */
+export interface SuggestRequest {
+  line: TagStroke[];
+}
+
+/** A stroke of a rally that is tagged: indices of its shot type, technique, contact height and area. */
+export interface TagStroke {
+  shot: number;
+  technique: number;
+  height: number;
+  area: number | null;
+}
+
+/** Reply to SuggestRequest, the most probable first. */
+export interface Suggestions {
+  shots: Suggestion[];
+}
+
+/** A shot type with its probability, its usual technique and its usual contact height, as indices. */
+export interface Suggestion {
+  shot: number;
+  probability: number;
+  technique: number;
+  height: number;
+}
+
 /** Requests by operation. */
 export interface Requests {
   hello: HelloRequest;
@@ -407,6 +482,8 @@ export interface Requests {
   match: MatchRequest;
   likeness: LikenessRequest;
   opening: OpeningRequest;
+  tag: TagRequest;
+  suggest: SuggestRequest;
 }
 
 /** Replies by operation. */
@@ -419,4 +496,6 @@ export interface Replies {
   match: MatchReply;
   likeness: Likeness;
   opening: OpeningReply;
+  tag: Saved;
+  suggest: Suggestions;
 }

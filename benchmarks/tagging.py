@@ -1,0 +1,378 @@
+"""Tagging of a video in the page: what is recovered, how many inputs it takes, and what a crash loses.
+
+    python -m benchmarks.tagging [--rallies N] [--kills N] [--film FILE] [--json]
+
+A simulated match between two average players is filmed; then a script tags the film in Chromium. It enters the strokes that were
+played, as a person would: shot types and endings by keys, places by the keypad in one rally and by clicks in the next, techniques
+and contact heights only where the page assumes others. The server is killed at random moments and started again. The table is
+imported and compared with the match: stroke by stroke, except that a stroke that fell on the striker's own side has no target.
+"""
+
+import contextlib
+import dataclasses
+import json
+import re
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Final
+
+import av
+import numpy as np
+import tyro
+from playwright.sync_api import Page, sync_playwright
+from rich.console import Console
+from rich.progress import track
+
+from benchmarks.machine import this_machine
+from shuttle_marl.base.arrays import F64
+from shuttle_marl.data.own import import_matches
+from shuttle_marl.data.schema import REASONS
+from shuttle_marl.game import court, default_game
+from shuttle_marl.game.court import AREAS, HALF_LENGTH, WIDTH
+from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
+from shuttle_marl.watch.answers import Answers
+from shuttle_marl.watch.building import build
+from shuttle_marl.watch.messages import RallyFacts, RallyRequest
+from shuttle_marl.watch.plan import Plan
+from shuttle_marl.watch.policies import PolicyTables
+from shuttle_marl.watch.server import Server, application, bind, browser_flags, browser_program, hosts_of, write_video
+from shuttle_marl.watch.stager import Stager
+
+SIZE: Final = (480, 270)
+FPS: Final = 10
+_SHOTS: Final = dict(zip(SHOTS, "sgcldsavpknbx", strict=True))
+_ENDINGS: Final = {"out": "o", "net": "t", "winner": "i"}
+_REASONS: Final = {"winner": "landed"}
+_NAMES: Final = ("Anna Example", "Berta Sample")
+_PATIENCE: Final = 60.0
+"""Time that the page or a server may take [s]."""
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Film:
+    """A film of rallies of a match.
+
+    Attributes:
+        path: the video.
+        rallies: what was played.
+        begins: ``[R]`` time at which each rally begins in the film [s].
+        plane: ``[3, 3]`` homography from the picture, as fractions of its size, to the court [m].
+    """
+
+    path: Path
+    rallies: list[RallyFacts]
+    begins: list[float]
+    plane: F64
+
+    def pixel(self, x: float, y: float) -> tuple[float, float]:
+        """Fractions of the picture at which a point of the court is seen."""
+        a, b, c = np.linalg.solve(self.plane, [x, y, 1.0])
+        return a / c, b / c
+
+
+def film(path: Path, rallies: int, seed: int, console: Console) -> Film:
+    """Film the first rallies of a match; a film that exists is used again."""
+    policies = PolicyTables(default_game(), ("bc",))
+    plan = Plan.parse({"seed": seed, "sides": [{"policy": "bc"}, {"policy": "bc"}]})
+    answers = Answers(policies, plan, Stager(("female", "female"), ("right", "right")))
+    facts = [answers.rally_facts(RallyRequest(id=0, plan=plan, rally=number)) for number in range(rallies)]
+    about = path.with_suffix(".json")
+    if not path.exists():
+        with _served(answers) as address, contextlib.ExitStack() as stack:
+            link = f"{address}?quality=lite#seed={seed}&a=bc&b=bc&rally="
+            plane = _plane(f"{link}1")
+            folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+            parts = [folder / f"{number}.webm" for number in range(rallies)]
+            frames = [
+                write_video(f"{link}{number + 1}", part, size=SIZE, fps=FPS)
+                for number, part in enumerate(track(parts, "filming", console=console))
+            ]
+            _join(parts, path)
+            about.write_text(json.dumps({"frames": frames, "plane": plane.tolist()}))
+    saved = json.loads(about.read_text())
+    begins = [sum(saved["frames"][:number]) / FPS for number in range(rallies)]
+    return Film(path=path, rallies=facts, begins=begins, plane=np.array(saved["plane"]))
+
+
+@contextlib.contextmanager
+def _served(answers: Answers) -> Iterator[str]:
+    with contextlib.closing(bind("127.0.0.1", 0)) as listener:
+        server = Server(application(answers, build(), hosts=hosts_of("127.0.0.1")))
+        running = threading.Thread(target=server.run, kwargs={"sockets": [listener]}, daemon=True)
+        running.start()
+        try:
+            yield f"http://127.0.0.1:{listener.getsockname()[1]}/"
+        finally:
+            server.should_exit = True
+            running.join()
+
+
+def _plane(address: str) -> F64:
+    """Homography of the camera, from four points of the picture."""
+    with (
+        sync_playwright() as playwright,
+        playwright.chromium.launch(executable_path=browser_program(), args=browser_flags()) as browser,
+    ):
+        page = browser.new_page(viewport={"width": SIZE[0], "height": SIZE[1]}, reduced_motion="reduce")
+        page.set_default_timeout(1000 * _PATIENCE)
+        page.goto(address)
+        page.locator("body[data-ready]").wait_for()
+        page.evaluate("window.viewer.film()")
+        seen = [(0.3, 0.7), (0.7, 0.7), (0.2, 0.95), (0.8, 0.95)]
+        # A film is a copy of the court's canvas, which is not shown itself.
+        page.evaluate(
+            "{ const [court, copy] = document.querySelectorAll('canvas');"
+            " court.getBoundingClientRect = () => copy.getBoundingClientRect(); }"
+        )
+        floor = [page.evaluate("([x, y]) => window.viewer.floorAt(x, y)", [u * SIZE[0], v * SIZE[1]]) for u, v in seen]
+    rows, values = [], []
+    for (u, v), (x, y) in zip(seen, floor, strict=True):
+        rows += [[u, v, 1, 0, 0, 0, -u * x, -v * x], [0, 0, 0, u, v, 1, -u * y, -v * y]]
+        values += [x, y]
+    return np.append(np.linalg.solve(rows, values), 1.0).reshape(3, 3)
+
+
+def _join(parts: Sequence[Path], path: Path) -> None:
+    with av.open(str(path), "w", format="webm") as container:
+        stream: Any = container.add_stream("libvpx-vp9", rate=FPS)
+        stream.width, stream.height, stream.pix_fmt = *SIZE, "yuv420p"
+        stream.options = {"crf": "30", "g": str(FPS)}
+        for part in parts:
+            with av.open(str(part)) as read:
+                for image in read.decode(video=0):
+                    container.mux(stream.encode(av.VideoFrame.from_ndarray(image.to_ndarray(format="rgb24"), format="rgb24")))
+        container.mux(stream.encode())
+
+
+class Script:
+    """Enters what was played, from what the page asks; continues after a crash.
+
+    Attributes:
+        inputs: keys and clicks.
+        first: of each stroke, whether the first suggestion was its shot type.
+    """
+
+    def __init__(self, page: Page, played: Film) -> None:
+        self.page, self._film = page, played
+        self.inputs = 0
+        self.first: dict[tuple[int, int], bool] = {}
+
+    def state(self) -> dict[str, Any]:
+        """State of the page."""
+        found: dict[str, Any] = self.page.evaluate("window.viewer.state()")
+        return found
+
+    def open(self, address: str) -> None:
+        """Load the page; a new match is set up and the corners of the court are clicked."""
+        self.page.goto(address)
+        self.page.wait_for_function("window.viewer && window.viewer.state().ready")
+        self.page.wait_for_function("document.querySelector('video').readyState > 0")
+        if self.state()["phase"] != "setup":
+            return
+        for name, value in zip(("near", "far"), _NAMES, strict=True):
+            self.page.fill(f"[name={name}]", value)
+        self.page.select_option("[name=server]", str(self._film.rallies[0].server))
+        self.page.select_option("[name=discipline]", "WS")
+        self.page.click("text=Begin")
+        self.page.click("text=corners")
+        x, y = WIDTH / 2, HALF_LENGTH
+        for corner in ((-x, -y), (x, -y), (x, y), (-x, y)):
+            self._click(*self._film.pixel(*corner))
+        self.inputs += 2
+
+    def _press(self, key: str) -> None:
+        self.page.keyboard.press(key)
+        self.inputs += 1
+
+    def _click(self, u: float, v: float) -> None:
+        box = self.page.locator("video").bounding_box()
+        assert box is not None
+        self.page.mouse.click(box["x"] + u * box["width"], box["y"] + v * box["height"])
+        self.inputs += 1
+
+    def step(self) -> bool:
+        """Enter one thing; False when all rallies are entered."""
+        state = self.state()
+        number, count, last = state["rally"] - 1, state["strokes"], state["last"]
+        if number == len(self._film.rallies):
+            return False
+        rally = self._film.rallies[number]
+        if state["phase"] == "ask":
+            self._press("Enter")
+            return True
+        if last is not None:
+            stroke = rally.strokes[count - 1]
+            for key, name, words in (("q", "technique", TECHNIQUES), ("-", "height", HEIGHTS)):
+                if words[last[name]] != getattr(stroke, name):
+                    self._press(key)
+                    return True
+        if state["phase"] == "place":
+            self._place(number, count - 1)
+        elif count == len(rally.strokes):
+            self._press(_ENDINGS[rally.strokes[-1].end])
+        else:
+            self._shot(number, count)
+        return True
+
+    def _shot(self, number: int, count: int) -> None:
+        stroke = self._film.rallies[number].strokes[count]
+        self.page.evaluate("(t) => { document.querySelector('video').currentTime = t; }", self._film.begins[number] + stroke.time)
+        self.page.wait_for_function("window.viewer.state().suggested !== null")
+        self.first.setdefault((number, count), self.state()["suggested"][0] == stroke.shot)
+        self._press(_SHOTS[stroke.shot])
+
+    def _place(self, number: int, count: int) -> None:
+        rally = self._film.rallies[number]
+        if count == len(rally.strokes) - 1 and rally.strokes[-1].end == "net":
+            self._press(_ENDINGS["net"])
+            return
+        near = (rally.strokes[count].seat == 0) != rally.ends_changed
+        x, y = place_of(rally, count)
+        if number % 2:
+            self._click(*self._film.pixel(*((x, y) if near else (-x, -y))))
+            return
+        depth, side = divmod(int(court.area_of(np.array(x), np.array(y))), 3)
+        self._press(str(1 + (3 * depth + side if near else 3 * (2 - depth) + 2 - side)))
+
+
+def place_of(rally: RallyFacts, count: int) -> tuple[float, float]:
+    """Where a stroke was met, as the middle of its area, or fell, in its striker's frame [m]."""
+    stroke = rally.strokes[count]
+    if count < len(rally.strokes) - 1:
+        x, y = court.area_centre(np.array(AREAS.index(stroke.area)))
+        return float(x), float(y)
+    sign = 1 if (stroke.seat == 0) != rally.ends_changed else -1
+    return sign * stroke.end_point[0], sign * stroke.end_point[1]
+
+
+@contextlib.contextmanager
+def _tagging(video: Path, out: Path, port: int) -> Iterator[subprocess.Popen[str]]:
+    flags = ["--tag", str(video), "--out", str(out), "--port", str(port), "--no-browser"]
+    process = subprocess.Popen([sys.executable, "-m", "shuttle_marl.watch", *flags], stderr=subprocess.PIPE, text=True)
+    assert process.stderr is not None
+    try:
+        said = ""
+        while not re.search(rf"http://127.0.0.1:{port}/ shows", said):
+            line = process.stderr.readline()
+            if not line:
+                raise RuntimeError(f"the server ended: {said}")
+            said += line
+        yield process
+    finally:
+        process.kill()
+        process.wait()
+        process.stderr.close()
+
+
+def tag(played: Film, out: Path, kills: int, seed: int, console: Console) -> dict[str, Any]:
+    """Tag a film; the server is killed ``kills`` times."""
+    with contextlib.closing(bind("127.0.0.1", 0)) as listener:
+        port = listener.getsockname()[1]
+    strokes = sum(len(rally.strokes) for rally in played.rallies)
+    # About two inputs a stroke; a moment lies between an input and its reply.
+    moments = set(np.random.default_rng(seed).choice(2 * strokes, kills, replace=False).tolist())
+    lost: list[int] = []
+    saving: list[float] = []
+    with (
+        sync_playwright() as playwright,
+        playwright.chromium.launch(executable_path=browser_program(), args=browser_flags()) as browser,
+    ):
+        page = browser.new_page(viewport={"width": 1280, "height": 800})
+        page.set_default_timeout(1000 * _PATIENCE)
+        script, steps, more = Script(page, played), 0, True
+        while more:
+            with _tagging(played.path, out, port) as process, console.status(f"tagging, {len(lost)} kills"):
+                before = script.state()["inputs"] if steps else 0
+                if steps:
+                    page.goto("about:blank")
+                script.open(f"http://127.0.0.1:{port}/")
+                if steps:
+                    lost.append(before - script.state()["inputs"])
+                while more := script.step():
+                    steps += 1
+                    if steps - 1 in moments:
+                        process.send_signal(signal.SIGKILL)
+                        process.wait()
+                        break
+                if not more:
+                    page.wait_for_function("(({inputs, saved}) => inputs === saved)(window.viewer.state())")
+                saving += script.state()["saving_ms"]
+    found = recovered(played, out)
+    return {
+        "rallies": len(played.rallies),
+        "strokes": strokes,
+        "recovered": float(np.mean(found)),
+        "inputs_per_stroke": script.inputs / strokes,
+        "first_suggestion": float(np.mean(list(script.first.values()))),
+        "autosave_ms": float(np.median(saving)),
+        "autosave_ms_95": float(np.quantile(saving, 0.95)),
+        "kills": len(lost),
+        "inputs_lost": max(lost, default=0),
+    }
+
+
+def recovered(played: Film, out: Path) -> list[bool]:
+    """Of each stroke that was played, whether the imported table has it, with its time, score and ending."""
+    rows = {(row["rally"], row["stroke"]): row for row in import_matches(out)[0].strokes.to_pylist()}
+    found = []
+    for number, (rally, begins) in enumerate(zip(played.rallies, played.begins, strict=True)):
+        for count, stroke in enumerate(rally.strokes):
+            row = rows.get((number + 1, count + 1))
+            if row is None or rally.after is None:
+                found.append(False)
+                continue
+            last = count == len(rally.strokes) - 1
+            x, y = place_of(rally, count)
+            area = None if last and stroke.end == "net" else int(court.area_of(np.array(x), np.array(y)))
+            points = rally.after.points[stroke.seat], rally.after.points[1 - stroke.seat]
+            found.append(
+                (SHOTS[row["shot"]], TECHNIQUES[row["technique"]], HEIGHTS[row["height"]], row["area"])
+                == (stroke.shot, stroke.technique, stroke.height, area)
+                and row["player"] == _NAMES[stroke.seat].lower().replace(" ", "-")
+                and REASONS[row["reason"]] == (_REASONS.get(stroke.end, stroke.end) if last else "returned")
+                and (row["points"], row["points_opponent"]) == points
+                and abs(row["frame"] / 30 - begins - stroke.time) < 1 / 30
+                and (row["landing_x"] is None or number % 2 == 0 or np.hypot(row["landing_x"] - x, row["landing_y"] - y) < 0.1)
+            )
+    return found
+
+
+def main(
+    *,
+    rallies: int = 12,
+    kills: int = 20,
+    seed: int = 3,
+    film_file: Annotated[Path | None, tyro.conf.arg(name="film")] = None,
+    json_output: Annotated[bool, tyro.conf.arg(name="json")] = False,
+) -> None:
+    """Tag a film of a simulated match.
+
+    Args:
+        rallies: number of rallies.
+        kills: how often the server is killed.
+        seed: of the match, and of the moments.
+        film_file: the film (.webm), made if it does not exist; default: a temporary one.
+        json_output: print JSON.
+    """
+    console = Console(stderr=True)
+    with tempfile.TemporaryDirectory() as name:
+        begun = time.monotonic()
+        played = film(film_file or Path(name) / "film.webm", rallies, seed, console)
+        filmed = time.monotonic()
+        result = tag(played, Path(name) / "match.csv", kills, seed, console)
+        result |= {"film_s": filmed - begun, "tag_s": time.monotonic() - filmed}
+    if json_output:
+        sys.stdout.write(json.dumps({**this_machine(), **result}, indent=2) + "\n")
+    else:
+        for key, value in result.items():
+            Console().print(f"{key:20} {value:.4g}")
+
+
+if __name__ == "__main__":
+    tyro.cli(main)

@@ -1,0 +1,366 @@
+// Tagging a video: the state that follows from a person's inputs, as a pure reducer, and the rows of the table.
+
+import type { HallFacts, TagRow, TagStroke } from "./wire.gen";
+
+export const ENDINGS = ["out", "net", "short", "foul", "landed", "misjudged"] as const;
+export type Ending = (typeof ENDINGS)[number];
+type Seat = 0 | 1;
+type Point = [number, number];
+type Discipline = TagRow["discipline"];
+
+/** What a person enters; x and y are fractions of the picture, seat 0 is the player who is near in the first game. */
+export type Input =
+  | { kind: "setup"; match: string; discipline: Discipline; players: [string, string]; server: Seat }
+  | { kind: "corner"; x: number; y: number }
+  | { kind: "shot"; shot: number; time: number; technique: number; height: number; probability: number | null }
+  | { kind: "technique" }
+  | { kind: "height" }
+  | { kind: "cell"; cell: number }
+  | { kind: "place"; x: number; y: number }
+  | { kind: "end"; ending: Ending }
+  | { kind: "confirm" };
+
+export type Phase = "setup" | "shot" | "place" | "ask" | "over";
+
+interface Setup {
+  match: string;
+  discipline: Discipline;
+  players: [string, string];
+}
+
+/** A stroke; `place` is where it was met or fell, in the frame of its striker [m]; null: only the area is known. */
+export interface Tagged {
+  seat: Seat;
+  shot: number;
+  technique: number;
+  height: number;
+  time: number;
+  area: number | null;
+  place: Point | null;
+}
+
+export interface Rally {
+  game: number;
+  number: number;
+  server: Seat;
+  points: Point;
+  strokes: Tagged[];
+  ending: Ending | null;
+}
+
+export interface State {
+  phase: Phase;
+  setup: Setup | null;
+  corners: Point[];
+  rallies: Rally[];
+  games: Point;
+  near: Seat;
+  /** The question of the phase "ask", and the state after it is confirmed. */
+  question: string;
+  after: State | null;
+}
+
+export const START: State = {
+  phase: "setup",
+  setup: null,
+  corners: [],
+  rallies: [],
+  games: [0, 0],
+  near: 0,
+  question: "",
+  after: null,
+};
+
+/** An input that is not possible now. */
+export class Refused extends Error {}
+
+const SERVES = 2; // the first shot types of the vocabulary
+const FRAME_RATE = 30; // of the column `frame`: browsers do not tell that of a video
+const RARE = 0.001; // probability below which a shot is asked about
+const FAULTS: readonly Ending[] = ["out", "net", "short", "foul"];
+const WITHOUT_PLACE: readonly Ending[] = ["net", "short", "foul"];
+
+export function current(state: State): Rally {
+  return state.rallies.at(-1)!;
+}
+
+export function striker(rally: Rally): Seat {
+  return ((rally.server + rally.strokes.length) % 2) as Seat;
+}
+
+/** Winner of a rally that has ended. */
+export function winnerOf(rally: Rally): Seat | null {
+  const last = rally.strokes.at(-1);
+  return rally.ending === null || !last ? null : FAULTS.includes(rally.ending) ? ((1 - last.seat) as Seat) : last.seat;
+}
+
+/** State after an input; throws Refused if it is not possible. */
+export function reduce(state: State, input: Input, hall: HallFacts): State {
+  switch (input.kind) {
+    case "setup":
+      return state.phase === "setup" ? begun(state, input) : refuse("the match has begun");
+    case "corner":
+      return state.phase !== "setup" && state.corners.length < 4
+        ? { ...state, corners: [...state.corners, [input.x, input.y]] }
+        : refuse("the four corners are known");
+    case "confirm":
+      return state.phase === "ask" ? state.after! : refuse("nothing is asked");
+    case "shot":
+      return state.phase === "shot" ? struck(state, input, hall) : refuse(waiting(state));
+    case "technique":
+    case "height":
+      return changed(state, input.kind, hall);
+    case "cell":
+      return placed(state, cellArea(input.cell, nearStrikes(state)), null, hall);
+    case "place": {
+      const place = onCourt(state, input.x, input.y);
+      return placed(state, areaOf(place, hall), place, hall);
+    }
+    case "end":
+      return ended(state, input.ending, hall);
+  }
+}
+
+export function replay(inputs: readonly Input[], hall: HallFacts): State {
+  return inputs.reduce((state, input) => reduce(state, input, hall), START);
+}
+
+function refuse(reason: string): never {
+  throw new Refused(reason);
+}
+
+function waiting(state: State): string {
+  return {
+    setup: "first enter the players",
+    shot: "enter a shot",
+    place: "where was it met, or where did it fall? Shot keys sleep until then",
+    ask: state.question,
+    over: "the match is over",
+  }[state.phase];
+}
+
+function begun(state: State, { match, discipline, players, server }: Input & { kind: "setup" }): State {
+  if (!match || !players[0] || !players[1] || players[0] === players[1]) {
+    refuse("expected a match and two players with different names");
+  }
+  const rally: Rally = { game: 1, number: 1, server, points: [0, 0], strokes: [], ending: null };
+  return { ...state, phase: "shot", setup: { match, discipline, players }, rallies: [rally] };
+}
+
+function withRally(state: State, change: Partial<Rally>): State {
+  return { ...state, rallies: [...state.rallies.slice(0, -1), { ...current(state), ...change }] };
+}
+
+function asked(state: State, question: string | false): State {
+  return question ? { ...state, phase: "ask", question, after: state } : state;
+}
+
+function struck(state: State, input: Input & { kind: "shot" }, hall: HallFacts): State {
+  const rally = current(state);
+  const before = rally.strokes.at(-1);
+  if (input.shot < SERVES !== !before) {
+    refuse(before ? "a serve begins a rally; how did this one end?" : "a rally begins with a serve");
+  }
+  if (before && input.time < before.time) {
+    refuse("this is before the last stroke; play on, or undo it");
+  }
+  const { shot, technique, height, time } = input;
+  const stroke = { seat: striker(rally), shot, technique, height, time, area: null, place: null };
+  const next = { ...withRally(state, { strokes: [...rally.strokes, stroke] }), phase: "place" } as const;
+  return asked(
+    next,
+    input.probability !== null && input.probability < RARE && `A ${hall.shots[shot]} is hardly ever played there`,
+  );
+}
+
+function changed(state: State, what: "technique" | "height", hall: HallFacts): State {
+  const { strokes } = state.phase === "shot" || state.phase === "place" ? current(state) : refuse(waiting(state));
+  const last = strokes.at(-1) ?? refuse("enter a shot first");
+  const count = what === "technique" ? hall.techniques.length : hall.heights.length;
+  return withRally(state, { strokes: [...strokes.slice(0, -1), { ...last, [what]: (last[what] + 1) % count }] });
+}
+
+function nearStrikes(state: State): boolean {
+  return state.phase === "place" && current(state).strokes.at(-1)!.seat === state.near;
+}
+
+/** Area of a key of the keypad, which lies over the receiver's half as the picture shows it: 7 8 9 are the top row. */
+export function cellArea(cell: number, nearStrikes: boolean): number {
+  const [column, row] = [(cell - 1) % 3, Math.floor((cell - 1) / 3)];
+  // Areas count from the receiver's right, and from the net.
+  return nearStrikes ? 3 * row + column : 3 * (2 - row) + 2 - column;
+}
+
+function areaOf([x, y]: Point, hall: HallFacts): number {
+  const { half_length, half_width } = hall.court;
+  const singles = Math.max(...hall.areas.flatMap(({ box }) => box[0].map(Math.abs)));
+  const [u, v] = [clamped(x, Math.min(half_width, singles)), Math.min(Math.max(y, 0), half_length)];
+  return hall.areas.findIndex(({ box: [[x0, x1], [y0, y1]] }) => x0 <= u && u <= x1 && y0 <= v && v <= y1);
+}
+
+function clamped(value: number, most: number): number {
+  return Math.min(Math.max(value, -most), most);
+}
+
+function placed(state: State, area: number, place: Point | null, hall: HallFacts): State {
+  if (state.phase !== "place") {
+    refuse(waiting(state));
+  }
+  const rally = current(state);
+  const last = { ...rally.strokes.at(-1)!, area, place };
+  const next = { ...withRally(state, { strokes: [...rally.strokes.slice(0, -1), last] }), phase: "shot" } as const;
+  const [side, right] = [area % 3, rally.points[rally.server]! % 2 === 0];
+  const wrong = rally.strokes.length === 1 && side === (right ? 2 : 0);
+  const score = rally.points.join(":");
+  return asked(
+    next,
+    (wrong && `At ${score} the serve goes into the ${right ? "right" : "left"} service court; is the score right?`) ||
+      (place !== null && place[1] < -hall.court.net_depth && "This is on the striker's own side of the net"),
+  );
+}
+
+function ended(state: State, ending: Ending, hall: HallFacts): State {
+  const rally = state.phase === "shot" || state.phase === "place" ? current(state) : refuse(waiting(state));
+  const last = rally.strokes.at(-1) ?? refuse("a rally begins with a serve");
+  if (last.area === null && !WITHOUT_PLACE.includes(ending)) {
+    refuse("where did it fall?");
+  }
+  const inside = last.place !== null && inSingles(last.place, hall);
+  const strokes = WITHOUT_PLACE.includes(ending)
+    ? [...rally.strokes.slice(0, -1), { ...last, area: null, place: null }]
+    : rally.strokes;
+  const over = afterRally(withRally({ ...state, phase: "shot" }, { ending, strokes }));
+  return asked(
+    over,
+    last.place !== null &&
+      ((ending === "landed" && !inside && "It fell outside of the court") ||
+        (ending === "out" && inside && "It fell in court")),
+  );
+}
+
+function inSingles([x, y]: Point, hall: HallFacts): boolean {
+  const width = Math.max(...hall.areas.flatMap(({ box }) => box[0]));
+  const margin = hall.court.line * 5; // places are clicked by hand
+  return Math.abs(x) <= width + margin && y <= hall.court.half_length + margin;
+}
+
+/** The next rally: its score, server and ends (Laws of Badminton, 7 and 8). */
+function afterRally(state: State): State {
+  const rally = current(state);
+  const winner = winnerOf(rally)!;
+  const points: Point = [rally.points[0], rally.points[1]];
+  points[winner] += 1;
+  const [most, least] = [Math.max(...points), Math.min(...points)];
+  const next = { game: rally.game, number: rally.number + 1, server: winner, points, strokes: [], ending: null };
+  if (most < 30 && (most < 21 || most - least < 2)) {
+    const interval = rally.game === 3 && points[winner] === 11 && points[1 - winner]! < 11;
+    return { ...state, near: interval ? other(state.near) : state.near, rallies: [...state.rallies, next] };
+  }
+  const games: Point = [state.games[0], state.games[1]];
+  games[winner] += 1;
+  if (games[winner] === 2) {
+    return { ...state, games, phase: "over" };
+  }
+  const fresh = { ...next, game: rally.game + 1, number: 1, points: [0, 0] as Point };
+  return { ...state, games, near: other(state.near), rallies: [...state.rallies, fresh] };
+}
+
+function other(seat: Seat): Seat {
+  return (1 - seat) as Seat;
+}
+
+/** Point of the court [m] in the frame of the striker, at a place of the picture. */
+function onCourt(state: State, u: number, v: number): Point {
+  if (state.phase !== "place") {
+    refuse(waiting(state));
+  }
+  if (state.corners.length < 4) {
+    refuse("click the four corners of the court first, or use the keys 1 to 9");
+  }
+  const [x, y] = mapped(homography(state.corners, CORNERS), u, v);
+  return nearStrikes(state) ? [x, y] : [-x, -y];
+}
+
+/** Outer corners of the court [m], in the order in which they are clicked: near left, near right, far right, far left. */
+const CORNERS: Point[] = [
+  [-3.05, -6.7],
+  [3.05, -6.7],
+  [3.05, 6.7],
+  [-3.05, 6.7],
+];
+
+/** The eight numbers of the plane projection that maps four points to others, by Gaussian elimination. */
+export function homography(from: readonly Point[], to: readonly Point[]): number[] {
+  const rows = from.flatMap(([u, v], i) => {
+    const [x, y] = to[i]!;
+    return [
+      [u, v, 1, 0, 0, 0, -u * x, -v * x, x],
+      [0, 0, 0, u, v, 1, -u * y, -v * y, y],
+    ];
+  });
+  for (let k = 0; k < 8; k++) {
+    const pivot = rows.reduce((best, row, i) => (i >= k && Math.abs(row[k]!) > Math.abs(rows[best]![k]!) ? i : best), k);
+    [rows[k], rows[pivot]] = [rows[pivot]!, rows[k]!];
+    const lead = rows[k]![k]!;
+    if (Math.abs(lead) < 1e-9) {
+      refuse("the corners lie on one line; undo them and click them again");
+    }
+    rows[k] = rows[k]!.map((value) => value / lead);
+    for (let i = 0; i < 8; i++) {
+      const factor = i === k ? 0 : rows[i]![k]!;
+      rows[i] = rows[i]!.map((value, j) => value - factor * rows[k]![j]!);
+    }
+  }
+  return rows.map((row) => row[8]!);
+}
+
+export function mapped([a, b, c, d, e, f, g, h]: number[], u: number, v: number): Point {
+  const w = g! * u + h! * v + 1;
+  return [(a! * u + b! * v + c!) / w, (d! * u + e! * v + f!) / w];
+}
+
+/** The strokes of the current rally, for suggestions. */
+export function line(rally: Rally): TagStroke[] {
+  return rally.strokes.map(({ shot, technique, height, area }) => ({ shot, technique, height, area }));
+}
+
+/** Rows of the table: all strokes but one whose place is asked for. */
+export function rows(state: State): TagRow[] {
+  return state.rallies.flatMap((rally) => rowsOf(rally, state.setup!)).slice(0, state.phase === "place" ? -1 : undefined);
+}
+
+function rowsOf(rally: Rally, { match, discipline, players }: Setup): TagRow[] {
+  const winner = winnerOf(rally);
+  const after = rally.points.map((points, seat) => points + Number(seat === winner));
+  return rally.strokes.map((stroke, i) => {
+    const { seat, shot, technique, height, area, place, time } = stroke;
+    const met = rally.strokes[i - 1]?.place ?? null;
+    return {
+      match,
+      discipline,
+      game: rally.game,
+      rally: rally.number,
+      stroke: i + 1,
+      player: players[seat],
+      opponent: players[other(seat)],
+      shot,
+      technique,
+      height,
+      area,
+      landing_x: rounded(place?.[0]),
+      landing_y: rounded(place?.[1]),
+      contact_x: met && rounded(-met[0]),
+      contact_y: met && rounded(-met[1]),
+      seconds: time,
+      frame: Math.round(time * FRAME_RATE),
+      ending: i === rally.strokes.length - 1 ? rally.ending : null,
+      winner: winner === null ? null : players[winner],
+      points: winner === null ? null : after[seat]!,
+      points_opponent: winner === null ? null : after[1 - seat]!,
+    };
+  });
+}
+
+function rounded(metres: number | undefined): number | null {
+  return metres === undefined ? null : Math.round(1000 * clamped(metres, 30)) / 1000;
+}

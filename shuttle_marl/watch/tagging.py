@@ -1,0 +1,146 @@
+"""Tagging: strokes that a person enters beside a video, what they are saved in, and what players probably play next.
+
+The page holds the state; it follows from the inputs alone. A journal keeps each input, so tagging continues where it stopped, and
+the strokes are a table that ``data import`` and the reports read.
+"""
+
+import csv
+import io
+import threading
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+import msgspec
+import numpy as np
+
+from shuttle_marl.base.errors import printable
+from shuttle_marl.base.files import check_replaceable, read_file, replace_file
+from shuttle_marl.base.runs import Journal
+from shuttle_marl.game.court import AREAS
+from shuttle_marl.game.policy import Policy, States, checked_probabilities
+from shuttle_marl.game.rules import RETURNED_BELOW
+from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
+from shuttle_marl.game.tables import ROOT, Game
+from shuttle_marl.watch import WatchError
+from shuttle_marl.watch.messages import Saved, Suggestion, TagFacts, TagRequest, TagRow, TagStroke
+from shuttle_marl.watch.recorded import nearest_stroke
+
+_MOST_STATES: Final = 16
+"""States of the game that are followed through a rally."""
+
+
+class TagFile:
+    """The table of the strokes of a video, with the journal of the inputs beside it.
+
+    Args:
+        video: the video.
+        out: the table, a CSV file; continued if its journal exists.
+
+    Raises:
+        WatchError: the video does not exist, or the table exists without a journal.
+        RunError: the journal is damaged.
+    """
+
+    def __init__(self, video: Path, out: Path) -> None:
+        if not video.is_file():
+            raise WatchError(f"--tag {video}: no such file; expected a video that the browser plays, such as .mp4 or .webm")
+        if out.suffix.lower() != ".csv":
+            raise WatchError(f"--out {out}: expected a name that ends in .csv")
+        journal = out.with_suffix(".inputs.jsonl")
+        if out.exists() and not journal.exists():
+            raise WatchError(
+                f"--out {out}: exists, without its inputs, {journal.name}; choose another name"
+            )
+        for path in (out, journal):
+            check_replaceable(path)
+        out.parent.mkdir(parents=True, exist_ok=True)
+        self.video, self._out, self._journal, self._lock = video, out, Journal(journal), threading.Lock()
+        lines = self._journal.read()
+        self._journal.keep(len(lines))  # without the half line of a process that was killed
+        self._inputs: list[str] = []
+        for line in lines:
+            self._enter(line.get("input"))
+        self._rows = read_file(out).decode().splitlines()[1:] if out.exists() else []
+
+    def _enter(self, entered: str | None) -> None:
+        if entered is not None:
+            self._inputs.append(entered)
+        elif self._inputs:
+            self._inputs.pop()
+
+    def facts(self) -> TagFacts:
+        """What a page needs to continue."""
+        with self._lock:
+            return TagFacts(
+                video=printable(self.video.name), out=printable(self._out.name), inputs=[*self._inputs], rows=len(self._rows)
+            )
+
+    def save(self, request: TagRequest) -> Saved:
+        """Keep an input and the rows that it changed.
+
+        Raises:
+            WatchError: it does not continue what is saved.
+            RunError, FileWriteError: a file cannot be written.
+        """
+        with self._lock:
+            count = len(self._inputs)
+            # A page repeats what was not answered.
+            repeated = count == request.at - 1 if request.input is None else self._inputs[request.at :] == [request.input]
+            if not (repeated or request.at == count) or request.first > len(self._rows):
+                raise WatchError("another page has changed the strokes; load this page again")
+            if not repeated and not request.only_rows:
+                self._journal.append([{"input": request.input}])
+                self._enter(request.input)
+            if request.rows or request.first < len(self._rows):
+                self._rows[request.first :] = map(_line, request.rows)
+                header = ",".join(TagRow.__struct_fields__)
+                replace_file(self._out, "\n".join((header, *self._rows, "")).encode())
+            return Saved(inputs=len(self._inputs), rows=len(self._rows))
+
+
+def _line(row: TagRow) -> str:
+    named = {"shot": SHOTS, "technique": TECHNIQUES, "height": HEIGHTS, "area": AREAS}
+    values = msgspec.structs.asdict(row)
+    values |= {name: words[values[name]] for name, words in named.items() if values[name] is not None}
+    text = io.StringIO()
+    csv.writer(text, lineterminator="").writerow("" if value is None else value for value in values.values())
+    return text.getvalue()
+
+
+def suggestions(game: Game, policy: Policy, line: Sequence[TagStroke]) -> list[Suggestion]:
+    """Shot types with which a policy continues a rally, the most probable first, each with its usual technique and height.
+
+    Who was hurried is not known, and the height of the next contact neither: their probabilities weight the states.
+
+    Args:
+        game: tables of the game.
+        policy: plays the next stroke.
+        line: strokes so far, all returned; each stands for the nearest legal one.
+    """
+    states = {ROOT: 1.0}
+    for stroke in line:
+        met = {state: w for state, w in states.items() if int(game.contact(state)) == stroke.height} or states
+        following: dict[int, float] = {}
+        for state, weight in met.items():
+            pair = np.array([int(game.pair(state, nearest_stroke(game, state, stroke.shot, stroke.technique, stroke.area)))])
+            returned = weight * game.outcome_probabilities(pair)[0, RETURNED_BELOW:]
+            for arrival, mass in zip(game.arrivals(pair)[0].tolist(), returned.tolist(), strict=True):
+                following[arrival] = following.get(arrival, 0.0) + mass
+        states = dict(sorted(following.items(), key=lambda item: -item[1])[:_MOST_STATES])
+        total = sum(states.values()) or 1.0
+        states = {state: mass / total for state, mass in states.items()}
+    asked = States(game=game, state=np.array(list(states), np.int32))
+    share = np.array(list(states.values())) @ checked_probabilities(policy, asked, "bc")
+    table = np.zeros((len(SHOTS), len(TECHNIQUES), len(HEIGHTS)))
+    np.add.at(table, (game.catalogue.shot, game.catalogue.technique, game.catalogue.height), share)
+    order = np.argsort(-table.sum(axis=(1, 2)), kind="stable").tolist()
+    return [
+        Suggestion(
+            shot=shot,
+            probability=float(table[shot].sum()),
+            technique=int(table[shot].sum(axis=1).argmax()),
+            height=int(table[shot].sum(axis=0).argmax()),
+        )
+        for shot in order
+    ]

@@ -1,0 +1,246 @@
+"""Tagging of a video: the reducer of the page, suggestions, what is saved, and what the reports read."""
+
+import contextlib
+import http.client
+import json
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+
+from shuttle_marl.commands.watch import TagOptions
+from shuttle_marl.data.own import import_matches
+from shuttle_marl.data.schema import REASONS, violations
+from shuttle_marl.game import default_game
+from shuttle_marl.game.court import AREAS
+from shuttle_marl.game.scoring import BWF
+from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
+from shuttle_marl.policy.registry import resolve
+from shuttle_marl.watch import WatchError
+from shuttle_marl.watch.facts import hall_facts
+from shuttle_marl.watch.messages import TagRequest, TagRow, TagStroke
+from shuttle_marl.watch.server import Server, application, bind
+from shuttle_marl.watch.tagging import TagFile, suggestions
+from tests.watch.conftest import run_script
+
+SETUP = {"kind": "setup", "match": "club", "discipline": "WS", "players": ["Ada", "Bea"], "server": 0}
+CORNERS = [{"kind": "corner", "x": x, "y": y} for x, y in ((0.1, 0.9), (0.9, 0.9), (0.7, 0.2), (0.3, 0.2))]
+
+
+def shot(name: str, time: float, technique: int = 0, height: int = 0, probability: float | None = None) -> dict[str, Any]:
+    fields = {"time": time, "technique": technique, "height": height, "probability": probability}
+    return {"kind": "shot", "shot": SHOTS.index(name), **fields}
+
+
+def cell(number: int) -> dict[str, Any]:
+    return {"kind": "cell", "cell": number}
+
+
+def end(ending: str) -> dict[str, Any]:
+    return {"kind": "end", "ending": ending}
+
+
+def tagged(folder: Path, inputs: list[dict[str, Any]]) -> dict[str, Any]:
+    """What the page makes of inputs."""
+    (folder / "hall.json").write_bytes(msgspec.json.encode(hall_facts()))
+    (folder / "inputs.json").write_text(json.dumps(inputs))
+    found: dict[str, Any] = json.loads(run_script("tag.ts", folder, str(folder / "hall.json"), str(folder / "inputs.json")))
+    assert found["same"], "the state follows from the inputs"
+    return found
+
+
+RALLY = [
+    SETUP, shot("short-serve", 1.0, 1), cell(7), shot("lift", 1.8), cell(1), shot("smash", 3.0, 2, 1), cell(6), end("landed"),
+]  # fmt: skip
+
+
+def test_two_inputs_a_stroke_and_the_rules_tell_the_rest(tmp_path: Path) -> None:
+    found = tagged(tmp_path, RALLY)
+    assert found["refused"] == []
+    rows = found["rows"]
+    assert [SHOTS[row["shot"]] for row in rows] == ["short-serve", "lift", "smash"]
+    assert [row["player"] for row in rows] == ["Ada", "Bea", "Ada"]
+    # Ada is near: the top row of the keypad is the back of Bea's half, and the picture's left is Bea's right.
+    assert [AREAS[row["area"]] for row in rows] == ["back-right", "back-left", "middle-left"]
+    assert [(row["ending"], row["winner"], row["points"], row["points_opponent"]) for row in rows] == [
+        (None, "Ada", 1, 0), (None, "Ada", 0, 1), ("landed", "Ada", 1, 0),
+    ]  # fmt: skip
+    assert found["last"]["points"] == [1, 0]
+    assert found["last"]["server"] == 0
+
+
+@pytest.mark.parametrize(
+    ("inputs", "reason"),
+    [
+        ([SETUP, shot("short-serve", 1), shot("lift", 2)], "Shot keys sleep"),
+        ([SETUP, shot("smash", 1)], "begins with a serve"),
+        ([SETUP, shot("short-serve", 1), cell(7), shot("long-serve", 2)], "how did this one end"),
+        ([SETUP, cell(5)], "enter a shot"),
+        ([SETUP, shot("short-serve", 2), cell(7), shot("lift", 1)], "before the last stroke"),
+        ([SETUP, shot("short-serve", 2), end("landed")], "where did it fall"),
+        ([SETUP, end("out")], "begins with a serve"),
+        ([SETUP, shot("short-serve", 2), {"kind": "place", "x": 0.5, "y": 0.5}], "click the four corners"),
+        ([SETUP, *CORNERS, CORNERS[0]], "four corners are known"),
+        ([SETUP, {"kind": "confirm"}], "nothing is asked"),
+        ([SETUP, SETUP], "has begun"),
+        ([{**SETUP, "players": ["Ada", "Ada"]}], "different names"),
+    ],
+)
+def test_impossible_inputs_are_refused_and_change_nothing(inputs: list[dict[str, Any]], reason: str, tmp_path: Path) -> None:
+    found = tagged(tmp_path, inputs)
+    assert len(found["refused"]) == 1
+    assert reason in found["refused"][0]
+    assert found["phases"][-1] == ([*found["phases"], "setup"][-3] if len(inputs) > 1 else "setup")
+
+
+def test_improbable_inputs_are_asked_once(tmp_path: Path) -> None:
+    rare = [SETUP, shot("short-serve", 1), cell(7), shot("net-kill", 2, probability=0.0001)]
+    found = tagged(tmp_path, rare)
+    assert found["phases"][-1] == "ask"
+    assert "hardly ever" in found["question"]
+    assert tagged(tmp_path, [*rare, cell(5), {"kind": "confirm"}, cell(5)])["phases"][-3:] == ["ask", "place", "shot"]
+    wrong_court = tagged(tmp_path, [SETUP, shot("short-serve", 1), cell(9)])
+    assert "right service court" in wrong_court["question"]
+
+
+def test_places_of_clicks_are_metres(tmp_path: Path) -> None:
+    inputs = [SETUP, *CORNERS, shot("short-serve", 1), {"kind": "place", "x": 0.5, "y": 0.3}, shot("lift", 2),
+              {"kind": "place", "x": 0.1, "y": 0.9}]  # fmt: skip
+    found = tagged(tmp_path, inputs)
+    u, v = 0.5, 0.4
+    corners = np.array([(c["x"], c["y"]) for c in CORNERS])
+    goal = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
+    lines = [[x, y, 1, 0, 0, 0, -x * a, -y * a] for (x, y), (a, _) in zip(corners, goal, strict=True)]
+    lines += [[0, 0, 0, x, y, 1, -x * b, -y * b] for (x, y), (_, b) in zip(corners, goal, strict=True)]
+    h = np.append(np.linalg.solve(lines, [*goal[:, 0], *goal[:, 1]]), 1).reshape(3, 3) @ [u, v, 1]
+    assert np.allclose(found["middle"], h[:2] / h[2])
+    serve, lift = found["rows"]
+    assert abs(serve["landing_x"]) < 1e-3
+    assert serve["landing_y"] > 0
+    # Bea strikes from the far side, so her left and right are those of the picture mirrored.
+    assert (lift["landing_x"], lift["landing_y"]) == (3.05, 6.7)
+    assert (lift["contact_x"], lift["contact_y"]) == (-serve["landing_x"], -serve["landing_y"])
+
+
+def test_the_score_serves_and_changes_ends(tmp_path: Path) -> None:
+    """A match that the server wins, two games to love."""
+    inputs: list[dict[str, Any]] = [SETUP]
+    for number in range(2 * BWF.points):
+        near = number < BWF.points  # ends change after the first game
+        right = number % BWF.points % 2 == 0
+        inputs += [shot("long-serve", number), cell((7 if right else 9) if near else (3 if right else 1)), end("landed")]
+    found = tagged(tmp_path, inputs)
+    assert found["refused"] == []
+    assert found["phases"][-1] == "over"
+    assert found["games"] == [2, 0]
+    assert found["near"] == 1
+    assert [(row["game"], row["rally"]) for row in found["rows"]] == [(g, r) for g in (1, 2) for r in range(1, 22)]
+    assert {AREAS[row["area"]] for row in found["rows"]} == {"back-right", "back-left"}
+
+
+def test_suggestions_are_shares_of_the_policy() -> None:
+    game = default_game()
+    policy = resolve("bc", game)
+    serves = suggestions(game, policy, [])
+    assert {SHOTS[one.shot] for one in serves[:2]} == {"short-serve", "long-serve"}
+    assert sum(one.probability for one in serves) == pytest.approx(1)
+    line = [TagStroke(shot=SHOTS.index("short-serve"), technique=1, height=0, area=1)]
+    lifted = [*line, TagStroke(shot=SHOTS.index("lift"), technique=0, height=0, area=8)]
+    replies = suggestions(game, policy, lifted)
+    assert sum(one.probability for one in replies) == pytest.approx(1)
+    assert [one.probability for one in replies] == sorted((one.probability for one in replies), reverse=True)
+    assert {SHOTS[one.shot] for one in replies[:4]} == {"clear", "drop", "smash", "half-smash"}
+    assert HEIGHTS[replies[0].height] == "above"
+    assert suggestions(game, policy, lifted * 1 + [TagStroke(shot=SHOTS.index("drop"), technique=0, height=1, area=None)])
+
+
+def requests(rows: list[dict[str, Any]]) -> list[TagRow]:
+    return [msgspec.convert(row, TagRow) for row in rows]
+
+
+def test_what_is_saved_is_read_by_import_and_tagging_continues(tmp_path: Path) -> None:
+    video, out = tmp_path / "match.webm", tmp_path / "strokes" / "match.csv"
+    video.write_bytes(b"film")
+    rows = requests(tagged(tmp_path, RALLY)["rows"])
+    file = TagFile(video, out)
+    for at, one in enumerate(RALLY):
+        message = TagRequest(id=1, at=at, input=json.dumps(one), first=0, rows=tuple(rows if at == len(RALLY) - 1 else ()))
+        saved = file.save(message)
+        assert (file.save(message).inputs, saved.inputs) == (at + 1, at + 1), "a repeated request is answered, and kept once"
+    cleaned, _ = import_matches(out)
+    strokes = cleaned.strokes
+    assert list(violations(strokes)) == []
+    assert cleaned.warnings == ()
+    assert [SHOTS[code] for code in strokes["shot"].to_pylist()] == ["short-serve", "lift", "smash"]
+    assert [TECHNIQUES[code] for code in strokes["technique"].to_pylist()] == ["backhand", "forehand", "around-the-head"]
+    assert [REASONS[code] for code in strokes["reason"].to_pylist()] == ["returned", "returned", "landed"]
+    assert strokes["frame"].to_pylist() == [30, 54, 90]
+    # A half line of a process that was killed is dropped; all before it stays.
+    journal = out.with_suffix(".inputs.jsonl")
+    with journal.open("ab") as half:
+        half.write(b'{"input": "{')
+    again = TagFile(video, out)
+    assert [json.loads(text) for text in again.facts().inputs] == RALLY
+    assert again.facts().rows == 3
+    again.save(TagRequest(id=2, at=len(RALLY), input=None, first=2, rows=()))
+    assert len(TagFile(video, out).facts().inputs) == len(RALLY) - 1
+    assert out.read_text().count("\n") == 3
+    with pytest.raises(WatchError, match="another page has changed"):
+        again.save(TagRequest(id=3, at=2, input="{}", first=0, rows=()))
+
+
+def test_files_that_are_not_ours_are_not_touched(tmp_path: Path) -> None:
+    video, out = tmp_path / "match.webm", tmp_path / "mine.csv"
+    video.write_bytes(b"film")
+    out.write_text("mine\n")
+    for options, says in (
+        (TagOptions(tag=video, out=out), "without its inputs"),
+        (TagOptions(tag=tmp_path / "none.mp4", out=tmp_path / "new.csv"), "no such file"),
+        (TagOptions(tag=video, out=tmp_path / "new.parquet"), "ends in .csv"),
+        (TagOptions(tag=video), "belong together"),
+    ):
+        with pytest.raises(WatchError, match=says):
+            options.open()
+    assert out.read_text() == "mine\n"
+    with pytest.raises(msgspec.ValidationError):  # no formula gets into the table
+        requests([{**row, "player": "=HYPERLINK()"} for row in tagged(tmp_path, RALLY)["rows"]])
+
+
+@contextlib.contextmanager
+def running(folder: Path, video: Path | None) -> Iterator[Callable[..., tuple[int, bytes, dict[str, str]]]]:
+    """A server of a video; yields a function that gets a path."""
+    with contextlib.closing(bind("127.0.0.1", 0)) as listener:
+        server = Server(application(lambda _: b"", folder, video=video))
+        thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]}, daemon=True)
+        thread.start()
+
+        def get(path: str, **headers: str) -> tuple[int, bytes, dict[str, str]]:
+            connection = http.client.HTTPConnection("127.0.0.1", listener.getsockname()[1], timeout=20)
+            connection.request("GET", path, headers=headers)
+            response = connection.getresponse()
+            return response.status, response.read(), {name.lower(): value for name, value in response.getheaders()}
+
+        try:
+            yield get
+        finally:
+            server.should_exit = True
+            thread.join(20)
+
+
+def test_the_video_alone_is_served_in_ranges(tmp_path: Path) -> None:
+    video = tmp_path / "match.webm"
+    video.write_bytes(bytes(range(256)))
+    (tmp_path / "secret.webm").write_bytes(b"secret")
+    with running(tmp_path, video) as get:
+        status, content, headers = get("/video", Range="bytes=10-19")
+        assert (status, content) == (206, bytes(range(10, 20)))
+        assert headers["content-type"] == "video/webm"
+        assert "media-src 'self' blob:" in headers["content-security-policy"]
+        assert [get(path)[0] for path in ("/video/../secret.webm", "/secret.webm", "/video/secret.webm")] == [404] * 3
+        assert get("/video", Host="evil.example")[0] == 403
+    with running(tmp_path, None) as get:
+        assert get("/video")[0] == 404
