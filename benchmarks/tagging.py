@@ -83,7 +83,7 @@ def film(path: Path, rallies: int, seed: int, console: Console) -> Film:
     answers = Answers(policies, plan, Stager(("female", "female"), ("right", "right")))
     facts = [answers.rally_facts(RallyRequest(id=0, plan=plan, rally=number)) for number in range(rallies)]
     about = path.with_suffix(".json")
-    if not path.exists():
+    if not about.exists():
         with _served(answers) as address, contextlib.ExitStack() as stack:
             link = f"{address}?quality=lite#seed={seed}&a=bc&b=bc&rally="
             plane = _plane(f"{link}1")
@@ -142,7 +142,7 @@ def _join(parts: Sequence[Path], path: Path) -> None:
     with av.open(str(path), "w", format="webm") as container:
         stream: Any = container.add_stream("libvpx-vp9", rate=FPS)
         stream.width, stream.height, stream.pix_fmt = *SIZE, "yuv420p"
-        stream.options = {"crf": "30", "g": str(FPS)}
+        stream.options = {"crf": "30", "g": str(FPS), "deadline": "realtime", "cpu-used": "8"}
         for part in parts:
             with av.open(str(part)) as read:
                 for image in read.decode(video=0):

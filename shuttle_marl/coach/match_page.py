@@ -37,6 +37,7 @@ class Footage:
         command: that shows rallies on the live court, up to the number.
         numbers: of the rallies for that command, by their index; empty: they cannot be shown.
         video: address of the video at a time in seconds; None: no video.
+        gaps: sentences on what the data lack.
     """
 
     staged: dict[int, CourtRally]
@@ -46,6 +47,7 @@ class Footage:
     command: str
     numbers: dict[int, int]
     video: Callable[[float], str] | None = None
+    gaps: tuple[str, ...] = ()
 
 
 def match_page(report: MatchReport, footage: Footage) -> bytes:
@@ -72,7 +74,7 @@ def match_page(report: MatchReport, footage: Footage) -> bytes:
         _heat(report),
         _changes(report),
         _rallies(report, footage),
-        _sure(report),
+        _sure(report, footage.gaps),
     ]
     subtitle = say("match.subtitle", score=_score(report), name=f" · {report.match}" if report.match else "")
     return page(say("match.title", first=first, second=second), subtitle, sections, rallies=rallies, viewer=program)
@@ -365,7 +367,7 @@ def _link(footage: Footage, row: RallyRow) -> Cell:
     return Cell(f"{row.seconds // 60:.0f}:{row.seconds % 60:02.0f}", row.seconds, footage.video(row.seconds))
 
 
-def _sure(report: MatchReport) -> Section:
+def _sure(report: MatchReport, gaps: Sequence[str]) -> Section:
     say = words()
     if report.factor is None:
         share = say("scout.sure_no_factor")
@@ -374,8 +376,5 @@ def _sure(report: MatchReport) -> Section:
         share = say("scout.sure_factor", **{key: of_100(value) for key, value in fields.items()})
     lead = say("match.sure_lead", strokes=report.strokes, rallies=len(report.rallies))
     choices = say("match.sure_choices", least=RELIABLE, refits=report.refits)
-    return Section(
-        say("match.sure"),
-        lead,
-        [text(say("match.sure_values")), text(choices), text(share), text(say("scout.sure_observed")), text(say("scout.named"))],
-    )
+    rests = [say("match.sure_values"), choices, share, *gaps, say("scout.sure_observed"), say("scout.named")]
+    return Section(say("match.sure"), lead, list(map(text, rests)))

@@ -34,8 +34,8 @@ _EVEN = 0.6
 """A match is open if neither player is expected to win it more often."""
 
 
-def scouting_page(report: ScoutingReport) -> bytes:
-    """The page as the content of a file."""
+def scouting_page(report: ScoutingReport, gaps: Sequence[str] = ()) -> bytes:
+    """The page as the content of a file; ``gaps``: sentences on what the data lack."""
     say = words()
     rallies, program, reason = _examples(report)
     named = {
@@ -52,7 +52,7 @@ def scouting_page(report: ScoutingReport) -> bytes:
         sections += [_advice(report, reason), _tactics(report)] if report.effects else [_unknown(report)]
     if report.advice:
         sections.append(_training(report))
-    sections.append(_sure(report))
+    sections.append(_sure(report, gaps))
     since = report.opponent.since
     fields = {
         "discipline": say(f"disciplines.{report.discipline}"),
@@ -403,7 +403,7 @@ def _tactics(report: ScoutingReport) -> Section:
     )
 
 
-def _sure(report: ScoutingReport) -> Section:
+def _sure(report: ScoutingReport, gaps: Sequence[str]) -> Section:
     say = words()
     factor = report.factor
     if factor is None:
@@ -428,6 +428,7 @@ def _sure(report: ScoutingReport) -> Section:
     ]
     blocks = [
         text(share),
+        *map(text, gaps),
         text(say("scout.sure_observed")),
         shown(table(rows, columns, say("scout.sure_table"))),
         text(say("scout.named")),

@@ -8,6 +8,7 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.compute as pc
 
 from shuttle_marl.analysis import Players
@@ -17,9 +18,10 @@ from shuttle_marl.analysis.strokes import stroke_table
 from shuttle_marl.analysis.summary import AnalysisError
 from shuttle_marl.base.errors import printable
 from shuttle_marl.coach.match_page import Footage
-from shuttle_marl.coach.words import words
+from shuttle_marl.coach.words import of_100, words
 from shuttle_marl.data import load_strokes
 from shuttle_marl.data.own import import_matches
+from shuttle_marl.data.schema import Outcome
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game.rally.record import Rallies
 from shuttle_marl.game.shipped import folder_of, is_shipped
@@ -30,6 +32,8 @@ from shuttle_marl.watch.match import CourtRally
 from shuttle_marl.watch.recorded import LogRallies, RealRallies
 
 _LISTED = 12
+_DOUBTFUL = 0.5
+"""Confidence below which a recognised stroke is doubtful."""
 
 
 def of_strokes(path: Path, game: Game, match: str | None = None, columns: Path | None = None) -> tuple[MatchReport, Footage]:
@@ -47,7 +51,8 @@ def of_strokes(path: Path, game: Game, match: str | None = None, columns: Path |
     """
     strokes = load_strokes(path) if columns is None else import_matches(path, columns)[0].strokes
     name = _match(matches_in(strokes), match)
-    report = match_report(strokes.filter(pc.equal(strokes["match"], name)), game=game)
+    played = strokes.filter(pc.equal(strokes["match"], name))
+    report = match_report(played, game=game)
     staged = RealRallies(path, game.seats[0], strokes)
     folder = folder_of(game.seats[0])
     model = () if folder is None or is_shipped(folder.name) else ("--game", str(folder))
@@ -56,8 +61,20 @@ def of_strokes(path: Path, game: Game, match: str | None = None, columns: Path |
     rallies = {i: staged.rally(found[i]) for i in report.moments if i in found}
     shown = {} if columns is not None else found
     watch = _watch("--real", str(path), *model, "--rally")
-    women = strokes.filter(pc.equal(strokes["match"], name))["discipline"][0].as_py() == "WS"
-    return report, _footage(report, rallies, (watch, shown), women=women)
+    footage = _footage(report, rallies, (watch, shown), women=played["discipline"][0].as_py() == "WS")
+    return report, dataclasses.replace(footage, gaps=gaps(played))
+
+
+def gaps(strokes: pa.Table) -> tuple[str, ...]:
+    """Sentences on the values of annotated strokes that are unknown, inferred or doubtful."""
+    say, fault = words(), pc.equal(strokes["outcome"], Outcome.FAULT)
+    guessed = pc.fill_null(pc.match_substring_regex(strokes["inferred"], r"\barea\b"), fill_value=False)
+    unknown = pc.sum(pc.and_(pc.is_null(strokes["area"]), pc.invert(fault))).as_py() or 0
+    doubtful = pc.sum(pc.and_(pc.less(strokes["confidence"], _DOUBTFUL), pc.invert(guessed))).as_py() or 0
+    inferred, right = pc.sum(guessed).as_py() or 0, pc.mean(strokes["confidence"].filter(guessed)).as_py()
+    counts = {"strokes": len(strokes), "inferred": inferred, "unknown": unknown, "right": of_100(right or 0.0)}
+    places = (say("scout.sure_places", **counts),) if inferred or unknown else ()
+    return (*places, say("scout.sure_doubtful", doubtful=doubtful)) if doubtful else places
 
 
 def _watch(*arguments: str) -> str:

@@ -42,6 +42,7 @@ def scout(
     from shuttle_marl.analysis.scouting import scout as scouted  # noqa: PLC0415
     from shuttle_marl.base.errors import ShuttleError  # noqa: PLC0415
     from shuttle_marl.coach.scout_page import scouting_page  # noqa: PLC0415
+    from shuttle_marl.coach.sources import gaps  # noqa: PLC0415
     from shuttle_marl.coach.words import words  # noqa: PLC0415
     from shuttle_marl.commands.reports import write_report  # noqa: PLC0415
     from shuttle_marl.data import load_strokes  # noqa: PLC0415
@@ -74,7 +75,9 @@ def scout(
     if json_output:
         cli.print_json(report.as_json())
     if not json_output or out is not None or pdf is not None:
-        write_report(scouting_page(report), out or Path("scout.html"), pdf, quiet=json_output)
+        write_report(
+            scouting_page(report, () if strokes is None else gaps(strokes)), out or Path("scout.html"), pdf, quiet=json_output
+        )
 
 
 COMMANDS: Final = scout

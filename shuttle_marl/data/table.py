@@ -31,7 +31,8 @@ _PROVENANCE: Final = b"shuttle_marl.provenance"
 
 
 def load_strokes(path: Path | str) -> pa.Table:
-    """Load strokes from a Parquet file, or from a folder with the raw files, which are cleaned.
+    """Load strokes from a Parquet file, from a CSV file that needs no column map, or from a folder with the raw files, which are
+    cleaned.
 
     Returns:
         A table of schema :data:`shuttle_marl.data.schema.STROKES`.
@@ -40,6 +41,8 @@ def load_strokes(path: Path | str) -> pa.Table:
         DataError: missing or unreadable file or folder, or another schema.
     """
     path = Path(path)
+    if path.suffix.lower() == ".csv" and path.is_file():
+        return import_matches(path)[0].strokes
     return clean_matches(path).strokes if path.is_dir() else read_parquet(path)
 
 

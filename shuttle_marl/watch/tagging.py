@@ -49,9 +49,7 @@ class TagFile:
             raise WatchError(f"--out {out}: expected a name that ends in .csv")
         journal = out.with_suffix(".inputs.jsonl")
         if out.exists() and not journal.exists():
-            raise WatchError(
-                f"--out {out}: exists, without its inputs, {journal.name}; choose another name"
-            )
+            raise WatchError(f"--out {out}: exists, without its inputs, {journal.name}; choose another name")
         for path in (out, journal):
             check_replaceable(path)
         out.parent.mkdir(parents=True, exist_ok=True)

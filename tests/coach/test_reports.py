@@ -268,6 +268,31 @@ def test_rallies_that_the_data_lack_are_mentioned(match: pa.Table, model: str, r
     assert f"By the score {played} rallies were played; the data have {len(report.rallies)} of them" in text
 
 
+def test_what_the_data_lack_is_said(tmp_path: Path, model: str, match: pa.Table, unbuilt: None) -> None:
+    assert sources.gaps(match) == ()
+    n = len(match)
+    returned = np.flatnonzero(match["outcome"].to_numpy() == 0)
+    area, inferred, sure = match["area"].to_pylist(), [None] * n, [None] * n
+    for row in returned[:3]:
+        area[row] = None
+    for row, share in zip(returned[3:5], (0.25, 0.75), strict=True):
+        inferred[row], sure[row] = "height area", share
+    for row, share in zip(returned[5:8], (0.1, 0.4, 0.9), strict=True):
+        sure[row] = share
+    for name, values in (("area", area), ("inferred", inferred), ("confidence", sure)):
+        field = match.schema.field(name)
+        match = match.set_column(match.schema.get_field_index(name), field, pa.array(values, field.type))
+    places, doubtful = sources.gaps(match)
+    assert places.startswith(f"Of {n:,} strokes of your data, 2 have a place that was inferred")
+    assert "right in 50 of 100 cases, and 3 have none" in places
+    assert doubtful.startswith("A program recognised 2 strokes")
+    write_parquet(tmp_path / "own.parquet", match)
+    report, shown = sources.of_strokes(tmp_path / "own.parquet", resolve_game(model))
+    _, content = read(match_pages.match_page(report, dataclasses.replace(shown, staged={})))
+    assert places in content
+    assert doubtful in content
+
+
 def test_numbers_of_the_live_court_are_those_of_its_option(tmp_path: Path, model: str, match: pa.Table) -> None:
     write_parquet(tmp_path / "strokes.parquet", match)
     report, shown = sources.of_strokes(tmp_path / "strokes.parquet", resolve_game(model))
