@@ -168,11 +168,19 @@ class Script:
         found: dict[str, Any] = self.page.evaluate("window.viewer.state()")
         return found
 
+    def until(self, holds: str) -> None:
+        """Wait until an expression is true."""
+        end = time.monotonic() + _PATIENCE
+        while not self.page.evaluate(f"!!({holds})"):
+            if time.monotonic() > end:
+                raise TimeoutError(f"waited in vain for {holds}; the page says {self.page.inner_text('body')[:500]}")
+            self.page.wait_for_timeout(5)
+
     def open(self, address: str) -> None:
         """Load the page; a new match is set up and the corners of the court are clicked."""
         self.page.goto(address)
-        self.page.wait_for_function("window.viewer && window.viewer.state().ready")
-        self.page.wait_for_function("document.querySelector('video').readyState > 0")
+        self.until("window.viewer && window.viewer.state().ready")
+        self.until("document.querySelector('video').readyState > 0")
         if self.state()["phase"] != "setup":
             return
         for name, value in zip(("near", "far"), _NAMES, strict=True):
@@ -223,7 +231,7 @@ class Script:
     def _shot(self, number: int, count: int) -> None:
         stroke = self._film.rallies[number].strokes[count]
         self.page.evaluate("(t) => { document.querySelector('video').currentTime = t; }", self._film.begins[number] + stroke.time)
-        self.page.wait_for_function("window.viewer.state().suggested !== null")
+        self.until("window.viewer.state().suggested !== null")
         self.first.setdefault((number, count), self.state()["suggested"][0] == stroke.shot)
         self._press(_SHOTS[stroke.shot])
 
@@ -301,7 +309,7 @@ def tag(played: Film, out: Path, kills: int, seed: int, console: Console) -> dic
                         process.wait()
                         break
                 if not more:
-                    page.wait_for_function("(({inputs, saved}) => inputs === saved)(window.viewer.state())")
+                    script.until("(({inputs, saved}) => inputs === saved)(window.viewer.state())")
                 saving += script.state()["saving_ms"]
     found = recovered(played, out)
     return {

@@ -143,6 +143,7 @@ class Answers:
             recorded=None
             if recorded is None
             else messages.RecordedFacts(recorded.title, recorded.count, self._first_shown, recorded.matches),
+            tag=None if self._tags is None else self._tags.facts(),
         )
 
     def _rally(self, request: messages.RallyRequest) -> tuple[messages.RallyReply, bytes]:

@@ -8,11 +8,13 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import av
 import msgspec
 import numpy as np
 import pytest
 
 from shuttle_marl.commands.watch import TagOptions
+from shuttle_marl.data import load_strokes
 from shuttle_marl.data.own import import_matches
 from shuttle_marl.data.schema import REASONS, violations
 from shuttle_marl.game import default_game
@@ -25,7 +27,7 @@ from shuttle_marl.watch.facts import hall_facts
 from shuttle_marl.watch.messages import TagRequest, TagRow, TagStroke
 from shuttle_marl.watch.server import Server, application, bind
 from shuttle_marl.watch.tagging import TagFile, suggestions
-from tests.watch.conftest import run_script
+from tests.watch.conftest import Viewer, run_script, serving
 
 SETUP = {"kind": "setup", "match": "club", "discipline": "WS", "players": ["Ada", "Bea"], "server": 0}
 CORNERS = [{"kind": "corner", "x": x, "y": y} for x, y in ((0.1, 0.9), (0.9, 0.9), (0.7, 0.2), (0.3, 0.2))]
@@ -244,3 +246,56 @@ def test_the_video_alone_is_served_in_ranges(tmp_path: Path) -> None:
         assert get("/video", Host="evil.example")[0] == 403
     with running(tmp_path, None) as get:
         assert get("/video")[0] == 404
+
+
+def test_a_rally_in_the_page(page_folder: Path, viewer: Viewer, tmp_path: Path) -> None:
+    video, out = tmp_path / "match.webm", tmp_path / "match.csv"
+    with av.open(str(video), "w") as container:
+        stream: Any = container.add_stream("libvpx-vp9", rate=10)
+        stream.width, stream.height, stream.pix_fmt = 160, 90, "yuv420p"
+        for shade in range(40):
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(np.full((90, 160, 3), 4 * shade, np.uint8), format="rgb24")))
+        container.mux(stream.encode())
+    flags, page = ("--tag", str(video), "--out", str(out)), viewer.page
+
+    def saved() -> bool:
+        inputs, done = viewer.state("inputs", "saved")
+        return bool(inputs == done)
+
+    with serving(*flags) as server:
+        viewer.open(server.address)
+        page.fill("[name=near]", "Ada")
+        page.fill("[name=far]", "Bea")
+        page.click("text=Begin")
+        viewer.until(lambda: viewer.state("suggested") is not None)
+        assert viewer.state("suggested")[0] == "short-serve"
+        for time, keys in ((1.0, "s7"), (1.5, "l1"), (2.5, "s")):
+            page.evaluate("(t) => { document.querySelector('video').currentTime = t; }", time)
+            viewer.until(lambda: viewer.state("suggested") is not None)
+            viewer.press(*keys)
+        viewer.press("c")  # shot keys sleep while the place is asked for
+        assert "Shot keys sleep" in page.inner_text(".refusal")
+        viewer.press("6", "Backspace", "3", "i")
+        assert viewer.state("phase", "rally") == ["shot", 2]
+        assert "Ada 1 : 0 Bea" in page.inner_text(".score")
+        viewer.until(saved)
+        page.click("text=Bea: lift")
+        assert page.evaluate("document.querySelector('video').currentTime") == 1.5
+        page.goto("about:blank")
+        server.process.kill()
+        server.process.wait()
+    with serving(*flags) as server:
+        viewer.open(server.address)
+        assert viewer.state("phase", "rally", "inputs") == ["shot", 2, 8]
+        viewer.press("Backspace")
+        viewer.until(saved)
+        assert viewer.state("phase", "rally", "inputs") == ["shot", 1, 7]
+        viewer.press("i")
+        viewer.until(saved)
+        page.set_viewport_size({"width": 390, "height": 844})
+        assert page.evaluate("document.documentElement.scrollWidth") <= 390
+        page.goto("about:blank")
+    strokes = load_strokes(out)
+    assert [SHOTS[code] for code in strokes["shot"].to_pylist()] == ["short-serve", "lift", "smash"]
+    assert [AREAS[code] for code in strokes["area"].to_pylist()] == ["back-right", "back-left", "front-left"]
+    assert strokes["frame"].to_pylist() == [30, 45, 75]

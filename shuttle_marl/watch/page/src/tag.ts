@@ -11,7 +11,6 @@ import {
   type Input,
   line,
   mapped,
-  type Phase,
   Refused,
   reduce,
   replay,
@@ -371,28 +370,25 @@ export class Tagging {
     );
     this.prompt.textContent = this.marking
       ? `Click the corner of the court: ${CORNER_NAMES[state.corners.length]} (outer lines)`
-      : this.asks(state.phase);
+      : this.asks();
     this.showKeys();
     this.showList();
     this.suggest();
   }
 
-  private asks(phase: Phase): string {
+  private asks(): string {
+    const { phase, question, setup } = this.state;
     const rally = current(this.state);
-    const who = this.state.setup!.players[phase === "place" ? rally.strokes.at(-1)!.seat : striker(rally)];
     const last = rally.strokes.at(-1);
-    return {
-      setup: "",
-      shot: last ? `${who} plays …, or how did the rally end?` : `${who} serves`,
-      place: `Where is the shot of ${who} met, or where does it fall? ${this.how()}`,
-      ask: `${this.state.question}. Enter keeps it, Backspace removes it.`,
-      over: "The match is over.",
-    }[phase];
-  }
-
-  private how(): string {
-    const { technique, height } = current(this.state).strokes.at(-1)!;
-    return `(${words(this.hall.techniques[technique]!)}, ${this.hall.heights[height]} the net)`;
+    if (phase === "ask") {
+      return `${question}. Enter keeps it, Backspace removes it.`;
+    }
+    if (phase === "place" && last) {
+      const how = `${words(this.hall.techniques[last.technique]!)}, ${this.hall.heights[last.height]} the net`;
+      return `Where is the shot of ${setup!.players[last.seat]} met, or where does it fall? (${how})`;
+    }
+    const who = setup!.players[striker(rally)];
+    return phase === "over" ? "The match is over." : last ? `${who} plays …, or how did the rally end?` : `${who} serves`;
   }
 
   private showKeys(): void {
