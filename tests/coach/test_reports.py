@@ -272,7 +272,9 @@ def test_what_the_data_lack_is_said(tmp_path: Path, model: str, match: pa.Table,
     assert sources.gaps(match) == ()
     n = len(match)
     returned = np.flatnonzero(match["outcome"].to_numpy() == 0)
-    area, inferred, sure = match["area"].to_pylist(), [None] * n, [None] * n
+    area: list[int | None] = match["area"].to_pylist()
+    inferred: list[str | None] = [None] * n
+    sure: list[float | None] = [None] * n
     for row in returned[:3]:
         area[row] = None
     for row, share in zip(returned[3:5], (0.25, 0.75), strict=True):
