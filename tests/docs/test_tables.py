@@ -80,7 +80,8 @@ def test_boards_of_the_suite_are_made_from_its_results(tmp_path: Path, monkeypat
     row = {
         "task": "exploit-v0", "method": "ppo", "split": "test", "budget": 1000, "score": 0.75, "low": 0.7, "high": 0.8,
         "worst": 0.6, "scores": {"objective": {"value": 0.75, "low": 0.7, "high": 0.8}, "exploitability": score}, "seconds": 12.3,
-        "official": False, "verified": True, "game": "another", "quick": False, "kind": "method", "access": "samples", "isolated": False,
+        "official": False, "verified": True, "game": "another", "quick": False, "kind": "method", "access": "samples",
+        "isolated": False,
         "strata": {"bc/1,000": {"objective": 0.6}, "safe/1,000": {"objective": 0.9}},
     }  # fmt: skip
     rows = [
