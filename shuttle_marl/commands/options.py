@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Final, Literal
 
 import tyro
 
+from shuttle_marl.base.bounds import Seed, Within, check_bounds
 from shuttle_marl.commands.cli import console
 from shuttle_marl.exact.fixed_point import ExactError
 from shuttle_marl.game.shipped import Profile, resolve_game
@@ -108,9 +109,9 @@ class Appearance:
 class SampleOptions:
     """Matches of policies that read the score."""
 
-    matches: int = 400
+    matches: Annotated[int, Within(low=1, high=_MOST_MATCHES, text=f"a number from 1 to {_MOST_MATCHES:,}")] = 400
     """Number of matches played for a policy that is sampled."""
-    seed: int = 0
+    seed: Seed = 0
     """Random seed of these matches."""
     record: str = "all"
     """Which of their rallies are recorded: all, sample:N (those of one match in N) or none."""
@@ -118,7 +119,4 @@ class SampleOptions:
     """Rally log of these matches; default: runs/evaluate-SEED.mcap, or the next such name that is free."""
 
     def __post_init__(self) -> None:
-        if not 1 <= self.matches <= _MOST_MATCHES:
-            raise ExactError(f"--matches {self.matches}: expected a number from 1 to {_MOST_MATCHES:,}")
-        if not 0 <= self.seed < 1 << 63:
-            raise ExactError(f"--seed {self.seed}: expected a number from 0 up to 2^63")
+        check_bounds(self, ExactError)

@@ -4,12 +4,13 @@ import dataclasses
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Annotated, Any, Final, Literal
 
 import numpy as np
 import tyro
 
 from shuttle_marl.base.arrays import I32, Intp
+from shuttle_marl.base.bounds import Count, CountOrZero, Seed, Within, check_bounds
 from shuttle_marl.base.errors import ShuttleError, suggesting
 from shuttle_marl.game.draws import CHOICE_ONE, chosen
 from shuttle_marl.game.pairs import pair_game
@@ -51,17 +52,17 @@ class LeagueConfig:
     pool: tuple[str, ...] = ()
     """Entrants by name (see `docs/league.md`); default: behaviour-cloned players, scripted styles, random, trained agents, and
     the solved anchors."""
-    matches: int = 1000
+    matches: Annotated[int, Within(low=2, high=MOST_MATCHES, text=f"an even number from 2 to {MOST_MATCHES:,}")] = 1000
     """Matches of every pair; even, because each is played twice with the same draws and the seats swapped."""
     format: Format = "round-robin"
     """Round robin: every pair. Gauntlet: the first entrant of the pool against every other. Swiss: rounds between entrants with
     similar scores."""
-    rounds: int = 0
+    rounds: CountOrZero = 0
     """Rounds of a Swiss tournament; 0: the binary logarithm of the number of entrants."""
-    decide: float | None = None
+    decide: Annotated[float | None, Within(above=0, high=_MOST_ELO, text=f"Elo points above 0, up to {_MOST_ELO}")] = None
     """Stop a pairing with an entrant that has no table when a sequential test has decided which entrant is better, with errors of
     5 % at this difference in Elo points; default: play all matches."""
-    seed: int = 0
+    seed: Seed = 0
     """Random seed: the same seed gives the same rallies."""
     out: Path | None = None
     """Run folder; default: runs/league-SEED, with a number appended if that exists."""
@@ -89,15 +90,15 @@ class LeagueConfig:
     away: bool = False
     """Also solve all pairs in the refits of the game, which shows how the ranking depends on the recorded matches. Changes no
     other figure; takes some minutes."""
-    holes: int = 0
+    holes: CountOrZero = 0
     """Number of top entrants for which the report shows the states in which they lose most to their best response; takes a few
     seconds each, and changes no figure."""
-    workers: int = 1
+    workers: Annotated[int, Within(low=1, high=_MOST_WORKERS, text=f"1 to {_MOST_WORKERS}")] = 1
     """Threads that play pairings of policies with tables; results do not depend on it."""
     ray: str | None = None
     """Play pairings of policies with tables on a Ray cluster: local (Ray on this machine), auto (the cluster that this machine
     belongs to), HOST:PORT of its head, or ray://HOST:PORT; replaces --workers; results do not depend on it."""
-    batch: int = 8192
+    batch: Count = 8192
     """Matches played in lockstep; affects speed and memory; results do not depend on it."""
     policy_timeout: float = POLICY_TIMEOUT
     """Seconds that a policy may take for one answer before it forfeits; 0 for no limit."""
@@ -106,29 +107,20 @@ class LeagueConfig:
 
     def __post_init__(self) -> None:
         Sampling.parse(self.record)
-        if not 2 <= self.matches <= MOST_MATCHES or self.matches % 2:
-            raise LeagueError(f"--matches {self.matches}: expected an even number from 2 to {MOST_MATCHES:,}")
-        if not 1 <= self.workers <= _MOST_WORKERS:
-            raise LeagueError(f"--workers {self.workers}: expected 1 to {_MOST_WORKERS}")
+        check_bounds(self, LeagueError)
+        if self.matches % 2:
+            raise LeagueError(f"--matches {self.matches}: expected an even number")
         if not self.exact and (self.away or self.holes):
             raise LeagueError("--away and --holes need exact results; leave out --no-exact")
         if self.date is not None and self.players is None:
             raise LeagueError(f"--date {self.date}: is the day of the skill of --players; give both")
         if self.players is not None and self.holes:
             raise LeagueError("--holes is not available with --players, whose seats have different strokes")
-        if self.holes < 0:
-            raise LeagueError(f"--holes {self.holes}: expected 0 or more")
-        if self.batch < 1:
-            raise LeagueError(f"--batch {self.batch}: expected 1 or more")
-        if not 0 <= self.seed < 1 << 63:
-            raise LeagueError(f"--seed {self.seed}: expected a number from 0 up to 2^63")
         twice = sorted({name for name in self.pool if self.pool.count(name) > 1})
         if twice:
             raise LeagueError(f"--pool names {', '.join(twice)} twice; name every entrant once")
-        if self.rounds < 0 or (self.rounds and self.format != "swiss"):
-            raise LeagueError(f"--rounds {self.rounds}: expected 1 or more, with --format swiss; 0 for the default")
-        if self.decide is not None and not 0 < self.decide <= _MOST_ELO:
-            raise LeagueError(f"--decide {self.decide:g}: expected Elo points above 0, up to {_MOST_ELO}")
+        if self.rounds and self.format != "swiss":
+            raise LeagueError(f"--rounds {self.rounds}: only with --format swiss")
         if self.extend and (self.out is None or not self.pool):
             raise LeagueError("--extend adds the entrants of --pool to the run in --out; give both")
         if self.extend and (self.overwrite or self.format == "swiss"):

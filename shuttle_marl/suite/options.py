@@ -6,6 +6,7 @@ from typing import Annotated, Final, Literal, get_args
 
 import tyro
 
+from shuttle_marl.base.bounds import Count, Within, check_bounds
 from shuttle_marl.base.errors import ShuttleError
 
 Split = Literal["dev", "test", "hidden"]
@@ -36,13 +37,13 @@ class SuiteRun:
     """Part of the task: dev for tuning, test for the scores that are reported."""
     budget: int | None = None
     """Budget, in strokes; default: the smallest one of the task."""
-    seeds: int | None = None
+    seeds: Count | None = None
     """Number of seeds, from 0; default: that of the task."""
     quick: bool = False
     """The smallest cases and budgets only, to test a method; not a score."""
     isolated: bool = False
     """Run MODULE:ATTRIBUTE as a program that gets episodes only and cannot import this package."""
-    workers: int = 1
+    workers: Annotated[int, Within(low=1, high=_MOST_WORKERS, text=f"1 to {_MOST_WORKERS}")] = 1
     """Parallel processes; results do not depend on it."""
     ray: str | None = None
     """Ray cluster that plays the units: local, auto, HOST:PORT of its head, or ray://HOST:PORT; replaces --workers."""
@@ -60,9 +61,6 @@ class SuiteRun:
     """Replace the run in --out."""
 
     def __post_init__(self) -> None:
-        if self.seeds is not None and self.seeds < 1:
-            raise SuiteError(f"--seeds {self.seeds}: expected 1 or more")
-        if not 1 <= self.workers <= _MOST_WORKERS:
-            raise SuiteError(f"--workers {self.workers}: expected 1 to {_MOST_WORKERS}")
+        check_bounds(self, SuiteError)
         if self.resume and self.overwrite:
             raise SuiteError("--resume continues a run and --overwrite replaces it; give one of them")

@@ -10,8 +10,20 @@ import json
 import math
 import re
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Final, Literal, get_args, get_type_hints
+from typing import Annotated, Any, ClassVar, Final, Literal
 
+from shuttle_marl.base.bounds import (
+    Count,
+    CountOrZero,
+    Fraction,
+    FractionOrZero,
+    Growth,
+    Positive,
+    Seed,
+    Weight,
+    Within,
+    check_bounds,
+)
 from shuttle_marl.base.errors import ShuttleError, suggesting
 from shuttle_marl.game.shipped import Profile
 from shuttle_marl.game.stroke import SHOTS
@@ -38,38 +50,6 @@ class DivergedError(TrainingError):
     """Learning diverged: a loss, a weight or a probability is not finite."""
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Within:
-    """Bounds of a number, as annotation of a field. NaN is out of all bounds.
-
-    Attributes:
-        low: smallest value.
-        high: largest value.
-        above: exclusive lower bound.
-        text: the bounds in words, for errors.
-    """
-
-    low: float = -math.inf
-    high: float = math.inf
-    above: float = -math.inf
-    text: str
-
-    def __contains__(self, value: float) -> bool:
-        """Whether a number is within the bounds."""
-        return self.low <= value <= self.high and self.above < value < math.inf
-
-
-Count = Annotated[int, Within(low=1, high=10**15, text="a whole number from 1 to 10^15")]
-CountOrZero = Annotated[int, Within(low=0, high=10**15, text="a whole number from 0 to 10^15")]
-# PyTorch rounds smaller numbers to 0 and larger ones to infinity.
-Positive = Annotated[float, Within(low=1e-30, high=1e30, text="a number from 1e-30 to 1e30")]
-Fraction = Annotated[float, Within(low=1e-30, high=1, text="a number from 1e-30 to 1")]
-FractionOrZero = Annotated[float, Within(low=0, high=1, text="a number from 0 to 1")]
-Weight = Annotated[float, Within(low=0, high=10, text="a number from 0 to 10")]
-Growth = Annotated[float, Within(low=0, high=1000, text="a number from 0 to 1,000")]
-Seed = Annotated[int, Within(low=0, high=(1 << 63) - 1, text="a whole number from 0 up to 2^63")]
-
-
 def seconds_of(budget: str) -> float:
     """Seconds of a time budget such as ``90s``, ``5m`` or ``1h``.
 
@@ -90,20 +70,6 @@ def missed(seconds: float, budget: float) -> str:
         f"took {seconds:.0f} s, more than the --budget of {budget:.0f} s: the machine was busy, or functions were compiled for "
         "the first time; train again for a run that fits its budget"
     )
-
-
-def check_bounds(config: Any, error: type[ShuttleError]) -> None:
-    """Check the fields of a dataclass that are annotated with :class:`Within`; None is always allowed.
-
-    Raises:
-        error: a field is out of its bounds, or not a whole number.
-    """
-    for name, hint in get_type_hints(type(config), include_extras=True).items():
-        whole, value = get_args(hint)[:1] == (int,), getattr(config, name, None)
-        for bounds in get_args(hint):
-            wrong = isinstance(bounds, Within) and value is not None
-            if wrong and (value not in bounds or (whole and not isinstance(value, int))):
-                raise error(f"--{name.replace('_', '-')} {value}: expected {bounds.text}")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -208,7 +208,7 @@ def test_aims_are_the_best_replies_by_area() -> None:
         (["evaluate", "stranger"], "no policy 'stranger'"),
         (["evaluate", "bc", "--matches", "0"], "--matches 0: expected a number from 1"),
         (["evaluate", "bc", "--matches", "9" * 30], "expected a number from 1 to 10,000,000"),
-        (["evaluate", "bc", "--seed", "-1"], "--seed -1: expected a number from 0"),
+        (["evaluate", "bc", "--seed", "-1"], "--seed -1: expected a whole number from 0"),
         (["solve", "--game", "nothing"], "no model 'nothing'"),
         (["solve", "--incoming", "smash"], "name its file with --plot FILE"),
         (["solve", "--plot", "court.gif"], "pictures are written as .png, .svg, .pdf"),

@@ -551,7 +551,7 @@ def test_folders_that_hold_something_else(small_model: str, tmp_path: Path) -> N
         ({"matches": 10**30}, "from 2 to 10,000,000"),
         ({"matches": 7}, "expected an even number"),
         ({"matches": 0}, "expected an even number"),
-        ({"batch": 0}, "expected 1 or more"),
+        ({"batch": 0}, "expected a whole number from 1"),
         ({"seed": -1}, "from 0 up to"),
         ({"pool": ("safe", "random", "safe")}, "names safe twice"),
         ({"pool": ("safe",)}, "needs two entrants"),

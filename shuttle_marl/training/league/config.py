@@ -6,19 +6,9 @@ import os
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal, get_args
 
+from shuttle_marl.base.bounds import Count, CountOrZero, FractionOrZero, Positive, Seed, Weight, Within, check_bounds
 from shuttle_marl.game.shipped import Profile
-from shuttle_marl.training.config import (
-    Count,
-    CountOrZero,
-    FractionOrZero,
-    Positive,
-    Seed,
-    TrainingError,
-    Weight,
-    Within,
-    check_bounds,
-    seconds_of,
-)
+from shuttle_marl.training.config import TrainingError, seconds_of
 
 Variant = Literal["plain", "fictitious", "prioritised", "psro"]
 Algorithm = Literal["ppo", "a2c", "sac"]
