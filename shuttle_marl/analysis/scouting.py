@@ -19,10 +19,10 @@ from shuttle_marl.analysis.habits import Ending, Habit, endings, habits, interva
 from shuttle_marl.analysis.outlook import Outlook, outlook
 from shuttle_marl.analysis.summary import AnalysisError, rally_table, summarise
 from shuttle_marl.analysis.tactics import Effect, effects
-from shuttle_marl.base.arrays import F64
+from shuttle_marl.base.arrays import F64, Bools
 from shuttle_marl.data.schema import DISCIPLINES
 from shuttle_marl.data.upstream import date_of
-from shuttle_marl.dynamics.habits import NONE, Plays, load_habits, plays_of_strokes, tally
+from shuttle_marl.dynamics.habits import NONE, Plays, Tally, load_habits, plays_of_strokes, tally
 from shuttle_marl.game.court import AREAS
 from shuttle_marl.game.pairs import pair_game
 from shuttle_marl.game.shipped import PROFILES, RELIABLE, Estimate, factor_of, model_folder, resolve_game
@@ -106,6 +106,8 @@ class ScoutingReport:
         targets: ``[9]`` shares of the opponent's strokes by target area; ``targets_usual``: of the others.
         target_strokes: number of strokes behind the targets.
         seen: summary of the annotated matches; None without, where habits are counted in those that the model was fitted on.
+        recent: the opponent's last match in the data beside the earlier ones; empty without two matches.
+        beside: name of another opponent, and the habits of this one beside that one; None: not asked for.
         advice: strokes to play against the opponent, largest gain first.
         realised: their results in annotated matches, in the same order; empty without data.
         with_advice: probability of winning a rally for a player who follows all of it, calibrated.
@@ -127,6 +129,8 @@ class ScoutingReport:
     targets_usual: F64
     target_strokes: float
     seen: Seen | None
+    recent: Sequence[Habit]
+    beside: tuple[str, Sequence[Habit]] | None
     advice: Sequence[Advice]
     realised: Sequence[Realised | None]
     with_advice: Estimate | None
@@ -207,13 +211,20 @@ def players_of(model: str = "default") -> list[ListedPlayer]:
 
 
 def scout(
-    opponent: str, player: str | None = None, *, model: str = "default", date: Day = None, data: pa.Table | None = None
+    opponent: str,
+    player: str | None = None,
+    *,
+    beside: str | None = None,
+    model: str = "default",
+    date: Day = None,
+    data: pa.Table | None = None,
 ) -> ScoutingReport:
     """Compute a scouting report.
 
     Args:
         opponent: who is described.
         player: who is to win against the opponent; None: profile of the opponent alone.
+        beside: another opponent, to compare habits with; None: nobody.
         model: a model by name or folder.
         date: day of the skill; None: the last one known.
         data: annotated matches, for counted habits and results; None: the model alone.
@@ -225,8 +236,9 @@ def scout(
     folder = model_folder(model)
     skill, clones = load_skill(folder), baselines.clones(folder).players
     known_names = [*skill.players, *([] if data is None else data["player"].unique().to_pylist())]
-    opponent, player = _as_known(opponent, known_names), None if player is None else _as_known(player, known_names)
-    discipline = _discipline(skill, [name for name in (opponent, player) if name is not None], data)
+    opponent = _as_known(opponent, known_names)
+    player, beside = (None if name is None else _as_known(name, known_names) for name in (player, beside))
+    discipline = _discipline(skill, [name for name in (opponent, player, beside) if name is not None], data)
 
     def known(name: str) -> Known:
         if name not in skill.players:
@@ -248,12 +260,19 @@ def scout(
     found = None if player is None else refitted(pair(player, opponent))
     of_data = None if data is None else _in_discipline(data, discipline)
     counted = of_data is not None and opponent in set(of_data["player"].unique().to_pylist())
-    if counted and of_data is not None:
-        plays = plays_of_strokes(of_data)
-        mine = of_data["player"].to_numpy(zero_copy_only=False) == opponent
-        own, others = tally(plays.take(mine)), tally(plays.take(~mine))
-    else:
-        own, others = load_habits(folder)[opponent]
+    plays = None if of_data is None else plays_of_strokes(of_data)
+
+    def mine(name: str) -> Bools:
+        return np.zeros(0, np.bool_) if of_data is None else of_data["player"].to_numpy(zero_copy_only=False) == name
+
+    def tallies(name: str) -> tuple[Tally, Tally]:
+        """Of a player and of the others."""
+        which = mine(name)
+        if plays is None or not which.any():
+            return load_habits(folder)[name]
+        return tally(plays.take(which)), tally(plays.take(~which))
+
+    own, others = tallies(opponent)
     report = ScoutingReport(
         player=None if player is None else known(player),
         opponent=about,
@@ -268,6 +287,8 @@ def scout(
         targets_usual=others.targets / max(1.0, others.targets.sum()),
         target_strokes=float(own.targets.sum()),
         seen=_seen(of_data, opponent) if counted and of_data is not None else None,
+        recent=[] if plays is None or of_data is None else _recent(plays.take(mine(opponent)), of_data.filter(mine(opponent))),
+        beside=None if beside is None else (beside, habits(own, tallies(beside)[0])),
         advice=[],
         realised=[],
         with_advice=None,
@@ -286,6 +307,17 @@ def scout(
         with_advice=_with_advice(found, advised),
         effects=effects(found),
     )
+
+
+def _recent(plays: Plays, strokes: pa.Table) -> list[Habit]:
+    """Habits in a player's last match beside the earlier ones."""
+    names = strokes["match"].unique().to_pylist()
+    if len(names) < 2:
+        return []
+    # Matches without a date are in the order of the table.
+    last = max(enumerate(names), key=lambda each: (date_of(each[1]) or datetime.date.min, each[0]))[1]
+    which = strokes["match"].to_numpy(zero_copy_only=False) == last
+    return habits(tally(plays.take(which)), tally(plays.take(~which)))
 
 
 def _with_advice(found: Refitted, advised: Sequence[Advice]) -> Estimate | None:

@@ -46,8 +46,7 @@ def scouting_page(report: ScoutingReport, gaps: Sequence[str] = ()) -> bytes:
     report = dataclasses.replace(report, **named)
     opponent = report.opponent.name
     sections = [_outlook(report), _habits(report)] if report.player is not None else [_habits(report)]
-    if (plan := _plan(report)) is not None:
-        sections.append(plan)
+    sections += [part for part in (_recent(report), _plan(report), _beside(report)) if part is not None]
     if report.player is not None:
         sections += [_advice(report, reason), _tactics(report)] if report.effects else [_unknown(report)]
     if report.advice:
@@ -177,6 +176,33 @@ def _described(report: ScoutingReport, kinds: Sequence[str], heading: str) -> li
     return [shown(_table(asked, words()(heading, opponent=report.opponent.name)))] if asked else []
 
 
+def _recent(report: ScoutingReport) -> Section | None:
+    """What changed in the opponent's last match."""
+    say, opponent = words(), report.opponent.name
+    if not report.recent:
+        return None
+    lines = [
+        say("scout.recent_line", habit=habit_words(h), share=of_100(h.share), usual=of_100(h.usual), strokes=round(h.strokes))
+        for h in report.recent
+        if h.clear
+    ]
+    lead = say("scout.recent_lead" if lines else "scout.recent_none", opponent=opponent)
+    return Section(say("scout.recent"), lead, [Block("list", items=lines)] if lines else [])
+
+
+def _beside(report: ScoutingReport) -> Section | None:
+    """Another opponent beside this one."""
+    if report.beside is None:
+        return None
+    say, opponent, other = words(), report.opponent.name, words().player(report.beside[0])
+    found = [habit for habit in report.beside[1] if habit.kind in ("shots", "serve", "return", "third")]
+    clear = sum(habit.clear for habit in found)
+    lead = say("scout.beside_lead", opponent=opponent, other=other, count=clear, tested=len(found))
+    listed = [habit for habit in found if max(habit.share, habit.usual) >= _RARE]
+    heading = say("scout.beside", opponent=opponent, other=other)
+    return Section(heading, lead, [shown(_table(listed, heading, other))])
+
+
 def _plan(report: ScoutingReport) -> Section | None:
     """What the opponent does at the serve, after it, and with the smash: to prepare serve, return and defence."""
     say, opponent, lines = words(), report.opponent.name, []
@@ -207,7 +233,7 @@ def _ends(endings: Sequence[Ending]) -> Table:
     return table(sorted(endings, key=lambda e: -e.strokes), columns, say("scout.ends_table"))
 
 
-def _table(habits: Sequence[Habit], heading: str) -> Table:
+def _table(habits: Sequence[Habit], heading: str, others: str = "") -> Table:
     say = words()
     columns: list[Column[Habit]] = [
         Column(
@@ -218,7 +244,7 @@ def _table(habits: Sequence[Habit], heading: str) -> Table:
         ),
         Column(say("scout.habit_share"), lambda h: Cell(of_100(h.share), h.share)),
         Column(say("scout.habit_range"), lambda h: Cell(say("range", low=of_100(h.low), high=of_100(h.high)), h.high - h.low)),
-        Column(say("scout.habit_usual"), lambda h: Cell(of_100(h.usual), h.usual)),
+        Column(others or say("scout.habit_usual"), lambda h: Cell(of_100(h.usual), h.usual)),
         Column(say("scout.habit_strokes"), lambda h: Cell(f"{h.strokes:,.0f}", h.strokes)),
         Column(say("scout.habit_clear"), lambda h: name(say("yes" if h.clear else "no")), left=True),
     ]

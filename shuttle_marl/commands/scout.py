@@ -13,6 +13,7 @@ def scout(
     player: Annotated[str | None, tyro.conf.Positional] = None,
     opponent: Annotated[str | None, tyro.conf.Positional] = None,
     *,
+    beside: str | None = None,
     out: Path | None = None,
     data: Path | None = None,
     game: str = "default",
@@ -27,6 +28,7 @@ def scout(
     Args:
         player: who is to win; alone: whose profile is written.
         opponent: who is described.
+        beside: another opponent, whose habits are shown beside those of the first one.
         out: HTML file; default: scout.html.
         data: annotated matches, for counted habits: a stroke table, or a folder with the raw files.
         game: model of the game: a shipped one or a folder.
@@ -60,8 +62,9 @@ def scout(
     names = (player,) if opponent is None else (opponent, player)
     with cli.working("analysing the match-up"):
         strokes = None if data is None else load_strokes(data)
-        report = scouted(*names, model=game, date=date, data=strokes)
+        report = scouted(*names, beside=beside, model=game, date=date, data=strokes)
     if anonymous:
+        names = (report.opponent.name,) if report.player is None else (report.opponent.name, report.player.name)
         hidden = {name: words()(key) for name, key in zip(names[::-1], ("player_a", "player_b"), strict=False)}
         changed = {
             role: dataclasses.replace(known, name=hidden[known.name])
@@ -69,8 +72,10 @@ def scout(
             if (known := getattr(report, role)) is not None
         }
         if report.pair is not None:
-            people = dataclasses.replace(people_of(report.pair), players=(hidden[player], hidden[names[0]]))
+            people = dataclasses.replace(people_of(report.pair), players=(hidden[names[-1]], hidden[names[0]]))
             changed["pair"] = dataclasses.replace(report.pair, people=people)
+        if report.beside is not None:
+            changed["beside"] = (words()("player_c"), report.beside[1])
         report = dataclasses.replace(report, **changed)
     if json_output:
         cli.print_json(report.as_json())

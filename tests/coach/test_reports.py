@@ -37,6 +37,7 @@ from shuttle_marl.data.schema import Outcome
 from shuttle_marl.exact import Odds
 from shuttle_marl.game.scoring import Rules, Score
 from shuttle_marl.game.shipped import RELIABLE, real_strokes, resolve_game
+from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.watch import WatchError
 from shuttle_marl.watch.building import BuildError
 from shuttle_marl.watch.recorded import LogRallies, RealRallies
@@ -115,6 +116,31 @@ def test_a_profile_alone_has_no_advice(model: str, unbuilt: None) -> None:
     assert "How the strokes end" in text
     assert "Gain:" not in text
     assert "Drill" not in text
+
+
+def test_two_opponents_side_by_side(model: str, unbuilt: None) -> None:
+    report = scout(B, model=model, beside="Viktor Axelsen")
+    assert report.beside is not None
+    name, beside = report.beside
+    assert name == A
+    others = {(h.kind, h.about, h.answer): h.share for h in scout(A, model=model).habits}
+    both = [(h.usual, others[key]) for h in beside if (key := (h.kind, h.about, h.answer)) in others]
+    assert len(both) > 20
+    assert [usual for usual, _ in both] == pytest.approx([share for _, share in both])
+    _, text = read(scout_pages.scouting_page(report))
+    assert "Kento Momota beside Viktor Axelsen" in text
+
+
+def test_the_last_match_is_compared_with_the_ones_before(model: str, sample: pa.Table, unbuilt: None) -> None:
+    report = scout("chou-tien-chen", model=model, data=sample)
+    mine = sample.filter(pc.equal(sample["player"], "chou-tien-chen"))
+    last = mine.filter(pc.equal(mine["match"], mine["match"][-1]))
+    smashes = next(habit for habit in report.recent if (habit.kind, habit.answer) == ("shots", "smash"))
+    rally = last.filter(pc.greater(last["shot"], 1))
+    assert smashes.share == pytest.approx(np.mean(rally["shot"].to_numpy() == SHOTS.index("smash")), abs=0.02)
+    assert "In the last match Chou Tien Chen played" in read(scout_pages.scouting_page(report))[1]
+    alone = scout("chou-tien-chen", model=model, data=sample.filter(pc.equal(sample["match"], last["match"][0])))
+    assert "In the last match" not in read(scout_pages.scouting_page(alone))[1]
 
 
 @pytest.mark.parametrize("typed", ["Kento Momota", "MOMOTA kento", "kento_momota"])
