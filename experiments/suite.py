@@ -61,7 +61,7 @@ QUICK: Final = {
     "text-v0": "random",
 }
 """Cheapest baseline of each task."""
-UNIT: Final = {"exploit-v0": 1.5, "equilibrium-v0": 1.5, "adapt-v0": 4.0, "offline-v0": 1.5, "evaluate-v0": 3.0}
+UNIT: Final = {"exploit-v0": 2.0, "equilibrium-v0": 1.5, "adapt-v0": 11.0, "offline-v0": 1.5, "evaluate-v0": 3.0}
 """Seconds of a unit besides the method, on one core of the machine of the committed results; of other tasks: 10."""
 METHOD: Final = {
     "tilted-mixture": 8.0, "posterior-mean": 5.0, "counts": 5.0, "bandit": 2.0, "bayes": 2.0, "thompson": 2.0, "constant": 5.0,
