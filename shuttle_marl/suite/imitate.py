@@ -27,7 +27,7 @@ _TIE = 1e-9
 """Greatest difference of probabilities that are equal but for rounding."""
 
 
-@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+@dataclasses.dataclass(frozen=True, eq=False)
 class HumanStrokes:
     """Strokes of people; those with an unknown state, and faults, whose target is unknown, are left out.
 
@@ -48,13 +48,8 @@ class HumanStrokes:
     def take(self, rows: Bools) -> "HumanStrokes":
         """Some of the strokes."""
         numbers = np.flatnonzero(rows).tolist()
-        return HumanStrokes(
-            game=self.game,
-            state=self.state[rows],
-            pair=self.pair[rows],
-            player=[self.player[i] for i in numbers],
-            match=[self.match[i] for i in numbers],
-        )
+        names = ([column[i] for i in numbers] for column in (self.player, self.match))
+        return HumanStrokes(self.game, self.state[rows], self.pair[rows], *names)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -20,6 +20,7 @@ from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities
 from shuttle_marl.kernel import RallyBatch
 from shuttle_marl.suite import program
 from shuttle_marl.suite.exploit import OPPONENT, PlayerSetting, Trained
+from shuttle_marl.suite.method import Method
 from shuttle_marl.suite.options import SuiteError
 from shuttle_marl.suite.robust import RobustSetting
 
@@ -27,25 +28,23 @@ _PACKAGE: Final = Path(__file__).parents[1]
 _MOST_RALLIES: Final = 1 << 16
 
 
-class Isolated:
-    """A method ``MODULE:ATTRIBUTE``, called with a setting as those of :func:`shuttle_marl.suite.method.find` are."""
+def isolated(name: str) -> Method:
+    """A method ``MODULE:ATTRIBUTE``, called with a setting as those of :func:`shuttle_marl.suite.method.find` are.
 
-    def __init__(self, name: str) -> None:
-        self._name = name
+    It returns a trained player, or the object that the method made, and raises SuiteError if the method failed or the task gives
+    tables.
+    """
 
-    def __call__(self, setting: Any) -> Any:
-        """A trained player, or the object that the method made.
-
-        Raises:
-            SuiteError: the method failed, or the task gives tables.
-        """
+    def method(setting: Any) -> Any:
         if isinstance(setting, RobustSetting):
             raise SuiteError("robust-v0 gives the tables of games, so its methods cannot be isolated")
-        started = Program(self._name, setting)
+        started = Program(name, setting)
         if not isinstance(setting, PlayerSetting):
             return started
         player = started.player(call="player")
         return Trained(player=player, strokes=started.used)
+
+    return method
 
 
 class Program:
@@ -82,21 +81,17 @@ class Program:
                 answer = program.receive(self._process.stdout)
             except (EOFError, ValueError, OSError) as error:
                 raise SuiteError(f"the isolated method ended with status {self._process.wait()}") from error
-            served = next((serve for key, serve in self._served.items() if key in answer), None)
-            if served is None:
+            served = {"reset", "step", "policy"} & answer.keys()
+            if not served:
                 break
             try:
-                reply = served(answer)
+                reply = getattr(self, f"_{served.pop()}")(answer)
             except (ShuttleError, ValueError, IndexError) as error:
                 reply = {"error": str(error)}
             self._send(**reply)
         if "error" in answer:
             raise SuiteError(f"the isolated method raised {printable(str(answer['error']))}")
         return answer
-
-    @property
-    def _served(self) -> dict[str, Any]:
-        return {"reset": self._reset, "step": self._step, "policy": self._policy}
 
     def _reset(self, request: dict[str, Any]) -> dict[str, Any]:
         number, setting = int(request["reset"]), self._setting

@@ -7,11 +7,11 @@ from typing import Any, Final, Literal
 from shuttle_marl.base.errors import command
 from shuttle_marl.base.files import replace_file
 from shuttle_marl.base.table_files import write_parquet
+from shuttle_marl.recording.minari_data import write_minari
 from shuttle_marl.suite import frozen
 from shuttle_marl.suite.frozen import Frozen
 from shuttle_marl.suite.method import kind_of
-from shuttle_marl.suite.minari_data import write_minari
-from shuttle_marl.suite.offline import LogTask, log_of_unit
+from shuttle_marl.suite.offline import OPPONENT, LogTask, log_of_unit
 from shuttle_marl.suite.options import Split, SuiteError
 from shuttle_marl.suite.registry import TASKS, arena_of, find_task
 from shuttle_marl.suite.store import CARD, Card, write_card
@@ -91,7 +91,7 @@ def write_data(
             name = f"{split}-{case.options['behaviour']}-{case.budget}".replace(":", "-").replace("*", "x").replace("+", "-")
             if minari:
                 name = f"shuttle_marl/{name}-v{seed}"
-                write_minari(log.transitions, name, out, arena.model)
+                write_minari(log.transitions, name, out, arena.model, OPPONENT)
             else:
                 name = f"{name}-{seed}.parquet"
                 write_parquet(out / name, log.table())

@@ -39,6 +39,8 @@ class Baseline:
     argument: str | None = None
 
 
+_KNOWN: Final = {name: Baseline(f"references:{name}", "tables", "reference") for name in ("bc", "minimax")}
+_RANDOM: Final = Baseline("references:random", "samples", "reference")
 BASELINES: Final[dict[str, dict[str, Baseline]]] = {
     "exploit": {
         "ppo": Baseline("training:ppo"),
@@ -48,26 +50,24 @@ BASELINES: Final[dict[str, dict[str, Baseline]]] = {
         "maskable-ppo": Baseline("sb3:maskable_ppo"),
         "constant": Baseline("constant:constant", "opponent", "reference"),
         "constant-by-incoming": Baseline("constant:by_incoming", "opponent", "reference"),
-        "bc": Baseline("references:bc", "tables", "reference"),
-        "minimax": Baseline("references:minimax", "tables", "reference"),
+        **_KNOWN,
         "best-response": Baseline("references:best_response", "opponent", "reference"),
-        "random": Baseline("references:random", "samples", "reference"),
+        "random": _RANDOM,
     },
     "equilibrium": {
         "ppo": Baseline("training:ppo"),
         "a2c": Baseline("training:a2c"),
         "sac": Baseline("training:sac"),
-        "ppo-best-response": Baseline("training:ppo_best_response", "tables"),
-        "ppo-restarts": Baseline("training:ppo_restarts", "tables"),
-        "ppo-pool": Baseline("training:ppo_pool"),
-        "ppo-magnet": Baseline("training:ppo_magnet"),
-        "ppo-nash": Baseline("training:ppo_nash"),
+        "ppo-best-response": Baseline("training:ppo_variant", "tables", argument="best-response"),
+        "ppo-restarts": Baseline("training:ppo_variant", "tables", argument="restarts"),
+        "ppo-pool": Baseline("training:ppo_variant", argument="pool"),
+        "ppo-magnet": Baseline("training:ppo_variant", argument="magnet"),
+        "ppo-nash": Baseline("training:ppo_variant", argument="nash"),
         "psro": Baseline("training:psro", "tables"),
         "psro-exact": Baseline("training:psro_exact", "tables", "reference"),
         "fictitious-play": Baseline("references:fictitious_play", "tables", "reference"),
-        "bc": Baseline("references:bc", "tables", "reference"),
-        "minimax": Baseline("references:minimax", "tables", "reference"),
-        "random": Baseline("references:random", "samples", "reference"),
+        **_KNOWN,
+        "random": _RANDOM,
     },
     "adapt": {
         "minimax": Baseline("adapters:Minimax", "tables", "reference"),
@@ -99,7 +99,6 @@ BASELINES: Final[dict[str, dict[str, Baseline]]] = {
     "evaluate": {
         "importance-sampling": Baseline("estimators:ImportanceSampling"),
         "weighted-importance-sampling": Baseline("estimators:WeightedImportanceSampling"),
-        "per-decision": Baseline("estimators:PerDecision"),
         "doubly-robust": Baseline("estimators:DoublyRobust"),
         "fitted-q-evaluation": Baseline("estimators:FittedQEvaluation"),
         "model": Baseline("estimators:ModelBased"),
@@ -110,11 +109,10 @@ BASELINES: Final[dict[str, dict[str, Baseline]]] = {
         "counts": Baseline("imitation:Counts"),
     },
     "robust": {
-        "minimax": Baseline("references:minimax", "tables", "reference"),
+        **_KNOWN,
         "minimax-robust": Baseline("robust:minimax_robust", "tables"),
         "mean-game": Baseline("robust:mean_game", "tables"),
         "human": Baseline("robust:human", "tables", "reference"),
-        "bc": Baseline("references:bc", "tables", "reference"),
     },
     "text": {
         "random": Baseline("chat:RandomLegal", "samples", "reference"),

@@ -11,18 +11,24 @@ import msgspec
 import numpy as np
 from scipy.stats import spearmanr
 
+from shuttle_marl.analysis import tabular
 from shuttle_marl.base.files import Fraction
 from shuttle_marl.exact.known import pair_odds
-from shuttle_marl.exact.match import normalised_score
 from shuttle_marl.exact.version import solvers_hash
+from shuttle_marl.game.draws import stream
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.policy.computed import cached_table
-from shuttle_marl.suite.logs import OPPONENT, Log, behaviour, blank, generate
+from shuttle_marl.recording import logs
+from shuttle_marl.recording.logs import Log, blank, play_log
+from shuttle_marl.suite.frontier import normalised
 from shuttle_marl.suite.method import Method, called, find, made
 from shuttle_marl.suite.options import Split, SuiteError
+from shuttle_marl.suite.population import mixture
 from shuttle_marl.suite.task import Arena, Case, Outcome, Task, best_against, exploitability, odds_against, required, table_of
 
+OPPONENT: Final = "human:0.05"
+"""Opponent of all logs: strong enough that a list of strokes by incoming shot is no answer to it."""
 BEHAVIOURS: Final = ("bc", "bc+0.1*minimax", "attacking@greedy", "minimax", "bc:PLAYER")
 """Behaviour policies of the logs; PLAYER is the first imitated player of the split."""
 NAMED: Final = (
@@ -72,6 +78,21 @@ def _of_split(name: str, arena: Arena) -> str:
     return name.replace("PLAYER", arena.players[0])
 
 
+def behaviour(arena: Arena, name: str) -> TabulatedPolicy:
+    """Behaviour policy of a log: the name of a policy, or ``NAME+FRACTION*NAME``, a mixture for every stroke."""
+    first, plus, rest = name.partition("+")
+    if not plus:
+        return arena.policy(name)
+    fraction, _, second = rest.partition("*")
+    return mixture(arena.game, [arena.policy(first), arena.policy(second)], [1 - float(fraction), float(fraction)])
+
+
+def generate(arena: Arena, name: str, strokes: int, seed: int) -> Log:
+    """The log of a behaviour policy against :data:`OPPONENT`; arguments of :func:`shuttle_marl.recording.logs.play_log`."""
+    key = int(stream(seed, arena.split == "dev", strokes)[0] >> np.uint64(1))
+    return play_log((behaviour(arena, name), arena.policy(OPPONENT)), strokes, key)
+
+
 @functools.lru_cache(maxsize=2)
 def _log(arena: Arena, name: str, strokes: int, seed: int) -> Log:
     return generate(arena, name, strokes, seed)
@@ -117,10 +138,8 @@ class Offline(LogTask):
     def score(self, arena: Arena, case: Case, seed: int, outcome: Outcome) -> dict[str, float]:  # noqa: ARG002
         """Normalised score, fraction of rallies won, and exploitability."""
         player, opponent = required(outcome), arena.policy(OPPONENT)
-        odds, best = odds_against(player, opponent), best_against(opponent)
-        score = normalised_score(odds.rally, 0.5, best.rally)
-        assert score is not None  # a best response beats it
-        return {"score": score, "rally_win": odds.rally, "exploitability": exploitability(player)}
+        won, best = odds_against(player, opponent).rally, best_against(opponent).rally
+        return {"score": normalised(won, 0.5, best), "rally_win": won, "exploitability": exploitability(player)}
 
 
 def fitted(method: Method, log: Log, setting: LogSetting, name: str) -> TabulatedPolicy:
@@ -250,6 +269,7 @@ def _targets(arena: Arena, behaviour_name: str, strokes: int, seed: int) -> dict
 @functools.cache
 def _sources() -> str:
     """Hash of the code of the methods that train targets."""
-    files = [*Path(__file__).parent.glob("*.py"), *(Path(__file__).parent / "methods").glob("*.py")]
+    here = Path(__file__).parent
+    files = [*here.glob("*.py"), *(here / "methods").glob("*.py"), Path(logs.__file__), Path(tabular.__file__)]
     content = b"".join(path.read_bytes() for path in sorted(files))
     return hashlib.sha256(content + solvers_hash().encode()).hexdigest()

@@ -9,6 +9,7 @@ seed can be enumerated.
 import functools
 import hashlib
 import re
+from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -96,10 +97,10 @@ def _policy(arena: Arena, family: str, number: int) -> TabulatedPolicy:
     if family == "counter":
         answer = best_response(tilted(arena, _shift(arena, rng)), tolerance=_TOLERANCE).policy
         counter = best_response(answer, tolerance=_TOLERANCE).policy
-        return _mixture(arena.game, [arena.policy("bc"), counter], [1 - (weight := rng.uniform(0.2, 0.9)), weight])
+        return mixture(arena.game, [arena.policy("bc"), counter], [1 - (weight := rng.uniform(0.2, 0.9)), weight])
     if family == "mixture":
         chosen = rng.choice(len(_STYLES), 3, replace=False)
-        return _mixture(arena.game, [arena.policy(_STYLES[i]) for i in chosen], rng.dirichlet(np.ones(3)))
+        return mixture(arena.game, [arena.policy(_STYLES[i]) for i in chosen], rng.dirichlet(np.ones(3)))
     return arena.policy(f"bc:{players[number % len(players)]}")
 
 
@@ -119,7 +120,7 @@ def rng_of(name: str, split: Split, beacon: str | None, words: str) -> np.random
     return np.random.default_rng(int.from_bytes(digest[:16], "big"))
 
 
-def _mixture(game: Game, policies: list[TabulatedPolicy], weights: list[float] | F64) -> TabulatedPolicy:
+def mixture(game: Game, policies: Sequence[TabulatedPolicy], weights: Sequence[float] | F64) -> TabulatedPolicy:
     """The policy that draws one of several for every stroke."""
     parts = [weight * policy.pair_probabilities() for weight, policy in zip(weights, policies, strict=True)]
     return from_pair_probabilities(game, np.sum(parts, axis=0))

@@ -13,10 +13,10 @@ from shuttle_marl.base import runs
 from shuttle_marl.base.cluster import check_processes, in_processes, open_cluster
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.suite import frozen, store
-from shuttle_marl.suite.isolated import Isolated
+from shuttle_marl.suite.isolated import isolated as isolated_method
 from shuttle_marl.suite.method import Method, baseline_of, find, sources
 from shuttle_marl.suite.options import SuiteError, SuiteRun
-from shuttle_marl.suite.registry import arena_of, find_task
+from shuttle_marl.suite.registry import arena_of, arena_of_run, find_task
 from shuttle_marl.suite.results import summarise
 from shuttle_marl.suite.store import Card, Entry, RunConfig
 
@@ -47,13 +47,7 @@ def run_method(options: SuiteRun, console: Console | None = None) -> Path:
     baseline = baseline_of(task.name, options.method)
     fixed_seeds = options.quick or (baseline is not None and baseline.kind == "reference")
     arena = arena_of(
-        task,
-        options.game,
-        options.split,
-        quick=options.quick,
-        budget=options.budget,
-        beacon=options.beacon,
-        data=options.data,
+        task, options.game, options.split, quick=options.quick, budget=options.budget, beacon=options.beacon, data=options.data
     )
     cases = task.cases(arena)
     if options.budget is None and len(budgets := {case.budget for case in cases}) > 1:
@@ -70,10 +64,7 @@ def run_method(options: SuiteRun, console: Console | None = None) -> Path:
         game=store.GameOf(model=options.game, hash=arena.game.hash),
         isolated=options.isolated,
     )
-    if baseline is None:
-        card = store.read_card(Path())
-    else:
-        card = Card(method=options.method, kind=baseline.kind, access=baseline.access)
+    own = baseline and Card(method=options.method, kind=baseline.kind, access=baseline.access)
     name = "-".join([task.name, options.method, options.split, *([] if options.budget is None else [str(options.budget)])])
     words = "".join(c if c.isalnum() or c in "-_." else "-" for c in name)
     fixed = dataclasses.asdict(config)
@@ -88,7 +79,7 @@ def run_method(options: SuiteRun, console: Console | None = None) -> Path:
         about = {**runs.describe(PACKAGES), "sources": _sources(folder, config, more=bool(units))}
         runs.write_json(folder / runs.MANIFEST, {"status": "running", **about})
         _play_all(folder, units, options, console or Console(quiet=True))
-        store.write_card(folder, card)
+        store.write_card(folder, own or store.read_card(Path()))
         runs.write_json(folder / store.RESULTS, summarise(folder, options.beacon, options.game))
         runs.write_json(folder / runs.MANIFEST, {"status": "finished", **about})
     return folder
@@ -104,7 +95,7 @@ def method_of(task: str, name: str, *, isolated: bool) -> Method:
         return find(task, name)
     if baseline_of(task, name) is not None or ":" not in name or name.startswith("program:"):
         raise SuiteError(f"--isolated takes a method MODULE:ATTRIBUTE of your own, not {name!r}")
-    return Isolated(name)
+    return isolated_method(name)
 
 
 def _sources(folder: Path, config: RunConfig, *, more: bool) -> Mapping[str, str]:
@@ -156,15 +147,7 @@ class PlayedUnit:
 def play_unit(unit: _Unit) -> PlayedUnit:
     """Play and score one unit, in any process."""
     config, task = unit.config, find_task(unit.config.task)
-    arena = arena_of(
-        task,
-        config.game.model,
-        config.split,
-        quick=config.quick,
-        budget=config.budget,
-        beacon=unit.beacon,
-        data=unit.data,
-    )
+    arena = arena_of_run(task, config, config.game.model, beacon=unit.beacon, data=unit.data)
     case = task.cases(arena)[unit.case]
     fingerprint = task.fingerprint(arena, case, unit.seed)
     frozen.load().check(task, config.split, f"{case.name}/{unit.seed}", fingerprint, arena.base)

@@ -12,16 +12,15 @@ import shlex
 import subprocess
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import ClassVar, Final, TypedDict
+from typing import ClassVar, Final
 
 import numpy as np
 
 from shuttle_marl.base.arrays import F64, I64
 from shuttle_marl.base.errors import printable
+from shuttle_marl.env.words import Position, position, prompt, read_answer
 from shuttle_marl.exact import solve, visits
 from shuttle_marl.exact.lists import cells_of, list_policy, mean_losses
-from shuttle_marl.game.rules import OUTCOMES
-from shuttle_marl.game.stroke import HEIGHTS
 from shuttle_marl.game.tables import Game
 from shuttle_marl.suite.method import Method, called, made
 from shuttle_marl.suite.options import SuiteError
@@ -35,15 +34,6 @@ _LONGEST_ERROR: Final = 300
 """Number of characters of the error output of a command that are shown."""
 _HARD: Final = 0.02
 """Loss of both constant lists in a position, as a probability of winning the rally."""
-
-
-class Position(TypedDict):
-    """A position: number, description, names of the legal strokes, and the numbers of the state."""
-
-    id: int
-    text: str
-    legal: list[str]
-    observation: list[int]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -163,52 +153,6 @@ def chosen_states(arena: Arena) -> I64:
 def positions(arena: Arena) -> list[Position]:
     """The positions of the split, see the description of this module."""
     return [position(arena.game, state, number) for number, state in enumerate(chosen_states(arena).tolist())]
-
-
-def position(game: Game, state: int, number: int = 0) -> Position:
-    """A state as a position."""
-    legal = [game.catalogue.names[stroke] for stroke in game.legal_strokes(state)]
-    return {"id": number, "text": described(game, state), "legal": legal, "observation": game.observation(state).tolist()}
-
-
-def described(game: Game, state: int) -> str:
-    """A state in words, from the view of the striker."""
-    own, incoming, contact, duel, effort, other, hurried = game.observation(state).tolist()
-    if incoming == game.n_strokes:
-        return "You serve."
-    words = [f"Your opponent played: {_stroke(game, incoming)}. You reach the shuttle {HEIGHTS[contact]} the net."]
-    if hurried:
-        words.append("You are hurried: late or stretched.")
-    if own < game.n_strokes:
-        words.append(f"Your own last stroke was: {_stroke(game, own)}.")
-    if duel > 1:
-        words.append(f"The last {duel} strokes were net shots.")
-    if game.levels > 1:
-        words.append(f"Attacks so far in this rally, counted up to {game.levels - 1}: you {effort}, your opponent {other}.")
-    return " ".join(words)
-
-
-def _stroke(game: Game, stroke: int) -> str:
-    shot, area, height, technique = game.catalogue.names[stroke].split(":")
-    return f"{shot.replace('-', ' ')} to the {area.replace('-', ' ')}, hit {height} the net, {technique.replace('-', ' ')}"
-
-
-RULES: Final = (
-    "You are playing a rally of badminton singles. Strokes are named SHOT:TARGET:CONTACT:TECHNIQUE; targets are areas of the "
-    f"opponent's half. A stroke ends as one of: {'; '.join(OUTCOMES)}. Choose the stroke that wins the rally most often. "
-    "Answer with the name of one legal stroke and nothing else."
-)
-
-
-def prompt(place: Position) -> str:
-    """A position as a question to a chat model."""
-    return f"{RULES}\n\n{place['text']}\n\nLegal strokes: {', '.join(place['legal'])}\n"
-
-
-def read_answer(text: str, legal: Sequence[str]) -> str | None:
-    """The last legal stroke that an answer names; None if it names none."""
-    found = [(text.rfind(name), name) for name in legal if name in text]
-    return max(found)[1] if found else None
 
 
 class ChatProgram:

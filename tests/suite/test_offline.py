@@ -8,28 +8,27 @@ from typing import Any
 import numpy as np
 import pytest
 
+from shuttle_marl.analysis.tabular import best_of, by_state, cloned, estimated_game, fitted_q, greedy, with_faults
 from shuttle_marl.exact import best_response, evaluate
 from shuttle_marl.game.rally.record import Rallies
 from shuttle_marl.game.rules import FAULT, WINNER
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities
+from shuttle_marl.recording.logs import Log, blank, log_of
 from shuttle_marl.suite import SuiteRun, run_method, summarise, verify_run
-from shuttle_marl.suite.logs import OPPONENT, Log, behaviour, blank, generate, log_of
 from shuttle_marl.suite.method import BASELINES, find
 from shuttle_marl.suite.methods.estimators import (
     ImportanceSampling,
     ModelBased,
-    PerDecision,
     WeightedImportanceSampling,
     doubly_robust,
     q_and_v,
     ratios,
 )
 from shuttle_marl.suite.methods.learned import Clone, Model, OneStep
-from shuttle_marl.suite.offline import LogSetting, errors, fitted, in_game
+from shuttle_marl.suite.offline import OPPONENT, LogSetting, behaviour, errors, fitted, generate, in_game
 from shuttle_marl.suite.options import SuiteError
 from shuttle_marl.suite.registry import arena_of, find_task
-from shuttle_marl.suite.tabular import best_of, by_state, cloned, estimated_game, fitted_q, greedy, with_faults
 from shuttle_marl.training import q_learning
 from tests.exact.exact_games import THREE_STROKES, hand_made
 from tests.reduced import reduced_game, reduced_model
@@ -86,7 +85,6 @@ def test_estimators_equal_values_computed_by_hand() -> None:
     assert ratios(data, target) == pytest.approx([1, 1.6, 1, 0.4, 1.6], abs=1e-4)
     # Rallies: 1.6 won, 1 lost, 0.4 lost, 1.6 won, and one won without a stroke.
     assert ImportanceSampling().estimate(log, [target]) == pytest.approx([(1.6 + 1.6 + 1) / 5], abs=1e-4)
-    assert PerDecision().estimate(log, [target]) == pytest.approx([(1.6 + 1.6 + 1) / 5], abs=1e-4)
     assert WeightedImportanceSampling().estimate(log, [target]) == pytest.approx([4.2 / 5.6], abs=1e-4)
     # With q = v = 0.5: 0.5 + 1.6 * 0.5 = 1.3 after a winning smash, and 0.5 + (1.3 - 0.5) = 1.3 before the serve.
     half = np.full(5, 0.5)
@@ -100,7 +98,7 @@ def test_estimators_equal_values_computed_by_hand() -> None:
 def test_on_policy_estimates_are_the_fraction_won() -> None:
     game = three_strokes()
     log, same = by_hand(game), smashing(game, 0.5)
-    for estimator in (ImportanceSampling(), PerDecision(), WeightedImportanceSampling()):
+    for estimator in (ImportanceSampling(), WeightedImportanceSampling()):
         assert estimator.estimate(log, [same]) == pytest.approx([3 / 5], abs=1e-4)
 
 

@@ -11,8 +11,7 @@ from shuttle_marl.suite.adapt import CHANGES
 from shuttle_marl.suite.board import boards, rating
 from shuttle_marl.suite.exploit import opponent_of
 from shuttle_marl.suite.frontier import WEIGHT
-from shuttle_marl.suite.logs import OPPONENT
-from shuttle_marl.suite.offline import targets
+from shuttle_marl.suite.offline import OPPONENT, targets
 from shuttle_marl.suite.options import SuiteRun
 from shuttle_marl.suite.population import opponent
 from shuttle_marl.suite.registry import TASKS, arena_of

@@ -11,19 +11,20 @@ from typing import Any
 import numpy as np
 import pytest
 
+from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.table_files import read_parquet
 from shuttle_marl.commands.suite import main
+from shuttle_marl.env.words import OVER, WAIT, TextRallyEnv, described, position, prompt, read_answer, text_env
 from shuttle_marl.exact import best_response, moved, solve
 from shuttle_marl.game.observation import states_of
 from shuttle_marl.game.shipped import refits_of
 from shuttle_marl.suite import SuiteRun, adapt, frozen, run_method, store, summarise, verify_run
 from shuttle_marl.suite.imitate import HumanStrokes, parts, top
-from shuttle_marl.suite.logs import generate
 from shuttle_marl.suite.maintain import freeze, new_submission, write_data
+from shuttle_marl.suite.offline import generate
 from shuttle_marl.suite.options import Split, SuiteError
 from shuttle_marl.suite.registry import TASKS, arena_of, find_task
-from shuttle_marl.suite.text import ChatProgram, chosen_states, described, position, positions, prompt, read_answer, regrets
-from shuttle_marl.suite.text_env import OVER, WAIT, TextRallyEnv, text_env
+from shuttle_marl.suite.text import ChatProgram, chosen_states, positions, regrets
 from tests.reduced import reduced_game, reduced_model
 
 GAME = reduced_game()
@@ -245,7 +246,7 @@ def test_minari_data_sets_are_the_transitions(tmp_path: Path, monkeypatch: pytes
     assert all(each.terminations[-1] and not each.terminations[:-1].any() for each in read)
     env = minari.load_dataset(name).recover_environment()
     assert env.observation_space.contains(env.reset(seed=0)[0])
-    with pytest.raises(SuiteError, match="exist"):
+    with pytest.raises(ShuttleError, match="exist"):
         write_data("offline-v0", tmp_path, "test", reduced_model(), 1, quick=True, minari=True)
 
 
@@ -319,4 +320,4 @@ def test_the_positions_of_the_shipped_games_are_frozen(split: Split, quick: bool
     assert settings.official(arena.game.hash)
     (case,) = task.cases(arena)
     assert (f"text-v0/{split}/{case.name}/0" in settings.cases) != quick
-    settings.check(task, split, f"{case.name}/0", task.fingerprint(arena, case, 0), arena.game)
+    settings.check(task, split, f"{case.name}/0", task.fingerprint(arena, case, 0), arena.base)

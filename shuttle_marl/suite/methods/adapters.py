@@ -9,6 +9,7 @@ from collections.abc import Mapping
 import numpy as np
 from scipy.special import logsumexp
 
+from shuttle_marl.analysis.tabular import cloned
 from shuttle_marl.base.arrays import F64, I64
 from shuttle_marl.exact.known import pair_odds
 from shuttle_marl.exact.optimal import best_response, restricted_response
@@ -17,7 +18,6 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.policy.computed import best_response_policy, minimax_policy
 from shuttle_marl.suite.adapt import AdaptSetting, PlayedRally
-from shuttle_marl.suite.tabular import cloned
 
 TOLERANCE = 1e-4
 """Error bound of responses, far below the error of a model of the opponent."""

@@ -9,15 +9,15 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from shuttle_marl.analysis.tabular import SHRINK, best_of, fitted_q, game_of, greedy
 from shuttle_marl.base.arrays import F64, I16, Floats, Ints
 from shuttle_marl.exact.profile import PairPolicy
 from shuttle_marl.game.rules import OUTCOMES
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
-from shuttle_marl.suite.logs import Log, Transitions
+from shuttle_marl.recording.logs import Log, Transitions
 from shuttle_marl.suite.methods.learned import respond
 from shuttle_marl.suite.offline import LogSetting
-from shuttle_marl.suite.tabular import SHRINK, best_of, fitted_q, game_of, greedy
 
 
 @dataclasses.dataclass(frozen=True)

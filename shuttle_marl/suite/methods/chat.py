@@ -4,10 +4,11 @@ import random
 
 import numpy as np
 
+from shuttle_marl.env.words import Position
 from shuttle_marl.game.policy import States, checked_probabilities
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.suite.options import SuiteError
-from shuttle_marl.suite.text import ChatProgram, Position, TextSetting
+from shuttle_marl.suite.text import ChatProgram, TextSetting
 
 
 class RandomLegal:

@@ -6,13 +6,13 @@ The argument is the weight of the penalty of CQL, or the inverse temperature of 
 import dataclasses
 from typing import ClassVar
 
+from shuttle_marl.analysis.tabular import greedy
 from shuttle_marl.exact.profile import PairPolicy
 from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve
+from shuttle_marl.recording.logs import Transitions
 from shuttle_marl.suite.exploit import PlayerSetting, Trained
-from shuttle_marl.suite.logs import Transitions
 from shuttle_marl.suite.offline import LogSetting
-from shuttle_marl.suite.tabular import greedy
 
 
 def dqn(setting: PlayerSetting) -> Trained:

@@ -13,12 +13,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from shuttle_marl.analysis.tabular import SHRINK, by_state, cloned, estimated_game, expected_under, fitted_q
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.exact import evaluate
 from shuttle_marl.exact.profile import PairPolicy
 from shuttle_marl.game.tabulated import TabulatedPolicy
-from shuttle_marl.suite.logs import Log, Transitions
-from shuttle_marl.suite.tabular import SHRINK, by_state, cloned, estimated_game, expected_under, fitted_q
+from shuttle_marl.recording.logs import Log, Transitions
 
 _TOLERANCE = 1e-6
 
@@ -41,22 +41,6 @@ class ImportanceSampling:
         data = log.transitions
         won = data.won[data.first]
         return [float(((rally_weights(data, policy) * won).sum() + data.idle_wins) / data.n_rallies) for policy in policies]
-
-
-class PerDecision:
-    """Importance sampling of single rewards: doubly robust without a model.
-
-    Equal to :class:`ImportanceSampling`, because the only reward comes last.
-    """
-
-    def estimate(self, log: Log, policies: Sequence[TabulatedPolicy]) -> list[float]:
-        """One number for each policy."""
-        data, found = log.transitions, []
-        for policy in policies:
-            none = np.zeros(len(data))
-            returns = doubly_robust(data, ratios(data, policy), none, none)
-            found.append(float((returns.sum() + data.idle_wins) / data.n_rallies))
-        return found
 
 
 class WeightedImportanceSampling:

@@ -2,9 +2,9 @@
 
 import dataclasses
 
+from shuttle_marl.analysis.tabular import SHRINK, cloned
 from shuttle_marl.exact.profile import PairPolicy
 from shuttle_marl.suite.imitate import HumanStrokes, ImitateSetting
-from shuttle_marl.suite.tabular import SHRINK, cloned
 
 
 @dataclasses.dataclass(frozen=True)

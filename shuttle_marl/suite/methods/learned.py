@@ -1,4 +1,4 @@
-"""Baselines of ``offline``: tabular, with estimates shrunk towards coarser cells (:mod:`shuttle_marl.suite.tabular`).
+"""Baselines of ``offline``: tabular, with estimates shrunk towards coarser cells (:mod:`shuttle_marl.analysis.tabular`).
 
 The argument of a name, as in ``fitted-q:8``, is the number of pseudo-observations of the coarser cell, or what the class says.
 """
@@ -8,14 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from shuttle_marl.base.arrays import F64
-from shuttle_marl.exact import best_response
-from shuttle_marl.exact.profile import PairPolicy
-from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy
-from shuttle_marl.suite.logs import Log, Transitions
-from shuttle_marl.suite.offline import LogSetting
-from shuttle_marl.suite.tabular import (
+from shuttle_marl.analysis.tabular import (
     SHRINK,
     best_of,
     by_state,
@@ -27,6 +20,13 @@ from shuttle_marl.suite.tabular import (
     shrunk_means,
     with_faults,
 )
+from shuttle_marl.base.arrays import F64
+from shuttle_marl.exact import best_response
+from shuttle_marl.exact.profile import PairPolicy
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tabulated import TabulatedPolicy
+from shuttle_marl.recording.logs import Log, Transitions
+from shuttle_marl.suite.offline import LogSetting
 
 _TOLERANCE = 1e-6
 

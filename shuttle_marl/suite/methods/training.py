@@ -26,6 +26,11 @@ def ppo(setting: PlayerSetting) -> Trained:
     return _train("ppo", setting)
 
 
+def ppo_variant(setting: PlayerSetting, argument: str) -> Trained:
+    """PPO in a variant of self-play, see :mod:`shuttle_marl.training.self_play`."""
+    return _train("ppo", setting, variant=argument)
+
+
 def a2c(setting: PlayerSetting) -> Trained:
     """A2C (Mnih et al. 2016, arXiv 1602.01783)."""
     return _train("a2c", setting)
@@ -34,31 +39,6 @@ def a2c(setting: PlayerSetting) -> Trained:
 def sac(setting: PlayerSetting) -> Trained:
     """SAC (Haarnoja et al. 2018, arXiv 1801.01290) for discrete actions (Christodoulou 2019, arXiv 1910.07207)."""
     return _train("sac", setting)
-
-
-def ppo_best_response(setting: PlayerSetting) -> Trained:
-    """Self-play with a fraction of rallies against the exact best response."""
-    return _train("ppo", setting, variant="best-response")
-
-
-def ppo_restarts(setting: PlayerSetting) -> Trained:
-    """Self-play from states that the exact best response reaches."""
-    return _train("ppo", setting, variant="restarts")
-
-
-def ppo_pool(setting: PlayerSetting) -> Trained:
-    """Self-play with a fraction of rallies against earlier policies."""
-    return _train("ppo", setting, variant="pool")
-
-
-def ppo_magnet(setting: PlayerSetting) -> Trained:
-    """Magnetic mirror descent (Sokota et al. 2023, arXiv 2206.05825)."""
-    return _train("ppo", setting, variant="magnet")
-
-
-def ppo_nash(setting: PlayerSetting) -> Trained:
-    """NashPG (arXiv 2510.18183)."""
-    return _train("ppo", setting, variant="nash")
 
 
 def psro(setting: PlayerSetting) -> Trained:

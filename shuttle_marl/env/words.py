@@ -1,11 +1,13 @@
-"""Rallies for language models: observations are the words of ``text-v0``, actions are sentences that name a stroke.
+"""Rallies for language models: observations are positions in words, actions are sentences that name a stroke.
 
-``TextRallyEnv`` is a Gymnasium environment against an opponent, ``text_env()`` a PettingZoo environment of two players. An action
-that names no legal stroke loses the rally, as illegal strokes do in ``rally_v0``.
+A position is also what the task ``text-v0`` asks about. ``TextRallyEnv`` is a Gymnasium environment against an opponent,
+``text_env()`` a PettingZoo environment of two players. An action that names no legal stroke loses the rally, as illegal strokes
+do in ``rally_v0``.
 """
 
 import string
-from typing import Any, Final
+from collections.abc import Sequence
+from typing import Any, Final, TypedDict
 
 import gymnasium
 from gymnasium import spaces
@@ -13,12 +15,68 @@ from gymnasium import spaces
 from shuttle_marl.env import rally_v0
 from shuttle_marl.env.aec import CheckedEnv
 from shuttle_marl.env.single import SingleRallyEnv
+from shuttle_marl.game.rules import OUTCOMES
+from shuttle_marl.game.stroke import HEIGHTS
 from shuttle_marl.game.tables import Game
-from shuttle_marl.suite.text import position, prompt, read_answer
 
 OVER: Final = "The rally is over."
 WAIT: Final = "Your opponent strikes."
 WORDS: Final = spaces.Text(1 << 16, charset=string.printable)
+
+
+class Position(TypedDict):
+    """A position: number, description, names of the legal strokes, and the numbers of the state."""
+
+    id: int
+    text: str
+    legal: list[str]
+    observation: list[int]
+
+
+def position(game: Game, state: int, number: int = 0) -> Position:
+    """A state as a position."""
+    legal = [game.catalogue.names[stroke] for stroke in game.legal_strokes(state)]
+    return {"id": number, "text": described(game, state), "legal": legal, "observation": game.observation(state).tolist()}
+
+
+def described(game: Game, state: int) -> str:
+    """A state in words, from the view of the striker."""
+    own, incoming, contact, duel, effort, other, hurried = game.observation(state).tolist()
+    if incoming == game.n_strokes:
+        return "You serve."
+    words = [f"Your opponent played: {_stroke(game, incoming)}. You reach the shuttle {HEIGHTS[contact]} the net."]
+    if hurried:
+        words.append("You are hurried: late or stretched.")
+    if own < game.n_strokes:
+        words.append(f"Your own last stroke was: {_stroke(game, own)}.")
+    if duel > 1:
+        words.append(f"The last {duel} strokes were net shots.")
+    if game.levels > 1:
+        words.append(f"Attacks so far in this rally, counted up to {game.levels - 1}: you {effort}, your opponent {other}.")
+    return " ".join(words)
+
+
+def _stroke(game: Game, stroke: int) -> str:
+    shot, area, height, technique = game.catalogue.names[stroke].split(":")
+    return f"{shot.replace('-', ' ')} to the {area.replace('-', ' ')}, hit {height} the net, {technique.replace('-', ' ')}"
+
+
+RULES: Final = (
+    "You are playing a rally of badminton singles. Strokes are named SHOT:TARGET:CONTACT:TECHNIQUE; targets are areas of the "
+    f"opponent's half. A stroke ends as one of: {'; '.join(OUTCOMES)}. Choose the stroke that wins the rally most often. "
+    "Answer with the name of one legal stroke and nothing else."
+)
+
+
+def prompt(place: Position) -> str:
+    """A position as a question to a chat model."""
+    return f"{RULES}\n\n{place['text']}\n\nLegal strokes: {', '.join(place['legal'])}\n"
+
+
+def read_answer(text: str, legal: Sequence[str]) -> str | None:
+    """The last legal stroke that an answer names; None if it names none."""
+    found = [(text.rfind(name), name) for name in legal if name in text]
+    return max(found)[1] if found else None
 
 
 def stroke_of(game: Game, state: int, answer: str) -> int:

@@ -1,30 +1,24 @@
-"""Logs of rallies for ``offline`` and ``evaluate``: strokes of a behaviour policy against a fixed opponent.
+"""Logs of rallies for learning from data: strokes of a behaviour policy against a fixed opponent.
 
-A log is generated from seeds and is not shipped; its SHA-256 is part of the fingerprint of a case. Methods see the rules of the
-game (states, legal strokes, what follows a return) and no probabilities: :func:`blank` replaces those.
+Methods see the rules of the game (states, legal strokes, what follows a return) and no probabilities: :func:`blank` replaces
+those.
 """
 
 import dataclasses
 import functools
 import hashlib
-from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
 import pyarrow as pa
 
 from shuttle_marl.base.arrays import F32, I8, I32, I64, Bools
-from shuttle_marl.exact.profile import StatePolicy
-from shuttle_marl.game.draws import stream
 from shuttle_marl.game.rally.record import Rallies
 from shuttle_marl.game.tables import HURRY_ONE, Game
-from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities
+from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.kernel import play_rallies
-from shuttle_marl.suite.task import Arena
 
-OPPONENT: Final = "human:0.05"
-"""Opponent of all logs: strong enough that a list of strokes by incoming shot is no answer to it."""
 _MARGIN: Final = 1.1
 _STROKES: Final = 2.0
 """Initial guess of the strokes of one player in a rally."""
@@ -155,38 +149,20 @@ def blank(game: Game) -> Game:
     return dataclasses.replace(game, threshold=threshold, hurry=hurry, fault_odds=np.full(game.levels, ONE, dtype=np.int32))
 
 
-def mixed(game: Game, weights: Mapping[StatePolicy, float]) -> TabulatedPolicy:
-    """The policy that draws one of several for every stroke."""
-    parts = [weight * policy.pair_probabilities() for policy, weight in weights.items()]
-    return from_pair_probabilities(game, np.sum(parts, axis=0))
-
-
-def behaviour(arena: Arena, name: str) -> TabulatedPolicy:
-    """Behaviour policy of a log: the name of a policy, or ``NAME+FRACTION*NAME``, a mixture for every stroke."""
-    first, plus, rest = name.partition("+")
-    if not plus:
-        return arena.policy(name)
-    fraction, _, second = rest.partition("*")
-    return mixed(arena.game, {arena.policy(first): 1 - float(fraction), arena.policy(second): float(fraction)})
-
-
-def generate(arena: Arena, name: str, strokes: int, seed: int) -> Log:
-    """The log of a behaviour policy against :data:`OPPONENT`.
+def play_log(players: tuple[TabulatedPolicy, TabulatedPolicy], strokes: int, seed: int) -> Log:
+    """The log of a behaviour policy at seat 0 against an opponent.
 
     Args:
-        arena: game and split.
-        name: see :func:`behaviour`.
-        strokes: number of own strokes; the log ends with the rally in which it is reached.
+        players: behaviour policy and opponent, of one game.
+        strokes: number of strokes of the behaviour policy; the log ends with the rally in which it is reached.
         seed: random seed.
     """
-    player, opponent = behaviour(arena, name), arena.policy(OPPONENT)
-    key = int(stream(seed, arena.split == "dev", strokes)[0] >> np.uint64(1))
-    rallies = int(strokes / _STROKES) + 10
+    game, rallies = players[0].game, int(strokes / _STROKES) + 10
     while True:
-        played = play_rallies(arena.game, (player, opponent), rallies, seed=key)
+        played = play_rallies(game, players, rallies, seed=seed)
         reached = np.cumsum(np.bincount(played.row_of_stroke[played.striker == 0], minlength=len(played)))
         if reached[-1] >= strokes:
-            return log_of(arena.game, played.slice(0, int(np.searchsorted(reached, strokes)) + 1), player)
+            return log_of(game, played.slice(0, int(np.searchsorted(reached, strokes)) + 1), players[0])
         rallies = int(rallies * max(_MARGIN, _MARGIN * strokes / reached[-1]))
 
 

@@ -1,4 +1,4 @@
-"""Logs of ``offline`` and ``evaluate`` as Minari data sets: the single-agent view, one episode for each rally with an own stroke.
+"""Logs as Minari data sets: the single-agent view, one episode for each rally with an own stroke.
 
 Minari is part of the extra ``minari``. Observations are those of ``shuttle_marl/Rally-v0``, with the mask of legal strokes. A
 reward is 1 for the last own stroke of a rally that was won. Infos hold the state of the game and the probability of the stroke
@@ -15,10 +15,10 @@ from unittest import mock
 import gymnasium
 import numpy as np
 
+from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.extras import install_hint
 from shuttle_marl.game.observation import observations
-from shuttle_marl.suite.logs import OPPONENT, Transitions
-from shuttle_marl.suite.options import SuiteError
+from shuttle_marl.recording.logs import Transitions
 
 if TYPE_CHECKING:
     from minari.data_collector import EpisodeBuffer
@@ -26,29 +26,29 @@ if TYPE_CHECKING:
 ENVIRONMENT: Final = "shuttle_marl:shuttle_marl/Rally-v0"
 
 
-def write_minari(data: Transitions, name: str, folder: Path, model: str) -> None:
+def write_minari(data: Transitions, name: str, folder: Path, model: str, opponent: str) -> None:
     """Write a data set.
 
     Args:
         data: own transitions.
         name: id of the data set, such as ``shuttle_marl/offline-bc-v0``.
         folder: of the data sets, as in the environment variable ``MINARI_DATASETS_PATH``.
-        model: model of the game, for the environment of the data set.
+        model, opponent: names of the game and of the opponent, for the environment of the data set.
 
     Raises:
-        SuiteError: Minari is not installed, or the data set exists.
+        ShuttleError: Minari is not installed, or the data set exists.
     """
     try:
         import minari  # noqa: PLC0415  an extra
     except ModuleNotFoundError as error:
-        raise SuiteError(f"Minari is not installed; {install_hint('minari')}") from error
-    env = gymnasium.make(ENVIRONMENT, opponent=OPPONENT, game=model)
+        raise ShuttleError(f"Minari is not installed; {install_hint('minari')}") from error
+    env = gymnasium.make(ENVIRONMENT, opponent=opponent, game=model)
     with warnings.catch_warnings(), mock.patch.dict(os.environ, {"MINARI_DATASETS_PATH": str(folder.resolve())}):
         warnings.simplefilter("ignore", UserWarning)  # optional metadata are missing
         try:
             minari.create_dataset_from_buffers(name, list(episodes(data)), env=env)
         except ValueError as error:
-            raise SuiteError(f"{folder}: {error}") from error
+            raise ShuttleError(f"{folder}: {error}") from error
 
 
 def episodes(data: Transitions) -> Iterator["EpisodeBuffer"]:

@@ -17,7 +17,7 @@ from shuttle_marl.game.rules import HURRIED_BELOW, OUTCOMES, RETURNED_BELOW
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import hurry_units
 from shuttle_marl.game.thresholds import ONE
-from shuttle_marl.suite.logs import Log, Transitions
+from shuttle_marl.recording.logs import Log, Transitions
 
 SHRINK = 32.0
 """Pseudo-observations of the coarser cell."""
