@@ -8,14 +8,18 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
+import numpy as np
 import tyro
 from rich.progress import track
 
+from shuttle_marl import exact
 from shuttle_marl.base.errors import printable
 from shuttle_marl.commands import cli
 from shuttle_marl.commands.options import File, GameOptions, Json, Policies, Policy, PolicyOptions, SampleOptions
 from shuttle_marl.exact.fixed_point import ExactError
+from shuttle_marl.game.policy import reads_score
 from shuttle_marl.game.shipped import RELIABLE, Estimate, factor_of, least_support, real_strokes, refits_of
+from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.policy.foreign import time_limit
 
 if TYPE_CHECKING:
@@ -65,11 +69,8 @@ def solve(
         chart: a chart of the solution.
         json_output: print JSON.
     """
-    from shuttle_marl.exact import least_gain, visits  # noqa: PLC0415  numba
-    from shuttle_marl.exact import solve as solve_game  # noqa: PLC0415  numba
     from shuttle_marl.exact.away import of_solution, over  # noqa: PLC0415
     from shuttle_marl.exact.sweeps import warm_up  # noqa: PLC0415
-    from shuttle_marl.game.stroke import SHOTS  # noqa: PLC0415
 
     tables = model.load()
     strokes = _strokes_to_plot(tables, chart)
@@ -77,7 +78,7 @@ def solve(
         warm_up(tables)
     begun = time.perf_counter()
     with cli.working("solving"):
-        solution = solve_game(tables, tolerance=tolerance)
+        solution = exact.solve(tables, tolerance=tolerance)
     seconds = time.perf_counter() - begun
     if chart.plot is not None:
         _plot(solution, chart.plot, *strokes)
@@ -98,7 +99,7 @@ def solve(
         cli.print_json(figures)
         return
     serving = (1 + solution.value_at_serve) / 2
-    seen = visits(*solution.policy)
+    seen = exact.visits(*solution.policy)
     ends = seen.endings()
     winners = ends["winner of player 0"] + ends["winner of player 1"]
     rows = {
@@ -108,7 +109,7 @@ def solve(
         "strokes a rally": f"{seen.rally_length:.2f}",
         "rallies end by": f"winner {cli.percent(winners)}, fault {cli.percent(1 - winners)}",
         "shots": cli.shares(dict(zip(SHOTS, seen.shot_mix(0).tolist(), strict=True))),
-        "a rally won adds": f"{least_gain(serving, 1 - serving):.1e} or more to the match win probability, at every score",
+        "a rally won adds": f"{exact.least_gain(serving, 1 - serving):.1e} or more to the match win probability, at every score",
     }
     cli.console().print(cli.facts(rows))
     cli.print_home_and_away([("minimax", figures["home"], spreads)], others, asked=away)
@@ -133,7 +134,6 @@ def evaluate(
         samples: matches of policies that read the score.
         json_output: print JSON.
     """
-    from shuttle_marl.game.policy import reads_score  # noqa: PLC0415
     from shuttle_marl.policy.registry import resolve  # noqa: PLC0415
     from shuttle_marl.policy.scorecard import Scorer  # noqa: PLC0415  numba
 
@@ -164,9 +164,9 @@ def evaluate(
     cli.print_home_and_away(
         [(card.policy, card.home, card.away) for card in cards if not card.sampled], scorer.refits, asked=away
     )
-    exact = [card.error_bound for card in cards if card.error_bound is not None]
-    if exact:
-        console.print(f"exact: every figure is within {max(exact):.0e} of the true one.")
+    bounds = [card.error_bound for card in cards if card.error_bound is not None]
+    if bounds:
+        console.print(f"exact: every figure is within {max(bounds):.0e} of the true one.")
     for card in cards:
         if card.sampled:
             name = printable(card.policy)
@@ -192,18 +192,15 @@ def best_response(
         save: write the response as a table, which is named table:FILE.
         json_output: print JSON.
     """
-    from shuttle_marl.exact import best_response as respond  # noqa: PLC0415  numba
-    from shuttle_marl.exact import visits  # noqa: PLC0415
     from shuttle_marl.exact.away import of_pair, over  # noqa: PLC0415
-    from shuttle_marl.game.stroke import SHOTS  # noqa: PLC0415
 
     _check_at_least(at_least)
     tables = model.load()
     least = least_support(tables) if at_least is None else at_least
     with cli.working("solving"):
         (opponent,) = model.tabulate([policy], tables)
-        answer = respond(opponent, at_least=least)
-        odds, seen = answer.value.odds(), visits(answer.policy, opponent)
+        answer = exact.best_response(opponent, at_least=least)
+        odds, seen = answer.value.odds(), exact.visits(answer.policy, opponent)
     expected = _expected_wins(tables, odds.rally)
     mix = [dict(zip(SHOTS, seen.shot_mix(player).tolist(), strict=True)) for player in (0, 1)]
     support = _support(tables, seen.base_pairs(0).sum(axis=0))
@@ -279,15 +276,13 @@ def holes(
         at_least: real strokes in the data behind every better stroke; default: 20 in models of own data, else 0.
         json_output: print JSON.
     """
-    from shuttle_marl.exact import holes as find  # noqa: PLC0415  numba
-
     _check_at_least(at_least)
     if top < 1:
         raise ExactError(f"--top {top}: expected 1 or more")
     tables = model.load()
     least = least_support(tables) if at_least is None else at_least
     with cli.working("solving"):
-        found = find(*model.tabulate([policy], tables), top=top, at_least=least)
+        found = exact.holes(*model.tabulate([policy], tables), top=top, at_least=least)
     if json_output:
         cli.print_json({"policy": policy, "at_least": least, **found.as_json()})
         return
@@ -323,25 +318,23 @@ def crossplay(
         away: also play all pairs in the refits of the game, which takes nine times as long.
         json_output: print JSON.
     """
-    import numpy as np  # noqa: PLC0415
-
-    from shuttle_marl.exact import crossplay as play_all  # noqa: PLC0415  numba
     from shuttle_marl.exact.away import of_all_pairs, over  # noqa: PLC0415
-    from shuttle_marl.exact.profile import moved  # noqa: PLC0415
 
     _check_some(policies)
     tables = model.load()
     entrants = model.tabulate(_progress(policies, "tables"), tables)
     pairs = iter(_progress(range(len(policies) * (len(policies) + 1) // 2), "pairs"))
     begun = time.perf_counter()
-    odds = play_all(entrants, progress=lambda: next(pairs))
+    odds = exact.crossplay(entrants, progress=lambda: next(pairs))
     seconds = time.perf_counter() - begun
     for _ in pairs:
         pass
     others = refits_of(tables) if away else ()
     home, spreads = of_all_pairs(odds), None
     if others:  # one after the other: a cross-play takes all cores
-        spreads = over(others, lambda refit: of_all_pairs(play_all([moved(each, refit) for each in entrants])), at_once=1)
+        spreads = over(
+            others, lambda refit: of_all_pairs(exact.crossplay([exact.moved(each, refit) for each in entrants])), at_once=1
+        )
     if json_output:
         figures = {
             "policies": list(policies),
@@ -403,14 +396,11 @@ def _strokes_to_plot(game: "Game", chart: PlotOptions) -> tuple[int | None, int 
 
 def _plot(solution: Any, path: Path, incoming: int | None, own: int | None) -> None:
     from shuttle_marl.analysis import pictures  # noqa: PLC0415
-    from shuttle_marl.exact import visits  # noqa: PLC0415  numba
 
     if incoming is None:
-        import numpy as np  # noqa: PLC0415
-
         tables = solution.games[0]
         stroke = tables.incoming(np.arange(tables.n_states))
-        incoming = int(np.bincount(stroke, visits(*solution.policy).states[0])[: tables.n_strokes].argmax())
+        incoming = int(np.bincount(stroke, exact.visits(*solution.policy).states[0])[: tables.n_strokes].argmax())
     pictures.save(pictures.best_replies(solution, incoming, own), path)
 
 
