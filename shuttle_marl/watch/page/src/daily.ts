@@ -1,10 +1,10 @@
 // Puzzles of the day: five questions chosen by the date, the same for everyone, with a rating kept in the browser.
 
 const KEY = "shuttle_marl.puzzles";
-const START = 1500; // rating of the average pro, and of a new viewer
+const START = 1500; // rating of a new viewer
+const GUESS = 1000; // rating of a viewer who guesses
 const STEP = 32; // most points that one answer changes
 const SPREAD = 400; // difference of ratings at which the stronger side is right ten times as often
-const [RARE, SURE] = [0.02, 0.98]; // bounds of the chance of the average pro
 
 export const PUZZLES = 5;
 
@@ -28,10 +28,9 @@ function stored(): History {
   }
 }
 
-/** Elo rating of a puzzle that the average pro, rated 1500, solves with a probability. */
-export function difficulty(chance: number): number {
-  const p = Math.min(Math.max(chance, RARE), SURE);
-  return START + SPREAD * Math.log10((1 - p) / p);
+/** Elo rating of a puzzle with a number of answers: a viewer who guesses, rated 1000, solves one of so many. */
+export function difficulty(answers: number): number {
+  return GUESS + SPREAD * Math.log10(answers - 1);
 }
 
 export class Daily {
@@ -75,14 +74,14 @@ export class Daily {
     return this.answers.length >= PUZZLES;
   }
 
-  /** @param chance probability with which the average pro gives the right answer, among those shown. */
-  add(right: boolean, chance: number): void {
+  /** @param answers number of answers of the puzzle. */
+  add(right: boolean, answers: number): void {
     this.answers.push(right);
     if (this.again) {
       return;
     }
     const { history } = this;
-    const expected = 1 / (1 + 10 ** ((difficulty(chance) - history.rating) / SPREAD));
+    const expected = 1 / (1 + 10 ** ((difficulty(answers) - history.rating) / SPREAD));
     history.rating += STEP * (Number(right) - expected);
     history.days[this.date] = this.answers.map(Number).join("");
     try {
@@ -98,7 +97,7 @@ export class Daily {
     const change = Math.round(rating - this.before);
     return this.again
       ? `You played this day before; your rating stays at ${Math.round(rating)}.`
-      : `Your rating: ${Math.round(rating)} (${change < 0 ? "−" : "+"}${Math.abs(change)}). The average pro has ${START}.`;
+      : `Your rating: ${Math.round(rating)} (${change < 0 ? "−" : "+"}${Math.abs(change)}). Who guesses has ${GUESS}.`;
   }
 
   /** Text to share. */

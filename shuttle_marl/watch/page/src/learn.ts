@@ -236,9 +236,8 @@ export class Learn {
     this.right += right ? 1 : 0;
     this.answered = true;
     if (this.daily) {
-      const shown = this.options.reduce((sum, option) => sum + option.probability, 0);
       this.daily.shots.add(best.shot);
-      this.daily.add(right, shown > 0 ? best.probability / shown : 1 / this.options.length);
+      this.daily.add(right, this.options.length);
     }
     this.buttons.forEach((button, i) => {
       const option = this.options[i]!;

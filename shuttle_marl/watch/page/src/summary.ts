@@ -13,6 +13,7 @@ export interface Played {
 }
 
 const MOST = 5;
+const TELLING = 30; // strokes from which a likeness is told
 
 /**
  * Content of the dialog after a game.
@@ -60,7 +61,7 @@ export async function summary(
 /** Which player the choices of a person are like. */
 export function likenessSentence({ names, probability, strokes }: Likeness): HTMLElement {
   const [name, share] = [names[0], probability[0]];
-  const known = strokes > 0 && name !== undefined && share !== undefined;
+  const known = strokes >= TELLING && name !== undefined && share !== undefined;
   return h(
     "p",
     {},
