@@ -49,6 +49,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 130
     finally:
         atexit.register(signal.signal, signal.SIGINT, signal.SIG_IGN)  # all is written; libraries take long to unload
+        exec("")  # after an interrupt in an `exec` of a library, Python would end with a signal instead of the status
 
 
 def _prepare_output() -> None:

@@ -45,6 +45,7 @@ _ABOVE: Final = ("clear", "drop", "smash", "half-smash", "net-kill")
 _MAY_BE_EMPTY: Final = ("area", "ending", "height", "technique", "forced")
 _MOST_HINTS: Final = 50
 """Unknown words of a column for which a similar one is looked up."""
+_MOST_MATCHES: Final = 10_000
 INFERRED: Final = {
     "shot": "whether serves are short, from the replies",
     "height": "contact heights, from the shot types",
@@ -164,7 +165,9 @@ class _Import:
             self._match = np.full(self._n, "".join(c if c.isprintable() else "_" for c in sheet.path.stem).strip() or "match")
         self._game = self._number("game", 1)
         shot = self._code("shot", -1)
-        match = np.unique(self._match, return_inverse=True)[1]
+        known, match = np.unique(self._match, return_inverse=True)
+        if len(known) > _MOST_MATCHES:
+            raise DataError(sheet.path, f"{len(known):,} matches, more than {_MOST_MATCHES:,}; divide the file")
         self._rally = self._number("rally", 1) if "rally" in mapped.columns else self._numbered(match, shot)
         key = np.stack([match, self._game, self._rally])
         self._first = np.r_[True, (key[:, 1:] != key[:, :-1]).any(axis=0)]
@@ -364,8 +367,9 @@ class _Import:
         if "opponent" in self._map.columns:
             return player, self._identifiers("opponent")
         opponent = player.copy()
-        for match in np.unique(self._match):
-            rows = np.flatnonzero(self._match == match)
+        of_match, begins = np.argsort(self._match, kind="stable"), np.unique(np.sort(self._match), return_index=True)[1]
+        for rows in np.split(of_match, begins[1:]):
+            match = self._match[rows[0]]
             names, first, count = np.unique(player[rows], return_index=True, return_counts=True)
             if len(names) != 2:
                 if not self._sheet.unreadable[rows].any():  # else reported already

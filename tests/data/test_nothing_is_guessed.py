@@ -346,6 +346,7 @@ def hostile(folder: Path, kind: str) -> list[str]:
         "rows": header + "a,1,b,c,d,e\n" * 600_000,
         "short": header + "a\n" * 1_000_000,
         "empty": header + ",,,,,\n" * 600_000,
+        "matches": header + "".join(f"f{i},1,p{i % 2},clear,middle,p{i % 2}\n" for i in range(300_000)),
         "cell": header + "x" * 1_000_000,
         "json": "[" + ",".join(['{"shot":"x"}'] * 2_000_000) + "]",
         "xml": "<file><ALL_INSTANCES>" + "<instance/>" * 2_500_000 + "</ALL_INSTANCES></file>",
@@ -367,7 +368,7 @@ def hostile(folder: Path, kind: str) -> list[str]:
     return ["import", str(path), "--columns", str(folder / "map.toml")]
 
 
-@pytest.mark.parametrize("kind", ["large", "rows", "short", "empty", "cell", "json", "xml", "names", "deep", "dotted"])
+@pytest.mark.parametrize("kind", ["large", "rows", "short", "empty", "matches", "cell", "json", "xml", "names", "deep", "dotted"])
 def test_hostile_files_are_refused_in_bounded_memory_and_time(tmp_path: Path, kind: str) -> None:
     read(tmp_path)
 
