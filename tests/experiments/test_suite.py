@@ -73,7 +73,7 @@ def test_committed_results_are_of_this_game_and_reproduced(tmp_path: Path) -> No
 def test_figures_of_the_settings(capsys: pytest.CaptureFixture[str]) -> None:
     assert suite_settings.main(["--game", reduced_model(), "--tasks", "exploit-v0", "adapt-v0", "--opponents", "1"]) == 0
     printed = capsys.readouterr().out
-    assert "score of constant, bc/100,000" in printed
+    assert "objective of constant, bc/100,000" in printed
     assert all(f"regret of minimax, {family}" in printed for family in FAMILIES)
 
 
