@@ -327,9 +327,17 @@ def real_strokes(game: Game) -> F64 | None:
     if folder is None or not (folder / SUPPORT).is_file():
         return None
     try:
-        return checked(read_model(folder, SUPPORT).arrays["strokes"], np.float64, (len(game.edge_own),))
+        stamps = [(found.st_mtime_ns, found.st_size) for found in ((folder / name).stat() for name in (SUPPORT, CARD))]
+        return _real_strokes(folder, len(game.edge_own), tuple(stamps))
     except (OSError, KeyError, ValueError) as error:
         raise GameError(f"{folder / SUPPORT}: no readable support ({error}); fit or install the model again") from error
+
+
+@functools.lru_cache(maxsize=8)
+def _real_strokes(folder: Path, edges: int, stamps: tuple[tuple[int, int], ...]) -> F64:  # noqa: ARG001  a changed file is another key
+    found = checked(read_model(folder, SUPPORT).arrays["strokes"], np.float64, (edges,)).copy()
+    found.setflags(write=False)  # every decision that a page shows asks for it
+    return found
 
 
 def least_support(game: Game) -> int:
