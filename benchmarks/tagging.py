@@ -308,7 +308,7 @@ def tag(played: Film, out: Path, kills: int, seed: int, console: Console) -> dic
                         process.send_signal(signal.SIGKILL)
                         process.wait()
                         break
-                if not more:
+                    # A person is never faster than the disk.
                     script.until("(({inputs, saved}) => inputs === saved)(window.viewer.state())")
                 saving += script.state()["saving_ms"]
     found = recovered(played, out)

@@ -109,6 +109,16 @@ def test_improbable_inputs_are_asked_once(tmp_path: Path) -> None:
     assert "right service court" in wrong_court["question"]
 
 
+@pytest.mark.parametrize(
+    ("y", "ending", "asks"), [(-0.3, "landed", True), (-0.3, "out", False), (0.1, "landed", False), (0.1, "out", True)]
+)
+def test_endings_that_contradict_the_place_are_asked(y: float, ending: str, asks: bool, tmp_path: Path) -> None:
+    inputs = [SETUP, *CORNERS, shot("long-serve", 1), {"kind": "place", "x": 0.5, "y": 0.2 + y}, end(ending)]
+    found = tagged(tmp_path, inputs)
+    assert found["refused"] == []
+    assert found["phases"][-1] == ("ask" if asks else "shot")
+
+
 def test_places_of_clicks_are_metres(tmp_path: Path) -> None:
     inputs = [SETUP, *CORNERS, shot("short-serve", 1), {"kind": "place", "x": 0.5, "y": 0.3}, shot("lift", 2),
               {"kind": "place", "x": 0.1, "y": 0.9}]  # fmt: skip

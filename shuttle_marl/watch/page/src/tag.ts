@@ -84,6 +84,12 @@ export class Tagging {
       this.refused("the browser cannot play this video; convert it to .mp4 (H.264) or .webm"),
     );
     document.addEventListener("keydown", (event) => this.pressed(event));
+    document.addEventListener("click", ({ target, detail }) => {
+      const button = (target as HTMLElement).closest("button");
+      if (detail > 0) {
+        button?.blur(); // else space and Enter would press it again
+      }
+    });
     this.show();
   }
 

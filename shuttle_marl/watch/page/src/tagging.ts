@@ -76,6 +76,7 @@ export class Refused extends Error {}
 
 const SERVES = 2; // the first shot types of the vocabulary
 const FRAME_RATE = 30; // of the column `frame`: browsers do not tell that of a video
+const BY_HAND = 0.2; // accuracy of places that are clicked [m]
 const RARE = 0.001; // probability below which a shot is asked about
 const FAULTS: readonly Ending[] = ["out", "net", "short", "foul"];
 const WITHOUT_PLACE: readonly Ending[] = ["net", "short", "foul"];
@@ -192,9 +193,7 @@ export function cellArea(cell: number, nearStrikes: boolean): number {
 }
 
 function areaOf([x, y]: Point, hall: HallFacts): number {
-  const { half_length, half_width } = hall.court;
-  const singles = Math.max(...hall.areas.flatMap(({ box }) => box[0].map(Math.abs)));
-  const [u, v] = [clamped(x, Math.min(half_width, singles)), Math.min(Math.max(y, 0), half_length)];
+  const [u, v] = [clamped(x, singlesWidth(hall)), Math.min(Math.max(y, 0), hall.court.half_length)];
   return hall.areas.findIndex(({ box: [[x0, x1], [y0, y1]] }) => x0 <= u && u <= x1 && y0 <= v && v <= y1);
 }
 
@@ -225,23 +224,24 @@ function ended(state: State, ending: Ending, hall: HallFacts): State {
   if (last.area === null && !WITHOUT_PLACE.includes(ending)) {
     refuse("where did it fall?");
   }
-  const inside = last.place !== null && inSingles(last.place, hall);
   const strokes = WITHOUT_PLACE.includes(ending)
     ? [...rally.strokes.slice(0, -1), { ...last, area: null, place: null }]
     : rally.strokes;
   const over = afterRally(withRally({ ...state, phase: "shot" }, { ending, strokes }));
-  return asked(
-    over,
-    last.place !== null &&
-      ((ending === "landed" && !inside && "It fell outside of the court") ||
-        (ending === "out" && inside && "It fell in court")),
-  );
+  const wrong =
+    (ending === "landed" && outside(last.place, hall) > BY_HAND && "It fell outside of the court") ||
+    (ending === "out" && outside(last.place, hall) < -BY_HAND && "It fell in court");
+  return asked(over, last.place !== null && wrong);
 }
 
-function inSingles([x, y]: Point, hall: HallFacts): boolean {
-  const width = Math.max(...hall.areas.flatMap(({ box }) => box[0]));
-  const margin = hall.court.line * 5; // places are clicked by hand
-  return Math.abs(x) <= width + margin && y <= hall.court.half_length + margin;
+/** How far a place is outside of the singles court [m], negative inside. */
+function outside(place: Point | null, hall: HallFacts): number {
+  const [x, y] = place ?? [0, 0];
+  return Math.max(Math.abs(x) - singlesWidth(hall), y - hall.court.half_length);
+}
+
+function singlesWidth(hall: HallFacts): number {
+  return Math.max(...hall.areas.flatMap(({ box }) => box[0]));
 }
 
 /** The next rally: its score, server and ends (Laws of Badminton, 7 and 8). */
