@@ -215,6 +215,20 @@ def throughput_bound() -> str:
     return markdown(("", "threads", "bytes a stroke", "lower bound, ns", "measured, ns"), lines, left=("",))
 
 
+def tagging() -> str:
+    """Tagging of a film by a script, from ``benchmarks/results/tagging.json``."""
+    result = saved("benchmarks", "tagging")
+    rows = [
+        ("strokes recovered, with place, technique, height, time and score", f"{100 * result['recovered']:.1f} %"),
+        ("inputs a stroke, with setup and corners", f"{result['inputs_per_stroke']:.2f}"),
+        ("the first suggestion is the shot type", f"{100 * result['first_suggestion']:.0f} %"),
+        ("time to save an input, median and 95 %", f"{result['autosave_ms']:.0f} and {result['autosave_ms_95']:.0f} ms"),
+        (f"inputs lost when the server was killed, most of {result['kills']} times", str(result["inputs_lost"])),
+    ]
+    played = f"{result['rallies']} rallies of {result['strokes']} strokes. {machine(result)}"
+    return f"{markdown(('', 'measured'), rows, left=('',))}\n\n{played}"
+
+
 def throughput_sizes() -> str:
     """The kernel in games of other sizes, from ``benchmarks/results/throughput.json``."""
     by_game: dict[tuple[Any, ...], dict[str, float]] = {}

@@ -138,6 +138,14 @@ RESULTS: Final[dict[str, Result]] = (
             tolerance=0.02,
             speeds=("continue_ms", "realtime"),
         ),
+        "tagging": Result(
+            folder="benchmarks",
+            tables=("tagging",),
+            command="benchmarks.tagging --json",
+            tolerance=0.0,
+            speeds=("autosave_ms", "autosave_ms_95", "film_s", "tag_s"),
+            estimate="20 minutes",
+        ),
     }
 )
 """Result files by name."""

@@ -58,6 +58,7 @@ BLOCKS: Final[dict[str, Callable[[], str]]] = {
     "startup": benchmark_tables.startup,
     "stroke_value": experiment_tables.stroke_value,
     "styles": experiment_tables.style_figures,
+    "tagging": benchmark_tables.tagging,
     "throughput": benchmark_tables.throughput,
     "throughput_bound": benchmark_tables.throughput_bound,
     "throughput_sizes": benchmark_tables.throughput_sizes,

@@ -168,16 +168,16 @@ export class Tagging {
     return h(
       "div",
       { class: "controls" },
-      button("⏯", "Play, pause (space)", () => this.toggle()),
+      button("play", "Play, pause (space)", () => this.toggle()),
       button("−1", "A frame back (,)", () => this.seek(-STEP)),
       button("+1", "A frame on (.)", () => this.seek(STEP)),
       button("½×", "Slower (<)", () => this.speed(0.5)),
       button("2×", "Faster (>)", () => this.speed(2)),
-      button("⌗ corners", "Click the four corners of the court", () => {
+      button("corners", "Click the four corners of the court", () => {
         this.marking = this.state.corners.length < 4;
         this.show();
       }),
-      button("⌫ undo", "Undo the last input (Backspace)", () => this.undo()),
+      button("undo", "Undo the last input (Backspace)", () => this.undo()),
       this.time,
     );
   }
@@ -408,15 +408,10 @@ export class Tagging {
       const order = this.shots().sort((a, b) => (probability.get(a)?.rank ?? a) - (probability.get(b)?.rank ?? b));
       blocks.push(
         ...order.map((shot, i) => {
-          const found = probability.get(shot);
-          const note = found && i < SHOWN ? h("small", {}, ` ${percent(found.p)}`) : null;
-          return key(
-            SHOT_KEYS[shot]!,
-            words(this.hall.shots[shot]!),
-            () => this.shot(shot),
-            i < SHOWN && found ? "likely" : "",
-            note,
-          );
+          const found = i < SHOWN ? probability.get(shot) : undefined;
+          const likely = found !== undefined && found.p >= 0.01;
+          const note = likely ? h("small", {}, ` ${percent(found.p)}`) : null;
+          return key(SHOT_KEYS[shot]!, words(this.hall.shots[shot]!), () => this.shot(shot), likely ? "likely" : "", note);
         }),
       );
     }
@@ -441,7 +436,7 @@ export class Tagging {
     if (phase === "ask") {
       blocks.push(
         key("Enter", "keep", () => this.enter({ kind: "confirm" })),
-        key("⌫", "remove", () => this.undo()),
+        key("Backspace", "remove", () => this.undo()),
       );
     }
     replaceChildren(this.keys, ...blocks);
