@@ -29,6 +29,8 @@ from shuttle_marl.commands.cli import run as run_command
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.suite import TASKS, SuiteRun, difference, run_method, summarise, verify_run
 from shuttle_marl.suite.board import boards
+from shuttle_marl.suite.exploit import opponent_of
+from shuttle_marl.suite.frontier import Point, frontier
 from shuttle_marl.suite.method import BASELINES, baseline_of, kind_of
 from shuttle_marl.suite.options import Split
 from shuttle_marl.suite.registry import arena_of
@@ -209,6 +211,17 @@ def kept_rows(path: Path | None, rows: Sequence[Mapping[str, Any]]) -> list[dict
     return [row for row in json_format.loads(path.read_text())["rows"] if row["game"] == game and board(row) not in replaced]
 
 
+def frontiers(config: Suite, path: Path | None, rows: Sequence[Row]) -> dict[str, list[Point]]:
+    """The frontier of every opponent of ``exploit``, if the rows have it; else those in the file of results."""
+    if config.quick or not any(row["task"] == "exploit-v0" for row in rows):
+        before = json_format.loads(path.read_text()) if path is not None and path.exists() else {}
+        return dict(before.get("frontiers", {}))
+    task = TASKS["exploit-v0"]
+    arena = arena_of(task, config.game, config.split)
+    opponents = {case.options["opponent"]: opponent_of(arena, case) for case in task.cases(arena)}
+    return {name: frontier(arena, opponent, tolerance=1e-6) for name, opponent in opponents.items()}
+
+
 def suite(config: tyro.conf.OmitArgPrefixes[Suite], json: Path | None = None) -> None:
     """Run all baselines, and write their summaries.
 
@@ -240,7 +253,7 @@ def suite(config: tyro.conf.OmitArgPrefixes[Suite], json: Path | None = None) ->
             spent, estimated = spent + seconds, estimated + job.seconds
             console.print(_line(job, f"{seconds / 60:.1f} min, estimated {job.seconds / 60:.1f}"))
         rows = rows_of(folder)
-        save_results(folder, {"rows": [*kept_rows(json, rows), *rows]}, json)
+        save_results(folder, {"rows": [*kept_rows(json, rows), *rows], "frontiers": frontiers(config, json, rows)}, json)
     left = f"; {len(waiting) - started} are left, --resume starts them" if started < len(waiting) else ""
     console.print(f"{len(rows)} runs are in {folder}{left}")
 

@@ -89,6 +89,18 @@ def summary(folder: str) -> str:
     return markdown(headings, rows, left=("task", "question", "score", "best"))
 
 
+def frontiers() -> str:
+    """Score against exploitability of the restricted responses, for each opponent of ``exploit``."""
+    found = saved("experiments", "suite").get("frontiers", {})
+    rows = [
+        (f"`{name}`", f"{point['p']:g}", *(number(point[figure], figure) for figure in ("score", "exploitability", "objective")))
+        for name, points in found.items()
+        for point in points
+    ]
+    headings = ("opponent", "restriction", "score", "exploitability", "objective")
+    return markdown(headings, rows, left=("opponent",)) if rows else _NONE
+
+
 def ratings() -> str:
     """The rating of each method over all tasks."""
     found = [board for name in TASKS for board in _boards(name)]
@@ -99,6 +111,7 @@ def ratings() -> str:
 BLOCKS: Final[dict[str, Callable[[], str]]] = {
     "suite_summary": functools.partial(summary, ""),
     "suite_rating": ratings,
+    "suite_frontier": frontiers,
     "suite_board": functools.partial(summary, "docs/suite/"),
     **{f"suite_{kind_of(name)}": functools.partial(task_boards, name) for name in TASKS},
 }
