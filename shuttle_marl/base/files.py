@@ -1,5 +1,6 @@
 """Atomic writes through temporary files, checksums of JSON files, safe opening of regular files, and the folder of caches."""
 
+import collections
 import contextlib
 import errno
 import hashlib
@@ -171,14 +172,14 @@ def read_json(path: Path, kind: type[T], *, sealed: bool = False) -> T:
         raise FileReadError(problem(error)) from error
 
 
-def parsed(text: str) -> Any:
-    """Parse JSON text, such as metadata of a file.
+def parsed(text: str, *, finite: bool = False) -> Any:
+    """Parse JSON text, such as metadata of a file; ``finite``: without NaN and infinity, which are no JSON.
 
     Raises:
         ValueError: the text is not JSON, is nested too deeply, or has an entry twice, of which one would be lost.
     """
     try:
-        return json.loads(text, object_pairs_hook=_once)
+        return json.loads(text, object_pairs_hook=_once, parse_constant=_refused if finite else None)
     except RecursionError as error:
         raise ValueError("nested too deeply") from error
 
@@ -186,9 +187,13 @@ def parsed(text: str) -> Any:
 def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     fields = dict(pairs)
     if len(fields) < len(pairs):
-        names = [name for name, _ in pairs]
-        raise ValueError(f"the entry {next(name for name in names if names.count(name) > 1)!r} stands there twice")
+        [(name, _)] = collections.Counter(name for name, _ in pairs).most_common(1)
+        raise ValueError(f"the entry {name!r:.100} stands there twice")
     return fields
+
+
+def _refused(constant: str) -> None:
+    raise ValueError(f"{constant} is no number")
 
 
 def cache_folder() -> Path | None:

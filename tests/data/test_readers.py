@@ -108,6 +108,14 @@ def test_a_pipeline_misses_strokes_and_knows_no_endings(tmp_path: Path) -> None:
     assert set(named["discipline"].to_pylist()) == {"WS"}
 
 
+def test_entries_beside_strokes_are_counted(tmp_path: Path) -> None:
+    strokes = f"{STROKE}, {STROKE.replace('top', 'bottom').replace('1', '40')}"
+    others = 'null, {"event": "let"}, {"stroke_type": null}'
+    (tmp_path / "f").write_text(f'{{"video": [1, 2], "strokes": [{strokes}, {others}]}}')
+    account = import_matches(tmp_path / "f")[0].account
+    assert (account.strokes, account.strokes_kept, account.dropped) == (5, 2, {"no stroke": 3})
+
+
 def test_a_pipeline_with_rallies_names_and_results(tmp_path: Path) -> None:
     rally = {
         "result": "unforced error", "score": "0-1",
@@ -171,6 +179,8 @@ STROKE = '{"frame": 1, "player": "top", "stroke_type": "smash"}'
         ("<ANNOTATION_DOCUMENT></ANNOTATION_DOCUMENT>", "tiers none; expected Strokes, and Points or Player"),
         ("[" * 100_000, "no readable JSON"),
         ('{"a": NaN}', "no readable JSON"),
+        ('[{"shot": "smash", "player": "a", "player": "b"}]', "no readable JSON .the entry 'player' stands there twice"),
+        ("{" + ",".join(f'"{i}":1' for i in range(200_000)) + ',"0":2}', "the entry '0' stands there twice"),
         ('{"a": [1, 2]}', "JSON without strokes"),
         ('{"Point1": {"PointInfo": {"T1P1": 3}}}', "Point1: no point of BadmintonDB"),
         (f"[{STROKE.replace('smash', 'x' * 5000)}]", "more than 1,000 characters in stroke 1"),

@@ -30,7 +30,8 @@ def read(path: Path, content: bytes, value: Any) -> Reading:
     """
     words = Words("column", ())
     names: dict[str, str] = {}
-    entries = _strokes(value, {}, names, words)
+    others = list[Any]()
+    entries = _strokes(value, {}, names, words, others)
     if not entries:
         raise DataError(path, 'JSON without strokes; expected objects with a type of stroke, such as "stroke_type": "smash"')
     inferred, lost = list[str](), list[str]()
@@ -49,9 +50,11 @@ def read(path: Path, content: bytes, value: Any) -> Reading:
         lost.append("names of the players: top and bottom are the halves of the picture, which they change between games")
     if not {"ending", "winner", "score"} & set().union(*entries):
         lost.append("scores and how rallies ended")
+    sheet = sheet_of(path, content, entries, range(1, len(entries) + 1), "stroke")
+    sheet.others = len(others)
     return Reading(
         format="JSON of a video pipeline",
-        sheet=sheet_of(path, content, entries, range(1, len(entries) + 1), "stroke"),
+        sheet=sheet,
         source="video pipeline",
         lost=tuple(lost),
         inferred=tuple(inferred),
@@ -64,17 +67,26 @@ def recognised(key: str, words: Words) -> str:
 
 
 def _strokes(
-    node: Any, around: Mapping[str, str], names: dict[str, str], words: Words, key: str = "", depth: int = 0
+    node: Any,
+    around: Mapping[str, str],
+    names: dict[str, str],
+    words: Words,
+    others: list[Any],
+    key: str = "",
+    depth: int = 0,
 ) -> list[dict[str, str]]:
-    """Strokes below a node, with the scalars around; adds the names of the sides."""
+    """Strokes below a node, with the scalars around; adds the names of the sides, and entries beside strokes that are none."""
     found: list[dict[str, str]] = []
     if depth > _DEEPEST:
         return found
     if isinstance(node, list):
-        column = recognised(key, words)
+        column, none = recognised(key, words), list[Any]()
         for number, child in enumerate(node, 1):
             numbered = {column: str(number)} if column in ("game", "rally") else {}
-            found += _strokes(child, {**around, **numbered}, names, words, "", depth + 1)
+            inside = _strokes(child, {**around, **numbered}, names, words, others, "", depth + 1)
+            found += inside
+            none += [] if inside else [child]
+        others += none if found else []
     elif isinstance(node, dict):
         values = {name: told for name, child in node.items() if (told := text(child))}
         scalars = {column: told for name, told in values.items() if (column := recognised(name, words))}
@@ -85,7 +97,7 @@ def _strokes(
         if {"top", "bottom"} <= sides.keys() or {"near", "far"} <= sides.keys():
             names |= sides
         for name, child in node.items():
-            found += _strokes(child, {**around, **scalars}, names, words, name, depth + 1)
+            found += _strokes(child, {**around, **scalars}, names, words, others, name, depth + 1)
         if found and ending:
             found[-1].setdefault("ending", ending)
     return found

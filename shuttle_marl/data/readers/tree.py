@@ -5,8 +5,7 @@ from pathlib import Path
 from typing import Any, Final
 from xml.parsers import expat
 
-import msgspec
-
+from shuttle_marl.base.files import parsed
 from shuttle_marl.data.strict_csv import DataError
 
 LINE: Final = "\N{NUMBER SIGN}line"
@@ -63,11 +62,11 @@ def parse_json(path: Path, content: bytes) -> Any:
     """The value of a JSON file.
 
     Raises:
-        DataError: it is no JSON, or too deep.
+        DataError: it is no JSON, too deep, or has a key twice.
     """
     try:
-        return msgspec.json.decode(content.removeprefix(b"\xef\xbb\xbf"))
-    except (msgspec.DecodeError, RecursionError, UnicodeError) as error:
+        return parsed(content.decode("utf-8-sig"), finite=True)
+    except ValueError as error:
         raise DataError(path, f"no readable JSON ({error})") from error
 
 
