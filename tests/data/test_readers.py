@@ -114,6 +114,8 @@ def test_entries_beside_strokes_are_counted(tmp_path: Path) -> None:
     (tmp_path / "f").write_text(f'{{"video": [1, 2], "strokes": [{strokes}, {others}]}}')
     account = import_matches(tmp_path / "f")[0].account
     assert (account.strokes, account.strokes_kept, account.dropped) == (5, 2, {"no stroke": 3})
+    (tmp_path / "f").write_text(f"[{strokes}]".replace('"player": "top"', '"striker": "top", "player": "bottom"'))
+    assert "with another value, are not read: 'player'" in str(import_matches(tmp_path / "f")[0].warnings)
 
 
 def test_a_pipeline_with_rallies_names_and_results(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from typing import Any, Final
 
 from shuttle_marl.data.readers.reading import Reading, sheet_of
 from shuttle_marl.data.readers.tree import text
-from shuttle_marl.data.strict_csv import DataError
+from shuttle_marl.data.strict_csv import DataError, Problem
 from shuttle_marl.data.words import Words, bare
 
 _DEEPEST: Final = 8
@@ -30,8 +30,8 @@ def read(path: Path, content: bytes, value: Any) -> Reading:
     """
     words = Words("column", ())
     names: dict[str, str] = {}
-    others = list[Any]()
-    entries = _strokes(value, {}, names, words, others)
+    others, unread = list[Any](), set[str]()
+    entries = _strokes(value, {}, names, words, others, unread)
     if not entries:
         raise DataError(path, 'JSON without strokes; expected objects with a type of stroke, such as "stroke_type": "smash"')
     inferred, lost = list[str](), list[str]()
@@ -52,6 +52,9 @@ def read(path: Path, content: bytes, value: Any) -> Reading:
         lost.append("scores and how rallies ended")
     sheet = sheet_of(path, content, entries, range(1, len(entries) + 1), "stroke")
     sheet.others = len(others)
+    if unread:
+        listed = ", ".join(map(repr, sorted(unread)[:10]))
+        sheet.warnings.append(Problem(path, f"keys that mean the same as one before, with another value, are not read: {listed}"))
     return Reading(
         format="JSON of a video pipeline",
         sheet=sheet,
@@ -72,10 +75,11 @@ def _strokes(
     names: dict[str, str],
     words: Words,
     others: list[Any],
+    unread: set[str],
     key: str = "",
     depth: int = 0,
 ) -> list[dict[str, str]]:
-    """Strokes below a node, with the scalars around; adds the names of the sides, and entries beside strokes that are none."""
+    """Strokes below a node, with the scalars around; adds names of the sides, entries that are none, and unread keys."""
     found: list[dict[str, str]] = []
     if depth > _DEEPEST:
         return found
@@ -83,13 +87,16 @@ def _strokes(
         column, none = recognised(key, words), list[Any]()
         for number, child in enumerate(node, 1):
             numbered = {column: str(number)} if column in ("game", "rally") else {}
-            inside = _strokes(child, {**around, **numbered}, names, words, others, "", depth + 1)
+            inside = _strokes(child, {**around, **numbered}, names, words, others, unread, "", depth + 1)
             found += inside
             none += [] if inside else [child]
         others += none if found else []
     elif isinstance(node, dict):
         values = {name: told for name, child in node.items() if (told := text(child))}
-        scalars = {column: told for name, told in values.items() if (column := recognised(name, words))}
+        scalars: dict[str, str] = {}
+        for name, told in values.items():
+            if (column := recognised(name, words)) and scalars.setdefault(column, told) != told:
+                unread.add(name)
         if "shot" in scalars:
             return [{**around, **scalars}]
         ending = scalars.pop("ending", "")  # of the rally, so of its last stroke
@@ -97,7 +104,7 @@ def _strokes(
         if {"top", "bottom"} <= sides.keys() or {"near", "far"} <= sides.keys():
             names |= sides
         for name, child in node.items():
-            found += _strokes(child, {**around, **scalars}, names, words, others, name, depth + 1)
+            found += _strokes(child, {**around, **scalars}, names, words, others, unread, name, depth + 1)
         if found and ending:
             found[-1].setdefault("ending", ending)
     return found
