@@ -14,7 +14,7 @@ from shuttle_marl.analysis.rally import LogPlayers, analyse_rally
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.table_files import read_parquet, write_parquet
 from shuttle_marl.commands.options import RallyGameOptions
-from shuttle_marl.commands.watch import AdviceOptions, MatchOptions, RallyOptions, _game, watch
+from shuttle_marl.commands.watch import MatchOptions, RallyOptions, _game, watch
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game.pairs import pair_game
 from shuttle_marl.game.tabulated import tabulate
@@ -100,16 +100,16 @@ def test_a_log_of_a_pair(tmp_path: Path, policies: PolicyTables, answers: Answer
 
 
 def test_options_of_the_command() -> None:
-    advice = AdviceOptions(game=reduced_model())
+    model = RallyGameOptions(game=reduced_model())
     match = MatchOptions(players=(A, B), date="2020-02-02")
     assert match.policies(PAIR) == (f"bc:{A}", f"bc:{B}")
     assert MatchOptions(players=(A, B), a="minimax").policies(PAIR) == ("minimax", f"bc:{B}")
     assert MatchOptions().policies(reduced_game()) == ("ppo", "bc")
-    game = _game(match, RallyOptions(), advice)
+    game = _game(match, RallyOptions(), model)
     assert game.people is not None
     assert (game.people.players, str(game.people.date)) == ((A, B), "2020-02-02")
     with pytest.raises(WatchError, match="leave out --players"):
-        _game(match, RallyOptions(replay=Path("x.mcap")), advice)
+        _game(match, RallyOptions(replay=Path("x.mcap")), model)
 
 
 def test_a_log_that_is_missing_is_said_before_the_page_is_built(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
