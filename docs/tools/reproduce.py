@@ -117,7 +117,7 @@ RESULTS: Final[dict[str, Result]] = (
             ("league", ("league",), "4 minutes"),
             ("recording", ("recording",), ""),
             ("startup", ("startup",), ""),
-            ("throughput", ("speed", "throughput", "throughput_bound", "throughput_sizes"), "4 minutes"),
+            ("throughput", ("speed", "throughput", "throughput_bound", "throughput_sizes", "cluster"), "4 minutes"),
             ("time_to_win", ("time_to_win",), "minutes"),
             ("training", ("training_speed",), ""),
             ("viewer", ("viewer",), ""),

@@ -61,7 +61,8 @@ def suggesting(cls: type[T]) -> type[T]:
         for name in options:
             if name not in names:
                 hint = did_you_mean(name, names) or f"; there are {', '.join(names)}"
-                raise TypeError(f"{cls.__name__}() has no argument {name!r}{hint}")
+                # In the words of Python, on which wrappers of other libraries rely.
+                raise TypeError(f"{cls.__name__}() got an unexpected keyword argument {name!r}{hint}")
         init(self, *args, **options)
 
     cls.__init__ = checked  # type: ignore[method-assign, assignment]

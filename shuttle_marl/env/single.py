@@ -189,7 +189,7 @@ class SingleEnv(gymnasium.Env[Observation, np.int64]):
         return seen if self._mask == "observation" else seen["observation"]
 
     def _info(self) -> dict[str, Any]:
-        info: dict[str, Any] = {"unseen": self._unseen.copy(), "illegal": self._illegal}
+        info: dict[str, Any] = {"unseen": self._unseen.copy(), "illegal": np.array(self._illegal)}
         if self._info_view == "full":
             info.update(self.raw.infos[self._agent])
         if self._mask == "info":
