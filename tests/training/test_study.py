@@ -61,7 +61,7 @@ def test_too_few_seeds_or_jobs_are_named(seeds: int, jobs: int, tmp_path: Path) 
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
 def test_no_seed_is_trained_on_when_the_study_is_killed(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "shuttle_marl.training", "ppo", "--seeds", "2", "--jobs", "1", "--strokes", "1000000000"]
+    command = [sys.executable, "-m", "shuttle_marl.training", "ppo", "--seeds", "2", "--jobs", "2", "--strokes", "1000000000"]
     study = subprocess.Popen([*command, "--game", SMALL.game, "--record", "none", "--out", str(tmp_path / "study")])
     trained = tmp_path / "study" / "seed-0" / "config.json"
     deadline = time.monotonic() + 120
