@@ -23,8 +23,8 @@ def match_overview(
 
     Args:
         rallies: finished rallies of the match in their order, with their players and the values of their strokes.
-        moments: maximum number of costliest strokes. The cost of a stroke is its loss times the difference that the rally
-            makes to the probability of winning the match.
+        moments: maximum number of costliest strokes, of those that are marked as mistakes. The cost of a stroke is its loss
+            times the difference that the rally makes to the probability of winning the match.
     """
     rows: list[messages.MatchRally] = []
     costly: list[messages.Moment] = []
@@ -44,7 +44,8 @@ def match_overview(
         for i, (value, seat) in enumerate(zip(values.strokes, seats, strict=True)):
             marks[seat][value.mark] += 1
             shot = SHOTS[rally.catalogue.shot[rally.stroke[i]]]
-            costly.append(messages.Moment(rally.number, i, seat, shot, value.mark, value.loss, value.loss * (won - lost)))
+            if "?" in value.mark:
+                costly.append(messages.Moment(rally.number, i, seat, shot, value.mark, value.loss, value.loss * (won - lost)))
             if value.change is not None:
                 sound[seat].append("?" not in value.mark)
     # Where one side wins for certain, no stroke costs the match: then the cost of the rally decides.
@@ -53,7 +54,7 @@ def match_overview(
     return messages.MatchReply(
         rallies=rows,
         win_after=after,
-        moments=[moment for moment in costly[:moments] if "?" in moment.mark],
+        moments=costly[:moments],
         accuracy=(means[0], means[1]),
         marks=([marks[0][mark] for mark in MARKS], [marks[1][mark] for mark in MARKS]),
     )

@@ -217,7 +217,7 @@ def test_a_killed_run_continues_to_the_same_bytes(tmp_path: Path, small_model: s
 @pytest.mark.slow(minutes=True)
 @pytest.mark.skipif(sys.platform == "win32", reason="needs SIGKILL")
 def test_kills_at_random_moments_change_nothing(tmp_path: Path, small_model: str) -> None:
-    """Runs are killed and resumed until eight kills have met them; no pairing is played twice, none is lost."""
+    """Runs are killed and resumed until eight kills in three places have met them; no pairing is played twice, none is lost."""
     pool = (*POOL, "defensive", "random@greedy", "safe@2", "safe@0.5", "attacking@2")
     config = LeagueConfig(pool=pool, game=small_model, matches=400, seed=2, batch=40, workers=2, exact=False)
     # Processes that have imported the package already: most of the time would go there, and the kills with it.
@@ -237,7 +237,7 @@ def test_kills_at_random_moments_change_nothing(tmp_path: Path, small_model: str
     whole = files(tmp_path / "whole")
     rng = np.random.default_rng(0)
     kills, run, met = 0, 0, set()
-    while kills < 8:
+    while kills < 8 or (len(met) < 3 and kills < 40):  # a loaded machine spends most of the time on starting them
         out = tmp_path / f"run-{run}"
         process = started(out)
         process.join(float(rng.uniform(0, takes)))
