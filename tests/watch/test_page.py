@@ -87,7 +87,7 @@ def test_loop_and_automatic_next_rally(viewer: Any, served: Any) -> None:
 
 
 def test_both_agents_are_switched_in_mid_match_and_the_link_reproduces_it(viewer: Any, served: Any, browser: Any) -> None:
-    viewer.open(f"{served.address}#seed=5&a=bc&b=minimax&rally=2&stroke=2")
+    viewer.open(f"{served.address}#seed=5&a=bc&b=minimax&rally=2&stroke=2").press("e")
     played = viewer.state("strokes")
     viewer.page.get_by_label("Player of side A").select_option("attacking")
     viewer.page.get_by_label("Player of side B").select_option("defensive")
