@@ -29,6 +29,7 @@ def pages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         copy.parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(path, copy)
     monkeypatch.setattr(tables, "ROOT", tmp_path)
+    monkeypatch.setitem(tables.BLOCKS, "paths", lambda: "traced")  # it runs programs for a minute; test_size.py traces
     return tmp_path
 
 
