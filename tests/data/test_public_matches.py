@@ -68,8 +68,8 @@ def test_the_datasheet_tells_these_numbers(public: Cleaned) -> None:
     for reason, text in DROP_REASONS.items():
         assert f"| {reason} | {public.account.dropped.get(reason, 0):,} | {text} |" in lines
     text = " ".join(lines)
-    kept, matches = public.account, len(public.strokes["match"].unique())
-    assert f"of which {kept.strokes_kept:,} strokes of {kept.rallies_kept:,} rallies in {matches} matches are kept" in text
+    account, matches = public.account, len(public.strokes["match"].unique())
+    assert f"of which {account.strokes_kept:,} strokes of {account.rallies_kept:,} rallies in {matches} matches are kept" in text
     assert f"label inside the court {public.account.area_agreement:.1%} have" in text
     for split in ("train", "validation"):
         rows = public.strokes.filter(pa.array([split_of(name) == split for name in public.strokes["match"].to_pylist()]))

@@ -236,7 +236,8 @@ def test_kills_at_random_moments_change_nothing(tmp_path: Path, small_model: str
     takes = time.monotonic() - begun
     whole = files(tmp_path / "whole")
     rng = np.random.default_rng(0)
-    kills, run, met = 0, 0, set()
+    kills, run = 0, 0
+    met: set[int] = set()
     while kills < 8 or (len(met) < 3 and kills < 40):  # a loaded machine spends most of the time on starting them
         out = tmp_path / f"run-{run}"
         process = started(out)
