@@ -15,6 +15,7 @@ from shuttle_marl.commands.data import main
 from shuttle_marl.data import DataError, Outcome, load_strokes
 from shuttle_marl.data.inference import read_score, winners_by_score
 from shuttle_marl.data.own import import_matches
+from shuttle_marl.data.readers.reading import spans_around
 from shuttle_marl.data.schema import REASONS, Cleaned, violations
 from shuttle_marl.game.court import AREAS
 from shuttle_marl.game.stroke import SHOTS
@@ -145,6 +146,16 @@ def test_sportscode_and_elan_by_the_words_of_their_labels_and_tiers() -> None:
     danish = read("ELAN").strokes
     assert words(danish, "shot", SHOTS) == ["short-serve", "lift", "smash", "long-serve", "drop", "net-shot"]
     assert words(danish, "reason", REASONS)[2::3] == ["landed", "net"]
+
+
+TIMES = st.integers(0, 12)
+
+
+@given(spans=st.lists(st.tuples(TIMES, TIMES), max_size=12), moments=st.lists(TIMES, max_size=12))
+def test_a_stroke_lies_in_the_last_interval_around_it(spans: list[tuple[int, int]], moments: list[int]) -> None:
+    spans.sort()
+    expected = [max((i for i, (a, b) in enumerate(spans, 1) if a <= moment <= b), default=0) for moment in moments]
+    assert spans_around(spans, moments) == expected
 
 
 def test_a_lone_game_of_shuttleset(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from typing import Final
 
 from shuttle_marl.data.readers import badminton_db
 from shuttle_marl.data.readers.badminton_db import ENDINGS, Point
-from shuttle_marl.data.readers.reading import Reading, sheet_of
+from shuttle_marl.data.readers.reading import Reading, sheet_of, spans_around
 from shuttle_marl.data.readers.tree import line_of
 from shuttle_marl.data.strict_csv import DataError
 from shuttle_marl.data.words import Words, bare
@@ -45,15 +45,15 @@ def read(path: Path, content: bytes, root: ET.Element) -> Reading:
         points = _points(path, columns["score"], strokes, columns.get("service", []))
         lost = () if columns.get("service") else ("who served first: the first player of the file",)
         return badminton_db.reading_of(path, content, points, "BadmintonDB ELAN", "line", lost)
-    entries = []
-    for start, end, value, _ in strokes:
-        around = {
-            name: (str(i) if name in ("rally", "game") and not annotation[2] else annotation[2])
-            for name, annotations in columns.items()
-            for i, annotation in enumerate(annotations, 1)
-            if annotation[0] <= (start + end) / 2 <= annotation[1]
-        }
-        entries.append({**around, "shot": value, "seconds": f"{start:.3f}"})
+    middles = [(start + end) / 2 for start, end, *_ in strokes]
+    entries: list[dict[str, str]] = [{} for _ in strokes]
+    for name, annotations in columns.items():
+        for entry, number in zip(entries, spans_around([annotation[:2] for annotation in annotations], middles), strict=True):
+            if number:
+                told = annotations[number - 1][2]
+                entry[name] = str(number) if name in ("rally", "game") and not told else told
+    for entry, (start, _, value, _) in zip(entries, strokes, strict=True):
+        entry |= {"shot": value, "seconds": f"{start:.3f}"}
     sheet = sheet_of(path, content, entries, [line for *_, line in strokes])
     unread = [name for name in tiers if name not in ("", *columns) and words.meaning(name) is None]
     lost = (f"tiers that are no columns here: {', '.join(map(repr, unread[:20]))}",) if unread else ()

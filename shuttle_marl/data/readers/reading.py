@@ -50,3 +50,25 @@ def sheet_of(path: Path, content: bytes, entries: Sequence[Mapping[str, str]], l
         if any(len(value) > _LONGEST for value in entry.values()):
             raise DataError(path, f"a value of more than {_LONGEST:,} characters in {unit} {line}")
     return Sheet(path, content, (header, [[entry.get(name, "") for name in header] for entry in entries], lines), unit=unit)
+
+
+def spans_around(spans: Sequence[tuple[float, float]], moments: Sequence[float]) -> list[int]:
+    """Number, from 1, of the last span that each moment lies in, 0 for none; in the time of sorting.
+
+    Args:
+        spans: start and end of each, in order of time.
+        moments: in any order.
+    """
+    number = [0] * len(moments)
+    around: list[int] = []  # spans that have begun and may not be over, each with an earlier end than the one before it
+    begun = 0
+    for k in sorted(range(len(moments)), key=moments.__getitem__):
+        while begun < len(spans) and spans[begun][0] <= moments[k]:
+            while around and spans[around[-1]][1] <= spans[begun][1]:
+                around.pop()
+            around.append(begun)
+            begun += 1
+        while around and spans[around[-1]][1] < moments[k]:
+            around.pop()
+        number[k] = around[-1] + 1 if around else 0
+    return number

@@ -9,7 +9,7 @@ import xml.etree.ElementTree as ET
 from pathlib import Path
 from typing import Final
 
-from shuttle_marl.data.readers.reading import Reading, sheet_of
+from shuttle_marl.data.readers.reading import Reading, sheet_of, spans_around
 from shuttle_marl.data.readers.tree import line_of, text_of
 from shuttle_marl.data.strict_csv import DataError
 from shuttle_marl.data.words import Words
@@ -53,13 +53,14 @@ def read(path: Path, content: bytes, root: ET.Element) -> Reading:
         if span in spans:
             spans[span].append((start, end))
     strokes.sort(key=lambda stroke: stroke[:2])
+    middles = [(start + end) / 2 for start, end, *_ in strokes]
+    numbers = {name: spans_around(sorted(within), middles) for name, within in spans.items()}
     entries = []
-    for start, end, _, entry in strokes:
+    for i, (start, _, _, entry) in enumerate(strokes):
         entry["seconds"] = f"{start:.3f}"
-        for name, within in spans.items():
-            around = [i for i, (a, b) in enumerate(sorted(within), 1) if a <= (start + end) / 2 <= b]
-            if around:
-                entry.setdefault(name, str(around[-1]))
+        for name, number in numbers.items():
+            if number[i]:
+                entry.setdefault(name, str(number[i]))
         entries.append(entry)
     sheet = sheet_of(path, content, entries, [line for _, _, line, _ in strokes])
     sheet.others = others
