@@ -60,7 +60,7 @@ class Film:
 
     Attributes:
         path: the video.
-        rallies: what was played.
+        rallies: the rallies of the film.
         begins: ``[R]`` time at which each rally begins in the film [s].
         plane: ``[3, 3]`` homography from the picture, as fractions of its size, to the court [m].
     """
@@ -151,7 +151,7 @@ def _join(parts: Sequence[Path], path: Path) -> None:
 
 
 class Script:
-    """Enters what was played, from what the page asks; continues after a crash.
+    """Enters the strokes of the film as the page asks for them; continues after a crash.
 
     Attributes:
         inputs: keys and clicks.
@@ -250,7 +250,7 @@ class Script:
 
 
 def place_of(rally: RallyFacts, count: int) -> tuple[float, float]:
-    """Where a stroke was met, as the middle of its area, or fell, in its striker's frame [m]."""
+    """Point where a stroke was met (the middle of its area) or fell, in the frame of its striker [m]."""
     stroke = rally.strokes[count]
     if count < len(rally.strokes) - 1:
         x, y = court.area_centre(np.array(AREAS.index(stroke.area)))

@@ -144,7 +144,7 @@ def jax(batch: int, _: int) -> Play:
         chosen = tables.edge_incoming[tables.reply_edge[tables.first_reply[base] + k]]
         after = jax_library.vmap(rally.step, (None, 0, 0, 0))(tables, state, chosen, rally.draws(two, state.shape))
         tokens, mask = jax_library.vmap(rally.observe, (None, 0))(tables, after.state)
-        # What nobody reads would be compiled away.
+        # XLA removes what is not used.
         return (after.state, seen + tokens.sum(axis=1) + mask.sum(axis=1)), None
 
     @jax_library.jit

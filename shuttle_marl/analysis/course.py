@@ -14,7 +14,7 @@ from shuttle_marl.game.scoring import Rules, Score
 from shuttle_marl.game.stroke import SHOTS
 
 _TURN: Final = 0.1
-"""Least change of the probability of winning a rally that is told."""
+"""Smallest change of the probability of winning a rally that is reported."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -224,7 +224,7 @@ def scout(
     Args:
         opponent: who is described.
         player: who is to win against the opponent; None: profile of the opponent alone.
-        beside: another opponent, to compare habits with; None: nobody.
+        beside: another opponent, whose habits are shown beside; None: no second opponent.
         model: a model by name or folder.
         date: day of the skill; None: the last one known.
         data: annotated matches, for counted habits and results; None: the model alone.

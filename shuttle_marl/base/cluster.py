@@ -29,7 +29,7 @@ T = TypeVar("T")
 LOCAL: Final = "local"
 """Address that starts Ray on this machine alone."""
 _RETRIES: Final = 3
-"""How often Ray starts a task again whose worker or machine died, or whose result was lost with a machine."""
+"""Number of times Ray retries a task whose worker or machine died, or whose result was lost with a machine."""
 _SHARED_VALUES: Final = 2
 """Capacity of the cache of shared values in a worker."""
 

@@ -43,7 +43,7 @@ def install_hint(extra: str) -> str:
 
 
 def lacking(error: ModuleNotFoundError) -> str | None:
-    """What to do about an import that failed for want of an extra; None if it failed otherwise."""
+    """Advice on an import that failed because an extra is not installed; None if it failed for another reason."""
     library = (error.name or "").partition(".")[0]
     return f"this needs {library}, which is not installed; {install_hint(_EXTRAS[library])}" if library in _EXTRAS else None
 

@@ -1,4 +1,4 @@
-"""What to train this week: drills with a drawing of the court each."""
+"""Drills for the week, each with a drawing of the court."""
 
 from collections.abc import Iterable
 from typing import Final
