@@ -17,26 +17,20 @@ import inspect
 import json
 import math
 import operator
-import os
 import queue
-import select
-import shlex
-import signal
-import subprocess
 import sys
-import tempfile
 import threading
-import time
 import weakref
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType
-from typing import IO, Any, Final, TypeVar
+from typing import Any, Final, TypeVar
 
 import numpy as np
 
 from shuttle_marl.base.arrays import F64, Floats
 from shuttle_marl.base.errors import described
+from shuttle_marl.base.programs import Program, ProgramError, ProgramTimeoutError
 from shuttle_marl.game.policy import Policy, PolicyError, States, reads_score
 from shuttle_marl.game.stroke import HEIGHTS
 from shuttle_marl.game.tables import Game
@@ -46,10 +40,6 @@ PROTOCOL: Final = 1
 """Version of the messages to programs."""
 _AHEAD: Final = 64
 """Number of decisions that are sent before their answers are read, so few that all answers fit into a pipe."""
-_LONGEST: Final = 1 << 16
-"""Length of the longest answer [bytes]."""
-_STDERR_SHOWN: Final = 300
-"""Length of the end of the standard error of a program that messages quote [bytes]."""
 
 
 class ModuleMissingError(PolicyError):
@@ -289,17 +279,12 @@ class ProgramPolicy:
 
     def __init__(self, command: str, game: Game, seconds: float) -> None:
         try:
-            self._command = shlex.split(command)
-        except ValueError as error:
-            raise PolicyError(f"policy program:{command}: {error}") from error
-        if not self._command:
-            raise PolicyError("policy program: expected a command behind the colon, as in program:./player")
-        self._game, self._seconds = game, seconds
+            self._program = Program(command, seconds)
+        except ProgramError as error:
+            raise PolicyError(f"policy program:{command}: {error}, as in program:./player") from error
+        self._game = game
         self._index = {name: i for i, name in enumerate(game.catalogue.names)}
-        self._process: subprocess.Popen[bytes] | None = None
-        self._failure = ""
         self._sent = 0
-        self._unread = b""
 
     def probabilities(self, states: States) -> F64:
         """``[B, n]`` probabilities of the answers; 1 for a stroke that the program names.
@@ -307,47 +292,24 @@ class ProgramPolicy:
         Raises:
             PolicyError: the program cannot be started, exited, timed out, or gave an invalid answer.
         """
-        if self._failure:
-            raise PolicyError(f"{self._failure}; it is not asked again")
+        found = np.zeros((len(states), self._game.n_strokes))
         try:
-            if self._process is None:
-                self._start()
-            found = np.zeros((len(states), self._game.n_strokes))
+            if not self._program.started:
+                strokes = list(self._game.catalogue.names)
+                self._send([{"type": "game", "protocol": PROTOCOL, "game": self._game.hash, "strokes": strokes}])
             for first in range(0, len(states), _AHEAD):
                 rows = range(first, min(first + _AHEAD, len(states)))
                 self._send([self._decision(states, row) for row in rows])
                 for row in rows:
                     self._read(found[row], self._sent - len(rows) + (row - first))
-            return found
-        except PolicyError as error:
-            self._failure = str(error)
-            self.close()
-            raise
+        except ProgramError as error:
+            hint = "; --policy-timeout gives more time" if isinstance(error, ProgramTimeoutError) else ""
+            raise PolicyError(f"{error}{hint}") from error
+        return found
 
     def close(self) -> None:
         """Kill the program."""
-        if self._process is not None:
-            self._finalize()
-
-    def _start(self) -> None:
-        self._errors: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115  open as long as the program runs
-        try:
-            self._process = subprocess.Popen(
-                self._command,
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                stderr=self._errors,
-                start_new_session=True,
-            )
-        except OSError as error:
-            raise PolicyError(f"it cannot be started: {self._command[0]}: {error.strerror}") from error
-        self._finalize = weakref.finalize(self, _end, self._process)
-        assert self._process.stdin is not None
-        assert self._process.stdout is not None
-        self._stdin, self._stdout = self._process.stdin.fileno(), self._process.stdout.fileno()
-        os.set_blocking(self._stdin, False)
-        game = self._game
-        self._send([{"type": "game", "protocol": PROTOCOL, "game": game.hash, "strokes": list(game.catalogue.names)}])
+        self._program.close()
 
     def _decision(self, states: States, row: int) -> dict[str, Any]:
         names, n = self._game.catalogue.names, self._game.n_strokes
@@ -368,72 +330,20 @@ class ProgramPolicy:
         }
 
     def _send(self, messages: list[dict[str, Any]]) -> None:
-        rest = memoryview(b"".join(json.dumps(message).encode() + b"\n" for message in messages))
-        end = self._deadline()
-        while rest:
-            if not select.select([], [self._stdin], [], _left(end))[1]:
-                raise PolicyError(f"it did not read within {self._seconds:g} s; --policy-timeout gives more time")
-            try:
-                written = os.write(self._stdin, rest)
-            except BlockingIOError:
-                continue
-            except OSError as error:
-                raise PolicyError(self._exited()) from error
-            rest, end = rest[written:], self._deadline()
-
-    def _deadline(self) -> float | None:
-        return time.monotonic() + self._seconds if self._seconds else None
+        self._program.write(b"".join(json.dumps(message).encode() + b"\n" for message in messages))
 
     def _read(self, probability: F64, number: int) -> None:
         """Read the answer to a decision into a row of probabilities."""
-        line = self._line()
+        line = self._program.read_line()
         try:
             answer = json.loads(line)
             if answer["id"] != number:
-                raise PolicyError(f"it answered {answer['id']!r:.40} where the answer to {number} was expected")
+                raise self._program.failed(f"it answered {answer['id']!r:.40} where the answer to {number} was expected")
             shares = answer["probabilities"] if "probabilities" in answer else {answer["stroke"]: 1.0}
             for name, share in shares.items():
                 probability[self._index[name]] = share
         except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
             shown = line[:80].decode(errors="backslashreplace")
-            raise PolicyError(f"it answered {shown!r}; expected an id and a stroke or probabilities of strokes") from error
-
-    def _line(self) -> bytes:
-        end = self._deadline()
-        while b"\n" not in self._unread:
-            if len(self._unread) > _LONGEST:
-                raise PolicyError(f"it answered a line of more than {_LONGEST:,} bytes")
-            if not select.select([self._stdout], [], [], _left(end))[0]:
-                raise PolicyError(f"no answer within {self._seconds:g} s; --policy-timeout gives more time")
-            more = os.read(self._stdout, _LONGEST)
-            if not more:
-                raise PolicyError(self._exited())
-            self._unread += more
-        line, self._unread = self._unread.split(b"\n", 1)
-        return line
-
-    def _exited(self) -> str:
-        """Message about a program that closed its pipes."""
-        assert self._process is not None
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            self._process.wait(1)
-        status = self._process.poll()
-        how = "it closed its output" if status is None else f"it exited with status {status}"
-        self._errors.seek(max(0, self._errors.seek(0, os.SEEK_END) - _STDERR_SHOWN))
-        said = self._errors.read().decode(errors="backslashreplace").strip()
-        return f"{how}: …{said}" if said else how
-
-
-def _left(end: float | None) -> float | None:
-    return None if end is None else max(0.0, end - time.monotonic())
-
-
-def _end(process: "subprocess.Popen[bytes]") -> None:
-    """Kill a program and its children, but those that it started in sessions of their own."""
-    with contextlib.suppress(ProcessLookupError, PermissionError):
-        os.killpg(process.pid, signal.SIGKILL)
-    for pipe in (process.stdin, process.stdout):
-        if pipe is not None:
-            with contextlib.suppress(OSError):
-                pipe.close()
-    process.wait()
+            raise self._program.failed(
+                f"it answered {shown!r}; expected an id and a stroke or probabilities of strokes"
+            ) from error

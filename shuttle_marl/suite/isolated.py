@@ -1,11 +1,8 @@
 """Methods that run as programs of their own, and see states, legal strokes and rewards alone (:mod:`.program`)."""
 
-import contextlib
 import dataclasses
 import json
-import subprocess
 import sys
-import weakref
 from pathlib import Path
 from typing import Any, Final
 
@@ -14,6 +11,7 @@ import numpy as np
 from shuttle_marl.base.arrays import Ints
 from shuttle_marl.base.errors import ShuttleError, printable
 from shuttle_marl.base.files import cache_folder
+from shuttle_marl.base.programs import Program
 from shuttle_marl.env.vector import RallyVectorEnv
 from shuttle_marl.game.observation import observations
 from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities
@@ -38,7 +36,7 @@ def isolated(name: str) -> Method:
     def method(setting: Any) -> Any:
         if isinstance(setting, RobustSetting):
             raise SuiteError("robust-v0 gives the tables of games, so its methods cannot be isolated")
-        started = Program(name, setting)
+        started = IsolatedMethod(name, setting)
         if not isinstance(setting, PlayerSetting):
             return started
         player = started.player(call="player")
@@ -47,15 +45,14 @@ def isolated(name: str) -> Method:
     return method
 
 
-class Program:
+class IsolatedMethod:
     """A method in a process of its own; :attr:`used` counts the strokes of the learner."""
 
     def __init__(self, name: str, setting: Any) -> None:
         self._setting, self.game, self.used = setting, setting.game, 0
         closed = [_PACKAGE, setting.folder / OPPONENT, *([] if (cache := cache_folder()) is None else [cache])]
         command = [sys.executable, "-I", program.__file__, name, *map(str, (Path.cwd(), *(path.resolve() for path in closed)))]
-        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
-        weakref.finalize(self, _end, self._process)
+        self._program = Program(command, shown=True)
         states = np.arange(self.game.n_states)
         self._send(
             observation=observations(self.game, states),
@@ -66,21 +63,16 @@ class Program:
         )
 
     def _send(self, **arrays: Any) -> None:
-        assert self._process.stdin is not None
-        try:
-            program.send(self._process.stdin, **arrays)
-        except OSError as error:
-            raise SuiteError(f"the isolated method ended with status {self._process.wait()}") from error
+        self._program.write(program.message(**arrays))
 
     def _ask(self, **request: Any) -> dict[str, Any]:
         """Send a request, and serve those of the method until it answers."""
-        assert self._process.stdout is not None
         self._send(**request)
         while True:
             try:
-                answer = program.receive(self._process.stdout)
-            except (EOFError, ValueError, OSError) as error:
-                raise SuiteError(f"the isolated method ended with status {self._process.wait()}") from error
+                answer = program.receive(self._program)
+            except (ValueError, OSError) as error:
+                raise SuiteError(f"the isolated method sent an invalid message: {error}") from error
             served = {"reset", "step", "policy"} & answer.keys()
             if not served:
                 break
@@ -163,11 +155,3 @@ class Program:
     def observe_rally(self, rally: Any) -> None:
         """A rally that was played."""
         self._ask(call="observe_rally", **self._arrays(rally))
-
-
-def _end(process: "subprocess.Popen[bytes]") -> None:
-    process.kill()
-    process.wait()
-    for pipe in filter(None, (process.stdin, process.stdout)):
-        with contextlib.suppress(OSError):  # what was not sent
-            pipe.close()

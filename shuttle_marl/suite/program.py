@@ -19,7 +19,7 @@ import struct
 import sys
 import types
 from pathlib import Path
-from typing import IO, Any, Final
+from typing import IO, Any, Final, Protocol
 
 import numpy as np
 
@@ -28,15 +28,28 @@ _PROGRAMS: Final = ("subprocess.Popen", "os.exec", "os.posix_spawn", "os.spawn",
 _FILES: Final = ("open", "os.listdir", "os.scandir", "os.link", "os.symlink", "os.rename", "sqlite3.connect")
 
 
-def send(pipe: IO[bytes], **arrays: Any) -> None:
-    """Write a message."""
+class Readable(Protocol):
+    """Where messages are read from."""
+
+    def read(self, size: int, /) -> bytes:
+        """So many bytes, or fewer at the end."""
+        ...
+
+
+def message(**arrays: Any) -> bytes:
+    """Arrays as a message."""
     content = io.BytesIO()
     np.savez(content, **arrays)
-    pipe.write(_LENGTH.pack(content.tell()) + content.getvalue())
+    return _LENGTH.pack(content.tell()) + content.getvalue()
+
+
+def send(pipe: IO[bytes], **arrays: Any) -> None:
+    """Write a message."""
+    pipe.write(message(**arrays))
     pipe.flush()
 
 
-def receive(pipe: IO[bytes]) -> dict[str, Any]:
+def receive(pipe: Readable) -> dict[str, Any]:
     """Read a message.
 
     Raises:

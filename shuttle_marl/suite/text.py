@@ -8,8 +8,6 @@ import dataclasses
 import functools
 import hashlib
 import json
-import shlex
-import subprocess
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import ClassVar, Final
@@ -17,7 +15,7 @@ from typing import ClassVar, Final
 import numpy as np
 
 from shuttle_marl.base.arrays import F64, I64
-from shuttle_marl.base.errors import printable
+from shuttle_marl.base.programs import Program, ProgramError
 from shuttle_marl.env.words import Position, position, prompt, read_answer
 from shuttle_marl.exact import solve, visits
 from shuttle_marl.exact.lists import cells_of, list_policy, mean_losses
@@ -30,8 +28,8 @@ POSITIONS: Final = 500
 _QUICK: Final = 20
 _CANDIDATES: Final = 40_000
 """Commonest states of bc from which positions are chosen."""
-_LONGEST_ERROR: Final = 300
-"""Number of characters of the error output of a command that are shown."""
+_SECONDS: Final = 120.0
+"""Time limit of programs for an answer [s]."""
 _HARD: Final = 0.02
 """Loss of both constant lists in a position, as a probability of winning the rally."""
 
@@ -160,24 +158,23 @@ class ChatProgram:
 
     Args:
         command: program and arguments in shell syntax; no shell is started.
-        seconds: time limit for an answer.
     """
 
-    def __init__(self, command: str, seconds: float = 120.0) -> None:
-        self._command, self._seconds = shlex.split(command), seconds
+    def __init__(self, command: str) -> None:
+        self._command = command
 
     def answer(self, place: Position) -> str | None:
-        """The stroke that the model names; None if it names none, or fails."""
+        """The stroke that the model names; None if it names none.
+
+        Raises:
+            SuiteError: the command cannot be started, fails, or exceeds the time limit.
+        """
         try:
-            done = subprocess.run(
-                self._command, input=prompt(place), capture_output=True, text=True, timeout=self._seconds, check=False
-            )
-        except (OSError, subprocess.TimeoutExpired) as error:
-            raise SuiteError(f"chat:{shlex.join(self._command)}: {error}") from error
-        if done.returncode != 0:
-            told = printable(done.stderr.strip()[-_LONGEST_ERROR:])
-            raise SuiteError(f"chat:{shlex.join(self._command)}: exit status {done.returncode}: {told}")
-        return read_answer(done.stdout, place["legal"])
+            program = Program(self._command, _SECONDS)
+            program.write(prompt(place).encode())
+            return read_answer(program.read_rest().decode(errors="replace"), place["legal"])
+        except ProgramError as error:
+            raise SuiteError(f"chat:{self._command}: {error}") from error
 
 
 class LineProgram:
@@ -188,21 +185,12 @@ class LineProgram:
     """
 
     def __init__(self, command: str) -> None:
-        try:
-            self._process = subprocess.Popen(shlex.split(command), stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-        except (OSError, ValueError) as error:
-            raise SuiteError(f"program:{command}: cannot be started ({error})") from error
+        self._program = Program(command, _SECONDS)
 
     def answer(self, place: Position) -> str:
         """Its answer."""
-        assert self._process.stdin is not None
-        assert self._process.stdout is not None
-        self._process.stdin.write(json.dumps(place) + "\n")
-        self._process.stdin.flush()
-        line = self._process.stdout.readline()
-        if not line:
-            raise SuiteError(f"the program closed its output at position {place['id']}")
-        return _stroke_of(line.strip())
+        self._program.write(json_lines([place]))
+        return _stroke_of(self._program.read_line().decode(errors="replace").strip())
 
 
 def _stroke_of(line: str) -> str:
