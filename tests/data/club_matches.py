@@ -3,7 +3,6 @@
 import csv
 from pathlib import Path
 
-import numpy as np
 import pyarrow as pa
 
 from shuttle_marl.analysis.strokes import simulate
@@ -67,13 +66,3 @@ def write_club(folder: Path, strokes: pa.Table, *, areas_only: bool = False) -> 
         lines += [f"[values.{name}]", *(f'"{word}" = "{meant}"' for word, meant in words.items())]
     columns.write_text("\n".join(lines), encoding="utf-8")
     return file, columns
-
-
-if __name__ == "__main__":
-    import sys
-
-    target = Path(sys.argv[1])
-    target.mkdir(parents=True, exist_ok=True)
-    found = strokes_of_club(int(sys.argv[2]))
-    write_club(target, found, areas_only="--areas" in sys.argv)
-    sys.stdout.write(f"{found.num_rows} strokes, {np.unique(found['match'].to_numpy()).size} matches\n")

@@ -12,9 +12,7 @@ from shuttle_marl.game import court
 from shuttle_marl.game.stroke import SHOTS
 from tests.data.upstream_layout import (
     CLEAR,
-    COLUMNS,
     DROP,
-    HOMOGRAPHY,
     LIFT,
     SERVE,
     SHUTTLESET,
@@ -25,7 +23,6 @@ from tests.data.upstream_layout import (
     game,
     plain_game,
     rally,
-    write_rows,
 )
 
 NAME = "Viktor_AXELSEN _CHEN_Long_Malaysia_Masters_2020_ Finals"
@@ -135,13 +132,6 @@ def test_a_match_in_both_lists_is_read_from_the_folder_that_is_there(tmp_path: P
     assert result.account.strokes_kept == 13
 
 
-def test_listed_matches_without_files_are_passed_over(tmp_path: Path) -> None:
-    layout = Layout(tmp_path)
-    layout.match(NAME, [plain_game(4)])
-    layout.match("Withheld", [plain_game(4)], source=SHUTTLESET22, files=False)
-    assert clean_matches(tmp_path).account.matches == 1
-
-
 def test_unknown_serve_leaves_the_rest_of_its_rally(tmp_path: Path) -> None:
     rows = rally(1, "A", [SERVE, LIFT, SMASH], (1, 0), reason="對手落地致勝")
     rows[0] |= {"type": "未知球種", "flaw": "1"}
@@ -203,16 +193,6 @@ def test_broken_homography_drops_the_game_alone(tmp_path: Path) -> None:
     assert set(column(result, "game")) == {1}
 
 
-def test_wrong_matrix_of_a_published_kind(tmp_path: Path) -> None:
-    """A matrix that maps the whole image to the lower half."""
-    shifted = HOMOGRAPHY.copy()
-    shifted[1, 2] += 450
-    Layout(tmp_path).match(NAME, [plain_game(4)], homography=shifted)
-    result = clean_matches(tmp_path)
-    assert result.account.dropped == {"broken homography": 13}
-    assert result.strokes.num_rows == 0
-
-
 def test_rallies_out_of_order_are_put_in_order(tmp_path: Path) -> None:
     rows = game([
         rally(1, "A", [SERVE, LIFT, SMASH], (1, 0), reason="", winner=""),
@@ -222,13 +202,6 @@ def test_rallies_out_of_order_are_put_in_order(tmp_path: Path) -> None:
     result = cleaned(tmp_path, rows)
     assert column(result, "rally") == [1, 1, 1, 2, 2, 2, 3, 3, 3]
     assert column(result, "outcome")[2::3] == [Outcome.WINNER] * 3
-
-
-def test_a_row_that_stands_there_twice(tmp_path: Path) -> None:
-    rows = rally(1, "A", [SERVE, LIFT, SMASH], (1, 0), reason="對手落地致勝")
-    result = cleaned(tmp_path, [*rows[:2], dict(rows[1]), rows[2]])
-    assert result.account.dropped == {"repeated row": 1}
-    assert column(result, "stroke") == [1, 2, 3]
 
 
 def test_a_rally_number_given_twice_keeps_the_first(tmp_path: Path) -> None:
@@ -277,14 +250,6 @@ def test_contact_heights_that_contradict_the_shot_types(tmp_path: Path, wrong: i
     assert bool(cleaned(tmp_path, rows).account.dropped) == dropped
 
 
-def test_contact_heights_that_agree_are_kept(tmp_path: Path) -> None:
-    rows = plain_game(8)
-    for i, row in enumerate(rows[:-1]):
-        row["landing_height"] = rows[i + 1]["hit_height"]
-    rows[2]["hit_height"] = "2.0"
-    assert column(cleaned(tmp_path, rows), "height")[2] == 0
-
-
 def test_serves_are_below_the_net_whatever_the_file_says(tmp_path: Path) -> None:
     rows = plain_game(2)
     rows[0]["hit_height"] = "1"
@@ -331,16 +296,6 @@ def test_a_returned_stroke_cannot_land_on_the_strikers_side(tmp_path: Path) -> N
     assert column(result, "area")[-1] == court.AREAS.index("front-centre")
 
 
-def test_no_evidence_about_the_side(tmp_path: Path) -> None:
-    rows = rally(1, "A", [SERVE, LIFT, SMASH], (1, 0), reason="對手落地致勝")
-    for row in rows:
-        for name in COLUMNS:
-            if name.endswith(("_x", "_y")):
-                row[name] = ""
-    Layout(tmp_path).match(NAME, [rows])
-    assert clean_matches(tmp_path).account.dropped == {"side of the court unknown": 3}
-
-
 def test_times_that_run_backwards_are_null(tmp_path: Path) -> None:
     rows = rally(1, "A", [SERVE, LIFT, CLEAR, CLEAR, SMASH], (1, 0), reason="對手落地致勝")
     rows[2]["frame_num"], rows[2]["time"] = "3", "0:00:00"
@@ -362,13 +317,6 @@ def test_players_are_the_same_however_they_are_spelt(tmp_path: Path) -> None:
     assert set(column(result, "discipline")) == {"WS"}
 
 
-def test_named_matches_only(tmp_path: Path) -> None:
-    layout = Layout(tmp_path)
-    layout.match("one", [plain_game(2)])
-    layout.match("two", [plain_game(4)], number=2)
-    assert clean_matches(tmp_path, ["two"]).account.strokes == 13
-
-
 def test_empty_cells_and_float_numbers(tmp_path: Path) -> None:
     """``1.0`` for 1, and positions that were not recorded."""
     rows = plain_game(2)
@@ -380,14 +328,6 @@ def test_empty_cells_and_float_numbers(tmp_path: Path) -> None:
     result = cleaned(tmp_path, rows)
     assert result.account.dropped == {}
     assert column(result, "striker_x")[1] is None
-
-
-def test_writing_and_reading_rows_is_lossless(tmp_path: Path) -> None:
-    """A match that is read twice gives the same table."""
-    folder = Layout(tmp_path).match(NAME, [plain_game(4)])
-    once = clean_matches(tmp_path).strokes
-    write_rows(folder / "set1.csv", plain_game(4))
-    assert clean_matches(tmp_path).strokes.equals(once)
 
 
 def test_exchanged_letters_are_put_right(tmp_path: Path) -> None:

@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import subprocess
 import sys
 from pathlib import Path
 
@@ -49,12 +48,10 @@ SUMMARY = {
 }
 
 
-def test_summary_json(root: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["summary", str(root), "--json"]) == 0
+def test_summary(root: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr(sys, "argv", ["shuttle-marl", "data", "summary", str(root), "--json"])
+    assert top() == 0
     assert json.loads(capsys.readouterr().out) == SUMMARY
-
-
-def test_summary_table(root: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["summary", str(root)]) == 0
     out = capsys.readouterr().out
     assert "92.3%" in out
@@ -84,23 +81,12 @@ def test_a_bad_file_is_an_error_without_traceback(root: Path, tmp_path: Path, ca
     assert not (tmp_path / "x.parquet").exists()
 
 
-def test_through_the_top_command(root: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    monkeypatch.setattr(sys, "argv", ["shuttle-marl", "data", "summary", str(root), "--json"])
-    assert top() == 0
-    assert json.loads(capsys.readouterr().out) == SUMMARY
-
-
-def test_as_a_module(root: Path) -> None:
-    command = [sys.executable, "-m", "shuttle_marl.data", "summary", str(root), "--json"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    assert json.loads(done.stdout) == SUMMARY
-
-
 def test_validate_a_whole_folder(published: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (published / "ShuttleSet/set/Stranger").mkdir()
     assert main(["validate", str(published)]) == 0
     out = capsys.readouterr().out
     assert "train: 1 of 1 files as published, complete" in out
+    assert "Stranger: not in match.csv, so it is not read" in out
     assert "no problems" in out
 
 
@@ -136,12 +122,6 @@ def test_validate_tells_every_problem(published: Path, capsys: pytest.CaptureFix
     assert f"{len(report['problems'])} problems" in captured.err
 
 
-def test_validate_notes_what_is_not_read(published: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (published / "ShuttleSet/set/Stranger").mkdir()
-    assert main(["validate", str(published)]) == 0
-    assert "Stranger: not in match.csv, so it is not read" in capsys.readouterr().out
-
-
 def test_validate_forgives_published_files(
     published: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -172,10 +152,3 @@ def test_validate_a_bad_table(root: Path, tmp_path: Path, capsys: pytest.Capture
     assert any("technique lies between 0 and 2: 1 rows break it, first row 2" in problem for problem in problems)
     assert any("height lies between 0 and 1" in problem for problem in problems)
     assert any("the account has 12 strokes, the table 11" in problem for problem in problems)
-
-
-def test_help_names_every_flag(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit):
-        main(["download", "--help"])
-    out = capsys.readouterr().out
-    assert all(flag in out for flag in ("--out", "--base-url", "--jobs"))

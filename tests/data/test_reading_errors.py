@@ -1,6 +1,8 @@
 """Broken files: every message names file, line and value."""
 
 import hashlib
+import re
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -8,7 +10,7 @@ import pytest
 
 from shuttle_marl.data import DataError, clean_matches, upstream
 from shuttle_marl.data.shuttleset import list_matches, read_game
-from tests.data.upstream_layout import HEADER, SHUTTLESET, SHUTTLESET22, Layout, plain_game
+from tests.data.upstream_layout import HEADER, Layout, plain_game
 
 NAME = "Viktor_AXELSEN_CHEN_Long_ Finals"
 
@@ -37,26 +39,18 @@ def refused(path: Path) -> DataError:
 @pytest.mark.parametrize(("column", "value", "told"), [
     ("type", "飛球", "unknown type '飛球'"),
     ("player", "C", "unknown player 'C'; expected one of A, B"),
-    ("player", "", "unknown player ''"),
     ("lose_reason", "累了", "unknown lose_reason '累了'"),
     ("getpoint_player", "X", "unknown getpoint_player 'X'"),
-    ("landing_x", "12a", "landing_x '12a' is not a number"),
-    ("landing_x", "nan", "landing_x 'nan' is not a number"),
+    ("frame_num", "1_0", "frame_num '1_0' is not a number"),
+    ("frame_num", "\u0661", "frame_num '\u0661' is not a number"),
     ("hit_y", "inf", "hit_y 'inf' is not a number"),
     ("rally", "", "rally '' is not an integer from 1"),
-    ("rally", "one", "rally 'one' is not a number"),
     ("ball_round", "1.5", "ball_round '1.5' is not an integer"),
-    ("ball_round", "0", "ball_round '0' is not an integer"),
     ("roundscore_A", "31", "roundscore_A '31' is not an integer from 0 to 30"),
-    ("frame_num", "-4", "frame_num '-4' is not an integer"),
-    ("hit_height", "0", "hit_height '0'; expected nothing or 1 to 2"),
-    ("landing_height", "3", "landing_height '3'; expected nothing or 1 to 2"),
     ("landing_area", "17", "landing_area '17'; expected nothing or 1 to 16"),
     ("backhand", "2", "backhand '2'; expected nothing or 1 to 1"),
     ("time", "12:61", "time '12:61'; expected h:mm:ss"),
-    ("time", "", "time ''; expected h:mm:ss"),
     ("landing_x", "99999", "landing at pixel (99999, "),
-    ("opponent_location_y", "-500", "far off the court"),
 ])  # fmt: skip
 def test_bad_value(path: Path, column: str, value: str, told: str) -> None:
     edit(path, 5, column, value)
@@ -65,6 +59,11 @@ def test_bad_value(path: Path, column: str, value: str, told: str) -> None:
     assert told in str(error)
     assert error.problems[0].line == 5
     assert len(error.problems) == 1
+
+
+def test_line_ends_and_the_byte_order_mark_are_no_error(path: Path) -> None:
+    path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes().replace(b"\n", b"\r\n"))
+    assert clean_matches(path.parents[3]).account.strokes_kept == 13
 
 
 def test_all_problems_are_found(path: Path) -> None:
@@ -95,79 +94,34 @@ def test_a_published_file_is_never_refused(path: Path, monkeypatch: pytest.Monke
     assert account.strokes == 13
 
 
-def test_missing_columns(path: Path) -> None:
-    path.write_text(path.read_text(encoding="utf-8").replace("hit_height", "height").replace("flaw", "law"), encoding="utf-8")
-    assert f"{path}, line 1: missing column hit_height, flaw; the header is 'rally,ball_round," in str(refused(path))
-
-
-def test_wrong_encoding(path: Path) -> None:
-    path.write_bytes(path.read_text(encoding="utf-8").encode("big5"))
-    assert str(refused(path)).startswith(f"{path}, line 2: byte 0xb5 is not UTF-8")
-
-
-def test_byte_order_mark_is_no_error(path: Path) -> None:
-    path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes())
-    assert clean_matches(path.parents[3]).account.strokes_kept == 13
-
-
-@pytest.mark.parametrize("newline", ["\r\n", "\n\n"])
-def test_line_ends(path: Path, newline: str) -> None:
-    path.write_bytes(path.read_bytes().replace(b"\n", newline.encode()))
-    assert clean_matches(path.parents[3]).account.strokes_kept == 13
-
-
-def test_truncated_in_a_row(path: Path) -> None:
+def cut_in_a_row(path: Path) -> None:
     content = path.read_bytes()
     path.write_bytes(content[: content.rindex(b",", 0, -40)])
-    error = refused(path)
-    assert str(error).startswith(f"{path}, line 14: ")
-    assert "fields instead of 30" in str(error)
-    assert "truncated?" in str(error)
 
 
-@pytest.mark.parametrize(("content", "told"), [
-    ("", "the file is empty"), (HEADER + "\n", "no rows below the header"), (HEADER + "\n1,2,3\n", "3 fields instead of 30"),
+@pytest.mark.parametrize(("change", "told"), [
+    (lambda p: p.write_bytes(p.read_text(encoding="utf-8").encode("big5")), r"set1\.csv, line 2: byte 0xb5 is not UTF-8"),
+    (lambda p: p.write_text(p.read_text().replace("flaw", "law")), "line 1: missing column flaw"),
+    (cut_in_a_row, r"set1\.csv, line 14: .* fields instead of 30.*truncated\?"),
+    (lambda p: p.write_text(p.read_text(encoding="utf-8") + '1,"' + "x" * 200_000, encoding="utf-8"), r"set1\.csv, line 15: "),
+    (lambda p: p.write_text(""), r"set1\.csv: the file is empty"),
+    (lambda p: p.write_text(HEADER + "\n"), r"set1\.csv: no rows below the header"),
+    (lambda p: p.rename(p.with_name("set2.csv")), r"match\.csv lists 1 games, files set1\.csv, set2\.csv, …; present: set2\.csv"),
+    (lambda p: p.rename(p.parents[1] / "x"), "present: none"),
+    (lambda p: shutil.rmtree(p.parents[3] / "ShuttleSet"), r"no match data here: expected .*data download"),
+    (lambda p: shutil.rmtree(p.parent), "no files of any match.*data download"),
+    (lambda p: (p.parents[1] / "homography.csv").unlink(), r"homography\.csv: cannot be read \(No such file or directory\)"),
+    (lambda p: (p.unlink(), p.mkdir()), r"cannot be read \(not a regular file\)"),
+    (lambda p: (p.unlink(), p.symlink_to("/dev/zero")), r"cannot be read \(not a regular file\)"),
 ])  # fmt: skip
-def test_files_without_rows(path: Path, content: str, told: str) -> None:
-    path.write_text(content, encoding="utf-8")
-    assert told in str(refused(path))
-    assert str(path) in str(refused(path))
-
-
-def test_a_cell_that_never_ends(path: Path) -> None:
-    path.write_text(path.read_text(encoding="utf-8") + '1,"' + "x" * 200_000, encoding="utf-8")
-    assert str(refused(path)).startswith(f"{path}, line 15: ")
-
-
-def test_a_game_is_missing(path: Path) -> None:
-    path.rename(path.with_name("set2.csv"))
-    assert "match.csv lists 1 games, files set1.csv, set2.csv, …; present: set2.csv" in str(refused(path))
-
-
-def test_empty_match_folder(path: Path) -> None:
-    path.unlink()
-    assert "present: none" in str(refused(path))
-
-
-def test_no_data(tmp_path: Path) -> None:
-    with pytest.raises(DataError, match=r"no match data here: expected ShuttleSet/set/match\.csv.*data download"):
-        clean_matches(tmp_path)
-
-
-def test_lists_alone(tmp_path: Path) -> None:
-    Layout(tmp_path).match(NAME, [plain_game(2)], files=False)
-    with pytest.raises(DataError, match=r"no files of any match.*data download"):
-        clean_matches(tmp_path)
+def test_bad_files(path: Path, change: Callable[[Path], object], told: str) -> None:
+    change(path)
+    assert re.search(told, str(refused(path)))
 
 
 def test_unknown_match(path: Path) -> None:
     with pytest.raises(DataError, match="no files of stranger"):
         clean_matches(path.parents[3], [NAME, "stranger"])
-
-
-def test_missing_homography_file(path: Path) -> None:
-    (path.parents[1] / "homography.csv").unlink()
-    assert "homography.csv: cannot be read (No such file or directory)" in str(refused(path))
 
 
 def replace_in(file: str, old: str, new: str) -> Callable[[Path], None]:
@@ -183,7 +137,7 @@ def replace_in(file: str, old: str, new: str) -> Callable[[Path], None]:
     (replace_in("homography.csv", NAME, "Other"), f"no homography for match '{NAME}'"),
     (replace_in("match.csv", "Viktor AXELSEN", "Somebody ELSE"), ""),
     (replace_in("match.csv", "Viktor AXELSEN,CHEN Long", "Some BODY,Any BODY"), "line 2: players ('some-body', 'any-body')"),
-    (replace_in("match.csv", "CHEN Long", "CHEN Yufei"), "line 2: players ('viktor-axelsen', 'chen-yufei')"),
+    (lambda folder: (folder / "match.csv").write_text((folder / "match.csv").read_text() * 2), "line 3: "),
     (replace_in("match.csv", "\n1,", "\nfirst,"), "line 2: id 'first' is not a number"),
     (replace_in("match.csv", "video", "film"), "line 1: missing column video"),
 ])  # fmt: skip
@@ -193,26 +147,3 @@ def test_bad_lists(path: Path, change: Callable[[Path], None], told: str) -> Non
         assert told in str(refused(path))
     else:  # one known player tells the discipline
         assert set(clean_matches(path.parents[3]).strokes["player"].to_pylist()) == {"somebody-else", "chen-long"}
-
-
-def test_match_listed_twice(tmp_path: Path) -> None:
-    layout = Layout(tmp_path)
-    layout.match(NAME, [plain_game(2)])
-    layout.match(NAME, [plain_game(2)], files=False)
-    with pytest.raises(DataError, match=r"match\.csv, line 3: match .* is repeated"):
-        clean_matches(tmp_path)
-
-
-def test_unreadable_file(path: Path) -> None:
-    path.unlink()
-    path.mkdir()
-    assert str(refused(path)) == f"{path}: cannot be read (not a regular file)"
-
-
-def test_both_sets_are_read(tmp_path: Path) -> None:
-    layout = Layout(tmp_path)
-    layout.match("a b", [plain_game(2)])
-    layout.match("c", [plain_game(2)], source=SHUTTLESET22)
-    matches = list_matches(tmp_path)
-    assert [(m.name, m.source, m.number) for m in matches] == [("a b", "ShuttleSet", 1), ("c", "ShuttleSet22", 1)]
-    assert matches[0].folder == tmp_path / SHUTTLESET / "a b"

@@ -38,10 +38,3 @@ def test_a_small_one_can_be_drawn_again(tmp_path: Path, capsys: pytest.CaptureFi
     assert main(["validate", str(tmp_path / "one/strokes.parquet")]) == 0
     assert "1 matches" in (tmp_path / "one/CARD.md").read_text(encoding="utf-8")
     assert set(load_strokes(tmp_path / "one/strokes.parquet")["player"].to_pylist()) == {"random", "safe"}
-
-
-@pytest.mark.parametrize(("policy", "player"), [
-    ("bc", "bc"), ("bc:viktor-axelsen", "viktor-axelsen"), ("bc:an-se-young@0.5", "an-se-young"), ("random", "random"),
-])  # fmt: skip
-def test_players_are_named_after_policies(policy: str, player: str) -> None:
-    assert SCRIPT["player_of"](policy) == player

@@ -105,12 +105,6 @@ def test_a_log_of_the_rallies_plays_again(tmp_path: Path) -> None:
     assert found.select(decided).equals(table.select(decided))
 
 
-def test_more_matches_change_no_earlier_rally() -> None:
-    few, many = (simulate(GAME, PLAYERS, matches=m, seed=1).to_pandas() for m in (2, 4))
-    columns = ["match", "game", "rally", "stroke", "player", "shot", "height", "outcome", "points"]
-    pd.testing.assert_frame_equal(few[columns], many[columns].head(len(few)))
-
-
 def test_matches_follow_the_laws(table: pd.DataFrame) -> None:
     """Whole games to 21, best of three; the winner of a rally serves next; points count up by one."""
     assert table.match.nunique() == 7
@@ -193,12 +187,6 @@ def test_faults_mix_as_documented(shot: int, area: int, expected: list[float]) -
     np.testing.assert_allclose(shares, expected, atol=4 * np.sqrt(0.25 / n))
 
 
-def test_the_mix_of_faults_consists_of_probabilities() -> None:
-    assert simulation.FAULT_MIX.shape == (13, 3)
-    assert ((simulation.FAULT_MIX >= 0) & (simulation.FAULT_MIX <= 1)).all()
-    np.testing.assert_allclose(simulation.FAULT_MIX.sum(axis=1), 1, atol=1e-12)
-
-
 def test_the_contact_of_a_reply_is_the_landing_before(table: pd.DataFrame) -> None:
     stroke, reply = rows_after(table)
     np.testing.assert_array_equal(reply.contact_x, -stroke.landing_x)
@@ -268,8 +256,3 @@ def test_what_cannot_be_simulated(players: dict[str, np.ndarray], told: str) -> 
     with pytest.raises(SimulationError) as caught:
         simulate(GAME, players, matches=1, seed=0)
     assert told in str(caught.value)
-
-
-def test_no_matches() -> None:
-    with pytest.raises(SimulationError, match="0 matches"):
-        simulate(GAME, PLAYERS, matches=0, seed=0)

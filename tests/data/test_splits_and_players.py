@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from shuttle_marl.data import matches_of, split_of, upstream
+from shuttle_marl.data import matches_of, upstream
 from shuttle_marl.data.shuttleset import SHOT_NAMES
 from shuttle_marl.data.upstream import SPLITS, discipline, player_id
 from shuttle_marl.game.stroke import SHOTS
@@ -17,15 +17,6 @@ def test_every_published_match_is_in_exactly_one_split() -> None:
     assert [len(names) for names in by_split] == [68, 14, 12]
     assert set.union(*by_split) == published
     assert sum(map(len, by_split)) == len(published) == 94
-
-
-def test_test_matches_are_of_shuttleset22_alone() -> None:
-    first = {upstream.match_of(path) for path in upstream.manifest() if path.startswith("ShuttleSet/")}
-    assert not first & set(matches_of("test"))
-
-
-def test_unknown_match_has_no_split() -> None:
-    assert split_of("simulated-01") is None
 
 
 @pytest.mark.parametrize(("name", "identifier", "kind"), [

@@ -72,8 +72,7 @@ def rows_of(folder: Path, text: str, delimiter: str = ",") -> list[dict[str, Any
     return import_matches(folder / "rallies.csv")[0].strokes.to_pylist()
 
 
-@pytest.mark.parametrize("language", LANGUAGES)
-@pytest.mark.parametrize("delimiter", [",", ";"])
+@pytest.mark.parametrize(("language", "delimiter"), list(zip(LANGUAGES, ",;,;,;,", strict=True)))
 def test_two_rallies_in_each_language_need_no_map(tmp_path: Path, language: str, delimiter: str) -> None:
     rows = rows_of(tmp_path, RALLIES[language], delimiter)
     assert [SHOTS[row["shot"]] for row in rows] == ["short-serve", "lift", "smash", "long-serve", "drop", "net-shot"]
