@@ -75,5 +75,6 @@ def page(title: str, subtitle: str, sections: Sequence[Section], *, rallies: str
         sections=sections,
         rallies=Markup(rallies.replace("<", "\\u003c")),
         say=say,
-        language=say("language"),
+        language=say("language.tag"),
+        save_table=say("report.save_table"),
     )

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from textwrap import fill
 from typing import Final, NamedTuple
+from unicodedata import east_asian_width
 
 import numpy as np
 from markupsafe import Markup
@@ -20,6 +21,8 @@ _LINE: Final = 30
 _MORE, _LESS, _ALIKE = "#e8a15c", "#7fb0e0", "#f4f4f0"
 """Colours of larger and smaller shares; orange and blue are told apart by all readers."""
 _DARK: Final = "#16191c"
+_MISSING: Final = 4.5
+"""Width that a letter takes beyond what a missing one does [px]."""
 
 
 class Bar(NamedTuple):
@@ -34,6 +37,16 @@ class Bar(NamedTuple):
     player: int = 0
 
 
+def _wide(text: str) -> int:
+    """Number of letters that are as wide as two."""
+    return sum(east_asian_width(letter) == "W" for letter in text)
+
+
+def _wrapped(text: str) -> str:
+    """A label in lines of the same width, whatever its letters."""
+    return fill(text, _LINE // 2 if 2 * _wide(text) > len(text) else _LINE)
+
+
 @styled
 def bars(rows: Sequence[Bar], title: str) -> Markup:
     """Estimates with intervals, one below the other.
@@ -42,13 +55,18 @@ def bars(rows: Sequence[Bar], title: str) -> Markup:
         rows: the estimates.
         title: description for screen readers.
     """
-    labels = [fill(label(row.name, 3 * _LINE), _LINE) for row in rows]
+    say = words()
+    labels = [_wrapped(label(row.name, 3 * _LINE)) for row in rows]
     lines = max(text.count("\n") for text in labels) + 1
     chart = Chart(_WIDTH, (14.0 * lines + 6) * len(rows) + 40)
+    # The font of matplotlib has no wide letters, and leaves less space for them than that of the reader takes.
+    room = _MISSING * max(_wide(line) for text in labels for line in text.split("\n")) / _WIDTH
+    chart.figure.get_layout_engine().set(rect=(room, 0, 1 - room, 1))
     axes = chart.axes
     for y, row in enumerate(rows):
         colour = PLAYERS[row.player]
-        estimate = words()("interval", value=f"{row.value:.1f}", low=f"{row.low:.1f}", high=f"{row.high:.1f}")
+        value, low, high = (say.number(x, ".1f") for x in row[1:4])
+        estimate = say("report.interval", value=value, low=low, high=high)
         about = chart.tooltips(f"{row.name}: {estimate}")
         axes.plot([row.low, row.high], [y, y], color=colour, linewidth=3, alpha=0.55, gid=about)
         axes.plot(row.value, y, "os"[row.player], markersize=8, markeredgewidth=1.6, markeredgecolor=colour,
@@ -92,8 +110,8 @@ def court(shares: F64, reference: F64, title: str, clear: Sequence[int] = ()) ->
         text = f"{100 * shares[area]:.0f}\n({round(float(difference[area])):+d})"
         axes.text(x, y, text, ha="center", va="center", color=_DARK, fontsize=12, zorder=5,
                   weight="bold" if marked else "normal")  # fmt: skip
-    named = zip(AREAS, shares, strict=True)
-    described = ", ".join(f"{words()(f'short_areas.{area}')} {100 * share:.0f}" for area, share in named)
+    say, named = words(), zip(AREAS, shares, strict=True)
+    described = say.listed(f"{say(f'short_areas.{area}')} {100 * share:.0f}" for area, share in named)
     return chart.svg(f"{title}: {described}")
 
 

@@ -81,7 +81,7 @@ def match_page(report: MatchReport, footage: Footage) -> bytes:
 
 
 def _score(report: MatchReport, winner: int = 0) -> str:
-    return ", ".join(f"{points[winner]}\N{EN DASH}{points[1 - winner]}" for points in report.score)
+    return words().listed(f"{points[winner]}\N{EN DASH}{points[1 - winner]}" for points in report.score)
 
 
 def _winner(report: MatchReport) -> int | None:
@@ -115,7 +115,7 @@ def _points(row: RallyRow) -> str:
 
 def _ending(row: RallyRow) -> str:
     say = words()
-    return say(f"endings.{row.ending}", shot=say.shot(row.last_shot).split(" ", 1)[1])
+    return say(f"endings.{row.ending}", shot=say.shot(row.last_shot, 0))
 
 
 def _moments(report: MatchReport, examples: dict[int, int], reason: str) -> Section:
@@ -135,9 +135,9 @@ def _moments(report: MatchReport, examples: dict[int, int], reason: str) -> Sect
             fields = {"shot": say.shot(shot), "player": report.players[player], "change": signed(change, 0)}
             lines.insert(1, say("match.moment_decided", number=number, **fields))
         title = say("match.moment_title", game=row.key[0], points=_points(row), winner=winner)
-        blocks.append(Block("card", title, items=lines, example=examples.get(i), label=say("play_rally")))
+        blocks.append(Block("card", title, items=lines, example=examples.get(i), label=say("report.play_rally")))
     if reason:
-        blocks.append(text(say("too_large", reason=reason)))
+        blocks.append(text(say("report.too_large", reason=reason)))
     row = report.rallies[report.moments[0]]
     fields = {"game": str(row.key[0]), "points": _points(row), "change": of_100(abs(row.swing))}
     return Section(say("match.moments"), say("match.moments_lead", winner=report.players[row.winner or 0], **fields), blocks)
@@ -156,7 +156,7 @@ def _values(report: MatchReport) -> Section:
         ordered = sorted(report.values, key=lambda each: (each.player, -each.points.value))
         rows = [
             charts.Bar(
-                f"{report.players[e.player][:24]}: {say.shot(e.shot, many=True)}",
+                f"{report.players[e.player][:24]}: {say.shots(e.shot)}",
                 *e.points,
                 clear=e.clear,
                 player=e.player,
@@ -172,11 +172,11 @@ def _values(report: MatchReport) -> Section:
         cells = [
             [
                 name(report.players[e.player]),
-                name(say.shot(e.shot, many=True)),
-                Cell(f"{e.strokes:,}", e.strokes),
+                name(say.shots(e.shot)),
+                Cell(say.number(e.strokes, ","), e.strokes),
                 Cell(signed(e.points.value / 100), e.points.value),
-                Cell(say("range", low=signed(e.points.low / 100), high=signed(e.points.high / 100)), e.points.low),
-                name(say("yes" if e.clear else "no")),
+                Cell(say("report.range", low=signed(e.points.low / 100), high=signed(e.points.high / 100)), e.points.low),
+                name(say("report.yes" if e.clear else "report.no")),
             ]
             for e in ordered
         ]
@@ -188,7 +188,7 @@ def _value_line(report: MatchReport, player: int, shot: str, value: float, low: 
     say = words()
     fields = {"points": signed(value / 100), "low": signed(low / 100), "high": signed(high / 100)}
     key = "values_lead" if value > 0 else "values_lost"
-    return say(f"match.{key}", player=report.players[player], shots=say.shot(shot, many=True), **fields)
+    return say(f"match.{key}", player=report.players[player], shots=say.shots(shot), **fields)
 
 
 def _choices(report: MatchReport) -> Section:
@@ -253,7 +253,9 @@ def _won_table(rows: Sequence[Won], label: Callable[[Won], str], players: tuple[
         Column(say("match.won_won"), lambda w: Cell(f"{w.won}", w.won)),
         Column(say("match.won_of"), lambda w: Cell(f"{w.rallies}", w.rallies)),
         Column(say("match.won_share"), lambda w: Cell(of_100(w.won / w.rallies), w.won / w.rallies)),
-        Column(say("match.won_range"), lambda w: Cell(say("range", low=of_100(w.low), high=of_100(w.high)), w.high - w.low)),
+        Column(
+            say("match.won_range"), lambda w: Cell(say("report.range", low=of_100(w.low), high=of_100(w.high)), w.high - w.low)
+        ),
     ]
     return table(rows, columns)
 
@@ -343,7 +345,7 @@ def _rallies(report: MatchReport, footage: Footage) -> Section:
         Column(say("match.rallies_server"), lambda r: name(players[r[1].server]), left=True),
         Column(
             say("match.rallies_winner"),
-            lambda r: name(say("unknown") if r[1].winner is None else players[r[1].winner]),
+            lambda r: name(say("report.unknown") if r[1].winner is None else players[r[1].winner]),
             left=True,
         ),
         Column(say("match.rallies_strokes"), lambda r: Cell(f"{r[1].strokes}", r[1].strokes)),

@@ -82,7 +82,15 @@ def _examples(report: ScoutingReport) -> tuple[str, Viewer | None, str]:
 
 def _range(value: Estimate, digits: int = 0) -> str:
     say = words()
-    return say("interval", value=of_100(value.value, digits), low=of_100(value.low, digits), high=of_100(value.high, digits))
+    return say(
+        "report.interval", value=of_100(value.value, digits), low=of_100(value.low, digits), high=of_100(value.high, digits)
+    )
+
+
+def _day(known: Known) -> str:
+    """Day of the skill of a player."""
+    say = words()
+    return say("report.unknown") if known.since is None else say.format_field(known.since, "")
 
 
 def _knowledge(known: Known, discipline: str) -> str:
@@ -115,13 +123,13 @@ def habit_words(habit: Habit) -> str:
     say = words()
     fields: dict[str, str] = {"direction": "", "shots": "", "area": "", "about": "", "height": ""}
     if habit.answer in SHOTS:
-        fields["shots"] = say.shot(habit.answer, many=True)
+        fields["shots"] = say.shots(habit.answer)
     elif habit.kind == "targets":
         fields["area"] = say.area(AREAS.index(habit.answer), "receiver")
     else:
         fields["direction"] = say(f"directions.{habit.answer}")
     if habit.about:
-        fields["about"] = say.shot(habit.about[0], many=True)
+        fields["about"] = say.shots(habit.about[0])
     if len(habit.about) > 1:
         fields["height"] = say(f"heights.{habit.about[1]}")
     return say(f"habit.{habit.kind}", **fields)
@@ -209,11 +217,11 @@ def _plan(report: ScoutingReport) -> Section | None:
     for kind, about in (("serve", ()), ("return", ("short-serve",)), ("third", ()), ("direction", ("smash",))):
         found = sorted((h for h in report.habits if (h.kind, h.about) == (kind, about)), key=lambda h: -h.share)
         if found:
-            answers = [h.answer if kind == "direction" else say.shot(h.answer, many=True) for h in found[:3]]
+            answers = [h.answer if kind == "direction" else say.shots(h.answer) for h in found[:3]]
             shares = [of_100(h.share) for h in found[:3]]
             if kind == "direction":
                 answers = [say(f"directions.{answer}") for answer in answers]
-            most = ", ".join(f"{answer} {share}" for answer, share in zip(answers, shares, strict=True))
+            most = say.listed(f"{answer} {share}" for answer, share in zip(answers, shares, strict=True))
             lines.append(say(f"scout.plan_{kind}", opponent=opponent, most=most, strokes=round(found[0].strokes)))
     if not lines:
         return None
@@ -225,8 +233,8 @@ def _plan(report: ScoutingReport) -> Section | None:
 def _ends(endings: Sequence[Ending]) -> Table:
     say = words()
     columns: list[Column[Ending]] = [
-        Column(say("match.values_shot"), lambda e: name(say.shot(e.shot, many=True)), left=True),
-        Column(say("scout.habit_strokes"), lambda e: Cell(f"{e.strokes:,.0f}", e.strokes)),
+        Column(say("match.values_shot"), lambda e: name(say.shots(e.shot)), left=True),
+        Column(say("scout.habit_strokes"), lambda e: Cell(say.number(e.strokes, ",.0f"), e.strokes)),
         Column(say("scout.ends_faults"), lambda e: Cell(_range(Estimate(*e.fault[:3])), e.fault[0])),
         Column(say("scout.ends_winners"), lambda e: Cell(_range(Estimate(*e.winner[:3])), e.winner[0])),
     ]
@@ -238,15 +246,17 @@ def _table(habits: Sequence[Habit], heading: str, others: str = "") -> Table:
     columns: list[Column[Habit]] = [
         Column(
             say("scout.habit_head"),
-            lambda h: name(say.shot(h.answer, many=True) if h.kind == "shots" else habit_words(h)),
+            lambda h: name(say.shots(h.answer) if h.kind == "shots" else habit_words(h)),
             left=True,
             wrap=True,
         ),
         Column(say("scout.habit_share"), lambda h: Cell(of_100(h.share), h.share)),
-        Column(say("scout.habit_range"), lambda h: Cell(say("range", low=of_100(h.low), high=of_100(h.high)), h.high - h.low)),
+        Column(
+            say("scout.habit_range"), lambda h: Cell(say("report.range", low=of_100(h.low), high=of_100(h.high)), h.high - h.low)
+        ),
         Column(others or say("scout.habit_usual"), lambda h: Cell(of_100(h.usual), h.usual)),
-        Column(say("scout.habit_strokes"), lambda h: Cell(f"{h.strokes:,.0f}", h.strokes)),
-        Column(say("scout.habit_clear"), lambda h: name(say("yes" if h.clear else "no")), left=True),
+        Column(say("scout.habit_strokes"), lambda h: Cell(say.number(h.strokes, ",.0f"), h.strokes)),
+        Column(say("scout.habit_clear"), lambda h: name(say("report.yes" if h.clear else "report.no")), left=True),
     ]
     return table(habits, columns, heading)
 
@@ -259,9 +269,9 @@ def _endings(endings: Sequence[Ending]) -> list[str]:
         for key, (share, low, high, usual), clear in zip(_ENDS, (each.fault, each.winner), each.clear, strict=True):
             if clear and (each.technique is None or (each.shot, _ENDS.index(key)) not in whole):
                 fields = {"share": _range(Estimate(share, low, high), 1), "usual": of_100(usual, 1)}
-                shots = say.shot(each.shot, many=True)
+                shots = say.shots(each.shot)
                 if each.technique is not None:
-                    shots = f"{shots} {say(f'techniques.{each.technique}')}"
+                    shots = say("stroke.with", shots=shots, technique=say.technique(each.technique))
                 lines.append(say(f"scout.{key}_line", shots=shots[:1].upper() + shots[1:], strokes=round(each.strokes), **fields))
     return lines
 
@@ -280,7 +290,7 @@ def _advice(report: ScoutingReport, reason: str) -> Section:
         real = report.realised[number] if report.realised else None
         blocks.append(_card(report, advice, real, number))
     if reason:
-        blocks.append(text(say("too_large", reason=reason)))
+        blocks.append(text(say("report.too_large", reason=reason)))
     return Section(say("scout.advice", opponent=opponent), lead, blocks)
 
 
@@ -318,7 +328,7 @@ def _card(report: ScoutingReport, advice: Advice, real: Realised | None, number:
         behind = say("scout.advice_behind", stroke=int(advice.behind), situation=int(advice.situation_behind))
     expected = advice.expected
     lines = [
-        f"{when}.",
+        when,
         say(
             "scout.advice_gain",
             gain=signed(expected.value),
@@ -365,7 +375,7 @@ def _card(report: ScoutingReport, advice: Advice, real: Realised | None, number:
         say("scout.advice_title", stroke=say.stroke(catalogue, advice.stroke, "their")),
         items=lines,
         example=number,
-        label=say("play_example"),
+        label=say("report.play_example"),
     )
 
 
@@ -395,10 +405,10 @@ def _tactics(report: ScoutingReport) -> Section:
         [
             name(names[effect.tactic]),
             Cell(of_100(effect.share), effect.share),
-            Cell(f"{effect.often:.1f}", effect.often),
+            Cell(say.number(effect.often, ".1f"), effect.often),
             Cell(signed(effect.more.value), effect.more.value),
             Cell(signed(change), change),
-            name(say("yes" if effect.clear else "no")),
+            name(say("report.yes" if effect.clear else "report.no")),
         ]
         for effect, change in zip(found, fewer, strict=True)
     ]
@@ -440,10 +450,10 @@ def _sure(report: ScoutingReport, gaps: Sequence[str]) -> Section:
     for known in (report.player, report.opponent):
         if known is not None:
             rows += [
-                (say("scout.sure_strokes", name=known.name), f"{known.strokes:,}"),
-                (say("scout.sure_matches", name=known.name), f"{known.matches:,}"),
-                (say("scout.sure_since", name=known.name), say("unknown") if known.since is None else f"{known.since}"),
-                (say("scout.sure_choices", name=known.name), say("yes" if known.imitated else "no")),
+                (say("scout.sure_strokes", name=known.name), say.number(known.strokes, ",")),
+                (say("scout.sure_matches", name=known.name), say.number(known.matches, ",")),
+                (say("scout.sure_since", name=known.name), _day(known)),
+                (say("scout.sure_choices", name=known.name), say("report.yes" if known.imitated else "report.no")),
             ]
     if report.player is not None:
         rows.append((say("scout.sure_refits"), f"{report.refits}"))

@@ -163,7 +163,7 @@ def video_of(template: str) -> Callable[[float], str]:
 
 def anonymous(report: MatchReport, footage: Footage) -> tuple[MatchReport, Footage]:
     """The same without the names of players and match."""
-    names = words()("player_a"), words()("player_b")
+    names = words()("report.player_a"), words()("report.player_b")
     game = footage.game
     if game.people is not None:
         hidden = names if game.people.players == report.players else names[::-1]

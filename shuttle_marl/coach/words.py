@@ -1,40 +1,31 @@
-"""Texts of the reports, from a catalogue: ``words.toml`` for English, another file for another language."""
+"""Texts of the reports in the current language, with the words of badminton: strokes, areas, players."""
 
 import functools
 import re
-import tomllib
-from pathlib import Path
-from typing import Any, Final
 
-from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.game.court import AREAS
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES, Catalogue
+from shuttle_marl.pages.languages import Language, Texts, current
 
-CATALOGUE: Final = Path(__file__).parent / "words.toml"
 
+class Words(Texts):
+    """Texts by key, and what they are about in words."""
 
-class Words:
-    """Texts by key."""
+    def shot(self, shot: str, form: int = 1) -> str:
+        """A shot type: ``smash`` (form 0), ``a smash`` (1) or ``smashes`` (2); in a language without such forms the same."""
+        return self._form("shots", shot, form)
 
-    def __init__(self, path: Path = CATALOGUE) -> None:
-        self._texts = tomllib.loads(path.read_text(encoding="utf-8"))
+    def technique(self, technique: str) -> str:
+        """A technique, such as ``with the forehand``."""
+        return self._form("techniques", technique, 1)
 
-    def __call__(self, key: str, **fields: Any) -> str:
-        """The text of a key, such as ``scout.title``, with its fields filled.
+    def _form(self, group: str, name: str, form: int) -> str:
+        forms: list[str] = self.groups[group][name]
+        return forms[min(form, len(forms) - 1)]
 
-        Raises:
-            ShuttleError: the catalogue has no such text.
-        """
-        text: Any = self._texts
-        for part in key.split(".", 1):
-            text = text.get(part) if isinstance(text, dict) else None
-        if not isinstance(text, str):
-            raise ShuttleError(f"{key!r}: no such text in the catalogue; expected one of its keys")
-        return text.format(**fields) if fields else text
-
-    def shot(self, shot: str, *, many: bool = False) -> str:
-        """A shot type, such as ``a smash``, or ``smashes``."""
-        return str(self._texts["shots"][shot][many])
+    def shots(self, shot: str) -> str:
+        """A shot type in the plural."""
+        return self.shot(shot, 2)
 
     @staticmethod
     def player(name: str) -> str:
@@ -48,7 +39,8 @@ class Words:
     def stroke(self, catalogue: Catalogue, stroke: int, whose: str) -> str:
         """A stroke, such as ``a push with the forehand to their right side``."""
         shot, technique = SHOTS[catalogue.shot[stroke]], TECHNIQUES[catalogue.technique[stroke]]
-        return f"{self.shot(shot)} {self(f'techniques.{technique}')} to {self.area(int(catalogue.area[stroke]), whose)}"
+        area = self.area(int(catalogue.area[stroke]), whose)
+        return self("stroke.aimed", shot=self.shot(shot), technique=self.technique(technique), area=area)
 
     def height(self, contact: int) -> str:
         """The height of a contact."""
@@ -56,17 +48,21 @@ class Words:
 
 
 @functools.cache
+def _words(language: Language) -> Words:
+    return Words(language)
+
+
 def words() -> Words:
-    """The English texts."""
-    return Words()
+    """The texts of the current language."""
+    return _words(current())
 
 
 def of_100(share: float, digits: int = 0) -> str:
     """A share as a number of 100."""
-    return f"{round(100 * share, digits) + 0.0:.{digits}f}"  # adding 0 turns a rounded -0.0 into 0.0
+    return words().number(round(100 * share, digits) + 0.0, f".{digits}f")  # adding 0 turns a rounded -0.0 into 0.0
 
 
 def signed(share: float, digits: int = 1) -> str:
     """A difference of shares as a number of 100 with its sign."""
     number = round(100 * share, digits)
-    return f"{number:+.{digits}f}" if number else f"{0:.{digits}f}"
+    return words().number(number or 0.0, f"+.{digits}f" if number else f".{digits}f")

@@ -8,6 +8,7 @@ import tyro
 
 from shuttle_marl.commands import cli
 from shuttle_marl.commands.options import Json, RallyGameOptions
+from shuttle_marl.pages.languages import Language, speaking
 
 _MODEL: Final = RallyGameOptions()
 
@@ -23,6 +24,7 @@ def report(
     video: str | None = None,
     anonymous: bool = False,
     pdf: Path | None = None,
+    language: Language = "en",
     json_output: Json = False,
 ) -> None:
     """Write a report of a match: its course, key moments, the value of shots, costly decisions, and habits that changed.
@@ -37,6 +39,7 @@ def report(
         video: address of the video with {seconds} where the time goes, such as https://example.org/watch?t={seconds}.
         anonymous: replace the names of the players and of the match.
         pdf: PDF file, written by Chromium.
+        language: language of the page: English, Chinese (simplified) or Indonesian.
         json_output: print the figures as JSON, and write no page.
     """
     from shuttle_marl.base.errors import ShuttleError  # noqa: PLC0415
@@ -46,7 +49,7 @@ def report(
     from shuttle_marl.recording.reader import is_log  # noqa: PLC0415
 
     game = model.load_for(path)
-    with cli.working("analysing the match"):
+    with cli.working("analysing the match"), speaking(language):
         if is_log(path):
             if match is not None and not match.isdecimal():
                 raise ShuttleError(f"--match {match}: expected the number of a match of the log, from 0")
@@ -55,13 +58,16 @@ def report(
             figures, footage = sources.of_strokes(path, game, match, columns)
     if video is not None:
         footage = dataclasses.replace(footage, video=sources.video_of(video))
-    if anonymous:
-        figures, footage = sources.anonymous(figures, footage)
+    with speaking(language):
+        if anonymous:
+            figures, footage = sources.anonymous(figures, footage)
     if json_output:
         cli.print_json(figures.as_json())
         if pdf is None:
             return
-    write_report(match_page(figures, footage), out, pdf, quiet=json_output)
+    with speaking(language):
+        page = match_page(figures, footage)
+    write_report(page, out, pdf, quiet=json_output)
 
 
 COMMANDS: Final = report

@@ -7,6 +7,7 @@ import tyro
 
 from shuttle_marl.commands import cli
 from shuttle_marl.commands.options import Json
+from shuttle_marl.pages.languages import Language, speaking
 
 
 def scout(
@@ -20,6 +21,7 @@ def scout(
     date: str | None = None,
     anonymous: bool = False,
     pdf: Path | None = None,
+    language: Language = "en",
     list_players: Annotated[bool, tyro.conf.arg(name="list")] = False,
     json_output: Json = False,
 ) -> None:
@@ -35,6 +37,7 @@ def scout(
         date: day of the players' skill, such as 2021-07-31; default: the last one known.
         anonymous: replace the names of the players.
         pdf: PDF file, written by Chromium.
+        language: language of the page: English, Chinese (simplified) or Indonesian.
         list_players: list the players of the model instead.
         json_output: print the figures as JSON, and write no page unless --out or --pdf is given.
     """
@@ -65,7 +68,9 @@ def scout(
         report = scouted(*names, beside=beside, model=game, date=date, data=strokes)
     if anonymous:
         names = (report.opponent.name,) if report.player is None else (report.opponent.name, report.player.name)
-        hidden = {name: words()(key) for name, key in zip(names[::-1], ("player_a", "player_b"), strict=False)}
+        with speaking(language):
+            letters = [words()(f"report.player_{letter}") for letter in "abc"]
+        hidden = dict(zip(names[::-1], letters, strict=False))
         changed = {
             role: dataclasses.replace(known, name=hidden[known.name])
             for role in ("player", "opponent")
@@ -75,14 +80,14 @@ def scout(
             people = dataclasses.replace(people_of(report.pair), players=(hidden[names[-1]], hidden[names[0]]))
             changed["pair"] = dataclasses.replace(report.pair, people=people)
         if report.beside is not None:
-            changed["beside"] = (words()("player_c"), report.beside[1])
+            changed["beside"] = (letters[2], report.beside[1])
         report = dataclasses.replace(report, **changed)
     if json_output:
         cli.print_json(report.as_json())
     if not json_output or out is not None or pdf is not None:
-        write_report(
-            scouting_page(report, () if strokes is None else gaps(strokes)), out or Path("scout.html"), pdf, quiet=json_output
-        )
+        with speaking(language):
+            page = scouting_page(report, () if strokes is None else gaps(strokes))
+        write_report(page, out or Path("scout.html"), pdf, quiet=json_output)
 
 
 COMMANDS: Final = scout

@@ -7,9 +7,10 @@ for (const button of document.querySelectorAll("button.play")) {
       URL.revokeObjectURL(open.dataset.address);
       open.remove();
     } else {
+      const { lang } = document.documentElement;
       const part = (id) => document.getElementById(id).textContent;
       const page = [
-        '<!doctype html><html lang="en"><head><meta charset="utf-8">',
+        `<!doctype html><html lang="${lang}"><head><meta charset="utf-8">`,
         '<meta name="viewport" content="width=device-width, initial-scale=1">',
         `<title></title><style>${part("viewer-style")}<\/style></head><body>`,
         `<script type="application/json" id="shared">${part("rallies")}<\/script>`,
@@ -50,6 +51,7 @@ function matchChance(serving, receiving, { points, cap, games, clear }) {
 }
 
 // Sliders: changes at the steps of a table, straight lines between them, and sums over the tactics; figures are means over the spread.
+const decimal = new Intl.NumberFormat(document.documentElement.lang, { minimumFractionDigits: 1, maximumFractionDigits: 1 });
 for (const panel of document.querySelectorAll(".sliders")) {
   const { steps, tactics, base, spread, rules } = JSON.parse(panel.dataset.table);
   const inputs = [...panel.querySelectorAll("input")];
@@ -69,7 +71,7 @@ for (const panel of document.querySelectorAll(".sliders")) {
       figures.match += spread.weights[i] * matchChance(served, received, rules);
     });
     for (const [name, value] of Object.entries(figures)) {
-      panel.querySelector(`[data-figure=${name}]`).textContent = (100 * value).toFixed(1);
+      panel.querySelector(`[data-figure=${name}]`).textContent = decimal.format(100 * value);
     }
     for (const input of inputs) {
       input.nextElementSibling.textContent = `${input.value > 0 ? "+" : ""}${input.value}`;

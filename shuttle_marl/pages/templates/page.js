@@ -7,10 +7,10 @@ for (const table of document.querySelectorAll("table.sortable")) {
     save.type = "button";
     save.className = "save screen";
     save.textContent = "CSV";
-    save.title = "Save this table as a CSV file";
+    save.title = document.body.dataset.save ?? "Save this table as a CSV file";
     save.addEventListener("click", () => {
       // An apostrophe before what a spreadsheet would take for a formula, unless it is a number.
-      const field = (text) => `"${text.replace(/^(?![+-]?[\d.]+$)(?=[=+@\t\r-])/, "'").replaceAll('"', '""')}"`;
+      const field = (text) => `"${text.replace(/^(?![+-]?[\d.,]+$)(?=[=+@\t\r-])/, "'").replaceAll('"', '""')}"`;
       const lines = [...table.rows].map((row) => [...row.cells].map((cell) => field(cell.textContent.trim())).join(","));
       const link = document.createElement("a");
       link.href = URL.createObjectURL(new Blob(["\ufeff", lines.join("\r\n"), "\r\n"], { type: "text/csv" }));

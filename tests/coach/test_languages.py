@@ -1,0 +1,111 @@
+"""Every language has every text that is used, and no other; its words of badminton are those of the readers of files."""
+
+import datetime
+import re
+from fnmatch import fnmatchcase
+from pathlib import Path
+from string import Formatter
+
+import pytest
+
+import shuttle_marl
+from shuttle_marl.analysis.tactics import TACTICS
+from shuttle_marl.coach.words import Words, of_100, signed
+from shuttle_marl.data.words import bare, table
+from shuttle_marl.game.court import AREAS
+from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
+from shuttle_marl.pages.languages import FOLDER, LANGUAGES, Language, speaking
+
+PACKAGE = Path(shuttle_marl.__file__).parent
+SOURCES = (PACKAGE / "coach", PACKAGE / "commands" / "scout.py", PACKAGE / "watch" / "page" / "src")
+VOCABULARIES = {"shots": SHOTS, "areas": AREAS, "short_areas": AREAS, "techniques": TECHNIQUES, "heights": HEIGHTS}
+OTHERS: list[Language] = [language for language in LANGUAGES if language != "en"]
+
+
+def texts(language: Language) -> dict[str, str]:
+    """Texts by key; those of a shot type are one."""
+    groups = Words(language).groups
+    return {
+        f"{group}.{name}": text if isinstance(text, str) else " / ".join(text)
+        for group, members in groups.items()
+        for name, text in members.items()
+    }
+
+
+def fields(text: str) -> set[str]:
+    return {f"{name}:{form}" for _, name, form, _ in Formatter().parse(text) if name is not None}
+
+
+def source(*parts: Path) -> str:
+    files = [path for part in parts for path in ([part] if part.is_file() else part.rglob("*"))]
+    return "\n".join(path.read_text(encoding="utf-8") for path in files if path.suffix in (".py", ".j2", ".ts"))
+
+
+def test_each_file_is_a_language() -> None:
+    assert {path.stem for path in FOLDER.glob("*.json")} == set(LANGUAGES)
+
+
+@pytest.mark.parametrize("language", OTHERS)
+def test_a_language_has_the_texts_and_the_fields_of_english(language: Language) -> None:
+    english, other = texts("en"), texts(language)
+    assert [*other] == [*english]
+    assert {key: text for key, text in other.items() if not text.strip()} == {}
+    differ = {
+        key: (fields(text), fields(other[key]))
+        for key, text in english.items()
+        if key != "language.date" and fields(text) != fields(other[key])
+    }
+    assert differ == {}
+
+
+def test_every_text_that_is_used_exists_and_every_text_is_used() -> None:
+    code = source(*SOURCES)
+    groups, keys = "|".join(Words("en").groups), texts("en").keys()
+    # Keys as they are written, with a star for each part that is computed.
+    found = re.findall(rf"""["'`]((?:{groups})\.(?:[\w -]|\$?\{{[^}}"]*\}})+)["'`]""", code)
+    written = {re.sub(r"\$?\{[^}]*\}", "*", key) for key in found}
+    whole = {key for key in written if "*" not in key and not key.endswith((".html", ".css"))}
+    assert len(whole) > 150
+    assert whole - keys == set()
+    partial = [key for key in written if "*" in key]
+    assert [key for key in partial if not any(fnmatchcase(name, key) for name in keys)] == []
+    for group, vocabulary in VOCABULARIES.items():
+        assert [*Words("en").groups[group]] == [*vocabulary]
+    assert [*Words("en").groups["tactics"]] == [*TACTICS]
+    own = {key for key in keys if key.startswith("language.") or key.partition(".")[0] in {*VOCABULARIES, "tactics"}}
+    # What is computed is a word of the code: its whole name, or the part that varies.
+    words = set(re.findall(r"[\w?!-]+", code + source(PACKAGE / "analysis", PACKAGE / "game")))
+    patterns = [re.compile(re.escape(key).replace(r"\*", "(.+)")) for key in partial]
+    told = {
+        key
+        for key in keys
+        if any({*" ".join(match.groups()).split()} <= words for each in patterns if (match := each.fullmatch(key)))
+    }
+    assert keys - whole - own - told == set()
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_words_of_badminton_are_those_that_readers_know(language: Language) -> None:
+    """What a report prints can be typed into a table, and means the same there."""
+    groups = Words(language).groups
+    for kind, group in (("shot", "shots"), ("technique", "techniques"), ("area", "short_areas")):
+        known = table(kind)[language]
+        for meaning, text in groups[group].items():
+            word = text[0] if isinstance(text, list) else text
+            assert known.get(bare(word)) == meaning, (word, meaning)
+
+
+def test_numbers_and_dates() -> None:
+    with speaking("id"):
+        assert [of_100(0.1234, 1), signed(-0.012), signed(0.0001)] == ["12,3", "-1,2", "0,0"]
+    assert Words("id")("scout.plan_serve", opponent="x", most="y", strokes=1234).endswith("(1.234 servis).")
+    assert Words("en")("scout.tempo", opponent="x", length=9.25, usual=1000) == (
+        "A rally with x lasts 9.2 strokes on average; rallies of all players last 1000.0."
+    )
+    day = datetime.date(2021, 7, 3)
+    assert [Words(language)("scout.today", date=day) for language in LANGUAGES] == [
+        "as of 2021-07-03",
+        "截至2021年7月3日",
+        "per 03/07/2021",
+    ]
+    assert of_100(0.1234, 1) == "12.3"
