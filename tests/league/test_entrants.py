@@ -12,7 +12,7 @@ import pytest
 from shuttle_marl.game.policy import States
 from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.kernel.lockstep import play
-from shuttle_marl.league.entrants import Entrant, ForfeitError, Strikers, enter
+from shuttle_marl.league.entrants import Entrant, Strikers, enter
 from shuttle_marl.league.ranking import rank, results_table
 from shuttle_marl.league.tournament import MatchOptions, Tournament, matches_of, round_robin
 from shuttle_marl.policy import registry
@@ -141,7 +141,7 @@ def test_a_failing_entrant_enters_and_forfeits_every_match(
     assert table.column("mean_rally_length").null_count == 4
 
 
-@pytest.mark.parametrize("function", [*FAILURES, tired], ids=lambda f: f.__name__)
+@pytest.mark.parametrize("function", [raises, illegal, exits, changes_the_game, tired], ids=lambda f: f.__name__)
 def test_one_that_reads_the_score_forfeits_while_it_plays(function: Callable[[States], Any]) -> None:
     pool = [entrant("a", uniform), entrant("broken", function, reads_score=True), enter("safe", GAME)]
     results = [r for group in tournament(pool).play(round_robin(["a", "broken", "safe"])) for r, _ in group]
@@ -217,21 +217,7 @@ def test_the_score_is_the_strikers_own_view() -> None:
     assert sorted(map(tuple, np.concatenate(seen).tolist())) == sorted(map(tuple, expected.tolist()))
 
 
-def test_a_policy_that_uses_the_score_can_profit_from_it() -> None:
-    """One that plays at random only while it leads wins less than one that never does."""
-    safe = tabulate(resolve("safe", GAME), GAME)
-
-    def careless(states: States) -> np.ndarray:
-        assert states.score is not None
-        leads = states.score[:, 0] > states.score[:, 1]
-        return np.where(leads[:, None], uniform(states), safe.probabilities(states))
-
-    pool = [entrant("careless", careless, reads_score=True), enter("safe", GAME)]
-    ((result, _),) = next(iter(tournament(pool, matches=40).play(round_robin(["careless", "safe"]))))
-    assert result.seen_by("careless")["wins"] < 15
-
-
-@pytest.mark.parametrize("batch", [1, 6, 7, 20, 10_000])
+@pytest.mark.parametrize("batch", [1, 7, 20])
 def test_batches_change_nothing(batch: int) -> None:
     pool = [enter(name, GAME) for name in ("random", "safe", "attacking")]
     names = [e.name for e in pool]
@@ -250,10 +236,3 @@ def test_tables_of_an_entrant_have_a_hash() -> None:
     random, safe = enter("random", GAME), enter("safe", GAME)
     assert len(random.hash) == 64
     assert random.hash == enter("random", GAME).hash != safe.hash
-
-
-def test_forfeits_while_playing_name_the_entrant_and_the_reason() -> None:
-    strikers = Strikers(GAME, [entrant("hurt", raises, reads_score=True), enter("random", GAME)])
-    with pytest.raises(ForfeitError, match="out of shuttles") as caught:
-        play(GAME, matches_of(round_robin(["hurt", "random"])[0], 0, 0, 2), strikers.choose)
-    assert caught.value.name == "hurt"

@@ -3,7 +3,6 @@
 import os
 import re
 import sys
-import time
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +10,13 @@ import numpy as np
 import pytest
 
 from shuttle_marl.game import load_game
-from shuttle_marl.game.policy import PolicyError, States
+from shuttle_marl.game.policy import PolicyError, States, checked_probabilities
 from shuttle_marl.game.tables import ROOT
-from shuttle_marl.league import LeagueConfig, run_league
+from shuttle_marl.league import LeagueConfig
 from shuttle_marl.policy import resolve
 from shuttle_marl.policy.foreign import time_limit
 from shuttle_marl.policy.registry import resolve_recorded
+from tests.tournaments import play_league
 from tests.waiting import wait_until
 
 HEAD = """
@@ -84,7 +84,7 @@ def test_a_program_plays_a_tournament_as_the_same_policy_within(small_model: str
     found: dict[str, Any] = {}
     for seed, player in ((0, name), (0, "random")):
         config = LeagueConfig(pool=("safe", player), matches=20, seed=seed, game=small_model, out=tmp_path / str(len(found)))
-        found[player] = run_league(config).results[0]
+        found[player] = play_league(config).results[0]
     shares = {
         player: result.seen_by("safe")["points_won"] / result.seen_by("safe")["rallies"] for player, result in found.items()
     }
@@ -92,20 +92,29 @@ def test_a_program_plays_a_tournament_as_the_same_policy_within(small_model: str
 
 
 @pytest.mark.parametrize("failure", FAILS)
-def test_a_program_that_fails_forfeits_and_all_others_play(failure: str, small_model: str, tmp_path: Path) -> None:
+def test_answers_that_are_no_play(failure: str, small_model: str, tmp_path: Path) -> None:
     body, says = FAILS[failure]
-    name = program(tmp_path, failure, body)
-    begun = time.monotonic()
-    config = LeagueConfig(
-        pool=("random", name, "safe"), matches=4, game=small_model, out=tmp_path / "run", policy_timeout=0.5, record="none"
-    )
-    results = run_league(config).results
-    assert time.monotonic() - begun < 40
+    with time_limit(0.5):
+        policy = resolve(program(tmp_path, failure, body), load_game(small_model))
+
+    def asked() -> None:
+        for _ in range(40):
+            checked_probabilities(policy, states(small_model), failure)
+
+    with pytest.raises(PolicyError, match=says):
+        asked()
+
+
+def test_a_program_that_dies_forfeits_and_all_others_play(small_model: str, tmp_path: Path) -> None:
+    body, says = FAILS["dies"]
+    name = program(tmp_path, "dies", body)
+    options: dict[str, Any] = {"matches": 4, "game": small_model, "record": "none"}
+    results = play_league(LeagueConfig(pool=("random", name, "safe"), out=tmp_path / "run", **options)).results
     assert [result.forfeit for result in results] == [(name,), (), (name,)]
     assert [bool(result.reason) for result in results] == [True, False, True]
     assert re.search(says, results[0].reason), results[0].reason
-    alone = LeagueConfig(pool=("random", "safe"), matches=4, game=small_model, out=tmp_path / "alone", record="none")
-    assert run_league(alone).results[0].seats == results[1].seats
+    alone = play_league(LeagueConfig(pool=("random", "safe"), out=tmp_path / "alone", **options)).results
+    assert alone[0].seats == results[1].seats
 
 
 def test_commands_that_cannot_be_run(small_model: str, tmp_path: Path) -> None:

@@ -73,15 +73,6 @@ def test_bounds_of_the_test_are_those_of_wald() -> None:
     assert pytest.approx(math.log(0.95 / 0.05)) == BOUND
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("correlation", [-0.6, -0.3, 0.0, 0.4])
-def test_error_rates_by_simulation(correlation: float) -> None:
-    """At the hypotheses 5 % at most, also where the matches of a cell are correlated; further away hardly any."""
-    assert simulate(ELO, correlation, 3000)[0] <= 0.05 + 0.008
-    assert simulate(2 * ELO, correlation, 1000)[0] < 0.01
-    assert simulate(ELO, correlation, 1500, looks=1)[0] == pytest.approx(0.05, abs=0.02)
-
-
 def test_a_pairing_stops_when_it_is_decided(small_model: str, monkeypatch: pytest.MonkeyPatch) -> None:
     game = load_game(small_model)
     monkeypatch.setattr("shuttle_marl.league.entrants.reads_score", lambda policy: True)
