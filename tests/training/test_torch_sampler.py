@@ -2,7 +2,6 @@
 
 import dataclasses
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,8 +13,7 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.kernel import KernelError, RallySampler
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.recording import Rallies, RallyLog, replay
-from shuttle_marl.training import PPOConfig, SACConfig, train
+from shuttle_marl.training import PPOConfig, SACConfig
 from shuttle_marl.training.learner import RallyCollector
 from shuttle_marl.training.ppo import PPO
 from shuttle_marl.training.sac import SAC
@@ -103,16 +101,14 @@ def test_what_is_played_is_what_the_kernel_plays(met: str, device: str) -> None:
 
 
 @pytest.mark.parametrize("device", DEVICES)
-def test_a_hundred_thousand_rallies_of_the_shipped_game(device: str) -> None:
+def test_rallies_of_the_shipped_game(device: str) -> None:
     game = default_game()
     bc = tabulate(resolve("bc", game), game, "bc")
     pair = RallySampler(game, [bc]), TorchSampler(game, [bc], device=device)
-    rallies = 0
-    while rallies < 100_000:
-        for sampler in pair:
-            sampler.collect(150_000, network(3, game))
-        rallies += len(pair[0].numbers)
-        compare(*pair)
+    for sampler in pair:
+        sampler.collect(100_000, network(3, game))
+    assert len(pair[0].numbers) > 10_000
+    compare(*pair)
 
 
 @pytest.mark.parametrize("device", DEVICES)
@@ -133,9 +129,8 @@ def test_the_strokes_one_by_one_are_the_same(opponents: tuple[TabulatedPolicy, .
 
 
 @pytest.mark.parametrize("device", DEVICES)
-@pytest.mark.parametrize("room", [1, 256])
-def test_the_kernel_plays_the_same_rallies_again_for_the_log(device: str, room: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("shuttle_marl.kernel.sampling._LONG", room)
+def test_the_kernel_plays_the_same_rallies_again_for_the_log(device: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("shuttle_marl.kernel.sampling._LONG", 1)
     sampler = TorchSampler(GAME, [BC], device=device)
     sampler.collect(4000, network(0))
     played = sampler.record(sampler.numbers, figures=True)
@@ -218,22 +213,6 @@ def test_the_first_strokes_of_sac_are_those_of_the_kernel() -> None:
     assert found[0].keys() == found[1].keys()
     for name in ("state", "pair", "following", "reward"):
         assert torch.equal(found[0][name].sort().values, found[1][name].sort().values)
-
-
-@pytest.mark.parametrize("device", DEVICES)
-def test_a_whole_run_begins_as_with_the_kernel_and_logs_what_it_plays(device: str, tmp_path: Path) -> None:
-    logged = []
-    for sampler in ("kernel", "torch"):
-        done = train(dataclasses.replace(RUN, sampler=sampler, device=device, out=tmp_path / sampler))
-        with RallyLog(done.folder / "rallies.mcap") as log:
-            assert replay(log, GAME, {"bc": BC}).wrong == ()
-            played = Rallies.concatenate([batch for _, batch in log.batches()])
-        assert np.isfinite(played.log_probability).sum() == done.strokes
-        assert 0.3 < done.evaluation.rally_win < 0.7
-        logged.append(played.select(played.update == 0))
-    for name in ("server", "winner", "reason", "length", "stroke", "log_probability", "value"):
-        ours, theirs = (getattr(part, name) for part in logged)
-        assert np.array_equal(ours, theirs, equal_nan=ours.dtype.kind == "f"), name
 
 
 def test_auto_is_the_kernel_on_the_cpu() -> None:

@@ -131,8 +131,3 @@ def test_a_disk_that_fills_up_stops_the_run_and_it_goes_on_later(tmp_path: Path,
     assert not (tmp_path / "run" / "agent").exists()
     resumed = train(dataclasses.replace(config, resume=True))
     assert (resumed.folder / LOG).read_bytes() == (whole.folder / LOG).read_bytes()
-
-
-def test_flags_that_cannot_be_meant() -> None:
-    with pytest.raises(RecordingError, match="expected all, none, or sample:N"):
-        PPOConfig(record="some")

@@ -19,12 +19,13 @@ from safetensors.numpy import load
 from tensordict import TensorDictBase
 
 from shuttle_marl.base import runs
-from shuttle_marl.base.files import read_sealed, seal
 from shuttle_marl.base.runs import RunError
 from shuttle_marl.game.policy import PolicyError, States
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
+from shuttle_marl.policy.agents import read_card
 from shuttle_marl.policy.registry import resolve
+from shuttle_marl.recording import RecordingError
 from shuttle_marl.recording.replay import check
 from shuttle_marl.training import A2CConfig, Evaluation, Evaluator, PPOConfig, SACConfig, TrainingConfig, TrainingError, train
 from shuttle_marl.training.checkpoints import last_checkpoint
@@ -162,23 +163,8 @@ def test_a_run_that_stops_anywhere_is_resumed_to_the_same_files(tmp_path: Path, 
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="needs SIGKILL")
 def test_a_killed_process_is_resumed_to_the_same_weights(tmp_path: Path) -> None:
-    flags = [
-        "--game",
-        reduced_model(),
-        "--batch",
-        "256",
-        "--growth",
-        "0",
-        "--record",
-        "all",
-        "--width",
-        "16",
-        "--checkpoint-every",
-        "3",
-        "--evaluate-every",
-        "10",
-    ]
-    command = [sys.executable, "-m", "shuttle_marl.training", "ppo", "--strokes", str(256 * 60), *flags]
+    flags = "--strokes 7680 --batch 256 --growth 0 --record all --width 16 --checkpoint-every 3 --evaluate-every 10 --game"
+    command = [sys.executable, "-m", "shuttle_marl.training", "ppo", *flags.split(), reduced_model()]
     environment = {**os.environ, "OMP_NUM_THREADS": "1"}
     subprocess.run([*command, "--out", str(tmp_path / "whole")], check=True, timeout=300, env=environment)
     process = subprocess.Popen([*command, "--out", str(tmp_path / "killed")], env=environment)
@@ -192,24 +178,6 @@ def test_a_killed_process_is_resumed_to_the_same_weights(tmp_path: Path) -> None
     assert weights(tmp_path / "killed") == weights(tmp_path / "whole")
     assert rallies(tmp_path / "killed") == rallies(tmp_path / "whole")
     assert check(tmp_path / "killed" / "rallies.mcap", GAME).problems == ()
-
-
-def test_the_agent_is_played_by_name_and_knows_its_game(tmp_path: Path) -> None:
-    done = train(dataclasses.replace(CONFIGS["ppo"], out=tmp_path / "run"))
-    policy = resolve(f"agent:{done.folder / 'agent'}", GAME)
-    assert isinstance(policy, TabulatedPolicy)
-    assert (policy.cumulative == done.policy.cumulative).all()
-    card = json.loads((done.folder / "agent" / "card.json").read_text())
-    assert card["evaluation"] == dataclasses.asdict(done.evaluation)
-    other = dataclasses.replace(GAME, threshold=GAME.threshold[::-1].copy())
-    with pytest.raises(PolicyError, match="trained on game"):
-        resolve(f"agent:{done.folder / 'agent'}", other)
-    network = done.folder / "agent" / "network.safetensors"
-    network.write_bytes(network.read_bytes()[:-7] + b"damaged")
-    with pytest.raises(PolicyError, match="checksum does not match"):
-        resolve(f"agent:{done.folder / 'agent'}", GAME)
-    with pytest.raises(PolicyError, match="no trained agent"):
-        resolve(f"agent:{tmp_path}", GAME)
 
 
 def test_a_loss_that_is_no_number_stops_the_run_and_keeps_the_last_checkpoint(
@@ -255,17 +223,24 @@ def test_bad_input_is_refused_before_anything_is_written(
     ("change", "message"),
     [
         ({"opponent": ("self", "bc")}, "cannot be combined"),
-        ({"batch": 0}, "--batch 0"),
+        ({"opponent": ("selff",)}, r"--opponent selff: no such policy; did you mean self\?"),
         ({"variant": "pool"}, "--variant pool: requires self-play"),
         ({"target": 1.5}, "--target"),
         ({"critic": 1e-300}, "--critic 1e-300: expected a number from 1e-30 to 1e30"),
-        ({"learning_rate": 1e39}, "--learning-rate 1e.39: expected a number from 1e-30 to 1e30"),
         ({"resume": True, "overwrite": True}, "give one of them"),
+        ({"batch": 10**16}, "--batch .*: expected a whole number"),
+        ({"seed": 1.5}, "--seed .*: expected a whole number"),
+        ({"budget": "0s"}, "--budget 0s: expected a time, as in 90s, 5m or 1h"),
+        ({"budget": "1e999s"}, "--budget 1e999s: expected a time"),
+        ({"record": "some"}, "expected all, none, or sample:N"),
+        ({"bonus": ("smesh=0.1",)}, "--bonus"),
+        ({"bonus": ("smash=nan",)}, "--bonus"),
+        ({"fault_cost": 0.5, "opponent": ("self",)}, "--fault-cost"),
     ],
 )
 def test_flags_that_make_no_sense(change: dict[str, Any], message: str) -> None:
-    with pytest.raises(TrainingError, match=message):
-        dataclasses.replace(CONFIGS["ppo"], **change)
+    with pytest.raises((TrainingError, RecordingError), match=message):
+        PPOConfig(**change)
 
 
 @pytest.mark.parametrize("name", ["ppo", "a2c", "sac"])
@@ -279,11 +254,8 @@ def test_no_number_is_taken_that_cannot_be_meant(name: str) -> None:
                     dataclasses.replace(config, **change)
 
 
-@pytest.mark.parametrize("name", ["ppo", "a2c"])
-def test_the_entropy_may_be_worth_nothing(name: str, tmp_path: Path) -> None:
-    base = CONFIGS[name]
-    assert isinstance(base, PPOConfig | A2CConfig)
-    config = dataclasses.replace(base, entropy=0.0, out=tmp_path / "run")
+def test_the_entropy_may_be_worth_nothing(tmp_path: Path) -> None:
+    config = PPOConfig(**SMALL, strokes=512, entropy=0.0, out=tmp_path / "run")
     assert train(config).iterations == config.iterations
 
 
@@ -307,18 +279,6 @@ def test_the_agent_of_sac_is_the_mean_of_its_weights_which_changes_nothing_in_le
     assert before == after != kept("from nothing", strokes=1, warm_up=10_000)[0]
 
 
-def test_a_damaged_checkpoint_and_other_flags_are_named(tmp_path: Path) -> None:
-    config = dataclasses.replace(CONFIGS["a2c"], out=tmp_path / "run")
-    assert isinstance(config, A2CConfig)
-    train(config)
-    with pytest.raises(RunError, match="other flags"):
-        train(dataclasses.replace(config, resume=True, learning_rate=0.5))
-    state = max((tmp_path / "run" / "checkpoints").iterdir()) / "state.safetensors"
-    state.write_bytes(state.read_bytes()[:100])
-    with pytest.raises(TrainingError, match="continue from the one before"):
-        train(dataclasses.replace(config, resume=True))
-
-
 def test_the_target_stops_the_run_and_it_stays_stopped(tmp_path: Path) -> None:
     config = dataclasses.replace(CONFIGS["ppo"], out=tmp_path / "run", opponent=("random",), target=0.01)
     done = train(config)
@@ -326,17 +286,6 @@ def test_the_target_stops_the_run_and_it_stays_stopped(tmp_path: Path) -> None:
     resumed = train(dataclasses.replace(config, resume=True))
     assert resumed.iterations == 4
     assert weights(resumed.folder) == weights(done.folder)
-
-
-def test_a_checkpoint_of_another_game_is_refused(tmp_path: Path) -> None:
-    config = dataclasses.replace(CONFIGS["ppo"], out=tmp_path / "run")
-    done = train(config)
-    for about in done.folder.glob("checkpoints/*/about.json"):
-        about.write_bytes(seal({**read_sealed(about), "game": "0" * 64}))
-    before = weights(done.folder)
-    with pytest.raises(TrainingError, match="was trained on game 000000000000, this is"):
-        train(dataclasses.replace(config, resume=True))
-    assert weights(done.folder) == before
 
 
 @pytest.mark.slow
@@ -364,6 +313,7 @@ def test_an_agent_plays_at_its_temperature_and_learns_at_1(tmp_path: Path) -> No
         policy = resolve(f"agent:{done.folder / 'agent'}", GAME)
         assert isinstance(policy, TabulatedPolicy)
         assert (policy.cumulative == done.policy.cumulative).all()
+        assert read_card(done.folder / "agent")["evaluation"] == dataclasses.asdict(done.evaluation)
     (plain, weights_1, log_1), (sharp, weights_4, log_4) = found.values()
     assert log_1 == log_4
     assert set(weights_1) == set(weights_4)
@@ -403,20 +353,13 @@ def test_a_time_budget_ends_a_run_and_anneals_over_its_time(tmp_path: Path) -> N
     assert line["iteration"] == done.iterations
 
 
-@pytest.mark.parametrize("budget", ["2", "0s", "1d", "1e999s", "soon"])
-def test_a_time_budget_is_a_time(budget: str) -> None:
-    with pytest.raises(TrainingError, match=f"--budget {budget}: expected a time, as in 90s, 5m or 1h"):
-        PPOConfig(budget=budget)
-
-
 def test_a_missed_budget_is_reported() -> None:
     assert missed(71, 60) == ""
     assert missed(73, 60).startswith("took 73 s, more than the --budget of 60 s")
 
 
 def test_misspelt_opponents_are_reported_without_pytorch(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(TrainingError, match=r"--opponent selff: no such policy; did you mean self\?"):
-        PPOConfig(opponent=("selff",))
+
     call = "main(['ppo', '--opponent', 'bcx']); print('torch' in sys.modules)"
     code = f"import sys; from shuttle_marl.commands.training import main; {call}"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=True)
