@@ -9,6 +9,7 @@ Needs the extra ``video`` and Chromium.
 import contextlib
 import gzip
 import json
+import os
 import re
 import signal
 import statistics
@@ -37,10 +38,11 @@ _WIDTH, _HEIGHT = 1680, 980
 
 
 @contextlib.contextmanager
-def serving() -> Iterator[tuple[str, int]]:
-    """Address and process of a server."""
-    command = [sys.executable, "-m", "shuttle_marl.watch", "--no-browser", "--port", "0", "--a", "bc", "--b", "bc"]
-    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+def serving(*flags: str, cache: str | None = None) -> Iterator[tuple[str, int]]:
+    """Address and process of a server, which keeps compiled code in a folder, or where it usually does."""
+    command = [sys.executable, "-m", "shuttle_marl.watch", "--no-browser", "--port", "0", *flags]
+    env = None if cache is None else {**os.environ, "NUMBA_CACHE_DIR": cache}
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=env)
     assert process.stderr is not None
     try:
         for line in process.stderr:
@@ -50,7 +52,7 @@ def serving() -> Iterator[tuple[str, int]]:
         raise RuntimeError("the server did not start")
     finally:
         process.send_signal(signal.SIGINT)
-        process.wait(20)
+        process.wait(60)
         process.stderr.close()
 
 
@@ -81,15 +83,26 @@ def until(page: Page, script: str, seconds: float = 120.0) -> None:
         page.wait_for_timeout(20)
 
 
+def first_picture(page: Page, address: str) -> float:
+    """Seconds until a page shows a rally."""
+    page.goto("about:blank")
+    begun = time.monotonic()
+    page.goto(address)
+    until(page, "!!(window.viewer && window.viewer.state().ready && window.viewer.state().figures.draw_calls)")
+    return round(time.monotonic() - begun, 2)
+
+
+def cold(page: Page) -> dict[str, float]:
+    """Time to the first picture of a new server without any compiled code, after the browser has shown a page once."""
+    with tempfile.TemporaryDirectory() as cache, serving(cache=cache) as (address, _):
+        return {"cold_picture_s": first_picture(page, address)}
+
+
 def frames(page: Page, address: str) -> dict[str, Any]:
     """Time to the first picture of a warm server, script time per frame, and draw calls from every camera in full quality."""
     page.goto(f"{address}#rally=1")
     until(page, "!!(window.viewer && window.viewer.state().ready && window.viewer.state().analysis)")
-    page.goto("about:blank")
-    begun = time.monotonic()
-    page.goto(f"{address}#rally=1")
-    until(page, "!!(window.viewer && window.viewer.state().ready && window.viewer.state().figures.draw_calls)")
-    first = time.monotonic() - begun
+    first = first_picture(page, f"{address}#rally=1")
     page.keyboard.press(" ")
     page.wait_for_timeout(8000)
     script: list[float] = page.evaluate("window.viewer.state().script_ms")
@@ -101,7 +114,7 @@ def frames(page: Page, address: str) -> dict[str, Any]:
         page.evaluate("window.viewer.draw()")
         calls.append(page.evaluate("window.viewer.state().figures"))
     return {
-        "first_picture_s": round(first, 2),
+        "first_picture_s": first,
         "script_ms_per_frame": round(statistics.median(script), 2),
         "frames": len(script),
         "draw_calls": max(entry["draw_calls"] for entry in calls),
@@ -171,13 +184,13 @@ def memory(page: Page, address: str, pid: int, matches: int, rallies: int) -> di
 
 def run(*, quick: bool = False) -> dict[str, Any]:
     """All measurements, by key."""
-    with serving() as (address, pid), sync_playwright() as playwright:
+    with serving("--a", "bc", "--b", "bc") as (address, pid), sync_playwright() as playwright:
         browser = playwright.chromium.launch(
             executable_path=browser_program(), args=[*browser_flags(), "--enable-precise-memory-info"]
         )
         page = browser.new_page(viewport={"width": _WIDTH, "height": _HEIGHT})
         found = {**this_machine(), **size(), **site(), **frames(page, address), **turns(page, address, 5 if quick else 15)}
-        found |= {**viewers(address), **memory(page, address, pid, 3 if quick else 10, 4 if quick else 20)}
+        found |= {**cold(page), **viewers(address), **memory(page, address, pid, 3 if quick else 10, 4 if quick else 20)}
         browser.close()
     return found
 

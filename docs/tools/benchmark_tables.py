@@ -105,6 +105,7 @@ def viewer() -> str:
         ("size of the page", f"{result['bundle_kb']:,.0f} kB, {result['gzipped_kb']:,.0f} kB gzipped"),
         ("a whole match as a site of static files", f"{result['site_mb']:.1f} MB"),
         ("first picture", f"{result['first_picture_s']:.1f} s"),
+        ("first picture of a new server without compiled code", f"{result['cold_picture_s']:.1f} s"),
         ("script of a frame, median", f"{result['script_ms_per_frame']:.1f} ms"),
         ("draw calls of a frame in full quality, at most", f"{result['draw_calls']}"),
         ("triangles of a frame in full quality, at most", f"{result['triangles']:,}"),

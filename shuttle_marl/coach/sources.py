@@ -50,8 +50,8 @@ def of_strokes(path: Path, game: Game, match: str | None = None, columns: Path |
         AnalysisError: no such match, or several.
     """
     strokes = load_strokes(path) if columns is None else import_matches(path, columns)[0].strokes
-    name = _match(matches_in(strokes), match)
-    played = strokes.filter(pc.equal(strokes["match"], name))
+    played = match_strokes(strokes, match)
+    name = played["match"][0].as_py()
     report = match_report(played, game=game)
     staged = RealRallies(path, game.seats[0], strokes)
     folder = folder_of(game.seats[0])
@@ -63,6 +63,15 @@ def of_strokes(path: Path, game: Game, match: str | None = None, columns: Path |
     watch = _watch("--real", str(path), *model, "--rally")
     footage = _footage(report, rallies, (watch, shown), women=played["discipline"][0].as_py() == "WS")
     return report, dataclasses.replace(footage, gaps=gaps(played))
+
+
+def match_strokes(strokes: pa.Table, match: str | None) -> pa.Table:
+    """Strokes of the match that has a name, or a part that only its name has; None: the only match.
+
+    Raises:
+        AnalysisError: no such match, or several.
+    """
+    return strokes.filter(pc.equal(strokes["match"], _match(matches_in(strokes), match)))
 
 
 def gaps(strokes: pa.Table) -> tuple[str, ...]:
@@ -108,15 +117,9 @@ def of_log(path: Path, game: Game, match: int = 0, pairing: int = 0) -> tuple[Ma
         AnalysisError: no such match.
     """
     with RallyLog(path) as log:
+        strokes = log_strokes(log, match, pairing)
         numbers = log.numbers_of_match(pairing, match).tolist()
-        if not numbers:
-            raise AnalysisError(f"{path}: no match {match} of pairing {pairing}; the log has {len(log.pairings)} pairings")
-        rallies = Rallies.concatenate([log.rally(number) for number in numbers])
-        names = [player.name for player in log.policies]
-        title = words()("match.of_log", match=match, pairing=pairing)
-        rng = np.random.default_rng([0, pairing, match])
-        strokes = stroke_table(rallies, log.catalogue, names, [title] * len(rallies), rng)
-        seats = tuple(names[int(policy)] for policy in rallies.policy[0])
+        seats = tuple(log.policies[int(policy)].name for policy in log.rally(numbers[0]).policy[0])
         played = log.files[log.file_of(numbers[0])].header.rules
     staged = LogRallies(path, game)
     known = staged.players(numbers[0])
@@ -126,6 +129,21 @@ def of_log(path: Path, game: Game, match: int = 0, pairing: int = 0) -> tuple[Ma
     watch = _watch("--replay", str(path), "--rally"), dict(enumerate(numbers))
     footage = _footage(report, shown, watch, women=False)
     return report, footage if known is None else dataclasses.replace(footage, game=game, players=known)
+
+
+def log_strokes(log: RallyLog, match: int = 0, pairing: int = 0) -> pa.Table:
+    """Strokes of a match of a rally log, with places drawn in their areas.
+
+    Raises:
+        AnalysisError: no such match.
+    """
+    numbers = log.numbers_of_match(pairing, match).tolist()
+    if not numbers:
+        raise AnalysisError(f"no match {match} of pairing {pairing}; the log has {len(log.pairings)} pairings")
+    rallies = Rallies.concatenate([log.rally(number) for number in numbers])
+    names = [player.name for player in log.policies]
+    title = words()("match.of_log", match=match, pairing=pairing)
+    return stroke_table(rallies, log.catalogue, names, [title] * len(rallies), np.random.default_rng([0, pairing, match]))
 
 
 def _footage(report: MatchReport, rallies: dict[int, CourtRally], watch: tuple[str, dict[int, int]], *, women: bool) -> Footage:

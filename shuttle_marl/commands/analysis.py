@@ -54,7 +54,7 @@ def analysis(
     from shuttle_marl.analysis.summary import players_of  # noqa: PLC0415
     from shuttle_marl.base import table_files  # noqa: PLC0415  keeps --help fast
     from shuttle_marl.base.files import replace_file  # noqa: PLC0415
-    from shuttle_marl.data import anonymised  # noqa: PLC0415
+    from shuttle_marl.data import anonymised, named  # noqa: PLC0415
 
     tables = model.load_for(path).seats[0].average
     chosen = RallyFilter(games=games, leading=leading, server=server, length=length)
@@ -69,7 +69,7 @@ def analysis(
     if out is not None:
         for kind, table in (("strokes", valued), ("rallies", rally_table(valued))):
             table_files.write_parquet(out / f"{kind}.parquet", table)
-            replace_file(out / f"{kind}.csv", table_files.csv_bytes(table))
+            replace_file(out / f"{kind}.csv", table_files.csv_bytes(named(table) if kind == "strokes" else table))
         name = "all together" if against is None else against.resolve().name
         _draw(out, summaries, name, summarise(valued) if against is None else summaries[name])
     if json:

@@ -7,7 +7,6 @@ import socket
 import sys
 import threading
 import webbrowser
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
 
@@ -22,9 +21,12 @@ from shuttle_marl.policy.baselines import imitation
 from shuttle_marl.watch import WatchError
 
 if TYPE_CHECKING:
+    import pyarrow as pa
+
     from shuttle_marl.watch.answers import Answers
+    from shuttle_marl.watch.plan import Plan
     from shuttle_marl.watch.recorded import Recorded
-    from shuttle_marl.watch.server import Server
+    from shuttle_marl.watch.server import Downloads, Server
     from shuttle_marl.watch.tagging import TagFile
 
 
@@ -57,6 +59,13 @@ class MatchOptions:
         if self.players is not None and game.people is not None:
             first, second = map(imitation, game.people.players, game.seats)
         return self.a or first, self.b or second
+
+    def plan(self, game: Game) -> "Plan":
+        """The match."""
+        from shuttle_marl.watch.plan import Plan  # noqa: PLC0415
+
+        sides = [{"policy": name, "temperature": t} for name, t in zip(self.policies(game), self.temperature, strict=True)]
+        return Plan.parse({"seed": self.seed, "sides": sides})
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -143,7 +152,6 @@ def watch(
     from shuttle_marl.watch.answers import Answers  # noqa: PLC0415  these keep --help quick
     from shuttle_marl.watch.building import BuildError, build  # noqa: PLC0415
     from shuttle_marl.watch.match_log import MatchLog  # noqa: PLC0415
-    from shuttle_marl.watch.plan import Plan  # noqa: PLC0415
     from shuttle_marl.watch.policies import PolicyTables  # noqa: PLC0415
     from shuttle_marl.watch.server import Server, application, bind, check_video, hosts_of  # noqa: PLC0415
     from shuttle_marl.watch.stager import Stager  # noqa: PLC0415
@@ -155,9 +163,7 @@ def watch(
         check_video(video)
     tags = tagging.open()
     game = _game(match, rallies, model)
-    names = match.policies(game)
-    sides = [{"policy": name, "temperature": t} for name, t in zip(names, match.temperature, strict=True)]
-    plan, policies = Plan.parse({"seed": match.seed, "sides": sides}), PolicyTables(game, names)
+    plan, policies = match.plan(game), PolicyTables(game, match.policies(game))
     recorded, first = _recorded(rallies, policies.game), rallies.rally or 0
     try:  # last, because it may take longest
         page = build(lambda words: console.print(words, soft_wrap=True))
@@ -174,9 +180,9 @@ def watch(
             return
         host = f"[{server.host}]" if ":" in server.host else server.host
         address = f"http://{host}:{listener.getsockname()[1]}/"
-        report = None if recorded is None else _reports(rallies, recorded, policies.game)
+        made = {} if recorded is None else _downloads(rallies, recorded, policies.game)
         footage = None if tags is None else tags.video
-        app = application(answers, page, report=report, video=footage, hosts=hosts_of(server.host), proxies=server.allowed_hosts)
+        app = application(answers, page, downloads=made, video=footage, hosts=hosts_of(server.host), proxies=server.allowed_hosts)
         running = Server(app)
         if video is not None:
             _film(running, listener, f"{address}?quality=full#rally={first + 1}", video)
@@ -223,11 +229,13 @@ def _recorded(options: RallyOptions, game: Game) -> "Recorded | None":
     return recorded
 
 
-def _reports(options: RallyOptions, recorded: "Recorded", game: Game) -> Callable[[int], bytes]:
-    """The report of the match of a recorded rally, as a page."""
+def _downloads(options: RallyOptions, recorded: "Recorded", game: Game) -> "Downloads":
+    """The report of the match of a recorded rally, and the table of its strokes, by the name and the media type of the file."""
+    from shuttle_marl.base.table_files import csv_bytes, parquet_bytes  # noqa: PLC0415
+    from shuttle_marl.data import named  # noqa: PLC0415
 
     @functools.lru_cache(maxsize=8)
-    def page(match: str | tuple[int, int]) -> bytes:
+    def report(match: str | tuple[int, int]) -> bytes:
         from shuttle_marl.coach import sources  # noqa: PLC0415  Jinja
         from shuttle_marl.coach.match_page import match_page  # noqa: PLC0415
 
@@ -238,7 +246,24 @@ def _reports(options: RallyOptions, recorded: "Recorded", game: Game) -> Callabl
         pairing, number = match
         return match_page(*sources.of_log(options.replay, game, number, pairing))
 
-    return lambda number: page(recorded.match(number))
+    def strokes(match: str | tuple[int, int]) -> "pa.Table":
+        from shuttle_marl.coach import sources  # noqa: PLC0415
+        from shuttle_marl.data import load_strokes  # noqa: PLC0415
+        from shuttle_marl.recording import RallyLog  # noqa: PLC0415
+
+        if isinstance(match, str):
+            assert options.real is not None
+            return sources.match_strokes(load_strokes(options.real), match)
+        assert options.replay is not None
+        with RallyLog(options.replay) as log:
+            pairing, number = match
+            return sources.log_strokes(log, number, pairing)
+
+    return {
+        ("report", "text/html"): lambda number: report(recorded.match(number)),
+        ("strokes.csv", "text/csv"): lambda number: csv_bytes(named(strokes(recorded.match(number)))),
+        ("strokes.parquet", "application/vnd.apache.parquet"): lambda number: parquet_bytes(strokes(recorded.match(number))),
+    }
 
 
 def _save_site(folder: Path, page: Path, answers: "Answers") -> None:

@@ -4,7 +4,7 @@ Most users only need :func:`load_strokes`.
 """
 
 from shuttle_marl.data.cleaning import clean_matches
-from shuttle_marl.data.schema import OUTCOMES, REASONS, STROKES, Account, Cleaned, Outcome
+from shuttle_marl.data.schema import OUTCOMES, REASONS, STROKES, Account, Cleaned, Outcome, named
 from shuttle_marl.data.strict_csv import DataError
 from shuttle_marl.data.table import anonymised, load_account, load_strokes
 from shuttle_marl.data.upstream import SPLITS, Split, matches_of, split_of
@@ -24,5 +24,6 @@ __all__ = [
     "load_account",
     "load_strokes",
     "matches_of",
+    "named",
     "split_of",
 ]

@@ -102,17 +102,21 @@ STROKES: Final = pa.schema(
 OPTIONAL: Final = ("hurried", "forced", "confidence", "inferred")
 """Columns that files may lack."""
 
-RANGES: Final = {
+NAMES: Final = {
+    "shot": SHOTS,
+    "height": HEIGHTS,
+    "technique": TECHNIQUES,
+    "area": court.AREAS,
+    "label_area": court.AREAS,
+    "outcome": OUTCOMES,
+    "reason": REASONS,
+}
+"""Names of the values of columns that are indices."""
+
+RANGES: Final = {name: (0, len(names) - 1) for name, names in NAMES.items()} | {
     "game": (1, 9),
     "rally": (1, 9999),
     "stroke": (1, 9999),
-    "shot": (0, len(SHOTS) - 1),
-    "height": (0, len(HEIGHTS) - 1),
-    "technique": (0, len(TECHNIQUES) - 1),
-    "area": (0, court.N_AREAS - 1),
-    "label_area": (0, court.N_AREAS - 1),
-    "outcome": (0, len(OUTCOMES) - 1),
-    "reason": (0, len(REASONS) - 1),
     "points": (0, 30),
     "points_opponent": (0, 30),
     "clock": (0, 100_000),
@@ -132,6 +136,14 @@ _OF_RALLY[[rules.FAULT, rules.WINNER, rules.RETURNED_BELOW, rules.RETURNED_ABOVE
 def outcome_of(played: Ints) -> I64:
     """Codes of :class:`Outcome` for indices into :data:`shuttle_marl.game.rules.OUTCOMES`, any shape."""
     return np.asarray(_OF_RALLY[np.asarray(played, dtype=np.int64)])
+
+
+def named(strokes: pa.Table) -> pa.Table:
+    """The table with names instead of indices, for people."""
+    for column, names in NAMES.items():
+        found = pa.array(names).take(strokes[column].combine_chunks())
+        strokes = strokes.set_column(strokes.schema.get_field_index(column), column, found)
+    return strokes
 
 
 DROP_REASONS: Final = {

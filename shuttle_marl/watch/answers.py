@@ -23,6 +23,7 @@ from shuttle_marl.policy import registry
 from shuttle_marl.policy.baselines import imitation
 from shuttle_marl.watch import WatchError, messages
 from shuttle_marl.watch.facts import hall_facts, rally_facts, rounded
+from shuttle_marl.watch.first_rally import first_key, shipped_rally
 from shuttle_marl.watch.match import CourtRally, Match, play_rally
 from shuttle_marl.watch.match_log import MatchLog
 from shuttle_marl.watch.overview import match_overview
@@ -53,6 +54,7 @@ class Answers:
         first: number of the rally that is shown first.
         log: log of the rallies that a person plays; None: not recorded.
         tags: the video that is tagged, instead of rallies; None: none.
+        shipped: use the first rally that is shipped, if it is that of the plan.
     """
 
     def __init__(
@@ -65,6 +67,7 @@ class Answers:
         first: int = 0,
         log: MatchLog | None = None,
         tags: TagFile | None = None,
+        shipped: bool = True,
     ) -> None:
         self._game, self._policies, self._plan = policies.game, policies, plan
         self._recorded, self._first_shown = recorded, first
@@ -72,6 +75,7 @@ class Answers:
         self._overviews = OnceCache(_MAX_OVERVIEWS)
         self._matches, self._packed, self._pairs = OnceCache(_MAX_MATCHES), OnceCache(_MAX_PACKED), OnceCache(_MAX_PAIRS)
         self._tags = tags
+        self._shipped = shipped_rally(first_key(self._game, plan, stager)) if shipped else None
 
     def __call__(self, request: messages.Request) -> bytes:
         """The encoded reply to a request.
@@ -86,7 +90,7 @@ class Answers:
         if isinstance(request, messages.HelloRequest):
             return self.hello(), b""
         if isinstance(request, messages.RallyRequest):
-            return self._rally(request)
+            return self.rally(request)
         if isinstance(request, messages.AnalysisRequest):
             return self._values_of(request).analysis(self._played(request), self._players(request)), b""
         if isinstance(request, messages.OptionsRequest):
@@ -122,14 +126,14 @@ class Answers:
 
     def rally_facts(self, request: messages.RallyRequest) -> messages.RallyFacts:
         """A rally without its motion."""
-        return self._rally(request)[0].rally
+        return self.rally(request)[0].rally
 
     def warm(self) -> None:
-        """Compute the first rally and its analysis, so that no page waits for them."""
-        plan = None if self._recorded else self._plan
-        for kind in (messages.RallyRequest, messages.AnalysisRequest):
+        """Compute the first rally, the walk to the next one, and its analysis, so that no page waits for them."""
+        about = messages.RallyRequest(id=0, plan=None if self._recorded else self._plan, rally=self._first_shown)
+        for request in (about, replace(about, walk=True), messages.AnalysisRequest(id=0, plan=about.plan, rally=about.rally)):
             with contextlib.suppress(ShuttleError):  # the page that asks receives the error
-                self._reply(kind(id=0, plan=plan, rally=self._first_shown))
+                self._reply(request)
 
     def hello(self) -> messages.Hello:
         """Reply to the first request of a page: the hall, the policies, and the rallies that are shown."""
@@ -146,7 +150,10 @@ class Answers:
             tag=None if self._tags is None else self._tags.facts(),
         )
 
-    def _rally(self, request: messages.RallyRequest) -> tuple[messages.RallyReply, bytes]:
+    def rally(self, request: messages.RallyRequest) -> tuple[messages.RallyReply, bytes]:
+        """A rally, and its packed motion."""
+        if self._shipped is not None and request == messages.RallyRequest(id=request.id, plan=self._plan, rally=0):
+            return self._shipped.reply, self._shipped.motion
         rally = self._played(request)
         motion = self._motion(request, rally)
         if self._log is not None and request.plan is not None and request.person is not None:

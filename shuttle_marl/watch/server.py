@@ -17,7 +17,7 @@ import os
 import shutil
 import socket
 import urllib.parse
-from collections.abc import Awaitable, Callable, Iterable
+from collections.abc import Awaitable, Callable, Iterable, Mapping
 from ctypes.util import find_library
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, Final
@@ -75,13 +75,15 @@ _TYPES: Final = {"index.html": "text/html", "watch.js": "text/javascript", "watc
 
 Answer = Callable[[PageRequest], bytes]
 """Returns the encoded reply to a request; raises ShuttleError. Called in worker threads."""
+Downloads = Mapping[tuple[str, str], Callable[[int], bytes]]
+"""By name and media type, what makes a file about the match of a recorded rally; raises ShuttleError."""
 
 
 def application(
     answer: Answer,
     page: Path,
     *,
-    report: Callable[[int], bytes] | None = None,
+    downloads: Downloads | None = None,
     video: Path | None = None,
     hosts: tuple[str, ...] = _LOOPBACK,
     proxies: tuple[str, ...] = (),
@@ -91,7 +93,7 @@ def application(
     Args:
         answer: request handler.
         page: folder of the built page.
-        report: makes the report of the match of a recorded rally as a page, and raises ShuttleError; called in worker threads.
+        downloads: files about the matches of recorded rallies.
         video: the video that is tagged.
         hosts: allowed values of the Host header; ``*`` allows every IP address.
         proxies: further ones, whose pages may connect whatever Host header the proxy sends.
@@ -101,8 +103,8 @@ def application(
     routes += [Route(f"/{name}.glb", _file(model_file(name))) for name in ATHLETES]
     if video is not None:
         routes.append(Route("/video", _file(video, mimetypes.guess_type(video.name)[0])))
-    if report is not None:
-        routes.append(Route("/report", _report(report)))
+    limiter = anyio.CapacityLimiter(1)  # one at a time: a report takes seconds of all cores
+    routes += [Route(f"/{name}", _download(make, name, kind, limiter)) for (name, kind), make in (downloads or {}).items()]
     routes.append(WebSocketRoute("/ws", _Connections(answer).serve))
     return _Guard(Starlette(routes=routes), hosts, tuple(map(str.lower, proxies)))
 
@@ -116,20 +118,19 @@ def _file(path: Path, kind: str | None = None) -> Callable[[Request], Awaitable[
     return respond
 
 
-def _report(report: Callable[[int], bytes]) -> Callable[[Request], Awaitable[Response]]:
-    # One at a time: a report takes seconds of all cores.
-    limiter = anyio.CapacityLimiter(1)
-
+def _download(
+    make: Callable[[int], bytes], name: str, kind: str, limiter: anyio.CapacityLimiter
+) -> Callable[[Request], Awaitable[Response]]:
     async def respond(request: Request) -> Response:
         number = request.query_params.get("rally", "")
         if not number.isascii() or not number.isdecimal() or len(number) > _DIGITS:
-            return PlainTextResponse("expected report?rally=NUMBER\n", status_code=400)
+            return PlainTextResponse(f"expected {name}?rally=NUMBER\n", status_code=400)
         try:
-            content = await anyio.to_thread.run_sync(report, int(number) - 1, limiter=limiter)
+            content = await anyio.to_thread.run_sync(make, int(number) - 1, limiter=limiter)
         except ShuttleError as error:
             return PlainTextResponse(f"{printable(str(error))}\n", status_code=404)
-        # The page contains its own policy, which allows its own scripts alone.
-        return Response(content, media_type="text/html", headers={"Content-Security-Policy": "frame-ancestors 'none'"})
+        # A report contains its own policy, which allows its own scripts alone.
+        return Response(content, media_type=kind, headers={"Content-Security-Policy": "frame-ancestors 'none'"})
 
     return respond
 

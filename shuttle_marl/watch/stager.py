@@ -22,7 +22,7 @@ class Stager:
     """
 
     def __init__(self, athletes: tuple[str, str], hands: tuple[str, str]) -> None:
-        self._athletes, self._hands = athletes, hands
+        self.athletes, self.hands = athletes, hands
         self._motions = OnceCache(_MAX_MOTIONS)
         # Staging uses one core; two at a time would delay both.
         self._one = threading.Lock()
@@ -52,4 +52,4 @@ class Stager:
         with self._one:
             if continuing is not None:
                 return continue_motion(continuing, rally, seed=rally.key, from_stroke=from_stroke)
-            return stage(rally, seed=rally.key, handedness=self._hands, athletes=self._athletes, fps=FPS)
+            return stage(rally, seed=rally.key, handedness=self.hands, athletes=self.athletes, fps=FPS)

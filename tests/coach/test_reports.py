@@ -32,7 +32,7 @@ from shuttle_marl.coach.words import Words, of_100, signed
 from shuttle_marl.commands.report import main as report_command
 from shuttle_marl.commands.reports import write_report
 from shuttle_marl.commands.scout import main as scout_command
-from shuttle_marl.commands.watch import RallyOptions, _reports
+from shuttle_marl.commands.watch import RallyOptions, _downloads
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.exact import Odds
 from shuttle_marl.game.scoring import Rules, Score
@@ -442,7 +442,7 @@ def test_a_report_of_agents(tmp_path: Path, model: str, unbuilt: None, capsys: p
     # The live court serves the same page for each rally of the match.
     game = resolve_game(model)
     recorded = LogRallies(log, game)
-    page = _reports(RallyOptions(replay=log), recorded, game)
+    page = _downloads(RallyOptions(replay=log), recorded, game)["report", "text/html"]
     number = next(k for k in range(recorded.count) if recorded.match(k) == (0, 1))
     assert read(page(number + 1))[1] == text
 

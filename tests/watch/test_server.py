@@ -15,15 +15,24 @@ import urllib.parse
 from pathlib import Path
 from typing import Any
 
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
 import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
+from shuttle_marl.commands.watch import RallyOptions, _downloads
+from shuttle_marl.data import load_strokes
+from shuttle_marl.game.shipped import default_game
+from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.watch import WatchError, server
+from shuttle_marl.watch.recorded import RealRallies
 from shuttle_marl.watch.server import MAX_MESSAGE, hosts_of, refusal
 from tests.watch.conftest import Served, serving
 
 PLAN = {"seed": 1, "sides": [{"policy": "bc"}, {"policy": "random"}]}
+SAMPLE = Path("datasets/sample/strokes.parquet")
 
 
 def port_of(served: Served) -> int:
@@ -265,7 +274,7 @@ def test_the_report_of_a_recorded_match(tmp_path: Path) -> None:
         return b"<p>the match of rally %d</p>" % number
 
     listener = server.bind("127.0.0.1", 0)
-    running = server.Server(server.application(lambda _: b"", tmp_path, report=report))
+    running = server.Server(server.application(lambda _: b"", tmp_path, downloads={("report", "text/html"): report}))
     thread = threading.Thread(target=running.run, kwargs={"sockets": [listener]})
     thread.start()
     try:
@@ -285,3 +294,15 @@ def test_the_report_of_a_recorded_match(tmp_path: Path) -> None:
     assert found.pop("rally=3") == (200, b"<p>the match of rally 2</p>")
     assert found.pop("rally=100") == (404, b"no rally 100: there are 10\n")
     assert all(status == 400 for status, _ in found.values())
+
+
+def test_the_strokes_of_a_recorded_match_are_tables() -> None:
+    strokes = load_strokes(SAMPLE)
+    recorded = RealRallies(SAMPLE, default_game(), strokes)
+    made = {name: make for (name, _), make in _downloads(RallyOptions(real=SAMPLE), recorded, default_game()).items()}
+    table = pq.read_table(pa.BufferReader(made["strokes.parquet"](0)))
+    name = table["match"][0].as_py()
+    assert table.equals(strokes.filter(pc.equal(strokes["match"], name)))
+    header, first, *_ = made["strokes.csv"](0).decode().splitlines()
+    row = dict(zip(header.replace('"', "").split(","), first.replace('"', "").split(","), strict=True))
+    assert (row["match"], row["shot"]) == (name, SHOTS[table["shot"][0].as_py()])

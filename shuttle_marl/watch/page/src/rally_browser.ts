@@ -18,7 +18,11 @@ function matchName({ title, names, date }: RecordedMatch): string {
 export class RallyBrowser {
   readonly element = h("section", { class: "panel browser hidden", "aria-label": "Rallies of the match" });
   private list = h("ol");
-  private readonly report = h("a", { target: "_blank", rel: "noopener" }, "Match report");
+  private readonly files = new Map([
+    ["report", h("a", { target: "_blank", rel: "noopener" }, "Match report")],
+    ["strokes.csv", h("a", { download: "" }, "strokes as CSV")],
+    ["strokes.parquet", h("a", { download: "" }, "as Parquet")],
+  ]);
   private match: MatchReply | null = null;
   private readonly picker: HTMLElement | null;
 
@@ -76,10 +80,12 @@ export class RallyBrowser {
         missing > 0 &&
           h("p", { class: "quiet" }, `${missing} more ${missing > 1 ? "rallies are" : "rally is"} not in the data`),
         this.list,
-        this.live && this.report,
+        this.live && h("p", { class: "files" }, ...this.files.values()),
       );
     }
-    this.report.href = `report?rally=${current + 1}`;
+    for (const [name, link] of this.files) {
+      link.href = `${name}?rally=${current + 1}`;
+    }
     for (const button of this.list.querySelectorAll("button")) {
       const here = button.dataset["rally"] === String(current);
       button.removeAttribute("aria-current");

@@ -1,0 +1,31 @@
+"""Stages the first rally of the default match, which the page shows before its server has compiled anything.
+
+python -m docs.tools.first_rally
+"""
+
+import gzip
+
+import msgspec
+
+from shuttle_marl.base.files import replace_file
+from shuttle_marl.commands.options import Appearance
+from shuttle_marl.commands.watch import MatchOptions
+from shuttle_marl.game.shipped import default_game
+from shuttle_marl.watch.answers import Answers
+from shuttle_marl.watch.first_rally import FILE, FirstRally, first_key
+from shuttle_marl.watch.messages import RallyRequest
+from shuttle_marl.watch.policies import PolicyTables
+from shuttle_marl.watch.stager import Stager
+
+
+def first_rally() -> FirstRally:
+    """The first rally of the default match."""
+    game, match, appearance = default_game(), MatchOptions(), Appearance()
+    plan, stager = match.plan(game), Stager(appearance.athletes, appearance.hands)
+    answers = Answers(PolicyTables(game), plan, stager, shipped=False)
+    reply, motion = answers.rally(RallyRequest(id=0, plan=plan, rally=0))
+    return FirstRally(first_key(game, plan, stager), reply, motion)
+
+
+if __name__ == "__main__":
+    replace_file(FILE, gzip.compress(msgspec.msgpack.encode(first_rally()), mtime=0))

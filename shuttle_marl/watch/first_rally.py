@@ -1,0 +1,44 @@
+"""The first rally of the match that the page shows by default, staged in advance.
+
+A server whose compiled code is not cached needs half a minute before it can stage a rally; the page shows this one at once.
+``python -m docs.tools.first_rally`` writes the file again, after a change of the game, of the agents or of the staging.
+"""
+
+import gzip
+import hashlib
+from pathlib import Path
+from typing import Final
+
+import msgspec
+
+from shuttle_marl.game.tables import Game
+from shuttle_marl.watch.messages import RallyReply
+from shuttle_marl.watch.plan import Plan
+from shuttle_marl.watch.stager import Stager
+
+FILE: Final = Path(__file__).with_name("first_rally.bin")
+
+
+class FirstRally(msgspec.Struct, frozen=True):
+    """A rally that is staged.
+
+    Attributes:
+        key: of what the rally depends on.
+        reply: the rally.
+        motion: its packed motion.
+    """
+
+    key: str
+    reply: RallyReply
+    motion: bytes
+
+
+def first_key(game: Game, plan: Plan, stager: Stager) -> str:
+    """Hash of the game, the plan of the match, and the appearance of the players."""
+    return hashlib.sha256(msgspec.json.encode([game.hash, plan.key.decode(), stager.athletes, stager.hands])).hexdigest()
+
+
+def shipped_rally(key: str) -> FirstRally | None:
+    """The shipped rally; None: it is another one."""
+    found = msgspec.msgpack.decode(gzip.decompress(FILE.read_bytes()), type=FirstRally)
+    return found if found.key == key else None
