@@ -5,6 +5,7 @@ A request names all it needs, so pages can reconnect and share links.
 
 import contextlib
 import dataclasses
+import threading
 from collections.abc import Iterator
 from typing import Final
 
@@ -39,6 +40,8 @@ _MAX_PACKED: Final = 8
 _MAX_OVERVIEWS: Final = 16
 _MAX_PAIRS: Final = 3
 """Number of games of pairs in memory, of hundreds of megabytes each."""
+_PATIENCE: Final = 10.0
+"""Maximum time that a new server waits for its first page before it compiles [s]."""
 _LEAST: Final = 1e-4
 """Least probability of a stroke that a person chose, under an imitated player."""
 
@@ -76,6 +79,7 @@ class Answers:
         self._matches, self._packed, self._pairs = OnceCache(_MAX_MATCHES), OnceCache(_MAX_PACKED), OnceCache(_MAX_PAIRS)
         self._tags = tags
         self._shipped = shipped_rally(first_key(self._game, plan, stager)) if shipped else None
+        self._shown = threading.Event()
 
     def __call__(self, request: messages.Request) -> bytes:
         """The encoded reply to a request.
@@ -91,6 +95,7 @@ class Answers:
             return self.hello(), b""
         if isinstance(request, messages.RallyRequest):
             return self.rally(request)
+        self._shown.set()
         if isinstance(request, messages.AnalysisRequest):
             return self._values_of(request).analysis(self._played(request), self._players(request)), b""
         if isinstance(request, messages.OptionsRequest):
@@ -129,7 +134,12 @@ class Answers:
         return self.rally(request)[0].rally
 
     def warm(self) -> None:
-        """Compute the first rally, the walk to the next one, and its analysis, so that no page waits for them."""
+        """Compute the first rally, the walk to the next one, and its analysis, so that no page waits for them.
+
+        A page that shows the shipped rally comes first: compiling would delay its picture.
+        """
+        if self._shipped is not None:
+            self._shown.wait(_PATIENCE)
         about = messages.RallyRequest(id=0, plan=None if self._recorded else self._plan, rally=self._first_shown)
         for request in (about, replace(about, walk=True), messages.AnalysisRequest(id=0, plan=about.plan, rally=about.rally)):
             with contextlib.suppress(ShuttleError):  # the page that asks receives the error
@@ -154,6 +164,7 @@ class Answers:
         """A rally, and its packed motion."""
         if self._shipped is not None and request == messages.RallyRequest(id=request.id, plan=self._plan, rally=0):
             return self._shipped.reply, self._shipped.motion
+        self._shown.set()
         rally = self._played(request)
         motion = self._motion(request, rally)
         if self._log is not None and request.plan is not None and request.person is not None:

@@ -1,7 +1,7 @@
 // The page: state, playback and actions of the viewer.
 
 import { Challenges } from "./challenges";
-import { still } from "./dom";
+import { nextPicture, still } from "./dom";
 import { Ending } from "./ending";
 import { type FrameListener, Frames } from "./frame";
 import { facing } from "./hall";
@@ -34,6 +34,7 @@ export class App {
   private readonly values: StrokeValues;
   private readonly challenges: Challenges;
   private shown: Shown | null = null;
+  private pictured: Promise<void> | null = null; // resolves after the first picture
   private readonly ending: Ending;
   private readonly unseen: number[] = []; // times of choices after which no frame has moved yet
   private readonly listener: FrameListener = {
@@ -198,10 +199,17 @@ export class App {
     const where = rally.skill ? `${match}, ${rally.skill}` : match;
     this.screen.show(rally, where, course.sides, course.person?.seat ?? null, course.isTried);
     this.saving.updateAddress();
-    void this.values.request(rally);
-    if (rally.winner !== null && !rally.after?.over && !this.isLast && this.screen.mode !== "learn") {
-      this.rallies.load({ ...course.wanted(course.number + 1), tried: {} }).catch(() => {}); // staged while this one plays
-    }
+    // A new server compiles for these; on a machine of few cores, the first picture would wait for it.
+    this.pictured ??= nextPicture();
+    this.values.latest = this.pictured.then(() => {
+      if (this.shown !== shown) {
+        return undefined;
+      }
+      if (rally.winner !== null && !rally.after?.over && !this.isLast && this.screen.mode !== "learn") {
+        this.rallies.load({ ...course.wanted(course.number + 1), tried: {} }).catch(() => {}); // staged while this one plays
+      }
+      return this.values.request(rally);
+    });
   }
 
   // Actions.

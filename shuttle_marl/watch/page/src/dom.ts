@@ -88,3 +88,11 @@ export function replaceChildren(parent: Element, ...children: Child[]): void {
     ...children.filter((child): child is Node | string => child !== null && child !== undefined && child !== false),
   );
 }
+
+/** Resolves when the browser has shown the next picture; where it shows none, as in a hidden tab, after a second. */
+export function nextPicture(): Promise<void> {
+  return new Promise((resolve) => {
+    requestAnimationFrame(() => requestAnimationFrame(() => resolve()));
+    setTimeout(resolve, 1000);
+  });
+}
