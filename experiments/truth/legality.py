@@ -44,14 +44,16 @@ def illegal(strokes: Strokes, promised: Promises, known: Bools, forbidden: Bools
         known, forbidden: ``[N]``, see :func:`judged_strokes`.
 
     Returns:
-        ``share``, ``after_drop_above`` (the same among replies to drops met above the net), and ``value_error``: points (per
-        cent of rallies) won above V there, with a 95 % interval by matches.
+        ``share``, ``shots`` (the part of each shot type in these strokes), ``after_drop_above`` (the share among replies to
+        drops met above the net), and ``value_error``: points (per cent of rallies) won above V there, with a 95 % interval by
+        matches.
     """
-    drop = after_drop_above(strokes)
+    drop, shot = after_drop_above(strokes), strokes.rows.codes["shot"]
     used = drop & np.isfinite(promised.value) & (strokes.result != 0)
     error = ratio_by_match(50 * (strokes.result - promised.value)[used], np.ones(int(used.sum())), strokes.rows.match[used])
     return {
         "share": float(forbidden.sum() / known.sum()),
+        "shots": {name: float((shot[forbidden] == i).mean()) for i, name in enumerate(SHOTS)},
         "after_drop_above": float(forbidden[drop].sum() / max(1, known[drop].sum())),
         "value_error": {"points": error["value"], "low": error["low"], "high": error["high"], "n": int(used.sum())},
     }

@@ -35,7 +35,7 @@ interface Opened {
 async function served(): Promise<Opened> {
   const lost = h(
     "div",
-    { class: "notice hidden", role: "alert", style: "position:fixed;bottom:12px;z-index:9" },
+    { class: "notice hidden", role: "alert", style: "top:auto;bottom:12px" },
     "No connection to the server; reconnecting …",
   );
   document.body.append(lost);
