@@ -256,7 +256,9 @@ class Written:
     health: dict[str, Any]
 
 
-def save_fit(out: Path, fitted: Fit, sources: Mapping[str, str], skill_sd: F64 | None, *, report: Report) -> Written:
+def save_fit(
+    out: Path, fitted: Fit, sources: Mapping[str, str], skill_sd: F64 | None, *, report: Report, check: bool = True
+) -> Written:
     """Compile a fit, fit the skill of its players, and write all files of a model folder but the variants and the card.
 
     Args:
@@ -265,9 +267,10 @@ def save_fit(out: Path, fitted: Fit, sources: Mapping[str, str], skill_sd: F64 |
         sources: data set of each match by name.
         skill_sd: standard deviations of the skill in a prior model; None: estimate them.
         report: called with a line before each stage.
+        check: refuse a game that rewards strokes that nobody plays, which its best play would consist of.
 
     Raises:
-        ShuttleError: the game rewards strokes that nobody plays; nothing is written.
+        ShuttleError: the game is refused; nothing is written.
     """
     report("compiling the game")
     game, probabilities = fitted.compiled()
@@ -277,7 +280,7 @@ def save_fit(out: Path, fitted: Fit, sources: Mapping[str, str], skill_sd: F64 |
     solved = health(PairPolicy(game=game, probability=game.normalized(weight)), fitted.support.strokes)
     enough = fitted.support.strokes.sum() >= ENOUGH_STROKES
     required = REQUIRED if enough else {"impossible": REQUIRED["impossible"]}
-    if failed := [text for text, within in criteria(solved, required).values() if not within]:
+    if check and (failed := [text for text, within in criteria(solved, required).values() if not within]):
         raise ShuttleError(
             f"the game of these strokes rewards what people do not play ({'; '.join(failed)}), so its best play would be no "
             "badminton; nothing was written. Add matches, or use --prior default, which corrects the shipped models instead"
