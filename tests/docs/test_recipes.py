@@ -11,13 +11,17 @@ NEEDED = {
     "agilerl": ("agilerl", "peft"),
     "jax": ("jax", "optax"),
     "mcts": (),
+    "minari": ("minari", "h5py"),
     "open_spiel": ("pyspiel", "tree"),
+    "optuna": ("optuna",),
     "own_loop": ("torch",),
     "rllib": ("ray", "tree"),
     "sb3": ("sb3_contrib",),
+    "sb3_two": ("sb3_contrib",),
     "supersuit": ("supersuit",),
     "tianshou": ("tianshou",),
     "torchrl": ("torchrl",),
+    "wandb": ("wandb",),
 }
 
 
