@@ -11,6 +11,7 @@ from shuttle_marl.game.policy import UniformPolicy
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.kernel import KernelError, Matches, Players, RallyBatch, pack, play_matches
 from shuttle_marl.kernel.rows import Observations
+from tests.exact.exact_games import random_game, random_policy
 from tests.reduced import reduced_game
 
 GAME = reduced_game()
@@ -19,80 +20,45 @@ PLAYERS = pack([TABLE, TABLE], GAME)
 ROWS = 64
 
 
-def a_batch(kind: str) -> RallyBatch:
-    return RallyBatch(GAME, ROWS, opponents=None if kind == "rally" else [TABLE])
+@pytest.fixture
+def batch() -> RallyBatch:
+    return RallyBatch(GAME, ROWS, opponents=[TABLE])
 
 
 def state_of(batch: RallyBatch) -> list[bytes]:
     return [array.tobytes() for array in batch.rows]
 
 
-BATCHES = pytest.mark.parametrize("kind", ["rally", "versus"])
-
-
-@BATCHES
 @pytest.mark.parametrize(
-    "rows",
-    [
-        np.zeros(2, bool), np.zeros(ROWS + 1, bool), np.zeros(0, bool), np.zeros((ROWS, 1), bool), np.zeros(ROWS), [False],
-        np.zeros(ROWS, np.int8), np.arange(ROWS), np.array(False), np.full(ROWS, None),
-    ],
-)  # fmt: skip
-def test_a_mask_of_rows_is_one_truth_value_a_row(kind: str, rows: Any) -> None:
-    batch = a_batch(kind)
+    "rows", [np.zeros(ROWS + 1, bool), np.zeros((ROWS, 1), bool), [False], np.zeros(ROWS, np.int8), np.full(ROWS, None)]
+)
+def test_a_mask_of_rows_is_one_truth_value_a_row(batch: RallyBatch, rows: Any) -> None:
     before = state_of(batch)
     with pytest.raises(KernelError, match=rf"rows: .*; expected bool of shape \({ROWS},\)"):
         batch.reset(rows=rows)
     assert state_of(batch) == before
 
 
-@BATCHES
-def test_masks_of_rows_with_gaps_in_memory_will_do(kind: str) -> None:
-    rows = np.zeros(2 * ROWS, bool)
-    rows[::4] = True
-    batch, wanted = a_batch(kind), a_batch(kind)
-    batch.reset(rows=rows[::2])
-    wanted.reset(rows=rows[::2].copy())
-    assert state_of(batch) == state_of(wanted)
-
-
-@BATCHES
-@pytest.mark.parametrize("change", [np.float64, np.float32, np.complex128, bool, str, object, "datetime64[s]"])
-def test_strokes_are_whole_numbers(kind: str, change: Any) -> None:
-    batch = a_batch(kind)
+@pytest.mark.parametrize("change", [np.float64, bool, str, object])
+def test_strokes_are_whole_numbers(batch: RallyBatch, change: Any) -> None:
     strokes, before = batch.random_strokes(), state_of(batch)
     with pytest.raises(KernelError, match=r"strokes: .*; expected int64"):
         batch.step(strokes.astype(change))
+    with pytest.raises(KernelError, match="strokes: 0 to 18446744073709551615; expected"):
+        batch.step(np.r_[np.zeros(ROWS - 1, np.uint64), np.uint64(2**64 - 1)].astype(np.uint64))
     assert state_of(batch) == before
 
 
-@BATCHES
-@pytest.mark.parametrize("type_", [np.uint8, np.int16, np.int32, np.uint64])
-def test_strokes_of_every_width_will_do(kind: str, type_: Any) -> None:
-    batch, wanted = a_batch(kind), a_batch(kind)
-    strokes = batch.random_strokes()
-    batch.step(strokes.astype(type_))
+@pytest.mark.parametrize("type_", [np.uint8, np.int32, np.uint64])
+def test_strokes_of_every_width_and_gaps_in_memory_will_do(batch: RallyBatch, type_: Any) -> None:
+    wanted = RallyBatch(GAME, ROWS, opponents=[TABLE])
+    strokes, rows = batch.random_strokes(), np.zeros(2 * ROWS, bool)
+    rows[::4] = True
+    batch.step(np.repeat(strokes, 2).astype(type_)[::2])
     wanted.step(strokes)
+    batch.reset(rows=rows[::2])
+    wanted.reset(rows=rows[::2].copy())
     assert state_of(batch) == state_of(wanted)
-
-
-def test_strokes_beyond_the_largest_whole_number_are_refused() -> None:
-    batch = a_batch("rally")
-    with pytest.raises(KernelError, match="strokes: 0 to 18446744073709551615; expected"):
-        batch.step(np.r_[np.zeros(ROWS - 1, np.uint64), np.uint64(2**64 - 1)].astype(np.uint64))
-
-
-def rooms() -> list[Callable[[Observations], Observations]]:
-    return [
-        lambda o: o._replace(tokens=o.tokens.astype(np.int64)),
-        lambda o: o._replace(tokens=o.tokens[:-1]),
-        lambda o: o._replace(tokens=np.asfortranarray(o.tokens)),
-        lambda o: o._replace(tokens=o.tokens.tolist()),
-        lambda o: o._replace(mask=o.mask.astype(np.int8)),
-        lambda o: o._replace(mask=o.mask[:, :-1]),
-        lambda o: o._replace(mask=o.mask[::-1]),
-        lambda o: Observations(*(locked(array) for array in o)),
-    ]
 
 
 def locked(array: np.ndarray) -> np.ndarray:
@@ -100,10 +66,18 @@ def locked(array: np.ndarray) -> np.ndarray:
     return array
 
 
-@BATCHES
-@pytest.mark.parametrize("change", rooms())
-def test_room_for_observations_is_checked(kind: str, change: Callable[[Observations], Observations]) -> None:
-    batch = a_batch(kind)
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda o: o._replace(tokens=o.tokens.astype(np.int64)),
+        lambda o: o._replace(tokens=o.tokens[:-1]),
+        lambda o: o._replace(tokens=np.asfortranarray(o.tokens)),
+        lambda o: o._replace(tokens=o.tokens.tolist()),
+        lambda o: o._replace(mask=o.mask[:, :-1]),
+        lambda o: Observations(*(locked(array) for array in o)),
+    ],
+)
+def test_room_for_observations_is_checked(batch: RallyBatch, change: Callable[[Observations], Observations]) -> None:
     strokes, before, room = batch.random_strokes(), state_of(batch), change(batch.new_observations())
     for use in (lambda: batch.observe(room), lambda: batch.step(strokes, observed=room)):
         with pytest.raises(KernelError, match=r"output array for (tokens|mask)"):
@@ -111,12 +85,8 @@ def test_room_for_observations_is_checked(kind: str, change: Callable[[Observati
     assert state_of(batch) == before
 
 
-@pytest.mark.parametrize(
-    "opponents",
-    [np.ones(ROWS), np.zeros(ROWS - 1, int), np.full(ROWS, 1), np.full(ROWS, -1), np.full(ROWS, 2**40), np.zeros(ROWS, bool)],
-)
-def test_assigned_opponents_are_checked(opponents: np.ndarray) -> None:
-    batch = RallyBatch(GAME, ROWS, opponents=[TABLE])
+@pytest.mark.parametrize("opponents", [np.ones(ROWS), np.zeros(ROWS - 1, int), np.full(ROWS, -1), np.full(ROWS, 2**40)])
+def test_assigned_opponents_are_checked(batch: RallyBatch, opponents: np.ndarray) -> None:
     with pytest.raises(KernelError, match="opponents: "):
         batch.assign(opponents)
     assert (batch.opponents.following == 0).all()
@@ -134,9 +104,7 @@ def changed(name: str, at: Any, value: int) -> Players:
         Players(PLAYERS.cumulative[:, :-1], PLAYERS.guide),
         Players(PLAYERS.cumulative.astype(np.int64), PLAYERS.guide),
         Players(PLAYERS.cumulative[:, ::-1], PLAYERS.guide),
-        Players(PLAYERS.cumulative, PLAYERS.guide[:, :-1]),
         Players(PLAYERS.cumulative, PLAYERS.guide[:1]),
-        Players(PLAYERS.cumulative, PLAYERS.guide.astype(float)),
         changed("cumulative", (1, -1), 65534),
         changed("guide", (1, 7, 3), 255),
         changed("guide", (0, 1, 0), 1),
@@ -147,10 +115,7 @@ def test_packed_policies_made_by_hand_are_checked(players: Players) -> None:
         play_matches(GAME, some_matches(), players)
 
 
-@pytest.mark.parametrize(
-    "cumulative",
-    [TABLE.cumulative[:-1], TABLE.cumulative.astype(float), np.zeros_like(TABLE.cumulative), TABLE.cumulative.reshape(1, -1)],
-)
+@pytest.mark.parametrize("cumulative", [TABLE.cumulative[:-1], TABLE.cumulative.astype(float), np.zeros_like(TABLE.cumulative)])
 def test_tables_of_policies_made_by_hand_are_checked(cumulative: Any) -> None:
     with pytest.raises(KernelError, match="table of a policy"):
         pack([TabulatedPolicy(game=GAME, cumulative=cumulative)], GAME)
@@ -168,14 +133,10 @@ def some_matches(**changes: Any) -> Matches:
     [
         {"entrant": np.zeros((3, 2))},
         {"entrant": np.zeros((2, 2), np.int32)},
-        {"entrant": np.zeros(6, np.int32)},
         {"entrant": np.full((3, 2), -1)},
         {"entrant": np.full((3, 2), 2**40)},
         {"first_server": np.array([0, 1, 2])},
-        {"first_server": np.array([0, -1, 0])},
         {"first_server": np.array([0.0, 1.0, 0.5])},
-        {"first_server": np.zeros(4, np.int8)},
-        {"key": np.zeros(3)},
         {"key": np.array([-1, 0, 1])},
         {"key": np.zeros((3, 1), np.uint64)},
     ],
@@ -192,30 +153,23 @@ def test_matches_take_whole_numbers_of_every_width() -> None:
     assert np.array_equal(one.rallies.stroke, other.rallies.stroke)
 
 
-def test_matches_that_were_changed_after_they_were_made_are_checked_again() -> None:
+@pytest.mark.parametrize("name", ["entrant", "first_server"])
+def test_matches_that_were_changed_after_they_were_made_are_checked_again(name: str) -> None:
     matches = some_matches()
-    matches.entrant[1, 1] = 99
-    with pytest.raises(KernelError, match="entrant: 0 to 99; expected 0 to 1"):
+    getattr(matches, name)[1] = 99
+    with pytest.raises(KernelError, match=f"{name}: 0 to 99; expected 0 to 1"):
         play_matches(GAME, matches, PLAYERS)
-    matches = some_matches()
-    matches.first_server[1] = 99
-    with pytest.raises(KernelError, match="first_server: 0 to 99; expected 0 to 1"):
-        play_matches(GAME, matches, PLAYERS)
+    with pytest.raises(KernelError, match="tabulated for another game"):
+        play_matches(GAME, some_matches(), [random_policy(random_game(1), 0)])
 
 
-@BATCHES
-@pytest.mark.parametrize("seed", [1.5, "1", np.float64(2)])
-def test_a_seed_is_a_whole_number(kind: str, seed: Any) -> None:
-    batch = a_batch(kind)
-    with pytest.raises(OptionError, match=r"seed .*: expected a whole number"):
-        batch.reset(seed)
-
-
-@pytest.mark.parametrize("options", [{"batch": 2.5}, {"batch": "4"}, {"threads": 1.5}, {"threads": None}])
-def test_numbers_of_rows_and_threads_are_whole(options: dict[str, Any]) -> None:
+@pytest.mark.parametrize("options", [{"batch": 2.5}, {"batch": "4"}, {"threads": None}])
+def test_numbers_of_rows_and_threads_and_seeds_are_whole(batch: RallyBatch, options: dict[str, Any]) -> None:
     with pytest.raises(KernelError, match="expected a whole number, 1 or more"):
         RallyBatch(GAME, **{"batch": 4, **options})
     with pytest.raises(KernelError, match=r"strokes 2\.5: expected a whole number"):
-        RallyBatch(GAME, 4).run(2.5)  # type: ignore[arg-type]
+        batch.run(2.5)  # type: ignore[arg-type]
     with pytest.raises(KernelError, match="threads 0: expected a whole number"):
         play_matches(GAME, some_matches(), PLAYERS, threads=0)
+    with pytest.raises(OptionError, match=r"seed 1.5: expected a whole number"):
+        batch.reset(1.5)  # type: ignore[arg-type]

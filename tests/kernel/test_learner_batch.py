@@ -4,12 +4,10 @@ import dataclasses
 import functools
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 
 from shuttle_marl import rally_v0
 from shuttle_marl.game import default_game, draws
-from shuttle_marl.game.rules import IllegalStrokeError
 from shuttle_marl.game.tables import ROOT, Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.kernel import KernelError, RallyBatch
@@ -175,29 +173,6 @@ def test_another_policy_in_the_place_of_an_opponent() -> None:
         replaced.replace_opponent(2, table("bc"))
 
 
-def test_what_is_seen_in_the_step_is_what_is_seen_after_it() -> None:
-    batch = RallyBatch(GAME, 600, opponents=[table("bc")], seed=9)
-    for _ in range(8):
-        seen, after = batch.new_observations(), batch.new_observations()
-        batch.step(batch.random_strokes(), observed=seen)
-        batch.observe(after)
-        assert np.array_equal(seen.tokens, after.tokens)
-        assert np.array_equal(seen.mask, after.mask)
-        assert np.array_equal(seen.mask, GAME.mask(batch.rows.state))
-        assert (batch.rows.striker == 0).all()
-
-
-def test_an_illegal_stroke_is_refused_and_nothing_changes() -> None:
-    batch = RallyBatch(GAME, 40, opponents=[table("bc")], seed=1)
-    before = [array.copy() for array in (*batch.rows, batch.opponents.opponent, batch.opponents.unseen)]
-    strokes = batch.random_strokes()
-    strokes[31] = int(np.flatnonzero(~GAME.mask(batch.rows.state[31]))[0])
-    with pytest.raises(IllegalStrokeError, match="row 31: stroke"):
-        batch.step(strokes)
-    after: tuple[np.ndarray, ...] = (*batch.rows, batch.opponents.opponent, batch.opponents.unseen)
-    assert all(np.array_equal(a, b) for a, b in zip(before, after, strict=True))
-
-
 other_game = random_game(1)
 
 
@@ -216,13 +191,6 @@ def test_options_out_of_range_are_refused(options: dict[str, object], message: s
     given: dict[str, object] = {"batch": 4, "opponents": [table("bc")], **options}
     with pytest.raises(KernelError, match=message):
         RallyBatch(GAME, **given)  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize("numbers", [np.array([0, 0, 0]), np.array([0, 0, 0, 1]), np.array([0, 0, 0, -1])])
-def test_opponents_that_do_not_exist_cannot_be_assigned(numbers: npt.NDArray[np.int64]) -> None:
-    batch = RallyBatch(GAME, 4, opponents=[table("bc")])
-    with pytest.raises(KernelError, match=r"opponents: .*expected (int32 of shape|0 to 0)"):
-        batch.assign(numbers)
 
 
 def test_a_serve_is_never_played_by_both() -> None:

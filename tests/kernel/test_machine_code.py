@@ -72,27 +72,6 @@ def test_machine_code_without_any_writable_folder_lasts_for_the_process(tmp_path
     assert not list(temporary.iterdir()), "the folder is gone with the process"
 
 
-def test_the_kernel_itself_needs_no_writable_folder(tmp_path: Path) -> None:
-    """Package, home and temporary folder all refuse: everything is compiled, nothing kept."""
-    code = "\n".join([
-        "import tempfile, numba.core.caching as caching",
-        "def refuse(self): raise OSError('read-only')",
-        "caching._CacheLocator.ensure_cache_path = refuse",
-        "class Refuse:",
-        "    def __init__(self, **_): raise OSError('read-only')",
-        "tempfile.TemporaryDirectory = Refuse",
-        "from shuttle_marl.kernel.core import draw",
-        "print(draw.py_func.__name__, type(draw._cache).__name__)",
-    ])  # fmt: skip
-    done = subprocess.run(
-        [sys.executable, "-c", code], env={**os.environ, "PYTHONPATH": str(ROOT)},
-        capture_output=True, text=True, timeout=120, check=True,
-    )  # fmt: skip
-    assert done.stdout.split() == ["draw", "NullCache"]
-    assert "no folder is writable" in done.stderr
-    assert len(done.stderr.splitlines()) == 1
-
-
 def test_machine_code_lies_in_the_cache_of_the_user(filled: Path) -> None:
     assert kept(filled)
     assert all(filled / "cache" in path.parents for path in kept(filled))

@@ -1,7 +1,5 @@
 """Compiled matches against the numpy lock-step of the league, which asks the policies stroke by stroke."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -10,7 +8,7 @@ from hypothesis import strategies as st
 from shuttle_marl.game.scoring import BWF, Rules
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
-from shuttle_marl.kernel import KernelError, Matches, MatchResults, pack, play_matches
+from shuttle_marl.kernel import Matches, MatchResults, pack, play_matches
 from shuttle_marl.kernel.core import BLOCK
 from shuttle_marl.kernel.lockstep import play
 from shuttle_marl.league.entrants import Entrant, Strikers
@@ -88,16 +86,6 @@ def test_room_for_strokes_grows(monkeypatch: pytest.MonkeyPatch, room: int) -> N
     monkeypatch.setattr("shuttle_marl.kernel.matches._STROKES_A_MATCH", room)
     wanted = some_matches(40, 3, 3)
     assert_same(play_matches(GAME, wanted, TABLES), by_numpy(GAME, wanted, TABLES, BWF))
-
-
-def test_entrants_that_do_not_exist_are_refused() -> None:
-    wanted = some_matches(4, 3, 5)
-    with pytest.raises(KernelError, match="entrant: 0 to 2; expected 0 to 1"):
-        play_matches(GAME, dataclasses.replace(wanted, entrant=np.array([[0, 2]] * 4, np.int32)), TABLES[:2])
-    with pytest.raises(KernelError, match="entrant: -1 to 0; expected 0 to"):
-        play_matches(GAME, dataclasses.replace(wanted, entrant=np.array([[0, -1]] * 4, np.int32)), TABLES[:2])
-    with pytest.raises(KernelError, match="tabulated for another game"):
-        play_matches(GAME, wanted, [random_policy(random_game(1), 0)])
 
 
 def test_an_interrupt_while_playing_comes_through() -> None:

@@ -11,13 +11,11 @@ from hypothesis import strategies as st
 
 from shuttle_marl.base.arrays import I64
 from shuttle_marl.game import default_game, draws
-from shuttle_marl.game.policy import UniformPolicy
 from shuttle_marl.game.rules import FAULT, WINNER, IllegalStrokeError, strike
 from shuttle_marl.game.tables import ROOT, Game
-from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
+from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.kernel import KernelError, RallyBatch, Tally, play_rallies
 from shuttle_marl.kernel.rows import TOKENS, Observations, Rows, _observe
-from shuttle_marl.policy.baselines import load
 from tests.exact.exact_games import random_game, random_policy
 from tests.kernel.episodes import compare_with_rally_v0
 from tests.reduced import reduced_game
@@ -137,7 +135,7 @@ def one_by_one() -> History:
     return histories(1, 1, 300)
 
 
-@pytest.mark.parametrize(("size", "threads"), [(7, 1), (1024, 1), (3000, 2), (4096, 1), (4096, 2), (4099, 4)])
+@pytest.mark.parametrize(("size", "threads"), [(7, 1), (3000, 2), (4096, 1), (4099, 4)])
 def test_neither_company_nor_threads_change_a_rally(size: int, threads: int) -> None:
     assert histories(size, threads, 300) == one_by_one()
 
@@ -189,18 +187,6 @@ def test_a_batch_by_itself_plays_as_it_does_from_outside(size: int, threads: int
         assert_rows(alone.rows, steered.rows)
 
 
-def test_the_stronger_player_wins_from_both_seats() -> None:
-    bc, uniform = tabulate(load(None, GAME), GAME), tabulate(UniformPolicy(), GAME)
-    shares = []
-    for tables in ((bc, uniform), (uniform, bc)):
-        tally = RallyBatch(GAME, 2048).run(150, tables)
-        rallies = tally.winners + tally.faults
-        assert rallies > 20_000
-        shares.append(tally.won_by_seat_0 / rallies)
-    assert shares[0] > 0.515
-    assert shares[1] < 0.485
-
-
 @pytest.mark.parametrize("rallies", [2, 9, 11])
 @pytest.mark.parametrize(("first", "last"), [(0, 1), (0, 50), (3, 4), (20, 29), (40, 50)])
 def test_what_is_seen_is_written_for_its_rows_alone(rallies: int, first: int, last: int) -> None:
@@ -247,14 +233,6 @@ def test_an_illegal_stroke_is_refused_and_nothing_changes() -> None:
     assert state_of(batch) != before
 
 
-def test_strokes_of_any_integer_type_and_layout_are_taken() -> None:
-    reference, other = RallyBatch(GAME, 50), RallyBatch(GAME, 50)
-    strokes = reference.random_strokes()
-    reference.step(strokes)
-    other.step(np.repeat(strokes, 2).astype(np.uint8)[::2])
-    assert_rows(reference.rows, other.rows)
-
-
 def test_a_seed_begins_anew_and_none_goes_on() -> None:
     batch = RallyBatch(GAME, 5, seed=3)
     first = state_of(batch)
@@ -285,16 +263,6 @@ def test_the_smallest_game_can_be_played() -> None:
     game = random_game(0, 2, 0.0)
     batch = RallyBatch(game, 1)
     assert dataclasses.astuple(batch.run(1000))[2] > 100
-
-
-def test_policies_choose_as_the_batch_that_plays_by_itself() -> None:
-    opponents = [random_policy(GAME, seed) for seed in range(2)]
-    alone, batch = RallyBatch(GAME, 30, seed=7), RallyBatch(GAME, 30, seed=7)
-    alone.run(50, (opponents[0], opponents[1]))
-    for _ in range(50):
-        batch.step(strokes_of(batch, opponents[0], opponents[1]))
-    assert np.array_equal(alone.rows.state, batch.rows.state)
-    assert np.array_equal(alone.rows.rally, batch.rows.rally)
 
 
 def strokes_of(batch: RallyBatch, one: TabulatedPolicy, other: TabulatedPolicy) -> I64:

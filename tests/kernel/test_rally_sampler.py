@@ -176,23 +176,6 @@ def test_every_state_is_played_as_the_network_then_was() -> None:
         assert (stale == 0) == (age == 1)
 
 
-def test_the_same_seed_and_network_play_the_same() -> None:
-    found = []
-    for _ in range(2):
-        sampler = RallySampler(GAME, [RANDOM], cache_iterations=3)
-        for number in range(3):
-            sampler.collect(1500, network(number))
-        sampler.reset(7, sampler.known)
-        sampler.collect(1500, network(9))
-        found.append(sampler.take())
-    assert found[0].strokes == found[1].strokes
-    assert (found[0].advantage == found[1].advantage).all()
-    other = RallySampler(GAME, [RANDOM], cache_iterations=3)
-    other.reset(7, np.unique(found[0].state))
-    other.collect(1500, network(9))
-    assert other.take().strokes == found[0].strokes
-
-
 def test_some_rallies_may_be_of_self_play() -> None:
     sampler = RallySampler(GAME, [RANDOM, BC])
     sampler.assign(np.array([-1, 1]))

@@ -13,7 +13,6 @@ import pytest
 import shuttle_marl
 from shuttle_marl import match_v0
 from shuttle_marl.base.compiling import compiled, inlined
-from shuttle_marl.exact.match import match_table
 from shuttle_marl.game import default_game, scoring
 from shuttle_marl.game.policy import UniformPolicy
 from shuttle_marl.game.scoring import Rules
@@ -120,18 +119,6 @@ def test_the_check_of_a_log_follows_the_rules_of_its_header(other: Rules) -> Non
     rallies = play_matches(GAME, some_matches(60), [tabulate(UNIFORM, GAME)], rules=rules).rallies
     assert not _Matches(rules).breaks(rallies).any()
     assert _Matches(other).breaks(rallies).any()
-
-
-def test_odds_of_a_match_follow_the_rules() -> None:
-    for rules in RULES[:4]:
-        table = match_table(0.6, 0.5, rules)
-        open_points = {(i, j) for _, _, i, j, _ in table}
-        assert max(max(pair) for pair in open_points) == rules.cap - 1
-        for (own, other, i, j, server), (won, lost) in table.items():
-            probability = scoring.match_win_probability(
-                0.6, 0.5, first_server=server, games=(own, other), points=(i, j), rules=rules
-            )
-            assert (lost + (0.5 if server else 0.6) * (won - lost)) == pytest.approx(float(probability), abs=1e-12)
 
 
 def test_the_kernel_compiles_the_function_of_scoring() -> None:
