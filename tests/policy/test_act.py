@@ -4,7 +4,6 @@ import copy
 import pickle
 from typing import Any
 
-import gymnasium
 import numpy as np
 import pytest
 
@@ -64,16 +63,6 @@ def test_strokes_are_drawn_from_the_probabilities() -> None:
     assert policy.act(seen[0], mask, np.random.default_rng(2)) == best
     with pytest.raises(PolicyError, match="none of the allowed strokes"):
         policy.act(seen[0], np.zeros(GAME.n_strokes), np.random.default_rng(2))
-
-
-def test_policies_act_in_gymnasium() -> None:
-    env = gymnasium.make("shuttle_marl:shuttle_marl/Rally-v0", game=GAME, opponent="random")
-    policy, rng = resolve("safe", GAME), np.random.default_rng(0)
-    observation, _ = env.reset(seed=0)
-    done = False
-    while not done:
-        observation, _, terminated, truncated, _ = env.step(policy.act(observation, None, rng))
-        done = terminated or truncated
 
 
 def test_policies_are_copied() -> None:

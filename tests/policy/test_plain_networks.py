@@ -20,7 +20,6 @@ from sb3_contrib import MaskablePPO
 from stable_baselines3 import A2C, DQN, PPO
 from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
-from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 from torch import nn
 
 from shuttle_marl.game import default_game, observations
@@ -145,44 +144,19 @@ class Computed(nn.Module):
 N = GAME.n_strokes
 REFUSED: dict[str, tuple[nn.Module, str]] = {
     "slope": (network(function=lambda: nn.LeakyReLU(0.2)), r"module 1 is LeakyReLU\(negative_slope=0.2\)"),
-    "alpha": (network(function=lambda: nn.ELU(2.0)), r"module 1 is ELU\(alpha=2.0\)"),
     "scaled input": (
         Computed(lambda s, x: s.fc((x - 0.5) * 10), fc=nn.Linear(60, N)),
         "the input of fc .* outside of its modules",
     ),
-    "residual": (
-        Computed(
-            lambda s, x: s.fc3(s.fc1(x) + s.act(s.fc2(x))),
-            fc1=nn.Linear(60, 8),
-            fc2=nn.Linear(60, 8),
-            act=nn.ReLU(),
-            fc3=nn.Linear(8, N),
-        ),
-        "the input of fc3 .* outside of its modules",
-    ),
-    "activation first": (
-        Computed(lambda s, x: s.fc(s.act(x)), value=nn.Linear(60, 60), act=nn.ReLU(), fc=nn.Linear(60, N)),
-        r"module act is ReLU\(\)",
-    ),
     "temperature": (Computed(lambda s, x: s.fc(x) / 0.05, fc=nn.Linear(60, N)), "its output is computed outside of its modules"),
-    "function": (
-        Computed(lambda s, x: s.fc2(torch.relu(s.fc1(x))), fc1=nn.Linear(60, 8), fc2=nn.Linear(8, N)),
-        "the input of fc2",
-    ),
     "in place": (
         Computed(lambda s, x: s.fc2(s.act(s.fc1(x).mul_(3))), fc1=nn.Linear(60, 8), act=nn.Tanh(), fc2=nn.Linear(8, N)),
         "play another policy, with a difference of",
     ),
-    "normalised": (nn.Sequential(nn.Linear(60, 8), nn.LayerNorm(8), nn.ReLU(), nn.Linear(8, N)), r"module 1 is LayerNorm\("),
-    "unknown": (nn.Sequential(nn.Linear(60, 8), nn.GELU(), nn.Linear(8, N)), r"module 1 is GELU\(approximate='none'\)"),
-    "probabilities": (nn.Sequential(nn.Linear(60, N), nn.Softmax(-1)), r"module 1 is Softmax\("),
     "two": (Computed(lambda s, x: (s.fc(x), x), fc=nn.Linear(60, N)), "called with .B, 60. numbers, it raised AttributeError"),
     "width": (nn.Sequential(nn.Linear(59, N)), "no Linear module reads the 60 numbers of an observation"),
-    "convolution": (nn.Sequential(nn.Conv1d(1, 1, 1)), "no Linear module reads"),
-    "no activation": (nn.Sequential(nn.Linear(60, 8), nn.Linear(8, 8)), r"module 1 is Linear\("),
     "activation last": (nn.Sequential(nn.Linear(60, 8), nn.ReLU()), r"module 1 is ReLU\(\)"),
     "mixed": (nn.Sequential(nn.Linear(60, 8), nn.ReLU(), nn.Linear(8, 8), nn.Tanh(), nn.Linear(8, N)), r"module 3 is Tanh\(\)"),
-    "nothing": (nn.Sequential(), "no Linear module reads"),
 }
 
 
@@ -229,14 +203,11 @@ def hostile_archive() -> bytes:
     ("file", "content", "says"),
     [
         ("mine.pt", pickle.dumps(Runs()), "not a safetensors file"),
-        ("mine.pt", b"", "not a safetensors file"),
-        ("mine.safetensors", b"x" * 100, "not a safetensors file"),
         ("mine.zip", hostile_archive(), "not weights alone"),
         ("mine.zip", b"PK", "no archive of Stable-Baselines3"),
         ("nowhere.pt", None, "No such file"),
-        ("nowhere.zip", None, "No such file"),
     ],
-    ids=range(7),
+    ids=range(4),
 )
 def test_files_of_others_never_run(
     file: str, content: bytes | None, says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -263,7 +234,6 @@ WEIGHTS = {"0.weight": torch.zeros(4, 60), "0.bias": torch.zeros(4), "1.weight":
             '{"function": "relu"}',
             "'norm' is missing in a chain of linear layers, or is no part",
         ),
-        ({"2.weight": torch.zeros(4, 4), **WEIGHTS, "norm": torch.zeros(3)}, '{"function": "relu"}', "'2.bias' is missing"),
         ({"0.weight": torch.zeros(N, 60), "0.bias": torch.zeros(3)}, '{"function": "relu"}', "does not fit the layer before"),
         (
             {"0.weight": torch.zeros(N, 7), "0.bias": torch.zeros(N)},
@@ -271,9 +241,7 @@ WEIGHTS = {"0.weight": torch.zeros(4, 60), "0.bias": torch.zeros(4), "1.weight":
             "it reads 7 numbers; expected the 60",
         ),
         ({"0.weight": torch.full((N, 60), torch.nan), "0.bias": torch.zeros(N)}, '{"function": "relu"}', "not finite"),
-        (WEIGHTS, '{"function": "gelu"}', "unknown activation; expected one of relu"),
-        (WEIGHTS, '{"function": ["relu"]}', "unknown activation"),
-        (WEIGHTS, '{"layers": 2}', "unknown activation"),
+        (WEIGHTS, '{"function": ["relu"]}', "unknown activation; expected one of relu"),
         (WEIGHTS, '["relu"]', "without the name of their activation"),
         ({}, '{"function": "relu"}', "'nothing' is missing"),
     ],
@@ -359,13 +327,11 @@ def scaled(env: gymnasium.Env[Any, Any]) -> gymnasium.Env[Any, Any]:
             {"policy_kwargs": {"activation_fn": functools.partial(nn.ELU, 2.0)}},
             "activation_fn .functools.partial.*expected one of",
         ),
-        ({"policy_kwargs": {"activation_fn": nn.GELU}}, "activation_fn .*GELU.*expected one of"),
         ({"policy": Sharper}, "a policy class of '.*test_plain_networks'"),
         ({"env": rally(scaled)}, "VecNormalize or another wrapper changed"),
-        ({"env": VecNormalize(DummyVecEnv([rally]))}, "VecNormalize or another wrapper changed"),
         ({"head": nn.Sequential(nn.Linear(64, TIRING.n_strokes), nn.Tanh())}, "action_net.*is missing in a chain"),
     ],
-    ids=range(7),
+    ids=range(5),
 )
 def test_agents_of_stable_baselines_with_more_than_layers(settings: dict[str, Any], says: str, tmp_path: Path) -> None:
     head = settings.pop("head", None)
@@ -382,46 +348,23 @@ def test_agents_of_stable_baselines_with_more_than_layers(settings: dict[str, An
 
 KINDS: dict[str, Callable[[int], nn.Module]] = {
     **{kind.__name__: lambda _, kind=kind: kind() for kind in FUNCTIONS},  # type: ignore[misc]
-    "Linear": lambda width: nn.Linear(width, width),
     "Linear without bias": lambda width: nn.Linear(width, width, bias=False),
     "ReLU in place": lambda _: nn.ReLU(inplace=True),
     "ELU in place": lambda _: nn.ELU(inplace=True),
-    **{f"LeakyReLU({slope})": lambda _, slope=slope: nn.LeakyReLU(slope) for slope in (-0.5, 0.0, 0.2)},  # type: ignore[misc]
+    **{f"LeakyReLU({slope})": lambda _, slope=slope: nn.LeakyReLU(slope) for slope in (-0.5, 0.2)},  # type: ignore[misc]
     "ELU(2)": lambda _: nn.ELU(2.0),
     **{
         kind: lambda _, kind=kind: getattr(nn, kind)()  # type: ignore[misc]
-        for kind in (
-            *(
-                "GELU",
-                "SELU",
-                "CELU",
-                "Mish",
-                "Softplus",
-                "Softsign",
-                "Hardtanh",
-                "Hardswish",
-                "Hardsigmoid",
-                "Hardshrink",
-                "ReLU6",
-            ),
-            *("Softshrink", "Tanhshrink", "LogSigmoid", "RReLU", "PReLU", "Dropout", "AlphaDropout", "Identity", "Flatten"),
-        )
+        for kind in ("GELU", "Softplus", "RReLU", "PReLU", "Dropout", "AlphaDropout", "Identity", "Flatten")
     },
     "Softmax": lambda _: nn.Softmax(-1),
-    "LogSoftmax": lambda _: nn.LogSoftmax(-1),
-    "Threshold": lambda _: nn.Threshold(0.1, 0.0),
     "LayerNorm": nn.LayerNorm,
-    "RMSNorm": nn.RMSNorm,
     "BatchNorm1d": lambda width: nn.BatchNorm1d(width).eval(),
-    "GroupNorm": lambda width: nn.GroupNorm(1, width),
     "weight_norm": lambda width: nn.utils.parametrizations.weight_norm(nn.Linear(width, width)),
-    "spectral_norm": lambda width: nn.utils.parametrizations.spectral_norm(nn.Linear(width, width)),
     "residual": lambda width: Computed(lambda s, x: x + s.fc(x), fc=nn.Linear(width, width)),
     "shift": lambda _: Computed(lambda _, x: x - 0.5),
-    "scale": lambda _: Computed(lambda _, x: 3 * x),
     "scale in place": lambda _: Computed(lambda _, x: x.mul_(3)),
     "function": lambda _: Computed(lambda _, x: torch.relu(x)),
-    "gate": lambda width: Computed(lambda s, x: x * torch.sigmoid(s.fc(x)), fc=nn.Linear(width, width)),
     "unused head": lambda width: Computed(
         lambda s, x: [s.fc(x), s.value(x)][0], value=nn.Linear(width, 1), fc=nn.Linear(width, width)
     ),
@@ -429,30 +372,19 @@ KINDS: dict[str, Callable[[int], nn.Module]] = {
     "branch": lambda _: Computed(lambda _, x: x if x.mean() > 0.1 else -x),
     "centred over the batch": lambda _: Computed(lambda _, x: x - x.mean(0)),
     "noise": lambda _: Computed(lambda _, x: x + torch.randn_like(x)),
-    "hooked": lambda width: hooked(nn.Linear(width, width)),
-    "Linear of another class": lambda width: type("Linear", (nn.Linear,), {"forward": lambda s, x: 2 * nn.Linear.forward(s, x)})(
-        width, width
-    ),
     "ReLU of another class": lambda _: type("ReLU", (nn.ReLU,), {"forward": lambda _, x: x.abs()})(),
 }
-LINEAR = ("Linear", "Linear without bias", "unused head")
 ACTIVATIONS = (*(kind.__name__ for kind in FUNCTIONS), "ReLU in place", "ELU in place")
-NO_EFFECT = ("Dropout", "Identity", "Flatten")
-
-
-def hooked(module: nn.Module) -> nn.Module:
-    module.register_forward_hook(lambda _, given, result: result * 2)
-    return module
 
 
 @hypothesis.given(
     function=st.sampled_from(ACTIVATIONS) | st.sampled_from(sorted(KINDS)),
-    layers=st.lists(st.sampled_from(("Linear", "Linear without bias", "unused head")), max_size=2),
-    inserted=st.lists(st.tuples(st.integers(0, 6), st.sampled_from((*NO_EFFECT, *sorted(KINDS)))), max_size=2),
+    layers=st.lists(st.sampled_from(("Linear without bias", "unused head")), max_size=2),
+    inserted=st.lists(st.tuples(st.integers(0, 6), st.sampled_from(sorted(KINDS))), max_size=2),
     reused=st.lists(st.tuples(st.integers(0, 6), st.integers(0, 6)), max_size=1),
     scale=st.sampled_from([1.0, 6.0]),
 )
-@hypothesis.settings(max_examples=400)
+@hypothesis.settings(max_examples=150)
 def test_any_network_is_saved_as_it_plays_or_refused(
     function: str,
     layers: list[str],
@@ -483,16 +415,3 @@ def test_any_network_is_saved_as_it_plays_or_refused(
     states = States(game=TIRING, state=np.flatnonzero(TIRING.playable).astype(np.int32))
     p = resolve(f"torch:{path}", TIRING).probabilities(states)
     assert np.abs(p - from_network(module).probabilities(states)).max() <= 1e-5
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_which_kinds_of_layers_are_saved(kind: str, tmp_path: Path) -> None:
-    torch.manual_seed(0)
-    before = () if kind in LINEAR else (nn.Linear(60, 60),)
-    after = (nn.ReLU(),) if kind in LINEAR or kind in NO_EFFECT else ()
-    module = nn.Sequential(*before, KINDS[kind](60), *after, nn.Linear(60, N))
-    if kind in (*LINEAR, *NO_EFFECT, *ACTIVATIONS):
-        save_network(module, tmp_path / "mine.safetensors")
-        return
-    with pytest.raises(PolicyError, match="no file of this network plays the same"):
-        save_network(module, tmp_path / "mine.safetensors")

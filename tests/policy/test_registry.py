@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from shuttle_marl import policy
 from shuttle_marl.game import default_game
 from shuttle_marl.game.policy import Policy, PolicyError, States, checked_probabilities
 from shuttle_marl.game.tables import Game
@@ -101,14 +100,11 @@ def test_a_class_may_take_the_game_and_a_function_may_read_the_score(module: str
         ("atacking", "did you mean attacking"),
         ("randm@greedy", "did you mean random"),
         ("bv:viktor-axelsen", "no module 'bv'"),
-        ("zzz", "known: .*random"),
         ("", "known: .*random"),
         ("random:3", "takes nothing behind a colon"),
         ("random@hot", "expected @greedy or a temperature"),
         ("random@0", "expected @greedy or a temperature"),
-        ("random@-1", "expected @greedy or a temperature"),
         ("random@nan", "expected @greedy or a temperature"),
-        ("random@inf", "expected @greedy or a temperature"),
         ("MODULE:instanc", "did you mean instance"),
         ("MODULE:number", "is a int; expected"),
         ("MODULE:Broken", "making it raised RuntimeError: no engine"),
@@ -143,9 +139,7 @@ def test_a_new_family_is_one_call(monkeypatch: pytest.MonkeyPatch) -> None:
         registry.register("a:b", load)
 
 
-@pytest.mark.parametrize(
-    "name", ["random", "safe@0.5", "minimax", "bc", "best-response:random@2", "best-response:best-response:safe", "ppo@greedy"]
-)
+@pytest.mark.parametrize("name", ["safe@0.5", "minimax", "best-response:best-response:safe", "ppo@greedy"])
 def test_names_from_a_file_mean_the_same_as_typed_ones(name: str) -> None:
     game = default_game() if name.startswith("ppo") else GAME  # agents play the shipped game alone
     expected = tabulate(resolve(name, game), game)
@@ -155,21 +149,12 @@ def test_names_from_a_file_mean_the_same_as_typed_ones(name: str) -> None:
 @pytest.mark.parametrize(
     "name",
     [
-        "MODULE:instance",
-        "MODULE:Uniform",
         "MODULE:function@0.5",
         "MODULE.inner:x",
-        "best-response:MODULE:instance",
-        "best-response:MODULE:instance@0.5",
         "best-response:best-response:MODULE:instance",
-        "os:system",
         "os.path:join",
         "table:mine.safetensors",
-        "table:/etc/passwd",
-        "agent:runs/ppo-0/agent",
-        "agent:../../x",
         "best-response:agent:../../x@greedy",
-        "best-response:table:mine.safetensors",
     ],
 )
 def test_a_name_from_a_file_runs_no_code_and_opens_no_file(module: str, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -185,13 +170,8 @@ def test_a_name_from_a_file_runs_no_code_and_opens_no_file(module: str, name: st
     [
         ("bc:../../evil", "no model of the player"),
         ("ppo:../../evil", "no policy 'ppo:../../evil'"),
-        ("ppo:/tmp", "no policy 'ppo:/tmp'"),
-        ("ppo:", "no policy 'ppo:'"),
         ("ppo:\0", "no policy"),
-        ("atacking", "did you mean attacking"),
-        ("", "known: .*random"),
         ("random@hot", "expected @greedy or a temperature"),
-        ("best-response:", "expected the name of a policy"),
     ],
 )
 def test_names_from_a_file_that_lead_nowhere(name: str, says: str) -> None:
@@ -217,9 +197,3 @@ def test_a_family_says_whether_a_file_may_name_it(monkeypatch: pytest.MonkeyPatc
     for name in ("closed", "closed:x", "best-response:closed:x"):
         with pytest.raises(PolicyError, match="not resolved because a file named it"):
             resolve_recorded(name, GAME)
-
-
-def test_public_names() -> None:
-    for name in policy.__all__:
-        assert getattr(policy, name) is not None
-    assert policy.resolve is resolve
