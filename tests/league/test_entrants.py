@@ -31,24 +31,8 @@ def raises(states: States) -> np.ndarray:
     raise RuntimeError("out of shuttles")
 
 
-def nan(states: States) -> np.ndarray:
-    return np.full((len(states), GAME.n_strokes), np.nan)
-
-
-def illegal(states: States) -> np.ndarray:
-    return np.full((len(states), GAME.n_strokes), 1 / GAME.n_strokes)
-
-
-def no_distribution(states: States) -> np.ndarray:
-    return uniform(states) / 2
-
-
 def exits(states: States) -> np.ndarray:
     sys.exit(0)
-
-
-def stops_a_generator(states: States) -> np.ndarray:
-    raise GeneratorExit
 
 
 def unreadable(states: States) -> np.ndarray:
@@ -59,22 +43,9 @@ def unreadable(states: States) -> np.ndarray:
     raise Unreadable
 
 
-def writes(states: States) -> np.ndarray:
-    states.state[:] = 0
-    return uniform(states)
-
-
 def changes_the_game(states: States) -> np.ndarray:
     states.game.threshold[:] = 0
     return uniform(states)
-
-
-def wrong_shape(states: States) -> np.ndarray:
-    return np.ones(len(states))
-
-
-def no_array(states: States) -> object:
-    return "smash"
 
 
 def tired(states: States) -> np.ndarray:
@@ -87,14 +58,7 @@ def tired(states: States) -> np.ndarray:
 
 FAILURES: dict[Callable[[States], Any], str] = {
     raises: "raised RuntimeError: out of shuttles",
-    nan: "NaN",
-    illegal: "illegal stroke",
-    no_distribution: "no distribution",
-    wrong_shape: "returned shape",
-    no_array: "returned str",
     exits: "raised SystemExit: 0",
-    stops_a_generator: "raised GeneratorExit",
-    writes: "raised ValueError: assignment destination is read-only",
     changes_the_game: "raised ValueError: assignment destination is read-only",
     unreadable: "raised Unreadable: (its message cannot be read)",
 }
@@ -141,7 +105,7 @@ def test_a_failing_entrant_enters_and_forfeits_every_match(
     assert table.column("mean_rally_length").null_count == 4
 
 
-@pytest.mark.parametrize("function", [raises, illegal, exits, changes_the_game, tired], ids=lambda f: f.__name__)
+@pytest.mark.parametrize("function", [raises, exits, changes_the_game, tired], ids=lambda f: f.__name__)
 def test_one_that_reads_the_score_forfeits_while_it_plays(function: Callable[[States], Any]) -> None:
     pool = [entrant("a", uniform), entrant("broken", function, reads_score=True), enter("safe", GAME)]
     results = [r for group in tournament(pool).play(round_robin(["a", "broken", "safe"])) for r, _ in group]
@@ -215,21 +179,6 @@ def test_the_score_is_the_strikers_own_view() -> None:
     rows = np.arange(len(score))
     expected = np.stack([score[rows, seat], score[rows, 1 - seat], score[rows, 2 + seat], score[rows, 3 - seat]], axis=1)
     assert sorted(map(tuple, np.concatenate(seen).tolist())) == sorted(map(tuple, expected.tolist()))
-
-
-@pytest.mark.parametrize("batch", [1, 7, 20])
-def test_batches_change_nothing(batch: int) -> None:
-    pool = [enter(name, GAME) for name in ("random", "safe", "attacking")]
-    names = [e.name for e in pool]
-
-    def blocks(batch: int) -> list[tuple[object, list[object]]]:
-        found = [b for group in tournament(pool, matches=10, batch=batch).play(round_robin(names)) for b in group]
-        return [
-            (result, [np.concatenate([getattr(r, c) for r in rallies]).tolist() for c in ("match", "stroke", "policy")])
-            for result, rallies in found
-        ]
-
-    assert blocks(batch) == blocks(8192)
 
 
 def test_tables_of_an_entrant_have_a_hash() -> None:

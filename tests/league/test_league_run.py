@@ -169,7 +169,7 @@ def test_the_same_flags_give_the_same_bytes(finished: Path, tmp_path: Path) -> N
     again = LeagueConfig(pool=POOL, game=reduced_model(), matches=20, seed=5, out=tmp_path / "again", batch=6)
     run_league(again)
     assert files(again.out) == files(finished)
-    run_league(LeagueConfig(pool=POOL, game=reduced_model(), matches=20, seed=6, out=tmp_path / "other"))
+    run_league(LeagueConfig(pool=POOL, game=reduced_model(), matches=20, seed=6, exact=False, out=tmp_path / "other"))
     assert files(tmp_path / "other")["results.csv"] != files(finished)["results.csv"]
 
 
@@ -269,7 +269,8 @@ def test_every_place_at_which_a_run_can_stop(tmp_path: Path, small_model: str, m
 
 
 def test_a_torn_last_line_is_played_again(finished: Path, tmp_path: Path) -> None:
-    config: dict[str, Any] = {"pool": POOL, "game": reduced_model(), "matches": 20, "seed": 5, "out": tmp_path / "run"}
+    config: dict[str, Any] = {"pool": POOL, "game": reduced_model(), "matches": 20, "seed": 5, "exact": False}
+    config["out"] = tmp_path / "run"
     run_league(LeagueConfig(**config, record="none"))
     path = tmp_path / "run" / "pairings.jsonl"
     text = path.read_bytes()
@@ -369,7 +370,7 @@ def test_names_and_reasons_are_never_markup(tmp_path: Path, capsys: pytest.Captu
 
 def test_a_finished_run_is_never_overwritten_silently(small_model: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    config: dict[str, Any] = {"pool": ("random", "safe"), "matches": 2, "game": small_model}
+    config: dict[str, Any] = {"pool": ("random", "safe"), "matches": 2, "game": small_model, "exact": False}
     first = run_league(LeagueConfig(**config))
     second = run_league(LeagueConfig(**config))
     assert [first.folder, second.folder] == [Path("runs/league-0"), Path("runs/league-0-2")]
@@ -380,7 +381,7 @@ def test_a_finished_run_is_never_overwritten_silently(small_model: str, tmp_path
     assert repr(again.standings) == repr(first.standings)  # NaN is not equal to itself
     assert again.results == first.results
     assert files(first.folder) == before
-    run_league(LeagueConfig(pool=("random", "safe"), game=small_model, matches=4, out=first.folder, overwrite=True))
+    run_league(LeagueConfig(**{**config, "matches": 4}, out=first.folder, overwrite=True))
     assert files(first.folder)["results.csv"] != before["results.csv"]
     with pytest.raises(LeagueError, match="no run to resume of seed 0"):
         run_league(LeagueConfig(**config, resume=True))
@@ -388,7 +389,7 @@ def test_a_finished_run_is_never_overwritten_silently(small_model: str, tmp_path
 
 def test_resume_finds_the_latest_unfinished_run(small_model: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    config: dict[str, Any] = {"pool": ("random", "safe"), "matches": 2, "game": small_model}
+    config: dict[str, Any] = {"pool": ("random", "safe"), "matches": 2, "game": small_model, "exact": False}
     runs = [run_league(LeagueConfig(**config)).folder for _ in range(3)]
     for folder in runs[:2]:
         (folder / "manifest.json").unlink()
@@ -406,22 +407,29 @@ def test_a_policy_without_a_table_that_changed_is_not_resumed(
         "def uniform(states):\n    return states.legal / states.legal.sum(1, keepdims=True)\nuniform.reads_score = True\n"
     )
     pool = ("by_score:uniform", "random")
-    folder = run_league(LeagueConfig(pool=pool, matches=2, game=small_model, out=tmp_path / "run")).folder
+    config: dict[str, Any] = {"pool": pool, "matches": 2, "game": small_model, "exact": False, "out": tmp_path / "run"}
+    folder = run_league(LeagueConfig(**config)).folder
     about = json.loads((folder / "manifest.json").read_text())
     assert set(about["sources"]["by_score:uniform"]) == {"by_score.py"}
     (folder / "manifest.json").write_text(json.dumps({**about, "status": "running"}))
     source.write_text(source.read_text() + "# changed\n")
     with pytest.raises(LeagueError, match="the sources changed"):
-        run_league(LeagueConfig(pool=pool, matches=2, game=small_model, out=tmp_path / "run", resume=True))
+        run_league(LeagueConfig(**config, resume=True))
 
 
-def test_what_cannot_be_resumed(small_model: str, finished: Path, tmp_path: Path) -> None:
-    config: dict[str, Any] = {"pool": ("random", "safe"), "matches": 2, "game": small_model, "out": tmp_path / "run"}
+def test_what_cannot_be_resumed(small_model: str, tmp_path: Path) -> None:
+    config: dict[str, Any] = {
+        "pool": ("random", "safe"),
+        "matches": 2,
+        "game": small_model,
+        "exact": False,
+        "out": tmp_path / "run",
+    }
     with pytest.raises(LeagueError, match="no run to resume in"):
         run_league(LeagueConfig(**config, resume=True))
     run_league(LeagueConfig(**config))
     with pytest.raises(LeagueError, match=r"other flags \(matches: 2 then, 4 now; seed: 0 then, 1 now\)"):
-        run_league(LeagueConfig(pool=("random", "safe"), game=small_model, matches=4, seed=1, out=tmp_path / "run", resume=True))
+        run_league(LeagueConfig(**{**config, "matches": 4, "seed": 1}, resume=True))
     manifest = tmp_path / "run" / "manifest.json"
     about = json.loads(manifest.read_text())
     manifest.write_text(json.dumps({**about, "status": "running", "policies": {"random": "0", "safe": "1"}}))
@@ -441,7 +449,7 @@ def test_folders_that_hold_something_else(small_model: str, tmp_path: Path) -> N
     (tmp_path / "photos" / "cat.jpg").write_bytes(b"meow")
     (tmp_path / "empty").mkdir()
     (tmp_path / "file").write_bytes(b"")
-    config: dict[str, Any] = {"pool": ("random", "safe"), "matches": 2, "game": small_model}
+    config: dict[str, Any] = {"pool": ("random", "safe"), "matches": 2, "game": small_model, "exact": False}
     ways: tuple[dict[str, Any], ...] = ({}, {"overwrite": True})
     for flags in ways:
         with pytest.raises(LeagueError, match="contains files that are not a run"):
@@ -526,7 +534,7 @@ def test_without_exact_figures_the_results_are_the_same(tmp_path: Path) -> None:
 
 def test_matches_to_eleven_points(tmp_path: Path) -> None:
     out = tmp_path / "run"
-    run_league(LeagueConfig(pool=POOL, game=reduced_model(), matches=20, rules="11", out=out))
+    run_league(LeagueConfig(pool=POOL, game=reduced_model(), matches=20, rules="11", exact=False, out=out))
     assert not check(out / "rallies.mcap", reduced_game()).problems
     with RallyLog(out / "rallies.mcap") as log:
         batches = [batch for _, batch in log.batches()]

@@ -2,14 +2,12 @@
 
 import contextlib
 import dataclasses
-import itertools
 import json
 import multiprocessing
 import os
 import random
 import signal
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -22,31 +20,22 @@ from shuttle_marl.base.runs import RunError
 from shuttle_marl.commands.league import main
 from shuttle_marl.game.policy import PolicyError
 from shuttle_marl.game.shipped import load_game
-from shuttle_marl.game.stroke import Catalogue
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import base_pairs, from_pair_probabilities, layout, thresholds
+from shuttle_marl.game.tabulated import from_pair_probabilities
 from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.policy.stored import StoredPolicies
 from shuttle_marl.training.league.config import VARIANTS, LeagueTrainingConfig, LeagueTrainingError, MetaSolver, Variant
-from shuttle_marl.training.league.mixtures import merged, meta_strategy, sharpened
+from shuttle_marl.training.league.mixtures import merged, sharpened
 from shuttle_marl.training.league.population import TABLES, Payoffs
 from shuttle_marl.training.league.run import MAIN, train_league
 from shuttle_marl.training.league.schedule import MIN_SECONDS, Schedule
 from shuttle_marl.training.league.state import LEAGUE, LeagueState
 from shuttle_marl.training.learner import Learner
 from shuttle_marl.training.ppo import PPO
+from tests.exact.exact_games import random_policy, tiring_game
+from tests.stops import Killed, stopping
 from tests.waiting import file_versions, wait_until
 
-STROKES = (
-    "short-serve:front-centre:below:backhand",
-    "clear:back-left:above:forehand",
-    "cross-court-net-shot:front-left:below:forehand",
-    "half-smash:middle-right:above:around-the-head",
-    "lift:back-centre:below:forehand",
-    "net-shot:front-centre:below:forehand",
-    "net-shot:front-right:above:backhand",
-    "smash:middle-left:above:forehand",
-)
 SMALL: dict[str, Any] = {
     "strokes": 1500, "rounds": 3, "batch": 256, "width": 8, "update_interval": 2, "patience": 2, "workers": 1,
     "pool": ("attacking", "safe"),
@@ -57,14 +46,7 @@ SMALL: dict[str, Any] = {
 def model(tmp_path_factory: pytest.TempPathFactory) -> str:
     """Name of a model: long rallies of smashes and net shots at two levels of effort."""
     folder = tmp_path_factory.mktemp("model")
-    catalogue = Catalogue.from_names(STROKES)
-    n = len(catalogue)
-    tables = layout(catalogue, np.vstack([np.tile(~catalogue.is_serve, (n, 1)), catalogue.is_serve]), duels=True)
-    rng = np.random.default_rng(0)
-    good, returned, above = rng.uniform([[0.85], [0.9], [0.3]], [[0.95], [0.98], [0.7]], (3, base_pairs(tables)))
-    odds = np.array([ONE, 2 * ONE], np.int32)
-    hurry = rng.integers(0, 128, (base_pairs(tables), 2), dtype=np.uint8)
-    game = Game(catalogue=catalogue, threshold=thresholds(good, returned, above), hurry=hurry, fault_odds=odds, **tables)
+    game = dataclasses.replace(tiring_game(), fault_odds=np.array([ONE, 2 * ONE], np.int32))
     game.save(folder / "game.safetensors")
     return str(folder)
 
@@ -129,32 +111,10 @@ def test_every_algorithm_plays_in_a_league(algorithm: Any, model: str, tmp_path:
     assert done.figures["strokes"] >= 1500
 
 
-def test_double_oracles_solve_matrix_games() -> None:
-    """Rock, paper, scissors and well, of which rock is of no use: found from rock alone."""
-    payoff = np.array([[0, -1, 1, -1], [1, 0, -1, 1], [-1, 1, 0, -1], [1, -1, 1, 0]], dtype=float)
-    known = [0]
-    for _ in range(4):
-        shares = meta_strategy("nash", payoff[np.ix_(known, known)])
-        answer = int((payoff[:, known] @ shares).argmax())
-        if answer in known:
-            break
-        known.append(answer)
-    strategy = dict(zip(known, shares.tolist(), strict=True))
-    assert strategy == pytest.approx({0: 0, 1: 1 / 3, 2: 1 / 3, 3: 1 / 3} if len(known) == 4 else strategy)
-    assert (payoff[:, known] @ shares).max() <= 1e-9
-    assert np.allclose(meta_strategy("uniform", payoff), 1 / 4)
-    assert meta_strategy("alpha-rank", payoff).sum() == pytest.approx(1)
-
-
 def test_a_mixture_as_one_policy_wins_what_the_mixture_wins(model: str) -> None:
     game = load_game(model)
-    rng = np.random.default_rng(1)
-
-    def drawn() -> Any:
-        weight = rng.gamma(0.5, size=game.n_pairs) + 1e-3
-        return from_pair_probabilities(game, weight / np.bincount(game.pair_state, weight, game.n_states)[game.pair_state])
-
-    policies, opponent, shares = [drawn() for _ in range(3)], drawn(), np.array([0.5, 0.3, 0.2])
+    *policies, opponent = (random_policy(game, seed, 2.0) for seed in range(4))
+    shares = np.array([0.5, 0.3, 0.2])
     expected = shares @ [exact.evaluate(policy, opponent).odds().value for policy in policies]
     # A table holds probabilities in units of 1/65535.
     assert exact.evaluate(merged(policies, shares, opponent), opponent).odds().value == pytest.approx(expected, abs=1e-4)
@@ -163,8 +123,7 @@ def test_a_mixture_as_one_policy_wins_what_the_mixture_wins(model: str) -> None:
 
 def test_a_policy_made_sharper_plays_its_favourites_more(model: str) -> None:
     game = load_game(model)
-    weight = np.random.default_rng(3).gamma(0.5, size=game.n_pairs) + 1e-3
-    policy = from_pair_probabilities(game, weight / np.bincount(game.pair_state, weight, game.n_states)[game.pair_state])
+    policy = random_policy(game, 3, 2.0)
     power = policy.pair_probabilities() ** 4
     expected = power / np.bincount(game.pair_state, power, game.n_states)[game.pair_state]
     assert np.allclose(sharpened(policy, 0.25).pair_probabilities(), expected, atol=2e-5)
@@ -184,13 +143,7 @@ def test_probabilities_that_do_not_add_up_are_no_table(model: str, factor: float
 
 def test_payoffs_are_those_of_cross_play_and_solved_once(model: str, tmp_path: Path) -> None:
     game = load_game(model)
-    rng = np.random.default_rng(2)
-    tables, policies = StoredPolicies(tmp_path / TABLES, game), []
-    for _ in range(4):
-        weight = rng.gamma(0.5, size=game.n_pairs) + 1e-3
-        policies.append(
-            from_pair_probabilities(game, weight / np.bincount(game.pair_state, weight, game.n_states)[game.pair_state])
-        )
+    tables, policies = StoredPolicies(tmp_path / TABLES, game), [random_policy(game, seed, 2.0) for seed in range(4)]
     hashes = [tables.save(policy) for policy in policies]
     assert len(list((tmp_path / TABLES).iterdir())) == 4
     payoffs = Payoffs(tables)
@@ -201,22 +154,6 @@ def test_payoffs_are_those_of_cross_play_and_solved_once(model: str, tmp_path: P
     assert restored.solved == 3
     assert restored.match_wins(hashes[0], hashes[:1]) == pytest.approx(0.5)
     assert np.allclose(restored.match_wins(hashes[3], hashes[:3]), exact.crossplay(policies).match()[3, :3], atol=1e-3)
-
-
-class Killed(BaseException):
-    """End of the process, as far as the league can tell."""
-
-
-def stopping(when: int) -> Callable[[Any, Any], None]:
-    """A replacement of ``os.replace`` that stops before a file comes to its place for the n-th time."""
-    count, replace = itertools.count(1), os.replace
-
-    def replace_or_stop(source: Any, target: Any) -> None:
-        if next(count) == when:
-            raise Killed
-        replace(source, target)
-
-    return replace_or_stop
 
 
 @pytest.fixture(scope="module")
@@ -238,10 +175,6 @@ def test_a_league_that_stops_anywhere_is_resumed_to_the_same_results(
     assert final(tmp_path / "run") == final(whole)
 
 
-def _run(config: LeagueTrainingConfig) -> None:
-    train_league(config)
-
-
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="needs SIGKILL")
 def test_killed_processes_are_resumed_to_the_same_results(whole: Path, model: str, tmp_path: Path) -> None:
@@ -251,7 +184,7 @@ def test_killed_processes_are_resumed_to_the_same_results(whole: Path, model: st
     config = LeagueTrainingConfig(**SMALL, game=model, out=tmp_path / "run")
     for _ in range(4):
         resume = (tmp_path / "run" / "config.json").exists()
-        process = context.Process(target=_run, args=(dataclasses.replace(config, resume=resume),))
+        process = context.Process(target=train_league, args=(dataclasses.replace(config, resume=resume),))
         before = file_versions(tmp_path)
         process.start()
         _wait_for_files(process, tmp_path, before, rng.randint(0, 12))
@@ -269,7 +202,7 @@ def _wait_for_files(process: Any, folder: Path, before: set[tuple[Path, int]], c
 
 def _with_worker(config: LeagueTrainingConfig) -> tuple[Any, int]:
     """A league in a process of its own, and one of its workers."""
-    process = multiprocessing.get_context("forkserver").Process(target=_run, args=(config,))
+    process = multiprocessing.get_context("forkserver").Process(target=train_league, args=(config,))
     process.start()
     children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
 

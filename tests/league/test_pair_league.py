@@ -74,7 +74,7 @@ def test_predictions_are_exact_and_contain_the_uncertainty_of_the_skill(monkeypa
     assert found.rally_win == pytest.approx(odds.rally, abs=1e-6)
     assert found.match_win == pytest.approx(odds.match(), abs=1e-5)
     skill, rng, drawn = load_skill(model_folder(reduced_model())), np.random.default_rng(7), []
-    for _ in range(40):
+    for _ in range(20):
         moved = skill.offset + (skill.deviation * rng.normal(size=skill.offset.shape)).astype(np.float32)
         monkeypatch.setattr(pairs_module, "load_skill", _constant(dataclasses.replace(skill, offset=moved)))
         pair_game.cache_clear()
@@ -82,8 +82,8 @@ def test_predictions_are_exact_and_contain_the_uncertainty_of_the_skill(monkeypa
     monkeypatch.undo()
     pair_game.cache_clear()
     deviation = (found.rally_high - found.rally_low) / (2 * 1.96)
-    # 40 draws know a deviation to 11 %.
-    assert deviation == pytest.approx(np.std(drawn, ddof=1), rel=0.35)
+    # 20 draws know a deviation to 16 %.
+    assert deviation == pytest.approx(np.std(drawn, ddof=1), rel=0.4)
     assert found.match_low < found.match_win < found.match_high
 
 

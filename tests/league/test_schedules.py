@@ -12,11 +12,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from shuttle_marl.game import load_game
-from shuttle_marl.league import LeagueConfig, LeagueError, run_league
+from shuttle_marl.league import LeagueConfig, LeagueError
 from shuttle_marl.league.entrants import Format
 from shuttle_marl.league.tournament import COUNTS, Pairing, PairResult, forfeited, round_robin, stages
 from shuttle_marl.recording import RallyLog
 from shuttle_marl.recording.replay import check
+from tests.stops import Killed
+from tests.tournaments import play_league
 
 POOL = ("random", "safe", "attacking", "defensive")
 TABLES = ("results.csv", "ranking.csv", "pairings.jsonl")
@@ -83,12 +85,12 @@ def test_additions_play_what_is_missing(first: int, more: list[int], form: Forma
 
 def test_a_gauntlet_and_a_swiss_tournament(small_model: str, tmp_path: Path) -> None:
     config: dict[str, Any] = {"pool": POOL, "matches": 6, "game": small_model}
-    gauntlet = run_league(LeagueConfig(**config, format="gauntlet", out=tmp_path / "gauntlet"))
+    gauntlet = play_league(LeagueConfig(**config, format="gauntlet", out=tmp_path / "gauntlet"))
     assert [found.names for found in gauntlet.results] == [("random", name) for name in POOL[1:]]
     assert "# Gauntlet" in (tmp_path / "gauntlet" / "report.md").read_text()
-    swiss = run_league(LeagueConfig(**config, format="swiss", rounds=3, out=tmp_path / "swiss"))
+    swiss = play_league(LeagueConfig(**config, format="swiss", rounds=3, out=tmp_path / "swiss"))
     # Three rounds of four are a round robin; every match is that of a round robin, whatever the order.
-    whole = {frozenset(found.names): found for found in run_league(LeagueConfig(**config, out=tmp_path / "whole")).results}
+    whole = {frozenset(found.names): found for found in play_league(LeagueConfig(**config, out=tmp_path / "whole")).results}
     assert len(swiss.results) == 6
     for found in (*gauntlet.results, *swiss.results):
         other = whole[frozenset(found.names)]
@@ -100,10 +102,6 @@ def test_a_gauntlet_and_a_swiss_tournament(small_model: str, tmp_path: Path) -> 
     assert "in rallies-2.mcap" in (tmp_path / "swiss" / "report.html").read_text()
 
 
-class _KilledError(BaseException):
-    pass
-
-
 def test_a_swiss_tournament_that_is_stopped_anywhere_continues_with_the_same_bytes(
     small_model: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -111,7 +109,7 @@ def test_a_swiss_tournament_that_is_stopped_anywhere_continues_with_the_same_byt
 
     monkeypatch.setattr("shuttle_marl.base.runs.describe", lambda packages: {})
     config: dict[str, Any] = {"pool": POOL, "matches": 4, "batch": 2, "game": small_model, "format": "swiss"}
-    run_league(LeagueConfig(**config, out=tmp_path / "whole"))
+    play_league(LeagueConfig(**config, out=tmp_path / "whole"))
     names = [*TABLES, "rallies.mcap", "rallies-2.mcap", "report.html"]
     expected = {name: (tmp_path / "whole" / name).read_bytes() for name in names}
     for stop in range(4):
@@ -120,27 +118,27 @@ def test_a_swiss_tournament_that_is_stopped_anywhere_continues_with_the_same_byt
         def limited(folder: Path, new: list[PairResult], left: int = stop) -> None:
             done = folder / "pairings.jsonl"
             if not left or (done.exists() and len(done.read_bytes().splitlines()) >= left):
-                raise _KilledError
+                raise Killed
             append_results(folder, new)
 
         with monkeypatch.context() as patch:
             patch.setattr("shuttle_marl.league.folder.append_results", limited)
-            with pytest.raises(_KilledError):
-                run_league(LeagueConfig(**config, out=out))
-        run_league(LeagueConfig(**config, out=out, resume=True))
+            with pytest.raises(Killed):
+                play_league(LeagueConfig(**config, out=out))
+        play_league(LeagueConfig(**config, out=out, resume=True))
         assert {name: (out / name).read_bytes() for name in names} == expected, stop
 
 
 def test_an_addition_plays_only_what_is_missing(small_model: str, tmp_path: Path) -> None:
     out = tmp_path / "run"
     config: dict[str, Any] = {"matches": 6, "game": small_model, "out": out}
-    first = run_league(LeagueConfig(pool=POOL[:2], **config))
+    first = play_league(LeagueConfig(pool=POOL[:2], **config))
     log = (out / "rallies.mcap").read_bytes()
-    grown = run_league(LeagueConfig(pool=POOL[2:3], extend=True, **config))
+    grown = play_league(LeagueConfig(pool=POOL[2:3], extend=True, **config))
     assert grown.results[:1] == first.results
     assert (out / "rallies.mcap").read_bytes() == log
-    run_league(LeagueConfig(pool=(POOL[0], POOL[3]), extend=True, **config))
-    whole = run_league(LeagueConfig(pool=POOL, matches=6, game=small_model, out=tmp_path / "whole"))
+    play_league(LeagueConfig(pool=(POOL[0], POOL[3]), extend=True, **config))
+    whole = play_league(LeagueConfig(pool=POOL, matches=6, game=small_model, out=tmp_path / "whole"))
     rows = {
         name: pyarrow.csv.read_csv(folder / "ranking.csv").to_pylist() for name, folder in (("a", out), ("b", tmp_path / "whole"))
     }
@@ -152,31 +150,31 @@ def test_an_addition_plays_only_what_is_missing(small_model: str, tmp_path: Path
         assert len(logs.header.policies) == 4
         assert logs.n_rallies == sum(found.seen_by(found.names[0])["rallies"] for found in whole.results)
     assert all(check(out / name, load_game(small_model)).problems == () for name in ("rallies-2.mcap", "rallies-3.mcap"))
-    again = run_league(LeagueConfig(pool=POOL, resume=True, **config))
+    again = play_league(LeagueConfig(pool=POOL, resume=True, **config))
     assert len(again.standings) == 4
 
 
 def test_an_addition_that_was_killed_continues(small_model: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     config: dict[str, Any] = {"matches": 6, "game": small_model}
     for name in ("run", "whole"):
-        run_league(LeagueConfig(pool=POOL[:2], **config, out=tmp_path / name))
-    run_league(LeagueConfig(pool=POOL[2:], extend=True, **config, out=tmp_path / "whole"))
+        play_league(LeagueConfig(pool=POOL[:2], **config, out=tmp_path / name))
+    play_league(LeagueConfig(pool=POOL[2:], extend=True, **config, out=tmp_path / "whole"))
 
     def killed(*_: object) -> None:
-        raise _KilledError
+        raise Killed
 
     with monkeypatch.context() as patch:
         patch.setattr("shuttle_marl.league.folder.append_results", killed)
-        with pytest.raises(_KilledError):
-            run_league(LeagueConfig(pool=POOL[2:], extend=True, **config, out=tmp_path / "run"))
-    run_league(LeagueConfig(pool=POOL, resume=True, **config, out=tmp_path / "run"))
+        with pytest.raises(Killed):
+            play_league(LeagueConfig(pool=POOL[2:], extend=True, **config, out=tmp_path / "run"))
+    play_league(LeagueConfig(pool=POOL, resume=True, **config, out=tmp_path / "run"))
     for name in (*TABLES, "rallies-2.mcap"):
         assert (tmp_path / "run" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
 
 
 def test_what_cannot_be_added(small_model: str, tmp_path: Path) -> None:
     out = tmp_path / "run"
-    run_league(LeagueConfig(pool=POOL[:2], matches=2, game=small_model, out=out))
+    play_league(LeagueConfig(pool=POOL[:2], matches=2, game=small_model, out=out))
     refused: tuple[tuple[dict[str, Any], str], ...] = (
         ({"pool": POOL[:1], "matches": 2}, "are already in this run"),
         ({"pool": POOL[2:], "matches": 4}, "other flags (matches: 2 then, 4 now)"),
@@ -187,7 +185,7 @@ def test_what_cannot_be_added(small_model: str, tmp_path: Path) -> None:
     )
     for flags, says in refused:
         with pytest.raises(LeagueError, match=re.escape(says)):
-            run_league(LeagueConfig(**{"game": small_model, "out": out, "extend": True, **flags}))
+            play_league(LeagueConfig(**{"game": small_model, "out": out, "extend": True, **flags}))
     refused = (({"rounds": 3}, "with --format swiss"), ({"decide": 0.0}, "Elo points above 0"))
     for flags, says in refused:
         with pytest.raises(LeagueError, match=says):
@@ -198,7 +196,7 @@ def test_what_cannot_be_added(small_model: str, tmp_path: Path) -> None:
 def test_workers_change_no_byte(small_model: str, tmp_path: Path) -> None:
     config: dict[str, Any] = {"pool": POOL, "matches": 6, "game": small_model, "batch": 6}
     for workers in (1, 3):
-        run_league(LeagueConfig(**config, workers=workers, out=tmp_path / str(workers)))
+        play_league(LeagueConfig(**config, workers=workers, out=tmp_path / str(workers)))
     for name in (*TABLES, "rallies.mcap", "report.html", "report.json"):
         assert (tmp_path / "1" / name).read_bytes() == (tmp_path / "3" / name).read_bytes()
     with pytest.raises(LeagueError, match="--workers 0: expected 1 to 256"):

@@ -35,6 +35,7 @@ from shuttle_marl.training.learner import Learner
 from shuttle_marl.training.networks import tabulated
 from shuttle_marl.training.ppo import PPO
 from tests.reduced import reduced_game, reduced_model
+from tests.stops import Killed, stopping
 from tests.waiting import wait_until
 
 GAME = reduced_game()
@@ -120,22 +121,6 @@ def test_a_run_that_is_broken_off_ends_with_the_same_weights(name: str, tmp_path
     assert (resumed.policy.cumulative == whole.policy.cumulative).all()
     other = train(dataclasses.replace(config, out=tmp_path / "other", seed=1))
     assert weights(other.folder) != weights(whole.folder)
-
-
-class Killed(BaseException):
-    """Ends a run where it is raised."""
-
-
-def stopping(when: int) -> Callable[[Any, Any], None]:
-    """`os.replace` that ends the process at one of its calls."""
-    replace, calls = os.replace, itertools.count(1)
-
-    def replace_or_stop(source: Any, target: Any) -> None:
-        if next(calls) == when:
-            raise Killed
-        replace(source, target)
-
-    return replace_or_stop
 
 
 def test_a_run_that_stops_anywhere_is_resumed_to_the_same_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
