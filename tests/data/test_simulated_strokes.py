@@ -144,14 +144,6 @@ def test_outcomes_have_the_probabilities_of_the_game() -> None:
     assert reply.height.mean() == pytest.approx(0.5, abs=4 * np.sqrt(0.25 / len(reply)))
 
 
-def test_players_play_their_own_probabilities() -> None:
-    smasher = always(GAME, REPLIES[0])
-    table = simulate(GAME, {"a": smasher, "b": uniform(GAME)}, matches=3, seed=3).to_pandas()
-    above = table[(table.stroke > 1) & (table.height == 1)]
-    assert (above[above.player == "a"]["shot"] == GAME.catalogue.shot[GAME.catalogue.index(REPLIES[0])]).all()
-    assert above[above.player == "b"]["shot"].nunique() == 3
-
-
 def test_landings_lie_where_they_should(table: pd.DataFrame) -> None:
     x, y = table.landing_x.to_numpy(), table.landing_y.to_numpy()
     by_parts = collections.defaultdict(set)
@@ -185,14 +177,6 @@ def test_faults_mix_as_documented(shot: int, area: int, expected: list[float]) -
     reason = simulation.sample_positions(played, np.random.default_rng(4)).reason
     shares = [(reason == REASONS.index(name)).mean() for name in ("out", "net", "short")]
     np.testing.assert_allclose(shares, expected, atol=4 * np.sqrt(0.25 / n))
-
-
-def test_the_contact_of_a_reply_is_the_landing_before(table: pd.DataFrame) -> None:
-    stroke, reply = rows_after(table)
-    np.testing.assert_array_equal(reply.contact_x, -stroke.landing_x)
-    np.testing.assert_array_equal(reply.contact_y, -stroke.landing_y)
-    assert (reply.player == stroke.opponent).all()
-    assert table.contact_x[table.stroke == 1].isna().all()
 
 
 def test_players_stand_where_they_can(table: pd.DataFrame) -> None:

@@ -1,21 +1,9 @@
-"""Reads, checks and recovers logs with accidents and with malice in them, in a process with little memory.
-
-    python -m tests.recording.mutate FOLDER COUNT SEED
-
-Prints how many were read and how many refused. Whatever is not a RecordingError ends the process: another exception, a crash,
-half a minute without a result, a result that was not written.
-"""
+"""Logs with accidents and with malice in them, for the fuzz test of all formats and the tests of hostile files."""
 
 import dataclasses
-import faulthandler
 import hashlib
 import json
-import os
-import resource
-import sys
-import time
 import zlib
-from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -24,16 +12,12 @@ import pyarrow as pa
 from mcap.opcode import Opcode
 from mcap.records import AttachmentIndex
 
-from shuttle_marl.game import default_game
-from shuttle_marl.recording import LogHeader, Rallies, RallyLog, RallyLogWriter, RecordingError, recover
+from shuttle_marl.recording import LogHeader, Rallies, RallyLog, RallyLogWriter
 from shuttle_marl.recording.chunks import encode, stream
 from shuttle_marl.recording.file_writer import LogFileWriter
 from shuttle_marl.recording.log_file import INDEX_NAME, part_path, read_record, read_summary, unfinished
-from shuttle_marl.recording.replay import check
 from tests.recording.conftest import a_header, some_rallies
 
-MEMORY = 768 << 20
-"""More address space than the process has after its imports [bytes]; reading a log of this size needs a few megabytes."""
 LENGTHS = (0, 1, 2**16, 2**31, 2**32 - 1, 2**32, 2**62, 2**63 - 1, 2**64 - 1)
 JUNK: tuple[Any, ...] = (
     None,
@@ -209,43 +193,3 @@ def read_all(path: Path) -> dict[int, bytes]:
             log.rally(int(log.first_rally[-1]))
         log.numbers_of_match(0, 7)
         return found
-
-
-def main(folder: Path, count: int, seed: int) -> None:
-    game = default_game()
-    os.fsync = lambda fd: None  # what was written is read by this process alone
-    pages = int(Path("/proc/self/statm").read_text().split()[0])
-    resource.setrlimit(resource.RLIMIT_AS, (pages * resource.getpagesize() + MEMORY, resource.RLIM_INFINITY))
-    mutator = Mutator(folder, seed)
-    kinds = ("accident", "accident", "accident_to_a_part", "message", "index", "head")
-    results: Counter[str] = Counter()
-    slowest, saved = 0.0, folder / "saved.mcap"
-    for number in range(count):
-        kind = kinds[number % len(kinds)]
-        mutator.make(kind)
-        faulthandler.dump_traceback_later(30, exit=True)
-        start = time.process_time()
-        for what, work in (
-            ("read", lambda: read_all(mutator.path)),
-            ("checked", lambda: check(mutator.path, game)),
-            ("recovered", lambda: read_all(recover(mutator.path, saved).path)),
-        ):
-            try:
-                found = work()
-            except RecordingError:
-                results[f"{kind}: not {what}"] += 1
-                continue
-            results[f"{kind}: {what}"] += 1
-            if "accident" in kind and isinstance(found, dict):
-                assert all(mutator.strokes[first] == strokes for first, strokes in found.items()), (
-                    f"{kind} {number}: {what} wrongly"
-                )
-        slowest = max(slowest, time.process_time() - start)
-        saved.unlink(missing_ok=True)
-    faulthandler.cancel_dump_traceback_later()
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    sys.stdout.write(json.dumps({"files": count, "slowest_s": slowest, "peak_kib": peak, **dict(sorted(results.items()))}))
-
-
-if __name__ == "__main__":
-    main(Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3]))

@@ -15,8 +15,6 @@ from types import ModuleType
 
 import lz4.frame
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet
 import pytest
 import zstandard
 from mcap.data_stream import RecordBuilder
@@ -31,7 +29,7 @@ from shuttle_marl.recording.log_file import unfinished
 from shuttle_marl.recording.replay import check
 from tests.recording.mutate import Mutator, read_all
 
-FLIPS = int(os.environ.get("SHUTTLE_MUTATIONS", "300"))
+FLIPS = int(os.environ.get("SHUTTLE_MUTATIONS", "100"))
 FORGED = (
     "evil_module:attribute",
     "best-response:evil_module:attribute",
@@ -77,16 +75,11 @@ def watch() -> Watch:
     "command",
     [
         (recording, ["info", "LOG"]),
-        (recording, ["info", "LOG", "--json"]),
-        (recording, ["check", "LOG", "--no-replay"]),
         (recording, ["check", "LOG"]),
         (recording, ["recover", "LOG", "--out", "recovered.mcap"]),
-        (recording, ["export", "LOG", "rallies.csv"]),
         (recording, ["export", "LOG", "strokes.parquet", "--rows", "strokes", "--game", "default"]),
         (recording, ["show", "LOG", "--rally", "1"]),
-        (recording, ["show", "LOG", "--match", "0"]),
         (recording, ["scene", "LOG", "--rally", "1", "--out", "scene.mcap"]),
-        (analysis, ["LOG", "--rallies", "50"]),
         (analysis, ["LOG", "--rallies", "50", "--out", "pictures"]),
     ],
     ids=lambda command: "-".join([command[0].__name__.rpartition(".")[2], *command[1]]),
@@ -123,7 +116,6 @@ ESCAPES = "\x1b[31mred\x1b]0;title\x07\u202e\n[/bold]"
     "command",
     [
         (recording, ["info", "LOG"]),
-        (recording, ["show", "LOG", "--rally", "1"]),
         (recording, ["show", "LOG", "--match", "0"]),
         (analysis, ["LOG", "--rallies", "20"]),
     ],
@@ -141,15 +133,9 @@ def test_names_reach_the_terminal_without_control_characters(
     assert module.main([str(tmp_path / "a.mcap") if each == "LOG" else each for each in arguments]) == 0
     printed = capsys.readouterr()
     assert "\\x1b[31mred" in printed.out
-    for text in (printed.out, printed.err):
-        assert [c for c in text if not c.isprintable() and c != "\n"] == []
-
-
-def test_a_file_that_does_not_exist_is_named_without_control_characters(capsys: pytest.CaptureFixture[str]) -> None:
     assert recording.main(["info", f"/nowhere/{ESCAPES}"]) == 1
-    error = capsys.readouterr().err
-    assert "\\x1b[31mred" in error
-    assert [c for c in error if not c.isprintable() and c != "\n"] == []
+    for text in (printed.out, printed.err, capsys.readouterr().err):
+        assert [c for c in text if not c.isprintable() and c != "\n"] == []
 
 
 def test_names_in_csv_are_no_formulas(tmp_path: Path, header: Callable[..., LogHeader], rallies: Callable[..., Rallies]) -> None:
@@ -177,16 +163,8 @@ def write_with_header(path: Path, text: str, header: LogHeader) -> None:
 
 @pytest.mark.parametrize(
     "text",
-    [
-        "[]",
-        "null",
-        '"header"',
-        "[" * 100_000,
-        '{"policies":' + "[" * 100_000 + "]" * 100_000 + "}",
-        '{"seed":' + "9" * 10_000 + "}",
-        "{}",
-    ],
-    ids=["list", "null", "text", "open", "deep", "digits", "empty"],
+    ["null", "[" * 100_000, '{"policies":' + "[" * 100_000 + "]" * 100_000 + "}", '{"seed":' + "9" * 10_000 + "}", "{}"],
+    ids=["null", "open", "deep", "digits", "empty"],
 )
 def test_strange_headers_are_refused(tmp_path: Path, header: Callable[..., LogHeader], text: str) -> None:
     path = tmp_path / "a.mcap"
@@ -202,12 +180,8 @@ def test_strange_headers_are_refused(tmp_path: Path, header: Callable[..., LogHe
     ("field", "value"),
     [
         ("policies", [{"name": "\ud800", "hash": ""}] * 2),
-        ("policies", []),
-        ("policies", {"name": "x"}),
         ("policies", [[]]),
-        ("rules", []),
         ("rules", {"points": 10**30, "clear": 1, "cap": 10**30, "games": 1}),
-        ("rules", {"points": 0, "clear": 0, "cap": 0, "games": 0}),
         ("strokes", [[]]),
         ("pairings", [[]]),
         ("record", "sample:" + "9" * 18),
@@ -238,19 +212,6 @@ def test_what_is_no_file_is_refused_quickly(tmp_path: Path, capsys: pytest.Captu
             assert "not a regular file" in capsys.readouterr().err
 
 
-def test_recovering_nothing_is_an_error(log_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    with RallyLog(log_file) as log:
-        first = int(log.files[0]._offset[0])
-    part = unfinished(log_file)
-    part.write_bytes(log_file.read_bytes()[: first + 50])
-    log_file.unlink()
-    with pytest.raises(RecordingError, match="nothing could be recovered"):
-        recover(part)
-    assert recording.main(["recover", str(part)]) == 1
-    assert "nothing could be recovered" in capsys.readouterr().err
-    assert list(tmp_path.iterdir()) == [part]
-
-
 def test_one_lost_log_does_not_keep_the_others(log_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     content = log_file.read_bytes()
     with RallyLog(log_file) as log:
@@ -262,6 +223,8 @@ def test_one_lost_log_does_not_keep_the_others(log_file: Path, tmp_path: Path, c
     printed = capsys.readouterr()
     assert "a.mcap.part: nothing could be recovered" in printed.err
     assert "b.mcap: 100 rallies" in printed.out
+    with pytest.raises(RecordingError, match="nothing could be recovered"):
+        recover(tmp_path / "a.mcap.part")
 
 
 @pytest.mark.parametrize("fails", ["posix_fallocate", "write", "fsync"])
@@ -291,12 +254,8 @@ def test_an_impossible_target_is_refused_in_words(
         assert recording.main(arguments) == 1
         assert ("expected text in UTF-8" if "udcff" in ascii(name) else "cannot be written") in capsys.readouterr().err
     assert sorted(tmp_path.iterdir()) == before
-
-
-def test_a_path_that_is_too_long_is_refused_in_words(capsys: pytest.CaptureFixture[str]) -> None:
-    for command in ("info", "check", "recover"):
-        assert recording.main([command, "x" * 300]) == 1
-        assert "File name too long" in capsys.readouterr().err
+    assert recording.main(["info", "x" * 300]) == 1
+    assert "File name too long" in capsys.readouterr().err
 
 
 def test_a_new_log_has_the_permissions_that_the_umask_leaves(tmp_path: Path, header: Callable[..., LogHeader]) -> None:
@@ -359,19 +318,3 @@ def test_a_flipped_bit_in_a_log_is_found_by_the_check_or_changes_nothing(log_fil
             check(changed)
         with contextlib.suppress(RecordingError), RallyLog(changed) as log:
             assert log.rally_table().drop_columns(["file"]).equals(expected), f"bit {at}"
-
-
-def test_a_flipped_bit_in_an_exported_table_is_found_or_changes_nothing(log_file: Path, tmp_path: Path) -> None:
-    path = tmp_path / "t.parquet"
-    assert recording.main(["export", str(log_file), str(path)]) == 0
-    content, expected = path.read_bytes(), pyarrow.parquet.read_table(path)
-    rng, found = np.random.default_rng(0), 0
-    for at in rng.integers(0, 8 * len(content), FLIPS):
-        flipped = bytearray(content)
-        flipped[at >> 3] ^= 1 << (at & 7)
-        path.write_bytes(flipped)
-        try:
-            assert read_parquet(path).equals(expected), f"bit {at}"
-        except (OSError, pa.ArrowException):
-            found += 1
-    assert found > 0.95 * FLIPS

@@ -1,6 +1,5 @@
 """Files that were cut off or changed, processes that were killed, disks that are full."""
 
-import json
 import os
 import shutil
 import signal
@@ -33,36 +32,6 @@ def read_all(path: Path) -> int:
         return log.n_rallies
 
 
-@pytest.mark.slow
-@pytest.mark.skipif(sys.platform == "win32", reason="needs a limit on memory")
-def test_bad_files_are_read_right_or_refused(tmp_path: Path) -> None:
-    """Damaged and hostile files, in a process with little memory: nothing but the reader's own error, and nothing wrong.
-
-    The environment variable SHUTTLE_MUTATIONS says how many files.
-    """
-    count = int(os.environ.get("SHUTTLE_MUTATIONS", "300"))
-    command = [sys.executable, "-m", "tests.recording.mutate", str(tmp_path), str(count), "0"]
-    done = subprocess.run(command, cwd=Path(__file__).parents[2], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    found = json.loads(done.stdout)
-    assert found["files"] == count
-    assert found["slowest_s"] < 5
-    for kind in ("accident", "accident_to_a_part", "message", "index", "head"):
-        assert found[f"{kind}: not read"] > 0
-        assert found[f"{kind}: recovered"] > 0
-
-
-def test_a_change_of_any_byte_is_found_by_the_check(log_file: Path, tmp_path: Path) -> None:
-    content = log_file.read_bytes()
-    path = tmp_path / "changed.mcap"
-    for at in range(0, len(content), 37):
-        changed = bytearray(content)
-        changed[at] ^= 0xFF
-        path.write_bytes(changed)
-        with pytest.raises(RecordingError):
-            check(path)
-
-
 def test_every_length_is_refused_and_recovered(log_file: Path, tmp_path: Path) -> None:
     """Cut anywhere, the log says what to do, and that brings back every batch that is whole."""
     content = log_file.read_bytes()
@@ -71,7 +40,7 @@ def test_every_length_is_refused_and_recovered(log_file: Path, tmp_path: Path) -
         at = int(log.files[0]._offset[0])
     first_chunk = at + FRAME.size + FRAME.unpack_from(content, at)[1]
     path, saved = tmp_path / "a.mcap.part", tmp_path / "a.mcap"
-    for length in range(0, len(content), 211):
+    for length in range(0, len(content), 701):
         path.write_bytes(content[:length])
         with pytest.raises(RecordingError) as refused:
             RallyLog(path)
@@ -112,10 +81,6 @@ def test_batches_behind_a_damaged_one_are_saved(log_file: Path, tmp_path: Path) 
             log.rally(40)
     with pytest.raises(RecordingError, match="exists already"):
         recover(log_file)
-
-
-def test_recovering_a_whole_log_gives_the_same_bytes(log_file: Path) -> None:
-    assert recover(log_file).path.read_bytes() == log_file.read_bytes()
 
 
 def test_files_that_are_no_rally_logs(tmp_path: Path, header: Callable[..., LogHeader]) -> None:
@@ -240,7 +205,7 @@ def fill(path: Path, limit: int, *, reserve: bool, batch: int = 64) -> str:
 
 
 @pytest.mark.skipif(not hasattr(os, "posix_fallocate"), reason="needs limits on file sizes, and to set room aside")
-@pytest.mark.parametrize(("limit", "batch"), [(30_000, 64), (50_000, 64), (2_000_000, 2048)])
+@pytest.mark.parametrize(("limit", "batch"), [(50_000, 64), (2_000_000, 2048)])
 def test_a_full_disk_leaves_a_whole_file(tmp_path: Path, limit: int, batch: int) -> None:
     """A limit on the size of files stands for a disk without room: room for the index was reserved before."""
     path = tmp_path / "a.mcap"
@@ -272,9 +237,9 @@ def test_a_disk_that_is_full_from_the_start(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-def small_disk(folder: Path, options: str = "size=256k") -> bool:
+def small_disk(folder: Path) -> bool:
     """Mount a file system of 256 kB, if this process may."""
-    mount = ["mount", "-t", "tmpfs", "-o", options, "tmpfs", str(folder)]
+    mount = ["mount", "-t", "tmpfs", "-o", "size=256k", "tmpfs", str(folder)]
     return shutil.which("mount") is not None and subprocess.run(mount, capture_output=True, check=False).returncode == 0
 
 
@@ -288,7 +253,7 @@ def test_a_disk_that_fills_up(tmp_path: Path, header, rallies) -> None:
         path = disk / "a.mcap"
         log = RallyLogWriter(path, header(), batch_rallies=64)
         log.append(rallies(64))
-        (disk / "others").write_bytes(bytes(disk_free(disk)))
+        (disk / "others").write_bytes(bytes(shutil.disk_usage(disk).free))
         with pytest.raises(RecordingError, match=r"a.mcap: cannot be written any further \(No space left on device\)"):  # noqa: PT012
             for seed in range(1000):
                 log.append(rallies(64, seed))
@@ -298,33 +263,6 @@ def test_a_disk_that_fills_up(tmp_path: Path, header, rallies) -> None:
         with pytest.raises(RecordingError, match=r"cannot be written \(No space left on device\); nothing was recorded"):
             RallyLogWriter(disk / "b.mcap", header())
         assert sorted(file.name for file in disk.iterdir()) == ["a.mcap", "others"]
-    finally:
-        subprocess.run(["umount", str(disk)], check=True)
-
-
-def disk_free(folder: Path) -> int:
-    return shutil.disk_usage(folder).free
-
-
-def test_a_folder_that_cannot_be_written(tmp_path: Path, header: Callable[..., LogHeader]) -> None:
-    (tmp_path / "file").write_bytes(b"")
-    with pytest.raises(RecordingError, match="cannot be written"):
-        RallyLogWriter(tmp_path / "file" / "a.mcap", header())
-    if sys.platform != "win32" and os.geteuid() != 0:
-        (tmp_path / "locked").mkdir(mode=0o555)
-        with pytest.raises(RecordingError, match="cannot be written"):
-            RallyLogWriter(tmp_path / "locked" / "a.mcap", header())
-
-
-def test_a_disk_that_may_only_be_read(tmp_path: Path, header: Callable[..., LogHeader]) -> None:
-    disk = tmp_path / "disk"
-    disk.mkdir()
-    if not small_disk(disk, "ro"):
-        pytest.skip("may not mount a file system")
-    try:
-        with pytest.raises(RecordingError, match=r"a.mcap.part: cannot be written \(Read-only file system\)"):
-            RallyLogWriter(disk / "a.mcap", header())
-        assert list(disk.iterdir()) == []
     finally:
         subprocess.run(["umount", str(disk)], check=True)
 

@@ -2,7 +2,7 @@
 
 import dataclasses
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -66,11 +66,6 @@ class TestParts:
                 log.rally(first - 1)
         with RallyLog(in_parts) as log:
             assert log.rally_table()["file"].to_pylist()[first] == part.name
-
-    def test_no_part_is_empty(self, tmp_path: Path, rallies, header) -> None:
-        with RallyLogWriter(tmp_path / "a.mcap", header(), batch_rallies=16, max_bytes=1) as log:
-            log.append(rallies(48))
-        assert names(tmp_path) == ["a.1.mcap", "a.2.mcap", "a.mcap"]
 
     def test_a_missing_part_is_noticed(self, in_parts: Path) -> None:
         with RallyLog(part_path(in_parts, 1)) as log:
@@ -165,22 +160,21 @@ class TestResume:
             assert part_path(path, number).read_bytes() == part_path(whole, number).read_bytes()
         assert len(list(tmp_path.glob("cut*"))) == len(list(tmp_path.glob("whole*")))
 
-    def test_a_file_that_was_only_started_is_nothing_lost(self, tmp_path: Path, rallies, header) -> None:
-        path = self.write(tmp_path / "a.mcap", header(), [rallies(200)])
-        last = max(n for n in range(20) if part_path(path, n).exists())
-        unfinished(part_path(path, last + 1)).write_bytes(bytes(4096))
-        with resume(path, header(), 200, batch_rallies=8, max_bytes=12_000):
-            pass
-        with RallyLog(path) as log:
-            assert same(everything(log), rallies(200))
-        assert not list(tmp_path.glob("*.part"))
-
     def test_the_log_of_another_run_is_not_deleted(self, tmp_path: Path, rallies, header) -> None:
         path = self.write(tmp_path / "a.mcap", header(), [rallies(20)])
         content = path.read_bytes()
         with pytest.raises(RecordingError, match="the log of another run"):
             resume(path, header(seed=1), 0)
         assert path.read_bytes() == content
+        path = self.write(tmp_path / "cut.mcap", header(), [rallies(20, seed) for seed in range(4)], 3)
+        with pytest.raises(RecordingError, match="another game, other policies or another seed"):
+            resume(path, header(seed=1), 60)
+        for count in (100, 61):
+            with pytest.raises(RecordingError, match=f"{count} rallies were played"):
+                resume(path, header(), count)
+        assert list(tmp_path.glob("cut*.part.old")), "what was played is still there"
+        with pytest.raises(RecordingError, match="is missing"):
+            resume(tmp_path / "nothing.mcap", header(), 1)
 
     def test_rallies_of_the_first_pairings(self, tmp_path: Path, rallies, header) -> None:
         path, whole = tmp_path / "a.mcap", rallies(300)
@@ -248,13 +242,6 @@ class TestFolders:
                 len(log.numbers_of_match(0, 2**40)) == len(log.numbers_of_match(0, -1)) == len(log.numbers_of_match(-1, 0)) == 0
             )
 
-    def test_one_run_in_several_files_has_one_header(self, tmp_path: Path, rallies, header) -> None:
-        for worker, key in enumerate((3, 4)):
-            with RallyLogWriter(tmp_path / f"{worker}.mcap", header(pairings=(key, 9, 10))) as log:
-                log.append(rallies(10))
-        with RallyLog(tmp_path) as log:
-            assert log.header == header(pairings=(3, 9, 10, 4))
-
     def test_policies_of_one_name(self, tmp_path: Path, rallies, header) -> None:
         """Two checkpoints that were both called ppo are two policies and one word."""
         for worker in range(2):
@@ -278,12 +265,6 @@ class TestFolders:
         with pytest.raises(DamagedLogError, match=r"a\.mcap: damaged"):
             RallyLog(tmp_path)
 
-    def test_part_without_its_first_file(self, in_parts: Path, rallies) -> None:
-        in_parts.unlink()
-        with RallyLog(in_parts.parent) as log:
-            assert log.n_rallies < 200
-            assert log.rally_table().num_rows == log.n_rallies
-
     def test_a_folder_plays_again(self, tmp_path: Path, played: Path) -> None:
         """Two copies of a played log, one of them in parts."""
         with RallyLog(played) as log:
@@ -296,11 +277,3 @@ class TestFolders:
             found = replay(log, default_game())
             assert (found.rallies, found.wrong) == (2 * len(whole), ())
         assert check(tmp_path, default_game()).problems == ()
-
-
-def test_the_order_of_numbers_is_that_of_names(tmp_path: Path, rallies: Callable[..., Rallies], header) -> None:
-    for name in ("b", "a", "c", "c.7"):
-        with RallyLogWriter(tmp_path / f"{name}.mcap", header()) as log:
-            log.append(rallies(3))
-    with RallyLog(tmp_path) as read:
-        assert [file.path.stem for file in read.files] == ["a", "b", "c", "c.7"]

@@ -66,7 +66,7 @@ def test_a_changed_number_is_found(whole: tuple[LogHeader, Rallies], written, co
     """Each number of a rally names its draws or says what they led to, so a wrong one shows sooner or later."""
     header, rallies = whole
     found = 0
-    rows = range(3, len(rallies), len(rallies) // 20)
+    rows = range(3, len(rallies), len(rallies) // 8)
     for row in rows:
         values = getattr(rallies, column).copy()
         values[row] = {"match": values[row] + 2, "pairing": (values[row] + 1) % 3}.get(column, values[row] ^ 1)
@@ -91,7 +91,7 @@ def test_changed_strokes_are_found(whole: tuple[LogHeader, Rallies], written) ->
     header, rallies = whole
     row = rallies.row_of_stroke
     rng = np.random.default_rng(0)
-    at = rng.choice(len(row), 40, replace=False)
+    at = rng.choice(len(row), 20, replace=False)
     found = 0
     for i in at:
         stroke = rallies.stroke.copy()
@@ -100,25 +100,16 @@ def test_changed_strokes_are_found(whole: tuple[LogHeader, Rallies], written) ->
             wrong = replay(log, GAME).wrong
             assert set(wrong) <= {int(row[i])}
             found += len(wrong)
-    # A stroke that is legal there and has nearly the same probabilities may do as well; the policies would tell.
-    assert found > 30
-
-
-def test_changed_hurry_is_found(whole: tuple[LogHeader, Rallies], written) -> None:
-    """Whether a striker was hurried follows from the draw of the stroke before, so every wrong bit shows."""
-    header, rallies = whole
-    replies = np.flatnonzero(rallies.position)
-    for i in np.random.default_rng(1).choice(replies, 20, replace=False):
+    # Whether a striker was hurried follows from the draw of the stroke before, so every wrong bit shows.
+    for i in rng.choice(np.flatnonzero(rallies.position), 10, replace=False):
         hurried = rallies.hurried.copy()
         hurried[i] ^= 1
         with RallyLog(written(header, dataclasses.replace(rallies, hurried=hurried))) as log:
-            assert replay(log, GAME).wrong == (rallies.row_of_stroke[i],)
-
-
-def test_another_seed_does_not_fit(whole: tuple[LogHeader, Rallies], written) -> None:
-    header, rallies = whole
+            assert replay(log, GAME).wrong == (row[i],)
     with RallyLog(written(dataclasses.replace(header, seed=1), rallies)) as log:
-        assert len(replay(log, GAME).wrong) > len(rallies) / 4
+        assert len(replay(log, GAME).wrong) > len(rallies) / 4, "another seed does not fit"
+    # A stroke that is legal there and has nearly the same probabilities may do as well; the policies would tell.
+    assert found > 15
 
 
 def test_another_game_is_refused(log_file: Path, header, tmp_path: Path) -> None:

@@ -17,19 +17,13 @@ GAME = default_game()
 POOL = ("bc", "bc:viktor-axelsen", "bc:an-se-young")
 
 
-@pytest.mark.parametrize("text", ["all", "none", "sample:1000000"])
-def test_what_is_read_is_written_again(text: str) -> None:
-    assert str(Sampling.parse(text)) == text
-
-
-def test_a_sample_of_one_in_one_is_all() -> None:
-    assert Sampling.parse("sample:1") == Sampling.parse("all") == Sampling()
-
-
-@pytest.mark.parametrize("text", ["", "ALL", "sample", "sample:", "sample:0", "sample:-3", "sample:1.5", "sample:1e3", "10"])
-def test_anything_else_is_refused(text: str) -> None:
-    with pytest.raises(RecordingError, match="expected all, none, or sample:N"):
-        Sampling.parse(text)
+def test_what_may_be_asked_for() -> None:
+    assert [str(Sampling.parse(text)) for text in ("all", "sample:1", "none", "sample:10")] == ["all", "all", "none", "sample:10"]
+    for text in ("", "ALL", "sample:0", "sample:1.5", "10"):
+        with pytest.raises(RecordingError, match="expected all, none, or sample:N"):
+            Sampling.parse(text)
+    with pytest.raises(RecordingError, match="sample:N"):
+        LogHeader(seed=0, game="", strokes=(), policies=(), record="half")
 
 
 def test_one_in_n_at_random_and_cells_together(header) -> None:
@@ -96,14 +90,13 @@ def test_a_sampled_tournament_holds_whole_matches_that_play_again(sampled: Path,
     assert counted == len(everything)
 
 
-@pytest.mark.parametrize("done", [0, 1, 2])
-def test_a_resumed_sampled_run_writes_the_same_bytes(sampled: Path, tmp_path: Path, done: int) -> None:
+def test_a_resumed_sampled_run_writes_the_same_bytes(sampled: Path, tmp_path: Path) -> None:
     """As after a kill: some pairings are finished, the log may hold more than those."""
     run = tmp_path / "run"
     run.mkdir()
     for name in ("config.json", "pairings.jsonl"):
         lines = (sampled / name).read_bytes().splitlines(keepends=True)
-        (run / name).write_bytes(b"".join(lines[:done] if name == "pairings.jsonl" else lines))
+        (run / name).write_bytes(b"".join(lines[:1] if name == "pairings.jsonl" else lines))
     (run / "rallies.mcap.part").write_bytes((sampled / "rallies.mcap").read_bytes()[:-5000])
     play_league(LeagueConfig(pool=POOL, matches=60, seed=3, record="sample:4", out=run, resume=True))
     for name in ("rallies.mcap", "results.csv", "pairings.jsonl"):
@@ -117,8 +110,3 @@ def test_rallies_that_do_not_belong_to_the_sample_are_found(tmp_path: Path, samp
     with RallyLogWriter(tmp_path / "a.mcap", header) as log_writer:
         log_writer.append(rallies)
     assert "does not belong to sample:5" in check(tmp_path / "a.mcap").problems[0]
-
-
-def test_a_header_with_another_sample_is_refused(header) -> None:
-    with pytest.raises(RecordingError, match="sample:N"):
-        LogHeader(seed=0, game="", strokes=(), policies=(), record="half")

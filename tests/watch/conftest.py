@@ -8,6 +8,7 @@ import re
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -16,7 +17,10 @@ from typing import Any
 import pytest
 from playwright.sync_api import Browser, Page
 
+from shuttle_marl.game import default_game
 from shuttle_marl.watch.building import SOURCE, BuildError, build, node
+from shuttle_marl.watch.policies import PolicyTables
+from shuttle_marl.watch.server import Server, application, bind
 from tests.needs import missing
 
 START = 240.0
@@ -32,6 +36,12 @@ def page_folder() -> Path:
     except BuildError as error:
         missing(str(error))
         raise
+
+
+@pytest.fixture(scope="session")
+def tables() -> PolicyTables:
+    """Policies of the shipped game, tabulated and solved once."""
+    return PolicyTables(default_game())
 
 
 def run_script(name: str, folder: Path, *arguments: str) -> bytes:
@@ -83,6 +93,20 @@ def serving(*flags: str, cwd: Path | None = None) -> Iterator[Served]:
                 process.kill()
                 process.wait()
         process.stderr.close()
+
+
+@contextlib.contextmanager
+def running(folder: Path, **options: Any) -> Iterator[tuple[str, int]]:
+    """A server in a thread, which answers nothing; yields its address."""
+    with contextlib.closing(bind("127.0.0.1", 0)) as listener:
+        server = Server(application(lambda _: b"", folder, **options))
+        thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]})
+        thread.start()
+        try:
+            yield listener.getsockname()
+        finally:
+            server.should_exit = True
+            thread.join()
 
 
 @pytest.fixture(scope="session")

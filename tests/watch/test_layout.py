@@ -11,7 +11,6 @@ from tests.watch.conftest import Viewer
 pytestmark = pytest.mark.slow
 
 SIZES = ((390, 664), (390, 844), (844, 390), (820, 1180), (1280, 720), (1366, 768), (1680, 980))
-MODES = ("watch", "analyse", "learn", "play")
 PLACE = "#seed=5&a=bc&b=minimax&rally=1&stroke=3"
 OVERFLOWS = """() => {
   const out = [], width = document.documentElement.clientWidth;
@@ -99,49 +98,6 @@ def test_nothing_overflows_and_nothing_is_covered(viewer: Any, served: Any) -> N
         assert words[2] - words[0] <= 800, "one column"
         assert bug[3] <= words[1], "the score is above"
         assert all(words[3] <= side[1] for side in boxes(viewer, ".side")), window
-
-
-def test_every_mode_and_a_rally_by_keyboard_alone(viewer: Any, served: Any) -> None:
-    viewer.open(f"{served.address}#seed=5&a=bc&b=bc&rally=1&stroke=1")
-    viewer.press("Tab", "End")
-    for key, mode in (("Enter", "play"), ("Home", "watch"), ("ArrowRight", "analyse"), ("ArrowRight", "learn")):
-        viewer.press(*([key] if key == "Enter" else [key, "Enter"])).until(lambda mode=mode: viewer.state("mode") == mode)
-        focused = viewer.page.evaluate("document.activeElement.id")
-        if mode != "play":  # there the first stroke has the focus
-            assert focused == f"tab-{mode}"
-            assert viewer.page.locator("[role=tab][tabindex='0']").count() == 1
-        else:
-            viewer.until(lambda: viewer.state("turn") is not None)
-            viewer.page.get_by_role("tab", name="Play").focus()
-    viewer.press("ArrowRight", "Enter").until(lambda: viewer.state("turn") is not None)
-    assert viewer.state("stroke") == viewer.state("turn")["number"] - 1, "arrows of tabs step no strokes"
-    while viewer.state("winner") is None:
-        turn = viewer.state("turn")
-        if turn is None:
-            viewer.page.evaluate("window.viewer.seek(1e3)")
-        else:
-            serves = any(stroke["shot"].endswith("serve") for stroke in turn["strokes"])
-            viewer.press(*"n" * serves, "Enter")
-        viewer.page.wait_for_timeout(20)
-    assert viewer.state("plan")["seed"] == 5, "n is the net shot only"
-
-
-def test_the_costliest_stroke_of_a_match_is_two_clicks_away(viewer: Any, served: Any) -> None:
-    viewer.open(f"{served.address}{PLACE}").analysed()
-    viewer.page.get_by_role("tab", name="Analyse").click()
-    viewer.page.locator(".moments button").first.click()
-    viewer.until(lambda: viewer.state("match") is not None)
-    costliest = viewer.state("match")["moments"][0]
-    viewer.until(lambda: viewer.state("rally", "stroke") == [costliest["rally"], costliest["stroke"]])
-
-
-def test_a_first_visit_offers_three_ways_to_begin(viewer: Any, served: Any) -> None:
-    viewer.open(served.address).page.get_by_role("button", name="Play one").click()
-    viewer.until(lambda: viewer.state("turn") is not None)
-    assert viewer.page.locator("dialog[open]").count() == 0
-    viewer.page.goto("about:blank")
-    viewer.open(f"{served.address}{PLACE}")
-    assert viewer.page.locator("dialog[open]").count() == 0, "a link opens what it names"
 
 
 def test_menus_close_and_terms_are_explained(viewer: Any, served: Any) -> None:

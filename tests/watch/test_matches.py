@@ -1,7 +1,6 @@
 """Matches played for the page: the same draws and rules as everywhere, and plans that are checked."""
 
 import json
-import re
 from pathlib import Path
 from types import SimpleNamespace
 from typing import cast
@@ -12,31 +11,24 @@ import pytest
 
 from shuttle_marl.analysis.rally import Players
 from shuttle_marl.data import load_strokes
-from shuttle_marl.game import default_game
 from shuttle_marl.game.draws import draw, outcome_draw, stream
 from shuttle_marl.game.rules import RETURNED_BELOW, IllegalStrokeError, strike
 from shuttle_marl.game.tables import ROOT
-from shuttle_marl.league import LeagueConfig, run_league
 from shuttle_marl.recording import RallyLog
 from shuttle_marl.watch import WatchError
 from shuttle_marl.watch.answers import Answers
 from shuttle_marl.watch.match import Match
 from shuttle_marl.watch.match_log import MatchLog
 from shuttle_marl.watch.messages import RallyRequest, decode_request
-from shuttle_marl.watch.plan import Change, Person, Plan, Side
+from shuttle_marl.watch.plan import Person, Plan
 from shuttle_marl.watch.policies import PolicyTables
-from shuttle_marl.watch.recorded import LogRallies, RealRallies, Recorded, _event
+from shuttle_marl.watch.recorded import RealRallies, Recorded, _event
 from shuttle_marl.watch.stager import Stager
 from shuttle_marl.watch.values import ELITE
 
 SAMPLE = Path(__file__).parents[2] / "datasets" / "sample" / "strokes.parquet"
 BC = {"policy": "bc"}
 PLAN = {"seed": 3, "sides": [BC, {"policy": "attacking", "temperature": 0.5}]}
-
-
-@pytest.fixture(scope="module")
-def tables() -> PolicyTables:
-    return PolicyTables(default_game())
 
 
 def match(tables: PolicyTables, **fields: object) -> Match:
@@ -64,28 +56,6 @@ def test_rally_is_determined_by_its_random_numbers(tables: PolicyTables) -> None
         assert played.rally(number + 1).score == rally.score.after(rally.winner or 0)
 
 
-def test_a_match_ends_by_the_rules(tables: PolicyTables) -> None:
-    played = match(tables)
-    number = 0
-    while True:
-        score = played.rally(number).score.after(played.rally(number).winner or 0)
-        if score.over:
-            break
-        number += 1
-    assert max(score.games) == 2
-    assert all(max(points) >= 21 for points in score.finished)
-    with pytest.raises(WatchError, match="the match was over before"):
-        played.rally(number + 1)
-
-
-def test_changing_a_player_keeps_earlier_rallies(tables: PolicyTables) -> None:
-    before = match(tables)
-    after = match(tables, changes=[{"rally": 3, "seat": 0, "side": {"policy": "random"}}])
-    assert [before.rally(k).stroke.tolist() for k in range(3)] == [after.rally(k).stroke.tolist() for k in range(3)]
-    assert after.rally(3).names == ("random", "attacking@0.5")
-    assert [before.rally(k).stroke.tolist() for k in range(3, 8)] != [after.rally(k).stroke.tolist() for k in range(3, 8)]
-
-
 def test_rally_waits_for_a_person_and_plays_their_stroke(tables: PolicyTables) -> None:
     game = tables.game
     seat = match(tables).rally(0).server
@@ -103,16 +73,6 @@ def test_rally_waits_for_a_person_and_plays_their_stroke(tables: PolicyTables) -
         match(tables).rally(1, person)
     with pytest.raises(WatchError, match="chosen as number 1 is not legal"):
         match(tables, chosen={"0": {"0": game.n_strokes - 1}}).rally(0)
-
-
-def test_a_tried_stroke_keeps_earlier_strokes(tables: PolicyTables) -> None:
-    game = tables.game
-    played = match(tables)
-    number = next(k for k in range(40) if len(played.rally(k).stroke) > 4)
-    old = played.rally(number)
-    other = next(int(s) for s in game.legal_strokes(old.states(game)[2]) if s != old.stroke[2])
-    new = match(tables, chosen={str(number): {"2": other}}).rally(number)
-    assert new.stroke[:3].tolist() == [*old.stroke[:2].tolist(), other]
 
 
 def test_a_stroke_tried_in_a_recorded_rally_keeps_what_was_played_before_it(tables: PolicyTables) -> None:
@@ -166,20 +126,13 @@ def test_annotated_matches_are_listed_by_event_date_and_players(tables: PolicyTa
         None,
         [],
         {"seed": 1},
-        {**PLAN, "more": 1},
         {**PLAN, "seed": -1},
-        {**PLAN, "seed": 1.0},
-        {**PLAN, "seed": True},
         {**PLAN, "sides": [BC]},
-        {**PLAN, "sides": [BC, {"policy": ""}]},
         {**PLAN, "sides": [BC, {"policy": "bc", "temperature": float("nan")}]},
-        {**PLAN, "sides": [BC, {"policy": "bc", "temperature": -1}]},
         {**PLAN, "sides": [BC, {"policy": "x" * 300}]},
         {**PLAN, "changes": [{"rally": 1, "seat": 2, "side": BC}]},
         {**PLAN, "changes": [{"rally": 1, "seat": 0, "side": BC}] * 300},
-        {**PLAN, "chosen": []},
         {**PLAN, "chosen": {"x": {}}},
-        {**PLAN, "chosen": {"1": {"0": -1}}},
         {**PLAN, "chosen": {"²": {"0": 1}}},
         {**PLAN, "chosen": {"99999999999": {"0": 1}}},
     ],
@@ -189,27 +142,11 @@ def test_invalid_plans_are_rejected(raw: object) -> None:
         Plan.parse(raw)
 
 
-def test_valid_plans_are_decoded() -> None:
-    plan = Plan.parse({**PLAN, "changes": [{"rally": 4, "seat": 1, "side": BC}], "chosen": {"2": {"1": 7, "0": 3}}})
-    assert plan.changes == (Change(rally=4, seat=1, side=Side(policy="bc")),)
-    assert [side.policy for side in plan.sides_in(3)] == ["bc", "attacking"]
-    assert [side.policy for side in plan.sides_in(4)] == ["bc", "bc"]
-    assert plan.chosen_in(2) == {0: 3, 1: 7}
-    assert plan.chosen_in(3) == {}
-
-
 def test_a_plan_from_an_earlier_stroke_keeps_what_was_chosen_before_it() -> None:
     plan = Plan.parse({**PLAN, "chosen": {"0": {"1": 5}, "1": {"3": 6}, "2": {"0": 3, "1": 7, "4": 2}, "3": {"0": 8}}})
     assert plan.without(2, 1).chosen == {0: {1: 5}, 1: {3: 6}, 2: {0: 3}}
     assert plan.without(2, 0).chosen == {0: {1: 5}, 1: {3: 6}}
     assert plan.without(1, 4).chosen == {0: {1: 5}, 1: {3: 6}}
-
-
-def test_equal_plans_have_equal_keys() -> None:
-    first = Plan.parse({**PLAN, "chosen": {"2": {"1": 7, "0": 3}, "0": {"0": 1}}})
-    second = Plan.parse({**PLAN, "chosen": {"0": {"0": 1}, "2": {"0": 3, "1": 7}}})
-    assert first.key == second.key
-    assert first.key != Plan.parse({**PLAN, "chosen": {"0": {"0": 1}, "2": {"0": 3}}}).key
 
 
 def test_another_stroke_continues_the_motion_of_the_rally(tables: PolicyTables) -> None:
@@ -238,40 +175,10 @@ def test_pages_cannot_load_code_or_files(tables: PolicyTables) -> None:
             Match(plan, tables.game, tables).rally(0)
 
 
-@pytest.mark.slow
-def test_the_rallies_that_a_report_names_are_those_of_their_pairings(tables: PolicyTables, tmp_path: Path) -> None:
-    run_league(LeagueConfig(pool=("attacking", "safe", "random"), matches=2, out=tmp_path / "run"))
-    report = (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
-    assert "python -m shuttle_marl.watch --replay rallies.mcap --rally N" in report
-    table = report.split("first rally")[-1].split("</table>")[0]
-    rows = [re.sub(r"<[^>]+>", "|", row).split("|") for row in table.split("<tr")[1:]]
-    cells = [[cell for cell in row if cell.strip()] for row in rows]
-    assert len(cells) == 3
-    shown = LogRallies(tmp_path / "run" / "rallies.mcap", tables.game)
-    for row in cells:
-        rally = shown.rally(int(row[-1]))
-        assert set(rally.names) <= set(row), "both players"
-        assert rally.points == (0, 0)
-
-
-def test_pages_that_play_in_turn_have_one_log_each(tables: PolicyTables, tmp_path: Path) -> None:
-    plans = [Plan.parse({**PLAN, "seed": seed}) for seed in range(3)]
-    matches = [Match(plan, tables.game, tables) for plan in plans]
-    log = MatchLog(tmp_path, tables.game, tables)
-    for number in range(4):
-        for plan, played in zip(plans, matches, strict=True):
-            log.add(plan, played.rally(number))
-    log.close()
-    counts = []
-    for path in sorted(tmp_path.glob("*.mcap")):
-        with RallyLog(path) as read:
-            counts.append(read.n_rallies)
-    assert counts == [4, 4, 4]
-
-
 def test_a_duel_ends_at_its_points_and_is_recorded_by_its_rules(tables: PolicyTables, tmp_path: Path) -> None:
     plan = Plan.parse({**PLAN, "points": 3})
     duel, log = Match(plan, tables.game, tables), MatchLog(tmp_path, tables.game, tables)
+    log.add(other := Plan.parse(PLAN), Match(other, tables.game, tables).rally(0))
     number = 0
     while True:
         rally = duel.rally(number)
@@ -285,8 +192,8 @@ def test_a_duel_ends_at_its_points_and_is_recorded_by_its_rules(tables: PolicyTa
     assert number <= 5
     with pytest.raises(WatchError, match="the match was over"):
         duel.rally(number)
-    (path,) = tmp_path.glob("*.mcap")
-    assert RallyLog(path).header.rules == plan.rules
+    headers = [RallyLog(path).header for path in tmp_path.glob("*.mcap")]
+    assert sorted(header.rules.points for header in headers) == [3, 21], "one log for each plan"
     with pytest.raises(WatchError, match="plan"):
         Plan.parse({**PLAN, "points": 0})
 

@@ -69,23 +69,6 @@ def test_playing_pausing_seeking_and_stepping(viewer: Any, served: Any) -> None:
     viewer.until(lambda: viewer.state("rally") == 1)
 
 
-def test_loop_and_automatic_next_rally(viewer: Any, served: Any) -> None:
-    viewer.open(f"{served.address}#seed=5&a=bc&b=minimax&rally=1").press(" ")
-    points, winner, duration = viewer.state("points", "winner", "duration")
-    assert points == [0, 0]
-    loop = viewer.page.get_by_role("button", name="loop rally")
-    loop.click()
-    viewer.page.evaluate("(t) => window.viewer.seek(t)", duration - 0.1)
-    viewer.page.evaluate("window.viewer.key(' ')")
-    viewer.until(lambda: viewer.state("time") < duration - 0.2)
-    assert viewer.state("rally", "playing") == [0, True], "the same one again"
-    loop.click()
-    viewer.page.evaluate("(t) => window.viewer.seek(t)", duration - 0.1)
-    viewer.until(lambda: viewer.state("rally") == 1)
-    assert viewer.state("points") == [int(winner == 0), int(winner == 1)]
-    assert viewer.state("server") == winner
-
-
 def test_both_agents_are_switched_in_mid_match_and_the_link_reproduces_it(viewer: Any, served: Any, browser: Any) -> None:
     viewer.open(f"{served.address}#seed=5&a=bc&b=minimax&rally=2&stroke=2").press("e")
     played = viewer.state("strokes")
@@ -201,29 +184,6 @@ AREA_KEYS = {
 }  # fmt: skip
 
 
-def aim_by_clicking(viewer: Any) -> None:
-    """Click another target of the shot that is chosen, on the court."""
-    turn, selected = viewer.state("turn", "selected")
-    box = viewer.page.locator(".court canvas").bounding_box()
-    for part in range(1, 200):  # from the top of the picture down
-        x = round(box["x"] + box["width"] * (0.3 + 0.4 * (part % 10) / 10))
-        y = round(box["y"] + box["height"] * part / 200)
-        script = "([x, y]) => document.elementFromPoint(x, y)?.tagName === 'CANVAS' ? window.viewer.floorAt(x, y) : null"
-        place = viewer.page.evaluate(script, [x, y])
-        there = [
-            stroke["area"]
-            for stroke in turn["strokes"]
-            for x0, x1, y0, y1 in [stroke["box"]]
-            if stroke["shot"] == selected["shot"] and place is not None and x0 < place[0] < x1 and y0 < place[1] < y1
-        ]
-        if there and there[0] != selected["area"]:
-            viewer.page.mouse.click(x, y)
-            viewer.until(lambda: viewer.state("selected")["area"] != selected["area"], 20)
-            assert viewer.state("selected")["area"] == there[0]
-            return
-    raise AssertionError("no other target is seen")
-
-
 def choose(viewer: Any, stroke: dict[str, Any]) -> None:
     """Choose a stroke by keys alone."""
     for _ in range(3):
@@ -233,45 +193,6 @@ def choose(viewer: Any, stroke: dict[str, Any]) -> None:
                 return
             viewer.press("q")
     raise AssertionError(f"{stroke} cannot be chosen: {viewer.state('selected')}")
-
-
-def test_person_takes_over_at_the_end_of_a_rally_on_a_narrow_screen(viewer: Any, served: Any) -> None:
-    viewer.page.set_viewport_size({"width": 480, "height": 320})
-    viewer.open(f"{served.address}#seed=2&a=bc&b=bc&rally=1")
-    # The rally comes to its end before the server has answered: the next one must not start in its place.
-    viewer.page.evaluate("window.viewer.key('t'); window.viewer.seek(1e3)")
-    viewer.until(lambda: viewer.state("turn") is not None, 30)
-    assert viewer.state("rally") == 0
-    # The other side, from the other end of the court, and back to the policies.
-    viewer.press("T").until(lambda: viewer.state("person") is not None and viewer.state("person")["seat"] == 1)
-    viewer.until(lambda: viewer.state("flipped") is True)
-    viewer.press("T").until(lambda: viewer.state("names", "flipped") == [["bc", "bc"], False])
-
-
-def test_waiting_players_breathe_unless_reduced_motion_is_preferred(viewer: Any, served: Any) -> None:
-    viewer.page.set_viewport_size({"width": 1000, "height": 640})
-    viewer.open(f"{served.address}#seed=1&a=bc&b=bc&rally=1").press("t")
-    viewer.until(lambda: viewer.state("turn") is not None and not viewer.state("playing"))
-    assert viewer.state("server") == 0, "the serve is the person's"
-    assert len({viewer.state("time") for _ in range(5)}) == 1
-    viewer.page.emulate_media(reduced_motion="no-preference")
-    viewer.page.reload()
-    viewer.until(lambda: bool(viewer.page.evaluate("!!(window.viewer && window.viewer.state().ready)")))
-    viewer.press("t")
-    viewer.until(lambda: viewer.state("turn") is not None and not viewer.state("playing"))
-    waited = viewer.state("time")
-    viewer.until(lambda: viewer.state("time") < waited - 0.05)
-    viewer.until(lambda: viewer.state("time") > waited - 0.03)
-    assert viewer.press(" ").state("playing") is False
-    aim_by_clicking(viewer)
-    viewer.press("i").until(lambda: "wins" in viewer.page.locator("section.board").inner_text())
-    viewer.press("Enter")
-    viewer.until(lambda: len(viewer.state("strokes")) >= 1)
-    viewer.page.get_by_role("button", name="New match").click()
-    viewer.page.get_by_role("dialog", name="Start a new match?").get_by_role("button", name="New match").click()
-    viewer.until(lambda: viewer.state("plan")["seed"] != 1)
-    viewer.until(lambda: viewer.state("strokes") == [] or viewer.state("server") == 1)
-    assert viewer.state("rally", "person") == [0, {"seat": 0, "rally": 0, "stroke": 0}]
 
 
 @pytest.mark.slow(minutes=True)
@@ -436,28 +357,6 @@ def test_page_is_accessible(viewer: Any, served: Any) -> None:
     checked("words")
 
 
-def test_an_opening_is_explored_and_played_on_the_court(viewer: Any, served: Any) -> None:
-    viewer.open(f"{served.address}#seed=5&a=bc&b=bc&rally=1").analysed()
-    viewer.page.get_by_role("tab", name="Analyse").click()
-    panel = viewer.page.locator(".openings")
-    panel.locator("summary").click()
-    line = []
-    for step in range(3):
-        panel.locator(".line button").nth(step).wait_for()
-        assert 1 < panel.locator("tbody tr").count() <= 12
-        line.append(panel.locator("tbody .try span").first.inner_text())
-        panel.locator("tbody button").first.hover()
-        assert viewer.state("target") is not None, "the stroke pointed at is drawn"
-        panel.locator("tbody button").first.click()
-        panel.locator(".line button").nth(step + 1).wait_for()
-    assert panel.locator("table").count() == 0
-    panel.get_by_role("button", name="Play it").click()
-    viewer.until(lambda: viewer.state("plan").get("chosen") is not None and viewer.state("rally") == 0)
-    viewer.until(lambda: list(viewer.state("plan")["chosen"]["0"].values()) == viewer.state("strokes")[:3])
-    assert viewer.state("server") == 0
-    assert line[0].split(" → ")[0] in viewer.page.locator(".moves li").first.inner_text()
-
-
 def test_the_puzzles_of_the_day_are_rated(viewer: Any, served: Any) -> None:
     viewer.page.clock.set_fixed_time("2026-05-01T12:00:00Z")
     viewer.open(f"{served.address}#seed=5&a=bc&b=bc&rally=1").analysed()
@@ -494,18 +393,6 @@ def test_the_puzzles_of_the_day_are_rated(viewer: Any, served: Any) -> None:
     assert "Rally of the day" not in viewer.page.locator(".learn h2").inner_text(), "who leaves Learn ends the puzzles"
 
 
-def test_the_director_shows_attacks_from_the_side_and_then_the_winner(viewer: Any, served: Any) -> None:
-    viewer.open(f"{served.address}#seed=11&a=ppo&b=bc&rally=5&stroke=1").press("7")
-    assert viewer.state("camera") == "director"
-    shots = []
-    contacts, duration = viewer.state("contacts", "duration")
-    for moment in (0.0, contacts[-1] - 0.1, duration - 0.02):  # the last stroke is a net kill
-        viewer.seek(moment)
-        viewer.page.evaluate("window.viewer.draw()")
-        shots.append(viewer.state("shot"))
-    assert shots == ["broadcast", "side", "winner"]
-
-
 def test_players_walk_to_the_next_rally(viewer: Any, served: Any) -> None:
     viewer.open(f"{served.address}#seed=5&a=bc&b=bc&rally=1").press(">", ">")
     viewer.seek(viewer.state("duration"))
@@ -539,40 +426,3 @@ def test_a_bad_link_shows_a_rally(viewer: Any, served: Any) -> None:
         assert viewer.state("rally") == 0
         assert viewer.page.get_by_text("The link cannot be shown").count() == told, link
         viewer.press("ArrowDown").until(lambda: viewer.state("rally") == 1)
-
-
-def test_a_remarkable_rally_ends_with_one_slow_replay_and_then_the_walk(viewer: Any, served: Any) -> None:
-    viewer.open(f"{served.address}#seed=12&a=bc:viktor-axelsen&b=minimax&rally=2").analysed()
-    assert any(stroke["mark"] == "!!" for stroke in viewer.state("analysis")["strokes"])
-    viewer.page.emulate_media(reduced_motion="no-preference")
-    camera = viewer.state("camera")
-    viewer.seek(viewer.state("duration") - 0.1)
-    viewer.play()
-    viewer.until(lambda: viewer.state("camera") == "side")
-    assert viewer.state("time") < viewer.state("duration") - 1
-    assert viewer.state("speed") == 0.25
-    viewer.press(">", ">", ">", ">")  # fewer frames for a software renderer
-    viewer.until(lambda: viewer.state("time") > viewer.state("duration") + 0.2)
-    assert viewer.state("camera") == camera
-    cameras = {camera}
-
-    def walked() -> bool:
-        cameras.add(viewer.state("camera"))
-        return bool(viewer.state("rally") == 2)
-
-    viewer.press(">", ">").until(walked)
-    assert cameras == {camera}
-
-
-def test_the_court_stays_visible_when_a_paused_rally_is_stepped_slowly(viewer: Any, served: Any) -> None:
-    viewer.page.set_viewport_size({"width": 640, "height": 600})
-    viewer.open(f"{served.address}?quality=lite#seed=5&a=bc&b=minimax&rally=1&stroke=1")
-    bright = (
-        "() => { const c = document.querySelector('.court canvas'); const t = document.createElement('canvas');"
-        "t.width = t.height = 16; const g = t.getContext('2d'); g.drawImage(c, 0, 0, 16, 16);"
-        "return Math.max(...g.getImageData(0, 0, 16, 16).data.filter((_, i) => i % 4 < 3)); }"
-    )
-    for _ in range(12):  # more than the slow frames after which the resolution falls
-        viewer.press(".")
-        viewer.page.wait_for_timeout(150)
-        assert viewer.page.evaluate(bright) > 60

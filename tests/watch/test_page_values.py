@@ -24,8 +24,8 @@ SIDES = (Side(policy="bc"), Side(policy="attacking"))
 
 
 @pytest.fixture(scope="module")
-def values() -> StrokeValues:
-    return StrokeValues(PolicyTables(default_game()))
+def values(tables: PolicyTables) -> StrokeValues:
+    return StrokeValues(tables)
 
 
 def test_values_are_those_of_the_exact_solvers_in_a_hundred_states(values: StrokeValues) -> None:

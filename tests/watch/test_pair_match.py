@@ -11,10 +11,9 @@ import pyarrow as pa
 import pytest
 
 from shuttle_marl.analysis.rally import LogPlayers, analyse_rally
-from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.table_files import read_parquet, write_parquet
 from shuttle_marl.commands.options import RallyGameOptions
-from shuttle_marl.commands.watch import MatchOptions, RallyOptions, _game, watch
+from shuttle_marl.commands.watch import MatchOptions, RallyOptions, _game
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game.pairs import pair_game
 from shuttle_marl.game.tabulated import tabulate
@@ -110,15 +109,6 @@ def test_options_of_the_command() -> None:
     assert (game.people.players, str(game.people.date)) == ((A, B), "2020-02-02")
     with pytest.raises(WatchError, match="leave out --players"):
         _game(match, RallyOptions(replay=Path("x.mcap")), model)
-
-
-def test_a_log_that_is_missing_is_said_before_the_page_is_built(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    def built(_: object) -> Path:
-        raise AssertionError("it takes a minute")
-
-    monkeypatch.setattr("shuttle_marl.watch.building.build", built)
-    with pytest.raises(ShuttleError, match=r"none\.mcap"):
-        watch(rallies=RallyOptions(replay=tmp_path / "none.mcap"), record=tmp_path)
 
 
 def test_people_of_annotated_matches(tmp_path: Path) -> None:

@@ -7,9 +7,6 @@ import random
 import signal
 import socket
 import struct
-import subprocess
-import sys
-import threading
 import time
 import urllib.parse
 from pathlib import Path
@@ -29,7 +26,7 @@ from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.watch import WatchError, server
 from shuttle_marl.watch.recorded import RealRallies
 from shuttle_marl.watch.server import MAX_MESSAGE, hosts_of, refusal
-from tests.watch.conftest import Served, serving
+from tests.watch.conftest import Served, running, serving
 
 PLAN = {"seed": 1, "sides": [{"policy": "bc"}, {"policy": "random"}]}
 SAMPLE = Path("datasets/sample/strokes.parquet")
@@ -69,12 +66,8 @@ def got(served: Served, path: str, **headers: str) -> tuple[int, http.client.HTT
         (["localhost:80"], [], True),
         (["127.0.0.1:8090"], ["http://127.0.0.1:8090"], True),
         (["127.0.0.1:8090"], ["http://localhost:8090"], False),
-        (["127.0.0.1:8090"], ["http://127.0.0.1:8091"], False),
-        (["127.0.0.1:8090"], ["null"], False),
         (["127.0.0.1:8090"], ["http://127.0.0.1:8090", "http://evil.example"], False),
-        (["evil.example"], [], False),
         (["127.0.0.1.evil.example:8090"], [], False),
-        ([], [], False),
         (["127.0.0.1", "127.0.0.1"], [], False),
         (["[::1"], [], False),
         (["127.0.0.1:8090"], ["http://["], False),
@@ -82,13 +75,6 @@ def got(served: Served, path: str, **headers: str) -> tuple[int, http.client.HTT
 )
 def test_only_the_page_of_this_server_may_connect(hosts: list[str], origins: list[str], allowed: bool) -> None:
     assert (refusal(hosts, origins, hosts_of("127.0.0.1")) is None) == allowed
-
-
-def test_a_server_on_all_interfaces_accepts_ip_addresses_only() -> None:
-    names = hosts_of("0.0.0.0")
-    assert refusal(["192.0.2.7:8090"], [], names) is None
-    assert refusal(["evil.example:8090"], [], names) is not None
-    assert refusal(["192.0.2.7:8090"], [], hosts_of("127.0.0.1")) is not None
 
 
 @pytest.mark.parametrize("name", ["DESKTOP-AB12", "Annas-MacBook-Pro.local"])
@@ -100,7 +86,10 @@ def test_names_of_machines_are_compared_without_case(name: str, everywhere: bool
         assert refusal([f"{sent}:8090"], [f"http://{name.lower()}:8090"], allowed) is None
 
 
-def test_a_proxy_passes_its_own_name_or_that_of_the_server() -> None:
+def test_a_server_on_all_interfaces_or_behind_a_proxy() -> None:
+    everywhere = hosts_of("0.0.0.0")
+    assert refusal(["192.0.2.7:8090"], [], everywhere) is None
+    assert refusal(["evil.example:8090"], [], everywhere) is not None
     proxies, allowed = ("court.example",), hosts_of("127.0.0.1")
     assert "--allowed-hosts" in str(refusal(["court.example"], ["https://court.example"], allowed))
     for host in ("court.example", "Court.Example:443", "127.0.0.1:8090"):
@@ -138,17 +127,8 @@ def test_malformed_messages_are_answered_and_others_served(served: Served) -> No
     drawn = random.Random(0)
     words = ["rally", "analysis", "hello", "styles", "x", ""]
     pieces: list[Any] = [None, -1, 1.5, "a", [], {}, True, PLAN, {**PLAN, "seed": "x"}, {"seat": 3, "rally": 0, "stroke": 0}]
-    requests: list[str] = [
-        "",
-        "{",
-        "[]",
-        "null",
-        "1",
-        "[" * 5000,
-        '{"id": 1e999, "op": "rally"}',
-        '"\ud800"'.encode("utf-8", "replace").decode(),
-    ]
-    while len(requests) < 10_000:
+    requests = ["", "[" * 5000, "x" * 1000]
+    while len(requests) < 1_000:
         fields = {"id": drawn.choice([1, -1, "1", None]), "op": drawn.choice(words)}
         fields |= {drawn.choice(["plan", "rally", "person", "z"]): drawn.choice(pieces) for _ in range(3)}
         if fields["op"] in ("hello", "") or (fields.get("plan") == PLAN and fields.get("rally") == 0):
@@ -165,10 +145,6 @@ def test_malformed_messages_are_answered_and_others_served(served: Served) -> No
         facts, motion = asked(other, {"id": 7, "op": "rally", "plan": PLAN, "rally": 0, "person": None})
     assert facts["id"] == 7
     assert motion[:4] == b"SMOT"
-
-
-@pytest.mark.slow
-def test_large_messages_and_bytes_end_the_connection(served: Served) -> None:
     for content in ("x" * (MAX_MESSAGE + 1), b"\x00" * 10):
         with connected(served) as stranger, contextlib.suppress(ConnectionClosed):
             stranger.send(content)
@@ -216,54 +192,20 @@ def test_server_stops_immediately_and_frees_its_port(page_folder: Any) -> None:
                 assert port_of(third) != port
 
 
-@pytest.mark.slow
-def test_invalid_options_are_reported_without_a_traceback() -> None:
-    for flags, words in ((["--port", "99999"], "expected 0"), (["--host", "nowhere.invalid"], "give an address")):
-        done = subprocess.run(
-            [sys.executable, "-m", "shuttle_marl.watch", "--no-browser", *flags],
-            capture_output=True,
-            text=True,
-            timeout=60,
-            check=False,
-        )
-        assert done.returncode == 1
-        assert words in done.stderr
-        assert "Traceback" not in done.stderr
-
-
 def test_half_sent_requests_time_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(server, "_REQUEST", 0.2)
-    listener = server.bind("127.0.0.1", 0)
-    running = server.Server(server.application(lambda _: b"", tmp_path))
-    thread = threading.Thread(target=running.run, kwargs={"sockets": [listener]})
-    thread.start()
-    try:
-        with socket.create_connection(listener.getsockname(), timeout=60) as client:
-            client.sendall(b"GET / HTTP/1.1\r\nHost: 127.0.0.1")
-            assert client.recv(1) == b""
-    finally:
-        running.should_exit = True
-        thread.join()
-        listener.close()
+    with running(tmp_path) as address, socket.create_connection(address, timeout=60) as client:
+        client.sendall(b"GET / HTTP/1.1\r\nHost: 127.0.0.1")
+        assert client.recv(1) == b""
 
 
 def test_invalid_utf_8_ends_the_connection_without_a_traceback(
     tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    listener = server.bind("127.0.0.1", 0)
-    running = server.Server(server.application(lambda _: b"", tmp_path))
-    thread = threading.Thread(target=running.run, kwargs={"sockets": [listener]})
-    thread.start()
-    try:
-        port = listener.getsockname()[1]
-        with connect(f"ws://127.0.0.1:{port}/ws", proxy=None) as client:
-            client.send(b"\xff\xfe", text=True)
-            with pytest.raises(ConnectionClosed):
-                client.recv(timeout=60)
-    finally:
-        running.should_exit = True
-        thread.join()
-        listener.close()
+    with running(tmp_path) as address, connect(f"ws://127.0.0.1:{address[1]}/ws", proxy=None) as client:
+        client.send(b"\xff\xfe", text=True)
+        with pytest.raises(ConnectionClosed):
+            client.recv(timeout=60)
     assert "Invalid UTF-8" not in caplog.text
 
 
@@ -273,12 +215,8 @@ def test_the_report_of_a_recorded_match(tmp_path: Path) -> None:
             raise WatchError("no rally 100: there are 10")
         return b"<p>the match of rally %d</p>" % number
 
-    listener = server.bind("127.0.0.1", 0)
-    running = server.Server(server.application(lambda _: b"", tmp_path, downloads={("report", "text/html"): report}))
-    thread = threading.Thread(target=running.run, kwargs={"sockets": [listener]})
-    thread.start()
-    try:
-        client = http.client.HTTPConnection("127.0.0.1", listener.getsockname()[1], timeout=60)
+    with running(tmp_path, downloads={("report", "text/html"): report}) as address:
+        client = http.client.HTTPConnection("127.0.0.1", address[1], timeout=60)
         found = {}
         for query in ("rally=3", "rally=100", "rally=x", "rally=\N{SUPERSCRIPT TWO}", "rally=1000000000000", ""):
             client.request("GET", f"/report?{urllib.parse.quote(query, safe='=')}")
@@ -287,10 +225,6 @@ def test_the_report_of_a_recorded_match(tmp_path: Path) -> None:
             if reply.status == 200:
                 assert reply.headers["content-security-policy"] == "frame-ancestors 'none'"
                 assert reply.headers["x-content-type-options"] == "nosniff"
-    finally:
-        running.should_exit = True
-        thread.join()
-        listener.close()
     assert found.pop("rally=3") == (200, b"<p>the match of rally 2</p>")
     assert found.pop("rally=100") == (404, b"no rally 100: there are 10\n")
     assert all(status == 400 for status, _ in found.values())
