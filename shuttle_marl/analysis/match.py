@@ -111,6 +111,7 @@ class MatchReport:
         factor: share of predicted advantages that real matches realise; None: unknown.
         serving, lengths: rallies won by server and kind of serve, and by length.
         heat: targets in won and lost rallies.
+        faults: by player, forced and unforced ones, where the data tell.
         changes: from game to game.
         game: that of both players if the model knows them, else the average one.
     """
@@ -131,6 +132,7 @@ class MatchReport:
     serving: Sequence[Won]
     lengths: Sequence[Won]
     heat: Sequence[Heat]
+    faults: Sequence[tuple[int, int]]
     changes: Sequence[Change]
     game: Game
 
@@ -203,9 +205,15 @@ def match_report(strokes: pa.Table, *, game: Game | None = None, rules: Rules = 
         serving=_serving(rallies, plays, strokes),
         lengths=_lengths(rallies),
         heat=[_heat(plays, seat == player, won, player) for player in (0, 1)],
+        faults=[_faults(strokes, seat == player) for player in (0, 1)],
         changes=_changes(plays, seat, strokes),
         game=base if played is None else played,
     )
+
+
+def _faults(strokes: pa.Table, own: Bools) -> tuple[int, int]:
+    known = strokes["forced"].filter(pa.array(own)).drop_null().to_numpy()
+    return int(known.sum()), int((~known).sum())
 
 
 def _seated(game: Game, players: tuple[str, str]) -> Game | None:

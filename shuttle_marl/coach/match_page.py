@@ -106,6 +106,9 @@ def _course(report: MatchReport) -> Section:
     played = sum(map(sum, report.score))
     if played > len(report.rallies):
         blocks.insert(0, text(say("match.course_missing", played=played, rallies=len(report.rallies))))
+    for player, (forced, unforced) in zip(report.players, report.faults, strict=True):
+        if forced + unforced:
+            blocks.append(text(say("match.course_faults", player=player, forced=forced, unforced=unforced)))
     return Section(say("match.course"), lead, blocks)
 
 

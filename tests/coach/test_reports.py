@@ -88,6 +88,19 @@ def read(content: bytes) -> tuple[Tags, str]:
     return tags, " ".join(" ".join(tags.words).split())
 
 
+def test_a_report_counts_forced_and_unforced_errors(match: pa.Table, model: str, unbuilt: None) -> None:
+    faults = np.flatnonzero(match["outcome"].to_numpy() == Outcome.FAULT)
+    forced: list[bool | None] = [None] * len(match)
+    for i, kind in zip(faults, (True, False, False, *[True] * len(faults)), strict=False):
+        forced[i] = kind
+    at = match.schema.get_field_index("forced")
+    report = match_report(match.set_column(at, match.schema.field(at), pa.array(forced, pa.bool_())), game=resolve_game(model))
+    assert np.sum(report.faults, axis=0).tolist() == [len(faults) - 2, 2]
+    _, text = read(match_pages.match_page(report, footage(report)))
+    for player, (pressed, own) in zip(report.players, report.faults, strict=True):
+        assert f"{own} unforced errors, {pressed} forced by the opponent" in text, player
+
+
 # The scouting report.
 
 
