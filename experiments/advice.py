@@ -3,7 +3,7 @@
 ``python -m experiments.advice --data DIR --split validation|test [--json]``
 
 Each player of a match is advised against the other (:mod:`shuttle_marl.analysis.advice`), in the game of the pair as of the
-day of the match. Strokes of the match in the situations of the advice are compared: those of the advised shot type, and all
+day of the match; ``shots`` counts the shot types that are advised. Strokes of the match in the situations of the advice are compared: those of the advised shot type, and all
 others. *Promised* is the calibrated advantage of the shot type over what the player usually plays there, by the areas that
 the player usually aims at, because the target of a fault is not recorded. *Realised* is the result of the rally minus the
 probability of winning it before the stroke. Intervals are 95 % bootstraps over matches.
@@ -11,6 +11,7 @@ probability of winning it before the stroke. Intervals are 95 % bootstraps over 
 
 import dataclasses
 import sys
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -29,6 +30,7 @@ from shuttle_marl.dynamics.hurried import load_hurry
 from shuttle_marl.game.pairs import pair_game, people_of
 from shuttle_marl.game.shipped import PROFILES, model_folder
 from shuttle_marl.game.skill import AVERAGE, load_skill
+from shuttle_marl.game.stroke import SHOTS
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -125,7 +127,8 @@ def advice(
         json_output: print JSON.
     """
     every = of_splits(strokes_of(load_strokes(data)), split).marked(load_hurry(model_folder(model)))
-    skill, parts, given = load_skill(model_folder(model)), [], 0
+    skill, parts = load_skill(model_folder(model)), []
+    shots: Counter[str] = Counter()
     for number, name in enumerate(every.matches):
         match = every.take(every.in_matches([name]))
         people = list(dict.fromkeys(match.rows.striker.tolist()))
@@ -138,10 +141,11 @@ def advice(
         found = named(found, (people[0], people[1]))
         for seat in (0, 1):
             advised = advise(found, seat, average=meet(*imitated(against[seat])))
-            given += len(advised)
+            shots.update(SHOTS[found.pair.catalogue.shot[one.stroke]] for one in advised)
             parts.append(judged(match, found, seat, advised, number))
         cli.console(stderr=True).print(f"{number + 1} of {len(every.matches)}: {name}", soft_wrap=True)
-    result: dict[str, Any] = {"split": split, "matches": len(every.matches), "advice": given, **Judged.joined(parts).summary()}
+    about = {"split": split, "matches": len(every.matches), "advice": shots.total(), "shots": dict(shots.most_common())}
+    result: dict[str, Any] = {**about, **Judged.joined(parts).summary()}
     if out is not None:
         write_json(out, {**describe(("numpy",)), **result})
     if json_output:
@@ -150,6 +154,7 @@ def advice(
     for name in ("advised", "not_advised"):
         figures = {key: f"{value:,}" if key == "n" else f"{100 * value:+.2f} of 100" for key, value in result[name].items()}
         cli.console().print(cli.facts({"": name.replace("_", " "), **figures}))
+    cli.console().print(f"advised: {', '.join(f'{name} {count}' for name, count in shots.most_common())}", soft_wrap=True)
 
 
 main = cli.entry_point(advice, "python -m experiments.advice", __doc__ or "")
