@@ -3,10 +3,11 @@
 ``python -m experiments.advice --data DIR --split validation|test [--json]``
 
 Each player of a match is advised against the other (:mod:`shuttle_marl.analysis.advice`), in the game of the pair as of the
-day of the match; ``shots`` counts the shot types that are advised. Strokes of the match in the situations of the advice are compared: those of the advised shot type, and all
-others. *Promised* is the calibrated advantage of the shot type over what the player usually plays there, by the areas that
-the player usually aims at, because the target of a fault is not recorded. *Realised* is the result of the rally minus the
-probability of winning it before the stroke. Intervals are 95 % bootstraps over matches.
+day of the match; ``shots`` counts the shot types that are advised. Strokes of the match in the situations of the advice are
+compared: those of the advised shot type, and all others. *Promised* is the calibrated advantage of the shot type over what the
+player usually plays there, by the areas that the player usually aims at, because the target of a fault is not recorded.
+*Realised* is the result of the rally minus the probability of winning it before the stroke. Intervals are 95 % bootstraps over
+matches.
 """
 
 import dataclasses
