@@ -63,6 +63,7 @@ _SHALLOW: Final = 3.0
 """Points all within this distance of the middle of the net are improbable [m]."""
 _TINY: Final = 1.05
 """Points all within this distance of the middle of the net are no metres [m], but fractions of a court."""
+_OTHER_SCORE: Final = "the score is not that of the last stroke of its rally, which is used"
 _FEW: Final = 10
 """Fewer points tell nothing for certain."""
 _TEMPO: Final = (0.3, 5.0)
@@ -96,7 +97,8 @@ def _imported(path: Path, columns: Path | None, given: ColumnMap, reading: reade
     mapped = given.filled(sheet)
     mapped = dataclasses.replace(mapped, source=given.source or reading.source)
     sheet.require(mapped.columns.values())
-    lost, told = list(reading.lost), list[Problem]()
+    lost, told = list(reading.lost), list(sheet.warnings)  # of the reader
+    sheet.warnings.clear()
     if unread := [repr(name) for name in sheet.header if name and name not in map(nfc, mapped.columns.values())]:
         told.append(Problem(path, f"columns that the map does not name are not read: {', '.join(unread)}"))
     whole, broken, rallies = sheet, 0, 0
@@ -206,6 +208,8 @@ class _Import:
         if self._strict:
             return np.arange(self._n) - start + 1
         player = np.array(self._sheet.text(self._map.columns["player"]))
+        if twice := int(((player[1:] == player[:-1]) & ~self._first[1:]).sum()):
+            self._notes.append(f"a stroke is missing where a player strikes twice in a row: {twice:,} times")
         served = np.isin(shot, [-1, *range(N_SERVES), *map(WORDS["shot"].index, ("unknown", "serve"))])
         step = np.cumsum(np.where(np.r_[False, player[1:] == player[:-1]], 2, 1))
         return step - step[start] + np.where(served[start], 1, 2)
@@ -455,6 +459,8 @@ class _Import:
                 if text.strip() and (score := read_score(text)) is None:
                     self._sheet.mark(row, f"score {shown(text)}; expected points such as 5-3 (did a spreadsheet make it a date?)")
                 elif text.strip():
+                    if scores[self._group[row]] not in (None, score):
+                        self._sheet.warn([row], _OTHER_SCORE)
                     scores[self._group[row]] = score
             points, won, reading = winners_by_score(scores, fresh, server.tolist(), told.tolist())
             self._notes.append(reading)
@@ -547,7 +553,13 @@ class _Import:
                 text = f"half of the strokes follow the one before after {np.median(inside):g} s or less: are these seconds?"
                 sheet.warnings.append(Problem(sheet.path, text))
         number, score = 0, dict[str, int]()
-        for row in np.flatnonzero(np.r_[self._first[1:], True]):
+        last = np.flatnonzero(np.r_[self._first[1:], True])
+        same = (player == player[last[self._group]])[:, None]
+        told = np.stack([np.array(column.to_pylist(), dtype=np.float64) for column in (points, points_opponent)], axis=1)
+        told = np.where(same, told, told[:, ::-1])
+        differ = np.abs(told - told[last[self._group]]).max(axis=1, initial=0) > 0
+        sheet.warn(np.flatnonzero(differ), _OTHER_SCORE)
+        for row in last:
             if self._group[row] and not self._beside[np.searchsorted(self._group, self._group[row])]:
                 number, score = 0, {}
             both, after = (player[row], opponent[row]), (points[row].as_py(), points_opponent[row].as_py())

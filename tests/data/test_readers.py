@@ -208,6 +208,53 @@ def test_hostile_and_foreign_files(tmp_path: Path, content: str, says: str) -> N
         import_matches(tmp_path / "f")
 
 
+@pytest.mark.parametrize(
+    ("name", "old", "new", "says"),
+    [
+        ("BadmintonDB JSON", '"StrokeNum": 2', '"StrokeNum": 7', "stroke 2: StrokeNum 7 of stroke 2 of its point"),
+        ("BadmintonDB JSON", '"receiver"', '"server"', "stroke 1: T2P1 serves, and T1P1 is a 'server'"),
+        ("BadmintonDB JSON", '"end_fault"', '"end_tea"', "cause 'end_tea' is unknown, or contradicts who won by the score"),
+        ("BadmintonDB JSON", '"end_fault"', '"end_lucky"', "cause 'end_lucky' is unknown, or contradicts who won by the score"),
+        ("BadmintonDB JSON", '"Player": "T1P1"', '"Player": "T3P1"', "stroke 2: player 'T3P1'; expected T1P1 or T2P1"),
+        ("ShuttleSet", "3000,1,1,A", "3000,5,1,A", "line 5: the score is not that of the last stroke of its rally"),
+        ("ShuttleSet", "2100,1,0,A,1", "2100,1,0,A,2", "line 2: server '2'; expected 1 for the first stroke"),
+        ("ShuttleSet", "挑球,,,2,7", "挑球,,,2,8", "line 3: hit_area is not the landing_area of the stroke before"),
+        ("Sportscode XML", "<group>Hand</group>", "<group>Shot</group>", "line 10: shot 'BH' beside 'Low serve'"),
+        ("ELAN", 'TIER_ID="Kommentar"', 'TIER_ID="Player"', "another one of the same meaning: 'Player'"),
+        (
+            "CSV",
+            "1-0\n1;Bea;lob;rear left;;",
+            "0-1\n1;Bea;lob;rear left;;1-0",
+            "line 3: the score is not that of the last stroke of its rally",
+        ),
+        ("JSON of a video pipeline", '"bottom"', '"top"', "a player strikes twice in a row: 3 times"),
+        ("CSV", "shot;zone", "shot;stroke type", "columns that the map does not name are not read: 'stroke type'"),
+    ],
+)
+def test_what_a_file_says_twice_is_compared(tmp_path: Path, name: str, old: str, new: str, says: str) -> None:
+    content = (SAMPLES / FILES[name]).read_text()
+    assert old in content
+    for text, expected in ((content, False), (content.replace(old, new, 1), True)):
+        (tmp_path / FILES[name]).write_text(text)
+        found = import_matches(tmp_path / FILES[name])[0]
+        assert any(says in sentence for sentence in (*found.warnings, *found.lost, *found.inferred)) == expected
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new", "says"),
+    [
+        ("ELAN", "milliseconds", "PAL-frames", "times in PAL-frames; expected milliseconds"),
+        ("Sportscode XML", "<end>14</end>", "<end>inf</end>", "line 4: end 'inf'; expected seconds"),
+    ],
+)
+def test_times_of_other_units_are_refused(tmp_path: Path, name: str, old: str, new: str, says: str) -> None:
+    content = (SAMPLES / FILES[name]).read_text()
+    assert old in content
+    (tmp_path / "f").write_text(content.replace(old, new, 1))
+    with pytest.raises(DataError, match=says):
+        import_matches(tmp_path / "f")
+
+
 @settings(max_examples=60, deadline=None)
 @given(st.sampled_from(sorted(FILES)), st.integers(0, 20_000), st.binary(max_size=3), st.booleans())
 def test_damage_is_told_or_accounted_for(name: str, at: int, junk: bytes, cut: bool) -> None:

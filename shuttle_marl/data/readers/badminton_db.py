@@ -17,6 +17,7 @@ ENDINGS: Final = {
 """Ending by cause."""
 _FILE: Final = re.compile(r".*?-(MS|WS)-(.+?) \([A-Z]{3}\)-(.+?) \([A-Z]{3}\)-.*")
 """Names of published files: discipline and players."""
+_STATUS: Final = ("receiver", "server")
 _BACKHAND: Final = re.compile(r"(.+?)[ -]*\(?Bh\)?", re.IGNORECASE)
 _LOST: Final = (
     "areas, positions and contact heights",
@@ -55,7 +56,7 @@ def read(path: Path, content: bytes, value: Any) -> Reading:
     Raises:
         DataError: a point has another form.
     """
-    points, place = [], 0
+    points, place, told = [], 0, list[tuple[int, str]]()
     for name, point in value.items() if isinstance(value, dict) else enumerate(value, 1):
         try:
             about = point["PointInfo"]
@@ -65,21 +66,32 @@ def read(path: Path, content: bytes, value: Any) -> Reading:
                 game=1 + int(seats[0]["Score"]) + int(seats[1]["Score"]),
                 cause=text((about.get("WonEnd") or {}).get("Cause")),
             )
-            for stroke in about.get("Rally") or ():
+            for number, stroke in enumerate(about.get("Rally") or (), 1):
                 place += 1
-                seat = SEATS.index(stroke["Player"]) if stroke.get("Player") in SEATS else None
+                player = stroke.get("Player")
+                seat = SEATS.index(player) if player in SEATS else None
                 found.strokes.append((seat, float(stroke["StrokeBegin"]), text(stroke.get("StrokeType")), place))
+                if player and seat is None:
+                    told.append((place, f"player {player!r:.50}; expected {' or '.join(SEATS)}"))
+                if stroke.get("StrokeNum", number) != number:
+                    told.append((place, f"StrokeNum {stroke['StrokeNum']!r:.50} of stroke {number} of its point"))
+                if number == 1 and seat is not None:
+                    wrong = [at for at in (0, 1) if seats[at].get("Status", _STATUS[at == seat]) != _STATUS[at == seat]]
+                    told += [(place, f"{player} serves, and {SEATS[at]} is a {seats[at]['Status']!r:.50}") for at in wrong]
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise DataError(path, f"{name}: no point of BadmintonDB ({type(error).__name__}: {error})") from error
         points.append(found)
-    return reading_of(path, content, points, "BadmintonDB JSON", "stroke")
+    reading = reading_of(path, content, points, "BadmintonDB JSON", "stroke")
+    for at, what in told:
+        reading.sheet.warn([at - 1], what)
+    return reading
 
 
 def reading_of(path: Path, content: bytes, points: list[Point], name: str, unit: str, lost: tuple[str, ...] = ()) -> Reading:
     """The table of the strokes of points."""
     told = _FILE.fullmatch(path.stem)
     people = told.groups()[1:] if told else SEATS
-    entries, places = [], []
+    entries, places, doubted = [], [], []
     number = game = 0
     for point, following in zip(points, [*points[1:], None], strict=True):
         number = number + 1 if point.game == game else 1
@@ -99,7 +111,10 @@ def reading_of(path: Path, content: bytes, points: list[Point], name: str, unit:
             if i == len(point.strokes) - 1:
                 # Who won follows from the score; a cause that contradicts it is another one.
                 ending = ENDINGS.get(point.cause.lower(), "unknown")
-                entry["ending"] = ending if won is None or (ending in WINNERS) == (won == seat) else "unknown"
+                agrees = won is None or (ending in WINNERS) == (won == seat)
+                entry["ending"] = ending if agrees else "unknown"
+                if point.cause and (ending == "unknown" or not agrees):
+                    doubted.append((len(entries), f"cause {point.cause!r:.50} is unknown, or contradicts who won by the score"))
                 entry["winner"] = "" if won is None else people[won]
             entries.append(entry)
             places.append(place)
@@ -109,6 +124,8 @@ def reading_of(path: Path, content: bytes, points: list[Point], name: str, unit:
             del entry["discipline"]
     inferred = ("players and discipline from the name of the file",) if told else ()
     sheet = sheet_of(path, content, entries, places, unit)
+    for row, what in doubted:
+        sheet.warn([row], what)
     return Reading(format=name, sheet=sheet, source="BadmintonDB", lost=_LOST + lost, inferred=inferred)
 
 

@@ -33,10 +33,13 @@ def read(path: Path, content: bytes, root: ET.Element) -> Reading:
     tiers = _tiers(path, root)
     words = Words("column", tiers)
     columns: dict[str, Tier] = {}
+    unread = []
     for name, annotations in tiers.items():
         meaning = {"points": "score", "servereceive": "service", "servicereceive": "service"}.get(bare(name), words.meaning(name))
-        if meaning:
-            columns.setdefault(meaning, annotations)
+        if meaning and not columns.get(meaning):
+            columns[meaning] = annotations
+        elif annotations:
+            unread.append(name)
     strokes = columns.pop("shot", columns.pop("stroke", []))
     if not strokes or not {"player", "score"} & columns.keys():
         expected = "Strokes, and Points or Player"
@@ -55,14 +58,17 @@ def read(path: Path, content: bytes, root: ET.Element) -> Reading:
     for entry, (start, _, value, _) in zip(entries, strokes, strict=True):
         entry |= {"shot": value, "seconds": f"{start:.3f}"}
     sheet = sheet_of(path, content, entries, [line for *_, line in strokes])
-    unread = [name for name in tiers if name not in ("", *columns) and words.meaning(name) is None]
-    lost = (f"tiers that are no columns here: {', '.join(map(repr, unread[:20]))}",) if unread else ()
+    named = ", ".join(map(repr, unread[:20]))
+    lost = (f"tiers that are no columns here, or another one of the same meaning: {named}",) if unread else ()
     return Reading(format="ELAN", sheet=sheet, source="ELAN", lost=lost)
 
 
 def _tiers(path: Path, root: ET.Element) -> dict[str, Tier]:
     """Annotations of each tier that are aligned to times."""
     try:
+        units = {header.get("TIME_UNITS", "milliseconds") for header in root.iter("HEADER")}
+        if units - {"milliseconds"}:
+            raise ValueError(f"times in {', '.join(units):.50}; expected milliseconds")
         times = {
             slot.attrib["TIME_SLOT_ID"]: int(slot.attrib["TIME_VALUE"]) / 1000
             for slot in root.iter("TIME_SLOT")

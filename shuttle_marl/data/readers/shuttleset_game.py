@@ -68,4 +68,12 @@ def read(path: Path, sheet: Sheet) -> Reading:
         entries.append(entry)
     found = sheet_of(path, sheet.content, entries, sheet.line.tolist())
     found.empty = sheet.empty
+    served, met, landed = column("server"), column("hit_area"), column("landing_area")
+    rallies = list(zip(names, games, column("rally"), strict=True))
+    for row, rally in enumerate(rallies):
+        first = row == 0 or rallies[row - 1] != rally
+        if served[row] and (number(served[row]) == "1") != first:
+            found.warn([row], f"server {served[row]!r:.50}; expected 1 for the first stroke of a rally, and for no other")
+        if not first and met[row] and landed[row - 1] and number(met[row]) != number(landed[row - 1]):
+            found.warn([row], "hit_area is not the landing_area of the stroke before, which is used")
     return Reading(format="ShuttleSet", sheet=found, source="ShuttleSet", lost=_LOST)

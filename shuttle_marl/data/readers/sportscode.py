@@ -5,13 +5,14 @@ without a known group count if they are words of badminton. The code is the play
 game number the strokes within them.
 """
 
+import math
 import xml.etree.ElementTree as ET
 from pathlib import Path
 from typing import Final
 
 from shuttle_marl.data.readers.reading import Reading, sheet_of, spans_around
 from shuttle_marl.data.readers.tree import line_of, text_of
-from shuttle_marl.data.strict_csv import DataError
+from shuttle_marl.data.strict_csv import DataError, Problem
 from shuttle_marl.data.words import Words
 
 INSTANCE: Final = "ALL_INSTANCES/instance"
@@ -29,6 +30,7 @@ def read(path: Path, content: bytes, root: ET.Element) -> Reading:
     kinds = {kind: Words(kind, (label.text or "" for label in root.iter("text"))) for kind in _KINDS}
     spans: dict[str, list[tuple[float, float]]] = {"game": [], "rally": []}
     strokes: list[tuple[float, float, int, dict[str, str]]] = []
+    twice: list[Problem] = []
     others, unread = 0, set[str]()
     for instance in root.iterfind(f".//{INSTANCE}"):
         code = text_of(instance, "code")
@@ -36,9 +38,10 @@ def read(path: Path, content: bytes, root: ET.Element) -> Reading:
         for label in instance.iterfind("label"):
             group, word = text_of(label, "group"), text_of(label, "text")
             column = columns.meaning(group) or next((kind for kind in _KINDS if kinds[kind].meaning(word)), "")
-            if column:
-                entry.setdefault(column, word)
-            else:
+            if column and entry.setdefault(column, word) != word:
+                text = f"{column} {word!r:.50} beside {entry[column]!r:.50}, which is used"
+                twice.append(Problem(path, text, line_of(instance)))
+            elif not column:
                 unread.add(group or word)
         if kinds["shot"].meaning(code):
             entry.setdefault("shot", code)
@@ -64,6 +67,7 @@ def read(path: Path, content: bytes, root: ET.Element) -> Reading:
         entries.append(entry)
     sheet = sheet_of(path, content, entries, [line for _, _, line, _ in strokes])
     sheet.others = others
+    sheet.warnings.extend(twice)
     lost = ["times of the strokes: those of the start of their instances, which may be earlier"]
     if unread:
         lost.append(f"labels that are no columns here: {', '.join(map(repr, sorted(unread)[:20]))}")
@@ -72,6 +76,8 @@ def read(path: Path, content: bytes, root: ET.Element) -> Reading:
 
 def _seconds(path: Path, instance: ET.Element, tag: str) -> float:
     try:
-        return float(text_of(instance, tag))
-    except ValueError as error:
-        raise DataError(path, f"{tag} {text_of(instance, tag)[:50]!r}; expected seconds", line=line_of(instance)) from error
+        if math.isfinite(seconds := float(text_of(instance, tag))):
+            return seconds
+    except ValueError:
+        pass
+    raise DataError(path, f"{tag} {text_of(instance, tag)[:50]!r}; expected seconds", line=line_of(instance))
