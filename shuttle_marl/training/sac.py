@@ -61,7 +61,8 @@ class SAC(Learner):
         self.alpha_optimizer = torch.optim.Adam([self.loss.log_alpha], lr=config.alpha_learning_rate)
         self.modules = {"loss": self.loss, "averaged": self.averaged}
         self.optimizers = {"optimizer": self.optimizer, "temperature": self.alpha_optimizer}
-        self.buffer = TensorDictReplayBuffer(storage=LazyTensorStorage(config.buffer), batch_size=config.minibatch)
+        storage = LazyTensorStorage(config.buffer, compilable=True)  # without the semaphores of one for several processes
+        self.buffer = TensorDictReplayBuffer(storage=storage, batch_size=config.minibatch, compilable=True)
         self.collected = 0
         self.observer = Observer(game, config.device)
         counts = game.legal_count(np.arange(game.n_states))
