@@ -71,9 +71,16 @@ _FIXABLE: Final = {
 """System errors of files that users can fix."""
 
 
+class _Console(Console):
+    """A console that leaves a closed pipe to :func:`run`."""
+
+    def on_broken_pipe(self) -> None:
+        raise  # noqa: PLE0704  within the handler of the error
+
+
 def console(*, stderr: bool = False) -> Console:
     """A console without markup; wide enough for tables if the output is not a terminal."""
-    plain = functools.partial(Console, stderr=stderr, markup=False, emoji=False, highlight=False)
+    plain = functools.partial(_Console, stderr=stderr, markup=False, emoji=False, highlight=False)
     default = plain()
     return default if default.is_terminal or stderr else plain(width=_WIDTH)
 
