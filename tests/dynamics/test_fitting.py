@@ -28,7 +28,7 @@ def sample() -> Rows:
 @pytest.mark.slow
 def test_the_same_seed_gives_the_same_weights(tmp_path: Path) -> None:
     rows = sample()
-    part = rows.match % 4 == 0
+    rows, part = rows.take(rows.match % 2 == 0), rows.match[rows.match % 2 == 0] % 4 == 0
     config = EnsembleConfig(epochs=1, batch=256, folds=5)
     hashes = []
     for seed in (7, 7, 8):

@@ -9,7 +9,7 @@ import pytest
 
 from shuttle_marl.dynamics.evaluate import LIMITS, REQUIRED, criteria, health, play_statistics
 from shuttle_marl.dynamics.make import load_support
-from shuttle_marl.exact import PairPolicy, solve
+from shuttle_marl.exact import PairPolicy
 from shuttle_marl.game.draws import draw, outcome_draw, stream
 from shuttle_marl.game.rules import FAULT, strike
 from shuttle_marl.game.shipped import BC, CHOICE_UNITS, default_game, model_folder, read_model
@@ -99,21 +99,6 @@ def test_what_every_fit_keeps_are_limits_of_health_too() -> None:
         "minimax_unsupported": False,
         "best_response_unsupported": False,
     }
-
-
-def test_minimax_of_a_game_solved_by_hand() -> None:
-    """Above: smash gives -0.25 + 0.375 - 0.375 L, clear -0.0625 - 0.9375 A; below: lift L = -0.125 - 0.875 A.
-
-    With A the value above: smash, A = 0.125 - 0.375 L = 0.125 + 0.046875 + 0.328125 A, so A = 0.171875 / 0.671875, and a
-    clear is worth less. The serve is met from either height: -(A + L) / 2.
-    """
-    solution = solve(small())
-    a = 0.171875 / 0.671875
-    low = -0.125 - 0.875 * a
-    assert solution.value_at_serve == pytest.approx(-(a + low) / 2, abs=2e-4)
-    mix = play_statistics(solution.policy[0])["shot_mix"]
-    assert mix["clear"] == 0
-    assert mix["smash"] > 0
 
 
 def test_statistics_agree_with_sampled_rallies() -> None:

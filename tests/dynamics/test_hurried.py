@@ -11,11 +11,12 @@ from shuttle_marl.base.arrays import F64, Bools
 from shuttle_marl.base.tensor_files import read_tensors
 from shuttle_marl.data import load_strokes
 from shuttle_marl.data.schema import REASONS, STROKES, Outcome
-from shuttle_marl.dynamics.features import MOVEMENT, SLOTS, Rows, rows_from_strokes
+from shuttle_marl.dynamics.features import MOVEMENT, Rows, rows_from_strokes
 from shuttle_marl.dynamics.fit import _fit_hurried
 from shuttle_marl.dynamics.hurried import MIN_ROWS, SHARE, Hurry, fit_hurry
 from shuttle_marl.dynamics.models import HURRIED, sigmoid, was_timed
 from shuttle_marl.game.stroke import SHOTS
+from tests.dynamics.rows import plain_rows
 
 SAMPLE = Path(__file__).parents[2] / "datasets" / "sample" / "strokes.parquet"
 N, MATCHES = 12_000, 24
@@ -25,8 +26,7 @@ NET, LIFT = SHOTS.index("net-shot"), SHOTS.index("lift")
 def strokes() -> tuple[Rows, Bools]:
     """Replies to net shots and lifts, which fault often where the shuttle is met far from the striker; and where that is."""
     rng = np.random.default_rng(5)
-    codes = {name: np.zeros(N, dtype=np.int16) for name in SLOTS}
-    codes["incoming_shot"], codes["shot"] = (rng.choice([NET, LIFT], N).astype(np.int16) for _ in range(2))
+    codes = {name: rng.choice([NET, LIFT], N).astype(np.int16) for name in ("incoming_shot", "shot")}
     codes["area"] = rng.integers(0, 9, N).astype(np.int16)
     movement = rng.normal(size=(N, len(MOVEMENT))).astype(np.float32)
     reach = movement[:, MOVEMENT.index("reach")]
@@ -35,17 +35,14 @@ def strokes() -> tuple[Rows, Bools]:
     outcome = np.where(rng.random(N) < np.where(late, 0.35, 0.05), Outcome.FAULT, Outcome.RETURNED).astype(np.int8)
     returned = outcome == Outcome.RETURNED
     unknown = np.full(N, -1, dtype=np.int8)
-    rows = Rows(
+    rows = plain_rows(
+        N,
         codes=codes,
         outcome=outcome,
         reason=np.where(returned, REASONS.index("returned"), REASONS.index("net")).astype(np.int8),
         next_contact=np.where(returned, rng.integers(0, 2, N), -1).astype(np.int8),
         match=(np.arange(N) * MATCHES // N).astype(np.int32),
         matches=tuple(f"match {k}" for k in range(MATCHES)),
-        striker=np.full(N, "a"),
-        receiver=np.full(N, "b"),
-        stroke=np.full(N, 4, dtype=np.int16),
-        **{name: np.zeros(N, dtype=np.int16) for name in ("attacks", "opponent_attacks", "net_run")},
         movement=movement,
         hurried=unknown,
         next_hurried=unknown,

@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 
 from shuttle_marl.data.schema import REASONS, Outcome
-from shuttle_marl.dynamics.features import MOVEMENT, SLOTS, STATE, Rows
+from shuttle_marl.dynamics.features import Rows
 from shuttle_marl.dynamics.fit import intended_targets
 from shuttle_marl.dynamics.models import GOOD, SPECS, fit_success, fit_target, latent_target, softmax
 from shuttle_marl.dynamics.network import EnsembleConfig, NetworkSpec
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.stroke import SHOTS
+from tests.dynamics.rows import plain_rows
 
 N = 40_000
 # Of the shuttle aimed at each area: out, and short of the net (recorded in a front area, wherever it was aimed).
@@ -27,27 +28,15 @@ def simulated() -> tuple[Rows, np.ndarray]:
     u = rng.random(N)
     out, short = u < OUT[target], (u >= OUT[target]) & (u < (OUT + SHORT)[target])
     landing = np.where(short, rng.integers(0, 3, N), target)
-    codes = {name: np.zeros(N, dtype=np.int16) for name in (*STATE, "shot", "technique")}
-    codes["incoming_area"] = incoming.astype(np.int16)
-    codes["incoming_shot"] = shot.astype(np.int16)
-    codes["shot"] = np.full(N, SHOTS.index("drop"), dtype=np.int16)
-    codes["area"] = landing.astype(np.int16)
-    assert set(codes) == set(SLOTS)
+    codes = {"incoming_area": incoming, "incoming_shot": shot, "shot": np.full(N, SHOTS.index("drop")), "area": landing}
     reason = np.where(out, REASONS.index("out"), np.where(short, REASONS.index("net"), REASONS.index("returned")))
-    rows = Rows(
-        codes=codes,
+    rows = plain_rows(
+        N,
+        codes={name: code.astype(np.int16) for name, code in codes.items()},
         outcome=np.where(out | short, Outcome.FAULT, Outcome.RETURNED).astype(np.int8),
         reason=reason.astype(np.int8),
-        next_contact=np.full(N, -1, dtype=np.int8),
         match=(np.arange(N) // 600).astype(np.int32),
         matches=tuple(str(i) for i in range(N // 600)),
-        striker=np.full(N, "a"),
-        receiver=np.full(N, "b"),
-        stroke=np.full(N, 3, dtype=np.int16),
-        **{name: np.zeros(N, dtype=np.int16) for name in ("attacks", "opponent_attacks", "net_run")},
-        movement=np.full((N, len(MOVEMENT)), np.nan, dtype=np.float32),
-        hurried=np.zeros(N, dtype=np.int8),
-        next_hurried=np.full(N, -1, dtype=np.int8),
     )
     return rows, target
 

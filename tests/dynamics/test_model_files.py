@@ -2,6 +2,7 @@
 
 import contextlib
 import hashlib
+import itertools
 import json
 import shutil
 from collections.abc import Callable
@@ -24,7 +25,6 @@ from shuttle_marl.game.stroke import Catalogue
 from shuttle_marl.game.tables import Game, GameError
 from shuttle_marl.game.tabulated import base_pairs
 from shuttle_marl.policy.baselines import clones
-from tests.reduced import reduced_model
 
 NESTED = "[" * 100_000
 SERVE, LIFT = "short-serve:front-centre:below:backhand", "lift:back-centre:below:forehand"
@@ -48,17 +48,7 @@ READERS: dict[str, Callable[[Path], Any]] = {
 
 @pytest.mark.parametrize(("name", "flips"), [(GAME, 40), (BC, 60), (CARD, 1000), (NETWORKS, 40), (SUPPORT, 100)])
 def test_a_flipped_bit_is_noticed_or_harmless(model: Path, name: str, flips: int) -> None:
-    flip(model, name, flips)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", [GAME, BC, NETWORKS, SUPPORT])
-def test_a_thousand_flipped_bits_are_noticed_or_harmless(tmp_path: Path, name: str) -> None:
-    flip(Path(shutil.copytree(reduced_model(), tmp_path / "model")), name, 1000)
-
-
-def flip(model: Path, name: str, flips: int) -> None:
-    """Flip bits one by one, half of them of the header or the beginning, where a change could hide best."""
+    """Half of them of the header or the beginning, where a change could hide best."""
     read, size = READERS[name], (model / name).stat().st_size
     before, rng, noticed = read(model), np.random.default_rng(0), 0
     with (model / name).open("r+b", buffering=0) as file:
@@ -100,12 +90,10 @@ def forged(model: Path, name: str, key: str, change: Callable[[Any], Any]) -> No
 
 @pytest.mark.parametrize(("name", "key", "change", "error"), [
     (BC, "players", lambda _: NESTED, PolicyError),
-    (BC, "players", lambda _: '{"a": 1}', PolicyError),
     (BC, "players", lambda _: "[1]", PolicyError),
     (BC, "choice", lambda a: a * np.nan, PolicyError),
     (BC, "choice", lambda a: a.astype(np.complex64), PolicyError),
     (BC, "style", lambda a: a[:, :3], PolicyError),
-    (NETWORKS, "model", lambda _: NESTED, ModelError),
     (NETWORKS, "model", lambda _: "[]", ModelError),
     (NETWORKS, "model", lambda text: text.replace('"hidden": 64', '"hidden": 1000000000'), ModelError),
     (NETWORKS, "model", lambda text: text.replace('"contact"', '"../../etc/passwd"'), ModelError),
@@ -172,9 +160,8 @@ def test_a_game_written_down_by_hand_is_read(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["edge_own", "edge_incoming", "reply_start", "reply_count", "reply_edge"])
-@pytest.mark.parametrize("value", [-1, 2, 4, 10**6, -(2**31), 2**31 - 1])
-def test_no_forged_index_reaches_compiled_code(tmp_path: Path, name: str, value: int) -> None:
-    for at in range(hand_made()[name].size):
+def test_no_forged_index_reaches_compiled_code(tmp_path: Path, name: str) -> None:
+    for at, value in itertools.product(range(hand_made()[name].size), (-1, 2, 4, -(2**31), 2**31 - 1)):
         arrays = hand_made()
         unused = name == "reply_start" and arrays["reply_count"][at // 4, at % 2] == 0
         if arrays[name].flat[at] != value and not unused:
@@ -184,26 +171,20 @@ def test_no_forged_index_reaches_compiled_code(tmp_path: Path, name: str, value:
 
 
 @pytest.mark.parametrize(("name", "change"), [
-    ("edge_own", lambda a: a[:-1]),
     ("edge_own", lambda a: a[:0]),
     ("edge_own", lambda a: a.astype(np.int64)),
     ("edge_own", lambda a: a.reshape(2, -1)),
     ("reply_start", lambda a: a[:-1]),
-    ("reply_count", lambda a: a.astype(np.uint32)),
     ("reply_edge", lambda a: a[:-1]),
     ("edge_duel", lambda a: a + 1),
-    ("edge_duel", lambda a: a[:-1]),
     ("fault_odds", lambda a: a[:0]),
     ("fault_odds", lambda a: a + 1),
     ("fault_odds", lambda a: np.append(a, 0).astype(np.int32)),
     ("fault_odds", lambda a: np.repeat(a, 9)),
     ("threshold", lambda a: a[:-1]),
-    ("threshold", lambda a: a[:, :2]),
     ("threshold", lambda a: a.astype(np.int16)),
     ("threshold", lambda a: a - np.arange(3, dtype=np.uint16)),
-    ("hurry", lambda a: a[:-1]),
     ("hurry", lambda a: a[:, :1]),
-    ("hurry", lambda a: a.astype(np.uint16)),
 ])  # fmt: skip
 def test_tables_of_another_shape_are_refused(tmp_path: Path, name: str, change: Callable[[Any], Any]) -> None:
     arrays = hand_made()
@@ -225,7 +206,7 @@ def test_a_state_without_legal_strokes_is_refused(tmp_path: Path) -> None:
         Game.load(saved(tmp_path / GAME, arrays))
 
 
-@pytest.mark.parametrize("names", [NESTED, "[1, 2, 3]", "5", "{}", "[[]]", json.dumps([LIFT, SMASH, SERVE]), "[]"])
+@pytest.mark.parametrize("names", [NESTED, "[1, 2, 3]", "{}", json.dumps([LIFT, SMASH, SERVE])])
 def test_other_names_are_refused(tmp_path: Path, names: str) -> None:
     with pytest.raises(GameError, match=r"game\.safetensors"):
         Game.load(saved(tmp_path / GAME, hand_made(), names))

@@ -9,7 +9,6 @@ import pytest
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.commands import data, dynamics, league
-from shuttle_marl.data import load_strokes
 from shuttle_marl.data.upstream import matches_of
 from shuttle_marl.dynamics.compiled import Support
 from shuttle_marl.dynamics.features import Rows, rows_from_strokes
@@ -135,15 +134,13 @@ def test_shifts_are_shrunk_and_move_the_ranges() -> None:
 
 
 @pytest.mark.slow(minutes=True)
-@pytest.mark.parametrize(("number", "prior"), [(3, "default"), (8, None)])
-def test_from_a_file_to_the_league(number: int, prior: str | None, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    file, columns = write_club(tmp_path, strokes_of_club(number))
+def test_from_a_file_to_the_league(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file, columns = write_club(tmp_path, strokes_of_club(3))
     table, model = tmp_path / "club.parquet", tmp_path / "model"
     assert data.main(["import", str(file), "--columns", str(columns), "--out", str(table)]) == 0
     assert data.main(["validate", str(table)]) == 0
     refits = ["1", "2"]  # in place of eight, to save time
-    flags = ["--data", str(table), "--out", str(model), *(["--prior", prior] if prior else [])]
-    flags += ["--refits", str(len(refits))]
+    flags = ["--data", str(table), "--out", str(model), "--prior", "default", "--refits", str(len(refits))]
     assert dynamics.main(["fit", *flags]) == 1
     assert "--validation-share 0.2" in capsys.readouterr().err
     assert dynamics.main(["fit", *flags, "--validation-share", "0.2"]) == 0
@@ -160,26 +157,11 @@ def test_from_a_file_to_the_league(number: int, prior: str | None, tmp_path: Pat
     game = load_game(str(model))
     assert not any("axelsen" in name for name in registry.names(game))
     assert league.main(["--game", str(model), "--matches", "2", "--out", str(tmp_path / "run")]) == 0
-    if prior:
-        # Players who play as those of the prior, and a correction that hardly moves it.
-        assert game.catalogue.version == load_game().catalogue.version
-        assert all(abs(shift) < 0.5 for shift in card["chosen"]["prior"]["shifts"].values())
-        # Refits that differ from the game as those of the prior do, and a report that can advise.
-        ours, theirs = (
-            [steps_between(each, refit)[:, ::100].ravel() for refit in refits_of(each)[:2]] for each in (game, load_game())
-        )
-        assert all(np.corrcoef(a, b)[0, 1] > 0.8 for a, b in zip(ours, theirs, strict=False))
-
-
-def test_259_strokes_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    strokes = strokes_of_club(3)
-    few = strokes.filter(strokes["rally"].to_numpy() <= 4 * (strokes["game"].to_numpy() == 1)).slice(0, 259)
-    last_rally = few.num_rows - int((few["stroke"].to_numpy() == 1)[::-1].argmax()) - 1
-    file, columns = write_club(tmp_path, few.slice(0, last_rally))
-    table = tmp_path / "few.parquet"
-    assert data.main(["import", str(file), "--columns", str(columns), "--out", str(table)]) == 0
-    for prior in ([], ["--prior", "default"]):
-        flags = ["--data", str(table), "--out", str(tmp_path / "m"), "--validation-share", "0.2", *prior]
-        assert dynamics.main(["fit", *flags]) == 1
-        assert "needed: " in capsys.readouterr().err
-    assert 80 < load_strokes(table).num_rows <= 259
+    # Players who play as those of the prior, and a correction that hardly moves it.
+    assert game.catalogue.version == load_game().catalogue.version
+    assert all(abs(shift) < 0.5 for shift in card["chosen"]["prior"]["shifts"].values())
+    # Refits that differ from the game as those of the prior do, and a report that can advise.
+    ours, theirs = (
+        [steps_between(each, refit)[:, ::100].ravel() for refit in refits_of(each)[:2]] for each in (game, load_game())
+    )
+    assert all(np.corrcoef(a, b)[0, 1] > 0.8 for a, b in zip(ours, theirs, strict=False))

@@ -8,7 +8,7 @@ import pytest
 from scipy.special import expit
 
 from shuttle_marl.data import load_strokes
-from shuttle_marl.data.schema import REASONS, Outcome
+from shuttle_marl.data.schema import Outcome
 from shuttle_marl.dynamics.compiled import (
     MIN_END,
     Support,
@@ -18,12 +18,13 @@ from shuttle_marl.dynamics.compiled import (
     is_serve_pair,
     pair_probabilities,
 )
-from shuttle_marl.dynamics.features import MOVEMENT, SLOTS, Rows, rows_from_strokes, states_of
+from shuttle_marl.dynamics.features import SLOTS, Rows, rows_from_strokes, states_of
 from shuttle_marl.dynamics.situations import Situations, fit_situations
 from shuttle_marl.game.stroke import SHOTS, Catalogue
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import base_pairs, layout
 from shuttle_marl.game.thresholds import ONE
+from tests.dynamics.rows import plain_rows
 from tests.dynamics.test_fitting import SAMPLE
 
 SERVE, SMASH, NET, CROSS, LIFT = (
@@ -72,28 +73,20 @@ def simulated(count: int, effort: float, duel: float) -> tuple[np.ndarray, np.nd
     logit, share = rng.normal(-2.0, 0.8, (count, 2)), rng.dirichlet([2.0, 1.0], count)
     attacks = np.where(rng.random(count) < 0.05, -1, rng.poisson(0.7, count)).astype(np.int16)
     run = rng.integers(-1, 6, count).astype(np.int16)
-    codes = {name: np.zeros(count, dtype=np.int16) for name in SLOTS}
-    codes["shot"] = rng.choice([NET, LIFT], count).astype(np.int16)
+    shot = rng.choice([NET, LIFT], count).astype(np.int16)
     # Unknown rows fault more often than their counts would say: taken for zero they would spoil the fit.
     hidden = np.where(attacks < 0, 2, np.minimum(attacks, 2))
-    offset = effort * hidden + duel * ((codes["shot"] == NET) & (run >= 3))
+    offset = effort * hidden + duel * ((shot == NET) & (run >= 3))
     fault = rng.random(count) < (share * expit(0.8 * logit - 0.3 + offset[:, None])).sum(axis=1)
-    rows = Rows(
-        codes=codes,
+    rows = plain_rows(
+        count,
+        codes={"shot": shot},
         outcome=np.where(fault, Outcome.FAULT, Outcome.RETURNED).astype(np.int8),
-        reason=np.full(count, REASONS.index("returned"), dtype=np.int8),
-        next_contact=np.full(count, -1, dtype=np.int8),
         match=(np.arange(count) // 600).astype(np.int32),
         matches=tuple(map(str, range(count // 600 + 1))),
-        striker=np.full(count, "a"),
-        receiver=np.full(count, "b"),
-        stroke=np.full(count, 3, dtype=np.int16),
         attacks=attacks,
         opponent_attacks=attacks,
         net_run=run,
-        movement=np.full((count, len(MOVEMENT)), np.nan, dtype=np.float32),
-        hurried=np.zeros(count, dtype=np.int8),
-        next_hurried=np.full(count, -1, dtype=np.int8),
     )
     return logit, share, rows
 

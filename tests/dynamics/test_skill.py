@@ -28,6 +28,7 @@ from shuttle_marl.dynamics.skill import (
 from shuttle_marl.game.shipped import CARD, SKILL
 from shuttle_marl.game.skill import COMPONENTS, GROUPS, load_skill
 from shuttle_marl.game.stroke import N_SHOTS, SHOTS
+from tests.dynamics.rows import plain_rows
 
 PLAYERS, MATCHES, STROKES = 20, 36, 700
 SD = np.array([0.3, 0.25, 0.25, 0.2, 0.1, 0.1, 0.1, 0.1, 0.1])
@@ -37,14 +38,10 @@ SD = np.array([0.3, 0.25, 0.25, 0.2, 0.1, 0.1, 0.1, 0.1, 0.1])
 def rows_of(match: Ints, striker: Ints, receiver: Ints, shot: Ints, names: tuple[str, ...]) -> Rows:
     """Rows of which only the players, the match and the shot type matter."""
     players = np.array([f"p{i:02d}" for i in range(PLAYERS)])
-    n, zero = len(match), np.zeros(len(match), np.int16)
-    return Rows(
+    return plain_rows(
+        len(match),
         codes={"shot": shot.astype(np.int16), "discipline": (striker % 2).astype(np.int16)},
-        outcome=zero.astype(np.int8), reason=zero.astype(np.int8), next_contact=zero.astype(np.int8),
         match=match.astype(np.int32), matches=names, striker=players[striker], receiver=players[receiver],
-        stroke=np.full(n, 5, np.int16), attacks=zero,
-        opponent_attacks=zero, net_run=zero, movement=np.zeros((n, 0), np.float32),
-        hurried=zero.astype(np.int8), next_hurried=zero.astype(np.int8),
     )  # fmt: skip
 
 

@@ -94,11 +94,8 @@ def test_trees_are_stored_with_the_model(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("name", "change"), [
     ("attribute", lambda a: a * 0 + len(INPUTS)),
-    ("attribute", lambda a: a - 100),
     ("child", lambda a: a * 0),
-    ("child", lambda a: a * 0 + 1000),
     ("child", lambda a: a * 0 - 1000),
-    ("child", lambda a: a[:, :1]),
     ("value", lambda a: a * np.nan),
     ("value", lambda a: a[:1]),
 ])  # fmt: skip
