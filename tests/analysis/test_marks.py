@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from experiments.marks import marks_of, puzzles_of
+from experiments.marks import marks_of
 from experiments.stroke_value import SAMPLE
 from shuttle_marl.analysis.advice import LEAST_REFITS
 from shuttle_marl.analysis.marks import RARE, Basis, agree, basis_of
@@ -74,12 +74,3 @@ def test_marks_of_matches_rest_on_real_strokes() -> None:
     assert found["matches"] == 8
     assert 0.8 < found["accuracy"]["median"] < 1
     assert found["per_100_strokes"]["??"] > 0
-
-
-@pytest.mark.slow
-def test_no_shot_type_and_no_rule_of_thumb_solves_the_puzzles() -> None:
-    found = puzzles_of(default_game())
-    assert found["puzzles"] == 150
-    assert len(found["right"]) >= 9
-    assert max(found["right"].values()) <= 0.25
-    assert found["rule_of_thumb"] <= 0.35

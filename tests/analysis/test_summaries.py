@@ -14,7 +14,6 @@ from shuttle_marl.analysis import AnalysisError, pictures, rally_table, strokes_
 from shuttle_marl.analysis.filters import RallyFilter
 from shuttle_marl.analysis.strokes import stroke_table
 from shuttle_marl.analysis.summary import ENDINGS, _sample, players_of
-from shuttle_marl.analysis.values import LEAST_MATCHES
 from shuttle_marl.commands.analysis import main as analysis
 from shuttle_marl.commands.options import RallyGameOptions
 from shuttle_marl.commands.recording import main as recording
@@ -205,12 +204,6 @@ def test_stroke_value_of_the_sample(tmp_path: Path, monkeypatch: pytest.MonkeyPa
         "landings.png", "players.csv", "rally.png", "ranking.png", "replies.png", "shots.png"
     }  # fmt: skip
     assert found["left_out"] == len(set(players_of(strokes_of(SAMPLE)))) - len(players)
-    assert stroke_value.main([]) == 0
-    assert "men's singles" in capsys.readouterr().out
-    assert stroke_value.main(["--least-strokes", str(max(p["strokes"] for p in players))]) == 0
-    assert f"players with fewer than {LEAST_MATCHES} matches or" in capsys.readouterr().out
-    assert stroke_value.main(["--least-matches", "99"]) == 1
-    assert "ask for fewer" in capsys.readouterr().err
 
 
 def test_a_number_of_rallies_that_cannot_be_meant(tournament: Path, capsys: pytest.CaptureFixture[str]) -> None:

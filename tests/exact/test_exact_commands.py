@@ -204,10 +204,8 @@ def test_aims_are_the_best_replies_by_area() -> None:
     ("arguments", "says"),
     [
         (["evaluate"], "no policy given"),
-        (["crossplay"], "no policy given"),
         (["evaluate", "stranger"], "no policy 'stranger'"),
         (["evaluate", "bc", "--matches", "0"], "--matches 0: expected a number from 1"),
-        (["evaluate", "bc", "--matches", "9" * 30], "expected a number from 1 to 10,000,000"),
         (["evaluate", "bc", "--seed", "-1"], "--seed -1: expected a whole number from 0"),
         (["solve", "--game", "nothing"], "no model 'nothing'"),
         (["solve", "--incoming", "smash"], "name its file with --plot FILE"),
@@ -230,20 +228,19 @@ def test_a_tolerance_that_cannot_be_met_states_its_bound(capsys: pytest.CaptureF
 
 
 @pytest.mark.parametrize("command", ["evaluate", "best-response", "crossplay"])
-@pytest.mark.parametrize(("body", "says"), [("time.sleep(60)", "no answer within 0.2 s"), ("sys.exit()", "raised SystemExit")])
-def test_policies_that_hang_or_exit(
-    command: str, body: str, says: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+def test_policies_that_hang(
+    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    name = f"my_{command}_{body[:3]}".replace("-", "_")
-    (tmp_path / f"{name}.py").write_text(f"import sys, time\ndef player(states):\n    {body}\n")
+    name = f"my_{command}".replace("-", "_")
+    (tmp_path / f"{name}.py").write_text("import time\ndef player(states):\n    time.sleep(60)\n")
     monkeypatch.chdir(tmp_path)
-    assert says in failure(capsys, command, f"{name}:player", "--policy-timeout", "0.2")
-    assert "--policy-timeout -1" in failure(capsys, command, f"{name}:player", "--policy-timeout", "-1")
+    game = ("--game", reduced_model())
+    assert "no answer within 0.2 s" in failure(capsys, command, f"{name}:player", "--policy-timeout", "0.2", *game)
+    assert "--policy-timeout -1" in failure(capsys, command, f"{name}:player", "--policy-timeout", "-1", *game)
 
 
-@pytest.mark.parametrize(("command", "says"), [("solve", "solving"), ("evaluate bc", "policies"), ("holes bc", "solving")])
-def test_a_terminal_shows_what_a_command_is_at(command: str, says: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_terminal_shows_what_a_command_is_at(monkeypatch: pytest.MonkeyPatch) -> None:
     terminal = io.StringIO()
     monkeypatch.setattr(cli, "Console", lambda **options: Console(**{**options, "file": terminal, "force_terminal": True}))
-    assert main((*command.split(), "--game", reduced_model())) == 0
-    assert says in terminal.getvalue()
+    assert main(("evaluate", "bc", "--game", reduced_model())) == 0
+    assert "policies" in terminal.getvalue()

@@ -68,9 +68,8 @@ def iterated(game: Game, weight: Floats | None) -> Floats:
     return value
 
 
-@pytest.mark.parametrize("seeds", [range(first, first + 50) for first in range(0, 200, 50)])
-def test_two_hundred_games_against_value_iteration(seeds: range) -> None:
-    for seed in seeds:
+def test_sixty_games_against_value_iteration() -> None:
+    for seed in range(60):
         game = random_game(seed, 2 + seed % 5)
         rally = game.base(np.arange(game.n_states)) >= 4
         found = solve(game, tolerance=1e-11)

@@ -45,7 +45,7 @@ def test_a_worse_stroke_changes_nothing_and_is_not_played() -> None:
     assert set(played) == {game.catalogue.shot[i] for i in range(3)}
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(games)
 def test_value_iteration_equals_policy_iteration(game: Game) -> None:
     solution = solve(game, tolerance=1e-10)
@@ -53,7 +53,7 @@ def test_value_iteration_equals_policy_iteration(game: Game) -> None:
     assert np.abs(solution.value[0] - expected).max() <= solution.error_bound
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=8, deadline=None)
 @given(games, seeds)
 def test_players_with_tables_of_their_own(game: Game, seed: int) -> None:
     other = with_probabilities(game, seed + 1)
@@ -65,7 +65,7 @@ def test_players_with_tables_of_their_own(game: Game, seed: int) -> None:
     assert nash_conv(*solution.policy).nash_conv <= 1e-8
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(games)
 def test_coarse_values_are_within_their_bound(game: Game) -> None:
     exact = solve(game, tolerance=1e-11)

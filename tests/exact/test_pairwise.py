@@ -18,7 +18,7 @@ from tests.exact.exact_games import games, random_game, random_policy, seeds
 
 NAMES = ("bc", "attacking", "defensive", "safe", "random")
 Z = 4.4172
-"""Standard errors. Both tails hold 1e-5: eighteen figures are compared, so a true one fails once in five thousand runs."""
+"""Standard errors. Both tails hold 1e-5."""
 
 
 @settings(max_examples=10, deadline=None)
@@ -73,7 +73,7 @@ def sampled_wins(server: TabulatedPolicy, receiver: TabulatedPolicy, rallies: in
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("first", "second"), list(itertools.combinations(NAMES, 2)))
+@pytest.mark.parametrize(("first", "second"), [("bc", "attacking"), ("defensive", "safe"), ("bc", "random")])
 def test_exact_odds_lie_inside_the_interval_of_a_million_rallies(small: Game, first: str, second: str) -> None:
     policies = [tabulate(resolve(name, small), small) for name in (first, second)]
     odds = evaluate(*policies).odds()

@@ -76,7 +76,7 @@ def _certain(game: Game, probability: np.ndarray) -> np.ndarray:
     return ((total - before) * 65535).astype(np.uint16)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(games, seeds, sharpness)
 def test_profiles_equal_a_dense_linear_system(game: Game, seed: int, sharp: float) -> None:
     other = with_probabilities(game, seed + 7)
@@ -91,7 +91,7 @@ def test_profiles_equal_a_dense_linear_system(game: Game, seed: int, sharp: floa
     assert odds[0].match() + odds[1].match() == pytest.approx(1, abs=1e-9)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(games, seeds, sharpness)
 def test_best_response_equals_policy_iteration_and_beats_every_policy(game: Game, seed: int, sharp: float) -> None:
     other = with_probabilities(game, seed + 7)
@@ -107,7 +107,7 @@ def test_best_response_equals_policy_iteration_and_beats_every_policy(game: Game
         assert (rival.striking[0] <= answer.value.striking[0] + 1e-9).all()
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(games, seeds, sharpness)
 def test_nash_conv_is_never_negative(game: Game, seed: int, sharp: float) -> None:
     first, second = random_policy(game, seed, sharp), random_policy(game, seed + 1, sharp)

@@ -9,12 +9,12 @@ import pytest
 
 from shuttle_marl.exact import crossplay, evaluate, nash_conv, solve
 from shuttle_marl.exact.match import normalised_score
-from shuttle_marl.game import default_game, shipped
+from shuttle_marl.game import shipped
 from shuttle_marl.game.policy import PolicyError, States
 from shuttle_marl.game.tables import ROOT
 from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.league import LeagueConfig, run_league
-from shuttle_marl.league.entrants import ANCHORS, Entrant, default_pool, enter
+from shuttle_marl.league.entrants import Entrant, enter
 from shuttle_marl.league.ranking import exact_odds
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.policy.scorecard import Scorer, sample
@@ -105,15 +105,6 @@ def test_the_cluster_interval_covers_about_its_share() -> None:
     assert sum(low <= 0.5 <= high for low, high in intervals) >= 9
 
 
-def test_a_failing_policy_is_named() -> None:
-    class Broken(Moody):
-        def probabilities(self, states: States) -> np.ndarray:
-            raise RuntimeError("legs")
-
-    with pytest.raises(PolicyError, match="policy 'broken' raised RuntimeError: legs"):
-        SCORER.score(Broken("safe"), "broken", matches=2)
-
-
 def test_a_game_without_clones_has_no_scorer(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(shipped, "_ORIGINS", {})  # another test may have loaded the same small game from a folder
     with pytest.raises(PolicyError, match="was not loaded from one"):
@@ -176,10 +167,6 @@ def test_a_run_shows_exact_odds_beside_the_sampled_ones(tmp_path: Path) -> None:
     report = (run.folder / "report.md").read_text()
     assert "## Payoffs, exact" in report
     assert f"{100 * exact:.1f} %" in report.split("## Payoffs, exact")[1]
-
-
-def test_anchors_stand_in_the_default_pool() -> None:
-    assert set(ANCHORS) < set(default_pool(default_game()))
 
 
 def test_the_normalised_score_needs_a_scale() -> None:

@@ -185,6 +185,7 @@ other_game = random_game(1)
         ({"seat": np.array([0, 1, 0])}, r"an array of them of shape \(4,\)"),
         ({"server": 3}, "server 3: expected 0, 1, or None"),
         ({"batch": 0}, "batch 0: expected a whole number, 1 or more"),
+        ({"threads": 0}, "threads 0: expected a whole number, 1 or more"),
     ],
 )
 def test_options_out_of_range_are_refused(options: dict[str, object], message: str) -> None:

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from shuttle_marl.env import match_v0, rally_v0
-from shuttle_marl.env.batched import RallyEnv, VersusEnv
+from shuttle_marl.env.batched import VersusEnv
 from shuttle_marl.env.single import SingleMatchEnv, SingleRallyEnv
 from shuttle_marl.env.vector import MatchVectorEnv, RallyVectorEnv
 from shuttle_marl.game.pairs import pair_game
@@ -56,31 +56,6 @@ def test_rallies_are_those_of_the_environment() -> None:
     # And not those of the average game.
     with pytest.raises((AssertionError, IllegalStrokeError)):
         compare_with_rally_v0(3, play_rallies(PAIR, (bc[0], bc[1]), 60, seed=3), game=reduced_game())
-
-
-def test_batches_are_those_of_the_environment() -> None:
-    """RallyBatch and RallyEnv step given strokes; the strokes decide who strikes with which tables."""
-    batch, env, size = RallyBatch(PAIR, 8, seed=5), RallyEnv(8, game=PAIR, seed=5), 8
-    raws = []
-    for row in range(size):
-        raw = rally_v0.raw_env(game=PAIR)
-        raw.reset(seed=5)
-        for _ in range(row):
-            raw.reset()
-        raws.append(raw)
-    now = env.reset()
-    for _ in range(60):
-        strokes = batch.random_strokes()
-        reward, done = batch.step(strokes, reset=False)
-        stepped = env.step(now.set("action", torch.from_numpy(strokes)))["next"]
-        assert torch.equal(stepped["reward"].squeeze(-1), torch.from_numpy(reward))
-        for raw, stroke, won, over in zip(raws, strokes.tolist(), reward, done, strict=True):
-            striker = raw.agent_selection
-            raw.step(stroke)
-            assert (raw.rewards[striker], raw.terminations[striker]) == (won, over)
-        if done.any():
-            break
-        now = stepped
 
 
 @pytest.mark.parametrize("seat", [0, 1])

@@ -246,19 +246,6 @@ def test_a_seed_begins_anew_and_none_goes_on() -> None:
     assert state_of(batch)["key"] != first["key"]
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"batch": 0}, "batch 0: expected a whole number, 1 or more"),
-        ({"server": 2}, "server 2: expected 0, 1, or None"),
-        ({"threads": 0}, "threads 0: expected a whole number, 1 or more"),
-    ],
-)
-def test_options_out_of_range_are_refused(options: dict[str, int], message: str) -> None:
-    with pytest.raises(KernelError, match=message):
-        RallyBatch(GAME, **{"batch": 4, **options})  # type: ignore[arg-type]
-
-
 def test_the_smallest_game_can_be_played() -> None:
     game = random_game(0, 2, 0.0)
     batch = RallyBatch(game, 1)

@@ -37,6 +37,7 @@ def test_a_league_in_the_game_of_a_pair(tmp_path: Path) -> None:
     run = run_league(config)
     pair = pair_game(A, B, game=reduced_model())
     assert json.loads((tmp_path / "run" / "config.json").read_text())["players"] == [A, B]
+    assert "players" not in LeagueConfig().fixed()
     seats = [[tabulate(resolve(name, game), game, name) for game in pair.seats] for name in config.pool]
     for standing in run.standings:
         place = config.pool.index(standing.player)
@@ -55,14 +56,6 @@ def test_a_league_in_the_game_of_a_pair(tmp_path: Path) -> None:
     assert len(check(log, dataclasses.replace(pair, threshold=pair.threshold)).problems) == 0
     with pytest.raises(Exception, match=f"of {A} against {B}, not on"):
         check(log, reduced_game())
-
-
-def test_options_that_do_not_fit() -> None:
-    with pytest.raises(LeagueError, match="give both"):
-        LeagueConfig(date="2021-01-01")
-    with pytest.raises(LeagueError, match="--holes is not available with --players"):
-        LeagueConfig(players=(A, B), holes=2)
-    assert "players" not in LeagueConfig().fixed()
 
 
 def test_predictions_are_exact_and_contain_the_uncertainty_of_the_skill(monkeypatch: pytest.MonkeyPatch) -> None:
