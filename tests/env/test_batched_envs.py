@@ -1,6 +1,5 @@
 """The batched TorchRL environments against ``rally_v0``, and TorchRL's own checks."""
 
-import functools
 from collections.abc import Iterator
 from typing import Any
 
@@ -9,22 +8,17 @@ import pytest
 import torch
 from torchrl.envs.utils import check_env_specs
 
-from shuttle_marl import rally_v0
 from shuttle_marl.env.batched import RallyEnv, VersusEnv
 from shuttle_marl.game import default_game
-from shuttle_marl.game.observation import stroke_features
-from shuttle_marl.game.policy import PolicyError, States
 from shuttle_marl.game.rules import IllegalStrokeError
 from shuttle_marl.game.tables import ROOT, Game
-from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
-from shuttle_marl.kernel import KernelError
+from shuttle_marl.game.tabulated import tabulate
+from shuttle_marl.kernel import RallyBatch
 from shuttle_marl.policy.registry import resolve
 from tests.exact.exact_games import random_game, random_policy, tiring_game
 
 GAME = default_game()
 EITHER = pytest.mark.parametrize("make", [RallyEnv, VersusEnv])
-BC = tabulate(resolve("bc", GAME), GAME)
-
 Env = RallyEnv | VersusEnv
 
 
@@ -121,36 +115,6 @@ def test_an_illegal_stroke_is_refused_and_nothing_changes(make: type[Env]) -> No
     env.step(now.set("action", action))
 
 
-class ReadsScore:
-    reads_score = True
-
-    def probabilities(self, states: States) -> Any:
-        return states.mask / states.mask.sum(axis=1, keepdims=True)
-
-
-@pytest.mark.parametrize(
-    ("options", "error", "message"),
-    [
-        ({"opponents": "bcc"}, PolicyError, "no policy 'bcc'; did you mean bc"),
-        ({"opponents": ["bc", ReadsScore()]}, PolicyError, "'ReadsScore' reads the score"),
-        ({"opponents": []}, KernelError, "no policy: expected one or more"),
-        ({"seat": 5}, KernelError, "seat 5: expected 0 or 1"),
-        ({"server": 5}, KernelError, "server 5"),
-        ({"batch": 0}, KernelError, "batch 0"),
-        ({"threads": 0}, KernelError, "threads 0"),
-    ],
-)
-def test_options_out_of_range_are_refused(options: dict[str, Any], error: type[Exception], message: str) -> None:
-    with pytest.raises(error, match=message):
-        VersusEnv(**{"batch": 4, **options})
-
-
-def test_an_opponent_of_another_game_is_tabulated_for_this_one_or_refused() -> None:
-    """A table of another game raises where it is asked for this one's states."""
-    with pytest.raises(PolicyError, match="tabulated for another game"):
-        VersusEnv(4, opponents=random_policy(random_game(1), 0))
-
-
 def test_opponents_by_name_by_object_and_several() -> None:
     bc = tabulate(resolve("bc", GAME), GAME)
     for opponents in ("bc", bc, [resolve("bc", GAME)], ("bc", bc)):
@@ -168,115 +132,23 @@ def test_other_games_are_played() -> None:
     assert env.action_spec.n == versus.action_spec.n == game.n_strokes
 
 
-def compare(game: Game, observations: list[dict[str, np.ndarray]], seen: list[tuple[np.ndarray, ...]]) -> None:
-    """Compare what the strikers of a rally saw in the AEC environment with the tokens and masks of a row."""
-    one_hots = stroke_features(game)
-    tokens, mask = (np.array(column) for column in list(zip(*seen, strict=True))[:2])
-    vector = np.array([observation["observation"] for observation in observations])
-    assert np.array_equal(vector[:, :27], one_hots[tokens[:, 0]])
-    assert np.array_equal(vector[:, 27:54], one_hots[tokens[:, 1]])
-    _, incoming, contact, duel, effort, opponent_effort, hurried = tokens.T
-    highest = max(1, game.levels - 1)
-    rest = [contact, incoming == game.n_strokes, duel / 3, effort / highest, opponent_effort / highest, hurried]
-    np.testing.assert_allclose(vector[:, 54:], np.stack(rest, axis=1), rtol=1e-6)
-    assert np.array_equal(np.array([observation["action_mask"] for observation in observations]), mask)
-
-
-def differ(rallies: int, batch: int, seed: int, game: Game = GAME) -> tuple[int, int]:
-    """Play rallies of ``RallyEnv`` in ``rally_v0``, comparing everything; returns rallies and strokes."""
-    env = RallyEnv(batch, seed=seed, threads=2, game=game)
-    log: dict[int, list[tuple[np.ndarray, ...]]] = {}
-    row_rally = np.arange(batch)
-    for now, stepped in steps(env, 10**9):
-        columns = [x.numpy() for x in (now["observation"], now["action_mask"], now["action"], stepped["next", "reward"])]
-        over = stepped["next", "terminated"].squeeze(-1).numpy()
-        for row in np.flatnonzero(row_rally < rallies):
-            log.setdefault(int(row_rally[row]), []).append(tuple(column[row] for column in columns))
-        row_rally = np.where(over, row_rally + batch, row_rally)
-        if row_rally.min() >= rallies:
-            break
-    raw = rally_v0.raw_env(game=game)
-    strokes = 0
-    for rally in range(rallies):
-        raw.reset(seed=seed if rally == 0 else None)
-        turns = log.pop(rally)
-        observations = []
-        for number, (_, _, action, reward) in enumerate(turns):
-            striker = raw.agent_selection
-            observations.append(raw.observe(striker))
-            raw.step(int(action))
-            assert raw.rewards[striker] == reward[0]
-            assert raw.terminations[striker] == (number == len(turns) - 1)
-        compare(game, observations, turns)
-        strokes += len(turns)
-    return rallies, strokes
-
-
-def test_rallies_are_those_of_the_environment() -> None:
-    assert differ(3000, 1024, seed=1)[1] > 10_000
-    assert differ(1000, 256, seed=1, game=tiring_game())[1] > 5_000
-
-
-@pytest.mark.slow(minutes=True)
-def test_twenty_thousand_rallies_are_those_of_the_environment() -> None:
-    rallies = strokes = 0
-    for seed in (10, 11):
-        more = differ(10_000, 2048, seed)
-        rallies, strokes = rallies + more[0], strokes + more[1]
-    assert rallies == 20_000
-    assert strokes > 80_000
-
-
-def differ_versus(rallies: int, batch: int, seed: int, seat: int, opponent: TabulatedPolicy = BC) -> int:
-    """Play rallies of ``VersusEnv`` in ``rally_v0``, comparing all that the learner sees and gets; returns strokes.
-
-    The learner's rows are those moments of ``rally_v0`` in which the learner is to strike.
-    """
-    game = opponent.game
-    env = VersusEnv(batch, opponents=opponent, seat=seat, seed=seed, threads=2, game=game)
-    log: dict[int, list[tuple[np.ndarray, ...]]] = {}
-    now = env.reset()
-    while (row_rally := env.versus.rows.rally.copy()).min() < rallies:
-        now, following = env.step_and_maybe_reset(env.rand_action(now))
-        columns = [x.numpy() for x in (now["observation"], now["action_mask"], now["action"], now["next", "reward"])]
-        for row in np.flatnonzero(row_rally < rallies):
-            log.setdefault(int(row_rally[row]), []).append(tuple(column[row] for column in columns))
-        now = following
-    raw = rally_v0.raw_env(game=game)
-    learner = f"player_{seat}"
-    choose = functools.partial(np.searchsorted, side="right")
-    strokes = 0
-    for rally in range(rallies):
-        raw.reset(seed=seed if rally == 0 else None)
-        logged = log.pop(rally, [])
-        turns, last = iter(logged), 0.0
-        observations = []
-        while not raw.terminations[learner]:
-            strokes += 1
-            if raw.agent_selection == learner:
-                _, _, action, reward = next(turns)
-                observations.append(raw.observe(learner))
-                assert last == 0
-                last = reward[0]
-                raw.step(int(action))
-            else:
-                first, end = game.pair_start[raw.state_number], game.pair_start[raw.state_number + 1]
-                raw.step(int(game.pair_stroke[first + choose(opponent.cumulative[first:end], raw.choice_draw())]))
-        assert next(turns, None) is None
-        if logged:
-            compare(game, observations, logged)
-        assert last == (raw.rewards[learner] if logged else 0.0)
-    assert not log
-    return strokes
-
-
-@pytest.mark.parametrize("seat", [0, 1])
-def test_versus_env_plays_the_rallies_of_the_environment(seat: int) -> None:
-    assert differ_versus(1500, 64, seed=5, seat=seat) > 5000
-    assert differ_versus(500, 64, seed=5, seat=seat, opponent=random_policy(tiring_game(), 1)) > 2500
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seat", [0, 1])
-def test_ten_thousand_rallies_of_each_seat_are_those_of_the_environment(seat: int) -> None:
-    assert sum(differ_versus(5000, 1024, seed, seat) for seed in range(2)) > 30_000
+@pytest.mark.parametrize("game", [GAME, tiring_game()], ids=["default", "tiring"])
+@pytest.mark.parametrize("seat", [None, 0, 1])
+def test_rallies_are_those_of_the_kernel(seat: int | None, game: Game) -> None:
+    """Of ``RallyBatch``, whose tests compare it with ``rally_v0`` stroke by stroke."""
+    options: dict[str, Any] = {} if seat is None else {"opponents": random_policy(game, 1), "seat": seat}
+    env: Any = (RallyEnv if seat is None else VersusEnv)(64, game=game, seed=5, threads=2, **options)
+    if seat is not None:
+        options["opponents"] = [options["opponents"]]
+    batch = RallyBatch(game, 64, seed=5, **options)
+    seen = batch.new_observations()
+    batch.observe(seen)
+    ended = 0
+    for now, stepped in steps(env, 100):
+        assert np.array_equal(now["observation"].numpy(), seen.tokens)
+        assert np.array_equal(now["action_mask"].numpy(), seen.mask)
+        reward, over = batch.step(now["action"].numpy(), observed=seen)
+        assert np.array_equal(stepped["next", "reward"].squeeze(-1).numpy(), reward)
+        assert np.array_equal(stepped["next", "terminated"].squeeze(-1).numpy(), over)
+        ended += over.sum()
+    assert ended > 500

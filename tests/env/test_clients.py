@@ -16,14 +16,12 @@ from torchrl.envs.libs.gym import GymEnv, GymWrapper
 from torchrl.envs.libs.pettingzoo import PettingZooWrapper
 from torchrl.envs.utils import check_env_specs
 
-from benchmarks.peers import TEMPERATURE, Learned, masked_scores
+from benchmarks.peers import Learned, masked_scores
 from shuttle_marl import exact, match_v0, rally_v0
 from shuttle_marl.game import default_game
-from shuttle_marl.game.observation import RALLY_WIDTH
-from shuttle_marl.game.policy import Policy, States
+from shuttle_marl.game.policy import Policy
 from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve
-from tests.exact.exact_games import random_policy, tiring_game
 
 GAME = default_game()
 NAMES = ("shuttle_marl/Rally-v0", "shuttle_marl/Match-v0")
@@ -104,40 +102,3 @@ def test_torchrl_rolls_gymnasium_out(make: Any, name: str) -> None:
     over = rollout["next", "terminated"]
     assert over.any()
     assert torch.equal(rollout["next", "reward"] != 0, over)
-
-
-def test_a_learner_of_sb3_is_tabulated_on_states_of_every_effort() -> None:
-    """The table plays in a state as the learner that sees this state in the environment, at the benchmark's temperature."""
-    game = tiring_game()
-    env = gymnasium.make(NAMES[0], opponent=random_policy(game, 1), game=game)
-    model = MaskablePPO("MultiInputPolicy", env, seed=0, n_steps=8, batch_size=8, policy_kwargs={"net_arch": [8]})
-    table = tabulate(Learned(masked_scores(model), game), game)
-    rng, efforts = np.random.default_rng(0), set()
-    for episode in range(20):
-        seen, _ = env.reset(seed=episode)
-        over = False
-        while not over:
-            raw: Any = env.unwrapped
-            batch = {key: torch.from_numpy(value[None]) for key, value in seen.items()}
-            with torch.no_grad():
-                masked = model.policy.get_distribution(batch, action_masks=raw.action_masks()[None])
-            distribution: Any = masked.distribution
-            played = table.probabilities(States(game=game, state=np.array([raw.state_number], np.int32)))
-            expected = distribution.probs[0].double().numpy() ** (1 / TEMPERATURE)
-            np.testing.assert_allclose(played[0], expected / expected.sum(), atol=3e-5)
-            efforts.add(int(game.effort(raw.state_number)))
-            seen, _, over, _, _ = env.step(int(rng.choice(np.flatnonzero(seen["action_mask"]))))
-    assert efforts == {0, 1, 2}
-
-
-def test_gymnasiums_wrappers_fit() -> None:
-    env: Any = gymnasium.wrappers.RecordEpisodeStatistics(gymnasium.make(NAMES[0]))
-    env = gymnasium.wrappers.FlattenObservation(gymnasium.wrappers.TransformReward(env, lambda reward: float(reward) / 2))
-    seen, _ = env.reset(seed=1)
-    over = False
-    while not over:
-        masks = env.get_wrapper_attr("action_masks")()
-        assert seen.shape == (GAME.n_strokes + RALLY_WIDTH,)
-        seen, reward, over, _, info = env.step(int(masks.argmax()))
-    assert abs(reward) == 0.5
-    assert abs(info["episode"]["r"]) == 1

@@ -84,46 +84,6 @@ def test_save_obs(module: ModuleType, tmp_path: Path, monkeypatch: pytest.Monkey
     assert not list(tmp_path.iterdir()), "observations are no pictures, so none are saved"
 
 
-@pytest.mark.slow
-@both
-def test_performance_benchmark_runs(module: ModuleType, capsys: pytest.CaptureFixture[str]) -> None:
-    conformance.performance_benchmark(module.env())
-    assert "Finished performance benchmark" in capsys.readouterr().out
-
-
-@both
-def test_max_strokes_is_to_turns_what_max_cycles_is_to_parallel_steps(module: ModuleType) -> None:
-    # PettingZoo's max_cycles_test needs parallel_env(max_cycles=...); a turn-based game has none. The same claims by turns:
-    # an episode that does not end by itself ends, truncated, after exactly this many strokes, of which each player has
-    # played half where they take turns, in a rally.
-    seed = next(s for s in range(1000) if strokes_until_done(module.env(max_strokes=None), s)[0] > 8)
-    strokes, truncated = strokes_until_done(module.env(max_strokes=8), seed)
-    assert strokes == 8
-    assert truncated
-
-
-def strokes_until_done(env: Any, seed: int) -> tuple[int, bool]:
-    env.reset(seed=seed)
-    rng = np.random.default_rng(seed)
-    turns = dict.fromkeys(env.possible_agents, 0)
-    ended: list[tuple[bool, bool]] = []
-    for agent in env.agent_iter(400):
-        observation, _, terminated, truncated, _ = env.last()
-        if terminated or truncated:
-            ended.append((terminated, truncated))
-            env.step(None)
-        else:
-            turns[agent] += 1
-            env.step(rng.choice(np.flatnonzero(observation["action_mask"])))
-    if ended:
-        assert len(ended) == 2
-        assert ended[0] == ended[1]
-        assert not env.agents
-    if ended and ended[0][1] and str(env) == "rally_v0":
-        assert turns["player_0"] == turns["player_1"]
-    return sum(turns.values()), bool(ended) and ended[0][1]
-
-
 @both
 def test_pettingzoos_own_wrappers_fit_around_the_raw_environment(module: ModuleType) -> None:
     env = wrappers.TerminateIllegalWrapper(module.raw_env(), illegal_reward=-1)
@@ -135,11 +95,3 @@ def test_pettingzoos_own_wrappers_fit_around_the_raw_environment(module: ModuleT
     env.last()
     env.step(module.raw_env().game.n_strokes - 1)
     assert set(env.rewards.values()) == {0, -1.0}
-
-
-@both
-def test_names(module: ModuleType) -> None:
-    name = module.__name__.rpartition(".")[2]
-    assert module.raw_env.metadata["name"] == name
-    assert str(module.env()) == str(module.raw_env()) == name
-    assert module.env().possible_agents == ["player_0", "player_1"]

@@ -93,9 +93,3 @@ def test_the_api_page_lists_every_public_name():
     page = (Path(__file__).parents[2] / "docs" / "api.md").read_text(encoding="utf-8").split("## Which environment")[0]
     cells = [line.split("|")[1] for line in page.splitlines() if line.startswith("| `")]
     assert {name for cell in cells for name in re.findall(r"`(\w+)`", cell)} == set(shuttle_marl.__all__) - {"__version__"}
-
-
-def test_gymnasium_finds_the_environments_in_a_fresh_process():
-    code = "import gymnasium; print(gymnasium.make('shuttle_marl:shuttle_marl/Rally-v0', opponent='random').spec.id)"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.split() == ["shuttle_marl/Rally-v0"]

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from shuttle_marl import match_v0
-from shuttle_marl.base.errors import OptionError
 from shuttle_marl.game import default_game
 from shuttle_marl.game.draws import draw, first_server, outcome_draw, stream
 from shuttle_marl.game.observation import RALLY_WIDTH
@@ -17,7 +16,7 @@ AGENTS = ("player_0", "player_1")
 SHORT = Rules(points=3, clear=2, cap=5, games=2)
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize(("reward", "game"), [("match", default_game()), ("rally", default_game()), ("rally", tiring_game())])
 def test_a_match_equals_batched_rallies_and_scoring_on_the_same_draws(play, seed, reward, game):
     env = match_v0.env(rules=SHORT, reward=reward, game=game)
@@ -77,44 +76,6 @@ def test_a_match_by_the_laws(play):
     assert rallies > 3 * 42
 
 
-def test_the_winner_of_a_rally_strikes_next():
-    env = match_v0.raw_env()
-    env.reset(seed=2)
-    rng = np.random.default_rng(2)
-    servers = set()
-    for _ in range(400):
-        striker = env.agent_selection
-        env.step(int(rng.choice(np.flatnonzero(env.observe(striker)["action_mask"]))))
-        info = env.infos[striker]
-        if info["reason"] == "winner":
-            assert env.agent_selection == striker
-        else:
-            assert env.agent_selection != striker
-        if info["reason"]:
-            assert info["server"] == env.agent_selection
-            assert env.observe(env.agent_selection)["observation"][55] == 1
-            servers.add(env.agent_selection)
-    assert servers == set(AGENTS)
-
-
-def test_rewards_of_rallies_sum_to_the_difference_in_rallies_won(play):
-    env = match_v0.env(reward="rally")
-    totals = dict.fromkeys(AGENTS, 0.0)
-    for agent, _, reward, *_ in play(env, 4):
-        totals[agent] += reward
-    by_game = env.unwrapped.snapshot().by_game
-    difference = sum(a for a, _ in by_game) - sum(b for _, b in by_game)
-    assert totals == {"player_0": difference, "player_1": -difference}
-
-
-def test_rewards_of_a_match_are_paid_once(play):
-    for seed in range(4):
-        env = match_v0.env(rules=SHORT)
-        rewards = [reward for _, _, reward, *_ in play(env, seed)]
-        assert sorted(rewards[-2:]) == [-1, 1]
-        assert not any(rewards[:-2])
-
-
 def test_the_first_server_can_be_chosen():
     for server in (0, 1):
         env = match_v0.env(first_server=server)
@@ -142,9 +103,3 @@ def test_matches_can_be_cut_off(play):
     assert sum(r[-1] is not None for r in rows) == 100
     assert [r[4] for r in rows[-2:]] == [True, True]
     assert not any(r[3] for r in rows)
-
-
-@pytest.mark.parametrize(("option", "message"), [({"first_server": -1}, "first_server -1"), ({"reward": "game"}, "'rally'")])
-def test_options_are_checked(option, message):
-    with pytest.raises(OptionError, match=message):
-        match_v0.env(**option)

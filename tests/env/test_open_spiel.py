@@ -12,7 +12,6 @@ from open_spiel.python import rl_environment
 from open_spiel.python.algorithms import best_response, expected_game_score
 
 from shuttle_marl import exact, rally_v0
-from shuttle_marl.base.errors import OptionError
 from shuttle_marl.env.open_spiel import NAME, RallyGame, open_spiel_policy
 from shuttle_marl.exact import solve
 from shuttle_marl.game import default_game
@@ -149,12 +148,6 @@ def test_rallies_that_are_cut_off_are_worth_nothing() -> None:
     assert state.is_terminal()
     assert state.returns() == [0, 0]
     assert str(state) == "cut off"
-
-
-@pytest.mark.parametrize("wrong", [{"server": 2}, {"max_strokes": -1}])
-def test_parameters_that_are_not_there(wrong: dict[str, int]) -> None:
-    with pytest.raises(OptionError, match="expected"):
-        RallyGame(wrong, hand_made())
 
 
 def test_policies_of_this_package_play_in_open_spiel() -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from shuttle_marl import match_v0, rally_v0
-from shuttle_marl.base.errors import ActionError, OptionError
+from shuttle_marl.base.errors import ActionError
 from shuttle_marl.game import default_game, model_folder
 from shuttle_marl.game.court import AREAS
 from shuttle_marl.game.draws import draw, outcome_draw, stream
@@ -33,11 +33,11 @@ def decode(part):
 
 
 @pytest.mark.parametrize("game", [default_game(), tiring_game()], ids=["default", "tiring"])
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", range(4))
 def test_outcomes_equal_the_batched_rules_on_the_same_draws(play, seed, game):
     env = rally_v0.env(game=game)
     good, returned, _ = game.stroke_probabilities()
-    for episode in range(3):
+    for episode in range(9):
         key = stream(seed, episode)
         striker = int(draw(key, 0)[0] >> np.uint64(24)) & 1
         state, count, own, other = ROOT, 0, None, None
@@ -145,25 +145,6 @@ def test_observations_are_copies(play):
         seen["action_mask"][:] = before["action_mask"]
 
 
-def test_rewards_are_zero_sum_and_go_to_the_winner():
-    env = rally_v0.raw_env()
-    rng = np.random.default_rng(0)
-    reasons = set()
-    for seed in range(200):
-        env.reset(seed=seed)
-        while not any(env.terminations.values()):
-            assert env.rewards == {"player_0": 0, "player_1": 0}
-            striker = env.agent_selection
-            env.step(int(rng.choice(np.flatnonzero(env.observe(striker)["action_mask"]))))
-        info = env.infos[striker]
-        reasons.add(info["reason"])
-        won = 1.0 if info["reason"] == "winner" else -1.0
-        assert env.rewards[striker] == won
-        assert sum(env.rewards.values()) == 0
-        assert env.terminations == {"player_0": True, "player_1": True}
-    assert reasons == {"fault", "winner"}
-
-
 def test_seeds_name_sequences_of_episodes(play):
     def episodes(env, count, seed):
         return [[s[-1] for s in play(env, seed if i == 0 else None, policy_seed=i)] for i in range(count)]
@@ -220,7 +201,7 @@ def test_an_illegal_stroke_is_refused_by_the_raw_environment_and_changes_nothing
         env.step(legal[0])
 
 
-@pytest.mark.parametrize("action", [None, "smash", 1.0, -1, 10_000, [1, 2], np.array([1, 2])])
+@pytest.mark.parametrize("action", [None, "smash", 1.0, -1, 10_000, np.array([1, 2])])
 @pytest.mark.parametrize("make", [rally_v0.env, rally_v0.raw_env])
 def test_actions_outside_the_space_are_refused(make, action):
     env = make()
@@ -333,30 +314,3 @@ def test_games_can_be_given_in_three_ways(tmp_path: Path):
         assert rally_v0.raw_env(game=given).game.hash == game.hash
     with pytest.raises(GameError, match="no model 'badmington'"):
         rally_v0.raw_env(game="badmington")
-
-
-@pytest.mark.parametrize(
-    ("option", "message"),
-    [
-        ({"server": 2}, "server 2"),
-        ({"max_strokes": 0}, "max_strokes 0"),
-        ({"render_mode": "video"}, "human, rgb_array, ansi"),
-        ({"action": "multi"}, "'flat' or 'components'"),
-    ],
-)
-def test_options_are_checked(option, message):
-    with pytest.raises(OptionError, match=message):
-        rally_v0.env(**option)
-
-
-def test_options_are_given_by_name():
-    with pytest.raises(TypeError):
-        rally_v0.raw_env(0)  # type: ignore[call-arg]
-
-
-def test_the_number_of_the_state_is_what_policies_are_tables_over(play):
-    env = rally_v0.env()
-    game = env.unwrapped.game
-    for *_, action in play(env, 17):
-        if action is not None:
-            assert action in game.legal_strokes(env.unwrapped.state_number)

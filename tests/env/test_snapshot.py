@@ -8,7 +8,6 @@ from shuttle_marl.env.snapshot import area_corners, as_text, in_words, plan_of, 
 from shuttle_marl.game.court import HALF_LENGTH, HALF_WIDTH, area_of
 from shuttle_marl.game.rules import OUTCOMES
 from shuttle_marl.game.scoring import Rules
-from tests.exact.exact_games import tiring_game
 
 
 def moments(play, env, seed):
@@ -56,13 +55,6 @@ def test_strokes_land_where_they_are_aimed_and_the_next_contact_is_there(play):
                     assert area_of(np.array(flight.end[1] * sign), np.array(flight.end[0] * sign)) == area
                     areas.add(int(area))
     assert len(areas) == 9
-
-
-def test_the_player_about_to_hit_is_at_the_shuttle(play):
-    for snapshot in moments(play, rally_v0.env(), 3):
-        if snapshot.strokes and snapshot.striker is not None:
-            scene = plan_of(snapshot)
-            assert np.hypot(*np.subtract(scene.bodies[snapshot.striker], scene.shuttle)) < 0.7
 
 
 def test_a_finished_rally_is_shown_until_the_next_serve():
@@ -125,18 +117,6 @@ def test_text_says_who_is_next_and_the_score(play):
     assert len(lines[1].split()) == len(lines[2].split()) >= 3
 
 
-def test_text_says_who_is_hurried(play):
-    env = rally_v0.raw_env()
-    said = set()
-    for seed in range(20):
-        for *_, terminated, _, _, _ in play(env, seed):
-            if not terminated:
-                hurried = env.observe(env.agent_selection)["observation"][59] == 1
-                assert as_text(env.snapshot()).splitlines()[-1].endswith(", hurried") == hurried
-                said.add(hurried)
-    assert said == {False, True}
-
-
 def test_text_of_a_lost_and_of_an_unfinished_rally(play):
     env = rally_v0.env(render_mode="ansi")
     env.reset(seed=0)
@@ -147,23 +127,6 @@ def test_text_of_a_lost_and_of_an_unfinished_rally(play):
     env.reset(seed=0)
     env.step(0)
     assert env.render().splitlines()[-1] == "no result: too many strokes"
-
-
-def test_text_tells_the_efforts_where_they_count(play):
-    env = rally_v0.env(render_mode="ansi", game=tiring_game())
-    attacks, met = {}, set()
-    for episode in range(20):
-        attacks = {"player_0": 0, "player_1": 0}
-        for agent, *_, action in play(env, 0 if episode == 0 else None, policy_seed=episode):
-            words = ", ".join(f"{name} {min(count, 2)} of 2" for name, count in attacks.items())
-            assert f"\neffort: {words}\n" in env.render()
-            met.add(words)
-            if action is not None:
-                attacks[agent] += env.unwrapped.game.catalogue.names[action].split(":")[0] in ("smash", "half-smash")
-    assert len(met) > 6
-    plain = rally_v0.env(render_mode="ansi")
-    plain.reset(seed=1)
-    assert "effort" not in plain.render() or plain.unwrapped.game.levels > 1
 
 
 def test_strokes_in_words():

@@ -8,16 +8,13 @@ import numpy as np
 import pytest
 from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode
-from gymnasium.wrappers.vector import DictInfoToList, RecordEpisodeStatistics
 
 from shuttle_marl.base.errors import ActionError, OptionError
 from shuttle_marl.env.single import SingleRallyEnv
 from shuttle_marl.env.vector import RallyVectorEnv
 from shuttle_marl.game import default_game
-from shuttle_marl.game.observation import SWAP, observations, stroke_features
-from shuttle_marl.game.policy import PolicyError
+from shuttle_marl.game.observation import stroke_features
 from shuttle_marl.game.tables import Game
-from shuttle_marl.kernel import KernelError
 from tests.exact.exact_games import random_game, random_policy, tiring_game
 
 GAME = default_game()
@@ -100,40 +97,6 @@ def assert_same(features: np.ndarray, tokens: np.ndarray, game: Game) -> None:
     np.testing.assert_allclose(features[56:], [duel / 3, effort / highest, other / highest, hurried], rtol=1e-6)
 
 
-@pytest.mark.parametrize("observation", ["features", "tokens"])
-@pytest.mark.parametrize("tiring", [False, True])
-def test_rows_are_the_episodes_of_single_environments(observation: str, tiring: bool) -> None:
-    """Row b plays the episodes b, b + B, … of the seed; tokens say the same as features."""
-    batch, game = 7, tiring_game() if tiring else GAME
-    opponents: Any = [random_policy(game, 1), random_policy(game, 2)] if tiring else ["bc", "random"]
-    vector = RallyVectorEnv(batch, opponent=opponents, seat=1, observation=observation, threads=2, game=game)  # type: ignore[arg-type]
-    singles = [SingleRallyEnv(opponent=opponent, seat=1, game=game) for opponent in opponents]
-    rng = np.random.default_rng(3)
-    rows, _ = vector.reset(seed=5)
-    logs: list[list[tuple[int, dict[str, np.ndarray], int, float, bool]]] = [[] for _ in range(batch)]
-    for _ in range(60):
-        actions, numbers = some_actions(vector, rng), vector.versus.rows.rally.copy()
-        before = rows
-        rows, rewards, terminated, _, _ = vector.step(actions)
-        for row in range(batch):
-            seen = {key: value[row] for key, value in before.items()}
-            logs[row].append((int(numbers[row]), seen, int(actions[row]), float(rewards[row]), bool(terminated[row])))
-    for row, log in enumerate(logs):
-        single = singles[row % 2]
-        seen, _ = single.reset(seed=5)
-        for rally, expected, action, reward, over in log:
-            while single.raw.episode < rally:
-                seen, _ = single.reset()
-            assert single.raw.episode == rally
-            if observation == "features":
-                assert np.array_equal(expected["observation"], seen["observation"])
-            else:
-                assert_same(seen["observation"], expected["observation"], game)
-            assert np.array_equal(expected["action_mask"], seen["action_mask"])
-            seen, got, ended, _, _ = single.step(action)
-            assert (got, ended) == (reward, over)
-
-
 @pytest.mark.parametrize("game", [GAME, tiring_game()], ids=["default", "tiring"])
 def test_last_observations_as_tokens_say_the_same_as_features(game: Game) -> None:
     opponent = random_policy(game, 1)
@@ -151,47 +114,6 @@ def test_last_observations_as_tokens_say_the_same_as_features(game: Game) -> Non
             assert_same(a["observation"], b["observation"], game)
             ends += 1
     assert ends > 100
-
-
-def test_features_are_those_of_every_state() -> None:
-    env = RallyVectorEnv(300)
-    env.reset(seed=0)
-    for _ in range(5):
-        seen, *_ = env.step(env.random_actions())
-        assert np.array_equal(seen["observation"], observations(GAME, env.versus.rows.state))
-    assert not np.array_equal(seen["observation"], seen["observation"][:, SWAP])
-
-
-def test_statistics_of_gymnasium() -> None:
-    env = RecordEpisodeStatistics(make(64), buffer_length=10_000)
-    env.reset(seed=3)
-    lengths, returns = [], []
-    running = np.zeros(64, int)
-    for _ in range(100):
-        _, rewards, terminated, _, infos = env.step(env.unwrapped.random_actions())  # type: ignore[attr-defined]
-        running += 1
-        for row in np.flatnonzero(terminated):
-            assert infos["episode"]["l"][row] == running[row]
-            lengths.append(int(running[row]))
-            returns.append(float(rewards[row]))
-        running[terminated] = 0
-    assert list(env.length_queue) == lengths
-    assert list(env.return_queue) == returns
-    assert len(lengths) > 1000
-
-
-def test_infos_as_a_list() -> None:
-    env = DictInfoToList(make(8))
-    env.reset(seed=3)
-    reasons = []
-    for _ in range(20):
-        _, _, terminated, _, infos = env.step(env.unwrapped.random_actions())  # type: ignore[attr-defined]
-        for row, info in enumerate(infos):
-            assert info["unseen"].shape == (2,)
-            assert ("final_obs" in info) == terminated[row]
-            if terminated[row]:
-                reasons.append(info["final_info"]["reason"])
-    assert set(reasons) == {"fault", "winner"}
 
 
 def test_seeds_and_masks_of_reset() -> None:
@@ -229,24 +151,11 @@ def test_calls_out_of_order_and_range() -> None:
         env.reset(options={"reset_mask": np.ones(3, np.bool_)})
     env.reset(seed=1)
     state = env.versus.rows.state.copy()
-    for actions in (np.array([0, 0, GAME.n_strokes]), np.array([0, -1, 0]), np.array([0, 0])):
+    wrong: list[Any] = [[0, 0, GAME.n_strokes], [0, -1, 0], [0, 0], [0.0, 0.0, 0.0], [False, False, False]]
+    for actions in map(np.array, wrong):
         with pytest.raises(ActionError, match="expected 3 integers from 0 to"):
             env.step(actions)
     assert np.array_equal(env.versus.rows.state, state)
-
-
-@pytest.mark.parametrize(
-    ("options", "error", "message"),
-    [
-        ({"observation": "pixels"}, OptionError, "observation 'pixels'"),
-        ({"opponent": "none such"}, PolicyError, "no policy 'none such'"),
-        ({"seat": 7}, KernelError, "seat 7"),
-        ({"threads": 0}, KernelError, "threads 0"),
-    ],
-)
-def test_options_out_of_range_are_refused(options: dict[str, Any], error: type[Exception], message: str) -> None:
-    with pytest.raises(error, match=message):
-        gymnasium.make_vec(NAME, num_envs=2, **options)
 
 
 def test_matches_are_vectorized_by_gymnasium() -> None:
