@@ -1,6 +1,5 @@
 """What methods may read: ranks apart, and programs that get episodes only."""
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -8,7 +7,6 @@ import numpy as np
 import pytest
 
 import shuttle_marl
-from shuttle_marl.commands.suite import main
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
@@ -16,12 +14,11 @@ from shuttle_marl.policy.registry import resolve
 from shuttle_marl.policy.stored import StoredPolicies
 from shuttle_marl.suite import store
 from shuttle_marl.suite.board import boards
-from shuttle_marl.suite.options import SuiteError, SuiteRun
+from shuttle_marl.suite.options import SuiteError
 from shuttle_marl.suite.registry import TASKS, arena_of
-from shuttle_marl.suite.results import summarise
-from shuttle_marl.suite.run import run_method
-from shuttle_marl.suite.verify import verify_run
 from tests.reduced import reduced_model
+from tests.suite import small
+from tests.suite.small import summary, verified
 
 METHODS = (Path(__file__).parent / "isolated_methods.py").read_text(encoding="utf-8")
 
@@ -36,16 +33,7 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def run(task: str, method: str, **options: Any) -> Path:
-    return run_method(SuiteRun(task=task, method=method, game=reduced_model(), quick=True, out=Path("run"), **options))
-
-
-def test_tasks_say_what_is_read(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(("list", "--json")) == 0
-    tasks = json.loads(capsys.readouterr().out)["tasks"]
-    assert {each["access"] for each in tasks} == {"samples", "tables"}
-    for each in tasks:
-        assert each["metric"]
-        assert isinstance(each["entrance"], bool)
+    return small.run(task, method, Path("run"), **options)
 
 
 def named(setting: Any) -> str:
@@ -70,12 +58,12 @@ class Solver:
     [("exploit-v0", "named", "tables"), ("exploit-v0", "named_response", "tables"), ("evaluate-v0", "Solver", "tables")],
 )
 def test_what_was_not_isolated_is_not_ranked_among_samples(task: str, method: str, access: str) -> None:
-    row = summarise(run(task, f"{__name__}:{method}"), game=reduced_model())
+    row = summary(run(task, f"{__name__}:{method}"))
     assert (row["access"], row["isolated"]) == (access, False)
     (board,) = boards([row])
     assert [(each["access"], each["rank"]) for each in board["rows"]] == [(access, 1)]
     Path("card.json").unlink()
-    assert summarise(run(task, f"{__name__}:{method}", overwrite=True), game=reduced_model())["access"] == TASKS[task].offers
+    assert summary(run(task, f"{__name__}:{method}", overwrite=True))["access"] == TASKS[task].offers
 
 
 @pytest.mark.parametrize(
@@ -91,8 +79,8 @@ def test_what_was_not_isolated_is_not_ranked_among_samples(task: str, method: st
 )
 def test_isolated_methods_get_episodes(task: str, method: str) -> None:
     folder = run(task, f"strange:{method}", isolated=True)
-    assert verify_run(folder, game=reduced_model()).refused == []
-    row = summarise(folder, game=reduced_model())
+    assert verified(folder).refused == []
+    row = summary(folder)
     assert (row["access"], row["isolated"]) == ("samples", True)
     if method == "learner":
         assert row["strokes"] == 64 * (20_000 // 64)

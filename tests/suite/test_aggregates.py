@@ -8,19 +8,15 @@ import numpy as np
 import pytest
 
 from shuttle_marl.base.intervals import combined, estimate
-from shuttle_marl.suite.options import SuiteRun
-from shuttle_marl.suite.results import Bounds, Row, aggregate, difference, summarise
-from shuttle_marl.suite.run import run_method
-from shuttle_marl.suite.verify import verify_run
-from tests.reduced import reduced_model
+from shuttle_marl.suite.results import Bounds, Row, aggregate, difference
+from tests.suite.small import run, summary, verified
 
 
-@pytest.mark.parametrize(("cases", "seeds"), [(1, 3), (1, 5), (2, 5), (5, 5), (11, 5), (1, 40)])
-@pytest.mark.parametrize("trimmed", [True, False])
+@pytest.mark.parametrize(("cases", "seeds", "trimmed"), [(1, 3, False), (1, 5, True), (5, 5, True), (11, 5, False)])
 def test_intervals_cover_in_95_percent(cases: int, seeds: int, trimmed: bool) -> None:
     """Runs of normal scores whose spread differs from case to case."""
     rng = np.random.default_rng(cases * seeds + trimmed)
-    runs = rng.normal(size=(4000, cases, seeds)) * np.linspace(0.5, 1.5, cases)[:, None]
+    runs = rng.normal(size=(3000, cases, seeds)) * np.linspace(0.5, 1.5, cases)[:, None]
     found = [combined([estimate(case, trimmed=trimmed) for case in run], [1.0] * cases) for run in runs]
     covered = np.mean([each.low <= 0 <= each.high for each in found])
     assert 0.925 < covered < 0.975
@@ -46,15 +42,14 @@ def test_exchangeable_cases_are_the_sample_of_their_stratum() -> None:
     assert aggregate({"a": {"1": [0.0], "2": [0.0], "3": [0.0]}, "b": {"4": [1.0], "5": [1.0]}})["value"] == pytest.approx(0.4)
 
 
-def summary(tmp_path: Path, task: str, method: str) -> Row:
-    out = tmp_path / method.replace(":", "-")
-    run_method(SuiteRun(task=task, method=method, split="test", quick=True, game=reduced_model(), out=out))
-    assert verify_run(out, game=reduced_model()).refused == []
-    return summarise(out, game=reduced_model())
+def played(tmp_path: Path, task: str, method: str) -> Row:
+    folder = run(task, method, tmp_path / method.replace(":", "-"), split="test")
+    assert verified(folder).refused == []
+    return summary(folder)
 
 
 def test_positions_are_a_sample(tmp_path: Path) -> None:
-    bc, safe = (summary(tmp_path, "text-v0", f"policy:{name}") for name in ("bc", "safe"))
+    bc, safe = (played(tmp_path, "text-v0", f"policy:{name}") for name in ("bc", "safe"))
     lost = [seeds[0] for seeds in bc["units"]["positions/20"].values()]
     assert len(lost) == 20
     assert bc["score"] == pytest.approx(np.mean(lost))
@@ -69,9 +64,9 @@ def test_positions_are_a_sample(tmp_path: Path) -> None:
 def test_forged_parts_are_refused(tmp_path: Path) -> None:
     from tests.suite.test_forgeries import entry
 
-    summary(tmp_path, "text-v0", "random")
+    played(tmp_path, "text-v0", "random")
     path = tmp_path / "random"
     parts: dict[str, Any] = json.loads((path / "entries" / "000-0.json").read_text())["parts"]
     for changed, reason in (({**parts, "3": 0.0, "4": 0.0}, "not 0.0"), ({**parts, "x": 0.0}, "does not have: x"), ({}, "None")):
         entry(path, parts=changed)
-        assert reason in verify_run(path, game=reduced_model()).refused[0].reason
+        assert reason in verified(path).refused[0].reason

@@ -16,12 +16,11 @@ from shuttle_marl.suite import frozen, store
 from shuttle_marl.suite.board import rows_of
 from shuttle_marl.suite.exploit import Equilibrium, Trained
 from shuttle_marl.suite.frozen import Frozen
-from shuttle_marl.suite.options import SuiteError, SuiteRun
+from shuttle_marl.suite.options import SuiteError
 from shuttle_marl.suite.registry import TASKS, arena_of
-from shuttle_marl.suite.results import Row, summarise
-from shuttle_marl.suite.run import run_method
-from shuttle_marl.suite.verify import verify_run
+from shuttle_marl.suite.results import Row
 from tests.reduced import reduced_game, reduced_model
+from tests.suite.small import run, summary, verified
 
 Fields = dict[str, Any]
 
@@ -38,7 +37,7 @@ METHOD = f"{__name__}:player"
 def honest(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run of two seeds."""
     out = tmp_path_factory.mktemp("honest") / "run"
-    return run_method(SuiteRun(task="equilibrium-v0", method=METHOD, game=reduced_model(), split="test", seeds=2, out=out))
+    return run("equilibrium-v0", METHOD, out, quick=False, split="test", seeds=2)
 
 
 @pytest.fixture
@@ -89,7 +88,7 @@ def test_a_forged_unit_is_refused_with_its_reason(name: str, folder: Path) -> No
     forge, reason = REFUSED[name]
     forge(folder)
     begun = time.monotonic()
-    found = verify_run(folder, game=reduced_model())
+    found = verified(folder)
     assert time.monotonic() - begun < 5
     assert found.summary is None
     assert reason in found.refused[0].reason
@@ -135,7 +134,7 @@ def rows(*folders: Path) -> tuple[list[Row], list[str]]:
 
 
 def remarks(folder: Path) -> str:
-    found = verify_run(folder, game=reduced_model())
+    found = verified(folder)
     assert found.summary is not None
     assert not found.summary["official"]
     return "; ".join(found.summary["remarks"])
@@ -146,7 +145,7 @@ def test_one_seed_as_two_is_marked(folder: Path) -> None:
     again = json.loads(store.entry_path(folder, 0, 1).read_text())
     entry(folder, 1, **{**first, "seed": 1, "fingerprint": again["fingerprint"]})
     assert "2 seeds, of which 1 differ" in remarks(folder)
-    assert summarise(folder, game=reduced_model())["low"] is None
+    assert summary(folder)["low"] is None
 
 
 def test_fewer_seeds_than_due_are_marked(folder: Path) -> None:
@@ -214,9 +213,7 @@ def test_reasons_are_printed_without_escapes(folder: Path, capsys: pytest.Captur
 
 def test_what_cannot_be_read_again_is_not_stored(tmp_path: Path) -> None:
     with pytest.raises(SuiteError, match="cannot be stored"):
-        run_method(
-            SuiteRun(task="exploit-v0", method=f"{__name__}:absurd", game=reduced_model(), quick=True, out=tmp_path / "run")
-        )
+        run("exploit-v0", f"{__name__}:absurd", tmp_path / "run")
 
 
 def absurd(setting: Any) -> Trained:

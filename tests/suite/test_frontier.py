@@ -14,11 +14,9 @@ from shuttle_marl.exact.profile import PairPolicy, StatePolicy
 from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.suite.frontier import STEPS, WEIGHT, frontier
-from shuttle_marl.suite.options import SuiteRun
-from shuttle_marl.suite.results import summarise
-from shuttle_marl.suite.run import run_method
 from shuttle_marl.suite.task import Arena
 from tests.reduced import reduced_game, reduced_model
+from tests.suite.small import run, summary
 
 GAME = reduced_game()
 ARENA = Arena(game=GAME)
@@ -66,10 +64,7 @@ def test_no_mixture_is_better_than_the_restricted_response() -> None:
 
 @pytest.mark.parametrize(("method", "low", "high"), [("minimax", 0.0, 0.0), ("best-response", -1.0, 0.9), ("bc", -1e3, -1.0)])
 def test_a_best_response_is_not_the_best_player(method: str, low: float, high: float, tmp_path: Path) -> None:
-    out = tmp_path / "run"
-    row = summarise(
-        run_method(SuiteRun(task="exploit-v0", method=method, quick=True, game=reduced_model(), out=out)), game=reduced_model()
-    )
+    row = summary(run("exploit-v0", method, tmp_path / "run"))
     assert row["objective"] == row["score"]
     assert low - 1e-6 <= row["score"] <= high + 1e-6
 

@@ -8,14 +8,12 @@ import pytest
 from shuttle_marl.exact import best_response, evaluate
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.suite.exploit import opponent_of
-from shuttle_marl.suite.options import Split, SuiteError, SuiteRun
+from shuttle_marl.suite.options import Split, SuiteError
 from shuttle_marl.suite.registry import TASKS, arena_of
-from shuttle_marl.suite.results import summarise
 from shuttle_marl.suite.robust import refits
-from shuttle_marl.suite.run import run_method
 from shuttle_marl.suite.task import Arena
-from shuttle_marl.suite.verify import verify_run
 from tests.reduced import reduced_game, reduced_model
+from tests.suite.small import run, summary, verified
 
 BEACONS = ("5" * 64, "6" * 64)
 
@@ -30,14 +28,10 @@ def arena(task: str, split: Split, beacon: str | None = None) -> Arena:
 def test_a_hidden_split_follows_from_the_beacon(task: str, method: str, tmp_path: Path) -> None:
     with pytest.raises(SuiteError, match="needs --beacon"):
         arena(task, "hidden")
-    folder = run_method(
-        SuiteRun(
-            task=task, method=method, split="hidden", beacon=BEACONS[0], game=reduced_model(), quick=True, out=tmp_path / "run"
-        )
-    )
-    assert verify_run(folder, game=reduced_model(), beacon=BEACONS[0]).refused == []
-    assert verify_run(folder, game=reduced_model(), beacon=BEACONS[1]).refused
-    row = summarise(folder, BEACONS[0], reduced_model())
+    folder = run(task, method, tmp_path / "run", split="hidden", beacon=BEACONS[0])
+    assert verified(folder, beacon=BEACONS[0]).refused == []
+    assert verified(folder, beacon=BEACONS[1]).refused
+    row = summary(folder, BEACONS[0])
     assert row["game"] == reduced_game().hash
 
 

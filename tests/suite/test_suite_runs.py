@@ -18,19 +18,18 @@ from shuttle_marl.base.files import seal
 from shuttle_marl.commands.suite import main
 from shuttle_marl.exact import best_response, evaluate
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
-from shuttle_marl.kernel import play_rallies
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.policy.stored import StoredPolicies
 from shuttle_marl.suite import store
 from shuttle_marl.suite.board import render
 from shuttle_marl.suite.exploit import Trained
 from shuttle_marl.suite.method import sources
-from shuttle_marl.suite.options import SuiteError, SuiteRun
+from shuttle_marl.suite.options import SuiteError
 from shuttle_marl.suite.registry import TASKS
 from shuttle_marl.suite.results import Row, difference, summarise
-from shuttle_marl.suite.run import run_method
 from shuttle_marl.suite.verify import verify_run
 from tests.reduced import reduced_game, reduced_model
+from tests.suite.small import run, summary, verified
 
 GAME = reduced_game()
 
@@ -63,12 +62,11 @@ def greedy(setting: Any) -> Any:
 
 
 def played(tmp_path: Path, method: str, task: str = "exploit-v0", **options: Any) -> Path:
-    name = method.replace(":", "-")
-    return run_method(SuiteRun(task=task, method=method, game=reduced_model(), quick=True, out=tmp_path / name, **options))
+    return run(task, method, tmp_path / method.replace(":", "-"), **options)
 
 
 def reasons(folder: Path) -> list[str]:
-    return [each.reason for each in verify_run(folder, game=reduced_model()).refused]
+    return [each.reason for each in verified(folder).refused]
 
 
 def first_entry(folder: Path) -> tuple[Path, dict[str, Any]]:
@@ -91,7 +89,7 @@ def test_a_model_folder_that_a_run_names_is_not_opened(tmp_path: Path) -> None:
 
 def test_scores_are_exact_and_verified(tmp_path: Path) -> None:
     folder = played(tmp_path, f"{__name__}:noisy", seeds=2)
-    result, opponent, bc = summarise(folder, game=reduced_model()), table("bc@0.5"), table("bc")
+    result, opponent, bc = summary(folder), table("bc@0.5"), table("bc")
     wins = [evaluate(table(f"bc@{temperature}"), opponent).odds().rally for temperature in (0.3, 0.4)]
     low, high = evaluate(bc, opponent).odds().rally, best_response(opponent).value.odds().rally
     assert result["scores"]["rally_win"]["value"] == pytest.approx(np.mean(wins), abs=1e-9)
@@ -102,19 +100,21 @@ def test_scores_are_exact_and_verified(tmp_path: Path) -> None:
     assert reasons(folder) == []
 
 
-def leaves(setting: Any) -> Any:
-    raise SystemExit(0)
-
-
 def fails(setting: Any) -> Any:
     settings: dict[str, Any] = {}
     return settings["zz"]
 
 
-@pytest.mark.parametrize(("method", "told"), [("leaves", r"SystemExit: 0 \(.*, line \d+\)"), ("fails", r"KeyError: 'zz' \(")])
-def test_errors_of_methods_say_where(method: str, told: str, tmp_path: Path) -> None:
-    with pytest.raises(SuiteError, match=rf"{__name__}:{method}, case bc@0.5/20,000, seed 0: .*{told}"):
-        played(tmp_path, f"{__name__}:{method}")
+def test_errors_of_methods_say_where_and_it_can_be_run_again(tmp_path: Path) -> None:
+    for _ in range(2):
+        with pytest.raises(SuiteError, match=rf"{__name__}:fails, case bc@0.5/20,000, seed 0: .*KeyError: 'zz' \(.*, line \d+\)"):
+            played(tmp_path, f"{__name__}:fails")
+    assert not runs.has_results(tmp_path / f"{__name__}-fails")
+    folder = played(tmp_path, "bc")
+    with pytest.raises(runs.RunError, match="a finished run"):
+        played(tmp_path, "bc")
+    assert runs.has_results(folder)
+    assert json.loads((folder / runs.MANIFEST).read_text())["status"] == "finished"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -129,22 +129,11 @@ counted, halves, negative, many = map(Declared, (np.int64(100), 0.5, -5, 10**9))
 
 
 def test_declared_strokes_are_checked(tmp_path: Path) -> None:
-    assert summarise(played(tmp_path, f"{__name__}:counted"), game=reduced_model())["strokes"] == 100
+    assert summary(played(tmp_path, f"{__name__}:counted"))["strokes"] == 100
     for name in ("halves", "negative", "many"):
         with pytest.raises(SuiteError, match="strokes"):
             played(tmp_path, f"{__name__}:{name}")
         assert not list((tmp_path / f"{__name__}-{name}" / store.ENTRIES).glob("*"))
-
-
-def test_a_method_that_failed_before_its_first_unit_can_be_run_again(tmp_path: Path) -> None:
-    for _ in range(2):
-        with pytest.raises(SuiteError, match="KeyError"):
-            played(tmp_path, f"{__name__}:fails")
-    assert not runs.has_results(tmp_path / f"{__name__}-fails")
-    folder = played(tmp_path, "bc")
-    with pytest.raises(runs.RunError, match="a finished run"):
-        played(tmp_path, "bc")
-    assert runs.has_results(folder)
 
 
 def test_a_method_whose_library_is_missing_says_how_to_install_it(tmp_path: Path) -> None:
@@ -166,11 +155,6 @@ def test_a_wrong_option_leaves_no_folder(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
-def test_the_smallest_budget_is_the_default(tmp_path: Path) -> None:
-    folder = run_method(SuiteRun(task="equilibrium-v0", method="bc", game=reduced_model(), seeds=1, out=tmp_path / "run"))
-    assert summarise(folder, game=reduced_model())["budget"] == 10**6
-
-
 def test_forged_aggregates_and_unknown_scores_are_refused(tmp_path: Path) -> None:
     folder = played(tmp_path, "bc")
     results = json.loads((folder / store.RESULTS).read_text())
@@ -186,21 +170,16 @@ def test_forged_aggregates_and_unknown_scores_are_refused(tmp_path: Path) -> Non
 
 
 def test_references_bound_the_scale(tmp_path: Path) -> None:
-    best = summarise(played(tmp_path, "best-response"), game=reduced_model())
+    best = summary(played(tmp_path, "best-response"))
     assert best["scores"]["score"]["value"] == pytest.approx(1, abs=1e-8)
-    assert summarise(played(tmp_path, "bc"), game=reduced_model())["scores"]["score"]["value"] == pytest.approx(0, abs=1e-9)
-    assert summarise(played(tmp_path / "e", "minimax", "equilibrium-v0"), game=reduced_model())[
-        "exploitability"
-    ] == pytest.approx(0, abs=1e-9)
-    one, some = (
-        summarise(played(tmp_path, name), game=reduced_model())["scores"]["score"]["value"]
-        for name in ("constant", "constant-by-incoming")
-    )
+    assert summary(played(tmp_path, "bc"))["scores"]["score"]["value"] == pytest.approx(0, abs=1e-9)
+    assert summary(played(tmp_path / "e", "minimax", "equilibrium-v0"))["exploitability"] == pytest.approx(0, abs=1e-9)
+    one, some = (summary(played(tmp_path, name))["scores"]["score"]["value"] for name in ("constant", "constant-by-incoming"))
     assert 0 < one < some < 1
 
 
 def test_fictitious_play_approaches_the_equilibrium(tmp_path: Path) -> None:
-    found = summarise(played(tmp_path, "fictitious-play", "equilibrium-v0"), game=reduced_model())
+    found = summary(played(tmp_path, "fictitious-play", "equilibrium-v0"))
     assert 0 < found["exploitability"] < 0.2 * best_response(table("bc")).value.odds().value
 
 
@@ -210,7 +189,7 @@ def test_fictitious_play_approaches_the_equilibrium(tmp_path: Path) -> None:
 )
 def test_learners_stay_in_their_budget(tmp_path: Path, task: str, method: str) -> None:
     folder = played(tmp_path, method, task)
-    found = summarise(folder, game=reduced_model())
+    found = summary(folder)
     if task == "exploit-v0":  # who learns to beat one opponent may be exploitable; 0 is what bc wins against it
         assert found["scores"]["score"]["value"] > 0.1
     else:
@@ -233,15 +212,6 @@ def test_processes_take_arguments_when_they_are_free() -> None:
     assert sorted([first, *results]) == [1, 2, 3, 4, 5, 6]
 
 
-def test_a_score_is_within_the_interval_of_a_simulation(tmp_path: Path) -> None:
-    folder = played(tmp_path, f"{__name__}:noisy")
-    entry = store.read_entry(store.entry_path(folder, 0, 0))
-    player = store.read_outcome(folder, entry, GAME, ["player"]).policies["player"]
-    rallies = play_rallies(GAME, (player, table("bc@0.5")), 20_000, seed=3)
-    won = float((rallies.winner == 0).mean())
-    assert entry.scores["rally_win"] == pytest.approx(won, abs=4 * 0.5 / np.sqrt(20_000))
-
-
 def test_players_that_act_are_tabulated(tmp_path: Path) -> None:
     folder = played(tmp_path, f"{__name__}:greedy")
     player = store.read_outcome(folder, store.read_entry(store.entry_path(folder, 0, 0)), GAME, ["player"]).policies["player"]
@@ -257,14 +227,14 @@ def test_an_illegal_stroke_is_refused(tmp_path: Path) -> None:
 
 def test_a_run_is_resumed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = played(tmp_path, f"{__name__}:noisy", seeds=2)
-    whole = summarise(folder, game=reduced_model())
+    whole = summary(folder)
     kept = store.entry_path(folder, 0, 0).read_bytes()
     store.entry_path(folder, 0, 1).unlink()
     with pytest.raises(SuiteError, match="1 of 2 units are missing"):
-        summarise(folder, game=reduced_model())
+        summary(folder)
     played(tmp_path, f"{__name__}:noisy", seeds=2, resume=True)
     assert store.entry_path(folder, 0, 0).read_bytes() == kept
-    again = summarise(folder, game=reduced_model())
+    again = summary(folder)
     assert {**again, "seconds": 0} == {**whole, "seconds": 0}
     with pytest.raises(runs.RunError, match="other flags"):
         played(tmp_path, f"{__name__}:noisy", seeds=3, resume=True)
@@ -348,6 +318,8 @@ def test_changed_submissions_are_refused(tmp_path: Path) -> None:
     assert "checksum" in str(reasons(folder)[0])
     forge(path, {**entry, "scores": {**entry["scores"], "score": 0.5}})
     assert "score is" in str(reasons(folder)[0])
+    forge(path, {**entry, "seed": 1})
+    assert "seed 1" in str(reasons(folder)[0])
     forge(path, {**entry, "fingerprint": "0" * 64})
     assert "fingerprint" in str(reasons(folder)[0])
     path.write_bytes(original)
@@ -377,27 +349,21 @@ def test_changed_submissions_are_refused(tmp_path: Path) -> None:
     assert "played on game ffffffffffff" in str(reasons(folder)[0])
 
 
-def test_an_entry_of_another_unit_is_refused(tmp_path: Path) -> None:
-    folder = played(tmp_path, f"{__name__}:noisy", seeds=2)
-    store.entry_path(folder, 0, 1).write_bytes(store.entry_path(folder, 0, 0).read_bytes())
-    assert [(each.seed, "seed 0" in each.reason) for each in verify_run(folder, game=reduced_model()).refused] == [(1, True)]
-
-
 def test_paired_differences(tmp_path: Path) -> None:
     better = played(tmp_path, "best-response", seeds=2)
     worse = played(tmp_path, f"{__name__}:noisy", seeds=2)
-    rows = [summarise(folder, game=reduced_model()) for folder in (better, worse)]
+    rows = [summary(folder) for folder in (better, worse)]
     found = difference(*rows)
     assert found["value"] == pytest.approx(rows[0]["score"] - rows[1]["score"], abs=1e-9)
     assert found["low"] is not None
     assert found["high"] is not None
     assert found["low"] <= found["value"] <= found["high"]
     with pytest.raises(SuiteError, match="different cases or seeds"):
-        difference(rows[0], summarise(played(tmp_path, "bc"), game=reduced_model()))
+        difference(rows[0], summary(played(tmp_path, "bc")))
 
 
 def test_the_board_orders_and_escapes(tmp_path: Path) -> None:
-    played_row = summarise(played(tmp_path, "bc"), game=reduced_model())
+    played_row = summary(played(tmp_path, "bc"))
     row: Row = {**played_row, "kind": "method", "verified": True}
     rows: list[Row] = [{**row, "method": "<b>x</b>|y `z` @all", "score": 0.4}, {**row, "method": "other", "score": 0.6}]
     markdown, html = render(rows, "md"), render(rows, "html")
@@ -444,11 +410,3 @@ def test_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatc
     assert "refused: bc@0.5" in printed.out
     assert main(("run", "exploit-v0", "--method", "nothing")) == 1
     assert "no method 'nothing'" in capsys.readouterr().err
-
-
-def test_stored_entries_are_complete(tmp_path: Path) -> None:
-    folder = played(tmp_path, "constant")
-    _, entry = first_entry(folder)
-    assert set(entry) == {field.name for field in dataclasses.fields(store.Entry)} | {"checksum"}
-    assert entry["strokes"] == 0
-    assert json.loads((folder / runs.MANIFEST).read_text())["status"] == "finished"

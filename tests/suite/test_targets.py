@@ -12,14 +12,12 @@ from shuttle_marl.suite.board import boards, rating
 from shuttle_marl.suite.exploit import opponent_of
 from shuttle_marl.suite.frontier import WEIGHT
 from shuttle_marl.suite.offline import OPPONENT, targets
-from shuttle_marl.suite.options import SuiteRun
 from shuttle_marl.suite.population import opponent
 from shuttle_marl.suite.registry import TASKS, arena_of
-from shuttle_marl.suite.results import summarise
-from shuttle_marl.suite.run import run_method
 from shuttle_marl.suite.task import Arena, Case, Outcome
 from shuttle_marl.suite.text import chosen_states, regrets
 from tests.reduced import reduced_model
+from tests.suite.small import run, summary
 
 
 def exploit(arena: Arena, case: Case) -> Outcome:
@@ -73,18 +71,9 @@ def test_who_knows_what_is_hidden_reaches_the_target(name: str) -> None:
     assert not task.entrance
 
 
-def test_tasks_without_a_number_say_what_is_hard() -> None:
-    assert all(task.target for task in TASKS.values())
-
-
 def test_the_rating_ranks_by_paired_units(tmp_path: Path) -> None:
     rows = [
-        summarise(
-            run_method(
-                SuiteRun(task=task, method=name, game=reduced_model(), quick=True, split="test", out=tmp_path / task / name)
-            ),
-            game=reduced_model(),
-        )
+        summary(run(task, name, tmp_path / task / name, split="test"))
         for task in ("exploit-v0", "equilibrium-v0")
         for name in ("minimax", "bc", "random")
     ]

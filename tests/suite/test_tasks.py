@@ -18,7 +18,7 @@ from shuttle_marl.env.words import OVER, WAIT, TextRallyEnv, described, position
 from shuttle_marl.exact import best_response, moved, solve
 from shuttle_marl.game.observation import states_of
 from shuttle_marl.game.shipped import refits_of
-from shuttle_marl.suite import SuiteRun, adapt, frozen, run_method, store, summarise, verify_run
+from shuttle_marl.suite import adapt, frozen, store
 from shuttle_marl.suite.imitate import HumanStrokes, parts, top
 from shuttle_marl.suite.maintain import freeze, new_submission, write_data
 from shuttle_marl.suite.offline import generate
@@ -26,17 +26,18 @@ from shuttle_marl.suite.options import Split, SuiteError
 from shuttle_marl.suite.registry import TASKS, arena_of, find_task
 from shuttle_marl.suite.text import ChatProgram, chosen_states, positions, regrets
 from tests.reduced import reduced_game, reduced_model
+from tests.suite import small
+from tests.suite.small import summary, verified
 
 GAME = reduced_game()
 
 
 def run(tmp_path: Path, task: str, method: str, **options: Any) -> Path:
-    options = {"quick": True, "out": tmp_path / "run", **options}
-    return run_method(SuiteRun(task=task, method=method, game=reduced_model(), **options))
+    return small.run(task, method, **{"out": tmp_path / "run", **options})
 
 
 def accepted(folder: Path) -> bool:
-    return not verify_run(folder, game=reduced_model()).refused
+    return not verified(folder).refused
 
 
 def test_robust_is_the_worst_of_the_refits(tmp_path: Path) -> None:
@@ -44,18 +45,15 @@ def test_robust_is_the_worst_of_the_refits(tmp_path: Path) -> None:
     policy = solve(GAME).policy[0]
     given, scored = refits_of(GAME)
     won = 1 - best_response(moved(policy, scored)).value.odds().rally
-    found = summarise(folder, game=reduced_model())
+    found = summary(folder)
     assert found["score"] == pytest.approx(won, abs=1e-6)
     assert found["scores"]["mean"]["value"] == found["score"]
     assert accepted(folder)
-    best = summarise(run(tmp_path / "two", "robust-v0", "minimax-robust", split="test"), game=reduced_model())
+    best = summary(run(tmp_path / "two", "robust-v0", "minimax-robust", split="test"))
+    mean = summary(run(tmp_path / "mean", "robust-v0", "mean-game", split="test"))
     assert 0 < best["score"] < 0.5
+    assert 0 < mean["score"] < 0.5
     assert given.hash != scored.hash
-
-
-@pytest.mark.parametrize("method", ["mean-game", "human:0.1", "bc"])
-def test_baselines_of_robust(tmp_path: Path, method: str) -> None:
-    assert 0 < summarise(run(tmp_path, "robust-v0", method, split="test"), game=reduced_model())["score"] < 0.5
 
 
 def test_text_scores_regret_and_legality(tmp_path: Path) -> None:
@@ -63,10 +61,10 @@ def test_text_scores_regret_and_legality(tmp_path: Path) -> None:
     places = positions(arena)
     regret = regrets(GAME)
     assert regret.min() == 0
-    best = summarise(run(tmp_path / "best", "text-v0", "policy:minimax", split="test"), game=reduced_model())["scores"]
+    best = summary(run(tmp_path / "best", "text-v0", "policy:minimax", split="test"))["scores"]
     assert (best["regret"]["value"], best["legal"]["value"]) == (pytest.approx(0, abs=1e-9), 1)
     folder = run(tmp_path / "wrong", "text-v0", f"{__name__}:Wrong", split="test")
-    worst = summarise(folder, game=reduced_model())["scores"]
+    worst = summary(folder)["scores"]
     states = chosen_states(arena).tolist()
     assert worst["regret"]["value"] == pytest.approx(np.mean([regret[GAME.pairs_of(state)].max() for state in states]))
     assert worst["legal"]["value"] == 0
@@ -110,7 +108,7 @@ def test_a_program_answers_positions(tmp_path: Path) -> None:
     program.write_text(
         "import json, sys\nfor line in sys.stdin:\n    print(json.loads(line)['legal'][0], flush=True)\n", encoding="utf-8"
     )
-    found = summarise(run(tmp_path, "text-v0", f"program:{sys.executable} {program}", split="test"), game=reduced_model())
+    found = summary(run(tmp_path, "text-v0", f"program:{sys.executable} {program}", split="test"))
     assert found["scores"]["legal"]["value"] == 1
 
 
@@ -137,7 +135,7 @@ def test_imitation_of_real_matches(tmp_path: Path) -> None:
         run(tmp_path / name.replace(":", "-"), "imitate-v0", name, split="test", data=data)
         for name in ("counts", "bc", "policy:random")
     ]
-    counts, bc, uniform = (summarise(folder, game=reduced_model())["scores"] for folder in folders)
+    counts, bc, uniform = (summary(folder)["scores"] for folder in folders)
     assert counts["log_loss"]["value"] < uniform["log_loss"]["value"]
     # A stroke of the small game also stands for those that it lacks, so probabilities of people hold in the shipped game alone.
     assert bc["top_1"]["value"] > 1.5 * uniform["top_1"]["value"]
@@ -145,7 +143,7 @@ def test_imitation_of_real_matches(tmp_path: Path) -> None:
     arena = arena_of(find_task("imitate-v0"), "default", "test", data=data)
     losses = [-np.log(arena.policy(name).probability_of(parts(arena)[1].pair)).mean() for name in ("bc", "random")]
     assert losses[0] < losses[1] - 0.5
-    assert verify_run(folders[0], game=reduced_model(), data=data).refused == []
+    assert verified(folders[0], data=data).refused == []
 
 
 @pytest.mark.skipif("SHUTTLESET" not in os.environ, reason="needs annotated matches")
@@ -155,7 +153,7 @@ def test_the_template_of_imitate_runs_as_it_is(tmp_path: Path, monkeypatch: pyte
     assert new_submission("imitate-v0", tmp_path).endswith("run imitate-v0 --method my_imitation:Imitator --quick")
     assert len((tmp_path / "my_imitation.py").read_text().splitlines()) <= 40
     folder = run(tmp_path, "imitate-v0", "my_imitation:Imitator", data=Path(os.environ["SHUTTLESET"]))
-    assert 0 < summarise(folder, game=reduced_model())["score"] < np.log(GAME.n_strokes)
+    assert 0 < summary(folder)["score"] < np.log(GAME.n_strokes)
     sys.modules.pop("my_imitation")
 
 
@@ -185,7 +183,7 @@ def test_templates_run_as_they_are(task: str, tmp_path: Path, monkeypatch: pytes
     split = "test" if task == "robust-v0" else "dev"
     folder = run(tmp_path, task, COMMANDS[task], split=split)
     assert accepted(folder)
-    assert np.isfinite(summarise(folder, game=reduced_model())["score"])
+    assert np.isfinite(summary(folder)["score"])
     sys.modules.pop(source.stem)
     with pytest.raises(SuiteError, match="already exists"):
         new_submission(task, tmp_path)
@@ -286,12 +284,12 @@ def test_frozen_cases_are_checked(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     assert frozen.load() == done
     assert {name.split("/")[0] for name in done.cases} == {"robust-v0", "text-v0"}
     folder = run(tmp_path, "robust-v0", "minimax", split="test", quick=False)
-    assert summarise(folder, game=reduced_model())["official"]
+    assert summary(folder)["official"]
     assert accepted(folder)
     # Another population under the same name is noticed.
     changed = dict.fromkeys(done.cases, "0" * 64)
     frozen.save(frozen.Frozen(game=done.game, cases=changed), path)
-    assert "the frozen one 000000000000" in verify_run(folder, game=reduced_model()).refused[0].reason
+    assert "the frozen one 000000000000" in verified(folder).refused[0].reason
     # Other tasks are added to the frozen ones of the same game.
     more = freeze(path, ["equilibrium-v0"], model=reduced_model())
     assert {name.split("/")[0] for name in more.cases} == {"robust-v0", "text-v0", "equilibrium-v0"}
@@ -304,15 +302,7 @@ def test_hidden_opponents_are_not_frozen(tmp_path: Path, monkeypatch: pytest.Mon
     assert {name.split("/")[1] for name in cases} == {"dev", "test"}
 
 
-def test_every_task_has_baselines_and_splits() -> None:
-    for task in TASKS.values():
-        arena = arena_of(task, reduced_model(), "dev", quick=True)
-        cases = task.cases(arena)
-        assert len({case.name for case in cases}) == len(cases) > 0
-
-
-@pytest.mark.parametrize("split", ["dev", "test"])
-@pytest.mark.parametrize("quick", [False, True])
+@pytest.mark.parametrize(("split", "quick"), [("dev", False), ("test", False), ("test", True)])
 def test_the_positions_of_the_shipped_games_are_frozen(split: Split, quick: bool) -> None:
     task = TASKS["text-v0"]
     arena = arena_of(task, "default", split, quick=quick)
