@@ -14,8 +14,7 @@ from typing import Any, Final
 import numpy as np
 from scipy import stats
 
-from shuttle_marl.analysis.decisions import judged_strokes
-from shuttle_marl.analysis.marks import MARKS, basis_of
+from shuttle_marl.analysis.marks import MARKS, basis_of, judged_strokes
 from shuttle_marl.base.runs import describe, write_json
 from shuttle_marl.commands import cli
 from shuttle_marl.commands.options import Json

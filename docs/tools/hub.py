@@ -24,7 +24,7 @@ from shuttle_marl.commands import cli
 from shuttle_marl.game.rules import OUTCOMES
 from shuttle_marl.game.shipped import model_folder
 from shuttle_marl.policy.agents import AGENTS, CARD, NETWORK, read_card
-from shuttle_marl.suite.maintain import write_data
+from shuttle_marl.suite.registry import write_data
 
 _TAGS: Final = ["badminton", "game-theory", "multi-agent", "reinforcement-learning", "sports"]
 _CROISSANT: Final = "croissant.json"

@@ -14,8 +14,8 @@ from scipy import stats
 
 from shuttle_marl.analysis.advice import NORMAL, TOLERANCE, imitated
 from shuttle_marl.analysis.course import Chances, RallyRow, rallies_of, rally_numbers, score_of
-from shuttle_marl.analysis.decisions import Choice, costly_choices
 from shuttle_marl.analysis.habits import Habit, discoveries, habits, interval, with_discoveries
+from shuttle_marl.analysis.marks import Choice, costly_choices
 from shuttle_marl.analysis.outlook import prior, spread_of
 from shuttle_marl.analysis.scouting import plain, rallies_won
 from shuttle_marl.analysis.summary import AnalysisError, rally_table

@@ -50,8 +50,7 @@ def analysis(
         json: print JSON.
     """
     from shuttle_marl.analysis import add_values_of_pairs, rally_table, strokes_of, summarise  # noqa: PLC0415
-    from shuttle_marl.analysis.filters import RallyFilter  # noqa: PLC0415
-    from shuttle_marl.analysis.summary import players_of  # noqa: PLC0415
+    from shuttle_marl.analysis.summary import RallyFilter, players_of  # noqa: PLC0415
     from shuttle_marl.base import table_files  # noqa: PLC0415  keeps --help fast
     from shuttle_marl.base.files import replace_file  # noqa: PLC0415
     from shuttle_marl.data import anonymised, named  # noqa: PLC0415

@@ -30,11 +30,11 @@ from shuttle_marl.base.extras import lacking
 from shuttle_marl.base.files import NO_ROOM, check_replaceable
 
 if TYPE_CHECKING:
+    from shuttle_marl.analysis.outlook import PlayerRow, Prediction
     from shuttle_marl.analysis.scouting import ListedPlayer
     from shuttle_marl.exact.away import Spread
     from shuttle_marl.exact.regret import Holes
     from shuttle_marl.game.tables import Game
-    from shuttle_marl.league.pairs import PlayerRow, Prediction
     from shuttle_marl.policy.scorecard import Scorecard
 
 Command = Callable[..., object]
@@ -264,7 +264,7 @@ def play(cards: Sequence["Scorecard"]) -> Table:
 
 
 def depth(found: Mapping[str, Any]) -> tuple[Table, Table]:
-    """Tables of :func:`shuttle_marl.policy.depth.depth`: the play of policies, and the best ones that read little."""
+    """Tables of :func:`shuttle_marl.policy.scorecard.depth`: the play of policies, and the best ones that read little."""
     right = ("shot types", "bits", "strokes a rally", "rare")
     play = _table("Play against itself and against bc", "policy", "opponent", "its most frequent shots", right=right)
     for name, against in found["policies"].items():

@@ -12,14 +12,13 @@ from rich.table import Table
 from shuttle_marl.base.errors import command, printable
 from shuttle_marl.base.files import replace_file
 from shuttle_marl.commands import cli
-from shuttle_marl.data import upstream
+from shuttle_marl.data import Report, anonymised, load_account, provenance_of, upstream, write_parquet
+from shuttle_marl.data import validate as check
 from shuttle_marl.data.cleaning import clean_matches
 from shuttle_marl.data.column_map import TEMPLATE_CSV, template_map
 from shuttle_marl.data.own import import_matches
 from shuttle_marl.data.schema import DROP_REASONS, Account
 from shuttle_marl.data.strict_csv import DataError
-from shuttle_marl.data.table import Report, anonymised, load_account, provenance_of, write_parquet
-from shuttle_marl.data.table import validate as check
 from shuttle_marl.data.upstream import SPLITS, Split
 
 _NOTE = f"The data is not ours. {upstream.LICENCE_NOTE}\nPlease cite, where you use it:\n" + "\n".join(

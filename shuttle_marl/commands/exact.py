@@ -451,7 +451,7 @@ def depth(
         model: the game.
         json_output: print JSON.
     """
-    from shuttle_marl.policy.depth import POLICIES, depth  # noqa: PLC0415  numba
+    from shuttle_marl.policy.scorecard import POLICIES, depth  # noqa: PLC0415  numba
 
     tables, console = model.load(), cli.console(stderr=True)
     with time_limit(model.policy_timeout):

@@ -13,10 +13,10 @@ from shuttle_marl.base.files import replace_file
 from shuttle_marl.base.interrupts import interrupts_held
 from shuttle_marl.commands import cli
 from shuttle_marl.game.shipped import Profile
+from shuttle_marl.league import run_league
 from shuttle_marl.league.entrants import LeagueConfig, LeagueError
 from shuttle_marl.league.folder import RALLIES
 from shuttle_marl.league.report import console_table
-from shuttle_marl.league.run import run_league
 from shuttle_marl.training.league.config import LeagueTrainingConfig
 
 
@@ -100,9 +100,9 @@ def pairs(
     """
     from rich.progress import track  # noqa: PLC0415  these keep --help quick
 
+    from shuttle_marl.analysis.outlook import pairs_table, players_of, predict_pairs, ranked, with_results  # noqa: PLC0415
     from shuttle_marl.base.table_files import csv_bytes, parquet_bytes  # noqa: PLC0415
     from shuttle_marl.data import load_strokes  # noqa: PLC0415
-    from shuttle_marl.league.pairs import pairs_table, players_of, predict_pairs, ranked, with_results  # noqa: PLC0415
 
     if out is not None and out.suffix not in (".csv", ".parquet"):
         raise LeagueError(f"--out {out}: expected a name that ends in .csv or .parquet")

@@ -19,12 +19,12 @@ from shuttle_marl.game.rules import OUTCOMES
 from shuttle_marl.game.shipped import Profile
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
 from shuttle_marl.game.tables import Game
+from shuttle_marl.recording import export as export_log
 from shuttle_marl.recording.header import RecordingError
 from shuttle_marl.recording.reader import RallyLog
 from shuttle_marl.recording.recover import recover as recover_log
 from shuttle_marl.recording.recover import recoverable_files, unfinished_files
 from shuttle_marl.recording.replay import check as check_log
-from shuttle_marl.recording.tables import export as export_log
 from shuttle_marl.scene import SceneError
 
 if TYPE_CHECKING:
@@ -212,7 +212,7 @@ def scene(
     """
     from rich.progress import track  # noqa: PLC0415  these keep --help quick
 
-    from shuttle_marl.scene.write import select, write_scene  # noqa: PLC0415
+    from shuttle_marl.scene import select, write_scene  # noqa: PLC0415
 
     console = cli.console(stderr=True)
     with RallyLog(path) as log:

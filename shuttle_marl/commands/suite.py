@@ -116,7 +116,7 @@ def run(options: tyro.conf.OmitArgPrefixes[SuiteRun], *, json_output: Json = Fal
         options: of the run.
         json_output: print JSON.
     """
-    from shuttle_marl.suite.run import run_method  # noqa: PLC0415  numba
+    from shuttle_marl.suite import run_method  # noqa: PLC0415  numba
 
     folder = run_method(options, cli.console(stderr=True))
     _print_summary(folder, options.beacon, options.game, json_output=json_output)
@@ -252,7 +252,7 @@ def new_submission(task: Task, *, out: Path = Path(), language: Literal["python"
         out: folder.
         language: of the template.
     """
-    from shuttle_marl.suite.maintain import new_submission as write  # noqa: PLC0415  numba
+    from shuttle_marl.suite.registry import new_submission as write  # noqa: PLC0415  numba
 
     cli.console().print(f"run it in {out} with\n  {write(task, out, language)}", soft_wrap=True)
 
@@ -280,7 +280,7 @@ def data(
         game: model of the game.
         json_output: print the hashes of the logs as JSON.
     """
-    from shuttle_marl.suite.maintain import write_data  # noqa: PLC0415  numba
+    from shuttle_marl.suite.registry import write_data  # noqa: PLC0415  numba
 
     hashes = write_data(task, out, split, game, seeds, quick=quick, minari=minari)
     if json_output:
@@ -305,7 +305,7 @@ def freeze(
         out: file to write; default: that of the package.
     """
     from shuttle_marl.suite.frozen import FROZEN  # noqa: PLC0415  numba
-    from shuttle_marl.suite.maintain import freeze as write  # noqa: PLC0415
+    from shuttle_marl.suite.registry import freeze as write  # noqa: PLC0415
 
     done = write(out or FROZEN, tasks, model=game, data=data, progress=_progress)
     cli.console().print(cli.facts({"game": str(done.game), "cases": f"{len(done.cases):,}"}))

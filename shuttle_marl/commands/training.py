@@ -39,7 +39,7 @@ def _train(config: TrainingConfig, seeds: int, jobs: int) -> None:
 
 def _train_seeds(config: TrainingConfig, seeds: int, jobs: int) -> None:
     with interrupts_held():
-        from shuttle_marl.training.study import train_seeds  # noqa: PLC0415  torch
+        from shuttle_marl.training import train_seeds  # noqa: PLC0415  torch
 
     done = train_seeds(config, seeds, jobs, Console(stderr=True, highlight=False))
     table = Table("exact figure", "interquartile mean", "95 %", "lowest seed", "highest seed")

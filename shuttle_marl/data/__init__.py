@@ -6,7 +6,7 @@ Most users only need :func:`load_strokes`.
 from shuttle_marl.data.cleaning import clean_matches
 from shuttle_marl.data.schema import OUTCOMES, REASONS, STROKES, Account, Cleaned, Outcome, named
 from shuttle_marl.data.strict_csv import DataError
-from shuttle_marl.data.table import anonymised, load_account, load_strokes
+from shuttle_marl.data.table import Report, anonymised, load_account, load_strokes, provenance_of, validate, write_parquet
 from shuttle_marl.data.upstream import SPLITS, Split, matches_of, split_of
 
 __all__ = [
@@ -18,6 +18,7 @@ __all__ = [
     "Cleaned",
     "DataError",
     "Outcome",
+    "Report",
     "Split",
     "anonymised",
     "clean_matches",
@@ -25,5 +26,8 @@ __all__ = [
     "load_strokes",
     "matches_of",
     "named",
+    "provenance_of",
     "split_of",
+    "validate",
+    "write_parquet",
 ]

@@ -21,7 +21,7 @@ from shuttle_marl.game.scoring import BWF, Rules, score_fractions
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.game.tables import Game
 from shuttle_marl.kernel import MatchBatch, RallyBatch
-from shuttle_marl.kernel.rally import ILLEGAL as LOST
+from shuttle_marl.kernel.rows import ILLEGAL as LOST
 from shuttle_marl.kernel.rows import Server
 from shuttle_marl.policy.registry import Opponents, tabulated
 

@@ -13,9 +13,10 @@ if TYPE_CHECKING:
     from shuttle_marl.kernel.matches import play_matches
     from shuttle_marl.kernel.players import Players, pack
     from shuttle_marl.kernel.rally import MatchBatch, RallyBatch, Tally
-    from shuttle_marl.kernel.sampling import Distinct, RallySampler, play_rallies
+    from shuttle_marl.kernel.sampling import Assess, Distinct, RallySampler, play_rallies
 
 __all__ = [
+    "Assess",
     "Distinct",
     "KernelError",
     "MatchBatch",
@@ -38,6 +39,6 @@ __getattr__, __dir__, _ = lazy_loader.attach(
         "matches": ("play_matches",),
         "players": ("Players", "pack"),
         "rally": ("MatchBatch", "RallyBatch", "Tally"),
-        "sampling": ("Distinct", "RallySampler", "play_rallies"),
+        "sampling": ("Assess", "Distinct", "RallySampler", "play_rallies"),
     },
 )

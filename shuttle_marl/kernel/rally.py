@@ -6,7 +6,7 @@ the opponent's, until the learner is to strike.
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -38,6 +38,7 @@ from shuttle_marl.kernel.core import (
 )
 from shuttle_marl.kernel.players import Players, empty_players, pack, put_player, table_choice
 from shuttle_marl.kernel.rows import (
+    ILLEGAL,
     Batch,
     Observations,
     Output,
@@ -53,9 +54,6 @@ from shuttle_marl.kernel.rows import (
     reward_strikers,
     strike,
 )
-
-ILLEGAL: Final = 2
-"""Reason of the end of a match that was lost by an illegal stroke; otherwise FAULT or WINNER, the outcome of the last stroke."""
 
 _count_rally = inlined(count_rally)
 

@@ -38,6 +38,9 @@ from shuttle_marl.kernel.core import (
     uniform_choice,
 )
 
+ILLEGAL: Final = 2
+"""Reason of the end of a match that was lost by an illegal stroke; otherwise FAULT or WINNER, the outcome of the last stroke."""
+
 DRAWN: Final = -1
 """The server is random."""
 _LEAST_ROWS: Final = 1024

@@ -11,7 +11,7 @@ from shuttle_marl.recording.reader import RallyLog
 from shuttle_marl.recording.recorder import RallyLogWriter, RallyRecorder
 from shuttle_marl.recording.recover import recover
 from shuttle_marl.recording.replay import Replay, replay
-from shuttle_marl.recording.tables import Derived
+from shuttle_marl.recording.tables import Derived, export
 
 __all__ = [
     "SINGLE_RALLY",
@@ -26,6 +26,7 @@ __all__ = [
     "RecordingError",
     "Replay",
     "Sampling",
+    "export",
     "recover",
     "replay",
 ]

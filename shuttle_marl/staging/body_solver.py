@@ -1,4 +1,4 @@
-"""Trunk, legs and quaternions; see :mod:`shuttle_marl.staging.skeleton` and :mod:`shuttle_marl.staging.legs`."""
+"""Trunk, legs and quaternions; see :mod:`shuttle_marl.staging.skeleton` and :mod:`shuttle_marl.staging.body`."""
 
 import math
 from typing import Final, NamedTuple
@@ -305,7 +305,7 @@ def _solve_leg(joint: F64, root: F64, sole: F64, leg: LegConstants, work: _LegWo
 
 @compiled
 def solve_legs(joint: F64, root: F64, foot: FootPath, leg: LegConstants, rounds: int, rotation: F64, position: F64) -> None:
-    """Bones of one leg of :func:`shuttle_marl.staging.legs.legs` in each of F frames.
+    """Bones of one leg of :func:`shuttle_marl.staging.body.legs` in each of F frames.
 
     Args:
         joint: ``[F, 3]`` hip joint.

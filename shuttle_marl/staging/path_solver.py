@@ -1,6 +1,6 @@
 """Curves between key poses, flights of shuttles, and travel of the hips.
 
-See :mod:`shuttle_marl.staging.curves`, :mod:`shuttle_marl.staging.flight` and :mod:`shuttle_marl.staging.travel`.
+See :mod:`shuttle_marl.staging.curves`, :mod:`shuttle_marl.staging.flight` and :mod:`shuttle_marl.staging.assemble`.
 """
 
 import math
@@ -224,7 +224,7 @@ def _differ(p: F64, speed: float, bend: float, v: F64, a: F64) -> None:
 
 @compiled
 def smooth_path(wishes: TravelWishes, fps: int, options: TravelOptions, p: F64) -> None:
-    """Alternating direction method of multipliers of :func:`shuttle_marl.staging.travel.travel`.
+    """Alternating direction method of multipliers of :func:`shuttle_marl.staging.assemble.travel`.
 
     Args:
         wishes: weights and places of F frames.

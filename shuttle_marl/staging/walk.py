@@ -16,7 +16,7 @@ from shuttle_marl.staging.body import Player, Prepared, bones, course, free_palm
 from shuttle_marl.staging.curves import smooth
 from shuttle_marl.staging.feet import Plant
 from shuttle_marl.staging.flight import shoot
-from shuttle_marl.staging.habits import Habits
+from shuttle_marl.staging.idle import Habits
 from shuttle_marl.staging.keys import LEFT, RIGHT, Hit, Keys, Stand, Timeline, feet_at
 from shuttle_marl.staging.library import FREE_ARM, N_POSE, TRUNK, Athlete, bent, pointed
 from shuttle_marl.staging.motion import Motion

@@ -1,22 +1,43 @@
-"""The tasks by name."""
+"""The tasks by name, and files around them: templates of submissions, data of cases, and the frozen settings.
+
+Data of logs may be Minari data sets (extra ``minari``): the single-agent view, one episode for each rally with an own stroke.
+Observations are those of ``shuttle_marl/Rally-v0``, with the mask of legal strokes. A reward is 1 for the last own stroke of a
+rally that was won. Infos hold the state of the game and the probability of the stroke under the behaviour policy. The
+observation after the last stroke is zero, because the rally is over.
+"""
 
 import difflib
 import functools
+import os
+import warnings
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Any, Final, Literal
+from unittest import mock
 
-from shuttle_marl.base.errors import printable
+import gymnasium
+import numpy as np
+
+from shuttle_marl.base.errors import ShuttleError, command, printable
+from shuttle_marl.base.extras import install_hint
+from shuttle_marl.base.files import replace_file
+from shuttle_marl.base.table_files import write_parquet
+from shuttle_marl.game.observation import observations
 from shuttle_marl.game.shipped import drawn_game, is_shipped, resolve_game
+from shuttle_marl.recording.logs import Transitions
+from shuttle_marl.suite import frozen
 from shuttle_marl.suite.adapt import Adapt
 from shuttle_marl.suite.exploit import Equilibrium, Exploit
+from shuttle_marl.suite.frozen import Frozen
 from shuttle_marl.suite.imitate import Imitate
-from shuttle_marl.suite.offline import Evaluate, Offline
+from shuttle_marl.suite.method import kind_of
+from shuttle_marl.suite.offline import OPPONENT, Evaluate, LogTask, Offline, log_of_unit
 from shuttle_marl.suite.options import Split, SuiteError
 from shuttle_marl.suite.population import checked_beacon, rng_of
 from shuttle_marl.suite.robust import Robust
-from shuttle_marl.suite.store import RunConfig
+from shuttle_marl.suite.store import CARD, Card, RunConfig, write_card
 from shuttle_marl.suite.task import Arena, Task
-from shuttle_marl.suite.text import Text
+from shuttle_marl.suite.text import Text, json_lines, positions
 
 TASKS: Final[dict[str, Task]] = {
     task.name: task for task in (Exploit(), Equilibrium(), Adapt(), Offline(), Evaluate(), Imitate(), Robust(), Text())
@@ -85,3 +106,179 @@ def arena_of_run(
     return arena_of(
         task, model or config.game.model, config.split, quick=config.quick, budget=config.budget, beacon=beacon, data=data
     )
+
+
+Language = Literal["python", "perl"]
+_TEMPLATES: Final = Path(__file__).parent / "templates" / "submission"
+_PYTHON: Final = {
+    "exploit": "player:train",
+    "equilibrium": "player:train",
+    "robust": "robust_player:train",
+    "adapt": "adapter:Adapter",
+    "offline": "offline:Learner",
+    "evaluate": "estimator:Estimator",
+    "imitate": "imitation:Imitator",
+    "text": "text:Player",
+}
+"""Template and method of each kind of task."""
+_PERL: Final = ("exploit", "equilibrium", "robust")
+
+
+if TYPE_CHECKING:
+    from minari.data_collector import EpisodeBuffer
+
+ENVIRONMENT: Final = "shuttle_marl:shuttle_marl/Rally-v0"
+
+
+def write_minari(data: Transitions, name: str, folder: Path, model: str, opponent: str) -> None:
+    """Write a data set.
+
+    Args:
+        data: own transitions.
+        name: id of the data set, such as ``shuttle_marl/offline-bc-v0``.
+        folder: of the data sets, as in the environment variable ``MINARI_DATASETS_PATH``.
+        model, opponent: names of the game and of the opponent, for the environment of the data set.
+
+    Raises:
+        ShuttleError: Minari is not installed, or the data set exists.
+    """
+    try:
+        import minari  # noqa: PLC0415  an extra
+    except ModuleNotFoundError as error:
+        raise ShuttleError(f"Minari is not installed; {install_hint('minari')}") from error
+    env = gymnasium.make(ENVIRONMENT, opponent=opponent, game=model)
+    with warnings.catch_warnings(), mock.patch.dict(os.environ, {"MINARI_DATASETS_PATH": str(folder.resolve())}):
+        warnings.simplefilter("ignore", UserWarning)  # optional metadata are missing
+        try:
+            minari.create_dataset_from_buffers(name, list(episodes(data)), env=env)
+        except ValueError as error:
+            raise ShuttleError(f"{folder}: {error}") from error
+
+
+def episodes(data: Transitions) -> Iterator["EpisodeBuffer"]:
+    """Each rally as an episode."""
+    from minari.data_collector import EpisodeBuffer  # noqa: PLC0415  an extra
+
+    seen, mask = observations(data.game, data.state), data.game.mask(data.state).astype(np.int8)
+    over = {"observation": np.zeros_like(seen[:1]), "action_mask": np.zeros_like(mask[:1])}
+    for rows in np.split(np.arange(len(data)), np.flatnonzero(data.first)[1:]):
+        last = rows == rows[-1]
+        yield EpisodeBuffer(
+            observations={
+                "observation": np.concatenate([seen[rows], over["observation"]]),
+                "action_mask": np.concatenate([mask[rows], over["action_mask"]]),
+            },
+            actions=data.stroke[rows].astype(np.int64),
+            rewards=data.reward[rows],
+            terminations=last,
+            truncations=np.zeros_like(last),
+            infos={
+                "state": np.append(data.state[rows], -1)[:, None],
+                "probability": np.append(data.probability[rows], np.float32(np.nan))[:, None],
+            },
+        )
+
+
+def new_submission(task: str, out: Path, language: Language = "python") -> str:
+    """Write a template of a method and a card into a folder.
+
+    Args:
+        task: name of the task.
+        out: folder, which is created; existing files are not replaced.
+        language: of the template.
+
+    Returns:
+        The command that runs it, from that folder.
+
+    Raises:
+        SuiteError: there is no such task or template, or a file exists.
+    """
+    kind = kind_of(find_task(task).name)
+    if language == "perl" and kind not in _PERL:
+        raise SuiteError(f"there is no template in Perl for {task}; there is one for {', '.join(_PERL)}")
+    module, _, attribute = _PYTHON[kind].partition(":")
+    source = "player.pl" if language == "perl" else f"{module}.py"
+    # Modules of the user are found by name, so that of the template must be free.
+    target = out / (source if language == "perl" else f"my_{module}.py")
+    for path in (target, out / CARD):
+        if path.exists():
+            raise SuiteError(f"{path}: already exists; name another folder")
+    replace_file(target, (_TEMPLATES / source).read_bytes())
+    write_card(out, Card(method=target.stem, tuning_strokes=0))
+    method = "program:perl player.pl" if language == "perl" else f"my_{module}:{attribute}"
+    return command("suite", "run", task, "--method", method, "--quick")
+
+
+def write_data(
+    task: str, out: Path, split: Split, model: str, seeds: int | None, *, quick: bool = False, minari: bool = False
+) -> dict[str, str]:
+    """Write the logs of a task as Parquet files or Minari data sets, or the positions of ``text`` as JSON lines.
+
+    Returns:
+        SHA-256 of the content of each file by its name.
+
+    Raises:
+        SuiteError: the task has no data.
+    """
+    found = find_task(task)
+    arena = arena_of(found, model, split, quick=quick)
+    if isinstance(found, Text):
+        (case,) = found.cases(arena)
+        replace_file(out / "positions.jsonl", json_lines(positions(arena)))
+        return {"positions.jsonl": next(iter(found.given(arena, case, 0)))}
+    if seeds is not None and seeds < 1:
+        raise SuiteError(f"--seeds {seeds}: expected 1 or more")
+    if not isinstance(found, LogTask):
+        raise SuiteError(f"{task} has no data; offline-v0, evaluate-v0 and text-v0 have")
+    hashes = {}
+    for case in found.cases(arena):
+        for seed in range(seeds or found.seeds):
+            log = log_of_unit(arena, case, seed)
+            name = f"{split}-{case.options['behaviour']}-{case.budget}".replace(":", "-").replace("*", "x").replace("+", "-")
+            if minari:
+                name = f"shuttle_marl/{name}-v{seed}"
+                write_minari(log.transitions, name, out, arena.model, OPPONENT)
+            else:
+                name = f"{name}-{seed}.parquet"
+                write_parquet(out / name, log.table())
+            hashes[name] = log.hash
+    return hashes
+
+
+def freeze(
+    path: Path,
+    tasks: Sequence[str],
+    *,
+    model: str = "default",
+    data: Path | None = None,
+    progress: Callable[[Sequence[Any]], Any] = lambda units: units,
+) -> Frozen:
+    """Write the frozen settings: hash of the game, and fingerprint of every case of the public splits.
+
+    Fingerprints of other tasks are kept if they are of the same game.
+
+    Args:
+        path: file of the frozen settings.
+        tasks: names of tasks; empty: all that need no annotated matches, or all if ``data`` are named.
+        model: the game.
+        data: annotated matches.
+        progress: wraps the cases.
+    """
+    game = arena_of(TASKS["exploit-v0"], model, "test").game
+    before = frozen.load(path)
+    kept = before if before.official(game.hash) else Frozen()
+    cases, variants = dict(kept.cases), set(kept.variants)
+    names = tasks or [name for name in TASKS if data is not None or name != "imitate-v0"]
+    units = []
+    for name in names:
+        task = find_task(name)
+        for split in task.splits:
+            if split != "hidden":
+                arena = arena_of(task, model, split, data=data)
+                variants |= {arena.base} - {game.hash}
+                units += [(task, split, arena, case, seed) for case in task.cases(arena) for seed in range(task.seeds)]
+    for task, split, arena, case, seed in progress(units):
+        cases[f"{task.name}/{split}/{case.name}/{seed}"] = task.fingerprint(arena, case, seed)
+    done = Frozen(game=game.hash, variants=sorted(variants), cases=cases)
+    frozen.save(done, path)
+    return done

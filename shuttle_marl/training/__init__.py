@@ -12,6 +12,7 @@ from shuttle_marl.base.extras import hinted
 if TYPE_CHECKING:
     from shuttle_marl.training.config import A2CConfig, PPOConfig, SACConfig, TrainingConfig, TrainingError
     from shuttle_marl.training.run import Evaluation, Evaluator, TrainingRun, train
+    from shuttle_marl.training.study import Study, train_seeds
 
 __all__ = [
     "A2CConfig",
@@ -19,10 +20,12 @@ __all__ = [
     "Evaluator",
     "PPOConfig",
     "SACConfig",
+    "Study",
     "TrainingConfig",
     "TrainingError",
     "TrainingRun",
     "train",
+    "train_seeds",
 ]
 
 _load, __dir__, _ = lazy_loader.attach(
@@ -30,6 +33,7 @@ _load, __dir__, _ = lazy_loader.attach(
     submod_attrs={
         "config": ("A2CConfig", "PPOConfig", "SACConfig", "TrainingConfig", "TrainingError"),
         "run": ("Evaluation", "Evaluator", "TrainingRun", "train"),
+        "study": ("Study", "train_seeds"),
     },
 )
 __getattr__ = hinted()(_load)

@@ -19,9 +19,8 @@ from shuttle_marl.game.rules import RETURNED_BELOW
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.game.thresholds import ONE
-from shuttle_marl.kernel import Distinct, RallySampler
+from shuttle_marl.kernel import Assess, Distinct, RallySampler
 from shuttle_marl.kernel.core import tables_of
-from shuttle_marl.kernel.sampling import Assess
 from shuttle_marl.kernel.table_play import StrokeList, new_stroke_list
 from shuttle_marl.kernel.table_rallies import START
 

@@ -6,8 +6,7 @@ import numpy as np
 from msgspec.structs import asdict
 
 from shuttle_marl.analysis.marks import Basis, Judged, basis_of
-from shuttle_marl.analysis.opening import Opening, opening
-from shuttle_marl.analysis.rally import Decision, Players, analyse_rally
+from shuttle_marl.analysis.rally import Decision, Opening, Players, analyse_rally, opening
 from shuttle_marl.analysis.rally import decision as analyse_decision
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.game import court

@@ -5,8 +5,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from shuttle_marl.analysis.opening import opening, states_after
-from shuttle_marl.analysis.rally import Players
+from shuttle_marl.analysis.rally import Players, opening, states_after
 from shuttle_marl.exact import evaluate, solve
 from shuttle_marl.game.policy import Policy
 from shuttle_marl.game.rally.stepper import stepper_of

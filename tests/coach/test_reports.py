@@ -16,8 +16,7 @@ from playwright.sync_api import Browser, Frame, Page
 from shuttle_marl.analysis import advice, decisions
 from shuttle_marl.analysis.advice import Refitted
 from shuttle_marl.analysis.course import Chances
-from shuttle_marl.analysis.decisions import Choice
-from shuttle_marl.analysis.marks import basis_of
+from shuttle_marl.analysis.marks import Choice, basis_of
 from shuttle_marl.analysis.match import MatchReport, match_report, matches_in
 from shuttle_marl.analysis.outlook import spread_of
 from shuttle_marl.analysis.scouting import ScoutingReport, players_of, scout

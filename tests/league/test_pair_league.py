@@ -10,6 +10,8 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
+from shuttle_marl.analysis import AnalysisError
+from shuttle_marl.analysis.outlook import Prediction, pairs_table, players_of, predict, predict_pairs, ranked, with_results
 from shuttle_marl.base.table_files import read_parquet
 from shuttle_marl.commands.league import main
 from shuttle_marl.exact import evaluate
@@ -19,7 +21,6 @@ from shuttle_marl.game.shipped import model_folder
 from shuttle_marl.game.skill import Skill, load_skill
 from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.league.entrants import LeagueConfig, LeagueError
-from shuttle_marl.league.pairs import Prediction, pairs_table, players_of, predict, predict_pairs, ranked, with_results
 from shuttle_marl.league.run import run_league
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording import RallyLog
@@ -121,7 +122,7 @@ def test_real_results(monkeypatch: pytest.MonkeyPatch) -> None:
             "winner": [winner for _, _, winner in wins],
         }
     )
-    monkeypatch.setattr("shuttle_marl.league.pairs.rally_table", lambda _: rallies)
+    monkeypatch.setattr("shuttle_marl.analysis.outlook.rally_table", lambda _: rallies)
     first, second, _ = with_results(some_predictions(), rallies)
     assert (first.rallies, first.rallies_won, first.matches, first.matches_won) == (5, 3, 2, 1)
     assert (second.rallies, second.matches) == (0, 0)
@@ -149,13 +150,13 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
 
 @pytest.mark.parametrize("some", [(A,), (A, A), (A, "an-se-young")])
 def test_players_who_form_no_pair(some: tuple[str, ...]) -> None:
-    with pytest.raises(LeagueError, match="expected two or more, each once, who play men's singles"):
+    with pytest.raises(AnalysisError, match="expected two or more, each once, who play men's singles"):
         players_of("men", reduced_model(), some)
 
 
 def test_a_discipline_without_players(monkeypatch: pytest.MonkeyPatch) -> None:
     skill = load_skill(model_folder(reduced_model()))
     nobody: Skill = dataclasses.replace(skill, discipline=np.zeros_like(skill.discipline))
-    monkeypatch.setattr("shuttle_marl.league.pairs.load_skill", lambda _: nobody)
-    with pytest.raises(LeagueError, match="0 players of that discipline"):
+    monkeypatch.setattr("shuttle_marl.analysis.outlook.load_skill", lambda _: nobody)
+    with pytest.raises(AnalysisError, match="0 players of that discipline"):
         players_of("women", reduced_model())

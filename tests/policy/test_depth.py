@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from shuttle_marl.commands import exact
-from shuttle_marl.policy import depth
+from shuttle_marl.policy import scorecard
 from tests.reduced import reduced_model
 
 
@@ -19,12 +19,12 @@ def test_depth_of_a_small_game_as_json_and_tables(capsys: pytest.CaptureFixture[
         assert set(against) == {"self", "bc"}
     assert found["policies"]["bc"]["self"] == found["policies"]["bc"]["bc"]
     classes = found["lists"]
-    assert list(classes) == list(depth.LISTS)
+    assert list(classes) == list(scorecard.LISTS)
     for name, figures in classes.items():
         assert 0 < figures["score"] <= 1 + 1e-6, name
         assert figures["exploitability"] >= -1e-9, name
         assert figures["against_minimax"] <= 0.5 + 1e-6, name
     assert classes["nothing"]["score"] < classes["incoming_stroke"]["score"]
-    monkeypatch.setattr(depth, "depth", lambda *_, **__: found)  # computed once: it takes seconds
+    monkeypatch.setattr(scorecard, "depth", lambda *_, **__: found)  # computed once: it takes seconds
     assert exact.main(["depth", "bc", "minimax", "--game", reduced_model()]) == 0
     assert "Best policies that read" in capsys.readouterr().out

@@ -15,8 +15,16 @@ from shuttle_marl.policy.registry import resolve
 from shuttle_marl.policy.stored import StoredPolicies
 from shuttle_marl.suite import store
 from shuttle_marl.suite.adapt import CHANGES, observed
-from shuttle_marl.suite.methods.adapters import Counts, PosteriorMean, mean_policy
-from shuttle_marl.suite.methods.tilt import change_point, features, fitted_shift, mixture_weights, shifted
+from shuttle_marl.suite.methods.adapters import (
+    Counts,
+    PosteriorMean,
+    change_point,
+    features,
+    fitted_shift,
+    mean_policy,
+    mixture_weights,
+    shifted,
+)
 from shuttle_marl.suite.options import SuiteError
 from shuttle_marl.suite.population import FAMILIES, HIDDEN_ROUND, known, opponent
 from shuttle_marl.suite.registry import arena_of, find_task

@@ -20,10 +20,9 @@ from shuttle_marl.game.observation import states_of
 from shuttle_marl.game.shipped import refits_of
 from shuttle_marl.suite import adapt, frozen, store
 from shuttle_marl.suite.imitate import HumanStrokes, parts, top
-from shuttle_marl.suite.maintain import freeze, new_submission, write_data
 from shuttle_marl.suite.offline import generate
 from shuttle_marl.suite.options import Split, SuiteError
-from shuttle_marl.suite.registry import TASKS, arena_of, find_task
+from shuttle_marl.suite.registry import TASKS, arena_of, find_task, freeze, new_submission, write_data
 from shuttle_marl.suite.text import ChatProgram, chosen_states, positions, regrets
 from tests.reduced import reduced_game, reduced_model
 from tests.suite import small

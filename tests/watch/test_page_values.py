@@ -12,9 +12,8 @@ from shuttle_marl.game.shipped import RELIABLE, real_strokes
 from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.watch import messages
-from shuttle_marl.watch.answers import Answers
+from shuttle_marl.watch.answers import Answers, match_overview
 from shuttle_marl.watch.match import Match
-from shuttle_marl.watch.overview import match_overview
 from shuttle_marl.watch.plan import Plan, Side
 from shuttle_marl.watch.policies import PolicyTables
 from shuttle_marl.watch.stager import Stager
