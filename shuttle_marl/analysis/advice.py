@@ -13,14 +13,13 @@ reported is the mean over the refits, times the share of predicted advantages th
 """
 
 import dataclasses
-import os
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from shuttle_marl.base.arrays import F64, I64, Bools
+from shuttle_marl.base.cluster import in_threads
 from shuttle_marl.exact import Odds, PairPolicy, ProfileValue, Visits, moved, visits
 from shuttle_marl.exact.profile import StatePolicy, evaluate_chains, induced
 from shuttle_marl.game.court import N_AREAS
@@ -153,8 +152,7 @@ def refitted(pair: Game) -> Refitted:
     def solved(game: Game) -> Meeting:
         return meet(*(moved(policy, seat) for policy, seat in zip(home, game.seats, strict=True)))
 
-    with ThreadPoolExecutor(os.cpu_count()) as threads:
-        first, *others = threads.map(solved, (pair, *people_of(pair).refits()))
+    first, *others = in_threads(solved, (pair, *people_of(pair).refits()))
     return Refitted(pair=pair, home=first, refits=tuple(others), factor=factor_of(pair.seats[0]))
 
 
@@ -330,5 +328,5 @@ def followed(found: Refitted, advised: Sequence[Advice], seat: int = 0) -> tuple
         policies[seat] = PairPolicy(game=meeting.policies[seat].game, probability=chance)
         return evaluate_chains(induced(policies[0]), induced(policies[1]), tolerance=TOLERANCE).odds(seat)
 
-    with ThreadPoolExecutor(os.cpu_count()) as threads:
-        return odds(found.home), list(threads.map(odds, found.refits))
+    first, *others = in_threads(odds, (found.home, *found.refits))
+    return first, others

@@ -12,9 +12,7 @@ less than :data:`RARE` of the cases. Thresholds were chosen on the training matc
 
 import dataclasses
 import functools
-import os
 import threading
-from concurrent.futures import ThreadPoolExecutor
 from typing import Final
 
 import numpy as np
@@ -24,6 +22,7 @@ from shuttle_marl.analysis.advice import LEAST_REFITS, NORMAL, TOLERANCE, calibr
 from shuttle_marl.analysis.course import rally_numbers
 from shuttle_marl.analysis.values import nearest_strokes
 from shuttle_marl.base.arrays import F64, I64, Bools
+from shuttle_marl.base.cluster import in_threads
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.dynamics.features import rows_from_strokes, states_of, strokes_before
 from shuttle_marl.dynamics.hurried import hurry_of
@@ -151,9 +150,8 @@ class Basis:
         strong, refits = human_policy(TYPICAL_TAU, None, game), refits_of(game)
         self.refits = len(refits)
         self._worlds = (game, *refits)
-        with ThreadPoolExecutor(os.cpu_count()) as threads:
-            policies = (strong, *(moved(strong, refit) for refit in refits))
-            self._values = list(threads.map(lambda policy: evaluate(policy, policy, tolerance=TOLERANCE).striking[0], policies))
+        policies = (strong, *(moved(strong, refit) for refit in refits))
+        self._values = list(in_threads(lambda policy: evaluate(policy, policy, tolerance=TOLERANCE).striking[0], policies))
 
     def judged(self, states: I64) -> Judged:
         """The legal strokes of ``[N]`` states."""

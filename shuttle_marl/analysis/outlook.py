@@ -9,9 +9,7 @@ the day.
 import dataclasses
 import itertools
 import math
-import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from typing import Final
 
 import numpy as np
@@ -20,6 +18,7 @@ import pyarrow as pa
 from shuttle_marl.analysis.advice import NORMAL, TOLERANCE, Refitted, error_of
 from shuttle_marl.analysis.summary import AnalysisError, rally_table
 from shuttle_marl.base.arrays import F64
+from shuttle_marl.base.cluster import in_threads
 from shuttle_marl.exact import Odds, Sensitivity, sensitivity
 from shuttle_marl.game.pairs import pair_game, people_of
 from shuttle_marl.game.scoring import game_win_probability, match_win_probability
@@ -245,11 +244,10 @@ def predict_pairs(
         return predict(pair_game(*names, date=date, game=game), policy)
 
     found = []
-    with ThreadPoolExecutor(os.cpu_count()) as threads:
-        for prediction in threads.map(solved, itertools.combinations(players, 2)):
-            found.append(prediction)
-            if progress is not None:
-                progress()
+    for prediction in in_threads(solved, itertools.combinations(players, 2)):
+        found.append(prediction)
+        if progress is not None:
+            progress()
     return found
 
 

@@ -7,14 +7,13 @@ that of its first derivative in the refits, sum over pairs of (changed minus usu
 """
 
 import dataclasses
-import os
-from concurrent.futures import ThreadPoolExecutor
 from typing import Final
 
 import numpy as np
 
 from shuttle_marl.analysis.advice import LEAST_STEADY, TOLERANCE, Refitted, calibrated
 from shuttle_marl.base.arrays import F64, Bools
+from shuttle_marl.base.cluster import in_threads
 from shuttle_marl.exact import PairPolicy
 from shuttle_marl.exact.profile import evaluate_chains, induced
 from shuttle_marl.game.shipped import Estimate
@@ -118,8 +117,7 @@ def effects(found: Refitted, seat: int = 0) -> list[Effect]:
 
     home = found.home.value.odds(seat)
     jobs = [(name, step) for name in TACTICS for step in STEPS if step]
-    with ThreadPoolExecutor(os.cpu_count()) as threads:
-        solved = dict(zip(jobs, threads.map(odds, jobs), strict=True))
+    solved = dict(zip(jobs, in_threads(odds, jobs), strict=True))
     out = []
     for name in TACTICS:
         tactic, among = sets[name]

@@ -166,6 +166,18 @@ def _versions(packages: tuple[str, ...]) -> dict[str, str]:
     return found
 
 
+def in_threads(function: Callable[[S], T], arguments: Iterable[S], threads: int | None = None) -> Iterator[T]:
+    """Results of a function for each argument, in their order, from threads; for compiled code, which releases the lock.
+
+    Args:
+        function: called with each argument.
+        arguments: the arguments.
+        threads: number of threads; None: one for each core.
+    """
+    with futures.ThreadPoolExecutor(threads or os.cpu_count()) as pool:
+        yield from pool.map(function, arguments)
+
+
 def in_processes(function: Callable[[S], T], arguments: Iterable[S], processes: int) -> Iterator[T]:
     """Call a function of a module with each argument, in this process or in others that end with it; results as they come.
 

@@ -7,15 +7,14 @@ with the game itself; unseen matches can differ more.
 
 import dataclasses
 import math
-import os
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
 
 import numpy as np
 from scipy.special import stdtrit
 
 from shuttle_marl.base.arrays import F64
+from shuttle_marl.base.cluster import in_threads
 from shuttle_marl.exact.fixed_point import ExactError
 from shuttle_marl.exact.known import pair_odds
 from shuttle_marl.exact.optimal import Solution, best_response
@@ -74,8 +73,7 @@ def over(
     """
     if len(games) < 2:
         raise ExactError(f"an interval needs at least 2 refits of the game, found {len(games)}; skip it with --no-away")
-    with ThreadPoolExecutor(at_once or min(len(games), os.cpu_count() or 1)) as threads:
-        found = list(threads.map(figures, games))
+    found = list(in_threads(figures, games, at_once))
     return {name: spread([each[name] for each in found]) for name in found[0]}
 
 

@@ -8,17 +8,16 @@ import contextlib
 import functools
 import hashlib
 import logging
-import os
 import sqlite3
 import struct
 import zlib
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
+from shuttle_marl.base.cluster import in_threads
 from shuttle_marl.base.files import cache_folder
 from shuttle_marl.exact.fixed_point import TOLERANCE
 from shuttle_marl.exact.match import Odds
@@ -100,8 +99,7 @@ def best_odds(policies: Sequence[TabulatedPolicy], *, tolerance: float = TOLERAN
     by_key = dict(zip(keys, policies, strict=True))
 
     def solve(wanted: Sequence[bytes]) -> list[Odds]:
-        with ThreadPoolExecutor(os.cpu_count()) as threads:
-            return list(threads.map(lambda key: best_response(by_key[key], tolerance=tolerance).value.odds(), wanted))
+        return list(in_threads(lambda key: best_response(by_key[key], tolerance=tolerance).value.odds(), wanted))
 
     return _cached(keys, solve)
 
@@ -132,8 +130,7 @@ def restricted_odds(
         return restricted_value(player, opponent, p, tolerance=tolerance).odds()
 
     def solve(wanted: Sequence[bytes]) -> list[Odds]:
-        with ThreadPoolExecutor(os.cpu_count()) as threads:
-            return list(threads.map(value, wanted))
+        return list(in_threads(value, wanted))
 
     return _cached(keys, solve)
 

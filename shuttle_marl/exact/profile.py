@@ -2,14 +2,13 @@
 
 import dataclasses
 import itertools
-import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from typing import Protocol, TypeVar
 
 import numpy as np
 
 from shuttle_marl.base.arrays import F64
+from shuttle_marl.base.cluster import in_threads
 from shuttle_marl.exact.fixed_point import FIRST_RALLY_STATE, TOLERANCE, ExactError
 from shuttle_marl.exact.match import Odds
 from shuttle_marl.exact.solver import BlockLinear, ProfileValue, solve_players
@@ -232,18 +231,17 @@ def odds_of_pairs(
     progress: Callable[[], object] | None = None,
 ) -> list[tuple[Odds, Odds]]:
     """Odds of both policies of each pair of indices, solved on all cores; arguments and errors as for :func:`crossplay`."""
-    with ThreadPoolExecutor(os.cpu_count()) as threads:
-        chains = list(threads.map(induced, policies))
+    chains = list(in_threads(induced, policies))
 
-        def solve(pair: tuple[int, int]) -> tuple[Odds, Odds]:
-            value = evaluate_chains(chains[pair[0]], chains[pair[1]], tolerance=tolerance)
-            return value.odds(0), value.odds(1)
+    def solve(pair: tuple[int, int]) -> tuple[Odds, Odds]:
+        value = evaluate_chains(chains[pair[0]], chains[pair[1]], tolerance=tolerance)
+        return value.odds(0), value.odds(1)
 
-        found = []
-        for odds in threads.map(solve, pairs):
-            found.append(odds)
-            if progress is not None:
-                progress()
+    found = []
+    for odds in in_threads(solve, pairs):
+        found.append(odds)
+        if progress is not None:
+            progress()
     return found
 
 

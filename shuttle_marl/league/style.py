@@ -1,13 +1,12 @@
 """Styles of policies: similarity to human play and shot mix, computed exactly from their tables."""
 
 import dataclasses
-import os
 from collections.abc import Mapping
-from concurrent.futures import ThreadPoolExecutor
 from typing import Final
 
 import numpy as np
 
+from shuttle_marl.base.cluster import in_threads
 from shuttle_marl.game.policy import PolicyError
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import Game
@@ -73,5 +72,4 @@ def styles(game: Game, tables: Mapping[str, TabulatedPolicy]) -> dict[str, Style
             },
         )
 
-    with ThreadPoolExecutor(os.cpu_count()) as threads:
-        return dict(zip(tables, threads.map(style, tables.values()), strict=True))
+    return dict(zip(tables, in_threads(style, tables.values()), strict=True))

@@ -2,14 +2,13 @@
 
 import collections
 import dataclasses
-import os
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from typing import Final
 
 import numpy as np
 
 from shuttle_marl.base.arrays import F64
+from shuttle_marl.base.cluster import in_threads
 from shuttle_marl.base.files import Count, Sha256
 from shuttle_marl.exact.match import Odds
 from shuttle_marl.exact.profile import InducedChain, evaluate_chains, induced
@@ -70,10 +69,9 @@ class Payoffs:
         missing = [pair for pair in missing if pair[0] != pair[1]]
         for chunk in (missing[i : i + 8] for i in range(0, len(missing), 8)):
             chains = [(self._chain(a), self._chain(b)) for a, b in chunk]
-            with ThreadPoolExecutor(os.cpu_count()) as threads:
-                for pair, odds in zip(chunk, threads.map(_solve, chains), strict=True):
-                    self._cells[pair] = odds
-                    self.solved += 1
+            for pair, odds in zip(chunk, in_threads(_solve, chains), strict=True):
+                self._cells[pair] = odds
+                self.solved += 1
         return [self._odds(policy, other) for other in others]
 
     def _odds(self, policy: str, other: str) -> Odds:
