@@ -11,11 +11,68 @@ from shuttle_marl.commands import cli
 from shuttle_marl.commands.options import RallyGameOptions
 
 if TYPE_CHECKING:
+    import pyarrow as pa
+
     from shuttle_marl.analysis.summary import Summary
 
 _MODEL: Final = RallyGameOptions()
 _SHOWN: Final = 12
 _PICTURED: Final = 3
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class RallyFilter:
+    """The rallies that count.
+
+    Attributes:
+        rallies: approximate number of rallies sampled from a log, the same number from each pairing.
+        games: numbers of the games that count, from 1; default: all.
+        leading: least and most points of the player who leads before a rally that counts, such as 18 29 for the ends of games.
+        server: name of the server of the rallies that count.
+        length: least and most strokes of a rally that counts.
+    """
+
+    rallies: int = 20_000
+    games: tuple[int, ...] = ()
+    leading: tuple[int, int] | None = None
+    server: str | None = None
+    length: tuple[int, int] | None = None
+
+    def of(self, strokes: "pa.Table") -> "pa.Table":
+        """The strokes of the rallies that count, of schema :data:`shuttle_marl.data.schema.STROKES` with rallies in order.
+
+        Raises:
+            AnalysisError: no rally is left.
+        """
+        import numpy as np  # noqa: PLC0415  these keep --help quick
+        import pyarrow  # noqa: PLC0415  `pa` is for types
+
+        from shuttle_marl.analysis import AnalysisError, rally_table  # noqa: PLC0415
+
+        rallies = rally_table(strokes)
+        first, length = (rallies[name].to_numpy() for name in ("first", "length"))
+        kept = np.ones(len(rallies), np.bool_)
+        if self.games:
+            kept &= np.isin(rallies["game"].to_numpy(), self.games)
+        if self.server is not None:
+            kept &= rallies["server"].to_numpy(zero_copy_only=False) == self.server
+        if self.length is not None:
+            kept &= (length >= self.length[0]) & (length <= self.length[1])
+        if self.leading is not None:
+            # The table has the points after the rally; without a winner or points those before it are not known.
+            players, winner = (
+                table[name].to_numpy(zero_copy_only=False).astype(object)
+                for table, name in ((strokes.take(pyarrow.array(first)), "player"), (rallies, "winner"))
+            )
+            own, other = (
+                strokes[name].to_numpy(zero_copy_only=False).astype(np.float64)[first] for name in ("points", "points_opponent")
+            )
+            won = winner == players
+            leader = np.where(winner == None, np.nan, np.maximum(own - won, other - ~won))  # noqa: E711  an array of objects
+            kept &= (leader >= self.leading[0]) & (leader <= self.leading[1])
+        if not kept.any():
+            raise AnalysisError(f"no rally of {len(rallies):,} is left by {self}; ask for less")
+        return strokes.filter(pyarrow.array(np.repeat(kept, np.diff([*first, strokes.num_rows]))))
 
 
 def analysis(
@@ -25,11 +82,7 @@ def analysis(
     out: Path | None = None,
     reference: str = "bc",
     model: tyro.conf.OmitArgPrefixes[RallyGameOptions] = _MODEL,
-    rallies: int = 20_000,
-    games: tuple[int, ...] = (),
-    leading: tuple[int, int] | None = None,
-    server: str | None = None,
-    length: tuple[int, int] | None = None,
+    rallies: tyro.conf.OmitArgPrefixes[RallyFilter] = RallyFilter(),
     anonymous: bool = False,
     json: bool = False,
 ) -> None:
@@ -41,29 +94,24 @@ def analysis(
         out: folder for pictures and tables of rallies and strokes, as Parquet and CSV files.
         reference: policy whose play the values assume.
         model: game on which values are computed.
-        rallies: approximate number of rallies sampled from a log, the same number from each pairing.
-        games: numbers of the games that count, from 1; default: all.
-        leading: least and most points of the player who leads before a rally that counts, such as 18 29 for the ends of games.
-        server: name of the server of the rallies that count.
-        length: least and most strokes of a rally that counts.
+        rallies: the rallies that count.
         anonymous: replace the names of players and matches by pseudonyms.
         json: print JSON.
     """
     from shuttle_marl.analysis import add_values_of_pairs, rally_table, strokes_of, summarise  # noqa: PLC0415
-    from shuttle_marl.analysis.summary import RallyFilter, players_of  # noqa: PLC0415
+    from shuttle_marl.analysis.summary import players_of  # noqa: PLC0415
     from shuttle_marl.base import table_files  # noqa: PLC0415  keeps --help fast
     from shuttle_marl.base.files import replace_file  # noqa: PLC0415
     from shuttle_marl.data import anonymised, named  # noqa: PLC0415
 
     tables = model.load_for(path).seats[0].average
-    chosen = RallyFilter(games=games, leading=leading, server=server, length=length)
-    valued = chosen.of(add_values_of_pairs(strokes_of(path, rallies=rallies), reference, tables))
+    valued = rallies.of(add_values_of_pairs(strokes_of(path, rallies=rallies.rallies), reference, tables))
     played = dict(zip(*valued.select(["match", "value_game"]).to_pydict().values(), strict=True))
     if anonymous:
         valued = anonymised(valued.drop_columns("value_game"))  # which names the pair
     summaries = {name: summarise(valued, name) for name in players_of(valued)[:_SHOWN]}
     if against is not None:
-        others = add_values_of_pairs(strokes_of(against, rallies=rallies), reference, tables)
+        others = add_values_of_pairs(strokes_of(against, rallies=rallies.rallies), reference, tables)
         summaries[against.resolve().name] = summarise(others)
     if out is not None:
         for kind, table in (("strokes", valued), ("rallies", rally_table(valued))):

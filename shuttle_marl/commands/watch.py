@@ -108,6 +108,21 @@ class TagOptions:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
+class OutputOptions:
+    """Files that are written.
+
+    Attributes:
+        record: folder for the logs of rallies that you play.
+        video: render the rally to this file (.mp4 or .webm) without a screen, and exit.
+        save_site: write the match, or the recorded rallies, as static files to this folder, for any web server, and exit.
+    """
+
+    record: Path = Path("runs/watch")
+    video: Path | None = None
+    save_site: Path | None = None
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
 class ServerOptions:
     """The server of the page.
 
@@ -130,9 +145,7 @@ def watch(
     rallies: tyro.conf.OmitArgPrefixes[RallyOptions] = RallyOptions(),
     tagging: tyro.conf.OmitArgPrefixes[TagOptions] = TagOptions(),
     appearance: tyro.conf.OmitArgPrefixes[Appearance] = _APPEARANCE,
-    record: Path = Path("runs/watch"),
-    video: Path | None = None,
-    save_site: Path | None = None,
+    output: tyro.conf.OmitArgPrefixes[OutputOptions] = OutputOptions(),
     model: tyro.conf.OmitArgPrefixes[RallyGameOptions] = _GAME,
     server: tyro.conf.OmitArgPrefixes[ServerOptions] = ServerOptions(),
 ) -> None:
@@ -143,9 +156,7 @@ def watch(
         rallies: recorded rallies instead of a match.
         tagging: a video whose strokes are entered, instead of a match.
         appearance: appearance of the players.
-        record: folder for the logs of rallies that you play.
-        video: render the rally to this file (.mp4 or .webm) without a screen, and exit.
-        save_site: write the match, or the recorded rallies, as static files to this folder, for any web server, and exit.
+        output: files that are written.
         model: the game.
         server: server of the page.
     """
@@ -156,8 +167,8 @@ def watch(
     from shuttle_marl.watch.server import Server, application, bind, check_video, hosts_of  # noqa: PLC0415
     from shuttle_marl.watch.stager import Stager  # noqa: PLC0415
 
-    console = cli.console(stderr=True)
-    if video is not None and save_site is not None:
+    console, video = cli.console(stderr=True), output.video
+    if video is not None and output.save_site is not None:
         raise WatchError("--video and --save-site: give one of them")
     if video is not None:
         check_video(video)
@@ -171,12 +182,12 @@ def watch(
         raise WatchError(str(error)) from error
     with (
         contextlib.closing(bind(server.host, server.port)) as listener,
-        contextlib.closing(MatchLog(record, policies.game, policies)) as log,
+        contextlib.closing(MatchLog(output.record, policies.game, policies)) as log,
     ):
         stager = Stager(appearance.athletes, appearance.hands)
         answers = Answers(policies, plan, stager, recorded=recorded, first=first, log=log, tags=tags)
-        if save_site is not None:
-            _save_site(save_site, page, answers)
+        if output.save_site is not None:
+            _save_site(output.save_site, page, answers)
             return
         host = f"[{server.host}]" if ":" in server.host else server.host
         address = f"http://{host}:{listener.getsockname()[1]}/"

@@ -12,7 +12,8 @@ import pytest
 from experiments import stroke_value
 from shuttle_marl.analysis import AnalysisError, pictures, rally_table, strokes_of, strokes_of_log, summarise
 from shuttle_marl.analysis.strokes import stroke_table
-from shuttle_marl.analysis.summary import ENDINGS, RallyFilter, _sample, players_of
+from shuttle_marl.analysis.summary import ENDINGS, _sample, players_of
+from shuttle_marl.commands.analysis import RallyFilter
 from shuttle_marl.commands.analysis import main as analysis
 from shuttle_marl.commands.options import RallyGameOptions
 from shuttle_marl.commands.recording import main as recording
