@@ -2,7 +2,7 @@
 and of the matches between all players of a discipline, each pair in its own game, with imitated policies, solved exactly.
 
 The interval of a prediction contains the uncertainty of the players' skill: the posterior deviations of the offsets, by the
-derivatives of the result (:mod:`shuttle_marl.exact.sensitivity`). It does not contain that of the average game, nor the form of
+derivatives of the result (:mod:`shuttle_marl.exact.occupancy`). It does not contain that of the average game, nor the form of
 the day.
 """
 

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from shuttle_marl.exact.away import Spread
     from shuttle_marl.exact.fixed_point import TOLERANCE, ExactError
     from shuttle_marl.exact.match import Odds, least_gain
-    from shuttle_marl.exact.occupancy import Visits, visits
+    from shuttle_marl.exact.occupancy import Sensitivity, Visits, sensitivity, visits
     from shuttle_marl.exact.optimal import (
         Exploitability,
         Response,
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     )
     from shuttle_marl.exact.profile import Crossplay, PairPolicy, StatePolicy, crossplay, evaluate, moved
     from shuttle_marl.exact.regret import Hole, Holes, Regret, holes, policy_regret
-    from shuttle_marl.exact.sensitivity import Sensitivity, sensitivity
     from shuttle_marl.exact.solver import ProfileValue
 
 __all__ = [
@@ -71,7 +70,7 @@ __getattr__, __dir__, _ = lazy_loader.attach(
         "away": ("Spread",),
         "fixed_point": ("TOLERANCE", "ExactError"),
         "match": ("Odds", "least_gain"),
-        "occupancy": ("Visits", "visits"),
+        "occupancy": ("Sensitivity", "Visits", "sensitivity", "visits"),
         "optimal": (
             "Exploitability",
             "Response",
@@ -87,7 +86,6 @@ __getattr__, __dir__, _ = lazy_loader.attach(
         ),
         "profile": ("Crossplay", "PairPolicy", "StatePolicy", "crossplay", "evaluate", "moved"),
         "regret": ("Hole", "Holes", "Regret", "holes", "policy_regret"),
-        "sensitivity": ("Sensitivity", "sensitivity"),
         "solver": ("ProfileValue",),
     },
 )

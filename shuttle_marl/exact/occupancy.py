@@ -1,14 +1,27 @@
-"""Expected visits of a profile to states and strokes, the length of its rallies, and their endings."""
+"""Expected visits of a profile to states and strokes, the length of its rallies, and their endings; and derivatives of the
+probability of winning a rally by the log-odds of faults, returns and contacts.
+
+With f the probability of a fault, r that of a good stroke to be returned, a that of a return to be met above the net, and B and A
+the values of the next states to the receiver with contact below and above, on average over whether the receiver is hurried, the
+value of a stroke to its striker is
+
+    Q = -f + (1 - f) ((1 - r) - r C),        C = (1 - a) B + a A,
+
+and a probability p changes by p (1 - p) with its log-odds. A change of the outcomes of strokes changes the value of a rally by
+the change of Q in every state, weighted by the expected visits (the derivative of a fixed point; policies do not change).
+"""
 
 import dataclasses
 import functools
-from typing import Final, Literal
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 
-from shuttle_marl.base.arrays import F64
+from shuttle_marl.base.arrays import F64, I8, I32, U8, U16
+from shuttle_marl.base.compiling import compiled
 from shuttle_marl.exact.fixed_point import ROUNDING, TOLERANCE, solve_linear
-from shuttle_marl.exact.profile import InducedChain, StatePolicy, check_opponents, induced
+from shuttle_marl.exact.profile import InducedChain, StatePolicy, check_opponents, evaluate_chains, induced
+from shuttle_marl.exact.solver import ProfileValue, successors
 from shuttle_marl.exact.sweeps import propagate
 from shuttle_marl.game.stroke import N_SHOTS
 from shuttle_marl.game.tables import ROOT
@@ -119,3 +132,99 @@ def visits(
     )
     first = start[0] + np.maximum(z, 0.0)  # conjugate residuals leave values of -1e-20
     return Visits(policies=(policy, opponent), states=(first, start[1] + backward[0](first)), error_bound=error)
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Sensitivity:
+    """A profile, and how its result depends on the outcomes of strokes.
+
+    Attributes:
+        value: exact values of player 0 against player 1.
+        win: ``[2, 3, 13]`` derivative of the probability that player 0 wins a rally, both serving equally often, by the log-odds
+            of a fault, of a return, and of a contact above, in the strokes of player 0 and of player 1, by shot type.
+    """
+
+    value: ProfileValue
+    win: F64
+
+
+class _Strokes(NamedTuple):
+    """Strokes of a block.
+
+    Attributes:
+        limits: ``[base pairs, 3]`` thresholds.
+        hurry: ``[base pairs, 2]`` probability of a hurried receiver, in units of 1/256.
+        pair_start: ``[base states + 1]`` first pair of each state.
+        edge: ``[base pairs]`` edge that follows.
+        attack: ``[edges]`` whether its stroke is an attack.
+        shot: ``[base pairs]`` shot type.
+    """
+
+    limits: U16
+    hurry: U8
+    pair_start: I32
+    edge: I32
+    attack: I8
+    shot: I8
+
+
+@compiled
+def _add(visited: F64, chance: F64, strokes: _Strokes, plain: F64, after: F64, out: F64) -> None:
+    """Add the derivatives of the values of a block's strokes, weighted by visits.
+
+    Args:
+        visited: ``[base states]`` visits.
+        chance: ``[base pairs]`` probability of each legal pair given its state.
+        strokes: the strokes.
+        plain, after: ``[base states]`` values of the next block after a stroke that is no attack and after an attack.
+        out: ``[3, 13]`` the result.
+    """
+    limits, hurry, pair_start, edge, attack, shot = strokes
+    for s in range(visited.size):
+        if visited[s] == 0.0:
+            continue
+        for k in range(pair_start[s], pair_start[s + 1]):
+            fault, winner, below = limits[k, 0] / 65536.0, limits[k, 1] / 65536.0, limits[k, 2] / 65536.0
+            good, returned = 1.0 - fault, 1.0 - winner
+            following, first = after if attack[edge[k]] else plain, 4 * edge[k]
+            lower = following[first] + hurry[k, 0] / 256.0 * (following[first + 2] - following[first])
+            upper = following[first + 1] + hurry[k, 1] / 256.0 * (following[first + 3] - following[first + 1])
+            above = (1.0 - below) / returned
+            later = (1.0 - above) * lower + above * upper
+            weight, back = visited[s] * chance[k], returned / good
+            out[0, shot[k]] -= weight * fault * good * (1.0 + (1.0 - back) - back * later)
+            out[1, shot[k]] -= weight * good * back * (1.0 - back) * (1.0 + later)
+            out[2, shot[k]] -= weight * returned * above * (1.0 - above) * (upper - lower)
+
+
+def sensitivity(policy: StatePolicy, opponent: StatePolicy, *, tolerance: float = TOLERANCE) -> Sensitivity:
+    """Derivatives of the probability of winning a rally by the log-odds of the outcomes of strokes.
+
+    Args:
+        policy: of player 0.
+        opponent: of player 1.
+        tolerance: largest acceptable error bound of a value.
+
+    Raises:
+        ExactError: the two games have different layouts, or play may never end.
+    """
+    check_opponents(policy.game, opponent.game)
+    chains = induced(policy), induced(opponent)
+    value = evaluate_chains(*chains, tolerance=tolerance)
+    seen = visits(policy, opponent, tolerance=tolerance, chains=chains)
+    win = np.zeros((2, 3, N_SHOTS))
+    for player, played in enumerate((policy, opponent)):
+        game, following = played.game, value.striking[1 - player]
+        shot = game.catalogue.shot[game.base_pair_stroke]
+        tables = (game.hurry, game.base_pair_start, game.base_pair_edge, game.edge_attack.view(np.int8), shot)
+        for block in range(game.n_blocks):
+            _add(
+                np.ascontiguousarray(seen.states[player][game.block_states(block)]),
+                played.block_probabilities(block),
+                _Strokes(game.limits[block // game.levels], *tables),
+                *successors(game, following, block),
+                win[player],
+            )
+    # Values lie between -1 and 1, and those of player 1 count against player 0.
+    win *= np.array([0.5, -0.5])[:, None, None]
+    return Sensitivity(value=value, win=win)
