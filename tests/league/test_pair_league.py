@@ -20,7 +20,7 @@ from shuttle_marl.game.pairs import pair_game
 from shuttle_marl.game.shipped import model_folder
 from shuttle_marl.game.skill import Skill, load_skill
 from shuttle_marl.game.tabulated import tabulate
-from shuttle_marl.league.entrants import LeagueConfig, LeagueError
+from shuttle_marl.league.entrants import LeagueConfig
 from shuttle_marl.league.run import run_league
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording import RallyLog
