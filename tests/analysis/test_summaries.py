@@ -143,16 +143,12 @@ def test_pictures(valued: pa.Table, tmp_path: Path) -> None:
         "landings.png": pictures.landings(found, summarise(valued), "all together"),
         "replies.svg": pictures.transitions(found["bc"], "bc"),
         "shots.pdf": pictures.shot_mix(found),
-        "rally.png": stroke_value.draw_rally(valued, 0, int(rally_table(valued)["length"][0].as_py())),
     }
     for name, figure in drawn.items():
         pictures.save(figure, tmp_path / name)
         assert (tmp_path / name).stat().st_size > 5000
     with pytest.raises(AnalysisError, match="pictures are written as"):
         pictures.save(drawn["landings.png"], tmp_path / "landings.bmp")
-    unknown = valued.set_column(valued.column_names.index("win_after"), "win_after", pa.nulls(valued.num_rows, pa.float64()))
-    with pytest.raises(AnalysisError, match="not known"):
-        stroke_value.draw_rally(unknown, 0, 2)
 
 
 def test_rallies_are_chosen_by_game_score_server_and_length() -> None:
