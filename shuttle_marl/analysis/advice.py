@@ -40,6 +40,8 @@ LEAST_REFITS: Final = 5
 """Number of refits below which nothing is advised."""
 LEAST_GAIN: Final = 0.0003
 """Least gain in rallies won per rally, in the mean over the refits."""
+_ALIKE: Final = 2
+"""Most pieces of advice for one shot type: five times the smash is one piece of advice."""
 _LEAST_COVERED: Final = 0.5
 """Least part of a situation in which the advised stroke is legal and has enough real strokes behind it."""
 N_SITUATIONS: Final = 2 * N_SHOTS * N_AREAS + 1
@@ -219,7 +221,7 @@ def _gains(meeting: Meeting, seat: int, allowed: Bools, key: I64, size: int) -> 
 def advise(
     found: Refitted, seat: int = 0, *, most: int = 5, at_least: float = RELIABLE, average: Meeting | None = None
 ) -> list[Advice]:
-    """Strokes that a player should play against the other one, one for each situation.
+    """Strokes that a player should play against the other one, one for each situation, and of a shot type no more than two.
 
     The first ones gain most, what they gain more than against the average player counted twice.
 
@@ -253,10 +255,13 @@ def advise(
     compared = np.full(size, np.nan) if average is None else _gains(average, seat, allowed, key, size)
     special = 0.0 if average is None else (gain - compared).reshape(score.shape)[np.arange(N_SITUATIONS), best]
     value = score[np.arange(N_SITUATIONS), best] + special
-    advised = []
-    for number in np.argsort(-value, kind="stable")[:most].tolist():
-        if not np.isfinite(value[number]):
+    advised: list[Advice] = []
+    shots = game.catalogue.shot[best]
+    for number in np.argsort(-value, kind="stable").tolist():
+        if not np.isfinite(value[number]) or len(advised) == most:
             break
+        if sum(game.catalogue.shot[one.stroke] == shots[number] for one in advised) == _ALIKE:
+            continue
         chosen = number * game.n_strokes + int(best[number])
         pairs = np.flatnonzero(allowed & (key == chosen))
         states = of_pair[pairs].astype(np.int64)
