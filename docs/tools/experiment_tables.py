@@ -337,7 +337,8 @@ def advice_results() -> str:
     )
     return (
         f"{table}\n\nRallies won of 100, above the probability before the stroke; {result['advice']} pieces of advice for "
-        f"{result['matches']} {result['split']} matches; in brackets 95 % intervals. {_made_by(result)}."
+        f"{result['matches']} {result['split']} matches ({', '.join(f'{shot} {n}' for shot, n in result['shots'].items())}); in "
+        f"brackets 95 % intervals. {_made_by(result)}."
     )
 
 
