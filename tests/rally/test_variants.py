@@ -4,8 +4,6 @@ import json
 import lzma
 import pickle
 import shutil
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -250,20 +248,6 @@ def test_what_unpacks_to_more_than_a_table_is_refused_before_it_does() -> None:
     bomb = np.frombuffer(lzma.compress(bytes(10**8)), dtype=np.uint8)
     with pytest.raises(ValueError, match=f"a packed array of {5 * game.n_base_pairs + 1} bytes, expected"):
         unpacked(Tensors(header, {"1.steps": bomb, "1.fault_odds": game.fault_odds}), game, "1")
-
-
-def test_the_file_is_the_same_in_another_process(tmp_path: Path) -> None:
-    game = reduced_game()
-    games = {"men": shaken(game, 5), "1": shaken(game, 6)}
-    for name, each in {"game": game, **games}.items():
-        each.save(tmp_path / name)
-    code = (
-        "import sys; from pathlib import Path; from shuttle_marl.game.tables import Game; "
-        "from shuttle_marl.game.variants import packed; game, men, first = (Game.load(Path(name)) for name in sys.argv[1:]); "
-        "sys.stdout.buffer.write(packed(game, {'men': men, '1': first}))"
-    )
-    again = subprocess.run([sys.executable, "-c", code, "game", "men", "1"], check=True, capture_output=True, cwd=tmp_path)
-    assert again.stdout == packed(game, games)
 
 
 def test_models_with_the_same_tables_have_their_own_refits() -> None:

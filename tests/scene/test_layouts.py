@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from shuttle_marl.scene import topics
-from shuttle_marl.scene.board import CAMERAS, Camera, name_lines
+from shuttle_marl.scene.board import CAMERAS, Camera
 from shuttle_marl.scene.topics import BOARDS, WORLD
 from shuttle_marl.scene.write import LAYOUTS
 
@@ -58,18 +58,6 @@ def test_layouts_have_the_cameras_of_the_scoreboards(name: str) -> None:
         assert {topic for topic, setting in state["topics"].items() if not setting["visible"]} == set(BOARDS) - {camera.board}
 
 
-@pytest.mark.parametrize("name", ["layout.lichtblick.json", "match.lichtblick.json"])
-def test_every_panel_of_lichtblick_is_configured(name: str) -> None:
-    document = DOCUMENTS[name]
-    tabs = [tab["layout"] for tab in document["configById"]["Tab!cameras"]["tabs"]]
-
-    def panels(node: Any) -> list[str]:
-        return [node] if isinstance(node, str) else panels(node["first"]) + panels(node["second"])
-
-    assert len(tabs) == 3
-    assert sorted(panels(document["layout"]) + tabs) == sorted(document["configById"])
-
-
 @pytest.mark.parametrize("camera", CAMERAS, ids=lambda camera: camera.title)
 def test_scoreboards_are_in_the_picture_of_their_camera(camera: Camera) -> None:
     """Seen from the camera, as three.js projects it: in the upper left quarter, with room for half a board."""
@@ -83,17 +71,3 @@ def test_scoreboards_are_in_the_picture_of_their_camera(camera: Camera) -> None:
     half = np.tan(np.radians(camera.fovy / 2)) * (seen @ ahead)
     assert seen @ right / half == pytest.approx(-0.95)
     assert seen @ np.cross(right, ahead) / half == pytest.approx(0.58)
-
-
-@pytest.mark.parametrize("name", ["bc", "agent:" + "a-long-folder/" * 3 + "player", "x" * 300])
-def test_names_of_any_length_fit(name: str) -> None:
-    lines = name_lines(name)
-    assert all(len(line) <= 22 for line in lines)
-    assert len(lines) <= 3
-    if len(name) < 60:
-        assert "".join(lines) == name
-
-
-def test_the_layout_of_a_match_does_not_plot_single_rallies() -> None:
-    assert "rally_win_0" not in json.dumps(DOCUMENTS["match.lichtblick.json"])
-    assert "rally_win_0" in json.dumps(DOCUMENTS["layout.lichtblick.json"])

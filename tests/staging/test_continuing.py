@@ -92,33 +92,6 @@ def test_waiting_takes_any_time_and_ends_in_any_frame(played: list[Rally]) -> No
     sound(served)
 
 
-def test_the_same_arguments_continue_a_motion_the_same_way(played: list[Rally]) -> None:
-    rally = played[2]
-    opened = stage(prefix(rally, 1), seed=4)
-    first, second = (continue_motion(opened, rally, seed=4) for _ in range(2))
-    for name in SAME:
-        np.testing.assert_array_equal(getattr(first, name), getattr(second, name))
-
-
-def test_a_continued_motion_is_packed_from_the_branch(played: list[Rally]) -> None:
-    rally = played[3]
-    opened = stage(prefix(rally, 1), seed=4)
-    whole = continue_motion(opened, rally, seed=4)
-    branch = int(opened.contact_frame[0])
-    shown = Motion.unpack(opened.pack())
-    again = Motion.unpack(whole.pack(branch), shown)
-    np.testing.assert_allclose(again.position, whole.position, atol=1e-3)
-    np.testing.assert_allclose(again.shuttle, whole.shuttle, atol=1e-3)
-
-
-def test_a_jump_at_the_branch_would_be_seen(played: list[Rally]) -> None:
-    """Staging the longer rally by itself does not fulfil what `joins` asks for."""
-    rally = next(rally for rally in played if len(rally) > 5)
-    motion = stage(prefix(rally, 3), seed=4)
-    with pytest.raises(AssertionError):
-        joins(motion, stage(rally, seed=5), int(motion.contact_frame[2]))
-
-
 def test_what_cannot_be_continued(played: list[Rally]) -> None:
     rally = next(rally for rally in played if len(rally) > 3)
     motion = stage(prefix(rally, 2), seed=0)

