@@ -45,19 +45,9 @@ def breaches(motion: Motion, umpire: Umpire) -> Breaches:
     return out
 
 
-def test_the_umpire_counts_as_the_game_does() -> None:
-    for rally, umpire in played():
-        assert (umpire.server, tuple(umpire.points), tuple(umpire.games)) == (rally.server, rally.points, rally.games)
-        assert umpire.swapped is rally.ends_changed
-
-
-def test_staged_rallies_break_no_rule(found: list[tuple[Motion, Umpire]]) -> None:
-    for motion, umpire in found:
-        assert breaches(motion, umpire) == NONE
-
-
 def test_wrong_courts_and_ends_are_seen(found: list[tuple[Motion, Umpire]]) -> None:
     for motion, umpire in found:
+        assert breaches(motion, umpire) == NONE
         other = dataclasses.replace(umpire, points=[point + 1 for point in umpire.points])
         assert breaches(motion, other) == dataclasses.replace(NONE, wrong_service_court=1)
         other = dataclasses.replace(umpire, swapped=not umpire.swapped)
@@ -65,11 +55,3 @@ def test_wrong_courts_and_ends_are_seen(found: list[tuple[Motion, Umpire]]) -> N
         place = motion.position.copy()
         place[motion.contact_frame[0], 1 - motion.trajectory.rally.server, :, 0] *= -1  # the receiver faces the server
         assert breaches(dataclasses.replace(motion, position=place), umpire) == dataclasses.replace(NONE, wrong_service_court=1)
-
-
-def test_double_hits_are_seen(found: list[tuple[Motion, Umpire]]) -> None:
-    motion, umpire = found[0]
-    frames = motion.contact_frame.copy()
-    frames[1] = frames[0] + 1
-    again = dataclasses.replace(motion, contact_frame=frames)
-    assert breaches(again, umpire).double_hits == 2, "three strokes in a row by the same player"

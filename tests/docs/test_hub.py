@@ -38,10 +38,6 @@ def test_agents_play_from_their_folders(folder: Path) -> None:
     names = sorted(path.name for path in (model_folder() / AGENTS).iterdir())
     assert [entry["name"] for entry in front["model-index"]] == names
     assert all(f"| `{name}` |" in body for name in names)
-    stated = json.loads((folder / "agents/ppo/card.json").read_text())["evaluation"]
-    (result,) = front["model-index"][names.index("ppo")]["results"]
-    for metric in result["metrics"]:
-        assert metric["value"] == pytest.approx(stated[metric["type"]], abs=1e-6)
 
 
 @pytest.mark.parametrize("name", ["sample", "suite"])

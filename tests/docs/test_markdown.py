@@ -56,10 +56,6 @@ def broken(page: Path) -> list[str]:
     return wrong
 
 
-def test_there_are_pages() -> None:
-    assert {page.relative_to(ROOT).as_posix() for page in PAGES} >= {"README.md", "CONTRIBUTING.md", "docs/index.md"}
-
-
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
 def test_relative_links_and_images_exist(page: Path) -> None:
     assert broken(page) == []
@@ -79,17 +75,6 @@ def test_index_lists_every_page_of_the_documentation() -> None:
     index = ROOT / "docs" / "index.md"
     listed = {(index.parent / urlsplit(target).path).resolve() for target in targets(index)}
     assert {page for page in ROOT.glob("docs/**/*.md") if page != index} <= listed
-
-
-def test_broken_links_are_found(tmp_path: Path) -> None:
-    page = tmp_path / "page.md"
-    (tmp_path / "other.md").write_text("# A heading, `with` code!\n", encoding="utf-8")
-    page.write_text(
-        "[good](other.md#a-heading-with-code) [web](https://example.org) [here](#top)\n\n# Top\n"
-        '[gone](gone.md) ![picture](no.png) [no heading](other.md#b) <img src="nothing.svg">\n',
-        encoding="utf-8",
-    )
-    assert broken(page) == ["gone.md", "no.png", "other.md#b", "nothing.svg"]
 
 
 def test_the_runner_runs_python_and_marked_bash(tmp_path: Path) -> None:

@@ -1,7 +1,6 @@
 """How tables are made: every one is listed once, and another result is noticed."""
 
 import json
-import math
 import os
 from collections import Counter
 from pathlib import Path
@@ -10,10 +9,8 @@ import pytest
 
 from docs.tools import reproduce, tables
 from docs.tools.markdown import ROOT
-from docs.tools.reproduce import Result, differences
+from docs.tools.reproduce import Result
 from shuttle_marl.base.errors import ShuttleError
-
-SAVED = {"value": 2.0, "names": ["a"], "rows": [1, 2.0], "won": True, "seconds": 3, "none": None}
 
 
 def test_every_table_is_listed_once() -> None:
@@ -49,26 +46,6 @@ def test_every_result_file_is_made_by_a_command() -> None:
 def test_a_table_is_made_again(table: str) -> None:
     """Continuous integration also makes `ranking`, `ranking_short` and `paths` again: ``docs.tools.tables --check``."""
     assert reproduce.check(table) == []
-
-
-@pytest.mark.parametrize(
-    ("change", "tolerance", "found"),
-    [
-        ({}, 0.0, []),
-        ({"seconds": 9}, 0.0, []),
-        ({"value": 2.1}, 0.05, []),
-        ({"value": 2.2}, 0.05, [".value: 2, now 2.2"]),
-        ({"value": 2.0000001}, 0.0, [".value: 2, now 2"]),
-        ({"rows": [1]}, 0.5, [".rows: 2 entries, now 1"]),
-        ({"names": ["b"]}, 0.5, [".names[0]: 'a', now 'b'"]),
-        ({"won": False}, 9.0, [".won: True, now False"]),
-        ({"none": 1.0}, 9.0, [".none: None, now 1.0"]),
-        ({"value": math.inf}, 0.5, [".value: 2, now inf"]),
-        ({"more": 1}, 0.0, [".more: only in the new result"]),
-    ],
-)
-def test_differences(change: dict, tolerance: float, found: list[str]) -> None:
-    assert differences(SAVED, {**SAVED, **change}, tolerance)[0] == found
 
 
 def result(command: str) -> Result:

@@ -5,47 +5,15 @@ import gzip
 import json
 import re
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 import shuttle_marl
 from docs.tools import command_reference, croissant, live_pages, notebooks, site
 from docs.tools.markdown import ROOT
-from shuttle_marl.__main__ import COMMANDS
 from shuttle_marl.staging import model_file
 from shuttle_marl.watch.messages import Request
 from shuttle_marl.watch.plan import Plan
-
-INDEX = """# Title
-
-[before](before.md)
-
-## One
-
-- [A](a.md): text, [again](a.md), [web](https://example.org/x.md).
-- [B](../B.md)
-
-## Two
-
-[A](a.md) and [C](sub/c.md#part) and [C](sub/c.md)
-"""
-
-
-def test_navigation_is_that_of_the_index() -> None:
-    assert list(site.sections(INDEX)) == [("One", ["a", "../B"]), ("Two", ["sub/c"])]
-    source = [INDEX]
-    app: Any = SimpleNamespace(extensions={})
-    site.add_navigation(app, "docs/other", source)
-    assert source == [INDEX]
-    site.add_navigation(app, "docs/index", source)
-    assert re.findall(r":caption: (.*)\n:maxdepth: 1\n\n((?:.+\n)+?)```", source[0])[:2] == [
-        ("One", "a\n../B\n"),
-        ("Two", "sub/c\n"),
-    ]
 
 
 def test_every_page_of_the_site_is_in_the_navigation() -> None:
@@ -91,12 +59,6 @@ def test_the_page_of_commands_is_their_help() -> None:
     command_reference.main(check=True)
 
 
-def test_examples_are_of_commands() -> None:
-    forms = {form for command in COMMANDS for form, _ in command_reference.parts(command)}
-    assert set(command_reference.EXAMPLES) <= forms
-    assert all(text.startswith(form.replace(" --pairs", "")) for form, text in command_reference.EXAMPLES.items())
-
-
 def test_the_sample_is_described() -> None:
     croissant.main(check=True)
 
@@ -120,11 +82,6 @@ def decoded(text: str) -> bytes:
     if first >= 0:
         out.append((rest | first << bits) & 255)
     return bytes(out)
-
-
-@given(st.binary(max_size=300))
-def test_replies_in_a_page_decode(content: bytes) -> None:
-    assert decoded(live_pages.base91(content)) == content
 
 
 def test_a_page_with_rallies_holds_the_replies_of_the_server(tmp_path: Path) -> None:

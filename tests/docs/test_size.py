@@ -40,28 +40,6 @@ def root(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_modules_with_one_importer(root: Path) -> None:
-    assert [module.name for module in size.single_importers(size.modules(root))] == ["shuttle_marl.a.low"]
-
-
-CLASSES = """class Rally:
-    stroke: int
-    server: int
-class Stroke:
-    stroke: int
-    number: int
-def wide(self, a, b, c, d, e, f, g, h, *, i): ...
-def narrow(self, a, b, c, d, e, f, g, *, h): ...
-"""
-
-
-def test_rally_types_and_wide_functions(root: Path) -> None:
-    (root / "shuttle_marl/a/low.py").write_text(CLASSES, encoding="utf-8")
-    names = size.names_in(size.modules(root))
-    assert names["rally_types"] == ["shuttle_marl.a.low.Rally"]
-    assert names["wide_functions"] == ["shuttle_marl.a.low.wide"]
-
-
 COUNTED = '''"""A module."""
 # why
 
@@ -91,6 +69,7 @@ def test_code_and_shapes(root: Path) -> None:
         (package / name).parent.mkdir(exist_ok=True, parents=True)
         (package / name).write_text(text, encoding="utf-8")
     found = size.modules(root)
+    assert {module.name for module in size.single_importers(found)} >= {"shuttle_marl.league.journal"}
     names = size.names_in(found)
     assert found[package / "game/player.py"].code == 6
     assert names["rally_loops"] == ["shuttle_marl.game.player"]
@@ -99,8 +78,7 @@ def test_code_and_shapes(root: Path) -> None:
     assert size.circles(found, root) == ["shuttle_marl.a: low, top", "page: a, frame"]
 
 
-@pytest.mark.parametrize(("setup", "most", "file"), [(size.STROKE, 4, "tables.py")])
-def test_files_of_a_stroke(setup: str, most: int, file: str) -> None:
-    parts = size.files_of(ROOT, size.modules(ROOT), setup)
-    assert file in {path.name for path in parts}
-    assert len(parts) <= most, sorted(path.name for path in parts)
+def test_files_of_a_stroke() -> None:
+    parts = size.files_of(ROOT, size.modules(ROOT), size.STROKE)
+    assert "tables.py" in {path.name for path in parts}
+    assert len(parts) <= 4, sorted(path.name for path in parts)

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from experiments import human
-from experiments.truth.matches import Strokes, states_of, strokes_of
+from experiments.truth.matches import Strokes, strokes_of
 from shuttle_marl.analysis.strokes import simulate
-from shuttle_marl.data.schema import Outcome
 from shuttle_marl.exact import PairPolicy, solve_soft
 from shuttle_marl.policy import baselines
 from tests.reduced import reduced_game
@@ -35,21 +34,6 @@ def test_a_known_tau_is_found_again(strokes: Strokes) -> None:
     assert found["low"] <= TRUE_TAU <= found["high"] <= 0.2
     assert 0 < found["gain"]["low"] < found["gain"]["value"] < found["gain"]["high"]
     assert found["cross_entropy"] - found["gain"]["value"] == pytest.approx(losses[human.TAUS.index(TRUE_TAU)].mean())
-
-
-def test_the_target_of_a_fault_is_not_known(strokes: Strokes) -> None:
-    real = human.answers(GAME, strokes)
-    choices = np.bincount(real.row)
-    fault = real.strokes.rows.outcome == Outcome.FAULT
-    assert (choices[~fault] == 1).all()
-    assert choices[fault].mean() > 1.1
-    known = np.flatnonzero(~fault)[:50]
-    pair = real.pair[np.searchsorted(real.row, known)]
-    assert real.losses(PRIOR.probability)[known] == pytest.approx(-np.log(PRIOR.pair_probabilities()[pair]))
-    mine = real.of(real.strokes.rows.striker == "one")
-    assert set(mine.strokes.rows.striker) == {"one"}
-    assert np.array_equal(mine.losses(PRIOR.probability), real.losses(PRIOR.probability)[real.strokes.rows.striker == "one"])
-    assert np.array_equal(GAME.pair_state[mine.pair], states_of(GAME, mine.strokes.rows)[mine.row])
 
 
 def test_the_picture_and_the_tables(tmp_path: Path) -> None:

@@ -1,14 +1,11 @@
 """Two checkouts compared by what they compute."""
 
 import json
-import shutil
 from pathlib import Path
 
 import pytest
 
 from experiments import same_results
-from shuttle_marl.league.entrants import LeagueConfig
-from tests.tournaments import play_league
 
 ROOT = Path(__file__).parents[2]
 CHECKOUTS = (ROOT, ROOT)
@@ -32,40 +29,19 @@ def found(folders: tuple[Path, Path]) -> list[str]:
     return list(same_results.differences(*folders, CHECKOUTS))
 
 
-def test_times_and_manifests_may_differ(folders: tuple[Path, Path]) -> None:
-    assert found(folders) == []
-
-
 @pytest.mark.parametrize(
     ("name", "data"),
     [
         ("results.json", b'{"won": 0.4, "runs": [{"seconds": 1.0}]}'),
-        ("metrics.jsonl", b'{"loss": 1, "seconds": 1.0}\n{"loss": 3}\n'),
         ("metrics.jsonl", b'{"loss": 1, "seconds": 1.0}\n'),
         ("agent.safetensors", b"\xff\x01"),
     ],
 )
 def test_another_number_is_found(folders: tuple[Path, Path], name: str, data: bytes) -> None:
+    assert found(folders) == [], "times and manifests may differ"
     (folders[1] / "ppo" / "run" / name).write_bytes(data)
     (difference,) = found(folders)
     assert difference.startswith(f"ppo/run/{name}: differs")
-
-
-def test_a_log_may_have_other_bytes_but_no_other_strokes(tmp_path: Path) -> None:
-    folders = tmp_path / "before", tmp_path / "after"
-    for folder, pool in zip(folders, (("safe", "random"), ("random", "safe")), strict=True):
-        run = play_league(LeagueConfig(pool=pool, matches=2, seed=1, out=folder / "run")).folder
-        for path in list(run.iterdir()):
-            if path.suffix != ".mcap":
-                path.unlink()
-    (difference,) = found(folders)
-    assert difference.startswith("run/rallies.mcap: other ")
-    shutil.copy(folders[0] / "run" / "rallies.mcap", folders[1] / "run" / "rallies.mcap")
-    with (folders[1] / "run" / "rallies.mcap").open("r+b") as file:
-        data = file.read()
-        file.seek(0)
-        file.write(data.replace(b"library", b"Library", 1))
-    assert found(folders) == []
 
 
 def test_a_checkout_equals_itself(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -21,8 +21,3 @@ def test_a_study_is_resumed_with_more_variants_and_budgets(tmp_path: Path, capsy
     for row in result["rows"]:
         assert row["seeds"] == len(row["each"]) == 2
         assert 0 < row["exploitability_of_the_best"]["worst"] <= row["exploitability"]["worst"] == max(row["each"]) < 1
-
-
-def test_a_study_of_one_seed_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["--seeds", "1"]) == 1
-    assert "2 seeds" in capsys.readouterr().err
