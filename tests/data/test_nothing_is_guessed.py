@@ -263,22 +263,6 @@ def test_one_changed_cell_is_refused_or_told(seed: int, rallies: int, column: st
     assert told
 
 
-@settings(max_examples=50, deadline=None)
-@given(st.lists(st.sampled_from(["", ",,,,,", " , ,,,,", "unknown"]), max_size=8))
-def test_every_row_is_kept_or_dropped_for_a_reason(more: list[str]) -> None:
-    # Strokes of no known type in a rally of their own, between rows without any value.
-    rows, players = ROWS.splitlines(), ("Ada Alpha", "Bea Beta")
-    for line in [*more, "unknown"]:
-        winner = "Ada Alpha" if sum("unknown" in row for row in rows) == 0 else ""
-        number = len(rows)
-        rows.append(f"final,3,{players[number % 2]},unknown,{court.AREAS[number % 9]},{winner}" if line == "unknown" else line)
-    with tempfile.TemporaryDirectory() as folder:
-        account = read(Path(folder), "\n".join(rows)).account
-    assert account.strokes == sum(bool(line) for line in rows) - 1
-    assert account.strokes == account.strokes_kept + sum(account.dropped.values())
-    assert (account.rallies, account.rallies_kept) == (3, 2)
-
-
 def test_import_prints_what_became_of_every_row(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     read(tmp_path, ROWS.replace("smash", "unknown").replace("\nfinal,2", "\n,,,,,\n\nfinal,2", 1).replace("winner\n", "winner\n"))
     flags = ["import", str(tmp_path / "own.csv"), "--columns", str(tmp_path / "map.toml")]

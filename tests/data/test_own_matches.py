@@ -122,14 +122,6 @@ def test_the_winner_of_a_rally_says_how_it_ended(tmp_path: Path) -> None:
     assert set(strokes["reason"].to_pylist()) == {REASONS.index("returned"), REASONS.index("unknown")}
 
 
-def test_strokes_of_an_unknown_type_are_left_out(tmp_path: Path) -> None:
-    strokes = read(tmp_path, rows=ROWS.replace("lift,back-left", "unknown,back-left"))
-    assert strokes["stroke"].to_pylist() == [1, 3, 1, 2]
-    assert main(["import", str(tmp_path / "own.csv"), "--columns", str(tmp_path / "map.toml"), "--out", str(tmp_path / "o")]) == 0
-    assert load_account(tmp_path / "o").dropped == {"unknown shot type": 1}
-    assert main(["validate", str(tmp_path / "o")]) == 0
-
-
 @pytest.mark.parametrize(
     ("old", "new", "line", "says"),
     [

@@ -66,17 +66,6 @@ def test_one_rally_by_number(log_file: Path, rallies: Callable[..., Rallies], he
                 log.rally(number)
 
 
-def test_a_match_across_many_batches(tmp_path: Path, rallies: Callable[..., Rallies], header: Callable[..., LogHeader]) -> None:
-    part = rallies(90)
-    order = np.repeat(np.arange(9), 10)
-    part = dataclasses.replace(part, pairing=(order // 3).astype(np.uint32), match=(order % 3).astype(np.uint32))
-    with RallyLogWriter(tmp_path / "a.mcap", header(), batch_rallies=4) as log:
-        log.append(part)
-    with RallyLog(tmp_path / "a.mcap") as log:
-        for m in range(9):
-            assert log.numbers_of_match(m // 3, m % 3).tolist() == list(range(10 * m, 10 * m + 10))
-
-
 def test_a_flush_ends_a_batch_and_counts_what_is_safe(tmp_path: Path, rallies: Callable[..., Rallies], header) -> None:
     path = tmp_path / "a.mcap"
     with RallyLogWriter(path, header(), batch_rallies=64) as log:
