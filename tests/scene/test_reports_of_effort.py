@@ -11,8 +11,7 @@ from shuttle_marl.analysis.strokes import simulated_rallies
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game.rules import WINNER
 from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities
-from shuttle_marl.recording import RallyLog, RallyLogWriter, replay
-from shuttle_marl.recording.replay import check
+from shuttle_marl.recording import RallyLog, RallyLogWriter
 from shuttle_marl.scene import topics
 from shuttle_marl.scene.rally_report import report_rally
 from shuttle_marl.scene.topics import BOARDS
@@ -41,12 +40,6 @@ def path(tables: dict[str, TabulatedPolicy], tmp_path_factory: pytest.TempPathFa
     with RallyLogWriter(path, header) as log:
         log.append(rallies)
     return path
-
-
-def test_a_log_plays_again(path: Path, tables: dict[str, TabulatedPolicy]) -> None:
-    assert check(path, GAME).problems == ()
-    with RallyLog(path) as log:
-        assert replay(log, GAME, tables).wrong == ()
 
 
 def test_reports_are_those_of_the_state(path: Path, tables: dict[str, TabulatedPolicy]) -> None:

@@ -1,12 +1,10 @@
 """Scene files opened in a real viewer, in a browser without a window."""
 
 import io
-import json
 import os
 import re
 import shutil
 from pathlib import Path
-from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -15,7 +13,6 @@ import pytest
 from mcap.reader import make_reader
 
 from experiments.studio import NO_PROBLEMS, StudioError, install, visit
-from experiments.studio.__main__ import main
 from shuttle_marl.game import default_game
 from shuttle_marl.recording import RallyLog
 from shuttle_marl.scene import topics
@@ -80,20 +77,3 @@ def test_a_whole_match_opens_without_alerts(folder: Path, log_path: Path, tmp_pa
     summaries = [message for time, topic, message in read(content) if topic == topics.SUMMARY and time <= EPOCH + 5 * SECOND]
     listed = re.findall(r"[a-z-]+:[a-z-]+:(?:above|below):[a-z-]+", seen["panels"]["Table!top"])
     assert listed == [stroke["stroke"] for stroke in summaries[-1]["strokes"]][:ROWS]
-
-
-def test_a_broken_file_raises_an_alert(folder: Path, reel: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    path, picture = tmp_path / "cut off.mcap", tmp_path / "cut.png"
-    summary = make_reader(io.BytesIO(reel.content)).get_summary()
-    assert summary is not None
-    path.write_bytes(reel.content[: max(chunk.chunk_start_offset for chunk in summary.chunk_indexes) + 100])
-    assert main([str(path), "--folder", str(folder), "--picture", str(picture), "--scale", str(HALF)]) == 1
-    said = capsys.readouterr()
-    assert "cut off.mcap: This file is unindexed" in said.err
-    assert json.loads(said.out)["topics"]["/tf"] > 0
-    assert picture.stat().st_size > 10_000
-
-
-def test_a_missing_file_is_named(tmp_path: Path) -> None:
-    with pytest.raises(StudioError, match=r"nothing\.mcap: no such file"):
-        visit(tmp_path, tmp_path / "nothing.mcap", tmp_path / "nothing.png")
