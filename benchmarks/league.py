@@ -46,7 +46,7 @@ def sampled(entrants: list[Entrant], workers: int, matches: int) -> dict[str, An
     cells = [result.cells for blocks in tournament.play(pairings) for result, _ in blocks]
     seconds = time.perf_counter() - begun
     fitted = time.perf_counter()
-    ratings(np.array(cells, dtype=np.float64), np.array([p.entrants for p in pairings]), len(entrants), seed=0)
+    ratings(np.array(cells, dtype=np.float64), np.array([p.entrants for p in pairings]), len(entrants), np.random.default_rng(0))
     return {
         "pool": len(entrants),
         "workers": workers,

@@ -23,10 +23,6 @@ class Within:
     above: float = -math.inf
     text: str
 
-    def __contains__(self, value: float) -> bool:
-        """Whether a number is within the bounds."""
-        return self.low <= value <= self.high and self.above < value < math.inf
-
 
 Count = Annotated[int, Within(low=1, high=10**15, text="a whole number from 1 to 10^15")]
 CountOrZero = Annotated[int, Within(low=0, high=10**15, text="a whole number from 0 to 10^15")]
@@ -49,6 +45,8 @@ def check_bounds(config: Any, error: type[ShuttleError]) -> None:
         value: Any = getattr(config, name, None)
         for part in (hint, *get_args(hint)) if value is not None else ():  # of `Annotated[…] | None` the first argument
             for bounds in get_args(part):
-                whole = get_args(part)[0] is int and not isinstance(value, int)
-                if isinstance(bounds, Within) and (whole or value not in bounds):
+                if not isinstance(bounds, Within):
+                    continue
+                whole = get_args(part)[0] is not int or isinstance(value, int)
+                if not (whole and bounds.low <= value <= bounds.high and bounds.above < value < math.inf):
                     raise error(f"--{name.replace('_', '-')} {value}: expected {bounds.text}")

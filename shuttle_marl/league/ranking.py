@@ -235,7 +235,7 @@ class Standing:
 def rank(pool: Sequence[str], results: Sequence[PairResult], seed: int, exact: ExactOdds | None = None) -> list[Standing]:
     """Rank the entrants by rating, best first, with exact figures if given."""
     played, cells, pairs = played_cells(pool, results)
-    theta, drawn = ratings(cells, pairs, len(pool), seed)
+    theta, drawn = ratings(cells, pairs, len(pool), np.random.default_rng(seed))
     rating, (low, high) = ELO * theta, np.percentile(ELO * drawn, TAILS, axis=0)
     standings = [
         _standing(name, played, sum(name in r.forfeit for r in results), (rating[i], low[i], high[i]))

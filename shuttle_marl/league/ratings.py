@@ -117,14 +117,14 @@ def expected_share(theta: F64, pairs: Intp) -> F64:
     return np.asarray(1 / (1 + np.exp(theta[pairs[:, 1]] - theta[pairs[:, 0]])))
 
 
-def ratings(cells: F64, pairs: Intp, n: int, seed: int, replicates: int = 1000) -> tuple[F64, F64]:
+def ratings(cells: F64, pairs: Intp, n: int, rng: np.random.Generator, replicates: int = 1000) -> tuple[F64, F64]:
     """Ratings and their Bayesian bootstrap (Rubin, Ann. Statist. 1981) over cells of two dependent matches.
 
     Args:
         cells: ``[P, 3]`` numbers of cells in which the first entrant of a pairing won no match, one, and both.
         pairs: ``[P, 2]`` the entrants of each pairing.
         n: number of entrants.
-        seed: random seed.
+        rng: draws the samples.
         replicates: number B of bootstrap samples.
 
     Returns:
@@ -136,7 +136,6 @@ def ratings(cells: F64, pairs: Intp, n: int, seed: int, replicates: int = 1000) 
     # The prior is resampled too, so unobserved outcomes are possible; a tenth of it is fixed, so that all ratings are finite.
     drawn_prior = (1 - _FIXED_PRIOR) * prior[pairs[:, 0], pairs[:, 1], None] * _INDEPENDENT
     weights = cells + drawn_prior + 1e-12
-    rng = np.random.default_rng(seed)
     drawn = np.array([rng.dirichlet(weight, size=replicates) for weight in weights]).reshape(-1, replicates, 3).swapaxes(0, 1)
     drawn = drawn * weights.sum(axis=1)[:, None]
     together = max(1, _AT_ONCE // max(1, n * n))

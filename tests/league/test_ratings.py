@@ -50,7 +50,9 @@ def test_the_prior_is_that_of_jeffreys() -> None:
 
     free = minimize(loss, np.zeros(2), tol=1e-12).x
     expected = np.array([*free, 0.0])
-    assert ratings(cells, pairs, 3, seed=0, replicates=1)[0] == pytest.approx(expected - expected.mean(), abs=1e-4)
+    assert ratings(cells, pairs, 3, np.random.default_rng(0), replicates=1)[0] == pytest.approx(
+        expected - expected.mean(), abs=1e-4
+    )
     assert prior_wins(wins).sum() == pytest.approx(2)
     for lost in (0.0, 1.0, 3.0):
         assert prior_wins(np.array([[0.0, 120 - lost], [lost, 0]])) == pytest.approx(np.array([[0, 0.5], [0.5, 0]]))
@@ -76,20 +78,20 @@ def test_negatively_correlated_cells_give_shorter_intervals() -> None:
     """Independent matches with the same shares, as clusters of two, would be more uncertain."""
     pairs = np.array([[0, 1]])
     spread = [
-        np.ptp(np.percentile(ratings(np.array([cells]), pairs, 2, seed=0)[1][:, 0], [2.5, 97.5]))
+        np.ptp(np.percentile(ratings(np.array([cells]), pairs, 2, np.random.default_rng(0))[1][:, 0], [2.5, 97.5]))
         for cells in ([10.0, 480.0, 10.0], [125.0, 250.0, 125.0])
     ]
     assert spread[0] < spread[1] / 2
 
 
 def test_unbeaten_is_not_certain() -> None:
-    found, drawn = ratings(np.array([[0.0, 0.0, 50.0]]), np.array([[0, 1]]), 2, seed=0)
+    found, drawn = ratings(np.array([[0.0, 0.0, 50.0]]), np.array([[0, 1]]), 2, np.random.default_rng(0))
     assert np.isfinite(found).all()
     assert np.ptp(np.percentile(ELO * drawn[:, 0], [2.5, 97.5])) > 50
 
 
 def test_no_one_played() -> None:
-    found, drawn = ratings(np.empty((0, 3)), np.empty((0, 2), dtype=np.intp), 3, seed=0, replicates=10)
+    found, drawn = ratings(np.empty((0, 3)), np.empty((0, 2), dtype=np.intp), 3, np.random.default_rng(0), replicates=10)
     assert np.array_equal(found, np.zeros(3))
     assert np.array_equal(drawn, np.zeros((10, 3)))
 
@@ -110,7 +112,7 @@ def test_exact_ratings_are_the_limit_of_the_sampled_ones() -> None:
     exact = exact_ratings(match)
     assert np.isnan(exact[3])
     assert exact[:3] == pytest.approx(theta[:3] - theta[:3].mean(), abs=1e-9)
-    sampled = ratings(cells, pairs, 4, seed=0, replicates=2)[0]
+    sampled = ratings(cells, pairs, 4, np.random.default_rng(0), replicates=2)[0]
     assert sampled[:3] - sampled[:3].mean() == pytest.approx(exact[:3], abs=0.01)
     certain = np.array([[0.5, 1.0], [0.0, 0.5]])
     assert np.isfinite(exact_ratings(certain)).all()
@@ -128,7 +130,7 @@ def coverage(theta: list[float], runs: int) -> tuple[float, float]:
     rated, ranked = [], []
     for _ in range(runs):
         cells, pairs = league(true, 60, rng)
-        found, drawn = ratings(cells, pairs, len(true), seed=int(rng.integers(1 << 30)), replicates=300)
+        found, drawn = ratings(cells, pairs, len(true), np.random.default_rng(int(rng.integers(1 << 30))), replicates=300)
         low, high = np.percentile(drawn, [2.5, 97.5], axis=0)
         rated.extend(((low <= true) & (true <= high)).tolist())
         ranks = rank_intervals(found, drawn)
@@ -145,7 +147,7 @@ def test_intervals_of_ratings_and_ranks_hold(theta: list[float]) -> None:
 
 def test_ranks_that_are_sure() -> None:
     cells, pairs = league(np.array([2.0, 0.0, 0.0, -2.0]), 300, np.random.default_rng(0))
-    assert rank_intervals(*ratings(cells, pairs, 4, seed=0)).tolist() == [[1, 1], [2, 3], [2, 3], [4, 4]]
+    assert rank_intervals(*ratings(cells, pairs, 4, np.random.default_rng(0))).tolist() == [[1, 1], [2, 3], [2, 3], [4, 4]]
 
 
 def test_misfit_is_rare_where_the_model_holds_and_found_where_it_does_not() -> None:
@@ -154,11 +156,11 @@ def test_misfit_is_rare_where_the_model_holds_and_found_where_it_does_not() -> N
     rejected = []
     for _ in range(150):
         cells, pairs = league(theta, 100, rng)
-        rejected.append(misfit(cells, pairs, ratings(cells, pairs, 5, seed=0, replicates=1)[0]).p < 0.05)
+        rejected.append(misfit(cells, pairs, ratings(cells, pairs, 5, np.random.default_rng(0), replicates=1)[0]).p < 0.05)
     assert 0 < np.mean(rejected) <= 0.12
     circle = np.array([[5.0, 10, 85], [85, 10, 5], [5, 10, 85]])
     pairs = np.array([[0, 1], [0, 2], [1, 2]])
-    found = misfit(circle, pairs, ratings(circle, pairs, 3, seed=0, replicates=1)[0])
+    found = misfit(circle, pairs, ratings(circle, pairs, 3, np.random.default_rng(0), replicates=1)[0])
     assert found.degrees == 1
     assert found.p < 1e-9
     assert found.expected == pytest.approx([0.5] * 3)
