@@ -7,16 +7,13 @@ import pytest
 
 from shuttle_marl.analysis.advice import (
     LEAST_STEADY,
-    SERVE,
     Refitted,
     advise,
     calibrated,
     followed,
     meet,
-    situation,
-    situations,
 )
-from shuttle_marl.analysis.outlook import outlook, spread_of
+from shuttle_marl.analysis.outlook import outlook
 from shuttle_marl.analysis.tactics import STEPS, TACTICS, changed, effects
 from shuttle_marl.exact import PairPolicy, evaluate
 from shuttle_marl.exact.profile import StatePolicy
@@ -39,17 +36,6 @@ def test_advantages_are_the_derivative_of_the_result(found: Refitted, seat: int)
         return evaluate(*sides, tolerance=1e-9).odds(0).rally * (1 if seat == 0 else -1)
 
     assert (result(step) - result(-step)) / (2 * step) == pytest.approx(float((other - usual) @ advantage), abs=1e-5)
-
-
-def test_situations_are_what_comes_in(found: Refitted) -> None:
-    game = found.pair
-    number = situations(game)
-    assert number[0] == SERVE
-    assert situation(SERVE).shot == -1
-    state = int(np.flatnonzero(game.incoming(np.arange(game.n_base_states)) < game.n_strokes)[7])
-    incoming = int(game.incoming(state))
-    expected = (int(game.catalogue.shot[incoming]), int(game.catalogue.area[incoming]), int(game.contact(state)))
-    assert situation(int(number[state])) == expected
 
 
 def test_advice_has_real_strokes_behind_it_and_gains_in_the_refits(found: Refitted) -> None:
@@ -149,12 +135,3 @@ def test_a_meeting_from_the_other_seat(found: Refitted) -> None:
     swapped = meet(dataclasses.replace(second, game=seats[0]), dataclasses.replace(first, game=seats[1]))
     assert swapped.odds.rally == pytest.approx(1 - found.home.odds.rally, abs=1e-6)
     assert swapped.advantages(0) == pytest.approx(found.home.advantages(1), abs=1e-6)
-
-
-def test_odds_that_are_not_known_are_spread_normally(found: Refitted) -> None:
-    points, weights = spread_of(found.home.odds, 0.03)
-    rallies = np.array([each.rally for each in points])
-    assert weights.sum() == pytest.approx(1)
-    assert weights @ rallies == pytest.approx(found.home.odds.rally)
-    assert np.sqrt(weights @ (rallies - found.home.odds.rally) ** 2) == pytest.approx(0.03)
-    assert spread_of(found.home.odds, 0.0)[0] == [found.home.odds]

@@ -9,7 +9,7 @@ import pyarrow as pa
 import pytest
 from scipy import stats
 
-from shuttle_marl.analysis.advice import Meeting, Refitted, meet
+from shuttle_marl.analysis.advice import Meeting, meet
 from shuttle_marl.analysis.habits import discoveries, endings, habits, interval
 from shuttle_marl.analysis.scouting import scout
 from shuttle_marl.base.files import seal
@@ -153,15 +153,6 @@ def test_counts_of_matches_that_vary_are_less_certain() -> None:
         for some in (even, uneven)
     ]
     assert p[0] < 1e-4 < p[1]
-
-
-def test_expected_strokes_of_a_policy_are_those_that_it_plays(found: Refitted) -> None:
-    expected = plays_of_meeting(found.home, 0, 1000)
-    assert expected.weight.sum() == pytest.approx(1000)
-    shares = np.bincount(expected.shot, expected.weight, len(SHOTS)) / 1000
-    assert shares == pytest.approx(found.home.seen.shot_mix(0))
-    faults = found.home.seen.endings()["fault of player 0"] / found.home.visits(0).sum()
-    assert expected.fault.sum() / 1000 == pytest.approx(faults)
 
 
 def test_claims_about_simulated_players_are_true(model: str) -> None:

@@ -13,7 +13,7 @@ import pyarrow.compute as pc
 import pytest
 from playwright.sync_api import Browser, Frame, Page
 
-from shuttle_marl.analysis import advice, decisions
+from shuttle_marl.analysis import advice, marks
 from shuttle_marl.analysis.advice import Refitted
 from shuttle_marl.analysis.course import Chances
 from shuttle_marl.analysis.marks import Choice, basis_of
@@ -26,7 +26,7 @@ from shuttle_marl.base.table_files import write_parquet
 from shuttle_marl.coach import match_page as match_pages
 from shuttle_marl.coach import scout_page as scout_pages
 from shuttle_marl.coach import sources
-from shuttle_marl.coach.examples import base91, viewer
+from shuttle_marl.coach.examples import viewer
 from shuttle_marl.coach.words import Words, of_100, signed
 from shuttle_marl.commands.report import main as report_command
 from shuttle_marl.commands.reports import write_report
@@ -155,23 +155,6 @@ def test_the_last_match_is_compared_with_the_ones_before(model: str, sample: pa.
     assert "In the last match" not in read(scout_pages.scouting_page(alone))[1]
 
 
-@pytest.mark.parametrize("typed", ["Kento Momota", "MOMOTA kento", "kento_momota"])
-def test_players_are_found_as_people_type_their_names(model: str, typed: str) -> None:
-    assert scout(typed, model=model).opponent == scout(B, model=model).opponent
-
-
-def test_a_key_moment_is_not_the_last_stroke(reported: MatchReport) -> None:
-    turned = [(row.decided[0], row.strokes) for row in reported.rallies if row.decided is not None]
-    assert turned
-    assert all(number < strokes for number, strokes in turned)
-
-
-def test_costly_decisions_are_of_different_kinds(reported: MatchReport) -> None:
-    shot = reported.game.catalogue.shot
-    kinds = [(choice.player, int(shot[choice.played]), int(shot[choice.better])) for choice in reported.choices]
-    assert len(set(kinds)) == len(kinds)
-
-
 def test_figures_as_json(scouted: ScoutingReport, reported: MatchReport) -> None:
     figures = json.loads(json.dumps(scouted.as_json(), allow_nan=False))
     assert figures["advice"][0]["stroke"].count(":") == 3
@@ -213,7 +196,8 @@ def test_a_player_with_fifty_strokes(model: str, sample: pa.Table, unbuilt: None
         assert "What if you play more of it?" not in text
 
 
-def test_players_who_cannot_be_scouted(model: str) -> None:
+def test_names_of_players(model: str) -> None:
+    assert scout("MOMOTA kento", model=model).opponent == scout(B, model=model).opponent
     with pytest.raises(AnalysisError, match="did you mean kento-momota"):
         scout("kento-momoto", model=model)
     women = next(each.name for each in players_of(model) if each.discipline == "women")
@@ -275,7 +259,7 @@ def test_strokes_without_enough_examples_are_not_called_costly(
     """A stroke is compared only if both it and the better one are known, however much the refits say that it costs."""
     real = real_strokes(resolve_game(model))
     assert real is not None
-    monkeypatch.setattr(decisions, "MOST", 60)
+    monkeypatch.setattr(marks, "MOST", 60)
     found: list[Choice] = []
     for share in (0.5, 0.8):
         monkeypatch.setattr(basis_of(resolve_game(model)), "_real", np.where(real > np.quantile(real, share), real, 7))
@@ -344,6 +328,12 @@ def test_numbers_of_the_live_court_are_those_of_its_option(tmp_path: Path, model
 
 def test_choices_and_values_have_their_numbers(reported: MatchReport) -> None:
     assert reported.choices
+    shot = reported.game.catalogue.shot
+    kinds = [(choice.player, int(shot[choice.played]), int(shot[choice.better])) for choice in reported.choices]
+    assert len(set(kinds)) == len(kinds)
+    turned = [(row.decided[0], row.strokes) for row in reported.rallies if row.decided is not None]
+    assert turned
+    assert all(number < strokes for number, strokes in turned), "a key moment is not the last stroke"
     for choice in reported.choices:
         assert min(choice.played_behind, choice.better_behind) >= RELIABLE
         assert choice.times >= 1
@@ -386,11 +376,6 @@ def test_names_stay_text(name: str, scouted: ScoutingReport, reported: MatchRepo
         for _, attributes in tags.tags:
             assert not any(key.startswith("on") or key == "style" for key in attributes)
             assert not re.match(r"(?!#|data:,)", attributes.get("href") or "#")
-
-
-def test_a_match_that_is_none(sample: pa.Table, model: str) -> None:
-    with pytest.raises(AnalysisError, match="expected the strokes of one match"):
-        match_report(sample, game=resolve_game(model))
 
 
 # Commands.
@@ -469,24 +454,6 @@ def test_numbers_in_words() -> None:
     assert Words.player("müller-anna") == "Müller Anna"
     assert Words.player("bc") == "bc"
     assert Words.player("<b>-x") == "<b>-x"
-
-
-def test_texts_of_saved_pages() -> None:
-    """By hand: 13 bits of 0x00 0x00 are 0, which leaves room for a 14th; two letters for value 0."""
-    assert base91(b"") == ""
-    assert base91(b"\x00\x00")[:2] == "!!"
-    rng = np.random.default_rng(0)
-    content = rng.integers(0, 256, 1000).astype(np.uint8).tobytes()
-    letters = {chr(code): k for k, code in enumerate(c for c in range(33, 127) if chr(c) not in '"\\<')}
-    text, back, rest, bits = base91(content), bytearray(), 0, 0
-    for first, second in zip(text[::2], text[1::2], strict=False):
-        pair = letters[first] + 91 * letters[second]
-        rest |= pair << bits
-        bits += 14 if pair & 8191 <= 88 else 13
-        while bits > 7:
-            back.append(rest & 255)
-            rest, bits = rest >> 8, bits - 8
-    assert bytes(back[:999]) == content[:999]
 
 
 # In a browser.
