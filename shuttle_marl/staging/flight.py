@@ -130,16 +130,7 @@ def shoot(start: F64, end: F64, time: F64, steps: int = _STEPS) -> Flights:
         angle[todo] = a + np.where(far, np.clip((ys * mx - xs * my) / det, -0.5, 0.5), 0)
         todo = todo[far]
     speed = np.exp(log_speed)
-    nodes, px, py, vx, vy = _integrate(speed * np.cos(angle), speed * np.sin(angle), t, steps)
-    return Flights(
-        start=start,
-        heading=heading,
-        time=nodes * _TIME,
-        along=px * LENGTH,
-        rise=py * LENGTH,
-        speed_along=vx * TERMINAL,
-        speed_up=vy * TERMINAL,
-    )
+    return _flown(start, heading, _integrate(speed * np.cos(angle), speed * np.sin(angle), t, steps))
 
 
 def fall(start: F64, velocity: F64, time: F64, steps: int = _STEPS) -> Flights:
@@ -153,7 +144,12 @@ def fall(start: F64, velocity: F64, time: F64, steps: int = _STEPS) -> Flights:
     """
     along = np.hypot(velocity[:, 0], velocity[:, 1])
     heading = velocity[:, :2] / np.maximum(along, 1e-9)[:, None]
-    nodes, px, py, vx, vy = _integrate(along / TERMINAL, velocity[:, 2] / TERMINAL, time / _TIME, steps)
+    return _flown(start, heading, _integrate(along / TERMINAL, velocity[:, 2] / TERMINAL, time / _TIME, steps))
+
+
+def _flown(start: F64, heading: F64, scaled: tuple[F64, F64, F64, F64, F64]) -> Flights:
+    """Flights from the result of :func:`_integrate`."""
+    nodes, px, py, vx, vy = scaled
     return Flights(
         start=start,
         heading=heading,
