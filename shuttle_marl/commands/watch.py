@@ -17,6 +17,7 @@ from shuttle_marl.commands import cli
 from shuttle_marl.commands.options import Appearance, RallyGameOptions
 from shuttle_marl.game.pairs import pair_game
 from shuttle_marl.game.tables import Game
+from shuttle_marl.pages.languages import Language, current
 from shuttle_marl.policy.baselines import imitation
 from shuttle_marl.watch import WatchError
 
@@ -131,12 +132,14 @@ class ServerOptions:
         allowed_hosts: further host names of the server, such as that of a proxy in front of it.
         port: port; if it is in use, a free one.
         browser: open the page in the browser.
+        language: language of the page until its reader chooses another: English, Chinese (simplified) or Indonesian.
     """
 
     host: str = "127.0.0.1"
     allowed_hosts: tuple[str, ...] = ()
     port: int = 8090
     browser: Annotated[bool, tyro.conf.arg(help_behavior_hint="")] = True
+    language: Language = "en"
 
 
 def watch(
@@ -187,13 +190,21 @@ def watch(
         stager = Stager(appearance.athletes, appearance.hands)
         answers = Answers(policies, plan, stager, recorded=recorded, first=first, log=log, tags=tags)
         if output.save_site is not None:
-            _save_site(output.save_site, page, answers)
+            _save_site(output.save_site, page, answers, server.language)
             return
         host = f"[{server.host}]" if ":" in server.host else server.host
         address = f"http://{host}:{listener.getsockname()[1]}/"
         made = {} if recorded is None else _downloads(rallies, recorded, policies.game)
         footage = None if tags is None else tags.video
-        app = application(answers, page, downloads=made, video=footage, hosts=hosts_of(server.host), proxies=server.allowed_hosts)
+        app = application(
+            answers,
+            page,
+            downloads=made,
+            video=footage,
+            language=server.language,
+            hosts=hosts_of(server.host),
+            proxies=server.allowed_hosts,
+        )
         running = Server(app)
         if video is not None:
             _film(running, listener, f"{address}?quality=full#rally={first + 1}", video)
@@ -246,7 +257,7 @@ def _downloads(options: RallyOptions, recorded: "Recorded", game: Game) -> "Down
     from shuttle_marl.data import named  # noqa: PLC0415
 
     @functools.lru_cache(maxsize=8)
-    def report(match: str | tuple[int, int]) -> bytes:
+    def report(match: str | tuple[int, int], _: Language) -> bytes:
         from shuttle_marl.coach import sources  # noqa: PLC0415  Jinja
         from shuttle_marl.coach.match_page import match_page  # noqa: PLC0415
 
@@ -271,17 +282,19 @@ def _downloads(options: RallyOptions, recorded: "Recorded", game: Game) -> "Down
             return sources.log_strokes(log, number, pairing)
 
     return {
-        ("report", "text/html"): lambda number: report(recorded.match(number)),
+        ("report", "text/html"): lambda number: report(recorded.match(number), current()),
         ("strokes.csv", "text/csv"): lambda number: csv_bytes(named(strokes(recorded.match(number)))),
         ("strokes.parquet", "application/vnd.apache.parquet"): lambda number: parquet_bytes(strokes(recorded.match(number))),
     }
 
 
-def _save_site(folder: Path, page: Path, answers: "Answers") -> None:
+def _save_site(folder: Path, page: Path, answers: "Answers", language: Language) -> None:
     from shuttle_marl.watch.site import save_site  # noqa: PLC0415
 
     with cli.console(stderr=True).status("saving the rallies …") as status:
-        count, size, left = save_site(folder, page, answers, lambda done: status.update(f"saving the rallies … {done}"))
+        count, size, left = save_site(
+            folder, page, answers, lambda done: status.update(f"saving the rallies … {done}"), language=language
+        )
     rest = f"; {left:,} more did not fit" if left else ""
     sys.stdout.write(f"{printable(str(folder))}: {count:,} rallies, {size / 1e6:.1f} MB{rest}\n")
 

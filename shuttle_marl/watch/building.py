@@ -24,6 +24,8 @@ except ImportError:  # Windows
 
 SOURCE: Final = Path(__file__).parent / "page"
 """Folder of the source."""
+_LANGUAGES: Final = Path(__file__).parents[1] / "pages" / "languages"
+"""Folder of the texts, which the source imports."""
 BUILT: Final = Path(__file__).parent / "built"
 """Folder of the built page."""
 FILES: Final = ("index.html", "watch.js", "watch.css")
@@ -115,8 +117,10 @@ def _stamp(digest: str, folder: Path) -> str:
 
 
 def _digest() -> str:
-    """SHA-256 of the names and contents of the source files."""
+    """SHA-256 of the names and contents of the source files, and of the texts."""
     digest = hashlib.sha256()
+    for path in sorted(_LANGUAGES.glob("*.json")):
+        digest.update(f"{path.name}\n".encode() + path.read_bytes())
     for path in sorted(SOURCE.rglob("*")):
         inside = path.relative_to(SOURCE)
         if path.is_file() and inside.parts[0] != "node_modules":

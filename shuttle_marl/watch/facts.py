@@ -105,9 +105,7 @@ def rally_facts(game: Game, rally: CourtRally, motion: staging.Motion) -> messag
 
 
 def _skill(game: Game) -> str | None:
-    if game.people is None:
-        return None
-    return "with the skill of both players" + ("" if game.people.date is None else f" as of {game.people.date}")
+    return None if game.people is None else str(game.people.date or "")
 
 
 def _player(motion: staging.Motion, seat: int) -> messages.PlayerFacts:

@@ -367,7 +367,8 @@ class RallyFacts(Struct):
     """A rally without its motion.
 
     Attributes:
-        skill: skill of the players in the game of a pair, in words; None: both strike with the same probabilities.
+        skill: day of the skill of the players in the game of a pair, empty: the last one known; None: both strike with the same
+            probabilities.
         from_right: whether the server serves from the right service court.
         ends_changed: whether seat 0 is at y > 0.
         before: interval or change of ends before the rally, in words; empty: neither.
@@ -425,7 +426,8 @@ class StrokeValue(Struct, kw_only=True):
     """Values of a stroke of a rally; ``win``, ``chosen`` and ``match`` are probabilities that seat 0 wins.
 
     ``change`` and ``loss`` compare the stroke with what elite players choose and with the better one
-    (:mod:`shuttle_marl.analysis.marks`); ``change`` is None where too few real strokes stand behind it.
+    (:mod:`shuttle_marl.analysis.marks`); ``change`` is None where too few real strokes stand behind it. ``support``
+    is the number of real strokes behind the rarer of both; None: unknown.
     """
 
     win: float
@@ -438,13 +440,14 @@ class StrokeValue(Struct, kw_only=True):
     better: int
     question: Question | None
     options: list[Option]
-    sure: str
+    support: int | None
 
 
 class Analysis(Struct):
-    """Reply to :class:`AnalysisRequest`."""
+    """Reply to :class:`AnalysisRequest`; ``factor``: share of an advantage that real matches realise, and its interval."""
 
     number: int
+    factor: tuple[float, float, float] | None
     strokes: list[StrokeValue]
     landings: list[tuple[list[float] | None, list[float] | None]]
     win_after: float | None

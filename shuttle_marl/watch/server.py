@@ -36,6 +36,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 from shuttle_marl.base.errors import ShuttleError, printable
 from shuttle_marl.base.extras import install_hint
 from shuttle_marl.base.files import replacing
+from shuttle_marl.pages.languages import LANGUAGES, Language, speaking
 from shuttle_marl.staging import ATHLETES, model_file
 from shuttle_marl.watch import WatchError
 from shuttle_marl.watch.messages import HelloRequest, RallyRequest, TagRequest, decode_request, encode_reply, request_id
@@ -71,7 +72,7 @@ CONTENT_POLICY: Final = (
 )
 """Content security policy of the page: its own files alone, and no inline script."""
 _POLICY: Final = f"{CONTENT_POLICY}; frame-ancestors 'none'"
-_TYPES: Final = {"index.html": "text/html", "watch.js": "text/javascript", "watch.css": "text/css"}
+_TYPES: Final = {"watch.js": "text/javascript", "watch.css": "text/css"}
 
 Answer = Callable[[PageRequest], bytes]
 """Returns the encoded reply to a request; raises ShuttleError. Called in worker threads."""
@@ -85,6 +86,7 @@ def application(
     *,
     downloads: Downloads | None = None,
     video: Path | None = None,
+    language: Language = "en",
     hosts: tuple[str, ...] = _LOOPBACK,
     proxies: tuple[str, ...] = (),
 ) -> ASGIApp:
@@ -95,10 +97,12 @@ def application(
         page: folder of the built page.
         downloads: files about the matches of recorded rallies.
         video: the video that is tagged.
+        language: language of a page whose reader has chosen none.
         hosts: allowed values of the Host header; ``*`` allows every IP address.
         proxies: further ones, whose pages may connect whatever Host header the proxy sends.
     """
-    routes: list[BaseRoute] = [Route("/", _file(page / "index.html"))]
+    index = _index(page / "index.html", language)
+    routes: list[BaseRoute] = [Route("/", index), Route("/index.html", index)]
     routes += [Route(f"/{name}", _file(page / name)) for name in _TYPES]
     routes += [Route(f"/{name}.glb", _file(model_file(name))) for name in ATHLETES]
     if video is not None:
@@ -118,6 +122,18 @@ def _file(path: Path, kind: str | None = None) -> Callable[[Request], Awaitable[
     return respond
 
 
+def in_language(index: bytes, language: Language) -> bytes:
+    """The file ``index.html`` for readers who have chosen no language."""
+    return index.replace(b'<html lang="en">', f'<html lang="{language}">'.encode(), 1)
+
+
+def _index(path: Path, language: Language) -> Callable[[Request], Awaitable[Response]]:
+    async def respond(_: Request) -> Response:
+        return Response(in_language(path.read_bytes(), language), media_type="text/html", headers={"Cache-Control": "no-cache"})
+
+    return respond
+
+
 def _download(
     make: Callable[[int], bytes], name: str, kind: str, limiter: anyio.CapacityLimiter
 ) -> Callable[[Request], Awaitable[Response]]:
@@ -125,8 +141,13 @@ def _download(
         number = request.query_params.get("rally", "")
         if not number.isascii() or not number.isdecimal() or len(number) > _DIGITS:
             return PlainTextResponse(f"expected {name}?rally=NUMBER\n", status_code=400)
+        wanted = request.query_params.get("language", "en")
+        language = next((known for known in LANGUAGES if known == wanted), None)
+        if language is None:
+            return PlainTextResponse(f"expected language={'|'.join(LANGUAGES)}\n", status_code=400)
         try:
-            content = await anyio.to_thread.run_sync(make, int(number) - 1, limiter=limiter)
+            with speaking(language):  # the thread has the context of this one
+                content = await anyio.to_thread.run_sync(make, int(number) - 1, limiter=limiter)
         except ShuttleError as error:
             return PlainTextResponse(f"{printable(str(error))}\n", status_code=404)
         # A report contains its own policy, which allows its own scripts alone.

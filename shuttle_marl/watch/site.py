@@ -8,11 +8,12 @@ from typing import Final
 from msgspec.structs import replace
 
 from shuttle_marl.base.files import replace_file
+from shuttle_marl.pages.languages import Language
 from shuttle_marl.staging import model_file
 from shuttle_marl.watch import WatchError, messages
 from shuttle_marl.watch.answers import Answers
 from shuttle_marl.watch.building import FILES
-from shuttle_marl.watch.server import CONTENT_POLICY
+from shuttle_marl.watch.server import CONTENT_POLICY, in_language
 
 MAX_SITE: Final = 8_000_000
 """Default of the maximum size of a site [bytes]."""
@@ -31,6 +32,7 @@ def save_site(
     answers: Answers,
     progress: Callable[[int], object] = lambda _: None,
     *,
+    language: Language = "en",
     limit: int = MAX_SITE,
 ) -> tuple[int, int, int]:
     """Write a site that every web server can serve; returns its number of rallies, its size [bytes], and the rallies left out.
@@ -40,6 +42,7 @@ def save_site(
         page: folder of the built page.
         answers: replies to the requests of the page.
         progress: receives the number of rallies so far.
+        language: language of a page whose reader has chosen none.
         limit: maximum size of the site [bytes]; rallies that do not fit are left out.
 
     Raises:
@@ -49,7 +52,7 @@ def save_site(
     _check(folder)
     hello = answers.hello()
     fixed = {name: (page / name).read_bytes() for name in FILES}
-    fixed["index.html"] = _static(fixed["index.html"])
+    fixed["index.html"] = _static(in_language(fixed["index.html"], language))
     rallies: dict[str, bytes] = {}
     size, count = sum(map(len, fixed.values())), 0
     for replies, athletes in _rallies(answers, hello):

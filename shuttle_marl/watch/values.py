@@ -12,7 +12,7 @@ from shuttle_marl.base.arrays import F64
 from shuttle_marl.game import court
 from shuttle_marl.game.rally.record import Rally
 from shuttle_marl.game.rules import RETURNED_BELOW
-from shuttle_marl.game.shipped import RELIABLE, factor_of
+from shuttle_marl.game.shipped import factor_of
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.watch import messages
 from shuttle_marl.watch.facts import rounded, stroke_facts
@@ -24,8 +24,6 @@ SHOWN: Final = 8
 """Number of strokes listed for each decision."""
 ELITE: Final = Side(policy="bc")
 """The imitated average elite player, the reference of all comparisons."""
-_SOME: Final = 100
-"""Number of real strokes from which a probability is reliable."""
 _MAX_STYLES: Final = 64
 
 
@@ -42,11 +40,7 @@ class StrokeValues:
     def __init__(self, policies: PolicyTables) -> None:
         self._policies, self.game = policies, policies.game
         self._styles = OnceCache(_MAX_STYLES)
-        factor = factor_of(policies.game.seats[0])
-        self._realised = ""
-        if factor is not None:
-            share, low, high = (f"{part:.0%}" for part in factor)
-            self._realised = f" In real matches, {share} ({low} to {high}) of a predicted advantage was realised."
+        self._factor = factor_of(policies.game.seats[0])
 
     def players(self, sides: tuple[Side, Side]) -> Players:
         """Two policies and their values against each other.
@@ -70,9 +64,10 @@ class StrokeValues:
         """Values of every stroke of a rally."""
         found = analyse_rally(rally, self.game, players, rules=rally.score.rules)
         strokes = zip(found.decisions, found.rank.tolist(), found.match_win.tolist(), strict=False)
-        over = rally.winner is not None
+        over, factor = rally.winner is not None, self._factor
         return messages.Analysis(
             number=rally.number,
+            factor=None if factor is None else (factor.value, factor.low, factor.high),
             strokes=[self._stroke(rally, choice, rank, match_win) for choice, rank, match_win in strokes],
             landings=[_landings(rally.aim, choice) for choice in found.decisions],
             win_after=float(found.rally_win[-1]) if over else None,
@@ -101,7 +96,7 @@ class StrokeValues:
             better=int(choice.stroke[better]),
             question=question,
             options=self.options(rally, choice, judged, always=tuple(dict.fromkeys(always))),
-            sure=_support_sentence(choice.support[[rank, better]]) + self._realised,
+            support=_least(choice.support[[rank, better]]),
         )
 
     def options(
@@ -210,12 +205,6 @@ def _ending_rates(endings: dict[str, float], states: tuple[F64, F64], seat: int)
     }
 
 
-def _support_sentence(support: F64) -> str:
-    """Number of real strokes behind the comparison of a stroke with the best one."""
-    if np.isnan(support).any():
-        return "The number of real strokes behind these probabilities is unknown."
-    least = round(float(support.min()))
-    real = f"Real strokes behind the rarer of this stroke and the best one: {least:,}"
-    if least < RELIABLE:
-        return f"{real}; the models are not reliable here."
-    return f"{real}; the models are fairly reliable here." if least < _SOME else f"{real}; the models are reliable here."
+def _least(support: F64) -> int | None:
+    """The smaller number of real strokes; None if one is unknown."""
+    return None if np.isnan(support).any() else round(float(support.min()))

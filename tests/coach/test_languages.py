@@ -74,12 +74,12 @@ def test_every_text_that_is_used_exists_and_every_text_is_used() -> None:
     assert [*Words("en").groups["tactics"]] == [*TACTICS]
     own = {key for key in keys if key.startswith("language.") or key.partition(".")[0] in {*VOCABULARIES, "tactics"}}
     # What is computed is a word of the code: its whole name, or the part that varies.
-    words = set(re.findall(r"[\w?!-]+", code + source(PACKAGE / "analysis", PACKAGE / "game")))
+    words = set(re.findall(r"[\w?!]+", code + source(PACKAGE / "analysis", PACKAGE / "game")))
     patterns = [re.compile(re.escape(key).replace(r"\*", "(.+)")) for key in partial]
     told = {
         key
         for key in keys
-        if any({*" ".join(match.groups()).split()} <= words for each in patterns if (match := each.fullmatch(key)))
+        if any({*re.split("[ -]", " ".join(match.groups()))} <= words for each in patterns if (match := each.fullmatch(key)))
     }
     assert keys - whole - own - told == set()
 

@@ -37,6 +37,7 @@ from shuttle_marl.exact import Odds
 from shuttle_marl.game.scoring import Rules, Score
 from shuttle_marl.game.shipped import RELIABLE, real_strokes, resolve_game
 from shuttle_marl.game.stroke import SHOTS
+from shuttle_marl.pages.languages import LANGUAGES, Language, speaking
 from shuttle_marl.watch import WatchError
 from shuttle_marl.watch.building import BuildError
 from shuttle_marl.watch.recorded import LogRallies, RealRallies
@@ -534,6 +535,27 @@ def test_pages_in_a_browser(
         assert float(page.locator("[data-figure=match]").inner_text()) == pytest.approx(100 * expected, abs=0.06)
         rally = float(weights @ [each.rally for each in odds])
         assert float(page.locator("[data-figure=rally]").inner_text()) == pytest.approx(100 * rally, abs=0.06)
+    page.close()
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_reports_fit_a_telephone_and_paper_in_every_language(
+    tmp_path: Path, browser: Browser, scouted: ScoutingReport, reported: MatchReport, unbuilt: None, language: Language
+) -> None:
+    with speaking(language):
+        contents = scout_pages.scouting_page(scouted), match_pages.match_page(reported, footage(reported))
+    page = browser.new_page()
+    for content in contents:
+        assert f'<html lang="{Words(language)("language.tag")}">'.encode() in content
+        (tmp_path / "page.html").write_bytes(content)
+        page.goto((tmp_path / "page.html").as_uri())
+        for medium, width in (("screen", 390), ("print", 688)):  # A4 without its margins
+            page.emulate_media(media=medium)  # type: ignore[arg-type]
+            page.set_viewport_size({"width": width, "height": 800})
+            assert page.evaluate("document.documentElement.scrollWidth <= document.documentElement.clientWidth"), medium
+        # Names of the rows of a chart are not cut off.
+        inside = "(all) => all.every((e) => e.getBoundingClientRect().left >= e.closest('svg').getBoundingClientRect().left - 1)"
+        assert page.locator(".chart svg text").evaluate_all(inside)
     page.close()
 
 

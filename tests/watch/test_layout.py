@@ -1,12 +1,14 @@
 """The page on phones, tablets and laptops: nothing overflows, nothing covers what must be seen, and the keyboard is enough."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import Any
 
 import pytest
 from playwright.sync_api import Browser
 
-from tests.watch.conftest import Viewer
+from shuttle_marl.pages.languages import LANGUAGES, Language, Texts
+from tests.watch.conftest import Viewer, serving
 
 pytestmark = pytest.mark.slow
 
@@ -47,9 +49,9 @@ def inside(a: Box, b: Box) -> bool:
     return a[0] >= b[0] - 1 and a[1] >= b[1] - 1 and a[2] <= b[2] + 1 and a[3] <= b[3] + 1
 
 
-def sized(viewer: Any) -> Iterator[Box]:
+def sized(viewer: Any, sizes: Sequence[tuple[int, int]] = SIZES) -> Iterator[Box]:
     """Give the page each size in turn, and draw it."""
-    for width, height in SIZES:
+    for width, height in sizes:
         viewer.page.set_viewport_size({"width": width, "height": height})
         viewer.page.evaluate("() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
         viewer.page.evaluate("scrollTo(0, 0); window.viewer.draw()")
@@ -58,7 +60,7 @@ def sized(viewer: Any) -> Iterator[Box]:
 
 
 def enter(viewer: Any, mode: str) -> None:
-    viewer.page.get_by_role("tab", name=mode.capitalize()).click()
+    viewer.page.locator(f"#tab-{mode}").click()
     viewer.until(lambda: viewer.state("turn" if mode == "play" else "analysis") is not None)
     if mode == "learn":
         viewer.page.locator(".quiz button").first.wait_for()
@@ -98,6 +100,50 @@ def test_nothing_overflows_and_nothing_is_covered(viewer: Any, served: Any) -> N
         assert words[2] - words[0] <= 800, "one column"
         assert bug[3] <= words[1], "the score is above"
         assert all(words[3] <= side[1] for side in boxes(viewer, ".side")), window
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_every_mode_fits_in_every_language(viewer: Any, served: Any, language: Language) -> None:
+    viewer.open(f"{served.address}?language={language}{PLACE}").analysed()
+    say = Texts(language)
+    assert viewer.page.locator("html").get_attribute("lang") == say("language.tag")
+    for mode in ("watch", "analyse", "learn", "play"):
+        if mode != "watch":  # the page begins with it
+            enter(viewer, mode)
+        for _ in sized(viewer, ((390, 844), (1280, 720))):
+            assert "undefined" not in viewer.page.inner_text("body")
+        assert viewer.page.locator(f"#tab-{mode}").inner_text() == say(f"mode.{mode}")
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_tagging_fits_in_every_language(viewer: Any, page_folder: Path, tmp_path: Path, language: Language) -> None:
+    (tmp_path / "match.webm").write_bytes(b"")
+    page = viewer.page
+    with serving("--tag", str(tmp_path / "match.webm"), "--out", str(tmp_path / "match.csv"), "--language", language) as server:
+        page.set_viewport_size({"width": 390, "height": 844})
+        viewer.open(server.address)
+        assert page.evaluate(OVERFLOWS) == []
+        assert page.inner_text("form button") == Texts(language)("tag.begin")
+        page.fill("[name=near]", "Ada")
+        page.fill("[name=far]", "Bea")
+        page.press("[name=far]", "Enter")
+        for keys, phase in (("s", "place"), ("7", "shot"), ("l", "place"), ("o", "place")):
+            viewer.press(keys).until(lambda phase=phase: viewer.state("phase") == phase)
+            assert page.evaluate(OVERFLOWS) == [], keys
+            assert "undefined" not in page.inner_text("body")
+        assert page.inner_text(".refusal").casefold() == Texts(language)("refusal.fell").casefold()
+    viewer.errors.clear()  # the video cannot be played, and the server has gone
+
+
+def test_the_language_is_chosen_in_the_page_and_kept(viewer: Any, served: Any) -> None:
+    viewer.open(f"{served.address}{PLACE}")
+    with viewer.page.expect_navigation():
+        viewer.page.get_by_label("Language").select_option("id")
+    viewer.until(lambda: bool(viewer.page.evaluate("!!(window.viewer && window.viewer.state().ready)")))
+    assert viewer.page.locator("#tab-learn").inner_text() == Texts("id")("mode.learn")
+    assert viewer.page.evaluate("location.hash").startswith("#seed=5")
+    viewer.open(f"{served.address}{PLACE}")
+    assert viewer.page.locator("html").get_attribute("lang") == "id"
 
 
 def test_menus_close_and_terms_are_explained(viewer: Any, served: Any) -> None:

@@ -55,7 +55,7 @@ def test_the_page_shows_the_players_and_their_game(answers: Answers) -> None:
     assert hello.game == PAIR.hash[:12]
     reply, _ = answers._reply(messages.RallyRequest(id=0, plan=PLAN, rally=0))
     assert isinstance(reply, messages.RallyReply)
-    assert (reply.rally.names, reply.rally.skill) == ((A, f"{B} (minimax)"), "with the skill of both players")
+    assert (reply.rally.names, reply.rally.skill) == ((A, f"{B} (minimax)"), "")
     for stroke in reply.rally.strokes:
         game = PAIR.seats[stroke.seat]
         good, returned, _ = game.stroke_probabilities(game.pair(stroke.state, stroke.stroke))
@@ -142,7 +142,7 @@ def test_real_rallies_have_the_values_of_the_two_people(people: tuple[str, str],
     assert isinstance(found, messages.Analysis)
     assert isinstance(facts, messages.RallyReply)
     game = pair_game(*people, date="2020-05-01", game=reduced_model()) if known else reduced_game()
-    assert facts.rally.skill == ("with the skill of both players as of 2020-05-01" if known else None)
+    assert facts.rally.skill == ("2020-05-01" if known else None)
     assert facts.rally.names == people
     names = [f"bc:{name}" if known else "bc" for name in people]
     first, second = (tabulate(resolve(name, tables), tables) for name, tables in zip(names, game.seats, strict=True))

@@ -11,6 +11,7 @@ await build({
   bundle: true,
   minify: true,
   format: "esm",
+  charset: "utf8",
   target: "es2022",
   legalComments: "eof",
   logLevel: "warning",

@@ -1,9 +1,10 @@
 // Panels that show the values of strokes.
 
-import { h, percent, replaceChildren, s, sideColour, signed, words } from "./dom";
+import { h, percent, replaceChildren, s, sideColour, signed } from "./dom";
 import { hurriedTag, term } from "./glossary";
 import { displayName } from "./names";
-import type { Analysis, RallyFacts, StrokeValue } from "./wire.gen";
+import type { Analysis, RallyFacts } from "./wire.gen";
+import { decimal, type Key, listed, say, words } from "./words";
 
 /** Probability that seat 0 wins the rally, over time. */
 export function winSteps(rally: RallyFacts, analysis: Analysis): { time: number; win: number }[] {
@@ -31,11 +32,11 @@ export function accuracy(rallies: { rally: RallyFacts; analysis: Analysis }[], s
   const values = rallies.flatMap(({ rally, analysis }) => analysis.strokes.filter((_, i) => rally.strokes[i]!.seat === seat));
   const judged = values.filter(({ change }) => change !== null);
   const sound = judged.filter(({ mark }) => !mark.includes("?"));
-  return judged.length ? `accuracy ${percent(sound.length / judged.length)}` : "no stroke that can be judged";
+  return judged.length ? say("page.accuracy", { share: percent(sound.length / judged.length) }) : say("page.no_accuracy");
 }
 
 export class Curve {
-  readonly element = h("section", { class: "panel bottom", "aria-label": "Timeline of the rally" });
+  readonly element = h("section", { class: "panel bottom", "aria-label": say("page.timeline") });
   private readonly drawing = s("svg", { class: "curve", viewBox: "0 0 1000 96", preserveAspectRatio: "none", role: "img" });
   private readonly cursor = s("line", {
     y1: 0,
@@ -50,7 +51,7 @@ export class Curve {
   /** @param back button that leaves a "what if". */
   constructor(seek: (time: number) => void, back: HTMLElement) {
     this.element.append(
-      h("h2", {}, term("win probability", "Win probability (A)"), back),
+      h("h2", {}, term("win probability", say("term.win_probability")), back),
       h("div", { class: "timeline" }, this.drawing, this.names),
     );
     this.drawing.addEventListener("click", (event) => {
@@ -113,8 +114,8 @@ export class Curve {
     this.drawing.setAttribute(
       "aria-label",
       steps.length
-        ? `Probability that A wins the rally, from ${percent(steps[0]!.win)} to ${percent(steps.at(-1)!.win)}`
-        : "Timeline of the strokes",
+        ? say("page.curve", { from: percent(steps[0]!.win), to: percent(steps.at(-1)!.win) })
+        : say("page.strokes_timeline"),
     );
     this.drawing.replaceChildren(...parts, this.cursor);
   }
@@ -127,7 +128,7 @@ export class Curve {
 }
 
 export class MoveList {
-  readonly element = h("section", { class: "panel moves", "aria-label": "Strokes of the rally" });
+  readonly element = h("section", { class: "panel moves", "aria-label": say("page.strokes") });
   private rows: HTMLButtonElement[] = [];
   private current = -2;
   private moved = false;
@@ -153,15 +154,18 @@ export class MoveList {
           h("span", { class: "tag" }, words(stroke.area)),
           h("span", { class: "tag" }, words(stroke.technique)),
           hurriedTag(stroke.hurried),
-          stroke.person ? h("span", { class: "tag" }, rally.names[stroke.seat] === "you" ? "yours" : "tried") : null,
+          stroke.person
+            ? h("span", { class: "tag" }, say(rally.names[stroke.seat] === "you" ? "page.yours" : "page.tried"))
+            : null,
         ),
         delta === null ? "" : h("span", { class: delta >= 0 ? "up" : "down" }, signed(delta)),
       );
     });
+    const count = rally.strokes.length;
     const heading = h(
       "h2",
       {},
-      h("span", {}, `Rally ${rally.number + 1} · ${rally.strokes.length} stroke${rally.strokes.length === 1 ? "" : "s"}`),
+      h("span", {}, say(count === 1 ? "page.rally_stroke" : "page.rally_strokes", { number: rally.number + 1, count })),
       term("change"),
     );
     const ended = rally.winner === null || upTo < rally.strokes.length ? null : endLine(rally);
@@ -197,24 +201,45 @@ function endLine(rally: RallyFacts): HTMLElement {
     "p",
     { class: "end" },
     h("b", { class: seat ? "b" : "a" }, displayName(rally.names[seat]!)),
-    ` ${rally.names[seat] === "you" ? "win" : "wins"} the rally (${rally.reason}), ${rally.after?.points.join(" – ")}`,
+    say(rally.names[seat] === "you" ? "page.win_rally" : "page.wins_rally", {
+      reason: say(`reason.${rally.reason}` as Key),
+      points: rally.after!.points.join(" – "),
+    }),
   );
+}
+
+const RELIABLE = 20; // real strokes from which a probability is fairly reliable
+const SOME = 100; // … reliable
+
+/** How reliable probabilities are with so many real strokes behind them; null: unknown. */
+function sure(support: number | null): string {
+  const known = support === null ? "unknown" : support < RELIABLE ? "low" : support < SOME ? "fair" : "good";
+  return say(`page.support_${known}`, { count: decimal(support ?? 0, 0) });
+}
+
+function realised(factor: Analysis["factor"]): string {
+  const [share, low, high] = (factor ?? []).map((part) => `${Math.round(100 * part)}%`) as [string, string, string];
+  return factor ? say("page.realised", { share, low, high }) : "";
 }
 
 /** A probability in percent with one decimal, so that close strokes differ. */
 function points(p: number): string {
-  return `${(100 * p).toFixed(1)} %`;
+  return `${decimal(100 * p, 1)} %`;
 }
 
 export class OptionTable {
-  readonly element = h("section", { class: "panel", "aria-label": "Legal strokes" });
+  readonly element = h("section", { class: "panel", "aria-label": say("page.legal") });
 
   /** @param tryOut plays a stroke instead; null: this page has no server that could. */
   constructor(private readonly tryOut: ((stroke: number) => void) | null) {}
 
-  /** @param strong whether the values assume strong play of both, as marks and the questions of Learn do. */
-  show(rally: RallyFacts, index: number, value: StrokeValue | undefined, strong: boolean): void {
+  /**
+   * @param analysis values of the rally; null: none are shown.
+   * @param strong whether the values assume strong play of both, as marks and the questions of Learn do.
+   */
+  show(rally: RallyFacts, index: number, analysis: Analysis | null, strong: boolean): void {
     const stroke = rally.strokes[index];
+    const value = analysis?.strokes[index];
     this.element.classList.toggle("hidden", !stroke || !value);
     if (!stroke || !value) {
       this.element.replaceChildren();
@@ -231,9 +256,9 @@ export class OptionTable {
           ? {
               class: "try",
               onclick: () => tryOut(option.stroke),
-              title: `What if: ${name}, ${words(option.technique)}`,
+              title: say("page.what_if", { stroke: listed([name, words(option.technique)]) }),
             }
-          : { class: "try", title: `${name}, ${words(option.technique)}` },
+          : { class: "try", title: listed([name, words(option.technique)]) },
         h("i", { style: `width:${(100 * option.probability) / most}%` }),
         h("span", {}, name, option.technique === "forehand" ? "" : ` · ${words(option.technique)}`),
       );
@@ -250,24 +275,24 @@ export class OptionTable {
     const head = h(
       "tr",
       {},
-      h("th", { scope: "col" }, this.tryOut ? "click: what if" : "stroke"),
+      h("th", { scope: "col" }, say(this.tryOut ? "page.click" : "page.stroke")),
       h("th", { scope: "col" }, term("chosen")),
-      h("th", { scope: "col" }, strong ? term("strong play", "wins*") : term("as they play", "wins")),
+      h("th", { scope: "col" }, strong ? term("strong play", say("term.wins_strong")) : term("as they play", say("term.wins"))),
       h("th", { scope: "col" }, term("in")),
-      h("th", { scope: "col" }, term("comes back", "back")),
+      h("th", { scope: "col" }, term("comes back", say("term.back"))),
     );
     replaceChildren(
       this.element,
       h(
         "h2",
         {},
-        h("span", {}, `${displayName(rally.names[stroke.seat]!)} at stroke ${index + 1}`),
+        h("span", {}, say("page.at_stroke", { name: displayName(rally.names[stroke.seat]!), number: index + 1 })),
         value.loss > 5e-4
-          ? term("loss", `loses ${points(value.loss)}`)
-          : h("span", {}, value.change === null ? "rare" : "sound"),
+          ? term("loss", say("page.loses", { share: points(value.loss) }))
+          : h("span", {}, say(value.change === null ? "page.rare" : "page.sound")),
       ),
       h("table", { class: "options" }, h("thead", {}, head), h("tbody", {}, ...rows)),
-      h("p", { class: "quiet" }, `${strong ? "* If both play strongly afterwards. " : ""}${value.sure}`),
+      h("p", { class: "quiet" }, `${strong ? say("page.strongly") : ""}${sure(value.support)}${realised(analysis!.factor)}`),
     );
   }
 }

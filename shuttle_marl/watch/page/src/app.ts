@@ -21,6 +21,12 @@ import { state } from "./state";
 import { StrokeValues } from "./strokeValues";
 import { Timeline } from "./timeline";
 import type { Hello, RallyFacts, Side } from "./wire.gen";
+import { say } from "./words";
+
+/** That the strokes have the skill of both players, of a day or of the last one known. */
+function skillWords(day: string): string {
+  return day ? say("page.skill_of", { date: day }) : say("page.skill");
+}
 
 export class App {
   readonly stage: Stage | null;
@@ -64,7 +70,7 @@ export class App {
       source,
       async (rally) => this.stage?.prepare(rally),
       (error) => layout.say(error.message, true),
-      (pending) => layout.showBusy(pending ? "computing …" : null),
+      (pending) => layout.showBusy(pending ? say("page.computing") : null),
     );
     this.values = new StrokeValues(source, this.course, this.rallies, this.screen);
     this.challenges = new Challenges(this.course, this.screen, source, this.values, {
@@ -98,7 +104,7 @@ export class App {
     }
     course.visit({ plan: null, rally: 0, stroke: null, tried: {} });
     await this.go(hello.recorded?.first ?? 0, null, true);
-    this.screen.layout.say("The link cannot be shown: no such player or rally. This is the first rally instead.", true);
+    this.screen.layout.say(say("page.bad_link"), true);
   }
 
   private acts(): Acts {
@@ -195,8 +201,8 @@ export class App {
     document.body.dataset["ready"] = "";
     const known = hello.recorded && matchOf(hello.recorded.matches, rally.number);
     const event = known ? [known.title, known.date].filter(Boolean).join(", ") : hello.recorded?.title;
-    const match = event ?? `seed ${course.plan!.seed}`;
-    const where = rally.skill ? `${match}, ${rally.skill}` : match;
+    const match = event ?? say("page.seed", { seed: course.plan!.seed });
+    const where = rally.skill === null ? match : say("page.in_match", { match, skill: skillWords(rally.skill) });
     this.screen.show(rally, where, course.sides, course.person?.seat ?? null, course.isTried);
     this.saving.updateAddress();
     // A new server compiles for these; on a machine of few cores, the first picture would wait for it.
@@ -279,7 +285,7 @@ export class App {
   /** Starts a new match; asks first while a person plays. */
   private askNewMatch(): void {
     if (this.course.person) {
-      confirmed("Start a new match?", "The score of this match is lost.", "New match", () => this.newMatch());
+      confirmed(say("page.ask_new"), say("page.ask_new_about"), say("page.new_match"), () => this.newMatch());
     } else {
       this.newMatch();
     }
@@ -325,7 +331,7 @@ export class App {
       return;
     }
     const { layout } = this.screen;
-    layout.say(`${displayName(side.policy)} plays so from the next rally on`);
+    layout.say(say("page.plays_so", { name: displayName(side.policy) }));
     this.saving.updateAddress();
     this.rallies.load(course.wanted(from)).catch((error: Error) => layout.say(error.message, true));
   }
@@ -341,9 +347,7 @@ export class App {
       this.leave();
       this.enter("watch");
       await this.go(course.number, null, true);
-      layout.say(
-        shown.rally.winner === null ? "The policy replays this rally from the start" : "The policy continues the match",
-      );
+      layout.say(say(shown.rally.winner === null ? "page.replays" : "page.continues"));
       return;
     }
     const { stroke, time } = player;
@@ -353,7 +357,7 @@ export class App {
     const taken = await this.rallies.fetch(course.wanted(course.number), null, undo);
     if (taken) {
       this.show(taken, Math.min(time, taken.motion.duration), true);
-      layout.say(`You play side ${"AB"[seat]}: choose a stroke and hit`);
+      layout.say(say("page.you_play", { side: "AB"[seat]! }));
     }
   }
 

@@ -1,8 +1,9 @@
 // The board of a person who plays: legal strokes, targets, techniques.
 
-import { h, percent, replaceChildren, sideColour, words } from "./dom";
+import { h, percent, replaceChildren, sideColour } from "./dom";
 import { term } from "./glossary";
 import type { HallFacts, Option, Turn, TurnStroke } from "./wire.gen";
+import { type Key, listed, say, words } from "./words";
 
 const KEYS: Record<string, string> = {
   "short-serve": "s",
@@ -27,7 +28,7 @@ export interface BoardHooks {
 }
 
 export class Board {
-  readonly element = h("section", { class: "panel board hidden", "aria-label": "Your stroke" });
+  readonly element = h("section", { class: "panel board hidden", "aria-label": say("board.label") });
   turn: Turn | null = null;
   private shot = "";
   private area = "";
@@ -64,16 +65,16 @@ export class Board {
   private wait(): void {
     const height = this.element.clientHeight;
     this.element.style.minHeight = height ? `${height}px` : "";
-    this.say("The rally goes on …");
+    this.say(say("board.goes_on"));
   }
 
   /** Says that the match is over. */
   finish(): void {
-    this.say("The match is over. Start another one, or look at this one in Analyse.");
+    this.say(say("board.over"));
   }
 
   private say(text: string): void {
-    replaceChildren(this.element, h("h2", {}, h("span", {}, "Your stroke")), h("p", { class: "quiet" }, text));
+    replaceChildren(this.element, h("h2", {}, h("span", {}, say("board.label"))), h("p", { class: "quiet" }, text));
   }
 
   get selected(): TurnStroke | undefined {
@@ -121,7 +122,7 @@ export class Board {
           onclick: () => this.choose({ shot }),
         },
         words(shot),
-        h("small", {}, h("kbd", {}, KEYS[shot]!), best ? ` wins ${best}` : ""),
+        h("small", {}, h("kbd", {}, KEYS[shot]!), best ? say("board.wins", { share: best }) : ""),
       );
     });
     const folded = shots.filter((shot) => !legal.includes(shot));
@@ -134,15 +135,15 @@ export class Board {
       const share = mine.length ? Math.max(...mine.map((s) => s.p_succ)) : 0;
       const best = this.best(mine);
       const facts = mine.length
-        ? [`in ${percent(share)}`, best && `wins ${best}`]
-        : [this.shot ? "not legal here" : "choose a shot"];
+        ? [say("board.in", { share: percent(share) }), best && say("board.wins", { share: best }).trim()]
+        : [say(this.shot ? "board.illegal" : "board.choose")];
       return h(
         "button",
         {
           disabled: !mine.length,
           "aria-pressed": String(area === this.area),
           "data-key": `area ${area}`,
-          "aria-label": [words(area), ...facts].filter(Boolean).join(", "),
+          "aria-label": listed([words(area), ...facts.filter((fact) => fact !== null)]),
           title: `${words(area)} (${keypad(place)})`,
           style: mine.length ? `background:${shade(share)}` : "",
           onclick: () => this.choose({ area }),
@@ -165,15 +166,24 @@ export class Board {
     const now = this.selected;
     const option = now ? this.values.get(now.stroke) : undefined;
     const chances = now
-      ? `in ${percent(now.p_succ)} · comes back ${percent(now.p_ret)}${option ? ` · wins ${percent(option.win)}` : ""}`
-      : "Choose a shot";
+      ? [
+          say("board.in", { share: percent(now.p_succ) }),
+          say("board.back", { share: percent(now.p_ret) }),
+          ...(option ? [say("board.wins", { share: percent(option.win) }).trim()] : []),
+        ].join(" · ")
+      : say("board.choose_shot");
     replaceChildren(
       this.element,
       h(
         "h2",
         {},
-        term("your stroke", `Your ${serves ? "serve" : "stroke"}`),
-        h("span", {}, serves ? "" : `from ${height} the net`, ...(hurried ? [", ", term("hurried")] : [])),
+        term("your stroke", say(serves ? "term.your_serve" : "term.your_stroke")),
+        h(
+          "span",
+          {},
+          serves ? "" : say(`from_net.${height}` as Key),
+          ...(hurried ? [say("language.comma"), term("hurried")] : []),
+        ),
       ),
       h(
         "div",
@@ -182,20 +192,20 @@ export class Board {
           "div",
           {},
           h("div", { class: "shots" }, ...shotButtons),
-          folded.length ? h("p", { class: "folded" }, `Not from here: ${folded.map(words).join(", ")}`) : null,
+          folded.length ? h("p", { class: "folded" }, say("board.folded", { shots: listed(folded.map(words)) })) : null,
         ),
-        h("div", { class: "targets", role: "group", "aria-label": "Target; or click the court" }, ...areaButtons),
+        h("div", { class: "targets", role: "group", "aria-label": say("board.target") }, ...areaButtons),
       ),
-      h("div", { class: "row techniques", role: "group", "aria-label": "Technique" }, ...techniques),
+      h("div", { class: "row techniques", role: "group", "aria-label": say("board.technique") }, ...techniques),
       h(
         "div",
         { class: "row" },
-        h("button", { "data-key": "hint", onclick: () => void this.askHints() }, "Hint ", h("kbd", {}, "i")),
+        h("button", { "data-key": "hint", onclick: () => void this.askHints() }, say("board.hint"), h("kbd", {}, "i")),
         h("span", { role: "status" }, chances),
         h(
           "button",
           { class: "hit", "data-key": "hit", disabled: !now, onclick: () => this.hit() },
-          "Hit ",
+          say("board.hit"),
           h("kbd", {}, "Enter"),
         ),
       ),

@@ -1,10 +1,11 @@
 // The court with score, stroke and probability drawn into one picture, for pictures and films.
 
-import { capitalised, does, percent, words } from "./dom";
-import { displayName } from "./names";
-import { reason } from "./narration";
+import { capitalised, percent } from "./dom";
+import { displayName, does } from "./names";
+import { breakWords, reason } from "./narration";
 import { COLOURS } from "./stage";
 import type { RallyFacts } from "./wire.gen";
+import { say, words } from "./words";
 
 /** What is drawn over the court at a moment. */
 export interface Moment {
@@ -96,7 +97,7 @@ function drawScore(pen: Pen, { rally, stroke, over }: Moment): void {
   if (rally.before && stroke < 0) {
     pen.box(left, top + 2 * row, wide, 0.8 * row, VEIL);
     pen.font(28);
-    pen.text(capitalised(rally.before), left + 56 * unit, top + 2.4 * row, GOLD, "left", wide - 76 * unit);
+    pen.text(capitalised(breakWords(rally.before)), left + 56 * unit, top + 2.4 * row, GOLD, "left", wide - 76 * unit);
   }
 }
 
@@ -109,10 +110,10 @@ function drawStroke(pen: Pen, { rally, stroke: index }: Moment, width: number, h
   const [left, tall] = [36 * unit, 100 * unit];
   const top = height - tall - 92 * unit;
   const facts: [string, string, string][] = [
-    ["target", words(stroke.area), TEXT],
-    ["in", percent(stroke.p_succ), GREEN],
-    ["comes back", percent(stroke.p_ret), GOLD],
-    ["speed", `${Math.round(3.6 * stroke.speed)} km/h`, TEXT],
+    [say("page.target"), words(stroke.area), TEXT],
+    [say("term.in"), percent(stroke.p_succ), GREEN],
+    [say("term.comes back"), percent(stroke.p_ret), GOLD],
+    [say("page.speed"), say("page.kmh", { speed: Math.round(3.6 * stroke.speed) }), TEXT],
   ];
   pen.font(34, 750);
   const shot = words(stroke.shot).toUpperCase();
@@ -151,17 +152,17 @@ function drawChance(pen: Pen, win: number, width: number, height: number): void 
   g.fillStyle = COLOURS[1];
   g.fillRect(split, top, left + wide - split, tall);
   pen.font(24, 700);
-  pen.text(`A wins ${percent(win)}`, left + 14 * unit, top + tall / 2, INK);
-  pen.text(`B wins ${percent(1 - win)}`, left + wide - 14 * unit, top + tall / 2, INK, "right");
+  pen.text(say("page.a_wins", { share: percent(win) }), left + 14 * unit, top + tall / 2, INK);
+  pen.text(say("page.b_wins", { share: percent(1 - win) }), left + wide - 14 * unit, top + tall / 2, INK, "right");
 }
 
 function drawEnd(pen: Pen, rally: RallyFacts, width: number, height: number): void {
   const { unit } = pen;
-  const winner = does(displayName(rally.names[rally.winner!]!), "win", true);
+  const winner = does(rally.names[rally.winner!]!, "win", true);
   const [wide, tall, top] = [Math.min(760 * unit, width - 72 * unit), 120 * unit, height - 340 * unit];
   pen.box((width - wide) / 2, top, wide, tall, VEIL);
   pen.font(36, 700);
-  pen.text(`${winner} the rally`, width / 2, top + 0.34 * tall, COLOURS[rally.winner!]!, "center", wide - 40 * unit);
+  pen.text(winner + say("won.rally"), width / 2, top + 0.34 * tall, COLOURS[rally.winner!]!, "center", wide - 40 * unit);
   pen.font(26);
   const [a, b] = rally.after!.points;
   pen.text(`${reason(rally)} · ${a} – ${b}`, width / 2, top + 0.72 * tall, TEXT, "center", wide - 40 * unit);

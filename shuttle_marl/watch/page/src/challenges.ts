@@ -9,6 +9,7 @@ import type { StrokeValues } from "./strokeValues";
 import { likenessSentence, summary } from "./summary";
 import type { Timeline } from "./timeline";
 import type { RallyFacts, Side } from "./wire.gen";
+import { say } from "./words";
 
 const POINTS = 3; // of a duel
 const PRO: Side = { policy: "bc", temperature: 1 };
@@ -57,7 +58,7 @@ export class Challenges {
     hooks.seeFrom(0);
     screen.hear();
     await hooks.go(0, null, true);
-    screen.layout.say(`A duel to ${POINTS} points with a strong player: choose a stroke and hit`);
+    screen.layout.say(say("duel.begins", { points: POINTS }));
   }
 
   /** Shows the costliest decisions of a person in the finished game, and whose choices theirs are like. */
@@ -89,7 +90,7 @@ export class Challenges {
     const content = [
       ...found,
       likenessSentence(likeness),
-      course.plan?.points ? h("button", { onclick: again }, "Another duel") : "",
+      course.plan?.points ? h("button", { onclick: again }, say("duel.another")) : "",
     ];
     dialog.querySelector("div")!.replaceChildren(...content);
     dialog.addEventListener("close", next, { once: true });

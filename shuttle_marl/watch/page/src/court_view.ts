@@ -1,13 +1,15 @@
 // Overlays of the court: score, shot, speed, cameras.
 
-import { type Child, capitalised, h, percent, replaceChildren, sideColour, words } from "./dom";
+import { type Child, capitalised, h, percent, replaceChildren, sideColour } from "./dom";
 import { hurriedTag } from "./glossary";
 import { displayName } from "./names";
+import { breakWords } from "./narration";
 import { CAMERAS, type Camera, type Stage } from "./stage";
 import type { RallyFacts, Stroke } from "./wire.gen";
+import { type Key, listed, say, words } from "./words";
 
 export class ScoreBug {
-  readonly element = h("div", { class: "bug", role: "group", "aria-label": "Score" });
+  readonly element = h("div", { class: "bug", role: "group", "aria-label": say("page.score") });
   private shown = "";
 
   /** @param begun whether the serve is struck; until then an interval or a change of ends is told. */
@@ -27,13 +29,13 @@ export class ScoreBug {
           "div",
           { class: `row${seat === serving ? " serving" : ""}`, style: `--mine:${sideColour(seat)}` },
           h("i"),
-          h("span", { class: "dot", title: "serves" }),
+          h("span", { class: "dot", title: say("page.serves") }),
           h("span", { class: "name" }, displayName(rally.names[seat]!)),
           h("span", { class: "sets" }, ...rally.finished.map((game) => h("span", {}, String(game[seat])))),
           h("span", { class: "points" }, String(points[seat])),
         ),
       ),
-      before && h("p", { class: "before" }, capitalised(before)),
+      before && h("p", { class: "before" }, capitalised(breakWords(before))),
     );
   }
 }
@@ -61,22 +63,22 @@ export class Chip {
     }
     this.element.style.setProperty("--mine", sideColour(stroke.seat));
     const effort =
-      stroke.effort === null ? null : fact("attacks so far", `${stroke.effort} : ${stroke.opponent_effort}`, "minor");
+      stroke.effort === null ? null : fact(say("page.attacks"), `${stroke.effort} : ${stroke.opponent_effort}`, "minor");
     replaceChildren(
       this.element,
       h("div", { class: "shot" }, words(stroke.shot)),
-      fact("target", words(stroke.area)),
-      fact("in", percent(stroke.p_succ), "", "color:var(--green)"),
-      fact("comes back", percent(stroke.p_ret), "", "color:var(--gold)"),
-      fact("technique", words(stroke.technique), "technique"),
-      fact("contact", [`${stroke.height} net`, hurriedTag(stroke.hurried)], "minor"),
+      fact(say("page.target"), words(stroke.area)),
+      fact(say("term.in"), percent(stroke.p_succ), "", "color:var(--green)"),
+      fact(say("term.comes back"), percent(stroke.p_ret), "", "color:var(--gold)"),
+      fact(say("page.technique"), words(stroke.technique), "technique"),
+      fact(say("page.contact"), [say(`at_net.${stroke.height}` as Key), hurriedTag(stroke.hurried)], "minor"),
       effort,
     );
     replaceChildren(
       this.speed,
       h("b", {}, String(Math.round(3.6 * stroke.speed))),
-      " km/h",
-      h("div", {}, `stroke ${index + 1} of ${rally.strokes.length}`),
+      say("page.kmh", { speed: "" }),
+      h("div", {}, say("page.stroke_of", { number: index + 1, count: rally.strokes.length })),
     );
   }
 }
@@ -94,7 +96,10 @@ export class SpeedLabel {
     this.element.classList.toggle("hidden", !place);
     if (place && stroke) {
       if (this.shown !== index) {
-        this.element.textContent = `${Math.round(3.6 * stroke.speed)} km/h${stroke.hurried ? ", hurried" : ""}`;
+        this.element.textContent = listed([
+          say("page.kmh", { speed: Math.round(3.6 * stroke.speed) }),
+          ...(stroke.hurried ? [say("term.hurried")] : []),
+        ]);
       }
       this.shown = index;
       this.element.style.transform = `translate(${Math.round(place[0] + 24)}px, ${Math.round(place[1] - 40)}px)`;
@@ -111,18 +116,18 @@ export function cameraButtons(choose: (camera: Camera) => void): { element: HTML
       {
         onclick: () => choose(camera),
         "aria-pressed": "false",
-        "aria-label": `${i + 1} ${camera}`,
-        title: `Camera ${i + 1}: ${camera}`,
+        "aria-label": `${i + 1} ${say(`camera.${camera}`)}`,
+        title: say("page.camera_number", { number: i + 1, name: say(`camera.${camera}`) }),
       },
-      `${i + 1} ${camera}`,
+      `${i + 1} ${say(`camera.${camera}`)}`,
     ),
   );
   const names = h(
     "select",
-    { "aria-label": "Camera", onchange: () => choose(names.value as Camera) },
-    ...CAMERAS.map((camera) => h("option", {}, camera)),
+    { "aria-label": say("page.camera"), onchange: () => choose(names.value as Camera) },
+    ...CAMERAS.map((camera) => h("option", { value: camera }, say(`camera.${camera}`))),
   );
-  const element = h("div", { class: "cameras", role: "group", "aria-label": "Cameras" }, ...buttons, names);
+  const element = h("div", { class: "cameras", role: "group", "aria-label": say("page.cameras") }, ...buttons, names);
   return {
     element,
     show: (camera) => {

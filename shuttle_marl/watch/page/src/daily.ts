@@ -1,5 +1,7 @@
 // Puzzles of the day: five questions chosen by the date, the same for everyone, with a rating kept in the browser.
 
+import { say } from "./words";
+
 const KEY = "shuttle_marl.puzzles";
 const START = 1500; // rating of a new viewer
 const GUESS = 1000; // rating of a viewer who guesses
@@ -96,14 +98,18 @@ export class Daily {
     const { rating } = this.history;
     const change = Math.round(rating - this.before);
     return this.again
-      ? `You played this day before; your rating stays at ${Math.round(rating)}.`
-      : `Your rating: ${Math.round(rating)} (${change < 0 ? "−" : "+"}${Math.abs(change)}). Who guesses has ${GUESS}.`;
+      ? say("learn.again", { rating: Math.round(rating) })
+      : say("learn.rating", {
+          rating: Math.round(rating),
+          change: `${change < 0 ? "−" : "+"}${Math.abs(change)}`,
+          guess: GUESS,
+        });
   }
 
   /** Text to share. */
   get card(): string {
     const right = this.answers.filter(Boolean).length;
     const marks = this.answers.map((answer) => (answer ? "🟩" : "🟥")).join("");
-    return `shuttle_marl, rally of the day ${this.date}: ${right}/${this.answers.length} ${marks}`;
+    return say("learn.card", { date: this.date, result: `${right}/${this.answers.length} ${marks}` });
   }
 }

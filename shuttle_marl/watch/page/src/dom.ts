@@ -54,15 +54,6 @@ export function signed(p: number): string {
   return points > 0 ? `+${points} %` : points < 0 ? `−${-points} %` : "0 %";
 }
 
-/** Names of the game as words: `cross-court-net-shot` → `cross-court net shot`. */
-export function words(name: string): string {
-  return name
-    .replace("cross-court-", "cross-court·")
-    .replaceAll("-", " ")
-    .replace("·", " ")
-    .replace("cross court", "cross-court");
-}
-
 /** Words with a capital at the start. */
 export function capitalised(words: string): string {
   return words.charAt(0).toUpperCase() + words.slice(1);
@@ -76,11 +67,6 @@ export function sideColour(seat: number): string {
 /** Whether the viewer asks for less motion. */
 export function still(): boolean {
   return matchMedia("(prefers-reduced-motion: reduce)").matches;
-}
-
-/** A name with a verb: "bc wins", "you win"; `start`: at the start of a sentence. */
-export function does(name: string, verb: string, start = false): string {
-  return name === "you" ? `${start ? "You" : "you"} ${verb}` : `${name} ${verb}s`;
 }
 
 export function replaceChildren(parent: Element, ...children: Child[]): void {

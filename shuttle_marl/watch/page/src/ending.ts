@@ -7,6 +7,7 @@ import type { Screen } from "./screen";
 import type { Camera } from "./stage";
 import type { Timeline } from "./timeline";
 import type { RallyFacts } from "./wire.gen";
+import { say } from "./words";
 
 const LONG = 20; // strokes of a rally whose end is replayed
 
@@ -100,7 +101,7 @@ export class Ending {
     this.replayed = stage.camera;
     stage.camera = "side";
     player.replay(best < 0 ? last : best, true);
-    screen.layout.say("Slow replay");
+    screen.layout.say(say("page.slow"));
     return true;
   }
 }

@@ -3,6 +3,7 @@
 import { hideTip } from "./glossary";
 import { type Player, SPEEDS } from "./player";
 import { CAMERAS, type Camera, type Stage } from "./stage";
+import { say } from "./words";
 
 /** What keys do to the match and to the page. */
 interface Acts {
@@ -26,33 +27,33 @@ interface Page {
 /** Keys and what they do: everywhere, in a match between policies, and while a person plays. */
 export function keyList(match: boolean): { general: [string, string][]; play: [string, string][] } {
   const general: [string, string][] = [
-    ["space", "play, pause"],
-    ["← →", "stroke"],
-    ["↑ ↓", "rally"],
-    [", .", "frame"],
-    ["< >", "speed"],
-    ["1 – 7", "camera"],
-    ["f", "switch ends"],
-    ["r", "slow-motion replay"],
-    ["m", "sound"],
-    ["w", "in words"],
-    ["e", "details"],
-    ["h", "keys"],
+    [say("keys.space"), say("keys.play")],
+    ["← →", say("keys.stroke")],
+    ["↑ ↓", say("keys.rally")],
+    [", .", say("keys.frame")],
+    ["< >", say("keys.speed")],
+    ["1 – 7", say("keys.camera")],
+    ["f", say("keys.ends")],
+    ["r", say("keys.replay")],
+    ["m", say("keys.sound")],
+    ["w", say("keys.words")],
+    ["e", say("keys.details")],
+    ["h", say("keys.keys")],
   ];
   if (!match) {
     return { general, play: [] };
   }
-  general.push(["t T", "take over A, B"], ["n", "new match (the net shot while you play)"]);
+  general.push(["t T", say("keys.take_over")], ["n", say("keys.new")]);
   return {
     general,
     play: [
-      ["c l d s", "clear, lift, drop, smash or short serve"],
-      ["a v p k", "half smash, drive, push, net kill"],
-      ["n x b g", "net shot, cross-court, block, long serve"],
-      ["1 – 9", "target, as on a keypad"],
-      ["q", "technique"],
-      ["i", "hint"],
-      ["Enter", "hit"],
+      ["c l d s", say("keys.shots_1")],
+      ["a v p k", say("keys.shots_2")],
+      ["n x b g", say("keys.shots_3")],
+      ["1 – 9", say("keys.target")],
+      ["q", say("keys.technique")],
+      ["i", say("keys.hint")],
+      ["Enter", say("keys.hit")],
     ],
   };
 }

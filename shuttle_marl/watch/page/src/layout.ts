@@ -8,6 +8,7 @@ import { dialog, menu } from "./menus";
 import { SPEEDS } from "./player";
 import { filmFormat } from "./recorder";
 import { type Tabs, tabList } from "./tabs";
+import { LANGUAGES, language, say, speak } from "./words";
 
 export const MODES = ["watch", "analyse", "learn", "play"] as const;
 export type Mode = (typeof MODES)[number];
@@ -76,13 +77,13 @@ export class Layout {
     const keys = keyList(isMatch);
     const list = (entries: [string, string][]) =>
       h("ul", { class: "keys" }, ...entries.map(([key, what]) => h("li", {}, h("kbd", {}, key), ` ${what}`)));
-    const playing = keys.play.length ? [h("h3", {}, "While you play"), list(keys.play)] : [];
-    this.help = dialog("Keys", h("div", {}, list(keys.general), ...playing));
-    this.summary = dialog("Game summary", h("div"));
-    this.play = h("button", { class: "play", onclick: () => hooks.toggle(), "aria-label": "Play" }, icon("play"));
+    const playing = keys.play.length ? [h("h3", {}, say("page.keys_play")), list(keys.play)] : [];
+    this.help = dialog(say("page.keys"), h("div", {}, list(keys.general), ...playing));
+    this.summary = dialog(say("page.game_summary"), h("div"));
+    this.play = h("button", { class: "play", onclick: () => hooks.toggle(), "aria-label": say("page.play") }, icon("play"));
     this.speed = h(
       "select",
-      { "aria-label": "Speed", onchange: () => hooks.speed(Number(this.speed.value)) },
+      { "aria-label": say("page.playback_speed"), onchange: () => hooks.speed(Number(this.speed.value)) },
       ...SPEEDS.map((speed) => h("option", { value: speed }, `${speed}×`)),
     );
     this.speed.value = "1";
@@ -92,51 +93,52 @@ export class Layout {
       max: 1,
       step: 0.02,
       value: 0,
-      "aria-label": "Position in the rally",
+      "aria-label": say("page.position"),
       oninput: () => hooks.seek(Number(this.scrubber.value)),
     });
-    this.autoNext = toggleButton("auto-next", true, (on) => hooks.autoNext(on));
-    this.textButton = toggleButton("In words", false, (on) => hooks.textMode(on));
-    this.soundButton = toggleButton("Sound", false, () => hooks.sound());
+    this.autoNext = toggleButton(say("page.auto_next"), true, (on) => hooks.autoNext(on));
+    this.textButton = toggleButton(say("page.in_words"), false, (on) => hooks.textMode(on));
+    this.soundButton = toggleButton(say("page.sound_on"), false, () => hooks.sound());
     const detailed = (on: boolean) => document.body.classList.toggle("details", on);
-    this.details = toggleButton("Details", remembered(DETAILS), (on) => {
+    this.details = toggleButton(say("page.details"), remembered(DETAILS), (on) => {
       detailed(on);
       remember(DETAILS, on);
     });
     detailed(remembered(DETAILS));
-    this.tabs = tabList("Mode", modes, "page", (mode) => hooks.mode(mode));
+    this.tabs = tabList(
+      say("page.mode"),
+      modes,
+      (mode) => say(`mode.${mode}`),
+      "page",
+      (mode) => hooks.mode(mode),
+    );
     parts.curve.append(this.transport());
-    const canvas =
-      parts.canvas ?? h("p", { class: "end" }, "This browser does not support WebGL 2; the rally is described as text.");
+    const canvas = parts.canvas ?? h("p", { class: "end" }, say("page.no_webgl"));
     this.court.append(canvas, ...parts.overlays, this.banner, this.busy);
     this.words = h(
       "section",
-      { class: "panel words", "aria-label": "The rally in words" },
-      h("h2", {}, term("words", "In words")),
-      h(
-        "div",
-        { class: "announcements", role: "region", "aria-label": "Strokes of the rally in words", tabindex: 0 },
-        this.lines,
-      ),
+      { class: "panel words", "aria-label": say("page.rally_in_words") },
+      h("h2", {}, term("words", say("term.words"))),
+      h("div", { class: "announcements", role: "region", "aria-label": say("page.strokes_in_words"), tabindex: 0 }, this.lines),
     );
     const keyPanel = h(
       "section",
-      { class: "panel keylist", "aria-label": "Keys" },
-      h("h2", {}, h("span", {}, "Keys")),
+      { class: "panel keylist", "aria-label": say("page.keys") },
+      h("h2", {}, h("span", {}, say("page.keys"))),
       list(keys.general),
     );
     const share = canShare
       ? menu(
-          "Share",
-          h("button", { onclick: () => hooks.copyLink() }, "Copy link"),
-          h("button", { onclick: () => hooks.savePage(false) }, "Save this rally (.html)"),
-          h("button", { onclick: () => hooks.savePage(true) }, "Save the match so far (.html)"),
-          h("button", { onclick: () => hooks.savePicture() }, "Save picture (.png)"),
+          say("page.share"),
+          h("button", { onclick: () => hooks.copyLink() }, say("page.copy_link")),
+          h("button", { onclick: () => hooks.savePage(false) }, say("page.save_rally")),
+          h("button", { onclick: () => hooks.savePage(true) }, say("page.save_match")),
+          h("button", { onclick: () => hooks.savePicture() }, say("page.save_png")),
           filmFormat()
-            ? h("button", { onclick: () => hooks.saveFilm() }, "Record video (.webm)")
-            : h("p", { class: "quiet" }, "This browser cannot record video"),
+            ? h("button", { onclick: () => hooks.saveFilm() }, say("page.record"))
+            : h("p", { class: "quiet" }, say("page.no_film")),
         )
-      : h("button", { onclick: () => hooks.savePicture() }, "Save picture");
+      : h("button", { onclick: () => hooks.savePicture() }, say("page.save_picture"));
     this.panel.append(
       h("div", { class: "column agents" }, ...parts.left.filter((part) => part !== null), keyPanel),
       this.court,
@@ -152,12 +154,13 @@ export class Layout {
         this.tabs.element,
         this.what,
         ...actions(
-          isMatch ? h("button", { onclick: () => hooks.newMatch() }, "New match") : null,
+          isMatch ? h("button", { onclick: () => hooks.newMatch() }, say("page.new_match")) : null,
           this.details,
           this.textButton,
           this.soundButton,
           share,
-          h("button", { onclick: () => this.toggleHelp() }, "Keys ", h("kbd", {}, "h")),
+          languageMenu(),
+          h("button", { onclick: () => this.toggleHelp() }, `${say("page.keys")} `, h("kbd", {}, "h")),
         ),
       ),
       h("main", {}, this.panel),
@@ -173,15 +176,15 @@ export class Layout {
       h("button", { onclick: act, "aria-label": label, title: label }, icon(name));
     return h(
       "div",
-      { class: "transport", role: "group", "aria-label": "Playback" },
-      button("first", "Previous rally", () => hooks.rally(-1)),
-      button("back", "Previous stroke", () => hooks.stroke(-1)),
+      { class: "transport", role: "group", "aria-label": say("page.playback") },
+      button("first", say("page.previous_rally"), () => hooks.rally(-1)),
+      button("back", say("page.previous_stroke"), () => hooks.stroke(-1)),
       this.play,
-      button("forward", "Next stroke", () => hooks.stroke(1)),
-      button("last", "Next rally", () => hooks.rally(1)),
-      button("replay", "Replay the last stroke in slow motion", () => hooks.replay()),
+      button("forward", say("page.next_stroke"), () => hooks.stroke(1)),
+      button("last", say("page.next_rally"), () => hooks.rally(1)),
+      button("replay", say("page.replay"), () => hooks.replay()),
       this.speed,
-      toggleButton("loop rally", false, (on) => hooks.loop(on)),
+      toggleButton(say("page.loop"), false, (on) => hooks.loop(on)),
       this.autoNext,
       this.scrubber,
       this.clock,
@@ -209,10 +212,10 @@ export class Layout {
   }
 
   showPlaying(playing: boolean): void {
-    const name = playing ? "Pause" : "Play";
+    const name = say(playing ? "page.pause" : "page.play");
     if (this.play.getAttribute("aria-label") !== name) {
       this.play.setAttribute("aria-label", name);
-      replaceChildren(this.play, icon(name.toLowerCase()));
+      replaceChildren(this.play, icon(playing ? "pause" : "play"));
     }
   }
 
@@ -298,9 +301,16 @@ function toggleButton(name: string, on: boolean, act: (on: boolean) => void): HT
   return button;
 }
 
+/** Chooses the language; a page in the frame of a report has that of the report. */
+export function languageMenu(): HTMLElement | null {
+  const options = LANGUAGES.map(([name, text]) => h("option", { value: name, lang: name, selected: name === language }, text));
+  const select = h("select", { "aria-label": say("page.language"), onchange: () => speak(select.value) }, ...options);
+  return parent === window ? select : null;
+}
+
 /** Buttons of the header; on narrow screens a button opens them. */
 function actions(...buttons: (HTMLElement | null)[]): HTMLElement[] {
-  const more = h("button", { class: "more", "aria-expanded": "false", "aria-controls": "actions" }, "Menu");
+  const more = h("button", { class: "more", "aria-expanded": "false", "aria-controls": "actions" }, say("page.menu"));
   const element = h("div", { class: "actions", id: "actions" }, ...buttons);
   const open = (on: boolean) => {
     element.classList.toggle("open", on);

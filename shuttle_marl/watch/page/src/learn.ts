@@ -2,10 +2,11 @@
 
 import { accuracy } from "./analysis";
 import { type Daily, PUZZLES } from "./daily";
-import { h, percent, replaceChildren, words } from "./dom";
+import { h, percent, replaceChildren } from "./dom";
 import { term } from "./glossary";
 import { displayName } from "./names";
 import type { Analysis, Option, RallyFacts } from "./wire.gen";
+import { decimal, type Key, say, words } from "./words";
 
 const QUESTIONS = 3;
 const RALLIES = 20; // rallies without a question that are skipped
@@ -43,7 +44,11 @@ function answers({ best, wrong }: Question): Option[] {
 }
 
 function name(option: Option): string {
-  return `${words(option.shot)} to ${words(option.area)}, ${words(option.technique)}`;
+  return say("stroke.with_area", {
+    shot: words(option.shot),
+    area: words(option.area),
+    technique: words(option.technique),
+  });
 }
 
 export interface LearnHooks {
@@ -67,7 +72,7 @@ export interface LearnHooks {
 export class Learn {
   readonly element = h("section", {
     class: "panel learn hidden",
-    "aria-label": "Find the better stroke",
+    "aria-label": say("learn.title"),
     "aria-live": "polite",
   });
   private rally: RallyFacts | null = null;
@@ -106,7 +111,7 @@ export class Learn {
       : this.skipped < RALLIES && !rally.after?.over && !this.hooks.isLast();
     if (!this.left.length && another) {
       this.skipped++;
-      replaceChildren(this.element, h("h2", {}, h("span", {}, this.title)), h("p", {}, "Looking for a question …"));
+      replaceChildren(this.element, h("h2", {}, h("span", {}, this.title)), h("p", {}, say("learn.looking")));
       this.hooks.nextRally();
       return;
     }
@@ -164,26 +169,27 @@ export class Learn {
         "p",
         {},
         h("b", { class: stroke.seat ? "b" : "a" }, displayName(this.rally!.names[stroke.seat]!)),
-        ` plays stroke ${question.stroke + 1}, from ${stroke.height} the net`,
-        ...(stroke.hurried ? [", ", term("hurried")] : []),
-        ".",
+        say("learn.plays", { number: question.stroke + 1, from: say(`from_net.${stroke.height}` as Key) }),
+        ...(stroke.hurried ? [say("language.comma"), term("hurried")] : []),
+        say("learn.stop"),
       ),
     );
     this.hooks.stopBefore(question.stroke);
   }
 
   private get title(): string {
-    return this.daily ? "Rally of the day" : "Find the better stroke";
+    return say(this.daily ? "learn.day" : "learn.title");
   }
 
   private get place(): string {
     const { daily, asked } = this;
-    return daily ? `${daily.answers.length + 1} of ${PUZZLES}` : `${asked + 1} of ${asked + this.left.length + 1}`;
+    const [number, count] = daily ? [daily.answers.length, PUZZLES] : [asked, asked + this.left.length + 1];
+    return say("learn.of", { number: number + 1, count });
   }
 
   private dayButton(): HTMLElement | null {
     const { daily } = this.hooks;
-    return daily && h("button", { onclick: daily }, "Rally of the day: five puzzles");
+    return daily && h("button", { onclick: daily }, say("start.daily"));
   }
 
   /** Shows the question when the playback reaches the decision. */
@@ -201,10 +207,7 @@ export class Learn {
         h("span", { class: "quiet" }),
       );
     });
-    this.element.append(
-      h("p", {}, "Which stroke is best if both play perfectly afterwards?"),
-      h("div", { class: "quiz" }, ...buttons),
-    );
+    this.element.append(h("p", {}, say("learn.question")), h("div", { class: "quiz" }, ...buttons));
     const day = this.daily ? null : this.dayButton();
     if (day) {
       this.element.append(h("div", { class: "day row" }, day));
@@ -244,30 +247,25 @@ export class Learn {
       button.disabled = true;
       button.classList.toggle("right", option === best);
       button.classList.toggle("wrong", option === given && !right);
-      button.lastElementChild!.textContent = `${percent(option.best)}${option === played ? " · played" : ""}`;
+      button.lastElementChild!.textContent = `${percent(option.best)}${option === played ? say("learn.played") : ""}`;
     });
     this.hooks.point(best);
     this.hooks.reveal(stroke);
     const lost = (option: Option) => percent(best.best - option.best);
-    const verdict = right ? "Correct." : `Better: ${name(best)}; yours loses ${lost(given)}.`;
+    const verdict = right ? say("learn.correct") : say("learn.better", { stroke: name(best), share: lost(given) });
     const support = Math.round(Math.min(...this.options.map((option) => option.support!)));
     const { playInstead, playFrom } = this.hooks;
     this.element.querySelector(".day")?.remove();
-    const last = this.daily ? (this.daily.done ? "Result" : "Next puzzle") : "Show accuracy";
-    const next = h("button", { onclick: () => void this.next() }, this.left.length ? "Next question" : last);
+    const last = say(this.daily ? (this.daily.done ? "learn.result" : "learn.next_puzzle") : "learn.show_accuracy");
+    const next = h("button", { onclick: () => void this.next() }, this.left.length ? say("learn.next_question") : last);
     this.element.append(
-      h(
-        "p",
-        {},
-        `${verdict} The stroke played loses ${lost(played)}. Percentages: winning the rally if both play strongly afterwards. ` +
-          `At least ${support.toLocaleString("en")} real strokes stand behind each answer.`,
-      ),
+      h("p", {}, say("learn.verdict", { verdict, share: lost(played), count: decimal(support, 0) })),
       h(
         "div",
         { class: "row" },
         next,
-        playInstead ? h("button", { onclick: () => playInstead(stroke, best.stroke) }, "Play the better one") : null,
-        h("button", { onclick: () => void playFrom(stroke) }, "Play what was played"),
+        playInstead ? h("button", { onclick: () => playInstead(stroke, best.stroke) }, say("learn.play_better")) : null,
+        h("button", { onclick: () => void playFrom(stroke) }, say("learn.play_played")),
       ),
     );
     next.focus({ preventScroll: true });
@@ -279,23 +277,27 @@ export class Learn {
     const copied = h("p", { role: "status", class: "quiet" });
     const copy = () =>
       navigator.clipboard.writeText(daily.card).then(
-        () => (copied.textContent = "Copied"),
+        () => (copied.textContent = say("learn.copied")),
         () => (copied.textContent = daily.card),
       );
-    const share = h("button", { onclick: () => void copy() }, "Copy the result");
+    const share = h("button", { onclick: () => void copy() }, say("learn.copy"));
     const more = () => {
       this.start(null);
       this.hooks.nextRally();
     };
     const marks = daily.answers.map((answer) =>
-      h("span", { role: "img", class: answer ? "up" : "down", "aria-label": answer ? "right" : "wrong" }, answer ? "●" : "○"),
+      h(
+        "span",
+        { role: "img", class: answer ? "up" : "down", "aria-label": say(answer ? "learn.right" : "learn.wrong") },
+        answer ? "●" : "○",
+      ),
     );
     replaceChildren(
       this.element,
       h("h2", {}, h("span", {}, this.title), h("span", {}, daily.date)),
       h("p", {}, h("b", {}, `${right}/${daily.answers.length} `), ...marks),
-      h("p", {}, daily.answers.length ? daily.rating : "These rallies have no question with enough real strokes."),
-      h("div", { class: "row" }, share, h("button", { onclick: more }, "More questions")),
+      h("p", {}, daily.answers.length ? daily.rating : say("learn.no_questions")),
+      h("div", { class: "row" }, share, h("button", { onclick: more }, say("learn.more"))),
       copied,
     );
     this.hooks.reveal(Infinity);
@@ -313,14 +315,14 @@ export class Learn {
         `: ${accuracy([{ rally, analysis }], seat)}`,
       ),
     );
-    const score = this.asked ? `${this.right} of ${this.asked} correct.` : "No decision of this rally is worth a question.";
-    const done = h("button", { onclick: () => this.hooks.nextRally() }, "Next rally");
+    const score = this.asked ? say("learn.score", { right: this.right, count: this.asked }) : say("learn.none");
+    const done = h("button", { onclick: () => this.hooks.nextRally() }, say("learn.next_rally"));
     replaceChildren(
       this.element,
-      h("h2", {}, term("accuracy", "Accuracy")),
+      h("h2", {}, term("accuracy", say("term.accuracy_title"))),
       h("p", {}, score),
       ...shares,
-      h("p", { class: "quiet" }, "Accuracy: 100 % is a rally without ?!, ? and ??."),
+      h("p", { class: "quiet" }, say("learn.accuracy_about")),
       h("div", { class: "row" }, done, this.dayButton()),
     );
     this.hooks.reveal(Infinity);

@@ -10,6 +10,7 @@ import type { Source, Wanted } from "./rallies";
 import { isSite, openReply, openShared, readShared, type Shared, sharedPage, ungzipped } from "./share";
 import { Tagging } from "./tag";
 import type { Analysis, Hello, MatchReply, OpeningReply, RallyFacts, RallyRequest, Styles } from "./wire.gen";
+import { say } from "./words";
 
 declare global {
   interface Window {
@@ -33,11 +34,7 @@ interface Opened {
 
 /** Source of a page that a server sent. */
 async function served(): Promise<Opened> {
-  const lost = h(
-    "div",
-    { class: "notice hidden", role: "alert", style: "top:auto;bottom:12px" },
-    "No connection to the server; reconnecting …",
-  );
+  const lost = h("div", { class: "notice hidden", role: "alert", style: "top:auto;bottom:12px" }, say("page.lost"));
   document.body.append(lost);
   const address = `${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/ws`;
   const server = new Connection(address, (open) => lost.classList.toggle("hidden", open));
@@ -86,7 +83,7 @@ async function served(): Promise<Opened> {
   return { hello, source, server };
 }
 
-const noPlay = () => Promise.reject(new Error("a saved page cannot play; start the server"));
+const noPlay = () => Promise.reject(new Error(say("page.cannot_play")));
 
 type Found<F> = Promise<{ facts: F; body: ArrayBuffer }>;
 
@@ -106,7 +103,7 @@ function stored(find: <F>(key: string) => Found<F>, match: (wanted: Wanted) => s
   };
 }
 
-const MISSING = "the saved page does not contain this rally";
+const MISSING = say("page.not_saved");
 
 /** Source of a saved page. */
 async function saved(shared: Shared): Promise<Opened> {

@@ -1,15 +1,16 @@
 // The match at a glance: probability of winning it, its costliest strokes, accuracy and marks of both sides.
 
-import { h, percent, replaceChildren, s, words } from "./dom";
+import { h, percent, replaceChildren, s } from "./dom";
 import { term } from "./glossary";
 import { displayName } from "./names";
 import type { MatchReply, Moment } from "./wire.gen";
+import { decimal, say, words } from "./words";
 
 const MARKS = ["!!", "!", "?!", "?", "??"] as const;
 const [WIDE, TALL] = [1000, 90];
 
 export class MatchPanel {
-  readonly element = h("section", { class: "panel match hidden", "aria-label": "The match" });
+  readonly element = h("section", { class: "panel match hidden", "aria-label": say("page.match") });
   private match: MatchReply | null = null;
 
   /** @param open shows a rally, from a stroke or from its start. */
@@ -35,16 +36,19 @@ export class MatchPanel {
     });
     replaceChildren(
       this.element,
-      h("h2", {}, term("match", "Match (A wins)"), h("span", {}, `${match.rallies.length} rallies`)),
+      h("h2", {}, term("match", say("term.match")), h("span", {}, say("page.rallies", { count: match.rallies.length }))),
       this.curve(match, current),
       ...sides,
-      h("h3", { style: "margin-top:8px" }, term("loss", "Costliest strokes")),
+      h("h3", { style: "margin-top:8px" }, term("loss", say("term.costliest"))),
       h("ol", { class: "moments" }, ...match.moments.map((moment) => h("li", {}, this.moment(moment)))),
     );
   }
 
   private moment(moment: Moment): HTMLElement {
-    const cost = moment.cost >= 5e-4 ? `${points(moment.cost)} of the match` : `${points(moment.loss)} of the rally`;
+    const cost =
+      moment.cost >= 5e-4
+        ? say("page.of_match", { points: points(moment.cost) })
+        : say("page.of_rally", { points: points(moment.loss) });
     return h(
       "button",
       { onclick: () => this.open(moment.rally, moment.stroke) },
@@ -52,7 +56,7 @@ export class MatchPanel {
       h(
         "span",
         {},
-        `Rally ${moment.rally + 1}, stroke ${moment.stroke + 1}: ${words(moment.shot)}`,
+        say("page.moment", { rally: moment.rally + 1, stroke: moment.stroke + 1, shot: words(moment.shot) }),
         h("span", { class: "mark bad" }, moment.mark),
       ),
       h("span", { class: "quiet" }, `−${cost}`),
@@ -78,7 +82,7 @@ export class MatchPanel {
         viewBox: `0 0 ${WIDE} ${TALL}`,
         preserveAspectRatio: "none",
         role: "img",
-        "aria-label": `Probability that A wins the match over ${rallies.length} rallies, at the end ${percent(match.win_after ?? 0.5)}`,
+        "aria-label": say("page.match_curve", { count: rallies.length, share: percent(match.win_after ?? 0.5) }),
       },
       line(0, WIDE, y(0.5), y(0.5), "var(--off)", 1),
       ...games,
@@ -101,5 +105,5 @@ export class MatchPanel {
 }
 
 function points(p: number): string {
-  return `${(100 * p).toFixed(1)} %`;
+  return `${decimal(100 * p, 1)} %`;
 }

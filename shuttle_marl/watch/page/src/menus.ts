@@ -1,6 +1,7 @@
 // Menus and dialogs of the page.
 
 import { h } from "./dom";
+import { say } from "./words";
 
 /** Closes an open `<details>` menu on Escape and on a click outside. */
 export function menu(name: string, ...items: HTMLElement[]): HTMLDetailsElement {
@@ -27,7 +28,7 @@ export function menu(name: string, ...items: HTMLElement[]): HTMLDetailsElement 
 }
 
 export function dialog(name: string, content: HTMLElement, ...buttons: HTMLElement[]): HTMLDialogElement {
-  const close = h("button", { onclick: () => element.close() }, "Close");
+  const close = h("button", { onclick: () => element.close() }, say("report.close"));
   const element: HTMLDialogElement = h(
     "dialog",
     { "aria-label": name },

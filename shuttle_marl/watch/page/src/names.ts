@@ -1,22 +1,27 @@
 // Names of policies that a viewer knows, beside their identifiers.
 
+import { capitalised } from "./dom";
+import { say } from "./words";
+
 const KNOWN: Record<string, string> = {
-  bc: "Average pro",
-  "human:0.05": "Strong player",
-  minimax: "Perfect play",
-  "minimax:robust": "Perfect play, safe against errors of the model",
-  "best-response:bc": "Best reply to the average pro",
-  attacking: "Attacker",
-  defensive: "Defender",
-  safe: "Safe player",
-  random: "Random strokes",
+  you: say("names.you"),
+  bc: say("names.pro"),
+  "human:0.05": say("names.strong"),
+  minimax: say("names.perfect"),
+  "minimax:robust": say("names.robust"),
+  "best-response:bc": say("names.best_reply"),
+  attacking: say("names.attacker"),
+  defensive: say("names.defender"),
+  safe: say("names.safe"),
+  random: say("names.random"),
 };
 const GROUPS: [string, (identifier: string) => boolean][] = [
-  ["Real players, imitated", (name) => /^bc(:|$)/.test(name)],
-  ["Strong and perfect play", (name) => /^(minimax|best-response|human)/.test(name)],
-  ["Trained agents", (name) => /^(ppo|a2c|sac)(:|$)/.test(name)],
-  ["Simple styles", (name) => name in KNOWN],
+  [say("names.people"), (name) => /^bc(:|$)/.test(name)],
+  [say("names.solved"), (name) => /^(minimax|best-response|human)/.test(name)],
+  [say("names.trained"), (name) => /^(ppo|a2c|sac)(:|$)/.test(name)],
+  [say("names.simple"), (name) => name in KNOWN],
 ];
+const OTHERS = say("names.others");
 
 function capitalized(words: string): string {
   return words.replace(/(^|[ -])\p{L}/gu, (letter) => letter.toUpperCase());
@@ -25,7 +30,8 @@ function capitalized(words: string): string {
 /** Name of a policy that a viewer knows; its identifier if there is none. A suffix `@0.5` is its variety. */
 export function displayName(identifier: string): string {
   const [name, variety] = identifier.split(/@(?=[^@]*$)/) as [string, string?];
-  const suffix = variety === undefined ? "" : variety === "greedy" ? ", no variety" : `, variety ${variety}`;
+  const suffix =
+    variety === undefined ? "" : variety === "greedy" ? say("names.no_variety") : say("names.variety", { number: variety });
   return `${plainName(name)}${suffix}`;
 }
 
@@ -36,15 +42,22 @@ function plainName(name: string): string {
     return known;
   }
   if (key === "bc" && argument) {
-    return `${capitalized(argument.replaceAll("-", " "))} (imitated)`;
+    return say("names.imitated", { name: capitalized(argument.replaceAll("-", " ")) });
   }
   if (/^(ppo|a2c|sac)$/.test(key)) {
-    return argument ? `${key.toUpperCase()} agent, ${argument.replaceAll("-", " ")}` : `${key.toUpperCase()} agent`;
+    const agent = say("names.agent", { name: key.toUpperCase() });
+    return argument ? `${agent}, ${argument.replaceAll("-", " ")}` : agent;
   }
   if (key === "human" && argument) {
-    return `Strong, close to people (${argument})`;
+    return say("names.close", { number: argument });
   }
   return /^[a-z]+(-[a-z]+)+$/.test(name) ? capitalized(name.replaceAll("-", " ")) : name; // a person of a data set
+}
+
+/** A name with a verb: "Average pro wins", "you win"; `start`: at the start of a sentence. */
+export function does(identifier: string, verb: "win" | "serve", start = false): string {
+  const told = identifier === "you" ? say(`does.you_${verb}`) : say(`does.${verb}`, { name: displayName(identifier) });
+  return identifier === "you" && start ? capitalised(told) : told;
 }
 
 const WIDE = 14; // letters that fit on a shirt
@@ -62,8 +75,8 @@ export function nameOnShirt(identifier: string): string {
 
 /** Identifiers in groups, in the order of the list. */
 export function grouped(identifiers: string[]): [string, string[]][] {
-  const of = (name: string) => GROUPS.find(([, test]) => test(name))?.[0] ?? "Others";
-  const groups = [...GROUPS.map(([group]) => group), "Others"];
+  const of = (name: string) => GROUPS.find(([, test]) => test(name))?.[0] ?? OTHERS;
+  const groups = [...GROUPS.map(([group]) => group), OTHERS];
   return groups
     .map((group): [string, string[]] => [group, identifiers.filter((name) => of(name) === group)])
     .filter(([, members]) => members.length > 0);

@@ -1,17 +1,27 @@
 // Text description of a rally, for screen readers and text mode.
 
-import { capitalised, does, percent, words } from "./dom";
-import { displayName } from "./names";
+import { capitalised, percent } from "./dom";
+import { displayName, does } from "./names";
 import type { RallyFacts } from "./wire.gen";
+import { type Key, say, words } from "./words";
 
 /** One stroke as a sentence. */
 export function strokeSentence(rally: RallyFacts, i: number): string {
   const stroke = rally.strokes[i]!;
-  const effort = stroke.effort ? `, ${stroke.effort} previous attack${stroke.effort > 1 ? "s" : ""}` : "";
-  return (
-    `${i + 1}. ${displayName(rally.names[stroke.seat]!)}: ${words(stroke.shot)} to ${words(stroke.area)}, ${words(stroke.technique)} from ` +
-    `${stroke.height} the net${stroke.hurried ? ", hurried" : ""}, ${Math.round(3.6 * stroke.speed)} km/h; in ${percent(stroke.p_succ)}, comes back ${percent(stroke.p_ret)}${effort}.`
-  );
+  const count = stroke.effort ?? 0;
+  return say("stroke.sentence", {
+    number: i + 1,
+    name: displayName(rally.names[stroke.seat]!),
+    shot: words(stroke.shot),
+    area: words(stroke.area),
+    technique: words(stroke.technique),
+    from: say(`from_net.${stroke.height}` as Key),
+    hurried: stroke.hurried ? say("language.comma") + say("term.hurried") : "",
+    speed: Math.round(3.6 * stroke.speed),
+    good: percent(stroke.p_succ),
+    back: percent(stroke.p_ret),
+    effort: count ? say(count > 1 ? "stroke.effort" : "stroke.effort_one", { count }) : "",
+  });
 }
 
 /** The end of a rally as a sentence. */
@@ -20,21 +30,32 @@ export function endSentence(rally: RallyFacts): string {
     return "";
   }
   const last = rally.strokes.at(-1)!;
-  const how = ending(last.end);
-  return `${does(displayName(rally.names[rally.winner]!), "win", true)} the rally: the ${words(last.shot)} ${how}. ${rally.after.points[0]} to ${rally.after.points[1]}.`;
+  const [a, b] = rally.after.points;
+  const won = does(rally.names[rally.winner]!, "win", true) + say("won.rally");
+  return say("stroke.end", { won, shot: words(last.shot), end: say(`end.${ending(last.end)}`), a, b });
 }
 
-function ending(end: string): string {
-  return { winner: "is not returned", out: "lands out", net: "goes into the net" }[end] ?? "ends the rally";
+function ending(end: string): "winner" | "out" | "net" | "other" {
+  return end === "winner" || end === "out" || end === "net" ? end : "other";
 }
 
 /** Why a rally ended, in a few words: "smash not returned". */
 export function reason(rally: RallyFacts): string {
   const last = rally.strokes.at(-1)!;
-  return `${words(last.shot)} ${ending(last.end).replace("is not", "not").replace("goes into", "into").replace("lands ", "")}`;
+  return say("stroke.reason", { shot: words(last.shot), end: say(`brief_end.${ending(last.end)}`) });
+}
+
+/** An interval or a change of ends. */
+export function breakWords(before: string): string {
+  return before
+    .split(" and ")
+    .map((part) => say(`before.${part}` as Key))
+    .join(say("before.and"));
 }
 
 export function startSentence(rally: RallyFacts): string {
-  const court = rally.from_right ? "right" : "left";
-  return `${rally.before && `${capitalised(rally.before)}. `}Rally ${rally.number + 1}, ${rally.points[0]} to ${rally.points[1]}, games ${rally.games[0]} to ${rally.games[1]}. ${does(displayName(rally.names[rally.server]!), "serve", true)} from the ${court}.`;
+  const [[a, b], [c, d]] = [rally.points, rally.games];
+  const who = does(rally.names[rally.server]!, "serve", true);
+  const begins = say(rally.from_right ? "stroke.start" : "stroke.start_left", { number: rally.number + 1, a, b, c, d, who });
+  return rally.before ? `${capitalised(breakWords(rally.before))}${say("learn.stop")} ${begins}` : begins;
 }

@@ -1,14 +1,15 @@
 // Opening explorer: serve, reply and third stroke, how often they are chosen and what they are worth.
 
-import { h, percent, replaceChildren, sideColour, words } from "./dom";
+import { h, percent, replaceChildren, sideColour } from "./dom";
 import { term } from "./glossary";
 import type { OpeningReply, OpeningStroke } from "./wire.gen";
+import { decimal, say, words } from "./words";
 
 const LONGEST = 3; // strokes of a line
 const SHOWN = 12; // strokes of a list
 const RELIABLE = 20; // real strokes behind a stroke that is marked as the best
 const USUAL = 0.5; // least probability that such a stroke is possible
-const NAMES = ["Serve", "Reply", "Third stroke"];
+const NAMES = [say("page.serve"), say("page.reply"), say("page.third")];
 
 export interface OpeningHooks {
   /** Strokes after a line of catalogue indices. */
@@ -30,7 +31,7 @@ export class Openings {
     this.element = h(
       "details",
       { class: "panel openings", ontoggle: () => this.element.open && !this.request && void this.open([]) },
-      h("summary", {}, h("h2", {}, h("span", {}, "Openings"), h("span", {}, "serve, reply, third stroke"))),
+      h("summary", {}, h("h2", {}, h("span", {}, say("page.openings")), h("span", {}, say("page.openings_about")))),
       this.content,
     );
   }
@@ -68,12 +69,12 @@ export class Openings {
     const indices = line.map(({ stroke }) => stroke);
     replaceChildren(
       this.content,
-      h("nav", { class: "line", "aria-label": "Strokes of the opening" }, ...steps),
+      h("nav", { class: "line", "aria-label": say("page.line") }, ...steps),
       line.length < LONGEST ? this.table(strokes) : null,
       play && line.length
         ? seed === null
-          ? h("p", { class: "quiet" }, "Too rare to be played here.")
-          : h("button", { class: "play", onclick: () => play(indices, seed) }, "Play it on the court")
+          ? h("p", { class: "quiet" }, say("page.too_rare"))
+          : h("button", { class: "play", onclick: () => play(indices, seed) }, say("page.play_line"))
         : null,
     );
   }
@@ -87,13 +88,13 @@ export class Openings {
     const most = Math.max(...listed.map(({ share }) => share), 0.01);
     const rows = listed.map((stroke) => {
       const point = () => this.hooks.point(stroke);
-      const technique = stroke.technique === "backhand" ? " · bh" : stroke.technique === "forehand" ? "" : " · ath";
+      const technique = stroke.technique === "forehand" ? "" : say(stroke.technique === "backhand" ? "page.bh" : "page.ath");
       const button = h(
         "button",
         { class: "try", onclick: () => void this.open([...line, stroke], true), onpointerenter: point, onfocus: point },
         h("i", { style: `width:${(100 * stroke.share) / most}%` }),
         h("span", {}, `${words(stroke.shot)} → ${words(stroke.area)}${technique}`),
-        stroke.available < USUAL ? h("small", {}, `possible in ${percent(stroke.available)}`) : null,
+        stroke.available < USUAL ? h("small", {}, say("page.possible", { share: percent(stroke.available) })) : null,
       );
       return h(
         "tr",
@@ -102,7 +103,7 @@ export class Openings {
         h("td", {}, percent(stroke.share)),
         h("td", {}, percent(stroke.win)),
         h("td", {}, percent(stroke.best)),
-        h("td", {}, stroke.support === null ? "?" : Math.round(stroke.support).toLocaleString("en")),
+        h("td", {}, stroke.support === null ? "?" : decimal(stroke.support, 0)),
       );
     });
     const head = h(
@@ -110,8 +111,8 @@ export class Openings {
       {},
       h("th", { scope: "col", style: `color:${sideColour(line.length % 2)}` }, NAMES[line.length]!),
       h("th", { scope: "col" }, term("share")),
-      h("th", { scope: "col" }, term("pros win", "wins")),
-      h("th", { scope: "col" }, term("perfect play", "wins*")),
+      h("th", { scope: "col" }, term("pros win", say("term.wins"))),
+      h("th", { scope: "col" }, term("perfect play", say("term.wins_strong"))),
       h("th", { scope: "col" }, term("real")),
     );
     const leave = () => this.hooks.point(null);

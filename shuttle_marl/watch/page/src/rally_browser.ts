@@ -4,6 +4,7 @@ import { h, percent, replaceChildren } from "./dom";
 import { term } from "./glossary";
 import { displayName } from "./names";
 import type { MatchReply, RecordedMatch } from "./wire.gen";
+import { language, say } from "./words";
 
 /** The match of a rally. */
 export function matchOf(matches: RecordedMatch[], rally: number): RecordedMatch | undefined {
@@ -12,16 +13,16 @@ export function matchOf(matches: RecordedMatch[], rally: number): RecordedMatch 
 
 /** Date, event and players of a match. */
 function matchName({ title, names, date }: RecordedMatch): string {
-  return `${date ? `${date} · ` : ""}${title} · ${names.map(displayName).join(" v ")}`;
+  return `${date ? `${date} · ` : ""}${title} · ${names.map(displayName).join(say("page.versus"))}`;
 }
 
 export class RallyBrowser {
-  readonly element = h("section", { class: "panel browser hidden", "aria-label": "Rallies of the match" });
+  readonly element = h("section", { class: "panel browser hidden", "aria-label": say("page.match_rallies") });
   private list = h("ol");
   private readonly files = new Map([
-    ["report", h("a", { target: "_blank", rel: "noopener" }, "Match report")],
-    ["strokes.csv", h("a", { download: "" }, "strokes as CSV")],
-    ["strokes.parquet", h("a", { download: "" }, "as Parquet")],
+    ["report", h("a", { target: "_blank", rel: "noopener" }, say("page.report"))],
+    ["strokes.csv", h("a", { download: "" }, say("page.as_csv"))],
+    ["strokes.parquet", h("a", { download: "" }, say("page.as_parquet"))],
   ]);
   private match: MatchReply | null = null;
   private readonly picker: HTMLElement | null;
@@ -35,8 +36,8 @@ export class RallyBrowser {
     const picker = h("input", {
       type: "search",
       list: "matches",
-      placeholder: `Find one of ${matches.length} matches`,
-      "aria-label": "Find a match by event, date or player",
+      placeholder: say("page.find", { count: matches.length }),
+      "aria-label": say("page.find_match"),
       onchange: () => {
         const found = matches.find((one) => matchName(one) === picker.value);
         if (found) {
@@ -66,7 +67,11 @@ export class RallyBrowser {
             "button",
             { onclick: () => this.open(rally.number), "data-rally": rally.number },
             h("b", { class: rally.winner ? "b" : "a" }, rally.winner ? "B" : "A"),
-            h("span", {}, `game ${rally.games[0] + rally.games[1] + 1} · ${rally.points.join("–")}`),
+            h(
+              "span",
+              {},
+              say("page.game_points", { game: rally.games[0] + rally.games[1] + 1, points: rally.points.join("–") }),
+            ),
             h("span", { class: "quiet" }, `${rally.strokes} · ±${percent(rally.swing)}`),
           ),
         ),
@@ -76,15 +81,14 @@ export class RallyBrowser {
       replaceChildren(
         this.element,
         this.picker,
-        h("h2", {}, term("rallies", "Rallies"), h("span", {}, "strokes · swing")),
-        missing > 0 &&
-          h("p", { class: "quiet" }, `${missing} more ${missing > 1 ? "rallies are" : "rally is"} not in the data`),
+        h("h2", {}, term("rallies", say("term.rallies")), h("span", {}, say("page.swing"))),
+        missing > 0 && h("p", { class: "quiet" }, say(missing > 1 ? "page.missing" : "page.missing_one", { count: missing })),
         this.list,
         this.live && h("p", { class: "files" }, ...this.files.values()),
       );
     }
     for (const [name, link] of this.files) {
-      link.href = `${name}?rally=${current + 1}`;
+      link.href = `${name}?rally=${current + 1}${name === "report" ? `&language=${language}` : ""}`;
     }
     for (const button of this.list.querySelectorAll("button")) {
       const here = button.dataset["rally"] === String(current);

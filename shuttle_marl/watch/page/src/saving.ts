@@ -9,6 +9,7 @@ import { Recorder } from "./recorder";
 import type { Screen } from "./screen";
 import { save } from "./share";
 import type { Timeline } from "./timeline";
+import { decimal, say } from "./words";
 
 export class Saving {
   private readonly recorder = new Recorder(save);
@@ -38,7 +39,7 @@ export class Saving {
   copyLink(): void {
     this.updateAddress();
     navigator.clipboard?.writeText(location.href).catch(() => {});
-    this.layout.say("Link copied; it contains seed, rally and stroke");
+    this.layout.say(say("page.link_copied"));
   }
 
   /** Draws the current moment into the card. */
@@ -79,7 +80,7 @@ export class Saving {
     draw();
     this.drawCard(); // the first frame of the film is not empty
     this.recorder.start(this.card, `rally-${this.course.number + 1}.webm`);
-    this.layout.say("recording until the rally ends or is paused");
+    this.layout.say(say("page.recording"));
   }
 
   /** Fills the window with the card, for a video. */
@@ -111,15 +112,15 @@ export class Saving {
     if (!source.share || !names) {
       return;
     }
-    layout.say("creating the page …");
+    layout.say(say("page.creating"));
     const numbers = match && course.plan ? Array.from({ length: course.number + 1 }, (_, i) => i) : [course.number];
     const name = match ? "match.html" : `rally-${course.number + 1}.html`;
     try {
       const wanted = numbers.map((number) => course.wanted(number));
-      const progress = (done: number) => layout.say(`creating the page … rally ${done + 1} of ${numbers.length}`);
-      const page = await source.share(wanted, `${names[0]} v ${names[1]}`, this.link, progress);
+      const progress = (done: number) => layout.say(say("page.creating_rally", { number: done + 1, count: numbers.length }));
+      const page = await source.share(wanted, names.join(say("page.versus")), this.link, progress);
       save(page, name);
-      layout.say(`saved (${(page.size / 1e6).toFixed(1)} MB); the page opens without a server`);
+      layout.say(say("page.saved", { size: decimal(page.size / 1e6, 1) }));
     } catch (error) {
       layout.say((error as Error).message, true);
     }

@@ -4,13 +4,13 @@ import { Curve, MoveList, OptionTable, winAt } from "./analysis";
 import { Board } from "./board";
 import type { Moment } from "./card";
 import { Chip, cameraButtons, ScoreBug, SpeedLabel } from "./court_view";
-import { does, h, replaceChildren } from "./dom";
+import { h, replaceChildren } from "./dom";
 import type { Frames } from "./frame";
 import { facing } from "./hall";
 import { type Hooks, Layout, MODES, type Mode } from "./layout";
 import { Learn } from "./learn";
 import { MatchPanel } from "./match_panel";
-import { displayName } from "./names";
+import { displayName, does } from "./names";
 import { endSentence, reason, startSentence, strokeSentence } from "./narration";
 import { Openings } from "./openings";
 import type { Player } from "./player";
@@ -20,6 +20,7 @@ import { Sound } from "./sound";
 import type { Camera, Stage } from "./stage";
 import { Chances, LandingMap } from "./stroke_panels";
 import type { Analysis, Hello, OpeningReply, Option, RallyFacts, Side, Styles, Turn } from "./wire.gen";
+import { decimal, say } from "./words";
 
 export interface Acts extends Hooks {
   camera(camera: Camera): void;
@@ -103,11 +104,7 @@ export class Screen {
     this.match = new MatchPanel((rally, stroke) => acts.open(rally, stroke));
     this.browser = match ? null : new RallyBrowser((rally) => acts.open(rally, null), live, hello.recorded!.matches);
     this.landing = new LandingMap(hello.hall);
-    this.back = h(
-      "button",
-      { class: "back hidden", onclick: () => void acts.backToPlayed() },
-      "What if · back to the played rally",
-    );
+    this.back = h("button", { class: "back hidden", onclick: () => void acts.backToPlayed() }, say("page.back_to_played"));
     this.curve = new Curve((time) => acts.seek(time), this.back);
     const card = (seat: number) =>
       new SideCard(
@@ -240,7 +237,12 @@ export class Screen {
     this.person = seat !== null;
     this.board.playing = this.person;
     this.browser?.show(null, rally.number);
-    this.layout.what.textContent = `${displayName(rally.names[0])} (A) v ${displayName(rally.names[1])} (B) · ${where} · rally ${rally.number + 1}`;
+    this.layout.what.textContent = say("page.title", {
+      a: displayName(rally.names[0]),
+      b: displayName(rally.names[1]),
+      where,
+      number: rally.number + 1,
+    });
     sides?.forEach((side, i) => this.sides[i]!.show(side, facing(rally, i) > 0, seat === i));
     this.layout.tellFromStart(startSentence(rally));
     this.layout.banner.classList.add("hidden");
@@ -331,7 +333,7 @@ export class Screen {
     }
     const time = player.waits ? player.choice : player.time;
     this.layout.scrubber.value = String(time);
-    this.layout.clock.textContent = `${Math.min(time, player.duration).toFixed(2)} / ${player.duration.toFixed(1)} s`;
+    this.layout.clock.textContent = `${decimal(Math.min(time, player.duration), 2)} / ${decimal(player.duration, 1)} s`;
     this.layout.showPlaying(player.playing);
     this.layout.court.classList.toggle("walking", player.time > player.duration + BANNER);
     if (player.stroke !== this.shownStroke) {
@@ -361,7 +363,7 @@ export class Screen {
     const at = Math.max(stroke, 0);
     const known = this.hidden === null ? this.mode !== "play" || rally.winner !== null : at < this.hidden;
     this.moves.mark(stroke);
-    this.options.show(rally, at, known ? this.analysis?.strokes[at] : undefined, this.mode === "learn");
+    this.options.show(rally, at, known ? this.analysis : null, this.mode === "learn");
     this.chances.show(rally, at);
     const landing = known ? (this.analysis?.landings[at]?.[rally.strokes[at]?.seat ?? 0] ?? null) : null;
     this.landing.show(rally, at, landing);
@@ -383,15 +385,15 @@ export class Screen {
       this.sound[rally.strokes.at(-1)?.end === "net" ? "net" : "bounce"]();
       this.sound.crowd(rally.strokes.length);
     }
-    const won = after.over ? " the match" : after.game_won ? " the game" : " the rally";
+    const won = say(after.over ? "won.match" : after.game_won ? "won.game" : "won.rally");
     replaceChildren(
       this.layout.banner,
-      h("b", { class: rally.winner ? "b" : "a" }, does(displayName(rally.names[rally.winner!]!), "win", true)),
+      h("b", { class: rally.winner ? "b" : "a" }, does(rally.names[rally.winner!]!, "win", true)),
       won,
       h(
         "small",
         {},
-        `${reason(rally)} · ${after.points[0]} – ${after.points[1]}${after.over && this.offersNew ? " · n: new match" : ""}`,
+        `${reason(rally)} · ${after.points[0]} – ${after.points[1]}${after.over && this.offersNew ? say("page.new_hint") : ""}`,
       ),
     );
     this.layout.tell(endSentence(rally));

@@ -91,7 +91,7 @@ function written(script: string, style: string, shared: Shared, title: string, h
   const plain = title.replace(/[<>&"]/g, "");
   return new Blob(
     [
-      `<!doctype html><html lang="en"><head><meta charset="utf-8"><meta http-equiv="Content-Security-Policy" content="${POLICY}">`,
+      `<!doctype html><html lang="${document.documentElement.lang}"><head><meta charset="utf-8"><meta http-equiv="Content-Security-Policy" content="${POLICY}">`,
       `<meta name="viewport" content="width=device-width, initial-scale=1"><title>${plain}</title>`,
       `<style>${style.replaceAll("</", "<\\/")}</style></head><body>`,
       `<script>if (!location.hash) location.hash = ${safe(JSON.stringify(hash))};</script>`,

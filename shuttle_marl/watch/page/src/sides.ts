@@ -1,9 +1,10 @@
 // Selection of both players, and bars of their playing styles.
 
-import { h, percent, replaceChildren, sideColour, words } from "./dom";
+import { h, percent, replaceChildren, sideColour } from "./dom";
 import { term } from "./glossary";
 import { displayName, grouped } from "./names";
 import type { Side, Styles } from "./wire.gen";
+import { decimal, type Key, say, words } from "./words";
 
 export class SideCard {
   readonly element: HTMLElement;
@@ -20,7 +21,7 @@ export class SideCard {
     const name = "AB"[seat]!;
     this.select = h(
       "select",
-      { "aria-label": `Player of side ${name}` },
+      { "aria-label": say("page.player_of", { side: name }) },
       ...grouped(policies).map(([group, members]) =>
         h("optgroup", { label: group }, ...members.map((policy) => h("option", { value: policy }, displayName(policy)))),
       ),
@@ -31,7 +32,7 @@ export class SideCard {
       max: 2,
       step: 0.1,
       value: 1,
-      "aria-label": `Variety: temperature of side ${name}`,
+      "aria-label": say("page.variety_of", { side: name }),
     });
     const changed = () => {
       this.output.textContent = label(Number(this.slider.value));
@@ -43,13 +44,13 @@ export class SideCard {
     this.take = h(
       "button",
       { class: "take", onclick: takeOver, "aria-pressed": "false" },
-      h("span", {}, "Take over"),
+      h("span", {}, say("page.take_over")),
       h("kbd", {}, seat ? "T" : "t"),
     );
     this.element = h(
       "section",
-      { class: "panel side", style: `--mine:${sideColour(seat)}`, "aria-label": `Side ${name}` },
-      h("h2", {}, h("span", {}, `Side ${name}`), this.half),
+      { class: "panel side", style: `--mine:${sideColour(seat)}`, "aria-label": say("page.side", { side: name }) },
+      h("h2", {}, h("span", {}, say("page.side", { side: name })), this.half),
       this.select,
       h("p", { class: "identifier" }, this.identifier, this.strength),
       this.meter,
@@ -60,7 +61,7 @@ export class SideCard {
 
   /** @param near whether the player is at the near end. */
   show(side: Side, near: boolean, person: boolean): void {
-    this.half.textContent = near ? "near court" : "far court";
+    this.half.textContent = say(near ? "page.near" : "page.far");
     if (![...this.select.options].some((option) => option.value === side.policy)) {
       this.select.append(h("option", { value: side.policy }, displayName(side.policy)));
     }
@@ -69,21 +70,21 @@ export class SideCard {
     this.slider.value = String(side.temperature);
     this.output.textContent = label(side.temperature);
     if (person) {
-      this.identifier.textContent = `you replace ${side.policy}`;
+      this.identifier.textContent = say("page.replaces", { policy: side.policy });
     }
     this.take.setAttribute("aria-pressed", String(person));
-    this.take.firstElementChild!.textContent = person ? "Hand back" : "Take over";
+    this.take.firstElementChild!.textContent = say(person ? "page.hand_back" : "page.take_over");
   }
 
   /** Shows the share of rallies that the player wins against the average pro. */
   showStrength(share: number): void {
-    replaceChildren(this.strength, term("strength", `strength ${percent(share)}`));
+    replaceChildren(this.strength, term("strength", say("term.strength", { share: percent(share) })));
     replaceChildren(this.meter, h("i", { style: `width:${100 * share}%;background:var(--mine)` }));
   }
 }
 
 function label(temperature: number): string {
-  return temperature === 0 ? "none" : temperature.toFixed(1);
+  return temperature === 0 ? say("page.none") : decimal(temperature, 1);
 }
 
 function bar(
@@ -107,7 +108,7 @@ function bar(
 }
 
 export class StylePanel {
-  readonly element = h("section", { class: "panel styles", "aria-label": "Style of both players" });
+  readonly element = h("section", { class: "panel styles", "aria-label": say("page.styles") });
 
   constructor() {
     this.show(null);
@@ -115,25 +116,25 @@ export class StylePanel {
 
   show(styles: Styles | null): void {
     if (!styles) {
-      replaceChildren(this.element, h("h2", {}, "Style"), h("p", { class: "quiet" }, "being computed …"));
+      replaceChildren(this.element, h("h2", {}, say("term.style")), h("p", { class: "quiet" }, say("page.computing_style")));
       return;
     }
     const most = Math.max(...styles.shots.flatMap(({ values, reference }) => [...values, reference ?? 0]));
     replaceChildren(
       this.element,
-      h("h2", {}, term("style", "Style"), h("span", {}, "A | B")),
+      h("h2", {}, term("style", say("term.style")), h("span", {}, "A | B")),
       h(
         "div",
         { class: "bars" },
         ...styles.figures.map(({ name, values, reference }) =>
-          bar(name, values, reference, Math.max(...values, reference ?? 0, 1e-9), percent),
+          bar(say(`style.${name}` as Key), values, reference, Math.max(...values, reference ?? 0, 1e-9), percent),
         ),
       ),
       h(
         "h3",
         { style: "margin-top:10px" },
-        term("shot mix", "Shot mix"),
-        h("span", { style: "color:var(--gold)" }, "| average pro"),
+        term("shot mix", say("term.mix")),
+        h("span", { style: "color:var(--gold)" }, say("page.average")),
       ),
       h(
         "div",

@@ -2,12 +2,9 @@
 
 import { h } from "./dom";
 import type { Mode } from "./layout";
+import { say } from "./words";
 
-const CHOICES: [Mode, string, string][] = [
-  ["watch", "Watch a rally", "Two players in 3D, with the chance of every stroke."],
-  ["learn", "Find the better shot", "The rally stops before a mistake. What would you play?"],
-  ["play", "Play one", "Choose shots and targets against an opponent."],
-];
+const CHOICES = ["watch", "learn", "play"] as const;
 
 export type Choice = Mode | "daily" | "duel";
 
@@ -19,21 +16,26 @@ export function openStartCard(choose: (choice: Choice) => void): void {
   };
   const element: HTMLDialogElement = h(
     "dialog",
-    { class: "start", "aria-label": "Welcome" },
-    h("h2", {}, "Badminton, learned from real matches"),
-    h("p", { class: "quiet" }, "Every stroke on this court has a known chance of success, and the game is solved exactly."),
+    { class: "start", "aria-label": say("start.welcome") },
+    h("h2", {}, say("start.heading")),
+    h("p", { class: "quiet" }, say("start.about")),
     h(
       "div",
       { class: "choices" },
-      ...CHOICES.map(([mode, name, about]) =>
-        h("button", { onclick: () => pick(mode) }, h("b", {}, name), h("span", { class: "quiet" }, about)),
+      ...CHOICES.map((mode) =>
+        h(
+          "button",
+          { onclick: () => pick(mode) },
+          h("b", {}, say(`start.${mode}`)),
+          h("span", { class: "quiet" }, say(`start.${mode}_about`)),
+        ),
       ),
     ),
     h(
       "div",
       { class: "row" },
-      h("button", { onclick: () => pick("daily") }, "Rally of the day: five puzzles"),
-      h("button", { onclick: () => pick("duel") }, "Duel with a strong player, to 3 points"),
+      h("button", { onclick: () => pick("daily") }, say("start.daily")),
+      h("button", { onclick: () => pick("duel") }, say("start.duel")),
     ),
   );
   element.addEventListener("close", () => element.remove());

@@ -1,13 +1,14 @@
 // Panels about one stroke: its probabilities, and the court from above.
 
-import { h, percent, replaceChildren, s, words } from "./dom";
+import { h, percent, replaceChildren, s } from "./dom";
 import { term } from "./glossary";
 import { facing } from "./hall";
 import type { HallFacts, RallyFacts } from "./wire.gen";
+import { say, words } from "./words";
 
 /** P(success) and P(returned) of the current stroke. */
 export class Chances {
-  readonly element = h("section", { class: "panel pair", "aria-label": "Probabilities of the stroke" });
+  readonly element = h("section", { class: "panel pair", "aria-label": say("page.chances") });
 
   show(rally: RallyFacts, index: number): void {
     const stroke = rally.strokes[Math.max(index, 0)];
@@ -29,11 +30,11 @@ export class Chances {
 
 /** The court from above: target areas of the policy and path of the shuttle. The near end is on the left. */
 export class LandingMap {
-  readonly element = h("section", { class: "panel", "aria-label": "Target areas of the striker's policy" });
+  readonly element = h("section", { class: "panel", "aria-label": say("page.areas") });
   private readonly drawing = s("svg", { class: "map", viewBox: "-7 -3.35 14 6.7", role: "img" });
 
   constructor(private readonly hall: HallFacts) {
-    this.element.append(h("h2", {}, term("target areas", "Where they aim")), this.drawing);
+    this.element.append(h("h2", {}, term("target areas", say("term.aim"))), this.drawing);
   }
 
   show(rally: RallyFacts, index: number, landing: number[] | null): void {
@@ -110,7 +111,10 @@ export class LandingMap {
       );
       parts.push(s("circle", { cx: to[1], cy: to[0], r: 0.16, fill: "#ffffff", stroke: "#06101f", "stroke-width": 0.05 }));
     }
-    this.drawing.setAttribute("aria-label", stroke ? `${words(stroke.shot)} to ${words(stroke.area)}` : "The court from above");
+    this.drawing.setAttribute(
+      "aria-label",
+      stroke ? say("stroke.to", { shot: words(stroke.shot), area: words(stroke.area) }) : say("page.from_above"),
+    );
     this.drawing.replaceChildren(...parts);
   }
 }

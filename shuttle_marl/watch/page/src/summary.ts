@@ -1,9 +1,10 @@
 // The summary of a game that a person played: their costliest decisions.
 
 import { accuracy } from "./analysis";
-import { h, percent, words } from "./dom";
+import { h, percent } from "./dom";
 import { displayName } from "./names";
 import type { Analysis, Likeness, RallyFacts } from "./wire.gen";
+import { say, words } from "./words";
 
 /** A rally that a person played to its end. */
 export interface Played {
@@ -42,9 +43,9 @@ export async function summary(
     return h(
       "li",
       { style: "margin:6px 0" },
-      h("button", { onclick: () => go(number, i) }, `rally ${number + 1}, stroke ${i + 1}`),
-      ` ${words(stroke.shot)} to ${words(stroke.area)} · loses ${percent(value.loss)}`,
-      better ? ` · better: ${words(better.shot)} to ${words(better.area)}` : "",
+      h("button", { onclick: () => go(number, i) }, say("duel.place", { rally: number + 1, stroke: i + 1 })),
+      say("duel.loses", { stroke: target(stroke), share: percent(value.loss) }),
+      better ? say("duel.better", { stroke: target(better) }) : "",
     );
   });
   const score = last.after!.points.join(" – ");
@@ -52,10 +53,15 @@ export async function summary(
     h(
       "p",
       {},
-      `${score}. You chose ${strokes.length} strokes: ${accuracy(found, seat)}.${worst.length ? " The costliest:" : ""}`,
+      say("duel.summary", { score, count: strokes.length, accuracy: accuracy(found, seat) }),
+      worst.length ? say("duel.costliest") : "",
     ),
     h("ol", {}, ...rows),
   ];
+}
+
+function target({ shot, area }: { shot: string; area: string }): string {
+  return say("stroke.to", { shot: words(shot), area: words(area) });
 }
 
 /** Which player the choices of a person are like. */
@@ -65,8 +71,6 @@ export function likenessSentence({ names, probability, strokes }: Likeness): HTM
   return h(
     "p",
     {},
-    known &&
-      `You play ${percent(share)} like ${displayName(name)}: if one of ${names.length} players chose your ${strokes} strokes, ` +
-        "it is this one with that probability.",
+    known && say("duel.likeness", { share: percent(share), name: displayName(name), players: names.length, strokes }),
   );
 }

@@ -8,12 +8,14 @@ export interface Tabs<Name extends string> {
 }
 
 /**
+ * @param text what a tab is called.
  * @param panel id of the panel that all tabs control.
  * @param open opens a tab.
  */
 export function tabList<Name extends string>(
   label: string,
   names: readonly Name[],
+  text: (name: Name) => string,
   panel: string,
   open: (name: Name) => void,
 ): Tabs<Name> {
@@ -21,7 +23,7 @@ export function tabList<Name extends string>(
     h(
       "button",
       { role: "tab", id: `tab-${name}`, "aria-selected": "false", "aria-controls": panel, onclick: () => open(name) },
-      name[0]!.toUpperCase() + name.slice(1),
+      text(name),
     ),
   );
   const focus = (at: number) => {

@@ -1,8 +1,10 @@
 // Tagging a video: the page around the reducer of tagging.ts. Keys enter shots, places and endings; the server keeps every input.
 
+import { decimal, type Key, say, words } from "./words";
 import "./tag.css";
 import type { Connection } from "./connection";
-import { type Child, capitalised, h, percent, replaceChildren, s, words } from "./dom";
+import { type Child, capitalised, h, percent, replaceChildren, s } from "./dom";
+import { languageMenu } from "./layout";
 import {
   current,
   ENDINGS,
@@ -23,18 +25,10 @@ import type { HallFacts, Hello, Suggestion, TagFacts, TagRow } from "./wire.gen"
 
 const SHOT_KEYS = "sgcldsavpknbx"; // in the order of the vocabulary; s serves or smashes
 const END_KEYS: Record<Ending, string> = { out: "o", net: "t", short: "r", foul: "f", landed: "i", misjudged: "m" };
-const MEANING: Record<Ending, string> = {
-  out: "out",
-  net: "into the net",
-  short: "short of the net or the service line",
-  foul: "foul",
-  landed: "landed in court",
-  misjudged: "left, and in",
-};
 const STEP = 1 / 30; // a step by frame [s]
 const SHOWN = 5; // suggestions
 const CHUNK = 200; // rows of a request
-const CORNER_NAMES = ["near left", "near right", "far right", "far left"];
+const CORNER_NAMES = ["near left", "near right", "far right", "far left"] as const;
 
 export class Tagging {
   private state: State = START;
@@ -47,14 +41,14 @@ export class Tagging {
   private suggested: Suggestion[] = [];
   private suggestedFor = "";
   private marking = false;
-  private readonly video = h("video", { src: "video", preload: "auto", playsinline: true, "aria-label": "The video" });
+  private readonly video = h("video", { src: "video", preload: "auto", playsinline: true, "aria-label": say("tag.video") });
   private readonly marks = s("svg", { viewBox: "0 0 1 1", preserveAspectRatio: "none", "aria-hidden": "true" });
   private readonly time = h("output", {});
   private readonly score = h("p", { class: "score" });
   private readonly prompt = h("p", { class: "prompt", role: "status" });
   private readonly refusal = h("p", { class: "refusal", role: "alert" });
   private readonly keys = h("div", { class: "keys" });
-  private readonly list = h("ol", { class: "strokes", "aria-label": "Strokes" });
+  private readonly list = h("ol", { class: "strokes", "aria-label": say("tag.strokes") });
   private readonly status = h("p", { class: "status", role: "status" });
   private readonly setup: HTMLFormElement;
   private readonly board: HTMLElement;
@@ -68,7 +62,7 @@ export class Tagging {
     this.setup = this.form();
     this.board = h("div", { class: "board" }, this.score, this.prompt, this.refusal, this.keys, this.list);
     this.resume();
-    document.title = `${file.video} · tagging`;
+    document.title = say("tag.title", { video: file.video });
     document.body.classList.add("tagging");
     const picture = h(
       "div",
@@ -80,9 +74,7 @@ export class Tagging {
       h("main", {}, h("div", { class: "film" }, picture, this.controls(), this.status), h("div", {}, this.setup, this.board)),
     );
     this.video.addEventListener("timeupdate", () => this.showTime());
-    this.video.addEventListener("error", () =>
-      this.refused("the browser cannot play this video; convert it to .mp4 (H.264) or .webm"),
-    );
+    this.video.addEventListener("error", () => this.refused(say("tag.cannot")));
     document.addEventListener("keydown", (event) => this.pressed(event));
     document.addEventListener("click", ({ target, detail }) => {
       const button = (target as HTMLElement).closest("button");
@@ -146,19 +138,20 @@ export class Tagging {
           this.enter({ kind: "setup", match: of("match"), discipline, players, server: Number(of("server")) as 0 | 1 });
         },
       },
-      h("h1", {}, "Tag a match"),
-      field("match", "Match", this.file.video.replace(/\.\w+$/, "")),
-      field("near", "Player near the camera, first game"),
-      field("far", "Player far from the camera"),
-      select("server", "Serves first", [
-        ["0", "the near player"],
-        ["1", "the far player"],
+      h("h1", {}, say("tag.heading")),
+      h("label", {}, say("page.language"), languageMenu()),
+      field("match", say("tag.match"), this.file.video.replace(/\.\w+$/, "")),
+      field("near", say("tag.near")),
+      field("far", say("tag.far")),
+      select("server", say("tag.server"), [
+        ["0", say("tag.near_player")],
+        ["1", say("tag.far_player")],
       ]),
-      select("discipline", "Discipline", [
-        ["MS", "men's singles"],
-        ["WS", "women's singles"],
+      select("discipline", say("tag.discipline"), [
+        ["MS", say("disciplines.men")],
+        ["WS", say("disciplines.women")],
       ]),
-      h("button", { type: "submit" }, "Begin"),
+      h("button", { type: "submit" }, say("tag.begin")),
     );
   }
 
@@ -168,16 +161,16 @@ export class Tagging {
     return h(
       "div",
       { class: "controls" },
-      button("play", "Play, pause (space)", () => this.toggle()),
-      button("−1", "A frame back (,)", () => this.seek(-STEP)),
-      button("+1", "A frame on (.)", () => this.seek(STEP)),
-      button("½×", "Slower (<)", () => this.speed(0.5)),
-      button("2×", "Faster (>)", () => this.speed(2)),
-      button("corners", "Click the four corners of the court", () => {
+      button(say("tag.play"), say("tag.play_about"), () => this.toggle()),
+      button("−1", say("tag.back_about"), () => this.seek(-STEP)),
+      button("+1", say("tag.on_about"), () => this.seek(STEP)),
+      button("½×", say("tag.slower"), () => this.speed(0.5)),
+      button("2×", say("tag.faster"), () => this.speed(2)),
+      button(say("tag.corners"), say("tag.corners_about"), () => {
         this.marking = this.state.corners.length < 4;
         this.show();
       }),
-      button("undo", "Undo the last input (Backspace)", () => this.undo()),
+      button(say("tag.undo"), say("tag.undo_about"), () => this.undo()),
       this.time,
     );
   }
@@ -197,7 +190,10 @@ export class Tagging {
   }
 
   private showTime(): void {
-    this.time.textContent = `${this.video.currentTime.toFixed(2)} s, ${this.video.playbackRate}×`;
+    this.time.textContent = say("tag.time", {
+      time: decimal(this.video.currentTime, 2),
+      speed: this.video.playbackRate,
+    });
   }
 
   private pressed(event: KeyboardEvent): void {
@@ -330,9 +326,13 @@ export class Tagging {
         }
         this.saved = count;
         this.savingTimes.push(performance.now() - begun);
-        this.status.textContent = `${count} inputs and ${table.length} strokes are saved in ${this.file.out}`;
+        this.status.textContent = say("tag.saved", {
+          inputs: count,
+          strokes: table.length,
+          file: this.file.out,
+        });
       } catch (error) {
-        this.status.textContent = `Not saved: ${(error as Error).message}`;
+        this.status.textContent = say("tag.not_saved", { reason: (error as Error).message });
       }
     });
   }
@@ -372,10 +372,10 @@ export class Tagging {
     replaceChildren(
       this.score,
       `${server === 0 ? "• " : ""}${a} ${points[0]} : ${points[1]} ${b}${server === 1 ? " •" : ""}`,
-      h("small", {}, ` game ${game}, rally ${after}; near: ${state.setup!.players[state.near]}`),
+      h("small", {}, say("tag.place", { game, rally: after, name: state.setup!.players[state.near] })),
     );
     this.prompt.textContent = this.marking
-      ? `Click the corner of the court: ${CORNER_NAMES[state.corners.length]} (outer lines)`
+      ? say("tag.corner", { corner: say(`tag.${CORNER_NAMES[state.corners.length]!}`) })
       : this.asks();
     this.showKeys();
     this.showList();
@@ -387,14 +387,17 @@ export class Tagging {
     const rally = current(this.state);
     const last = rally.strokes.at(-1);
     if (phase === "ask") {
-      return `${question}. Enter keeps it, Backspace removes it.`;
+      return say("tag.keeps", { question });
     }
     if (phase === "place" && last) {
-      const how = `${words(this.hall.techniques[last.technique]!)}, ${this.hall.heights[last.height]} the net`;
-      return `Where is the shot of ${setup!.players[last.seat]} met, or where does it fall? (${how})`;
+      return say("tag.where", {
+        name: setup!.players[last.seat],
+        technique: words(this.hall.techniques[last.technique]!),
+        height: say(`heights.${this.hall.heights[last.height]}` as Key),
+      });
     }
-    const who = setup!.players[striker(rally)];
-    return phase === "over" ? "The match is over." : last ? `${who} plays …, or how did the rally end?` : `${who} serves`;
+    const name = setup!.players[striker(rally)];
+    return phase === "over" ? say("tag.over") : say(last ? "tag.plays" : "tag.serves", { name });
   }
 
   private showKeys(): void {
@@ -417,26 +420,24 @@ export class Tagging {
     }
     if (phase === "place") {
       const cells = [7, 8, 9, 4, 5, 6, 1, 2, 3].map((cell) => key(String(cell), "", () => this.enter({ kind: "cell", cell })));
-      blocks.push(
-        h("div", { class: "cells", role: "group", "aria-label": "The receiver's half, as in the picture" }, ...cells),
-      );
+      blocks.push(h("div", { class: "cells", role: "group", "aria-label": say("tag.half") }, ...cells));
     }
     if (phase === "place" || (phase === "shot" && current(this.state).strokes.length)) {
       const some = phase === "shot" ? ENDINGS : ENDINGS.slice(1, 4);
       blocks.push(
         h("hr", {}),
-        ...some.map((ending) => key(END_KEYS[ending], MEANING[ending], () => this.enter({ kind: "end", ending }), "end")),
+        ...some.map((ending) => key(END_KEYS[ending], say(`tag.${ending}`), () => this.enter({ kind: "end", ending }), "end")),
       );
       blocks.push(
         h("hr", {}),
-        key("q", "technique", () => this.enter({ kind: "technique" })),
-        key("-", "above or below the net", () => this.enter({ kind: "height" })),
+        key("q", say("tag.technique"), () => this.enter({ kind: "technique" })),
+        key("-", say("tag.height"), () => this.enter({ kind: "height" })),
       );
     }
     if (phase === "ask") {
       blocks.push(
-        key("Enter", "keep", () => this.enter({ kind: "confirm" })),
-        key("Backspace", "remove", () => this.undo()),
+        key("Enter", say("tag.keep"), () => this.enter({ kind: "confirm" })),
+        key("Backspace", say("tag.remove"), () => this.undo()),
       );
     }
     replaceChildren(this.keys, ...blocks);
@@ -446,9 +447,10 @@ export class Tagging {
     const { players } = this.state.setup!;
     const items = this.state.rallies.slice(-40).flatMap((rally) =>
       rally.strokes.map(({ seat, shot, area, time }, i) => {
-        const ending = i === rally.strokes.length - 1 && rally.ending ? `, ${MEANING[rally.ending]}` : "";
-        const where = area === null ? "" : ` to ${words(this.hall.areas[area]!.name)}`;
-        const text = `${time.toFixed(1)} s  ${players[seat]}: ${words(this.hall.shots[shot]!)}${where}${ending}`;
+        const ending = i === rally.strokes.length - 1 && rally.ending ? say("language.comma") + say(`tag.${rally.ending}`) : "";
+        const name = words(this.hall.shots[shot]!);
+        const stroke = area === null ? name : say("stroke.to", { shot: name, area: words(this.hall.areas[area]!.name) });
+        const text = say("tag.listed", { time: decimal(time, 1), name: players[seat], stroke, ending });
         const jump = () => {
           this.video.pause();
           this.video.currentTime = time;

@@ -1,6 +1,7 @@
 // Tagging a video: the state that follows from a person's inputs, as a pure reducer, and the rows of the table.
 
 import type { HallFacts, TagRow, TagStroke } from "./wire.gen";
+import { say, words } from "./words";
 
 export const ENDINGS = ["out", "net", "short", "foul", "landed", "misjudged"] as const;
 export type Ending = (typeof ENDINGS)[number];
@@ -99,13 +100,13 @@ export function winnerOf(rally: Rally): Seat | null {
 export function reduce(state: State, input: Input, hall: HallFacts): State {
   switch (input.kind) {
     case "setup":
-      return state.phase === "setup" ? begun(state, input) : refuse("the match has begun");
+      return state.phase === "setup" ? begun(state, input) : refuse(say("refusal.begun"));
     case "corner":
       return state.phase !== "setup" && state.corners.length < 4
         ? { ...state, corners: [...state.corners, [input.x, input.y]] }
-        : refuse("the four corners are known");
+        : refuse(say("refusal.corners_known"));
     case "confirm":
-      return state.phase === "ask" ? state.after! : refuse("nothing is asked");
+      return state.phase === "ask" ? state.after! : refuse(say("refusal.not_asked"));
     case "shot":
       return state.phase === "shot" ? struck(state, input, hall) : refuse(waiting(state));
     case "technique":
@@ -131,18 +132,12 @@ function refuse(reason: string): never {
 }
 
 function waiting(state: State): string {
-  return {
-    setup: "first enter the players",
-    shot: "enter a shot",
-    place: "where was it met, or where did it fall? Shot keys sleep until then",
-    ask: state.question,
-    over: "the match is over",
-  }[state.phase];
+  return state.phase === "ask" ? state.question : say(`refusal.${state.phase}`);
 }
 
 function begun(state: State, { match, discipline, players, server }: Input & { kind: "setup" }): State {
   if (!match || !players[0] || !players[1] || players[0] === players[1]) {
-    refuse("expected a match and two players with different names");
+    refuse(say("refusal.players"));
   }
   const rally: Rally = { game: 1, number: 1, server, points: [0, 0], strokes: [], ending: null };
   return { ...state, phase: "shot", setup: { match, discipline, players }, rallies: [rally] };
@@ -160,23 +155,23 @@ function struck(state: State, input: Input & { kind: "shot" }, hall: HallFacts):
   const rally = current(state);
   const before = rally.strokes.at(-1);
   if (input.shot < SERVES !== !before) {
-    refuse(before ? "a serve begins a rally; how did this one end?" : "a rally begins with a serve");
+    refuse(say(before ? "refusal.serve_begins" : "refusal.no_serve"));
   }
   if (before && input.time < before.time) {
-    refuse("this is before the last stroke; play on, or undo it");
+    refuse(say("refusal.earlier"));
   }
   const { shot, technique, height, time } = input;
   const stroke = { seat: striker(rally), shot, technique, height, time, area: null, place: null };
   const next = { ...withRally(state, { strokes: [...rally.strokes, stroke] }), phase: "place" } as const;
   return asked(
     next,
-    input.probability !== null && input.probability < RARE && `A ${hall.shots[shot]} is hardly ever played there`,
+    input.probability !== null && input.probability < RARE && say("refusal.unlikely", { shot: words(hall.shots[shot]!) }),
   );
 }
 
 function changed(state: State, what: "technique" | "height", hall: HallFacts): State {
   const { strokes } = state.phase === "shot" || state.phase === "place" ? current(state) : refuse(waiting(state));
-  const last = strokes.at(-1) ?? refuse("enter a shot first");
+  const last = strokes.at(-1) ?? refuse(say("refusal.shot_first"));
   const count = what === "technique" ? hall.techniques.length : hall.heights.length;
   return withRally(state, { strokes: [...strokes.slice(0, -1), { ...last, [what]: (last[what] + 1) % count }] });
 }
@@ -213,24 +208,24 @@ function placed(state: State, area: number, place: Point | null, hall: HallFacts
   const score = rally.points.join(":");
   return asked(
     next,
-    (wrong && `At ${score} the serve goes into the ${right ? "right" : "left"} service court; is the score right?`) ||
-      (place !== null && place[1] < -hall.court.net_depth && "This is on the striker's own side of the net"),
+    (wrong && say(right ? "refusal.right_court" : "refusal.left_court", { score })) ||
+      (place !== null && place[1] < -hall.court.net_depth && say("refusal.own_side")),
   );
 }
 
 function ended(state: State, ending: Ending, hall: HallFacts): State {
   const rally = state.phase === "shot" || state.phase === "place" ? current(state) : refuse(waiting(state));
-  const last = rally.strokes.at(-1) ?? refuse("a rally begins with a serve");
+  const last = rally.strokes.at(-1) ?? refuse(say("refusal.no_serve"));
   if (last.area === null && !WITHOUT_PLACE.includes(ending)) {
-    refuse("where did it fall?");
+    refuse(say("refusal.fell"));
   }
   const strokes = WITHOUT_PLACE.includes(ending)
     ? [...rally.strokes.slice(0, -1), { ...last, area: null, place: null }]
     : rally.strokes;
   const over = afterRally(withRally({ ...state, phase: "shot" }, { ending, strokes }));
   const wrong =
-    (ending === "landed" && outside(last.place, hall) > BY_HAND && "It fell outside of the court") ||
-    (ending === "out" && outside(last.place, hall) < -BY_HAND && "It fell in court");
+    (ending === "landed" && outside(last.place, hall) > BY_HAND && say("refusal.outside")) ||
+    (ending === "out" && outside(last.place, hall) < -BY_HAND && say("refusal.inside"));
   return asked(over, last.place !== null && wrong);
 }
 
@@ -275,7 +270,7 @@ function onCourt(state: State, u: number, v: number): Point {
     refuse(waiting(state));
   }
   if (state.corners.length < 4) {
-    refuse("click the four corners of the court first, or use the keys 1 to 9");
+    refuse(say("refusal.click_corners"));
   }
   const [x, y] = mapped(homography(state.corners, CORNERS), u, v);
   return nearStrikes(state) ? [x, y] : [-x, -y];
@@ -303,7 +298,7 @@ export function homography(from: readonly Point[], to: readonly Point[]): number
     [rows[k], rows[pivot]] = [rows[pivot]!, rows[k]!];
     const lead = rows[k]![k]!;
     if (Math.abs(lead) < 1e-9) {
-      refuse("the corners lie on one line; undo them and click them again");
+      refuse(say("refusal.one_line"));
     }
     rows[k] = rows[k]!.map((value) => value / lead);
     for (let i = 0; i < 8; i++) {

@@ -239,9 +239,10 @@ export interface AnalysisRequest {
   tried?: Record<string, number>;
 }
 
-/** Reply to AnalysisRequest. */
+/** Reply to AnalysisRequest; ``factor``: share of an advantage that real matches realise, and its interval. */
 export interface Analysis {
   number: number;
+  factor: Vec3 | null;
   strokes: StrokeValue[];
   landings: ([number[] | null, number[] | null])[];
   win_after: number | null;
@@ -260,7 +261,7 @@ export interface StrokeValue {
   better: number;
   question: Question | null;
   options: Option[];
-  sure: string;
+  support: number | null;
 }
 
 /** The right answer and wrong ones, the stroke played first; ``share`` of elite players who choose the right shot type. */
