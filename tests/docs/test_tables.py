@@ -1,13 +1,12 @@
 """The tables of the documentation come from results."""
 
-import json
 import re
 import shutil
 from pathlib import Path
 
 import pytest
 
-from docs.tools import markdown, suite_tables, tables
+from docs.tools import tables
 from docs.tools.league_tables import TableError
 from docs.tools.markdown import ROOT
 
@@ -42,35 +41,3 @@ def test_no_page_states_a_probability_beyond_100_percent() -> None:
         beyond = [number for number in re.findall(r"(\d+\.\d+) (?:% )?(?:to \d|\))", text) if 100 < float(number) < 101]
         assert beyond == [], path
         assert not re.findall(r"exploitab\w+ (?:of |is |about )?\d+(?:\.\d+)? %", text), path
-
-
-def test_boards_of_the_suite_are_made_from_its_results(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(suite_tables, "ROOT", tmp_path)
-    monkeypatch.setattr(markdown, "ROOT", tmp_path)
-    assert "no results yet" in suite_tables.task_boards("exploit-v0")
-    score = {"value": 0.25, "low": 0.2, "high": 0.3}
-    row = {
-        "task": "exploit-v0", "method": "ppo", "split": "test", "budget": 1000, "score": 0.75, "low": 0.7, "high": 0.8,
-        "worst": 0.6, "scores": {"objective": {"value": 0.75, "low": 0.7, "high": 0.8}, "exploitability": score}, "seconds": 12.3,
-        "official": False, "verified": True, "game": "another", "quick": False, "kind": "method", "access": "samples",
-        "isolated": False,
-        "strata": {"bc/1,000": {"objective": 0.6}, "safe/1,000": {"objective": 0.9}},
-    }  # fmt: skip
-    rows = [
-        row,
-        {**row, "method": "dqn", "score": 0.5, "behind": score},
-        {**row, "method": "minimax", "score": 0.9, "kind": "reference"},
-    ]
-    (tmp_path / "experiments" / "results").mkdir(parents=True)
-    (tmp_path / "experiments" / "results" / "suite.json").write_text(json.dumps({"rows": rows}))
-    text = suite_tables.task_boards("exploit-v0")
-    assert text.startswith("**exploit-v0, test, 1,000 strokes**")
-    ppo = "| samples | 1 | `ppo` | 0.750 (0.700 to 0.800) | 0.600 |  | 0.2500 | 12 | yes |"
-    assert text.index("| samples | reference | `minimax`") < text.index(ppo) < text.index("| samples | 2 | `dqn`")
-    assert "| 0.600 | 0.250 (0.200 to 0.300) | 0.2500 |" in text
-    assert "Best: `ppo`, 0.750 (0.700 to 0.800). Optimum 1.000, open gap 0.250." in text
-    assert "Mean objective by case:" in text
-    assert "| method | `bc` | `safe` |" in text
-    assert "| `ppo` | 0.600 | 0.900 |" in text
-    assert "**Preliminary**" in text
-    assert "| 1,000 | `ppo` | 0.750 (0.700 to 0.800), preliminary | 0.250 |" in suite_tables.summary("docs/suite/")

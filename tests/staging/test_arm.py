@@ -4,7 +4,6 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from benchmarks.motion_metrics import arm_angles
 from shuttle_marl.staging import SWEET_SPOT, load_skeleton
 from shuttle_marl.staging.arm import LIMITS, SWING_LIMIT, Goal, anywhere, arm_of, solve, solve_best
 from shuttle_marl.staging.arm_solver import SWING_1, SWING_2
@@ -62,14 +61,3 @@ def test_no_goal_makes_the_arm_break_its_limits(shares: list[float], point: tupl
     assert (found >= LIMITS[:, 0] - 1e-9).all()
     assert (found <= LIMITS[:, 1] + 1e-9).all()
     assert np.linalg.norm(found[0, SWING_1 : SWING_2 + 1]) <= SWING_LIMIT + 1e-9
-
-
-@settings(max_examples=60, deadline=None)
-@given(ANGLES)
-def test_angles_are_read_back_from_the_bones(shares: list[float]) -> None:
-    """The reader takes rotations apart, and knows nothing of how they were made."""
-    arm, angles = arm_of(load_skeleton("male")), angles_of(shares)
-    collar, upper, fore, hand, racket = arm.pose(angles).rotation
-    read = arm_angles(arm, np.eye(3)[None], [collar, upper, fore, hand], racket)
-    difference = (read - angles + np.pi) % (2 * np.pi) - np.pi
-    assert np.abs(difference).max() < 1e-5

@@ -6,11 +6,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.motion_metrics import joints, measure
+from benchmarks.motion_life import summary_of_life
+from benchmarks.motion_metrics import joints, measure, summary
 from shuttle_marl.game import default_game
 from shuttle_marl.game.court import AREAS, MIDDLE_CUT, SHORT_SERVICE, SIDE_CUT
 from shuttle_marl.game.rally.record import Rally, RallyError
 from shuttle_marl.game.rules import FAULT, RETURNED_BELOW, WINNER
+from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.staging import ENDS, Motion, StagingError, continue_motion, stage
 from shuttle_marl.staging.rotation import about, matrix, quaternion
 from shuttle_marl.staging.skeleton import BONE
@@ -217,3 +219,16 @@ def test_serves_to_the_side_are_mirrored() -> None:
     assert even.aim_box(centre) == ((-SIDE_CUT, 0.0), (SHORT_SERVICE, MIDDLE_CUT))
     clear = next(k for k, name in enumerate(catalogue.names) if name.startswith("clear:back-left"))
     assert odd.aim[clear] == catalogue.area[clear], "other strokes are not"
+
+
+def test_the_summary_takes_medians_by_shot_type_and_shares(motions: list[Motion]) -> None:
+    found = [measure(motion) for motion in motions]
+    figures = summary(found)
+    lives = [metrics.life for metrics in found]
+    shot = np.concatenate([life.shot for life in lives])
+    ratio = np.concatenate([life.impact_ratio for life in lives])
+    for name, value in figures["impact_ratio"].items():
+        assert value == pytest.approx(np.median(ratio[shot == SHOTS.index(name)]))
+    assert figures["still_share"] == pytest.approx(sum(life.still for life in lives) / sum(life.waiting for life in lives))
+    assert figures["wrist_speed"] == sum(life.fast_wrist for life in lives) / sum(life.player_frames for life in lives)
+    assert summary_of_life(lives).items() <= figures.items()
