@@ -23,7 +23,7 @@ def tournament(tmp_path_factory: pytest.TempPathFactory) -> Path:
     from shuttle_marl.league import LeagueConfig
     from tests.tournaments import play_league
 
-    config = LeagueConfig(pool=("bc", "attacking", "random"), matches=8, out=tmp_path_factory.mktemp("played") / "run")
+    config = LeagueConfig(pool=("bc", "attacking", "random"), matches=6, out=tmp_path_factory.mktemp("played") / "run")
     return play_league(config).folder / "rallies.mcap"
 
 
