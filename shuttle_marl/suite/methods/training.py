@@ -10,6 +10,8 @@ from shuttle_marl.training.league.config import LeagueTrainingConfig
 
 _SHARE: Final = 0.97
 """Fraction of the budget that is planned; the rest is for the ends of rallies."""
+_SHARE_OF_VARIANT: Final = 0.94
+"""The same of a variant of self-play, in which the learner strikes more or less often against its other opponents."""
 _SMALL: Final = 100_000
 _SHARE_OF_SMALL: Final = 0.85
 """The same of a smaller budget, as in quick runs, whose few batches vary more."""
@@ -81,7 +83,7 @@ def _train(algorithm: str, setting: PlayerSetting, **options: Any) -> Trained:
         **options,
     )
     # Rallies are played to their end, so iterations are a little longer than their batches.
-    share = _SHARE if setting.budget >= _SMALL else _SHARE_OF_SMALL
+    share = _SHARE_OF_SMALL if setting.budget < _SMALL else _SHARE_OF_VARIANT if options else _SHARE
     while sum(map(config.batch_of, range(config.iterations))) > share * setting.budget:
         config = dataclasses.replace(config, strokes=int(config.strokes * _SHARE))
     done = train(config)
