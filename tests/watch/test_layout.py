@@ -136,14 +136,15 @@ def test_tagging_fits_in_every_language(viewer: Any, page_folder: Path, tmp_path
 
 
 def test_the_language_is_chosen_in_the_page_and_kept(viewer: Any, served: Any) -> None:
-    viewer.open(f"{served.address}{PLACE}")
-    with viewer.page.expect_navigation():
-        viewer.page.get_by_label("Language").select_option("id")
-    viewer.until(lambda: bool(viewer.page.evaluate("!!(window.viewer && window.viewer.state().ready)")))
-    assert viewer.page.locator("#tab-learn").inner_text() == Texts("id")("mode.learn")
-    assert viewer.page.evaluate("location.hash").startswith("#seed=5")
-    viewer.open(f"{served.address}{PLACE}")
-    assert viewer.page.locator("html").get_attribute("lang") == "id"
+    page = viewer.page
+    page.goto(f"{served.address}{PLACE}")
+    with page.expect_navigation():
+        page.get_by_label("Language").select_option("id")
+    page.get_by_role("tab", name=Texts("id")("mode.learn")).wait_for()
+    assert page.evaluate("location.hash").startswith("#seed=5")
+    page.goto(f"{served.address}{PLACE.replace('5', '6')}")  # an address without a language
+    page.get_by_role("tab", name=Texts("id")("mode.learn")).wait_for()
+    assert page.locator("html").get_attribute("lang") == "id"
 
 
 def test_menus_close_and_terms_are_explained(viewer: Any, served: Any) -> None:
