@@ -63,6 +63,7 @@ from shuttle_marl.commands import cli
 def command() -> None:
     for i in range({lines}):
         sys.stdout.write(f"{{i:100}}\\n")
+    cli.console().print("end")
 
 sys.exit(cli.run(command, prog="tea", description="Talks.", argv=[]))
 """
