@@ -91,7 +91,7 @@ def reading_of(path: Path, content: bytes, points: list[Point], name: str, unit:
     """The table of the strokes of points."""
     told = _FILE.fullmatch(path.stem)
     people = told.groups()[1:] if told else SEATS
-    entries, places, doubted = [], [], []
+    entries, places, doubted = list[dict[str, str]](), list[int](), list[tuple[int, str]]()
     number = game = 0
     for point, following in zip(points, [*points[1:], None], strict=True):
         number = number + 1 if point.game == game else 1
