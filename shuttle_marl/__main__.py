@@ -42,8 +42,16 @@ def main(argv: Sequence[str] | None = None) -> int:
         The exit status.
     """
     _prepare_output()
+    words = [*(sys.argv[1:] if argv is None else argv)] or ["--help"]
     try:
-        return _run(*(sys.argv[1:] if argv is None else argv) or ["--help"])
+        status = _run(*words)
+        sys.stdout.flush()
+        return status
+    except BrokenPipeError:
+        if words[0] in COMMANDS:  # they handle theirs
+            raise
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 141
     except KeyboardInterrupt:  # while the command is imported
         sys.stderr.write("interrupted\n")
         return 130

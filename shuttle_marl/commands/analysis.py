@@ -208,7 +208,7 @@ def _print_table(summaries: dict[str, "Summary"], ratings: dict[str, float]) -> 
             cell(s.value, 100, 2),
             ", ".join(f"{SHOTS[i]} {100 * s.shots[i]:.0f} %" for i in np.argsort(-s.shots)[:2]),
         )
-    console = Console(highlight=False, width=max(Console().width, 100))
+    console = cli.Output(highlight=False, width=max(Console().width, 100))
     console.print(table)
     console.print(
         "won: rallies won [%], of all players together by the server; rating: Elo rating in the tournament;\n"

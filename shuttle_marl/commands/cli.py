@@ -71,16 +71,17 @@ _FIXABLE: Final = {
 """System errors of files that users can fix."""
 
 
-class _Console(Console):
+class Output(Console):
     """A console that leaves a closed pipe to :func:`run`."""
 
     def on_broken_pipe(self) -> None:
+        """Raise the error again."""
         raise  # noqa: PLE0704  within the handler of the error
 
 
 def console(*, stderr: bool = False) -> Console:
     """A console without markup; wide enough for tables if the output is not a terminal."""
-    plain = functools.partial(_Console, stderr=stderr, markup=False, emoji=False, highlight=False)
+    plain = functools.partial(Output, stderr=stderr, markup=False, emoji=False, highlight=False)
     default = plain()
     return default if default.is_terminal or stderr else plain(width=_WIDTH)
 

@@ -8,7 +8,7 @@ from rich.console import Console
 from rich.table import Table
 
 from shuttle_marl.base.interrupts import interrupts_held
-from shuttle_marl.commands.cli import Command, console, entry_point
+from shuttle_marl.commands.cli import Command, Output, console, entry_point
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.training.config import A2CConfig, PPOConfig, SACConfig, TrainingConfig
@@ -28,7 +28,7 @@ def _train(config: TrainingConfig, seeds: int, jobs: int) -> None:
 
     done = train(config, Console(stderr=True, highlight=False))
     figures = done.evaluation
-    out = Console(highlight=False, soft_wrap=True, markup=False)
+    out = Output(highlight=False, soft_wrap=True, markup=False)
     against = "bc" if config.self_play else " and ".join(config.opponent)
     out.print(
         f"against {against}: wins {figures.rally_win:.2%} of rallies and {figures.match_win:.2%} of matches (exact), "

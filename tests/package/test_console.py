@@ -42,6 +42,17 @@ def test_a_command_that_is_nearly_one(typed: str, meant: str, capsys: pytest.Cap
     assert f"no command '{typed}'; did you mean {meant}" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("words", [["--help"], ["--version"], ["--completion", "bash"]], ids=str)
+def test_a_closed_pipe_is_no_traceback(words: list[str]) -> None:
+    command = [sys.executable, "-m", "shuttle_marl", *words]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as program:
+        assert program.stdout is not None
+        assert program.stderr is not None
+        program.stdout.close()
+        assert program.stderr.read() == ""
+        assert program.wait(60) == 141
+
+
 COMPLETE = """
 source <(cat)
 COMP_WORDS=(shuttle-marl {words})
