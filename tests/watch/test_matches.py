@@ -1,6 +1,7 @@
 """Matches played for the page: the same draws and rules as everywhere, and plans that are checked."""
 
 import json
+import re
 from pathlib import Path
 from types import SimpleNamespace
 from typing import cast
@@ -11,9 +12,11 @@ import pytest
 
 from shuttle_marl.analysis.rally import Players
 from shuttle_marl.data import load_strokes
+from shuttle_marl.game import default_game
 from shuttle_marl.game.draws import draw, outcome_draw, stream
 from shuttle_marl.game.rules import RETURNED_BELOW, IllegalStrokeError, strike
 from shuttle_marl.game.tables import ROOT
+from shuttle_marl.league import LeagueConfig, run_league
 from shuttle_marl.recording import RallyLog
 from shuttle_marl.watch import WatchError
 from shuttle_marl.watch.answers import Answers
@@ -22,7 +25,7 @@ from shuttle_marl.watch.match_log import MatchLog
 from shuttle_marl.watch.messages import RallyRequest, decode_request
 from shuttle_marl.watch.plan import Person, Plan
 from shuttle_marl.watch.policies import PolicyTables
-from shuttle_marl.watch.recorded import RealRallies, Recorded, _event
+from shuttle_marl.watch.recorded import LogRallies, RealRallies, Recorded, _event
 from shuttle_marl.watch.stager import Stager
 from shuttle_marl.watch.values import ELITE
 
@@ -234,3 +237,19 @@ def test_the_choices_of_a_person_are_like_those_of_the_player_who_made_them(tabl
     assert found["names"][0] == name
     with pytest.raises(WatchError, match="take over"):
         answers(decode_request(json.dumps({**query, "person": None})))
+
+
+@pytest.mark.slow
+def test_the_rallies_that_a_report_names_are_those_of_their_pairings(tmp_path: Path) -> None:
+    run_league(LeagueConfig(pool=("attacking", "safe", "random"), matches=2, out=tmp_path / "run"))
+    report = (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
+    assert "python -m shuttle_marl.watch --replay rallies.mcap --rally N" in report
+    table = report.split("first rally")[-1].split("</table>")[0]
+    rows = [re.sub(r"<[^>]+>", "|", row).split("|") for row in table.split("<tr")[1:]]
+    cells = [[cell for cell in row if cell.strip()] for row in rows]
+    assert len(cells) == 3
+    shown = LogRallies(tmp_path / "run" / "rallies.mcap", default_game())
+    for row in cells:
+        rally = shown.rally(int(row[-1]))
+        assert set(rally.names) <= set(row), "both players"
+        assert rally.points == (0, 0)
