@@ -7,7 +7,6 @@ for that would make ``import shuttle_marl`` ten times slower; instead registrati
 import importlib.util
 import sys
 from collections.abc import Callable, Sequence
-from importlib.abc import MetaPathFinder
 from importlib.machinery import ModuleSpec
 from types import ModuleType
 
@@ -35,7 +34,7 @@ def register_for_pettingzoo() -> None:
             pettingzoo.register("aec", f"shuttle_marl/{name}-v0", f"shuttle_marl.env.{name}_v0:env")
 
 
-class _AfterImport(MetaPathFinder):
+class _AfterImport:
     """Import hook that registers the environments after a library was imported, but not if it was only searched for."""
 
     def __init__(self, library: str, register: Callable[[], None]) -> None:
