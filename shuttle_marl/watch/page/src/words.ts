@@ -4,7 +4,8 @@ import en from "../../../pages/languages/en.json";
 import id from "../../../pages/languages/id.json";
 import zh from "../../../pages/languages/zh.json";
 
-type Catalogue = typeof en;
+/** Texts of the page; the build leaves out those of the reports. */
+type Catalogue = Omit<typeof en, "scout" | "match" | "drills" | "tactics" | "habit">;
 type Language = keyof typeof CATALOGUES;
 /** Key of a text, such as `page.score`. */
 export type Key = { [Group in keyof Catalogue]: `${Group}.${string & keyof Catalogue[Group]}` }[keyof Catalogue];
