@@ -241,6 +241,6 @@ def test_policies_that_hang(
 
 def test_a_terminal_shows_what_a_command_is_at(monkeypatch: pytest.MonkeyPatch) -> None:
     terminal = io.StringIO()
-    monkeypatch.setattr(cli, "Console", lambda **options: Console(**{**options, "file": terminal, "force_terminal": True}))
+    monkeypatch.setattr(cli, "Output", lambda **options: Console(**{**options, "file": terminal, "force_terminal": True}))
     assert main(("evaluate", "bc", "--game", reduced_model())) == 0
     assert "policies" in terminal.getvalue()
