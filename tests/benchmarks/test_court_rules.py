@@ -28,11 +28,11 @@ def played() -> Iterator[tuple[Rally, Umpire]]:
 def found() -> list[tuple[Motion, Umpire]]:
     """Short rallies of three or more strokes: with an even and an odd score in the first game, one in the second."""
     wanted = [(0, 0), (0, 1), (1, 0)]
-    out = []
+    out, rallies = [], list(played())
     for game, odd in wanted:
         rally, umpire = next(
             (rally, umpire)
-            for rally, umpire in played()
+            for rally, umpire in rallies
             if 3 <= len(rally) <= 5 and sum(umpire.games) == game and umpire.points[rally.server] % 2 == odd
         )
         out.append((stage(rally, seed=1), umpire))

@@ -491,6 +491,7 @@ def test_a_browser_that_does_not_work(tmp_path: Path, monkeypatch: pytest.Monkey
     assert [path.name for path in tmp_path.iterdir()] == ["page.html"]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("built")
 def test_pages_in_a_browser(
     tmp_path: Path, browser: Browser, model: str, scouted: ScoutingReport, sample: pa.Table, axe: Callable[[Any], list[Any]]

@@ -30,6 +30,7 @@ def card(path: Path) -> tuple[Any, str]:
     return yaml.safe_load(front), body
 
 
+@pytest.mark.slow
 def test_agents_play_from_their_folders(folder: Path) -> None:
     game = default_game()
     copied, shipped = (tabulate(resolve(name, game), game) for name in (f"agent:{folder / 'agents' / 'ppo'}", "ppo"))
@@ -40,6 +41,7 @@ def test_agents_play_from_their_folders(folder: Path) -> None:
     assert all(f"| `{name}` |" in body for name in names)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["sample", "suite"])
 def test_descriptions_are_of_the_files(folder: Path, name: str) -> None:
     described = json.loads((folder / name / "croissant.json").read_text(encoding="utf-8"))

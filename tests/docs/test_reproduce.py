@@ -39,7 +39,8 @@ def test_every_result_file_is_made_by_a_command() -> None:
         "layers",
         "layer_diagram",
         pytest.param(
-            "stroke_value", marks=pytest.mark.skipif("SHUTTLESET" not in os.environ, reason="needs the annotated matches")
+            "stroke_value",
+            marks=[pytest.mark.slow, pytest.mark.skipif("SHUTTLESET" not in os.environ, reason="needs the annotated matches")],
         ),
     ],
 )

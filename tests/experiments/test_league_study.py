@@ -9,6 +9,7 @@ from experiments.league_training import HEADINGS, main, table_rows
 from tests.reduced import reduced_model
 
 
+@pytest.mark.slow
 def test_a_quick_study_is_resumed_and_says_what_it_found(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out, saved = tmp_path / "study", tmp_path / "results.json"
     flags = ["--quick", "--variants", "plain", "psro-exact", "--game", reduced_model(), "--out", str(out), "--json", str(saved)]
