@@ -33,17 +33,20 @@ from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from types import FrameType
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, get_args
 
 import pytest
 import tyro
 
 ROOT: Final = Path(__file__).resolve().parents[1]
-TESTS: Final = {
+Module = Literal["game", "exact", "league", "analysis", "suite", "policy"]
+TESTS: Final[dict[str, tuple[str, ...]]] = {
     "analysis": ("analysis",),
     "exact": ("exact",),
     "game": ("rally", "scoring", "policy", "kernel/test_kernel_draws.py", "env/test_rally_env.py"),
     "league": ("league",),
+    "policy": ("policy", "league/test_programs.py", "training/test_shipped_agents.py"),
+    "suite": ("suite", "experiments/test_suite.py"),
 }
 """Folders and files of the tests of each package."""
 EQUIVALENT: Final = Path(__file__).with_name("equivalent_mutants.toml")
@@ -243,7 +246,7 @@ def _test_files(file: str) -> list[str]:
 
 
 def main(
-    modules: tuple[Literal["game", "exact", "league", "analysis"], ...] = ("game", "exact", "league", "analysis"),
+    modules: tuple[Module, ...] = get_args(Module),
     n: int = 100,
     seed: int = 0,
     jobs: int = 2,
