@@ -19,7 +19,7 @@ from shuttle_marl.watch.site import save_site
 from shuttle_marl.watch.stager import Stager
 from tests.watch.conftest import Viewer
 
-LIMIT = 2_100_000
+LIMIT = 2_300_000
 """Size of a site of a few rallies [bytes]."""
 
 

@@ -5,6 +5,7 @@ import { condense } from "./condensed";
 import { parseMessage } from "./connection";
 import { Motion } from "./motion";
 import type { RallyFacts } from "./wire.gen";
+import { say } from "./words";
 
 /** Total duration above which the quantization of motions gets coarser, which limits the size of the page [s]. */
 const FINE = 1000;
@@ -91,7 +92,7 @@ function written(script: string, style: string, shared: Shared, title: string, h
   const plain = title.replace(/[<>&"]/g, "");
   return new Blob(
     [
-      `<!doctype html><html lang="${document.documentElement.lang}"><head><meta charset="utf-8"><meta http-equiv="Content-Security-Policy" content="${POLICY}">`,
+      `<!doctype html><html lang="${say("language.tag")}"><head><meta charset="utf-8"><meta http-equiv="Content-Security-Policy" content="${POLICY}">`,
       `<meta name="viewport" content="width=device-width, initial-scale=1"><title>${plain}</title>`,
       `<style>${style.replaceAll("</", "<\\/")}</style></head><body>`,
       `<script>if (!location.hash) location.hash = ${safe(JSON.stringify(hash))};</script>`,
