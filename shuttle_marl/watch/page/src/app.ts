@@ -9,7 +9,7 @@ import { keyTable, listen } from "./keys";
 import type { Mode } from "./layout";
 import { readLink } from "./link";
 import { confirmed } from "./menus";
-import { displayName } from "./names";
+import { displayName, nameOnShirt } from "./names";
 import type { Player } from "./player";
 import { Rallies, type Shown, type Source } from "./rallies";
 import { matchOf } from "./rally_browser";
@@ -58,7 +58,7 @@ export class App {
     this.course = new Timeline(hello.recorded ? null : (place.plan ?? hello.plan), place.tried);
     const quality = new URLSearchParams(location.search).get("quality");
     const known = quality === "full" || quality === "lite" ? quality : "auto";
-    this.frames = new Frames(hello.hall, (name) => source.model(name), known, still());
+    this.frames = new Frames(hello.hall, (name) => source.model(name), known, still(), nameOnShirt);
     const { player, stage } = this.frames;
     this.player = player;
     this.stage = stage;

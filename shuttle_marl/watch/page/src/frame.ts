@@ -47,9 +47,10 @@ export class Frames {
     model: (athlete: string) => Promise<ArrayBuffer>,
     quality: "auto" | "full" | "lite",
     private readonly still: boolean,
+    nameOnShirt: (identifier: string) => string,
   ) {
     try {
-      this.stage = new Stage(hall, model, quality, still);
+      this.stage = new Stage(hall, model, quality, still, nameOnShirt);
     } catch {
       this.stage = null; // no WebGL: the rally is described as text
     }

@@ -7,7 +7,6 @@ import { clone } from "three/addons/utils/SkeletonUtils.js";
 import { Athlete, type Kit } from "./athlete";
 import { at, Backdrop, BEHIND, buildHall, DARK, facing, simplify } from "./hall";
 import type { Motion } from "./motion";
-import { nameOnShirt } from "./names";
 import { type Flight, Marks, Shuttle } from "./shuttle";
 import type { HallFacts, RallyFacts, Vec3 } from "./wire.gen";
 
@@ -83,6 +82,7 @@ export class Stage {
     private readonly load: (athlete: string) => Promise<ArrayBuffer>,
     quality: "auto" | "full" | "lite",
     private readonly still: boolean,
+    private readonly nameOnShirt: (identifier: string) => string,
   ) {
     this.canvas = document.createElement("canvas");
     this.lite = quality === "lite" || (quality === "auto" && isSlow());
@@ -168,7 +168,7 @@ export class Stage {
     }
     const made = rally.players.map(({ athlete, hand }, seat) => {
       const me = this.facts.athletes[athlete]![hand]!;
-      return new Athlete(clone(this.models.get(athlete)!), this.facts, me, KITS[seat]!, nameOnShirt(rally.names[seat]!));
+      return new Athlete(clone(this.models.get(athlete)!), this.facts, me, KITS[seat]!, this.nameOnShirt(rally.names[seat]!));
     });
     this.athletes = made as [Athlete, Athlete];
     this.scene.add(...made.map((one) => one.root));
