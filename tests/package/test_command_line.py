@@ -14,6 +14,7 @@ import pytest
 from shuttle_marl.base import extras
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.commands import cli
+from tests.package.closed_pipe import check_closed_pipe
 
 ROOT = Path(__file__).parents[2]
 
@@ -73,12 +74,7 @@ sys.exit(cli.run(command, prog="tea", description="Talks.", argv=[]))
 def test_the_reader_of_the_output_closes_it(lines: int, flags: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("PYTHONUNBUFFERED", raising=False)
     command = [sys.executable, *flags, "-c", TALKS.format(lines=lines)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as program:
-        assert program.stdout is not None
-        assert program.stderr is not None
-        program.stdout.close()
-        assert program.stderr.read() == ""
-        assert program.wait(60) == 141
+    check_closed_pipe(command)
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a full disk")

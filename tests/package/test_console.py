@@ -14,6 +14,7 @@ from shuttle_marl.__main__ import main
 from shuttle_marl.base.errors import command
 from shuttle_marl.game import default_game
 from shuttle_marl.policy import registry
+from tests.package.closed_pipe import check_closed_pipe
 
 SCRIPT = str(Path(sysconfig.get_path("scripts")) / "shuttle-marl")
 LAUNCHERS = pytest.mark.parametrize("launcher", [[SCRIPT], [sys.executable, "-m", "shuttle_marl"]], ids=["script", "module"])
@@ -45,12 +46,7 @@ def test_a_command_that_is_nearly_one(typed: str, meant: str, capsys: pytest.Cap
 @pytest.mark.parametrize("words", [["--help"], ["--version"], ["--completion", "bash"]], ids=str)
 def test_a_closed_pipe_is_no_traceback(words: list[str]) -> None:
     command = [sys.executable, "-m", "shuttle_marl", *words]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as program:
-        assert program.stdout is not None
-        assert program.stderr is not None
-        program.stdout.close()
-        assert program.stderr.read() == ""
-        assert program.wait(60) == 141
+    check_closed_pipe(command)
 
 
 COMPLETE = """
