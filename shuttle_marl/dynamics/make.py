@@ -267,7 +267,7 @@ def save_fit(
         sources: data set of each match by name.
         skill_sd: standard deviations of the skill in a prior model; None: estimate them.
         report: called with a line before each stage.
-        check: refuse a game that rewards strokes that nobody plays, which its best play would consist of.
+        check: refuse a game whose best play consists of strokes that nobody plays.
 
     Raises:
         ShuttleError: the game is refused; nothing is written.

@@ -29,7 +29,7 @@ _FILES: Final = ("open", "os.listdir", "os.scandir", "os.link", "os.symlink", "o
 
 
 class Readable(Protocol):
-    """Where messages are read from."""
+    """Source of messages."""
 
     def read(self, size: int, /) -> bytes:
         """So many bytes, or fewer at the end."""
