@@ -81,7 +81,7 @@ def film(path: Path, rallies: int, seed: int, console: Console) -> Film:
     policies = PolicyTables(default_game(), ("bc",))
     plan = Plan.parse({"seed": seed, "sides": [{"policy": "bc"}, {"policy": "bc"}]})
     answers = Answers(policies, plan, Stager(("female", "female"), ("right", "right")))
-    facts = [answers.rally_facts(RallyRequest(id=0, plan=plan, rally=number)) for number in range(rallies)]
+    facts = [answers.rally(RallyRequest(id=0, plan=plan, rally=number))[0].rally for number in range(rallies)]
     about = path.with_suffix(".json")
     if not about.exists():
         with _served(answers) as address, contextlib.ExitStack() as stack:

@@ -22,7 +22,7 @@ def first_rally() -> FirstRally:
     """The first rally of the default match."""
     game, match, appearance = default_game(), MatchOptions(), Appearance()
     plan, stager = match.plan(game), Stager(appearance.athletes, appearance.hands)
-    answers = Answers(PolicyTables(game), plan, stager, shipped=False)
+    answers = Answers(PolicyTables(game), plan, stager)
     reply, motion = answers.rally(RallyRequest(id=0, plan=plan, rally=0))
     return FirstRally(first_key(game, plan, stager), reply, motion)
 

@@ -165,6 +165,7 @@ def watch(
     """
     from shuttle_marl.watch.answers import Answers  # noqa: PLC0415  these keep --help quick
     from shuttle_marl.watch.building import BuildError, build  # noqa: PLC0415
+    from shuttle_marl.watch.first_rally import first_key, shipped_rally  # noqa: PLC0415
     from shuttle_marl.watch.match_log import MatchLog  # noqa: PLC0415
     from shuttle_marl.watch.policies import PolicyTables  # noqa: PLC0415
     from shuttle_marl.watch.server import Server, application, bind, check_video, hosts_of  # noqa: PLC0415
@@ -188,7 +189,8 @@ def watch(
         contextlib.closing(MatchLog(output.record, policies.game, policies)) as log,
     ):
         stager = Stager(appearance.athletes, appearance.hands)
-        answers = Answers(policies, plan, stager, recorded=recorded, first=first, log=log, tags=tags)
+        shipped = shipped_rally(first_key(policies.game, plan, stager)) if recorded is None and tags is None else None
+        answers = Answers(policies, plan, stager, recorded=recorded, first=first, log=log, tags=tags, shipped=shipped)
         if output.save_site is not None:
             _save_site(output.save_site, page, answers, server.language)
             return

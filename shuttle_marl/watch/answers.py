@@ -27,7 +27,7 @@ from shuttle_marl.policy import registry
 from shuttle_marl.policy.baselines import imitation
 from shuttle_marl.watch import WatchError, messages
 from shuttle_marl.watch.facts import hall_facts, rally_facts, rounded
-from shuttle_marl.watch.first_rally import first_key, shipped_rally
+from shuttle_marl.watch.first_rally import FirstRally
 from shuttle_marl.watch.match import CourtRally, Match, play_rally
 from shuttle_marl.watch.match_log import MatchLog
 from shuttle_marl.watch.plan import Plan, Side
@@ -107,7 +107,7 @@ class Answers:
         first: number of the rally that is shown first.
         log: log of the rallies that a person plays; None: not recorded.
         tags: the video that is tagged, instead of rallies; None: none.
-        shipped: use the first rally that is shipped, if it is that of the plan.
+        shipped: the first rally of the plan, staged in advance; None: it is staged when it is requested.
     """
 
     def __init__(
@@ -120,15 +120,14 @@ class Answers:
         first: int = 0,
         log: MatchLog | None = None,
         tags: TagFile | None = None,
-        shipped: bool = True,
+        shipped: FirstRally | None = None,
     ) -> None:
         self._game, self._policies, self._plan = policies.game, policies, plan
         self._recorded, self._first_shown = recorded, first
         self._values, self._stager, self._log = StrokeValues(policies), stager, log
         self._overviews = OnceCache(_MAX_OVERVIEWS)
         self._matches, self._packed, self._pairs = OnceCache(_MAX_MATCHES), OnceCache(_MAX_PACKED), OnceCache(_MAX_PAIRS)
-        self._tags = tags
-        self._shipped = shipped_rally(first_key(self._game, plan, stager)) if shipped else None
+        self._tags, self._shipped = tags, shipped
         self._shown = threading.Event()
 
     def __call__(self, request: messages.Request) -> bytes:
@@ -178,10 +177,6 @@ class Answers:
     def opening(self, line: tuple[int, ...]) -> messages.OpeningReply:
         """Strokes that follow the first strokes of a rally between two average pros, or the two people of a pair."""
         return self._values.opening(line, self._imitated(self._values))
-
-    def rally_facts(self, request: messages.RallyRequest) -> messages.RallyFacts:
-        """A rally without its motion."""
-        return self.rally(request)[0].rally
 
     def warm(self) -> None:
         """Compute the first rally, the walk to the next one, and its analysis, so that no page waits for them.

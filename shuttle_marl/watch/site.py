@@ -111,7 +111,7 @@ def _rallies(answers: Answers, hello: messages.Hello) -> Iterator[tuple[dict[str
     ends: bool | None = None  # those from which a walk leads to the next rally
     while hello.recorded is None or number < hello.recorded.count:
         request = messages.RallyRequest(id=0, plan=plan, rally=number)
-        facts = answers.rally_facts(request)
+        facts = answers.rally(request)[0].rally
         replies = {f"rally-{number}": _packed(answers, request)}
         if ends is facts.ends_changed:
             before = replace(request, rally=number - 1, walk=True)
