@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from shuttle_marl.base.interrupts import interrupts_held
+from shuttle_marl import _end_at_interrupt
 
 COMMANDS: Final = {
     "analysis": "summaries and pictures of recorded rallies, compared with real matches",
@@ -72,8 +72,9 @@ def _prepare_output() -> None:
 
 def _run(name: str, *arguments: str) -> int:
     if name in COMMANDS:
-        with interrupts_held():
-            command = importlib.import_module(f"shuttle_marl.commands.{name}")
+        command = importlib.import_module(f"shuttle_marl.commands.{name}")
+        if signal.getsignal(signal.SIGINT) is _end_at_interrupt:
+            signal.signal(signal.SIGINT, signal.default_int_handler)
         return int(command.main(list(arguments)))
     if name in ("--help", "-h"):
         sys.stdout.write(_usage())

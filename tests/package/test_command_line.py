@@ -56,6 +56,29 @@ def test_an_interrupt_elsewhere_ends_no_process_by_a_signal(when: str, status: i
     assert (done.returncode, done.stderr) == (status, "interrupted\n" if status else "")
 
 
+@pytest.mark.parametrize("started", ["-m shuttle_marl.league", "-m shuttle_marl", "script"])
+@pytest.mark.parametrize("imported", ["lazy_loader", "numpy", "tyro"])
+def test_an_interrupt_during_the_first_imports_is_one_line(started: str, imported: str, tmp_path: Path) -> None:
+    """Libraries print a traceback, or raise another error."""
+    script = tmp_path / "shuttle-marl"
+    script.write_text("import sys\nfrom shuttle_marl.__main__ import main\nsys.exit(main())\n")
+    (tmp_path / "sitecustomize.py").write_text(f"""
+import signal, sys
+
+class Interrupting:
+    def find_spec(self, name, *_):
+        if name == {imported!r}:
+            signal.raise_signal(signal.SIGINT)
+
+sys.meta_path.insert(0, Interrupting())
+""")
+    arguments = ["--help"] if started.endswith("league") else ["league", "--help"]
+    command = [sys.executable, *(started.split() if started.startswith("-m") else [str(script)]), *arguments]
+    environment = {**os.environ, "PYTHONPATH": f"{tmp_path}{os.pathsep}{ROOT}"}
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60, env=environment)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "interrupted\n")
+
+
 TALKS = """
 import sys
 from shuttle_marl.base import extras
