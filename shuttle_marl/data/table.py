@@ -8,7 +8,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-import pooch
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
@@ -165,7 +164,7 @@ def provenance_of(root: Path, cleaned: Cleaned) -> dict[str, Any]:
     """Provenance of a cleaned table as a JSON object; equal inputs give equal values."""
     digest = hashlib.sha256()
     for path in cleaned.files:
-        digest.update(f"{path.relative_to(root).as_posix()}\n".encode() + hashlib.sha256(path.read_bytes()).digest())
+        digest.update(f"{path.relative_to(root).as_posix()}\n".encode() + bytes.fromhex(upstream.sha256_of(path)))
     return {
         "repository": upstream.REPOSITORY,
         "commit": upstream.COMMIT,
@@ -298,7 +297,7 @@ def _compare(root: Path, splits: Sequence[Split]) -> tuple[dict[Split, tuple[int
             listed[split] += 1
         if not file.is_file():
             missing.setdefault((file.parent, split), []).append(file.name)
-        elif (got := pooch.file_hash(str(file))) != digest:
+        elif (got := upstream.sha256_of(file)) != digest:
             problems.append(Problem(file, f"altered: SHA-256 is {got}, expected {digest}; delete it and download it again"))
         elif split is not None:
             whole[split] += 1

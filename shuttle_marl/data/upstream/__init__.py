@@ -10,15 +10,11 @@ SHA-256 of their names, 14 in all. The training split is the rest.
 import concurrent.futures
 import contextlib
 import datetime
-import errno
 import functools
 import hashlib
 import json
-import os
 import re
-import tempfile
 import threading
-import time
 import unicodedata
 import urllib.parse
 from collections.abc import Callable, Mapping, Sequence
@@ -26,7 +22,6 @@ from importlib.resources import files
 from pathlib import Path, PurePosixPath
 from typing import Final, Literal, get_args
 
-import pooch
 import requests
 
 from shuttle_marl.base.errors import ShuttleError
@@ -55,24 +50,22 @@ LICENCE_NOTE: Final = "MIT License, Copyright (c) 2022 Wei-Yao Wang; the notice 
 @functools.cache
 def manifest() -> dict[str, str]:
     """SHA-256 (hexadecimal) of every published file, by its path below the root, ordered by path."""
-    lines = files(__name__).joinpath("MANIFEST.sha256").read_text(encoding="utf-8").splitlines()
-    pairs = (line.split("  ", maxsplit=1) for line in lines)
+    pairs = (line.split("  ", maxsplit=1) for line in _text("MANIFEST.sha256").splitlines())
     return {path: digest for digest, path in pairs}
 
 
-def licence() -> str:
-    """Text of the licence of the data sets."""
-    return files(__name__).joinpath("LICENSE").read_text(encoding="utf-8")
+def _text(name: str) -> str:
+    return files(__name__).joinpath(name).read_text(encoding="utf-8")
 
 
-@functools.cache
-def _published() -> frozenset[str]:
-    return frozenset(manifest().values())
+def sha256_of(path: Path) -> str:
+    """SHA-256 of the content of a file, hexadecimal."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def is_published(content: bytes) -> bool:
     """Whether the content is that of a published file."""
-    return hashlib.sha256(content).hexdigest() in _published()
+    return hashlib.sha256(content).hexdigest() in manifest().values()
 
 
 def match_of(path: str) -> str | None:
@@ -83,14 +76,14 @@ def match_of(path: str) -> str | None:
 
 @functools.cache
 def _by_match() -> dict[str, Split]:
-    names = json.loads(files(__name__).joinpath("splits.json").read_text(encoding="utf-8"))
+    names = json.loads(_text("splits.json"))
     return {match: split for split in SPLITS for match in names[split]}
 
 
 @functools.cache
 def players() -> dict[str, str]:
     """Discipline, ``MS`` or ``WS``, of every published player by identifier."""
-    names = json.loads(files(__name__).joinpath("players.json").read_text(encoding="utf-8"))
+    names = json.loads(_text("players.json"))
     return {player: kind for kind, group in names.items() for player in group}
 
 
@@ -106,7 +99,7 @@ def matches_of(split: Split) -> Sequence[str]:
 
 @functools.cache
 def _dates() -> dict[str, datetime.date]:
-    dates = json.loads(files(__name__).joinpath("dates.json").read_text(encoding="utf-8"))
+    dates = json.loads(_text("dates.json"))
     return {match: datetime.date.fromisoformat(date) for match, date in dates.items()}
 
 
@@ -130,11 +123,10 @@ def discipline(player: str) -> str | None:
     return players().get(player)
 
 
-TIMEOUT: Final = (10.0, 30.0)
+_TIMEOUT: Final = (10.0, 30.0)
 """Timeouts of connection and response [s]."""
 _TRANSIENT: Final = frozenset({408, 425, 429, 500, 502, 503, 504})
 _RESUME: Final = "complete files are kept: run the same command again to continue"
-_STALE: Final = 3600.0
 
 
 class DownloadError(ShuttleError):
@@ -153,7 +145,7 @@ def download(
 ) -> int:
     """Download every file of the manifest that is missing or has another hash.
 
-    Files are written to a temporary name, checked, and renamed, so a killed download leaves no incomplete file.
+    A file is written when it is complete and has the right hash, so a killed download leaves no incomplete file.
 
     Args:
         out: output folder.
@@ -168,18 +160,26 @@ def download(
         Number of downloaded files.
 
     Raises:
-        DownloadError: no connection, an HTTP error, a wrong hash after all retries, or a file cannot be written.
+        DownloadError: no connection, an HTTP error, or a wrong hash after all retries.
+        FileWriteError: a file cannot be written.
     """
     files = dict(manifest() if hashes is None else hashes)
     stop = threading.Event()
 
     def ensure_file(path: str) -> bool:
         target = out / path
-        if stop.is_set() or (target.is_file() and pooch.file_hash(str(target)) == files[path]):
+        if stop.is_set() or (target.is_file() and sha256_of(target) == files[path]):
             return False
         url = f"{base_url.rstrip('/')}/{urllib.parse.quote(path)}"
-        _fetch(url, target, files[path], retries=retries, pause=pause, stop=stop)
-        return True
+        for attempt in range(retries + 1):
+            content, failure = _fetched(url, files[path])
+            if not failure:
+                replace_file(target, content)
+                return True
+            # After a stop, the error of the file that failed is reported instead.
+            if attempt == retries or stop.wait(pause * 2**attempt):
+                break
+        raise DownloadError(f"{failure}; gave up after {attempt + 1} tries; {_RESUME}")
 
     fetched = 0
     with concurrent.futures.ThreadPoolExecutor(max(1, jobs)) as pool:
@@ -193,63 +193,30 @@ def download(
             stop.set()
             pool.shutdown(cancel_futures=True)
             raise
-    replace_file(out / "LICENSE", licence().encode())
+    replace_file(out / "LICENSE", _text("LICENSE").encode())
     return fetched
 
 
-def _fetch(url: str, target: Path, digest: str, *, retries: int, pause: float, stop: threading.Event) -> None:
-    """Download one file, with retries of transient failures."""
-    for attempt in range(retries + 1):
-        try:
-            _fetch_once(url, target, digest)
-            return
-        except _TransientError as error:
-            # After a stop, the error of the file that failed is reported instead.
-            if attempt == retries or stop.wait(pause * 2**attempt):
-                raise DownloadError(f"{error}; gave up after {attempt + 1} tries; {_RESUME}") from error
+def _fetched(url: str, digest: str) -> tuple[bytes, str]:
+    """Content of a file, and a failure that may be transient; empty if it has the right hash.
 
-
-class _TransientError(Exception):
-    """A failure that may be transient."""
-
-
-def _fetch_once(url: str, target: Path, digest: str) -> None:
-    temporary = None
+    Raises:
+        DownloadError: the server refuses the file.
+    """
     try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        _remove_stale(target)
-        handle, temporary = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.", suffix=".part")
-        with os.fdopen(handle, "wb") as file:
-            pooch.HTTPDownloader(timeout=TIMEOUT)(url, file, None)
-            file.flush()
-            os.fsync(file.fileno())
-        got = pooch.file_hash(temporary)
-        if got != digest:
-            raise _TransientError(f"{url}: SHA-256 is {got}, expected {digest}: the file was altered in transit")
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, target)
+        response = requests.get(url, timeout=_TIMEOUT)
+        response.raise_for_status()
     except requests.HTTPError as error:
-        message = f"{url}: {error}"
-        if error.response is not None and error.response.status_code in _TRANSIENT:
-            raise _TransientError(message) from error
-        raise DownloadError(f"{message}; is --base-url right? {_RESUME}") from error
-    except requests.RequestException as error:  # a subclass of OSError: it must come first
-        raise _TransientError(f"{url}: no answer ({_cause(error)}); is this machine online?") from error
-    except OSError as error:
-        full = " (free some space)" if error.errno in (errno.ENOSPC, errno.EDQUOT) else ""
-        raise DownloadError(f"{target}: cannot be written: {error.strerror}{full}; {_RESUME}") from error
-    finally:
-        if temporary is not None:
-            with contextlib.suppress(OSError):
-                os.unlink(temporary)
-
-
-def _remove_stale(target: Path) -> None:
-    """Remove temporary files of killed downloads; recent ones may belong to a running download."""
-    for partial in target.parent.glob(f".{target.name}.*.part"):
-        with contextlib.suppress(OSError):
-            if time.time() - partial.stat().st_mtime > _STALE:
-                partial.unlink()
+        if response.status_code in _TRANSIENT:
+            return b"", f"{url}: {error}"
+        raise DownloadError(f"{url}: {error}; is --base-url right? {_RESUME}") from error
+    except requests.RequestException as error:
+        return b"", f"{url}: no answer ({_cause(error)}); is this machine online?"
+    got = hashlib.sha256(response.content).hexdigest()
+    return (
+        response.content,
+        "" if got == digest else f"{url}: SHA-256 is {got}, expected {digest}: the file was altered in transit",
+    )
 
 
 def _cause(error: BaseException) -> str:
