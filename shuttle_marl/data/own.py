@@ -88,7 +88,7 @@ def import_matches(path: Path, columns: Path | None = None) -> tuple[Cleaned, di
     try:
         return _imported(path, columns, given, reading)
     except DataError as error:
-        error.rows = len(reading.sheet) + reading.sheet.empty + reading.sheet.others
+        error.rows = reading.sheet.total
         raise
 
 
@@ -101,7 +101,7 @@ def _imported(path: Path, columns: Path | None, given: ColumnMap, reading: reade
     sheet.warnings.clear()
     if unread := [repr(name) for name in sheet.header if name and name not in map(nfc, mapped.columns.values())]:
         told.append(Problem(path, f"columns that the map does not name are not read: {', '.join(unread)}"))
-    whole, broken, rallies = sheet, 0, 0
+    broken, rallies = 0, 0
     while True:
         own = _Import(sheet, mapped, strict=reading.strict)
         strokes = own.table()
@@ -125,7 +125,7 @@ def _imported(path: Path, columns: Path | None, given: ColumnMap, reading: reade
         matches=len(strokes["match"].unique()),
         rallies=rallies,
         rallies_kept=strokes.group_by(["match", "game", "rally"]).aggregate([]).num_rows,
-        strokes=len(whole) + sheet.empty + sheet.others,
+        strokes=reading.sheet.total,
         strokes_kept=strokes.num_rows,
         dropped={reason: count for reason, count in dropped.items() if count},
         area_agreement=None,
@@ -236,21 +236,21 @@ class _Import:
         serve = (shot >= 0) & (shot < N_SERVES)
         player, opponent = self._players()
         points = self._points()
-        technique = self._code("technique", -1, without=np.full(self._n, -1))
+        technique = self._code("technique", -1)
         self._mark("technique", technique < 0)
         landed = self._areas(points["landing"])
         met, share = areas_met(np.where(self._reply, np.r_[shot[1:], -1], -1), np.r_[technique[1:], -1])
         guessed = (landed < 0) & (met >= 0)
         self._mark("area", guessed)
         area = np.where(guessed, met, landed)
-        ending = self._code("ending", 0, without=np.zeros(self._n, np.int64))
+        ending = self._code("ending", 0)
         scored, after = self._scores(player, ending)
         outcome, reason = self._outcomes(player, opponent, ending, scored)
-        forced = self._code("forced", -1, without=np.full(self._n, -1))
+        forced = self._code("forced", -1)
         for word, code in (("unforced-error", 0), ("forced-error", 1)):
             forced = np.where(ending == WORDS["ending"].index(word), code, forced)
         discipline = self._disciplines(player, opponent)
-        height = self._code("height", -1, without=np.full(self._n, -1))
+        height = self._code("height", -1)
         self._mark("height", (height < 0) & ~serve)
         height = np.where(height >= 0, height, np.isin(shot, [SHOTS.index(name) for name in _ABOVE])).astype(np.int64)
         sure = np.full(self._n, np.nan)
@@ -274,10 +274,10 @@ class _Import:
             "height": height,
             "technique": np.maximum(technique, 0),
             "hurried": pa.nulls(self._n, pa.bool_()),
-            "area": _nullable(area, area < 0),
-            "in_court": _nullable(court.in_court(landing_x, landing_y), np.isnan(landing_y)),
+            "area": pa.array(area, mask=area < 0),
+            "in_court": pa.array(court.in_court(landing_x, landing_y), mask=np.isnan(landing_y)),
             **{
-                f"{name}_{axis}": _nullable(xy[:, i], np.isnan(xy[:, i]))
+                f"{name}_{axis}": pa.array(xy[:, i], mask=np.isnan(xy[:, i]))
                 for name, xy in points.items()
                 for i, axis in enumerate("xy")
             },
@@ -287,8 +287,8 @@ class _Import:
             "reason": reason,
             **{name: after.get(name, self._optional(name, name)) for name in ("points", "points_opponent")},
             "label_area": pa.nulls(self._n, pa.int8()),
-            "forced": _nullable(forced == 1, forced < 0),
-            "confidence": _nullable(sure, np.isnan(sure)),
+            "forced": pa.array(forced == 1, mask=forced < 0),
+            "confidence": pa.array(sure, mask=np.isnan(sure)),
             "inferred": pa.array([mark or None for mark in marks], pa.string()),
         }
         if "stroke" in self._map.columns:
@@ -307,8 +307,7 @@ class _Import:
         arrays = [_array(columns[field.name], field.type).take(pa.array(known)) for field in STROKES]
         strokes = pa.table(arrays, schema=STROKES)
         for violation in violations(strokes):
-            for row in violation.rows:
-                sheet.mark(known[row], f"expected: {violation.rule}")
+            sheet.mark(known[violation.rows], f"expected: {violation.rule}")
         return strokes
 
     def _text(self, name: str) -> tuple[str, ...]:
@@ -339,13 +338,12 @@ class _Import:
         fine = (values >= low) & (values <= high) & ((name == "seconds") | (values == np.floor(values)))
         for row in np.flatnonzero(~fine & ~np.isnan(values)):
             self._sheet.mark(row, f"{self._map.columns[name]} {values[row]:g}; expected a whole number from {low} to {high}")
-        return _nullable(np.where(fine, np.nan_to_num(values), 0).astype(np.int64), ~fine)
+        return pa.array(np.where(fine, np.nan_to_num(values), 0).astype(np.int64), mask=~fine)
 
-    def _code(self, name: str, missing: int, *, without: I64 | None = None) -> I64:
-        """Codes of the words of a column; ``without``: codes if the column is not mapped."""
+    def _code(self, name: str, missing: int) -> I64:
+        """Codes of the words of a column; ``missing`` for empty values, and for all if the column is not mapped."""
         if name not in self._map.columns:
-            assert without is not None
-            return without
+            return np.full(self._n, missing)
         column, words = self._map.columns[name], WORDS[name]
         own, texts = self._map.values.get(name, {}), set(self._sheet.text(column))
         vocabulary = Words(name, texts)
@@ -468,7 +466,7 @@ class _Import:
             both = np.array([(np.nan, np.nan) if pair is None else pair for pair in points])[self._group]
             for name, seat in (("points", side), ("points_opponent", 1 - side)):
                 own = both[np.arange(self._n), seat]
-                after[name] = _nullable(np.nan_to_num(own).astype(np.int64), np.isnan(own))
+                after[name] = pa.array(np.nan_to_num(own).astype(np.int64), mask=np.isnan(own))
         elif not {"ending", "winner"} & self._map.columns.keys():
             winner = following
             self._mark("outcome", np.isin(np.arange(self._n), last[winner >= 0]))
@@ -496,11 +494,10 @@ class _Import:
             unsaid = np.flatnonzero(undecided & (won >= 0) & (ending != unknown))
             self._sheet.warn(unsaid, "the last stroke of its rally has no ending, only a winner")
         readable = ~np.isin(self._group, self._group[self._sheet.unreadable])
-        written = self._strict and {"ending", "winner"} & self._map.columns.keys()
-        for row in np.flatnonzero(undecided & (won < 0) & (ending != unknown) & readable) if written else ():
-            self._sheet.mark(
-                row, "the last stroke of its rally has neither an ending nor a winner; use unknown if neither is known"
-            )
+        if self._strict and {"ending", "winner"} & self._map.columns.keys():
+            unsaid = np.flatnonzero(undecided & (won < 0) & (ending != unknown) & readable)
+            text = "the last stroke of its rally has neither an ending nor a winner; use unknown if neither is known"
+            self._sheet.mark(unsaid, text)
         reason = np.array([REASONS.index(word if word in REASONS else "unknown") for word in words])[ending]
         return outcome.astype(np.int64), np.where(undecided, REASONS.index("unknown"), reason)
 
@@ -540,14 +537,12 @@ class _Import:
         if "side" in self._map.columns:
             end = (self._code("side", 0) == 1) ^ (player < opponent)
             moved = ~fresh & np.r_[False, end[1:] != end[:-1]]
-            for row in np.flatnonzero(moved & ~self._first):
-                sheet.mark(row, "the players are not on the sides of the stroke before")
+            sheet.mark(np.flatnonzero(moved & ~self._first), "the players are not on the sides of the stroke before")
             sheet.warn(np.flatnonzero(moved & self._first & (self._game < 3)), "the players change sides during the game")
         if "seconds" in self._map.columns:
             passed = np.diff(sheet.numbers(self._map.columns["seconds"]), prepend=np.nan)
             sheet.warn(np.flatnonzero(~fresh & self._first & (passed < 0)), "the time is before that of the rally before")
-            for row in np.flatnonzero(~self._first & (passed < 0)):
-                sheet.mark(row, "the time is before that of the stroke before")
+            sheet.mark(np.flatnonzero(~self._first & (passed < 0)), "the time is before that of the stroke before")
             inside = passed[~self._first & ~np.isnan(passed)]
             if len(inside) and not _TEMPO[0] <= np.median(inside) <= _TEMPO[1]:
                 text = f"half of the strokes follow the one before after {np.median(inside):g} s or less: are these seconds?"
@@ -620,10 +615,6 @@ class _Import:
         others = [row for row, kinds in enumerate(known) if kinds - {given[row]}]
         self._sheet.warn(others, "a player of the published matches, who plays another discipline there")
         return given
-
-
-def _nullable(values: npt.NDArray[Any], missing: Bools) -> pa.Array:
-    return pa.array(values, mask=missing)
 
 
 def _array(values: Any, kind: pa.DataType) -> pa.Array:

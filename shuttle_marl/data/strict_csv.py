@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from shuttle_marl.base.arrays import F64, I8, I64, Bools
+from shuttle_marl.base.arrays import F64, I8, I64, Bools, Ints
 from shuttle_marl.base.errors import ShuttleError, command
 from shuttle_marl.base.files import problem, read_file
 
@@ -183,6 +183,11 @@ class Sheet:
     def __len__(self) -> int:
         return len(self.line)
 
+    @property
+    def total(self) -> int:
+        """Number of all rows of the file, read or not."""
+        return len(self) + self.empty + self.others
+
     def add(self, line: int, message: str) -> None:
         """Record a problem of a line, once.
 
@@ -197,10 +202,11 @@ class Sheet:
         if len(self.problems) == _MOST_PROBLEMS:
             raise DataError.of([*self.problems, Problem(self.path, "too many problems; the rest is not listed")])
 
-    def mark(self, row: int | np.integer, message: str) -> None:
-        """Record a problem of a row."""
-        self.add(int(self.line[row]), message)
-        self.unreadable[row] = True
+    def mark(self, rows: int | Ints, message: str) -> None:
+        """Record a problem of rows."""
+        for row in np.atleast_1d(rows).tolist():
+            self.add(int(self.line[row]), message)
+            self.unreadable[row] = True
 
     def warn(self, rows: Iterable[int | np.integer], message: str) -> None:
         """Record what is strange about rows; nothing without rows."""

@@ -88,7 +88,7 @@ def test_a_published_file_is_never_refused(path: Path, monkeypatch: pytest.Monke
     edit(path, 4, "type", "飛球")
     edit(path, 5, "landing_x", "99999")
     edit(path, 11, "ball_round", "?")
-    monkeypatch.setattr(upstream, "_published", lambda: {hashlib.sha256(path.read_bytes()).hexdigest()})
+    monkeypatch.setattr(upstream, "manifest", lambda: {"set1.csv": hashlib.sha256(path.read_bytes()).hexdigest()})
     account = clean_matches(path.parents[3]).account
     assert account.dropped == {"unreadable value": 3, "broken rally": 3}
     assert account.strokes == 13
