@@ -73,10 +73,10 @@ def match_overview(
             break
         won, lost = match_win_after(players.value, rally.points, rally.games, rally.score.rules)
         swing = np.abs(np.diff([*(value.win for value in values.strokes), float(winner == 0)])).max()
-        win, size = round(values.strokes[0].match, 5), len(rally)
-        rows.append(messages.MatchRally(rally.number, win, rally.points, rally.games, winner, size, round(float(swing), 5)))
+        win, size, seats = round(values.strokes[0].match, 5), len(rally), rally.striker.tolist()
+        row = (rally.number, win, rally.points, rally.games, seats[0], winner, size, round(float(swing), 5))
+        rows.append(messages.MatchRally(*row))
         after = round((won, lost)[winner], 5)
-        seats = rally.striker.tolist()
         for i, (value, seat) in enumerate(zip(values.strokes, seats, strict=True)):
             marks[seat][value.mark] += 1
             shot = SHOTS[rally.catalogue.shot[rally.stroke[i]]]

@@ -477,7 +477,7 @@ class Styles(Struct):
 
 
 class MatchRally(Struct):
-    """A rally of a match: probability that seat 0 wins the match and score before it, winner, number of strokes.
+    """A rally of a match: probability that seat 0 wins the match and score before it, server, winner, number of strokes.
 
     ``swing`` is the largest change of the probability of winning the rally by a stroke.
     """
@@ -486,6 +486,7 @@ class MatchRally(Struct):
     win: float
     points: Pair
     games: Pair
+    server: int
     winner: int
     strokes: int
     swing: float

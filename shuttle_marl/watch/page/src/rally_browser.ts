@@ -3,8 +3,25 @@
 import { h, percent, replaceChildren } from "./dom";
 import { term } from "./glossary";
 import { displayName } from "./names";
-import type { MatchReply, RecordedMatch } from "./wire.gen";
+import type { MatchRally, MatchReply, RecordedMatch } from "./wire.gen";
 import { language, say } from "./words";
+
+/** Whether a number lies in a range, such as 5–9 or 10+. */
+function within(value: number, range: string): boolean {
+  const [least, most = Number.POSITIVE_INFINITY] = range.split("–").map(Number.parseFloat);
+  return value >= least! && value <= most;
+}
+
+/** What the list may be limited to: the values of each choice, and whether a rally has one. */
+const FILTERS = {
+  game: { values: ["1", "2", "3"], has: ({ games }: MatchRally, value: string) => games[0] + games[1] + 1 === Number(value) },
+  server: { values: ["A", "B"], has: ({ server }: MatchRally, value: string) => "AB"[server] === value },
+  length: { values: ["1–4", "5–9", "10+"], has: ({ strokes }: MatchRally, value: string) => within(strokes, value) },
+  leader: {
+    values: ["0–10", "11–17", "18+"],
+    has: ({ points }: MatchRally, value: string) => within(Math.max(...points), value),
+  },
+};
 
 /** The match of a rally. */
 export function matchOf(matches: RecordedMatch[], rally: number): RecordedMatch | undefined {
@@ -25,6 +42,17 @@ export class RallyBrowser {
     ["strokes.parquet", h("a", { download: "" }, say("page.as_parquet"))],
   ]);
   private match: MatchReply | null = null;
+  private readonly count = h("p", { class: "quiet", role: "status" });
+  private readonly filters = (Object.keys(FILTERS) as (keyof typeof FILTERS)[]).map((name) => {
+    const { values, has } = FILTERS[name];
+    const select = h(
+      "select",
+      { "aria-label": say(`page.any_${name}`), onchange: () => this.limit() },
+      h("option", { value: "" }, say(`page.any_${name}`)),
+      ...values.map((value) => h("option", { value }, say(`page.of_${name}`, { value }))),
+    );
+    return { select, has };
+  });
   private readonly picker: HTMLElement | null;
 
   /** @param live whether the page has a server, which makes match reports. */
@@ -49,6 +77,21 @@ export class RallyBrowser {
     const newest = [...matches].sort((a, b) => (b.date ?? "").localeCompare(a.date ?? ""));
     const names = h("datalist", { id: "matches" }, ...newest.map((one) => h("option", { value: matchName(one) })));
     this.picker = matches.length > 1 ? h("div", { class: "picker" }, picker, names) : null;
+  }
+
+  /** Lists the rallies that every filter lets through. */
+  private limit(): void {
+    const rallies = this.match!.rallies;
+    const listed = rallies.filter((rally) =>
+      this.filters.every(({ select, has }) => !select.value || has(rally, select.value)),
+    );
+    for (const [i, row] of [...this.list.children].entries()) {
+      row.classList.toggle("hidden", !listed.includes(rallies[i]!));
+    }
+    const won = listed.filter(({ winner }) => winner === 0).length;
+    this.count.textContent = listed.length
+      ? say("page.listed", { count: listed.length, share: percent(won / listed.length) })
+      : say("page.none");
   }
 
   /**
@@ -83,9 +126,12 @@ export class RallyBrowser {
         this.picker,
         h("h2", {}, term("rallies", say("term.rallies")), h("span", {}, say("page.swing"))),
         missing > 0 && h("p", { class: "quiet" }, say(missing > 1 ? "page.missing" : "page.missing_one", { count: missing })),
+        h("div", { class: "filters" }, ...this.filters.map(({ select }) => select)),
+        this.count,
         this.list,
         this.live && h("p", { class: "files" }, ...this.files.values()),
       );
+      this.limit();
     }
     for (const [name, link] of this.files) {
       link.href = `${name}?rally=${current + 1}${name === "report" ? `&language=${language}` : ""}`;

@@ -341,12 +341,13 @@ export interface MatchReply {
   marks: [number[], number[]];
 }
 
-/** A rally of a match: probability that seat 0 wins the match and score before it, winner, number of strokes. */
+/** A rally of a match: probability that seat 0 wins the match and score before it, server, winner, number of strokes. */
 export interface MatchRally {
   number: number;
   win: number;
   points: [number, number];
   games: [number, number];
+  server: number;
   winner: number;
   strokes: number;
   swing: number;
