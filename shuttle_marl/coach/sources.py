@@ -22,6 +22,7 @@ from shuttle_marl.coach.words import of_100, words
 from shuttle_marl.data import load_strokes
 from shuttle_marl.data.own import import_matches
 from shuttle_marl.data.schema import Outcome
+from shuttle_marl.data.words import bare
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game.rally.record import Rallies
 from shuttle_marl.game.shipped import folder_of, is_shipped
@@ -92,15 +93,16 @@ def _watch(*arguments: str) -> str:
 
 
 def _match(names: list[str], wanted: str | None) -> str:
-    """The match that is meant.
+    """The match with a name, or with all words in its name, in any order and without regard to capitals.
 
     Raises:
         AnalysisError: none, or several.
     """
-    found = [name for name in names if wanted is None or wanted == name] or [name for name in names if wanted in name]  # type: ignore[operator]
+    parts = [bare(word) for word in (wanted or "").replace("_", " ").split()]
+    found = [wanted] if wanted in names else [name for name in names if all(part in bare(name) for part in parts)]
     if len(found) != 1:
         listed = ", ".join(map(printable, (found or names)[:_LISTED])) + (" …" if len(found or names) > _LISTED else "")
-        raise AnalysisError(f"--match {wanted or ''}: {len(found)} matches; expected (part of) one of these names: {listed}")
+        raise AnalysisError(f"--match {wanted or ''}: {len(found)} matches; expected words of one of these names: {listed}")
     return found[0]
 
 

@@ -32,7 +32,7 @@ def report(
     Args:
         path: annotated matches (a stroke table, a folder with the raw files, or a CSV file with --columns), or a rally log.
         out: HTML file.
-        match: name of the match, or part of it; of a rally log the number of the match, from 0. Default: the only one.
+        match: name of the match, or words of it; of a rally log the number of the match, from 0. Default: the only one.
         pairing: of a rally log, number of the pairing.
         columns: column map of a CSV file.
         model: game in which strokes are valued.

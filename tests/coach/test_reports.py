@@ -401,7 +401,7 @@ def test_commands(tmp_path: Path, model: str, unbuilt: None, capsys: pytest.Capt
     assert "Player" not in content
     out = tmp_path / "m.html"
     video = "https://example.org/v?t={seconds}"
-    assert report_command([str(SAMPLE), "--match", "simulated-2", "--game", model, "--out", str(out), "--video", video]) == 0
+    assert report_command([str(SAMPLE), "--match", "SIMULATED 2", "--game", model, "--out", str(out), "--video", video]) == 0
     content = out.read_text(encoding="utf-8")
     assert 'href="https://example.org/v?t=' in content
     assert "--rally N" in content
@@ -410,7 +410,7 @@ def test_commands(tmp_path: Path, model: str, unbuilt: None, capsys: pytest.Capt
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ([], "8 matches; expected (part of) one of these names"),
+        ([], "8 matches; expected words of one of these names"),
         (["--match", "simulated-99"], "0 matches"),
         (["--match", "simulated-2", "--video", "javascript:{seconds}"], "expected an http or https address"),
         (["--match", "simulated-2", "--video", "https://example.org/"], "with {seconds} once"),
