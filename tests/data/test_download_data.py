@@ -139,13 +139,6 @@ def test_failures_are_tried_again_some_times(server: Server, tmp_path: Path, fai
     assert files(tmp_path) == CONTENT
 
 
-def test_missing_file_is_told_at_once(server: Server, tmp_path: Path) -> None:
-    del server.content[SPACED]
-    with pytest.raises(DownloadError, match=r"404 Client Error.*is --base-url right\?"):
-        fetch(server, tmp_path)
-    assert server.asked[SPACED] == 1
-
-
 def test_offline(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("NO_PROXY", "127.0.0.1")
     with http.server.HTTPServer(("127.0.0.1", 0), Handler) as closed:
@@ -199,11 +192,3 @@ def test_command(server: Server, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     (tmp_path / SPACED).unlink()
     assert main(["download", "--out", str(tmp_path), "--base-url", server.url]) == 1
     assert "404" in capsys.readouterr().err
-
-
-def test_the_shipped_manifest() -> None:
-    manifest = upstream.manifest()
-    assert len(manifest) == 248
-    assert all(len(digest) == 64 and set(digest) <= set("0123456789abcdef") for digest in manifest.values())
-    assert sum(path.endswith(("match.csv", "homography.csv")) for path in manifest) == 4
-    assert upstream.COMMIT in upstream.BASE_URL

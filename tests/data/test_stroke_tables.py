@@ -41,13 +41,6 @@ def test_round_trip(tmp_path: Path, strokes: pa.Table, file: Path) -> None:
     assert pq.read_schema(file).field("area").metadata[b"description"] == STROKES.field("area").metadata[b"description"]
 
 
-def test_the_same_input_gives_the_same_bytes(tmp_path: Path, file: Path) -> None:
-    root, other = tmp_path / "raw", tmp_path / "other" / "strokes.parquet"
-    cleaned = clean_matches(root)
-    write_parquet(cleaned.strokes, other, account=cleaned.account, provenance=provenance_of(root, cleaned))
-    assert other.read_bytes() == file.read_bytes()
-
-
 def test_provenance_tells_the_input(tmp_path: Path, strokes: pa.Table) -> None:
     root = tmp_path / "raw"
     before = provenance_of(root, clean_matches(root))
@@ -78,13 +71,6 @@ def test_another_schema(tmp_path: Path, strokes: pa.Table, change: Any, told: st
     with pytest.raises(DataError) as caught:
         load_strokes(path)
     assert told in str(caught.value)
-
-
-def test_no_account(tmp_path: Path, strokes: pa.Table) -> None:
-    pq.write_table(strokes, tmp_path / "bare.parquet")
-    assert load_strokes(tmp_path / "bare.parquet").equals(strokes)
-    with pytest.raises(DataError, match="contains no account"):
-        load_account(tmp_path / "bare.parquet")
 
 
 def test_sound_tables_break_no_rule(strokes: pa.Table) -> None:

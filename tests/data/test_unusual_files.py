@@ -3,13 +3,9 @@
 import os
 from pathlib import Path
 
-import numpy as np
-import pyarrow as pa
 import pytest
 
-from shuttle_marl.data import DataError, clean_matches, load_strokes, schema
-from shuttle_marl.data.schema import Outcome, outcome_of
-from shuttle_marl.game import rules
+from shuttle_marl.data import DataError, clean_matches, load_strokes
 from tests.data.upstream_layout import Layout, plain_game
 
 
@@ -36,16 +32,3 @@ def test_a_homography_that_is_no_matrix(root: Path, matrix: str) -> None:
     (root / "ShuttleSet" / "set" / "homography.csv").write_text(f'video,homography_matrix\none,"{matrix}"\n')
     with pytest.raises(DataError, match="not a 3 x 3 matrix"):
         clean_matches(root)
-
-
-def test_the_codes_of_outcomes_cannot_be_taken_for_those_of_the_game() -> None:
-    assert not {"FAULT", "WINNER", "RETURNED", "UNKNOWN"} & set(vars(schema)), "the game has constants of these names"
-    played = np.array([rules.FAULT, rules.WINNER, rules.RETURNED_BELOW, rules.RETURNED_ABOVE])
-    assert [Outcome(code) for code in outcome_of(played)] == [
-        Outcome.FAULT,
-        Outcome.WINNER,
-        Outcome.RETURNED,
-        Outcome.RETURNED,
-    ]
-    assert schema.OUTCOMES == ("returned", "fault", "winner", "unknown"), "the codes of the files"
-    assert schema.STROKES.field("outcome").type == pa.int8()
