@@ -103,24 +103,6 @@ def test_false_discoveries_are_controlled() -> None:
     assert discoveries([0.9, 0.02, 0.001, 0.04]).tolist() == [False, True, True, False]
 
 
-def test_differences_by_chance_are_not_said() -> None:
-    """Two samples of one player: at most a few of a hundred reports may claim a difference."""
-    rng = np.random.default_rng(3)
-    serve, lift, net = (SHOTS.index(name) for name in ("short-serve", "lift", "net-shot"))
-    claims = 0
-    for _ in range(60):
-        some = []
-        for _ in range(2):
-            shots = rng.choice([lift, net, SHOTS.index("push")], 200, p=[0.5, 0.4, 0.1])
-            some.append(
-                plays(
-                    [(NONE, serve, 1, 0, int(shot), int(area)) for shot, area in zip(shots, rng.integers(0, 9, 200), strict=True)]
-                )
-            )
-        claims += any(habit.clear for habit in habits(*map(tally, some)))
-    assert claims <= 7
-
-
 def test_a_difference_is_said_with_its_numbers() -> None:
     serve, lift, net = (SHOTS.index(name) for name in ("short-serve", "lift", "net-shot"))
     mine = plays([(NONE, serve, 1, 0, lift, 6)] * 9 + [(NONE, serve, 1, 0, net, 0)], 10)

@@ -13,8 +13,7 @@ import pyarrow.compute as pc
 import pytest
 from playwright.sync_api import Browser, Frame, Page
 
-from shuttle_marl.analysis import advice, marks
-from shuttle_marl.analysis.advice import Refitted
+from shuttle_marl.analysis import marks
 from shuttle_marl.analysis.course import Chances
 from shuttle_marl.analysis.marks import Choice, basis_of
 from shuttle_marl.analysis.match import MatchReport, match_report, matches_in
@@ -27,7 +26,7 @@ from shuttle_marl.coach import match_page as match_pages
 from shuttle_marl.coach import scout_page as scout_pages
 from shuttle_marl.coach import sources
 from shuttle_marl.coach.examples import viewer
-from shuttle_marl.coach.words import Words, of_100, signed
+from shuttle_marl.coach.words import Words
 from shuttle_marl.commands.report import main as report_command
 from shuttle_marl.commands.reports import write_report
 from shuttle_marl.commands.scout import main as scout_command
@@ -36,7 +35,6 @@ from shuttle_marl.data.schema import Outcome
 from shuttle_marl.exact import Odds
 from shuttle_marl.game.scoring import Rules, Score
 from shuttle_marl.game.shipped import RELIABLE, real_strokes, resolve_game
-from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.pages.languages import LANGUAGES, Language, speaking
 from shuttle_marl.watch import WatchError
 from shuttle_marl.watch.building import BuildError
@@ -131,47 +129,12 @@ def test_a_profile_alone_has_no_advice(model: str, unbuilt: None) -> None:
     assert "Drill" not in text
 
 
-def test_two_opponents_side_by_side(model: str, unbuilt: None) -> None:
-    report = scout(B, model=model, beside="Viktor Axelsen")
-    assert report.beside is not None
-    name, beside = report.beside
-    assert name == A
-    others = {(h.kind, h.about, h.answer): h.share for h in scout(A, model=model).habits}
-    both = [(h.usual, others[key]) for h in beside if (key := (h.kind, h.about, h.answer)) in others]
-    assert len(both) > 20
-    assert [usual for usual, _ in both] == pytest.approx([share for _, share in both])
-    _, text = read(scout_pages.scouting_page(report))
-    assert "Kento Momota beside Viktor Axelsen" in text
-
-
-def test_the_last_match_is_compared_with_the_ones_before(model: str, sample: pa.Table, unbuilt: None) -> None:
-    report = scout("chou-tien-chen", model=model, data=sample)
-    mine = sample.filter(pc.equal(sample["player"], "chou-tien-chen"))
-    last = mine.filter(pc.equal(mine["match"], mine["match"][-1]))
-    smashes = next(habit for habit in report.recent if (habit.kind, habit.answer) == ("shots", "smash"))
-    rally = last.filter(pc.greater(last["shot"], 1))
-    assert smashes.share == pytest.approx(np.mean(rally["shot"].to_numpy() == SHOTS.index("smash")), abs=0.02)
-    assert "In the last match Chou Tien Chen played" in read(scout_pages.scouting_page(report))[1]
-    alone = scout("chou-tien-chen", model=model, data=sample.filter(pc.equal(sample["match"], last["match"][0])))
-    assert "In the last match" not in read(scout_pages.scouting_page(alone))[1]
-
-
 def test_figures_as_json(scouted: ScoutingReport, reported: MatchReport) -> None:
     figures = json.loads(json.dumps(scouted.as_json(), allow_nan=False))
     assert figures["advice"][0]["stroke"].count(":") == 3
     assert figures["outlook"]["match"]["low"] <= figures["outlook"]["match"]["value"]
     figures = json.loads(json.dumps(reported.as_json(), allow_nan=False))
     assert len(figures["rallies"]) == len(reported.rallies)
-
-
-def test_habits_are_counted_where_there_are_matches(model: str, sample: pa.Table) -> None:
-    report = scout("chou-tien-chen", A, model=model, data=sample)
-    mine = sample.filter(pc.equal(sample["player"], "chou-tien-chen"))
-    assert report.seen is not None
-    assert (report.seen.strokes, report.seen.matches) == (len(mine), len(mine["match"].unique()))
-    assert len(report.realised) == len(report.advice)
-    for real in report.realised:
-        assert real is None or (real.strokes >= RELIABLE and 0 <= real.won <= real.strokes)
 
 
 def test_a_player_with_fifty_strokes(model: str, sample: pa.Table, unbuilt: None) -> None:
@@ -206,17 +169,6 @@ def test_names_of_players(model: str) -> None:
         scout(women, A, model=model)
 
 
-def test_refits_are_needed_for_advice(
-    scouted: ScoutingReport, found: Refitted, reported: MatchReport, unbuilt: None, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(advice, "LEAST_REFITS", 9)
-    assert advice.advise(found) == []
-    _, text = read(scout_pages.scouting_page(dataclasses.replace(scouted, advice=[], with_advice=None)))
-    assert "No change of stroke against Kento Momota is certain enough" in text
-    content = match_pages.match_page(dataclasses.replace(reported, choices=[]), footage(reported))
-    assert "No single choice was clearly worse" in read(content)[1]
-
-
 # The match report.
 
 
@@ -231,15 +183,6 @@ def test_scores_and_chances_of_a_match(reported: MatchReport, match: pa.Table) -
     assert reported.rallies[-1].after in (0.0, 1.0)
     swings = [abs(reported.rallies[i].swing) for i in reported.moments]
     assert swings == sorted((abs(row.swing) for row in reported.rallies), reverse=True)[: len(swings)]
-
-
-def test_a_match_without_points_is_counted(match: pa.Table, model: str, reported: MatchReport) -> None:
-    for name in ("points", "points_opponent"):
-        place = match.schema.get_field_index(name)
-        match = match.set_column(place, match.schema.field(name), pa.nulls(len(match), match.schema.field(name).type))
-    again = match_report(match, game=resolve_game(model))
-    assert again.score == reported.score
-    assert [row.before for row in again.rallies] == pytest.approx([row.before for row in reported.rallies])
 
 
 def test_chances_learn_the_form_of_the_day() -> None:
@@ -327,40 +270,6 @@ def test_numbers_of_the_live_court_are_those_of_its_option(tmp_path: Path, model
     assert "--rally N" in content
 
 
-def test_choices_and_values_have_their_numbers(reported: MatchReport) -> None:
-    assert reported.choices
-    shot = reported.game.catalogue.shot
-    kinds = [(choice.player, int(shot[choice.played]), int(shot[choice.better])) for choice in reported.choices]
-    assert len(set(kinds)) == len(kinds)
-    turned = [(row.decided[0], row.strokes) for row in reported.rallies if row.decided is not None]
-    assert turned
-    assert all(number < strokes for number, strokes in turned), "a key moment is not the last stroke"
-    for choice in reported.choices:
-        assert min(choice.played_behind, choice.better_behind) >= RELIABLE
-        assert choice.times >= 1
-        assert choice.cost.value > 0
-        assert choice.played != choice.better
-    for value in reported.values:
-        assert value.strokes >= RELIABLE
-        assert value.points.low < value.points.value < value.points.high
-    for won in (*reported.serving, *reported.lengths):
-        assert won.low <= won.won / won.rallies <= won.high
-
-
-def test_equal_players_are_said_to_be_equal(model: str) -> None:
-    """One policy under two names: values and habits that differ would be chance."""
-    from shuttle_marl.data import load_strokes
-
-    sample = load_strokes(SAMPLE)
-    claims = tests = 0
-    for name in matches_in(sample)[:4]:
-        report = match_report(sample.filter(pc.equal(sample["match"], name)), game=resolve_game(model))
-        claims += sum(value.clear for value in report.values) + sum(each.clear for each in report.lengths) + len(report.changes)
-        tests += len(report.values) + len(report.lengths)
-    assert tests > 40
-    assert claims <= 0.1 * tests
-
-
 @pytest.mark.parametrize("name", [EVIL, TURNED, LONG], ids=["markup", "right to left", "long"])
 def test_names_stay_text(name: str, scouted: ScoutingReport, reported: MatchReport, unbuilt: None) -> None:
     opponent = dataclasses.replace(scouted.opponent, name=name)
@@ -446,15 +355,6 @@ def test_a_report_of_agents(tmp_path: Path, model: str, unbuilt: None, capsys: p
 
 
 # Texts.
-
-
-def test_numbers_in_words() -> None:
-    assert [of_100(0.123), of_100(0.1234, 1), of_100(-0.0001, 1)] == ["12", "12.3", "0.0"]
-    assert [signed(0.012), signed(-0.012), signed(0.0001)] == ["+1.2", "-1.2", "0.0"]
-    assert Words.player("viktor-axelsen") == "Viktor Axelsen"
-    assert Words.player("müller-anna") == "Müller Anna"
-    assert Words.player("bc") == "bc"
-    assert Words.player("<b>-x") == "<b>-x"
 
 
 # In a browser.

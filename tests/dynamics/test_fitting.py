@@ -7,7 +7,6 @@ import pyarrow as pa
 import pytest
 from scipy.special import expit
 
-from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.data import load_strokes
 from shuttle_marl.data.schema import STROKES
 from shuttle_marl.dynamics.card import strokes_hash
@@ -36,12 +35,6 @@ def test_the_same_seed_gives_the_same_weights(tmp_path: Path) -> None:
         hashes.append((fitted.models.save(tmp_path), fitted.support.fault_range.tobytes()))
     assert hashes[0] == hashes[1]
     assert hashes[0] != hashes[2]
-
-
-def test_a_fit_without_validation_says_so() -> None:
-    rows = sample()
-    with pytest.raises(ShuttleError, match="validation"):
-        fit(rows, rows.take(np.zeros(len(rows), dtype=bool)), report=lambda line: None)
 
 
 def test_contexts_of_a_rally_with_a_missed_serve() -> None:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from shuttle_marl.dynamics.evaluate import LIMITS, REQUIRED, criteria, health, play_statistics
+from shuttle_marl.dynamics.evaluate import health, play_statistics
 from shuttle_marl.dynamics.make import load_support
 from shuttle_marl.exact import PairPolicy
 from shuttle_marl.game.draws import draw, outcome_draw, stream
@@ -84,21 +84,6 @@ def test_a_figure_outside_of_its_limits_is_a_warning() -> None:
     assert warned(few, "unsupported") == warned(enough, "thin") == []
     assert "shot types above 2 percent: 3, expected 7 to 13" in enough["warnings"]
     assert not any("wins" in warning for warning in enough["warnings"]), "what wins is no matter of health"
-
-
-def test_what_every_fit_keeps_are_limits_of_health_too() -> None:
-    """A fit is refused by the first ones alone; all of them are warnings."""
-    assert REQUIRED.items() < LIMITS.items()
-    game = small()
-    figures = health(PairPolicy(game=game, probability=game.normalized(np.ones(game.n_pairs))), np.zeros(len(game.edge_own)))
-    kept = {name: within for name, (_, within) in criteria(figures, REQUIRED).items()}
-    assert kept == {
-        "impossible": True,
-        "minimax_rare": True,
-        "best_response_rare": True,
-        "minimax_unsupported": False,
-        "best_response_unsupported": False,
-    }
 
 
 def test_statistics_agree_with_sampled_rallies() -> None:

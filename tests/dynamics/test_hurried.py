@@ -13,7 +13,7 @@ from shuttle_marl.data import load_strokes
 from shuttle_marl.data.schema import REASONS, STROKES, Outcome
 from shuttle_marl.dynamics.features import MOVEMENT, Rows, rows_from_strokes
 from shuttle_marl.dynamics.fit import _fit_hurried
-from shuttle_marl.dynamics.hurried import MIN_ROWS, SHARE, Hurry, fit_hurry
+from shuttle_marl.dynamics.hurried import SHARE, Hurry, fit_hurry
 from shuttle_marl.dynamics.models import HURRIED, sigmoid, was_timed
 from shuttle_marl.game.stroke import SHOTS
 from tests.dynamics.rows import plain_rows
@@ -83,15 +83,6 @@ def test_rows_hold_what_is_known_of_a_stroke_and_of_the_next(fitted: tuple[Rows,
     followed = np.flatnonzero(rows.next_contact[:-1] >= 0)
     assert np.array_equal(marked.next_hurried[followed], marked.hurried[followed + 1])
     assert (marked.next_hurried[rows.next_contact < 0] == -1).all()
-
-
-def test_few_strokes_with_positions_give_no_index() -> None:
-    rows, _ = strokes()
-    unknown = rows.movement.copy()
-    unknown[MIN_ROWS:] = np.nan
-    assert fit_hurry(dataclasses.replace(rows, movement=unknown)) is None
-    assert fit_hurry(rows.marked(np.zeros(N, np.int8))) is None, "the table knows it"
-    assert _fit_hurried(rows.take(was_timed(rows)))[0] == {}
 
 
 def test_a_table_without_positions_knows_no_hurried_striker() -> None:

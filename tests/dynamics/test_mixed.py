@@ -118,17 +118,6 @@ def test_variances_are_recovered() -> None:
     assert np.sqrt(np.mean(np.square(none))) < 0.15
 
 
-def test_a_given_standard_deviation_stays() -> None:
-    model, _ = simulated((0.4, 0.25), 1)
-    free = fit_variances(model)
-    given = fit_variances(model, np.array([np.nan, 0.1]))
-    assert given.sd[1] == pytest.approx(0.1)
-    assert given.sd[0] > free.sd[0]
-    assert given.log_likelihood < free.log_likelihood
-    same = fit_variances(model, np.array([np.nan, free.sd[1]]))
-    assert same.sd == pytest.approx(free.sd, rel=1e-3)
-
-
 def test_lme4_finds_the_same() -> None:
     """``glmer(cbind(incidence, size - incidence) ~ period + (1 | herd), binomial)`` of lme4 1.1, from its documentation."""
     intercept, periods = -1.3983, np.array([0, -0.9919, -1.1282, -1.5797])

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from safetensors.numpy import load_file, save_file
+from safetensors.numpy import save_file
 
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.files import seal
@@ -210,10 +210,3 @@ def test_a_state_without_legal_strokes_is_refused(tmp_path: Path) -> None:
 def test_other_names_are_refused(tmp_path: Path, names: str) -> None:
     with pytest.raises(GameError, match=r"game\.safetensors"):
         Game.load(saved(tmp_path / GAME, hand_made(), names))
-
-
-def test_complex_and_unknown_numbers_are_no_tables(tmp_path: Path) -> None:
-    arrays = hand_made() | {"threshold": np.zeros((30, 3), np.complex64)}
-    with pytest.raises(GameError):
-        Game.load(saved(tmp_path / GAME, arrays))
-    assert load_file(tmp_path / GAME)["threshold"].dtype == np.complex64

@@ -15,7 +15,6 @@ from shuttle_marl.dynamics.features import Rows, rows_from_strokes
 from shuttle_marl.dynamics.make import (
     MIN_STROKES,
     MIN_STROKES_WITH_PRIOR,
-    _checked_refits,
     require_enough,
     train_and_validation,
 )
@@ -87,19 +86,6 @@ def test_too_few_strokes_are_refused_with_the_reason(club: Rows) -> None:
         require_enough(few, validation, prior=True)
     require_enough(train, validation, prior=False)
     require_enough(train.take(np.arange(MIN_STROKES_WITH_PRIOR)), validation, prior=True)
-
-
-def test_too_few_matches_are_refused_with_the_reason(club: Rows) -> None:
-    one = club.in_matches(club.matches[:1])
-    for prior, needed in ((False, 3), (True, 2)):
-        with pytest.raises(ShuttleError, match=f"1 matches: at least {needed} needed, one of them for validation"):
-            require_enough(*train_and_validation(one, 0.2), prior=prior)
-
-
-def test_few_matches_are_not_resampled() -> None:
-    assert [_checked_refits(*case, None) for case in ((None, 5), (None, 6), (0, 3), (2, 6))] == [0, 8, 0, 2]
-    with pytest.raises(ShuttleError, match="--refits 4: 3 train matches, at least 6 needed"):
-        _checked_refits(4, 3, None)
 
 
 def test_shifts_are_shrunk_and_move_the_ranges() -> None:

@@ -62,18 +62,6 @@ def test_no_probability_leaves_what_its_data_carries() -> None:
         assert (inside | excused[calm] | excused[late])[~is_serve_pair(game)[calm]].all()
 
 
-def test_ranges_follow_the_counts() -> None:
-    """Without strokes of its own a cell is as wide as its prior; with many it is narrow and holds its own rate."""
-    support = load_support(model_folder())
-    width = support.winner_range[:, 1] - support.winner_range[:, 0]
-    many = support.strokes > 200
-    rate = support.winners / np.maximum(support.strokes, 1)
-    assert many.sum() > 10
-    assert (rate[many] >= support.winner_range[many, 0] - 0.005).all()
-    assert (rate[many] <= support.winner_range[many, 1] + 0.005).all()
-    assert width[many].mean() < 0.5 * width[support.strokes < 5].mean()
-
-
 def test_the_card_warns_where_the_solved_game_leaves_its_limits() -> None:
     """The limits are reported, and no fit is chosen by them; but that every rally ends is a promise."""
     figures = solved()

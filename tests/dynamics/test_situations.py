@@ -101,13 +101,6 @@ def test_a_planted_fatigue_is_recovered() -> None:
     assert found.effort_share[0] == pytest.approx(np.exp(-0.7) * np.array([1, 0.7, np.exp(0.7) - 1.7]), abs=0.01)
 
 
-def test_without_fatigue_none_is_found() -> None:
-    logit, share, rows = simulated(60_000, effort=0.0, duel=0.0)
-    found = fit_situations(logit, share, rows)[1]
-    assert np.abs(found.effort).max() < 0.06
-    assert abs(found.duel) < 0.08
-
-
 def test_what_is_not_known_is_averaged_over() -> None:
     shares = np.zeros((SLOTS["own_shot"], 3))
     shares[:] = (0.7, 0.2, 0.1)

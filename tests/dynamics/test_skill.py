@@ -14,7 +14,6 @@ from shuttle_marl.data.upstream import date_of, matches_of
 from shuttle_marl.dynamics.features import Rows
 from shuttle_marl.dynamics.skill import (
     GROUP,
-    SHOTS_OF_GROUP,
     VARIANCES,
     FittedSkill,
     Predicted,
@@ -26,8 +25,8 @@ from shuttle_marl.dynamics.skill import (
     summary,
 )
 from shuttle_marl.game.shipped import CARD, SKILL
-from shuttle_marl.game.skill import COMPONENTS, GROUPS, load_skill
-from shuttle_marl.game.stroke import N_SHOTS, SHOTS
+from shuttle_marl.game.skill import COMPONENTS, load_skill
+from shuttle_marl.game.stroke import N_SHOTS
 from tests.dynamics.rows import plain_rows
 
 PLAYERS, MATCHES, STROKES = 20, 36, 700
@@ -102,20 +101,6 @@ def test_intervals_of_known_players_cover_their_skill() -> None:
         assert covered[:, :, role].mean() == pytest.approx(0.9, abs=0.05)
 
 
-def test_offsets_tell_players_apart(case: tuple[dict[str, Predicted], F64, FittedSkill]) -> None:
-    predicted, truth, fitted = case
-    skill = fitted.skill
-    last = np.r_[np.flatnonzero(np.diff(skill.player)), len(skill.player) - 1]
-    number = [int(name[1:]) for name in skill.players]
-    for role in range(2):
-        assert np.corrcoef(skill.offset[last, 0, role, 0], truth[number, -1, 0, role, 0])[0, 1] > 0.5
-    rows = predicted["success"].rows
-    assert skill.matches.sum() == 2 * MATCHES
-    assert skill.strokes.sum() == len(rows)
-    assert (skill.discipline == np.array(number) % 2).all()
-    assert all((np.diff(skill.day[skill.player == m]) > 0).all() for m in range(len(number)))
-
-
 def test_shifts_add_both_players_as_of_the_day(case: tuple[dict[str, Predicted], F64, FittedSkill]) -> None:
     predicted, _, fitted = case
     rows, skill = predicted["return"].rows, fitted.skill
@@ -172,11 +157,6 @@ def test_a_model_folder_has_the_skill(case: tuple[dict[str, Predicted], F64, Fit
     # What a fit with a prior takes from the card.
     assert deviations_in(json.loads(json.dumps(card))) == pytest.approx(np.tile(SD, (3, 1)))
     assert deviations_in({}) is None
-
-
-def test_every_shot_type_is_in_one_group() -> None:
-    assert sorted(shot for shots in SHOTS_OF_GROUP.values() for shot in shots) == sorted(SHOTS)
-    assert tuple(SHOTS_OF_GROUP) == GROUPS
 
 
 def test_dates_of_matches() -> None:

@@ -78,14 +78,6 @@ def test_with_few_landings_nothing_moves(winners: int) -> None:
     assert np.array_equal(met, landing, equal_nan=True)
 
 
-def test_a_landing_without_a_start_moves_straight() -> None:
-    s = simulated()
-    start = np.full((N, 2), np.nan)
-    met = target_points(s["landing"], start, s["shot"], s["height"], s["wins"], np.zeros(N, dtype=bool))
-    assert np.array_equal(met[:, 0], s["landing"][:, 0])
-    assert (met[:, 1] != s["landing"][:, 1])[s["wins"]].mean() > 0.9
-
-
 def test_only_annotated_winners_and_out_strokes_change_their_areas() -> None:
     table = load_strokes(SAMPLE)
     recorded = table["area"].fill_null(-1).to_numpy()

@@ -41,13 +41,6 @@ def test_arrays_say_what_the_library_says() -> None:
     assert all(np.array_equal(value, vars(again)[name]) for name, value in vars(trees).items())
 
 
-def test_a_label_that_nothing_explains_has_trees_without_a_split() -> None:
-    rows, label, _ = sample()
-    few = rows.take(np.arange(60))
-    trees = fit_trees(few.codes, label[:60], rounds=5)
-    assert expit(trees.logits(few.codes)) == pytest.approx(np.full(60, label[:60].mean()), abs=1e-6)
-
-
 def test_blends_are_means_of_logits() -> None:
     """Trees have a third of the weight in the return, where there is a ridge regression too, and half of it in the contact."""
     rows, label, _ = sample()
@@ -106,12 +99,3 @@ def test_forged_trees_are_refused(tmp_path: Path, name: str, change: Any) -> Non
     folder = with_trees(tmp_path, {"return": changed})
     with pytest.raises(ModelError, match="networks"):
         FittedModels.load(folder)
-
-
-def test_trees_without_a_node_are_refused() -> None:
-    rows, label, _ = sample()
-    arrays = vars(fit_trees(rows.codes, label, rounds=2))
-    assert len(Trees.checked(arrays)) == 2
-    none = {"attribute": arrays["attribute"][:, :0], "left": arrays["left"][:, :0], "child": arrays["child"][:, :0]}
-    with pytest.raises(ValueError, match="without a node"):
-        Trees.checked({**none, "value": arrays["value"][:, :1]})

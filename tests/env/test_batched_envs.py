@@ -15,7 +15,7 @@ from shuttle_marl.game.tables import ROOT, Game
 from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.kernel import RallyBatch
 from shuttle_marl.policy.registry import resolve
-from tests.exact.exact_games import random_game, random_policy, tiring_game
+from tests.exact.exact_games import random_policy, tiring_game
 
 GAME = default_game()
 EITHER = pytest.mark.parametrize("make", [RallyEnv, VersusEnv])
@@ -42,18 +42,6 @@ def test_specs(make: type[Env], batch: int) -> None:
     env = make(batch)
     check_env_specs(env, seed=0)
     assert env.batch_size == torch.Size([batch])
-
-
-@EITHER
-def test_rollouts_of_torchrl(make: type[Env]) -> None:
-    env = make(16)
-    rollout = env.rollout(50, break_when_any_done=False)
-    assert rollout.batch_size == torch.Size([16, 50])
-    reward, over = rollout["next", "reward"], rollout["next", "terminated"]
-    assert torch.equal(reward != 0, over)
-    assert set(reward.unique().tolist()) == {-1.0, 0.0, 1.0}
-    legal = rollout["action_mask"].gather(-1, rollout["action"].unsqueeze(-1))
-    assert legal.all()
 
 
 @EITHER
@@ -121,15 +109,6 @@ def test_opponents_by_name_by_object_and_several() -> None:
         env = VersusEnv(4, opponents=opponents)
         assert env.versus.n_opponents == (2 if isinstance(opponents, tuple) else 1)
         assert (env.versus.opponents.players.cumulative == bc.cumulative).all()
-
-
-def test_other_games_are_played() -> None:
-    game = random_game(5, 7)
-    env = RallyEnv(8, game=game)
-    check_env_specs(env, seed=0)
-    versus = VersusEnv(8, game=game, opponents=random_policy(game, 1))
-    check_env_specs(versus, seed=0)
-    assert env.action_spec.n == versus.action_spec.n == game.n_strokes
 
 
 @pytest.mark.parametrize("game", [GAME, tiring_game()], ids=["default", "tiring"])

@@ -17,18 +17,6 @@ def parts_of(game, stroke):
 
 
 @pytest.mark.parametrize("module", [rally_v0, match_v0])
-def test_spaces(module):
-    flat, components = module.env(), module.env(action="components")
-    for agent in components.possible_agents:
-        assert components.action_space(agent).nvec.tolist() == SIZES
-        assert components.action_space(agent) is components.action_space(agent)
-        space = components.observation_space(agent)
-        assert space is components.observation_space(agent)
-        assert space["action_mask"].shape == (27,)
-        assert space["observation"] == flat.observation_space(agent)["observation"]
-
-
-@pytest.mark.parametrize("module", [rally_v0, match_v0])
 def test_the_game_is_the_same_as_with_catalogue_indices(module):
     flat, components = module.env(), module.env(action="components")
     game = flat.unwrapped.game

@@ -39,11 +39,6 @@ def test_playing_needs_neither_torch_nor_pygame():
     assert not {"torch", "torchrl", "tensordict", "pygame", "numba", "pyarrow"} & loaded
 
 
-def test_importing_the_package_loads_nothing_else():
-    loaded = modules_after("import sys, shuttle_marl; print(*sys.modules)")
-    assert not {"pettingzoo", "gymnasium", "numpy", "torch"} & loaded
-
-
 def test_the_environments_are_attributes_of_the_package():
     assert shuttle_marl.rally_v0.__name__ == "shuttle_marl.env.rally_v0"
     assert {"rally_v0", "match_v0", "__version__"} <= set(dir(shuttle_marl))

@@ -1,6 +1,5 @@
 """Pictures of rallies."""
 
-import dataclasses
 import itertools
 import os
 import subprocess
@@ -10,19 +9,13 @@ import numpy as np
 import pytest
 
 from shuttle_marl import match_v0, rally_v0
-from shuttle_marl.env.snapshot import Snapshot, shot_in_words
-from shuttle_marl.game import default_game
 from shuttle_marl.game.court import LENGTH, WIDTH
-from shuttle_marl.game.rally.stepper import Stroke
-from shuttle_marl.game.rules import OUTCOMES
-from tests.exact.exact_games import tiring_game
 
 os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
 
 pygame = pytest.importorskip("pygame")
 
-from shuttle_marl.env import picture as drawing  # noqa: E402
-from shuttle_marl.env.picture import LINE, MAT, PLAYERS, PX, YELLOW, CourtRenderer, px  # noqa: E402
+from shuttle_marl.env.picture import LINE, MAT, PX, px  # noqa: E402
 
 
 def share_of(picture, colour, tolerance=30):
@@ -57,32 +50,6 @@ def test_the_picture_changes_with_every_stroke(play):
     assert all((before != after).any() for before, after in itertools.pairwise(frames))
 
 
-def test_the_picture_tells_the_efforts_where_they_count():
-    """A smash changes what stands behind the name of who struck it, and the space for it is there in games of effort alone."""
-    env = rally_v0.env(render_mode="rgb_array", game=tiring_game())
-    env.reset(seed=1)
-    catalogue = env.unwrapped.game.catalogue
-    snapshot = env.unwrapped.snapshot()
-    stroke = next(i for i, name in enumerate(catalogue.names) if name.startswith("smash"))
-    clear = next(i for i, name in enumerate(catalogue.names) if name.startswith("clear"))
-    frames = []
-    for played in (stroke, clear):
-        shown = dataclasses.replace(snapshot, strokes=(Stroke(player=0, stroke=played, outcome=2, p_succ=0.9, p_ret=0.9),))
-        frames.append(CourtRenderer("test", fps=2).frame(shown)[20:80, 20:240])
-    assert (frames[0] != frames[1]).any()
-    assert (frames[0][30:] == frames[1][30:]).all(), "the other player's is as it was"
-
-
-def test_the_target_of_the_last_stroke_is_marked():
-    env = rally_v0.env(render_mode="rgb_array", server=0)
-    env.reset(seed=0)
-    nothing_yet = share_of(env.render(), YELLOW)
-    env.step(0)
-    after = env.render()
-    assert share_of(after, YELLOW) > 4 * nothing_yet
-    assert share_of(after, PLAYERS[0]) > share_of(after, PLAYERS[1]), "the chip has the colour of the striker"
-
-
 def test_a_window_follows_the_rally_and_can_be_closed(fast, play):
     env = match_v0.env(render_mode="human", max_strokes=30)
     rows = play(env, 0)
@@ -97,13 +64,6 @@ def test_a_window_follows_the_rally_and_can_be_closed(fast, play):
     assert pygame.display.get_surface() is None
     assert len(list(rows)) > 20, "the match continues without the window"
     env.close()
-
-
-def test_without_a_render_mode_nothing_is_drawn():
-    env = rally_v0.env()
-    env.reset(seed=0)
-    with pytest.warns(UserWarning, match="render_mode"):
-        assert env.render() is None
 
 
 def test_a_missing_pygame_is_named_with_the_cure():
@@ -125,16 +85,3 @@ print(text.render())
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert "need pygame, which is not installed ('ansi' works without); `make install`" in done.stdout
     assert "is to serve" in done.stdout
-
-
-def test_the_widest_chip_ends_before_the_list() -> None:
-    game = default_game()
-    for stroke in range(game.n_strokes):
-        for outcome in range(len(OUTCOMES)):
-            last = Stroke(0, stroke, outcome, 0.5, 0.5)
-            snapshot = Snapshot(
-                game=game, names=("a", "b"), title="", strokes=(last,), server=0, striker=None, winner=None, reason=None
-            )
-            head = drawing.text_width(shot_in_words(game.catalogue, stroke).upper(), drawing._LARGE) + 2 * drawing._PAD
-            cells = sum(drawing._cell_width(label, value) for label, value, _ in drawing._cells(snapshot, last))
-            assert drawing._CHIP[0] + head + cells < drawing._LIST[0]

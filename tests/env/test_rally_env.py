@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from shuttle_marl import match_v0, rally_v0
+from shuttle_marl import rally_v0
 from shuttle_marl.base.errors import ActionError
 from shuttle_marl.game import default_game, model_folder
 from shuttle_marl.game.court import AREAS
@@ -250,25 +250,6 @@ def test_the_order_of_calls_is_checked():
         list(env.agent_iter())
 
 
-@pytest.mark.parametrize("module", [rally_v0, match_v0])
-def test_nothing_is_legal_before_the_first_reset(module):
-    env = module.raw_env(render_mode="ansi")
-    for agent in env.possible_agents:
-        seen = env.observe(agent)
-        assert env.observation_space(agent).contains(seen)
-        assert not seen["action_mask"].any()
-    assert env.render().endswith("no rally has started\n")
-
-
-def test_done_agents_take_no_stroke(play):
-    env = rally_v0.env()
-    for *_, terminated, _, _, _ in play(env, 0):
-        if terminated:
-            break
-    with pytest.raises(ValueError, match="None"):
-        env.step(0)
-
-
 def test_rallies_can_be_cut_off(play):
     env = rally_v0.env(max_strokes=2)
     seed = next(s for s in range(100) if len(list(play(rally_v0.env(), s))) > 6)
@@ -284,27 +265,6 @@ def test_a_rally_that_ends_with_the_last_stroke_allowed_is_not_cut_off(play):
         rows = list(play(rally_v0.env(max_strokes=length), seed))
         assert [r[3] for r in rows[-2:]] == [True, True]
         assert not any(r[4] for r in rows)
-
-
-@pytest.mark.parametrize("copied", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
-@pytest.mark.parametrize("make", [rally_v0.raw_env, rally_v0.env])
-def test_copies_go_on_alike_and_apart(copied, make):
-    env = make()
-    env.reset(seed=21)
-    env.step(0)
-    twin = copied(env)
-    rng = np.random.default_rng(1)
-    for _ in range(200):
-        if any(env.terminations.values()):
-            env.reset()
-            twin.reset()
-        action = int(rng.choice(np.flatnonzero(env.observe(env.agent_selection)["action_mask"])))
-        env.step(action)
-        if action % 2:
-            assert twin.infos != env.infos, "the original moves alone"
-        twin.step(action)
-        assert twin.infos == env.infos
-        assert twin.agent_selection == env.agent_selection
 
 
 def test_games_can_be_given_in_three_ways(tmp_path: Path):

@@ -1,10 +1,9 @@
 """Positions in the picture, and the text."""
 
 import numpy as np
-import pytest
 
 from shuttle_marl import match_v0, rally_v0
-from shuttle_marl.env.snapshot import area_corners, as_text, in_words, plan_of, to_plan
+from shuttle_marl.env.snapshot import in_words, plan_of
 from shuttle_marl.game.court import HALF_LENGTH, HALF_WIDTH, area_of
 from shuttle_marl.game.rules import OUTCOMES
 from shuttle_marl.game.scoring import Rules
@@ -16,25 +15,6 @@ def moments(play, env, seed):
         if action is not None:
             yield env.unwrapped.snapshot()
     yield env.unwrapped.snapshot()
-
-
-def test_player_0_plays_to_the_right_and_has_its_right_hand_below():
-    assert to_plan(0, 1.0, 2.0) == (2.0, 1.0)
-    assert to_plan(1, 1.0, 2.0) == (-2.0, -1.0)
-
-
-@pytest.mark.parametrize("player", [0, 1])
-def test_areas_tile_the_half_of_the_opponent(player):
-    sign = 1 if player == 0 else -1
-    total = 0.0
-    for area in range(9):
-        (x0, y0), (x1, y1) = area_corners(player, area)
-        total += abs((x1 - x0) * (y1 - y0))
-        middle = (x0 + x1) / 2, (y0 + y1) / 2
-        assert middle[0] * sign > 0
-        # Back into the frame of the striker.
-        assert area_of(np.array(middle[1] * sign), np.array(middle[0] * sign)) == area
-    assert total == pytest.approx(2 * HALF_WIDTH * HALF_LENGTH)
 
 
 def test_strokes_land_where_they_are_aimed_and_the_next_contact_is_there(play):
@@ -115,23 +95,3 @@ def test_text_says_who_is_next_and_the_score(play):
     lines = env.render().splitlines()
     assert lines[-1].endswith("and the match")
     assert len(lines[1].split()) == len(lines[2].split()) >= 3
-
-
-def test_text_of_a_lost_and_of_an_unfinished_rally(play):
-    env = rally_v0.env(render_mode="ansi")
-    env.reset(seed=0)
-    winner = "player_1" if env.agent_selection == "player_0" else "player_0"
-    env.step(env.unwrapped.game.n_strokes - 1)
-    assert as_text(env.unwrapped.snapshot()).splitlines()[-1] == f"{winner} wins the rally (illegal stroke)"
-    env = rally_v0.env(render_mode="ansi", max_strokes=1, server=0)
-    env.reset(seed=0)
-    env.step(0)
-    assert env.render().splitlines()[-1] == "no result: too many strokes"
-
-
-def test_strokes_in_words():
-    catalogue = rally_v0.raw_env().game.catalogue
-    named = {name: in_words(catalogue, i) for i, name in enumerate(catalogue.names)}
-    assert named["short-serve:front-centre:below:backhand"] == "short serve to the front centre, backhand below the net"
-    assert any(words.startswith("cross-court net shot to the ") for words in named.values())
-    assert len(set(named.values())) == len(catalogue)

@@ -134,15 +134,6 @@ def test_seeds_and_masks_of_reset() -> None:
             env.reset(options={"reset_mask": mask})
 
 
-def test_without_a_seed_every_environment_plays_other_rallies() -> None:
-    keys = set()
-    for _ in range(3):
-        env = make(2)
-        env.reset()
-        keys.add(int(env.versus.rows.key[0]))
-    assert len(keys) == 3
-
-
 def test_calls_out_of_order_and_range() -> None:
     env = make(3)
     with pytest.raises(ResetNeeded):
@@ -156,11 +147,3 @@ def test_calls_out_of_order_and_range() -> None:
         with pytest.raises(ActionError, match="expected 3 integers from 0 to"):
             env.step(actions)
     assert np.array_equal(env.versus.rows.state, state)
-
-
-def test_matches_are_vectorized_by_gymnasium() -> None:
-    env = gymnasium.make_vec("shuttle_marl/Match-v0", num_envs=2, opponent="random")
-    seen, _ = env.reset(seed=1)
-    actions = np.array([np.flatnonzero(mask)[0] for mask in seen["action_mask"]])
-    seen, *_ = env.step(actions)
-    assert seen["observation"].shape == (2, 66)

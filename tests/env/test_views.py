@@ -8,9 +8,7 @@ from typing import Any
 
 import gymnasium
 import numpy as np
-import pettingzoo
 import pytest
-from gymnasium import spaces
 from pettingzoo import test as conformance
 from pettingzoo.utils.wrappers import OrderEnforcingWrapper
 from stable_baselines3.common.env_checker import check_env
@@ -89,13 +87,6 @@ def test_pettingzoo_knows_the_environments_in_either_order_of_imports(order: str
     code = f"import {order}; print(*(name for name in pettingzoo.aec_registry if 'shuttle' in name))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.split() == ["shuttle_marl/rally-v0", "shuttle_marl/match-v0"]
-
-
-@pytest.mark.parametrize("name", ["rally", "match"])
-def test_pettingzoo_makes_the_environments(name: str) -> None:
-    env = pettingzoo.make("aec", f"shuttle_marl/{name}-v0", mask="info")
-    assert env.metadata["name"] == f"{name}_v0"
-    assert isinstance(env.observation_space("player_0"), spaces.Box)
 
 
 @pytest.mark.parametrize(

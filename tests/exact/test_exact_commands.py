@@ -1,16 +1,13 @@
 """The command line: solve, evaluate, best-response, crossplay."""
 
-import io
 import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from rich.console import Console
 
 from shuttle_marl.analysis.pictures import aims
-from shuttle_marl.commands import cli
 from shuttle_marl.commands import exact as commands
 from shuttle_marl.commands.exact import main
 from shuttle_marl.commands.recording import main as recording
@@ -70,12 +67,6 @@ def test_commands_play_the_shipped_game_unless_told_otherwise(capsys: pytest.Cap
     assert card["gap_at_serve"] > solved["value_at_serve"]
 
 
-def test_solve_for_people(capsys: pytest.CaptureFixture[str]) -> None:
-    text = output(capsys, "solve")
-    for part in ("value at the serve", "error bound", f"{GAME.n_pairs:,} legal pairs", "strokes a rally", "smash"):
-        assert part in text
-
-
 @pytest.fixture
 def reader(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     """Name of a policy that reads the score: it plays at random, and in the second game not at all well."""
@@ -132,18 +123,6 @@ def test_sampled_rallies_are_recorded(capsys: pytest.CaptureFixture[str], reader
     log.close()
     assert recording(["check", "runs/evaluate-5.mcap", "--game", reduced_model()]) == 0
     capsys.readouterr()
-
-
-def test_less_is_recorded_on_request(capsys: pytest.CaptureFixture[str], reader: str) -> None:
-    command = ("evaluate", reader, "--matches", "9", "--json")
-    card = output(capsys, *command)
-    assert output(capsys, *command, "--record", "none") == card
-    assert output(capsys, *command, "--record", "sample:2") == card
-    assert sorted(path.name for path in Path("runs").iterdir()) == ["evaluate-0-2.mcap", "evaluate-0.mcap"]
-    with RallyLog(Path("runs/evaluate-0-2.mcap")) as some, RallyLog(Path("runs/evaluate-0.mcap")) as log:
-        assert 0 < some.n_rallies < log.n_rallies
-    assert "there is a rally log already" in failure(capsys, *command, "--log", "runs/evaluate-0.mcap")
-    assert "--record most: expected all, none, or sample:N" in failure(capsys, *command, "--record", "most")
 
 
 def test_a_best_response_is_saved_and_plays(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
@@ -237,10 +216,3 @@ def test_policies_that_hang(
     game = ("--game", reduced_model())
     assert "no answer within 0.2 s" in failure(capsys, command, f"{name}:player", "--policy-timeout", "0.2", *game)
     assert "--policy-timeout -1" in failure(capsys, command, f"{name}:player", "--policy-timeout", "-1", *game)
-
-
-def test_a_terminal_shows_what_a_command_is_at(monkeypatch: pytest.MonkeyPatch) -> None:
-    terminal = io.StringIO()
-    monkeypatch.setattr(cli, "Output", lambda **options: Console(**{**options, "file": terminal, "force_terminal": True}))
-    assert main(("evaluate", "bc", "--game", reduced_model())) == 0
-    assert "policies" in terminal.getvalue()

@@ -8,17 +8,13 @@ from hypothesis import given, settings
 
 from shuttle_marl.exact import ExactError, crossplay, evaluate
 from shuttle_marl.game import default_game
-from shuttle_marl.game.draws import choice_draw, draw, outcome_draw, stream
-from shuttle_marl.game.rules import WINNER, strike
 from shuttle_marl.game.scoring import match_win_probability
-from shuttle_marl.game.tables import ROOT, Game
-from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve
 from tests.exact.exact_games import games, random_game, random_policy, seeds
 
 NAMES = ("bc", "attacking", "defensive", "safe", "random")
-Z = 4.4172
-"""Standard errors. Both tails hold 1e-5."""
 
 
 @settings(max_examples=10, deadline=None)
@@ -50,40 +46,6 @@ def test_no_policies_and_other_games_are_refused(small: Game) -> None:
         crossplay([])
     with pytest.raises(ExactError, match="different catalogues"):
         crossplay([tabulate(resolve("safe", small), small), random_policy(random_game(0), 0)])
-
-
-def sampled_wins(server: TabulatedPolicy, receiver: TabulatedPolicy, rallies: int, key: int) -> int:
-    """Rallies that the server wins, played stroke by stroke with the rules of the rally."""
-    cumulative = [policy.padded for policy in (server, receiver)]
-    wins, block = 0, 125_000
-    for first in range(0, rallies, block):
-        keys = stream(key, np.arange(first, min(first + block, rallies)))
-        state = np.full(len(keys), ROOT, dtype=np.int32)
-        for number in itertools.count():
-            bits = draw(keys, number)
-            k = (cumulative[number % 2].take(state, axis=0) <= choice_draw(bits)[:, None]).sum(axis=1)
-            outcome, state = strike(server.game, state, k, outcome_draw(bits))
-            # On even strokes the server strikes: a winner there, or the receiver's fault, is the server's rally.
-            wins += int((outcome[state < 0] == (WINNER if number % 2 == 0 else 0)).sum())
-            alive = state >= 0
-            if not alive.any():
-                break
-            keys, state = keys[alive], state[alive]
-    return wins
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("first", "second"), [("bc", "attacking"), ("defensive", "safe"), ("bc", "random")])
-def test_exact_odds_lie_inside_the_interval_of_a_million_rallies(small: Game, first: str, second: str) -> None:
-    policies = [tabulate(resolve(name, small), small) for name in (first, second)]
-    odds = evaluate(*policies).odds()
-    rallies = 500_000
-    serving = sampled_wins(policies[0], policies[1], rallies, NAMES.index(first)) / rallies
-    receiving = 1 - sampled_wins(policies[1], policies[0], rallies, 100 + NAMES.index(second)) / rallies
-    for exact, sampled in ((odds.serving, serving), (odds.receiving, receiving)):
-        assert abs(exact - sampled) < Z * (exact * (1 - exact) / rallies) ** 0.5
-    spread = (odds.serving * (1 - odds.serving) + odds.receiving * (1 - odds.receiving)) ** 0.5 / 2
-    assert abs(odds.rally - (serving + receiving) / 2) < Z * spread / rallies**0.5
 
 
 def test_matches_follow_from_rallies(small: Game) -> None:

@@ -97,14 +97,6 @@ def test_sampling_shows_the_score_to_the_policy() -> None:
     assert steady.strokes > steady.rallies > 42 * steady.matches
 
 
-@pytest.mark.slow
-def test_the_cluster_interval_covers_about_its_share() -> None:
-    """Two equal players: the true share of rallies is one half."""
-    table = tabulate(resolve("random", GAME), GAME)
-    intervals = [sample(Moody("random"), table, matches=24, seed=seed).rally_interval for seed in range(12)]
-    assert sum(low <= 0.5 <= high for low, high in intervals) >= 9
-
-
 def test_a_game_without_clones_has_no_scorer(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(shipped, "_ORIGINS", {})  # another test may have loaded the same small game from a folder
     with pytest.raises(PolicyError, match="was not loaded from one"):

@@ -1,8 +1,5 @@
 """Strength against likeness: a TAU that is known is found again in simulated matches."""
 
-import json
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -34,12 +31,3 @@ def test_a_known_tau_is_found_again(strokes: Strokes) -> None:
     assert found["low"] <= TRUE_TAU <= found["high"] <= 0.2
     assert 0 < found["gain"]["low"] < found["gain"]["value"] < found["gain"]["high"]
     assert found["cross_entropy"] - found["gain"]["value"] == pytest.approx(losses[human.TAUS.index(TRUE_TAU)].mean())
-
-
-def test_the_picture_and_the_tables(tmp_path: Path) -> None:
-    result = json.loads((Path(human.__file__).parent / "results" / "human.json").read_text())
-    human.draw(result, tmp_path / "human.png")
-    assert (tmp_path / "human.png").stat().st_size > 10_000
-    assert {len(row) for row in human.curve_rows(result)} == {len(human.HEADINGS)}
-    assert {len(row) for row in human.player_rows(result)} == {len(human.PLAYER_HEADINGS)}
-    assert human.curve_rows(result)[-1][0] == "∞"

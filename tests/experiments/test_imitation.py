@@ -8,12 +8,10 @@ import pyarrow as pa
 import pytest
 
 from experiments import next_stroke
-from experiments.imitation.context import hit_contexts
 from experiments.imitation.imitator import Imitator, ImitatorConfig
 from experiments.imitation.networks import NetworksConfig
 from experiments.imitation.trees import TreesConfig
 from shuttle_marl.data import load_strokes
-from shuttle_marl.data.schema import STROKES
 from shuttle_marl.dynamics.fitted import FittedModels
 from shuttle_marl.game import model_folder
 
@@ -22,11 +20,6 @@ SMALL = ImitatorConfig(
     networks=NetworksConfig(members=2, epochs=8, batch=128, learning_rate=0.02, width=32, layers=2),
     trees=TreesConfig(type_rounds=15, area_rounds=5, leaves=7, rate=0.3),
 )
-AFTER = (
-    "shot", "technique", "area", "label_area", "landing_x", "landing_y", "in_court", "outcome", "reason", "points",
-    "points_opponent",
-)  # fmt: skip
-"""Columns that describe the stroke itself or its outcome."""
 
 
 @pytest.fixture(scope="module")
@@ -37,35 +30,6 @@ def strokes() -> pa.Table:
 @pytest.fixture(scope="module")
 def imitator(strokes: pa.Table) -> Imitator:
     return Imitator.fit(strokes, config=SMALL)
-
-
-def changed_after(strokes: pa.Table, row: int) -> pa.Table:
-    """The table with everything after the hit of a row changed: the stroke, its outcome, and all later rows."""
-    rng = np.random.default_rng(row)
-    later = np.arange(strokes.num_rows) > row
-    columns = {}
-    for field in STROKES:
-        values = strokes[field.name]
-        if field.name in ("match", "source", "discipline", "player", "opponent"):
-            columns[field.name] = values
-            continue
-        shuffled = values.take(pa.array(rng.permutation(strokes.num_rows)))
-        change = later | (np.arange(strokes.num_rows) == row) if field.name in AFTER else later
-        columns[field.name] = pa.compute.if_else(pa.array(change), shuffled, values).cast(field.type)
-    return pa.table(columns, schema=STROKES)
-
-
-@pytest.mark.parametrize("row", [5, 700])
-def test_nothing_after_the_hit_changes_a_prediction(strokes: pa.Table, imitator: Imitator, row: int) -> None:
-    changed = changed_after(strokes, row)
-    for name in ("shot", "landing_x", "outcome", "frame"):
-        assert changed[name].slice(row).to_pylist() != strokes[name].slice(row).to_pylist()
-    for height_known in (True, False):
-        before = imitator.predict(strokes, height_known=height_known)[: row + 1]
-        np.testing.assert_allclose(imitator.predict(changed, height_known=height_known)[: row + 1], before, atol=1e-12)
-    # Also inputs that no network of this fit happens to use.
-    np.testing.assert_array_equal(hit_contexts(changed).codes[: row + 1], hit_contexts(strokes).codes[: row + 1])
-    np.testing.assert_array_equal(hit_contexts(changed).numbers[: row + 1], hit_contexts(strokes).numbers[: row + 1])
 
 
 def test_table_of_the_next_stroke(strokes: pa.Table, imitator: Imitator) -> None:

@@ -8,7 +8,7 @@ import pytest
 
 from shuttle_marl import rally_v0
 from shuttle_marl.game import default_game, draws
-from shuttle_marl.game.tables import ROOT, Game
+from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.kernel import KernelError, RallyBatch
 from shuttle_marl.policy.registry import resolve
@@ -118,19 +118,6 @@ def test_neither_company_nor_threads_nor_the_way_to_reset_change_a_rally(size: i
     assert min(unseen_among(expected)) > 10
 
 
-def test_rallies_that_never_come_to_the_learner_are_counted_exactly() -> None:
-    game = random_game(3, 8, 0.5)
-    opponent = random_policy(game, 1)
-    expected = by_hand(game, opponent, seat=0, server=1, seed=2, rallies=500)
-    batch = RallyBatch(game, 1, opponents=[opponent], seat=0, server=1, seed=2)
-    while batch.rows.rally[0] < 450:
-        batch.step(batch.random_strokes())
-    assert batch.unseen == unseen_among(expected[: batch.rows.rally[0]])
-    assert min(batch.unseen) > 10
-    batch.reset(2)
-    assert batch.unseen == unseen_among(expected[: batch.rows.rally[0]])
-
-
 def test_rows_meet_their_opponents_from_their_seats() -> None:
     """K opponents in turn, and a seat for each row."""
     opponents = [table(name) for name in NAMES]
@@ -192,11 +179,3 @@ def test_options_out_of_range_are_refused(options: dict[str, object], message: s
     given: dict[str, object] = {"batch": 4, "opponents": [table("bc")], **options}
     with pytest.raises(KernelError, match=message):
         RallyBatch(GAME, **given)  # type: ignore[arg-type]
-
-
-def test_a_serve_is_never_played_by_both() -> None:
-    batch = RallyBatch(GAME, 500, opponents=[table("bc")], server=0, seat=0)
-    assert (batch.rows.state == ROOT).all()
-    assert batch.unseen == (0, 0)
-    batch = RallyBatch(GAME, 500, opponents=[table("bc")], server=0, seat=1)
-    assert (batch.rows.state != ROOT).all()

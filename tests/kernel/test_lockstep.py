@@ -26,10 +26,6 @@ Row = tuple[int, int, int, int, str, tuple[int, ...], list[int], list[int]]
 """Match, rally, server, winner, reason, score before, and strokes of a rally."""
 
 
-def parts(results: MatchResults) -> dict[str, np.ndarray]:
-    return {"games": results.games, **dict(results.rallies.columns())}
-
-
 def one_by_one(matches: Matches, rules: scoring.Rules) -> list[Row]:
     """Every rally, a stroke at a time."""
     rallies: list[Row] = []
@@ -90,15 +86,6 @@ def test_lock_step_is_play_one_stroke_at_a_time(rules: scoring.Rules) -> None:
     assert as_rows(played) == one_by_one(matches, rules)
 
 
-def test_games_won_are_those_of_the_last_rally() -> None:
-    won, played = play(GAME, some_matches(seed=4), STRIKERS.choose)
-    last = np.r_[played.match[1:] != played.match[:-1], True]
-    games = played.score[last, 2:].astype(int)
-    games[np.arange(len(games)), played.winner[last]] += 1
-    assert np.array_equal(won, games)
-    assert (won.max(axis=1) == 2).all()
-
-
 @settings(max_examples=15, deadline=None)
 @given(st.integers(0, 2**63 - 1), st.permutations(range(12)), st.integers(1, 11))
 def test_company_never_changes_a_match(seed: int, order: list[int], cut: int) -> None:
@@ -111,16 +98,6 @@ def test_company_never_changes_a_match(seed: int, order: list[int], cut: int) ->
         assert rows == [(i, *row[1:]) for i, m in enumerate(chosen) for row in whole if row[0] == m]
 
 
-def test_without_strokes_everything_else_is_the_same() -> None:
-    matches = some_matches(seed=5)
-    with_strokes, without = (parts(play(GAME, matches, STRIKERS.choose, keep_strokes=keep)) for keep in (True, False))
-    for name in ("stroke", "hurried"):
-        assert len(with_strokes.pop(name)) == with_strokes["length"].sum()
-        assert len(without.pop(name)) == 0
-    for name, values in with_strokes.items():
-        assert np.array_equal(values, without[name]), name
-
-
 def test_equal_players_mirror_each_other_in_a_cell() -> None:
     """Both matches of a cell give each seat the same luck, so between equals the same seat wins both."""
     twins = Pairing(number=0, entrants=(0, 1), names=("a", "b"))
@@ -129,13 +106,6 @@ def test_equal_players_mirror_each_other_in_a_cell() -> None:
     by_match = [[row[1:] for row in rows if row[0] == m] for m in range(20)]
     assert by_match[0::2] == by_match[1::2]
     assert by_match[0] != by_match[2]
-
-
-def test_progress_counts_every_stroke() -> None:
-    counted: list[int] = []
-    played = play(GAME, some_matches(seed=6, last=20), STRIKERS.choose, progress=counted.append)
-    assert sum(counted) == played.rallies.length.sum()
-    assert len(counted) > 3
 
 
 def test_seats_and_first_serve_are_balanced() -> None:

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 import torch
 
-from shuttle_marl.env import match_v0, rally_v0
 from shuttle_marl.env.batched import VersusEnv
 from shuttle_marl.env.single import SingleMatchEnv, SingleRallyEnv
 from shuttle_marl.env.vector import MatchVectorEnv, RallyVectorEnv
@@ -97,17 +96,6 @@ def test_matches_of_learners() -> None:
         _, rewards, overs, _, _ = vector.step(np.array([stroke]))
         assert (reward, over) == (rewards[0], overs[0])
     assert single.raw.snapshot().names == (A, B)
-
-
-def test_the_players_are_named_and_the_average_game_is_the_default() -> None:
-    env = match_v0.env(game=PAIR, render_mode="ansi")
-    env.reset(seed=1)
-    assert env.unwrapped.game.hash == PAIR.hash
-    text = env.render()
-    assert isinstance(text, str)
-    assert A in text
-    assert rally_v0.raw_env(game=reduced_model()).game is reduced_game()
-    assert rally_v0.raw_env(game=PAIR).game is PAIR
 
 
 def test_what_does_not_fit_is_refused() -> None:

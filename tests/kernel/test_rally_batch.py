@@ -1,6 +1,5 @@
 """``RallyBatch`` against the pure rules, and what never changes a rally."""
 
-import dataclasses
 import functools
 from collections import defaultdict
 
@@ -92,26 +91,6 @@ def test_steps_are_those_of_the_pure_rules(
         assert_rows(batch.rows, expected)
 
 
-@settings(max_examples=20, deadline=None)
-@given(st.integers(0, 1000), st.integers(1, 600), st.integers(0, 2**63 - 1))
-def test_reset_in_the_same_step_changes_nothing_else(game_seed: int, size: int, seed: int) -> None:
-    game = random_game(game_seed, 6, 0.4)
-    fused, stock = (RallyBatch(game, size, seed=seed) for _ in range(2))
-    for _ in range(10):
-        strokes = fused.random_strokes()
-        assert np.array_equal(strokes, stock.random_strokes())
-        seen, seen_after = fused.new_observations(), stock.new_observations()
-        reward, done = fused.step(strokes, observed=seen)
-        reward_too, done_too = stock.step(strokes, reset=False)
-        stock.reset(rows=done_too)
-        stock.observe(seen_after)
-        assert np.array_equal(reward, reward_too)
-        assert np.array_equal(done, done_too)
-        assert_rows(fused.rows, stock.rows)
-        assert np.array_equal(seen.tokens, seen_after.tokens)
-        assert np.array_equal(seen.mask, seen_after.mask)
-
-
 History = dict[int, list[tuple[int, int, int, float]]]
 
 
@@ -138,20 +117,6 @@ def one_by_one() -> History:
 @pytest.mark.parametrize(("size", "threads"), [(7, 1), (3000, 2), (4096, 1), (4099, 4)])
 def test_neither_company_nor_threads_change_a_rally(size: int, threads: int) -> None:
     assert histories(size, threads, 300) == one_by_one()
-
-
-def test_random_strokes_are_legal_and_equally_likely() -> None:
-    batch = RallyBatch(GAME, 4096, seed=1)
-    played = np.zeros(GAME.n_strokes, np.int64)
-    for _ in range(20):
-        strokes = batch.random_strokes()
-        assert GAME.mask(batch.rows.state)[np.arange(4096), strokes].all()
-        np.add.at(played, strokes[batch.rows.state == ROOT], 1)
-        batch.step(strokes)
-    serves = played[GAME.legal_strokes(ROOT)]
-    expected = serves.sum() / len(serves)
-    assert ((serves - expected) ** 2 / expected).sum() < 60  # chi-squared; far beyond the 99.99 % quantile of few serves
-    assert len(serves) < 20
 
 
 def tallied(batch: RallyBatch, strokes: int, tables: tuple[TabulatedPolicy, TabulatedPolicy] | None) -> Tally:
@@ -244,12 +209,6 @@ def test_a_seed_begins_anew_and_none_goes_on() -> None:
     assert state_of(batch) == first
     batch.reset(4)
     assert state_of(batch)["key"] != first["key"]
-
-
-def test_the_smallest_game_can_be_played() -> None:
-    game = random_game(0, 2, 0.0)
-    batch = RallyBatch(game, 1)
-    assert dataclasses.astuple(batch.run(1000))[2] > 100
 
 
 def strokes_of(batch: RallyBatch, one: TabulatedPolicy, other: TabulatedPolicy) -> I64:

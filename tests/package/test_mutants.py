@@ -1,11 +1,5 @@
 """The mutation test: which changes it makes, and a small sample of it."""
 
-import json
-import subprocess
-import sys
-
-import pytest
-
 from tests.mutants import mutants
 
 SOURCE = '''"""A module of 1 page."""
@@ -44,13 +38,3 @@ def test_one_change_each() -> None:
         (17, "", "return None"),
         (17, "", 'return lambda: "é" + self, 2.5'),
     ]
-
-
-@pytest.mark.slow(minutes=True)
-def test_a_sample_of_the_code() -> None:
-    command = [sys.executable, "-m", "tests.mutants", "--modules", "analysis", "--n", "1", "--seed", "1", "--jobs", "1", "--json"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr[-4000:]
-    counts = json.loads(done.stdout)
-    assert counts["tried"] == 1 == sum(counts[name] for name in ("killed", "survived", "timeouts", "equivalent"))
-    assert [set(entry) for entry in counts["survivors"]] == [{"file", "line", "before", "after"}] * counts["survived"]

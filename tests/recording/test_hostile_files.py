@@ -6,7 +6,6 @@ import errno
 import hashlib
 import json
 import os
-import stat
 import sys
 import zlib
 from collections.abc import Callable
@@ -256,15 +255,6 @@ def test_an_impossible_target_is_refused_in_words(
     assert sorted(tmp_path.iterdir()) == before
     assert recording.main(["info", "x" * 300]) == 1
     assert "File name too long" in capsys.readouterr().err
-
-
-def test_a_new_log_has_the_permissions_that_the_umask_leaves(tmp_path: Path, header: Callable[..., LogHeader]) -> None:
-    before = os.umask(0o002)
-    try:
-        RallyLogWriter(tmp_path / "a.mcap", header()).close()
-    finally:
-        os.umask(before)
-    assert stat.S_IMODE((tmp_path / "a.mcap").stat().st_mode) == 0o664
 
 
 @pytest.mark.parametrize(("name", "pack"), [("zstd", zstandard.compress), ("lz4", lz4.frame.compress)])

@@ -1,7 +1,6 @@
 """Logs of several files: parts by size, and folders with the logs of several writers."""
 
 import dataclasses
-import itertools
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -11,11 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.writer import Writer
 
-from shuttle_marl.game import default_game
-from shuttle_marl.recording import LogHeader, Player, Rallies, RallyLog, RallyLogWriter, RecordingError, recover, replay
+from shuttle_marl.recording import LogHeader, Player, Rallies, RallyLog, RallyLogWriter, RecordingError, recover
 from shuttle_marl.recording.header import DamagedLogError
 from shuttle_marl.recording.log_file import part_path, unfinished
-from shuttle_marl.recording.recover import rallies_of_pairings, resume
+from shuttle_marl.recording.recover import resume
 from shuttle_marl.recording.replay import check
 
 
@@ -176,17 +174,6 @@ class TestResume:
         with pytest.raises(RecordingError, match="is missing"):
             resume(tmp_path / "nothing.mcap", header(), 1)
 
-    def test_rallies_of_the_first_pairings(self, tmp_path: Path, rallies, header) -> None:
-        path, whole = tmp_path / "a.mcap", rallies(300)
-        log = RallyLogWriter(path, header(), batch_rallies=8, max_bytes=12_000)
-        ends = [int((whole.pairing < pairing).sum()) for pairing in range(4)]
-        for first, last in itertools.pairwise(ends):
-            log.append(whole.slice(first, last))
-            log.flush()
-        log.abort()
-        assert [rallies_of_pairings(path, pairing) for pairing in range(4)] == ends
-        assert rallies_of_pairings(tmp_path / "none.mcap", 3) == 0
-
 
 class TestFolders:
     @pytest.fixture
@@ -264,16 +251,3 @@ class TestFolders:
         (tmp_path / "a.mcap").write_bytes((tmp_path / "b.mcap").read_bytes()[:-100])
         with pytest.raises(DamagedLogError, match=r"a\.mcap: damaged"):
             RallyLog(tmp_path)
-
-    def test_a_folder_plays_again(self, tmp_path: Path, played: Path) -> None:
-        """Two copies of a played log, one of them in parts."""
-        with RallyLog(played) as log:
-            header, whole = log.header, everything(log)
-        for name, max_bytes in (("a", 10**9), ("b", 4000)):
-            with RallyLogWriter(tmp_path / f"{name}.mcap", header, batch_rallies=100, max_bytes=max_bytes) as copy:
-                copy.append(whole)
-        with RallyLog(tmp_path) as log:
-            assert len(log.files) > 3
-            found = replay(log, default_game())
-            assert (found.rallies, found.wrong) == (2 * len(whole), ())
-        assert check(tmp_path, default_game()).problems == ()

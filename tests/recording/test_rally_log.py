@@ -66,31 +66,6 @@ def test_one_rally_by_number(log_file: Path, rallies: Callable[..., Rallies], he
                 log.rally(number)
 
 
-def test_a_flush_ends_a_batch_and_counts_what_is_safe(tmp_path: Path, rallies: Callable[..., Rallies], header) -> None:
-    path = tmp_path / "a.mcap"
-    with RallyLogWriter(path, header(), batch_rallies=64) as log:
-        log.append(rallies(70))
-        assert log.rallies == 64
-        assert log.flush() == 70
-        assert log.flush() == 70
-        log.append(rallies(10))
-        assert log.rallies == 70
-    with RallyLog(path) as read:
-        assert read.rallies.tolist() == [64, 6, 10]
-
-
-def test_draws_are_named_by_the_header(header: Callable[..., LogHeader], rallies: Callable[..., Rallies]) -> None:
-    keys = header().rally_key(rallies(300))
-    assert keys.dtype == np.uint64
-    one = dataclasses.replace(rallies(300), match=np.full(300, 4, dtype=np.uint32))
-    two = dataclasses.replace(one, match=np.full(300, 5, dtype=np.uint32))
-    assert np.array_equal(header().rally_key(one), header().rally_key(two))
-    assert (header(matches_per_draw=1).rally_key(one) != header(matches_per_draw=1).rally_key(two)).all()
-    assert (header(seed=8).rally_key(one) != header().rally_key(one)).all()
-    other_server = dataclasses.replace(one, server=1 - one.server)
-    assert (header().rally_key(other_server) != header().rally_key(one)).all()
-
-
 def test_tables_hold_every_rally_and_stroke_by_name(log_file: Path, rallies: Callable[..., Rallies]) -> None:
     whole = rallies(100)
     with RallyLog(log_file) as log:

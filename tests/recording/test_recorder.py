@@ -97,22 +97,6 @@ def test_errors_of_the_thread_reach_the_caller(
     assert recover(unfinished(tmp_path / "a.mcap")).rallies == 64
 
 
-def test_a_caller_that_waits_for_room_hears_of_the_error(tmp_path: Path, rallies, header, monkeypatch) -> None:
-    part, gate = rallies(64), threading.Event()
-
-    def fail(*_: object) -> None:
-        gate.wait()
-        raise ZeroDivisionError
-
-    monkeypatch.setattr(RallyLogWriter, "append", fail)
-    recorder = RallyRecorder(RallyLogWriter(tmp_path / "a.mcap", header()), waiting_strokes=1)
-    recorder.add(part)
-    threading.Timer(0.05, gate.set).start()
-    with pytest.raises(ZeroDivisionError):
-        recorder.add(part)
-    recorder.abort()
-
-
 def test_an_error_of_the_caller_keeps_what_was_added(tmp_path: Path, rallies, header) -> None:
     def work() -> None:
         with RallyRecorder.create(tmp_path / "a.mcap", header(), batch_rallies=16) as recorder:

@@ -66,14 +66,6 @@ def test_export(played: Path, tmp_path: Path, rows: str, capsys: pytest.CaptureF
     assert f"{expected.num_rows:,} rows" in capsys.readouterr().out
 
 
-def test_export_of_what_cannot_be(played: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["export", str(played), str(tmp_path / "t.xlsx")]) == 1
-    assert "ends in .parquet, .csv, .arrow" in capsys.readouterr().err
-    (tmp_path / "file").write_bytes(b"")
-    assert main(["export", str(played), str(tmp_path / "file" / "t.csv")]) == 1
-    assert "cannot be written" in capsys.readouterr().err
-
-
 def test_show_a_rally(played: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with RallyLog(played) as log:
         rally = log.rally(70)

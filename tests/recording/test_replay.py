@@ -8,9 +8,6 @@ import numpy as np
 import pytest
 
 from shuttle_marl.game import default_game
-from shuttle_marl.game.rules import HURRIED_BELOW, strike
-from shuttle_marl.game.tables import HURRY_ONE, ROOT
-from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.recording import LogHeader, Rallies, RallyLog, RallyLogWriter, RecordingError, replay
 from shuttle_marl.recording.replay import check
 
@@ -33,25 +30,6 @@ def written(tmp_path: Path) -> Callable[[LogHeader, Rallies], Path]:
         return path
 
     return write
-
-
-def test_states_are_those_that_the_rules_lead_to(whole: tuple[LogHeader, Rallies]) -> None:
-    _, rallies = whole
-    state, k = rallies.legal(GAME)
-    outcome = rallies.outcome(GAME.catalogue)
-    last = rallies.first_stroke[1:] - 1
-    assert (state[rallies.first_stroke[:-1]] == ROOT).all()
-    # A draw that gives the recorded outcome: the threshold before it, below the lowest chance of hurry or above the highest.
-    limits = np.concatenate([np.zeros((len(state), 1)), GAME.limits_of(GAME.pair_at(state, k))], axis=1).astype(np.int32)
-    hurried = outcome >= HURRIED_BELOW
-    lower = limits[np.arange(len(state)), np.where(hurried, outcome - 2, outcome)]
-    again, following = strike(GAME, state, k, lower + ONE * np.where(hurried, 0, HURRY_ONE - 1))
-    assert hurried.any()
-    continues = np.setdiff1d(np.arange(len(state)), last)
-    possible = again == outcome  # an outcome of probability zero has no draw
-    assert possible.all()
-    assert np.array_equal(following[continues], state[continues + 1])
-    assert (following[last] == -1).all()
 
 
 def test_a_log_plays_again_bit_for_bit(played: Path) -> None:

@@ -1,21 +1,13 @@
 """Court, net, racket and shuttle have one size, in scenes, in pictures and on the page."""
 
-import re
-from pathlib import Path
-
 import numpy as np
 import pytest
-from msgspec.structs import asdict
 
-import shuttle_marl.watch
 from shuttle_marl.game import court
 from shuttle_marl.scene import models
 from shuttle_marl.scene.mesh import Mesh
-from shuttle_marl.staging import CORK, FEATHER, FEATHERS, RACKET_HEAD, RACKET_LENGTH, SHUTTLE_SCALE, SWEET_SPOT
-from shuttle_marl.watch.facts import hall_facts
+from shuttle_marl.staging import FEATHER, RACKET_HEAD, RACKET_LENGTH, SHUTTLE_SCALE, SWEET_SPOT
 from tests.scene.conftest import Reel
-
-PAGE = Path(shuttle_marl.watch.__file__).parent / "page" / "src"
 
 
 def points(meshes: list[Mesh]) -> np.ndarray:
@@ -49,27 +41,3 @@ def test_court_and_net_of_a_scene(reel: Reel) -> None:
     assert max(heights) == pytest.approx(court.NET_HEIGHT)
     assert min(heights) == pytest.approx(court.NET_HEIGHT_CENTRE - court.NET_DEPTH, abs=1e-3)
     assert {round(box.size.z, 4) for box in net.cubes} == {court.TAPE, court.NET_HEIGHT}
-
-
-def test_the_page_receives_the_same_sizes() -> None:
-    facts = hall_facts()
-    dimensions = {**asdict(facts.court), **asdict(facts.racket)}
-    for name, value in {
-        "length": RACKET_LENGTH, "sweet_spot": SWEET_SPOT, "head": RACKET_HEAD, "width": court.WIDTH, "net": court.NET_HEIGHT,
-        "net_centre": court.NET_HEIGHT_CENTRE, "net_depth": court.NET_DEPTH, "tape": court.TAPE, "line": court.LINE,
-        "short_service": court.SHORT_SERVICE, "long_service_doubles": court.LONG_SERVICE, "half_width": court.HALF_WIDTH,
-    }.items():  # fmt: skip
-        assert dimensions[name] == value
-    assert facts.court.length == court.LENGTH
-    assert facts.shuttle.scale == SHUTTLE_SCALE
-    assert (facts.shuttle.feathers, facts.shuttle.feather) == (FEATHERS, FEATHER)
-
-
-def test_the_page_has_no_sizes_of_its_own() -> None:
-    """Sizes of court, racket and shuttle are read from the messages of the page, wherever they are drawn."""
-    own = {court.LENGTH, court.WIDTH, court.HALF_WIDTH, court.NET_HEIGHT, court.NET_HEIGHT_CENTRE, court.SHORT_SERVICE}
-    own |= {court.LONG_SERVICE, court.TAPE, RACKET_LENGTH, SWEET_SPOT, *RACKET_HEAD, *FEATHER[1]}
-    drawn = {"hall.ts": own, "athlete.ts": {RACKET_LENGTH, *RACKET_HEAD}, "shuttle.ts": {CORK, FEATHER[1][2], SHUTTLE_SCALE}}
-    for file, sizes in drawn.items():
-        numbers = {float(text) for text in re.findall(r"(?<![\w.#])\d+\.\d+", (PAGE / file).read_text(encoding="utf-8"))}
-        assert not numbers & sizes, f"{file} has {numbers & sizes}"

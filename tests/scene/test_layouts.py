@@ -4,11 +4,10 @@ import json
 import re
 from typing import Any
 
-import numpy as np
 import pytest
 
 from shuttle_marl.scene import topics
-from shuttle_marl.scene.board import CAMERAS, Camera
+from shuttle_marl.scene.board import CAMERAS
 from shuttle_marl.scene.topics import BOARDS, WORLD
 from shuttle_marl.scene.write import LAYOUTS
 
@@ -56,18 +55,3 @@ def test_layouts_have_the_cameras_of_the_scoreboards(name: str) -> None:
         assert state["followTf"] == camera.frame
         assert state["followMode"] == ("follow-none" if camera.frame == WORLD else "follow-pose")
         assert {topic for topic, setting in state["topics"].items() if not setting["visible"]} == set(BOARDS) - {camera.board}
-
-
-@pytest.mark.parametrize("camera", CAMERAS, ids=lambda camera: camera.title)
-def test_scoreboards_are_in_the_picture_of_their_camera(camera: Camera) -> None:
-    """Seen from the camera, as three.js projects it: in the upper left quarter, with room for half a board."""
-    phi, theta = np.radians(camera.phi), np.radians(camera.theta)
-    away = camera.distance * np.array([-np.sin(phi) * np.sin(theta), -np.sin(phi) * np.cos(theta), np.cos(phi)])
-    place = np.array(camera.target) + away
-    seen = np.array(camera.point(-0.95, 0.58)) - place
-    ahead = -away / camera.distance
-    right = np.cross(ahead, [0, 0, 1])
-    right /= np.linalg.norm(right)
-    half = np.tan(np.radians(camera.fovy / 2)) * (seen @ ahead)
-    assert seen @ right / half == pytest.approx(-0.95)
-    assert seen @ np.cross(right, ahead) / half == pytest.approx(0.58)

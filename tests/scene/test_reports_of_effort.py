@@ -1,9 +1,7 @@
 """Logs and reports of a game with effort and duels: the state of every stroke follows from the strokes before it."""
 
-import json
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from shuttle_marl.analysis import LogPlayers
@@ -12,17 +10,11 @@ from shuttle_marl.exact import evaluate
 from shuttle_marl.game.rules import WINNER
 from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities
 from shuttle_marl.recording import RallyLog, RallyLogWriter
-from shuttle_marl.scene import topics
 from shuttle_marl.scene.rally_report import report_rally
-from shuttle_marl.scene.topics import BOARDS
-from shuttle_marl.scene.write import percent, write_scene
 from tests.exact.exact_games import random_policy, tiring_game
-from tests.scene.conftest import read
 
 GAME = tiring_game()
 NAMES = ("one", "other")
-LONG = 8
-"""Strokes of a rally in which players get tired."""
 
 
 @pytest.fixture(scope="module")
@@ -71,31 +63,3 @@ def test_reports_are_those_of_the_state(path: Path, tables: dict[str, TabulatedP
                 duel = duel + 1 if catalogue.is_net_shot[stroke] else 0
             assert (report.winner == int(played.striker[-1])) == (played.ending == WINNER)
     assert len(observed) > 15
-
-
-def test_the_scene_tells_the_effort_of_players(path: Path, tables: dict[str, TabulatedPolicy]) -> None:
-    with RallyLog(path) as log:
-        number = next(n for n in range(log.n_rallies) if len(log.rally(n).stroke) >= LONG)
-        report = report_rally(log, number, GAME, LogPlayers(log, GAME, lambda name, _: tables[name]))
-        content, unknown = write_scene(log, [number], GAME, fps=25, resolve=lambda name, _: tables[name])
-    assert not unknown
-    messages = read(content)
-    strokes = [message for _, topic, message in messages if topic == topics.STROKE]
-    numbers = range(len(report.played))
-    assert [(s["effort"], s["opponent_effort"]) for s in strokes] == [report.efforts(i) for i in numbers]
-    assert [s["duel"] for s in strokes] == [report.duel(i) for i in numbers]
-    assert [s["hurried"] for s in strokes] == report.played.hurried.tolist()
-    assert strokes[-1]["effort"] + strokes[-1]["opponent_effort"] > 0
-    texts = [t.text for _, topic, m in messages if topic == BOARDS[0] for e in m.entities for t in e.texts]
-    words = " ".join(" ".join(texts).split())
-    good, returned = report.analysis.of_strokes("p_succ"), report.analysis.of_strokes("p_ret")
-    for i in numbers:
-        efforts, seat = report.efforts(i), int(report.played.striker[i])
-        assert efforts is not None
-        assert f"effort {efforts[seat]} - {efforts[1 - seat]}" in words
-        assert f"good {percent(good[i])}, returned {percent(returned[i])}" in words
-    schema = topics.SCHEMAS[topics.STROKE]["properties"]
-    assert {"hurried", "effort", "opponent_effort", "duel"} <= set(schema)
-    assert ("hurried" in words) == report.played.hurried.any()
-    assert json.dumps(strokes[0])
-    assert np.isfinite([s["p_succ"] for s in strokes]).all()

@@ -18,9 +18,8 @@ from shuttle_marl.game import default_game
 from shuttle_marl.game.rally.record import Rally
 from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.recording import SINGLE_RALLY, LogHeader, Player, Rallies, RallyLog, RallyLogWriter
+from shuttle_marl.recording import SINGLE_RALLY, LogHeader, Player, Rallies, RallyLogWriter
 from shuttle_marl.scene import topics
-from shuttle_marl.scene.write import select
 from tests.scene.conftest import read
 
 
@@ -56,23 +55,6 @@ def test_impossible_requests(
     assert main(["scene", str(log_path), *arguments]) == 1
     assert message in capsys.readouterr().err.replace("\n", " ")
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_match_selects_all_its_rallies(log_path: Path) -> None:
-    with RallyLog(log_path) as log:
-        numbers = select(log, match=1)
-        scores = np.concatenate([log.rally(number).score for number in numbers]).astype(int)
-    assert scores[0].tolist() == [0, 0, 0, 0]
-    assert (np.diff(scores[:, 2:].sum(axis=1)) >= 0).all()
-    assert max(scores[-1, 2:]) == 1
-
-
-def test_best_selects_the_longest_rallies(log_path: Path) -> None:
-    with RallyLog(log_path) as log:
-        chosen = select(log, best=7)
-        lengths = np.concatenate([rallies.length for _, rallies in log.batches()])
-    assert len(set(chosen)) == 7
-    assert lengths[chosen].tolist() == sorted(np.sort(lengths)[-7:].tolist())
 
 
 def rallies_of(played: list[Rally], dtype: npt.DTypeLike = np.uint16) -> Rallies:
@@ -179,14 +161,6 @@ def test_flags_select_the_policy_of_a_name(
     assert "without probabilities" not in capsys.readouterr().err
     assert all("probability" in stroke for stroke in found["/rally/stroke"])
     assert found["/rally/value"]
-
-
-def test_a_policy_flag_with_an_unknown_name(
-    log_of: Callable[..., Path], bc_hash: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path = log_of(Player(name="bc", hash=bc_hash), Player(name="random"))
-    assert main(["scene", str(path), "--rally", "0", "--out", str(tmp_path / "x.mcap"), "--policy", "safe=minimax"]) == 1
-    assert "--policy safe=minimax: expected NAME=POLICY with a name of the log, which has bc, random" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(("recorded", "said"), [("1" * 64, "not the one that played"), ("", "holds no hash of its table")])

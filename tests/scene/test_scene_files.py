@@ -102,15 +102,6 @@ def test_interpolated_transforms_follow_the_motion(reel: Any, log_path: Path) ->
     assert np.max(tip_off) < 6 * TOLERANCE
 
 
-def test_the_size_of_a_scene_per_second_is_limited(reel: Any) -> None:
-    """115 rallies of 1,600 s are to take at most 150 MB before compression, all that MCAP adds included."""
-    summary = make_reader(io.BytesIO(reel.content)).get_summary()
-    whole = sum(chunk.uncompressed_size for chunk in summary.chunk_indexes)
-    ((_, players),) = reel.of(topics.PLAYERS)
-    seconds = (reel.messages[-1][0] - reel.messages[0][0]) / 1e9
-    assert (whole - players.ByteSize()) / seconds < 150e6 / 1600
-
-
 def test_rackets_meet_the_shuttle_in_the_file(reel: Any) -> None:
     """At the very time of every stroke the strings are where the shuttle is."""
     hand = {0: True, 1: False}

@@ -33,13 +33,6 @@ def test_curves_are_those_of_scipy(steps: list[int], seed: int) -> None:
             np.testing.assert_allclose(found, spline(now, order), atol=1e-12)
 
 
-def test_a_single_pose_is_held() -> None:
-    frame, pose = np.array([7]), np.array([[1.0, -2.0]])
-    slope = slopes_through(frame, pose)
-    assert not slope.any()
-    np.testing.assert_array_equal(curve(frame, pose, slope, 9), np.repeat(pose, 9, axis=0))
-
-
 @pytest.mark.parametrize("by", [1, 3, 8])
 def test_a_mean_of_the_widened_is_nowhere_less_than_what_is_needed(by: int) -> None:
     x = np.random.default_rng(by).random(50)

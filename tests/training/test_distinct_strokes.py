@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 import torch
 from tensordict import TensorDict, TensorDictBase
-from torchrl.collectors import BaseCollector
 from torchrl.objectives import A2CLoss, ClipPPOLoss, DiscreteSACLoss, ValueEstimators
 
 from shuttle_marl.game import default_game
@@ -135,20 +134,6 @@ def test_the_gradient_of_sac_is_that_over_all_strokes(opponent: tuple[str, ...])
     # The values differ by how much the targets of one pair vary.
     for name in ("loss_actor", "loss_alpha", "entropy"):
         assert found[name].item() == pytest.approx(terms[name].item(), rel=1e-5, abs=1e-6)
-
-
-def test_the_collector_is_one_of_torchrl() -> None:
-    config = PPOConfig(opponent=("self",), batch=64, strokes=64 * 3, growth=0.0, width=4)
-    learner = PPO(config, GAME)
-    collector = RallyCollector(config, GAME, [], learner.predict, distinct=True)
-    assert isinstance(collector, BaseCollector)
-    sizes = [int(data["strokes"]) for data in collector]
-    assert len(sizes) == 3
-    assert min(sizes) >= 64
-    again = RallyCollector(config, GAME, [], learner.predict, distinct=True)
-    again.load_state_dict(collector.state_dict())
-    assert len(again) == 0
-    assert list(again) == []
 
 
 def test_a_game_of_a_million_states_is_learned_where_play_leads() -> None:

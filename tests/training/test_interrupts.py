@@ -3,10 +3,7 @@
 import dataclasses
 import functools
 import os
-import random
 import signal
-import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from multiprocessing import synchronize
@@ -169,26 +166,3 @@ def test_without_semaphores_there_is_one_process(
     assert not list(tmp_path.iterdir())
     for config in CONFIGS.values():
         train(dataclasses.replace(config, out=tmp_path / "run", overwrite=True))
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(sys.platform == "win32", reason="needs SIGINT")
-def test_a_process_that_is_interrupted_at_random_moments(tmp_path: Path) -> None:
-    flags = "--batch 1000 --growth 0 --width 16 --checkpoint-every 5 --evaluate-every 10 --record all --strokes 60000"
-    command = [sys.executable, "-m", "shuttle_marl.training", "ppo", *flags.split(), "--game", reduced_model(), "--out"]
-    begun = time.monotonic()
-    subprocess.run([*command, str(tmp_path / "whole")], check=True, timeout=600)
-    seconds, rng, folder, interrupts = time.monotonic() - begun, random.Random(0), tmp_path / "run-0", 0
-    while interrupts < 3:
-        resume = ["--resume"] if (folder / "config.json").exists() else []
-        process = subprocess.Popen([*command, str(folder), *resume], stderr=subprocess.PIPE, text=True)
-        try:
-            process.wait(rng.uniform(0.1, 0.9) * seconds)
-            folder = tmp_path / f"run-{interrupts}"  # it had ended before
-        except subprocess.TimeoutExpired:
-            process.send_signal(signal.SIGINT)
-            interrupts += 1
-        said = [line for line in process.communicate(timeout=600)[1].splitlines() if "continues after iteration" not in line]
-        assert (process.returncode, len(said)) in ((130, 1), (0, 0)), said
-    subprocess.run([*command, str(folder), *(["--resume"] if folder.exists() else [])], check=True, timeout=600)
-    assert files(folder) == files(tmp_path / "whole")

@@ -1,20 +1,15 @@
 """Reward shaping: what is added to the rewards, and that the entropic risk measure is what the module says."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from shuttle_marl.exact import visits
 from shuttle_marl.game.stroke import SHOTS
-from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.game.thresholds import ONE
-from shuttle_marl.policy.registry import resolve
-from shuttle_marl.training import PPOConfig, train
+from shuttle_marl.training import PPOConfig
 from shuttle_marl.training.learner import added_rewards, fault_penalty
-from tests.reduced import reduced_game, reduced_model
+from tests.reduced import reduced_game
 
 GAME = reduced_game()
 
@@ -47,18 +42,3 @@ def test_the_penalty_without_aversion_is_the_cost() -> None:
     assert fault_penalty(0.7, 1e-6) == pytest.approx(0.7, rel=1e-5)
     assert fault_penalty(0, 3) == 0
     assert not PPOConfig(risk_aversion=2.0).shapes_rewards
-
-
-@pytest.mark.slow
-def test_what_is_rewarded_is_played_more(tmp_path) -> None:
-    small: dict[str, Any] = {"game": reduced_model(), "batch": 16_384, "strokes": 600_000, "width": 64, "evaluate_every": 100}
-    opponent = tabulate(resolve("bc", GAME), GAME)
-    lifts, faults = {}, {}
-    variants: dict[str, dict[str, Any]] = {"plain": {}, "lifting": {"bonus": ("lift=0.2",)}, "careful": {"fault_cost": 3.0}}
-    for name, changes in variants.items():
-        done = train(PPOConfig(**small, **changes, out=tmp_path / name))
-        seen = visits(done.policy, opponent)
-        lifts[name] = seen.shot_mix(0)[SHOTS.index("lift")]
-        faults[name] = (seen.base_pairs(0) * GAME.limits[..., 0]).sum() / ONE / seen.states[0].sum()
-    assert lifts["lifting"] > lifts["plain"] + 0.1
-    assert faults["careful"] < faults["plain"]

@@ -18,13 +18,11 @@ from shuttle_marl.base import runs
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.files import read_sealed, seal
 from shuttle_marl.base.runs import RunError
-from shuttle_marl.commands import training as command
 from shuttle_marl.exact.match import Odds
 from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.agents import load_agent, read_card
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.training import A2CConfig, Evaluator, PPOConfig, SACConfig, TrainingConfig, TrainingError, train
-from shuttle_marl.training import run as training_run
 from shuttle_marl.training.checkpoints import last_checkpoint
 from shuttle_marl.training.config import DivergedError
 from tests.reduced import reduced_game, reduced_model
@@ -255,17 +253,3 @@ def test_an_evaluation_leaves_out_opponents_whom_nothing_beats() -> None:
     assert math.isfinite(found.normalised_score)
     evaluator.__dict__["_scales"] = [(odds[1], odds[1]), (odds[1], odds[0])]
     assert evaluator.evaluate(policies[1]).normalised_score is None
-
-
-def test_a_run_without_a_score_says_so(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(training_run, "normalised_score", lambda *_, **__: None)
-    sizes = ["--batch", "64", "--width", "4", "--strokes", "64"]
-    flags = ["--game", reduced_model(), *sizes, "--evaluate-every", "1", "--record", "none", "--out", "[/x]"]
-    assert command.main(["ppo", *flags]) == 0
-    printed = capsys.readouterr().out
-    assert "no normalised score, exploitability 0." in printed
-    assert "agent: [/x]/agent" in printed
-    assert json.loads((Path("[/x]") / "metrics.jsonl").read_text().splitlines()[-1])["normalised_score"] is None

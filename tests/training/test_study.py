@@ -2,9 +2,6 @@
 
 import dataclasses
 import json
-import subprocess
-import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -56,23 +53,3 @@ def test_too_few_seeds_or_jobs_are_named(seeds: int, jobs: int, tmp_path: Path) 
     with pytest.raises(TrainingError, match=f"--seeds {seeds} --jobs {jobs}: expected"):
         train_seeds(dataclasses.replace(SMALL, out=tmp_path / "run"), seeds, jobs)
     assert not (tmp_path / "run").exists()
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
-def test_no_seed_is_trained_on_when_the_study_is_killed(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "shuttle_marl.training", "ppo", "--seeds", "2", "--jobs", "2", "--strokes", "1000000000"]
-    study = subprocess.Popen([*command, "--game", SMALL.game, "--record", "none", "--out", str(tmp_path / "study")])
-    trained = tmp_path / "study" / "seed-0" / "config.json"
-    deadline = time.monotonic() + 120
-    while not trained.exists():
-        assert study.poll() is None
-        assert time.monotonic() < deadline
-        time.sleep(0.1)
-    children = Path(f"/proc/{study.pid}/task/{study.pid}/children").read_text().split()
-    assert children
-    study.kill()
-    study.wait()
-    while any(Path(f"/proc/{child}").exists() for child in children):
-        assert time.monotonic() < deadline
-        time.sleep(0.1)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from shuttle_marl.game import default_game, draws
+from shuttle_marl.game import draws
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.kernel import KernelError, RallySampler
@@ -98,17 +98,6 @@ def test_what_is_played_is_what_the_kernel_plays(met: str, device: str) -> None:
                 sampler.reset(18, sampler.known)
             sampler.collect(2500, network(iteration))
         compare(*pair)
-
-
-@pytest.mark.parametrize("device", DEVICES)
-def test_rallies_of_the_shipped_game(device: str) -> None:
-    game = default_game()
-    bc = tabulate(resolve("bc", game), game, "bc")
-    pair = RallySampler(game, [bc]), TorchSampler(game, [bc], device=device)
-    for sampler in pair:
-        sampler.collect(100_000, network(3, game))
-    assert len(pair[0].numbers) > 10_000
-    compare(*pair)
 
 
 @pytest.mark.parametrize("device", DEVICES)
@@ -213,8 +202,3 @@ def test_the_first_strokes_of_sac_are_those_of_the_kernel() -> None:
     assert found[0].keys() == found[1].keys()
     for name in ("state", "pair", "following", "reward"):
         assert torch.equal(found[0][name].sort().values, found[1][name].sort().values)
-
-
-def test_auto_is_the_kernel_on_the_cpu() -> None:
-    learner = PPO(RUN, GAME)
-    assert type(RallyCollector(RUN, GAME, [BC], learner.predict, distinct=True).sampler) is RallySampler

@@ -102,17 +102,6 @@ def test_recording_changes_nothing_that_is_learned(tmp_path: Path) -> None:
     assert set(zip(some.pairing, some.match, strict=True)) < set(zip(every.pairing, every.match, strict=True))
 
 
-def test_what_the_checkpoint_counts_must_be_there(tmp_path: Path) -> None:
-    config = PPOConfig(**SMALL, out=tmp_path / "run")
-    done = train(config)
-    before = (done.folder / LOG).read_bytes()
-    train(dataclasses.replace(config, resume=True))
-    assert (done.folder / LOG).read_bytes() == before
-    (done.folder / LOG).unlink()
-    with pytest.raises(RecordingError, match="is missing, with the"):
-        train(dataclasses.replace(config, resume=True))
-
-
 def test_a_disk_that_fills_up_stops_the_run_and_it_goes_on_later(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     config = PPOConfig(**SMALL, out=tmp_path / "run")
     whole = train(dataclasses.replace(config, out=tmp_path / "whole"))

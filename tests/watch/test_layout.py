@@ -1,14 +1,13 @@
 """The page on phones, tablets and laptops: nothing overflows, nothing covers what must be seen, and the keyboard is enough."""
 
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 from typing import Any
 
 import pytest
 from playwright.sync_api import Browser
 
 from shuttle_marl.pages.languages import LANGUAGES, Language, Texts
-from tests.watch.conftest import Viewer, serving
+from tests.watch.conftest import Viewer
 
 pytestmark = pytest.mark.slow
 
@@ -115,26 +114,6 @@ def test_every_mode_fits_in_every_language(viewer: Any, served: Any, language: L
         assert viewer.page.locator(f"#tab-{mode}").inner_text() == say(f"mode.{mode}")
 
 
-@pytest.mark.parametrize("language", LANGUAGES)
-def test_tagging_fits_in_every_language(viewer: Any, page_folder: Path, tmp_path: Path, language: Language) -> None:
-    (tmp_path / "match.webm").write_bytes(b"")
-    page = viewer.page
-    with serving("--tag", str(tmp_path / "match.webm"), "--out", str(tmp_path / "match.csv"), "--language", language) as server:
-        page.set_viewport_size({"width": 390, "height": 844})
-        viewer.open(server.address)
-        assert page.evaluate(OVERFLOWS) == []
-        assert page.inner_text("form button") == Texts(language)("tag.begin")
-        page.fill("[name=near]", "Ada")
-        page.fill("[name=far]", "Bea")
-        page.press("[name=far]", "Enter")
-        for keys, phase in (("s", "place"), ("7", "shot"), ("l", "place"), ("o", "place")):
-            viewer.press(keys).until(lambda phase=phase: viewer.state("phase") == phase)
-            assert page.evaluate(OVERFLOWS) == [], keys
-            assert "undefined" not in page.inner_text("body")
-        assert page.inner_text(".refusal").casefold() == Texts(language)("refusal.fell").casefold()
-    viewer.errors.clear()  # the video cannot be played, and the server has gone
-
-
 def test_the_language_is_chosen_in_the_page_and_kept(viewer: Any, served: Any) -> None:
     page = viewer.page
     page.goto(f"{served.address}{PLACE}")
@@ -145,27 +124,6 @@ def test_the_language_is_chosen_in_the_page_and_kept(viewer: Any, served: Any) -
     page.goto(f"{served.address}{PLACE.replace('5', '6')}")  # an address without a language
     page.get_by_role("tab", name=Texts("id")("mode.learn")).wait_for()
     assert page.locator("html").get_attribute("lang") == "id"
-
-
-def test_menus_close_and_terms_are_explained(viewer: Any, served: Any) -> None:
-    viewer.open(f"{served.address}{PLACE}")
-    copy = viewer.page.get_by_role("button", name="Copy link")
-    for close in (lambda: viewer.press("Escape"), lambda: viewer.page.locator(".facts").click(position={"x": 3, "y": 300})):
-        viewer.page.get_by_text("Share", exact=True).click()
-        assert copy.is_visible()
-        close()
-        assert not copy.is_visible()
-    sound = viewer.page.get_by_role("button", name="Sound", exact=True)
-    assert sound.get_attribute("aria-pressed") == "false", "silent until asked for"
-    assert viewer.press("m").page.get_by_role("button", name="Sound", pressed=True).count() == 1
-    assert not viewer.page.locator(".detail:visible").count(), "watching needs no figures for experts"
-    assert viewer.press("e").page.locator(".detail:visible").count() > 4
-    unexplained = viewer.page.locator(".panel > h2, .panel h3").evaluate_all(
-        "(all) => all.filter((e) => !e.querySelector('.why') && !e.closest('.side, .keylist')).map((e) => e.textContent)"
-    )
-    assert [heading for heading in unexplained if " at stroke " not in heading] == []
-    viewer.page.get_by_role("button", name="comes back:").first.hover()
-    assert "P(returned)" in viewer.page.get_by_role("tooltip").inner_text()
 
 
 @pytest.mark.parametrize("touch", [False, True])

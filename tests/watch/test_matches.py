@@ -1,7 +1,6 @@
 """Matches played for the page: the same draws and rules as everywhere, and plans that are checked."""
 
 import json
-import re
 from pathlib import Path
 from types import SimpleNamespace
 from typing import cast
@@ -12,11 +11,9 @@ import pytest
 
 from shuttle_marl.analysis.rally import Players
 from shuttle_marl.data import load_strokes
-from shuttle_marl.game import default_game
 from shuttle_marl.game.draws import draw, outcome_draw, stream
 from shuttle_marl.game.rules import RETURNED_BELOW, IllegalStrokeError, strike
 from shuttle_marl.game.tables import ROOT
-from shuttle_marl.league import LeagueConfig, run_league
 from shuttle_marl.recording import RallyLog
 from shuttle_marl.watch import WatchError
 from shuttle_marl.watch.answers import Answers
@@ -25,7 +22,7 @@ from shuttle_marl.watch.match_log import MatchLog
 from shuttle_marl.watch.messages import RallyRequest, decode_request
 from shuttle_marl.watch.plan import Person, Plan
 from shuttle_marl.watch.policies import PolicyTables
-from shuttle_marl.watch.recorded import LogRallies, RealRallies, Recorded, _event
+from shuttle_marl.watch.recorded import RealRallies, Recorded
 from shuttle_marl.watch.stager import Stager
 from shuttle_marl.watch.values import ELITE
 
@@ -109,20 +106,6 @@ def test_real_rallies_have_the_hurried_strikers_of_the_table(tables: PolicyTable
     assert rallies[0].hurried.tolist() == marked.to_numpy(zero_copy_only=False)[first].tolist()
 
 
-def test_annotated_matches_are_listed_by_event_date_and_players(tables: PolicyTables) -> None:
-    strokes = load_strokes(SAMPLE)
-    match, game, rally = (strokes[name].to_numpy(zero_copy_only=False) for name in ("match", "game", "rally"))
-    lost = (match == match[0]) & (game == 1) & (rally == 4)
-    shown = RealRallies(SAMPLE, tables.game, strokes.filter(pa.array(np.isin(match, match[[0, -1]]) & ~lost)))
-    first, second = shown.matches
-    assert [first.first, shown.match(second.first - 1), shown.match(second.first)] == [0, match[0], match[-1]]
-    assert [first.missing, second.missing] == [1, 0]
-    assert set(first.names) == set(strokes["player"].to_pylist()[:2])
-    players = ("an-se-young", "chou-tien-chen")
-    assert _event("CHOU_Tien_Chen_AN_Seyoung_Korea_Open_2019_Final", players) == "Korea Open 2019 Final"
-    assert _event("Korea_Open_2019_Final", players) == "Korea Open 2019 Final"
-
-
 @pytest.mark.parametrize(
     "raw",
     [
@@ -143,13 +126,6 @@ def test_annotated_matches_are_listed_by_event_date_and_players(tables: PolicyTa
 def test_invalid_plans_are_rejected(raw: object) -> None:
     with pytest.raises(WatchError):
         Plan.parse(raw)
-
-
-def test_a_plan_from_an_earlier_stroke_keeps_what_was_chosen_before_it() -> None:
-    plan = Plan.parse({**PLAN, "chosen": {"0": {"1": 5}, "1": {"3": 6}, "2": {"0": 3, "1": 7, "4": 2}, "3": {"0": 8}}})
-    assert plan.without(2, 1).chosen == {0: {1: 5}, 1: {3: 6}, 2: {0: 3}}
-    assert plan.without(2, 0).chosen == {0: {1: 5}, 1: {3: 6}}
-    assert plan.without(1, 4).chosen == {0: {1: 5}, 1: {3: 6}}
 
 
 def test_another_stroke_continues_the_motion_of_the_rally(tables: PolicyTables) -> None:
@@ -237,19 +213,3 @@ def test_the_choices_of_a_person_are_like_those_of_the_player_who_made_them(tabl
     assert found["names"][0] == name
     with pytest.raises(WatchError, match="take over"):
         answers(decode_request(json.dumps({**query, "person": None})))
-
-
-@pytest.mark.slow
-def test_the_rallies_that_a_report_names_are_those_of_their_pairings(tmp_path: Path) -> None:
-    run_league(LeagueConfig(pool=("attacking", "safe", "random"), matches=2, out=tmp_path / "run"))
-    report = (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
-    assert "python -m shuttle_marl.watch --replay rallies.mcap --rally N" in report
-    table = report.split("first rally")[-1].split("</table>")[0]
-    rows = [re.sub(r"<[^>]+>", "|", row).split("|") for row in table.split("<tr")[1:]]
-    cells = [[cell for cell in row if cell.strip()] for row in rows]
-    assert len(cells) == 3
-    shown = LogRallies(tmp_path / "run" / "rallies.mcap", default_game())
-    for row in cells:
-        rally = shown.rally(int(row[-1]))
-        assert set(rally.names) <= set(row), "both players"
-        assert rally.points == (0, 0)

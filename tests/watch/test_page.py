@@ -1,6 +1,5 @@
 """The page in a browser: it is driven as a viewer drives it, and looked at through ``window.viewer``."""
 
-import json
 import math
 import re
 import struct
@@ -118,18 +117,6 @@ def test_what_if_continues_without_a_jump_and_comes_back(viewer: Any, served: An
     viewer.page.goto("about:blank")
     viewer.open(served.address + link)
     assert viewer.state("strokes") == again
-
-
-def test_analysis_marks_values_and_seeks(viewer: Any, served: Any) -> None:
-    viewer.open(f"{served.address}#seed=5&a=bc&b=minimax&rally=1&stroke=1").analysed()
-    analysis, winner, contacts = viewer.state("analysis", "winner", "contacts")
-    assert len(analysis["strokes"]) == len(contacts)
-    assert analysis["win_after"] == float(winner == 0)
-    viewer.page.locator(".moves li button").nth(2).click()
-    assert viewer.state("stroke", "time") == [2, pytest.approx(contacts[2])]
-    curve = viewer.page.locator("svg.curve").bounding_box()
-    viewer.page.mouse.click(curve["x"] + curve["width"] / 2, curve["y"] + 20)
-    assert viewer.state("time") == pytest.approx(viewer.state("duration") / 2, abs=0.1)
 
 
 def test_learn_mode_asks_before_it_shows_the_better_stroke(viewer: Any, served: Any) -> None:
@@ -360,63 +347,6 @@ def test_page_is_accessible(viewer: Any, served: Any) -> None:
     viewer.press("w")
     assert viewer.page.locator(".announcements li").count() >= 1
     checked("words")
-
-
-def test_the_puzzles_of_the_day_are_rated(viewer: Any, served: Any) -> None:
-    viewer.page.clock.set_fixed_time("2026-05-01T12:00:00Z")
-    viewer.open(f"{served.address}#seed=5&a=bc&b=bc&rally=1").analysed()
-    for again in (False, True):
-        viewer.page.get_by_role("tab", name="Learn").click()
-        viewer.page.get_by_role("button", name="Rally of the day").click()
-        for puzzle in range(1 if again else 5):
-            viewer.page.locator(".learn h2").get_by_text(f"{puzzle + 1} of 5").wait_for()
-            viewer.page.locator(".quiz button").first.wait_for()
-            assert viewer.state("plan")["seed"] == 20260501
-            asked, analysis = viewer.state("asked", "analysis")
-            options = {option["stroke"]: option["best"] for option in analysis["strokes"][asked]["options"]}
-            best = options[analysis["strokes"][asked]["question"]["right"]]
-            viewer.page.locator(".quiz button").first.click()
-            right = viewer.page.locator(".quiz .right")
-            assert right.count() == 1
-            assert f"{100 * best:.0f} %" in right.inner_text()
-            viewer.page.locator(".learn .row button").first.click()
-        stored = json.loads(viewer.page.evaluate("localStorage['shuttle_marl.puzzles']"))
-        if not again:
-            viewer.page.get_by_role("button", name="Copy the result").wait_for()
-            answers, first = stored["days"]["2026-05-01"], stored
-            assert len(answers) == 5
-            assert f"{answers.count('1')}/5" in viewer.page.locator(".learn").inner_text()
-            # Each puzzle has three or four answers; one who guesses has 1000.
-            assert (stored["rating"] > 1500) == (answers.count("1") == 5)
-            viewer.page.get_by_role("button", name="More questions").click()
-            viewer.page.get_by_role("tab", name="Watch").click()
-    assert stored == first, "the first attempt of a day counts"
-    viewer.page.locator(".learn h2").get_by_text("2 of 5").wait_for()
-    viewer.page.get_by_role("tab", name="Watch").click()
-    viewer.page.get_by_role("tab", name="Learn").click()
-    viewer.page.locator(".quiz button").first.wait_for()
-    assert "Rally of the day" not in viewer.page.locator(".learn h2").inner_text(), "who leaves Learn ends the puzzles"
-
-
-def test_players_walk_to_the_next_rally(viewer: Any, served: Any) -> None:
-    viewer.open(f"{served.address}#seed=5&a=bc&b=bc&rally=1").press(">", ">")
-    viewer.seek(viewer.state("duration"))
-    banner = viewer.page.locator(".banner")
-    viewer.until(banner.is_visible)
-    viewer.seek(viewer.state("contacts")[0])
-    viewer.until(banner.is_hidden)
-    viewer.seek(viewer.state("duration") - 0.1)
-    viewer.play()
-    viewer.until(lambda: viewer.state("time") > viewer.state("duration") + 1)
-    assert viewer.state("rally") == 0
-    assert banner.is_hidden(), "the result makes room"
-    time = viewer.state("time")
-    viewer.press(".")
-    assert viewer.state("time") >= time, "a frame forward"
-    viewer.press("ArrowRight").until(lambda: viewer.state("rally") == 1)
-    viewer.press("ArrowUp").until(lambda: viewer.state("rally") == 0)
-    viewer.seek(viewer.state("duration") - 0.1).play()
-    viewer.until(lambda: viewer.state("rally") == 1)
 
 
 def test_a_bad_link_shows_a_rally(viewer: Any, served: Any) -> None:

@@ -130,10 +130,3 @@ def test_a_match_at_a_glance(values: StrokeValues) -> None:
     assert partial == part
     assert part.rallies == found.rallies[:4]
     assert part.win_after == found.rallies[4].win
-
-
-@pytest.mark.slow
-def test_strength_is_the_share_of_rallies_against_the_average_player(values: StrokeValues) -> None:
-    game = default_game()
-    attacking, elite = (tabulate(resolve(name, game), game) for name in ("attacking", "bc"))
-    assert values.styles(SIDES).strength == pytest.approx((0.5, evaluate(attacking, elite).odds().rally), abs=1e-6)

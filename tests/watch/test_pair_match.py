@@ -13,7 +13,6 @@ import pytest
 from shuttle_marl.analysis.rally import LogPlayers, analyse_rally
 from shuttle_marl.base.table_files import read_parquet, write_parquet
 from shuttle_marl.commands.options import RallyGameOptions
-from shuttle_marl.commands.watch import MatchOptions, RallyOptions, _game
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game.pairs import pair_game
 from shuttle_marl.game.tabulated import tabulate
@@ -96,19 +95,6 @@ def test_a_log_of_a_pair(tmp_path: Path, policies: PolicyTables, answers: Answer
     # The receiver strikes with other tables than the server.
     second = found.decisions[1]
     assert second.p_succ.tolist() != PAIR.seats[1 - second.seat].stroke_probabilities(second.pair)[0].tolist()
-
-
-def test_options_of_the_command() -> None:
-    model = RallyGameOptions(game=reduced_model())
-    match = MatchOptions(players=(A, B), date="2020-02-02")
-    assert match.policies(PAIR) == (f"bc:{A}", f"bc:{B}")
-    assert MatchOptions(players=(A, B), a="minimax").policies(PAIR) == ("minimax", f"bc:{B}")
-    assert MatchOptions().policies(reduced_game()) == ("ppo", "bc")
-    game = _game(match, RallyOptions(), model)
-    assert game.people is not None
-    assert (game.people.players, str(game.people.date)) == ((A, B), "2020-02-02")
-    with pytest.raises(WatchError, match="leave out --players"):
-        _game(match, RallyOptions(replay=Path("x.mcap")), model)
 
 
 def test_people_of_annotated_matches(tmp_path: Path) -> None:

@@ -12,19 +12,11 @@ import urllib.parse
 from pathlib import Path
 from typing import Any
 
-import pyarrow as pa
-import pyarrow.compute as pc
-import pyarrow.parquet as pq
 import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
-from shuttle_marl.commands.watch import RallyOptions, _downloads
-from shuttle_marl.data import load_strokes
-from shuttle_marl.game.shipped import default_game
-from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.watch import WatchError, server
-from shuttle_marl.watch.recorded import RealRallies
 from shuttle_marl.watch.server import MAX_MESSAGE, hosts_of, refusal
 from tests.watch.conftest import Served, running, serving
 
@@ -228,15 +220,3 @@ def test_the_report_of_a_recorded_match(tmp_path: Path) -> None:
     assert found.pop("rally=3") == (200, b"<p>the match of rally 2</p>")
     assert found.pop("rally=100") == (404, b"no rally 100: there are 10\n")
     assert all(status == 400 for status, _ in found.values())
-
-
-def test_the_strokes_of_a_recorded_match_are_tables() -> None:
-    strokes = load_strokes(SAMPLE)
-    recorded = RealRallies(SAMPLE, default_game(), strokes)
-    made = {name: make for (name, _), make in _downloads(RallyOptions(real=SAMPLE), recorded, default_game()).items()}
-    table = pq.read_table(pa.BufferReader(made["strokes.parquet"](0)))
-    name = table["match"][0].as_py()
-    assert table.equals(strokes.filter(pc.equal(strokes["match"], name)))
-    header, first, *_ = made["strokes.csv"](0).decode().splitlines()
-    row = dict(zip(header.replace('"', "").split(","), first.replace('"', "").split(","), strict=True))
-    assert (row["match"], row["shot"]) == (name, SHOTS[table["shot"][0].as_py()])
