@@ -11,7 +11,6 @@ from shuttle_marl.analysis.advice import (
     advise,
     calibrated,
     followed,
-    meet,
 )
 from shuttle_marl.analysis.outlook import outlook
 from shuttle_marl.analysis.tactics import STEPS, TACTICS, changed, effects
@@ -64,20 +63,6 @@ def test_the_gain_of_one_advice_is_that_of_the_changed_policy(found: Refitted) -
     assert len(refits) == len(found.refits)
 
 
-def test_advice_holds_in_a_refit_that_was_not_used(found: Refitted) -> None:
-    """The truth is one refit; advice is computed at home and from the other refits."""
-    claims = []
-    for k, truth in enumerate(found.refits):
-        for seat in (0, 1):
-            others = dataclasses.replace(found, refits=found.refits[:k] + found.refits[k + 1 :])
-            advantage, game = truth.advantages(seat), found.pair
-            for each in advise(others, seat):
-                chosen = np.isin(game.base_pair_state, each.states) & (game.base_pair_stroke == each.stroke)
-                claims.append(float(advantage[chosen].sum()) > 0)
-    assert len(claims) >= 40
-    assert np.mean(claims) >= 0.9
-
-
 def test_a_gain_is_reduced_to_what_matches_realise() -> None:
     gains = np.array([0.01, 0.012, 0.008, 0.01])
     whole = calibrated(gains, None)
@@ -128,10 +113,3 @@ def test_the_outlook_contains_both_uncertainties(found: Refitted) -> None:
         assert estimate.low < estimate.value < estimate.high
     alone = outlook(dataclasses.replace(found, refits=()))
     assert alone.rally.high - alone.rally.low < seen.rally.high - seen.rally.low
-
-
-def test_a_meeting_from_the_other_seat(found: Refitted) -> None:
-    seats, (first, second) = found.pair.swapped.seats, found.home.policies
-    swapped = meet(dataclasses.replace(second, game=seats[0]), dataclasses.replace(first, game=seats[1]))
-    assert swapped.odds.rally == pytest.approx(1 - found.home.odds.rally, abs=1e-6)
-    assert swapped.advantages(0) == pytest.approx(found.home.advantages(1), abs=1e-6)

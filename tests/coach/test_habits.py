@@ -117,26 +117,6 @@ def test_a_difference_is_said_with_its_numbers() -> None:
     assert habits(tally(few), tally(others)) == []
 
 
-def test_counts_of_matches_that_vary_are_less_certain() -> None:
-    serve, lift, net = (SHOTS.index(name) for name in ("short-serve", "lift", "net-shot"))
-
-    def match(lifts: int, number: int) -> Plays:
-        some = plays([(NONE, serve, 1, 0, lift, 6)] * lifts + [(NONE, serve, 1, 0, net, 0)] * (20 - lifts))
-        return dataclasses.replace(some, group=np.full(20, number))
-
-    def joined(parts: list[Plays]) -> Plays:
-        return Plays(**{f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in dataclasses.fields(Plays)})
-
-    others = plays([(NONE, serve, 1, 0, lift, 6), (NONE, serve, 1, 0, net, 0)], 500)
-    even = joined([match(13, k) for k in range(12)])
-    uneven = joined([match(6 + 14 * (k % 2), k) for k in range(12)])
-    p = [
-        next(h.p for h in habits(tally(some), tally(others)) if h.kind == "return" and h.answer == "lift")
-        for some in (even, uneven)
-    ]
-    assert p[0] < 1e-4 < p[1]
-
-
 def test_claims_about_simulated_players_are_true(model: str) -> None:
     """Truth: exact frequencies of the policies. Data: strokes drawn from them."""
     game, names = load_game(model), ("bc", "attacking", "defensive")

@@ -2,11 +2,7 @@
 
 import hashlib
 import http.server
-import signal
-import subprocess
-import sys
 import threading
-import time
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -64,10 +60,6 @@ class Handler(http.server.BaseHTTPRequestHandler):
             self.wfile.write(content[:100])
             self.wfile.flush()
             self.connection.close()
-        elif step == "hang":
-            self.wfile.write(content[:5000])
-            self.wfile.flush()
-            time.sleep(20)
         else:
             self.wfile.write(content[::-1] if step == "corrupt" else content)
 
@@ -153,31 +145,6 @@ def test_unwritable_file_is_named(server: Server, tmp_path: Path) -> None:
     with pytest.raises(FileWriteError, match=r"set1\.csv: cannot be written"):
         fetch(server, tmp_path, hashes={SPACED: MANIFEST[SPACED]})
     assert files(tmp_path) == {}
-
-
-def test_killed_download_leaves_no_half_file_and_resumes(server: Server, tmp_path: Path) -> None:
-    server.plan[SPACED] = ["hang"]
-    script = (
-        "import pathlib, sys, shuttle_marl.data.upstream as d\n"
-        f"d.download(pathlib.Path(sys.argv[1]), base_url={server.url!r}, hashes={MANIFEST!r}, jobs=3)"
-    )
-    process = subprocess.Popen([sys.executable, "-c", script, str(tmp_path)])
-    try:
-        deadline = time.monotonic() + 30
-        while time.monotonic() < deadline:
-            if (tmp_path / FIRST).is_file() and (tmp_path / HASHED).is_file() and server.asked[SPACED]:
-                break
-            time.sleep(0.05)
-        else:
-            pytest.fail("the download did not get to the file that hangs")
-    finally:
-        process.send_signal(signal.SIGKILL)
-        process.wait(timeout=10)
-    assert not (tmp_path / SPACED).exists()
-    server.asked.clear()
-    assert fetch(server, tmp_path) == 1
-    assert server.asked == {SPACED: 1}
-    assert (tmp_path / SPACED).read_bytes() == CONTENT[SPACED]
 
 
 def test_command(server: Server, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

@@ -10,7 +10,6 @@ import pytest
 from shuttle_marl.analysis import strokes as simulation
 from shuttle_marl.analysis import strokes_of_log
 from shuttle_marl.analysis.strokes import SimulationError, simulate, simulated_rallies
-from shuttle_marl.data import split_of
 from shuttle_marl.data.schema import REASONS, STROKES, Account, Outcome, violations
 from shuttle_marl.data.table import load_account, load_strokes, write_parquet
 from shuttle_marl.game import court
@@ -154,34 +153,6 @@ def test_faults_mix_as_documented(shot: int, area: int, expected: list[float]) -
     reason = simulation.sample_positions(played, np.random.default_rng(4)).reason
     shares = [(reason == REASONS.index(name)).mean() for name in ("out", "net", "short")]
     np.testing.assert_allclose(shares, expected, atol=4 * np.sqrt(0.25 / n))
-
-
-def test_players_stand_where_they_can(table: pd.DataFrame) -> None:
-    replies = table[table.stroke > 1]
-    reach = np.hypot(replies.striker_x - replies.contact_x, replies.striker_y - replies.contact_y)
-    assert reach.max() < 1.5
-    stroke, reply = rows_after(table)
-    seconds = (reply.frame - stroke.frame) / simulation.FRAME_RATE
-    moved = np.hypot(reply.receiver_x + stroke.striker_x, reply.receiver_y + stroke.striker_y)
-    assert (moved <= 1.6 * seconds + 0.1).all()
-    serves = table[table.stroke == 1]
-    assert (np.sign(serves.striker_x) != np.sign(serves.receiver_x)).mean() > 0.99
-
-
-def test_who_meets_whom() -> None:
-    players = dict.fromkeys(["viktor-axelsen", "chen-yufei", "an-se-young", "chen-long", "average"], uniform(GAME))
-    table = simulate(GAME, players, matches=6, seed=1).to_pandas()
-    kinds = table.groupby("match", sort=False).discipline.first().to_dict()
-    assert kinds == {
-        "simulated-1-viktor-axelsen-chen-long": "MS",
-        "simulated-2-viktor-axelsen-average": "MS",
-        "simulated-3-chen-yufei-an-se-young": "WS",
-        "simulated-4-chen-yufei-average": "WS",
-        "simulated-5-an-se-young-average": "WS",
-        "simulated-6-chen-long-average": "MS",
-    }
-    assert {split_of(match) for match in kinds} == {None}
-    assert set(table.source) == {"simulated"}
 
 
 @pytest.mark.parametrize(("players", "told"), [

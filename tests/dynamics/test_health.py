@@ -7,16 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from shuttle_marl.dynamics.evaluate import health, play_statistics
+from shuttle_marl.dynamics.evaluate import health
 from shuttle_marl.dynamics.make import load_support
 from shuttle_marl.exact import PairPolicy
-from shuttle_marl.game.draws import draw, outcome_draw, stream
-from shuttle_marl.game.rules import FAULT, strike
 from shuttle_marl.game.shipped import BC, CHOICE_UNITS, default_game, model_folder, read_model
 from shuttle_marl.game.stroke import Catalogue
-from shuttle_marl.game.tables import ROOT, Game
+from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import base_pairs, layout, thresholds
-from shuttle_marl.policy import baselines
 
 NAMES = (
     "short-serve:front-centre:below:backhand",
@@ -84,27 +81,3 @@ def test_a_figure_outside_of_its_limits_is_a_warning() -> None:
     assert warned(few, "unsupported") == warned(enough, "thin") == []
     assert "shot types above 2 percent: 3, expected 7 to 13" in enough["warnings"]
     assert not any("wins" in warning for warning in enough["warnings"]), "what wins is no matter of health"
-
-
-def test_statistics_agree_with_sampled_rallies() -> None:
-    game = default_game()
-    policy = baselines.load(None, game)
-    exact = play_statistics(policy)
-    cumulative = policy.padded
-    state = np.full(20_000, ROOT, dtype=np.int32)
-    key = stream(3, np.arange(len(state)))
-    alive = np.arange(len(state))
-    strokes = faults = 0
-    for n in range(500):
-        bits = draw(key[alive], n)
-        choice = ((bits >> np.uint64(32)) * np.uint64(65535) >> np.uint64(32)).astype(np.int64)
-        k = (cumulative[state[alive]] <= choice[:, None]).sum(axis=1)
-        outcome, following = strike(game, state[alive], k, outcome_draw(bits))
-        strokes += len(alive)
-        faults += int((outcome == FAULT).sum())
-        state[alive] = following
-        alive = alive[following >= 0]
-        if not len(alive):
-            break
-    assert strokes / 20_000 == pytest.approx(exact["mean_rally"], rel=0.025)
-    assert faults / 20_000 == pytest.approx(exact["rallies_ending_on_fault"], abs=0.015)

@@ -45,15 +45,6 @@ def test_people_choose_the_shot_type_of_a_legal_reply() -> None:
     assert chosen > fallback
 
 
-def test_a_rarer_shot_type_is_illegal_and_a_higher_share_forbids_more() -> None:
-    rows = rows_from_strokes(load_strokes(SAMPLE))
-    catalogue = catalogue_of(rows)
-    low, high = (replies_of(rows, catalogue, share) for share in (0.01, 0.2))
-    assert low.sum() > high.sum()
-    assert low[-1].sum() == catalogue.is_serve.sum(), "serves alone are legal at the start"
-    assert not low[:-1, catalogue.is_serve].any()
-
-
 def test_the_front_court_stays_in_front() -> None:
     """Also in little data, where the last fallback decides."""
     rows = rows_from_strokes(load_strokes(SAMPLE))

@@ -110,14 +110,6 @@ def test_the_gradient_is_that_of_the_marginal_likelihood() -> None:
             assert gradient[c] == pytest.approx(change / 2e-4, abs=1e-3)
 
 
-def test_variances_are_recovered() -> None:
-    found = [fit_variances(simulated((0.4, 0.25), seed)[0]).sd for seed in range(8)]
-    assert np.mean(found, axis=0) == pytest.approx([0.4, 0.25], abs=0.05)
-    # Without variance, the bias is that of an estimate that cannot be negative.
-    none = [fit_variances(simulated((0.4, 0.0), seed)[0]).sd[1] for seed in range(6)]
-    assert np.sqrt(np.mean(np.square(none))) < 0.15
-
-
 def test_lme4_finds_the_same() -> None:
     """``glmer(cbind(incidence, size - incidence) ~ period + (1 | herd), binomial)`` of lme4 1.1, from its documentation."""
     intercept, periods = -1.3983, np.array([0, -0.9919, -1.1282, -1.5797])

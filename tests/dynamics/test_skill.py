@@ -21,7 +21,6 @@ from shuttle_marl.dynamics.skill import (
     deviations_in,
     fit_skill,
     shifts,
-    slope_on_offset,
     summary,
 )
 from shuttle_marl.game.shipped import CARD, SKILL
@@ -130,15 +129,6 @@ def test_a_single_match_has_skill_and_no_check(case: tuple[dict[str, Predicted],
     assert len(fitted.skill.players) == len(fitted.skill.day) == 2
     assert np.isfinite(fitted.skill.offset).all()
     assert check(one, sources(one), fitted.sd) == {}
-
-
-def test_the_slope_is_that_of_the_simulation() -> None:
-    rng = np.random.default_rng(5)
-    logit, shift = rng.normal(-1, 1, 20000), rng.normal(0, 0.5, 20000)
-    label = rng.random(20000) < expit(logit + 0.2 + 0.7 * shift)
-    found = slope_on_offset(logit, shift, label, np.arange(20000) // 200)
-    assert found["low"] < 0.7 < found["high"]
-    assert found["high"] - found["low"] < 0.25
 
 
 def test_a_model_folder_has_the_skill(case: tuple[dict[str, Predicted], F64, FittedSkill], tmp_path: Path) -> None:

@@ -68,16 +68,6 @@ def test_out_strokes_stand_where_strokes_are_met() -> None:
     assert np.array_equal(met[2], landing[2]), "beside the court, but not too deep"
 
 
-@pytest.mark.parametrize("winners", [0, 5])
-def test_with_few_landings_nothing_moves(winners: int) -> None:
-    s = simulated()
-    wins = np.arange(N) < winners
-    landing = s["target"].copy()
-    landing[0] = np.nan
-    met = target_points(landing, s["start"], s["shot"], s["height"], wins, np.zeros(N, dtype=bool))
-    assert np.array_equal(met, landing, equal_nan=True)
-
-
 def test_only_annotated_winners_and_out_strokes_change_their_areas() -> None:
     table = load_strokes(SAMPLE)
     recorded = table["area"].fill_null(-1).to_numpy()

@@ -12,9 +12,7 @@ from shuttle_marl.env.batched import RallyEnv, VersusEnv
 from shuttle_marl.game import default_game
 from shuttle_marl.game.rules import IllegalStrokeError
 from shuttle_marl.game.tables import ROOT, Game
-from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.kernel import RallyBatch
-from shuttle_marl.policy.registry import resolve
 from tests.exact.exact_games import random_policy, tiring_game
 
 GAME = default_game()
@@ -42,21 +40,6 @@ def test_specs(make: type[Env], batch: int) -> None:
     env = make(batch)
     check_env_specs(env, seed=0)
     assert env.batch_size == torch.Size([batch])
-
-
-@EITHER
-@pytest.mark.parametrize("threads", [1, 2])
-def test_stock_and_fused_reset_agree(make: type[Env], threads: int) -> None:
-    batch = 2500
-    stock, fused = make(batch, seed=3, threads=threads), make(batch, seed=3, threads=threads)
-    for (now, stepped), (now_too, stepped_too) in zip(steps(stock, 12, fused=False), steps(fused, 12), strict=True):
-        for key in ("observation", "action_mask", "action"):
-            assert torch.equal(now[key], now_too[key]), key
-        for key in ("reward", "terminated", "done"):
-            assert torch.equal(stepped["next", key], stepped_too["next", key]), key
-        continues = ~stepped["next", "done"].squeeze(-1)
-        for key in ("observation", "action_mask"):
-            assert torch.equal(stepped["next", key][continues], stepped_too["next", key][continues]), key
 
 
 @EITHER
@@ -101,14 +84,6 @@ def test_an_illegal_stroke_is_refused_and_nothing_changes(make: type[Env]) -> No
     after: tuple[np.ndarray, ...] = env._batch.rows
     assert all(np.array_equal(a, b) for a, b in zip(before, after, strict=True))
     env.step(now.set("action", action))
-
-
-def test_opponents_by_name_by_object_and_several() -> None:
-    bc = tabulate(resolve("bc", GAME), GAME)
-    for opponents in ("bc", bc, [resolve("bc", GAME)], ("bc", bc)):
-        env = VersusEnv(4, opponents=opponents)
-        assert env.versus.n_opponents == (2 if isinstance(opponents, tuple) else 1)
-        assert (env.versus.opponents.players.cumulative == bc.cumulative).all()
 
 
 @pytest.mark.parametrize("game", [GAME, tiring_game()], ids=["default", "tiring"])

@@ -2,13 +2,12 @@
 
 from typing import Any
 
-import gymnasium
 import numpy as np
 import pytest
 
 from shuttle_marl.base.errors import ActionError
 from shuttle_marl.env.single import SingleMatchEnv
-from shuttle_marl.env.vector import MatchVectorEnv, RallyVectorEnv
+from shuttle_marl.env.vector import MatchVectorEnv
 from shuttle_marl.game import default_game
 from shuttle_marl.game.scoring import BWF, Rules
 from shuttle_marl.kernel import KernelError, MatchBatch
@@ -104,28 +103,6 @@ def test_batch_and_threads_change_nothing() -> None:
         first, *others = (np.asarray(getattr(batch.matches, name)) for batch in (*batches, fused))
         assert all(np.array_equal(first, other) for other in others), name
     assert batches[0].unseen == batches[1].unseen
-
-
-@pytest.mark.parametrize("name", ["shuttle_marl/Rally-v0", NAME])
-@pytest.mark.parametrize("mask", ["info", "none"])
-def test_vectors_have_plain_views(name: str, mask: str) -> None:
-    env = gymnasium.make_vec(name, num_envs=8, mask=mask, opponent="random")
-    assert isinstance(env.unwrapped, RallyVectorEnv if "Rally" in name else MatchVectorEnv)
-    plain = gymnasium.make_vec(name, num_envs=8, opponent="random")
-    raw: Any = env.unwrapped
-    (seen, infos), (expected, _) = env.reset(seed=1), plain.reset(seed=1)
-    for _ in range(60):
-        assert env.observation_space.contains(seen)
-        assert np.array_equal(seen, expected["observation"])
-        assert all(isinstance(value, np.ndarray) and value.dtype != object for value in infos.values())
-        assert ("action_mask" in infos) == (mask == "info")
-        if mask == "info":
-            assert np.array_equal(infos["action_mask"], expected["action_mask"])
-        strokes = raw.random_actions()
-        seen, rewards, over, _, infos = env.step(strokes)
-        expected, rewards_there, over_there, _, _ = plain.step(strokes)
-        assert np.array_equal(rewards, rewards_there)
-        assert np.array_equal(over, over_there)
 
 
 def test_what_cannot_be_asked_for() -> None:

@@ -6,7 +6,6 @@ from shuttle_marl import match_v0, rally_v0
 from shuttle_marl.env.snapshot import in_words, plan_of
 from shuttle_marl.game.court import HALF_LENGTH, HALF_WIDTH, area_of
 from shuttle_marl.game.rules import OUTCOMES
-from shuttle_marl.game.scoring import Rules
 
 
 def moments(play, env, seed):
@@ -35,24 +34,6 @@ def test_strokes_land_where_they_are_aimed_and_the_next_contact_is_there(play):
                     assert area_of(np.array(flight.end[1] * sign), np.array(flight.end[0] * sign)) == area
                     areas.add(int(area))
     assert len(areas) == 9
-
-
-def test_a_finished_rally_is_shown_until_the_next_serve():
-    env = match_v0.raw_env(rules=Rules(points=2, clear=1, cap=2))
-    env.reset(seed=1)
-    rng = np.random.default_rng(0)
-    while not any(env.terminations.values()):
-        before = env.snapshot()
-        env.step(int(rng.choice(np.flatnonzero(env.observe(env.agent_selection)["action_mask"]))))
-        after = env.snapshot()
-        if before.reason is not None:
-            assert len(after.strokes) == 1
-            assert after.server == before.winner
-        else:
-            assert after.strokes[:-1] == before.strokes
-        assert (after.reason is None) == (after.striker is not None)
-    assert after.match_winner is not None
-    assert after.by_game[-1][after.match_winner] == 2
 
 
 def test_text_tells_the_whole_rally(play):

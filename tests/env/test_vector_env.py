@@ -13,7 +13,6 @@ from shuttle_marl.base.errors import ActionError, OptionError
 from shuttle_marl.env.single import SingleRallyEnv
 from shuttle_marl.env.vector import RallyVectorEnv
 from shuttle_marl.game import default_game
-from shuttle_marl.game.observation import stroke_features
 from shuttle_marl.game.tables import Game
 from tests.exact.exact_games import random_game, random_policy, tiring_game
 
@@ -85,35 +84,6 @@ def test_one_row_is_the_single_environment(seat: int, illegal: float, game: Game
     assert ends > 30
     assert single.unseen == vector.unseen
     assert game.levels > 1 or min(single.unseen) > 5
-
-
-def assert_same(features: np.ndarray, tokens: np.ndarray, game: Game) -> None:
-    """The 60 numbers and the seven tokens of a state say the same."""
-    assert tokens.dtype == np.int32
-    own, incoming, contact, duel, effort, other, hurried = tokens
-    hot, highest = stroke_features(game), max(1, game.levels - 1)
-    assert np.array_equal(features[:54], np.concatenate([hot[own], hot[incoming]]))
-    assert features[54] == contact
-    np.testing.assert_allclose(features[56:], [duel / 3, effort / highest, other / highest, hurried], rtol=1e-6)
-
-
-@pytest.mark.parametrize("game", [GAME, tiring_game()], ids=["default", "tiring"])
-def test_last_observations_as_tokens_say_the_same_as_features(game: Game) -> None:
-    opponent = random_policy(game, 1)
-    one = RallyVectorEnv(200, opponent=opponent, game=game)
-    other = RallyVectorEnv(200, opponent=opponent, game=game, observation="tokens")
-    one.reset(seed=1)
-    other.reset(seed=1)
-    rng, ends = np.random.default_rng(0), 0
-    for _ in range(12):
-        actions = some_actions(one, rng, 0.05)
-        *_, infos = one.step(actions)
-        seen, *_, infos_too = other.step(actions)
-        assert other.observation_space.contains(seen)
-        for a, b in zip(infos["final_obs"][infos["_final_obs"]], infos_too["final_obs"][infos["_final_obs"]], strict=True):
-            assert_same(a["observation"], b["observation"], game)
-            ends += 1
-    assert ends > 100
 
 
 def test_seeds_and_masks_of_reset() -> None:

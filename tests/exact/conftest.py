@@ -6,7 +6,6 @@ from shuttle_marl.exact import Solution, solve
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.policy.baselines import load
-from tests.exact.value_iteration import ValueIteration
 from tests.reduced import reduced_game
 
 
@@ -26,9 +25,3 @@ def solution(small: Game) -> Solution:
 def bc(small: Game) -> TabulatedPolicy:
     """The behaviour-cloned average player."""
     return load(None, small)
-
-
-@pytest.fixture(scope="session")
-def oracle(small: Game) -> ValueIteration:
-    """An independent solver of the game."""
-    return ValueIteration(small)

@@ -20,7 +20,6 @@ from tests.exact.exact_games import (
     seeds,
     with_probabilities,
 )
-from tests.exact.value_iteration import ValueIteration
 
 
 def test_three_strokes_solved_by_hand() -> None:
@@ -82,10 +81,6 @@ def test_the_bound_is_that_of_the_contraction(solution: Solution, small: Game) -
     assert solution.contraction == pytest.approx(d, abs=1e-12)
     assert solution.error_bound == pytest.approx(solution.residual * d / (1 - d), abs=1e-9)
     assert solution.error_bound <= 1e-9
-
-
-def test_equal_to_plain_value_iteration(solution: Solution, oracle: ValueIteration) -> None:
-    assert np.abs(solution.value[0] - oracle.minimax).max() < 1e-7
 
 
 def test_two_equal_tables_are_the_symmetric_game(solution: Solution, small: Game) -> None:

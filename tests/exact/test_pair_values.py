@@ -24,7 +24,6 @@ from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.game.variants import odds_of_steps, with_odds
 from shuttle_marl.kernel import play_rallies
 from shuttle_marl.policy.registry import resolve
-from tests.exact.value_iteration import ValueIteration
 from tests.reduced import reduced_model
 
 A, B = "viktor-axelsen", "kento-momota"
@@ -53,21 +52,6 @@ def test_exact_value_is_that_of_played_rallies(pair: Game, clones: tuple[Tabulat
         assert abs(won.mean() - probability) < 4 * np.sqrt(probability * (1 - probability) / len(won))
     # The players differ, or nothing was tested.
     assert abs(odds.rally - evaluate(*(moved(table, table.game.average) for table in clones)).odds().rally) > 0.02
-
-
-def test_perfect_play_is_that_of_value_iteration(pair: Game) -> None:
-    solution, (first, second) = solve(pair), (ValueIteration(game) for game in pair.seats)
-    striking = np.zeros((2, pair.n_states))
-    for _ in range(400):
-        striking = np.stack([
-            first._over_states(np.maximum, first.quality(-striking[1])),
-            second._over_states(np.maximum, second.quality(-striking[0])),
-        ])  # fmt: skip
-    for seat in (0, 1):
-        assert np.abs(solution.value[seat] - striking[seat]).max() < 1e-8
-        assert solution.policy[seat].game is pair.seats[seat]
-    assert nash_conv(*solution.policy).nash_conv < 1e-8
-    assert solution.value_at_serve == solution.value[0][ROOT]
 
 
 def test_exchanged_players_have_mirrored_values(pair: Game, clones: tuple[TabulatedPolicy, TabulatedPolicy]) -> None:

@@ -36,7 +36,6 @@ from tests.exact.exact_games import (
     seeds,
     with_probabilities,
 )
-from tests.exact.value_iteration import ValueIteration
 
 sharpness = st.sampled_from([0.5, 1.0, 8.0])
 
@@ -176,15 +175,6 @@ def test_regrets_add_up_to_what_is_lost(game: Game, seed: int, sharp: float) -> 
 def test_perfect_play_has_no_regret(solution: Solution, bc: TabulatedPolicy) -> None:
     loss = policy_regret(solution.policy[0], bc, solution=solution)
     assert loss.per_rally == pytest.approx(0, abs=loss.error_bound)
-
-
-def test_behaviour_cloning_as_plain_iteration_has_it(bc: TabulatedPolicy, oracle: ValueIteration) -> None:
-    seen, expected = visits(bc, bc, server=0), oracle.visits(bc.pair_probabilities())
-    assert np.abs(seen.pairs(0) + seen.pairs(1) - expected).sum() < 1e-6
-    share, chosen = oracle.best_response(bc.pair_probabilities())
-    answer = best_response(bc)
-    assert answer.value.odds().rally == pytest.approx(share, abs=1e-7)
-    assert np.array_equal(answer.policy.pair_probabilities(), chosen)
 
 
 def test_a_policy_that_is_not_rounded_is_evaluated_too(bc: TabulatedPolicy) -> None:

@@ -4,30 +4,13 @@ import json
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
-from scipy.stats import trim_mean
 
 from experiments import win_rates
-from experiments.spread import IQM, mean_and_deviation
 from shuttle_marl.game.shipped import refits_of
 from shuttle_marl.training import PPOConfig
 
 SMALL: dict[str, Any] = {"batch": 256, "growth": 0.0, "width": 16, "strokes": 1024, "evaluate_every": 2, "checkpoint_every": 2}
-
-
-def test_interquartile_mean_and_its_interval() -> None:
-    rng = np.random.default_rng(0)
-    tasks = rng.normal([[0.0], [10.0]], 1.0, (2, 40))
-    found = IQM.of(tasks.tolist())
-    assert found.value == pytest.approx(trim_mean(tasks.ravel(), 0.25))
-    assert found.low < found.value < found.high
-    assert found.high - found.low < 2
-    # Were the tasks mixed in the resampling, the middle half would wander between 0 and 10.
-    assert IQM.of(tasks.tolist()) == found
-    same = IQM.of([[0.5, 0.5]])
-    assert (same.value, same.low, same.high) == (0.5, 0.5, 0.5)
-    assert mean_and_deviation([1.0, 3.0]) == {"mean": 2.0, "deviation": pytest.approx(np.sqrt(2))}
 
 
 @pytest.mark.slow(minutes=True)

@@ -7,8 +7,8 @@ import pytest
 import torch
 
 from shuttle_marl.env.batched import VersusEnv
-from shuttle_marl.env.single import SingleMatchEnv, SingleRallyEnv
-from shuttle_marl.env.vector import MatchVectorEnv, RallyVectorEnv
+from shuttle_marl.env.single import SingleRallyEnv
+from shuttle_marl.env.vector import RallyVectorEnv
 from shuttle_marl.game.pairs import pair_game
 from shuttle_marl.game.rules import IllegalStrokeError
 from shuttle_marl.game.tables import GameError
@@ -82,20 +82,6 @@ def test_learners_against_the_other_player(seat: Literal[0, 1]) -> None:
         now = stepped[1]
         if over:
             seen, _ = single.reset()
-
-
-def test_matches_of_learners() -> None:
-    options: dict[str, Any] = {"game": PAIR, "reward": "rally", "rules": RULES["to five"]}
-    single, vector = SingleMatchEnv(opponent="bc", **options), MatchVectorEnv(1, opponent="bc", **options)
-    seen, _ = single.reset(seed=2)
-    vector.reset(seed=2)
-    over = False
-    while not over:
-        stroke = int(np.flatnonzero(seen["action_mask"])[0])
-        seen, reward, over, _, _ = single.step(stroke)
-        _, rewards, overs, _, _ = vector.step(np.array([stroke]))
-        assert (reward, over) == (rewards[0], overs[0])
-    assert single.raw.snapshot().names == (A, B)
 
 
 def test_what_does_not_fit_is_refused() -> None:

@@ -6,9 +6,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from shuttle_marl import exact
 from shuttle_marl.game.tables import ROOT
-from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities, tabulate
+from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.kernel import KernelError, RallySampler
 from shuttle_marl.policy.registry import resolve
 from tests.kernel.episodes import compare_with_rally_v0
@@ -36,11 +35,6 @@ def probabilities(assess: Assess, states: np.ndarray) -> np.ndarray:
     return weight / np.bincount(row, weight)[row]
 
 
-def policy_of(assess: Assess) -> TabulatedPolicy:
-    states = np.flatnonzero(GAME.playable).astype(np.int32)
-    return from_pair_probabilities(GAME, probabilities(assess, states))
-
-
 @pytest.mark.parametrize("opponents", [(), (RANDOM,), (RANDOM, BC)], ids=["self-play", "one", "two"])
 def test_the_rallies_are_those_of_the_environment(opponents: tuple[TabulatedPolicy, ...]) -> None:
     sampler = RallySampler(GAME, opponents)
@@ -50,24 +44,6 @@ def test_the_rallies_are_those_of_the_environment(opponents: tuple[TabulatedPoli
     compare_with_rally_v0(5, played, game=GAME)
     assert (played.policy[:, 0] == 0).all()
     assert (played.policy[:, 1] == (1 + played.match % len(opponents) if opponents else 0)).all()
-
-
-def test_what_is_won_and_played_is_what_the_tables_say() -> None:
-    assess = network(1)
-    sampler = RallySampler(GAME, [RANDOM])
-    sampler.collect(100_000, assess)
-    found = sampler.take()
-    expected = exact.evaluate(policy_of(assess), RANDOM).odds().rally
-    assert abs(found.won / found.rallies - expected) < 4 * np.sqrt(0.25 / found.rallies)
-    visits = exact.visits(policy_of(assess), RANDOM).states[0] * found.rallies
-    often = np.flatnonzero(visits > 100)
-    assert len(often) > 10
-    counted = dict(zip(found.state.tolist(), found.visits.tolist(), strict=True))
-    for s in often.tolist():
-        assert abs(counted[s] - visits[s]) < 5 * np.sqrt(visits[s])
-    assert found.log_probability == pytest.approx(
-        np.log(policy_of(assess).probability_of(GAME.pair(found.state[found.row], found.stroke))), abs=0.05
-    )
 
 
 def test_strokes_that_are_not_taken_are_dropped() -> None:

@@ -6,7 +6,6 @@ import json
 import os
 import sys
 import threading
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -124,28 +123,6 @@ class Half:
     def __exit__(self, *_: object) -> None:
         self._over.set()
         self._thread.join()
-
-
-def _slowly(tournament: Any, group: Any) -> Any:
-    time.sleep(0.3)
-    return tournament._play_group(group, None)
-
-
-@pytest.mark.slow(minutes=True)
-@needs_ray
-def test_a_tournament_on_two_nodes_of_which_one_dies(
-    nodes: tuple[str, Callable[[], None]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    address, kill = nodes
-    pool = (*PLAYED["pool"], "defensive", "safe@0.5", "safe@2", "attacking@2")
-    config: dict[str, Any] = {**PLAYED, "pool": pool, "batch": 40, "game": reduced_model()}
-    run_league(LeagueConfig(**config, out=tmp_path / "serial"))
-    # Pairings of this game end within milliseconds, before a node could die.
-    monkeypatch.setattr("shuttle_marl.league.tournament._play_remote", _slowly)
-    with Half(tmp_path / "cluster" / "pairings.jsonl", 10, kill) as half:
-        run_league(LeagueConfig(**config, ray=address, out=tmp_path / "cluster"))
-    assert half.done
-    assert _files(tmp_path / "cluster") == _files(tmp_path / "serial")
 
 
 @pytest.mark.slow

@@ -1,14 +1,9 @@
 """A tournament as a user sees it: the run folder, and that nothing but the flags decides what is in it."""
 
-import dataclasses
 import functools
 import json
-import multiprocessing
 import os
 import re
-import signal
-import sys
-import time
 from collections import Counter
 from html import unescape
 from pathlib import Path
@@ -180,54 +175,6 @@ def test_without_a_log_the_results_are_the_same(finished: Path, tmp_path: Path) 
         assert (tmp_path / "run" / name).read_bytes() == (finished / name).read_bytes()
 
 
-def lines(folder: Path) -> int:
-    path = folder / "pairings.jsonl"
-    return path.read_bytes().count(b"\n") if path.exists() else 0
-
-
-@pytest.mark.slow(minutes=True)
-@pytest.mark.skipif(sys.platform == "win32", reason="needs SIGKILL")
-def test_kills_at_random_moments_change_nothing(tmp_path: Path, small_model: str) -> None:
-    """Runs are killed and resumed until eight kills in three places have met them; no pairing is played twice, none is lost."""
-    pool = (*POOL, "defensive", "random@greedy", "safe@2", "safe@0.5", "attacking@2")
-    config = LeagueConfig(pool=pool, game=small_model, matches=400, seed=2, batch=40, workers=2, exact=False)
-    # Processes that have imported the package already: most of the time would go there, and the kills with it.
-    processes = multiprocessing.get_context("forkserver")
-    processes.set_forkserver_preload(["shuttle_marl.league.run"])
-
-    def started(out: Path) -> multiprocessing.process.BaseProcess:
-        resume = (out / "config.json").exists()
-        process = processes.Process(target=run_league, args=(dataclasses.replace(config, out=out, resume=resume),))
-        process.start()
-        return process
-
-    started(tmp_path / "first").join()
-    begun = time.monotonic()
-    started(tmp_path / "whole").join()
-    takes = time.monotonic() - begun
-    whole = files(tmp_path / "whole")
-    rng = np.random.default_rng(0)
-    kills, run = 0, 0
-    met: set[int] = set()
-    while kills < 8 or (len(met) < 3 and kills < 40):  # a loaded machine spends most of the time on starting them
-        out = tmp_path / f"run-{run}"
-        process = started(out)
-        process.join(float(rng.uniform(0, takes)))
-        if process.exitcode is None:
-            process.kill()
-            process.join()
-        if process.exitcode == -signal.SIGKILL:
-            kills += 1
-            met.add(lines(out))
-        else:
-            assert process.exitcode == 0
-            assert files(out) == whole
-            run += 1
-    run_league(dataclasses.replace(config, out=out, resume=(out / "config.json").exists()))
-    assert files(out) == whole
-    assert len(met) > 2
-
-
 def test_every_place_at_which_a_run_can_stop(tmp_path: Path, small_model: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Stop at the n-th write that is moved into place or synced, for every n, and resume."""
     # What takes time, and is not about files.
@@ -385,17 +332,6 @@ def test_a_finished_run_is_never_overwritten_silently(small_model: str, tmp_path
     assert files(first.folder)["results.csv"] != before["results.csv"]
     with pytest.raises(LeagueError, match="no run to resume of seed 0"):
         run_league(LeagueConfig(**config, resume=True))
-
-
-def test_resume_finds_the_latest_unfinished_run(small_model: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    config: dict[str, Any] = {"pool": ("random", "safe"), "matches": 2, "game": small_model, "exact": False}
-    runs = [run_league(LeagueConfig(**config)).folder for _ in range(3)]
-    for folder in runs[:2]:
-        (folder / "manifest.json").unlink()
-    os.utime(runs[1] / "config.json", (1e9, 1e9))
-    assert run_league(LeagueConfig(**config, resume=True)).folder == runs[0]
-    assert run_league(LeagueConfig(**config, resume=True)).folder == runs[1]
 
 
 def test_a_policy_without_a_table_that_changed_is_not_resumed(

@@ -101,9 +101,8 @@ def test_exact_oracles_find_the_equilibrium(meta_solver: MetaSolver, model: str,
     assert value == pytest.approx(0, abs=done.figures["exploitability"] + 1e-5)
 
 
-@pytest.mark.parametrize("algorithm", [pytest.param("a2c", marks=pytest.mark.slow), "sac"])
-def test_every_algorithm_plays_in_a_league(algorithm: Any, model: str, tmp_path: Path) -> None:
-    config = LeagueTrainingConfig(**{**SMALL, "rounds": 4}, learner=algorithm, game=model, out=tmp_path / "run")
+def test_sac_plays_in_a_league(model: str, tmp_path: Path) -> None:
+    config = LeagueTrainingConfig(**{**SMALL, "rounds": 4}, learner="sac", game=model, out=tmp_path / "run")
     done = train_league(config)
     assert len(done.figures["curve"]) == 4
     # Exploiters began again with new weights on the way.
@@ -162,7 +161,7 @@ def whole(model: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return train_league(LeagueTrainingConfig(**SMALL, game=model, out=tmp_path_factory.mktemp("whole") / "run")).folder
 
 
-@pytest.mark.parametrize("when", [4, 26, *(pytest.param(n, marks=pytest.mark.slow) for n in (10, 17, 36, 46))])
+@pytest.mark.parametrize("when", [4, 26, pytest.param(46, marks=pytest.mark.slow)])
 def test_a_league_that_stops_anywhere_is_resumed_to_the_same_results(
     when: int, whole: Path, model: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -310,12 +309,3 @@ def test_the_first_round_of_a_time_budget_is_short(model: str, tmp_path: Path) -
     assert second.seconds == pytest.approx(60 / 5 / schedule.load, abs=1e-3)
     # Compilation took the whole budget: the first round has the shortest turns.
     assert all(turn.seconds <= MIN_SECONDS for turn in schedule.turns(1, 70.0))
-
-
-@pytest.mark.slow
-def test_a_time_budget_is_kept_or_its_miss_is_reported(model: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    flags = ["--budget", "8s", "--workers", "1", "--game", model, "--pool", "attacking", "--out", str(tmp_path / "run")]
-    assert main(["train", *flags, "--json"]) == 0
-    output = capsys.readouterr()
-    seconds = json.loads(output.out)["seconds"]
-    assert ("more than the --budget of 8 s" in output.err) == (seconds > 1.2 * 8)

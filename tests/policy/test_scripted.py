@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from shuttle_marl.exact import evaluate
 from shuttle_marl.game.court import AREAS, area_centre
 from shuttle_marl.game.policy import States
 from shuttle_marl.game.stroke import SHOTS
@@ -25,28 +26,12 @@ def share(name: str, shots: list[int], where: np.ndarray) -> float:
     return float(p[:, np.isin(GAME.catalogue.shot, shots)].sum(axis=1).mean())
 
 
-def rally_odds(name: str, other: str) -> float:
-    """Probability of winning a rally, serving in half of them, by iterating the value of every state: good to a thousandth."""
-    policies = [tabulate(resolve(n, GAME), GAME, n).pair_probabilities() for n in (name, other)]
-    outcome, arrivals = GAME.outcome_probabilities(), GAME.arrivals()
-    value: list[np.ndarray] = [np.zeros(GAME.n_states) for _ in policies]
-    for _ in range(50):
-        value = [
-            np.bincount(
-                GAME.pair_state,
-                p * (1 - outcome[:, 0] - (outcome[:, 2:] * theirs[arrivals]).sum(axis=1)),
-                minlength=GAME.n_states,
-            )
-            for p, theirs in zip(policies, reversed(value), strict=True)
-        ]
-    return float(value[0][ROOT] + 1 - value[1][ROOT]) / 2
-
-
 @pytest.mark.parametrize("style", [name for name in STYLES if name != "defensive"])
 def test_every_style_beats_random_play(style: str) -> None:
     """In a game of few strokes, without the clears that defensive play needs; in the shipped one see ``test_pairwise.py``."""
     assert SHOTS.index("clear") not in GAME.catalogue.shot
-    assert rally_odds(style, "random") > 0.51
+    one, other = (tabulate(resolve(name, GAME), GAME, name) for name in (style, "random"))
+    assert evaluate(one, other).odds().rally > 0.51
 
 
 def test_a_point_more_is_played_e_times_as_often() -> None:

@@ -8,7 +8,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from shuttle_marl import game as game_package
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.game import default_game
 from shuttle_marl.game.rules import FAULT, OUTCOMES, WINNER, states_of_rallies, strike
@@ -169,9 +168,3 @@ def test_effort_multiplies_the_odds_of_a_fault_and_nothing_else(made: tuple[Game
         shares = np.stack([winner, below, above], axis=1) / (1 - fault)[:, None]
         expected = before[:, 1:] / (1 - before[:, :1])
         assert (np.abs(shares - expected) <= 3 / ONE / np.minimum(1 - fault, 1 - before[:, 0])[:, None]).all()
-
-
-def test_the_package_names_what_users_need() -> None:
-    for name in game_package.__all__:
-        assert getattr(game_package, name) is not None
-    assert game_package.Game is Game

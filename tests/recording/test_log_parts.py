@@ -218,17 +218,6 @@ class TestFolders:
             with pytest.raises(RecordingError, match="share no header"):
                 _ = log.header
 
-    def test_a_match_is_found_in_all_files(self, shards: Path, rallies) -> None:
-        with RallyLog(shards) as log:
-            table = log.rally_table()
-            for pairing in range(4):
-                for match in (0, 41, 99):
-                    rows = (table["pairing"].to_numpy() == pairing) & (table["match"].to_numpy() == match)
-                    assert np.array_equal(log.numbers_of_match(pairing, match), np.flatnonzero(rows))
-            assert (
-                len(log.numbers_of_match(0, 2**40)) == len(log.numbers_of_match(0, -1)) == len(log.numbers_of_match(-1, 0)) == 0
-            )
-
     def test_policies_of_one_name(self, tmp_path: Path, rallies, header) -> None:
         """Two checkpoints that were both called ppo are two policies and one word."""
         for worker in range(2):

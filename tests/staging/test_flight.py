@@ -57,17 +57,3 @@ def test_a_falling_shuttle_comes_to_its_terminal_speed() -> None:
     for seconds in (0.3, 1.0, 3.9):
         _, velocity = drop.at(0, np.array([seconds]))
         assert abs(-velocity[0, 2] - TERMINAL * np.tanh(GRAVITY * seconds / TERMINAL)) < 0.03
-
-
-@settings(max_examples=20, deadline=None)
-@given(TARGETS, st.floats(0.5, 1.4))
-def test_the_height_over_the_net_is_that_of_the_path(numbers: tuple[float, ...], seconds: float) -> None:
-    flight = shot(numbers, seconds)
-    path, _ = flight.at(0, np.linspace(0, seconds, 4000))
-    crossing = int(np.argmax(path[:, 1] > 0))
-    assert abs(float(flight.height_over(0.0)[0]) - path[crossing, 2]) < 0.02
-
-
-def test_a_flight_that_does_not_get_there_has_no_height() -> None:
-    flight = shot((0.0, -5.0, 1.0, 0.0, -1.0, 1.0), 0.5)
-    assert np.isnan(flight.height_over(0.0)[0])

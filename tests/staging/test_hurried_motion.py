@@ -7,8 +7,7 @@ import pytest
 
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.game.rally.record import Rally
-from shuttle_marl.game.rules import HURRIED_BELOW, RETURNED_BELOW
-from shuttle_marl.staging import Motion, continue_motion, stage
+from shuttle_marl.staging import Motion, stage
 
 RALLIES = 16
 NEAR = 0.15
@@ -67,18 +66,3 @@ def test_hurried_strikers_arrive_later_and_reach_further(calm: list[Motion], hur
     assert (speed > 0.2).all()
     assert (height < -0.05).all()
     assert reach[0] > 0.03, "strokes from below; overhead strokes reach upwards"
-
-
-def test_an_open_rally_waits_for_a_hurried_striker(played: list[Rally]) -> None:
-    """The flight to a hurried striker is theirs before the reply is chosen, and stays what it was."""
-    rally = next(rally for rally in played if len(rally) > 3)
-    rally = with_hurried(rally, True)
-    opened = dataclasses.replace(rally, stroke=rally.stroke[:2], hurried=rally.hurried[:2], ending=int(rally.outcome[1]))
-    assert opened.ending >= HURRIED_BELOW
-    motion = stage(opened, seed=2)
-    calm = stage(dataclasses.replace(opened, ending=opened.ending - HURRIED_BELOW + RETURNED_BELOW), seed=2)
-    assert motion.trajectory.reply is not None
-    assert calm.trajectory.reply is not None
-    assert motion.trajectory.end_time[-1] <= calm.trajectory.end_time[-1]
-    longer = continue_motion(motion, rally, seed=2)
-    np.testing.assert_array_equal(longer.trajectory.contact[:2], motion.trajectory.contact)

@@ -16,12 +16,10 @@ from shuttle_marl.policy.stored import StoredPolicies
 from shuttle_marl.suite import store
 from shuttle_marl.suite.adapt import CHANGES, observed
 from shuttle_marl.suite.methods.adapters import (
-    Counts,
     PosteriorMean,
     change_point,
     features,
     fitted_shift,
-    mean_policy,
     mixture_weights,
     shifted,
 )
@@ -140,11 +138,6 @@ def test_baselines(tmp_path: Path, method: str) -> None:
     assert (found["exploitability"] < 1e-5) == (method == "minimax")
 
 
-def test_a_tilted_mixture_learns(tmp_path: Path) -> None:
-    found = summary(run(tmp_path, "tilted-mixture"))["scores"]
-    assert found["regret_500"]["value"] < found["regret_20"]["value"]
-
-
 def test_weights_of_a_mixture_are_those_that_generated_the_strokes() -> None:
     rng = np.random.default_rng(0)
     chance = rng.dirichlet(np.ones(50), size=3)
@@ -181,20 +174,6 @@ def test_the_posterior_finds_a_known_type(arena: Arena) -> None:
     assert agent.mean().block_probabilities(0) == pytest.approx(setting.known["defensive"].block_probabilities(0), abs=0.2)
 
 
-def test_counts_approach_the_opponent(arena: Arena) -> None:
-    setting: Any = _Setting(arena)
-    agent = Counts(setting)
-    for rally in observed(GAME, (setting.known["bc"], setting.known["attacking"]), 3000, 1):
-        agent.observe_rally(rally)
-
-    def distance(policy: Any) -> float:
-        return float(
-            np.abs(policy.block_probabilities(0)[:2000] - setting.known["attacking"].block_probabilities(0)[:2000]).sum()
-        )
-
-    assert distance(agent.estimate()) < 0.5 * distance(setting.known["bc"])
-
-
 def test_shifts_are_the_maximum_a_posteriori() -> None:
     feature, deviation = features(GAME)
     rng = np.random.default_rng(0)
@@ -209,10 +188,3 @@ def test_shifts_are_the_maximum_a_posteriori() -> None:
     assert loss(theta) < loss(np.zeros_like(theta))
     for step in rng.normal(size=(5, len(theta))):
         assert loss(theta) < loss(theta + 0.1 * step)
-
-
-def test_mean_policy_weights_the_strokes() -> None:
-    first, second = (tabulate(resolve(name, GAME), GAME) for name in ("attacking", "safe"))
-    mean = mean_policy(GAME, {first: 0.25, second: 0.75})
-    expected = 0.25 * first.block_probabilities(0) + 0.75 * second.block_probabilities(0)
-    assert mean.block_probabilities(0) == pytest.approx(expected)

@@ -24,8 +24,7 @@ from shuttle_marl.suite.methods.estimators import (
     q_and_v,
     ratios,
 )
-from shuttle_marl.suite.methods.learned import Clone, Model, OneStep
-from shuttle_marl.suite.offline import OPPONENT, LogSetting, behaviour, errors, fitted, generate, in_game
+from shuttle_marl.suite.offline import OPPONENT, behaviour, errors, generate, in_game
 from shuttle_marl.suite.options import SuiteError
 from shuttle_marl.suite.registry import arena_of, find_task
 from shuttle_marl.training import q_learning
@@ -153,22 +152,6 @@ def test_logs_depend_on_their_seed_alone_and_hide_the_probabilities() -> None:
     table = log.table()
     assert table.num_rows == len(log)
     assert table["stroke"][0].as_py() == GAME.catalogue.names[log.stroke[0]]
-
-
-def test_methods_beat_the_behaviour(tmp_path: Path) -> None:
-    task = find_task("offline-v0")
-    arena = arena_of(task, reduced_model(), "test")
-    setting = LogSetting(game=blank(GAME), seed=0, folder=tmp_path)
-
-    opponent = arena.policy(OPPONENT)
-
-    def won(method: Any, strokes: int) -> float:
-        player = in_game(fitted(method, generate(arena, "bc", strokes, 0), setting, "offline"), arena.game)
-        return evaluate(player, opponent).odds().rally
-
-    behaved = evaluate(arena.policy("bc"), opponent).odds().rally
-    assert won(Clone, 50_000) == pytest.approx(behaved, abs=0.01)
-    assert behaved < won(OneStep, 50_000) < won(Model, 200_000)
 
 
 def test_pessimism_adds_to_faults() -> None:

@@ -1,6 +1,5 @@
 """Learning from distinct states: the gradient of a loss over them is that over all strokes, and games may be large."""
 
-import dataclasses
 from collections.abc import Callable
 from typing import Any
 
@@ -12,12 +11,10 @@ from torchrl.objectives import A2CLoss, ClipPPOLoss, DiscreteSACLoss, ValueEstim
 
 from shuttle_marl.game import default_game
 from shuttle_marl.game.tabulated import tabulate
-from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.training import A2CConfig, PPOConfig, SACConfig, TrainingConfig
 from shuttle_marl.training.learner import Observer, RallyCollector, minibatches, normalised, weighted_sums
 from shuttle_marl.training.networks import logit_network, make_actor, make_critic, make_q_network
-from shuttle_marl.training.ppo import PPO
 from shuttle_marl.training.sac import SAC
 
 GAME = default_game()
@@ -134,23 +131,3 @@ def test_the_gradient_of_sac_is_that_over_all_strokes(opponent: tuple[str, ...])
     # The values differ by how much the targets of one pair vary.
     for name in ("loss_actor", "loss_alpha", "entropy"):
         assert found[name].item() == pytest.approx(terms[name].item(), rel=1e-5, abs=1e-6)
-
-
-def test_a_game_of_a_million_states_is_learned_where_play_leads() -> None:
-    """Nothing is computed for states that no rally comes to."""
-    game = dataclasses.replace(GAME, fault_odds=np.linspace(ONE, 2 * ONE, 8).astype(np.int32))
-    assert game.n_states >= 10**6
-    config = PPOConfig(opponent=("self",), batch=4096, strokes=4096 * 3, growth=0.0, width=16)
-    learner = PPO(config, game)
-    asked = 0
-
-    def assess(seen: torch.Tensor) -> Any:
-        nonlocal asked
-        asked += len(seen)
-        return learner.predict(seen)
-
-    collector = RallyCollector(config, game, [], assess, distinct=True)
-    for data in collector:
-        learner.update(data, 1.0)
-        assert int(game.effort(collector.sampler.known).max()) > GAME.levels
-    assert asked < game.n_states / 20

@@ -11,7 +11,7 @@ import torch
 from shuttle_marl.game import draws
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
-from shuttle_marl.kernel import KernelError, RallySampler
+from shuttle_marl.kernel import RallySampler
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.training import PPOConfig, SACConfig
 from shuttle_marl.training.learner import RallyCollector
@@ -145,18 +145,6 @@ def test_sums_do_not_depend_on_the_order(device: str) -> None:
     assert not sums(group, amounts * 0, 50).any()
     tiny = torch.full((3,), 1e-310, dtype=torch.float64)
     assert sums(torch.zeros(3, dtype=torch.int64), tiny, 1) < 1e-300
-
-
-@pytest.mark.parametrize("device", DEVICES)
-def test_after_a_network_that_failed_its_states_are_asked_for_again(device: str) -> None:
-    pair = RallySampler(GAME, cache_iterations=5), TorchSampler(GAME, device=device, cache_iterations=5)
-    for sampler in pair:
-        sampler.collect(500, network(0))
-        sampler.take()
-        with pytest.raises(KernelError, match="are not finite"):
-            sampler.collect(500, lambda states: (np.full((len(states), GAME.n_strokes), np.nan, "f4"), network(0)(states)[1]))
-        sampler.collect(500, network(1))
-    compare(*pair)
 
 
 # Runs.

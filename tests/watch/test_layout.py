@@ -4,10 +4,8 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 import pytest
-from playwright.sync_api import Browser
 
 from shuttle_marl.pages.languages import LANGUAGES, Language, Texts
-from tests.watch.conftest import Viewer
 
 pytestmark = pytest.mark.slow
 
@@ -124,33 +122,3 @@ def test_the_language_is_chosen_in_the_page_and_kept(viewer: Any, served: Any) -
     page.goto(f"{served.address}{PLACE.replace('5', '6')}")  # an address without a language
     page.get_by_role("tab", name=Texts("id")("mode.learn")).wait_for()
     assert page.locator("html").get_attribute("lang") == "id"
-
-
-@pytest.mark.parametrize("touch", [False, True])
-def test_a_rally_is_played_by_mouse_or_by_touch(browser: Browser, served: Any, touch: bool) -> None:
-    size: Any = {"width": 390, "height": 844} if touch else {"width": 1280, "height": 720}
-    context = browser.new_context(viewport=size, has_touch=touch, reduced_motion="reduce")
-    try:
-        viewer = Viewer(context.new_page()).open(f"{served.address}#seed=5&a=bc&b=minimax&rally=1")
-
-        def press(selector: str) -> None:
-            found = viewer.page.locator(selector).first
-            found.tap() if touch else found.click()
-
-        press("[role=tab] >> text=Play")
-        viewer.until(lambda: viewer.state("person") is not None)
-        rally, chosen = None, 0
-        while rally is None or viewer.state("winner") is None:
-            viewer.until(lambda: viewer.state("turn") is not None or viewer.state("winner") is not None)
-            if (turn := viewer.state("turn")) is not None:
-                if viewer.state("rally") != rally:
-                    rally, chosen = viewer.state("rally"), 0
-                press(".shots button:enabled")
-                press(".targets button:enabled")
-                press(".hit")
-                chosen += 1
-                viewer.until(lambda turn=turn: viewer.state("turn") != turn)  # type: ignore[misc]
-        assert chosen > 0
-        assert viewer.errors == []
-    finally:
-        context.close()

@@ -192,24 +192,3 @@ def test_an_opening_is_played_in_the_match_of_its_seed(tables: PolicyTables) -> 
     assert b'"share"' in answers(request)
     with pytest.raises(IllegalStrokeError):
         answers(decode_request(json.dumps({"id": 1, "op": "opening", "line": [line[2], line[2]]})))
-
-
-def test_the_choices_of_a_person_are_like_those_of_the_player_who_made_them(tables: PolicyTables) -> None:
-    answers = Answers(tables, Plan.parse(PLAN), Stager(("male", "male"), ("right", "right")))
-    name = "bc:viktor-axelsen"
-    played = match(tables, sides=[{"policy": name}, BC])
-    chosen: dict[str, dict[str, int]] = {}
-    count = 0
-    for number in range(25):
-        rally = played.rally(number)
-        mine = {str(i): int(stroke) for i, stroke in enumerate(rally.stroke) if rally.striker[i] == 0}
-        chosen[str(number)], count = mine, count + len(mine)
-    plan = {**PLAN, "sides": [BC, BC], "chosen": chosen}
-    query = {"id": 1, "op": "likeness", "plan": plan, "rally": 24, "person": {"seat": 0, "rally": 0, "stroke": 0}}
-    found = json.loads(answers(decode_request(json.dumps(query)))[4:])
-    assert found["strokes"] == count > 100
-    assert sum(found["probability"]) == pytest.approx(1, abs=1e-5)
-    assert found["probability"] == sorted(found["probability"], reverse=True)
-    assert found["names"][0] == name
-    with pytest.raises(WatchError, match="take over"):
-        answers(decode_request(json.dumps({**query, "person": None})))

@@ -119,48 +119,6 @@ def test_what_if_continues_without_a_jump_and_comes_back(viewer: Any, served: An
     assert viewer.state("strokes") == again
 
 
-def test_learn_mode_asks_before_it_shows_the_better_stroke(viewer: Any, served: Any) -> None:
-    viewer.open(f"{served.address}#seed=5&a=bc&b=bc&rally=1").analysed()
-    viewer.page.get_by_role("tab", name="Learn").click()
-    asked = 0
-    while True:
-        viewer.until(
-            lambda: (
-                viewer.page.locator(".quiz button:enabled").count() > 0 or viewer.page.get_by_text("Accuracy: 100 %").count() > 0
-            )
-        )
-        if viewer.page.get_by_text("Accuracy: 100 %").count():
-            break
-        viewer.until(lambda: viewer.state("analysis") is not None)
-        question, time, contacts, analysis = viewer.state("asked", "time", "contacts", "analysis")
-        assert time < contacts[question], "it stops before the decision"
-        assert viewer.page.locator(".moves li button").count() == question, "nothing is told before"
-        named = [int(text.split()[0]) for text in viewer.page.locator(".timeline span").all_inner_texts()]
-        assert all(number <= question for number in named), "nor on the timeline"
-        value = analysis["strokes"][question]
-        options = {option["stroke"]: option for option in value["options"]}
-        asked_for = value["question"]
-        best, played = options[asked_for["right"]], options[viewer.state("strokes")[question]]
-        assert min(options[stroke]["support"] for stroke in (asked_for["right"], *asked_for["wrong"])) >= 20
-        assert best["best"] - played["best"] >= 0.03
-        viewer.page.locator(".quiz button").nth(1).hover()
-        assert viewer.state("target") in [option["box"] for option in options.values()], "the answer pointed at is drawn"
-        viewer.page.locator(".quiz button").first.click()
-        assert viewer.page.locator(".quiz .right").count() == 1
-        assert viewer.page.get_by_text("real strokes stand behind each answer").count() == 1
-        strokes = viewer.state("strokes")
-        if asked == 0:  # both continuations
-            viewer.page.get_by_role("button", name="Play the better one").click()
-            viewer.until(lambda strokes=strokes: viewer.state("strokes") != strokes)
-            assert viewer.state("strokes")[question] == asked_for["right"]
-            viewer.page.get_by_role("button", name="Play what was played").click()
-            viewer.until(lambda strokes=strokes: viewer.state("strokes") == strokes)
-        asked += 1
-        viewer.page.locator(".learn .row button").first.click()
-    assert asked >= 1
-    assert viewer.page.get_by_text(": accuracy ").count() == 2
-
-
 KEYS = {
     "short-serve": "s", "long-serve": "g", "clear": "c", "lift": "l", "drop": "d", "smash": "s", "half-smash": "a", "drive": "v",
     "push": "p", "net-kill": "k", "net-shot": "n", "block": "b", "cross-court-net-shot": "x",

@@ -1,22 +1,16 @@
 """Values that the page shows: those of the exact solvers."""
 
-import itertools
-
 import numpy as np
 import pytest
 
-from shuttle_marl.analysis.marks import MARKS
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game import default_game
 from shuttle_marl.game.shipped import RELIABLE, real_strokes
 from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.watch import messages
-from shuttle_marl.watch.answers import Answers, match_overview
 from shuttle_marl.watch.match import Match
 from shuttle_marl.watch.plan import Plan, Side
 from shuttle_marl.watch.policies import PolicyTables
-from shuttle_marl.watch.stager import Stager
 from shuttle_marl.watch.values import StrokeValues
 
 SIDES = (Side(policy="bc"), Side(policy="attacking"))
@@ -96,37 +90,3 @@ def test_questions_rest_on_enough_real_strokes_behind_all_answers(values: Stroke
             assert best[entry.question.right] - max(best[stroke] for stroke in entry.question.wrong) >= 0.02 - 1e-6
             assert 3 <= len(set(answers)) == len(answers) <= 4
     assert asked >= 10
-
-
-@pytest.mark.slow
-def test_a_match_at_a_glance(values: StrokeValues) -> None:
-    game, policies = default_game(), PolicyTables(default_game())
-    plan = Plan(seed=9, sides=SIDES)
-    match, players = Match(plan, game, policies), values.players(SIDES)
-    answers = Answers(policies, plan, Stager(("male", "male"), ("right", "right")))
-    found, _ = answers._reply(messages.MatchRequest(id=1, rally=3, plan=plan))
-    assert isinstance(found, messages.MatchReply)
-    rallies = [match.rally(row.number) for row in found.rallies]
-    assert [row.winner for row in found.rallies] == [rally.winner for rally in rallies]
-    last = rallies[-1]
-    assert last.winner is not None
-    score = last.score.after(last.winner)
-    assert score.over
-    assert found.win_after == float(score.winner == 0)
-    for before, after in itertools.pairwise(found.rallies):  # a rally that A wins never lowers its probability of winning
-        assert (after.win >= before.win) if before.winner == 0 else (after.win <= before.win)
-    analyses = [values.analysis(rally, players) for rally in rallies]
-    losses = [[value.loss for value in analysis.strokes] for analysis in analyses]
-    costs = [moment.cost for moment in found.moments]
-    assert 1 <= len(costs) <= 5
-    for moment in found.moments:
-        assert moment.loss == losses[moment.rally][moment.stroke]
-        assert moment.seat == rallies[moment.rally].striker[moment.stroke]
-        assert 0 <= moment.cost <= moment.loss
-    marks = [value.mark for analysis in analyses for value in analysis.strokes]
-    assert [a + b for a, b in zip(*found.marks, strict=True)] == [marks.count(mark) for mark in MARKS]
-    part = match_overview(((rally, players, analysis) for rally, analysis in zip(rallies[:4], analyses, strict=False)))
-    partial, _ = answers._reply(messages.MatchRequest(id=2, rally=3, plan=plan, partial=True))
-    assert partial == part
-    assert part.rallies == found.rallies[:4]
-    assert part.win_after == found.rallies[4].win

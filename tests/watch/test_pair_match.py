@@ -7,11 +7,9 @@ from types import SimpleNamespace
 from typing import cast
 
 import numpy as np
-import pyarrow as pa
 import pytest
 
 from shuttle_marl.analysis.rally import LogPlayers, analyse_rally
-from shuttle_marl.base.table_files import read_parquet, write_parquet
 from shuttle_marl.commands.options import RallyGameOptions
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game.pairs import pair_game
@@ -20,12 +18,12 @@ from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording import Derived, RallyLog
 from shuttle_marl.recording.replay import check
 from shuttle_marl.scene.rally_report import report_rally
-from shuttle_marl.watch import WatchError, messages
+from shuttle_marl.watch import messages
 from shuttle_marl.watch.answers import Answers
 from shuttle_marl.watch.match_log import MatchLog
 from shuttle_marl.watch.plan import Plan
 from shuttle_marl.watch.policies import PolicyTables
-from shuttle_marl.watch.recorded import People, RealRallies, Recorded
+from shuttle_marl.watch.recorded import People, Recorded
 from shuttle_marl.watch.stager import Stager
 from tests.reduced import reduced_game, reduced_model
 
@@ -95,23 +93,6 @@ def test_a_log_of_a_pair(tmp_path: Path, policies: PolicyTables, answers: Answer
     # The receiver strikes with other tables than the server.
     second = found.decisions[1]
     assert second.p_succ.tolist() != PAIR.seats[1 - second.seat].stroke_probabilities(second.pair)[0].tolist()
-
-
-def test_people_of_annotated_matches(tmp_path: Path) -> None:
-    """Names at the seats, and the date in the name of the match."""
-    strokes = read_parquet(ROOT / "datasets" / "sample" / "strokes.parquet")
-    named = pa.array([f"2021-03-04 {name}" for name in strokes["match"].to_pylist()])
-    dated = strokes.set_column(strokes.schema.get_field_index("match"), strokes.schema.field("match"), named)
-    write_parquet(tmp_path / "strokes.parquet", dated)
-    rallies = RealRallies(tmp_path / "strokes.parquet", reduced_game())
-    found = rallies.people(0)
-    assert found is not None
-    assert found.date == datetime.date(2021, 3, 4)
-    assert found.names == rallies.rally(0).names
-    assert rallies.people(rallies.count) is None
-    assert rallies.match(0) == named[0].as_py()
-    with pytest.raises(WatchError, match="no rally 0: there are"):
-        rallies.match(-1)
 
 
 @pytest.mark.parametrize(
