@@ -15,7 +15,7 @@ from shuttle_marl.coach.drills import training
 from shuttle_marl.coach.examples import shared, viewer
 from shuttle_marl.coach.scout_page import habit_words
 from shuttle_marl.coach.words import of_100, signed, words
-from shuttle_marl.game.scoring import is_over
+from shuttle_marl.game.scoring import is_over, wins_game
 from shuttle_marl.game.shipped import RELIABLE
 from shuttle_marl.game.tables import Game
 from shuttle_marl.pages import Cell, Column, Table, name, table
@@ -106,6 +106,10 @@ def _course(report: MatchReport) -> Section:
     played = sum(map(sum, report.score))
     if played > len(report.rallies):
         blocks.insert(0, text(say("match.course_missing", played=played, rallies=len(report.rallies))))
+    ended = report.score if winner is not None else report.score[:-1]
+    for number, points in enumerate(ended, 1):
+        if not wins_game(max(points), min(points), report.rules):
+            blocks.insert(0, text(say("match.course_cut", game=number)))
     for player, (forced, unforced) in zip(report.players, report.faults, strict=True):
         if forced + unforced:
             blocks.append(text(say("match.course_faults", player=player, forced=forced, unforced=unforced)))
