@@ -7,7 +7,20 @@ import numpy as np
 
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.base.compiling import compiled
-from shuttle_marl.staging.linear import add_vec, copy_mat, copy_vec, cross, mat_mul, mat_vec, rotation_about
+from shuttle_marl.staging.linear import (
+    Mat,
+    add,
+    cross,
+    dot,
+    mat_mul,
+    mat_vec,
+    over,
+    put_mat,
+    put_vec,
+    rotation_about,
+    scaled,
+    sub,
+)
 
 ANGLES: Final = (
     "collar bone up",
@@ -64,105 +77,55 @@ class ArmGoals(NamedTuple):
 
 
 _N: Final = 10
+_BEGINS: Final = (RAISE, TWIST, ELBOW, BEND, ROLL)
+"""Angles at whose pivots the bones begin."""
 _ROWS: Final = 12
 """Residuals of one arm: three each for point, shaft, normal and elbow."""
 
 
-class _ArmFrames(NamedTuple):
-    """One arm in the frame of the chest: ``[3, 3]`` rotations and ``[3]`` vectors.
+@compiled
+def _hinged(chain: Mat, axis: F64, angle: float, out: F64) -> Mat:
+    """A rotation followed by one about a hinge, whose axis is written to ``out``."""
+    put_vec(mat_vec(chain, axis), out)
+    return mat_mul(chain, rotation_about(axis, angle))
 
-    Rotations: ``collar`` bone, ``upper`` arm, ``forearm`` (with half of the pronation), ``hand`` and ``racket``; the others are
-    scratch. ``[10, 3]`` ``axes`` of the angles and a point on each, ``pivots``: the first is the origin, the last the middle
-    of the grip. ``shoulder``, ``elbow`` and ``wrist`` are positions, ``swing`` is the rotation vector of the shoulder.
+
+@compiled
+def _pose(q: F64, arm: ArmConstants, axes: F64, pivots: F64) -> tuple[Mat, Mat, Mat, Mat, Mat]:
+    """Forward kinematics of one arm with ``[10]`` angles: collar bone, upper arm, forearm, hand and racket.
+
+    ``[10, 3]`` axes of the angles and a point on each are written: the first is the origin, the last the middle of the grip.
     """
-
-    collar: F64
-    upper: F64
-    forearm: F64
-    hand: F64
-    racket: F64
-    axes: F64
-    pivots: F64
-    shoulder: F64
-    elbow: F64
-    wrist: F64
-    swing: F64
-    joint: F64
-    chain: F64
-    chain_2: F64
-    vector: F64
-    vector_2: F64
-
-
-@compiled
-def _arm_frames() -> _ArmFrames:
-    m, v = np.empty((8, 3, 3)), np.empty((6, 3))
-    axes, pivots = np.empty((_N, 3)), np.empty((_N, 3))
-    return _ArmFrames(m[0], m[1], m[2], m[3], m[4], axes, pivots, v[0], v[1], v[2], v[3], m[5], m[6], m[7], v[4], v[5])
-
-
-@compiled
-def _pose(q: F64, arm: ArmConstants, frames: _ArmFrames) -> None:
-    """Forward kinematics of one arm: ``[10]`` angles to ``frames``."""
-    fixed, axes, pivots = arm.axes, frames.axes, frames.pivots
-    joint, chain, chain_2 = frames.joint, frames.chain, frames.chain_2
-    rotation_about(fixed[FORWARD], q[FORWARD], joint)
-    mat_vec(joint, fixed[RAISE], axes[RAISE])
-    copy_vec(fixed[FORWARD], axes[FORWARD])
-    rotation_about(fixed[RAISE], q[RAISE], chain)
-    mat_mul(joint, chain, frames.collar)
-    mat_vec(frames.collar, arm.offset[0], frames.shoulder)
+    fixed = arm.axes
+    raised = rotation_about(fixed[FORWARD], q[FORWARD])
+    put_vec(fixed[FORWARD], axes[FORWARD])
+    collar = _hinged(raised, fixed[RAISE], q[RAISE], axes[RAISE])
     # The swing is a rotation vector across the middle direction; its two axes turn with it.
-    swing, vector, vector_2 = frames.swing, frames.vector, frames.vector_2
-    for i in range(3):
-        swing[i] = q[SWING_1] * fixed[SWING_1, i] + q[SWING_2] * fixed[SWING_2, i]
-    angle = math.sqrt(swing[0] * swing[0] + swing[1] * swing[1] + swing[2] * swing[2])
+    swing = add(scaled(q[SWING_1], fixed[SWING_1]), scaled(q[SWING_2], fixed[SWING_2]))
+    angle = math.sqrt(dot(swing, swing))
     safe = max(angle, 1e-6)
-    for i in range(3):
-        vector[i] = swing[i] / safe
-    rotation_about(vector, safe if angle > 1e-6 else 0.0, joint)
-    mat_mul(frames.collar, joint, chain_2)
+    swung = mat_mul(collar, rotation_about(over(swing, safe), safe if angle > 1e-6 else 0.0))
     first, second = (1.0 - math.cos(safe)) / safe**2, (safe - math.sin(safe)) / safe**3
     for k in (SWING_1, SWING_2):
-        cross(swing, fixed[k], vector)
-        cross(swing, vector, vector_2)
-        for i in range(3):
-            vector_2[i] = fixed[k, i] + first * vector[i] + second * vector_2[i]
-        mat_vec(frames.collar, vector_2, axes[k])
-    mat_vec(chain_2, fixed[TWIST], axes[TWIST])
-    rotation_about(fixed[TWIST], q[TWIST], joint)
-    mat_mul(chain_2, joint, chain)
-    mat_mul(chain, arm.to_middle, frames.upper)
-    mat_vec(frames.upper, fixed[ELBOW], axes[ELBOW])
-    rotation_about(fixed[ELBOW], q[ELBOW] - arm.rest_bend, joint)
-    mat_mul(frames.upper, joint, chain)
-    mat_vec(chain, fixed[PRONATION], axes[PRONATION])
-    rotation_about(fixed[PRONATION], q[PRONATION] / 2, joint)
-    mat_mul(chain, joint, frames.forearm)
-    mat_mul(frames.forearm, joint, chain)
-    mat_vec(chain, fixed[BEND], axes[BEND])
-    rotation_about(fixed[BEND], q[BEND], joint)
-    mat_mul(chain, joint, chain_2)
-    mat_vec(chain_2, fixed[DEVIATION], axes[DEVIATION])
-    rotation_about(fixed[DEVIATION], q[DEVIATION], joint)
-    mat_mul(chain_2, joint, frames.hand)
-    mat_vec(frames.hand, fixed[ROLL], axes[ROLL])
-    rotation_about(fixed[ROLL], q[ROLL], joint)
-    mat_mul(frames.hand, joint, frames.racket)
-    mat_vec(frames.upper, arm.offset[1], vector)
-    add_vec(frames.shoulder, vector, frames.elbow)
-    mat_vec(frames.forearm, arm.offset[2], vector)
-    add_vec(frames.elbow, vector, frames.wrist)
-    mat_vec(frames.hand, arm.offset[3], vector)
-    for i in range(3):
-        pivots[RAISE, i], pivots[FORWARD, i] = 0.0, 0.0
-    for k in (SWING_1, SWING_2, TWIST):
-        copy_vec(frames.shoulder, pivots[k])
-    for k in (ELBOW, PRONATION):
-        copy_vec(frames.elbow, pivots[k])
-    for k in (BEND, DEVIATION):
-        copy_vec(frames.wrist, pivots[k])
-    add_vec(frames.wrist, vector, pivots[ROLL])
+        across = cross(swing, fixed[k])
+        along = add(add(fixed[k], scaled(first, across)), scaled(second, cross(swing, across)))
+        put_vec(mat_vec(collar, along), axes[k])
+    upper = mat_mul(_hinged(swung, fixed[TWIST], q[TWIST], axes[TWIST]), arm.to_middle)
+    bent = _hinged(upper, fixed[ELBOW], q[ELBOW] - arm.rest_bend, axes[ELBOW])
+    forearm = _hinged(bent, fixed[PRONATION], q[PRONATION] / 2, axes[PRONATION])
+    pronated = mat_mul(forearm, rotation_about(fixed[PRONATION], q[PRONATION] / 2))
+    wrist = _hinged(pronated, fixed[BEND], q[BEND], axes[BEND])
+    hand = _hinged(wrist, fixed[DEVIATION], q[DEVIATION], axes[DEVIATION])
+    racket = _hinged(hand, fixed[ROLL], q[ROLL], axes[ROLL])
+    begins = mat_vec(collar, arm.offset[0])
+    elbow = add(begins, mat_vec(upper, arm.offset[1]))
+    ends = add(elbow, mat_vec(forearm, arm.offset[2]))
+    grip = add(ends, mat_vec(hand, arm.offset[3]))
+    origin = (0.0, 0.0, 0.0)
+    points = (origin, origin, begins, begins, begins, elbow, elbow, ends, ends, grip)
+    for k in range(_N):
+        put_vec(points[k], pivots[k])
+    return collar, upper, forearm, hand, racket
 
 
 @compiled
@@ -204,32 +167,20 @@ def _clip(q: F64, arm: ArmConstants) -> None:
 
 @compiled
 def _residuals(
-    arm: ArmConstants, goals: ArmGoals, n: int, frames: _ArmFrames, reached: F64, jacobian: F64, residual: F64
+    arm: ArmConstants, goals: ArmGoals, n: int, racket: Mat, axes: F64, pivots: F64, jacobian: F64, residual: F64
 ) -> None:
     """Weighted residuals ``[12]`` of one arm to goal ``n`` and their geometric Jacobian ``[12, 10]``."""
-    point, shaft, normal, elbow = reached[0], reached[1], reached[2], reached[3]
-    mat_vec(frames.racket, arm.axes[ROLL], shaft)
-    mat_vec(frames.racket, arm.string_normal, normal)
-    for i in range(3):
-        point[i] = frames.pivots[ROLL, i] + goals.reach[n] * shaft[i]
-        elbow[i] = frames.elbow[i] - frames.shoulder[i]
-    length = math.sqrt(elbow[0] ** 2 + elbow[1] ** 2 + elbow[2] ** 2)
-    for i in range(3):
-        elbow[i] /= length
+    shaft, elbow = mat_vec(racket, arm.axes[ROLL]), sub(pivots[ELBOW], pivots[TWIST])
+    point = add(pivots[ROLL], scaled(goals.reach[n], shaft))
+    reached = (point, shaft, mat_vec(racket, arm.string_normal), over(elbow, math.sqrt(dot(elbow, elbow))))
     for k in range(4):
+        weight = goals.weight[n, k]
         for i in range(3):
-            residual[3 * k + i] = goals.weight[n, k] * (goals.target[n, k, i] - reached[k, i])
-    moment, change = frames.vector, frames.vector_2
-    for j in range(_N):
-        for k in range(4):
-            if k == 0:
-                for i in range(3):
-                    moment[i] = point[i] - frames.pivots[j, i]
-            else:
-                copy_vec(reached[k], moment)
-            cross(frames.axes[j], moment, change)
+            residual[3 * k + i] = weight * (goals.target[n, k, i] - reached[k][i])
+        for j in range(_N):
+            change = cross(axes[j], sub(point, pivots[j]) if k == 0 else reached[k])
             for i in range(3):
-                jacobian[3 * k + i, j] = goals.weight[n, k] * change[i] if k < 3 or j < ELBOW else 0.0
+                jacobian[3 * k + i, j] = weight * change[i] if k < 3 or j < ELBOW else 0.0
 
 
 @compiled
@@ -243,15 +194,15 @@ def solve_arms(angles: F64, goals: ArmGoals, arm: ArmConstants, rounds: int, hol
         rounds: maximum number of steps.
         hold: weight of the preferred angles.
     """
-    frames, limits = _arm_frames(), arm.limits
-    jacobian, residual, reached = np.empty((_ROWS, _N)), np.empty(_ROWS), np.empty((4, 3))
+    limits, axes, pivots = arm.limits, np.empty((_N, 3)), np.empty((_N, 3))
+    jacobian, residual = np.empty((_ROWS, _N)), np.empty(_ROWS)
     square, slope = np.empty((_N, _N)), np.empty(_N)
     factor, b, move, held = np.empty((_N, _N)), np.empty(_N), np.empty(_N), np.empty(_N, np.bool_)
     for n in range(len(angles)):
         q = angles[n]
         for step in range(rounds):
-            _pose(q, arm, frames)
-            _residuals(arm, goals, n, frames, reached, jacobian, residual)
+            racket = _pose(q, arm, axes, pivots)[4]
+            _residuals(arm, goals, n, racket, axes, pivots, jacobian, residual)
             damping = 1e-2 if step < rounds // 2 else 1e-4
             for i in range(_N):
                 for j in range(i + 1):
@@ -298,14 +249,8 @@ def pose_arms(angles: F64, arm: ArmConstants, rotation: F64, position: F64, axes
         axes: ``[N, 10, 3]``, written: axis of each angle.
         pivot: ``[N, 10, 3]``, written: a point on that axis.
     """
-    frames = _arm_frames()
-    rotations = (frames.collar, frames.upper, frames.forearm, frames.hand, frames.racket)
-    points = (frames.pivots[RAISE], frames.shoulder, frames.elbow, frames.wrist, frames.pivots[ROLL])
     for n in range(len(angles)):
-        _pose(angles[n], arm, frames)
+        turns = _pose(angles[n], arm, axes[n], pivot[n])
         for k in range(5):
-            copy_mat(rotations[k], rotation[k, n])
-            copy_vec(points[k], position[k, n])
-        for k in range(_N):
-            copy_vec(frames.axes[k], axes[n, k])
-            copy_vec(frames.pivots[k], pivot[n, k])
+            put_mat(turns[k], rotation[k, n])
+            put_vec(pivot[n, _BEGINS[k]], position[k, n])

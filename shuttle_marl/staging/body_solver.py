@@ -8,19 +8,23 @@ import numpy as np
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.base.compiling import compiled
 from shuttle_marl.staging.linear import (
-    add_vec,
-    copy_mat,
-    copy_vec,
+    Mat,
+    Vec,
+    add,
     cross,
     dot,
     from_yaw_pitch_roll,
     mat_mul,
-    mat_mul_transposed,
     mat_vec,
-    normalise,
     orthonormal_frame,
+    over,
+    put_mat,
+    put_vec,
     rotation_about,
-    transposed_mat_mul,
+    scaled,
+    sub,
+    transposed,
+    unit,
 )
 
 
@@ -77,26 +81,23 @@ def bend_trunks(hips: F64, angles: F64, above: F64, rotation: F64, position: F64
         rotation: ``[4, N, 3, 3]``, written.
         position: ``[4, N, 3]``, written.
     """
-    third, way = np.empty((3, 3)), np.empty(3)
     for n in range(len(angles)):
         a = angles[n]
-        from_yaw_pitch_roll(a[1], a[2], a[3], rotation[0, n])
-        from_yaw_pitch_roll(a[4] / 3, a[5] / 3, a[6] / 3, third)
-        copy_vec(hips[n], position[0, n])
-        for k in range(3):
-            mat_vec(rotation[k, n], above[k], way)
-            add_vec(position[k, n], way, position[k + 1, n])
-            mat_mul(rotation[k, n], third, rotation[k + 1, n])
+        turn, third = from_yaw_pitch_roll(a[1], a[2], a[3]), from_yaw_pitch_roll(a[4] / 3, a[5] / 3, a[6] / 3)
+        place = add(hips[n], (0.0, 0.0, 0.0))
+        for k in range(4):
+            put_mat(turn, rotation[k, n])
+            put_vec(place, position[k, n])
+            if k < 3:
+                place = add(place, mat_vec(turn, above[k]))
+                turn = mat_mul(turn, third)
 
 
 @compiled
-def ankle_of(ball: F64, yaw: float, pitch: float, heel: F64, above: float, m: F64, out: F64) -> None:
-    """The ankle of a foot that stands on its ball, the heel raised by ``pitch``; ``m`` is overwritten."""
-    from_yaw_pitch_roll(yaw, pitch, 0.0, m)
-    mat_vec(m, heel, out)
-    for i in range(3):
-        out[i] += ball[i]
-    out[2] += above
+def ankle_of(ball: F64, sole: Mat, heel: F64 | Vec, above: float) -> Vec:
+    """The ankle of a foot that stands on its ball; ``sole`` is the rotation of the foot."""
+    x, y, z = add(mat_vec(sole, heel), ball)
+    return x, y, z + above
 
 
 @compiled
@@ -113,15 +114,11 @@ def raise_heels(joint: F64, ball: F64, yaw: F64, heel: F64, above: float, limit:
         angles: ``[K]`` ascending.
         out: ``[F]``, written.
     """
-    m, ankle = np.empty((3, 3)), np.empty(3)
     for f in range(len(joint)):
         out[f] = angles[-1]
         for angle in angles:
-            ankle_of(ball[f], yaw[f], angle, heel, above, m, ankle)
-            square = 0.0
-            for i in range(3):
-                square += (ankle[i] - joint[f, i]) ** 2
-            if square <= limit * limit:
+            way = sub(ankle_of(ball[f], from_yaw_pitch_roll(yaw[f], angle, 0.0), heel, above), joint[f])
+            if dot(way, way) <= limit * limit:
                 out[f] = angle
                 break
 
@@ -129,20 +126,16 @@ def raise_heels(joint: F64, ball: F64, yaw: F64, heel: F64, above: float, limit:
 @compiled
 def stand_ankles(ball: F64, yaw: F64, pitch: F64, heel: F64, above: float, out: F64) -> None:
     """``[F, 3]`` ankles of feet that stand on their balls, the heels raised by ``pitch``."""
-    m = np.empty((3, 3))
     for f in range(len(ball)):
-        ankle_of(ball[f], yaw[f], pitch[f], heel, above, m, out[f])
+        put_vec(ankle_of(ball[f], from_yaw_pitch_roll(yaw[f], pitch[f], 0.0), heel, above), out[f])
 
 
 @compiled
-def _shortest_rotation(a: F64, b: F64, axis: F64, out: F64) -> None:
+def _shortest_rotation(a: Vec, b: Vec) -> Mat:
     """The shortest rotation of ``a`` onto ``b``."""
-    cross(a, b, axis)
-    angle = math.atan2(math.sqrt(dot(axis, axis)), dot(a, b))
-    if math.sqrt(dot(axis, axis)) < 1e-12:
-        angle = 0.0
-    normalise(axis)
-    rotation_about(axis, angle, out)
+    axis = cross(a, b)
+    sine = math.sqrt(dot(axis, axis))
+    return rotation_about(unit(axis), 0.0 if sine < 1e-12 else math.atan2(sine, dot(a, b)))
 
 
 @compiled
@@ -150,157 +143,66 @@ def _clip(x: float, limits: F64) -> float:
     return min(max(x, limits[0]), limits[1])
 
 
-class _HipWorkspace(NamedTuple):
-    """Scratch of the hip joint: ``[3, 3]`` rotations and ``[3]`` vectors.
-
-    Rotations of the thigh against the hips: ``relative``, its shortest part ``swing`` and the rest ``twist``; ``product`` of
-    two of them. Vectors: direction of the thigh ``way``, an axis ``side`` across it at rest, that axis ``turned`` by
-    ``relative`` and ``swung`` by ``swing``, ``axis`` of the swing, and ``normal`` to the two.
-    """
-
-    relative: F64
-    swing: F64
-    twist: F64
-    product: F64
-    way: F64
-    side: F64
-    turned: F64
-    swung: F64
-    axis: F64
-    normal: F64
-
-
-class _LegWorkspace(NamedTuple):
-    """One leg in one frame: ``[3, 3]`` rotations and ``[3]`` vectors.
-
-    Rotations: ``thigh``, ``shank`` and ``sole``; ``floor``, a sole that follows the floor, and ``limited``, that sole within the
-    range of the ankle; scratch: ``frame`` of a bone, ``bend`` of the knee, ``joint`` of the ankle. Positions: ``knee``, ``ankle``
-    and its ``target``. Vectors: ``heel`` from the joint of the toes to the ankle and ``toes`` back; from hip to ankle ``down``,
-    to knee ``upper``, from there ``lower``; ``aim`` and ``hinge`` of the knee, ``rest`` direction of the thigh, ``normal`` of
-    the floor.
-    """
-
-    thigh: F64
-    shank: F64
-    sole: F64
-    floor: F64
-    limited: F64
-    knee: F64
-    ankle: F64
-    target: F64
-    heel: F64
-    toes: F64
-    frame: F64
-    bend: F64
-    joint: F64
-    down: F64
-    aim: F64
-    upper: F64
-    lower: F64
-    hinge: F64
-    rest: F64
-    normal: F64
-    hip: _HipWorkspace
-
-
 @compiled
-def _leg_workspace() -> _LegWorkspace:
-    m, v = np.empty((12, 3, 3)), np.empty((18, 3))
-    hip = _HipWorkspace(m[8], m[9], m[10], m[11], v[12], v[13], v[14], v[15], v[16], v[17])
-    return _LegWorkspace(
-        m[0], m[1], m[2], m[3], m[4], v[0], v[1], v[2], v[3], v[4],
-        m[5], m[6], m[7], v[5], v[6], v[7], v[8], v[9], v[10], v[11], hip,
-    )  # fmt: skip
-
-
-@compiled
-def _limit_hip(root: F64, leg: LegConstants, work: _LegWorkspace) -> None:
-    """Turn the thigh into the range of the hip joint, in place."""
-    upper, thigh, hip = work.thigh, work.rest, work.hip
-    relative, swing, way, side, turned, swung = hip.relative, hip.swing, hip.way, hip.side, hip.turned, hip.swung
-    transposed_mat_mul(root, upper, relative)
-    mat_vec(relative, thigh, way)
-    _shortest_rotation(thigh, way, hip.axis, swing)
-    for i in range(3):
-        side[i] = (1.0 if i == 0 else 0.0) - thigh[0] * thigh[i]
-    normalise(side)
-    mat_vec(relative, side, turned)
-    mat_vec(swing, side, swung)
-    cross(swung, turned, hip.normal)
+def _limited_thigh(root: F64, upper: Mat, thigh: Vec, leg: LegConstants) -> Mat:
+    """The rotation of a thigh within the range of the hip joint; ``thigh`` is its direction at rest."""
+    relative = mat_mul(transposed(root), upper)
+    way = mat_vec(relative, thigh)
+    # An axis across the thigh: what is left of its turn after the shortest rotation is the twist.
+    side = unit(sub((1.0, 0.0, 0.0), scaled(thigh[0], thigh)))
+    turned, swung = mat_vec(relative, side), mat_vec(_shortest_rotation(thigh, way), side)
     forward, right = math.atan2(way[1], -way[2]), math.asin(min(max(way[0], -1.0), 1.0))
-    twist = -math.atan2(dot(hip.normal, way), dot(swung, turned))
+    twist = -math.atan2(dot(cross(swung, turned), way), dot(swung, turned))
     limits, sign = leg.hip_limits, leg.sign
     new_forward, new_right = _clip(forward, limits[0]), sign * _clip(sign * right, limits[1])
     new_twist = sign * _clip(sign * twist, limits[2])
     if max(abs(new_forward - forward), abs(new_right - right), abs(new_twist - twist)) <= 1e-9:
-        return
-    way[0] = math.sin(new_right)
-    way[1], way[2] = math.cos(new_right) * math.sin(new_forward), -math.cos(new_right) * math.cos(new_forward)
-    _shortest_rotation(thigh, way, hip.axis, swing)
-    rotation_about(way, -new_twist, hip.twist)
-    mat_mul(hip.twist, swing, hip.product)
-    mat_mul(root, hip.product, upper)
+        return upper
+    level = math.cos(new_right)
+    way = (math.sin(new_right), level * math.sin(new_forward), -level * math.cos(new_forward))
+    return mat_mul(root, mat_mul(rotation_about(way, -new_twist), _shortest_rotation(thigh, way)))
 
 
 @compiled
-def _limit_ankle(leg: LegConstants, work: _LegWorkspace) -> None:
-    """Write the sole that follows the floor as far as the ankle allows to ``work.limited``."""
-    shank, wanted, joint, normal, out = work.shank, work.floor, work.joint, work.normal, work.limited
+def _limited_sole(shank: Mat, wanted: Mat, leg: LegConstants) -> Mat:
+    """The sole that follows the floor as far as the ankle allows."""
     up, tilt, outward, sign = leg.ankle_limits[0], leg.ankle_limits[1], leg.ankle_limits[2], leg.sign
+    back = transposed(shank)
     # Rising about the ball comes first: far outside the range the three angles would not be independent.
-    for i in range(3):
-        normal[i] = wanted[0, i] * shank[0, 2] + wanted[1, i] * shank[1, 2] + wanted[2, i] * shank[2, 2]
+    normal = mat_vec(transposed(wanted), back[2])
     bent = math.atan2(normal[1], normal[2])
-    from_yaw_pitch_roll(0.0, bent - _clip(bent, up), 0.0, joint)
-    mat_mul(wanted, joint, out)
-    transposed_mat_mul(shank, out, joint)
-    twist = math.atan2(-joint[0, 1], joint[1, 1])
-    bow = -math.asin(min(max(joint[2, 1], -1.0), 1.0))
-    lean = math.atan2(-joint[2, 0], joint[2, 2])
-    from_yaw_pitch_roll(sign * _clip(sign * twist, outward), -_clip(-bow, up), sign * _clip(sign * lean, tilt), joint)
-    mat_mul(shank, joint, out)
+    joint = mat_mul(back, mat_mul(wanted, from_yaw_pitch_roll(0.0, bent - _clip(bent, up), 0.0)))
+    twist = math.atan2(-joint[0][1], joint[1][1])
+    bow = -math.asin(min(max(joint[2][1], -1.0), 1.0))
+    lean = math.atan2(-joint[2][0], joint[2][2])
+    limited = from_yaw_pitch_roll(sign * _clip(sign * twist, outward), -_clip(-bow, up), sign * _clip(sign * lean, tilt))
+    return mat_mul(shank, limited)
 
 
 @compiled
-def _solve_leg(joint: F64, root: F64, sole: F64, leg: LegConstants, work: _LegWorkspace) -> None:
-    """Thigh, shank, knee and ankle of a leg that reaches for ``work.target`` with its ankle: inverse kinematics of two bones."""
-    down, aim, upper, lower, frame = work.down, work.aim, work.upper, work.lower, work.frame
+def _solve_leg(joint: F64, root: F64, sole: Mat, target: Vec, leg: LegConstants) -> tuple[Mat, Mat, Vec, Vec]:
+    """Thigh, shank, knee and ankle of a leg that reaches for a target with its ankle: inverse kinematics of two bones."""
     thigh, shank = leg.thigh, leg.shank
-    square = 0.0
-    for i in range(3):
-        down[i] = work.target[i] - joint[i]
-        square += down[i] * down[i]
-    length = math.sqrt(square)
+    down = sub(target, joint)
+    length = math.sqrt(dot(down, down))
     reach = min(max(length, _FOLDED * (thigh + shank)), leg.longest)
-    for i in range(3):
-        down[i] /= length
+    down = over(down, length)
     # Knees point between where the hips and where the toes point.
-    aim[0], aim[1], aim[2] = sole[0, 1], sole[1, 1], 0.0
-    normalise(aim)
-    for i in range(3):
-        aim[i] = 0.8 * aim[i] + root[i, 1] + leg.sign * _OUT * root[i, 0]
-    orthonormal_frame(down, aim, frame)
+    right, ahead, _ = transposed(root)
+    aim = add(add(scaled(0.8, unit((sole[0][1], sole[1][1], 0.0))), ahead), scaled(leg.sign * _OUT, right))
+    aim = transposed(orthonormal_frame(down, aim))[1]
     along = (thigh**2 - shank**2 + reach**2) / (2 * reach)
-    across = math.sqrt(max(thigh**2 - along**2, 0.0))
-    for i in range(3):
-        aim[i] = frame[i, 1]
-        upper[i] = along * down[i] + across * aim[i]
-        lower[i] = reach * down[i] - upper[i]
-    cross(down, aim, work.hinge)
-    orthonormal_frame(upper, work.hinge, frame)
-    mat_mul_transposed(frame, leg.aligned[0], work.thigh)
-    orthonormal_frame(lower, work.hinge, frame)
-    mat_mul_transposed(frame, leg.aligned[1], work.shank)
+    upper = add(scaled(along, down), scaled(math.sqrt(max(thigh**2 - along**2, 0.0)), aim))
+    lower = sub(scaled(reach, down), upper)
+    hinge = cross(down, aim)
+    first = mat_mul(orthonormal_frame(upper, hinge), transposed(leg.aligned[0]))
+    second = mat_mul(orthonormal_frame(lower, hinge), transposed(leg.aligned[1]))
     # The shank keeps its bend against the thigh when the hip joint limits the thigh.
-    transposed_mat_mul(work.thigh, work.shank, work.bend)
-    copy_vec(leg.rest[0], work.rest)
-    normalise(work.rest)
-    _limit_hip(root, leg, work)
-    mat_mul(work.thigh, work.bend, work.shank)
-    mat_vec(work.thigh, leg.rest[0], work.knee)
-    mat_vec(work.shank, leg.rest[1], work.ankle)
-    add_vec(joint, work.knee, work.knee)
-    add_vec(work.knee, work.ankle, work.ankle)
+    bend = mat_mul(transposed(first), second)
+    first = _limited_thigh(root, first, unit(leg.rest[0]), leg)
+    second = mat_mul(first, bend)
+    knee = add(joint, mat_vec(first, leg.rest[0]))
+    return first, second, knee, add(knee, mat_vec(second, leg.rest[1]))
 
 
 @compiled
@@ -316,37 +218,29 @@ def solve_legs(joint: F64, root: F64, foot: FootPath, leg: LegConstants, rounds:
         rotation: ``[4, F, 3, 3]``, written: thigh, shank, foot, toes.
         position: ``[4, F, 3]``, written: where each begins.
     """
-    work = _leg_workspace()
-    sole, limited, heel, target = work.sole, work.limited, work.heel, work.target
-    heel[0], heel[1], heel[2] = 0.0, -leg.rest[2, 1], -leg.rest[2, 2]
+    heel = (0.0, -leg.rest[2, 1], -leg.rest[2, 2])
     for f in range(len(joint)):
-        from_yaw_pitch_roll(foot.yaw[f], foot.pitch[f], 0.0, work.floor)
-        copy_mat(work.floor, sole)
+        floor = from_yaw_pitch_roll(foot.yaw[f], foot.pitch[f], 0.0)
+        sole = floor
         for step in range(rounds):
-            mat_vec(sole, heel, target)
-            add_vec(foot.ball[f], target, target)
-            target[2] += leg.toe_height
-            _solve_leg(joint[f], root[f], work.floor if step else sole, leg, work)
-            _limit_ankle(leg, work)
+            target = ankle_of(foot.ball[f], sole, heel, leg.toe_height)
+            thigh, shank, knee, ankle = _solve_leg(joint[f], root[f], floor, target, leg)
+            limited = _limited_sole(shank, floor, leg)
             change = 0.0
             for i in range(3):
                 for j in range(3):
-                    change = max(change, abs(limited[i, j] - sole[i, j]))
-            copy_mat(limited, sole)
+                    change = max(change, abs(limited[i][j] - sole[i][j]))
+            sole = limited
             # Where the ankle does not let the sole follow the floor, the leg is solved again.
             if change <= (1e-4 if step else 1e-6):
                 break
-        bend = min(max(-math.asin(min(max(sole[2, 1], -1.0), 1.0)), leg.toe_limits[0]), leg.toe_limits[1])
-        from_yaw_pitch_roll(0.0, -bend, 0.0, limited)
-        copy_mat(work.thigh, rotation[0, f])
-        copy_mat(work.shank, rotation[1, f])
-        copy_mat(sole, rotation[2, f])
-        mat_mul(sole, limited, rotation[3, f])
-        copy_vec(joint[f], position[0, f])
-        copy_vec(work.knee, position[1, f])
-        copy_vec(work.ankle, position[2, f])
-        mat_vec(sole, leg.rest[2], work.toes)
-        add_vec(work.ankle, work.toes, position[3, f])
+        bend = _clip(-math.asin(min(max(sole[2][1], -1.0), 1.0)), leg.toe_limits)
+        toes = mat_mul(sole, from_yaw_pitch_roll(0.0, -bend, 0.0))
+        places = (add(joint[f], (0.0, 0.0, 0.0)), knee, ankle, add(ankle, mat_vec(sole, leg.rest[2])))
+        turns = (thigh, shank, sole, toes)
+        for k in range(4):
+            put_mat(turns[k], rotation[k, f])
+            put_vec(places[k], position[k, f])
 
 
 @compiled
