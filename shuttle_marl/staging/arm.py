@@ -10,7 +10,7 @@ Inverse kinematics is damped least squares with the geometric Jacobian (Buss & K
 
 import dataclasses
 import functools
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -117,25 +117,24 @@ def arm_of(skeleton: Skeleton) -> Arm:
     return Arm(skeleton)
 
 
-@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class Goal:
-    """Goals of N arms, in the frame of the chest.
+class Goal(NamedTuple):
+    """Goals of N arms, in the frame of the chest; arrays without N are goals of all of them.
 
     Attributes:
         point: ``[N, 3]`` target of the point at ``reach`` along the shaft.
+        elbow: ``[N, 3]`` direction from the shoulder to the elbow.
+        weight: ``[N, 4]`` of point (1/m), shaft, normal, elbow.
         reach: ``[N]`` 0 for the middle of the grip, SWEET_SPOT for the strings.
         shaft: ``[N, 3]`` direction of the shaft.
         normal: ``[N, 3]`` direction of the side of the strings that a forehand strikes with.
-        elbow: ``[N, 3]`` direction from the shoulder to the elbow.
-        weight: ``[N, 4]`` of point (1/m), shaft, normal, elbow.
     """
 
     point: F64
-    reach: F64
-    shaft: F64
-    normal: F64
     elbow: F64
-    weight: F64
+    weight: F64 | tuple[float, float, float, float]
+    reach: F64 | float = 0.0
+    shaft: F64 = np.zeros(3)
+    normal: F64 = np.zeros(3)
 
 
 def solve(arm: Arm, goal: Goal, start: F64, rounds: int = 40, hold: float = 0.03) -> F64:
@@ -163,7 +162,7 @@ def anywhere(n: int) -> F64:
 def solve_best(arm: Arm, goal: Goal, starts: F64, rounds: int = 40) -> F64:
     """Best solution of :func:`solve` from several starts ``[S, N, 10]``, by point, shaft and elbow."""
     s, n = starts.shape[:2]
-    many = Goal(**{f.name: np.concatenate([getattr(goal, f.name)] * s) for f in dataclasses.fields(Goal)})
+    many = Goal(*(np.concatenate([part] * s) for part in goal))
     solved = solve(arm, many, starts.reshape(s * n, -1), rounds=rounds)
     pose = arm.pose(solved)
     shaft, upper = pose.rotation[4] @ arm.axis, unit(pose.position[2] - pose.position[1])

@@ -9,7 +9,6 @@ they wait near their base, slow enough for a split step. Solved by the alternati
 Parikh, Chu, Peleato & Eckstein 2011): one pentadiagonal system, factored once, and projections onto discs.
 """
 
-import dataclasses
 from typing import Final
 
 import numpy as np
@@ -17,14 +16,13 @@ import numpy as np
 from shuttle_marl.base.arrays import F64, Bools
 from shuttle_marl.game import draws
 from shuttle_marl.game.rally.record import Rally
-from shuttle_marl.staging.body import Course, Player, Prepared, bones, course, free_palm, prepare
-from shuttle_marl.staging.draw import Known, draw_trajectory
+from shuttle_marl.staging.body import Player, Prepared, bones, course, free_palm, prepare
+from shuttle_marl.staging.draw import TrajectoryBuilder
 from shuttle_marl.staging.feet import Feet
 from shuttle_marl.staging.idle import Habits, habits
 from shuttle_marl.staging.keys import Timeline
 from shuttle_marl.staging.library import FLIP, Athlete
-from shuttle_marl.staging.measured import load_measured
-from shuttle_marl.staging.motion import HANDS, Motion
+from shuttle_marl.staging.motion import HANDS, Branch, Motion
 from shuttle_marl.staging.path_solver import TravelOptions, TravelWishes, smooth_path
 from shuttle_marl.staging.rotation import quaternion
 from shuttle_marl.staging.skeleton import MIRROR, N_BONES, Skeleton, StagingError, load_skeleton
@@ -135,24 +133,6 @@ def _solve(wishes: TravelWishes, fps: int) -> F64:
     return path
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class _Branch:
-    """Branch of a continued motion: the motion, number of strokes struck, and last unchanged frame."""
-
-    motion: Motion
-    strokes: int
-    frame: int
-
-    def player(self, seat: int) -> Player:
-        assert self.motion.players is not None
-        return self.motion.players[seat]
-
-    def course(self, seat: int) -> Course:
-        """Unchanged frames."""
-        found, rows = self.player(seat).course, slice(0, self.frame + 1)
-        return Course(hips=found.hips[rows], pose=found.pose[rows], feet=found.feet.part(rows), gaze=found.gaze[rows])
-
-
 def stage(
     rally: Rally,
     *,
@@ -232,14 +212,13 @@ def players_of(rally: Rally, skeletons: tuple[Skeleton, Skeleton], handedness: t
 def _staged(
     rally: Rally,
     players: tuple[Athlete, Athlete],
-    branch: _Branch | None,
+    branch: Branch | None,
     seed: int,
     fps: int,
     lead_in: float,
     importance: float,
 ) -> Motion:
-    known = Known(trajectory=branch.motion.trajectory, strokes=branch.strokes, frame=branch.frame) if branch else None
-    trajectory = draw_trajectory(rally, load_measured(), players, seed=seed, fps=fps, lead_in=lead_in, known=known)
+    trajectory = TrajectoryBuilder(rally, players, seed, fps).build(lead_in, branch)
     frames = _length(trajectory, fps, lead_in, branch)
     moods = _moods(seed, len(rally), importance)
     rhythm = branch.player(0).rhythm if branch else seed
@@ -264,7 +243,7 @@ def _check(handedness: tuple[str, str], fps: int, lead_in: float, importance: fl
         raise StagingError(f"importance {importance}: expected 0 to 1")
 
 
-def _branch(rally: Rally, motion: Motion, from_stroke: int | None, at: int | None) -> _Branch:
+def _branch(rally: Rally, motion: Motion, from_stroke: int | None, at: int | None) -> Branch:
     """Validated branch of a continued motion."""
     if motion.players is None:
         raise StagingError("an unpacked motion cannot be continued: pass the one that stage() returned")
@@ -272,25 +251,20 @@ def _branch(rally: Rally, motion: Motion, from_stroke: int | None, at: int | Non
     strokes = len(old) if from_stroke is None else from_stroke
     if not 0 <= strokes <= min(len(old), len(rally)):
         raise StagingError(f"from_stroke {strokes}: the motion has {len(old)} strokes, the rally {len(rally)}")
-    same = [
-        one.catalogue.names[a] == other.catalogue.names[b]
-        for (one, a), (other, b) in zip(
-            ((rally, k) for k in rally.stroke[:strokes]), ((old, k) for k in old.stroke[:strokes]), strict=True
-        )
-    ]
-    same.append(np.array_equal(old.hurried[:strokes], rally.hurried[:strokes]))
+    names = [[one.catalogue.names[k] for k in one.stroke[:strokes]] for one in (rally, old)]
+    same = [names[0] == names[1], np.array_equal(old.hurried[:strokes], rally.hurried[:strokes])]
     same += [getattr(old, name) == getattr(rally, name) for name in ("server", "from_right", "ends_changed")]
     if not all(same):
         raise StagingError(f"the motion and the rally have other strokes before number {strokes}: expected the same ones")
     if strokes:
         if at is not None:
             raise StagingError("at: a rally is continued at a contact; only the waiting before the serve ends anywhere")
-        return _Branch(motion, strokes, int(motion.contact_frame[strokes - 1]))
+        return Branch(motion, strokes, int(motion.contact_frame[strokes - 1]))
     last = len(motion.time) - 1 if not len(old) else int(motion.contact_frame[0]) - round(motion.fps)
     frame = last if at is None else at
     if not 1 <= frame <= last:
         raise StagingError(f"at {frame}: the waiting before the serve has frames 1 to {last}")
-    return _Branch(motion, 0, frame)
+    return Branch(motion, 0, frame)
 
 
 def _moods(seed: int, strokes: int, importance: float) -> list[tuple[int, float]]:
@@ -299,7 +273,7 @@ def _moods(seed: int, strokes: int, importance: float) -> list[tuple[int, float]
     return [(int(b >> np.uint64(63)), 0.35 + 0.65 * importance) for b in bits]
 
 
-def _length(trajectory: Trajectory, fps: int, lead_in: float, branch: _Branch | None) -> int:
+def _length(trajectory: Trajectory, fps: int, lead_in: float, branch: Branch | None) -> int:
     """Number of frames."""
     if not len(trajectory.rally):
         return (branch.frame if branch else 0) + round(lead_in * fps) + 1
@@ -308,7 +282,7 @@ def _length(trajectory: Trajectory, fps: int, lead_in: float, branch: _Branch | 
 
 
 def _prepared(
-    trajectory: Trajectory, athlete: Athlete, added: Habits, mood: tuple[int, float], fps: int, branch: _Branch | None
+    trajectory: Trajectory, athlete: Athlete, added: Habits, mood: tuple[int, float], fps: int, branch: Branch | None
 ) -> tuple[Timeline, Prepared, F64]:
     """Timeline, feet and key poses of one player, and ``[n, 3]`` shift of the hips at each stroke [m].
 
@@ -320,7 +294,7 @@ def _prepared(
     if branch:
         shift[: branch.strokes] = branch.player(seat).shift[: branch.strokes]
         before = branch.course(seat)
-        walked = branch.player(seat).path[: branch.frame + 1] * mirror
+        walked = branch.player(seat).prepared.path[: branch.frame + 1] * mirror
     for _ in range(_ATTEMPTS):
         if branch:
             past, known = branch.player(seat).past(branch.frame, branch.strokes)
@@ -353,7 +327,7 @@ def _assembled(
     added: list[Habits],
     rhythm: int,
     fps: int,
-    branch: _Branch | None,
+    branch: Branch | None,
 ) -> Motion:
     """Bones and shuttle in all frames; frames up to the branch are copied."""
     rally, frames, done = trajectory.rally, len(added[0].place), branch.frame + 1 if branch else 0
@@ -366,20 +340,9 @@ def _assembled(
         skeleton, sign = athletes[seat].skeleton, athletes[seat].signs
         timeline, prepared, shift = ready[seat]
         found = course(skeleton, prepared, added[seat], shuttle * sign, branch.course(seat) if branch else None)
-        players.append(
-            Player(
-                course=found,
-                path=prepared.path,
-                plants=prepared.plants,
-                keys=prepared.keys,
-                lift=timeline.lift,
-                air=timeline.air,
-                shift=shift,
-                rhythm=rhythm,
-            )
-        )
+        players.append(Player(found, prepared, timeline, shift, rhythm))
         rows = slice(done, None)
-        new = Course(hips=found.hips[rows], pose=found.pose[rows], feet=found.feet.part(rows), gaze=found.gaze[rows])
+        new = found.part(rows)
         turn, place = bones(skeleton, new)
         rotation[rows, seat], position[rows, seat], planted[rows, seat] = onto_court(turn, place, new.feet, sign)
         if seat == rally.server and (not len(rally) or contacts[0] >= done):

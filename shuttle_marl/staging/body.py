@@ -62,19 +62,6 @@ _HEEL: Final = np.radians(62)
 _TURN: Final = np.radians(48)
 
 
-@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class Legs:
-    """Bones of both legs over F frames; axis 0 is left, right.
-
-    Attributes:
-        rotation: ``[2, 4, F, 3, 3]`` of UpLeg, Leg, Foot, ToeBase.
-        position: ``[2, 4, F, 3]`` where they begin [m].
-    """
-
-    rotation: F64
-    position: F64
-
-
 def reach_of(skeleton: Skeleton, height: F64) -> F64:
     """``[F]`` largest horizontal distance of the ball of a foot from the hips at heights ``[F]`` of the hips [m]."""
     size = skeleton.scale
@@ -118,26 +105,29 @@ def settle(skeleton: Skeleton, hips: F64, root: F64, feet: Feet) -> tuple[F64, F
     drop = smooth(widen(drop, _DROP), _DROP)
     lowered = hips.copy()
     lowered[:, 2] -= drop
-    return lowered, dataclasses.replace(feet, yaw=yaw, pitch=pitch)
+    return lowered, feet._replace(yaw=yaw, pitch=pitch)
 
 
-def legs(skeleton: Skeleton, hips: F64, root: F64, feet: Feet) -> Legs:
+def legs(skeleton: Skeleton, hips: F64, root: F64, feet: Feet) -> tuple[F64, F64]:
     """Bones of both legs; knees bend forward over the toes.
 
     The sole follows the floor as far as the ankle allows; beyond that it tilts or rises about the ball.
+
+    Returns:
+        ``[2, 4, F, 3, 3]`` rotations of UpLeg, Leg, Foot, ToeBase, left and right, and ``[2, 4, F, 3]`` where they begin [m].
     """
     rotation, position = np.empty((2, 4, len(hips), 3, 3)), np.empty((2, 4, len(hips), 3))
     for foot, side in ((LEFT, "Left"), (RIGHT, "Right")):
         joint = hips + apply(root, skeleton.at(f"{side}UpLeg") - skeleton.at("Hips"))
         path = FootPath(feet.ball[foot], feet.yaw[foot], feet.pitch[foot])
         solve_legs(joint, root, path, _leg_constants(skeleton, side), _ROUNDS, rotation[foot], position[foot])
-    return Legs(rotation=rotation, position=position)
+    return rotation, position
 
 
 def strays(skeleton: Skeleton, hips: F64, root: F64, feet: Feet) -> F64:
     """``[2, F]`` distance of the ball of each foot from its place on the floor, because of the limits of the leg [m]."""
-    solved = legs(skeleton, hips, root, feet)
-    ball = solved.position[:, 2] - apply(solved.rotation[:, 2], _heel(skeleton))
+    rotation, position = legs(skeleton, hips, root, feet)
+    ball = position[:, 2] - apply(rotation[:, 2], _heel(skeleton))
     return np.asarray(np.linalg.norm((ball - feet.ball)[..., :2], axis=-1))
 
 
@@ -207,47 +197,45 @@ class Course:
     feet: Feet
     gaze: F64
 
+    def part(self, rows: slice) -> "Course":
+        """A range of frames."""
+        return Course(hips=self.hips[rows], pose=self.pose[rows], feet=self.feet.part(rows), gaze=self.gaze[rows])
 
-@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+
+@dataclasses.dataclass(frozen=True, eq=False)
 class Player:
     """Motion of a player over F frames: inputs of the bones, and the state needed to continue the motion.
 
     Attributes:
         course: hips, pose, feet and gaze.
-        path: ``[F, 2]`` path of the hips over the floor, without shifts of weight [m].
-        plants: times and places at which the left and the right foot are planted.
-        keys: the key poses.
-        lift: ``[F]`` height of the hips in jumps, relative to standing [m].
-        air: ``[F]`` height of the feet over the floor in jumps [m].
+        prepared: path, plants and key poses.
+        timeline: the jumps.
         shift: ``[n, 3]`` shift of the hips at each stroke, so that the racket reaches the shuttle [m].
         rhythm: random seed of breathing and shifts of weight.
     """
 
     course: Course
-    path: F64
-    plants: tuple[list[Plant], list[Plant]]
-    keys: Keys
-    lift: F64
-    air: F64
+    prepared: Prepared
+    timeline: Timeline
     shift: F64
     rhythm: int
 
     def past(self, frame: int, strokes: int) -> tuple[Past, tuple[list[Plant], list[Plant]]]:
         """Plan and plants up to a frame, with ``strokes`` strokes struck."""
-        keys = self.keys
+        keys = self.prepared.keys
         n = int(np.searchsorted(keys.frame, frame))
         if 0 < n < len(keys.frame):
             pose, slope = curve_at(keys.frame, keys.pose, keys.slope, frame)
         else:
             pose = keys.pose[min(n, len(keys.frame) - 1)]
             slope = np.zeros_like(pose)
-        stand, plants = standing(self.plants, self.course.feet.ball[:, frame], frame)
+        stand, plants = standing(self.prepared.plants, self.course.feet.ball[:, frame], frame)
         known = Keys(
             frame=np.r_[keys.frame[:n], frame],
             pose=np.concatenate([keys.pose[:n], pose[None]]),
             slope=np.concatenate([keys.slope[:n], slope[None]]),
         )
-        return Past(frame=frame, strokes=strokes, keys=known, stand=stand, lift=self.lift, air=self.air), plants
+        return Past(frame=frame, strokes=strokes, keys=known, stand=stand, lift=self.timeline.lift, air=self.timeline.air), plants
 
 
 def prepare(
@@ -363,18 +351,12 @@ def bones(skeleton: Skeleton, course: Course) -> tuple[F64, F64]:
     flip = np.diag(FLIP)
     collar = collar_of(skeleton, chest, middle, "Left")
     names = ("LeftShoulder", "LeftArm", "LeftForeArm", "LeftHand")
-    _set_bones(
-        rotation, position, names, (chest @ (flip @ free.rotation @ flip))[:4], (collar + apply(chest, free.position * FLIP))[:4]
-    )
-    both = legs(skeleton, place, spine_rotation[0], course.feet)
+    turn, begin = chest @ (flip @ free.rotation @ flip), collar + apply(chest, free.position * FLIP)
+    _set_bones(rotation, position, names, turn[:4], begin[:4])
+    turns, places = legs(skeleton, place, spine_rotation[0], course.feet)
     for k, side in enumerate(("Left", "Right")):
-        _set_bones(
-            rotation,
-            position,
-            tuple(f"{side}{b}" for b in ("UpLeg", "Leg", "Foot", "ToeBase")),
-            both.rotation[k],
-            both.position[k],
-        )
+        names = tuple(f"{side}{bone}" for bone in ("UpLeg", "Leg", "Foot", "ToeBase"))
+        _set_bones(rotation, position, names, turns[k], places[k])
     zero = np.zeros(len(place))
     half = from_yaw_pitch_roll(0.45 * course.gaze[:, 0], 0.4 * course.gaze[:, 1], zero)
     rest = from_yaw_pitch_roll(0.55 * course.gaze[:, 0], 0.6 * course.gaze[:, 1], zero)

@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from shuttle_marl.base.arrays import F64, U64
+from shuttle_marl.base.arrays import F64
 from shuttle_marl.game import draws
 from shuttle_marl.game.court import HALF_LENGTH, HALF_WIDTH, N_SIDES, SHORT_SERVICE, third_of
 from shuttle_marl.game.rally.record import Rally
@@ -20,7 +20,8 @@ from shuttle_marl.game.rules import FAULT, HURRIED_BELOW, RETURNED_BELOW, WINNER
 from shuttle_marl.game.stroke import N_SERVES, SHOTS, TECHNIQUES
 from shuttle_marl.staging.flight import Flights, fall, shoot
 from shuttle_marl.staging.library import Athlete
-from shuttle_marl.staging.measured import Measured, quantile
+from shuttle_marl.staging.measured import load_measured, quantile
+from shuttle_marl.staging.motion import Branch
 from shuttle_marl.staging.motions import OVERHEAD_FROM, OVERHEADS, Stance, height_range, motion_of, stance_of
 from shuttle_marl.staging.trajectory import NET, OPEN, OUT, RETURN, WIN, Trajectory, behind, net_height
 
@@ -52,45 +53,6 @@ _SLOT: Final = 8
 """Number of draws reserved for each try of a stroke."""
 
 
-@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class Known:
-    """Known part of a trajectory.
-
-    Attributes:
-        trajectory: trajectory so far.
-        strokes: number of strokes struck; the flight of the last one is drawn again.
-        frame: last unchanged frame.
-    """
-
-    trajectory: Trajectory
-    strokes: int
-    frame: int
-
-
-def draw_trajectory(
-    rally: Rally,
-    measured: Measured,
-    players: tuple[Athlete, Athlete],
-    *,
-    seed: int,
-    fps: int,
-    lead_in: float,
-    known: Known | None = None,
-) -> Trajectory:
-    """Draw points and times of a rally.
-
-    Args:
-        rally: finished or open rally.
-        measured: the tables to draw from.
-        players: at seats 0 and 1.
-        seed: random seed.
-        fps: contacts fall on multiples of 1/fps seconds.
-        lead_in: time before the serve [s].
-        known: unchanged strokes.
-    """
-    return _TrajectoryBuilder(rally, measured, players, draws.stream(seed), fps).build(lead_in, known)
-
-
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Choice:
     """A possible flight of a stroke, in the striker's frame."""
@@ -114,9 +76,19 @@ class _Try:
     late: float
 
 
-class _TrajectoryBuilder:
-    def __init__(self, rally: Rally, measured: Measured, players: tuple[Athlete, Athlete], key: U64, fps: int) -> None:
-        self.rally, self.measured, self.players, self.key, self.fps = rally, measured, players, key, fps
+class TrajectoryBuilder:
+    """Draws points and times of a rally.
+
+    Args:
+        rally: finished or open rally.
+        players: at seats 0 and 1.
+        seed: random seed.
+        fps: contacts fall on multiples of 1/fps seconds.
+    """
+
+    def __init__(self, rally: Rally, players: tuple[Athlete, Athlete], seed: int, fps: int) -> None:
+        self.rally, self.measured, self.players = rally, load_measured(), players
+        self.key, self.fps = draws.stream(seed), fps
         self.drawn: dict[int, list[float]] = {}
         c, s = rally.catalogue, rally.stroke
         self.shot, self.area = c.shot[s].astype(np.int64), rally.aim[s]
@@ -137,19 +109,29 @@ class _TrajectoryBuilder:
             self.drawn[stroke] = ((bits >> np.uint64(11)) * 2.0**-53).tolist()
         return float(self.drawn[stroke][number])
 
-    def build(self, lead_in: float, known: Known | None) -> Trajectory:
+    def build(self, lead_in: float, branch: Branch | None) -> Trajectory:
+        """Draw the trajectory.
+
+        Args:
+            lead_in: time before the serve [s].
+            branch: unchanged strokes; the flight of the last one is drawn again.
+        """
         rally, n = self.rally, len(self.rally)
-        struck = known.strokes if known else 0
-        before = np.zeros((2, 2))
-        if known and struck:
-            old = known.trajectory
-            before, first = old.before, struck - 1
+        struck = branch.strokes if branch else 0
+        before, first = np.zeros((2, 2)), max(struck - 1, 0)
+        if branch and struck:
+            old = branch.motion.trajectory
+            before = old.before
             contacts = [old.contact[i] * _turn(rally, self._striker(i)) for i in range(struck)]
             stances, times, base = list(old.stance[:struck]), old.time[:struck].tolist(), [*old.base[:struck]]
         else:
             contact, stance = self._serve(before)
-            begun, first = (known.frame / self.fps + self._walk(known, before) if known else 0.0), 0
-            contacts, stances, times, base = [contact], [stance], [self._ticks(begun + lead_in)], [before]
+            begun = lead_in
+            if branch:
+                # Both players walk to their positions for the serve.
+                way = np.linalg.norm(branch.motion.trajectory.before - before, axis=1).max()
+                begun = branch.frame / self.fps + 0.6 * float(way) + lead_in
+            contacts, stances, times, base = [contact], [stance], [round(begun * self.fps) / self.fps], [before]
         drawn: list[_Choice] = []
         for i in range(first, n):
             if i >= len(base):
@@ -160,18 +142,28 @@ class _TrajectoryBuilder:
                 contacts.append(choice.point * np.array([-1, -1, 1]))
                 stances.append(choice.stance)
                 times.append(times[i] + choice.seconds)
-        new = _trajectory(rally, drawn, first, contacts, stances, times, base, before)
-        return behind(known.trajectory, new, first) if known and first else new
-
-    def _walk(self, known: Known, before: F64) -> float:
-        """Time that both players need to walk to their positions for the serve [s]."""
-        return 0.6 * float(np.linalg.norm(known.trajectory.before - before, axis=1).max())
+        # From the frames of the strikers to that of the court.
+        turn = np.array([_turn(rally, int(seat)) for seat in rally.striker[first:]]).reshape(-1, 3)
+        points = np.array([choice.point for choice in drawn]).reshape(-1, 3) * turn
+        time = np.array(times[first:n])
+        new = Trajectory(
+            rally=rally,
+            time=time,
+            contact=np.array(contacts[first:n]).reshape(-1, 3) * turn,
+            end=np.array([choice.end for choice in drawn], dtype=np.int64),
+            end_time=time + np.array([choice.seconds for choice in drawn]),
+            chosen_point=points,
+            end_point=points.copy(),
+            flight=_joined([choice.flight for choice in drawn], turn),
+            stance=tuple(stances[first:n]),
+            base=np.array(base[first:n]).reshape(-1, 2, 2),
+            before=before,
+            reply=stances[n] if rally.open else None,
+        )
+        return behind(branch.motion.trajectory, new, first) if branch and first else new
 
     def _striker(self, i: int) -> int:
         return (self.rally.server + i) % 2
-
-    def _ticks(self, seconds: float) -> float:
-        return round(seconds * self.fps) / self.fps
 
     def _serve(self, before: F64) -> tuple[F64, Stance]:
         """Contact and stance of the server; writes the positions of both players to ``before``."""
@@ -179,7 +171,7 @@ class _TrajectoryBuilder:
         # The receiver stands in the service court diagonally opposite, their own right one if it is that of the server.
         sign = 1.0 if self.rally.from_right else -1.0
         x, y, rx, ry = (
-            float(quantile(self.measured.serve[shot, who, axis], np.array(self.uniform(0, 1 + 2 * who + axis))))
+            quantile(self.measured.serve[shot, who, axis], self.uniform(0, 1 + 2 * who + axis))
             for who in (0, 1)
             for axis in (0, 1)
         )
@@ -244,8 +236,7 @@ class _TrajectoryBuilder:
         point, met = self._point(i, end, k)
         length = np.hypot(*(point[:2] - contact[:2]))
         u = self.uniform(i, _SLOT * (k + 1)) * (_QUICK if self._hurries(i, end) else 1.0)
-        drawn = self.measured.seconds(self.shot[i], np.int64(met), length, np.float64(u))
-        seconds, least, most = float(drawn), 1, 9 * self.fps
+        seconds, least, most = self.measured.seconds(self.shot[i], met, length, u), 1, 9 * self.fps
         if end == NET:
             share = float(np.clip(-contact[1] / max(point[1] - contact[1], 0.1), 0.05, 1))
             point = self._net_point(i, contact, point, share, k)
@@ -281,9 +272,10 @@ class _TrajectoryBuilder:
             # Who kills a shuttle at the net steps in before it has dropped, wherever it was meant for.
             area, u[1] = area % N_SIDES, _QUICK * u[1]
         places = self.measured.places[self.shot[i], area]
-        x, y = (float(quantile(places[axis], np.array(u[axis]))) for axis in (0, 1))
+        x, y = (quantile(places[axis], u[axis]) for axis in (0, 1))
         if self.shot[i] < N_SERVES:
-            x, y = self._into_service_court(x, y)
+            # The service court diagonally opposite to the server.
+            x, y = (-1.0 if self.rally.from_right else 1.0) * max(abs(x), 0.04), max(y, SHORT_SERVICE + 0.04)
         if end in (RETURN, OPEN):
             # Close to the net there is no way over it from further down.
             low = self.hurried[i + 1] and y > _LOW_FROM
@@ -292,13 +284,9 @@ class _TrajectoryBuilder:
             x, y = self._outside(i, x, y, u[2], u[3])
         return np.array([x, max(y, 0.12), _HEIGHT_OF_CORK]), 0
 
-    def _into_service_court(self, x: float, y: float) -> tuple[float, float]:
-        """Move a point into the service court diagonally opposite to the server."""
-        return (-1.0 if self.rally.from_right else 1.0) * max(abs(x), 0.04), max(y, SHORT_SERVICE + 0.04)
-
     def _outside(self, i: int, x: float, y: float, which: float, u: float) -> tuple[float, float]:
         """Move a point over the line nearest to the target area."""
-        by_side, by_back = (float(quantile(self.measured.out_by[k], np.array(u))) for k in (0, 1))
+        by_side, by_back = (quantile(self.measured.out_by[k], u) for k in (0, 1))
         depth, side = divmod(int(self.area[i]), 3)
         if self.shot[i] == _SHORT_SERVE and which < 0.5:
             return x, SHORT_SERVICE - max(by_side, 0.05)
@@ -366,42 +354,9 @@ def _turn(rally: Rally, seat: int) -> F64:
     return np.array([rally.facing(seat), rally.facing(seat), 1.0])
 
 
-def _trajectory(
-    rally: Rally,
-    drawn: list[_Choice],
-    first: int,
-    contacts: list[F64],
-    stances: list[Stance],
-    times: list[float],
-    base: list[F64],
-    before: F64,
-) -> Trajectory:
-    """Trajectory from stroke ``first`` in the frame of the court; the inputs are in the frames of the strikers."""
-    n = len(rally)
-    turn = np.array([_turn(rally, int(seat)) for seat in rally.striker[first:]]).reshape(-1, 3)
-    points = np.array([choice.point for choice in drawn]).reshape(-1, 3) * turn
-    time = np.array(times[first:n])
-    return Trajectory(
-        rally=rally,
-        time=time,
-        contact=np.array(contacts[first:n]).reshape(-1, 3) * turn,
-        end=np.array([choice.end for choice in drawn], dtype=np.int64),
-        end_time=time + np.array([choice.seconds for choice in drawn]),
-        chosen_point=points,
-        end_point=points.copy(),
-        flight=_joined([choice.flight for choice in drawn], turn),
-        stance=tuple(stances[first:n]),
-        base=np.array(base[first:n]).reshape(-1, 2, 2),
-        before=before,
-        reply=stances[n] if rally.open else None,
-    )
-
-
 def _joined(flights: list[Flights], turn: F64) -> Flights:
     """Flights of several strokes in the frame of the court."""
     if not flights:
         return fall(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
-    whole = {f.name: np.concatenate([getattr(one, f.name) for one in flights]) for f in dataclasses.fields(Flights)}
-    whole["start"] = whole["start"] * turn
-    whole["heading"] = whole["heading"] * turn[:, :2]
-    return Flights(**whole)
+    start, heading, *others = map(np.concatenate, zip(*flights, strict=True))
+    return Flights(start * turn, heading * turn[:, :2], *others)

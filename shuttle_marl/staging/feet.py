@@ -7,7 +7,7 @@ steps in between, alternately left and right, under the hips as they travel.
 """
 
 import dataclasses
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -38,8 +38,7 @@ class Plant:
     yaw: float
 
 
-@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class Feet:
+class Feet(NamedTuple):
     """Both feet over F frames; axis 0 is left, right.
 
     Attributes:
@@ -56,13 +55,11 @@ class Feet:
 
     def part(self, rows: slice) -> "Feet":
         """Copy of a range of frames."""
-        names = [field.name for field in dataclasses.fields(self)]
-        return Feet(**{name: getattr(self, name)[:, rows].copy() for name in names})
+        return Feet(*(part[:, rows].copy() for part in self))
 
     def concatenated(self, after: "Feet") -> "Feet":
         """Concatenate two ranges of frames."""
-        names = [field.name for field in dataclasses.fields(self)]
-        return Feet(**{name: np.concatenate([getattr(self, name), getattr(after, name)], axis=1) for name in names})
+        return Feet(*(np.concatenate(parts, axis=1) for parts in zip(self, after, strict=True)))
 
     def joined(self, after: "Feet") -> "Feet":
         """Blend ``after``, whose first frame is the last one of these, into these frames: feet in the air change their paths."""

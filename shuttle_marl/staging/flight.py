@@ -8,8 +8,7 @@ that the equation has no parameter. Time steps grow so that drag alone would cov
 keep a smash and a clear within millimetres. A flight lies in a vertical plane.
 """
 
-import dataclasses
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -27,8 +26,7 @@ _STEPS: Final = 16
 _TOLERANCE: Final = 5e-4 / LENGTH
 
 
-@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class Flights:
+class Flights(NamedTuple):
     """N flights, each known at K instants from its launch.
 
     Attributes:

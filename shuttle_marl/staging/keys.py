@@ -6,39 +6,24 @@ from typing import Final
 import numpy as np
 
 from shuttle_marl.base.arrays import F64, I64
-from shuttle_marl.staging.motions import (
-    AROUND,
-    DEFENCE,
-    DEFENCE_BACKHAND,
-    KILL,
-    KILL_BACKHAND,
-    LUNGE,
-    LUNGE_BACKHAND,
-    OVERHEAD,
-    OVERHEAD_BACKHAND,
-    SERVE_BACKHAND,
-    SERVE_FOREHAND,
-    SIDE,
-    SIDE_BACKHAND,
-    Stance,
-)
+from shuttle_marl.staging import motions
 
 LEFT, RIGHT = 0, 1
 
 _AT_CONTACT: Final[dict[int, tuple[tuple[float, float, float], tuple[float, float, float], int]]] = {
-    SERVE_BACKHAND: ((-0.12, -0.24, 24), (0.10, 0.22, -8), RIGHT),
-    SERVE_FOREHAND: ((-0.14, 0.26, 0), (0.14, -0.24, -58), RIGHT),
-    OVERHEAD: ((-0.14, 0.10, 10), (0.18, -0.18, -48), RIGHT),
-    AROUND: ((-0.26, -0.06, 20), (0.12, 0.04, -24), LEFT),
-    OVERHEAD_BACKHAND: ((0.24, 0.02, 84), (-0.30, -0.06, 108), RIGHT),
-    KILL: ((-0.12, -0.34, 24), (0.14, 0.38, 0), RIGHT),
-    KILL_BACKHAND: ((-0.12, -0.34, 24), (0.12, 0.38, 6), RIGHT),
-    LUNGE: ((-0.14, -0.58, 42), (0.10, 0.62, -4), RIGHT),
-    LUNGE_BACKHAND: ((-0.12, -0.58, 46), (0.08, 0.62, 8), RIGHT),
-    SIDE: ((-0.36, -0.02, 10), (0.50, 0.10, -44), RIGHT),
-    SIDE_BACKHAND: ((0.10, -0.30, 34), (-0.26, 0.40, 40), RIGHT),
-    DEFENCE: ((-0.36, 0.00, 14), (0.42, 0.06, -28), RIGHT),
-    DEFENCE_BACKHAND: ((-0.44, 0.06, 30), (0.34, 0.00, -12), LEFT),
+    motions.SERVE_BACKHAND: ((-0.12, -0.24, 24), (0.10, 0.22, -8), RIGHT),
+    motions.SERVE_FOREHAND: ((-0.14, 0.26, 0), (0.14, -0.24, -58), RIGHT),
+    motions.OVERHEAD: ((-0.14, 0.10, 10), (0.18, -0.18, -48), RIGHT),
+    motions.AROUND: ((-0.26, -0.06, 20), (0.12, 0.04, -24), LEFT),
+    motions.OVERHEAD_BACKHAND: ((0.24, 0.02, 84), (-0.30, -0.06, 108), RIGHT),
+    motions.KILL: ((-0.12, -0.34, 24), (0.14, 0.38, 0), RIGHT),
+    motions.KILL_BACKHAND: ((-0.12, -0.34, 24), (0.12, 0.38, 6), RIGHT),
+    motions.LUNGE: ((-0.14, -0.58, 42), (0.10, 0.62, -4), RIGHT),
+    motions.LUNGE_BACKHAND: ((-0.12, -0.58, 46), (0.08, 0.62, 8), RIGHT),
+    motions.SIDE: ((-0.36, -0.02, 10), (0.50, 0.10, -44), RIGHT),
+    motions.SIDE_BACKHAND: ((0.10, -0.30, 34), (-0.26, 0.40, 40), RIGHT),
+    motions.DEFENCE: ((-0.36, 0.00, 14), (0.42, 0.06, -28), RIGHT),
+    motions.DEFENCE_BACKHAND: ((-0.44, 0.06, 30), (0.34, 0.00, -12), LEFT),
 }
 """Left and right foot (x, y, heading in degrees), and the foot that lands last."""
 _LANDING: Final = ((-0.16, -0.26, 22), (0.14, 0.26, -6))
@@ -92,7 +77,7 @@ class Hit:
     key: int
     frame: int
     stroke: int
-    stance: Stance
+    stance: motions.Stance
     point: F64
     normal: F64
     shaft: F64
@@ -172,11 +157,11 @@ def feet_at(motion: int, root: F64, heading: float, reach: float, high: float = 
     """
     left, right, last = _AT_CONTACT[motion]
     spots = np.array([left, right])
-    if motion in (DEFENCE, SIDE):
+    if motion in (motions.DEFENCE, motions.SIDE):
         spots[RIGHT, 0] += 0.16 * reach
-    elif motion == DEFENCE_BACKHAND:
+    elif motion == motions.DEFENCE_BACKHAND:
         spots[LEFT, 0] -= 0.16 * reach
-    elif motion in (LUNGE, LUNGE_BACKHAND):
+    elif motion in (motions.LUNGE, motions.LUNGE_BACKHAND):
         spots[RIGHT, 1] += 0.05 * reach
         spots[:, 1] *= 1 - 0.9 * float(np.clip(high, 0.0, 0.5))
     place, yaw = _placed(spots, root, heading)

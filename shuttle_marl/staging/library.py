@@ -7,19 +7,8 @@ from typing import Final
 import numpy as np
 
 from shuttle_marl.base.arrays import F64, Bools
+from shuttle_marl.staging import motions
 from shuttle_marl.staging.arm import Arm, Goal, anywhere, arm_of, solve, solve_best
-from shuttle_marl.staging.motions import (
-    AROUND,
-    DEFENCE,
-    DEFENCE_BACKHAND,
-    LUNGE,
-    LUNGE_BACKHAND,
-    MOTIONS,
-    OVERHEAD,
-    OVERHEAD_BACKHAND,
-    SIDE,
-    SIDE_BACKHAND,
-)
 from shuttle_marl.staging.poses import AIM, CONTACT, KEYS, LOSES, READY, REST, WAIT, WINS, Key
 from shuttle_marl.staging.rotation import apply, turned, unit
 from shuttle_marl.staging.skeleton import (
@@ -46,26 +35,19 @@ FLIP: Final = np.array([-1.0, 1.0, 1.0])
 
 NEEDS: Final = tuple(np.linspace(-0.5, 0.6, 6).tolist())
 """Contact heights above the natural one at which each motion is solved [m]."""
-_CROUCH: Final[dict[str, tuple[float, float, float, float]]] = {
-    "overhead": (0.55, -0.16, 0.0, 0.0),
-    "lunge": (0.48, -0.10, 0.21, 40.0),
-    "defence": (0.40, -0.14, 0.14, 36.0),
-    "other": (0.35, -0.10, 0.12, 20.0),
-}
+_CROUCH: Final = (
+    (motions.OVERHEADS, (0.55, -0.16, 0.0, 0.0)),
+    ({motions.LUNGE, motions.LUNGE_BACKHAND}, (0.48, -0.10, 0.21, 40.0)),
+    ({motions.DEFENCE, motions.DEFENCE_BACKHAND, motions.SIDE, motions.SIDE_BACKHAND}, (0.40, -0.14, 0.14, 36.0)),
+    (range(len(motions.MOTIONS)), (0.35, -0.10, 0.12, 20.0)),
+)
 """Adaptation of the trunk to the contact height: fraction taken up by the hips, least and greatest change of their height [m],
 and additional pitch per metre [degrees]."""
 
 
 def bent(trunk_pose: F64, motion: int, need: F64) -> F64:
     """``[N, 7]`` trunks for contacts ``need`` metres above the natural one of a motion."""
-    kind = "other"
-    if motion in (OVERHEAD, AROUND, OVERHEAD_BACKHAND):
-        kind = "overhead"
-    elif motion in (LUNGE, LUNGE_BACKHAND):
-        kind = "lunge"
-    elif motion in (DEFENCE, DEFENCE_BACKHAND, SIDE, SIDE_BACKHAND):
-        kind = "defence"
-    share, low, high, bow = _CROUCH[kind]
+    share, low, high, bow = next(numbers for kinds, numbers in _CROUCH if motion in kinds)
     out = np.broadcast_to(trunk_pose, (len(need), N_TRUNK)).copy()
     out[:, HIPS_HEIGHT] += np.clip(share * need, low, high)
     more = np.radians(np.clip(-bow * need, -0.4 * bow, 22.0))
@@ -82,7 +64,7 @@ def pointed(motion: int, need: F64) -> tuple[F64, F64]:
     """
     key = KEYS[motion][CONTACT]
     shaft, elbow = (np.tile(unit(np.array(direction)), (len(need), 1)) for direction in (key.shaft, key.elbow))
-    if motion in (LUNGE, LUNGE_BACKHAND):
+    if motion in (motions.LUNGE, motions.LUNGE_BACKHAND):
         up = np.clip(need, 0.0, 0.5)
         shaft[:, 2] += 2.6 * up
         elbow[:, 2] -= 0.9 * up
@@ -152,15 +134,15 @@ class Athlete:
 @functools.cache
 def library_of(skeleton: Skeleton) -> Library:
     """Key poses of an athlete, scaled to their size."""
-    keys = [*(key for motion in range(len(MOTIONS)) for key in KEYS[motion]), READY, WAIT, REST, *WINS, *LOSES]
+    keys = [*(key for motion in range(len(motions.MOTIONS)) for key in KEYS[motion]), READY, WAIT, REST, *WINS, *LOSES]
     aim = np.zeros((len(keys), 3))
     hit = np.zeros(len(keys), dtype=bool)
-    hit[CONTACT : 6 * len(MOTIONS) : 6] = True
+    hit[CONTACT : 6 * len(motions.MOTIONS) : 6] = True
     # Contacts are written in the stroke frame, key poses in the facing frame.
-    back = turned(np.array([-np.radians(KEYS[motion][CONTACT].hips[1]) for motion in range(len(MOTIONS))]))
-    aim[hit] = apply(back, np.array([AIM[motion] for motion in range(len(MOTIONS))]))
+    back = turned(np.array([-np.radians(KEYS[motion][CONTACT].hips[1]) for motion in range(len(motions.MOTIONS))]))
+    aim[hit] = apply(back, np.array([AIM[motion] for motion in range(len(motions.MOTIONS))]))
     poses, reached, miss = _solve(skeleton, keys, aim, hit)
-    n = len(MOTIONS) * 6
+    n = len(motions.MOTIONS) * 6
     return Library(
         stroke=poses[:n].reshape(-1, 6, N_POSE),
         ready=poses[n],
@@ -175,9 +157,9 @@ def library_of(skeleton: Skeleton) -> Library:
 
 def _contacts(skeleton: Skeleton, pose: F64, own: F64, back: F64) -> F64:
     """``[13, 7, 3]`` of :class:`Library`, from the contact poses and their reach in the facing frame."""
-    arm, m, k = arm_of(skeleton), len(MOTIONS), len(NEEDS)
+    arm, m, k = arm_of(skeleton), len(motions.MOTIONS), len(NEEDS)
     need = np.array(NEEDS)
-    needs = [np.minimum(need, 0.0) if motion in (OVERHEAD, AROUND, OVERHEAD_BACKHAND) else need for motion in range(m)]
+    needs = [np.minimum(need, 0.0) if motion in motions.OVERHEADS else need for motion in range(m)]
     body = np.concatenate([bent(pose[motion, TRUNK], motion, needs[motion]) for motion in range(m)])
     body[:, HIPS_YAW] = 0
     hips = np.zeros((m * k, 3))
@@ -192,15 +174,9 @@ def _contacts(skeleton: Skeleton, pose: F64, own: F64, back: F64) -> F64:
     for weight in (3.0, 5.0, 8.0):
         # The height is wanted; along the floor the arm goes where it likes, and the goal follows it.
         point[:, 2] = height
-        goal = Goal(
-            point=point,
-            reach=np.full(m * k, SWEET_SPOT),
-            shaft=shaft,
-            normal=np.zeros_like(shaft),
-            elbow=elbow,
-            weight=np.tile((weight, 0.7, 0.0, 0.45), (m * k, 1)),
-        )
-        angles = solve(arm, in_chest(chest, collar, goal), angles, rounds=20)
+        goal = Goal(point=point, reach=SWEET_SPOT, shaft=shaft, elbow=elbow, weight=(weight, 0.7, 0.0, 0.45))
+        goal = in_chest(chest, collar, goal)
+        angles = solve(arm, goal, angles, rounds=20)
         point = apply(chest, _reached(arm, angles, goal.reach)) + collar
     out = np.concatenate([own[:, None], point.reshape(m, k, 3)], axis=1)
     return apply(back.transpose(0, 2, 1)[:, None], out)
@@ -225,7 +201,6 @@ def _solve(skeleton: Skeleton, keys: list[Key], aim: F64, hit: Bools) -> tuple[F
             point=point,
             reach=np.where(hit, SWEET_SPOT, 0.0),
             shaft=unit(np.array([key.shaft for key in keys])),
-            normal=np.zeros((n, 3)),
             elbow=unit(np.array([key.elbow for key in keys])),
             weight=np.where(hit[:, None], (2.0, 0.7, 0.0, 0.45), (6.0, 0.8, 0.0, 0.35)),
         ),
@@ -242,11 +217,8 @@ def _solve(skeleton: Skeleton, keys: list[Key], aim: F64, hit: Bools) -> tuple[F
         other,
         Goal(
             point=np.array([key.free for key in keys]) * FLIP * size,
-            reach=np.zeros(n),
-            shaft=np.zeros((n, 3)),
-            normal=np.zeros((n, 3)),
             elbow=unit(np.array([key.free_elbow for key in keys]) * FLIP),
-            weight=np.tile((6.0, 0.0, 0.0, 0.35), (n, 1)),
+            weight=(6.0, 0.0, 0.0, 0.35),
         ),
     )
     poses[:, FREE_ARM] = solve_best(arm, free, anywhere(len(keys)), rounds=60)
@@ -255,16 +227,12 @@ def _solve(skeleton: Skeleton, keys: list[Key], aim: F64, hit: Bools) -> tuple[F
 
 def in_chest(chest: F64, collar: F64, goal: Goal) -> Goal:
     """Transform goals to the frame of the chest, of rotation ``[N, 3, 3]`` and origin ``[N, 3]`` at the collar bone."""
-    back = chest.transpose(0, 2, 1)
-    return dataclasses.replace(
-        goal,
-        point=apply(back, goal.point - collar),
-        shaft=apply(back, goal.shaft),
-        normal=apply(back, goal.normal),
-        elbow=apply(back, goal.elbow),
-    )
+    n, back = len(chest), chest.transpose(0, 2, 1)
+    shaft, normal, elbow = (apply(back, direction) for direction in (goal.shaft, goal.normal, goal.elbow))
+    reach, weight = np.broadcast_to(goal.reach, n), np.broadcast_to(goal.weight, (n, 4))
+    return Goal(point=apply(back, goal.point - collar), reach=reach, shaft=shaft, normal=normal, elbow=elbow, weight=weight)
 
 
-def _reached(arm: Arm, angles: F64, reach: F64) -> F64:
+def _reached(arm: Arm, angles: F64, reach: F64 | float) -> F64:
     pose = arm.pose(angles)
-    return pose.position[4] + reach[:, None] * apply(pose.rotation[4], arm.axis)
+    return pose.position[4] + np.expand_dims(reach, -1) * apply(pose.rotation[4], arm.axis)

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from shuttle_marl.base.arrays import F64, I64
+from shuttle_marl.base.arrays import F64
 from shuttle_marl.game.court import AREAS
 from shuttle_marl.game.stroke import HEIGHTS, N_SERVES, SHOTS
 
@@ -45,24 +45,16 @@ class Measured:
     out_by: F64
     serve: F64
 
-    def seconds(self, shot: I64 | np.int64, met: I64 | np.int64, length: F64 | float, u: F64 | np.float64) -> F64:
-        """Flight times [s] at a share ``u`` of the interquartile range, by shot type, height met (0/1) and length."""
-        k = np.clip(np.asarray(length).astype(np.int64), 0, len(DISTANCES) - 2)
-        low, middle, high = np.moveaxis(self.flight_time_by_length[shot, met, k], -1, 0)
-        drawn = np.where(u < 0.5, low + 2 * u * (middle - low), middle + (2 * u - 1) * (high - middle))
-        overall = self.flight_time[shot]
-        return np.clip(drawn, overall[..., 0], overall[..., 2])
+    def seconds(self, shot: int, met: int, length: float, u: float) -> float:
+        """Flight time [s] at a share ``u`` of the interquartile range, by shot type, height met (0/1) and length."""
+        low, middle, high = self.flight_time_by_length[shot, met, min(int(length), len(DISTANCES) - 2)]
+        drawn = low + 2 * u * (middle - low) if u < 0.5 else middle + (2 * u - 1) * (high - middle)
+        return float(np.clip(drawn, self.flight_time[shot, 0], self.flight_time[shot, 2]))
 
 
-def quantile(knots: F64, u: F64) -> F64:
-    """Values ``[...]`` at shares ``u`` from quantiles ``[..., 5]`` at :data:`QUANTILES`, linear in between, held outside."""
-    if np.ndim(u) == 0:
-        return np.asarray(np.interp(u, QUANTILES, knots))
-    u = np.clip(u, QUANTILES[0], QUANTILES[-1])
-    k = np.clip(np.searchsorted(QUANTILES, u, side="right") - 1, 0, len(QUANTILES) - 2)
-    levels = np.array(QUANTILES)
-    low, high = (np.take_along_axis(knots, (k + i)[..., None], axis=-1)[..., 0] for i in (0, 1))
-    return low + (high - low) * (u - levels[k]) / (levels[k + 1] - levels[k])
+def quantile(knots: F64, u: float) -> float:
+    """Value at a share ``u`` from quantiles ``[5]`` at :data:`QUANTILES`, linear in between, held outside."""
+    return float(np.interp(u, QUANTILES, knots))
 
 
 @functools.cache

@@ -11,19 +11,11 @@ import numpy as np
 
 from shuttle_marl.base.arrays import F64, I64, Intp
 from shuttle_marl.game.stroke import SHOTS
+from shuttle_marl.staging import motions
 from shuttle_marl.staging.arm import LIMITS, Arm, Goal, anywhere, arm_of, solve, solve_best, sweet_spot, sweet_spot_jacobian
 from shuttle_marl.staging.curves import slopes_through
 from shuttle_marl.staging.keys import Hit, Keys, Timeline
 from shuttle_marl.staging.library import FLIP, FREE_ARM, RACKET_ARM, TRUNK, in_chest
-from shuttle_marl.staging.motions import (
-    DEFENCE_BACKHAND,
-    HELD,
-    KILL_BACKHAND,
-    LUNGE_BACKHAND,
-    OVERHEAD_BACKHAND,
-    SERVE_BACKHAND,
-    SIDE_BACKHAND,
-)
 from shuttle_marl.staging.rotation import apply, turned, unit
 from shuttle_marl.staging.skeleton import (
     SPINE_LIMITS,
@@ -69,8 +61,6 @@ _FASTEST: Final = np.array([7.0, 7.0, 24.0, 24.0, 36.0, 32.0, 36.0, 24.0, 14.0, 
 """Greatest speed of each joint [rad/s]; internal rotation of the shoulder and pronation are the fastest in smashes."""
 _ROOM: Final = 2.2
 
-BACKHANDS: Final = frozenset({SERVE_BACKHAND, OVERHEAD_BACKHAND, KILL_BACKHAND, LUNGE_BACKHAND, SIDE_BACKHAND, DEFENCE_BACKHAND})
-"""Backhand motions."""
 _MOST_LEAN: Final = np.radians(18)
 _TOLERANCE: Final = 2e-3
 _YIELD: Final = 0.35
@@ -124,14 +114,13 @@ def meet(skeleton: Skeleton, timeline: Timeline, place: F64, fps: int) -> tuple[
     frames = np.array([hit.frame for hit in timeline.hits])
     hips = place[frames]
     point = np.array([hit.point for hit in timeline.hits])
-    back = np.array([hit.stance.motion in BACKHANDS for hit in timeline.hits])
+    back = np.array([hit.stance.motion in motions.BACKHANDS for hit in timeline.hits])
     normal = np.array([hit.normal for hit in timeline.hits]) * np.where(back, -1.0, 1.0)[:, None]
     shaft, elbow = (np.array([getattr(hit, name) for hit in timeline.hits]) for name in ("shaft", "elbow"))
     # The motion prefers a direction of the shaft, the flight one of the strings; both yield until they are orthogonal.
     shaft = unit(shaft - _YIELD * (shaft * normal).sum(axis=1, keepdims=True) * normal)
     normal = unit(normal - (shaft * normal).sum(axis=1, keepdims=True) * shaft)
     n = len(rows)
-    reach = np.full(n, SWEET_SPOT)
     angles = poses[rows, RACKET_ARM]
     lean0 = poses[rows, SPINE_YAW : SPINE_YAW + 3].copy()
 
@@ -140,11 +129,11 @@ def meet(skeleton: Skeleton, timeline: Timeline, place: F64, fps: int) -> tuple[
         chest, collar = _chest(skeleton, hips[some], poses[rows[some]])
         found = Goal(
             point=point[some],
-            reach=reach[some],
+            reach=SWEET_SPOT,
             shaft=shaft[some],
             normal=normal[some],
             elbow=elbow[some],
-            weight=np.tile(weight, (len(some), 1)),
+            weight=weight,
         )
         return in_chest(chest, collar, found)
 
@@ -165,7 +154,7 @@ def meet(skeleton: Skeleton, timeline: Timeline, place: F64, fps: int) -> tuple[
         angles[far[better]] = again[better]
     poses[rows, RACKET_ARM] = angles
     for hit in timeline.hits:
-        if hit.stance.motion in HELD:
+        if hit.stance.motion in motions.HELD:
             _hold(skeleton, timeline, hit, place, poses, fps)
     chest, _ = _chest(skeleton, hips, poses[rows])
     return _struck(skeleton, timeline, place, poses, fps), apply(chest, exact.point - _strings(arm, angles))
@@ -213,16 +202,12 @@ def _hold(skeleton: Skeleton, timeline: Timeline, hit: Hit, place: F64, poses: F
     rotation, position = trunk(skeleton, place[timeline.frame[keys]], poses[keys, TRUNK])
     chest, collar = rotation[-1], collar_of(skeleton, rotation[-1], position[-1], "Left") * FLIP
     flip = np.diag(FLIP)
-    n = len(keys)
-    above = timeline.frame[keys] <= hit.frame - round(HELD[hit.stance.motion][1] * fps)
-    spot = (hit.point + turned(np.array(hit.stance.heading)) @ np.array(HELD[hit.stance.motion][0])) * FLIP
+    above = timeline.frame[keys] <= hit.frame - round(motions.HELD[hit.stance.motion][1] * fps)
+    spot = (hit.point + turned(np.array(hit.stance.heading)) @ np.array(motions.HELD[hit.stance.motion][0])) * FLIP
     goal = Goal(
-        point=np.tile(spot, (n, 1)),
-        reach=np.zeros(n),
-        shaft=np.zeros((n, 3)),
-        normal=np.zeros((n, 3)),
-        elbow=np.tile(unit(np.array([0.62, 0.2, -0.75])), (n, 1)),
-        weight=np.tile((10.0, 0.0, 0.0, 0.2), (n, 1)),
+        point=np.tile(spot, (len(keys), 1)),
+        elbow=unit(np.array([0.62, 0.2, -0.75])),
+        weight=(10.0, 0.0, 0.0, 0.2),
     )
     found = solve(arm_of(skeleton), in_chest(flip @ chest @ flip, collar, goal), poses[keys, FREE_ARM], rounds=14)
     poses[keys[above], FREE_ARM] = found[above]

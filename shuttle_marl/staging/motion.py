@@ -14,7 +14,7 @@ from shuttle_marl.base.arrays import F32, F64, I64, Bools, Floats, Ints
 from shuttle_marl.game.rally.record import Rally
 from shuttle_marl.game.rules import OUTCOMES
 from shuttle_marl.game.stroke import Catalogue, UnknownStrokeError
-from shuttle_marl.staging.body import Player
+from shuttle_marl.staging.body import Course, Player
 from shuttle_marl.staging.flight import Flights, fall
 from shuttle_marl.staging.motions import MOTIONS, Stance
 from shuttle_marl.staging.rotation import apply, matrix, quaternion
@@ -314,6 +314,24 @@ class Motion:
             return _unpacked(head, data, before)
         except (LookupError, AttributeError, TypeError, ValueError, OverflowError, UnknownStrokeError) as error:
             raise StagingError(f"a packed motion is damaged: {error!r} in its head; take another copy") from error
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Branch:
+    """Branch of a continued motion: the motion, number of strokes struck, and last unchanged frame."""
+
+    motion: Motion
+    strokes: int
+    frame: int
+
+    def player(self, seat: int) -> Player:
+        """A player of the motion."""
+        assert self.motion.players is not None
+        return self.motion.players[seat]
+
+    def course(self, seat: int) -> Course:
+        """Unchanged frames of a player."""
+        return self.player(seat).course.part(slice(0, self.frame + 1))
 
 
 def _stroke(trajectory: Trajectory, i: int, fps: int) -> dict[str, Any]:

@@ -57,6 +57,7 @@ _LOWER: Final = (0.0, 0.14, 0.05)
 
 OVERHEADS: Final = frozenset({OVERHEAD, AROUND, OVERHEAD_BACKHAND})
 """Motions that may be played from a jump."""
+BACKHANDS: Final = frozenset(k for k, name in enumerate(MOTIONS) if "backhand" in name)
 HELD: Final[dict[int, tuple[tuple[float, float, float], float]]] = {
     SERVE_BACKHAND: ((-0.04, 0.02, 0.04), 0.06),
     SERVE_FOREHAND: ((-0.12, 0.04, 0.32), 0.26),

@@ -68,11 +68,11 @@ def with_contacts_moved(trajectory: Trajectory, by: dict[int, F64]) -> Trajector
         if k:
             end_point[k - 1] += change
     rows = sorted({row for k in by for row in (k - 1, k) if row >= 0})
+    flight = Flights(*(part.copy() for part in trajectory.flight))
     again = shoot(contact[rows], end_point[rows], (trajectory.end_time - trajectory.time)[rows])
-    fields = {f.name: getattr(trajectory.flight, f.name).copy() for f in dataclasses.fields(Flights)}
-    for name, value in fields.items():
-        value[rows] = getattr(again, name)
-    return dataclasses.replace(trajectory, contact=contact, end_point=end_point, flight=Flights(**fields))
+    for part, new in zip(flight, again, strict=True):
+        part[rows] = new
+    return dataclasses.replace(trajectory, contact=contact, end_point=end_point, flight=flight)
 
 
 def behind(old: Trajectory, new: Trajectory, first: int) -> Trajectory:
@@ -81,14 +81,9 @@ def behind(old: Trajectory, new: Trajectory, first: int) -> Trajectory:
     def whole(a: F64, b: F64) -> F64:
         return np.concatenate([a[:first], b])
 
-    names = [f.name for f in dataclasses.fields(Flights)]
     rows: dict[str, Any] = {name: whole(getattr(old, name), getattr(new, name)) for name in _BY_STROKE}
-    return dataclasses.replace(
-        new,
-        **rows,
-        flight=Flights(**{name: whole(getattr(old.flight, name), getattr(new.flight, name)) for name in names}),
-        stance=(*old.stance[:first], *new.stance),
-    )
+    flight = Flights(*map(whole, old.flight, new.flight))
+    return dataclasses.replace(new, **rows, flight=flight, stance=(*old.stance[:first], *new.stance))
 
 
 def net_height(x: F64 | float) -> F64:

@@ -325,6 +325,6 @@ def _nearest(yaw: float, keys: dict[int, F64]) -> float:
 
 def _standing(player: Player, which: int, begin: int, end: int) -> Stand:
     """Stand on the first (0) or last (-1) places of the feet of a player."""
-    plants = [player.plants[foot][which] for foot in (LEFT, RIGHT)]
+    plants = [player.prepared.plants[foot][which] for foot in (LEFT, RIGHT)]
     place, yaw = (np.array([getattr(plant, name) for plant in plants]) for name in ("place", "yaw"))
     return Stand(begin=begin, end=end, place=place, yaw=yaw, stride=_STRIDE)
