@@ -166,8 +166,8 @@ def solve_best(arm: Arm, goal: Goal, starts: F64, rounds: int = 40) -> F64:
     solved = solve(arm, many, starts.reshape(s * n, -1), rounds=rounds)
     pose = arm.pose(solved)
     shaft, upper = pose.rotation[4] @ arm.axis, unit(pose.position[2] - pose.position[1])
-    errors = (pose.position[4] + many.reach[:, None] * shaft - many.point, shaft - many.shaft, upper - many.elbow)
-    weights = many.weight[:, (0, 1, 3)]
+    errors = (pose.position[4] + np.expand_dims(many.reach, -1) * shaft - many.point, shaft - many.shaft, upper - many.elbow)
+    weights = np.asarray(many.weight)[:, (0, 1, 3)]
     cost = (np.stack([np.linalg.norm(e, axis=1) for e in errors], axis=1) * weights) ** 2
     best = cost.sum(axis=1).reshape(s, n).argmin(axis=0)
     return solved.reshape(s, n, -1)[best, np.arange(n)]

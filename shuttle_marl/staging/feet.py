@@ -55,7 +55,7 @@ class Feet(NamedTuple):
 
     def part(self, rows: slice) -> "Feet":
         """Copy of a range of frames."""
-        return Feet(*(part[:, rows].copy() for part in self))
+        return Feet(self.ball[:, rows].copy(), self.yaw[:, rows].copy(), self.pitch[:, rows].copy(), self.planted[:, rows].copy())
 
     def concatenated(self, after: "Feet") -> "Feet":
         """Concatenate two ranges of frames."""
