@@ -6,6 +6,7 @@ import io
 import os
 import sys
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Final
 
 from docs.tools.markdown import ROOT, write_or_check
@@ -14,6 +15,7 @@ from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.commands import cli
 
 PAGE: Final = ROOT / "docs" / "commands.md"
+"""The list of all commands; each has a page of its own in the folder ``commands`` beside it."""
 EXAMPLES: Final = {
     "analysis": "analysis runs/demo --pictures runs/pictures",
     "data convert": "data convert datasets/shuttleset/raw --out strokes.parquet",
@@ -53,8 +55,8 @@ _LEAGUE: Final = {"train": ["train"], "report": ["report"], "--pairs": ["--pairs
 _HEAD: Final = """# Commands
 
 Every command, its options with their defaults, and an example. `shuttle-marl NAME` is short for `python -m shuttle_marl.NAME`;
-`shuttle-marl --completion bash | zsh | fish` prints a completion script. `python -m docs.tools.command_reference` writes this
-page from `--help`.
+`shuttle-marl --completion bash | zsh | fish` prints a completion script. `python -m docs.tools.command_reference` writes these
+pages from `--help`.
 
 | command | what it does |
 | --- | --- |
@@ -62,7 +64,7 @@ page from `--help`.
 
 
 class CommandError(ShuttleError):
-    """The page is not what the commands say, or a command has no help."""
+    """A command has no help."""
 
 
 def parts(command: str) -> list[tuple[str, list[str]]]:
@@ -108,27 +110,28 @@ def _terminal() -> Iterator[None]:
                 os.environ[name] = value
 
 
-def page() -> str:
-    """The page, from the help of all commands."""
-    text = _HEAD + "".join(f"| [`{name}`](#shuttle-marl-{name}) | {about} |\n" for name, about in COMMANDS.items())
+def pages() -> Iterator[tuple[Path, str]]:
+    """The pages, from the help of all commands."""
+    yield PAGE, _HEAD + "".join(f"| [`{name}`](commands/{name}.md) | {about} |\n" for name, about in COMMANDS.items())
     for name, about in COMMANDS.items():
-        text += f"\n## shuttle-marl {name}\n\n{about[0].upper()}{about[1:]}.\n"
+        text = f"# shuttle-marl {name}\n\n{about[0].upper()}{about[1:]}.\n"
         for form, arguments in parts(name):
             if form != name:
-                text += f"\n### {form}\n"
+                text += f"\n## {form}\n"
             if example := EXAMPLES.get(form):
                 text += f"\n```bash\nshuttle-marl {example}\n```\n"
             text += f"\n```text\n{help_of(name, arguments)}\n```\n"
-    return text
+        yield PAGE.with_suffix("") / f"{name}.md", text
 
 
 def main(*, check: bool = False) -> None:
-    """Write the page, or check it.
+    """Write the pages, or check them.
 
     Args:
-        check: Change nothing; fail if the page differs.
+        check: Change nothing; fail if a page differs.
     """
-    write_or_check(PAGE, page(), check=check, problem="not what the commands say")
+    for path, text in pages():
+        write_or_check(path, text, check=check, problem="not what the commands say")
 
 
 if __name__ == "__main__":

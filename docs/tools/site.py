@@ -24,6 +24,7 @@ PAGES: Final = (
     "datasets/README.md",
     "datasets/sample/CARD.md",
     "docs/*.md",
+    "docs/commands/*.md",
     "docs/suite/*.md",
     "docs/tutorials/*.md",
     "docs/notebooks/*.ipynb",
