@@ -87,10 +87,8 @@ def damage(path: Path) -> Iterator[None]:
         yield
     except DamagedLogError as error:
         raise DamagedLogError(f"{path}: damaged: {error}; {advice(path)}") from error
-    except OtherFileError as error:
-        raise OtherFileError(f"{path}: {error}") from error
     except RecordingError as error:
-        raise RecordingError(f"{path}: {error}") from error
+        raise type(error)(f"{path}: {error}") from error
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read ({problem(error)})") from error
     except MemoryError as error:  # a damaged length may ask for any memory
@@ -189,16 +187,12 @@ class LogFile:
             DamagedLogError: the file is truncated or damaged.
         """
         self.path = path
-        with damage(path):
-            self._file = open_file(path)
-        try:
-            with damage(path):
-                self.size = os.fstat(self._file.fileno()).st_size
-                self.header, _ = read_header(self._file, self.size)
-                self._read_index()
-        except RecordingError:
-            self._file.close()
-            raise
+        with damage(path), contextlib.ExitStack() as opened:
+            self._file = opened.enter_context(open_file(path))
+            self.size = os.fstat(self._file.fileno()).st_size
+            self.header, _ = read_header(self._file, self.size)
+            self._read_index()
+            self.close = opened.pop_all().close
 
     @property
     def end(self) -> int:
@@ -217,10 +211,6 @@ class LogFile:
             if (first, len(rallies), len(rallies.stroke)) != (self.first_rally[i], self.rallies[i], self.strokes[i]):
                 raise DamagedLogError(f"batch {i} is not what the index says")
             return first, rallies
-
-    def close(self) -> None:
-        """Close the file."""
-        self._file.close()
 
     def _read_index(self) -> None:
         summary = read_summary(self._file, self.size)

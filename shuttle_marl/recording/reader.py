@@ -1,5 +1,6 @@
 """Read rally logs: a file with its further parts, or all logs of a folder, as one log or as Arrow tables."""
 
+import contextlib
 import dataclasses
 import itertools
 from collections.abc import Callable, Iterator, Sequence
@@ -58,19 +59,17 @@ class RallyLog:
             DamagedLogError: a file is truncated or damaged.
         """
         self.path = path
-        try:
-            logs = _open_folder(path) if path.is_dir() else [_open_parts(path)]
-        except OSError as error:
-            raise RecordingError(f"{path}: cannot be read ({problem(error)})") from error
-        # Parts of one log continue its numbers; logs follow each other.
-        ends = [max(file.end for file in log) for log in logs]
-        self.logs = tuple(zip(itertools.accumulate([0, *ends[:-1]]), logs, strict=True))
-        self.files = tuple(file for log in logs for file in log)
-        try:
+        with contextlib.ExitStack() as opened:
+            try:
+                logs = _open_folder(path, opened) if path.is_dir() else [_open_parts(path, opened)]
+            except OSError as error:
+                raise RecordingError(f"{path}: cannot be read ({problem(error)})") from error
+            # Parts of one log continue its numbers; logs follow each other.
+            ends = [max(file.end for file in log) for log in logs]
+            self.logs = tuple(zip(itertools.accumulate([0, *ends[:-1]]), logs, strict=True))
+            self.files = tuple(file for log in logs for file in log)
             self._merge()
-        except RecordingError:
-            self.close()
-            raise
+            self.close = opened.pop_all().close
 
     @property
     def header(self) -> LogHeader:
@@ -111,7 +110,8 @@ class RallyLog:
         """
         at = int(np.searchsorted(self._first_batch, i, side="right")) - 1
         first, rallies = self.files[at].batch(i - int(self._first_batch[at]))
-        return first + self._offsets[at], self._renumbered(at, rallies)
+        policy, pairing = self._policy[at][rallies.policy], self._pairing[at][rallies.pairing]
+        return first + self._offsets[at], dataclasses.replace(rallies, policy=policy, pairing=pairing)
 
     def rally(self, number: int) -> Rallies:
         """One rally by its number, as a single row.
@@ -139,24 +139,23 @@ class RallyLog:
             DamagedLogError: a batch does not match its checksum or the index.
         """
         found = [np.empty(0, dtype=np.int64)]
-        for at, file in enumerate(self.files):
-            known = 0 <= pairing < len(self.pairings) and 0 <= match < 1 << 32
-            if not known or self.pairings[pairing] not in file.header.pairings:
-                continue
-            place = np.uint64(file.header.pairings.index(self.pairings[pairing]) << 32 | match)
-            for i in np.flatnonzero((file.first_match <= place) & (place <= file.last_match)):
-                first, rallies = self.batch(int(self._first_batch[at] + i))
+        if 0 <= pairing < len(self.pairings) and 0 <= match < 1 << 32:
+            for i in self._batches_between(pairing, match, match):
+                first, rallies = self.batch(int(i))
                 found.append(first + np.flatnonzero((rallies.pairing == pairing) & (rallies.match == match)))
         return np.concatenate(found)
 
     def batches_of_pairing(self, pairing: int) -> I64:
         """Numbers of the batches that may hold rallies of a pairing, ascending."""
+        return self._batches_between(pairing, 0, (1 << 32) - 1)
+
+    def _batches_between(self, pairing: int, low: int, high: int) -> I64:
+        """Numbers of the batches that may hold matches of a pairing, by their least and greatest number, ascending."""
         found = [np.empty(0, dtype=np.int64)]
         for at, file in enumerate(self.files):
             if self.pairings[pairing] in file.header.pairings:
-                own = np.uint64(file.header.pairings.index(self.pairings[pairing]))
-                bits = np.uint64(32)
-                rows = np.flatnonzero((file.first_match >> bits <= own) & (own <= file.last_match >> bits))
+                own = file.header.pairings.index(self.pairings[pairing]) << 32
+                rows = np.flatnonzero((file.first_match <= np.uint64(own | high)) & (np.uint64(own | low) <= file.last_match))
                 found.append(self._first_batch[at] + rows)
         return np.concatenate(found)
 
@@ -180,11 +179,6 @@ class RallyLog:
         """An empty batch with the columns of this log."""
         header = self.files[0].header
         return from_arrow(pa.RecordBatch.from_pylist([], schema=arrow_schema(len(header.strokes), header.columns)))
-
-    def close(self) -> None:
-        """Close the files."""
-        for file in self.files:
-            file.close()
 
     def __enter__(self) -> Self:
         return self
@@ -214,66 +208,36 @@ class RallyLog:
         self._policy = [_numbers(file.header.policies, self.policies, np.uint16) for file in self.files]
         self._pairing = [_numbers(file.header.pairings, self.pairings, np.uint32) for file in self.files]
 
-    def _renumbered(self, file: int, rallies: Rallies) -> Rallies:
-        policy, pairing = self._policy[file], self._pairing[file]
-        if policy is not None:
-            rallies = dataclasses.replace(rallies, policy=policy[rallies.policy])
-        if pairing is not None:
-            rallies = dataclasses.replace(rallies, pairing=pairing[rallies.pairing])
-        return rallies
 
-
-def _numbers(own: Sequence[object], merged: Sequence[object], kind: type[np.unsignedinteger]) -> UInts | None:
-    """Indices of the entries of a file in the merged list; None: unchanged."""
-    if own == merged[: len(own)]:
-        return None
+def _numbers(own: Sequence[object], merged: Sequence[object], kind: type[np.unsignedinteger]) -> UInts:
+    """Indices of the entries of a file in the merged list."""
     place = {entry: i for i, entry in enumerate(merged)}
     return np.array([place[entry] for entry in own], dtype=kind)
 
 
-def _open_parts(path: Path) -> list[LogFile]:
-    """A file and the parts of the same log that follow it."""
-    files = [LogFile(path)]
-    try:
-        for number in existing_parts(path) if not files[0].header.part else ():
-            part = part_path(path, number)
-            if number and part.exists():
-                file = LogFile(part)
-                if file.header.part == number and file.header == files[0].header:
-                    files.append(file)
-                else:
-                    file.close()
-    except RecordingError:
-        _close(files)
-        raise
+def _open_parts(path: Path, opened: contextlib.ExitStack) -> list[LogFile]:
+    """A file and the parts of the same log that follow it; ``opened`` closes them."""
+    files = [opened.enter_context(contextlib.closing(LogFile(path)))]
+    for number in existing_parts(path) if not files[0].header.part else ():
+        part = part_path(path, number)
+        if number and part.exists():
+            file = opened.enter_context(contextlib.closing(LogFile(part)))
+            if file.header.part == number and file.header == files[0].header:
+                files.append(file)
     return files
 
 
-def _open_folder(folder: Path) -> list[list[LogFile]]:
+def _open_folder(folder: Path, opened: contextlib.ExitStack) -> list[list[LogFile]]:
     """The rally logs of a folder, each with its parts."""
     logs: list[list[LogFile]] = []
-    paths = sorted(folder.glob(f"*{SUFFIX}"), key=lambda path: (is_further_part(path), path.name))
-    try:
-        for path in paths:
-            # Further parts are sorted last, so those that belong to a log were opened with it.
-            if any(path == file.path for log in logs for file in log):
-                continue
-            try:
-                logs.append(_open_parts(path))
-            except OtherFileError:  # such as a scene
-                continue
-    except RecordingError:
-        for log in logs:
-            _close(log)
-        raise
+    # Further parts are sorted last, so those that belong to a log were opened with it.
+    for path in sorted(folder.glob(f"*{SUFFIX}"), key=lambda path: (is_further_part(path), path.name)):
+        if not any(path == file.path for log in logs for file in log):
+            with contextlib.suppress(OtherFileError):  # such as a scene
+                logs.append(_open_parts(path, opened))
     if not logs:
         raise RecordingError(f"{folder}: holds no rally log; name a file or a folder that does")
     return logs
-
-
-def _close(files: Sequence[LogFile]) -> None:
-    for file in files:
-        file.close()
 
 
 def rally_rows(log: "RallyLog", first: int, rallies: Rallies) -> pa.Table:

@@ -4,16 +4,16 @@ A file is written to ``FILE.part`` and moved to ``FILE`` when it is closed. Afte
 :meth:`RallyLogWriter.flush` counted; :mod:`shuttle_marl.recording.recover` makes a finished file of them.
 """
 
+import abc
 import contextlib
 import dataclasses
 import functools
-import queue
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Final, Self
+from typing import Any, Final, Self, TypeVar
 
 import numpy as np
 
@@ -25,6 +25,8 @@ from shuttle_marl.recording.file_writer import LogFileWriter
 from shuttle_marl.recording.header import LogHeader, Player, RecordingError, Sampling
 from shuttle_marl.recording.log_file import existing_parts, part_path
 
+T = TypeVar("T")
+
 BATCH_RALLIES: Final = 4096
 MAX_BYTES: Final = 1 << 30
 """Default size at which a log continues in another file [bytes]."""
@@ -32,7 +34,28 @@ WAITING_STROKES: Final = 1 << 24
 """Strokes in the queue from which :meth:`RallyRecorder.add` blocks."""
 
 
-class RallyLogWriter:
+class _Log(abc.ABC):
+    """Context of a log: closed at the end, and left unfinished after an error."""
+
+    @abc.abstractmethod
+    def close(self) -> None:
+        """Finish the log."""
+
+    @abc.abstractmethod
+    def abort(self) -> None:
+        """Leave the log unfinished."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        if kind is None:
+            self.close()
+        else:
+            self.abort()
+
+
+class RallyLogWriter(_Log):
     """Writes one rally log; a context manager that closes it, or leaves ``FILE.part`` behind after an error.
 
     Attributes:
@@ -148,15 +171,6 @@ class RallyLogWriter:
         """Stop writing and leave ``FILE.part`` behind, for :func:`shuttle_marl.recording.recover` or a resumed run."""
         self._file.abort()
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        if kind is None:
-            self.close()
-        else:
-            self.abort()
-
     def _open(self, header: LogHeader) -> None:
         self._file = LogFileWriter(part_path(self.path, header.part), header, fsync_seconds=self._fsync_seconds)
 
@@ -164,15 +178,7 @@ class RallyLogWriter:
         self.write_message(self.rallies, encode(self.rallies, rallies, len(self.header.strokes)), rallies)
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class _Flush:
-    """A request to flush the log, and the future of its result."""
-
-    sync: bool
-    done: "Future[int]"
-
-
-class RallyRecorder:
+class RallyRecorder(_Log):
     """Records finished rallies in a background thread.
 
     A context manager that closes the log, or leaves it unfinished after an error. Compression and checksums run without the GIL.
@@ -195,12 +201,10 @@ class RallyRecorder:
         self.sampling = Sampling.parse(log.header.record)
         self.sample: Callable[[Rallies], Rallies] = functools.partial(self.sampling.of, log.header)
         self._log, self._limit = log, waiting_strokes
-        self._queue: queue.SimpleQueue[Rallies | _Flush | None] = queue.SimpleQueue()
         self._waiting = 0
         self._changed = threading.Condition()
         self._error: BaseException | None = None
-        self._thread = threading.Thread(target=self._work, name=f"recording {log.path.name}", daemon=True)
-        self._thread.start()
+        self._thread = ThreadPoolExecutor(1, f"recording {log.path.name}")
 
     @classmethod
     def create(cls, path: Path, header: LogHeader, record: str = "all", **options: Any) -> Self:
@@ -234,7 +238,7 @@ class RallyRecorder:
                 self._changed.wait_for(lambda: self._waiting <= self._limit or self._error is not None)
                 self._waiting += len(chosen.stroke)
             self._raise()
-            self._queue.put(chosen)
+            self._thread.submit(self._guarded, self._append, chosen)
 
     def request_flush(self, *, sync: bool = True) -> "Future[int]":
         """Request a flush of all rallies added so far, and return at once.
@@ -245,13 +249,7 @@ class RallyRecorder:
         Returns:
             A future of the number of rallies in the log that survive any end of this process.
         """
-        done: Future[int] = Future()
-        with self._changed:
-            if self._error is None:
-                self._queue.put(_Flush(sync=sync, done=done))
-            else:
-                done.set_exception(self._error)
-        return done
+        return self._thread.submit(self._guarded, lambda: self._log.flush(sync=sync))
 
     def flush(self, *, sync: bool = True) -> int:
         """Flush all rallies added so far, and return the result of :meth:`request_flush`.
@@ -267,7 +265,7 @@ class RallyRecorder:
         Raises:
             RecordingError: the log cannot be written any further.
         """
-        self._join()
+        self._thread.shutdown()
         if self._error is not None:
             self._log.abort()
         self._raise()
@@ -275,47 +273,28 @@ class RallyRecorder:
 
     def abort(self) -> None:
         """Write all rallies, and leave ``FILE.part`` behind."""
-        self._join()
+        self._thread.shutdown()
         self._log.abort()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        if kind is None:
-            self.close()
-        else:
-            self.abort()
-
-    def _join(self) -> None:
-        if self._thread.is_alive():
-            self._queue.put(None)
-            self._thread.join()
 
     def _raise(self) -> None:
         if self._error is not None:
             raise self._error
 
-    def _work(self) -> None:
-        while (item := self._queue.get()) is not None:
-            try:
-                if self._error is None:
-                    self._do(item)
-            except BaseException as error:
-                with self._changed:
-                    self._error = error
-                    self._changed.notify_all()
-            if isinstance(item, _Flush) and not item.done.done():
-                assert self._error is not None
-                item.done.set_exception(self._error)
+    def _guarded(self, work: Callable[..., T], *arguments: Any) -> T:
+        """Call in the thread; after an error every later call raises it."""
+        self._raise()
+        try:
+            return work(*arguments)
+        except BaseException as error:
+            with self._changed:
+                self._error = error
+                self._changed.notify_all()
+            raise
 
-    def _do(self, item: Rallies | _Flush) -> None:
-        if isinstance(item, _Flush):
-            item.done.set_result(self._log.flush(sync=item.sync))
-            return
-        self._log.append(item)
+    def _append(self, rallies: Rallies) -> None:
+        self._log.append(rallies)
         with self._changed:
-            self._waiting -= len(item.stroke)
+            self._waiting -= len(rallies.stroke)
             self._changed.notify_all()
 
 

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any, Final
 
 from mcap.opcode import Opcode
-from mcap.records import Message
 
 from shuttle_marl.base.files import open_file, problem
 from shuttle_marl.game.rally.record import Rallies
@@ -46,29 +45,20 @@ def _whole_batches(path: Path, header: LogHeader, start: int) -> Iterator[tuple[
         at = start
         while (found := data.find(packed, at)) >= 0:
             at = found + 1
-            chunk = found - _BEFORE_COMPRESSION
-            message = _message(data, chunk) if chunk >= start else None
-            if message is None:
-                continue
             try:
+                chunk = found - _BEFORE_COMPRESSION
+                opcode, length = FRAME.unpack_from(data, chunk)
+                end = chunk + FRAME.size + length
+                if chunk < start or opcode != Opcode.CHUNK or end > len(data):
+                    continue
+                message = message_of_chunk(data[chunk + FRAME.size : end])
                 first, rallies = decode(message, header)
             except (DamagedLogError, *UNDECODABLE):
                 continue
             if first >= done:
                 yield first, message.data, rallies
                 done = first + len(rallies)
-            at = chunk + FRAME.size + FRAME.unpack_from(data, chunk)[1]
-
-
-def _message(data: mmap.mmap, chunk: int) -> Message | None:
-    opcode, length = FRAME.unpack_from(data, chunk)
-    start = chunk + FRAME.size
-    if opcode != Opcode.CHUNK or length > len(data) - start:
-        return None
-    try:
-        return message_of_chunk(data[start : start + length])
-    except (DamagedLogError, *UNDECODABLE):
-        return None
+            at = end
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -108,17 +98,17 @@ def recover(source: Path, target: Path | None = None) -> Recovery:
     with _writing(source, target):
         if target.exists():
             raise FileExistsError(errno.EEXIST, "exists already")
-        _delete_files(making, unfinished(making))  # left by a killed recovery
     try:
         with _writing(source, target):
+            _delete_files(making)  # left by a killed recovery
             found = _copy(header, batches, making)
-        if not found.rallies:
-            raise RecordingError(f"{source}: nothing could be recovered: all its batches of rallies are damaged")
-        with _writing(source, target):
-            making.replace(target)
+            if found.rallies:
+                making.replace(target)
     finally:
         with contextlib.suppress(OSError):
-            _delete_files(making, unfinished(making))
+            _delete_files(making)
+    if not found.rallies:
+        raise RecordingError(f"{source}: nothing could be recovered: all its batches of rallies are damaged")
     return dataclasses.replace(found, path=target)
 
 
@@ -149,9 +139,10 @@ def _writing(source: Path, target: Path) -> Iterator[None]:
         ) from error
 
 
-def _delete_files(*paths: Path) -> None:
-    for path in paths:
-        path.unlink(missing_ok=True)
+def _delete_files(part: Path) -> None:
+    """Delete the file of a part in every form."""
+    for file in (unfinished(part), part, set_aside(part)):
+        file.unlink(missing_ok=True)
 
 
 def recoverable_files(folder: Path) -> list[Path]:
@@ -284,5 +275,4 @@ def _delete(path: Path, first: int, header: LogHeader) -> None:
             with open_file(part) as opened:
                 if read_header(opened, part.stat().st_size)[0] != header:
                     raise RecordingError(f"{part.name} is the log of another run; delete it or choose another name")
-        for file in (unfinished(part), part, set_aside(part)):
-            file.unlink(missing_ok=True)
+        _delete_files(part)

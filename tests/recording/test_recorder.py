@@ -93,7 +93,7 @@ def test_errors_of_the_thread_reach_the_caller(
         recorder.request_flush().result()
     with pytest.raises(expected):
         recorder.close()
-    assert not recorder._thread.is_alive()
+    assert not any(thread.is_alive() for thread in recorder._thread._threads)
     assert recover(unfinished(tmp_path / "a.mcap")).rallies == 64
 
 
