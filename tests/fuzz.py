@@ -47,7 +47,7 @@ import tyro
 
 from shuttle_marl.base.files import seal
 from shuttle_marl.base.table_files import seal_parquet
-from shuttle_marl.commands import analysis, data, dynamics, exact, league, recording, report, scout, training
+from shuttle_marl.commands import analysis, data, dynamics, exact, league, recording, report, scout, suite, training
 from shuttle_marl.game.observation import RALLY_WIDTH
 from tests.recording.mutate import Mutator, mutated
 from tests.reduced import reduced_model
@@ -63,6 +63,7 @@ MAIN: Final[dict[str, Main]] = {
     "recording": recording.main,
     "report": report.main,
     "scout": scout.main,
+    "suite": suite.main,
     "training": training.main,
 }
 CANARY: Final = "CANARY"
@@ -150,6 +151,11 @@ FORMATS: Final[dict[str, Format]] = {
         (f"league {LEAGUE_TRAINING} --resume",),
         results=("run/main.safetensors",),
     ),
+    "suite": Format(
+        ("run/*.json", "run/*/*"),
+        ("suite verify run --game model", "suite board run --game model --no-check --out board.md"),
+        results=("board.md",),
+    ),
     "agent": Format(("agent/*",), ("exact evaluate agent:agent --game model --json",)),
     "table": Format(("main.safetensors",), ("exact evaluate table:main.safetensors --game model --json",)),
     "model": Format(
@@ -227,6 +233,7 @@ def build(root: Path) -> None:
     run("table", f"league {LEAGUE_TRAINING} --resume")
     shutil.copy(root / "table" / "run" / "main.safetensors", root / "table")
     shutil.rmtree(root / "table" / "run")
+    run("suite", "suite run exploit-v0 --method bc --quick --game model --out run")
     foreign(root)
     run("csv", "data template --out template")
     for path in (root / "csv" / "template").iterdir():

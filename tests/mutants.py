@@ -41,7 +41,7 @@ import tyro
 ROOT: Final = Path(__file__).resolve().parents[1]
 Module = Literal["game", "exact", "league", "analysis", "suite", "policy"]
 TESTS: Final[dict[str, tuple[str, ...]]] = {
-    "analysis": ("analysis",),
+    "analysis": ("analysis", "coach"),
     "exact": ("exact",),
     "game": ("rally", "scoring", "policy", "kernel/test_kernel_draws.py", "env/test_rally_env.py"),
     "league": ("league",),

@@ -317,6 +317,17 @@ def test_a_table_that_went_through_pandas(tmp_path: Path, capsys: pytest.Capture
             load_strokes(tmp_path / "p.parquet")
 
 
+def test_too_little_memory_is_no_damage(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def too_little(*_: object) -> None:
+        raise pa.ArrowMemoryError("malloc of size 64 failed")
+
+    monkeypatch.setattr("shuttle_marl.data.table.table_files.read_parquet", too_little)
+    assert main(["validate", str(Path(__file__).parents[2] / "datasets" / "sample" / "strokes.parquet")]) == 1
+    assert "not enough memory (malloc of size 64 failed)" in capsys.readouterr().err
+
+
 def hostile(folder: Path, kind: str) -> list[str]:
     """A hostile file, and the arguments of the command that reads it."""
     folder = folder / kind

@@ -81,7 +81,7 @@ import io, json, os, pwd, sys, traceback
 from multiprocessing import synchronize
 from pathlib import Path
 
-from shuttle_marl.__main__ import main
+from shuttle_marl import __main__ as run_as
 
 def nothing(*_, **__):
     raise OSError(38, "Function not implemented")
@@ -89,11 +89,19 @@ def nothing(*_, **__):
 def nobody(*_):
     raise KeyError("no entry")
 
+package = str(Path(run_as.__file__).parent)
+
+def read_only(event, details):
+    if event == "open" and details[2] & (os.O_WRONLY | os.O_RDWR) and str(details[0]).startswith(package):
+        raise PermissionError(13, "Permission denied", details[0])
+
 condition, encoding = sys.argv[1], os.environ.get("PYTHONIOENCODING", "utf-8")
 if condition == "no semaphores":
     synchronize.SemLock.__init__ = nothing
 if condition == "no HOME":
     pwd.getpwuid = nobody
+if condition == "closed HOME":
+    sys.addaudithook(read_only)
 for words in json.loads(Path("commands.json").read_text()):
     if condition == "head":
         read, write = os.pipe()
@@ -108,7 +116,7 @@ for words in json.loads(Path("commands.json").read_text()):
     said = io.BytesIO()
     sys.stderr = io.TextIOWrapper(said, encoding=encoding, write_through=True)
     try:
-        status = main(words)
+        status = run_as.main(words)
         sys.stdout.flush()
     except SystemExit as stop:
         status = stop.code
@@ -121,11 +129,13 @@ os._exit(0)  # what is left for a closed output is not written
 CONDITIONS: dict[str, tuple[str, dict[str, str]]] = {
     "no semaphores": ("", {"PYTHONIOENCODING": "ascii"}),
     "no HOME": ("", {"PYTHONIOENCODING": "latin-1", "HOME": ""}),
-    "HOME is a file": ("", {"PYTHONIOENCODING": "cp1252", "HOME": "commands.json"}),
+    "closed HOME": ("", {"PYTHONIOENCODING": "cp1252", "HOME": "home"}),
     "closed": (">&-", {}),
     "head": ("", {}),
 }
 """Redirection and environment by name of a condition; three of them have an encoding without most letters."""
+POWERLESS = ["setpriv", "--bounding-set=-dac_override,-dac_read_search"]
+"""The superuser without the right to enter every folder."""
 
 
 def test_cheap_runs_of_every_command() -> None:
@@ -165,7 +175,9 @@ def test_every_command_works_or_says_why_not(condition: str, inputs: Path, tmp_p
     locator: Any = caching.UserWideCacheLocator
     cache = Path(locator.from_function(subprocess.run, __file__).get_cache_path()).parent
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "NUMBA_CACHE_DIR": str(cache), **changed}
-    shell = ["bash", "-c", f'exec "$0" "$@" {redirection}', sys.executable, "-c", DRIVER, condition]
+    (tmp_path / "home").mkdir(mode=0)
+    powerless = POWERLESS if os.geteuid() == 0 and shutil.which("setpriv") else []
+    shell = [*powerless, "bash", "-c", f'exec "$0" "$@" {redirection}', sys.executable, "-c", DRIVER, condition]
     done = subprocess.run(shell, env=environment, cwd=tmp_path, stderr=subprocess.PIPE, text=True, check=False, timeout=600)
     assert done.returncode == 0, done.stderr
     results = [json.loads(line) for line in (tmp_path / "results.jsonl").read_text().splitlines()]

@@ -124,6 +124,13 @@ def test_an_entry_that_stands_there_twice(tmp_path: Path) -> None:
         read_json(tmp_path / "a.json", dict[str, Any])
 
 
+def test_a_large_file_is_refused_before_it_is_parsed(tmp_path: Path) -> None:
+    with (tmp_path / "config.json").open("wb") as file:
+        file.truncate(60 << 20)
+    with pytest.raises(FileReadError, match="larger than 16 MB"):
+        read_json(tmp_path / "config.json", dict[str, Any])
+
+
 def test_memory_of_a_table_is_added_up_before_it_is_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(table_files, "_MOST", 1 << 20)
     text = pa.DictionaryArray.from_arrays(pa.array([0] * 2000), pa.array(["x" * 1000]))

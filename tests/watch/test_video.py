@@ -9,6 +9,8 @@ import av
 import numpy as np
 import pytest
 
+from shuttle_marl.base.errors import ShuttleError
+from shuttle_marl.commands.watch import RallyOptions, watch
 from shuttle_marl.watch import WatchError
 from shuttle_marl.watch.server import check_video, write_video
 
@@ -49,6 +51,9 @@ def test_what_is_missing_is_said_before_any_work(monkeypatch: pytest.MonkeyPatch
     monkeypatch.delenv("CHROMIUM", raising=False)
     with pytest.raises(WatchError, match="needs Chromium or Chrome; install it"):
         check_video(tmp_path / "film.mp4")
+    monkeypatch.setattr("shuttle_marl.watch.building.build", lambda *_: pytest.fail("the page is built, which takes a minute"))
+    with pytest.raises(ShuttleError, match=r"none\.mcap"):
+        watch(rallies=RallyOptions(replay=tmp_path / "none.mcap"))
     monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
     with pytest.raises(WatchError, match=r"needs av and playwright: .* installs it"):
         check_video(tmp_path / "film.mp4")
