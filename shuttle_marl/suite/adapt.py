@@ -3,7 +3,7 @@
 import dataclasses
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any, ClassVar, Final, Protocol
+from typing import ClassVar, Final
 
 import numpy as np
 
@@ -15,9 +15,9 @@ from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.kernel import play_rallies
 from shuttle_marl.suite.frontier import objective
 from shuttle_marl.suite.method import Method, called, made
-from shuttle_marl.suite.options import Split, SuiteError
+from shuttle_marl.suite.options import Split
 from shuttle_marl.suite.population import ADAPT_RALLIES, CONTROL, FAMILIES, Opponent, known, opponent
-from shuttle_marl.suite.task import Arena, Case, Outcome, Task, required, table_of
+from shuttle_marl.suite.task import Arena, Case, Outcome, Setting, Task, required, table_of
 
 CHANGES: Final = (0, 2, 5, 10, 20, 40, 80, 160, 320)
 """Rallies before which the policy may change."""
@@ -51,35 +51,14 @@ class PlayedRally:
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class AdaptSetting:
+class AdaptSetting(Setting):
     """Setting of ``adapt``, the argument of a method; nothing tells who the opponent is.
 
     Attributes:
-        game: the tables.
         known: known opponents by name; the opponent may be none of them.
-        seed: random seed of the method.
-        folder: folder for files of the method.
     """
 
-    game: Game
     known: Mapping[str, TabulatedPolicy]
-    seed: int
-    folder: Path
-
-    def __getattr__(self, name: str) -> Any:
-        if name.startswith("__"):
-            raise AttributeError(name)
-        raise SuiteError(f"the method reads {name!r} of its setting: methods of adapt-v0 are not told who the opponent is")
-
-
-class Adapter(Protocol):
-    """The interface of methods of ``adapt``."""
-
-    def policy_for_next_rally(self) -> Any:
-        """The policy to play from the next rally on; it is asked before the rallies :data:`CHANGES`."""
-
-    def observe_rally(self, rally: PlayedRally) -> None:
-        """A rally that was played."""
 
 
 class Adapt(Task):
@@ -117,9 +96,7 @@ class Adapt(Task):
     def play(self, arena: Arena, case: Case, method: Method, seed: int, folder: Path) -> Outcome:
         """Play the rallies; stores the policy that was played from each change on."""
         setting = AdaptSetting(game=arena.game, known=known(arena), seed=seed, folder=folder)
-        agent = made(method, setting, self.name)
-        if not all(callable(getattr(agent, name, None)) for name in ("observe_rally", "policy_for_next_rally")):
-            raise SuiteError(f"the method of {self.name}: expected an object with observe_rally and policy_for_next_rally")
+        agent = made(method, setting, self.name, "observe_rally", "policy_for_next_rally")
         against, policies = _opponent(arena, case), {}
         for start, policy_at, last in _blocks(against):
             if start in CHANGES:

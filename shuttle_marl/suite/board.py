@@ -10,9 +10,8 @@ import jinja2
 import numpy as np
 
 from shuttle_marl.base.errors import ShuttleError, described, printable
-from shuttle_marl.base.files import FileReadError, read_json
 from shuttle_marl.pages import escaped
-from shuttle_marl.suite import frozen
+from shuttle_marl.suite import frozen, store
 from shuttle_marl.suite.method import baseline_of
 from shuttle_marl.suite.options import ACCESS, Split, SuiteError
 from shuttle_marl.suite.registry import TASKS
@@ -80,33 +79,25 @@ def rows_of(
     rows: list[Row] = []
     for folder in folders:
         try:
-            row = _row(folder, check=check, game=game, beacon=beacon, data=data, progress=progress)
+            if not check:
+                row = summarise(folder, beacon, game)
+            else:
+                found = verify_run(folder, game=game, beacon=beacon, data=data, progress=progress)
+                if found.summary is None:
+                    raise SuiteError(f"{len(found.refused)} of {found.units} units are refused: {found.refused[0].reason}")
+                row = found.summary
+            row["verified"] = True if check else None
+            if baseline_of(row["task"], row["method"]) is not None:
+                row["remarks"] = [*row["remarks"], "names a method of the package, which verification cannot prove"]
+                row["official"] = False
             _compare(row, rows)
         except Exception as error:
             failed(f"{folder}: {error if isinstance(error, ShuttleError) else described(error)}")
         else:
             rows.append(row)
     if results is not None:
-        try:
-            rows += read_json(results, _Results).rows
-        except FileReadError as error:
-            raise SuiteError(f"{results}: {error}") from error
+        rows += store.read(results, _Results).rows
     return rows
-
-
-def _row(folder: Path, *, check: bool, game: str | None, beacon: str | None, data: Path | None, progress: Any) -> Row:
-    """The row of a folder."""
-    if check:
-        found = verify_run(folder, game=game, beacon=beacon, data=data, progress=progress)
-        if found.summary is None:
-            raise SuiteError(f"{len(found.refused)} of {found.units} units are refused: {found.refused[0].reason}")
-        row = found.summary
-    else:
-        row = summarise(folder, beacon, game)
-    row["verified"] = True if check else None
-    if baseline_of(row["task"], row["method"]) is not None:
-        row["remarks"] = [*row["remarks"], "names a method of the package, which verification cannot prove"]
-    return {**row, "official": not row["remarks"]}
 
 
 def _compare(row: Row, rows: Sequence[Row]) -> None:

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
-from shuttle_marl.base.files import FileReadError, read_json, replace_sealed
+from shuttle_marl.suite import store
 from shuttle_marl.suite.options import SuiteError
 from shuttle_marl.suite.task import Task
 
@@ -54,14 +54,4 @@ def load(path: Path = FROZEN) -> Frozen:
     Raises:
         SuiteError: the file is damaged.
     """
-    if not path.is_file():
-        return Frozen()
-    try:
-        return read_json(path, Frozen, sealed=True)
-    except FileReadError as error:
-        raise SuiteError(f"{path}: no readable frozen settings ({error}); install the package again") from error
-
-
-def save(frozen: Frozen, path: Path = FROZEN) -> None:
-    """Write the frozen settings."""
-    replace_sealed(path, {**dataclasses.asdict(frozen), "cases": dict(sorted(frozen.cases.items()))})
+    return store.read(path, Frozen, "; install the package again", sealed=True) if path.is_file() else Frozen()

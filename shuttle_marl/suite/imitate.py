@@ -18,7 +18,7 @@ from shuttle_marl.data.schema import Outcome as Ending
 from shuttle_marl.game.tables import Game
 from shuttle_marl.suite.method import Method, called, made
 from shuttle_marl.suite.options import SuiteError
-from shuttle_marl.suite.task import Arena, Case, Outcome, Task, exploitability, odds_against, required, table_of
+from shuttle_marl.suite.task import Arena, Case, Outcome, Setting, Task, exploitability, odds_against, required, table_of
 
 _FOLDS = 5
 _FLOOR = 1e-6
@@ -52,13 +52,8 @@ class HumanStrokes:
         return HumanStrokes(self.game, self.state[rows], self.pair[rows], *names)
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class ImitateSetting:
-    """Setting of ``imitate``, the argument of a method: the game, a seed, and a folder for files."""
-
-    game: Game
-    seed: int
-    folder: Path
+class ImitateSetting(Setting):
+    """Setting of ``imitate``, the argument of a method."""
 
 
 class Imitate(Task):
@@ -84,9 +79,7 @@ class Imitate(Task):
     def play(self, arena: Arena, case: Case, method: Method, seed: int, folder: Path) -> Outcome:  # noqa: ARG002
         """Fit the method to the training matches."""
         train, _ = parts(arena)
-        learner = made(method, ImitateSetting(game=arena.game, seed=seed, folder=folder), self.name)
-        if not callable(getattr(learner, "fit", None)):
-            raise SuiteError(f"the method of {self.name}: expected an object with fit(strokes)")
+        learner = made(method, ImitateSetting(game=arena.game, seed=seed, folder=folder), self.name, "fit")
         return Outcome(policies={"player": table_of(called(self.name, learner.fit, train), arena.game, self.name)})
 
     def given(self, arena: Arena, case: Case, seed: int) -> Iterable[str]:  # noqa: ARG002
@@ -121,6 +114,7 @@ def top(k: int, probability: F64, strokes: HumanStrokes) -> float:
     return float(np.clip((k - likelier) / equal, 0, 1).mean())
 
 
+@functools.lru_cache(maxsize=2)
 def parts(arena: Arena) -> tuple[HumanStrokes, HumanStrokes]:
     """Strokes to learn from, and those to predict.
 
@@ -133,24 +127,19 @@ def parts(arena: Arena) -> tuple[HumanStrokes, HumanStrokes]:
     """
     if arena.data is None:
         raise SuiteError("imitate-v0 needs annotated matches: --data names the folder of `data download`")
-    return _parts(arena.game, arena.data, dev=arena.split == "dev")
-
-
-@functools.lru_cache(maxsize=2)
-def _parts(game: Game, data: Path, *, dev: bool) -> tuple[HumanStrokes, HumanStrokes]:
     from shuttle_marl.data import load_strokes  # noqa: PLC0415
     from shuttle_marl.data.upstream import matches_of  # noqa: PLC0415
 
-    strokes = human_strokes(load_strokes(data), game)
+    strokes = human_strokes(load_strokes(arena.data), arena.game)
     match = np.array(strokes.match)
     train = np.isin(match, list(matches_of("train")))
     unseen = np.isin(match, list(matches_of("validation")))
-    if dev:
+    if arena.split == "dev":
         names = sorted(matches_of("train"), key=lambda name: hashlib.sha256(name.encode()).hexdigest())
         unseen = np.isin(match, names[::_FOLDS])
         train &= ~unseen
     if not (train.any() and unseen.any()):
-        raise SuiteError(f"{data}: holds no strokes of the training or of the validation matches")
+        raise SuiteError(f"{arena.data}: holds no strokes of the training or of the validation matches")
     return strokes.take(train), strokes.take(unseen)
 
 

@@ -186,17 +186,21 @@ def _program(name: str, setting: Any) -> Any:
     return setting.program(name) if hasattr(setting, "program") else name
 
 
-def made(method: Method, setting: Any, name: str) -> Any:
+def made(method: Method, setting: Any, name: str, *calls: str) -> Any:
     """Call a method with a setting; a class or function without parameters is called without one.
 
     Raises:
-        SuiteError: it raised.
+        SuiteError: it raised, or made an object without one of the ``calls``.
     """
     try:
         inspect.signature(method).bind()
     except TypeError:
-        return called(name, method, setting)
-    return called(name, method)
+        found = called(name, method, setting)
+    else:
+        found = called(name, method)
+    if not all(callable(getattr(found, call, None)) for call in calls):
+        raise SuiteError(f"the method of {name}: expected an object with {' and '.join(calls)}, got a {type(found).__name__}")
+    return found
 
 
 def called(name: str, function: Callable[..., Any], *arguments: Any) -> Any:

@@ -1,6 +1,5 @@
 """The tasks ``offline-v0`` and ``evaluate-v0``: learning, and evaluation of policies, from a fixed log."""
 
-import dataclasses
 import functools
 import hashlib
 from collections.abc import Iterable, Mapping, Sequence
@@ -25,7 +24,18 @@ from shuttle_marl.suite.frontier import normalised
 from shuttle_marl.suite.method import Method, called, find, made
 from shuttle_marl.suite.options import Split, SuiteError
 from shuttle_marl.suite.population import mixture
-from shuttle_marl.suite.task import Arena, Case, Outcome, Task, best_against, exploitability, odds_against, required, table_of
+from shuttle_marl.suite.task import (
+    Arena,
+    Case,
+    Outcome,
+    Setting,
+    Task,
+    best_against,
+    exploitability,
+    odds_against,
+    required,
+    table_of,
+)
 
 OPPONENT: Final = "human:0.05"
 """Opponent of all logs: strong enough that a list of strokes by incoming shot is no answer to it."""
@@ -46,19 +56,8 @@ _FRESH: Final = 1000
 """Added to the seed of a fresh log."""
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class LogSetting:
-    """Setting of ``offline`` and ``evaluate``, the argument of a method.
-
-    Attributes:
-        game: the rules: states and legal strokes; its probabilities are meaningless.
-        seed: random seed.
-        folder: folder for files of the method.
-    """
-
-    game: Game
-    seed: int
-    folder: Path
+class LogSetting(Setting):
+    """Setting of ``offline`` and ``evaluate``, the argument of a method; probabilities of its game are meaningless."""
 
 
 class LogTask(Task):
@@ -87,20 +86,16 @@ def behaviour(arena: Arena, name: str) -> TabulatedPolicy:
     return mixture(arena.game, [arena.policy(first), arena.policy(second)], [1 - float(fraction), float(fraction)])
 
 
+@functools.lru_cache(maxsize=2)
 def generate(arena: Arena, name: str, strokes: int, seed: int) -> Log:
     """The log of a behaviour policy against :data:`OPPONENT`; arguments of :func:`shuttle_marl.recording.logs.play_log`."""
     key = int(stream(seed, arena.split == "dev", strokes)[0] >> np.uint64(1))
     return play_log((behaviour(arena, name), arena.policy(OPPONENT)), strokes, key)
 
 
-@functools.lru_cache(maxsize=2)
-def _log(arena: Arena, name: str, strokes: int, seed: int) -> Log:
-    return generate(arena, name, strokes, seed)
-
-
 def log_of_unit(arena: Arena, case: Case, seed: int) -> Log:
     """The log of a unit."""
-    return _log(arena, case.options["behaviour"], case.budget, seed)
+    return generate(arena, case.options["behaviour"], case.budget, seed)
 
 
 class Offline(LogTask):
@@ -149,9 +144,7 @@ def fitted(method: Method, log: Log, setting: LogSetting, name: str) -> Tabulate
         SuiteError: the method raised, or did not return a player.
         PolicyError: the player is no policy.
     """
-    learner = made(method, setting, name)
-    if not callable(getattr(learner, "fit", None)):
-        raise SuiteError(f"the method of {name}: expected an object with fit(log), got a {type(learner).__name__}")
+    learner = made(method, setting, name, "fit")
     data = log.transitions if getattr(learner, "track", "both") == "own" else log
     return table_of(called(name, learner.fit, data), log.game, name)
 
@@ -203,9 +196,7 @@ class Evaluate(LogTask):
         """Ask the method for its estimates."""
         log = self._log(arena, case, seed)
         policies = targets(arena, case, seed)
-        estimator = made(method, LogSetting(game=log.game, seed=seed, folder=folder), self.name)
-        if not callable(getattr(estimator, "estimate", None)):
-            raise SuiteError(f"the method of {self.name}: expected an object with estimate(log, policies)")
+        estimator = made(method, LogSetting(game=log.game, seed=seed, folder=folder), self.name, "estimate")
         # Names would tell what a policy is.
         tables = [in_game(policy, log.game) for policy in policies.values()]
         found = called(self.name, estimator.estimate, log, tables)
@@ -256,7 +247,7 @@ def targets(arena: Arena, case: Case, seed: int) -> dict[str, TabulatedPolicy]:
 
 @functools.lru_cache(maxsize=2)
 def _targets(arena: Arena, behaviour_name: str, strokes: int, seed: int) -> dict[str, TabulatedPolicy]:
-    log = _log(arena, behaviour_name, strokes, seed)
+    log = generate(arena, behaviour_name, strokes, seed)
     setting = LogSetting(game=blank(arena.game), seed=seed, folder=Path())
     found = {name: behaviour(arena, _of_split(name, arena)) for name in NAMED}
     for name in TRAINED:

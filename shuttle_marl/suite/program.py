@@ -19,21 +19,13 @@ import struct
 import sys
 import types
 from pathlib import Path
-from typing import IO, Any, Final, Protocol
+from typing import IO, Any, Final
 
 import numpy as np
 
 _LENGTH: Final = struct.Struct("<Q")
 _PROGRAMS: Final = ("subprocess.Popen", "os.exec", "os.posix_spawn", "os.spawn", "os.system", "os.startfile")
 _FILES: Final = ("open", "os.listdir", "os.scandir", "os.link", "os.symlink", "os.rename", "sqlite3.connect")
-
-
-class Readable(Protocol):
-    """Source of messages."""
-
-    def read(self, size: int, /) -> bytes:
-        """So many bytes, or fewer at the end."""
-        ...
 
 
 def message(**arrays: Any) -> bytes:
@@ -49,7 +41,7 @@ def send(pipe: IO[bytes], **arrays: Any) -> None:
     pipe.flush()
 
 
-def receive(pipe: Readable) -> dict[str, Any]:
+def receive(pipe: Any) -> dict[str, Any]:
     """Read a message.
 
     Raises:
@@ -87,17 +79,6 @@ class Setting:
         """
         found = self._ask(step=np.asarray(strokes))
         return found["state"], found["reward"], found["over"]
-
-
-class Policy:
-    """A policy of ``evaluate``, whose probabilities are asked for."""
-
-    def __init__(self, ask: Any, number: int) -> None:
-        self._ask, self._number = ask, number
-
-    def probabilities(self, states: Any) -> Any:
-        """``[B, n]`` probabilities of the strokes in ``[B]`` states."""
-        return self._ask(policy=self._number, state=np.asarray(states))["probability"]
 
 
 def answer_of(result: Any, setting: Setting) -> dict[str, Any]:
@@ -155,7 +136,13 @@ def main(name: str, folder: str, *closed: str) -> None:
             elif call == "policy_for_next_rally":
                 result = made.policy_for_next_rally()
             else:
-                policies = [Policy(ask, number) for number in range(int(fields.pop("policies", 0)))]
+                # ``[B, n]`` probabilities of the strokes in ``[B]`` states are asked for.
+                policies = [
+                    types.SimpleNamespace(
+                        probabilities=lambda states, i=i: ask(policy=i, state=np.asarray(states))["probability"]
+                    )
+                    for i in range(int(fields.pop("policies", 0)))
+                ]
                 data = types.SimpleNamespace(**fields)
                 result = getattr(made, call)(*((data, policies) if policies else (data,)))
             send(answers, **answer_of(result, setting))

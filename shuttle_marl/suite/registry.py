@@ -6,21 +6,21 @@ rally that was won. Infos hold the state of the game and the probability of the 
 observation after the last stroke is zero, because the rally is over.
 """
 
-import difflib
+import dataclasses
 import functools
 import os
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Literal
+from typing import Any, Final, Literal
 from unittest import mock
 
 import gymnasium
 import numpy as np
 
-from shuttle_marl.base.errors import ShuttleError, command, printable
+from shuttle_marl.base.errors import ShuttleError, command, did_you_mean, printable
 from shuttle_marl.base.extras import install_hint
-from shuttle_marl.base.files import replace_file
+from shuttle_marl.base.files import replace_file, replace_sealed
 from shuttle_marl.base.table_files import write_parquet
 from shuttle_marl.game.observation import observations
 from shuttle_marl.game.shipped import drawn_game, is_shipped, resolve_game
@@ -51,8 +51,7 @@ def find_task(name: str) -> Task:
         SuiteError: there is no such task.
     """
     if name not in TASKS:
-        close = difflib.get_close_matches(name, TASKS, n=2, cutoff=0.4)
-        raise SuiteError(f"no task {name!r}; {f'did you mean {close[0]}?' if close else ''} there are: {', '.join(TASKS)}")
+        raise SuiteError(f"no task {name!r}{did_you_mean(name, TASKS, 0.4)}; there are: {', '.join(TASKS)}")
     return TASKS[name]
 
 
@@ -124,9 +123,6 @@ _PYTHON: Final = {
 _PERL: Final = ("exploit", "equilibrium", "robust")
 
 
-if TYPE_CHECKING:
-    from minari.data_collector import EpisodeBuffer
-
 ENVIRONMENT: Final = "shuttle_marl:shuttle_marl/Rally-v0"
 
 
@@ -155,18 +151,17 @@ def write_minari(data: Transitions, name: str, folder: Path, model: str, opponen
             raise ShuttleError(f"{folder}: {error}") from error
 
 
-def episodes(data: Transitions) -> Iterator["EpisodeBuffer"]:
+def episodes(data: Transitions) -> Iterator[Any]:
     """Each rally as an episode."""
     from minari.data_collector import EpisodeBuffer  # noqa: PLC0415  an extra
 
     seen, mask = observations(data.game, data.state), data.game.mask(data.state).astype(np.int8)
-    over = {"observation": np.zeros_like(seen[:1]), "action_mask": np.zeros_like(mask[:1])}
     for rows in np.split(np.arange(len(data)), np.flatnonzero(data.first)[1:]):
         last = rows == rows[-1]
         yield EpisodeBuffer(
             observations={
-                "observation": np.concatenate([seen[rows], over["observation"]]),
-                "action_mask": np.concatenate([mask[rows], over["action_mask"]]),
+                "observation": np.pad(seen[rows], ((0, 1), (0, 0))),
+                "action_mask": np.pad(mask[rows], ((0, 1), (0, 0))),
             },
             actions=data.stroke[rows].astype(np.int64),
             rewards=data.reward[rows],
@@ -279,6 +274,6 @@ def freeze(
                 units += [(task, split, arena, case, seed) for case in task.cases(arena) for seed in range(task.seeds)]
     for task, split, arena, case, seed in progress(units):
         cases[f"{task.name}/{split}/{case.name}/{seed}"] = task.fingerprint(arena, case, seed)
-    done = Frozen(game=game.hash, variants=sorted(variants), cases=cases)
-    frozen.save(done, path)
+    done = Frozen(game=game.hash, variants=sorted(variants), cases=dict(sorted(cases.items())))
+    replace_sealed(path, dataclasses.asdict(done))
     return done

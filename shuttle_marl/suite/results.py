@@ -148,8 +148,11 @@ def summarise(folder: Path, beacon: str | None = None, game: str | None = None) 
         "strokes": sum(entry.strokes or 0 for entry in units),
         "scores": scores,
         "strata": {
-            stratum: {name: aggregate(units_of(of_stratum, entries, name))["value"] for name in names}
-            for stratum, of_stratum in _by_stratum(cases).items()
+            stratum: {
+                name: aggregate(units_of([case for case in cases if case.stratum == stratum], entries, name))["value"]
+                for name in names
+            }
+            for stratum in dict.fromkeys(case.stratum for case in cases)
         },
         "units": by_unit,
         "profile": profile(by_unit),
@@ -171,10 +174,6 @@ def access_of(task: Task, config: store.RunConfig, card: store.Card) -> Access:
     return max(card.access or task.offers, "tables", key=ACCESS.index)
 
 
-def _by_stratum(cases: Sequence[Case]) -> dict[str, list[Case]]:
-    return {name: [case for case in cases if case.stratum == name] for name in dict.fromkeys(case.stratum for case in cases)}
-
-
 def _output(entry: Entry) -> str:
     """What a unit produced, as text."""
     return json.dumps([entry.policies, entry.answers], sort_keys=True)
@@ -187,21 +186,15 @@ def _remarks(task: Task, config: store.RunConfig, card: store.Card, units: Seque
         found.append("a quick run")
     if different < config.seeds:
         found.append(f"{config.seeds} seeds, of which {different} differ")
-    if card.kind != "reference":
-        if config.seeds < task.seeds:
-            found.append(f"{config.seeds} of {task.seeds} seeds")
-        found += _remarks_on_strokes(task, config, units)
-    return found
-
-
-def _remarks_on_strokes(task: Task, config: store.RunConfig, units: Sequence[Entry]) -> list[str]:
-    if not task.budgets:
-        return []
-    if any(entry.strokes is None for entry in units):
-        return ["strokes not declared"]
+    if card.kind == "reference":
+        return found
+    if config.seeds < task.seeds:
+        found.append(f"{config.seeds} of {task.seeds} seeds")
+    if task.budgets and any(entry.strokes is None for entry in units):
+        return [*found, "strokes not declared"]
     used = max(entry.strokes or 0 for entry in units)
     smaller = [budget for budget in task.budgets if used <= budget < (config.budget or 0)]
-    return [f"fits the budget of {smaller[0]:,} strokes"] if smaller else []
+    return found + [f"fits the budget of {budget:,} strokes" for budget in smaller[:1]]
 
 
 def cases_of(task: Task, arena: Arena, config: store.RunConfig) -> list[Case]:

@@ -13,28 +13,22 @@ from shuttle_marl.suite.exploit import outcome_of
 from shuttle_marl.suite.method import Method, made
 from shuttle_marl.suite.options import Split, SuiteError
 from shuttle_marl.suite.population import rng_of
-from shuttle_marl.suite.task import Arena, Case, Outcome, Task, required
+from shuttle_marl.suite.task import Arena, Case, Outcome, Setting, Task, required
 
 _REFERENCE = "bc"
 _SIGMA = 0.1
 """Spread of the hidden games, about that of the refits."""
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class RobustSetting:
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class RobustSetting(Setting):
     """Setting of ``robust``, the argument of a method.
 
     Attributes:
-        game: the tables.
         refits: some refits of the game; it is scored in others.
-        seed: random seed.
-        folder: folder for files of the method.
     """
 
-    game: Game
     refits: tuple[Game, ...]
-    seed: int
-    folder: Path
 
 
 class Robust(Task):

@@ -4,10 +4,12 @@ An isolated method runs as a program of its own, and sees states, legal strokes 
 """
 
 import dataclasses
+import functools
+import itertools
 import json
 import sys
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -41,23 +43,18 @@ _PACKAGE: Final = Path(__file__).parents[1]
 _MOST_RALLIES: Final = 1 << 16
 
 
-def _isolated(name: str) -> Method:
-    """A method ``MODULE:ATTRIBUTE``, called with a setting as those of :func:`shuttle_marl.suite.method.find` are.
+def _isolated(name: str, setting: Any) -> Any:
+    """The trained player of a method ``MODULE:ATTRIBUTE`` that runs alone, or the object that the method made.
 
-    It returns a trained player, or the object that the method made, and raises SuiteError if the method failed or the task gives
-    tables.
+    Raises:
+        SuiteError: the method failed, or the task gives tables.
     """
-
-    def method(setting: Any) -> Any:
-        if isinstance(setting, RobustSetting):
-            raise SuiteError("robust-v0 gives the tables of games, so its methods cannot be isolated")
-        started = IsolatedMethod(name, setting)
-        if not isinstance(setting, PlayerSetting):
-            return started
-        player = started.player(call="player")
-        return Trained(player=player, strokes=started.used)
-
-    return method
+    if isinstance(setting, RobustSetting):
+        raise SuiteError("robust-v0 gives the tables of games, so its methods cannot be isolated")
+    started = IsolatedMethod(name, setting)
+    if not isinstance(setting, PlayerSetting):
+        return started
+    return Trained(player=started.player(call="player"), strokes=started.used)
 
 
 class IsolatedMethod:
@@ -172,16 +169,8 @@ class IsolatedMethod:
         self._ask(call="observe_rally", **self._arrays(rally))
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class _Unit:
-    """One case and seed, as it is sent to a worker."""
-
-    folder: Path
-    config: RunConfig
-    beacon: str | None
-    data: Path | None
-    case: int
-    seed: int
+PlayedUnit = tuple[Path, Entry, dict[str, bytes]]
+"""File of the entry of a unit, the entry, and the compressed table of each policy by its hash."""
 
 
 def run_method(options: SuiteRun, console: Console | None = None) -> Path:
@@ -219,15 +208,17 @@ def run_method(options: SuiteRun, console: Console | None = None) -> Path:
     fixed = dataclasses.asdict(config)
     check_processes(1 if options.ray is not None else options.workers)
     with runs.open_run(options.out, words[:80], fixed, resume=options.resume, overwrite=options.overwrite) as folder:
-        numbers = [(case, seed) for case in range(len(cases)) for seed in range(config.seeds)]
-        units = [
-            _Unit(folder=folder, config=config, beacon=options.beacon, data=options.data, case=case, seed=seed)
-            for case, seed in numbers
-            if not store.entry_path(folder, case, seed).exists()
-        ]
+        numbers = itertools.product(range(len(cases)), range(config.seeds))
+        units = [unit for unit in numbers if not store.entry_path(folder, *unit).exists()]
         about = {**runs.describe(PACKAGES), "sources": _sources(folder, config, more=bool(units))}
         runs.write_json(folder / runs.MANIFEST, {"status": "running", **about})
-        _play_all(folder, units, options, console or Console(quiet=True))
+        play = functools.partial(play_unit, folder, config, options.beacon, options.data)
+        with Progress(
+            *Progress.get_default_columns(), TimeElapsedColumn(), console=console or Console(quiet=True), transient=True
+        ) as bar:
+            # A unit may take hours.
+            for path, entry, policies in bar.track(_played(play, units, options), len(units), description="units"):
+                store.write_entry(folder, path, entry, policies)
         store.write_card(folder, own or store.read_card(Path()))
         runs.write_json(folder / store.RESULTS, summarise(folder, options.beacon, options.game))
         runs.write_json(folder / runs.MANIFEST, {"status": "finished", **about})
@@ -244,7 +235,7 @@ def method_of(task: str, name: str, *, isolated: bool) -> Method:
         return find(task, name)
     if baseline_of(task, name) is not None or ":" not in name or name.startswith("program:"):
         raise SuiteError(f"--isolated takes a method MODULE:ATTRIBUTE of your own, not {name!r}")
-    return _isolated(name)
+    return functools.partial(_isolated, name)
 
 
 def _sources(folder: Path, config: RunConfig, *, more: bool) -> Mapping[str, str]:
@@ -262,59 +253,39 @@ def _sources(folder: Path, config: RunConfig, *, more: bool) -> Mapping[str, str
     return before
 
 
-def _play_all(folder: Path, units: Sequence[_Unit], options: SuiteRun, console: Console) -> None:
-    with Progress(*Progress.get_default_columns(), TimeElapsedColumn(), console=console, transient=True) as bar:
-        for played in bar.track(_played(units, options), len(units), description="units"):  # a unit may take hours
-            store.write_entry(folder, played.path, played.entry, played.policies)
-
-
-def _played(units: Sequence[_Unit], options: SuiteRun) -> Iterator["PlayedUnit"]:
+def _played(
+    play: Callable[[tuple[int, int]], PlayedUnit], units: Sequence[tuple[int, int]], options: SuiteRun
+) -> Iterator[PlayedUnit]:
     if options.ray is not None:
         with open_cluster(options.ray, PACKAGES) as cluster:
-            tasks = [cluster.submit(play_unit, unit) for unit in units]
-            for task in tasks:
+            for task in [cluster.submit(play, unit) for unit in units]:
                 yield task.result()
     else:
-        yield from in_processes(play_unit, units, min(options.workers, len(units)))
+        yield from in_processes(play, units, min(options.workers, len(units)))
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class PlayedUnit:
-    """A unit that was played and scored.
-
-    Attributes:
-        path: file of the entry.
-        entry: the entry.
-        policies: compressed table of each policy, by its hash.
-    """
-
-    path: Path
-    entry: Entry
-    policies: dict[str, bytes]
-
-
-def play_unit(unit: _Unit) -> PlayedUnit:
-    """Play and score one unit, in any process."""
-    config, task = unit.config, find_task(unit.config.task)
-    arena = arena_of_run(task, config, config.game.model, beacon=unit.beacon, data=unit.data)
-    case = task.cases(arena)[unit.case]
-    fingerprint = task.fingerprint(arena, case, unit.seed)
-    frozen.load().check(task, config.split, f"{case.name}/{unit.seed}", fingerprint, arena.base)
+def play_unit(folder: Path, config: RunConfig, beacon: str | None, data: Path | None, unit: tuple[int, int]) -> PlayedUnit:
+    """Play and score the unit of a case and a seed, in any process."""
+    (number, seed), task = unit, find_task(config.task)
+    arena = arena_of_run(task, config, config.game.model, beacon=beacon, data=data)
+    case = task.cases(arena)[number]
+    fingerprint = task.fingerprint(arena, case, seed)
+    frozen.load().check(task, config.split, f"{case.name}/{seed}", fingerprint, arena.base)
     begun = time.monotonic()
-    work = unit.folder / "work" / f"{unit.case:03d}-{unit.seed}"
+    work = folder / "work" / f"{number:03d}-{seed}"
     work.mkdir(parents=True, exist_ok=True)
     try:
-        outcome = task.play(arena, case, method_of(task.name, config.method, isolated=config.isolated), unit.seed, work)
+        outcome = task.play(arena, case, method_of(task.name, config.method, isolated=config.isolated), seed, work)
     except ShuttleError as error:
-        raise SuiteError(f"{config.method}, case {case.name}, seed {unit.seed}: {error}") from error
+        raise SuiteError(f"{config.method}, case {case.name}, seed {seed}: {error}") from error
     seconds = time.monotonic() - begun
     entry = store.checked(Entry(
         case=case.name,
-        seed=unit.seed,
+        seed=seed,
         fingerprint=fingerprint,
         policies={role: policy.hash for role, policy in outcome.policies.items()},
         answers=dict(outcome.answers),
-        scores=task.score(arena, case, unit.seed, outcome),
+        scores=task.score(arena, case, seed, outcome),
         parts=task.parts(arena, case, outcome),
         seconds=seconds,
         strokes=outcome.strokes,
@@ -322,5 +293,4 @@ def play_unit(unit: _Unit) -> PlayedUnit:
     ))  # fmt: skip
     if not any(work.iterdir()):
         work.rmdir()
-    path = store.entry_path(unit.folder, unit.case, unit.seed)
-    return PlayedUnit(path=path, entry=entry, policies={p.hash: p.packed() for p in outcome.policies.values()})
+    return store.entry_path(folder, number, seed), entry, {p.hash: p.packed() for p in outcome.policies.values()}

@@ -18,7 +18,7 @@ import msgspec
 
 from shuttle_marl.base import runs
 from shuttle_marl.base.errors import printable
-from shuttle_marl.base.files import Count, FileReadError, Sha256, read_json, replace_file, replace_sealed
+from shuttle_marl.base.files import Count, FileReadError, Sha256, T, read_json, replace_file, replace_sealed
 from shuttle_marl.game.tables import Game
 from shuttle_marl.policy.stored import StoredPolicies, policy_file
 from shuttle_marl.suite.options import Access, Kind, Split, SuiteError
@@ -110,16 +110,21 @@ class Entry:
     curve: Annotated[Sequence[tuple[Count, Figure]], msgspec.Meta(max_length=10_000)] = ()
 
 
-def read_config(folder: Path) -> RunConfig:
-    """Configuration of a run.
+def read(path: Path, kind: type[T], advice: str = "", *, sealed: bool = False) -> T:
+    """Read a JSON file, see :func:`shuttle_marl.base.files.read_json`.
 
     Raises:
-        SuiteError: the folder holds no run.
+        SuiteError: it is missing, damaged, or was changed.
     """
     try:
-        return read_json(folder / runs.CONFIG, RunConfig)
+        return read_json(path, kind, sealed=sealed)
     except FileReadError as error:
-        raise SuiteError(f"{folder}: no run of the suite ({runs.CONFIG}: {error}); `suite run TASK` writes one") from error
+        raise SuiteError(f"{path}: {error}{advice}") from error
+
+
+def read_config(folder: Path) -> RunConfig:
+    """Configuration of a run."""
+    return read(folder / runs.CONFIG, RunConfig, "; no run of the suite is there: `suite run TASK` writes one")
 
 
 def entry_path(folder: Path, case: int, seed: int) -> Path:
@@ -136,15 +141,8 @@ def write_entry(folder: Path, path: Path, entry: Entry, policies: Mapping[str, b
 
 
 def read_entry(path: Path) -> Entry:
-    """Read a unit.
-
-    Raises:
-        SuiteError: it is missing, damaged, or was changed.
-    """
-    try:
-        return read_json(path, Entry, sealed=True)
-    except FileReadError as error:
-        raise SuiteError(f"{path}: {error}") from error
+    """Read a unit."""
+    return read(path, Entry, sealed=True)
 
 
 def read_outcome(folder: Path, entry: Entry, game: Game, roles: Collection[str]) -> Outcome:
@@ -171,17 +169,8 @@ def write_card(folder: Path, card: Card) -> None:
 
 
 def read_card(folder: Path) -> Card:
-    """The card of a run; an empty one if there is none.
-
-    Raises:
-        SuiteError: it is damaged.
-    """
-    if not (folder / CARD).exists():
-        return Card()
-    try:
-        return read_json(folder / CARD, Card)
-    except FileReadError as error:
-        raise SuiteError(f"{folder / CARD}: {error}") from error
+    """The card of a run; an empty one if there is none."""
+    return read(folder / CARD, Card) if (folder / CARD).exists() else Card()
 
 
 def read_unit(folder: Path, number: int, case: Case, seed: int) -> Entry:

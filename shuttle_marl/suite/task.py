@@ -9,7 +9,7 @@ import abc
 import dataclasses
 import functools
 import hashlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, Final
 
@@ -19,14 +19,15 @@ from shuttle_marl.base.arrays import F64
 from shuttle_marl.exact.known import best_odds, pair_odds
 from shuttle_marl.exact.match import Odds
 from shuttle_marl.exact.profile import PairPolicy
-from shuttle_marl.game.policy import Policy
+from shuttle_marl.game.observation import observations
+from shuttle_marl.game.policy import States
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities, tabulate
 from shuttle_marl.policy import baselines
+from shuttle_marl.policy.foreign import FunctionPolicy
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.suite.options import Access, Split, SuiteError
 
-SPLITS: Final[tuple[Split, ...]] = ("dev", "test", "hidden")
 QUICK_STROKES: Final = 20_000
 """Budget of a quick run, in strokes of the learner."""
 
@@ -108,6 +109,21 @@ class Arena:
 @functools.lru_cache(maxsize=64)
 def _tables(game: Game, name: str) -> TabulatedPolicy:
     return tabulate(resolve(name, game), game, name)
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class Setting:
+    """The argument of a method.
+
+    Attributes:
+        game: the tables.
+        seed: random seed.
+        folder: folder for files of the method; it may hold those of an interrupted call.
+    """
+
+    game: Game
+    seed: int
+    folder: Path
 
 
 class Task(abc.ABC):
@@ -236,45 +252,25 @@ def table_of(player: Any, game: Game, name: str) -> TabulatedPolicy:
     """
     if isinstance(player, str):
         found = resolve(player, game)
-        player = _Stateless(found) if player.startswith("program:") else found
-    if isinstance(player, TabulatedPolicy):
-        return tabulate(player, game, name)
+        # A program is asked without the score, which is null in all its decisions.
+        player = FunctionPolicy(found.probabilities) if player.startswith("program:") else found
     if isinstance(player, PairPolicy):
         return from_pair_probabilities(game, player.pair_probabilities())
     if hasattr(player, "table"):
         return table_of(player.table, game, name)
+    if not hasattr(player, "probabilities") and callable(getattr(player, "act", None)):
+        player = FunctionPolicy(functools.partial(_acted, player.act, game))
     if callable(getattr(player, "probabilities", None)):
         return tabulate(player, game, name)
-    if callable(getattr(player, "act", None)):
-        return tabulate(_Acting(player.act, game), game, name)
     raise SuiteError(
         f"the method of {name} returned a {type(player).__name__}; "
         "expected a policy, the name of one, or an object with act or table"
     )
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class _Acting:
-    """A player that chooses one stroke for each observation, as a policy."""
-
-    act: Any
-    game: Game
-
-    def probabilities(self, states: Any) -> F64:
-        from shuttle_marl.game.observation import observations  # noqa: PLC0415
-
-        p = np.zeros((len(states), self.game.n_strokes))
-        seen = observations(self.game, states.state)
-        for row in range(len(states)):
-            p[row, int(self.act(seen[row], states.mask[row]))] = 1.0
-        return p
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class _Stateless:
-    """A program as a policy that does not read the score, which is null in all its decisions."""
-
-    program: Policy
-
-    def probabilities(self, states: Any) -> Any:
-        return self.program.probabilities(states)
+def _acted(act: Callable[[Any, Any], Any], game: Game, states: States) -> F64:
+    """``[B, n]`` probability 1 for the stroke that a player chooses for each observation."""
+    p = np.zeros((len(states), game.n_strokes))
+    for row, seen in enumerate(observations(game, states.state)):
+        p[row, int(act(seen, states.mask[row]))] = 1.0
+    return p

@@ -4,7 +4,6 @@ A position is a JSON object with the keys ``id``, ``text``, ``legal`` (names of 
 of the state). An answer is the name of a stroke. Values are those of perfect play.
 """
 
-import dataclasses
 import functools
 import hashlib
 import json
@@ -15,14 +14,14 @@ from typing import ClassVar, Final
 import numpy as np
 
 from shuttle_marl.base.arrays import F64, I64
-from shuttle_marl.base.programs import Program, ProgramError
+from shuttle_marl.base.programs import Program
 from shuttle_marl.env.words import Position, position, prompt, read_answer
 from shuttle_marl.exact import solve, visits
 from shuttle_marl.exact.lists import cells_of, list_policy, mean_losses
 from shuttle_marl.game.tables import Game
 from shuttle_marl.suite.method import Method, called, made
 from shuttle_marl.suite.options import SuiteError
-from shuttle_marl.suite.task import Arena, Case, Outcome, Task
+from shuttle_marl.suite.task import Arena, Case, Outcome, Setting, Task
 
 POSITIONS: Final = 500
 _QUICK: Final = 20
@@ -34,19 +33,8 @@ _HARD: Final = 0.02
 """Loss of both constant lists in a position, as a probability of winning the rally."""
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class TextSetting:
-    """Setting of ``text``, the argument of a method.
-
-    Attributes:
-        game: the tables, for policies; language models do without.
-        seed: random seed.
-        folder: folder for files of the method.
-    """
-
-    game: Game
-    seed: int
-    folder: Path
+class TextSetting(Setting):
+    """Setting of ``text``, the argument of a method; policies use its tables, and language models do without."""
 
     def program(self, name: str) -> "LineProgram":
         """``program:COMMAND``, which answers positions in lines of JSON."""
@@ -79,9 +67,7 @@ class Text(Task):
 
     def play(self, arena: Arena, case: Case, method: Method, seed: int, folder: Path) -> Outcome:  # noqa: ARG002
         """Ask for one answer in each position."""
-        player = made(method, TextSetting(game=arena.game, seed=seed, folder=folder), self.name)
-        if not callable(getattr(player, "answer", None)):
-            raise SuiteError(f"the method of {self.name}: expected an object with answer(position)")
+        player = made(method, TextSetting(game=arena.game, seed=seed, folder=folder), self.name, "answer")
         answers = [called(self.name, player.answer, position) for position in positions(arena)]
         return Outcome(answers={"strokes": [answer if isinstance(answer, str) else None for answer in answers]})
 
@@ -167,14 +153,11 @@ class ChatProgram:
         """The stroke that the model names; None if it names none.
 
         Raises:
-            SuiteError: the command cannot be started, fails, or exceeds the time limit.
+            ProgramError: the command cannot be started, fails, or exceeds the time limit.
         """
-        try:
-            program = Program(self._command, _SECONDS)
-            program.write(prompt(place).encode())
-            return read_answer(program.read_rest().decode(errors="replace"), place["legal"])
-        except ProgramError as error:
-            raise SuiteError(f"chat:{self._command}: {error}") from error
+        program = Program(self._command, _SECONDS)
+        program.write(prompt(place).encode())
+        return read_answer(program.read_rest().decode(errors="replace"), place["legal"])
 
 
 class LineProgram:
@@ -190,15 +173,11 @@ class LineProgram:
     def answer(self, place: Position) -> str:
         """Its answer."""
         self._program.write(json_lines([place]))
-        return _stroke_of(self._program.read_line().decode(errors="replace").strip())
-
-
-def _stroke_of(line: str) -> str:
-    """A stroke as its name alone, or as the value of ``stroke`` in JSON, as programs answer in other tasks."""
-    try:
-        return str(json.loads(line)["stroke"])
-    except (ValueError, TypeError, KeyError):
-        return line
+        line = self._program.read_line().decode(errors="replace").strip()
+        try:
+            return str(json.loads(line)["stroke"])  # as programs answer in other tasks
+        except (ValueError, TypeError, KeyError):
+            return line
 
 
 def json_lines(places: Sequence[Position]) -> bytes:

@@ -2,7 +2,7 @@
 
 import dataclasses
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -12,8 +12,6 @@ from shuttle_marl.suite import frozen, store
 from shuttle_marl.suite.options import SuiteError
 from shuttle_marl.suite.registry import arena_of_run, find_task
 from shuttle_marl.suite.results import Row, cases_of, summarise
-from shuttle_marl.suite.store import RunConfig
-from shuttle_marl.suite.task import Arena, Case, Task
 
 TOLERANCE: Final = 1e-9
 """Largest difference between a recomputed score and the stored one."""
@@ -73,10 +71,26 @@ def verify_run(
     cases = cases_of(task, arena, config)
     units = [(number, seed) for number in range(len(cases)) for seed in range(config.seeds)]
     summary, refused = None, []
-    for check in (_read, _recomputed):
+
+    def read(number: int, seed: int) -> store.Entry:
+        if config.game.hash != arena.game.hash:
+            raise SuiteError(f"played on game {config.game.hash[:12]}; this is {arena.game.hash[:12]}")
+        return store.read_unit(folder, number, cases[number], seed)
+
+    def recompute(number: int, seed: int) -> None:
+        entry, case = read(number, seed), cases[number]
+        fingerprint = task.fingerprint(arena, case, seed)
+        if entry.fingerprint != fingerprint:
+            raise SuiteError(f"the case has fingerprint {entry.fingerprint[:12]}; expected {fingerprint[:12]}")
+        frozen.load().check(task, config.split, f"{case.name}/{seed}", fingerprint, arena.base)
+        outcome = store.read_outcome(folder, entry, arena.game, task.roles)
+        _compare(entry.scores, task.score(arena, case, seed, outcome))
+        _compare(entry.parts, task.parts(arena, case, outcome))
+
+    for check in (read, recompute):
         for number, seed in progress(units):
             try:
-                check(folder, config, task, arena, number, cases[number], seed)
+                check(number, seed)
             except ShuttleError as error:
                 refused.append(Refusal(case=cases[number].name, seed=seed, reason=str(error)))
         if refused:
@@ -89,13 +103,19 @@ def verify_run(
     return Verification(units=len(units), refused=refused, summary=None if refused else summary)
 
 
+def _compare(stored: Mapping[str, float], found: Mapping[str, float]) -> None:
+    if other := stored.keys() - found.keys():
+        raise SuiteError(f"the entry has scores that the task does not have: {', '.join(sorted(map(printable, other)))}")
+    for name, value in found.items():
+        if not abs(value - stored.get(name, float("nan"))) <= TOLERANCE:
+            raise SuiteError(f"{name} is {value:.9f}, not {stored.get(name)}")
+
+
 def _aggregated(folder: Path, summary: Row) -> bool:
     """Whether the stored aggregates, if there are any, are those of the units."""
     path = folder / store.RESULTS
-    if not path.exists():
-        return True
     try:
-        stored = read_json(path, dict[str, Any])
+        stored = read_json(path, dict[str, Any]) if path.exists() else summary
     except FileReadError:
         return False
     expected = json.loads(json.dumps(summary))
@@ -103,40 +123,12 @@ def _aggregated(folder: Path, summary: Row) -> bool:
 
 
 def _close(stored: Any, expected: Any) -> bool:
-    if isinstance(expected, dict):
-        return (
-            isinstance(stored, dict)
-            and stored.keys() == expected.keys()
-            and all(_close(stored[k], expected[k]) for k in expected)
-        )
-    if isinstance(expected, list):
-        return isinstance(stored, list) and len(stored) == len(expected) and all(map(_close, stored, expected))
     if isinstance(expected, float):
         return isinstance(stored, int | float) and abs(stored - expected) <= TOLERANCE * max(1.0, abs(expected))
+    if type(stored) is not type(expected):
+        return False
+    if isinstance(expected, dict):
+        return stored.keys() == expected.keys() and all(_close(stored[name], value) for name, value in expected.items())
+    if isinstance(expected, list):
+        return len(stored) == len(expected) and all(map(_close, stored, expected))
     return bool(stored == expected)
-
-
-def _read(folder: Path, config: RunConfig, task: Task, arena: Arena, number: int, case: Case, seed: int) -> None:  # noqa: ARG001
-    """Check what needs no computing."""
-    if config.game.hash != arena.game.hash:
-        raise SuiteError(f"played on game {config.game.hash[:12]}; this is {arena.game.hash[:12]}")
-    store.read_unit(folder, number, case, seed)
-
-
-def _recomputed(folder: Path, config: RunConfig, task: Task, arena: Arena, number: int, case: Case, seed: int) -> None:
-    """Check the fingerprint and the scores."""
-    entry = store.read_unit(folder, number, case, seed)
-    fingerprint = task.fingerprint(arena, case, seed)
-    if entry.fingerprint != fingerprint:
-        raise SuiteError(f"the case has fingerprint {entry.fingerprint[:12]}; expected {fingerprint[:12]}")
-    frozen.load().check(task, config.split, f"{case.name}/{seed}", fingerprint, arena.base)
-    outcome = store.read_outcome(folder, entry, arena.game, task.roles)
-    for stored, found in (
-        (entry.scores, task.score(arena, case, seed, outcome)),
-        (entry.parts, task.parts(arena, case, outcome)),
-    ):
-        if other := stored.keys() - found.keys():
-            raise SuiteError(f"the entry has scores that the task does not have: {', '.join(sorted(map(printable, other)))}")
-        for name, value in found.items():
-            if not abs(value - stored.get(name, float("nan"))) <= TOLERANCE:
-                raise SuiteError(f"{name} is {value:.9f}, not {stored.get(name)}")

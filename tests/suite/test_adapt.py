@@ -126,7 +126,7 @@ def test_regret_is_exact(tmp_path: Path, arena: Arena) -> None:
 
 
 def test_a_method_that_reads_the_opponent_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(SuiteError, match="reads 'opponent' of its setting"):
+    with pytest.raises(SuiteError, match="no attribute 'opponent'"):
         run(tmp_path, f"{__name__}:Peeking")
 
 

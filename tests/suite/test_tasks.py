@@ -1,5 +1,6 @@
 """The tasks imitate, robust and text; programs, templates, data, and the frozen settings."""
 
+import dataclasses
 import json
 import os
 import shutil
@@ -12,6 +13,8 @@ import numpy as np
 import pytest
 
 from shuttle_marl.base.errors import ShuttleError
+from shuttle_marl.base.files import replace_sealed
+from shuttle_marl.base.programs import ProgramError
 from shuttle_marl.base.table_files import read_parquet
 from shuttle_marl.commands.suite import main
 from shuttle_marl.env.words import OVER, WAIT, TextRallyEnv, described, position, prompt, read_answer, text_env
@@ -98,7 +101,7 @@ def test_answers_of_chat_models_are_read() -> None:
     echo = ChatProgram(f"{sys.executable} -c \"import sys; print(sys.stdin.read().split('strokes: ')[1].split(', ')[0])\"")
     place = position(GAME, 0)
     assert echo.answer(place) == place["legal"][0]
-    with pytest.raises(SuiteError, match="chat:"):
+    with pytest.raises(ProgramError, match="/no/such/program"):
         ChatProgram("/no/such/program").answer(place)
 
 
@@ -287,7 +290,7 @@ def test_frozen_cases_are_checked(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     assert accepted(folder)
     # Another population under the same name is noticed.
     changed = dict.fromkeys(done.cases, "0" * 64)
-    frozen.save(frozen.Frozen(game=done.game, cases=changed), path)
+    replace_sealed(path, dataclasses.asdict(frozen.Frozen(game=done.game, cases=changed)))
     assert "the frozen one 000000000000" in verified(folder).refused[0].reason
     # Other tasks are added to the frozen ones of the same game.
     more = freeze(path, ["equilibrium-v0"], model=reduced_model())

@@ -4,7 +4,7 @@ The argument is the weight of the penalty of CQL, or the inverse temperature of 
 """
 
 import dataclasses
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from shuttle_marl.analysis.tabular import greedy
 from shuttle_marl.exact.profile import PairPolicy
@@ -32,28 +32,22 @@ class ConservativeQ:
     setting: LogSetting
     argument: str = "5"
     track: ClassVar[str] = "own"
+    learner: ClassVar[tuple[str, str]] = "conservative_q", "alpha"
+    """Function of :mod:`shuttle_marl.training.q_learning`, and the option that is the argument."""
 
     def fit(self, data: Transitions) -> PairPolicy:
-        """Greedy in the Q-values."""
+        """Greedy in the Q-values, or the likeliest stroke of the policy."""
         from shuttle_marl.training import q_learning  # noqa: PLC0415  torch
 
+        function, option = self.learner
         rows = q_learning.Transitions(data.state, data.stroke, data.reward, data.following)
-        config = q_learning.QConfig(alpha=float(self.argument))
-        return greedy(data.game, q_learning.conservative_q(data.game, rows, config, self.setting.seed))
+        options: dict[str, Any] = {option: float(self.argument)}
+        return greedy(data.game, getattr(q_learning, function)(data.game, rows, q_learning.QConfig(**options), self.setting.seed))
 
 
 @dataclasses.dataclass(frozen=True)
-class ImplicitQ:
+class ImplicitQ(ConservativeQ):
     """Implicit Q-learning (Kostrikov et al. 2022, arXiv 2110.06169)."""
 
-    setting: LogSetting
     argument: str = "10"
-    track: ClassVar[str] = "own"
-
-    def fit(self, data: Transitions) -> PairPolicy:
-        """The likeliest stroke of the policy."""
-        from shuttle_marl.training import q_learning  # noqa: PLC0415  torch
-
-        rows = q_learning.Transitions(data.state, data.stroke, data.reward, data.following)
-        config = q_learning.QConfig(beta=float(self.argument))
-        return greedy(data.game, q_learning.implicit_q(data.game, rows, config, self.setting.seed))
+    learner: ClassVar[tuple[str, str]] = "implicit_q", "beta"

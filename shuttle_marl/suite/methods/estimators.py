@@ -33,14 +33,18 @@ def rally_weights(data: Transitions, policy: TabulatedPolicy) -> F64:
     return np.asarray(np.multiply.reduceat(ratios(data, policy), np.flatnonzero(data.first)))
 
 
+def per_rally(data: Transitions, won: Sequence[float]) -> list[float]:
+    """Fractions of rallies won, from estimates of how many of those with an own stroke."""
+    return [float((each + data.idle_wins) / data.n_rallies) for each in won]
+
+
 class ImportanceSampling:
     """Unbiased, with a variance that grows with the length of rallies."""
 
     def estimate(self, log: Log, policies: Sequence[TabulatedPolicy]) -> list[float]:
         """One number for each policy."""
         data = log.transitions
-        won = data.won[data.first]
-        return [float(((rally_weights(data, policy) * won).sum() + data.idle_wins) / data.n_rallies) for policy in policies]
+        return per_rally(data, [(rally_weights(data, policy) * data.won[data.first]).sum() for policy in policies])
 
 
 class WeightedImportanceSampling:
@@ -48,12 +52,9 @@ class WeightedImportanceSampling:
 
     def estimate(self, log: Log, policies: Sequence[TabulatedPolicy]) -> list[float]:
         """One number for each policy."""
-        data, found = log.transitions, []
-        idle = data.n_rallies - int(data.first.sum())
-        for policy in policies:
-            weight = rally_weights(data, policy)
-            found.append(float(((weight * data.won[data.first]).sum() + data.idle_wins) / (weight.sum() + idle)))
-        return found
+        data, weights = log.transitions, [rally_weights(log.transitions, policy) for policy in policies]
+        won, idle = data.won[data.first], data.n_rallies - int(data.first.sum())
+        return [float(((weight * won).sum() + data.idle_wins) / (weight.sum() + idle)) for weight in weights]
 
 
 class FittedQEvaluation:
@@ -62,11 +63,7 @@ class FittedQEvaluation:
     def estimate(self, log: Log, policies: Sequence[TabulatedPolicy]) -> list[float]:
         """One number for each policy."""
         data = log.transitions
-        found = []
-        for policy in policies:
-            _, v = q_and_v(data, policy)
-            found.append(float((v[data.first].sum() + data.idle_wins) / data.n_rallies))
-        return found
+        return per_rally(data, [q_and_v(data, policy)[1][data.first].sum() for policy in policies])
 
 
 class DoublyRobust:
@@ -74,11 +71,8 @@ class DoublyRobust:
 
     def estimate(self, log: Log, policies: Sequence[TabulatedPolicy]) -> list[float]:
         """One number for each policy."""
-        data, found = log.transitions, []
-        for policy in policies:
-            q, v = q_and_v(data, policy)
-            found.append(float((doubly_robust(data, ratios(data, policy), q, v).sum() + data.idle_wins) / data.n_rallies))
-        return found
+        data = log.transitions
+        return per_rally(data, [doubly_robust(data, ratios(data, policy), *q_and_v(data, policy)).sum() for policy in policies])
 
 
 class ModelBased:

@@ -37,25 +37,25 @@ _TOLERANCE = 1e-6
 
 
 @dataclasses.dataclass(frozen=True)
-class Clone:
-    """Behaviour cloning: play as the log (Pomerleau 1991)."""
-
+class _Method:
     setting: LogSetting
     argument: str = str(SHRINK)
+
+
+class _OwnStrokes(_Method):
     track: ClassVar[str] = "own"
+
+
+class Clone(_OwnStrokes):
+    """Behaviour cloning: play as the log (Pomerleau 1991)."""
 
     def fit(self, data: Transitions) -> PairPolicy:
         """The behaviour policy."""
         return PairPolicy(game=data.game, probability=cloned(data.game, data.pair, shrink=float(self.argument)))
 
 
-@dataclasses.dataclass(frozen=True)
-class OneStep:
+class OneStep(_OwnStrokes):
     """One step of policy improvement over the behaviour (Brandfonbrener et al. 2021, arXiv 2106.08909)."""
-
-    setting: LogSetting
-    argument: str = str(SHRINK)
-    track: ClassVar[str] = "own"
 
     def fit(self, data: Transitions) -> PairPolicy:
         """Greedy in the Q-values of the behaviour, estimated by the results of its rallies."""
@@ -64,13 +64,8 @@ class OneStep:
         return greedy(data.game, q)
 
 
-@dataclasses.dataclass(frozen=True)
-class FittedQ:
+class FittedQ(_OwnStrokes):
     """Fitted Q iteration (Ernst, Geurts & Wehenkel, JMLR 2005)."""
-
-    setting: LogSetting
-    argument: str = str(SHRINK)
-    track: ClassVar[str] = "own"
 
     def fit(self, data: Transitions) -> PairPolicy:
         """Greedy in the fitted Q-values."""
@@ -78,15 +73,13 @@ class FittedQ:
 
 
 @dataclasses.dataclass(frozen=True)
-class ConstrainedQ:
+class ConstrainedQ(_OwnStrokes):
     """Discrete batch-constrained Q-learning (Fujimoto et al. 2019, arXiv 1910.01708).
 
     Only strokes are considered whose cloned probability is at least ``argument`` times that of the likeliest stroke.
     """
 
-    setting: LogSetting
     argument: str = "0.3"
-    track: ClassVar[str] = "own"
 
     def fit(self, data: Transitions) -> PairPolicy:
         """Greedy in the fitted Q-values, within the support of the behaviour."""
@@ -98,12 +91,8 @@ class ConstrainedQ:
         return greedy(game, fitted_q(data, best_of(game, allowed)), allowed)
 
 
-@dataclasses.dataclass(frozen=True)
-class Model:
+class Model(_Method):
     """Best response in an estimated model: outcomes of strokes and the opponent, both shrunk means."""
-
-    setting: LogSetting
-    argument: str = str(SHRINK)
 
     def fit(self, log: Log) -> TabulatedPolicy:
         """The exact best response in the estimated game."""
@@ -112,13 +101,12 @@ class Model:
 
 
 @dataclasses.dataclass(frozen=True)
-class PessimisticModel:
+class PessimisticModel(_Method):
     """The same with a penalty for strokes that are rare in the log (MOReL, Kidambi et al. 2020, arXiv 2005.05951).
 
     ``argument`` over the square root of the observations is added to the probability of a fault.
     """
 
-    setting: LogSetting
     argument: str = "0.1"
 
     def fit(self, log: Log) -> TabulatedPolicy:
@@ -142,10 +130,9 @@ def respond(log: Log, game: Game, shrink: float, *, penalty: F64 | None = None) 
 
 
 @dataclasses.dataclass(frozen=True)
-class BoostedModel:
+class BoostedModel(_Method):
     """Best response in an estimated game; outcomes by boosted trees, the opponent by shrunken counts."""
 
-    setting: LogSetting
     argument: str = "150"
 
     def fit(self, log: Log) -> TabulatedPolicy:
@@ -156,12 +143,10 @@ class BoostedModel:
 
 
 @dataclasses.dataclass(frozen=True)
-class BoostedQ:
+class BoostedQ(_OwnStrokes):
     """Fitted Q iteration with boosted trees (Ernst, Geurts & Wehenkel, JMLR 2005)."""
 
-    setting: LogSetting
     argument: str = "100"
-    track: ClassVar[str] = "own"
 
     def fit(self, data: Transitions) -> PairPolicy:
         """Greedy in the fitted Q-values."""
