@@ -8,11 +8,11 @@ every match that still runs has seen exactly t strokes.
 
 import dataclasses
 from collections.abc import Callable
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
-from shuttle_marl.base.arrays import I8, I32, U16, U64, Bools, Intp
+from shuttle_marl.base.arrays import I8, I32, U8, U16, U64, Bools, Intp
 from shuttle_marl.game import draws
 from shuttle_marl.game.policy import Policy, PolicyError, States, checked_probabilities, drawn_strokes
 from shuttle_marl.game.rally.record import Rallies, stroke_dtype
@@ -76,10 +76,48 @@ HURRIED_BIT: Final = 15
 """Bit of a noted stroke that says whether its striker was hurried; the lower ones are the stroke."""
 
 
-def stroke_columns(noted: U16, n_strokes: int) -> dict[str, Any]:
-    """The columns of :class:`~shuttle_marl.game.rally.record.Rallies` that noted strokes ``[N]`` hold."""
-    stroke = (noted & np.uint16((1 << HURRIED_BIT) - 1)).astype(stroke_dtype(n_strokes))
-    return {"stroke": stroke, "hurried": (noted >> HURRIED_BIT).astype(np.uint8)}
+class Log(NamedTuple):
+    """Rallies and strokes of M matches; rally r of match m is stored at ``[m, r]``.
+
+    Attributes:
+        server: ``[M, R]`` uint8 seat that served each rally.
+        winner: ``[M, R]`` uint8 seat that won it.
+        reason: ``[M, R]`` uint8 outcome of its last stroke.
+        score: ``[M, R, 4]`` uint8 points of the seats and games of the seats before it.
+        length: ``[M, R]`` int32 its number of strokes; 0 if it was not played.
+        stroke: ``[M, N]`` uint16 every stroke, and :data:`HURRIED_BIT`; N = 0 if strokes are not recorded.
+    """
+
+    server: U8
+    winner: U8
+    reason: U8
+    score: U8
+    length: I32
+    stroke: U16
+
+
+def new_log(matches: int, rules: Rules, strokes: int) -> Log:
+    """A log without rallies, with room for a number of strokes of each match."""
+    shape = matches, rules.max_rallies
+    server, winner, reason = (np.empty(shape, np.uint8) for _ in range(3))
+    stroke = np.empty((matches, strokes), np.uint16)
+    return Log(server, winner, reason, np.empty((*shape, 4), np.uint8), np.zeros(shape, np.int32), stroke)
+
+
+def rallies_of(log: Log, entrant: I32, n_strokes: int) -> Rallies:
+    """The rallies of a log in the order of match, rally."""
+    played = log.length > 0
+    match, rally = np.nonzero(played)
+    noted = log.stroke[np.arange(log.stroke.shape[1]) < log.length.sum(axis=1)[:, None]]
+    return Rallies(
+        pairing=np.zeros(len(match), np.uint32),
+        match=match.astype(np.uint32),
+        rally=rally.astype(np.uint16),
+        policy=entrant[match].astype(np.uint16),
+        **{name: getattr(log, name)[played] for name in ("server", "winner", "reason", "score", "length")},
+        stroke=(noted & np.uint16((1 << HURRIED_BIT) - 1)).astype(stroke_dtype(n_strokes)),
+        hurried=(noted >> HURRIED_BIT).astype(np.uint8),
+    )
 
 
 def play(
@@ -101,11 +139,11 @@ def play(
         keep_strokes: whether to return the strokes, or only their number.
         progress: called from time to time with the number of strokes played since the last call.
     """
-    log = _MatchLog(len(matches), rules.max_rallies, game.n_strokes)
+    log, steps = new_log(len(matches), rules, 0), list[U16]()
     games = np.zeros((len(matches), 2), dtype=np.int32)
     entrant = matches.entrant.ravel()
     keys, key_row = np.unique(matches.key, return_inverse=True)
-    names = 2 * (log.longest + 1)
+    names = 2 * (rules.max_rallies + 1)
     rally_key = draws.extend(keys[:, None], np.arange(names)).ravel()  # by 2 * rally + server
     key_row = key_row * names
 
@@ -120,14 +158,17 @@ def play(
         bits = draws.draw(key, stroke)
         k = choose(entrant[2 * match + striker], state, draws.choice_draw(bits), striker, slots[_POINTS:])
         if keep_strokes:
-            log.write_strokes(match, game.stroke_at(state, k), game.hurried(state))
+            steps.append(np.empty(len(matches), np.uint16))
+            steps[-1][match] = game.stroke_at(state, k) | game.hurried(state) << HURRIED_BIT
         outcome, following = strike(game, state, k, draws.outcome_draw(bits), striker)
         stroke += 1
         ended = np.flatnonzero(following < 0)
         if len(ended):
             now = slots[:, ended]
             won_by = np.where(outcome[ended] == WINNER, now[_STRIKER], 1 - now[_STRIKER])
-            log.write_rallies(now, won_by, outcome[ended])
+            rally = now[_MATCH], now[_RALLY]
+            log.server[rally], log.winner[rally], log.reason[rally] = now[_SERVER], won_by, outcome[ended]
+            log.score[rally], log.length[rally] = now[_POINTS:].T, now[_STROKE]
             over = _count_rally(now, won_by, rules)
             slots[:, ended] = now
             key[ended] = rally_key[key_row[now[_MATCH]] + 2 * now[_RALLY] + now[_SERVER]]
@@ -141,7 +182,9 @@ def play(
         if progress is not None and (unreported > _REPORT_EVERY * len(matches) or not slots.shape[1]):
             progress(unreported)
             unreported = 0
-    return MatchResults(games, log.read(matches.entrant))
+    if steps:
+        log = log._replace(stroke=np.stack(steps, axis=1))
+    return MatchResults(games, rallies_of(log, matches.entrant, game.n_strokes))
 
 
 def ask(policy: Policy, name: str, game: Game, state: I32, draw: I32, striker: I32, score: I32) -> Intp:
@@ -181,50 +224,3 @@ def _without(gone: Intp, slots: I32, key: U64) -> tuple[I32, U64]:
     gaps = gone[gone < alive]
     slots[:, gaps], key[gaps] = slots[:, moved], key[moved]
     return slots[:, :alive], key[:alive]
-
-
-class _MatchLog:
-    """Stores rallies by (match, rally) and strokes by (step, match), and returns them in order."""
-
-    def __init__(self, n_matches: int, longest: int, n_strokes: int) -> None:
-        self.longest = longest
-        self._shape = (n_matches, longest)
-        size = n_matches * longest
-        self._server, self._winner, self._reason = (np.zeros(size, dtype=np.uint8) for _ in range(3))
-        self._score = np.zeros((size, 4), dtype=np.uint8)
-        self._length = np.zeros(size, dtype=np.int32)
-        self._n_strokes = n_strokes
-        self._steps: list[U16] = []
-
-    def write_strokes(self, match: I32, stroke: I32, hurried: I32) -> None:
-        row = np.empty(self._shape[0], dtype=np.uint16)
-        row[match] = stroke | hurried << HURRIED_BIT
-        self._steps.append(row)
-
-    def write_rallies(self, now: I32, won_by: Intp, reason: I8) -> None:
-        at = now[_MATCH] * self.longest + now[_RALLY]
-        self._server[at] = now[_SERVER]
-        self._winner[at] = won_by
-        self._reason[at] = reason
-        self._score[at] = now[_POINTS:].T
-        self._length[at] = now[_STROKE]
-
-    def read(self, entrant: I32) -> Rallies:
-        at = np.flatnonzero(self._length)
-        match, rally = np.divmod(at, self.longest)
-        total = self._length.reshape(self._shape).sum(axis=1)
-        noted = np.empty(0, dtype=np.uint16)
-        if self._steps:
-            noted = np.stack(self._steps, axis=1)[np.arange(len(self._steps)) < total[:, None]]
-        return Rallies(
-            pairing=np.zeros(len(at), np.uint32),
-            match=match.astype(np.uint32),
-            rally=rally.astype(np.uint16),
-            policy=entrant[match].astype(np.uint16),
-            server=self._server[at],
-            winner=self._winner[at],
-            reason=self._reason[at],
-            score=self._score[at],
-            length=self._length[at],
-            **stroke_columns(noted, self._n_strokes),
-        )
