@@ -60,6 +60,7 @@ class PairPolicy:
 
 
 PolicyT = TypeVar("PolicyT", TabulatedPolicy, PairPolicy)
+SomeT = TypeVar("SomeT", bound=StatePolicy)
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -266,20 +267,34 @@ def crossplay(
         ExactError: there is no policy, two games have different layouts, policies of a pair do not meet those of the other
             player, or play may never end.
     """
-    everyone = [*policies, *(opponents or ())]
+
+    def solve(everyone: Sequence[StatePolicy], pairs: Sequence[tuple[int, int]]) -> list[tuple[Odds, Odds]]:
+        for i, j in pairs:
+            check_opponents(everyone[i].game, everyone[j].game)
+        return odds_of_pairs(everyone, pairs, tolerance=tolerance, progress=progress)
+
+    return crossplay_by(solve, policies, opponents)
+
+
+def crossplay_by(
+    solve: Callable[[list[SomeT], list[tuple[int, int]]], list[tuple[Odds, Odds]]],
+    policies: Sequence[SomeT],
+    opponents: Sequence[SomeT] | None,
+) -> Crossplay:
+    """:func:`crossplay` by a function that gives the odds of both policies of each pair of indices."""
     if not policies or (opponents is not None and not opponents):
         raise ExactError("crossplay of no policies: give one or more")
-    n = len(policies)
+    everyone, n = [*policies, *(opponents or ())], len(policies)
     if opponents is None:
         pairs = list(itertools.combinations_with_replacement(range(n), 2))
     else:
         pairs = list(itertools.product(range(n), range(n, len(everyone))))
-    for i, j in pairs:
-        check_opponents(everyone[i].game, everyone[j].game)
-    found = odds_of_pairs(everyone, pairs, tolerance=tolerance, progress=progress)
-    serving = np.full((len(everyone), len(everyone)), np.nan)
+    found = solve(everyone, pairs)
+    serving, receiving = np.full((2, len(everyone), len(everyone)), np.nan)
     for (i, j), (first, second) in zip(pairs, found, strict=True):
-        serving[i, j], serving[j, i] = first.serving, second.serving
+        serving[i, j], receiving[i, j], serving[j, i] = first.serving, first.receiving, second.serving
+    if opponents is None:
+        receiving = 1 - serving.T
     columns = slice(0 if opponents is None else n, None)
     bound = max(odds.error_bound for odds, _ in found)
-    return Crossplay(serving=serving[:n, columns], receiving=(1 - serving.T)[:n, columns], error_bound=bound)
+    return Crossplay(serving=serving[:n, columns], receiving=receiving[:n, columns], error_bound=bound)

@@ -12,11 +12,12 @@ import numpy as np
 
 from shuttle_marl.base.arrays import F32, I8, I16, I32, I64, U64, Bools, Ints
 from shuttle_marl.base.compiling import compiled, inlined
-from shuttle_marl.game.rules import FAULT
+from shuttle_marl.game import draws
+from shuttle_marl.game.rules import FAULT, IllegalStrokeError
 from shuttle_marl.game.scoring import BWF, Rules, RulesTuple, count_rally
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
-from shuttle_marl.kernel.checks import KernelError, checked_array, checked_number
+from shuttle_marl.kernel.checks import KernelError, check_room, checked_array, checked_number
 from shuttle_marl.kernel.core import (
     BLOCK,
     OPEN,
@@ -34,21 +35,28 @@ from shuttle_marl.kernel.core import (
     outcome_of,
     read_limits,
     strike_one,
+    tables_of,
     uniform_choice,
 )
 from shuttle_marl.kernel.players import Players, empty_players, pack, put_player, table_choice
 from shuttle_marl.kernel.rows import (
+    DRAWN,
     ILLEGAL,
-    Batch,
+    NO_OBSERVATIONS,
+    TOKENS,
     Observations,
     Output,
     Rows,
     Server,
     Serving,
     begin,
+    choose_uniform,
     draw_strokes,
+    find_ranks,
     in_slices,
+    new_rows,
     observe,
+    observe_rows,
     part_of,
     play,
     reward_strikers,
@@ -318,7 +326,7 @@ class Tally:
     won_by_seat_0: int
 
 
-class RallyBatch(Batch):
+class RallyBatch:
     """B rallies in which the strokes of both seats are given, or those of a learner, against tabulated opponents.
 
     Row b plays rallies b, b + B, b + 2 B, … of the seed. Rally r has the draws of episode r of ``rally_v0`` with the same seed,
@@ -352,7 +360,10 @@ class RallyBatch(Batch):
         server: Server = None,
         threads: int = 1,
     ) -> None:
-        super().__init__(game, batch, server=server, threads=threads)
+        if server not in (None, 0, 1):
+            raise KernelError(f"server {server!r}: expected 0, 1, or None for a random server")
+        self.game, self.rows, self.threads = game, new_rows(batch), checked_number("threads", threads, 1)
+        self._tables, self._server = tables_of(game), DRAWN if server is None else int(server)
         seats = np.asarray(seat)
         if seats.shape not in ((), (batch,)) or not np.isin(seats, (0, 1)).all():
             raise KernelError(f"seat {seat!r}: expected 0 or 1, or an array of them of shape ({batch},)")
@@ -367,6 +378,9 @@ class RallyBatch(Batch):
         )
         self._state = (self._tables, self.rows, self.matches, None if opponents is None else self.opponents)
         self.reset(seed)
+
+    def __len__(self) -> int:
+        return len(self.rows.state)
 
     @property
     def n_opponents(self) -> int:
@@ -398,11 +412,6 @@ class RallyBatch(Batch):
         """
         put_player(self.opponents.players, number, policy, self.game)
 
-    def reseed(self, seed: int) -> None:
-        """Restart the numbers of the rallies or matches with another seed; rows continue their current one."""
-        super().reseed(seed)
-        self.opponents.unseen[:] = 0
-
     def reset(self, seed: int | None = None, rows: Bools | None = None) -> None:
         """Start the next rally or match in some rows, up to the learner's first stroke.
 
@@ -411,8 +420,11 @@ class RallyBatch(Batch):
             rows: ``[B]`` mask of rows; None: all.
         """
         if seed is not None:
-            self.reseed(seed)
-        _reset(*self._state, self._chosen_rows(rows), self._serving())
+            self._seed_key = draws.stream(seed)[0]
+            self.rows.rally[:] = np.arange(len(self)) - len(self)
+            self.opponents.unseen[:] = 0
+        which = np.ones(len(self), np.bool_) if rows is None else checked_array("rows", rows, np.bool_, (len(self),))
+        _reset(*self._state, which, self._serving())
 
     def step(self, stroke: Ints, *, reset: bool = True, observed: Observations | None = None) -> tuple[F32, Bools]:
         """Play one stroke in every row, and the opponent's until the learner is to strike again.
@@ -429,7 +441,10 @@ class RallyBatch(Batch):
             IllegalStrokeError: an illegal stroke, or a row that is over; the batch is unchanged.
             KernelError: arrays of wrong shape or dtype; the batch is unchanged.
         """
-        output, rank, serving = self._output(observed), self._ranks(stroke), self._serving(reset=reset)
+        if observed is not None:
+            self._check(observed)
+        output = Output(np.empty(len(self), np.float32), np.empty(len(self), np.bool_), observed or NO_OBSERVATIONS)
+        rank, serving = self._ranks(stroke), self._serving(reset=reset)
         in_slices(lambda a, b: _step(*self._state, rank, output, serving, (a, b)), len(self), self.threads)
         return output.reward, output.done
 
@@ -452,6 +467,61 @@ class RallyBatch(Batch):
         in_slices(work, len(self), self.threads)
         winners, faults, seat_0 = np.sum(tallies, axis=0).tolist()
         return Tally(winners=winners, faults=faults, won_by_seat_0=seat_0)
+
+    def new_observations(self) -> Observations:
+        """Allocate observations."""
+        return Observations(np.empty((len(self), TOKENS), np.int32), np.empty((len(self), self.game.n_strokes), np.bool_))
+
+    def observe(self, observed: Observations) -> None:
+        """Write the observation of each striker.
+
+        Raises:
+            KernelError: arrays of wrong shape or dtype.
+        """
+        self._check(observed)
+        in_slices(lambda a, b: observe_rows(self._tables, self.rows, observed, a, b), len(self), self.threads)
+
+    def random_strokes(self) -> I64:
+        """``[B]`` a random legal stroke of each row, by the draw of its next stroke."""
+        stroke = np.empty(len(self), np.int64)
+        in_slices(lambda a, b: choose_uniform(self._tables, self.rows, stroke, a, b), len(self), self.threads)
+        return stroke
+
+    def _serving(self, *, reset: bool = True) -> Serving:
+        return Serving(self._seed_key, self._server, reset)
+
+    def _check(self, observed: Observations) -> None:
+        check_room("tokens", observed.tokens, np.int32, (len(self), TOKENS))
+        check_room("mask", observed.mask, np.bool_, (len(self), self.game.n_strokes))
+
+    def _ranks(self, stroke: Ints) -> I16:
+        """``[B]`` position of each stroke among the legal strokes.
+
+        Raises:
+            KernelError: wrong shape, or not integers.
+            IllegalStrokeError: an illegal stroke.
+        """
+        wanted = checked_array("strokes", stroke, np.int64, (len(self),))
+        rank = np.empty(len(self), np.int16)
+        wrong: list[int] = []
+
+        def find(first: int, last: int) -> None:
+            if (row := find_ranks(self._tables, self.rows, wanted, rank, first, last)) >= 0:
+                wrong.append(row)
+
+        in_slices(find, len(self), self.threads)
+        if wrong:
+            self._refuse(min(wrong), int(wanted[min(wrong)]))
+        return rank
+
+    def _refuse(self, row: int, stroke: int) -> None:
+        if not self.rows.live[row]:
+            raise IllegalStrokeError(f"row {row}: its rally is over; reset it first", stroke, row)
+        names = self.game.catalogue.names
+        if not 0 <= stroke < len(names):
+            raise IllegalStrokeError(f"row {row}: {stroke} is no stroke; expected 0 to {len(names) - 1}", stroke, row)
+        where = self.game.describe(int(self.rows.state[row]))
+        raise IllegalStrokeError(f"row {row}: stroke {stroke} ({names[stroke]}) is not legal in state: {where}", stroke, row)
 
 
 class MatchBatch(RallyBatch):

@@ -9,12 +9,9 @@ from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
 
-from shuttle_marl.base.arrays import F32, I8, I16, I32, I64, U64, Bools, Ints
+from shuttle_marl.base.arrays import F32, I8, I16, I32, I64, U64, Bools
 from shuttle_marl.base.compiling import compiled, inlined
-from shuttle_marl.game import draws
-from shuttle_marl.game.rules import IllegalStrokeError
-from shuttle_marl.game.tables import Game
-from shuttle_marl.kernel.checks import KernelError, check_room, checked_array, checked_number
+from shuttle_marl.kernel.checks import checked_number
 from shuttle_marl.kernel.core import (
     BLOCK,
     OPEN,
@@ -34,7 +31,6 @@ from shuttle_marl.kernel.core import (
     read_limits,
     row_of,
     stroke_of,
-    tables_of,
     uniform_choice,
 )
 
@@ -241,7 +237,8 @@ def observe(tables: Tables, rows: Rows, observed: Observations, first: int, last
 
 
 @compiled
-def _observe(tables: Tables, rows: Rows, observed: Observations, first: int, last: int) -> None:
+def observe_rows(tables: Tables, rows: Rows, observed: Observations, first: int, last: int) -> None:
+    """:func:`observe`, to be called uncompiled."""
     observe(tables, rows, observed, first, last)
 
 
@@ -275,97 +272,3 @@ def in_slices(work: Callable[[int, int], Any], size: int, threads: int) -> None:
     work(bounds[0], bounds[1])
     for other in others:
         other.result()
-
-
-class Batch:
-    """Base of the batches of rallies and matches."""
-
-    def __init__(self, game: Game, batch: int, *, server: Server, threads: int) -> None:
-        if server not in (None, 0, 1):
-            raise KernelError(f"server {server!r}: expected 0, 1, or None for a random server")
-        self.game = game
-        self._tables = tables_of(game)
-        self.rows = new_rows(batch)
-        self.threads = checked_number("threads", threads, 1)
-        self._server = DRAWN if server is None else int(server)
-
-    def __len__(self) -> int:
-        return len(self.rows.state)
-
-    def _serving(self, *, reset: bool = True) -> Serving:
-        return Serving(self._seed_key, self._server, reset)
-
-    def _output(self, observed: Observations | None = None) -> Output:
-        """Allocate the results of a step.
-
-        Raises:
-            KernelError: observations of wrong shape or dtype.
-        """
-        if observed is not None:
-            self._check(observed)
-        return Output(np.empty(len(self), np.float32), np.empty(len(self), np.bool_), observed or NO_OBSERVATIONS)
-
-    def reseed(self, seed: int) -> None:
-        """Restart the numbers of the rallies with another seed; rows continue their current rally."""
-        self._seed_key = draws.stream(seed)[0]
-        self.rows.rally[:] = np.arange(len(self)) - len(self)
-
-    def new_observations(self) -> Observations:
-        """Allocate observations."""
-        return Observations(np.empty((len(self), TOKENS), np.int32), np.empty((len(self), self.game.n_strokes), np.bool_))
-
-    def observe(self, observed: Observations) -> None:
-        """Write the observation of each striker.
-
-        Raises:
-            KernelError: arrays of wrong shape or dtype.
-        """
-        self._check(observed)
-        in_slices(lambda a, b: _observe(self._tables, self.rows, observed, a, b), len(self), self.threads)
-
-    def _check(self, observed: Observations) -> None:
-        check_room("tokens", observed.tokens, np.int32, (len(self), TOKENS))
-        check_room("mask", observed.mask, np.bool_, (len(self), self.game.n_strokes))
-
-    def _chosen_rows(self, rows: Bools | None) -> Bools:
-        """``[B]`` mask of rows; None: all.
-
-        Raises:
-            KernelError: not a mask of shape ``[B]``.
-        """
-        return np.ones(len(self), np.bool_) if rows is None else checked_array("rows", rows, np.bool_, (len(self),))
-
-    def random_strokes(self) -> I64:
-        """``[B]`` a random legal stroke of each row, by the draw of its next stroke."""
-        stroke = np.empty(len(self), np.int64)
-        in_slices(lambda a, b: choose_uniform(self._tables, self.rows, stroke, a, b), len(self), self.threads)
-        return stroke
-
-    def _ranks(self, stroke: Ints) -> I16:
-        """``[B]`` position of each stroke among the legal strokes.
-
-        Raises:
-            KernelError: wrong shape, or not integers.
-            IllegalStrokeError: an illegal stroke.
-        """
-        wanted = checked_array("strokes", stroke, np.int64, (len(self),))
-        rank = np.empty(len(self), np.int16)
-        wrong: list[int] = []
-
-        def find(first: int, last: int) -> None:
-            if (row := find_ranks(self._tables, self.rows, wanted, rank, first, last)) >= 0:
-                wrong.append(row)
-
-        in_slices(find, len(self), self.threads)
-        if wrong:
-            self._refuse(min(wrong), int(wanted[min(wrong)]))
-        return rank
-
-    def _refuse(self, row: int, stroke: int) -> None:
-        if not self.rows.live[row]:
-            raise IllegalStrokeError(f"row {row}: its rally is over; reset it first", stroke, row)
-        names = self.game.catalogue.names
-        if not 0 <= stroke < len(names):
-            raise IllegalStrokeError(f"row {row}: {stroke} is no stroke; expected 0 to {len(names) - 1}", stroke, row)
-        where = self.game.describe(int(self.rows.state[row]))
-        raise IllegalStrokeError(f"row {row}: stroke {stroke} ({names[stroke]}) is not legal in state: {where}", stroke, row)

@@ -14,7 +14,7 @@ from shuttle_marl.game.rules import FAULT, WINNER, IllegalStrokeError, strike
 from shuttle_marl.game.tables import ROOT, Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.kernel import KernelError, RallyBatch, Tally, play_rallies
-from shuttle_marl.kernel.rows import TOKENS, Observations, Rows, _observe
+from shuttle_marl.kernel.rows import TOKENS, Observations, Rows, observe_rows
 from tests.exact.exact_games import random_game, random_policy
 from tests.kernel.episodes import compare_with_rally_v0
 from tests.reduced import reduced_game
@@ -161,7 +161,7 @@ def test_what_is_seen_is_written_for_its_rows_alone(rallies: int, first: int, la
     batch.run(7)
     for before in (False, True):
         seen = Observations(np.full((50, TOKENS), -1, np.int32), np.full((50, game.n_strokes), before))
-        _observe(batch._tables, batch.rows, seen, first, last)
+        observe_rows(batch._tables, batch.rows, seen, first, last)
         inside = np.zeros(50, np.bool_)
         inside[first:last] = True
         assert np.array_equal(seen.mask[inside], game.mask(batch.rows.state)[inside])
