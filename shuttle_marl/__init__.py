@@ -23,9 +23,8 @@ if _is_command and signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 from typing import TYPE_CHECKING, Any  # noqa: E402
 
-import lazy_loader  # noqa: E402
-
 from shuttle_marl.base.environment_ids import register_when_imported  # noqa: E402
+from shuttle_marl.base.lazy import lazily  # noqa: E402
 
 if TYPE_CHECKING:
     from shuttle_marl.analysis import analyse_rally, rank_players
@@ -76,21 +75,7 @@ __all__ = [
     "train",
 ]
 
-_load, _, _ = lazy_loader.attach(
-    __name__,
-    submod_attrs={
-        "analysis": ["analyse_rally", "rank_players"],
-        "env": ["match_v0", "rally_v0"],
-        "env.batched": ["RallyEnv", "VersusEnv"],
-        "exact": ["best_response", "crossplay", "evaluate", "nash_conv", "solve"],
-        "game": ["Game", "Policy", "Rules", "Score", "States", "default_game", "load_game", "pair_game", "tabulate"],
-        "kernel": ["play_matches"],
-        "league": ["LeagueConfig", "run_league"],
-        "policy": ["register", "resolve"],
-        "recording": ["RallyLog", "RallyLogWriter"],
-        "training": ["A2CConfig", "PPOConfig", "SACConfig", "train"],
-    },
-)
+_load, _ = lazily(__name__)
 
 
 def __getattr__(name: str) -> Any:

@@ -8,7 +8,7 @@ first used.
 
 from typing import TYPE_CHECKING
 
-import lazy_loader
+from shuttle_marl.base.lazy import lazily
 
 if TYPE_CHECKING:
     from shuttle_marl.analysis.match import MatchReport, match_report
@@ -40,13 +40,4 @@ __all__ = [
     "summarise",
 ]
 
-__getattr__, __dir__, _ = lazy_loader.attach(
-    __name__,
-    submod_attrs={
-        "match": ("MatchReport", "match_report"),
-        "scouting": ("ScoutingReport", "scout"),
-        "rally": ("Decision", "LogPlayers", "Players", "RallyAnalysis", "analyse_rally", "decision"),
-        "summary": ("AnalysisError", "Summary", "rally_table", "strokes_of", "strokes_of_log", "summarise"),
-        "values": ("PlayerValue", "add_values", "add_values_of_pairs", "rank_players"),
-    },
-)
+__getattr__, __dir__ = lazily(__name__)

@@ -5,7 +5,7 @@ Names are imported when first used, because the solvers need numba, which takes 
 
 from typing import TYPE_CHECKING
 
-import lazy_loader
+from shuttle_marl.base.lazy import lazily
 
 if TYPE_CHECKING:
     from shuttle_marl.exact.away import Spread
@@ -64,28 +64,4 @@ __all__ = [
     "visits",
 ]
 
-__getattr__, __dir__, _ = lazy_loader.attach(
-    __name__,
-    submod_attrs={
-        "away": ("Spread",),
-        "fixed_point": ("TOLERANCE", "ExactError"),
-        "match": ("Odds", "least_gain"),
-        "occupancy": ("Sensitivity", "Visits", "sensitivity", "visits"),
-        "optimal": (
-            "Exploitability",
-            "Response",
-            "RobustSolution",
-            "SoftSolution",
-            "Solution",
-            "best_response",
-            "nash_conv",
-            "restricted_response",
-            "solve",
-            "solve_robust",
-            "solve_soft",
-        ),
-        "profile": ("Crossplay", "PairPolicy", "StatePolicy", "crossplay", "evaluate", "moved"),
-        "regret": ("Hole", "Holes", "Regret", "holes", "policy_regret"),
-        "solver": ("ProfileValue",),
-    },
-)
+__getattr__, __dir__ = lazily(__name__)

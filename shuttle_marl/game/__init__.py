@@ -10,7 +10,7 @@ The names that users need, imported when first used::
 
 from typing import TYPE_CHECKING
 
-import lazy_loader
+from shuttle_marl.base.lazy import lazily
 
 if TYPE_CHECKING:
     from shuttle_marl.game.observation import observations
@@ -58,25 +58,4 @@ __all__ = [
     "tabulate",
 ]
 
-__getattr__, __dir__, _ = lazy_loader.attach(
-    __name__,
-    submod_attrs={
-        "observation": ("observations",),
-        "pairs": ("pair_game",),
-        "policy": (
-            "Policy",
-            "PolicyError",
-            "States",
-            "TemperedPolicy",
-            "UniformPolicy",
-            "checked_probabilities",
-            "reads_score",
-        ),
-        "rules": ("strike",),
-        "tables": ("Game", "GameError"),
-        "scoring": ("BWF", "Rules", "Score"),
-        "shipped": ("default_game", "load_game", "model_folder"),
-        "stroke": ("HEIGHTS", "SHOTS", "TECHNIQUES", "Catalogue"),
-        "tabulated": ("TabulatedPolicy", "tabulate"),
-    },
-)
+__getattr__, __dir__ = lazily(__name__)

@@ -5,7 +5,7 @@ Names are imported when first used, because numba takes longer to import than a 
 
 from typing import TYPE_CHECKING
 
-import lazy_loader
+from shuttle_marl.base.lazy import lazily
 
 if TYPE_CHECKING:
     from shuttle_marl.kernel.checks import KernelError
@@ -31,14 +31,4 @@ __all__ = [
     "play_rallies",
 ]
 
-__getattr__, __dir__, _ = lazy_loader.attach(
-    __name__,
-    submod_attrs={
-        "checks": ("KernelError",),
-        "lockstep": ("MatchResults", "Matches"),
-        "matches": ("play_matches",),
-        "players": ("Players", "pack"),
-        "rally": ("MatchBatch", "RallyBatch", "Tally"),
-        "sampling": ("Assess", "Distinct", "RallySampler", "play_rallies"),
-    },
-)
+__getattr__, __dir__ = lazily(__name__)

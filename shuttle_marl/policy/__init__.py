@@ -5,7 +5,7 @@ Names are imported when first used, because what measures policies needs numba.
 
 from typing import TYPE_CHECKING
 
-import lazy_loader
+from shuttle_marl.base.lazy import lazily
 
 if TYPE_CHECKING:
     from shuttle_marl.policy.baselines import ScriptedPolicy
@@ -32,13 +32,4 @@ __all__ = [
     "save_network",
 ]
 
-__getattr__, __dir__, _ = lazy_loader.attach(
-    __name__,
-    submod_attrs={
-        "foreign": ("FunctionPolicy",),
-        "plain_network": ("NetworkPolicy", "from_network", "from_sb3", "save_network"),
-        "registry": ("Family", "names", "register", "resolve", "resolve_recorded"),
-        "scorecard": ("SampledOdds", "Scorecard", "Scorer", "sample"),
-        "baselines": ("ScriptedPolicy",),
-    },
-)
+__getattr__, __dir__ = lazily(__name__)

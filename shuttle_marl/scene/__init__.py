@@ -5,9 +5,8 @@ Needs the extra ``scene``, whose libraries are imported when a function is first
 
 from typing import TYPE_CHECKING
 
-import lazy_loader
-
 from shuttle_marl.base.errors import ShuttleError
+from shuttle_marl.base.lazy import lazily
 
 if TYPE_CHECKING:
     from shuttle_marl.scene.write import select, write_scene
@@ -19,4 +18,4 @@ class SceneError(ShuttleError):
     """A scene that cannot be written or drawn, or an unknown option."""
 
 
-__getattr__, __dir__, _ = lazy_loader.attach(__name__, submod_attrs={"write": ("select", "write_scene")})
+__getattr__, __dir__ = lazily(__name__)

@@ -5,7 +5,7 @@ Names are imported when first used, because the solvers need numba.
 
 from typing import TYPE_CHECKING
 
-import lazy_loader
+from shuttle_marl.base.lazy import lazily
 
 if TYPE_CHECKING:
     from shuttle_marl.suite.exploit import PlayerSetting, Trained
@@ -30,15 +30,4 @@ __all__ = [
     "verify_run",
 ]
 
-__getattr__, __dir__, _ = lazy_loader.attach(
-    __name__,
-    submod_attrs={
-        "exploit": ("PlayerSetting", "Trained"),
-        "options": ("SuiteError", "SuiteRun"),
-        "registry": ("TASKS", "find_task"),
-        "results": ("difference", "summarise"),
-        "run": ("run_method",),
-        "task": ("Task",),
-        "verify": ("verify_run",),
-    },
-)
+__getattr__, __dir__ = lazily(__name__)

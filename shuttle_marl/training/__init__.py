@@ -5,9 +5,8 @@ Names are imported lazily, because PyTorch is slow to import.
 
 from typing import TYPE_CHECKING
 
-import lazy_loader
-
 from shuttle_marl.base.extras import hinted
+from shuttle_marl.base.lazy import lazily
 
 if TYPE_CHECKING:
     from shuttle_marl.training.config import A2CConfig, PPOConfig, SACConfig, TrainingConfig, TrainingError
@@ -28,12 +27,5 @@ __all__ = [
     "train_seeds",
 ]
 
-_load, __dir__, _ = lazy_loader.attach(
-    __name__,
-    submod_attrs={
-        "config": ("A2CConfig", "PPOConfig", "SACConfig", "TrainingConfig", "TrainingError"),
-        "run": ("Evaluation", "Evaluator", "TrainingRun", "train"),
-        "study": ("Study", "train_seeds"),
-    },
-)
+_load, __dir__ = lazily(__name__)
 __getattr__ = hinted()(_load)

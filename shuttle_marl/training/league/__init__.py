@@ -7,7 +7,7 @@ imported lazily, because PyTorch is slow to import.
 
 from typing import TYPE_CHECKING
 
-import lazy_loader
+from shuttle_marl.base.lazy import lazily
 
 if TYPE_CHECKING:
     from shuttle_marl.training.league.config import LeagueTrainingConfig, LeagueTrainingError
@@ -15,7 +15,4 @@ if TYPE_CHECKING:
 
 __all__ = ["LeagueTraining", "LeagueTrainingConfig", "LeagueTrainingError", "train_league"]
 
-__getattr__, __dir__, _ = lazy_loader.attach(
-    __name__,
-    submod_attrs={"config": ("LeagueTrainingConfig", "LeagueTrainingError"), "run": ("LeagueTraining", "train_league")},
-)
+__getattr__, __dir__ = lazily(__name__)
