@@ -10,12 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from shuttle_marl.game.court import (
-    AREAS,
-    SHORT_SERVICE,
-    area_box,
-    area_centre,
-)
+from shuttle_marl.game.court import AREAS, SHORT_SERVICE, area_box, area_centre
 from shuttle_marl.game.layout import Layout
 from shuttle_marl.game.rally.stepper import Stroke
 from shuttle_marl.game.rules import FAULT, HURRIED_BELOW, OUTCOMES, WINNER
@@ -56,7 +51,9 @@ def as_text(snapshot: Snapshot) -> str:
     """Score, strokes with probabilities and outcomes, and state of the rally, as text."""
     names = snapshot.names
     lines = [f"{snapshot.title}, {names[snapshot.server]} serves"]
-    lines += score_lines(snapshot)
+    width = max(map(len, names))
+    for player, name in enumerate(names if snapshot.by_game else ()):
+        lines.append(f"{name:{width}}" + "".join(f"{game[player]:4}" for game in snapshot.by_game))
     if snapshot.game.levels > 1:
         lines.append("effort: " + ", ".join(f"{name} {effort_in_words(snapshot, p)}" for p, name in enumerate(names)))
     for number, stroke in enumerate(snapshot.strokes, start=1):
@@ -77,15 +74,6 @@ def in_words(catalogue: Catalogue, stroke: int) -> str:
     area = AREAS[catalogue.area[stroke]].replace("-", " ")
     technique = TECHNIQUES[catalogue.technique[stroke]].replace("-", " ")
     return f"{shot_in_words(catalogue, stroke)} to the {area}, {technique} {HEIGHTS[catalogue.height[stroke]]} the net"
-
-
-def score_lines(snapshot: Snapshot) -> list[str]:
-    """One line per player with the points of every game; empty without a match."""
-    if not snapshot.by_game:
-        return []
-    width = max(map(len, snapshot.names))
-    points = ["".join(f"{game[player]:4}" for game in snapshot.by_game) for player in (0, 1)]
-    return [f"{name:{width}}{points[player]}" for player, name in enumerate(snapshot.names)]
 
 
 def effort_in_words(snapshot: Snapshot, player: int) -> str:
@@ -149,14 +137,12 @@ class Plan:
         shuttle: position of the shuttle [m].
         bodies: positions of players 0 and 1 [m].
         came_from: positions at their last contact [m]; None for the player to hit.
-        target: two corners of the target area of the last stroke; None before the first.
     """
 
     flights: tuple[Flight, ...]
     shuttle: Point
     bodies: tuple[Point, Point]
     came_from: tuple[Point | None, Point | None]
-    target: tuple[Point, Point] | None
 
 
 def to_plan(player: int, x: float, y: float) -> Point:
@@ -177,17 +163,16 @@ def plan_of(snapshot: Snapshot) -> Plan:
     contact = to_plan(snapshot.server, 0.4 * side, -SHORT_SERVICE - 0.25)
     stands = [to_plan(p, 0.5 * side, -SHORT_SERVICE - (0.5 if p == snapshot.server else 1.0)) for p in (0, 1)]
     came_from: list[Point | None] = [None, None]
-    flights = []
+    flights: list[Flight] = []
     catalogue = snapshot.game.catalogue
-    for number, played in enumerate(snapshot.strokes):
+    for played in snapshot.strokes:
         player = played.player
-        if number:
+        if flights:
             stands[player] = _stance(player, contact, int(catalogue.technique[played.stroke]))
-        end = _landing(player, int(catalogue.area[played.stroke]), number, played.stroke)
+        end = _landing(player, int(catalogue.area[played.stroke]), len(flights), played.stroke)
         if played.outcome == FAULT:
             end = _between(contact, end, _FAULT_REACH)
-        peak = _PEAK[catalogue.shot[played.stroke]]
-        flights.append(Flight(stroke=played, start=contact, end=end, peak=peak))
+        flights.append(Flight(stroke=played, start=contact, end=end, peak=_PEAK[catalogue.shot[played.stroke]]))
         # The striker returns to the base; the receiver has reached the shuttle, or only half of the path to a winner.
         came_from[player], came_from[1 - player] = stands[player], stands[1 - player]
         stands[player] = _between(stands[player], to_plan(player, *_BASE), _RETURNED)
@@ -195,16 +180,11 @@ def plan_of(snapshot: Snapshot) -> Plan:
             reach = 0.5 if played.outcome == WINNER else 1.0
             stands[1 - player] = _between(stands[1 - player], _stance(1 - player, end, 0), reach)
         contact = end
-    target = None
-    if snapshot.strokes:
-        last = snapshot.strokes[-1]
-        target = area_corners(last.player, int(catalogue.area[last.stroke]))
     return Plan(
         flights=tuple(flights),
         shuttle=contact,
         bodies=(stands[0], stands[1]),
         came_from=(came_from[0], came_from[1]),
-        target=target,
     )
 
 

@@ -152,8 +152,10 @@ def _opened(path: Path) -> Iterator[sqlite3.Connection]:
 
 def _read(keys: Iterable[bytes]) -> Iterator[tuple[bytes, Odds]]:
     path = _path()
+    if path is None:
+        return
     try:
-        if path is None or not path.is_file():
+        if not path.is_file():
             return
         with _opened(path) as database:
             for key in keys:
