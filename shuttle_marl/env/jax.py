@@ -81,7 +81,6 @@ def step(tables: Tables, state: jax.Array, stroke: jax.Array, draw: jax.Array) -
     """Play a stroke: the rule of :func:`shuttle_marl.game.rules.strike`.
 
     Args:
-        tables: of the game.
         state: int32, state of the striker.
         stroke: int32, catalogue index of a legal stroke; not checked.
         draw: int32, see :func:`draws`.

@@ -43,7 +43,6 @@ class raw_env(ShuttleEnv):
     Args:
         first_server: first server, 0 or 1; None: random.
         reward: ``match``: +1 and -1 at the end of the match; ``rally``: +1 and -1 at the end of every rally.
-        rules: points, lead, cap and games.
         game: the tables, the game of a pair, or a model by name or folder (``default:men``); None: the default game.
         max_strokes: maximum number of strokes, after which the match is truncated; None: no limit.
         render_mode: ``human``, ``rgb_array``, ``ansi``, or None.

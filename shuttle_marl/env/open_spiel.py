@@ -201,7 +201,6 @@ def open_spiel_policy(policy: Policy, game: RallyGame, name: str = "") -> spiel_
 
     Args:
         policy: such as :func:`shuttle_marl.policy.resolve` gives; it may not read the score.
-        game: the game.
         name: of the policy, for errors.
 
     Raises:

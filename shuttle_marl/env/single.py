@@ -248,7 +248,6 @@ class SingleMatchEnv(SingleEnv):
         seat: the learner's seat.
         first_server: seat that serves first, 0 or 1; None: random.
         reward: ``match``: +1 and -1 at the end of the match; ``rally``: +1 and -1 at the end of every rally.
-        rules: points, lead, cap and games.
         game: the tables, the game of a pair, or a model by name or folder (``default:men``); None: the default game.
         mask: place of the mask: ``observation`` (in the dictionary of the observation), ``info`` (``info["action_mask"]``) or
             ``none``. Observations are plain vectors with the last two.

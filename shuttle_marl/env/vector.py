@@ -191,7 +191,6 @@ class RallyVectorEnv(VersusVectorEnv):
     """B copies of ``shuttle_marl/Rally-v0``.
 
     Args:
-        num_envs: number of rallies B.
         opponent: name of a policy, a policy, or a sequence of K; row b plays number b modulo K.
         seat: the learner's seat, 0 or 1, in all rows or ``[B]`` in each.
         server: seat that serves, 0 or 1; None: random.
@@ -271,12 +270,10 @@ class MatchVectorEnv(VersusVectorEnv):
     ``infos["points"]`` and ``infos["games"]`` are ``[B, 2]``, the learner's first.
 
     Args:
-        num_envs: number of matches B.
         opponent: name of a policy, a policy, or a sequence of K; row b plays number b modulo K.
         seat: the learner's seat, 0 or 1, in all rows or ``[B]`` in each.
         first_server: seat that serves first, 0 or 1; None: random.
         reward: ``match``: +1 and -1 at the end of the match; ``rally``: +1 and -1 at the end of every rally.
-        rules: points, lead, cap and games.
         game: the tables, the game of a pair, or a model by name or folder (``default:men``); None: the default game.
         mask: place of the mask: ``observation`` (in the dictionary of the observation), ``info`` (``infos["action_mask"]``) or
             ``none``.

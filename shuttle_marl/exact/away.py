@@ -66,7 +66,6 @@ def over(
     Args:
         games: two refits or more.
         figures: the figures of one game by name.
-        at_once: number of threads; None: one for each core.
 
     Raises:
         ExactError: there are fewer than two games.

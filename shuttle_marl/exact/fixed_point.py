@@ -141,7 +141,6 @@ def accelerated(linear: Linear, constant: F64, done: Callable[[F64], bool]) -> F
     rounding of BLAS depends on the number of threads.
 
     Args:
-        linear: the linear part.
         constant: ``[S]``, also the initial guess.
         done: whether a residual ``constant + linear(x) - x`` is acceptable.
 
@@ -180,7 +179,6 @@ def solve_linear(
 
     Args:
         constant: ``[S]``.
-        linear: the linear part.
         norm: norm of a residual, in which T contracts.
         bound: error bound of T x from the norm of T x - x, and from T x.
         tolerance: largest acceptable error bound.

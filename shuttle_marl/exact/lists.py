@@ -26,7 +26,6 @@ def cells_of(game: Layout, *parts: str) -> I64:
     """``[S]`` cell of each state for policies that read some parts of it.
 
     Args:
-        game: the layout.
         parts: attributes of :class:`shuttle_marl.game.policy.States` (``own``, ``incoming``, ``contact``, ``duel``, ``effort``,
             ``opponent_effort``, ``hurried``), or ``incoming_shot`` for the shot type of the incoming stroke.
     """
@@ -84,7 +83,6 @@ def mean_losses(game: Game, cell: Ints, following: F64, weight: F64) -> F64:
     """``[cells * n]`` mean loss of each stroke where it is legal; infinity where it never is.
 
     Args:
-        game: the tables.
         cell: ``[S]`` cell of each state.
         following: ``[S]`` values of the next states to the receiver.
         weight: ``[S]`` weights of the states.

@@ -58,7 +58,6 @@ def match_table(serving: float, receiving: float, rules: Rules = BWF) -> dict[Si
     Args:
         serving: probability that player 0 wins a rally that player 0 serves.
         receiving: probability that player 0 wins a rally that player 1 serves.
-        rules: scoring rules.
     """
     table: dict[Situation, tuple[float, float]] = {}
 

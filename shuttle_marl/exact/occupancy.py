@@ -104,7 +104,6 @@ def visits(
         opponent: of player 1.
         server: the server; None: each player half of the time.
         tolerance: largest acceptable error bound.
-        chains: chains of both policies, if known.
 
     Raises:
         ExactError: the two games have different layouts, or play may never end.
@@ -175,7 +174,6 @@ def _add(visited: F64, chance: F64, strokes: _Strokes, plain: F64, after: F64, o
     Args:
         visited: ``[base states]`` visits.
         chance: ``[base pairs]`` probability of each legal pair given its state.
-        strokes: the strokes.
         plain, after: ``[base states]`` values of the next block after a stroke that is no attack and after an attack.
         out: ``[3, 13]`` the result.
     """

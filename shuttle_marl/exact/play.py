@@ -38,8 +38,6 @@ def play(policy: StatePolicy, opponent: StatePolicy, rare: Sequence[Bools]) -> d
     """The play of a policy against another.
 
     Args:
-        policy: the policy.
-        opponent: its opponent.
         rare: rare strokes, see :func:`unusual`.
 
     Returns:

@@ -140,7 +140,6 @@ def moved(policy: PolicyT, game: Game) -> PolicyT:
     """A policy in another game of the same layout: the same strokes in every state, with the outcomes of those tables.
 
     Args:
-        policy: a table or a :class:`PairPolicy`.
         game: the tables, such as one of :attr:`shuttle_marl.game.tables.Game.seats`.
 
     Raises:

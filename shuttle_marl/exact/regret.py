@@ -65,9 +65,7 @@ def policy_regret(
     """The regret of a policy in seat 0, weighted by its visits.
 
     Args:
-        policy: the policy.
         opponent: of the visits; None: the minimax policy, for which the sum is V* - V^pi at the serve.
-        solution: the solved game of the policy, if known.
         tolerance: error bound of the values and of the visits.
 
     Raises:
@@ -164,12 +162,8 @@ def holes(
     """States in which a policy loses most to its best response.
 
     Args:
-        policy: the policy.
-        top: largest number of states.
         at_least: real strokes behind the strokes of the best response and of the perfect play that regret compares with, see
             :func:`shuttle_marl.exact.best_response`.
-        solution: the solved game, if known.
-        response: the best response to the policy, if known.
         tolerance: error bound of values and visits.
 
     Raises:

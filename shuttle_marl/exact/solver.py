@@ -39,7 +39,6 @@ class Player(Protocol):
         """Values of one block and their linear part.
 
         Args:
-            block: index of the block.
             plain, after_attack: ``[base states]`` values of the blocks after a stroke that is no attack and after an attack.
         """
         ...

@@ -131,7 +131,6 @@ def _gather(plain: F64, after_attack: F64, replies: Replies, out: F64) -> None:
 
     Args:
         plain, after_attack: values of the block after a stroke that is no attack, and of the block after an attack.
-        replies: of the game.
         out: the result; what is added is for chances in units of 1/256.
     """
     for v in range(replies.edge.size):
@@ -166,11 +165,8 @@ def _choose(outcomes: Outcomes, replies: Replies, following: F64, against: bool,
     """Best strokes of the states of a block; see :func:`block_choices`.
 
     Args:
-        outcomes: of the games.
-        replies: of the games.
         following: ``[4, V]`` gathered values.
         against: whether nature picks the worst game for the striker.
-        best_of: the result.
     """
     out, rank, games = best_of.value, best_of.rank, len(outcomes.limits)
     # The values in each game, and in the one that nature picks.
@@ -307,7 +303,6 @@ def block_choices(games: Sequence[Game], block: int, plain: F64, after_attack: F
 
     Args:
         games: tables of the striker, of one layout; nature picks one after each stroke, the first of tied ones.
-        block: index of the block.
         plain, after_attack: ``[base states]`` values of the blocks after a stroke that is no attack and after an attack.
         against: whether nature picks the worst game for the striker; else the best one.
     """
@@ -351,8 +346,6 @@ def block_expected(game: Game, level: int, chance: Chances) -> Expected:
 
     Args:
         game: the tables with which the player strikes.
-        level: own effort.
-        chance: the policy.
     """
     found = Expected(np.empty(game.n_base_states), np.empty(game.n_base_states))
     _expect(chance, _unit_of(chance) / ONE, _outcomes((game,), level).limits[0], game.base_pair_start, *found)
@@ -364,8 +357,6 @@ def block_mean(game: Game, block: int, chance: Chances, plain: F64, after_attack
 
     Args:
         game: the tables with which the player strikes.
-        block: index of the block.
-        chance: the policy.
         plain, after_attack: as for :func:`block_choices`.
     """
     out = np.empty(game.n_base_states)
@@ -378,8 +369,6 @@ def block_soft_values(game: Game, block: int, prior: F64, tau: float, plain: F64
     """``[base states]`` soft maxima of one block, and ``[base pairs]`` their policy (:func:`shuttle_marl.exact.solve_soft`).
 
     Args:
-        game: the tables.
-        block: index of the block.
         prior: ``[base pairs]`` probability of each base pair.
         tau: cost of a nat of divergence from it.
         plain, after_attack: as for :func:`block_choices`.

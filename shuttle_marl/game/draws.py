@@ -85,8 +85,5 @@ def chosen(cumulative: U16 | F64, draw: Ints) -> Intp:
     Args:
         cumulative: ``[B, K]`` cumulative probabilities of K strokes, whole numbers that rise to 65535.
         draw: ``[B]`` uniform integers in [0, 65535), see :func:`choice_draw`.
-
-    Returns:
-        ``[B]`` position of the stroke.
     """
     return np.greater(cumulative, draw.astype(cumulative.dtype)[:, None]).argmax(axis=1)

@@ -76,7 +76,6 @@ def states_of(game: Layout, observation: npt.ArrayLike) -> I32:
     """``[B]`` states of ``[B, 60]`` observations of the player who is to strike: the inverse of :func:`observations`.
 
     Args:
-        game: the tables.
         observation: of ``rally_v0``, or longer ones of ``match_v0``, whose scores are ignored.
 
     Raises:

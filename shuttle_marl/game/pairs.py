@@ -118,7 +118,6 @@ def opponent_tables(game: Game, seat: int | Ints) -> Game:
     """The tables with which the opponent of a learner strikes.
 
     Args:
-        game: the game.
         seat: seat of the learner, or ``[B]`` seats, which are equal in the game of a pair.
 
     Raises:

@@ -182,11 +182,8 @@ def act(policy: Policy, game: Game, observation: Observation, mask: npt.ArrayLik
     """Draw a stroke for an observation of the environments.
 
     Args:
-        policy: any policy.
-        game: the tables of the environment.
         observation: ``[60]`` of ``rally_v0``, ``[66]`` of ``match_v0`` (played by BWF rules), or a batch of them.
         mask: ``[n]`` or ``[B, n]`` allowed strokes; None: that of the dictionary, or all legal ones.
-        rng: random generator.
 
     Returns:
         Catalogue index, or ``[B]`` indices for a batch.

@@ -39,7 +39,6 @@ def states_of_rallies(game: Layout, stroke: Ints, position: Ints, hurried: Bools
     """The state in which each stroke of rallies was struck.
 
     Args:
-        game: the tables.
         stroke: ``[N]`` catalogue indices, rally after rally.
         position: ``[N]`` number of each stroke in its rally, from 0.
         hurried: ``[N]`` whether the striker of each stroke was hurried.
@@ -72,7 +71,6 @@ def strike(game: Game, state: Ints, k: Ints, draw: Ints, striker: Ints | None = 
     """Play the k-th legal stroke of each state.
 
     Args:
-        game: the tables.
         state: ``[B]`` state of the striker.
         k: ``[B]`` which of its legal strokes, 0 <= k < legal_count(state); not checked.
         draw: ``[B]`` uniform integers in [0, 2^24), see :func:`shuttle_marl.game.draws.outcome_draw`.

@@ -101,7 +101,6 @@ def count_rally(own: Any, other: Any, games: Any, rules: Any) -> RallyCount:
 
     Args:
         own: points of the rally's winner in the current game before the rally; a number, or an array of signed integers.
-        other: points of the rally's loser.
         games: games won so far by the rally's winner.
         rules: :class:`Rules`; in compiled code :class:`RulesTuple`.
     """
@@ -256,10 +255,6 @@ def game_win_probability(
         p_receiving: probability that player 0 wins a rally in which player 1 serves; broadcasts against ``p_serving``.
         points: points of players 0 and 1.
         server: who serves next; None: drawn at random, the mean of both.
-        rules: when a game is won.
-
-    Returns:
-        One probability for each pair of probabilities.
 
     Raises:
         ScoringError: a probability outside [0, 1], or a score that the rules do not allow.
@@ -286,10 +281,6 @@ def match_win_probability(
         first_server: who serves the next rally; None: drawn at random, the mean of both.
         games: games won so far by players 0 and 1.
         points: points of both in the current game.
-        rules: when a game and the match are won.
-
-    Returns:
-        One probability for each pair of probabilities.
 
     Raises:
         ScoringError: a probability outside [0, 1], or a score that the rules do not allow.

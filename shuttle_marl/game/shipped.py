@@ -154,7 +154,6 @@ def read_model(folder: Path, name: str) -> Tensors:
     """The arrays of a file of a model folder, whose hash is the one in the model card.
 
     Args:
-        folder: of the model.
         name: of the file, such as :data:`BC`.
 
     Raises:
@@ -299,8 +298,6 @@ def drawn_game(game: Game, rng: np.random.Generator, sigma: float) -> Game:
     """A game of the same strokes and people in which the outcomes are others, drawn at random.
 
     Args:
-        game: of a model.
-        rng: decides the game.
         sigma: standard deviation of the shifts of the log-probabilities of a fault, a winner and both returns: one for each shot
             type, area and contact, and one for each incoming shot type and answer.
     """

@@ -238,9 +238,6 @@ class Game(Layout):
         Args:
             following: ``[S]`` value of the next states to the receiver, who strikes there.
             pairs: which ones; all by default.
-
-        Returns:
-            One value for each pair.
         """
         if isinstance(pairs, slice) and pairs == ALL and self.n_blocks > 1:
             # One block after the other, so that what is needed on the way stays small.

@@ -29,7 +29,6 @@ def layout(catalogue: Catalogue, replies: Bools, *, duels: bool = False) -> dict
     """The index tables of a game from who may answer what.
 
     Args:
-        catalogue: the n strokes.
         replies: ``[n + 1, n]`` whether stroke z may answer stroke y (row n: at the start of a rally). The contact height
             of z is the contact from which it is legal.
         duels: whether the state counts net shots in a row.
@@ -178,7 +177,6 @@ class TabulatedPolicy:
         """``[B]`` which of its legal strokes each state plays.
 
         Args:
-            state: ``[B]`` states.
             draw: ``[B]`` uniform integers in [0, 65535), see :func:`shuttle_marl.game.draws.choice_draw`.
         """
         return chosen(self.padded.take(state, axis=0), draw)

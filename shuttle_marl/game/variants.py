@@ -79,7 +79,6 @@ def moved(game: Game, steps: I8, fault_odds: I32 | None = None) -> Game:
     """A game of the same layout whose log-odds differ by steps.
 
     Args:
-        game: the tables to start from.
         steps: ``[5, base pairs]`` of fault, winner given a good stroke, from below given a return, and hurried from below and
             above.
         fault_odds: ``[L]`` odds of a fault by effort; default as before.
@@ -92,7 +91,6 @@ def with_odds(game: Game, up: U64, down: U64, fault_odds: I32 | None = None) -> 
     """A game of the same layout with other odds.
 
     Args:
-        game: the tables to start from.
         up, down: ``[5, base pairs]`` what the odds of fault, winner given a good stroke, from below given a return, and hurried
             from below and above are multiplied and divided by, as :func:`odds_of_steps` gives them; ``[3, base pairs]`` keep the
             last two.
@@ -143,7 +141,6 @@ def packed(game: Game, others: Mapping[str, Game], *, coarse: Collection[str] = 
     """Content of a file of variants (safetensors).
 
     Args:
-        game: the game of the model.
         others: variants by name, of the same layout; their nearest steps are stored.
         coarse: names of variants that are stored in multiples of :data:`COARSE` steps.
     """
@@ -174,8 +171,6 @@ def unpacked(tensors: Tensors, game: Game, name: str) -> Game:
     """One variant from a file.
 
     Args:
-        tensors: what the file holds.
-        game: the game of the model.
         name: of the variant, one of :func:`hashes_of`.
 
     Raises:

@@ -35,10 +35,6 @@ def checked_array(
     Integers of any width are converted to integers; nothing else is converted, so no fraction is truncated.
 
     Args:
-        name: name of the array in error messages.
-        array: the input.
-        type_: required dtype.
-        shape: required shape.
         low, high: least and greatest value of integers; None: those of the dtype.
 
     Raises:

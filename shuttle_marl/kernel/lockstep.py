@@ -132,10 +132,6 @@ def play(
     """Play all matches to their end.
 
     Args:
-        game: the game.
-        matches: entrants, first servers and draws.
-        choose: chooses the strokes.
-        rules: when a game and a match are won.
         keep_strokes: whether to return the strokes, or only their number.
         progress: called from time to time with the number of strokes played since the last call.
     """

@@ -153,11 +153,8 @@ def play_matches(
     """Play all matches to their end.
 
     Args:
-        game: the tables.
-        matches: entrants, first servers and draws.
         policies: the entrants, tabulated for this game, or for either seat of the game of a pair. Packing them once with
             :func:`~shuttle_marl.kernel.pack` saves time if the same policies play several times.
-        rules: when a game and a match are won.
         keep_strokes: whether to return the strokes, or only their number.
         threads: number of threads; does not change results. None: number of processors.
         progress: called from time to time with the number of strokes played since the last call.

@@ -48,15 +48,7 @@ def first_guess(players: Players, player: int, s: int, bits: np.uint64) -> int:
 
 @inlined
 def find_rank(players: Players, player: int, start: int, guess: int, bits: np.uint64) -> int:
-    """Position of the first cumulative probability above the choice, searched from ``guess``.
-
-    Args:
-        players: the policies.
-        player: index of the policy.
-        start: first legal pair of the state.
-        guess: result of :func:`first_guess`.
-        bits: draw of the stroke.
-    """
+    """Position of the first cumulative probability above the choice, searched from ``guess``."""
     choice, k = choice_of(bits), np.uint64(guess)
     # Unsigned indices need no check for counting from the end.
     row, first = np.uint64(player), np.uint64(start)
@@ -136,10 +128,6 @@ def put_player(players: Players, number: int, policy: TabulatedPolicy, game: Gam
 
 def check_players(players: Players, game: Game) -> None:
     """Check that packed policies only choose strokes that exist.
-
-    Args:
-        players: result of :func:`pack`.
-        game: game for which they were packed.
 
     Raises:
         KernelError: another game, or tables that :func:`pack` does not produce.

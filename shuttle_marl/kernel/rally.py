@@ -335,10 +335,7 @@ class RallyBatch:
     next rally.
 
     Args:
-        game: the game.
-        batch: number of rows B.
         opponents: K opponents, tabulated for this game; row b plays against opponent b modulo K. None: all strokes are given.
-        seed: random seed.
         seat: seat of the learner, 0 or 1, for all rows or each ``[B]``.
         server: seat that serves, 0 or 1; None: random.
         threads: number of threads; does not change results.
@@ -452,7 +449,6 @@ class RallyBatch:
         """Let every row play a number of strokes by itself; rallies that end are followed by the next.
 
         Args:
-            strokes: number of strokes per row.
             policies: policies at seats 0 and 1; None: both play random legal strokes.
         """
         strokes = checked_number("strokes", strokes, 0)
@@ -531,10 +527,7 @@ class MatchBatch(RallyBatch):
     counted in :attr:`unseen`, and the row continues with its next match.
 
     Args:
-        game: the game.
-        batch: number of rows B.
         opponents: K opponents, tabulated for this game; row b plays against opponent b modulo K.
-        rules: when a game and a match are won.
         each_rally: whether every rally is rewarded, or only the match.
         **options: ``seed``, ``seat``, ``server`` of the first rally, and ``threads``, as of :class:`RallyBatch`.
 

@@ -101,7 +101,6 @@ class RallySampler:
     :class:`~shuttle_marl.kernel.RallyBatch`; the learner plays at seat 0.
 
     Args:
-        game: the game.
         opponents: tabulated opponents; none: self-play.
         gae_lambda: lambda of the advantages, from 0 to 1.
         cache_iterations: iterations for which cached network outputs are reused.
@@ -157,7 +156,6 @@ class RallySampler:
         """Restart with rally 0 of a seed. All later rallies depend on the seed, ``known`` and the network alone.
 
         Args:
-            seed: random seed.
             known: ``[U]`` earlier value of :attr:`known`; None: the present value.
 
         Raises:
@@ -218,7 +216,6 @@ class RallySampler:
 
         Args:
             count: least number of strokes.
-            assess: the network.
             keep: whether to list the strokes one by one in :attr:`strokes`.
 
         Raises:
@@ -387,10 +384,7 @@ def play_rallies(game: Game, policies: tuple[TabulatedPolicy, TabulatedPolicy], 
     """Play the first n rallies of a seed, with the draws of the first n episodes of ``rally_v0``.
 
     Args:
-        game: the game.
         policies: policies at seats 0 and 1.
-        n: number of rallies.
-        seed: random seed.
 
     Returns:
         The rallies; ``match`` is their number, ``policy`` 0 and 1.

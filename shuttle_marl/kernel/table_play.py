@@ -375,10 +375,7 @@ def read_tape(
     """Write the strokes of some rallies of a tape, rally after rally, and the learner's figures of them.
 
     Args:
-        tables: tables of the game.
-        learned: the learner.
         opponents: see :class:`Schedule`.
-        tape: the rallies.
         places: ``[2, R]`` rows of the tape, and index of their first stroke on it.
         stroke: ``[N]`` output: catalogue indices.
         hurried: ``[N]`` output: whether the striker was hurried.

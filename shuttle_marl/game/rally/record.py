@@ -66,7 +66,6 @@ class Rally:
         """Build a rally from its strokes.
 
         Args:
-            catalogue: strokes of the game.
             strokes: seat of the striker, catalogue index and outcome of each stroke.
 
         Raises:
@@ -246,8 +245,6 @@ class Rallies:
 
         Args:
             i: row, 0 <= i < R.
-            catalogue: strokes of the game.
-            rules: of its match.
         """
         first, last = self.first_stroke[[i, i + 1]]
         points_0, points_1, games_0, games_1 = self.score[i].tolist()
@@ -282,7 +279,6 @@ class Rallies:
         """``[N]`` whether a stroke is illegal, or has another outcome than its draw gives.
 
         Args:
-            game: the game.
             key: ``[R]`` uint64 key of the draws of each rally.
         """
         state, k = self.legal(game)

@@ -107,8 +107,6 @@ class Stepper:
         """Play a legal stroke.
 
         Args:
-            state: state of the striker.
-            player: seat of the striker.
             stroke: catalogue index, legal in this state; not checked.
             draw: uniform integer in [0, 2^24), see :func:`shuttle_marl.game.draws.outcome_draw`.
 
@@ -155,8 +153,6 @@ def choose(
 
     Args:
         policy: a :class:`~shuttle_marl.game.tabulated.TabulatedPolicy` of this game, or any other policy.
-        game: the tables.
-        state: state of the striker.
         draw: uniform integer in [0, 65535); see :func:`shuttle_marl.game.draws.choice_draw`.
         score: points of the striker, of the receiver, games of the striker, of the receiver; None outside of matches.
         name: of the policy, for errors.
