@@ -8,7 +8,7 @@ import dataclasses
 import datetime
 import difflib
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -137,6 +137,12 @@ class ScoutingReport:
     effects: Sequence[Effect]
     pair: Game | None
     home: Meeting | None
+
+    def renamed(self, name_of: Callable[[str], str]) -> "ScoutingReport":
+        """The report with other names of player and opponent."""
+        player = None if self.player is None else dataclasses.replace(self.player, name=name_of(self.player.name))
+        opponent = dataclasses.replace(self.opponent, name=name_of(self.opponent.name))
+        return dataclasses.replace(self, player=player, opponent=opponent)
 
     def as_json(self) -> dict[str, Any]:
         """The figures as JSON."""

@@ -1,5 +1,6 @@
 """Staged rallies inside a page: the live court's own program, motions and values, in the form of a page that it saves."""
 
+import functools
 import gzip
 import json
 from collections.abc import Iterable, Sequence
@@ -115,15 +116,11 @@ def staged_advice(advised: Iterable[Advice], pair: Game, home: Meeting, names: t
         home: the imitated players.
         names: printable names of the players.
     """
-    played: list[CourtRally] = []
     found: list[CourtRally] = []
 
+    @functools.cache
     def rally(number: int) -> CourtRally:
-        while len(played) <= number:
-            score = Score(server=len(played) % 2)
-            about = (0, names, score)
-            played.append(play_rally(pair, home.policies, stream(0, 0, len(played)), about, {}))
-        return played[number]
+        return play_rally(pair, home.policies, stream(0, 0, number), (0, names, Score(server=number % 2)), {})
 
     for place, advice in enumerate(advised):
         wanted, shortest = set(advice.states.tolist()), None

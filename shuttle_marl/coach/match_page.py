@@ -8,13 +8,13 @@ import numpy as np
 from shuttle_marl.analysis import Players
 from shuttle_marl.analysis.advice import LEAST_REFITS
 from shuttle_marl.analysis.course import RallyRow
-from shuttle_marl.analysis.match import MatchReport, Won
+from shuttle_marl.analysis.match import MatchReport, ShotValue, Won
 from shuttle_marl.coach import charts
 from shuttle_marl.coach.blocks import Block, Section, chart, page, shown, text
 from shuttle_marl.coach.drills import training
 from shuttle_marl.coach.examples import shared, viewer
 from shuttle_marl.coach.scout_page import habit_words
-from shuttle_marl.coach.words import of_100, signed, words
+from shuttle_marl.coach.words import between, of_100, realised, signed, words, yes_or_no
 from shuttle_marl.game.scoring import is_over, wins_game
 from shuttle_marl.game.shipped import RELIABLE
 from shuttle_marl.game.tables import Game
@@ -153,49 +153,39 @@ def _moments(report: MatchReport, examples: dict[int, int], reason: str) -> Sect
 def _values(report: MatchReport) -> Section:
     say = words()
     clear = sorted((each for each in report.values if each.clear), key=lambda each: -abs(each.points.value))
-    lead, blocks = say("match.values_none"), []
-    for each in clear[:1]:
-        lead = _value_line(report, each.player, each.shot, each.points.value, each.points.low, each.points.high)
-    rest = [_value_line(report, e.player, e.shot, e.points.value, e.points.low, e.points.high) for e in clear[1:]]
-    if rest:
-        blocks.append(Block("list", items=rest))
+    lines = [_value_line(report, each) for each in clear] or [say("match.values_none")]
+    blocks = [Block("list", items=lines[1:])] if lines[1:] else []
     if report.values:
         ordered = sorted(report.values, key=lambda each: (each.player, -each.points.value))
         rows = [
-            charts.Bar(
-                f"{report.players[e.player][:24]}: {say.shots(e.shot)}",
-                *e.points,
-                clear=e.clear,
-                player=e.player,
-            )
+            charts.Bar(f"{report.players[e.player][:24]}: {say.shots(e.shot)}", *e.points, clear=e.clear, player=e.player)
             for e in ordered
         ]
         caption = say("match.values_chart")
         blocks.append(chart(charts.bars(rows, caption), caption))
-        heads = ("head", "shot", "strokes", "points", "range", "clear")
-        columns: list[Column[object]] = [
-            Column(say(f"match.values_{head}"), lambda _: Cell(), left=i < 2, wrap=i < 1) for i, head in enumerate(heads)
+        columns: list[Column[ShotValue]] = [
+            Column(say("match.values_head"), lambda e: name(report.players[e.player]), left=True, wrap=True),
+            Column(say("match.values_shot"), lambda e: name(say.shots(e.shot)), left=True),
+            Column(say("match.values_strokes"), lambda e: Cell(say.number(e.strokes, ","), e.strokes)),
+            Column(say("match.values_points"), lambda e: Cell(signed(e.points.value / 100), e.points.value)),
+            Column(say("match.values_range"), lambda e: Cell(say("report.range", **_points_of(e)), e.points.low)),
+            Column(say("match.values_clear"), lambda e: yes_or_no(e.clear)),
         ]
-        cells = [
-            [
-                name(report.players[e.player]),
-                name(say.shots(e.shot)),
-                Cell(say.number(e.strokes, ","), e.strokes),
-                Cell(signed(e.points.value / 100), e.points.value),
-                Cell(say("report.range", low=signed(e.points.low / 100), high=signed(e.points.high / 100)), e.points.low),
-                name(say("report.yes" if e.clear else "report.no")),
-            ]
-            for e in ordered
-        ]
-        blocks.append(shown(Table(columns, cells)))
-    return Section(say("match.values"), lead, blocks)
+        blocks.append(shown(table(ordered, columns)))
+    return Section(say("match.values"), lines[0], blocks)
 
 
-def _value_line(report: MatchReport, player: int, shot: str, value: float, low: float, high: float) -> str:
-    say = words()
-    fields = {"points": signed(value / 100), "low": signed(low / 100), "high": signed(high / 100)}
-    key = "values_lead" if value > 0 else "values_lost"
-    return say(f"match.{key}", player=report.players[player], shots=say.shots(shot), **fields)
+def _points_of(each: ShotValue) -> dict[str, str]:
+    return {
+        "points": signed(each.points.value / 100),
+        "low": signed(each.points.low / 100),
+        "high": signed(each.points.high / 100),
+    }
+
+
+def _value_line(report: MatchReport, each: ShotValue) -> str:
+    say, key = words(), "values_lead" if each.points.value > 0 else "values_lost"
+    return say(f"match.{key}", player=report.players[each.player], shots=say.shots(each.shot), **_points_of(each))
 
 
 def _choices(report: MatchReport) -> Section:
@@ -205,19 +195,13 @@ def _choices(report: MatchReport) -> Section:
         return Section(say("match.choices"), say(f"match.{key}"), [])
     for choice in report.choices:
         row = report.rallies[choice.rally]
-        where = {"game": row.key[0], "points": _points(row)}
+        where: dict[str, object] = {"game": row.key[0], "points": _points(row)}
         if choice.incoming >= len(names.names):
             when = say("match.choice_serve", **where)
         else:
             incoming = say.stroke(names, choice.incoming, "own")
-            when = say(
-                "match.choice_when",
-                number=choice.stroke,
-                stroke=choice.stroke,
-                incoming=incoming,
-                height=say.height(choice.contact),
-                **where,
-            )
+            where |= {"number": choice.stroke, "stroke": choice.stroke, "incoming": incoming}
+            when = say("match.choice_when", height=say.height(choice.contact), **where)
         cost = {"cost": of_100(choice.cost.value), "low": of_100(choice.cost.low), "high": of_100(choice.cost.high)}
         lines = [
             when,
@@ -260,9 +244,7 @@ def _won_table(rows: Sequence[Won], label: Callable[[Won], str], players: tuple[
         Column(say("match.won_won"), lambda w: Cell(f"{w.won}", w.won)),
         Column(say("match.won_of"), lambda w: Cell(f"{w.rallies}", w.rallies)),
         Column(say("match.won_share"), lambda w: Cell(of_100(w.won / w.rallies), w.won / w.rallies)),
-        Column(
-            say("match.won_range"), lambda w: Cell(say("report.range", low=of_100(w.low), high=of_100(w.high)), w.high - w.low)
-        ),
+        Column(say("match.won_range"), lambda w: Cell(between(w.low, w.high), w.high - w.low)),
     ]
     return table(rows, columns)
 
@@ -378,12 +360,7 @@ def _link(footage: Footage, row: RallyRow) -> Cell:
 
 def _sure(report: MatchReport, gaps: Sequence[str]) -> Section:
     say = words()
-    if report.factor is None:
-        share = say("scout.sure_no_factor")
-    else:
-        fields = {"share": report.factor.value, "low": report.factor.low, "high": report.factor.high}
-        share = say("scout.sure_factor", **{key: of_100(value) for key, value in fields.items()})
     lead = say("match.sure_lead", strokes=report.strokes, rallies=len(report.rallies))
     choices = say("match.sure_choices", least=RELIABLE, refits=report.refits)
-    rests = [say("match.sure_values"), choices, share, *gaps, say("scout.sure_observed"), say("scout.named")]
+    rests = [say("match.sure_values"), choices, realised(report.factor), *gaps, say("scout.sure_observed"), say("scout.named")]
     return Section(say("match.sure"), lead, list(map(text, rests)))

@@ -10,15 +10,15 @@ from shuttle_marl.analysis import Players
 from shuttle_marl.analysis.advice import LEAST_REFITS, LEAST_STEADY, Advice
 from shuttle_marl.analysis.habits import Ending, Habit
 from shuttle_marl.analysis.outlook import spread
-from shuttle_marl.analysis.scouting import Known, Realised, ScoutingReport
-from shuttle_marl.analysis.tactics import STEPS
+from shuttle_marl.analysis.scouting import Known, ScoutingReport
+from shuttle_marl.analysis.tactics import STEPS, Effect
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.base.errors import printable
 from shuttle_marl.coach import charts
 from shuttle_marl.coach.blocks import Block, Section, chart, page, shown, text
 from shuttle_marl.coach.drills import training
 from shuttle_marl.coach.examples import shared, staged_advice, viewer
-from shuttle_marl.coach.words import of_100, signed, words
+from shuttle_marl.coach.words import between, of_100, ranged, realised, signed, words, yes_or_no
 from shuttle_marl.game.court import AREAS
 from shuttle_marl.game.scoring import BWF
 from shuttle_marl.game.shipped import RELIABLE, Estimate
@@ -38,12 +38,7 @@ def scouting_page(report: ScoutingReport, gaps: Sequence[str] = ()) -> bytes:
     """The page as the content of a file; ``gaps``: sentences on what the data lack."""
     say = words()
     rallies, program, reason = _examples(report)
-    named = {
-        role: dataclasses.replace(known, name=say.player(known.name))
-        for role in ("player", "opponent")
-        if (known := getattr(report, role)) is not None
-    }
-    report = dataclasses.replace(report, **named)
+    report = report.renamed(say.player)
     opponent = report.opponent.name
     sections = [_outlook(report), _habits(report)] if report.player is not None else [_habits(report)]
     sections += [part for part in (_recent(report), _plan(report), _beside(report)) if part is not None]
@@ -80,19 +75,6 @@ def _examples(report: ScoutingReport) -> tuple[str, Viewer | None, str]:
     return content, program, ""
 
 
-def _range(value: Estimate, digits: int = 0) -> str:
-    say = words()
-    return say(
-        "report.interval", value=of_100(value.value, digits), low=of_100(value.low, digits), high=of_100(value.high, digits)
-    )
-
-
-def _day(known: Known) -> str:
-    """Day of the skill of a player."""
-    say = words()
-    return say("report.unknown") if known.since is None else say.format_field(known.since, "")
-
-
 def _knowledge(known: Known, discipline: str) -> str:
     say = words()
     if known.since is None:
@@ -107,12 +89,12 @@ def _outlook(report: ScoutingReport) -> Section:
     assert found is not None
     assert report.player is not None
     key = "outlook_even" if 1 - _EVEN <= found.match.value <= _EVEN else "outlook_lead"
-    lead = say(f"scout.{key}", player=report.player.name, rallies=_range(found.rally), matches=_range(found.match))
+    lead = say(f"scout.{key}", player=report.player.name, rallies=ranged(found.rally), matches=ranged(found.match))
     tiles = [
-        (_range(found.serving), say("scout.serving")),
-        (_range(found.receiving), say("scout.receiving")),
-        (_range(found.game), say("scout.game_won")),
-        (_range(found.match), say("scout.match_won")),
+        (ranged(found.serving), say("scout.serving")),
+        (ranged(found.receiving), say("scout.receiving")),
+        (ranged(found.game), say("scout.game_won")),
+        (ranged(found.match), say("scout.match_won")),
     ]
     known = [text(_knowledge(each, report.discipline)) for each in (report.player, report.opponent)]
     return Section(say("scout.outlook"), lead, [Block("tiles", items=tiles), *known, text(say("scout.outlook_past"))])
@@ -156,9 +138,7 @@ def _habits(report: ScoutingReport) -> Section:
         rows = [
             charts.Bar(habit_words(h), 100 * h.share, 100 * h.low, 100 * h.high, 100 * h.usual, player=1) for h in clear[:_SHOWN]
         ]
-        blocks += [
-            chart(charts.bars(rows, say("scout.habits", opponent=opponent)), say("scout.habit_chart")),
-        ]
+        blocks.append(chart(charts.bars(rows, say("scout.habits", opponent=opponent)), say("scout.habit_chart")))
     blocks += _described(report, ("shots",), "scout.mix_table")
     if report.target_strokes >= RELIABLE:
         caption = say("scout.targets_chart", opponent=opponent, strokes=round(report.target_strokes))
@@ -235,8 +215,8 @@ def _ends(endings: Sequence[Ending]) -> Table:
     columns: list[Column[Ending]] = [
         Column(say("match.values_shot"), lambda e: name(say.shots(e.shot)), left=True),
         Column(say("scout.habit_strokes"), lambda e: Cell(say.number(e.strokes, ",.0f"), e.strokes)),
-        Column(say("scout.ends_faults"), lambda e: Cell(_range(Estimate(*e.fault[:3])), e.fault[0])),
-        Column(say("scout.ends_winners"), lambda e: Cell(_range(Estimate(*e.winner[:3])), e.winner[0])),
+        Column(say("scout.ends_faults"), lambda e: Cell(ranged(Estimate(*e.fault[:3])), e.fault[0])),
+        Column(say("scout.ends_winners"), lambda e: Cell(ranged(Estimate(*e.winner[:3])), e.winner[0])),
     ]
     return table(sorted(endings, key=lambda e: -e.strokes), columns, say("scout.ends_table"))
 
@@ -251,12 +231,10 @@ def _table(habits: Sequence[Habit], heading: str, others: str = "") -> Table:
             wrap=True,
         ),
         Column(say("scout.habit_share"), lambda h: Cell(of_100(h.share), h.share)),
-        Column(
-            say("scout.habit_range"), lambda h: Cell(say("report.range", low=of_100(h.low), high=of_100(h.high)), h.high - h.low)
-        ),
+        Column(say("scout.habit_range"), lambda h: Cell(between(h.low, h.high), h.high - h.low)),
         Column(others or say("scout.habit_usual"), lambda h: Cell(of_100(h.usual), h.usual)),
         Column(say("scout.habit_strokes"), lambda h: Cell(say.number(h.strokes, ",.0f"), h.strokes)),
-        Column(say("scout.habit_clear"), lambda h: name(say("report.yes" if h.clear else "report.no")), left=True),
+        Column(say("scout.habit_clear"), lambda h: yes_or_no(h.clear), left=True),
     ]
     return table(habits, columns, heading)
 
@@ -268,7 +246,7 @@ def _endings(endings: Sequence[Ending]) -> list[str]:
     for each in endings:
         for key, (share, low, high, usual), clear in zip(_ENDS, (each.fault, each.winner), each.clear, strict=True):
             if clear and (each.technique is None or (each.shot, _ENDS.index(key)) not in whole):
-                fields = {"share": _range(Estimate(share, low, high), 1), "usual": of_100(usual, 1)}
+                fields = {"share": ranged(Estimate(share, low, high), 1), "usual": of_100(usual, 1)}
                 shots = say.shots(each.shot)
                 if each.technique is not None:
                     shots = say("stroke.with", shots=shots, technique=say.technique(each.technique))
@@ -281,14 +259,12 @@ def _advice(report: ScoutingReport, reason: str) -> Section:
     fields = {"opponent": opponent, "count": len(report.advice)}
     if report.advice and report.with_advice is not None and report.outlook is not None:
         key = "advice_lead" if len(report.advice) > 1 else "advice_one"
-        lead = say(f"scout.{key}", before=of_100(report.outlook.rally.value, 1), after=_range(report.with_advice, 1), **fields)
+        lead = say(f"scout.{key}", before=of_100(report.outlook.rally.value, 1), after=ranged(report.with_advice, 1), **fields)
     else:
         key = "advice_none" if report.refits >= LEAST_REFITS else "advice_no_refits"
         lead = say(f"scout.{key}", opponent=opponent)
     blocks = [text(say("scout.advice_why", least=RELIABLE, steady=of_100(LEAST_STEADY)))]
-    for number, advice in enumerate(report.advice):
-        real = report.realised[number] if report.realised else None
-        blocks.append(_card(report, advice, real, number))
+    blocks += [_card(report, advice, number) for number, advice in enumerate(report.advice)]
     if reason:
         blocks.append(text(say("report.too_large", reason=reason)))
     return Section(say("scout.advice", opponent=opponent), lead, blocks)
@@ -310,7 +286,7 @@ def _unknown(report: ScoutingReport) -> Section:
     return Section(say("scout.advice", opponent=report.opponent.name), lead, [])
 
 
-def _card(report: ScoutingReport, advice: Advice, real: Realised | None, number: int) -> Block:
+def _card(report: ScoutingReport, advice: Advice, number: int) -> Block:
     say, opponent = words(), report.opponent.name
     assert report.pair is not None
     catalogue = report.pair.catalogue
@@ -361,15 +337,10 @@ def _card(report: ScoutingReport, advice: Advice, real: Realised | None, number:
             )
         )
     lines.append(behind)
-    if real is not None:
-        ranged = {
-            "low": of_100(real.low),
-            "high": of_100(real.high),
-            "shot": say.shot(SHOTS[catalogue.shot[advice.stroke]]),
-        }
-        lines.append(
-            say("scout.advice_real", won=real.won, n=real.strokes, others_won=real.others_won, others=real.others, **ranged)
-        )
+    if report.realised and (real := report.realised[number]) is not None:
+        counts = {"won": real.won, "n": real.strokes, "others_won": real.others_won, "others": real.others}
+        of_shot = {"low": of_100(real.low), "high": of_100(real.high), "shot": say.shot(SHOTS[catalogue.shot[advice.stroke]])}
+        lines.append(say("scout.advice_real", **counts, **of_shot))
     return Block(
         "card",
         say("scout.advice_title", stroke=say.stroke(catalogue, advice.stroke, "their")),
@@ -396,21 +367,17 @@ def _tactics(report: ScoutingReport) -> Section:
         """Changes at each step, reduced to what real matches realise, as in the chart."""
         return share * (values - values[middle])
 
-    fewer = [float(reduced((effect.serving + effect.receiving) / 2)[less]) for effect in found]
-    heads = ("tactics_head", "tactics_now", "tactics_often", "tactics_more", "tactics_less", "tactics_clear")
-    columns: list[Column[object]] = [
-        Column(say(f"scout.{head}"), lambda _: Cell(), left=not i, wrap=not i) for i, head in enumerate(heads)
-    ]
-    cells = [
-        [
-            name(names[effect.tactic]),
-            Cell(of_100(effect.share), effect.share),
-            Cell(say.number(effect.often, ".1f"), effect.often),
-            Cell(signed(effect.more.value), effect.more.value),
-            Cell(signed(change), change),
-            name(say("report.yes" if effect.clear else "report.no")),
-        ]
-        for effect, change in zip(found, fewer, strict=True)
+    def fewer(effect: Effect) -> Cell:
+        change = float(reduced((effect.serving + effect.receiving) / 2)[less])
+        return Cell(signed(change), change)
+
+    columns: list[Column[Effect]] = [
+        Column(say("scout.tactics_head"), lambda e: name(names[e.tactic]), left=True, wrap=True),
+        Column(say("scout.tactics_now"), lambda e: Cell(of_100(e.share), e.share)),
+        Column(say("scout.tactics_often"), lambda e: Cell(say.number(e.often, ".1f"), e.often)),
+        Column(say("scout.tactics_more"), lambda e: Cell(signed(e.more.value), e.more.value)),
+        Column(say("scout.tactics_less"), fewer),
+        Column(say("scout.tactics_clear"), lambda e: yes_or_no(e.clear)),
     ]
     assert report.outlook is not None
     at, weights = spread(report.outlook.deviation)
@@ -433,7 +400,7 @@ def _tactics(report: ScoutingReport) -> Section:
         lead,
         [
             chart(charts.bars(rows, say("scout.tactics_chart")), say("scout.tactics_chart")),
-            shown(Table(columns, cells)),
+            shown(table(found, columns)),
             Block("sliders", say("scout.sliders"), items=[names[effect.tactic] for effect in found], content=content),
         ],
     )
@@ -441,18 +408,16 @@ def _tactics(report: ScoutingReport) -> Section:
 
 def _sure(report: ScoutingReport, gaps: Sequence[str]) -> Section:
     say = words()
-    factor = report.factor
-    if factor is None:
-        share = say("scout.sure_no_factor")
-    else:
-        share = say("scout.sure_factor", share=of_100(factor.value), low=of_100(factor.low), high=of_100(factor.high))
     rows: list[tuple[str, str]] = []
     for known in (report.player, report.opponent):
         if known is not None:
             rows += [
                 (say("scout.sure_strokes", name=known.name), say.number(known.strokes, ",")),
                 (say("scout.sure_matches", name=known.name), say.number(known.matches, ",")),
-                (say("scout.sure_since", name=known.name), _day(known)),
+                (
+                    say("scout.sure_since", name=known.name),
+                    say("report.unknown") if known.since is None else say.format_field(known.since, ""),
+                ),
                 (say("scout.sure_choices", name=known.name), say("report.yes" if known.imitated else "report.no")),
             ]
     if report.player is not None:
@@ -463,9 +428,7 @@ def _sure(report: ScoutingReport, gaps: Sequence[str]) -> Section:
         Column(say("scout.sure_value"), lambda row: name(row[1]), left=True, wrap=True),
     ]
     blocks = [
-        text(share),
-        *map(text, gaps),
-        text(say("scout.sure_observed")),
+        *map(text, (realised(report.factor), *gaps, say("scout.sure_observed"))),
         shown(table(rows, columns, say("scout.sure_table"))),
         text(say("scout.named")),
     ]

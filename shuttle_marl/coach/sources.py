@@ -67,12 +67,17 @@ def of_strokes(path: Path, game: Game, match: str | None = None, columns: Path |
 
 
 def match_strokes(strokes: pa.Table, match: str | None) -> pa.Table:
-    """Strokes of the match that has a name, or a part that only its name has; None: the only match.
+    """Strokes of the match with a name, or with all words in its name, in any order and without regard to capitals; None: the only one.
 
     Raises:
         AnalysisError: no such match, or several.
     """
-    return strokes.filter(pc.equal(strokes["match"], _match(matches_in(strokes), match)))
+    names, parts = matches_in(strokes), [bare(word) for word in (match or "").replace("_", " ").split()]
+    found = [match] if match in names else [name for name in names if all(part in bare(name) for part in parts)]
+    if len(found) != 1:
+        listed = ", ".join(map(printable, (found or names)[:_LISTED])) + (" …" if len(found or names) > _LISTED else "")
+        raise AnalysisError(f"--match {match or ''}: {len(found)} matches; expected words of one of these names: {listed}")
+    return strokes.filter(pc.equal(strokes["match"], found[0]))
 
 
 def gaps(strokes: pa.Table) -> tuple[str, ...]:
@@ -90,20 +95,6 @@ def gaps(strokes: pa.Table) -> tuple[str, ...]:
 def _watch(*arguments: str) -> str:
     """Command of the live court, as another reader of the report types it."""
     return shlex.join(["python", "-m", "shuttle_marl.watch", *arguments])
-
-
-def _match(names: list[str], wanted: str | None) -> str:
-    """The match with a name, or with all words in its name, in any order and without regard to capitals.
-
-    Raises:
-        AnalysisError: none, or several.
-    """
-    parts = [bare(word) for word in (wanted or "").replace("_", " ").split()]
-    found = [wanted] if wanted in names else [name for name in names if all(part in bare(name) for part in parts)]
-    if len(found) != 1:
-        listed = ", ".join(map(printable, (found or names)[:_LISTED])) + (" …" if len(found or names) > _LISTED else "")
-        raise AnalysisError(f"--match {wanted or ''}: {len(found)} matches; expected words of one of these names: {listed}")
-    return found[0]
 
 
 def of_log(path: Path, game: Game, match: int = 0, pairing: int = 0) -> tuple[MatchReport, Footage]:

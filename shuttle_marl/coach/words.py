@@ -4,7 +4,9 @@ import functools
 import re
 
 from shuttle_marl.game.court import AREAS
+from shuttle_marl.game.shipped import Estimate
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES, Catalogue
+from shuttle_marl.pages import Cell, name
 from shuttle_marl.pages.languages import Language, Texts, current
 
 
@@ -60,6 +62,33 @@ def words() -> Words:
 def of_100(share: float, digits: int = 0) -> str:
     """A share as a number of 100."""
     return words().number(round(100 * share, digits) + 0.0, f".{digits}f")  # adding 0 turns a rounded -0.0 into 0.0
+
+
+def ranged(share: Estimate, digits: int = 0) -> str:
+    """A share as a number of 100 with its interval."""
+    return words()("report.interval", **_parts(share, digits))
+
+
+def between(low: float, high: float) -> str:
+    """An interval of shares as numbers of 100."""
+    return words()("report.range", low=of_100(low), high=of_100(high))
+
+
+def realised(factor: Estimate | None) -> str:
+    """A sentence on the share of predicted advantages that real matches realise; None: unknown."""
+    say = words()
+    return (
+        say("scout.sure_no_factor") if factor is None else say("scout.sure_factor", share=of_100(factor.value), **_parts(factor))
+    )
+
+
+def _parts(share: Estimate, digits: int = 0) -> dict[str, str]:
+    return {name: of_100(part, digits) for name, part in share._asdict().items()}
+
+
+def yes_or_no(clear: bool) -> Cell:
+    """A cell of a table."""
+    return name(words()("report.yes" if clear else "report.no"))
 
 
 def signed(share: float, digits: int = 1) -> str:

@@ -71,17 +71,12 @@ def scout(
         with speaking(language):
             letters = [words()(f"report.player_{letter}") for letter in "abc"]
         hidden = dict(zip(names[::-1], letters, strict=False))
-        changed = {
-            role: dataclasses.replace(known, name=hidden[known.name])
-            for role in ("player", "opponent")
-            if (known := getattr(report, role)) is not None
-        }
-        if report.pair is not None:
-            people = dataclasses.replace(people_of(report.pair), players=(hidden[names[-1]], hidden[names[0]]))
-            changed["pair"] = dataclasses.replace(report.pair, people=people)
-        if report.beside is not None:
-            changed["beside"] = (letters[2], report.beside[1])
-        report = dataclasses.replace(report, **changed)
+        pair, beside = report.pair, report.beside
+        if pair is not None:
+            people = dataclasses.replace(people_of(pair), players=(hidden[names[-1]], hidden[names[0]]))
+            pair = dataclasses.replace(pair, people=people)
+        beside = None if beside is None else (letters[2], beside[1])
+        report = dataclasses.replace(report.renamed(hidden.__getitem__), pair=pair, beside=beside)
     if json_output:
         cli.print_json(report.as_json())
     if not json_output or out is not None or pdf is not None:
