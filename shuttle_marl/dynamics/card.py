@@ -1,5 +1,6 @@
 """Model cards: data, scores, and properties of the game."""
 
+from collections.abc import Sequence
 from hashlib import sha256
 from pathlib import Path
 from typing import Any, Final
@@ -33,6 +34,7 @@ _NAMED: Final = (
     "matches; they do not judge persons, and are not for selection, contracts or betting."
 )
 
+_NEXT: Final = {"shot_type": "shot type", "area": "area", "area_given_type": "area, shot type known"}
 _MARKED_BY: Final = {
     "table": "as the rallies recorded it",
     "index": "by the index of the model: the worst quarter of strokes against an incoming shot type from a contact height",
@@ -112,20 +114,13 @@ def as_markdown(card: dict[str, Any]) -> str:
             f"{s['log_loss'] / s['trees']['log_loss']:.4f} | {d['mean']:+.5f} ({d['low']:+.5f} to {d['high']:+.5f}) | "
             f"{s['brier']:.5f} | {s['auc']:.4f} | {s['ece']:.4f} | {s['trees']['ece']:.4f} |"
         )
-    following = scores["next_stroke"]
-    lines += ["", "| next stroke | top-1 | top-2 | top-3 | top-4 |", "|---|---|---|---|---|"]
-    for key, title in (("shot_type", "shot type"), ("area", "area"), ("area_given_type", "area, shot type known")):
-        lines.append(f"| {title} | " + " | ".join(f"{x:.3f}" for x in following[key]) + " |")
+    top = [(title, *(f"{x:.3f}" for x in scores["next_stroke"][key])) for key, title in _NEXT.items()]
+    lines += ["", *_table(("next stroke", "top-1", "top-2", "top-3", "top-4"), *top)]
     lines += ["", "### Reliability", "", "Mean prediction and observed frequency in fifteen bins of equal mass.", ""]
     for name in scored:
         bins = scores[name]["reliability"]
-        lines += [
-            f"| {name} | " + " | ".join(str(i + 1) for i in range(len(bins))) + " |",
-            "|---" * (len(bins) + 1) + "|",
-            "| predicted | " + " | ".join(f"{b['predicted']:.3f}" for b in bins) + " |",
-            "| observed | " + " | ".join(f"{b['observed']:.3f}" for b in bins) + " |",
-            "",
-        ]
+        rows = [(key, *(f"{b[key]:.3f}" for b in bins)) for key in ("predicted", "observed")]
+        lines += [*_table((name, *(str(i + 1) for i in range(len(bins)))), *rows), ""]
     if prior := card["chosen"].get("prior"):
         shifts = ", ".join(f"{name} {shift:+.3f}" for name, shift in prior["shifts"].items())
         lines += [
@@ -140,7 +135,7 @@ def as_markdown(card: dict[str, Any]) -> str:
     if "truth" in card:
         lines += _truth(card["truth"])
     lines += ["", "## Extreme probabilities and what supports them", "", card["support_rule"], ""]
-    for title, rows in card["extremes"].items():
+    for title, pairs in card["extremes"].items():
         lines += [
             f"**{title}**",
             "",
@@ -150,10 +145,16 @@ def as_markdown(card: dict[str, Any]) -> str:
         lines += [
             f"| {r['probability']:.4f} | {r['strokes']:g} | {r['events']:g} | {r['range'][0]:.4f} to {r['range'][1]:.4f} | "
             f"{r['stroke']} | {r['state']} |"
-            for r in rows
+            for r in pairs
         ]
         lines.append("")
     return "\n".join(lines)
+
+
+def _table(*rows: Sequence[str]) -> list[str]:
+    """Lines of a table in Markdown; the first row is its head."""
+    lines = [f"| {' | '.join(row)} |" for row in rows]
+    return [lines[0], "|---" * len(rows[0]) + "|", *lines[1:]]
 
 
 def _situations(card: dict[str, Any]) -> list[str]:
@@ -192,14 +193,14 @@ def _skill(skill: dict[str, Any]) -> list[str]:
         "effects of the match, the side, the group of shots in a match, and the group of shots in a data set. Slope of truth on "
         "offsets that were estimated from other matches; 1 if the shrinkage is right.",
         "",
-        "| component | " + " | ".join(name.replace("_", " and ") for name in names) + " | slope (95 %, by match) |",
-        "|---" * (len(names) + 2) + "|",
     ]
+    rows = []
     for component, deviations in skill["deviations"].items():
         slope = skill["check"].get(component)
         checked = "too few matches" if slope is None else f"{slope['slope']:.2f} ({slope['low']:.2f} to {slope['high']:.2f})"
-        lines.append(f"| {component} | " + " | ".join(f"{deviations[name]:.3f}" for name in names) + f" | {checked} |")
-    return [*lines, ""]
+        rows.append((component, *(f"{deviations[name]:.3f}" for name in names), checked))
+    head = ("component", *(name.replace("_", " and ") for name in names), "slope (95 %, by match)")
+    return [*lines, *_table(head, *rows), ""]
 
 
 def _solved(health: dict[str, Any]) -> list[str]:
@@ -227,12 +228,9 @@ def _solved(health: dict[str, Any]) -> list[str]:
         "",
         "No fit was selected by these values.",
         "",
-        "| share of strokes | " + " | ".join(SHOTS) + " |",
-        "|---" * (len(SHOTS) + 1) + "|",
     ]
-    for who in ("minimax", "bc"):
-        lines.append(f"| {who} | " + " | ".join(f"{100 * health[who]['shot_mix'][shot]:.1f} %" for shot in SHOTS) + " |")
-    return lines
+    mixes = [(who, *(f"{100 * health[who]['shot_mix'][shot]:.1f} %" for shot in SHOTS)) for who in ("minimax", "bc")]
+    return [*lines, *_table(("share of strokes", *SHOTS), *mixes)]
 
 
 def _truth(truth: dict[str, Any]) -> list[str]:

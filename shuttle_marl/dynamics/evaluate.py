@@ -229,34 +229,26 @@ def tree_predictions(
 
     Returns:
         ``[M]`` probabilities on the rows of test.
-
-    Raises:
-        ShuttleError: LightGBM is not installed.
     """
     lgb = lightgbm()
-    x = np.stack([train[name] for name in names], axis=1).astype(np.int32)
-    categorical = list(range(len(names)))
+    x, read = (np.stack([codes[name] for name in names], axis=1).astype(np.int32) for codes in (train, test))
+
+    def data() -> Any:
+        return lgb.Dataset(x, label.astype(int), categorical_feature=list(range(len(names))), free_raw_data=False)
+
     # The rows of a single match are distributed over the folds.
     fold = fold_of_match(match if len(np.unique(match)) > 1 else np.arange(len(match)), _FOLDS)
     folds = [(np.flatnonzero(fold != k), np.flatnonzero(fold == k)) for k in np.unique(fold)]
-    best: tuple[float, int, int] | None = None
+    candidates = []
     for leaves in _LEAVES:
-        data = lgb.Dataset(x, label.astype(int), categorical_feature=categorical, free_raw_data=False)
-        history: Any = lgb.cv(
-            {**PARAMETERS, "num_leaves": leaves},
-            data,
-            num_boost_round=1500,
-            folds=folds,
-            callbacks=[lgb.early_stopping(40, verbose=False)],
-        )
+        parameters = {**PARAMETERS, "num_leaves": leaves}
+        stopping = lgb.early_stopping(40, verbose=False)
+        history: Any = lgb.cv(parameters, data(), num_boost_round=1500, folds=folds, callbacks=[stopping])
         losses = history["valid binary_logloss-mean"]
-        candidate = (losses[-1], leaves, len(losses))
-        best = candidate if best is None else min(best, candidate)
-    assert best is not None
-    data = lgb.Dataset(x, label.astype(int), categorical_feature=categorical, free_raw_data=False)
-    booster = lgb.train({**PARAMETERS, "num_leaves": best[1]}, data, num_boost_round=best[2])
-    rows = np.stack([test[name] for name in names], axis=1).astype(np.int32)
-    return np.asarray(booster.predict(rows), dtype=np.float64)
+        candidates.append((losses[-1], leaves, len(losses)))
+    _, leaves, rounds = min(candidates)
+    booster = lgb.train({**PARAMETERS, "num_leaves": leaves}, data(), num_boost_round=rounds)
+    return np.asarray(booster.predict(read), dtype=np.float64)
 
 
 def play_statistics(policy: StatePolicy) -> dict[str, Any]:

@@ -183,15 +183,13 @@ def rows_from_strokes(strokes: pa.Table, hurry: Marker | None = None) -> Rows:
     number = column["stroke"].astype(np.int16)
     codes: dict[str, I16] = {}
     for lag, name in ((1, "incoming"), (2, "own")):
-        before = _shift(np.arange(len(match)), lag)
-        known = (before >= 0) & (key[:, before] == key).all(axis=0) & (number - number[before] == lag)
+        before, known = _lagged(key, number, lag)
         for attribute, size in _BEFORE.items():
             values = area if attribute == "area" else column[attribute]
             unknown, none = size - 1, size - 2
             code = np.where(known, values[before], np.where(number <= lag, none, unknown))
             codes[f"{name}_{attribute}"] = np.where(code < 0, unknown, code).astype(np.int16)
-    after = _shift(np.arange(len(match)), -1)
-    follows = (after >= 0) & (key[:, after] == key).all(axis=0) & (number[after] - number == 1)
+    after, follows = _lagged(key, number, -1)
     attacks, opponent_attacks, net_run = _counts(key, number, column["shot"])
     returned = column["outcome"] == Outcome.RETURNED
     codes["contact"] = column["height"].astype(np.int16)
@@ -234,12 +232,7 @@ def _movement(strokes: pa.Table, key: Ints, number: I16) -> F32:
     frame, clock = (strokes[name].cast(pa.float64()).to_numpy(zero_copy_only=False) for name in ("frame", "clock"))
     rate = _frame_rates(key[0], frame, clock)[key[0]]
     time = np.where(np.isnan(rate), clock, frame / rate)
-    last, first = _shift(np.arange(len(number)), 1), _shift(np.arange(len(number)), 2)
-
-    def follows(lag: int, row: I64) -> Bools:
-        return np.asarray((row >= 0) & (key[:, row] == key).all(axis=0) & (number - number[row] == lag))
-
-    answers, earlier = follows(1, last), follows(2, first)
+    (last, answers), (first, earlier) = (_lagged(key, number, lag) for lag in (1, 2))
     own_x, own_y = (np.where(answers, -x[f"receiver_{axis}"][last], np.nan) for axis in "xy")
     served = np.isnan(x["contact_x"])
     struck = {axis: np.where(served, x[f"striker_{axis}"], x[f"contact_{axis}"]) for axis in "xy"}
@@ -410,7 +403,14 @@ def codes_of_pairs(game: Game) -> dict[str, I16]:
     return codes
 
 
-def _shift(index: I64, lag: int) -> I64:
-    """Row ``lag`` rows before each row, -1 outside the table."""
-    moved = index - lag
-    return np.where((moved >= 0) & (moved < len(index)), moved, -1)
+def _lagged(key: Ints, number: I16, lag: int) -> tuple[I64, Bools]:
+    """``[N]`` row ``lag`` rows before each row, -1 outside the table, and whether it is the stroke so much earlier in the rally.
+
+    Args:
+        key: ``[3, N]`` match, game and rally of each stroke.
+        number: ``[N]`` number of the stroke in its rally.
+        lag: rows; negative for later ones.
+    """
+    row = np.arange(len(number)) - lag
+    row = np.where((row >= 0) & (row < len(number)), row, -1)
+    return row, np.asarray((row >= 0) & (key[:, row] == key).all(axis=0) & (number - number[row] == lag))

@@ -34,7 +34,7 @@ from shuttle_marl.base.files import replace_file
 from shuttle_marl.base.tensor_files import Tensors, checked, parsed, tensor_bytes
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.dynamics.features import MOVEMENT, SLOTS, Rows
-from shuttle_marl.dynamics.trees import PARAMETERS, lightgbm, stored_trees
+from shuttle_marl.dynamics.trees import PARAMETERS, check_nodes, lightgbm, stored_trees
 from shuttle_marl.game.shipped import HURRY, folder_of, read_model
 from shuttle_marl.game.tables import Game
 
@@ -124,11 +124,9 @@ class Hurry:
             value=checked(arrays["value"], np.float64, (forests, trees, nodes + 1)),
             threshold=checked(arrays["threshold"], np.float64, (SLOTS["incoming_shot"], SLOTS["contact"])),
         )
-        later = (found.child > np.arange(nodes)[:, None]) & (found.child < nodes)
-        if not (later | ((found.child < 0) & (found.child >= -1 - nodes))).all():
-            raise ValueError("a node of a tree has an unknown or earlier child")
-        if not (_within(found.attribute, len(_INPUTS)) and _within(found.fold, forests) and forests and nodes):
-            raise ValueError("an unknown input or fold")
+        check_nodes(found.attribute, found.child, len(_INPUTS))
+        if not ((found.fold >= 0) & (found.fold < forests)).all():
+            raise ValueError("an unknown fold")
         return found
 
 
@@ -159,11 +157,7 @@ def hurry_of(game: Game) -> Hurry | None:
 
 
 def fit_hurry(rows: Rows, *, seed: int = 0) -> Hurry | None:
-    """Fit the index to strokes in playing order; None if too few have positions and times and need it.
-
-    Raises:
-        ShuttleError: LightGBM is not installed.
-    """
+    """Fit the index to strokes in playing order; None if too few have positions and times and need it."""
     step = _step_values(rows)
     asked = _known(rows) & (rows.hurried < 0)
     if asked.sum() < MIN_ROWS:
@@ -241,10 +235,6 @@ def _inputs(rows: Rows) -> F64:
     """``[N, inputs]`` inputs of the trees."""
     codes = [rows.codes[name][:, None] for name in _CODES]
     return np.concatenate([*codes, rows.movement], axis=1).astype(np.float64)
-
-
-def _within(values: I32, size: int) -> bool:
-    return bool(((values >= 0) & (values < size)).all())
 
 
 @compiled

@@ -2,6 +2,7 @@
 
 import contextlib
 import dataclasses
+import functools
 import hashlib
 import json
 import math
@@ -23,13 +24,7 @@ from shuttle_marl.base.tensor_files import checked, tensor_bytes
 from shuttle_marl.data import load_strokes
 from shuttle_marl.data.upstream import Split, matches_of, split_of
 from shuttle_marl.dynamics.card import strokes_hash, write_card
-from shuttle_marl.dynamics.compiled import (
-    CREDIBLE,
-    MIN_END,
-    PRIOR_STROKES,
-    Support,
-    pair_log_choices,
-)
+from shuttle_marl.dynamics.compiled import CREDIBLE, MIN_END, PRIOR_STROKES, Support, pair_log_choices
 from shuttle_marl.dynamics.evaluate import REQUIRED, criteria, evaluate, extremes, health, variety_of
 from shuttle_marl.dynamics.features import Rows, rows_from_strokes
 from shuttle_marl.dynamics.fit import THREADS, Fit, Report, fit
@@ -183,7 +178,7 @@ def make_model(
         variants |= refits_from(start, game, fitted.chosen["prior"]["deviations"], seed, refits)
     save_variants(out, game, variants, card)
     if refits and start is None:
-        task = Refit(train=train, layout=game, seed=seed, config=config or QUICK)
+        task = functools.partial(_refit, train=train, layout=game, seed=seed, config=config or QUICK)
         with contextlib.nullcontext() if jobs == 1 else WorkerPool(min(jobs, refits)) as pool:
             apply = map if pool is None else pool.map
             for number, refit in enumerate(apply(task, range(1, refits + 1)), 1):
@@ -198,28 +193,12 @@ def make_model(
     return read_model_card(out)
 
 
-@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class Refit:
-    """A fit to resampled matches, for a process of its own.
-
-    Attributes:
-        train: strokes of the training matches.
-        layout: game whose layout is used.
-        seed: random seed of the first fit; refits use others.
-        config: settings of the networks.
-    """
-
-    train: Rows
-    layout: Game
-    seed: int
-    config: EnsembleConfig
-
-    @own_settings(THREADS)
-    def __call__(self, number: int) -> Game:
-        """The game of refit ``number``, from 1."""
-        rows = resampled(self.train, [self.seed, number])
-        seed = self.seed + 1000 * number
-        return fit(rows, None, seed=seed, config=self.config, layout=self.layout, report=_silent).compiled()[0]
+@own_settings(THREADS)
+def _refit(number: int, *, train: Rows, layout: Game, seed: int, config: EnsembleConfig) -> Game:
+    """The game of a fit to resampled training matches, for a process of its own; ``seed``: that of the first fit."""
+    rows = resampled(train, [seed, number])
+    # Processes share one terminal, so they report nothing.
+    return fit(rows, None, seed=seed + 1000 * number, config=config, layout=layout, report=lambda _: None).compiled()[0]
 
 
 def _hurried(train: Rows, hurry: Hurry | None, prior: str | None) -> dict[str, Any]:
@@ -229,10 +208,6 @@ def _hurried(train: Rows, hurry: Hurry | None, prior: str | None) -> dict[str, A
     by = None if not known.any() else "table" if hurry is None else "index" if prior is None else "prior"
     positions = bool(np.isfinite(train.movement).all(axis=1).any())
     return {"share": float((train.hurried == 1).mean()), "known": float(known.mean()), "positions": positions, "by": by}
-
-
-def _silent(line: str) -> None:
-    """Report nothing: processes share one terminal."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -394,13 +369,14 @@ def _checked_refits(refits: int | None, matches: int, prior: Prior | None) -> in
 
 def _prior(name: str) -> Prior:
     folder = model_folder(name)
+    game = load_game(str(folder))
     return Prior(
         models=FittedModels.load(folder),
-        game=load_game(str(folder)),
+        game=game,
         support=load_support(folder),
         hurry=load_hurry(folder),
         skill=deviations_in(read_model_card(folder)),
-        refits=refits_of(load_game(str(folder))),
+        refits=refits_of(game),
     )
 
 
@@ -416,19 +392,14 @@ def resampled(rows: Rows, seed: Sequence[int]) -> Rows:
     return rows.take(np.concatenate([np.flatnonzero(rows.match == match) for match in np.sort(np.concatenate(names))]))
 
 
-def save_clones(
-    folder: Path,
-    choices: PlayerChoices,
-    log_choice: F32,
-    profiles: Mapping[str, F32],
-) -> None:
+def save_clones(folder: Path, choices: PlayerChoices, log_choice: F32, profiles: Mapping[str, F32]) -> None:
     """Write the behaviour-cloned players of a model.
 
     Args:
         folder: of the model.
         choices: shifts of single players.
         log_choice: ``[base pairs]`` log-probabilities of the average player.
-        profiles: log-probabilities of the average player of each discipline.
+        profiles: those of the average player of each discipline.
     """
 
     def units(values: F32) -> I16:

@@ -39,7 +39,7 @@ from scipy.sparse import csr_matrix
 from torch import Tensor
 from torch.nn import functional
 
-from shuttle_marl.base.arrays import F64, I16, I32, I64, Bools
+from shuttle_marl.base.arrays import F64, I16, I64, Bools
 from shuttle_marl.data.schema import REASONS, Outcome
 from shuttle_marl.dynamics.features import SLOTS, STATE, Rows
 from shuttle_marl.dynamics.network import Ensemble, EnsembleConfig, NetworkSpec, encode, fit_ensemble
@@ -105,12 +105,13 @@ _TRIPLES: Final = (
     ("discipline", "shot", "area"),
     ("incoming_shot", "incoming_area", "shot"),
 )
-_CROSSES: Final = (*((name,) for name in SLOTS), *_PAIRS, *_TRIPLES)
+_RIDGE: Final = NetworkSpec(inputs=tuple(SLOTS), crosses=(*_PAIRS, *_TRIPLES), outputs=1)
+"""Inputs of the ridge regression."""
 _SCALE: Final = np.array([1.0] * len(SLOTS) + [0.25] * len(_PAIRS) + [0.3] * len(_TRIPLES))
 _PENALTY: Final = 2.0
 _GRADIENT: Final = 0.5
 """Norm of the gradient at convergence of the ridge regression; its logits are then accurate to some thousandths."""
-_SIZES: Final = tuple(math.prod(SLOTS[name] for name in cross) for cross in _CROSSES)
+_SIZES: Final = (*SLOTS.values(), *(math.prod(SLOTS[name] for name in cross) for cross in _RIDGE.crosses))
 RIDGE_COLUMNS: Final = sum(_SIZES)
 """Inputs of the ridge regression: attributes and products of attributes."""
 
@@ -266,20 +267,6 @@ def all_targets(success: Ensemble, rows: Rows) -> F64:
     return np.stack([softmax(success.logits(rows.with_area(a))) for a in range(N_AREAS)], axis=2)
 
 
-def _ridge_columns(codes: dict[str, I16]) -> I32:
-    """``[N, crosses]`` active columns."""
-    columns, offset = [], 0
-    for cross in _CROSSES:
-        index = np.zeros(len(codes["shot"]), dtype=np.int32)
-        size = 1
-        for name in cross:
-            index = index * SLOTS[name] + codes[name]
-            size *= SLOTS[name]
-        columns.append(index + offset)
-        offset += size
-    return np.stack(columns, axis=1)
-
-
 def fit_ridge(codes: dict[str, I16], label: Bools, start: F64 | None = None) -> F64:
     """Fit the ridge logistic regression.
 
@@ -291,16 +278,13 @@ def fit_ridge(codes: dict[str, I16], label: Bools, start: F64 | None = None) -> 
     Returns:
         Coefficients ``[1 + columns]``, the intercept first, in units of the unscaled inputs.
     """
-    active = _ridge_columns(codes)
+    active = encode(_RIDGE, codes)
     n, width = len(active), RIDGE_COLUMNS
     indptr = np.arange(0, active.size + 1, active.shape[1])
     x = csr_matrix((np.tile(_SCALE, n), active.ravel(), indptr), shape=(n, width))
     y = label.astype(np.float64)
     scale = np.r_[1.0, np.repeat(_SCALE, _SIZES)]
     penalty = np.r_[0.0, np.full(width, _PENALTY)]
-
-    def probability(w: F64) -> F64:
-        return sigmoid(w[0] + x @ w[1:])
 
     def gradient_of(error: F64) -> F64:
         return np.r_[error.sum(), x.T @ error]
@@ -316,15 +300,12 @@ def fit_ridge(codes: dict[str, I16], label: Bools, start: F64 | None = None) -> 
     def hessian_product(w: F64, direction: F64) -> F64:
         key = w.tobytes()
         if key not in variance_at:
-            p = probability(w)
+            p = sigmoid(w[0] + x @ w[1:])
             variance_at.clear()
             variance_at[key] = p * (1 - p)
         return gradient_of(variance_at[key] * (direction[0] + x @ direction[1:])) + penalty * direction
 
-    first = np.zeros(1 + width)
-    first[0] = log_odds(y.mean())
-    if start is not None:
-        first = start / scale
+    first = np.r_[log_odds(y.mean()), np.zeros(width)] if start is None else start / scale
     solution = minimize(objective, first, jac=True, hessp=hessian_product, method="trust-ncg", options={"gtol": _GRADIENT})
     weights: F64 = solution.x * scale
     return weights
@@ -340,6 +321,6 @@ def ridge_logits(weights: F64, codes: dict[str, I16], chunk: int = 65536) -> F64
     n = len(codes["shot"])
     out = np.empty(n)
     for start in range(0, n, chunk):
-        part = _ridge_columns({name: code[start : start + chunk] for name, code in codes.items()})
+        part = encode(_RIDGE, {name: code[start : start + chunk] for name, code in codes.items()})
         out[start : start + chunk] = weights[0] + weights[1:][part].sum(axis=1)
     return out

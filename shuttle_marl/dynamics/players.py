@@ -4,11 +4,9 @@ The precision of the prior, which sets the strength of the shrinkage, is chosen 
 """
 
 import dataclasses
-from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 import torch
 
 from shuttle_marl.base.arrays import F64, I64, Bools, Ints
@@ -78,7 +76,8 @@ def player_choices(
         The shifts of players with enough strokes, and the precision with its score.
     """
     others = train.take(np.zeros(len(train), dtype=np.bool_)) if validation is None else validation
-    names = tuple(_with_enough_strokes(train.striker))
+    strikers, counts = np.unique(train.striker, return_counts=True)
+    names = tuple(str(strikers[i]) for i in np.lexsort((strikers, -counts)) if counts[i] >= MIN_STROKES)
     empty = PlayerChoices(
         players=names,
         style=np.zeros((len(names), SLOTS["incoming_shot"], SLOTS["contact"], networks["choice"].spec.outputs)),
@@ -135,10 +134,3 @@ def labels_of(name: str, rows: Rows) -> I64:
 def cross_entropy(p: F64, label: I64) -> float:
     """Mean cross-entropy of probabilities ``[N, C]``, in nats."""
     return float(-np.log(p[np.arange(len(p)), label]).mean())
-
-
-def _with_enough_strokes(players: npt.NDArray[np.str_]) -> Sequence[str]:
-    """Players with at least :data:`MIN_STROKES` rows, most first."""
-    names, counts = np.unique(players, return_counts=True)
-    order = np.lexsort((names, -counts))
-    return [str(names[i]) for i in order if counts[i] >= MIN_STROKES]

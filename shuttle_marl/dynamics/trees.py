@@ -11,8 +11,7 @@ import numpy.typing as npt
 
 from shuttle_marl.base.arrays import F64, I16, I32, U8, Bools
 from shuttle_marl.base.compiling import compiled
-from shuttle_marl.base.errors import ShuttleError
-from shuttle_marl.base.extras import install_hint
+from shuttle_marl.base.extras import hinted
 from shuttle_marl.base.tensor_files import checked
 from shuttle_marl.dynamics.features import SLOTS
 
@@ -76,13 +75,7 @@ class Trees:
         attribute, left = (checked(arrays[name], np.int32, (trees, nodes)) for name in ("attribute", "left"))
         child = checked(arrays["child"], np.int32, (trees, nodes, 2))
         value = checked(arrays["value"], np.float64, (trees, nodes + 1))
-        later = child > np.arange(nodes)[:, None]
-        if not nodes:
-            raise ValueError("trees without a node")
-        if not (((attribute >= 0) & (attribute < len(INPUTS))).all() and (later | (child < 0)).all()):
-            raise ValueError("a node of a tree has an unknown attribute or an earlier child")
-        if not ((child >= -1 - nodes) & (child < nodes)).all():
-            raise ValueError("a node of a tree has an unknown child")
+        check_nodes(attribute, child, len(INPUTS))
         return cls(attribute=attribute, left=left, child=child, value=value)
 
     def _masks(self) -> U8:
@@ -110,6 +103,20 @@ class Trees:
         return masks
 
 
+def check_nodes(attribute: I32, child: I32, inputs: int) -> None:
+    """Check that nodes ``[..., M]`` test one of the inputs, and have later nodes or leaves as children.
+
+    Raises:
+        ValueError: one does not.
+    """
+    nodes = attribute.shape[-1]
+    if not attribute.size:
+        raise ValueError("trees without a node")
+    later, leaf = (child > np.arange(nodes)[:, None]) & (child < nodes), (child < 0) & (child >= -1 - nodes)
+    if not (((attribute >= 0) & (attribute < inputs)).all() and (later | leaf).all()):
+        raise ValueError("a node of a tree has an unknown attribute, or an unknown or earlier child")
+
+
 @compiled
 def _leaf_sums(columns: I16, masks: U8, lowest: U8, value: F64) -> F64:
     """Sums of the leaves that are left when the leaves on the other side of each test are removed (QuickScorer)."""
@@ -125,15 +132,13 @@ def _leaf_sums(columns: I16, masks: U8, lowest: U8, value: F64) -> F64:
 
 
 def lightgbm() -> Any:
-    """Import LightGBM, which only fits need.
+    """LightGBM, which only fits need.
 
     Raises:
-        ShuttleError: it is not installed.
+        ModuleNotFoundError: it is not installed.
     """
-    try:
+    with hinted():
         import lightgbm as module  # noqa: PLC0415
-    except ImportError as error:
-        raise ShuttleError(f"fitting trees needs LightGBM, which is not installed; {install_hint('train')}") from error
     return module
 
 
@@ -155,9 +160,6 @@ def fit_trees(
         rounds: maximum number of trees.
         rate: learning rate.
         offset: ``[N]`` logits to which those of the trees are added; None: no offset.
-
-    Raises:
-        ShuttleError: LightGBM is not installed.
     """
     lgb = lightgbm()
     x = np.stack([codes[name] for name in INPUTS], axis=1).astype(np.int32)
