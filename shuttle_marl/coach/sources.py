@@ -67,7 +67,9 @@ def of_strokes(path: Path, game: Game, match: str | None = None, columns: Path |
 
 
 def match_strokes(strokes: pa.Table, match: str | None) -> pa.Table:
-    """Strokes of the match with a name, or with all words in its name, in any order and without regard to capitals; None: the only one.
+    """Strokes of the match with a name, or with all words in its name, in any order and without regard to capitals.
+
+    None stands for the only match.
 
     Raises:
         AnalysisError: no such match, or several.
