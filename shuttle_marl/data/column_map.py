@@ -29,7 +29,7 @@ COLUMNS: Final[dict[str, str]] = {
     "technique": "forehand, backhand or around-the-head; without it all are forehand",
     "area": f"where it was met or fell: one of {', '.join(court.AREAS)}; without it the next stroke tells where it was met",
     "ending": "of the last stroke of a rally: out, net, short, foul, error, forced-error, unforced-error (faults), landed, "
-    "misjudged (winners); empty: returned",
+    "misjudged (winners), or let: the rally is dropped; empty: returned",
     "forced": "forced or unforced: whether the opponent forced the fault",
     "winner": "winner of the rally, one of its players, in any of its rows; without it and ending, who serves next",
     "score": "points of both, as 5-3, in any row of a rally; whose are first, and whether before or after it, tells who won",
@@ -62,7 +62,7 @@ WORDS: Final[dict[str, tuple[str, ...]]] = {
     "height": HEIGHTS,
     "technique": TECHNIQUES,
     "area": court.AREAS,
-    "ending": ("returned", *FAULTS, *WINNERS, "unknown"),
+    "ending": ("returned", *FAULTS, *WINNERS, "unknown", "let"),
     "forced": ("unforced", "forced"),
     "discipline": DISCIPLINES,
     "side": ("near", "far"),

@@ -101,9 +101,13 @@ def _imported(path: Path, columns: Path | None, given: ColumnMap, reading: reade
     sheet.warnings.clear()
     if unread := [repr(name) for name in sheet.header if name and name not in map(nfc, mapped.columns.values())]:
         told.append(Problem(path, f"columns that the map does not name are not read: {', '.join(unread)}"))
-    broken, rallies = 0, 0
+    broken, rallies, lets = 0, 0, 0
     while True:
         own = _Import(sheet, mapped, strict=reading.strict)
+        if (played := own.without_lets()) is not None:
+            lets += len(sheet) - len(played)
+            sheet = played
+            continue
         strokes = own.table()
         rallies = max(rallies, own.rallies)
         if not sheet.problems:
@@ -118,6 +122,7 @@ def _imported(path: Path, columns: Path | None, given: ColumnMap, reading: reade
     dropped = {
         "empty row": sheet.empty,
         "no stroke": sheet.others,
+        "let": lets,
         "broken rally": broken,
         "unknown shot type": len(sheet) - strokes.num_rows,
     }
@@ -220,6 +225,20 @@ class _Import:
     def wrong(self) -> Bools:
         """``[n]`` rows of the rallies with problems."""
         return np.isin(self._group, self._group[self._sheet.unreadable])
+
+    def without_lets(self) -> Sheet | None:
+        """The sheet without rallies that were replayed, which do not count as rallies of their games; None: there are none."""
+        let = self._code("ending", 0) == WORDS["ending"].index("let")
+        if not let.any():
+            return None
+        part = np.cumsum(self._first | np.r_[False, let[:-1]])  # the replay may have the same number
+        kept, fresh = ~np.isin(part, part[let]), ~self._beside
+        counted = np.cumsum(self._beside & np.r_[False, let[:-1] & (np.diff(self._rally) > 0)])
+        number = self._rally - counted + counted[fresh][np.cumsum(fresh) - 1]
+        sheet = self._sheet.without(~kept)
+        if "rally" in self._map.columns:
+            sheet.columns[nfc(self._map.columns["rally"])] = tuple(map(str, number[kept].tolist()))
+        return sheet
 
     def inferred(self, strokes: pa.Table) -> tuple[str, ...]:
         """Sentences on what was inferred, with the numbers of kept strokes."""

@@ -139,7 +139,7 @@ class TagRow(TagStroke, forbid_unknown_fields=True, frozen=True, kw_only=True):
     contact_y: Metres | None
     seconds: Annotated[float, Meta(ge=0, le=100_000)]
     frame: Annotated[int, Meta(ge=0, le=10_000_000)]
-    ending: Literal["out", "net", "short", "foul", "landed", "misjudged"] | None
+    ending: Literal["out", "net", "short", "foul", "let", "landed", "misjudged"] | None
     winner: Name | None
     points: Count | None
     points_opponent: Count | None

@@ -158,6 +158,24 @@ def test_games_times_and_numbers_that_cannot_be_are_told(tmp_path: Path) -> None
         read(tmp_path, rows.replace("1.9", "1e308"), fields)
 
 
+@pytest.mark.parametrize("word", ["let", "重发球", "Diulang"])
+@pytest.mark.parametrize("numbers", ["12234", "12345", None])
+def test_lets_are_no_rallies(tmp_path: Path, word: str, numbers: str | None) -> None:
+    """They count in the numbers of the file, or not."""
+    lines = ["rally,who,shot,ending,score"]
+    for rally, score in enumerate(("1-0", "2-0", "2-0", "2-1", "2-2")):
+        number, ending = numbers[rally] if numbers else "", (word if rally == 1 else "out" if rally % 2 else "landed")
+        striker, other = ("Ada", "Bea") if rally < 4 else ("Bea", "Ada")
+        lines += [f"{number},{striker},short serve,,", f"{number},{other},lift,,", f"{number},{striker},smash,{ending},{score}"]
+    lines[9] = lines[9].replace("out", "landed")
+    rows = "\n".join(lines) if numbers else "\n".join(line.partition(",")[2] for line in lines)
+    (tmp_path / "own.csv").write_text(rows)
+    cleaned, _ = import_matches(tmp_path / "own.csv")
+    assert cleaned.account.dropped == {"let": 3}
+    assert cleaned.strokes["rally"].to_pylist() == np.repeat([1, 2, 3, 4], 3).tolist()
+    assert cleaned.warnings == ()
+
+
 @pytest.mark.parametrize(
     ("content", "rows"),
     [

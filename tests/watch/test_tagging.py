@@ -139,6 +139,21 @@ def test_the_score_serves_and_changes_ends(tmp_path: Path) -> None:
     assert {AREAS[row["area"]] for row in found["rows"]} == {"back-right", "back-left"}
 
 
+def test_a_let_is_replayed_without_a_point(tmp_path: Path) -> None:
+    serve = [shot("short-serve", 9.0, 1), cell(9)]  # Ada, who has a point, serves from the left
+    found = tagged(tmp_path, [*RALLY, *serve, shot("lift", 9.9), end("let"), *serve, shot("lift", 11.0), cell(1), end("out")])
+    assert found["refused"] == []
+    assert [(row["rally"], row["ending"], row["winner"], row["points"]) for row in found["rows"][3:]] == [
+        (2, None, None, None), (2, "let", None, None), (3, None, "Ada", 2), (3, "out", "Ada", 0),
+    ]  # fmt: skip
+    assert (found["last"]["points"], found["last"]["server"]) == ([2, 0], 0)
+    file = TagFile(Path(__file__), tmp_path / "match.csv")
+    file.save(TagRequest(id=1, at=0, input="{}", first=0, rows=tuple(requests(found["rows"]))))
+    cleaned, _ = import_matches(tmp_path / "match.csv")
+    assert (cleaned.account.dropped, cleaned.warnings) == ({"let": 2}, ())
+    assert cleaned.strokes["rally"].to_pylist() == [1, 1, 1, 2, 2]
+
+
 def test_suggestions_are_shares_of_the_policy() -> None:
     game = default_game()
     policy = resolve("bc", game)

@@ -24,7 +24,7 @@ import {
 import type { HallFacts, Hello, Suggestion, TagFacts, TagRow } from "./wire.gen";
 
 const SHOT_KEYS = "sgcldsavpknbx"; // in the order of the vocabulary; s serves or smashes
-const END_KEYS: Record<Ending, string> = { out: "o", net: "t", short: "r", foul: "f", landed: "i", misjudged: "m" };
+const END_KEYS: Record<Ending, string> = { out: "o", net: "t", short: "r", foul: "f", let: "e", landed: "i", misjudged: "m" };
 const STEP = 1 / 30; // a step by frame [s]
 const SHOWN = 5; // suggestions
 const CHUNK = 200; // rows of a request
@@ -423,7 +423,7 @@ export class Tagging {
       blocks.push(h("div", { class: "cells", role: "group", "aria-label": say("tag.half") }, ...cells));
     }
     if (phase === "place" || (phase === "shot" && current(this.state).strokes.length)) {
-      const some = phase === "shot" ? ENDINGS : ENDINGS.slice(1, 4);
+      const some = phase === "shot" ? ENDINGS : ENDINGS.slice(1, 5);
       blocks.push(
         h("hr", {}),
         ...some.map((ending) => key(END_KEYS[ending], say(`tag.${ending}`), () => this.enter({ kind: "end", ending }), "end")),

@@ -3,7 +3,7 @@
 import type { HallFacts, TagRow, TagStroke } from "./wire.gen";
 import { say, words } from "./words";
 
-export const ENDINGS = ["out", "net", "short", "foul", "landed", "misjudged"] as const;
+export const ENDINGS = ["out", "net", "short", "foul", "let", "landed", "misjudged"] as const;
 export type Ending = (typeof ENDINGS)[number];
 type Seat = 0 | 1;
 type Point = [number, number];
@@ -80,7 +80,7 @@ const FRAME_RATE = 30; // of the column `frame`: browsers do not tell that of a 
 const BY_HAND = 0.2; // accuracy of places that are clicked [m]
 const RARE = 0.001; // probability below which a shot is asked about
 const FAULTS: readonly Ending[] = ["out", "net", "short", "foul"];
-const WITHOUT_PLACE: readonly Ending[] = ["net", "short", "foul"];
+const WITHOUT_PLACE: readonly Ending[] = ["net", "short", "foul", "let"];
 
 export function current(state: State): Rally {
   return state.rallies.at(-1)!;
@@ -90,10 +90,14 @@ export function striker(rally: Rally): Seat {
   return ((rally.server + rally.strokes.length) % 2) as Seat;
 }
 
-/** Winner of a rally that has ended. */
+/** Winner of a rally that has ended, and is not replayed. */
 export function winnerOf(rally: Rally): Seat | null {
   const last = rally.strokes.at(-1);
-  return rally.ending === null || !last ? null : FAULTS.includes(rally.ending) ? ((1 - last.seat) as Seat) : last.seat;
+  return rally.ending === null || rally.ending === "let" || !last
+    ? null
+    : FAULTS.includes(rally.ending)
+      ? ((1 - last.seat) as Seat)
+      : last.seat;
 }
 
 /** State after an input; throws Refused if it is not possible. */
@@ -239,10 +243,13 @@ function singlesWidth(hall: HallFacts): number {
   return Math.max(...hall.areas.flatMap(({ box }) => box[0]));
 }
 
-/** The next rally: its score, server and ends (Laws of Badminton, 7 and 8). */
+/** The next rally: its score, server and ends (Laws of Badminton, 7, 8 and 14). */
 function afterRally(state: State): State {
   const rally = current(state);
-  const winner = winnerOf(rally)!;
+  const winner = winnerOf(rally);
+  if (winner === null) {
+    return { ...state, rallies: [...state.rallies, { ...rally, number: rally.number + 1, strokes: [], ending: null }] };
+  }
   const points: Point = [rally.points[0], rally.points[1]];
   points[winner] += 1;
   const [most, least] = [Math.max(...points), Math.min(...points)];

@@ -436,7 +436,7 @@ export interface TagRow {
   contact_y: number | null;
   seconds: number;
   frame: number;
-  ending: "out" | "net" | "short" | "foul" | "landed" | "misjudged" | null;
+  ending: "out" | "net" | "short" | "foul" | "let" | "landed" | "misjudged" | null;
   winner: string | null;
   points: number | null;
   points_opponent: number | null;
