@@ -1,13 +1,11 @@
 """Installation hints for extras, in a clone of the repository or for an installed package."""
 
 import contextlib
-import importlib.metadata
 import shlex
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
-_PACKAGE: Final = "shuttle-marl"
 _EXTRAS: Final = {
     "av": "video",
     "foxglove": "scene",
@@ -26,7 +24,7 @@ _APART: Final = ("ray",)
 
 
 def install_hint(extra: str) -> str:
-    """How to install an extra: from the clone that the package runs from, else by the names of its libraries.
+    """How to install an extra: from the clone that the package runs from, or of the installed package.
 
     Args:
         extra: such as ``train``.
@@ -36,10 +34,7 @@ def install_hint(extra: str) -> str:
         command = f"`pip install -e {shlex.quote(f'{clone}[{extra}]')}`"
         return f"{command} installs it" if extra in _APART else f"`make install` in {clone} installs it, or {command}"
     # The package is on no index, so "pip install 'shuttle-marl[…]'" would fail.
-    libraries = _libraries(extra)
-    if not libraries:
-        return f"install the package again with its extra {extra}"
-    return f"`pip install {' '.join(map(shlex.quote, libraries))}` installs it"
+    return f"install the package again with its extra {extra}"
 
 
 def lacking(error: ModuleNotFoundError) -> str | None:
@@ -57,17 +52,3 @@ def hinted() -> Iterator[None]:
         if (hint := lacking(error)) is None or str(error) == hint:
             raise
         raise ModuleNotFoundError(hint, name=error.name) from error
-
-
-def _libraries(extra: str) -> list[str]:
-    """Requirements of an extra of the installed package; empty without metadata."""
-    try:
-        required = importlib.metadata.requires(_PACKAGE) or []
-    except importlib.metadata.PackageNotFoundError:
-        return []
-    found = []
-    for requirement in required:
-        library, _, condition = requirement.partition(";")
-        if condition.replace('"', "'").strip() == f"extra == '{extra}'":
-            found.append(library.strip())
-    return found

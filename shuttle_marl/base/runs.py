@@ -52,78 +52,58 @@ def open_run(
             not exist or was started with other flags; or another process uses the folder; or the folder cannot be created or
             written.
     """
-    _check_name(out)
     default = Path("runs") / name
     with contextlib.ExitStack() as stack:
-        if resume:
-            folder = _to_resume(out, default, called or f"named {name}")
-            stack.enter_context(locked(folder))
-            _check_agrees(folder, fixed)
-        else:
-            folder = stack.enter_context(_new(default) if out is None else _empty(out, overwrite=overwrite))
-            write_json(folder / CONFIG, fixed)
+        with _usable(out or default):
+            if out is not None:
+                str(out).encode()
+                with contextlib.suppress(FileNotFoundError, NotADirectoryError):
+                    out.stat()
+            if resume:
+                folder = _to_resume(out, default, called or f"named {name}")
+                stack.enter_context(locked(folder))
+                _check_agrees(folder, fixed)
+            else:
+                folder = _new(default, stack) if out is None else _empty(out, stack, overwrite=overwrite)
+                write_json(folder / CONFIG, fixed)
         yield folder
 
 
-def _check_name(out: Path | None) -> None:
-    """Check that the name of a folder is valid, and that files can mention it."""
-    try:
-        if out is not None:
-            str(out).encode()
-            out.stat()
-    except UnicodeEncodeError as error:
-        raise RunError(f"--out {str(out)!a}: expected a name in UTF-8") from error
-    except (FileNotFoundError, NotADirectoryError):
-        pass
-    except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) else error
-        raise RunError(f"--out {out}: cannot be used ({reason}); name another folder") from error
-
-
 @contextlib.contextmanager
-def _new(default: Path) -> Iterator[Path]:
+def _usable(folder: Path) -> Iterator[None]:
+    """Turn errors of the system into a :class:`RunError`."""
+    try:
+        yield
+    except UnicodeEncodeError as error:
+        raise RunError(f"--out {str(folder)!a}: expected a name in UTF-8") from error
+    except (OSError, ValueError) as error:  # ValueError: an impossible name
+        raise RunError(f"{folder}: cannot be used ({files.problem(error)}); name another folder with --out") from error
+
+
+def _new(default: Path, stack: contextlib.ExitStack) -> Path:
     """Create and lock the first folder of a name that does not exist."""
     folder, number = default, 1
-    with contextlib.ExitStack() as stack:
-        while True:
-            if _make(folder, exist_ok=False):
-                # Another process may use the folder as soon as it exists.
-                with contextlib.suppress(RunError):
-                    stack.enter_context(locked(folder))
-                    if not _entries(folder):
-                        break
-            number += 1
-            folder = default.with_name(f"{default.name}-{number}")
-        yield folder
+    while True:
+        # Another process may use the folder as soon as it exists.
+        with contextlib.suppress(FileExistsError, RunError):
+            folder.mkdir(parents=True)
+            stack.enter_context(locked(folder))
+            if not _entries(folder):
+                return folder
+        number += 1
+        folder = default.with_name(f"{default.name}-{number}")
 
 
-@contextlib.contextmanager
-def _empty(out: Path, *, overwrite: bool) -> Iterator[Path]:
+def _empty(out: Path, stack: contextlib.ExitStack, *, overwrite: bool) -> Path:
     """Lock and empty a folder that the user named."""
     _check_free(out, overwrite=overwrite)  # before anything is written
-    _make(out, exist_ok=True)
-    with locked(out):
-        _check_free(out, overwrite=overwrite)  # another process may have been faster
-        # The configuration is removed last: without it, --overwrite would refuse the rest after a kill.
-        for path in sorted(_entries(out), key=lambda path: path.name == CONFIG):
-            try:
-                shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink()
-            except OSError as error:
-                raise RunError(
-                    f"{out}: the run there cannot be removed ({path.name}: {error.strerror}); name another with --out"
-                ) from error
-        yield out
-
-
-def _make(folder: Path, *, exist_ok: bool) -> bool:
-    """Create a folder; returns False if it must not exist but does."""
-    try:
-        folder.mkdir(parents=True, exist_ok=exist_ok)
-    except OSError as error:
-        if isinstance(error, FileExistsError) and not exist_ok:
-            return False
-        raise RunError(f"{folder}: the run folder cannot be created ({error.strerror}); name another with --out") from error
-    return True
+    out.mkdir(parents=True, exist_ok=True)
+    stack.enter_context(locked(out))
+    _check_free(out, overwrite=overwrite)  # another process may have been faster
+    # The configuration is removed last: without it, --overwrite would refuse the rest after a kill.
+    for path in sorted(_entries(out), key=lambda path: path.name == CONFIG):
+        shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink()
+    return out
 
 
 def _check_free(out: Path, *, overwrite: bool) -> None:
@@ -138,10 +118,7 @@ def _check_free(out: Path, *, overwrite: bool) -> None:
 
 def _entries(folder: Path) -> list[Path]:
     """Everything in a folder but the lock."""
-    try:
-        return [path for path in folder.iterdir() if path.name != LOCK]
-    except OSError as error:
-        raise RunError(f"{folder}: cannot be read ({error.strerror}); name another folder with --out") from error
+    return [path for path in folder.iterdir() if path.name != LOCK]
 
 
 def _to_resume(out: Path | None, default: Path, called: str) -> Path:
@@ -189,12 +166,11 @@ def locked(folder: Path) -> Iterator[None]:
     from filelock import FileLock, Timeout  # noqa: PLC0415  slow to import
 
     lock = FileLock(folder / LOCK, timeout=0)
-    try:
-        lock.acquire()
-    except Timeout as error:
-        raise RunError(f"{folder}: another process runs there; wait for it or name another with --out") from error
-    except OSError as error:
-        raise RunError(f"{folder}: cannot be written ({error.strerror}); name another folder with --out") from error
+    with _usable(folder):
+        try:
+            lock.acquire()
+        except Timeout as error:
+            raise RunError(f"{folder}: another process runs there; wait for it or name another with --out") from error
     try:
         yield
     finally:

@@ -23,7 +23,7 @@ from shuttle_marl.staging.idle import Habits, habits
 from shuttle_marl.staging.keys import Timeline
 from shuttle_marl.staging.library import FLIP, Athlete
 from shuttle_marl.staging.motion import HANDS, Branch, Motion
-from shuttle_marl.staging.path_solver import TravelOptions, TravelWishes, smooth_path
+from shuttle_marl.staging.path_solver import TravelWishes, smooth_path
 from shuttle_marl.staging.rotation import quaternion
 from shuttle_marl.staging.skeleton import MIRROR, N_BONES, Skeleton, StagingError, load_skeleton
 from shuttle_marl.staging.timeline import TimelineBuilder
@@ -38,31 +38,10 @@ _TAIL: Final = 2.0
 """Time after the end of the last flight [s]."""
 
 
-TOP_SPEED: Final = 6.5
-"""Speed of the hips over the floor that is never passed [m/s]."""
-TOP_ACCELERATION: Final = 12.0
-"""Acceleration of the hips over the floor that is never passed [m/s²]."""
-_MARGIN: Final = 0.90
-"""Fraction of the limits that the solver aims at."""
 _PINNED: Final = 1e11
 _CONTACT, _BASE, _STILL, _BRAKE = 4e3, 6.0, 1.2, 0.6
 _LATE: Final = 0.12
 """Time after the contact at which a hurried player brakes [s]."""
-
-
-_OPTIONS: Final = TravelOptions(
-    bending=2e-3,
-    speed_penalty=2e-2,
-    acceleration_penalty=3e-3,
-    top_speed=_MARGIN * TOP_SPEED,
-    top_acceleration=_MARGIN * TOP_ACCELERATION,
-    rounds=240,
-    most_rounds=4000,
-    stiffer=(400, 1200),
-    slack=1.02,
-    # Paths that want to break the limits converge slowly: after ``rounds`` the margin is given up, the limits never.
-    late_slack=0.995 / _MARGIN,
-)
 
 
 def travel(trajectory: Trajectory, seat: int, shift: F64, frames: int, fps: int, walked: F64 | None = None) -> F64:
@@ -78,12 +57,12 @@ def travel(trajectory: Trajectory, seat: int, shift: F64, frames: int, fps: int,
     """
     wishes = _wishes(trajectory, seat, shift, frames, fps)
     if walked is None:
-        return _solve(wishes, fps)
+        return smooth_path(wishes, fps)
     # The last two known frames pin place and speed, and only the following frames are solved.
     first = len(walked) - 2
     wishes = TravelWishes(wishes.weight[first:].copy(), wishes.target[first:].copy(), wishes.still[first:])
     wishes.weight[:2], wishes.target[:2] = _PINNED, _PINNED * walked[first:]
-    return np.concatenate([walked, _solve(wishes, fps)[2:]])
+    return np.concatenate([walked, smooth_path(wishes, fps)[2:]])
 
 
 def _wishes(trajectory: Trajectory, seat: int, shift: F64, frames: int, fps: int) -> TravelWishes:
@@ -125,12 +104,6 @@ def _wishes(trajectory: Trajectory, seat: int, shift: F64, frames: int, fps: int
         wish(min(round(trajectory.end_time[-1] * fps), frames - 1), place, 60.0)
     still[-round(0.3 * fps) :] += 5.0
     return TravelWishes(weight, target, still)
-
-
-def _solve(wishes: TravelWishes, fps: int) -> F64:
-    path = np.empty_like(wishes.target)
-    smooth_path(wishes, fps, _OPTIONS, path)
-    return path
 
 
 def stage(
@@ -219,13 +192,24 @@ def _staged(
     importance: float,
 ) -> Motion:
     trajectory = TrajectoryBuilder(rally, players, seed, fps).build(lead_in, branch)
-    frames = _length(trajectory, fps, lead_in, branch)
-    moods = _moods(seed, len(rally), importance)
+    if len(rally):
+        frames = round((trajectory.end_time[-1] + (0.0 if rally.open else _TAIL)) * fps) + 1
+    else:
+        frames = (branch.frame if branch else 0) + round(lead_in * fps) + 1
+    # Index and strength of the reaction of each player to the end of the rally.
+    bits = draws.draw(draws.extend(draws.stream(seed), len(rally)), np.array([_MOOD, _MOOD + 1]))
+    moods = [(int(b >> np.uint64(63)), 0.35 + 0.65 * importance) for b in bits]
     rhythm = branch.player(0).rhythm if branch else seed
     added = [habits(trajectory, seat, rhythm, frames, fps) for seat in (0, 1)]
     for _ in range(_RETRIES):
         ready = [_prepared(trajectory, players[seat], added[seat], moods[seat], fps, branch) for seat in (0, 1)]
-        missed = _missed(ready, players)
+        # From the shuttle to the strings in the frame of the court, by stroke, where they are apart.
+        missed = {
+            hit.stroke: -miss * players[seat].signs
+            for seat, (timeline, prepared, _) in enumerate(ready)
+            for hit, miss in zip(timeline.hits, prepared.miss, strict=True)
+            if np.linalg.norm(miss) > 2 * _TOLERANCE
+        }
         if not missed:
             break
         trajectory = with_contacts_moved(trajectory, missed)
@@ -267,20 +251,6 @@ def _branch(rally: Rally, motion: Motion, from_stroke: int | None, at: int | Non
     return Branch(motion, 0, frame)
 
 
-def _moods(seed: int, strokes: int, importance: float) -> list[tuple[int, float]]:
-    """Index and strength of the reaction of each player to the end of the rally."""
-    bits = draws.draw(draws.extend(draws.stream(seed), strokes), np.array([_MOOD, _MOOD + 1]))
-    return [(int(b >> np.uint64(63)), 0.35 + 0.65 * importance) for b in bits]
-
-
-def _length(trajectory: Trajectory, fps: int, lead_in: float, branch: Branch | None) -> int:
-    """Number of frames."""
-    if not len(trajectory.rally):
-        return (branch.frame if branch else 0) + round(lead_in * fps) + 1
-    tail = 0.0 if trajectory.rally.open else _TAIL
-    return round((trajectory.end_time[-1] + tail) * fps) + 1
-
-
 def _prepared(
     trajectory: Trajectory, athlete: Athlete, added: Habits, mood: tuple[int, float], fps: int, branch: Branch | None
 ) -> tuple[Timeline, Prepared, F64]:
@@ -308,16 +278,6 @@ def _prepared(
         # Overshoot slightly: otherwise the last millimetres take many attempts.
         shift[strokes[missed]] += 1.15 * prepared.miss[missed]
     return timeline, prepared, shift
-
-
-def _missed(ready: list[tuple[Timeline, Prepared, F64]], players: tuple[Athlete, Athlete]) -> dict[int, F64]:
-    """Vector from the shuttle to the strings in the frame of the court, by stroke, where they are apart."""
-    return {
-        hit.stroke: -miss * players[seat].signs
-        for seat, (timeline, prepared, _) in enumerate(ready)
-        for hit, miss in zip(timeline.hits, prepared.miss, strict=True)
-        if np.linalg.norm(miss) > 2 * _TOLERANCE
-    }
 
 
 def _assembled(
@@ -363,7 +323,7 @@ def _assembled(
         planted=planted,
         contact_frame=contacts,
         skeletons=(athletes[0].skeleton, athletes[1].skeleton),
-        handedness=(_hand(athletes[0]), _hand(athletes[1])),
+        handedness=("right" if athletes[0].right_handed else "left", "right" if athletes[1].right_handed else "left"),
         trajectory=trajectory,
         players=(players[0], players[1]),
     )
@@ -375,10 +335,6 @@ def _assembled(
         for name in ("shuttle", "shuttle_velocity"):
             getattr(motion, name)[known] = getattr(branch.motion, name)[known]
     return motion
-
-
-def _hand(athlete: Athlete) -> str:
-    return "right" if athlete.right_handed else "left"
 
 
 def onto_court(rotation: F64, position: F64, feet: Feet, sign: F64) -> tuple[F64, F64, Bools]:

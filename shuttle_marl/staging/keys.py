@@ -26,10 +26,12 @@ _AT_CONTACT: Final[dict[int, tuple[tuple[float, float, float], tuple[float, floa
     motions.DEFENCE_BACKHAND: ((-0.44, 0.06, 30), (0.34, 0.00, -12), LEFT),
 }
 """Left and right foot (x, y, heading in degrees), and the foot that lands last."""
-_LANDING: Final = ((-0.16, -0.26, 22), (0.14, 0.26, -6))
+LANDING: Final = np.array([(-0.16, -0.26, 22), (0.14, 0.26, -6)])
 """After a jump: the legs have scissored, the racket foot lands in front."""
-_SPLIT: Final = ((-0.29, 0.03, 14), (0.29, 0.00, -14))
-_WAIT: Final = ((-0.10, 0.24, 0), (0.12, -0.22, -28))
+SPLIT: Final = np.array([(-0.29, 0.03, 14), (0.29, 0.00, -14)])
+"""In the split step."""
+WAIT: Final = np.array([(-0.10, 0.24, 0), (0.12, -0.22, -28)])
+"""The receiver before the serve, the free foot in front."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -164,27 +166,12 @@ def feet_at(motion: int, root: F64, heading: float, reach: float, high: float = 
     elif motion in (motions.LUNGE, motions.LUNGE_BACKHAND):
         spots[RIGHT, 1] += 0.05 * reach
         spots[:, 1] *= 1 - 0.9 * float(np.clip(high, 0.0, 0.5))
-    place, yaw = _placed(spots, root, heading)
+    place, yaw = placed(spots, root, heading)
     return place, yaw, last
 
 
-def landing(root: F64, heading: float) -> tuple[F64, F64]:
-    """Feet after a jump."""
-    return _placed(np.array(_LANDING), root, heading)
-
-
-def split(root: F64, heading: float) -> tuple[F64, F64]:
-    """Feet in the split step."""
-    return _placed(np.array(_SPLIT), root, heading)
-
-
-def waiting(root: F64, heading: float) -> tuple[F64, F64]:
-    """Feet of the receiver before the serve, the free foot in front."""
-    return _placed(np.array(_WAIT), root, heading)
-
-
-def _placed(spots: F64, root: F64, heading: float) -> tuple[F64, F64]:
-    """Places and headings of feet given in a frame at ``root`` that is turned left by ``heading``."""
+def placed(spots: F64, root: F64, heading: float) -> tuple[F64, F64]:
+    """Places ``[2, 2]`` and headings ``[2]`` of feet given in a frame at ``root`` that is turned left by ``heading``."""
     c, s = np.cos(heading), np.sin(heading)
     x, y = spots[:, 0], spots[:, 1]
     return root + np.stack([c * x - s * y, s * x + c * y], axis=1), np.radians(spots[:, 2]) + heading

@@ -4,7 +4,7 @@ See :mod:`shuttle_marl.staging.curves`, :mod:`shuttle_marl.staging.flight` and :
 """
 
 import math
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -26,32 +26,20 @@ class TravelWishes(NamedTuple):
     still: F64
 
 
-class TravelOptions(NamedTuple):
-    """Options of the solver.
-
-    Attributes:
-        bending: weight of the acceleration.
-        speed_penalty: penalty of speed above the limit.
-        acceleration_penalty: penalty of acceleration above the limit.
-        top_speed: limit of the speed [m/s].
-        top_acceleration: limit of the acceleration [m/s²].
-        rounds: iterations after which ``late_slack`` replaces ``slack``.
-        most_rounds: maximum number of iterations.
-        stiffer: iterations at which the penalties grow twelvefold.
-        slack: factor of the limits below which the path is accepted.
-        late_slack: the same after ``rounds``.
-    """
-
-    bending: float
-    speed_penalty: float
-    acceleration_penalty: float
-    top_speed: float
-    top_acceleration: float
-    rounds: int
-    most_rounds: int
-    stiffer: tuple[int, int]
-    slack: float
-    late_slack: float
+_BENDING: Final = 2e-3
+"""Weight of the acceleration."""
+_TOP_SPEED, _TOP_ACCELERATION = 6.5, 12.0
+"""Limits of the hips over the floor, which are never passed [m/s] and [m/s²]."""
+_MARGIN: Final = 0.90
+"""Fraction of the limits that the solver aims at."""
+_SPEED_PENALTY, _ACCELERATION_PENALTY = 2e-2, 3e-3
+"""Penalties of what is above the limits."""
+_ROUNDS, _MOST_ROUNDS = 240, 4000
+"""Iterations after which the margin is given up, and their maximum number."""
+_STIFFER: Final = (400, 1200)
+"""Iterations at which the penalties grow twelvefold."""
+_SLACK, _LATE_SLACK = 1.02, 0.995 / _MARGIN
+"""Factors of the aim below which a path is accepted: paths that want to break the limits converge slowly."""
 
 
 @compiled
@@ -191,13 +179,6 @@ def solve_bands(bands: F64, x: F64) -> None:
 
 
 @compiled
-def _copy(x: F64, share: float, out: F64) -> None:
-    for i in range(len(x)):
-        for c in range(2):
-            out[i, c] = share * x[i, c]
-
-
-@compiled
 def _project(now: F64, limit: float, projected: F64, scaled: F64, relax: float) -> float:
     """Update the multipliers of ``[N, 2]`` vectors limited to length ``limit``; returns the greatest current length."""
     longest = 0.0
@@ -212,63 +193,44 @@ def _project(now: F64, limit: float, projected: F64, scaled: F64, relax: float) 
 
 
 @compiled
-def _differ(p: F64, speed: float, bend: float, v: F64, a: F64) -> None:
-    """Speeds and accelerations of a path."""
-    for i in range(len(v)):
-        for c in range(2):
-            v[i, c] = (p[i + 1, c] - p[i, c]) * speed
-    for i in range(len(a)):
-        for c in range(2):
-            a[i, c] = (p[i + 2, c] - 2 * p[i + 1, c] + p[i, c]) * bend
-
-
-@compiled
-def smooth_path(wishes: TravelWishes, fps: int, options: TravelOptions, p: F64) -> None:
-    """Alternating direction method of multipliers of :func:`shuttle_marl.staging.assemble.travel`.
-
-    Args:
-        wishes: weights and places of F frames.
-        fps: frames per second.
-        options: limits, penalties and number of iterations.
-        p: ``[F, 2]``, written: the path.
-    """
+def _smooth(wishes: TravelWishes, fps: int, p: F64) -> None:
+    """Alternating direction method of multipliers of :func:`shuttle_marl.staging.assemble.travel`; ``p`` is written."""
     weight, target, still = wishes.weight, wishes.target, wishes.still
-    bending, top_speed, top_acceleration = options.bending, options.top_speed, options.top_acceleration
-    rho_v, rho_a = options.speed_penalty, options.acceleration_penalty
+    rho_v, rho_a = _SPEED_PENALTY, _ACCELERATION_PENALTY
+    top_speed, top_acceleration = _MARGIN * _TOP_SPEED, _MARGIN * _TOP_ACCELERATION
     n = len(weight)
     speed, bend = float(fps), float(fps) * fps
     bands = np.empty((3, n))
-    v, a = np.empty((n - 1, 2)), np.empty((n - 2, 2))
     zv, za = np.zeros((n - 1, 2)), np.zeros((n - 2, 2))
     uv, ua = np.zeros((n - 1, 2)), np.zeros((n - 2, 2))
-    factor_bands(weight, still, rho_v, speed**2, (bending + rho_a) * bend**2, bands)
-    _copy(target, 1.0, p)
-    solve_bands(bands, p)
-    _differ(p, speed, bend, v, a)
-    _project(v, top_speed, zv, uv, 1.0)
-    _project(a, top_acceleration, za, ua, 1.0)
-    for step in range(options.most_rounds):
-        if step in options.stiffer:
+    for step in range(-1, _MOST_ROUNDS):
+        if step < 0 or step in _STIFFER:
             # Where the start is given, the wishes may violate the limits by much: the penalties grow.
-            rho_v, rho_a = 12 * rho_v, 12 * rho_a
-            _copy(uv, 1 / 12, uv)
-            _copy(ua, 1 / 12, ua)
-            factor_bands(weight, still, rho_v, speed**2, (bending + rho_a) * bend**2, bands)
-        _copy(target, 1.0, p)
-        for i in range(n - 1):
-            for c in range(2):
-                push = rho_v * speed * (zv[i, c] - uv[i, c])
-                p[i, c] -= push
-                p[i + 1, c] += push
-        for i in range(n - 2):
-            for c in range(2):
-                push = rho_a * bend * (za[i, c] - ua[i, c])
-                p[i, c] += push
-                p[i + 1, c] -= 2 * push
-                p[i + 2, c] += push
+            if step > 0:
+                rho_v, rho_a = 12 * rho_v, 12 * rho_a
+                uv *= 1 / 12
+                ua *= 1 / 12
+            factor_bands(weight, still, rho_v, speed**2, (_BENDING + rho_a) * bend**2, bands)
+        p[:] = target
+        if step >= 0:
+            push = rho_v * speed * (zv - uv)
+            p[1:] += push
+            p[:-1] -= push
+            push = rho_a * bend * (za - ua)
+            p[2:] += push
+            p[1:-1] -= 2 * push
+            p[:-2] += push
         solve_bands(bands, p)
-        _differ(p, speed, bend, v, a)
-        fastest, hardest = _project(v, top_speed, zv, uv, 1.6), _project(a, top_acceleration, za, ua, 1.6)
-        allowed = options.slack if step < options.rounds else options.late_slack
-        if step % 10 == 9 and fastest < allowed * top_speed and hardest < allowed * top_acceleration:
+        relax = 1.6 if step >= 0 else 1.0
+        fastest = _project((p[1:] - p[:-1]) * speed, top_speed, zv, uv, relax)
+        hardest = _project((p[2:] - 2 * p[1:-1] + p[:-2]) * bend, top_acceleration, za, ua, relax)
+        allowed = _SLACK if step < _ROUNDS else _LATE_SLACK
+        if step > 0 and step % 10 == 9 and fastest < allowed * top_speed and hardest < allowed * top_acceleration:
             break
+
+
+def smooth_path(wishes: TravelWishes, fps: int) -> F64:
+    """``[F, 2]`` path of the hips over the floor, see :mod:`shuttle_marl.staging.assemble` [m]."""
+    path = np.empty_like(wishes.target)
+    _smooth(wishes, fps, path)
+    return path

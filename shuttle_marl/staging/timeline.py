@@ -12,7 +12,7 @@ from shuttle_marl.base.arrays import F64
 from shuttle_marl.game.rules import WINNER
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.staging.curves import half_time, leap
-from shuttle_marl.staging.keys import Hit, Keys, Past, Stand, Timeline, feet_at, landing, split, waiting
+from shuttle_marl.staging.keys import LANDING, SPLIT, WAIT, Hit, Keys, Past, Stand, Timeline, feet_at, placed
 from shuttle_marl.staging.library import TRUNK, Athlete, bent, pointed
 from shuttle_marl.staging.meeting import RATIOS, SOFT
 from shuttle_marl.staging.motions import DEFENCE, DEFENCE_BACKHAND, KILL, LUNGE, LUNGE_BACKHAND, OVERHEADS, Stance
@@ -190,7 +190,7 @@ class TimelineBuilder:
         """Stand before a serve in frame ``first``, from frame ``begin``."""
         hips = self.hips[begin]
         if self.trajectory.rally.server != self.seat:
-            self._stand(begin, first - round(0.08 * self.fps), waiting(hips, 0.0))
+            self._stand(begin, first - round(0.08 * self.fps), placed(WAIT, hips, 0.0))
             return
         stance = self._mirrored(self.trajectory.stance[0] if len(self.clock) else self.trajectory.reply)
         place, yaw, _ = feet_at(stance.motion, hips, stance.heading, 0.0)
@@ -200,7 +200,7 @@ class TimelineBuilder:
         """Open rally: the next striker is on the way, the other player recovers."""
         if len(self.clock):
             self._key(over, self._ready(over), fixed=True)
-            self._stand(over - 1, over, split(self.hips[-1], self._facing(over)))
+            self._stand(over - 1, over, placed(SPLIT, self.hips[-1], self._facing(over)))
 
     def _split(self, i: int, frame: int, following: int) -> None:
         """Split step at the opponent's contact: a small hop that lands wide."""
@@ -212,13 +212,13 @@ class TimelineBuilder:
         if room > 0.16 * fps:
             up, down = self._jump(frame - 0.01 * fps, _SPLIT_HOP)
             if i and room > 0.34 * fps and self._away(up) > _WAY_TO_SPLIT:
-                self._stand(up - 1, up, split(self.hips[up], heading), last=i % 2)
+                self._stand(up - 1, up, placed(SPLIT, self.hips[up], heading), last=i % 2)
             elif self.stands[-1].end < up:
                 # No time for a step: the hop begins at the current stand.
                 self.stands[-1] = dataclasses.replace(self.stands[-1], end=max(self.stands[-1].end, up))
-            self._stand(down, down + 2, split(self.hips[min(down + 1, self.frames - 1)], heading), hop=True)
+            self._stand(down, down + 2, placed(SPLIT, self.hips[min(down + 1, self.frames - 1)], heading), hop=True)
         elif following - frame > 0.5 * fps:
-            self._stand(frame + 2, frame + 4, split(self.hips[min(frame + 3, self.frames - 1)], heading))
+            self._stand(frame + 2, frame + 4, placed(SPLIT, self.hips[min(frame + 3, self.frames - 1)], heading))
 
     def _away(self, frame: int) -> float:
         """Distance from the middle between the feet to the hips in a frame [m]."""
@@ -316,7 +316,7 @@ class TimelineBuilder:
         before = self.hips[max(up - 1, 0)]
         self._stand(up - round(0.08 * fps), up, (place - root + before, yaw), last=last)
         after = self.hips[min(down + 1, self.frames - 1)]
-        self._stand(down, down + round(0.08 * fps), landing(after, 0.5 * stance.heading), hop=True)
+        self._stand(down, down + round(0.08 * fps), placed(LANDING, after, 0.5 * stance.heading), hop=True)
 
     def _normal(self, i: int) -> F64:
         """Direction that the strings face: between the incoming and the outgoing flight."""
@@ -349,4 +349,4 @@ class TimelineBuilder:
         for seconds in (0.5, 1.0) if won else (0.9, 1.7):
             self._key(last + round(seconds * fps), felt)
         self._key(self.frames - 1, rest if won else felt, fixed=True)
-        self._stand(last + round(0.9 * fps), self.frames - 1, split(self.hips[-1], self._facing(self.frames - 1)))
+        self._stand(last + round(0.9 * fps), self.frames - 1, placed(SPLIT, self.hips[-1], self._facing(self.frames - 1)))

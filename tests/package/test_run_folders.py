@@ -148,10 +148,10 @@ def test_a_run_that_cannot_be_removed(tmp_path: Path, monkeypatch: pytest.Monkey
         raise PermissionError(13, "Permission denied")
 
     monkeypatch.setattr(Path, "unlink", denied)
-    with pytest.raises(RunError, match=r"cannot be removed \(config.json: Permission denied\)"):
+    with pytest.raises(RunError, match=r"cannot be used \(Permission denied\)"):
         opened(folder, overwrite=True)
     monkeypatch.setattr(os, "open", denied)
-    with pytest.raises(RunError, match=r"cannot be written \(Permission denied\)"):
+    with pytest.raises(RunError, match=r"cannot be used \(Permission denied\)"):
         opened(folder, overwrite=True)
 
 
