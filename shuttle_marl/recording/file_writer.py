@@ -9,6 +9,7 @@ import contextlib
 import errno
 import os
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import IO, Any, Final, cast
 
@@ -197,17 +198,13 @@ class LogFileWriter:
         if len(data) > MAX_CHUNK or len(rallies) > MAX_RALLIES or len(rallies.stroke) > MAX_STROKES:
             raise RecordingError(f"{self.path}: a batch of {len(rallies)} rallies is too large; choose fewer rallies per batch")
         offset = self._sink.length
-        try:
+        with self._guarded():
             self._sink.reserve(len(data) + _END + self._end_of_file(len(self._index) + 1))
             # One message per chunk, so a kill loses at most the batch that is being written.
             self._mcap.add_message(self._channel, first * RALLY_TIME, cast(bytes, data), first * RALLY_TIME, len(self._index))
             self._sink.commit()
             if time.monotonic() - self._synced > self._fsync_seconds:
                 self._sync()
-        except NoRoomError as error:
-            self._give_up(error, finish=True)
-        except OSError as error:
-            self._give_up(error, finish=False)
         match = rallies.pairing.astype(np.uint64) << np.uint64(32) | rallies.match
         row = (first, len(rallies), len(rallies.stroke), offset, int(match.min()), int(match.max()))
         self._index.append(row)
@@ -219,11 +216,9 @@ class LogFileWriter:
         Raises:
             RecordingError: the disk failed.
         """
-        try:
+        with self._guarded():
             if not self.closed:
                 self._sync()
-        except OSError as error:
-            self._give_up(error, finish=False)
 
     def close(self) -> None:
         """Write the index and move the file into place.
@@ -231,11 +226,9 @@ class LogFileWriter:
         Raises:
             RecordingError: the disk is full or fails; ``FILE.part`` holds every batch.
         """
-        try:
+        with self._guarded():
             if not self.closed:
                 self._finish()
-        except OSError as error:
-            self._give_up(error, finish=False)
 
     def abort(self) -> None:
         """Leave ``FILE.part`` behind, for :func:`shuttle_marl.recording.recover` or a resumed run."""
@@ -280,20 +273,21 @@ class LogFileWriter:
         self.closed = True
         os.replace(unfinished(self.path), self.path)
 
-    def _give_up(self, error: OSError, *, finish: bool) -> None:
-        """Finish the file with its present batches, or leave ``FILE.part`` behind, and raise an error that says which."""
-        held = f"the {self.rallies} rallies before it are complete"
-        if finish:
-            try:
-                self._finish()
-            except OSError:
-                pass
-            else:
-                raise RecordingError(
-                    f"{self.path}: cannot be written any further ({error.strerror}); {held}: free disk space and resume"
-                ) from error
-        self.abort()
-        part = unfinished(self.path)
-        raise RecordingError(
-            f"{part}: cannot be written ({error.strerror}); {held}: free disk space and resume, or {advice(part)}"
-        ) from error
+    @contextlib.contextmanager
+    def _guarded(self) -> Iterator[None]:
+        """After an error finish the file with its present batches, or leave ``FILE.part`` behind, and say which."""
+        try:
+            yield
+        except OSError as error:
+            held = f"the {self.rallies} rallies before it are complete"
+            if isinstance(error, NoRoomError):
+                with contextlib.suppress(OSError):
+                    self._finish()
+                    raise RecordingError(
+                        f"{self.path}: cannot be written any further ({error.strerror}); {held}: free disk space and resume"
+                    ) from error
+            self.abort()
+            part = unfinished(self.path)
+            raise RecordingError(
+                f"{part}: cannot be written ({error.strerror}); {held}: free disk space and resume, or {advice(part)}"
+            ) from error

@@ -94,53 +94,49 @@ def _object(title: str, **properties: dict[str, Any]) -> dict[str, Any]:
     return {"title": title, "type": "object", "properties": properties}
 
 
-def _numbers(*names: str) -> dict[str, dict[str, Any]]:
-    return {name: {"type": "number"} for name in names}
-
-
-def _integers(*names: str) -> dict[str, dict[str, Any]]:
-    return {name: {"type": "integer"} for name in names}
-
-
-def _texts(*names: str) -> dict[str, dict[str, Any]]:
-    return {name: {"type": "string"} for name in names}
+def _fields(kind: str, *names: str) -> dict[str, dict[str, Any]]:
+    return {name: {"type": kind} for name in names}
 
 
 def _array(items: dict[str, Any]) -> dict[str, Any]:
     return {"type": "array", "items": items}
 
 
-_POINT: Final = _object("point", **_numbers("x", "y", "z", "speed"))
-_OPTION: Final = _object("shuttle_marl.Option", **_texts("stroke"), **_numbers("probability", "win_probability"))
+_POINT: Final = _object("point", **_fields("number", "x", "y", "z", "speed"))
+_OPTION: Final = _object(
+    "shuttle_marl.Option", **_fields("string", "stroke"), **_fields("number", "probability", "win_probability")
+)
 _STROKE: Final = _object(
     "shuttle_marl.Stroke",
-    **_integers("number", "seat"),
-    **_texts("player", "stroke", "shot", "area", "height", "technique"),
-    **_numbers("p_succ", "p_ret", "probability", "win_probability"),
+    **_fields("integer", "number", "seat"),
+    **_fields("string", "player", "stroke", "shot", "area", "height", "technique"),
+    **_fields("number", "p_succ", "p_ret", "probability", "win_probability"),
     hurried={"type": "boolean"},
-    **_integers("effort", "opponent_effort", "duel"),
-    **_numbers("contact_height", "speed_kmh", "flight_time"),
-    **_texts("end"),
+    **_fields("integer", "effort", "opponent_effort", "duel"),
+    **_fields("number", "contact_height", "speed_kmh", "flight_time"),
+    **_fields("string", "end"),
 )
 SCHEMAS: Final[dict[str, dict[str, Any]]] = {
     SCORE: _object(
         "shuttle_marl.Score",
-        **_integers("rally", "match"),
-        **_texts("name_0", "name_1"),
-        **_integers("points_0", "points_1", "games_0", "games_1", "server", "winner"),
-        **_texts("reason"),
+        **_fields("integer", "rally", "match"),
+        **_fields("string", "name_0", "name_1"),
+        **_fields("integer", "points_0", "points_1", "games_0", "games_1", "server", "winner"),
+        **_fields("string", "reason"),
     ),
     STROKE: _STROKE,
     POLICY: _object(
         "shuttle_marl.Policy",
-        **_integers("seat"),
-        **_texts("player"),
+        **_fields("integer", "seat"),
+        **_fields("string", "player"),
         top=_array(_OPTION),
-        shots=_object("shuttle_marl.Shots", **_numbers(*(shot.replace("-", "_") for shot in SHOTS))),
+        shots=_object("shuttle_marl.Shots", **_fields("number", *(shot.replace("-", "_") for shot in SHOTS))),
     ),
-    VALUE: _object("shuttle_marl.Value", **_numbers("rally_win_0", "match_win_0", "striker", "chosen")),
-    STATE: _object("shuttle_marl.State", **_texts("phase"), shuttle=_POINT, player_0=_POINT, player_1=_POINT),
-    SUMMARY: _object("shuttle_marl.Summary", **_integers("rally"), **_texts("winner", "reason"), strokes=_array(_STROKE)),
+    VALUE: _object("shuttle_marl.Value", **_fields("number", "rally_win_0", "match_win_0", "striker", "chosen")),
+    STATE: _object("shuttle_marl.State", **_fields("string", "phase"), shuttle=_POINT, player_0=_POINT, player_1=_POINT),
+    SUMMARY: _object(
+        "shuttle_marl.Summary", **_fields("integer", "rally"), **_fields("string", "winner", "reason"), strokes=_array(_STROKE)
+    ),
 }
 """JSON schemas of the topics that plots and tables read."""
 

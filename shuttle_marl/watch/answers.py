@@ -32,7 +32,7 @@ from shuttle_marl.watch.match import CourtRally, Match, play_rally
 from shuttle_marl.watch.match_log import MatchLog
 from shuttle_marl.watch.plan import Plan, Side
 from shuttle_marl.watch.policies import OnceCache, PolicyTables
-from shuttle_marl.watch.recorded import People, Recorded
+from shuttle_marl.watch.recorded import Recorded
 from shuttle_marl.watch.stager import Stager
 from shuttle_marl.watch.tagging import TagFile, suggestions
 from shuttle_marl.watch.values import ELITE, StrokeValues
@@ -328,12 +328,12 @@ class Answers:
         people = None if query.plan is not None or self._recorded is None else self._recorded.people(query.rally)
         if people is None or self._game.people is not None:
             return self._values
-        found: StrokeValues = self._pairs.get(people, lambda: self._values_of_people(people))
-        return found
 
-    def _values_of_people(self, people: People) -> StrokeValues:
-        game = game_of_people(self._game.seats[0], people.names, people.date)
-        return self._values if game is None else StrokeValues(PolicyTables(game))
+        def values() -> StrokeValues:
+            game = game_of_people(self._game.seats[0], people.names, people.date)
+            return self._values if game is None else StrokeValues(PolicyTables(game))
+
+        return self._pairs.get(people, values)
 
     def _motion(self, query: messages.Query, rally: CourtRally) -> staging.Motion:
         def compute() -> staging.Motion:

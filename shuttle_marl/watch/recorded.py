@@ -1,11 +1,12 @@
 """Recorded rallies: of a rally log, and of annotated matches."""
 
+import abc
 import dataclasses
 import datetime
-import functools
+import itertools
 import threading
 from pathlib import Path
-from typing import Final, NamedTuple, Protocol
+from typing import Final, NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -36,45 +37,6 @@ _FAR: Final = 1000
 """Distance of a stroke of another shot type; larger than any of area and technique."""
 
 
-class Recorded(Protocol):
-    """Rallies by number, from 0."""
-
-    @property
-    def count(self) -> int:
-        """Number of rallies."""
-        ...
-
-    @property
-    def title(self) -> str:
-        """Description in words."""
-        ...
-
-    def rally(self, number: int) -> CourtRally:
-        """A rally.
-
-        Raises:
-            ShuttleError: the rally does not exist, or it cannot be shown.
-        """
-        ...
-
-    def players(self, number: int) -> Players | None:
-        """Policies of a rally; None: unknown."""
-        ...
-
-    def people(self, number: int) -> "People | None":
-        """The people who played a real rally; None: policies played."""
-        ...
-
-    @property
-    def matches(self) -> list[RecordedMatch]:
-        """The annotated matches; none of a log."""
-        ...
-
-    def match(self, number: int) -> "str | tuple[int, int]":
-        """Match of a rally: its name in annotated matches, or numbers of pairing and match of a log."""
-        ...
-
-
 class People(NamedTuple):
     """The people who played a real rally."""
 
@@ -84,7 +46,41 @@ class People(NamedTuple):
     """Of the match; None: unknown."""
 
 
-class LogRallies:
+class Recorded(abc.ABC):
+    """Rallies by number, from 0.
+
+    Attributes:
+        title: description in words.
+        count: number of rallies.
+        matches: the annotated matches; none of a log.
+    """
+
+    title: str
+    count: int
+    matches: list[RecordedMatch]
+
+    @abc.abstractmethod
+    def rally(self, number: int) -> CourtRally:
+        """A rally.
+
+        Raises:
+            ShuttleError: the rally does not exist, or it cannot be shown.
+        """
+
+    @abc.abstractmethod
+    def match(self, number: int) -> str | tuple[int, int]:
+        """Match of a rally: its name in annotated matches, or numbers of pairing and match of a log."""
+
+    def players(self, number: int) -> Players | None:  # noqa: ARG002
+        """Policies of a rally; None: unknown."""
+        return None
+
+    def people(self, number: int) -> People | None:  # noqa: ARG002
+        """The people who played a real rally; None: policies played."""
+        return None
+
+
+class LogRallies(Recorded):
     """The rallies of a log.
 
     Policies named by the log are resolved without running code, and used only if their table is the one that played.
@@ -101,13 +97,7 @@ class LogRallies:
         self._log, self._game = RallyLog(path), game
         self._lock = threading.RLock()  # a log is one open file, and requests are answered by several threads
         self._players, self._games = LogPlayers(self._log, game), OnceCache(_MAX_MATCHES)
-        self.title = printable(path.name)
-        self.matches: list[RecordedMatch] = []
-
-    @property
-    def count(self) -> int:
-        """Number of rallies."""
-        return self._log.n_rallies
+        self.title, self.count, self.matches = printable(path.name), self._log.n_rallies, []
 
     def rally(self, number: int) -> CourtRally:
         """A rally; see :class:`Recorded`."""
@@ -144,9 +134,6 @@ class LogRallies:
         with self._lock:
             found = self._players.of_rally(number)
         return None if found.value is None else found
-
-    def people(self, number: int) -> None:
-        """None: policies played."""
 
     def match(self, number: int) -> tuple[int, int]:
         """Numbers of pairing and match of a rally."""
@@ -192,7 +179,7 @@ def nearest_stroke(game: Game, state: int, shot: int, technique: int, area: int 
     return int(legal[int(distance.argmin())])
 
 
-class RealRallies:
+class RealRallies(Recorded):
     """The rallies of annotated matches, as strokes of the game.
 
     An annotated stroke is shown as the nearest legal stroke: same contact, then shot type, technique and area. Who was hurried
@@ -233,19 +220,10 @@ class RealRallies:
         self._rallies = list(self._found())
         if not self._rallies:
             raise WatchError(f"{printable(str(path))}: holds no whole rally")
-        self.title = printable(path.name)
-
-    @property
-    def count(self) -> int:
-        """Number of rallies."""
-        return len(self._rallies)
-
-    @functools.cached_property
-    def matches(self) -> list[RecordedMatch]:
-        """The matches; see :class:`Recorded`."""
+        self.title, self.count = printable(path.name), len(self._rallies)
         names = [self.match(number) for number in range(self.count)]
         firsts = [number for number in range(self.count) if number == 0 or names[number] != names[number - 1]]
-        return [self._described(first, end) for first, end in zip(firsts, [*firsts[1:], self.count], strict=True)]
+        self.matches = [self._described(first, end) for first, end in itertools.pairwise([*firsts, self.count])]
 
     def _described(self, first: int, end: int) -> RecordedMatch:
         name, last = self.match(first), self._rallies[end - 1]
@@ -259,9 +237,6 @@ class RealRallies:
             date=None if date is None else date.isoformat(),
             missing=max(0, played - (end - first)),
         )
-
-    def players(self, number: int) -> None:
-        """Not known: people played."""
 
     def numbers(self, match: str) -> dict[tuple[int, int], int]:
         """Numbers of the rallies of a match, by their game and number in the data."""

@@ -52,7 +52,10 @@ def save_site(
     _check(folder)
     hello = answers.hello()
     fixed = {name: (page / name).read_bytes() for name in FILES}
-    fixed["index.html"] = _static(in_language(fixed["index.html"], language))
+    # With the policy, which no server sends, and the mark of a site.
+    policy = f'<meta http-equiv="Content-Security-Policy" content="{CONTENT_POLICY}">'.encode()
+    index = in_language(fixed["index.html"], language)
+    fixed["index.html"] = index.replace(b"<head>", b"<head>" + policy + _MARK, 1)
     rallies: dict[str, bytes] = {}
     size, count = sum(map(len, fixed.values())), 0
     for replies, athletes in _rallies(answers, hello):
@@ -93,12 +96,6 @@ def _check(folder: Path) -> None:
     index = folder / "index.html"
     if not index.is_file() or _MARK not in index.read_bytes():
         raise WatchError(f"--save-site {folder}: the folder has other files; give a new or empty folder")
-
-
-def _static(index: bytes) -> bytes:
-    """The page with its policy, which no server sends, and the mark of a site."""
-    policy = f'<meta http-equiv="Content-Security-Policy" content="{CONTENT_POLICY}">'.encode()
-    return index.replace(b"<head>", b"<head>" + policy + _MARK, 1)
 
 
 def _packed(answers: Answers, request: messages.Request) -> bytes:
