@@ -12,8 +12,6 @@ class Within:
     """Bounds of a number, as annotation of a field. NaN is out of all bounds.
 
     Attributes:
-        low: smallest value.
-        high: largest value.
         above: exclusive lower bound.
         text: the bounds in words, for errors.
     """

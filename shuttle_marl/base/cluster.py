@@ -140,7 +140,6 @@ def _fetched(shared: Shared[Any]) -> Any:
 
 
 def _call(function: Callable[..., Any], arguments: Sequence[Any], versions: Mapping[str, str]) -> Any:
-    """Call a function in a worker."""
     here = _versions(tuple(name for name in versions if name not in _OWN))
     different = [f"{name} {version} there, {here[name]} here" for name, version in versions.items() if here[name] != version]
     if different:
@@ -170,8 +169,6 @@ def in_threads(function: Callable[[S], T], arguments: Iterable[S], threads: int 
     """Results of a function for each argument, in their order, from threads; for compiled code, which releases the lock.
 
     Args:
-        function: called with each argument.
-        arguments: the arguments.
         threads: number of threads; None: one for each core.
     """
     with futures.ThreadPoolExecutor(threads or os.cpu_count()) as pool:
@@ -184,8 +181,6 @@ def in_processes(function: Callable[[S], T], arguments: Iterable[S], processes: 
     An argument is taken from the iterable when a process is free, so a generator can stop when time is up.
 
     Args:
-        function: called with one argument.
-        arguments: of the calls.
         processes: number of parallel processes; 1: this one.
 
     Raises:
@@ -208,11 +203,7 @@ def in_processes(function: Callable[[S], T], arguments: Iterable[S], processes: 
 
 
 class WorkerPool(futures.ProcessPoolExecutor):
-    """Processes that end with this one. Ctrl-C does not reach them, but ends the context of the pool, and them with it.
-
-    Args:
-        processes: their number.
-    """
+    """Processes that end with this one. Ctrl-C does not reach them, but ends the context of the pool, and them with it."""
 
     def __init__(self, processes: int) -> None:
         super().__init__(processes, mp_context=multiprocessing.get_context("spawn"), initializer=_end_with_parent)

@@ -86,7 +86,6 @@ def printable(text: str, *, keep: str = "") -> str:
     lone surrogates (undecodable bytes of a path) cannot be written at all.
 
     Args:
-        text: any text.
         keep: unprintable characters that are not replaced, such as a newline.
     """
     if text.isprintable():
@@ -99,7 +98,6 @@ def command(name: str, *arguments: str) -> str:
 
     Args:
         name: command, such as ``watch``.
-        *arguments: its arguments.
     """
     here, found = Path(sys.executable).absolute(), shutil.which("python")
     if found is not None and Path(found).absolute().parent == here.parent:

@@ -113,7 +113,6 @@ def read_file(path: Path, limit: int | None = None) -> bytes:
     """Content of a regular file.
 
     Args:
-        path: the file.
         limit: maximum size [bytes]; None: no limit.
 
     Raises:
@@ -152,7 +151,6 @@ def read_json(path: Path, kind: type[T], *, sealed: bool = False) -> T:
     """Read a JSON file as a type.
 
     Args:
-        path: the file.
         kind: type of the content, such as a dataclass; entries that it does not have are ignored.
         sealed: the file has the content of :func:`seal`, which is verified.
 

@@ -30,7 +30,6 @@ def interquartile_mean(tasks: Sequence[Sequence[float]], seed: int = 0) -> Inter
 
     Args:
         tasks: figures of the runs of each task, at least one.
-        seed: random seed of the bootstrap.
     """
 
     def middle(*columns: F64, axis: int = -1) -> F64:
@@ -73,7 +72,6 @@ def combined(estimates: Sequence[Estimate], weights: Sequence[float]) -> Interva
 
     Args:
         estimates: at least one.
-        weights: of each.
     """
     share = np.asarray(weights, dtype=np.float64) / np.sum(weights)
     value, variance, freedom = (np.array(column, dtype=np.float64) for column in zip(*estimates, strict=True))
@@ -92,7 +90,6 @@ def probability_of_improvement(ours: Sequence[float], theirs: Sequence[float], s
     Args:
         ours: figures of the runs of one method, at least one.
         theirs: figures of the runs of the other method.
-        seed: random seed of the bootstrap.
     """
 
     def larger(x: F64, y: F64, axis: int = -1) -> F64:

@@ -41,7 +41,6 @@ def open_run(
 
     Args:
         out: the requested folder; None: ``runs/NAME``, for a new run with a number appended if that exists.
-        name: of the run.
         fixed: options that affect the results, written to ``config.json``; those of a resumed run must be equal.
         resume: continue the unfinished run in ``out``, or else the latest one of that name.
         overwrite: replace the run in ``out``.
@@ -81,7 +80,6 @@ def _usable(folder: Path) -> Iterator[None]:
 
 
 def _new(default: Path, stack: contextlib.ExitStack) -> Path:
-    """Create and lock the first folder of a name that does not exist."""
     folder, number = default, 1
     while True:
         # Another process may use the folder as soon as it exists.
@@ -95,7 +93,6 @@ def _new(default: Path, stack: contextlib.ExitStack) -> Path:
 
 
 def _empty(out: Path, stack: contextlib.ExitStack, *, overwrite: bool) -> Path:
-    """Lock and empty a folder that the user named."""
     _check_free(out, overwrite=overwrite)  # before anything is written
     out.mkdir(parents=True, exist_ok=True)
     stack.enter_context(locked(out))
@@ -117,7 +114,6 @@ def _check_free(out: Path, *, overwrite: bool) -> None:
 
 
 def _entries(folder: Path) -> list[Path]:
-    """Everything in a folder but the lock."""
     return [path for path in folder.iterdir() if path.name != LOCK]
 
 

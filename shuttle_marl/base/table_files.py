@@ -34,7 +34,6 @@ def parquet_bytes(table: pa.Table, **options: Any) -> bytes:
     """A table as a sealed Parquet file; the same arguments give the same bytes.
 
     Args:
-        table: the table.
         **options: of ``pyarrow.parquet.write_table``, in addition to :data:`PARQUET`.
     """
     buffer = pa.BufferOutputStream()
@@ -159,7 +158,6 @@ def _footer(file: BinaryIO) -> tuple[int, int]:
 
 
 def _digest(file: BinaryIO, *ranges: tuple[int, int]) -> bytes:
-    """SHA-256 of byte ranges of a file."""
     digest = hashlib.sha256()
     for begin, end in ranges:
         file.seek(begin)

@@ -42,7 +42,6 @@ def tensor_bytes(arrays: Mapping[str, npt.NDArray[Any]], metadata: Mapping[str, 
     """A safetensors file; the same arguments give the same bytes.
 
     Args:
-        arrays: arrays by name.
         metadata: text by name. The library writes it in random order, so it is sorted here.
         pack: whether large arrays are packed, which takes less space and more time.
     """
@@ -103,7 +102,6 @@ def read_tensors(path: Path, sha256: str | None = None) -> Tensors:
     """Read a safetensors file.
 
     Args:
-        path: the file.
         sha256: hexadecimal hash of its bytes; None: unknown.
 
     Raises:

@@ -25,7 +25,6 @@ class Cell:
     """A cell of a table.
 
     Attributes:
-        text: its text.
         key: what it is sorted by; None: after all others.
         link: address that it leads to; empty: none.
     """
@@ -40,8 +39,6 @@ class Column(Generic[T]):
     """A column of a table.
 
     Attributes:
-        heading: its heading.
-        cell: its cell in the row of an item.
         about: tooltip of the heading.
         left: whether it is aligned to the left, as text is.
         wrap: whether lines in it may break.
@@ -111,7 +108,6 @@ class Viewer:
 
     Attributes:
         script: its module, in the form in which it stands in a script element.
-        style: its style sheet.
     """
 
     script: str

@@ -159,7 +159,6 @@ def forest(rows: Sequence[tuple[str, float, float, float, float]], unit: str) ->
 
     Args:
         rows: name, estimate, lower and upper end of its interval, exact value; NaN if unknown.
-        unit: of the estimates.
     """
     chart = Chart(_WIDTH, 22.0 * len(rows) + 34)
     axes = chart.axes
@@ -218,7 +217,6 @@ def scatter(points: Mapping[str, tuple[float, float]], across: str, up: str) -> 
 
     Args:
         points: coordinates by name.
-        across, up: names of the axes.
     """
     chart = Chart(_WIDTH, 460.0)
     axes = chart.axes
@@ -254,7 +252,6 @@ def curves(
 
     Args:
         lines: points of each, from left to right; an empty one is not drawn, and keeps its colour for other charts.
-        across, up: names of the axes.
         logarithmic: whether the vertical axis is; points that are not above 0 are left out then.
     """
     from matplotlib.ticker import LogLocator, NullLocator  # noqa: PLC0415  slow to import
@@ -284,7 +281,6 @@ def radar(axes: Sequence[str], values: Sequence[float], reference: Sequence[floa
 
     Args:
         axes: names of the figures.
-        values, reference: one figure for each.
     """
     chart = Chart(300.0, 230.0, projection="polar")
     angles = 2 * math.pi * np.arange(len(axes)) / len(axes)

@@ -71,7 +71,6 @@ def arrow_schema(n_strokes: int, columns: tuple[str, ...] = ()) -> pa.Schema:
     """Columns of a log: stroke numbers take one byte in a game of up to 256 strokes, else two.
 
     Args:
-        n_strokes: number of strokes in the game.
         columns: the columns of :data:`shuttle_marl.game.rally.record.OPTIONAL` in the log.
     """
     fields = [pa.field(name, kind, nullable=False) for name, kind in _ROW]

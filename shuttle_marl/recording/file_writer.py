@@ -41,9 +41,6 @@ class Sink:
 
     Committed bytes survive any end of the process. Until it is closed, the file is longer than ``length`` if the file system can
     reserve space.
-
-    Attributes:
-        length: bytes committed.
     """
 
     def __init__(self, path: Path) -> None:
@@ -138,9 +135,6 @@ class LogFileWriter:
     """Writes one file of a log.
 
     Attributes:
-        path: path of the finished file.
-        header: header of the file.
-        rallies: number of the next rally.
         closed: whether the file is finished or aborted.
     """
 
@@ -149,7 +143,6 @@ class LogFileWriter:
 
         Args:
             path: path of the finished file; neither it nor ``path.part`` may exist.
-            header: header of the file.
             fsync_seconds: longest time between two calls of ``fsync``.
 
         Raises:

@@ -54,7 +54,6 @@ class Player:
     """A policy that played.
 
     Attributes:
-        name: name in the registry.
         hash: hexadecimal SHA-256 of its table; empty if it has no table because it reads the score.
     """
 
@@ -67,7 +66,6 @@ class Pair:
     """The players whose skill the seats have.
 
     Attributes:
-        players: names at seats 0 and 1.
         date: day of their skill in ISO 8601; None: the last one known.
         discipline: ``men`` or ``women``; None: the average of both.
     """
@@ -144,7 +142,6 @@ class LogHeader:
     """Properties that all rallies of a log share.
 
     Attributes:
-        seed: random seed.
         game: hash of the game, see :attr:`shuttle_marl.game.tables.Game.hash`, or of the game of a pair.
         strokes: names of the catalogue, by number.
         policies: policies, by number.
@@ -155,7 +152,6 @@ class LogHeader:
         record: sample of the matches, see :meth:`Sampling.parse`.
         columns: the columns of :data:`shuttle_marl.game.rally.record.OPTIONAL` in the log, in that order.
         pair: the players whose skill the seats have; None: both seats strike with the same tables.
-        software: program that wrote the log.
         part: number of this file in the log, from 0; equality ignores this field and the next.
         first_rally: number of the first rally of this file.
 

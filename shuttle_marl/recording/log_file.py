@@ -168,8 +168,6 @@ class LogFile:
     """A finished file of a rally log.
 
     Attributes:
-        path: the file.
-        header: header of the file.
         size: length of the file [bytes].
         first_rally: ``[B]`` int64 number of the first rally of each batch, counted from the start of the log.
         rallies: ``[B]`` int64 number of rallies in each batch.

@@ -155,7 +155,6 @@ def play_log(players: tuple[TabulatedPolicy, TabulatedPolicy], strokes: int, see
     Args:
         players: behaviour policy and opponent, of one game.
         strokes: number of strokes of the behaviour policy; the log ends with the rally in which it is reached.
-        seed: random seed.
     """
     game, rallies = players[0].game, int(strokes / _STROKES) + 10
     while True:

@@ -38,7 +38,6 @@ class RallyLog:
     Unfinished files (``.part``) are ignored.
 
     Attributes:
-        path: the file or folder.
         logs: offset of the numbers of the rallies, and files, of each log.
         files: all files, in order.
         policies: policies, by number.
@@ -187,7 +186,6 @@ class RallyLog:
         self.close()
 
     def _merge(self) -> None:
-        """Merge the numbers of rallies, policies and pairings of all files."""
         first = self.files[0].header
         for file in self.files[1:]:
             for what in ("game", "strokes", "columns"):
@@ -210,7 +208,6 @@ class RallyLog:
 
 
 def _numbers(own: Sequence[object], merged: Sequence[object], kind: type[np.unsignedinteger]) -> UInts:
-    """Indices of the entries of a file in the merged list."""
     place = {entry: i for i, entry in enumerate(merged)}
     return np.array([place[entry] for entry in own], dtype=kind)
 
@@ -266,9 +263,7 @@ def stroke_rows(log: "RallyLog", first: int, rallies: Rallies, derive: Derive | 
     """A batch as a table of strokes.
 
     Args:
-        log: where it stands.
         first: number of its first rally.
-        rallies: the batch.
         derive: makes further columns, which stand behind the others.
 
     Returns:

@@ -60,7 +60,6 @@ class RallyLogWriter(_Log):
 
     Attributes:
         path: path of the finished log; further parts are named by :func:`part_path`.
-        header: header of the log.
         rallies: number of rallies that survive any end of the process.
     """
 
@@ -78,7 +77,6 @@ class RallyLogWriter(_Log):
 
         Args:
             path: path of the finished log; no part of it may exist from that of the header on.
-            header: header of the log.
             batch_rallies: rallies per batch; fewer than about 1,024 are slow.
             max_bytes: size at which a file is closed and the next part started.
             fsync_seconds: longest time between two calls of ``fsync``.
@@ -185,7 +183,6 @@ class RallyRecorder(_Log):
     An error in the thread is raised by the next call.
 
     Attributes:
-        path: path of the finished log.
         sampling: sample of the matches that are recorded.
         sample: function that returns the rallies of the sample; can be pickled.
     """
@@ -211,8 +208,6 @@ class RallyRecorder(_Log):
         """Start a log and record into it.
 
         Args:
-            path: path of the finished log.
-            header: header of the log.
             record: ``all`` or ``sample:N``.
             **options: options of :class:`RallyLogWriter`.
 
@@ -305,11 +300,8 @@ def sampled_log(
     """Log of the matches of :func:`shuttle_marl.policy.scorecard.sample` of several policies against one opponent.
 
     Args:
-        path: path of the finished log.
         policies: names of the sampled policies, without duplicates; each has a pairing of its own, in this order.
         opponent: the opponent of all of them.
-        game: the game.
-        seed: random seed.
         record: ``all`` or ``sample:N``.
 
     Yields:

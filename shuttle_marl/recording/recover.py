@@ -66,9 +66,6 @@ class Recovery:
     """Result of :func:`recover`.
 
     Attributes:
-        path: the new file.
-        rallies: number of rallies recovered.
-        strokes: number of strokes recovered.
         lost: number of rallies known to be lost between them; the number lost after the last one is unknown.
     """
 
@@ -113,7 +110,6 @@ def recover(source: Path, target: Path | None = None) -> Recovery:
 
 
 def _copy(header: LogHeader, batches: Iterator[tuple[int, bytes, Rallies]], target: Path) -> Recovery:
-    """Write batches to a new file."""
     rallies = strokes = lost = 0
     writer = LogFileWriter(target, header, fsync_seconds=60)
     try:
@@ -140,7 +136,6 @@ def _writing(source: Path, target: Path) -> Iterator[None]:
 
 
 def _delete_files(part: Path) -> None:
-    """Delete the file of a part in every form."""
     for file in (unfinished(part), part, set_aside(part)):
         file.unlink(missing_ok=True)
 
@@ -172,7 +167,6 @@ def resume(path: Path, header: LogHeader, rallies: int, **options: Any) -> Rally
     that flushed after the same number of rallies.
 
     Args:
-        path: path of the finished log.
         header: header of the run; the unfinished log must have the same.
         rallies: number of rallies to keep; a batch must end there.
         **options: options of :class:`RallyLogWriter`.
@@ -254,7 +248,6 @@ def _last_part(path: Path, rallies: int) -> int | None:
 
 
 def _source(part: Path) -> Path:
-    """Rename the file of a part, to copy it."""
     old = set_aside(part)
     if old.exists():
         unfinished(part).unlink(missing_ok=True)  # an incomplete copy; the original is intact

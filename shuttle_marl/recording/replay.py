@@ -48,8 +48,6 @@ class Replay:
     """Result of :func:`replay`.
 
     Attributes:
-        rallies: number of rallies.
-        strokes: number of strokes.
         wrong: numbers of the rallies with an illegal stroke, or another outcome, winner or choice than the replay.
     """
 
@@ -64,8 +62,6 @@ def replay(log: RallyLog, game: Game, policies: Mapping[str, TabulatedPolicy] | 
     If the draws are unknown, only the legality of the strokes and the winners are checked.
 
     Args:
-        log: the log.
-        game: the game of the log.
         policies: tabulated policies by name, whose choices are compared too.
 
     Raises:
@@ -115,9 +111,6 @@ class Checked:
     """Result of :func:`check`.
 
     Attributes:
-        rallies: number of rallies checked.
-        strokes: number of strokes checked.
-        replayed: whether the strokes were replayed.
         problems: descriptions of the problems; empty for a correct log.
     """
 
@@ -131,7 +124,6 @@ def check(path: Path, game: Game | None = None) -> Checked:
     """Check a log.
 
     Args:
-        path: the log, a file or a folder.
         game: the game of the log, to replay every stroke; None: no replay.
 
     Raises:
@@ -155,7 +147,6 @@ def check(path: Path, game: Game | None = None) -> Checked:
 
 
 def _check_data(path: Path) -> None:
-    """Verify the checksum of the data section."""
     tail = FRAME.size + FOOTER_LENGTH + len(MAGIC)
     with damage(path), open_file(path) as file:
         size = path.stat().st_size

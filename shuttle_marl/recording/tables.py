@@ -30,8 +30,6 @@ class Derived:
     """Columns of strokes that follow from the game; the ``derive`` of :meth:`shuttle_marl.recording.RallyLog.stroke_table`.
 
     Args:
-        log: the log.
-        game: the game of the log.
         policies: tabulated policies by name; adds the probability with which they chose each stroke.
 
     Raises:
@@ -73,7 +71,6 @@ def export(source: Path, target: Path, rows: Literal["rallies", "strokes"], game
     """Write a log as a table, complete or not at all.
 
     Args:
-        source: the log, a file or a folder.
         target: replaced if it exists. Ends in ``.parquet`` (with checksums, see :mod:`shuttle_marl.base.table_files`), ``.csv``
             (lists as texts with spaces between their items; names that a spreadsheet would take for formulas begin with an
             apostrophe) or ``.arrow``.
@@ -111,7 +108,6 @@ def export(source: Path, target: Path, rows: Literal["rallies", "strokes"], game
 
 
 def _columns(table: pa.Table, log: RallyLog, flat: bool) -> pa.Table:
-    """For CSV: dictionaries as words, and a list as one text."""
     if not flat:
         return table
     table = without_formulas(table)

@@ -28,7 +28,6 @@ class Camera:
     """A camera of the 3D panel. Angles in degrees, lengths in metres.
 
     Attributes:
-        title: title of its tab.
         board: topic of the scoreboard in its picture.
         distance: distance from the target.
         phi: angle between the vertical and the direction from the target to the camera.
@@ -86,7 +85,6 @@ def boards(report: RallyReport, time: int, text: str, *, after: bool = False, ma
     """Scoreboards of all cameras: names with games and points, seat 0 first, and text below them.
 
     Args:
-        report: report of the rally.
         time: time of the messages [ns].
         text: action; lines of any length are wrapped.
         after: whether the points are those after the rally.

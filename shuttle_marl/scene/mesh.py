@@ -107,7 +107,6 @@ class Mesh:
         normals: ``[V, 3]`` unit.
         triangles: ``[T, 3]`` vertex indices, counterclockwise seen from outside.
         colour: linear red, green, blue, 0 to 1.
-        two_sided: whether both sides are visible.
     """
 
     vertices: F64
@@ -122,7 +121,6 @@ def lathe(profile: Sequence[tuple[float, float]], colour: tuple[float, float, fl
 
     Args:
         profile: radius and height from bottom to top [m].
-        colour: colour of the body.
         sides: number of sides of the polygon that approximates the circle.
     """
     radius, height = np.array(profile, dtype=np.float64).T
@@ -157,7 +155,6 @@ def tube(path: F64, radius: float, colour: tuple[float, float, float], sides: in
 
 
 def _rings(count: int, sides: int) -> I64:
-    """``[T, 3]`` triangles between consecutive rings of vertices."""
     row, side = np.meshgrid(np.arange(count - 1), np.arange(sides), indexing="ij")
     a, b = row * sides + side, row * sides + (side + 1) % sides
     return np.stack([a, b, b + sides, a, b + sides, a + sides], axis=-1).reshape(-1, 3)

@@ -96,10 +96,7 @@ def athlete(name: str, *, right_handed: bool, shirt: Colour, shorts: Colour) -> 
     """Meshes of an athlete by bone, with the origin at the joint of the bone.
 
     Args:
-        name: name of the athlete.
         right_handed: whether the right hand holds the racket.
-        shirt: linear colour of the shirt.
-        shorts: linear colour of the shorts.
 
     Raises:
         StagingError: unknown athlete.

@@ -69,8 +69,6 @@ class Track:
     """A frame of reference that moves or rotates relative to its parent, at F instants.
 
     Attributes:
-        child: name of the frame.
-        parent: name of the parent.
         values: ``[F, 3]`` translations [m], or ``[F, 4]`` rotations as quaternions (x, y, z, w).
         tolerance: largest error of an interpolated value [m] or [rad].
         exact: ``[F]`` instants without error.
@@ -161,7 +159,6 @@ def _trail_entities(time: int, path: F64, fade: F64, gap: F64) -> list[SceneEnti
 
 
 def _strip(path: F64, colours: list[Color]) -> LinePrimitive:
-    """A line with one colour, or one for each point."""
     return LinePrimitive(
         type=LinePrimitiveLineType.LineStrip,
         pose=at((0, 0, 0)),

@@ -28,11 +28,7 @@ class RallyReport:
     """A rally of a log.
 
     Attributes:
-        number: number of the rally in the log.
         names: printable names of the policies at seats 0 and 1.
-        game: tables of the game.
-        played: strokes and the score before the rally.
-        winner: seat that won the rally.
         reason: outcome of the last stroke, in words.
         before: interval or change of ends before the rally, in words; empty: neither.
         analysis: values of the strokes; NaN where a policy is not known.
@@ -74,8 +70,6 @@ class StagedRally:
     """A staged rally at its time in the scene.
 
     Attributes:
-        report: score and analysis.
-        motion: motion of shuttle and players.
         start: time of the first frame [ns].
     """
 
@@ -95,12 +89,6 @@ class StagedRally:
 
 def report_rally(log: RallyLog, number: int, game: Game, players: LogPlayers) -> RallyReport:
     """Report of one rally.
-
-    Args:
-        log: the log.
-        number: number of the rally in the log.
-        game: tables of the game.
-        players: players of the log.
 
     Raises:
         RecordingError: the log has no such rally, or is damaged.

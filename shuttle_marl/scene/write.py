@@ -146,7 +146,6 @@ def _score(staged: StagedRally, strokes: list[dict[str, Any]]) -> Iterator[Timed
 
 
 def _action(report: RallyReport, i: int) -> str:
-    """A stroke on the scoreboard."""
     played, decision, rank = report.played, report.analysis.decisions[i], report.analysis.rank[i]
     catalogue, stroke = played.catalogue, played.stroke[i]
     shot, area = SHOTS[catalogue.shot[stroke]].replace("-", " "), AREAS[played.aim[stroke]].replace("-", " ")
@@ -191,7 +190,6 @@ def _ending(staged: StagedRally) -> str:
 
 
 def _flight(staged: StagedRally, i: int, time: int) -> list[SceneEntity]:
-    """Path of the shuttle after a stroke, and the target area."""
     played, trajectory = staged.report.played, staged.motion.trajectory
     path, _ = trajectory.flight.at(i, np.linspace(0, trajectory.end_time[i] - trajectory.time[i], _PATH_POINTS))
     line = LinePrimitive(
@@ -243,8 +241,6 @@ def select(
     """Numbers of the rallies of a scene, in their order.
 
     Args:
-        log: the log.
-        rally: number of one rally.
         match: number of a match: all its rallies.
         pairing: number of the pairing of the match.
         best: number of rallies: the longest of the log, the longest last.
@@ -286,9 +282,7 @@ def write_scene(
     """Write rallies of a log, one after the other, as the bytes of an MCAP file.
 
     Args:
-        log: the log.
         numbers: numbers of the rallies in the log, at least one.
-        game: the game that was played.
         athletes: athletes at seats 0 and 1, ``male`` or ``female``.
         handedness: racket hands of seats 0 and 1, ``right`` or ``left``.
         fps: frames per second, 25 to 50; viewers warn about more.
@@ -335,7 +329,6 @@ def write_scene(
 
 
 def _rows(log: RallyLog, numbers: Sequence[int]) -> bytes:
-    """The rows of the rallies in the log, as an Arrow IPC file."""
     table = pa.concat_tables([rally_rows(log, int(number), log.rally(int(number))) for number in numbers])
     sink = pa.BufferOutputStream()
     with pa.ipc.new_file(sink, table.schema) as file:

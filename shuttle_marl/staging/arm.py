@@ -141,8 +141,6 @@ def solve(arm: Arm, goal: Goal, start: F64, rounds: int = 40, hold: float = 0.03
     """Inverse kinematics: ``[N, 10]`` angles within the limits closest to the goals.
 
     Args:
-        arm: the arm.
-        goal: goals of N arms.
         start: ``[N, 10]`` initial angles [rad].
         rounds: maximum number of steps.
         hold: weight of staying near :data:`RELAXED`.
@@ -185,5 +183,4 @@ def sweet_spot_jacobian(arm: Arm, angles: F64) -> F64:
 
 
 def _columns(pose: ArmPose, point: F64) -> F64:
-    """``[N, 3, 10]`` Jacobian of a point of the racket."""
     return cross(pose.axes, point[:, None] - pose.pivot).transpose(0, 2, 1)

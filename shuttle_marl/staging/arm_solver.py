@@ -189,8 +189,6 @@ def solve_arms(angles: F64, goals: ArmGoals, arm: ArmConstants, rounds: int, hol
 
     Args:
         angles: ``[N, 10]`` within the limits.
-        goals: goals of N arms.
-        arm: the arm.
         rounds: maximum number of steps.
         hold: weight of the preferred angles.
     """
@@ -243,7 +241,6 @@ def pose_arms(angles: F64, arm: ArmConstants, rotation: F64, position: F64, axes
 
     Args:
         angles: ``[N, 10]``.
-        arm: the arm.
         rotation: ``[5, N, 3, 3]``, written: collar bone, upper arm, forearm, hand, racket.
         position: ``[5, N, 3]``, written: where each begins.
         axes: ``[N, 10, 3]``, written: axis of each angle.

@@ -48,11 +48,7 @@ def travel(trajectory: Trajectory, seat: int, shift: F64, frames: int, fps: int,
     """``[frames, 2]`` the hips of one player over the floor, in the player's own frame [m].
 
     Args:
-        trajectory: the rally.
-        seat: 0 or 1.
         shift: ``[n, 2]`` added to the root of each stance [m].
-        frames: length of the staging.
-        fps: frames a second.
         walked: ``[B, 2]`` the first frames, where the hips have been already, two at least.
     """
     wishes = _wishes(trajectory, seat, shift, frames, fps)
@@ -66,7 +62,6 @@ def travel(trajectory: Trajectory, seat: int, shift: F64, frames: int, fps: int,
 
 
 def _wishes(trajectory: Trajectory, seat: int, shift: F64, frames: int, fps: int) -> TravelWishes:
-    """Weights of all frames."""
     weight, target, still = np.full(frames, 1e-3), np.zeros((frames, 2)), np.full(frames - 1, 4e-3)
 
     def wish(frame: int, place: F64, w: float, half: int = 0) -> None:
@@ -122,7 +117,6 @@ def stage(
     ``lead_in`` seconds of waiting; :func:`continue_motion` appends what follows.
 
     Args:
-        rally: finished or open rally.
         seed: random seed of the times and places of the contacts.
         handedness: ``right`` or ``left``, of seats 0 and 1.
         athletes: ``male`` or ``female``, of seats 0 and 1.
@@ -228,7 +222,6 @@ def _check(handedness: tuple[str, str], fps: int, lead_in: float, importance: fl
 
 
 def _branch(rally: Rally, motion: Motion, from_stroke: int | None, at: int | None) -> Branch:
-    """Validated branch of a continued motion."""
     if motion.players is None:
         raise StagingError("an unpacked motion cannot be continued: pass the one that stage() returned")
     old = motion.trajectory.rally

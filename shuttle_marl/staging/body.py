@@ -73,7 +73,6 @@ def settle(skeleton: Skeleton, hips: F64, root: F64, feet: Feet) -> tuple[F64, F
     """Raise heels and lower the hips until every planted foot is within reach.
 
     Args:
-        skeleton: the athlete.
         hips: ``[F, 3]`` position of the hips [m].
         root: ``[F, 3, 3]`` rotation of the hips.
         feet: the feet, the heels of planted ones down.
@@ -167,7 +166,6 @@ class Prepared:
     Attributes:
         hips: ``[F, 3]`` position of the hips [m].
         path: ``[F, 2]`` their path over the floor, without shifts of weight [m].
-        feet: the feet.
         plants: times and places at which the left and the right foot are planted.
         keys: key poses, with solved contacts.
         miss: ``[H, 3]`` vector from strings to shuttle at each hit [m].
@@ -188,7 +186,6 @@ class Course:
     Attributes:
         hips: ``[F, 3]`` position of the hips [m].
         pose: ``[F, 27]`` trunk and arms.
-        feet: the feet.
         gaze: ``[F, 2]`` yaw and pitch of the head against the chest [rad].
     """
 
@@ -207,9 +204,7 @@ class Player:
     """Motion of a player over F frames: inputs of the bones, and the state needed to continue the motion.
 
     Attributes:
-        course: hips, pose, feet and gaze.
         prepared: path, plants and key poses.
-        timeline: the jumps.
         shift: ``[n, 3]`` shift of the hips at each stroke, so that the racket reaches the shuttle [m].
         rhythm: random seed of breathing and shifts of weight.
     """
@@ -250,11 +245,7 @@ def prepare(
     """Place feet and hips, and solve the contacts.
 
     Args:
-        skeleton: the athlete.
-        timeline: plan of the player.
         hips: ``[F, 2]`` the hips over the floor [m].
-        fps: frames a second.
-        added: the habits.
         known: plants up to the branch.
         before: B unchanged frames.
     """
@@ -295,9 +286,7 @@ def course(skeleton: Skeleton, prepared: Prepared, added: Habits, shuttle: F64, 
     """Inputs of the bones in all frames.
 
     Args:
-        skeleton: the athlete.
         prepared: feet, hips and key poses.
-        added: the habits.
         shuttle: ``[F, 3]`` position of the shuttle, which the head follows [m].
         before: B unchanged frames.
     """
@@ -329,10 +318,6 @@ def _joined(before: F64, after: F64) -> F64:
 
 def bones(skeleton: Skeleton, course: Course) -> tuple[F64, F64]:
     """Bones of one player, in the player's own frame, as a right-hander.
-
-    Args:
-        skeleton: the athlete.
-        course: hips, pose, feet and gaze.
 
     Returns:
         ``[F, 23, 3, 3]`` rotation of each bone from rest, and ``[F, 23, 3]`` where it begins [m].
@@ -379,7 +364,6 @@ def _set_bones(rotation: F64, position: F64, names: tuple[str, ...], turn: F64, 
 
 
 def _gaze(skeleton: Skeleton, chest: F64, middle: F64, shuttle: F64) -> F64:
-    """``[F, 2]`` yaw and pitch of the head towards the shuttle, within the limits and smoothed."""
     neck = middle + apply(chest, skeleton.at("Neck") - skeleton.at("Spine2"))
     eyes = neck + np.array([0.0, 0.0, 0.15])
     way = apply(chest.transpose(0, 2, 1), unit(shuttle - eyes))

@@ -132,7 +132,6 @@ def stand_ankles(ball: F64, yaw: F64, pitch: F64, heel: F64, above: float, out: 
 
 @compiled
 def _shortest_rotation(a: Vec, b: Vec) -> Mat:
-    """The shortest rotation of ``a`` onto ``b``."""
     axis = cross(a, b)
     sine = math.sqrt(dot(axis, axis))
     return rotation_about(unit(axis), 0.0 if sine < 1e-12 else math.atan2(sine, dot(a, b)))
@@ -165,7 +164,6 @@ def _limited_thigh(root: F64, upper: Mat, thigh: Vec, leg: LegConstants) -> Mat:
 
 @compiled
 def _limited_sole(shank: Mat, wanted: Mat, leg: LegConstants) -> Mat:
-    """The sole that follows the floor as far as the ankle allows."""
     up, tilt, outward, sign = leg.ankle_limits[0], leg.ankle_limits[1], leg.ankle_limits[2], leg.sign
     back = transposed(shank)
     # Rising about the ball comes first: far outside the range the three angles would not be independent.
@@ -212,8 +210,6 @@ def solve_legs(joint: F64, root: F64, foot: FootPath, leg: LegConstants, rounds:
     Args:
         joint: ``[F, 3]`` hip joint.
         root: ``[F, 3, 3]`` rotation of the hips.
-        foot: path of the foot.
-        leg: the leg.
         rounds: maximum number of solutions per frame.
         rotation: ``[4, F, 3, 3]``, written: thigh, shank, foot, toes.
         position: ``[4, F, 3]``, written: where each begins.

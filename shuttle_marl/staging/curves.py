@@ -38,7 +38,6 @@ def curve(frame: I64, pose: F64, slope: F64, frames: int) -> F64:
         frame: ``[K]`` frame of each pose, ascending.
         pose: ``[K, C]`` the poses.
         slope: ``[K, C]`` slopes per frame.
-        frames: F.
     """
     out = np.empty((frames, pose.shape[1]))
     run_between(frame, np.ascontiguousarray(pose), np.ascontiguousarray(slope), out)

@@ -55,8 +55,6 @@ _SLOT: Final = 8
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Choice:
-    """A possible flight of a stroke, in the striker's frame."""
-
     point: F64
     seconds: float
     flight: Flights
@@ -80,9 +78,6 @@ class TrajectoryBuilder:
     """Draws points and times of a rally.
 
     Args:
-        rally: finished or open rally.
-        players: at seats 0 and 1.
-        seed: random seed.
         fps: contacts fall on multiples of 1/fps seconds.
     """
 
@@ -232,7 +227,6 @@ class TrajectoryBuilder:
         return best
 
     def _try(self, i: int, end: int, contact: F64, base: F64, k: int) -> _Try:
-        """Try number ``k`` of a stroke."""
         point, met = self._point(i, end, k)
         length = np.hypot(*(point[:2] - contact[:2]))
         u = self.uniform(i, _SLOT * (k + 1)) * (_QUICK if self._hurries(i, end) else 1.0)
@@ -264,7 +258,6 @@ class TrajectoryBuilder:
         return _Choice(tried.point, ticks / self.fps, flight, tried.stance, cost, end)
 
     def _point(self, i: int, end: int, k: int) -> tuple[F64, int]:
-        """End point of try ``k`` in the striker's frame, and the height class of the next contact."""
         first = _SLOT * (k + 1)
         u = [self.uniform(i, first + 1 + j) for j in range(4)]
         area = self.area[i]
@@ -285,7 +278,6 @@ class TrajectoryBuilder:
         return np.array([x, max(y, 0.12), _HEIGHT_OF_CORK]), 0
 
     def _outside(self, i: int, x: float, y: float, which: float, u: float) -> tuple[float, float]:
-        """Move a point over the line nearest to the target area."""
         by_side, by_back = (quantile(self.measured.out_by[k], u) for k in (0, 1))
         depth, side = divmod(int(self.area[i]), 3)
         if self.shot[i] == _SHORT_SERVE and which < 0.5:
@@ -332,7 +324,6 @@ class TrajectoryBuilder:
         return float(np.hypot(*(stance.root - base))) - run - 0.15
 
     def _hurries(self, i: int, end: int) -> bool:
-        """Whether stroke i is returned by a hurried player."""
         return end in (RETURN, OPEN) and bool(self.hurried[i + 1])
 
 
@@ -350,12 +341,10 @@ def _over_net(flights: Flights) -> F64:
 
 
 def _turn(rally: Rally, seat: int) -> F64:
-    """``[3]`` signs between the frame of a seat and the frame of the court."""
     return np.array([rally.facing(seat), rally.facing(seat), 1.0])
 
 
 def _joined(flights: list[Flights], turn: F64) -> Flights:
-    """Flights of several strokes in the frame of the court."""
     if not flights:
         return fall(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
     start, heading, *others = map(np.concatenate, zip(*flights, strict=True))

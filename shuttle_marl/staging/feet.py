@@ -82,7 +82,6 @@ def standing(plants: tuple[list[Plant], list[Plant]], ball: F64, frame: int) -> 
     A foot that would land much later lands within a few frames, on its path.
 
     Args:
-        plants: of both feet.
         ball: ``[2, 3]`` positions of the feet in that frame [m].
         frame: last unchanged frame.
     """
@@ -122,7 +121,6 @@ def steps(
         hips: ``[F, 2]`` the hips over the floor [m].
         yaw: ``[F]`` heading of the hips [rad].
         reach: ``[F]`` largest distance of a foot from the hips [m].
-        fps: frames a second.
         known: unchanged plants; the first stand is their end.
 
     Returns:
@@ -247,10 +245,7 @@ def move(plants: tuple[list[Plant], list[Plant]], air: F64, frames: int, fps: in
     """Both feet in every frame.
 
     Args:
-        plants: of the left and of the right foot.
         air: ``[F]`` height of the feet in jumps [m].
-        frames: F.
-        fps: frames a second.
         done: number of known frames; earlier swings are omitted.
     """
     ball, yaw = np.zeros((2, frames, 3)), np.zeros((2, frames))

@@ -97,7 +97,6 @@ def shoot(start: F64, end: F64, time: F64, steps: int = _STEPS) -> Flights:
         start: ``[N, 3]`` [m].
         end: ``[N, 3]`` [m].
         time: ``[N]`` [s], positive.
-        steps: number of time steps.
 
     Returns:
         The flights; they miss ``end`` by less than a millimetre.
@@ -138,7 +137,6 @@ def fall(start: F64, velocity: F64, time: F64, steps: int = _STEPS) -> Flights:
         start: ``[N, 3]`` [m].
         velocity: ``[N, 3]`` [m/s].
         time: ``[N]`` [s].
-        steps: number of time steps.
     """
     along = np.hypot(velocity[:, 0], velocity[:, 1])
     heading = velocity[:, :2] / np.maximum(along, 1e-9)[:, None]
@@ -146,7 +144,6 @@ def fall(start: F64, velocity: F64, time: F64, steps: int = _STEPS) -> Flights:
 
 
 def _flown(start: F64, heading: F64, scaled: tuple[F64, F64, F64, F64, F64]) -> Flights:
-    """Flights from the result of :func:`_integrate`."""
     nodes, px, py, vx, vy = scaled
     return Flights(
         start=start,
@@ -170,12 +167,10 @@ def _integrate(vx: F64, vy: F64, t: F64, steps: int) -> tuple[F64, F64, F64, F64
 
 
 def _cubic(p0: F64, p1: F64, m0: F64, m1: F64, u: F64) -> F64:
-    """Cubic Hermite interpolation on [0, 1]."""
     return (2 * u**3 - 3 * u**2 + 1) * p0 + (u**3 - 2 * u**2 + u) * m0 + (3 * u**2 - 2 * u**3) * p1 + (u**3 - u**2) * m1
 
 
 def _hermite(p: F64, v: F64, k: Intp, h: F64, u: F64) -> tuple[F64, F64]:
-    """Position and velocity between two instants."""
     position = _cubic(p[k], p[k + 1], v[k] * h, v[k + 1] * h, u)
     velocity = 6 * u * (1 - u) * (p[k + 1] - p[k]) / h + (1 - 4 * u + 3 * u**2) * v[k] + (3 * u**2 - 2 * u) * v[k + 1]
     return position, velocity

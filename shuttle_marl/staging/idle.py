@@ -46,11 +46,7 @@ def habits(trajectory: Trajectory, seat: int, rhythm: int, frames: int, fps: int
     """Idle movements of a player.
 
     Args:
-        trajectory: the rally.
-        seat: 0 or 1.
         rhythm: random seed of the phases of both players, 0 or more.
-        frames: F.
-        fps: frames a second.
     """
     time = np.arange(frames) / fps
     own = trajectory.time[trajectory.rally.striker == seat]

@@ -64,10 +64,6 @@ class Hit:
     """One contact of this player.
 
     Attributes:
-        key: index of the key pose.
-        frame: frame of the contact.
-        stroke: number of the stroke in the rally.
-        stance: stance, mirrored for a left-hander.
         point: ``[3]`` position of the shuttle [m].
         normal: ``[3]`` direction that the strings face.
         shaft: ``[3]`` preferred direction of the shaft.
@@ -111,7 +107,6 @@ class Past:
         frame: last unchanged frame.
         strokes: number of strokes struck by then.
         keys: key poses up to that frame, the last one in it.
-        stand: current or next stand of the feet.
         lift: ``[F]`` height of the hips in the jumps that were planned, relative to standing [m].
         air: ``[F]`` height of the feet over the floor in those jumps [m].
     """
@@ -132,10 +127,8 @@ class Timeline:
         frame: ``[K]`` frame of each key pose, ascending.
         pose: ``[K, 27]`` the key poses; racket arm and spine at contacts are still to be solved.
         known: the first of them, already solved.
-        hits: the contacts.
         lift: ``[F]`` height of the hips in jumps, relative to standing [m].
         air: ``[F]`` height of the feet over the floor in jumps [m].
-        stands: stands of the feet.
     """
 
     frame: I64
@@ -151,7 +144,6 @@ def feet_at(motion: int, root: F64, heading: float, reach: float, high: float = 
     """Places ``[2, 2]`` and headings ``[2]`` of the feet at a contact, and the foot that lands last.
 
     Args:
-        motion: kind of motion.
         root: ``[2]`` the hips over the floor [m].
         heading: rotation of the stroke frame to the left [rad].
         reach: lateral stretch, 0 to 1.

@@ -109,10 +109,8 @@ class Athlete:
     """One player of a rally as a body.
 
     Attributes:
-        seat: 0 or 1.
         facing: sign between the frame of the court and that of the seat.
         right_handed: which hand holds the racket.
-        skeleton: bones of the athlete.
     """
 
     seat: int

@@ -72,7 +72,6 @@ def swing(arm: Arm, angles: F64, wanted: F64, before: F64, after: F64) -> F64:
     """``[N, 10]`` speeds of the joints at the contacts [rad/s].
 
     Args:
-        arm: the arm.
         angles: ``[N, 10]`` at the contact.
         wanted: ``[N, 3]`` target velocity of the strings relative to the chest, in its frame [m/s].
         before: ``[N]`` seconds from the load to the contact.

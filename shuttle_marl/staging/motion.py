@@ -52,12 +52,7 @@ class Frames:
 
 
 def write(head: dict[str, Any], frames: Frames) -> bytes:
-    """Pack a motion.
-
-    Args:
-        head: JSON header.
-        frames: data of every frame.
-    """
+    """Pack a motion."""
     about = json.dumps(head, ensure_ascii=True, separators=(",", ":"), allow_nan=False).encode()
     parts = [len(about).to_bytes(4, "little"), about]
     scale = ((1 << (BITS - 1)) - 1) * np.sqrt(2)
@@ -103,7 +98,6 @@ def read_frames(data: memoryview, count: int, loose: int) -> Frames:
 
     Args:
         data: bytes after the header.
-        count: number of frames.
         loose: number of frames without a flight.
 
     Raises:
@@ -215,7 +209,6 @@ class Motion:
     rest pose on bone ``b`` is at ``rotation[b] (v - rest[b]) + position[b]``.
 
     Attributes:
-        fps: frames a second.
         time: ``[F]`` since the start [s].
         shuttle: ``[F, 3]`` position of the shuttle.
         shuttle_velocity: ``[F, 3]`` [m/s].
@@ -223,9 +216,7 @@ class Motion:
         position: ``[F, 2, 23, 3]`` where each bone begins.
         planted: ``[F, 2, 2]`` whether the left and the right foot of each player stand.
         contact_frame: ``[n]`` frame in which each stroke is struck.
-        skeletons: of seats 0 and 1.
         handedness: ``right`` or ``left``, of seats 0 and 1.
-        trajectory: points, times and flights.
         players: state of both players for :func:`~shuttle_marl.staging.continue_motion`; None in an unpacked motion.
     """
 
@@ -335,7 +326,6 @@ class Branch:
 
 
 def _stroke(trajectory: Trajectory, i: int, fps: int) -> dict[str, Any]:
-    """A stroke in the head of a packed motion."""
     rally, stance = trajectory.rally, trajectory.stance[i]
     start, velocity = (v[0] for v in trajectory.flight.at(i, np.array([0.0])))
     return {

@@ -25,7 +25,6 @@ class Key:
         hips: height of the hips [m], and how far they turn left, bow forward, lean right [degrees].
         spine: how far the chest turns left, bows forward, leans right against the hips [degrees].
         grip: middle of the grip [m].
-        shaft: direction of the shaft.
         elbow: direction from the shoulder to the elbow of the racket arm.
         free: the free hand [m].
         free_elbow: direction from the shoulder to the elbow of the free arm.

@@ -85,7 +85,6 @@ class Skeleton:
     """One athlete.
 
     Attributes:
-        name: of the athlete.
         height: from the floor to the top of the head [m].
         parent: ``[23]`` index of the parent, -1 for the hips. The racket hangs on the right hand; see :meth:`parents`.
         rest: ``[23, 3]`` start of each bone at rest [m].
@@ -179,7 +178,6 @@ def finger_pose(name: str, *, right_handed: bool) -> dict[str, F64]:
     """Constant bend of the fingers of an athlete's model.
 
     Args:
-        name: the athlete.
         right_handed: the closed hand; the other hand is open.
 
     Returns:
@@ -207,7 +205,6 @@ def trunk(skeleton: Skeleton, hips: F64, angles: F64) -> tuple[F64, F64]:
     """Bones of the trunk.
 
     Args:
-        skeleton: the athlete.
         hips: ``[N, 3]`` position of the hips [m].
         angles: ``[N, 7]``; the height is not used.
 

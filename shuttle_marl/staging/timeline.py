@@ -48,13 +48,9 @@ class TimelineBuilder:
     """Builder of the timeline of one player.
 
     Args:
-        trajectory: the rally.
-        athlete: the player.
         hips: ``[F, 2]`` path of the hips over the floor, mirrored for a left-hander [m].
         higher: ``[n]`` additional height of the hips at each stroke [m].
-        fps: frames a second.
         mood: index of the reaction to the end of the rally, and its strength from 0 to 1.
-        past: unchanged part of a continued motion.
     """
 
     def __init__(
@@ -136,7 +132,6 @@ class TimelineBuilder:
             self.fixed.add(frame)
 
     def _stand(self, begin: int, end: int, feet: tuple[F64, F64], last: int = 1, hop: bool = False) -> None:
-        """Add a stand after the previous one."""
         if begin <= self.done:
             return
         if self.stands:
@@ -203,7 +198,6 @@ class TimelineBuilder:
             self._stand(over - 1, over, placed(SPLIT, self.hips[-1], self._facing(over)))
 
     def _split(self, i: int, frame: int, following: int) -> None:
-        """Split step at the opponent's contact: a small hop that lands wide."""
         fps = self.fps
         self._key(frame - round(0.12 * fps), self._ready(frame, 0.01))
         self._key(frame + round(0.08 * fps), self._ready(frame, 0.05))
@@ -225,7 +219,6 @@ class TimelineBuilder:
         return float(np.hypot(*(self.stands[-1].place.mean(axis=0) - self.hips[frame])))
 
     def _mirrored(self, stance: Stance | None) -> Stance:
-        """Stance, mirrored for a left-hander."""
         assert stance is not None
         if self.right_handed:
             return stance

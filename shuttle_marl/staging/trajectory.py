@@ -27,14 +27,12 @@ class Trajectory:
     """Times, places and flights of a rally of n strokes, in the frame of the court.
 
     Attributes:
-        rally: finished or open rally.
         time: ``[n]`` time of each contact, on the grid of frames [s].
         contact: ``[n, 3]`` position of the shuttle at each contact [m].
         end: ``[n]`` index into :data:`ENDS`.
         end_time: ``[n]`` end of the flight at the receiver's racket, on the floor, or in the net [s].
         chosen_point: ``[n, 3]`` drawn end point of each flight [m].
         end_point: ``[n, 3]`` end point [m]: the chosen point, unless the receiver's racket does not reach it.
-        flight: the n flights.
         stance: n stances, each in its striker's own frame.
         base: ``[n, 2, 2]`` base positions of seats 0 and 1 at each stroke, each in their own frame [m].
         before: ``[2, 2]`` positions of seats 0 and 1 before the serve, each in their own frame [m].
@@ -59,7 +57,6 @@ def with_contacts_moved(trajectory: Trajectory, by: dict[int, F64]) -> Trajector
     """Move some contacts, at the same times, and the flights to and from them.
 
     Args:
-        trajectory: the rally.
         by: displacement ``[3]`` in the frame of the court, by number of the stroke [m].
     """
     contact, end_point = trajectory.contact.copy(), trajectory.end_point.copy()
@@ -105,9 +102,6 @@ def shuttle_path(trajectory: Trajectory, frames: int, fps: int, first: int = 0) 
     """``[F, 3]`` position and ``[F, 3]`` velocity of the shuttle; before the serve it is at the contact of the serve.
 
     Args:
-        trajectory: the rally.
-        frames: F.
-        fps: frames a second.
         first: number of the first stroke with a flight.
     """
     time = np.arange(frames) / fps
@@ -145,8 +139,6 @@ def held(position: F64, palm: F64, contacts: I64, trajectory: Trajectory, fps: i
         position: ``[F, 3]`` path of the shuttle, changed in place.
         palm: ``[F, 3]`` the server's free palm [m].
         contacts: frames of the strokes; without any the shuttle stays in the hand.
-        trajectory: the rally.
-        fps: frames a second.
     """
     if not len(contacts):
         position[:] = palm

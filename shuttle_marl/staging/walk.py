@@ -62,7 +62,6 @@ class _Plan(NamedTuple):
     """Times of a walk in frames.
 
     Attributes:
-        frames: number of frames.
         picker: seat on whose side the shuttle lies.
         pick, catch: frames in which the shuttle is flicked up and caught.
         arrival: ``[2]`` frame in which each player is at the place for the serve.
@@ -136,7 +135,6 @@ class _WalkBuilder:
         return (self.ends[seat].course.hips[0] if end else self.starts[seat].course.hips[-1])[:2]
 
     def _pick_up(self, picker: int) -> Stance:
-        """Stance in which the shuttle is flicked up."""
         athlete = self.athletes[picker]
         point = (self.lying * athlete.signs)[:2]
         way = point - self._place(picker, end=False)
@@ -271,7 +269,6 @@ class _WalkBuilder:
         keys[max(until - round(_TURN_BACK * self.fps), middle + 1)] = pose
 
     def _hit(self, athlete: Athlete, heading: float, key: int) -> Hit:
-        """The contact of racket and shuttle."""
         point = self.lying * athlete.signs
         point[2] = _STRINGS
         facing, need = turned(np.array(heading)), np.array([_STRINGS - athlete.library.contact[LUNGE, 0, 2]])
@@ -304,7 +301,6 @@ class _WalkBuilder:
 
 
 def _pick_up_poses(athlete: Athlete, heading: float, higher: float) -> F64:
-    """``[6, 27]`` key poses of the pick-up."""
     library = athlete.library
     poses = library.stroke[LUNGE].copy()
     poses[:, HIPS_YAW] += heading

@@ -100,9 +100,7 @@ class Answers:
     """Answers the requests of pages.
 
     Args:
-        policies: policies of the game.
         plan: the match of a page that names none.
-        stager: stages the rallies.
         recorded: recorded rallies to show instead of matches.
         first: number of the rally that is shown first.
         log: log of the rallies that a person plays; None: not recorded.
@@ -357,7 +355,6 @@ class Answers:
 
 
 def _continues(before: CourtRally, rally: CourtRally) -> bool:
-    """Whether a rally is a later one of the same match."""
     earlier, later = ((sum(one.games), sum(one.points)) for one in (before, rally))
     return before.names == rally.names and earlier < later
 

@@ -84,7 +84,6 @@ def _is_built(digest: str | None) -> bool:
 
 @contextlib.contextmanager
 def _locked() -> Iterator[None]:
-    """Hold the lock of the build."""
     with (SOURCE.parent / ".building.lock").open("w") as file:
         if fcntl is not None:
             fcntl.flock(file, fcntl.LOCK_EX)
@@ -111,7 +110,6 @@ def _build(digest: str, say: Callable[[str], object]) -> None:
 
 
 def _stamp(digest: str, folder: Path) -> str:
-    """Hashes of the source and of the built files."""
     built = (f"{hashlib.sha256((folder / name).read_bytes()).hexdigest()}  {name}" for name in FILES)
     return "\n".join((digest, *built)) + "\n"
 
@@ -129,7 +127,6 @@ def _digest() -> str:
 
 
 def _npm(program: Path) -> list[str]:
-    """The npm command of a Node installation."""
     found = shutil.which("npm")
     if found is not None and shutil.which("node") == str(program):
         return [found]

@@ -24,8 +24,6 @@ class FirstRally(msgspec.Struct, frozen=True):
 
     Attributes:
         key: of what the rally depends on.
-        reply: the rally.
-        motion: its packed motion.
     """
 
     key: str

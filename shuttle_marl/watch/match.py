@@ -36,7 +36,6 @@ class CourtRally(Rally):
 
     Attributes:
         names: printable names of the players at seats 0 and 1.
-        score: score before the rally.
         turn: state in which a person has to choose; None: the rally is over.
         chosen: numbers of the strokes that no policy chose.
         key: random seed of the staging.
@@ -50,13 +49,7 @@ class CourtRally(Rally):
 
 
 class Match:
-    """The rallies of a plan, played as far as requested.
-
-    Args:
-        plan: plan of the match.
-        game: tables of the game.
-        policies: policies of the players.
-    """
+    """The rallies of a plan, played as far as requested."""
 
     def __init__(self, plan: Plan, game: Game, policies: PolicyTables) -> None:
         self.plan, self._game, self._policies = plan, game, policies
@@ -67,7 +60,6 @@ class Match:
         """A rally by its number, from 0.
 
         Args:
-            number: number of the rally.
             person: person who plays instead of a policy; a rally in which they have to choose ends with their turn.
 
         Raises:
@@ -111,12 +103,9 @@ def play_rally(
     """Play a rally to its end, or to the turn of a person.
 
     Args:
-        game: tables of the game.
-        policies: policies of seats 0 and 1.
         key: ``[1]`` key of the random numbers.
         about: number of the rally, names of the players, score before the rally.
         chosen: catalogue index of the strokes that no policy chooses, by their number.
-        person: person who plays instead of a policy.
         begun: a rally, and the number of its strokes that are kept.
 
     Raises:
@@ -173,7 +162,6 @@ def seed_of_line(game: Game, line: Sequence[int]) -> int | None:
     """The first seed of a match whose first rally seat 0 serves and in which all strokes of a line are legal and returned.
 
     Args:
-        game: tables of the game.
         line: catalogue indices of the first strokes.
 
     Returns:

@@ -25,8 +25,6 @@ class MatchLog:
 
     Args:
         folder: folder of the logs, created with the first rally.
-        game: tables of the game.
-        policies: policies of the opponents.
     """
 
     def __init__(self, folder: Path, game: Game, policies: PolicyTables) -> None:

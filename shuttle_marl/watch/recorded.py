@@ -50,8 +50,6 @@ class Recorded(abc.ABC):
     """Rallies by number, from 0.
 
     Attributes:
-        title: description in words.
-        count: number of rallies.
         matches: the annotated matches; none of a log.
     """
 
@@ -84,10 +82,6 @@ class LogRallies(Recorded):
     """The rallies of a log.
 
     Policies named by the log are resolved without running code, and used only if their table is the one that played.
-
-    Args:
-        path: a rally log, or a folder of them.
-        game: the game that was played.
 
     Raises:
         RecordingError: the log cannot be read, or was played on another game.
@@ -163,8 +157,6 @@ class LogRallies(Recorded):
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class _Annotated:
-    """A rally of an annotated match."""
-
     players: tuple[str, str]
     score: Score
     rows: I64
@@ -187,7 +179,6 @@ class RealRallies(Recorded):
 
     Args:
         path: a stroke table, or a folder with the raw files.
-        game: the tables.
         strokes: the strokes, if they are read already.
 
     Raises:

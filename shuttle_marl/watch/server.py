@@ -93,8 +93,6 @@ def application(
     """The ASGI application.
 
     Args:
-        answer: request handler.
-        page: folder of the built page.
         downloads: files about the matches of recorded rallies.
         video: the video that is tagged.
         language: language of a page whose reader has chosen none.
@@ -192,7 +190,6 @@ def refusal(hosts: list[str], origins: list[str], allowed: tuple[str, ...], prox
     """Reason to refuse a request; None if it is allowed.
 
     Args:
-        hosts: its Host headers.
         origins: its Origin headers; browsers send one, which must be the host itself, or a proxy.
         allowed: allowed host names in lower case; ``*`` allows every IP address, which DNS rebinding cannot forge.
         proxies: further allowed host names in lower case.
@@ -208,7 +205,6 @@ def refusal(hosts: list[str], origins: list[str], allowed: tuple[str, ...], prox
 
 
 def _split(url: str) -> urllib.parse.SplitResult:
-    """Parts of a URL; all empty if it is malformed."""
     try:
         return urllib.parse.urlsplit(url)
     except ValueError:
@@ -224,8 +220,6 @@ def _is_address(name: str) -> bool:
 
 
 class _Connections:
-    """Open WebSocket connections."""
-
     def __init__(self, answer: Answer) -> None:
         self._answer, self._count = answer, 0
         self._limiters: tuple[anyio.CapacityLimiter, anyio.CapacityLimiter] | None = None
@@ -300,7 +294,6 @@ def bind(host: str, port: int) -> socket.socket:
     """Bind a socket to a port, or to a free port if that one is in use.
 
     Args:
-        host: address to listen on.
         port: port; 0 selects a free one.
 
     Raises:
@@ -423,7 +416,6 @@ def write_video(address: str, path: Path, progress: Progress = iter, *, size: tu
         path: the video, ``.mp4`` or ``.webm``; written atomically.
         progress: wraps the frame numbers, such as a progress bar.
         size: width and height [pixels], both even.
-        fps: frames per second.
 
     Raises:
         WatchError: no browser is installed, or the page cannot show the rally.

@@ -39,8 +39,6 @@ def save_site(
 
     Args:
         folder: its folder; a site that is there is replaced.
-        page: folder of the built page.
-        answers: replies to the requests of the page.
         progress: receives the number of rallies so far.
         language: language of a page whose reader has chosen none.
         limit: maximum size of the site [bytes]; rallies that do not fit are left out.
@@ -124,7 +122,6 @@ def _rallies(answers: Answers, hello: messages.Hello) -> Iterator[tuple[dict[str
 
 
 def _openings(answers: Answers) -> messages.Openings:
-    """Strokes after all usual lines of up to two strokes."""
     lines: dict[str, messages.OpeningReply] = {}
     waiting: list[tuple[int, ...]] = [()]
     for line in waiting:  # grows

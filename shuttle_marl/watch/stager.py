@@ -14,12 +14,7 @@ _MAX_MOTIONS: Final = 16
 
 
 class Stager:
-    """Stages rallies and caches their motion.
-
-    Args:
-        athletes: athletes of seats 0 and 1.
-        hands: racket hands of seats 0 and 1.
-    """
+    """Stages rallies and caches their motion."""
 
     def __init__(self, athletes: tuple[str, str], hands: tuple[str, str]) -> None:
         self.athletes, self.hands = athletes, hands
@@ -42,7 +37,6 @@ class Stager:
         """Stage a rally; one that waits for a person up to where they are expected to strike.
 
         Args:
-            rally: the rally.
             continuing: a motion with the same strokes before ``from_stroke``, whose frames do not change.
             from_stroke: number of the first stroke that differs.
 

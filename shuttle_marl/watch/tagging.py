@@ -34,7 +34,6 @@ class TagFile:
     """The table of the strokes of a video, with the journal of the inputs beside it.
 
     Args:
-        video: the video.
         out: the table, a CSV file; continued if its journal exists.
 
     Raises:
@@ -112,8 +111,6 @@ def suggestions(game: Game, policy: Policy, line: Sequence[TagStroke]) -> list[S
     Who was hurried is not known, and the height of the next contact neither: their probabilities weight the states.
 
     Args:
-        game: tables of the game.
-        policy: plays the next stroke.
         line: strokes so far, all returned; each stands for the nearest legal one.
     """
     states = {ROOT: 1.0}

@@ -28,14 +28,7 @@ _MAX_STYLES: Final = 64
 
 
 class StrokeValues:
-    """Values of the strokes of one game.
-
-    Args:
-        policies: policies, their values and the solved game.
-
-    Attributes:
-        game: the game.
-    """
+    """Values of the strokes of one game."""
 
     def __init__(self, policies: PolicyTables) -> None:
         self._policies, self.game = policies, policies.game
@@ -105,11 +98,8 @@ class StrokeValues:
         """The strokes of a decision, most probable first.
 
         Args:
-            rally: the rally.
-            choice: the decision.
             judged: its strokes by the basis of the marks; None: computed.
             always: positions that are always listed.
-            limit: maximum number of strokes.
         """
         order = [k for k in np.argsort(-choice.probability, kind="stable").tolist() if rally.as_named(int(choice.stroke[k]))]
         order += [k for k in always if k not in order]
@@ -125,7 +115,6 @@ class StrokeValues:
 
         Args:
             line: catalogue indices of the first strokes.
-            players: policies of both seats.
 
         Raises:
             IllegalStrokeError: a stroke of the line is not legal there.
