@@ -135,7 +135,7 @@ def _ratings(path: Path) -> dict[str, float]:
     """Ratings of the players by name, from the report beside the log; empty without a report."""
     import json  # noqa: PLC0415  the flag has its name
 
-    from shuttle_marl.league.folder import REPORT  # noqa: PLC0415
+    from shuttle_marl.league.entrants import REPORT  # noqa: PLC0415
 
     try:
         ranking = json.loads(((path if path.is_dir() else path.parent) / REPORT).read_text(encoding="utf-8"))["ranking"]

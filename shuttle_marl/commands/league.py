@@ -14,8 +14,7 @@ from shuttle_marl.base.interrupts import interrupts_held
 from shuttle_marl.commands import cli
 from shuttle_marl.game.shipped import Profile
 from shuttle_marl.league import run_league
-from shuttle_marl.league.entrants import LeagueConfig, LeagueError
-from shuttle_marl.league.folder import RALLIES
+from shuttle_marl.league.entrants import RALLIES, LeagueConfig, LeagueError
 from shuttle_marl.league.report import console_table
 from shuttle_marl.training.league.config import LeagueTrainingConfig
 

@@ -1,9 +1,10 @@
 """Assessment of a tournament beyond its ranking: the meta-game of the entrants, cycles, and the robustness of the ranks."""
 
 import dataclasses
+import json
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, Final
+from typing import Any, Final, TypedDict
 
 import numpy as np
 from scipy.stats import kendalltau, rankdata
@@ -22,51 +23,31 @@ _SURE: Final = 5e-7
 _DECIMALS: Final = 6
 
 
-@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class MetaGame:
-    """The game in which each of two players chooses one of N entrants.
+MetaGame = dict[str, dict[str, float]]
+"""The game in which each of two players chooses an entrant: by solution, the probability of each entrant.
 
-    Attributes:
-        names: the entrants.
-        nash_average: ``[N]`` maximum-entropy equilibrium, with the probability of winning a match as payoff.
-        maximal_lottery: ``[N]`` the same for the sign of the advantage.
-        alpha_rank: ``[N]`` stationary distribution of an evolving population.
+``nash_average``: maximum-entropy equilibrium, with the probability of winning a match as payoff; ``maximal_lottery``: the same
+for the sign of the advantage; ``alpha_rank``: stationary distribution of an evolving population.
+"""
+
+
+class Cycle(TypedDict):
+    """Cycle of three entrants: each beats the next, and the last the first; with the probability of each to do so."""
+
+    players: tuple[str, str, str]
+    match_win: tuple[float, float, float]
+
+
+class Stability(TypedDict):
+    """Ranks of N entrants with a table by the exact fraction of matches won: ``[N]`` in the game itself, ``[R, N]`` in R refits.
+
+    ``kendall_tau``: ``[R]`` agreement of the two, from -1 (reversed) to 1 (the same order).
     """
 
-    names: tuple[str, ...]
-    nash_average: F64
-    maximal_lottery: F64
-    alpha_rank: F64
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Cycle:
-    """Cycle of three entrants: each beats the next, and the last beats the first.
-
-    Attributes:
-        names: the entrants.
-        wins: probability of each to beat the next.
-    """
-
-    names: tuple[str, str, str]
-    wins: tuple[float, float, float]
-
-
-@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class Stability:
-    """Ranks by the exact fraction of matches won, in R refits of the game.
-
-    Attributes:
-        names: N entrants with a table.
-        home: ``[N]`` rank in the game itself.
-        away: ``[R, N]`` ranks in the refits.
-        agreement: ``[R]`` Kendall's tau between the two, from -1 (reversed) to 1 (the same order).
-    """
-
-    names: tuple[str, ...]
-    home: Intp
-    away: Intp
-    agreement: F64
+    players: list[str]
+    rank: list[int]
+    rank_in_refits: list[list[int]]
+    kendall_tau: list[float]
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -98,32 +79,21 @@ class Assessment:
 
 
 def assess(
-    standings: Sequence[Standing],
-    pool: Sequence[str],
-    results: Sequence[PairResult],
-    exact: ExactOdds,
-    styles: Mapping[str, Style],
+    standings: Sequence[Standing], results: Sequence[PairResult], exact: ExactOdds, styles: Mapping[str, Style]
 ) -> Assessment:
-    """Assess a tournament.
-
-    Args:
-        standings: its ranking.
-        pool: N entrants.
-        results: of all pairings.
-        exact: exact results.
-        styles: by name, of entrants with a table.
-    """
+    """Assess a tournament by its ranking, the results of all pairings, exact ones, and the styles of entrants with a table."""
+    pool = exact.names
     played, cells, pairs = played_cells(pool, results)
     rating = {standing.player: standing.rating / ELO for standing in standings}
     theta = np.nan_to_num(np.array([rating[name] for name in pool]))
     win = _win(exact, cells, pairs, theta)
-    rated = [standing for standing in standings if standing.matches]
+    rated = {standing.player for standing in standings if standing.matches}
     return Assessment(
-        names=tuple(pool),
+        names=pool,
         win=win,
         misfit=misfit(cells, pairs, theta),
         pairs=[result.names for result in played],
-        games=meta_games([name for name in pool if name in {standing.player for standing in rated}], pool, win),
+        games=meta_games([name for name in pool if name in rated], pool, win),
         cyclic_share=cyclic_share(win),
         cycles=cycles(pool, win),
         stability=stability(exact),
@@ -158,12 +128,12 @@ def meta_games(names: Sequence[str], pool: Sequence[str], win: F64) -> dict[str,
 
 def _meta_game(names: Sequence[str], win: F64) -> MetaGame:
     payoff = win - win.T
-    return MetaGame(
-        names=tuple(names),
-        nash_average=np.round(nash_average(payoff), _DECIMALS),
-        maximal_lottery=np.round(maximal_lottery(np.sign(payoff)), _DECIMALS),
-        alpha_rank=np.round(alpha_rank(payoff), _DECIMALS),
-    )
+    solutions = {
+        "nash_average": nash_average(payoff),
+        "maximal_lottery": maximal_lottery(np.sign(payoff)),
+        "alpha_rank": alpha_rank(payoff),
+    }
+    return {rule: dict(zip(names, np.round(each, _DECIMALS).tolist(), strict=True)) for rule, each in solutions.items()}
 
 
 def cyclic_share(win: F64) -> float:
@@ -195,7 +165,7 @@ def cycles(names: Sequence[str], win: F64) -> list[Cycle]:
         found += [(float(weakest[j, k]), (i, int(j), int(k))) for j, k in np.argwhere(weakest > 0)]
     found.sort(key=lambda each: (-each[0], each[1]))
     return [
-        Cycle(names=(names[i], names[j], names[k]), wins=(float(win[i, j]), float(win[j, k]), float(win[k, i])))
+        {"players": (names[i], names[j], names[k]), "match_win": (float(win[i, j]), float(win[j, k]), float(win[k, i]))}
         for _, (i, j, k) in found[:_MOST_CYCLES]
     ]
 
@@ -207,19 +177,21 @@ def stability(exact: ExactOdds) -> Stability | None:
     known = np.flatnonzero(~np.isnan(exact.away_shares).any(axis=0))
     match = exact.match[np.ix_(known, known)]
     home = _ranks(match.sum(axis=1) - match.diagonal())
-    away = np.array([_ranks(shares[known]) for shares in exact.away_shares])
+    away = [_ranks(shares[known]) for shares in exact.away_shares]
     tau = [float(kendalltau(home, ranks).statistic) if len(known) > 1 else math.nan for ranks in away]
-    return Stability(names=tuple(exact.names[i] for i in known), home=home, away=away, agreement=np.array(tau))
+    return {"players": [exact.names[i] for i in known], "rank": home, "rank_in_refits": away, "kendall_tau": tau}
 
 
-def _ranks(fractions: F64) -> Intp:
+def _ranks(fractions: F64) -> list[int]:
     """``[N]`` ranks from 1 for the largest fraction; ties share the better rank."""
-    return np.asarray(rankdata(-fractions, method="min"), dtype=np.intp)
+    ranks: list[int] = rankdata(-fractions, method="min").astype(np.intp).tolist()
+    return ranks
 
 
 def as_json(assessment: Assessment, standings: Sequence[Standing]) -> dict[str, Any]:
-    """Content of ``report.json`` as numbers, text, lists and None."""
-    fit, stable = assessment.misfit, assessment.stability
+    """Content of ``report.json``: NaN is None, and numbers are rounded so that files have the same bytes on every machine."""
+    fit = assessment.misfit
+    pairs = zip(assessment.pairs, fit.share.tolist(), fit.expected.tolist(), fit.z.tolist(), strict=True)
     content = {
         "ranking": [dataclasses.asdict(standing) for standing in standings],
         "payoffs": {"players": assessment.names, "match_win": assessment.win.tolist()},
@@ -227,42 +199,15 @@ def as_json(assessment: Assessment, standings: Sequence[Standing]) -> dict[str, 
             "statistic": fit.statistic,
             "degrees": fit.degrees,
             "p": fit.p,
-            "pairs": [
-                {"players": names, "share": share, "expected": expected, "z": z}
-                for names, share, expected, z in zip(
-                    assessment.pairs, fit.share.tolist(), fit.expected.tolist(), fit.z.tolist(), strict=True
-                )
-            ],
+            "pairs": [dict(zip(("players", "share", "expected", "z"), pair, strict=True)) for pair in pairs],
         },
-        "meta_games": {
-            about: {
-                rule: dict(zip(game.names, getattr(game, rule).tolist(), strict=True))
-                for rule in ("nash_average", "maximal_lottery", "alpha_rank")
-            }
-            for about, game in assessment.games.items()
-        },
+        "meta_games": assessment.games,
         "cyclic_share": assessment.cyclic_share,
-        "cycles": [{"players": cycle.names, "match_win": cycle.wins} for cycle in assessment.cycles],
-        "stability": None
-        if stable is None
-        else {
-            "players": stable.names,
-            "rank": stable.home.tolist(),
-            "rank_in_refits": stable.away.tolist(),
-            "kendall_tau": stable.agreement.tolist(),
-        },
+        "cycles": assessment.cycles,
+        "stability": assessment.stability,
         "styles": {name: dataclasses.asdict(style) for name, style in assessment.styles.items()},
     }
-    plain: dict[str, Any] = _plain(content)
+    plain: dict[str, Any] = json.loads(
+        json.dumps(content), parse_float=lambda text: round(float(text), _DECIMALS) + 0.0, parse_constant=lambda _: None
+    )
     return plain
-
-
-def _plain(value: Any) -> Any:
-    """Replace NaN by None, and round so that files have the same bytes on every machine."""
-    if isinstance(value, Mapping):
-        return {key: _plain(each) for key, each in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(each) for each in value]
-    if isinstance(value, float):
-        return round(value, _DECIMALS) + 0.0 if math.isfinite(value) else None
-    return value

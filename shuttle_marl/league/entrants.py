@@ -37,6 +37,11 @@ TRAINED: Final = ("a2c", "ppo", "sac", "ppo:self-play")
 """Trained agents of the default pool; see docs/training.md."""
 
 
+PAIRINGS: Final = "pairings.jsonl"
+RALLIES: Final = "rallies.mcap"
+REPORT: Final = "report.json"
+PAGE: Final = "report.html"
+
 Format = Literal["round-robin", "swiss", "gauntlet"]
 
 

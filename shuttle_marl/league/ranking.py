@@ -5,7 +5,7 @@ Exact figures are the limits of the sampled ones for infinitely many matches.
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -76,76 +76,67 @@ def exact_odds(game: Game, entrants: Sequence[Entrant], refits: Sequence[Game] =
     """
     from shuttle_marl.exact import ExactError  # noqa: PLC0415  numba
 
+    n, at = len(entrants), [i for i, entrant in enumerate(entrants) if entrant.table is not None]
     blank = ExactOdds(
         names=tuple(entrant.name for entrant in entrants),
-        match=np.full((len(entrants), len(entrants)), np.nan),
-        exploitability=np.full(len(entrants), np.nan),
-        normalised_score=np.full(len(entrants), np.nan),
+        match=np.full((n, n), np.nan),
+        exploitability=np.full(n, np.nan),
+        normalised_score=np.full(n, np.nan),
     )
-    tables = {i: entrant.table for i, entrant in enumerate(entrants) if entrant.table is not None}
+    if not at:
+        return blank
     try:
-        if game.people is not None:
-            return _fill_pair(blank, {i: entrants[i] for i in tables}, refits, rules) if tables else blank
-        return _fill(blank, game, tables, refits, rules) if tables else blank
+        figures = _figures if game.people is None else _figures_of_both_seats
+        found, in_refit = figures(game, [entrants[i] for i in at], rules)
+        away, shares = _away(n, at, refits, in_refit) if refits else (None, blank.away_shares)
     except ExactError as error:
         return dataclasses.replace(blank, problem=str(error))
+    for name, figure in found.items():
+        # Adding 0 turns a rounded -0.0 into 0.0.
+        getattr(blank, name)[np.ix_(*[at] * figure.ndim)] = np.round(figure, _DECIMALS) + 0.0
+    return dataclasses.replace(blank, away=away, away_shares=shares)
 
 
-def _fill(blank: ExactOdds, game: Game, tables: Mapping[int, TabulatedPolicy], refits: Sequence[Game], rules: Rules) -> ExactOdds:
+def _figures(game: Game, entrants: Sequence[Entrant], rules: Rules) -> tuple[dict[str, F64], Callable[[Game], F64]]:
+    """Figures of M entrants by name, and the function from a refit to ``[M, M]`` matches won there."""
     from shuttle_marl.exact import moved  # noqa: PLC0415  numba
     from shuttle_marl.exact.known import best_odds, crossplay  # noqa: PLC0415  numba
     from shuttle_marl.policy.scorecard import Scorer  # noqa: PLC0415  numba
 
-    at, policies = list(tables), list(tables.values())
+    tables = [entrant.table for entrant in entrants if entrant.table is not None]
     try:
         scorer = Scorer(game)
     except PolicyError:
         scorer = None  # a game without behaviour-cloned players
-    everyone = policies.copy()
-    if scorer is not None and all(table.hash != scorer.reference.hash for table in policies):
+    everyone, m = tables.copy(), len(tables)
+    if scorer is not None and all(table.hash != scorer.reference.hash for table in tables):
         everyone.append(scorer.reference)
     odds = crossplay(everyone)
-    match, exploitability, normalised = blank.match.copy(), blank.exploitability.copy(), blank.normalised_score.copy()
-    match[np.ix_(at, at)] = odds.match(rules)[: len(at), : len(at)]
-    exploitability[at] = [odds.value for odds in best_odds(policies)]
+    found = {"match": odds.match(rules)[:m, :m], "exploitability": np.array([each.value for each in best_odds(tables)])}
     if scorer is not None:
         reference = [table.hash for table in everyone].index(scorer.reference.hash)
-        scores = [scorer.normalised(float(share)) for share in odds.rally[: len(at), reference]]
-        normalised[at] = [np.nan if score is None else score for score in scores]
-    # Adding 0 turns a rounded -0.0 into 0.0.
-    match, exploitability, normalised = (np.round(x, _DECIMALS) + 0.0 for x in (match, exploitability, normalised))
-    filled = dataclasses.replace(blank, match=match, exploitability=exploitability, normalised_score=normalised)
-    if not refits:
-        return filled
-
-    def in_refit(refit: Game) -> F64:
-        return crossplay([moved(table, refit.seats[0]) for table in policies], tolerance=_AWAY).match(rules)
-
-    away, shares = _away(len(match), at, refits, in_refit)
-    return dataclasses.replace(filled, away=away, away_shares=shares)
+        scores = [scorer.normalised(float(share)) for share in odds.rally[:m, reference]]
+        found["normalised_score"] = np.array([np.nan if score is None else score for score in scores])
+    return found, lambda refit: crossplay([moved(each, refit.seats[0]) for each in tables], tolerance=_AWAY).match(rules)
 
 
-def _fill_pair(blank: ExactOdds, entrants: Mapping[int, Entrant], refits: Sequence[Game], rules: Rules) -> ExactOdds:
-    """Figures in the game of a pair: means over both seats of each entrant."""
+def _figures_of_both_seats(
+    game: Game,  # noqa: ARG001
+    entrants: Sequence[Entrant],
+    rules: Rules,
+) -> tuple[dict[str, F64], Callable[[Game], F64]]:
+    """The same in the game of a pair: means over both seats of each entrant."""
     from shuttle_marl.exact import moved  # noqa: PLC0415  numba
     from shuttle_marl.exact.known import best_odds  # noqa: PLC0415  numba
 
-    at = list(entrants)
-    tables = [(e.table, e.opposite) for e in entrants.values() if e.table is not None and e.opposite is not None]
-    match, exploitability = blank.match.copy(), blank.exploitability.copy()
-    match[np.ix_(at, at)] = np.round(_both_seats(tables, rules), _DECIMALS)
+    tables = [(e.table, e.opposite) for e in entrants if e.table is not None and e.opposite is not None]
     gains = [[odds.value for odds in best_odds([both[seat] for both in tables])] for seat in (0, 1)]
-    exploitability[at] = np.round(np.mean(gains, axis=0), _DECIMALS) + 0.0
-    filled = dataclasses.replace(blank, match=match, exploitability=exploitability)
-    if not refits:
-        return filled
 
     def in_refit(refit: Game) -> F64:
         first, second = refit.seats
         return _both_seats([(moved(a, first), moved(b, second)) for a, b in tables], rules, _AWAY)
 
-    away, shares = _away(len(match), at, refits, in_refit)
-    return dataclasses.replace(filled, away=away, away_shares=shares)
+    return {"match": _both_seats(tables, rules), "exploitability": np.mean(gains, axis=0)}, in_refit
 
 
 def _both_seats(tables: Sequence[tuple[TabulatedPolicy, TabulatedPolicy]], rules: Rules, tolerance: float = TOLERANCE) -> F64:
@@ -237,19 +228,20 @@ def rank(pool: Sequence[str], results: Sequence[PairResult], seed: int, exact: E
     played, cells, pairs = played_cells(pool, results)
     theta, drawn = ratings(cells, pairs, len(pool), np.random.default_rng(seed))
     rating, (low, high) = ELO * theta, np.percentile(ELO * drawn, TAILS, axis=0)
-    standings = [
-        _standing(name, played, sum(name in r.forfeit for r in results), (rating[i], low[i], high[i]))
-        for i, name in enumerate(pool)
-    ]
     present = np.unique(pairs)
-    for i, (first, last) in zip(present, rank_intervals(theta[present], drawn[:, present]).tolist(), strict=True):
-        standings[i] = dataclasses.replace(standings[i], rank_low=first, rank_high=last)
-    order = sorted(range(len(pool)), key=lambda i: (standings[i].forfeits, -np.nan_to_num(standings[i].rating, nan=-np.inf), i))
-    placed = [dataclasses.replace(standings[i], rank=place + 1) for place, i in enumerate(order)]
-    if exact is None:
-        return placed
-    exact_rating = dict(zip(exact.names, ELO * exact_ratings(exact.match), strict=True))
-    return [_with_exact(standing, played, exact, float(exact_rating[standing.player])) for standing in placed]
+    intervals = dict(zip(present.tolist(), rank_intervals(theta[present], drawn[:, present]).tolist(), strict=True))
+    standings = {
+        i: _standing(name, played, sum(name in r.forfeit for r in results), (rating[i], low[i], high[i]))
+        for i, name in enumerate(pool)
+    }
+    order = sorted(standings, key=lambda i: (standings[i].forfeits, -np.nan_to_num(standings[i].rating, nan=-np.inf), i))
+    exact_rating = {} if exact is None else dict(zip(exact.names, ELO * exact_ratings(exact.match), strict=True))
+    found = []
+    for place, i in enumerate(order):
+        first, last = intervals.get(i, (0, 0))
+        standing = dataclasses.replace(standings[i], rank=place + 1, rank_low=first, rank_high=last)
+        found.append(standing if exact is None else _with_exact(standing, played, exact, float(exact_rating[standing.player])))
+    return found
 
 
 def played_cells(pool: Sequence[str], results: Sequence[PairResult]) -> tuple[list[PairResult], F64, Intp]:

@@ -5,13 +5,13 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Final
 
+import numpy as np
 from rich.table import Table as RichTable
 from rich.text import Text
 
 from shuttle_marl.base.errors import printable
 from shuttle_marl.league.assessment import Assessment, MetaGame
-from shuttle_marl.league.entrants import Format, LeagueConfig
-from shuttle_marl.league.folder import RALLIES
+from shuttle_marl.league.entrants import RALLIES, Format, LeagueConfig
 from shuttle_marl.league.ranking import ExactOdds, Standing
 from shuttle_marl.league.style import PEOPLE, Style
 from shuttle_marl.league.tournament import PairResult
@@ -80,21 +80,22 @@ def payoffs(names: Sequence[str], share: Mapping[tuple[str, str], float]) -> Tab
 
 def meta_game(about: str, game: MetaGame) -> Table:
     """Probabilities of the entrants in the solutions of a meta-game."""
-    weights = zip(game.names, game.nash_average.tolist(), game.maximal_lottery.tolist(), game.alpha_rank.tolist(), strict=True)
-    shown = sorted((row for row in weights if max(row[1:]) >= LEAST_SHOWN), key=lambda row: -max(row[1:]))
-    columns: list[Column[tuple[str, float, float, float]]] = [
-        Column("player", lambda row: name(row[0]), left=True),
-        Column("Nash averaging", lambda row: percent(row[1])),
-        Column("maximal lottery", lambda row: percent(row[2])),
-        Column("alpha-rank", lambda row: percent(row[3])),
+    most = {player: max(weights[player] for weights in game.values()) for player in game["alpha_rank"]}
+    columns: list[Column[str]] = [
+        Column("player", name, left=True),
+        Column("Nash averaging", lambda player: percent(game["nash_average"][player])),
+        Column("maximal lottery", lambda player: percent(game["maximal_lottery"][player])),
+        Column("alpha-rank", lambda player: percent(game["alpha_rank"][player])),
     ]
+    shown = sorted((player for player in most if most[player] >= LEAST_SHOWN), key=lambda player: -most[player])
     return table(shown, columns, about.capitalize())
 
 
 def cycles(assessment: Assessment) -> Table:
     """Cycles of three entrants."""
     headings = ("first", "beats second", "beats third, which beats the first", "first win", "second", "third", "closest")
-    rows = [[*map(name, cycle.names), *map(percent, cycle.wins), percent(min(cycle.wins))] for cycle in assessment.cycles]
+    wins = [(cycle["players"], cycle["match_win"]) for cycle in assessment.cycles]
+    rows = [[*map(name, players), *map(percent, won), percent(min(won))] for players, won in wins]
     return Table([Column(heading, name, left=i < 3) for i, heading in enumerate(headings)], rows)
 
 
@@ -104,14 +105,15 @@ def robustness(assessment: Assessment) -> list[Table]:
     if stable is not None:
         tables.append(
             table(
-                zip(stable.names, stable.home.tolist(), stable.away.T.tolist(), strict=True),
+                zip(stable["players"], stable["rank"], zip(*stable["rank_in_refits"], strict=True), strict=True),
                 [
                     Column("player", lambda row: name(row[0]), left=True),
                     Column("rank", lambda row: number(row[1], "d"), ascending=True),
                     Column("in refits", lambda row: interval(min(row[2]), max(row[2]), "d")),
                     Column("the same", lambda row: percent(row[2].count(row[1]) / len(row[2]), 0)),
                 ],
-                f"Exact ranks in {len(stable.away)} refits of the game (mean Kendall's tau {stable.agreement.mean():.2f})",
+                f"Exact ranks in {len(stable['kendall_tau'])} refits of the game "
+                f"(mean Kendall's tau {np.mean(stable['kendall_tau']):.2f})",
             )
         )
     if fit.degrees:

@@ -60,7 +60,7 @@ def tournament() -> TournamentReport:
         game="0" * 64,
         standings=standings,
         results=results,
-        assessment=assess(standings, POOL, results, exact, styles),
+        assessment=assess(standings, results, exact, styles),
         curves=[curve],
     )
 

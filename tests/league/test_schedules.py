@@ -105,7 +105,7 @@ def test_a_gauntlet_and_a_swiss_tournament(small_model: str, tmp_path: Path) -> 
 def test_a_swiss_tournament_that_is_stopped_anywhere_continues_with_the_same_bytes(
     small_model: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from shuttle_marl.league.folder import append_results
+    from shuttle_marl.league.run import append_results
 
     monkeypatch.setattr("shuttle_marl.base.runs.describe", lambda packages: {})
     config: dict[str, Any] = {"pool": POOL, "matches": 4, "batch": 2, "game": small_model, "format": "swiss"}
@@ -122,7 +122,7 @@ def test_a_swiss_tournament_that_is_stopped_anywhere_continues_with_the_same_byt
             append_results(folder, new)
 
         with monkeypatch.context() as patch:
-            patch.setattr("shuttle_marl.league.folder.append_results", limited)
+            patch.setattr("shuttle_marl.league.run.append_results", limited)
             with pytest.raises(Killed):
                 play_league(LeagueConfig(**config, out=out))
         play_league(LeagueConfig(**config, out=out, resume=True))
@@ -164,7 +164,7 @@ def test_an_addition_that_was_killed_continues(small_model: str, tmp_path: Path,
         raise Killed
 
     with monkeypatch.context() as patch:
-        patch.setattr("shuttle_marl.league.folder.append_results", killed)
+        patch.setattr("shuttle_marl.league.run.append_results", killed)
         with pytest.raises(Killed):
             play_league(LeagueConfig(pool=POOL[2:], extend=True, **config, out=tmp_path / "run"))
     play_league(LeagueConfig(pool=POOL, resume=True, **config, out=tmp_path / "run"))
