@@ -126,7 +126,7 @@ class _Timed:
 def training(folder: Path, strokes: int, repeat: int) -> dict[str, float]:
     """Train with every rally recorded, and measure the fraction of CPU time spent on recording."""
     from shuttle_marl.training import PPOConfig, train  # noqa: PLC0415  torch, which nothing above needs
-    from shuttle_marl.training.checkpoints import open_log  # noqa: PLC0415
+    from shuttle_marl.training.rally_log import open_log  # noqa: PLC0415
 
     logs: list[_Timed] = []
 

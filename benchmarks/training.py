@@ -27,10 +27,10 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.training import PPOConfig, TrainingError
-from shuttle_marl.training.checkpoints import RunLog, open_log
 from shuttle_marl.training.config import Sampler
 from shuttle_marl.training.learner import RallyCollector
 from shuttle_marl.training.ppo import PPO
+from shuttle_marl.training.rally_log import RunLog, open_log
 from shuttle_marl.training.run import check_device
 
 MEASURED: Final = 100

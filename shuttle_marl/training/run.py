@@ -1,10 +1,15 @@
-"""Training runs: iterations, exact evaluations, checkpoints, the run folder, and resuming."""
+"""Training runs: iterations, exact evaluations, checkpoints, the run folder, and resuming.
+
+A checkpoint is a folder ``checkpoints/ITERATION`` that is complete or absent. It holds everything that the next iteration depends
+on: tensors in ``state.safetensors``, the rest in ``about.json``, which also holds the hash of the tensors.
+"""
 
 import contextlib
 import dataclasses
 import functools
-import math
+import hashlib
 import os
+import shutil
 import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -16,12 +21,15 @@ import torch
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.text import Text
-from safetensors.numpy import save
+from safetensors import SafetensorError
+from safetensors import numpy as weights_file
+from safetensors.torch import load, save
 from torch.utils.tensorboard import SummaryWriter
 
 from shuttle_marl import exact
 from shuttle_marl.base import runs
-from shuttle_marl.base.files import Count
+from shuttle_marl.base.errors import ShuttleError
+from shuttle_marl.base.files import Count, FileReadError, problem, read_file, read_sealed, replace_file, replace_sealed
 from shuttle_marl.base.interrupts import check_interrupt, interrupts_held, was_interrupted
 from shuttle_marl.base.pytorch import InitialWeights, own_settings
 from shuttle_marl.exact.known import best_odds, pair_odds
@@ -36,19 +44,11 @@ from shuttle_marl.policy.agents import save_agent
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.policy.scorecard import REFERENCE
 from shuttle_marl.training.a2c import A2C
-from shuttle_marl.training.checkpoints import (
-    CHECKPOINTS,
-    RALLIES,
-    RunLog,
-    last_checkpoint,
-    open_log,
-    save_checkpoint,
-    saved_iteration,
-)
 from shuttle_marl.training.config import DivergedError, SelfPlayConfig, TrainingConfig, TrainingError, missed
-from shuttle_marl.training.learner import SEEDS, Learner, RallyCollector, Tensors, Trainer
+from shuttle_marl.training.learner import SEEDS, Learner, RallyCollector, Trainer
 from shuttle_marl.training.networks import imitate, tabulated, weights_of
 from shuttle_marl.training.ppo import PPO
+from shuttle_marl.training.rally_log import RALLIES, RunLog, open_log
 from shuttle_marl.training.sac import SAC
 from shuttle_marl.training.self_play import SelfPlayOpponents, n_opponents
 
@@ -124,6 +124,11 @@ def _chain(opponent: TabulatedPolicy) -> InducedChain:
     return induced(opponent)
 
 
+CHECKPOINTS: Final = "checkpoints"
+"""Folder of the checkpoints in the folder of a run."""
+_STATE: Final = "state.safetensors"
+_ABOUT: Final = "about.json"
+_RETAINED: Final = 2
 AGENT: Final = "agent"
 """Folder of the trained agent in the folder of its run."""
 BEST: Final = "best"
@@ -225,24 +230,111 @@ def _check_machine(config: TrainingConfig, game: Game) -> None:
             )
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Checkpoint:
-    """Progress of a run in the description of a checkpoint; ``metrics``: mark of the evaluations."""
+def save_checkpoint(run: Path, iteration: int, state: dict[str, torch.Tensor], about: dict[str, Any]) -> None:
+    """Write a checkpoint, and remove all but the latest two.
 
-    iteration: Count
-    strokes: Count
-    rallies: Count
-    seconds: float
-    stopped: bool
-    best: float | None
-    metrics: Count
+    Args:
+        run: folder of the run.
+        iteration: number of completed iterations.
+        state: tensors to restore.
+        about: other values to restore, as JSON.
+
+    Raises:
+        TrainingError: the checkpoint cannot be written; earlier ones are intact.
+    """
+    target = run / CHECKPOINTS / f"{iteration:08d}"
+    part = target.with_name(f".{target.name}.part")
+    try:
+        shutil.rmtree(part, ignore_errors=True)
+        write_state(part / _STATE, part / _ABOUT, state, about)
+        shutil.rmtree(target, ignore_errors=True)
+        os.replace(part, target)
+    except (OSError, ShuttleError) as error:
+        raise TrainingError(f"{target}: cannot be written ({error}); free some space and continue with --resume") from error
+    for old in _complete(run)[:-_RETAINED]:
+        shutil.rmtree(old, ignore_errors=True)
+
+
+def last_checkpoint(run: Path) -> tuple[dict[str, Any], dict[str, torch.Tensor]] | None:
+    """``about`` and ``state`` of the last checkpoint of a run, see :func:`save_checkpoint`; None if there is none.
+
+    Raises:
+        TrainingError: the last checkpoint is damaged.
+    """
+    complete = _complete(run)
+    if not complete:
+        return None
+    folder = complete[-1]
+    try:
+        return read_state(folder / _STATE, folder / _ABOUT)
+    except FileReadError as error:
+        raise TrainingError(f"{folder}: cannot be read ({error}); delete it to continue from the one before") from error
+
+
+def saved_iteration(run: Path) -> int:
+    """Number of iterations in the last checkpoint of a run; 0 without one."""
+    return max((int(folder.name) for folder in _complete(run)), default=0)
+
+
+def write_state(path: Path, about_path: Path, state: dict[str, torch.Tensor], about: dict[str, Any]) -> None:
+    """Write tensors, and then a description with their hash."""
+    # Some tensors share their memory, which safetensors refuses.
+    content = save({name: tensor.clone() for name, tensor in state.items()})
+    replace_file(path, content)
+    replace_sealed(about_path, {"sha256": {path.name: hashlib.sha256(content).hexdigest()}, **about})
+
+
+def read_state(path: Path, about_path: Path) -> tuple[dict[str, Any], dict[str, torch.Tensor]]:
+    """Read the description and the tensors of :func:`write_state`.
+
+    Raises:
+        FileReadError: a file is missing or damaged.
+    """
+    try:
+        about = read_sealed(about_path)
+        content = read_file(path)
+        if about.get("sha256") != {path.name: hashlib.sha256(content).hexdigest()}:
+            raise FileReadError(f"{path.name} does not match its hash in {about_path.name}")
+        return about, load(content)
+    except OSError as error:
+        raise FileReadError(problem(error)) from error
+    except SafetensorError as error:
+        raise FileReadError(str(error)) from error
+
+
+def _complete(run: Path) -> list[Path]:
+    return sorted(path for path in (run / CHECKPOINTS).glob("[0-9]*") if (path / _ABOUT).is_file())
+
+
+@dataclasses.dataclass(kw_only=True)
+class Checkpoint:
+    """Progress of a run, in the description of its checkpoints.
+
+    Attributes:
+        iteration, strokes: of the trainer.
+        game: hash of the game.
+        seconds: duration of the run so far.
+        best: figure of merit of the best evaluation.
+        stopped: whether the run ended before its last iteration.
+        rallies: number of rallies in the log.
+        metrics: number of evaluations.
+    """
+
+    iteration: Count = 0
+    game: str
+    seconds: float = 0.0
+    strokes: Count = 0
+    best: float | None = None
+    stopped: bool = False
+    rallies: Count = 0
+    metrics: Count = 0
 
 
 class _Run:
     def __init__(
         self, config: TrainingConfig, game: Game, opponents: list[TabulatedPolicy], folder: Path, console: Console
     ) -> None:
-        self.config, self.game, self.folder, self.console = config, game, folder, console
+        self.config, self.game, self.folder, self.console, self.opponents = config, game, folder, console, opponents
         # Self-play is evaluated against the benchmark's opponent.
         evaluated = opponents or [tabulate(resolve("bc", game), game, "bc")]
         self.evaluator = Evaluator(game, evaluated)
@@ -255,43 +347,26 @@ class _Run:
         self.self_play = None if variant is None else SelfPlayOpponents(variant, game, self.learner, collector.sampler)
         self.trainer = Trainer(self.learner, collector, None if self.self_play is None else self.self_play.update)
         self.metrics = runs.Journal(folder / METRICS)
-        self.evaluations = 0
-        self.made_with: dict[str, str] = {}
-        self.opponents = opponents
-        self.saved, self.seconds = 0, 0.0
-        self.stopped = False
-        self.best = -math.inf
-        """Figure of merit of the best evaluation."""
-        self.evaluation: tuple[TabulatedPolicy, Evaluation] | None = None
-        """The latest evaluation, and its policy; a run ends with an evaluation."""
-        self.rallies = 0
-        """Rallies in the log at the last checkpoint."""
-
-    @property
-    def iteration(self) -> int:
-        return self.trainer.iteration
-
-    @property
-    def strokes(self) -> int:
-        return self.trainer.strokes
-
-    def go(self) -> TrainingRun:
-        config = self.config
-        about = {
+        self.about = {
             "status": "running",
             "seed": config.seed,
             **runs.describe(_PACKAGES),
-            "game": {"model": config.game, "hash": self.game.hash, "catalogue": self.game.catalogue.version},
+            "game": {"model": config.game, "hash": game.hash, "catalogue": game.catalogue.version},
         }
-        self.evaluations = 0
-        self.made_with = about["packages"]
+        self.at = Checkpoint(game=game.hash)
+        """Progress; its iteration and strokes are those of the last checkpoint."""
+        self.evaluation: tuple[TabulatedPolicy, Evaluation] | None = None
+        """The latest evaluation, and its policy; a run ends with an evaluation."""
+
+    def go(self) -> TrainingRun:
+        config, trainer = self.config, self.trainer
         resumed = self._restore()
-        runs.write_json(self.folder / runs.MANIFEST, about)
+        runs.write_json(self.folder / runs.MANIFEST, self.about)
         if not resumed and config.warm_start is not None:
             self._warm_start(config.warm_start)
-        begun = time.monotonic() - self.seconds
+        begun = time.monotonic() - self.at.seconds
         with (
-            SummaryWriter(str(self.folder / "tensorboard"), purge_step=self.iteration) as board,
+            SummaryWriter(str(self.folder / "tensorboard"), purge_step=trainer.iteration) as board,
             _progress(self.console) as bar,
         ):
             total = config.iterations if config.seconds is None else round(config.seconds)
@@ -300,18 +375,25 @@ class _Run:
 
             def after(losses: dict[str, float]) -> None:
                 nonlocal evaluating
-                self.seconds = time.monotonic() - begun
+                at = self.at
+                at.seconds = time.monotonic() - begun
                 bar.update(task, completed=round(self._fraction() * total))
                 # The last evaluation is part of the budget; it takes as long as the one before.
-                self.stopped = config.seconds is not None and self.seconds + evaluating > config.seconds
-                if self.iteration % config.evaluate_every == 0 or self.iteration == config.iterations or self.stopped:
+                at.stopped = config.seconds is not None and at.seconds + evaluating > config.seconds
+                if trainer.iteration % config.evaluate_every == 0 or trainer.iteration == config.iterations or at.stopped:
                     evaluation = self._evaluate(losses, board)
-                    evaluating = time.monotonic() - begun - self.seconds
-                    bar.update(task, status=self._status(evaluation))
+                    evaluating = time.monotonic() - begun - at.seconds
+                    speed = trainer.strokes / max(at.seconds, 1e-9)
+                    won = f"wins {evaluation.rally_win:.1%} of rallies, {evaluation.match_win:.1%} of matches"
+                    figures = f"{won} · {evaluation.score_text} · {evaluation.exploitability_text}"
+                    bar.update(task, status=f"{speed / 1e3:.0f} k strokes/s · {figures}")
 
-            log = self._open_log()
+            log = None
+            if (trainer.iteration < config.iterations and not self.at.stopped) or not (self.folder / RALLIES).exists():
+                seeds = [self._segment_seed(segment) for segment in range(config.segments)]
+                log = open_log(self.folder, config, self.game, self.opponents, seeds, rallies=self.at.rallies)
             try:
-                while self.iteration < config.iterations and not self.stopped:
+                while trainer.iteration < config.iterations and not self.at.stopped:
                     self._segment(after, log)
             except BaseException:
                 if log is not None:
@@ -320,57 +402,45 @@ class _Run:
             if log is not None:
                 log.close()
         if config.seconds is not None and (warning := missed(time.monotonic() - begun, config.seconds)):
-            self.console.print(f"{self.folder}: {warning}", highlight=False, markup=False, soft_wrap=True)
-        return self._finish(about)
+            self.say(warning)
+        return self._finish()
+
+    def say(self, text: str) -> None:
+        self.console.print(f"{self.folder}: {text}", highlight=False, markup=False, soft_wrap=True)
 
     def _fraction(self) -> float:
         """Fraction of the run that is over, by iterations or by time."""
-        limit, part = self.config.seconds, self.iteration / self.config.iterations
-        return part if limit is None else min(1.0, max(part, self.seconds / limit))
-
-    def _open_log(self) -> RunLog | None:
-        config, ended = self.config, self.iteration >= self.config.iterations or self.stopped
-        if ended and (self.folder / RALLIES).exists():
-            return None
-        seeds = [self._segment_seed(segment) for segment in range(config.segments)]
-        return open_log(self.folder, config, self.game, self.opponents, seeds, rallies=self.rallies)
+        limit, part = self.config.seconds, self.trainer.iteration / self.config.iterations
+        return part if limit is None else min(1.0, max(part, self.at.seconds / limit))
 
     def _segment(self, after: Callable[[dict[str, float]], None], log: RunLog | None) -> None:
         """Iterations up to the next checkpoint. Random numbers depend on the segment alone, so a resumed run repeats them."""
         config, trainer = self.config, self.trainer
-        segment = self.iteration // config.checkpoint_every
+        segment = trainer.iteration // config.checkpoint_every
         seed = trainer.collector.set_seed(self._segment_seed(segment))
         if self.self_play is not None:
             self.self_play.set_seed(seed)
 
         def collected() -> None:
             if log is not None:
-                log.record(trainer.collector.sampler, segment, self.iteration - 1)
+                log.record(trainer.collector.sampler, segment, trainer.iteration - 1)
 
-        for _ in range(min(config.checkpoint_every, config.iterations - self.iteration)):
+        for _ in range(min(config.checkpoint_every, config.iterations - trainer.iteration)):
             check_interrupt()
             with self._diverging():
                 losses = trainer.iterate(1 - self._fraction(), collected)
             if log is not None:
                 log.settle()
             after(losses)
-            if self.stopped:
+            if self.at.stopped:
                 break
         with self._diverging():
             state = trainer.state_dict() | ({} if self.self_play is None else self.self_play.state_dict())
         # The log is written to disk before the checkpoint, so that it holds all rallies that the checkpoint counts.
-        self.rallies = 0 if log is None else log.flush()
-        about = {
-            "game": self.game.hash,
-            "seconds": self.seconds,
-            "strokes": self.strokes,
-            "best": None if self.best == -math.inf else self.best,
-            "stopped": self.stopped,
-            "rallies": self.rallies,
-            "metrics": self.evaluations,
-        }
-        save_checkpoint(self.folder, self.iteration, state, about)
-        self.saved = self.iteration
+        rallies = 0 if log is None else log.flush()
+        at = dataclasses.replace(self.at, iteration=trainer.iteration, strokes=trainer.strokes, rallies=rallies)
+        save_checkpoint(self.folder, trainer.iteration, state, dataclasses.asdict(at))
+        self.at = at
 
     @contextlib.contextmanager
     def _diverging(self) -> Iterator[None]:
@@ -378,50 +448,41 @@ class _Run:
         try:
             yield
         except DivergedError as error:
-            saved = f"the weights of iteration {self.saved} are kept" if self.saved else "no weights were saved yet"
+            saved = f"the weights of iteration {self.at.iteration} are kept" if self.at.iteration else "no weights were saved yet"
             raise DivergedError(
-                f"{self.folder}: learning diverged in iteration {self.iteration}: {error}; {saved} in its checkpoints. "
+                f"{self.folder}: learning diverged in iteration {self.trainer.iteration}: {error}; {saved} in its checkpoints. "
                 "Train again with a lower --learning-rate"
             ) from error
 
     def _evaluate(self, losses: dict[str, float], board: SummaryWriter) -> Evaluation:
+        config, at, trainer = self.config, self.at, self.trainer
         with self._diverging():
-            policy = self._policy()
-        evaluation = self.evaluator.evaluate(policy, exploitability=self._exploitability)
+            self.evaluation = self._evaluated()
+        evaluation = self.evaluation[1]
         figures = {**dataclasses.asdict(evaluation), **losses}
-        line = {"iteration": self.iteration, "strokes": self.strokes, "seconds": round(self.seconds, 2), **figures}
+        line = {"iteration": trainer.iteration, "strokes": trainer.strokes, "seconds": round(at.seconds, 2), **figures}
         self.metrics.append([line])
-        self.evaluations += 1
+        at.metrics += 1
         for name, value in figures.items():
             if value is not None:
-                board.add_scalar(name, value, self.strokes)
-        board.add_scalar("strokes_per_second", self.strokes / max(self.seconds, 1e-9), self.strokes)
-        self.evaluation = policy, evaluation
-        exploitability = evaluation.exploitability
-        figure = -exploitability if self.config.self_play and exploitability is not None else evaluation.rally_win
-        if figure > self.best:
-            self.best = figure
+                board.add_scalar(name, value, trainer.strokes)
+        board.add_scalar("strokes_per_second", trainer.strokes / max(at.seconds, 1e-9), trainer.strokes)
+        exploitability, score = evaluation.exploitability, evaluation.normalised_score
+        figure = -exploitability if config.self_play and exploitability is not None else evaluation.rally_win
+        if at.best is None or figure > at.best:
+            at.best = figure
             self._save_agent(BEST, evaluation)
-        score, target = evaluation.normalised_score, self.config.target_score
-        if self.config.target is not None and evaluation.match_win >= self.config.target:
-            self.stopped = True
-        if target is not None and score is not None and score >= target:
-            self.stopped = True
+        if config.target is not None and evaluation.match_win >= config.target:
+            at.stopped = True
+        if config.target_score is not None and score is not None and score >= config.target_score:
+            at.stopped = True
         return evaluation
 
-    def _policy(self) -> TabulatedPolicy:
-        return tabulated(self.learner.eval_actor, self.game, self.config.eval_temperature)
-
-    @property
-    def _exploitability(self) -> bool:
-        return self.config.exploitability or self.config.self_play
-
-    def _status(self, evaluation: Evaluation) -> str:
-        speed = self.strokes / max(self.seconds, 1e-9)
-        return (
-            f"{speed / 1e3:.0f} k strokes/s · wins {evaluation.rally_win:.1%} of rallies, {evaluation.match_win:.1%} of "
-            f"matches · {evaluation.score_text} · {evaluation.exploitability_text}"
-        )
+    def _evaluated(self) -> tuple[TabulatedPolicy, Evaluation]:
+        """The current agent, and its evaluation."""
+        policy = tabulated(self.learner.eval_actor, self.game, self.config.eval_temperature)
+        exploitability = self.config.exploitability or self.config.self_play
+        return policy, self.evaluator.evaluate(policy, exploitability=exploitability)
 
     def _restore(self) -> bool:
         """Restore the last checkpoint; returns whether there is one."""
@@ -436,29 +497,20 @@ class _Run:
                 "continue with the same --game, or train again with another --out"
             )
         try:
-            about = msgspec.convert(fields, Checkpoint)
-            self._load(about, state)
+            self.at = msgspec.convert(fields, Checkpoint)
+            self.trainer.iteration, self.trainer.strokes = self.at.iteration, self.at.strokes
+            self.trainer.load_state_dict(state)
+            if self.self_play is not None:
+                self.self_play.load_state_dict(state)
         except (msgspec.ValidationError, KeyError, IndexError, TypeError, ValueError, RuntimeError) as error:
             path = self.folder / CHECKPOINTS
             raise TrainingError(
                 f"{path}: the last checkpoint is of another kind of run ({type(error).__name__}: {error}); train again with "
                 "--overwrite"
             ) from error
-        self.metrics.keep(about.metrics)
-        self.evaluations = about.metrics
-        self.console.print(
-            f"{self.folder}: continues after iteration {self.iteration}", highlight=False, markup=False, soft_wrap=True
-        )
+        self.metrics.keep(self.at.metrics)
+        self.say(f"continues after iteration {self.at.iteration}")
         return True
-
-    def _load(self, about: "Checkpoint", state: Tensors) -> None:
-        self.saved = self.trainer.iteration = about.iteration
-        self.trainer.strokes, self.rallies = about.strokes, about.rallies
-        self.seconds, self.stopped = about.seconds, about.stopped
-        self.best = -math.inf if about.best is None else about.best
-        self.trainer.load_state_dict(state)
-        if self.self_play is not None:
-            self.self_play.load_state_dict(state)
 
     def _warm_start(self, name: str) -> None:
         policy = tabulate(resolve(name, self.game), self.game, name)
@@ -466,17 +518,20 @@ class _Run:
         with self.console.status(Text(f"imitating {name}")):
             gap = imitate(self.learner.actor, policy, weight, self.generator)
             self.learner.eval_actor.load_state_dict(self.learner.actor.state_dict())
-        self.console.print(f"imitated {name}: {gap:.3f} nats per stroke above its entropy", highlight=False, markup=False)
+        self.say(f"imitated {name}, {gap:.3f} nats per stroke above its entropy")
 
-    def _finish(self, about: dict[str, Any]) -> TrainingRun:
-        if self.evaluation is None:  # the resumed run had ended before
-            policy = self._policy()
-            self.evaluation = policy, self.evaluator.evaluate(policy, exploitability=self._exploitability)
-        policy, evaluation = self.evaluation
+    def _finish(self) -> TrainingRun:
+        # None if the resumed run had ended before.
+        policy, evaluation = self.evaluation or self._evaluated()
         self._save_agent(AGENT, evaluation)
-        runs.write_json(self.folder / runs.MANIFEST, {**about, "status": "finished", "seconds": round(self.seconds, 1)})
+        finished = {**self.about, "status": "finished", "seconds": round(self.at.seconds, 1)}
+        runs.write_json(self.folder / runs.MANIFEST, finished)
         return TrainingRun(
-            folder=self.folder, iterations=self.iteration, strokes=self.strokes, evaluation=evaluation, policy=policy
+            folder=self.folder,
+            iterations=self.trainer.iteration,
+            strokes=self.trainer.strokes,
+            evaluation=evaluation,
+            policy=policy,
         )
 
     def _save_agent(self, name: str, evaluation: Evaluation) -> None:
@@ -484,13 +539,14 @@ class _Run:
         card = {
             "algorithm": self.config.algorithm,
             "config": self.config.fixed(),
-            "iterations": self.iteration,
-            "strokes": self.strokes,
-            "seconds": round(self.seconds, 1),
+            "iterations": self.trainer.iteration,
+            "strokes": self.trainer.strokes,
+            "seconds": round(self.at.seconds, 1),
             "evaluation": dataclasses.asdict(evaluation),
-            "made_with": self.made_with,
+            "made_with": self.about["packages"],
         }
-        save_agent(self.folder / name, self.game, save(weights_of(self.learner.eval_actor, self.config.eval_temperature)), card)
+        weights = weights_of(self.learner.eval_actor, self.config.eval_temperature)
+        save_agent(self.folder / name, self.game, weights_file.save(weights), card)
 
     def _segment_seed(self, segment: int) -> int:
         return self._seed(_SEGMENT, segment) % SEEDS

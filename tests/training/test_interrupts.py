@@ -17,7 +17,8 @@ from shuttle_marl.base.interrupts import check_interrupt, interrupts_held
 from shuttle_marl.commands import league, training
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.kernel import RallySampler
-from shuttle_marl.training import Evaluator, PPOConfig, SACConfig, TrainingConfig, checkpoints, train
+from shuttle_marl.training import Evaluator, PPOConfig, SACConfig, TrainingConfig, train
+from shuttle_marl.training import run as training_run
 from shuttle_marl.training.learner import Mean
 from shuttle_marl.training.run import METRICS
 from tests.reduced import reduced_model
@@ -66,7 +67,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
         ("ppo", Mean, "add", 5, "iteration [024]"),
         ("sac", Mean, "add", 5, "iteration [024]"),
         ("sac", Evaluator, "evaluate", 1, "iteration 2 of 6"),
-        ("ppo", checkpoints, "replace_file", 1, "iteration 2 of 6"),
+        ("ppo", training_run, "replace_file", 1, "iteration 2 of 6"),
     ],
 )
 def test_an_interrupt_waits_for_the_end_of_the_iteration(

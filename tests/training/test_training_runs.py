@@ -28,12 +28,12 @@ from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording import RecordingError
 from shuttle_marl.recording.replay import check
 from shuttle_marl.training import A2CConfig, Evaluation, Evaluator, PPOConfig, SACConfig, TrainingConfig, TrainingError, train
-from shuttle_marl.training.checkpoints import last_checkpoint
 from shuttle_marl.training.config import SelfPlayVariant
 from shuttle_marl.training.league.mixtures import sharpened
 from shuttle_marl.training.learner import Learner
 from shuttle_marl.training.networks import tabulated
 from shuttle_marl.training.ppo import PPO
+from shuttle_marl.training.run import last_checkpoint
 from tests.reduced import reduced_game, reduced_model
 from tests.stops import Killed, stopping
 from tests.waiting import wait_until

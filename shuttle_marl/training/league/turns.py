@@ -29,7 +29,6 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.policy.network import PolicyNetwork
 from shuttle_marl.policy.stored import StoredPolicies, policy_file
-from shuttle_marl.training.checkpoints import read_state, write_state
 from shuttle_marl.training.config import SELF, A2CConfig, DivergedError, PPOConfig, SACConfig, TrainingConfig
 from shuttle_marl.training.league.config import LeagueTrainingConfig, LeagueTrainingError
 from shuttle_marl.training.league.population import TABLES
@@ -38,6 +37,7 @@ from shuttle_marl.training.league.state import Turn, TurnResult
 from shuttle_marl.training.learner import SEEDS, RallyCollector, Trainer
 from shuttle_marl.training.networks import tabulated, weights_of
 from shuttle_marl.training.run import LEARNERS as ALGORITHMS
+from shuttle_marl.training.run import read_state, write_state
 
 T = TypeVar("T")
 

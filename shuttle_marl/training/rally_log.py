@@ -1,116 +1,21 @@
-"""Files of a training run: checkpoints, evaluations, and the rally log.
-
-A checkpoint is a folder ``checkpoints/ITERATION`` that is complete or absent. It holds everything that the next iteration depends
-on: tensors in ``state.safetensors``, the rest in ``about.json``, which also holds the hash of the tensors.
-"""
+"""The rally log of a training run."""
 
 import dataclasses
-import hashlib
-import os
-import shutil
 from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-import torch
-from safetensors import SafetensorError
-from safetensors.torch import load, save
 
 from shuttle_marl.base.arrays import I64
-from shuttle_marl.base.errors import ShuttleError
-from shuttle_marl.base.files import FileReadError, problem, read_file, read_sealed, replace_file, replace_sealed
 from shuttle_marl.game.rally.record import OPTIONAL
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.kernel import RallySampler
 from shuttle_marl.recording import SINGLE_RALLY, LogHeader, Player, Rallies, RallyRecorder, Sampling
 from shuttle_marl.recording.recover import resume
-from shuttle_marl.training.config import TrainingConfig, TrainingError
-
-CHECKPOINTS: Final = "checkpoints"
-"""Folder of the checkpoints in the folder of a run."""
-_STATE: Final = "state.safetensors"
-_ABOUT: Final = "about.json"
-_RETAINED: Final = 2
-
-
-def save_checkpoint(run: Path, iteration: int, state: dict[str, torch.Tensor], about: dict[str, Any]) -> None:
-    """Write a checkpoint, and remove all but the latest two.
-
-    Args:
-        run: folder of the run.
-        iteration: number of completed iterations.
-        state: tensors to restore.
-        about: other values to restore, as JSON.
-
-    Raises:
-        TrainingError: the checkpoint cannot be written; earlier ones are intact.
-    """
-    target = run / CHECKPOINTS / f"{iteration:08d}"
-    part = target.with_name(f".{target.name}.part")
-    try:
-        shutil.rmtree(part, ignore_errors=True)
-        write_state(part / _STATE, part / _ABOUT, state, {"iteration": iteration, **about})
-        shutil.rmtree(target, ignore_errors=True)
-        os.replace(part, target)
-    except (OSError, ShuttleError) as error:
-        raise TrainingError(f"{target}: cannot be written ({error}); free some space and continue with --resume") from error
-    for old in _complete(run)[:-_RETAINED]:
-        shutil.rmtree(old, ignore_errors=True)
-
-
-def last_checkpoint(run: Path) -> tuple[dict[str, Any], dict[str, torch.Tensor]] | None:
-    """``about`` and ``state`` of the last checkpoint of a run, see :func:`save_checkpoint`; None if there is none.
-
-    Raises:
-        TrainingError: the last checkpoint is damaged.
-    """
-    complete = _complete(run)
-    if not complete:
-        return None
-    folder = complete[-1]
-    try:
-        return read_state(folder / _STATE, folder / _ABOUT)
-    except FileReadError as error:
-        raise TrainingError(f"{folder}: cannot be read ({error}); delete it to continue from the one before") from error
-
-
-def saved_iteration(run: Path) -> int:
-    """Number of iterations in the last checkpoint of a run; 0 without one."""
-    return max((int(folder.name) for folder in _complete(run)), default=0)
-
-
-def write_state(path: Path, about_path: Path, state: dict[str, torch.Tensor], about: dict[str, Any]) -> None:
-    """Write tensors, and then a description with their hash."""
-    # Some tensors share their memory, which safetensors refuses.
-    content = save({name: tensor.clone() for name, tensor in state.items()})
-    replace_file(path, content)
-    replace_sealed(about_path, {"sha256": {path.name: hashlib.sha256(content).hexdigest()}, **about})
-
-
-def read_state(path: Path, about_path: Path) -> tuple[dict[str, Any], dict[str, torch.Tensor]]:
-    """Read the description and the tensors of :func:`write_state`.
-
-    Raises:
-        FileReadError: a file is missing or damaged.
-    """
-    try:
-        about = read_sealed(about_path)
-        content = read_file(path)
-        if about.get("sha256") != {path.name: hashlib.sha256(content).hexdigest()}:
-            raise FileReadError(f"{path.name} does not match its hash in {about_path.name}")
-        return about, load(content)
-    except OSError as error:
-        raise FileReadError(problem(error)) from error
-    except SafetensorError as error:
-        raise FileReadError(str(error)) from error
-
-
-def _complete(run: Path) -> list[Path]:
-    return sorted(path for path in (run / CHECKPOINTS).glob("[0-9]*") if (path / _ABOUT).is_file())
-
+from shuttle_marl.training.config import TrainingConfig
 
 RALLIES: Final = "rallies.mcap"
 """The rally log in the folder of a run."""
