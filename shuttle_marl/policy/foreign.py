@@ -10,7 +10,6 @@ import contextlib
 import contextvars
 import ctypes
 import dataclasses
-import difflib
 import functools
 import importlib
 import inspect
@@ -29,7 +28,7 @@ from typing import Any, Final, TypeVar
 import numpy as np
 
 from shuttle_marl.base.arrays import F64, Floats
-from shuttle_marl.base.errors import described
+from shuttle_marl.base.errors import described, did_you_mean
 from shuttle_marl.base.programs import Program, ProgramError, ProgramTimeoutError
 from shuttle_marl.game.policy import Policy, PolicyError, States, reads_score
 from shuttle_marl.game.stroke import HEIGHTS
@@ -73,8 +72,7 @@ def import_attribute(name: str) -> Any:
     try:
         return operator.attrgetter(attribute)(module)
     except AttributeError as error:
-        close = difflib.get_close_matches(attribute, [a for a in vars(module) if not a.startswith("_")], n=4, cutoff=0.5)
-        hint = f"; did you mean {', '.join(close)}?" if close else ""
+        hint = did_you_mean(attribute, [known for known in vars(module) if not known.startswith("_")], cutoff=0.5)
         raise PolicyError(f"policy {name!r}: module {module_name!r} has no {attribute!r}{hint}") from error
     except KeyboardInterrupt:
         raise

@@ -16,14 +16,13 @@ A name that a user typed may run user code (:func:`resolve`). A name from a file
 
 import contextlib
 import dataclasses
-import difflib
 import functools
 import importlib.metadata
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Final
 
-from shuttle_marl.base.errors import described
+from shuttle_marl.base.errors import described, did_you_mean
 from shuttle_marl.game.policy import GamePolicy, Policy, PolicyError, TemperedPolicy, UniformPolicy
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
@@ -266,15 +265,9 @@ def _resolve_plain(name: str, game: Game) -> Policy:
         try:
             return from_module(name, game)
         except ModuleMissingError as error:
-            hint = _similar(name, game, cutoff=0.6)
-            raise PolicyError(f"{error}; {hint}" if hint else str(error)) from error
-    hint = _similar(name, game, cutoff=0.5) or f"known: {', '.join(names(game))}."
-    raise PolicyError(f"no policy {name!r}; {hint} Your own is given as module:attribute.")
-
-
-def _similar(name: str, game: Game, *, cutoff: float) -> str:
-    close = difflib.get_close_matches(name, names(game), n=4, cutoff=cutoff)
-    return f"did you mean {', '.join(close)}?" if close else ""
+            raise PolicyError(f"{error}{did_you_mean(name, names(game))}") from error
+    hint = did_you_mean(name, names(game), cutoff=0.5) or f"; known: {', '.join(names(game))}."
+    raise PolicyError(f"no policy {name!r}{hint} Your own is given as module:attribute.")
 
 
 def _plain(key: str, policy: Policy, about: str) -> None:

@@ -4,7 +4,6 @@ The defaults are those of the win rates in ``docs/training.md``.
 """
 
 import dataclasses
-import difflib
 import functools
 import json
 import math
@@ -24,7 +23,7 @@ from shuttle_marl.base.bounds import (
     Within,
     check_bounds,
 )
-from shuttle_marl.base.errors import ShuttleError, suggesting
+from shuttle_marl.base.errors import ShuttleError, did_you_mean, suggesting
 from shuttle_marl.game.shipped import Profile
 from shuttle_marl.game.stroke import SHOTS
 
@@ -144,9 +143,9 @@ class TrainingConfig:
         check_bounds(self, TrainingError)
         if not self.opponent:
             raise TrainingError("--opponent: expected one or more policies, or self")
-        misspelt = [name for name in self.opponent if name != SELF and difflib.get_close_matches(name, [SELF], cutoff=0.75)]
-        if misspelt:
-            raise TrainingError(f"--opponent {misspelt[0]}: no such policy; did you mean {SELF}?")
+        for name in self.opponent:
+            if name != SELF and (hint := did_you_mean(name, [SELF], cutoff=0.75)):
+                raise TrainingError(f"--opponent {name}: no such policy{hint}")
         if SELF in self.opponent and len(self.opponent) > 1:
             raise TrainingError(f"--opponent {' '.join(self.opponent)}: {SELF} cannot be combined with other opponents")
         if self.seconds is not None and self.strokes == type(self).strokes:

@@ -184,21 +184,34 @@ def train(config: TrainingConfig, console: Console | None = None) -> TrainingRun
     name = f"{config.algorithm}-{config.seed}"
     opened = runs.open_run(config.out, name, config.fixed(), resume=config.resume, overwrite=config.overwrite)
     with interrupts_held(), opened as folder:
+
+        def saved() -> str:
+            number = max((int(path.name) for path in _complete(folder)), default=0)
+            return f"iteration {number} of {config.iterations} is saved" if number else "no iteration yet is saved"
+
         try:
-            with own_settings(config.threads):
+            with resumable(folder, saved), own_settings(config.threads):
                 return _Run(config, game, opponents, folder, console).go()
         except torch.OutOfMemoryError as error:
             raise TrainingError(
                 f"--device {config.device}: its memory is too small for this run ({_first_line(error)}); the last checkpoint is "
                 "intact; train with smaller --batch, --growth or --width, or with --device cpu"
             ) from error
-        except (KeyboardInterrupt, Exception) as error:
-            if not (isinstance(error, KeyboardInterrupt) or was_interrupted()):
-                raise
-            saved = (
-                f"iteration {saved_iteration(folder)} of {config.iterations}" if saved_iteration(folder) else "no iteration yet"
-            )
-            raise KeyboardInterrupt(f"interrupted; {saved} is saved; the same with --resume --out {folder} continues") from error
+
+
+@contextlib.contextmanager
+def resumable(folder: Path, saved: Callable[[], str]) -> Iterator[None]:
+    """Say in a KeyboardInterrupt what is saved of a run, and how it continues.
+
+    Raises:
+        KeyboardInterrupt: Ctrl-C, or an error that it caused in a library.
+    """
+    try:
+        yield
+    except (KeyboardInterrupt, Exception) as error:
+        if not (isinstance(error, KeyboardInterrupt) or was_interrupted()):
+            raise
+        raise KeyboardInterrupt(f"interrupted; {saved()}; the same with --resume --out {folder} continues") from error
 
 
 def check_device(device: str) -> None:
@@ -269,11 +282,6 @@ def last_checkpoint(run: Path) -> tuple[dict[str, Any], dict[str, torch.Tensor]]
         return read_state(folder / _STATE, folder / _ABOUT)
     except FileReadError as error:
         raise TrainingError(f"{folder}: cannot be read ({error}); delete it to continue from the one before") from error
-
-
-def saved_iteration(run: Path) -> int:
-    """Number of iterations in the last checkpoint of a run; 0 without one."""
-    return max((int(folder.name) for folder in _complete(run)), default=0)
 
 
 def write_state(path: Path, about_path: Path, state: dict[str, torch.Tensor], about: dict[str, Any]) -> None:

@@ -13,7 +13,7 @@ from shuttle_marl.base.cluster import check_processes, in_processes
 from shuttle_marl.base.intervals import interquartile_mean
 from shuttle_marl.policy.agents import read_card
 from shuttle_marl.training.config import TrainingConfig, TrainingError
-from shuttle_marl.training.run import AGENT, train
+from shuttle_marl.training.run import AGENT, resumable, train
 
 RESULTS: Final = "results.json"
 _PACKAGES: Final = ("numpy", "scipy", "torch", "torchrl", "tensordict", "numba")
@@ -60,12 +60,12 @@ def train_seeds(config: TrainingConfig, seeds: int, jobs: int, console: Console 
         configs = [
             dataclasses.replace(config, seed=seed, out=folder / f"seed-{seed}", resume=False, overwrite=False) for seed in numbers
         ]
-        try:
+
+        def finished() -> str:
+            return f"{sum(runs.is_finished(folder / f'seed-{seed}') for seed in numbers)} of {seeds} runs are finished"
+
+        with resumable(folder, finished):
             train_all(configs, jobs, console or Console(quiet=True))
-        except KeyboardInterrupt as error:
-            finished = sum(runs.is_finished(folder / f"seed-{seed}") for seed in numbers)
-            saved = f"{finished} of {seeds} runs are finished"
-            raise KeyboardInterrupt(f"interrupted; {saved}; the same with --resume --out {folder} continues") from error
         evaluations = {seed: read_card(folder / f"seed-{seed}" / AGENT)["evaluation"] for seed in numbers}
         study = Study(folder=folder, evaluations=evaluations, figures=_figures(list(evaluations.values())))
         about = runs.describe(_PACKAGES)

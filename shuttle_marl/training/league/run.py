@@ -16,7 +16,7 @@ from shuttle_marl.analysis.pictures import figure, save
 from shuttle_marl.base import runs
 from shuttle_marl.base.cluster import Cluster, check_processes, open_cluster
 from shuttle_marl.base.files import replace_file
-from shuttle_marl.base.interrupts import check_interrupt, interrupts_held, was_interrupted
+from shuttle_marl.base.interrupts import check_interrupt, interrupts_held
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
@@ -30,6 +30,7 @@ from shuttle_marl.training.league.population import TABLES, TOLERANCE, Frozen, P
 from shuttle_marl.training.league.schedule import MIN_SECONDS, Schedule
 from shuttle_marl.training.league.state import Best, LeagueState, Member, TurnResult
 from shuttle_marl.training.league.turns import Workers, network_path, prune_states
+from shuttle_marl.training.run import resumable
 
 METRICS: Final = "metrics.jsonl"
 RESULTS: Final = "results.json"
@@ -39,6 +40,7 @@ MAIN: Final = "main.safetensors"
 AGENT: Final = "agent"
 """Folder of its network at temperature 1; absent for mixtures."""
 _PACKAGES: Final = ("numpy", "scipy", "torch", "torchrl", "tensordict", "numba")
+_EVALUATION: Final = ("exploitability", "temperature", "exploitability_as_trained", "rally_win", "match_win", "against")
 _ENOUGH: Final = 0.5
 """A main exploiter succeeds if it reaches this fraction of the gain of the exact best response."""
 _BEATEN: Final = 0.7
@@ -90,14 +92,13 @@ def train_league(config: LeagueTrainingConfig, console: Console | None = None) -
         opened = runs.open_run(config.out, "league-training", config.fixed(), resume=config.resume, overwrite=config.overwrite)
         stack.enter_context(interrupts_held())
         folder = stack.enter_context(opened)
-        try:
+
+        def saved() -> str:
+            state = LeagueState.load(folder, game.hash)
+            return "no round yet is saved" if state is None else f"round {state.round} is saved"
+
+        with resumable(folder, saved):
             return _League(config, game, given, folder, console or Console(quiet=True), begun).go(cluster)
-        except (KeyboardInterrupt, Exception) as error:
-            if not (isinstance(error, KeyboardInterrupt) or was_interrupted()):
-                raise
-            saved = LeagueState.load(folder, game.hash)
-            rounds = f"round {saved.round}" if saved is not None else "no round yet"
-            raise KeyboardInterrupt(f"interrupted; {rounds} is saved; the same with --resume --out {folder} continues") from error
 
 
 class _League:
@@ -164,12 +165,8 @@ class _League:
 
     def _oracle_round(self) -> None:
         """One round of psro with exact best responses."""
-        strategy = self.schedule.meta_strategy()
-        support = np.flatnonzero(strategy)
-        population = self.state.population
-        mixture, answer = respond([self.tables.read(population[i].hash) for i in support], strategy[support])
         number = self.state.round + 1
-        self._measure(f"mixture@{number}", [(mixture, answer, 1.0)])
+        answer = self._measure_mixture(number)
         response = Frozen(name=f"oracle@{number}", role="best-response", round=number, hash=self.tables.save(answer.policy))
         # The mean of all best responses counts repeated ones (fictitious play); other meta-strategies do not change.
         joined = self._join(response, again=self.config.meta_solver == "uniform")
@@ -187,7 +184,8 @@ class _League:
             member.strokes += result.strokes
             member.hash = result.hash
         if self.config.variant == "psro":
-            self._join_oracle(results[0], number)
+            self._join(Frozen(name=f"oracle@{number}", role="oracle", round=number, hash=results[0].hash))
+            self._measure_mixture(number)
         else:
             self._join_mains([each for each in results if each.member.startswith("main-agent")], number)
             self._join_exploiters([each for each in results if not each.member.startswith("main-agent")], number)
@@ -226,14 +224,13 @@ class _League:
         recent = [each.hash for each in self.state.population[-self.config.max_opponents :]]
         return float(self.payoffs.match_wins(result.hash, recent).mean()) >= _BEATEN
 
-    def _join_oracle(self, result: TurnResult, number: int) -> None:
-        """Evaluate the meta-strategy that includes the new policy, as the main agent."""
-        self._join(Frozen(name=f"oracle@{number}", role="oracle", round=number, hash=result.hash))
+    def _measure_mixture(self, number: int) -> exact.Response:
+        """Evaluate the meta-strategy of the population as the main agent; returns the best response to it."""
         strategy = self.schedule.meta_strategy()
         support = np.flatnonzero(strategy)
-        population = self.state.population
-        mixture, answer = respond([self.tables.read(population[i].hash) for i in support], strategy[support])
+        mixture, answer = respond([self.tables.read(self.state.population[i].hash) for i in support], strategy[support])
         self._measure(f"mixture@{number}", [(mixture, answer, 1.0)])
+        return answer
 
     def _join(self, policy: Frozen, *, again: bool = False) -> bool:
         """Add a policy, unless its table is in the population (``again``: also then); returns whether it was added."""
@@ -319,11 +316,9 @@ class _League:
             "curve": curve,
         }
         if network.exists():
-            card = {
-                "algorithm": self.config.algorithm,
-                "config": self.config.fixed(),
-                "evaluation": _figures(curve, state.best.name),
-            }
+            line = next(line for line in curve if line["policy"] == state.best.name)
+            evaluation = {name: line[name] for name in _EVALUATION}
+            card = {"algorithm": self.config.algorithm, "config": self.config.fixed(), "evaluation": evaluation}
             save_agent(self.folder / AGENT, self.game, network.read_bytes(), card)
         draw_exploitability(curve, self.folder / PICTURE)
         if self.config.seconds is not None and (warning := missed(state.seconds, self.config.seconds)):
@@ -331,13 +326,6 @@ class _League:
         replace_file(self.folder / RESULTS, (json.dumps(figures, indent=1) + "\n").encode())
         runs.write_json(self.folder / runs.MANIFEST, {**about, "status": "finished", "seconds": state.seconds})
         return LeagueTraining(folder=self.folder, figures=figures, policy=policy)
-
-
-def _figures(curve: list[dict[str, Any]], policy: str) -> dict[str, Any]:
-    """Figures of a main agent in the learning curve."""
-    line = next(line for line in curve if line["policy"] == policy)
-    names = ("exploitability", "temperature", "exploitability_as_trained", "rally_win", "match_win", "against")
-    return {name: line[name] for name in names}
 
 
 def draw_exploitability(curve: Sequence[Mapping[str, Any]], path: Path) -> None:

@@ -1,9 +1,8 @@
 """State of a league between rounds, in one file, and the turns of a round."""
 
 import dataclasses
-import json
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import Annotated, Final
 
 import msgspec
 
@@ -42,11 +41,6 @@ class Turn:
     seconds: float | None
     remaining: tuple[float, float]
     seed: int
-
-    def as_json(self) -> dict[str, Any]:
-        """The settings as JSON."""
-        fields: dict[str, Any] = json.loads(json.dumps(dataclasses.asdict(self)))
-        return fields
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

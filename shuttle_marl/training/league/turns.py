@@ -21,7 +21,7 @@ from safetensors.numpy import save
 
 from shuttle_marl import exact
 from shuttle_marl.base.cluster import Cluster, Task, WorkerPool
-from shuttle_marl.base.files import FileReadError, open_file, problem, read_json, replace_file
+from shuttle_marl.base.files import FileReadError, read_json, replace_file
 from shuttle_marl.base.interrupts import check_interrupt, interrupts_held
 from shuttle_marl.base.pytorch import InitialWeights, own_settings
 from shuttle_marl.game.shipped import resolve_game
@@ -118,7 +118,7 @@ def prune_states(folder: Path, before: int) -> None:
 class Completed:
     """Description of a completed turn in its file: settings and result."""
 
-    turn: dict[str, Any]
+    turn: Turn
     result: TurnResult
 
 
@@ -129,7 +129,7 @@ def completed(folder: Path, turn: Turn) -> TurnResult | None:
         about = read_json(about_path, Completed, sealed=True)
     except FileReadError:
         return None
-    return about.result if about.turn == turn.as_json() and state_path.exists() else None
+    return about.result if about.turn == turn and state_path.exists() else None
 
 
 def _paths(folder: Path, member: str, number: int) -> tuple[Path, Path]:
@@ -219,7 +219,7 @@ class _Turn:
         name = self.tables.save(tabulated(policy, self.game))
         replace_file(network_path(self.folder, turn.member, turn.round), save(weights_of(policy)))
         result = TurnResult(member=turn.member, hash=name, strokes=trainer.strokes, seconds=seconds, iterations=trainer.iteration)
-        write_state(path, about_path, state, {"turn": turn.as_json(), "result": dataclasses.asdict(result)})
+        write_state(path, about_path, state, {"turn": dataclasses.asdict(turn), "result": dataclasses.asdict(result)})
         return result
 
 
@@ -291,7 +291,7 @@ class Workers:
         missing = [turn for turn in turns if completed(folder, turn) is None]
         tasks: list[Task[tuple[TurnResult, dict[Path, bytes]]]] = []
         for turn in missing:
-            files = {path: _read(folder / path) for path in input_files(turn)}
+            files = {path: (folder / path).read_bytes() for path in input_files(turn)}
             tasks.append(cluster.submit(take_remotely, config, turn, self._game, files))
         for turn, task in zip(missing, tasks, strict=True):
             result, files = task.result()
@@ -339,12 +339,4 @@ def take_remotely(
         for path, content in files.items():
             replace_file(folder / path, content)
         result = take_turn(folder, config, turn, game)
-        return result, {path: _read(folder / path) for path in output_files(turn, result)}
-
-
-def _read(path: Path) -> bytes:
-    try:
-        with open_file(path) as file:
-            return file.read()
-    except OSError as error:
-        raise LeagueTrainingError(f"{path}: cannot be used ({problem(error)}); train again with --overwrite") from error
+        return result, {path: (folder / path).read_bytes() for path in output_files(turn, result)}
