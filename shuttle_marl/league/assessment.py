@@ -55,7 +55,6 @@ class Assessment:
     """Assessment of N entrants.
 
     Attributes:
-        names: in the order of the pool.
         win: ``[N, N]`` probability that the row wins a match against the column: exact, else sampled with the prior of the
             ratings, else by the ratings.
         misfit: of the ratings to the P pairings that were played.
@@ -64,7 +63,6 @@ class Assessment:
         cyclic_share: fraction of the squared log-odds that no rating can express (Jiang, Lim, Yao & Ye, Math. Programming 2011).
         cycles: of three entrants, the clearest first.
         stability: None without results in refits.
-        styles: by name, of entrants with a table.
     """
 
     names: tuple[str, ...]
@@ -116,7 +114,6 @@ def meta_games(names: Sequence[str], pool: Sequence[str], win: F64) -> dict[str,
     """The meta-games of all entrants, and of all but perfect play if it is one of three or more.
 
     Args:
-        names: entrants that played.
         pool: names of the rows and columns.
         win: ``[N, N]`` probability that the row wins a match against the column.
     """
@@ -150,10 +147,9 @@ def cyclic_share(win: F64) -> float:
 
 
 def cycles(names: Sequence[str], win: F64) -> list[Cycle]:
-    """At most twenty cycles of three entrants, sorted by the clearness of their closest match.
+    """At most twenty cycles of three of N entrants, sorted by the clearness of their closest match.
 
     Args:
-        names: N entrants.
         win: ``[N, N]`` probability that the row wins against the column.
     """
     margin, n = win - 0.5, len(names)

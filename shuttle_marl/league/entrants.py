@@ -170,8 +170,6 @@ class Entrant:
     """One entrant.
 
     Attributes:
-        name: as given in the pool.
-        policy: the policy of that name.
         table: the policy in every state; None if it reads the score or failed.
         opposite: the same at seat 1 of the game of a pair; None in other games.
         failure: reason why the entrant forfeits every match; empty if it does not.
@@ -193,8 +191,6 @@ def enter(name: str, game: Game, *, requested: bool = True) -> Entrant:
     """Resolve an entrant and evaluate it in every state.
 
     Args:
-        name: name of the policy.
-        game: the tables.
         requested: whether the user gave the name; names from the files of a run are untrusted.
 
     Raises:

@@ -36,7 +36,6 @@ class ExactOdds:
     """Exact figures of N entrants; NaN for entrants without a table, which read the score or forfeited.
 
     Attributes:
-        names: the entrants.
         match: ``[N, N]`` probability that the row wins a match against the column, with a random first server.
         exploitability: ``[N]`` gain of the best response, as a value from 0 to 1.
         normalised_score: ``[N]`` 0 for ``bc``, 1 for the best response to it, by rallies won against ``bc``; NaN for all if the
@@ -69,10 +68,7 @@ def exact_odds(game: Game, entrants: Sequence[Entrant], refits: Sequence[Game] =
     """Solve every pair of entrants, and the best response to each.
 
     Args:
-        game: the tables.
-        entrants: the N entrants.
         refits: two or more refits of the game, in which the pairs are solved too; empty: skipped.
-        rules: scoring rules of games and matches.
     """
     from shuttle_marl.exact import ExactError  # noqa: PLC0415  numba
 
@@ -151,9 +147,7 @@ def _away(n: int, at: Sequence[int], refits: Sequence[Game], match: Callable[[Ga
     """``[N]`` fraction of matches won against all others over refits, and ``[R, N]`` in each; NaN without a table.
 
     Args:
-        n: number of entrants.
         at: indices of the M entrants with a table.
-        refits: of the game.
         match: ``[M, M]`` probability that the row wins a match against the column in a refit.
     """
     from shuttle_marl.exact.away import over  # noqa: PLC0415  numba
@@ -175,22 +169,15 @@ class Standing:
 
     Attributes:
         rank: from 1; entrants that forfeited are ranked behind all others.
-        player: name.
         rating: Bradley-Terry rating in Elo points, mean of the pool 0; NaN without matches.
         rating_low: lower end of its 95 % interval.
         rating_high: upper end.
         rating_exact: limit of the rating for infinitely many matches of every pair, with mean 0 over entrants with a table; NaN
             without a table.
         rank_low, rank_high: 95 % interval of the rank among entrants with matches; 0 without matches.
-        matches: matches played.
-        wins: matches won.
         share: fraction of matches won; NaN without matches.
         share_low: lower end of its 95 % Wilson interval.
         share_high: upper end.
-        rally_share: fraction of rallies won.
-        serving: fraction of rallies won when serving.
-        receiving: fraction of rallies won when receiving.
-        forfeits: pairings that this entrant forfeited.
         exact_share: exact expected fraction of matches won against the opponents that have a table; NaN if there are none.
         away_share: mean of the same in refits of the game, against all others; NaN if not requested.
         away_low, away_high: its 95 % prediction interval for one more refit.

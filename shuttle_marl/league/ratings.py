@@ -74,7 +74,6 @@ def wins_of(cells: F64, pairs: Intp, n: int) -> F64:
     Args:
         cells: ``[..., P, 3]`` numbers of cells in which the first entrant of a pairing won no match, one, and both.
         pairs: ``[P, 2]`` the entrants of each pairing.
-        n: number of entrants.
     """
     wins = np.zeros((*cells.shape[:-2], n, n))
     wins[..., pairs[:, 0], pairs[:, 1]] = cells[..., 1] + 2 * cells[..., 2]
@@ -123,7 +122,6 @@ def ratings(cells: F64, pairs: Intp, n: int, rng: np.random.Generator, replicate
     Args:
         cells: ``[P, 3]`` numbers of cells in which the first entrant of a pairing won no match, one, and both.
         pairs: ``[P, 2]`` the entrants of each pairing.
-        n: number of entrants.
         rng: draws the samples.
         replicates: number B of bootstrap samples.
 

@@ -54,9 +54,7 @@ class LeagueRun:
     """A finished tournament.
 
     Attributes:
-        folder: the run folder.
         standings: the ranked table, best first.
-        results: results of every pairing.
     """
 
     folder: Path
@@ -68,7 +66,6 @@ def run_league(config: LeagueConfig, console: Console | None = None) -> LeagueRu
     """Play a tournament, or the rest of one, and write its run folder.
 
     Args:
-        config: configuration of the tournament.
         console: console for progress; None: no output.
 
     Raises:
@@ -185,7 +182,6 @@ def read_results(
     """Read the finished pairings of a run; an incomplete last line of an unfinished run is removed.
 
     Args:
-        folder: of the run.
         schedule: the pairings of the tournament that its first results determine.
         finished: whether the run is finished, so that all pairings are required.
 

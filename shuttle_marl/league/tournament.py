@@ -75,13 +75,10 @@ class PairResult:
     """Results of one pairing, from the side of its first entrant.
 
     Attributes:
-        pairing: number of the pairing.
-        names: the entrants.
         seats: :data:`COUNTS` at seat 0 and at seat 1: matches, wins, games and points of the first entrant and of the second,
             rallies that the first one served and how many of them it won, rallies and strokes.
         cells: numbers of cells in which the first entrant won neither match, one, and both.
         forfeit: entrants that failed, so that the results of the pairing do not count; empty if none did.
-        reason: why they failed.
     """
 
     pairing: int
@@ -130,7 +127,6 @@ def tally(pairing: Pairing, rallies: Rallies, first_policy: int) -> PairResult:
     """Count the rallies of matches of a pairing; the winner of a match won its last rally.
 
     Args:
-        pairing: the pairing.
         rallies: of complete cells in order, as they were played or as they were read from a rally log.
         first_policy: index of the first entrant in ``rallies.policy``.
     """
@@ -176,7 +172,6 @@ def stages(
     """The stages of a tournament that its results so far determine.
 
     Args:
-        pool: the entrants.
         form: round robin: every pair once; gauntlet: the first entrant against every other; Swiss: in every round, entrants with
             similar scores who have not met yet.
         results: of the pairings that were played, in order; they determine the next round of a Swiss tournament.
@@ -306,11 +301,9 @@ class MatchOptions:
 
     Attributes:
         matches: number of matches of every pairing, even.
-        seed: random seed.
         batch: number of matches that are played in one batch.
         keep_strokes: whether rallies are returned, with their strokes; else only the results are.
         sample: selects the rallies that are returned; None: all.
-        rules: when games and matches are won.
         decide: Elo points of the sequential test that stops pairings with an entrant without a table, see :func:`decided`; None:
             all matches are played.
     """
@@ -328,9 +321,6 @@ class Tournament:
     """A tournament that is being played.
 
     Args:
-        game: the tables.
-        entrants: all N of them.
-        options: how pairings are played.
         workers: number of threads that play pairings of tables; compiled code does not hold the interpreter's lock.
         cluster: plays them instead of threads; policies without a table play in this process.
     """
@@ -356,7 +346,6 @@ class Tournament:
         """Play pairings in order; the blocks of one list were played in the same batch.
 
         Args:
-            pairings: those that remain.
             progress: see :data:`Progress`.
         """
         # A policy that fails aborts its batch, so the batch holds no other matches.

@@ -35,7 +35,6 @@ def save_agent(folder: Path, game: Game, network: bytes, card: dict[str, Any]) -
 
     Args:
         folder: created if it does not exist.
-        game: of the training.
         network: content of ``network.safetensors``.
         card: its fields; the hashes are added.
     """

@@ -51,7 +51,6 @@ class BehaviourClones:
         """``[base pairs]`` probability of each base pair in its state, which does not depend on the efforts.
 
         Args:
-            game: the game.
             player: identifier; None: the average player.
             profile: discipline of the average player; None, or a discipline without one: the average of both.
         """
@@ -200,11 +199,7 @@ POWER: Final = ("smash", "half-smash", "net-kill")
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ScriptedPolicy:
-    """Softmax over the points of each stroke.
-
-    Attributes:
-        points: the rules.
-    """
+    """Softmax over the points of each stroke."""
 
     points: Rules
 

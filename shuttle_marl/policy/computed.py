@@ -35,9 +35,7 @@ def cached_table(game: Game, key: str, compute: Callable[[], TabulatedPolicy]) -
     """A table from the cache, or computed and stored there.
 
     Args:
-        game: the tables of the game.
         key: everything that the result depends on besides the game.
-        compute: computes the table.
     """
     folder = cache_folder()
     if folder is None:
@@ -110,7 +108,6 @@ def human_policy(tau: float, player: str | None, game: Game) -> TabulatedPolicy:
     Args:
         tau: cost of a nat of divergence from human play.
         player: whose clone is the prior, with the average player as the prior of the opponent; None: the average for both.
-        game: the tables.
 
     Raises:
         PolicyError: the player does not exist, or the game was not loaded from a model.

@@ -86,7 +86,6 @@ def from_module(name: str, game: Game) -> Policy:
     Args:
         name: ``module:attribute``; the attribute is a policy, a class whose constructor takes nothing or the game, or a
             function from :class:`States` to ``[B, n]`` probabilities. The module may be in the current folder.
-        game: the tables.
 
     Raises:
         PolicyError: the module or the attribute does not exist, raises, or is not a policy.
@@ -180,7 +179,6 @@ class TimedPolicy:
     """A policy that is called in a thread, and never again after a timeout.
 
     Args:
-        policy: any policy.
         seconds: time limit of a call, above 0.
     """
 
@@ -265,7 +263,6 @@ class ProgramPolicy:
 
     Args:
         command: program and arguments in shell syntax; no shell is started.
-        game: the tables.
         seconds: time limit for each stroke; 0 for no limit.
 
     Raises:

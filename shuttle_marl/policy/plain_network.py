@@ -188,7 +188,6 @@ def save_network(module: Any, path: Path) -> None:
     Args:
         module: PyTorch module whose output is that of a chain of ``Linear`` modules with one kind of module between them: ReLU,
             Tanh, Sigmoid, LeakyReLU, ELU or SiLU with its default settings. Modules outside of the chain are not saved.
-        path: the file.
 
     Raises:
         PolicyError: the network computes something else, which the message names.
@@ -230,7 +229,6 @@ def _recorded(module: Any, seen: F32) -> list[tuple[str, Any]]:
     """Call a network and record the modules that compute its output.
 
     Args:
-        module: PyTorch module.
         seen: ``[B, W]`` inputs.
 
     Returns:

@@ -53,7 +53,6 @@ class Family:
     Attributes:
         load: called with the part after the colon (None without one) and the game; raises :class:`PolicyError` for an
             unknown argument.
-        names: names to list for a game.
         about: description of a name, in one line.
         form: the name with its argument in capitals, such as ``table:FILE``, if not all names can be listed.
         of_policies: whether the argument is the name of another policy, which keeps its own ``@`` suffix.
@@ -165,7 +164,6 @@ def resolve(name: str, game: Game) -> TabulatedPolicy | GamePolicy:
 
     Args:
         name: see the description of this module; for ``module:attribute`` see :func:`shuttle_marl.policy.foreign.from_module`.
-        game: the tables.
 
     Returns:
         The policy, under the time limit of :func:`shuttle_marl.policy.foreign.time_limit` within that context.
@@ -188,7 +186,6 @@ def resolve_recorded(name: str, game: Game) -> TabulatedPolicy | GamePolicy:
 
     Args:
         name: as in :func:`resolve`.
-        game: the tables.
 
     Raises:
         PolicyError: the name is of a module, a file, or a family that does not allow it; or as for :func:`resolve`.

@@ -58,7 +58,6 @@ class Scorecard:
     """Scores of one policy. Those that need a table are None for a sampled policy, which reads the score.
 
     Attributes:
-        policy: name.
         sampled: whether the figures are estimated from matches; else they are exact.
         rally_win_vs_bc: probability to win a rally against ``bc``, both serving equally often (sampled: share of the rallies of
             whole matches).
@@ -121,7 +120,6 @@ class Scorer:
     """Scores policies on one game; solves the game and the best response to ``bc`` once, when first needed.
 
     Args:
-        game: the tables.
         refits: two or more other fits of the game, for figures away from home; empty: no such figures.
         tolerance: largest acceptable error bound of a value.
 
@@ -160,9 +158,7 @@ class Scorer:
 
         Args:
             policy: any; one that reads the score is sampled.
-            name: for the card and for errors.
             matches: number of matches if it is sampled.
-            seed: random seed of these matches.
             watch: called with them, see :data:`Watch`.
 
         Raises:
@@ -243,12 +239,7 @@ class SampledOdds:
     """Fractions of sampled matches and rallies won, with 95 % intervals.
 
     Attributes:
-        matches: number of matches.
-        rallies: number of rallies.
-        strokes: number of strokes.
-        rally: fraction of rallies won.
         rally_interval: its interval; matches are independent, the rallies of a match are not.
-        match: fraction of matches won.
         match_interval: its interval (Wilson, J. Am. Stat. Assoc. 1927).
     """
 
@@ -277,11 +268,7 @@ def sample(
 
     Args:
         policy: may read the score.
-        opponent: a table.
-        matches: how many.
-        seed: random seed.
         key: of the pairing, see :func:`shuttle_marl.game.draws.pairing_key`.
-        name: of the policy, for errors.
         watch: called with the matches, see :data:`Watch`.
 
     Raises:
@@ -345,8 +332,6 @@ def depth(game: Game, names: Sequence[str] = POLICIES, *, report: Callable[[str]
     """The depth table of a game.
 
     Args:
-        game: the tables.
-        names: policies to describe.
         report: called with a line before each stage.
 
     Returns:

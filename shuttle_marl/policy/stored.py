@@ -21,7 +21,6 @@ class StoredPolicies:
 
     Args:
         folder: created with the first policy.
-        game: of the policies.
     """
 
     def __init__(self, folder: Path, game: Game) -> None:

@@ -40,7 +40,6 @@ class PlayedRally:
         pair: ``[N]`` legal pair of the state and the stroke.
         stroke: ``[N]`` catalogue index.
         own: ``[N]`` whether the method struck; else the opponent.
-        won: whether the method won the rally.
     """
 
     state: I32

@@ -66,11 +66,9 @@ def rows_of(
     Args:
         folders: run folders, which may be those of strangers.
         results: JSON file with ``rows``, which are taken as they are; None: none.
-        check: verify the folders.
         game: model of the game; None: the shipped model that a run names.
         beacon: randomness of the beacon round of the hidden split.
         data: annotated matches, for ``imitate``.
-        progress: wraps the units of a folder.
         failed: receives the reason why a folder is left out: it is refused, is no finished run, or stands there twice.
 
     Raises:

@@ -32,7 +32,6 @@ class HumanStrokes:
     """Strokes of people; those with an unknown state, and faults, whose target is unknown, are left out.
 
     Attributes:
-        game: the tables.
         state: ``[N]`` state of each stroke.
         pair: ``[N]`` legal pair of the state and the nearest stroke of the catalogue.
         player: ``[N]`` name of the striker.

@@ -143,7 +143,6 @@ def find(task: str, name: str) -> Method:
     """A method by name.
 
     Args:
-        task: name of the task.
         name: a baseline of the task, ``program:COMMAND`` for a program in any language, or ``MODULE:ATTRIBUTE``; the module may
             be in the current folder.
 

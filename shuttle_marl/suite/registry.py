@@ -90,8 +90,6 @@ def arena_of_run(
     """The game and the split of a run whose folder may be a stranger's.
 
     Args:
-        task: the task of the run.
-        config: configuration in the folder.
         model: name or folder of the game that the user named; None: the shipped model of this name. A folder that the
             configuration names is never opened.
         beacon: randomness of the beacon round of the hidden split.
@@ -130,7 +128,6 @@ def write_minari(data: Transitions, name: str, folder: Path, model: str, opponen
     """Write a data set.
 
     Args:
-        data: own transitions.
         name: id of the data set, such as ``shuttle_marl/offline-bc-v0``.
         folder: of the data sets, as in the environment variable ``MINARI_DATASETS_PATH``.
         model, opponent: names of the game and of the opponent, for the environment of the data set.
@@ -178,9 +175,7 @@ def new_submission(task: str, out: Path, language: Language = "python") -> str:
     """Write a template of a method and a card into a folder.
 
     Args:
-        task: name of the task.
         out: folder, which is created; existing files are not replaced.
-        language: of the template.
 
     Returns:
         The command that runs it, from that folder.
@@ -253,11 +248,7 @@ def freeze(
     Fingerprints of other tasks are kept if they are of the same game.
 
     Args:
-        path: file of the frozen settings.
         tasks: names of tasks; empty: all that need no annotated matches, or all if ``data`` are named.
-        model: the game.
-        data: annotated matches.
-        progress: wraps the cases.
     """
     game = arena_of(TASKS["exploit-v0"], model, "test").game
     before = frozen.load(path)

@@ -37,7 +37,6 @@ class Row(TypedDict):
 
     Attributes:
         task, method, split, quick, budget, seeds: of the configuration.
-        game: hash of the game of the model.
         kind, tuning_strokes: of the card.
         access: see :func:`access_of`.
         isolated: whether the method ran as a program of its own.
@@ -94,7 +93,6 @@ def summarise(folder: Path, beacon: str | None = None, game: str | None = None) 
     """Aggregates of a run, from its entries as they are stored; :func:`shuttle_marl.suite.verify.verify_run` recomputes those.
 
     Args:
-        folder: of the run.
         beacon: randomness of the beacon round of the hidden split.
         game: model of the game; None: the shipped model that the run names.
 

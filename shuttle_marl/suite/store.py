@@ -47,10 +47,8 @@ class RunConfig:
     """Content of ``config.json``: everything that decides the results.
 
     Attributes:
-        task, method: names.
         split, quick, budget: part of the task.
         seeds: seeds from 0.
-        game: the game.
         isolated: whether the method ran as a program that gets episodes only.
     """
 
@@ -89,7 +87,6 @@ class Entry:
     """Content of a file in ``entries``.
 
     Attributes:
-        case, seed: the unit.
         fingerprint: of the case, see :meth:`shuttle_marl.suite.task.Task.fingerprint`.
         policies: hash of each policy by role.
         answers, strokes, curve: see :class:`shuttle_marl.suite.task.Outcome`.

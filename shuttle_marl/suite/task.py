@@ -77,11 +77,8 @@ class Arena:
     """Game and split of a run; values that several cases share are computed once.
 
     Attributes:
-        game: the tables.
         model: name or folder of the model of the game.
         base: hash of the game of the model; that of ``game``, unless the split has a game drawn at random.
-        split: part of the task.
-        quick: the smallest cases and budgets only.
         budget: cases of this budget only; None: all.
         beacon: randomness of the beacon round of the hidden split, hexadecimal.
         data: folder with annotated matches, for ``imitate``.
@@ -116,8 +113,6 @@ class Setting:
     """The argument of a method.
 
     Attributes:
-        game: the tables.
-        seed: random seed.
         folder: folder for files of the method; it may hold those of an interrupted call.
     """
 
@@ -179,10 +174,8 @@ class Task(abc.ABC):
         """Call the method in a case.
 
         Args:
-            arena: game and split.
             case: one of :meth:`cases`.
             method: see :func:`shuttle_marl.suite.method.find`.
-            seed: random seed of the unit.
             folder: folder for files of the method, which may contain those of an interrupted call.
 
         Raises:
@@ -243,8 +236,6 @@ def table_of(player: Any, game: Game, name: str) -> TabulatedPolicy:
     Args:
         player: a policy; a name of the registry, such as ``agent:FOLDER`` or ``program:COMMAND``; an object with an attribute
             ``table``, which is one of these; or one with ``act(observation, mask)``, which chooses one stroke for an observation.
-        game: the tables.
-        name: of the method, for errors.
 
     Raises:
         PolicyError: the policy raises, reads the score, or is no distribution over the legal strokes.

@@ -33,8 +33,6 @@ class Verification:
     """Verification of a run.
 
     Attributes:
-        units: number of units.
-        refused: units that are refused.
         summary: of the run; None if a unit is refused. Its remarks say why results are not official.
     """
 
@@ -56,11 +54,9 @@ def verify_run(
     Nothing is recomputed if a unit can be refused without it.
 
     Args:
-        folder: of the run.
         game: model of the game; None: the shipped model that the run names.
         beacon: randomness of the beacon round of the hidden split.
         data: annotated matches, for ``imitate``.
-        progress: wraps the units, to show progress.
 
     Raises:
         SuiteError: the folder holds no run.

@@ -212,11 +212,7 @@ class TrainingConfig:
         return -(-self.iterations // self.checkpoint_every)
 
     def memory(self, n_strokes: int) -> dict[str, int]:
-        """Minimum memory of a run in bytes, by the flags that determine it.
-
-        Args:
-            n_strokes: number of strokes in the catalogue.
-        """
+        """Minimum memory of a run in bytes, by the flags that determine it."""
         # Each state has a mask, logits and their gradients; each weight has a gradient and two moments.
         return {
             "--batch and --growth": 60 * self.batch_of(self.iterations - 1),

@@ -71,9 +71,7 @@ class Learner(abc.ABC):
 
     Attributes:
         distinct: whether it learns from distinct states or from transitions, see :mod:`shuttle_marl.training.learner`.
-        actor: the policy that plays the rollouts.
         modules: networks and losses with weights, by name.
-        optimizers: by name.
         iteration: number of the current iteration, counted from 0; set by :class:`Trainer`.
     """
 
@@ -282,7 +280,6 @@ class RallyCollector(BaseCollector):
 
     Args:
         config: sizes, device, reward shaping, and lambda of the advantages.
-        game: the tables.
         opponents: opponents of the learner; empty in plain self-play.
         predict: network; called in every iteration, so its weights are current.
         distinct: whether to collect distinct states or transitions.
@@ -392,8 +389,6 @@ class Trainer:
     """Alternates rollouts and updates, for training runs and for leagues.
 
     Args:
-        learner: the algorithm.
-        collector: plays the rollouts of the learner.
         update_opponents: called before each iteration with its number; may change the opponents of the sampler.
     """
 

@@ -96,13 +96,7 @@ class DistinctStrokes(LegalStrokes):
 
 
 class StateEncoder(nn.Module):
-    """Embedding of ``[..., 7]`` observations, followed by hidden layers, with ``[..., width]`` outputs.
-
-    Args:
-        game: the tables.
-        width: units of each layer.
-        hidden: number of hidden layers.
-    """
+    """Embedding of ``[..., 7]`` observations, followed by hidden layers, with ``[..., width]`` outputs."""
 
     attributes: torch.Tensor
 
@@ -174,9 +168,6 @@ def make_actor(game: Game, *, width: int, hidden: int, log_prob: bool = True, di
     """Stochastic policy from observation and action mask to action.
 
     Args:
-        game: the tables.
-        width: units of each layer.
-        hidden: number of hidden layers.
         log_prob: whether it also returns the log-probability.
         distinct: whether it uses :class:`DistinctStrokes`, with the entry ``row``.
     """
@@ -263,10 +254,7 @@ def imitate(
 
     Args:
         actor: trained in place.
-        policy: target policy.
         weight: ``[S]`` frequency of each state.
-        generator: draws the states.
-        steps: number of gradient steps.
 
     Returns:
         KL divergence of the actor from the policy in the last step, in nats per stroke.

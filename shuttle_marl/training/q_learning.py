@@ -33,7 +33,6 @@ class QConfig:
     """Settings.
 
     Attributes:
-        width, hidden: units and number of hidden layers.
         learning_rate: of Adam.
         batch: transitions of a step of the optimiser.
         steps: of the optimiser, from a log.

@@ -26,7 +26,6 @@ class RunLog:
     """Log of the rallies of a run.
 
     Args:
-        recorder: writes the log.
         header: header of the log; its first policy is the learner, the others are its opponents.
     """
 
@@ -106,11 +105,7 @@ def open_log(
     """Open the log of a run, or continue it; None if nothing is recorded.
 
     Args:
-        folder: folder of the run.
-        config: settings of the run.
-        game: the tables.
         opponents: opponents in the order of ``config.opponent``.
-        seeds: seeds of the segments.
         rallies: number of recorded rallies at the last checkpoint.
 
     Raises:

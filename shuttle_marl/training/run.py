@@ -147,10 +147,6 @@ class TrainingRun:
 
     Attributes:
         folder: the run folder, with the agent in its folder ``agent``.
-        iterations: number of iterations.
-        strokes: number of strokes of the learner.
-        evaluation: evaluation of the final weights.
-        policy: the agent, tabulated.
     """
 
     folder: Path
@@ -164,7 +160,6 @@ def train(config: TrainingConfig, console: Console | None = None) -> TrainingRun
     """Train an agent, or resume its training, and write its run folder.
 
     Args:
-        config: settings.
         console: shows progress; None: silent.
 
     Raises:
@@ -247,9 +242,6 @@ def save_checkpoint(run: Path, iteration: int, state: dict[str, torch.Tensor], a
     """Write a checkpoint, and remove all but the latest two.
 
     Args:
-        run: folder of the run.
-        iteration: number of completed iterations.
-        state: tensors to restore.
         about: other values to restore, as JSON.
 
     Raises:
@@ -320,12 +312,7 @@ class Checkpoint:
 
     Attributes:
         iteration, strokes: of the trainer.
-        game: hash of the game.
-        seconds: duration of the run so far.
-        best: figure of merit of the best evaluation.
         stopped: whether the run ended before its last iteration.
-        rallies: number of rallies in the log.
-        metrics: number of evaluations.
     """
 
     iteration: Count = 0

@@ -42,9 +42,6 @@ class SelfPlayOpponents:
     """Opponents and initial states of the variants best-response, restarts and pool.
 
     Args:
-        config: settings.
-        game: the tables.
-        learner: the learner in self-play.
         sampler: plays its rallies, with :func:`n_opponents` opponents.
     """
 
@@ -109,7 +106,6 @@ class ReferencePolicy:
     """Reference policy of the variants magnet and nash.
 
     Args:
-        config: settings.
         network: logits of the learner, :func:`shuttle_marl.training.networks.logit_network`.
     """
 

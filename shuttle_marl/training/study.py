@@ -92,7 +92,6 @@ def train_all(configs: Sequence[TrainingConfig], jobs: int, console: Console) ->
     Args:
         configs: settings of the runs, with different run folders.
         jobs: number of parallel processes; does not change the results.
-        console: shows progress.
     """
     side_by_side(_train, configs, jobs, console)
 
@@ -103,8 +102,6 @@ def side_by_side(work: Callable[[_Config], None], configs: Sequence[_Config], jo
     Args:
         work: function of a module, called with one configuration.
         configs: the configurations, in the order in which they start.
-        jobs: number of parallel processes.
-        console: shows progress.
     """
     for _ in track(
         in_processes(work, configs, min(jobs, len(configs))), "training", len(configs), console=console, transient=True

@@ -103,9 +103,7 @@ class TorchSampler(RallySampler):
     is equal unless the kernel's buffer has to grow.
 
     Args:
-        game: the tables.
         opponents: tabulated opponents; none: self-play.
-        device: PyTorch device.
         gae_lambda: lambda of the advantages, from 0 to 1.
         cache_iterations: iterations for which cached network outputs are reused.
         shaping: ``[L * base pairs]`` what a stroke adds to the learner's reward, by own effort and base pair; None: nothing.
@@ -218,7 +216,6 @@ class TorchSampler(RallySampler):
 
         Args:
             rallies: all rallies, changed in place.
-            turn: number of this turn.
             row: ``[A]`` rallies to play.
             t: ``[A]`` number of the next stroke.
             state: ``[A]`` state of its striker.

@@ -29,7 +29,6 @@ class Curve:
     """Evaluations of a training run.
 
     Attributes:
-        name: of the run.
         rows: of the file, in order.
     """
 

@@ -32,14 +32,9 @@ class TournamentReport:
     """Content of the page of a tournament.
 
     Attributes:
-        config: of the run.
-        game: hash of the game.
-        standings: the ranking.
         results: of every pairing, in the order in which they were played.
-        assessment: of the tournament.
         curves: of the entrants whose training runs still exist.
         logs: rally logs by the number of their first pairing.
-        holes: of some of the entrants, by name.
     """
 
     config: LeagueConfig
@@ -183,12 +178,7 @@ _RATING = ("rank", "rating", "rating_low", "rating_high", "rating_exact")
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class ComparedRun:
-    """A training run.
-
-    Attributes:
-        curve: its evaluations.
-        settings: its configuration without the seed, as JSON.
-    """
+    """A training run."""
 
     curve: Curve
     settings: str

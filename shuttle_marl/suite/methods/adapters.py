@@ -354,11 +354,9 @@ def fitted_shift(game: Game, base: F64, feature: I64, deviation: F64, played: I6
     """``[features]`` maximum a posteriori shifts.
 
     Args:
-        game: the rules.
         base: ``[base pairs]`` log-probabilities without a shift.
         feature, deviation: see :func:`features`.
         played: ``[M]`` base pairs that the opponent played.
-        start: initial guess.
     """
     states, number = np.unique(game.base_pair_state[played], return_counts=True)
     row, pair = game.pairs(states)

@@ -100,7 +100,6 @@ def doubly_robust(data: Transitions, rho: F64, q: F64, v: F64) -> F64:
     """``[R]`` doubly robust estimate of each rally with an own stroke.
 
     Args:
-        data: own transitions.
         rho: ``[M]`` ratios.
         q, v: ``[M]`` estimated values of the stroke played and of its state.
     """

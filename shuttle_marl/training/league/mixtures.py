@@ -56,10 +56,6 @@ def sharpened(policy: TabulatedPolicy, temperature: float) -> TabulatedPolicy:
     """The policy with stroke probabilities p^(1 / temperature), normalised.
 
     The entropy bonus lets a learner play strokes that are nearly optimal; a temperature below 1 makes them rare.
-
-    Args:
-        policy: a policy.
-        temperature: temperature above 0.
     """
     return tabulate(TemperedPolicy(policy, temperature), policy.game, "a sharper policy")
 
@@ -81,7 +77,6 @@ def meta_strategy(solver: MetaSolver, values: npt.ArrayLike) -> F64:
     """``[N]`` probabilities of the policies of a population.
 
     Args:
-        solver: the meta-solver.
         values: ``[N, N]`` value of the row against the column, antisymmetric.
     """
     strategy = _SOLVERS[solver](np.asarray(values, dtype=np.float64))
@@ -93,7 +88,6 @@ def respond(policies: Sequence[TabulatedPolicy], probabilities: Floats) -> tuple
     """A mixture as one policy, and the exact best response to it.
 
     Args:
-        policies: policies of the mixture.
         probabilities: ``[K]`` their probabilities.
     """
     mixture = merged(policies, probabilities, merged(policies, probabilities))

@@ -30,7 +30,6 @@ class Frozen:
         name: name, such as ``bc``, ``main-agent-0@3`` (the first main agent after round 3) or ``best-response:main-agent-0@3``.
         role: ``given``, ``main``, ``main-exploiter``, ``league-exploiter``, ``best-response`` or ``oracle``.
         round: round after which it joined; 0 for initial policies.
-        hash: hash of its table.
     """
 
     name: str
@@ -43,7 +42,6 @@ class Payoffs:
     """Odds of pairs of policies, each solved once, when it is first needed.
 
     Args:
-        tables: tables of the policies.
         cells: solved pairs, from :meth:`as_json`.
     """
 

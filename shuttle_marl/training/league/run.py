@@ -54,7 +54,6 @@ class LeagueTraining:
     """A finished league.
 
     Attributes:
-        folder: the run folder.
         figures: content of ``results.json``.
         policy: the least exploitable main agent.
     """
@@ -68,7 +67,6 @@ def train_league(config: LeagueTrainingConfig, console: Console | None = None) -
     """Train a league, or resume its training, and write its run folder.
 
     Args:
-        config: settings.
         console: shows progress; None: silent.
 
     Raises:
@@ -243,7 +241,6 @@ class _League:
         """Evaluate a main agent in its least exploitable form.
 
         Args:
-            name: name of the policy.
             forms: the policy at temperature 1 and others, each with its best response and its temperature.
         """
         state = self.state
@@ -333,7 +330,6 @@ def draw_exploitability(curve: Sequence[Mapping[str, Any]], path: Path) -> None:
 
     Args:
         curve: lines of ``metrics.jsonl``.
-        path: file of the picture.
 
     Raises:
         FileWriteError: the file cannot be written.

@@ -89,7 +89,6 @@ class Schedule:
     """Schedules the turns of every round.
 
     Args:
-        config: settings of the league.
         state: state of the league; it is not changed.
         payoffs: payoffs of its policies; missing pairs are solved.
     """

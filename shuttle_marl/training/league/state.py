@@ -22,13 +22,11 @@ class Turn:
         member: name of the learner, such as ``main-agent-0``.
         round: number of the round, counted from 1.
         fresh: whether the learner starts with new weights.
-        opponents: hashes of the tables of its opponents.
         fractions: fraction of its rallies against each opponent; the rest, without ``response_fraction``, is self-play.
         response_fraction: fraction of its rallies against the exact best response to it.
         strokes: minimum number of its strokes; None: limited by ``seconds``.
         seconds: time for learning; preparation and saving are not included.
         remaining: fraction of the learner's schedule that remains at the start and at the end of the turn.
-        seed: random seed.
     """
 
     member: str
@@ -48,11 +46,9 @@ class TurnResult:
     """Result of a turn.
 
     Attributes:
-        member: name of the learner.
         hash: hash of its table at the end.
         strokes: number of its strokes in the turn.
         seconds: time for learning.
-        iterations: number of iterations.
     """
 
     member: str
@@ -68,7 +64,6 @@ class Member:
 
     Attributes:
         turns: number of turns with its current weights.
-        strokes: total number of strokes.
         hash: hash of its current table; empty before its first turn with new weights.
     """
 
@@ -83,8 +78,6 @@ class Best:
 
     Attributes:
         name: name of the policy, such as ``main-agent-0@3``.
-        hash: hash of its table.
-        exploitability: gain of a best response to it.
         temperature: softmax temperature of its network; 1 for a mixture.
     """
 
@@ -99,16 +92,11 @@ class LeagueState:
     """State between two rounds.
 
     Attributes:
-        game: hash of the game.
-        round: number of completed rounds.
         population: frozen policies, in the order in which they joined.
-        members: learners by name.
         cells: solved payoffs, see :class:`~shuttle_marl.training.league.population.Payoffs`.
         best: least exploitable main agent; None before the first round.
         converged: whether the last best response of psro was in the population already.
-        seconds: duration of the run so far.
         overhead: seconds of the last round in which its main agent did not learn.
-        metrics: number of evaluations.
     """
 
     game: str

@@ -55,9 +55,6 @@ def take_turn(folder: Path, config: LeagueTrainingConfig, turn: Turn, game: Game
     """Take a turn, or read its result if it is complete.
 
     Args:
-        folder: folder of the run.
-        config: settings of the league.
-        turn: settings of the turn.
         game: game of the league; None: it is resolved by its name.
 
     Raises:
@@ -237,7 +234,6 @@ class Workers:
 
     Args:
         count: number of processes; 1: turns are taken in this process.
-        game: game of the league.
         cluster: cluster that takes the turns instead of processes.
     """
 
@@ -326,9 +322,6 @@ def take_remotely(
     """Take a turn on a machine without the folder of the run.
 
     Args:
-        config: settings of the league.
-        turn: settings of the turn.
-        game: game of the league.
         files: input files, by their paths in the folder of the run.
 
     Returns:
