@@ -1,6 +1,5 @@
 """The published data itself, where SHUTTLESET names a folder that holds it: the numbers of the datasheet."""
 
-import hashlib
 import os
 import runpy
 from pathlib import Path
@@ -36,19 +35,6 @@ def test_counts(public: Cleaned) -> None:
     assert account.rallies_kept >= 0.8 * account.rallies
     assert account.area_agreement is not None
     assert account.area_agreement >= 0.985
-
-
-def test_validation_is_the_documented_draw() -> None:
-    strata: dict[tuple[str, str], list[str]] = {}
-    for match in list_matches(Path(str(ROOT))):
-        if split_of(match.name) != "test":
-            strata.setdefault((match.source, match.discipline), []).append(match.name)
-    drawn = {}
-    for stratum, names in strata.items():
-        names.sort(key=lambda name: hashlib.sha256(name.encode()).hexdigest())
-        drawn[stratum] = sum(split_of(name) == "validation" for name in names)
-        assert all(split_of(name) == "validation" for name in names[: drawn[stratum]])
-    assert drawn == {("ShuttleSet", "MS"): 6, ("ShuttleSet", "WS"): 2, ("ShuttleSet22", "MS"): 3, ("ShuttleSet22", "WS"): 3}
 
 
 def test_the_datasheet_tells_these_numbers(public: Cleaned) -> None:

@@ -1,18 +1,15 @@
 """Simulated stroke tables: they obey the schema, the rules, the game's probabilities and plain geometry."""
 
-import collections
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from shuttle_marl.analysis import strokes as simulation
 from shuttle_marl.analysis import strokes_of_log
 from shuttle_marl.analysis.strokes import SimulationError, simulate, simulated_rallies
-from shuttle_marl.data.schema import REASONS, STROKES, Account, Outcome, violations
+from shuttle_marl.data.schema import STROKES, Account, Outcome, violations
 from shuttle_marl.data.table import load_account, load_strokes, write_parquet
-from shuttle_marl.game import court
 from shuttle_marl.game.stroke import Catalogue
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import base_pairs, from_pair_probabilities, layout, thresholds
@@ -118,41 +115,6 @@ def test_outcomes_have_the_probabilities_of_the_game() -> None:
     assert (good.outcome == Outcome.RETURNED).mean() == pytest.approx(0.8, abs=4 * np.sqrt(0.16 / len(good)))
     _, reply = rows_after(table)
     assert reply.height.mean() == pytest.approx(0.5, abs=4 * np.sqrt(0.25 / len(reply)))
-
-
-def test_landings_lie_where_they_should(table: pd.DataFrame) -> None:
-    x, y = table.landing_x.to_numpy(), table.landing_y.to_numpy()
-    by_parts = collections.defaultdict(set)
-    for s, a, h, t in zip(*(getattr(GAME.catalogue, name) for name in ("shot", "area", "height", "technique")), strict=True):
-        by_parts[s, h, t].add(a)
-    out = table.reason == REASONS.index("out")
-    fallen = table.reason.isin([REASONS.index("net"), REASONS.index("short")]).to_numpy()
-    assert (y[fallen] < 0).all()
-    assert not table.in_court[out].any()
-    assert table.in_court[~out & ~fallen].all()
-    rows = table[~fallen]
-    aimed = zip(rows.area, rows["shot"], rows.height, rows.technique, strict=True)
-    assert all(area in by_parts[s, h, t] for area, s, h, t in aimed)
-    beyond = np.maximum(np.abs(x) - court.HALF_WIDTH, y - court.HALF_LENGTH)
-    assert (beyond[out] <= 1).all()
-    serves = ((table.stroke == 1) & (table.outcome != Outcome.FAULT)).to_numpy()
-    assert (y[serves] >= court.SHORT_SERVICE).all()
-
-
-@pytest.mark.parametrize(("shot", "area", "expected"), [
-    (5, 5, simulation.FAULT_MIX[5]), (10, 0, simulation.FAULT_MIX[10]),
-    (7, 4, [0.0, 0.35 / 0.51, 0.16 / 0.51]),  # the middle centre has no line to miss
-    (2, 4, [0.0, 1.0, 0.0]),  # a clear is never anything but out
-])  # fmt: skip
-def test_faults_mix_as_documented(shot: int, area: int, expected: list[float]) -> None:
-    n = 4000
-    same = np.full(n, 1)
-    played = simulation.SimulatedStrokes(
-        shot=shot * same, area=area * same, outcome=Outcome.FAULT * same, stroke=same, new_game=same == 0, right=same == 1
-    )
-    reason = simulation.sample_positions(played, np.random.default_rng(4)).reason
-    shares = [(reason == REASONS.index(name)).mean() for name in ("out", "net", "short")]
-    np.testing.assert_allclose(shares, expected, atol=4 * np.sqrt(0.25 / n))
 
 
 @pytest.mark.parametrize(("players", "told"), [

@@ -72,19 +72,6 @@ def test_late_strikers_are_found_in_matches_of_the_fit_and_in_others(fitted: tup
     assert np.array_equal(hurry.bits(rows.take(some)), hurry.bits(rows)[some])
 
 
-def test_rows_hold_what_is_known_of_a_stroke_and_of_the_next(fitted: tuple[Rows, Bools, Hurry]) -> None:
-    rows, _, hurry = fitted
-    told = rows.marked(np.where(np.arange(N) % 3 == 0, 1, -1).astype(np.int8))
-    marked, bits = hurry.marked(told), hurry.bits(rows)
-    assert (marked.hurried[::3] == 1).all(), "what the table says wins"
-    others = np.arange(N) % 3 > 0
-    assert np.array_equal(marked.hurried[others], bits[others])
-    assert np.array_equal(marked.codes["hurried"], np.maximum(marked.hurried, 0))
-    followed = np.flatnonzero(rows.next_contact[:-1] >= 0)
-    assert np.array_equal(marked.next_hurried[followed], marked.hurried[followed + 1])
-    assert (marked.next_hurried[rows.next_contact < 0] == -1).all()
-
-
 def test_a_table_without_positions_knows_no_hurried_striker() -> None:
     table = load_strokes(SAMPLE)
     places = [name for name in table.column_names if name.endswith(("_x", "_y")) or name == "hurried"]

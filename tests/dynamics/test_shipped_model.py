@@ -62,21 +62,6 @@ def test_no_probability_leaves_what_its_data_carries() -> None:
         assert (inside | excused[calm] | excused[late])[~is_serve_pair(game)[calm]].all()
 
 
-def test_the_card_warns_where_the_solved_game_leaves_its_limits() -> None:
-    """The limits are reported, and no fit is chosen by them; but that every rally ends is a promise."""
-    figures = solved()
-    assert figures["largest_continuation"] <= 0.997
-    shown = [warning.partition(":")[0] for warning in read_model_card(model_folder())["health"]["warnings"]]
-    expected = {
-        "largest shot share": figures["largest_shot_share"] > 0.5,
-        "shot types above 2 percent": figures["shot_types_above_2_percent"] < 7,
-        "minimax mean rally": not 5 <= figures["minimax"]["mean_rally"] <= 20,
-        "minimax thin": figures["thin"]["minimax"] > 0.25,
-        "best response thin": figures["thin"]["best_response"] > 0.25,
-    }
-    assert shown == [name for name, outside in expected.items() if outside]
-
-
 def test_perfect_play_is_what_people_play() -> None:
     """No fit is shipped that rewards strokes that nobody plays there, that no body can play, or that no data carry."""
     figures = solved()

@@ -11,7 +11,7 @@ from torchrl.envs.utils import check_env_specs
 from shuttle_marl.env.batched import RallyEnv, VersusEnv
 from shuttle_marl.game import default_game
 from shuttle_marl.game.rules import IllegalStrokeError
-from shuttle_marl.game.tables import ROOT, Game
+from shuttle_marl.game.tables import Game
 from shuttle_marl.kernel import RallyBatch
 from tests.exact.exact_games import random_policy, tiring_game
 
@@ -56,18 +56,6 @@ def test_seeds(make: type[Env]) -> None:
     assert play(env) != first, "a second reset continues"
     env.set_seed(1)
     assert play(env) == first
-
-
-@EITHER
-def test_partial_resets_continue_with_the_next_rally_of_the_row(make: type[Env]) -> None:
-    env = make(6, server=0)
-    first = env.reset()
-    wanted = torch.tensor([True, False, False, True, False, False]).unsqueeze(-1)
-    first.set("_reset", wanted)
-    env.reset(first)
-    rows = env._batch.rows
-    assert rows.rally.tolist() == [6, 1, 2, 9, 4, 5]
-    assert (rows.state == ROOT).all()
 
 
 @EITHER

@@ -99,40 +99,6 @@ def test_effort_and_duels_are_counted_from_the_strokes_of_the_rally(play):
     assert len(met) > 30, "of 36"
 
 
-def test_long_rallies_use_draws_beyond_the_first_block():
-    game = default_game()
-    good, returned, _ = game.stroke_probabilities()
-    continues, longest = good * returned, 0
-    env = rally_v0.raw_env()
-    for seed in range(40):
-        env.reset(seed=seed)
-        state, count = ROOT, 0
-        while not any(env.terminations.values()):
-            pairs = np.arange(game.pair_start[state], game.pair_start[state + 1])
-            pair = pairs[np.argmax(continues[pairs])]
-            env.step(game.pair_stroke[pair])
-            u = outcome_draw(draw(stream(seed, 0), count))
-            outcome, following = strike(game, np.array([state]), np.array([pair - pairs[0]]), u)
-            assert env.infos["player_0"]["outcome"] == OUTCOMES[outcome[0]]
-            state, count = int(following[0]), count + 1
-        longest = max(longest, count)
-    assert longest > 70
-
-
-@pytest.mark.parametrize("game", [default_game(), tiring_game()], ids=["default", "tiring"])
-def test_the_other_player_sees_the_same_rally_from_its_side(play, game):
-    env = rally_v0.env(game=game)
-    for agent, seen, *_ in play(env, 5):
-        other = env.observe(AGENTS[1 - AGENTS.index(agent)])
-        mine, theirs = seen["observation"], other["observation"]
-        assert (theirs[:27] == mine[27:54]).all()
-        assert (theirs[27:54] == mine[:27]).all()
-        assert (theirs[54:57] == mine[54:57]).all()
-        assert (theirs[57:59] == mine[58:56:-1]).all()
-        assert theirs[59] == mine[59]
-        assert not other["action_mask"].any()
-
-
 def test_observations_are_copies(play):
     env = rally_v0.env()
     for agent, seen, *_ in play(env, 1):

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from shuttle_marl import match_v0, rally_v0
+from shuttle_marl import rally_v0
 from shuttle_marl.env.snapshot import in_words, plan_of
 from shuttle_marl.game.court import HALF_LENGTH, HALF_WIDTH, area_of
 from shuttle_marl.game.rules import OUTCOMES
@@ -54,25 +54,3 @@ def test_text_tells_the_whole_rally(play):
         assert lines[-2].endswith(info["reason"])
         winner = next(agent for agent, _, reward, *_ in rows[-2:] if reward == 1)
         assert lines[-1] == f"{winner} wins the rally ({info['reason']})"
-
-
-def test_text_says_who_is_next_and_the_score(play):
-    env = match_v0.env(render_mode="ansi", first_server=1)
-    env.reset(seed=0)
-    assert env.render().splitlines() == [
-        "match 1 of seed 0, player_1 serves",
-        "player_0   0",
-        "player_1   0",
-        "effort: player_0 0 of 1, player_1 0 of 1",
-        "player_1 is to serve",
-    ]
-    env.step(0)
-    ends = {"fault": "player_0 wins the rally (fault)", "winner": "player_1 wins the rally (winner)"}
-    info = env.infos["player_0"]
-    to_hit = f"player_0 is to hit{', hurried' if str(info['outcome']).endswith('hurried') else ''}"
-    assert env.render().splitlines()[-1] == ends.get(info["reason"], to_hit)
-    for *_, _action in play(env, 5):
-        pass
-    lines = env.render().splitlines()
-    assert lines[-1].endswith("and the match")
-    assert len(lines[1].split()) == len(lines[2].split()) >= 3

@@ -81,14 +81,6 @@ def test_commands_print_home_and_away(capsys: pytest.CaptureFixture[str], refits
     assert "matches won against all others" in run(capsys, "crossplay", "safe", "random", "--away")
 
 
-def test_commands_say_that_there_are_no_refits(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(commands, "refits_of", lambda game: ())
-    assert "no refits on resampled matches" in run(capsys, "evaluate", "random")
-    assert "no refits" in run(capsys, "solve")
-    assert "refits" not in run(capsys, "solve", "--no-away")
-    assert json.loads(run(capsys, "best-response", "safe", "--json"))["away"] is None
-
-
 def test_over_keeps_the_order_of_the_games(refits: tuple[Game, ...]) -> None:
     seen = over([*refits, *refits], lambda game: {"first": float(game is refits[0])})
     assert seen["first"].value == 0.5

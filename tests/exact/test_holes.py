@@ -1,16 +1,12 @@
 """Holes: where a policy loses to its best response, and that the losses add up to its exploitability."""
 
-import json
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from shuttle_marl.commands.exact import main
 from shuttle_marl.exact import best_response, holes, solve, visits
 from shuttle_marl.game.tables import Game
 from tests.exact.exact_games import games, random_policy, seeds, tiring_game
-from tests.reduced import reduced_model
 
 
 @settings(max_examples=25, deadline=None)
@@ -53,13 +49,3 @@ def test_perfect_play_has_no_holes() -> None:
     assert found.holes == ()
     assert found.share == 1.0
     assert np.isclose(found.exploitability, 0, atol=1e-8)
-
-
-def test_the_command_lists_holes(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["holes", "attacking", "--top", "3", "--game", reduced_model()]) == 0
-    assert "Largest losses of attacking" in capsys.readouterr().out
-    assert main(["holes", "attacking", "--top", "3", "--game", reduced_model(), "--json"]) == 0
-    figures = json.loads(capsys.readouterr().out)
-    assert len(figures["holes"]) == 3
-    assert figures["loss"] - figures["given_up"] == pytest.approx(figures["exploitability"], abs=1e-7)
-    assert main(["holes", "attacking", "--top", "0"]) == 1

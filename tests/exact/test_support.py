@@ -1,13 +1,10 @@
 """Advice with enough real strokes behind it: what a limited best response plays, and that nothing allowed is better."""
 
-import json
-
 import numpy as np
 import pytest
 
-from shuttle_marl.commands.exact import main
 from shuttle_marl.exact import best_response, evaluate, holes
-from shuttle_marl.game.shipped import RELIABLE, least_support, load_game, real_strokes
+from shuttle_marl.game.shipped import least_support, load_game, real_strokes
 from shuttle_marl.game.tables import GameError
 from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve
@@ -53,26 +50,6 @@ def test_better_strokes_of_holes_have_enough_real_ones_behind_them() -> None:
         names = [GAME.catalogue.names[stroke] for stroke in GAME.legal_strokes(hole.state)]
         assert hole.played_real == BEHIND[pairs][names.index(hole.played)]
     assert any(hole.best_real < LEAST for hole in holes(policy, top=30).holes)
-
-
-def test_commands_print_the_real_strokes_and_limit_advice_in_own_models(capsys: pytest.CaptureFixture[str]) -> None:
-    assert least_support(GAME) == RELIABLE
-    assert least_support(load_game()) == 0
-    model = ["--game", reduced_model()]
-    assert main(["best-response", "attacking", *model, "--json"]) == 0
-    limited = json.loads(capsys.readouterr().out)
-    assert main(["best-response", "attacking", *model, "--json", "--at-least", "0"]) == 0
-    free = json.loads(capsys.readouterr().out)
-    assert (limited["at_least"], free["at_least"]) == (RELIABLE, 0)
-    assert limited["exploitability"] < free["exploitability"]
-    assert limited["support"]["fewer_than_20"] <= free["support"]["fewer_than_20"]
-    assert free["support"]["fewer_than_5"] <= free["support"]["fewer_than_20"]
-    assert main(["best-response", "attacking", *model]) == 0
-    assert "real strokes behind it" in capsys.readouterr().out
-    assert main(["holes", "attacking", *model, "--top", "2"]) == 0
-    assert "real strokes" in capsys.readouterr().out
-    assert main(["holes", "attacking", *model, "--at-least", "-1"]) == 1
-    assert "--at-least -1: expected 0 or more" in capsys.readouterr().err
 
 
 def test_games_without_counts_have_no_such_limit() -> None:

@@ -290,16 +290,6 @@ def test_bad_settings_are_refused(flags: list[str], message: str, tmp_path: Path
     assert not (tmp_path / "run").exists()
 
 
-def test_the_command_prints_its_figures(model: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    flags = ["--variant", "psro", "--rounds", "2", "--game", model, "--pool", "attacking", "--out", str(tmp_path / "run")]
-    assert main(["train", *flags, "--json"]) == 0
-    figures = json.loads(capsys.readouterr().out)
-    assert figures["rounds"] == 2
-    assert figures["run"] == str(tmp_path / "run")
-    assert main(["train", *flags, "--resume"]) == 0
-    assert "exploitability" in capsys.readouterr().out
-
-
 def test_the_first_round_of_a_time_budget_is_short(model: str, tmp_path: Path) -> None:
     config = LeagueTrainingConfig(budget="60s", rounds=6, workers=2)
     state = LeagueState(game="")

@@ -54,17 +54,6 @@ class TestParts:
                 assert log.rally_table()["number"].to_pylist() == list(range(200))
                 assert log.stroke_table().num_rows == len(rallies(200).stroke)
 
-    def test_every_file_is_a_log_and_keeps_the_numbers(self, in_parts: Path, rallies) -> None:
-        part = part_path(in_parts, 2)
-        with RallyLog(part) as log:
-            first = int(log.first_rally[0])
-            assert first == log.files[0].header.first_rally > 0
-            assert same(log.rally(first + 3), rallies(200).slice(first + 3, first + 4))
-            with pytest.raises(RecordingError, match=f"no rally {first - 1}"):
-                log.rally(first - 1)
-        with RallyLog(in_parts) as log:
-            assert log.rally_table()["file"].to_pylist()[first] == part.name
-
     def test_a_missing_part_is_noticed(self, in_parts: Path) -> None:
         with RallyLog(part_path(in_parts, 1)) as log:
             first, end = int(log.first_rally[0]), log.files[0].end

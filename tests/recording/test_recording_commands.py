@@ -1,6 +1,5 @@
 """``python -m shuttle_marl.recording``."""
 
-import json
 import re
 from pathlib import Path
 
@@ -12,16 +11,6 @@ import pytest
 from shuttle_marl.commands.recording import main
 from shuttle_marl.game.stroke import parse
 from shuttle_marl.recording import RallyLog
-
-
-def test_info(played: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["info", str(played), "--json"]) == 0
-    facts = json.loads(capsys.readouterr().out)
-    with RallyLog(played) as log:
-        assert (facts["rallies"], facts["strokes"], facts["bytes"]) == (log.n_rallies, log.n_strokes, played.stat().st_size)
-    assert facts["policies"] == ["attacking", "safe", "random"]
-    assert main(["info", str(played)]) == 0
-    assert "attacking, safe, random" in capsys.readouterr().out
 
 
 def test_check_and_recover(played: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -77,15 +66,6 @@ def test_show_a_rally(played: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert "-serve to " in lines[1]
     assert lines[1].split()[1] == names[rally.server[0]]
     assert lines[-1].strip().startswith(f"{names[rally.winner[0]]} wins the rally")
-
-
-def test_show_a_match(played: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["show", str(played), "--pairing", "1", "--match", "2"]) == 0
-    out = capsys.readouterr().out
-    games = [tuple(map(int, game.split("-"))) for game in re.findall(r"\d+-\d+", out.splitlines()[-1])]
-    assert 2 <= len(games) <= 3
-    assert all(max(game) >= 21 for game in games)
-    assert sum(map(sum, games)) == len(re.findall("^rally ", out, re.MULTILINE))
 
 
 @pytest.mark.parametrize(

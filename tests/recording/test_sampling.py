@@ -9,7 +9,7 @@ import pytest
 
 from shuttle_marl.game import default_game
 from shuttle_marl.league import LeagueConfig
-from shuttle_marl.recording import LogHeader, Rallies, RallyLog, RallyLogWriter, RallyRecorder, RecordingError, Sampling
+from shuttle_marl.recording import LogHeader, Rallies, RallyLog, RallyLogWriter, RecordingError, Sampling
 from shuttle_marl.recording.replay import check
 from tests.tournaments import play_league
 
@@ -48,20 +48,6 @@ def test_one_in_n_at_random_and_cells_together(header) -> None:
     alone = Sampling(every=7).keeps(header(matches_per_draw=1), pairing, match).reshape(-1, 2)
     assert (alone[:, 0] != alone[:, 1]).any()
     assert not Sampling(every=0).keeps(header(), pairing, match).any()
-
-
-def test_the_recorder_keeps_those(tmp_path: Path, rallies, header) -> None:
-    whole = rallies(2000)
-    with RallyRecorder.create(tmp_path / "a.mcap", header(), "sample:5", batch_rallies=64) as recorder:
-        for first in range(0, 2000, 100):
-            recorder.add(whole.slice(first, first + 100))
-    expected = whole.select(Sampling(every=5).keeps(header(), whole.pairing, whole.match))
-    with RallyLog(tmp_path / "a.mcap") as log:
-        assert log.header == dataclasses.replace(header(), record="sample:5")
-        found = Rallies.concatenate([batch for _, batch in log.batches()])
-    assert 300 < len(found) < 500
-    assert np.array_equal(found.match, expected.match)
-    assert np.array_equal(found.stroke, expected.stroke)
 
 
 @pytest.fixture(scope="module")

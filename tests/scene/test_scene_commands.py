@@ -34,29 +34,6 @@ def test_a_rally_is_written_to_a_file(log_path: Path, tmp_path: Path, capsys: py
     assert [path.name for path in out.parent.iterdir()] == [out.name]
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--out", "x.mcap"], "one of --rally NUMBER, --match NUMBER, --best COUNT"),
-        (["--rally", "999999", "--out", "x.mcap"], "no rally 999999"),
-        (["--match", "999", "--out", "x.mcap"], "no match 999 of pairing 0"),
-        (["--rally", "1", "--fps", "10", "--out", "x.mcap"], "10 frames per second: expected 25 to 50"),
-    ],
-)
-def test_impossible_requests(
-    log_path: Path,
-    tmp_path: Path,
-    arguments: list[str],
-    message: str,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert main(["scene", str(log_path), *arguments]) == 1
-    assert message in capsys.readouterr().err.replace("\n", " ")
-    assert list(tmp_path.iterdir()) == []
-
-
 def rallies_of(played: list[Rally], dtype: npt.DTypeLike = np.uint16) -> Rallies:
     """Rallies that stand for themselves, between policies 0 and 1 of the log."""
     n = len(played)

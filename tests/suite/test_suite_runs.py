@@ -4,7 +4,6 @@ import dataclasses
 import json
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +12,6 @@ import pytest
 
 from shuttle_marl.base import runs
 from shuttle_marl.base.arrays import U16
-from shuttle_marl.base.cluster import in_processes
 from shuttle_marl.base.files import seal
 from shuttle_marl.commands.suite import main
 from shuttle_marl.exact import best_response, evaluate
@@ -196,20 +194,6 @@ def test_learners_stay_in_their_budget(tmp_path: Path, task: str, method: str) -
         assert found["exploitability"] < best_response(table("bc")).value.odds().value
     assert found["strokes"] <= 20_000
     assert reasons(folder) == []
-
-
-def test_processes_take_arguments_when_they_are_free() -> None:
-    taken: list[int] = []
-
-    def arguments() -> Iterator[int]:
-        for number in range(-6, 0):
-            taken.append(number)
-            yield number
-
-    results = in_processes(abs, arguments(), 2)
-    first = next(results)
-    assert len(taken) == 2
-    assert sorted([first, *results]) == [1, 2, 3, 4, 5, 6]
 
 
 def test_players_that_act_are_tabulated(tmp_path: Path) -> None:

@@ -13,9 +13,8 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.kernel import RallySampler
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.training import PPOConfig, SACConfig
+from shuttle_marl.training import SACConfig
 from shuttle_marl.training.learner import RallyCollector
-from shuttle_marl.training.ppo import PPO
 from shuttle_marl.training.sac import SAC
 from shuttle_marl.training.torch_sampler import TorchSampler, draw, extend, mix, sums
 from tests.reduced import reduced_game, reduced_model
@@ -148,34 +147,6 @@ def test_sums_do_not_depend_on_the_order(device: str) -> None:
 
 
 # Runs.
-
-RUN = PPOConfig(game=reduced_model(), batch=512, width=8, strokes=512 * 6, evaluate_every=3, checkpoint_every=2, record="all")
-
-
-@pytest.mark.parametrize("device", DEVICES)
-@pytest.mark.parametrize("opponent", ["bc", "self"])
-def test_ppo_gets_what_it_gets_from_the_kernel(opponent: str, device: str) -> None:
-    """The same weights learn from the same strokes."""
-    config = dataclasses.replace(RUN, opponent=(opponent,), device=device)
-    collected = []
-    for sampler in ("kernel", "torch"):
-        torch.manual_seed(0)
-        learner = PPO(config, GAME)
-        opponents = [] if opponent == "self" else [BC]
-        settings = dataclasses.replace(config, sampler=sampler)
-        collector = RallyCollector(settings, GAME, opponents, learner.predict, distinct=True)
-        assert type(collector.sampler) is {"kernel": RallySampler, "torch": TorchSampler}[sampler]
-        collector.set_seed(3)
-        collected.append(collector.collect())
-    expected, found = collected
-    assert set(expected.keys()) == set(found.keys())
-    for name in expected.keys():  # noqa: SIM118  a tensordict iterates over its rows
-        ours, theirs = expected[name], found[name]
-        assert ours.dtype == theirs.dtype, name
-        if name in ("advantage", "value_target", "deviation"):
-            torch.testing.assert_close(ours, theirs, atol=1e-5, rtol=1e-4)
-        else:
-            assert torch.equal(ours, theirs), name
 
 
 def test_the_first_strokes_of_sac_are_those_of_the_kernel() -> None:
