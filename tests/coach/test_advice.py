@@ -1,23 +1,40 @@
-"""Advice and tactics against an opponent: compared with exact values of changed policies."""
+"""Advice and tactics against exact values of changed policies; habits are said only where they are more than chance."""
 
 import dataclasses
+import hashlib
+from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 import pytest
+from scipy import stats
 
 from shuttle_marl.analysis.advice import (
     LEAST_STEADY,
+    Meeting,
     Refitted,
     advise,
     calibrated,
     followed,
+    meet,
 )
+from shuttle_marl.analysis.habits import discoveries, endings, habits, interval
 from shuttle_marl.analysis.outlook import outlook
+from shuttle_marl.analysis.scouting import scout
 from shuttle_marl.analysis.tactics import STEPS, TACTICS, changed, effects
+from shuttle_marl.base.files import seal
+from shuttle_marl.dynamics.habits import NONE, Plays, load_habits, plays_of_strokes, questions, save_habits, tally
 from shuttle_marl.exact import PairPolicy, evaluate
 from shuttle_marl.exact.profile import StatePolicy
-from shuttle_marl.game.shipped import RELIABLE, Estimate, real_strokes
+from shuttle_marl.game.court import AREAS
+from shuttle_marl.game.shipped import CARD, HABITS, RELIABLE, Estimate, load_game, model_folder, real_strokes
+from shuttle_marl.game.skill import load_skill
 from shuttle_marl.game.stroke import SHOTS
+from shuttle_marl.game.tables import GameError
+from shuttle_marl.game.tabulated import tabulate
+from shuttle_marl.game.thresholds import ONE
+from shuttle_marl.policy.registry import resolve
+from tests.coach.conftest import A
 
 
 @pytest.mark.parametrize("seat", [0, 1])
@@ -113,3 +130,184 @@ def test_the_outlook_contains_both_uncertainties(found: Refitted) -> None:
         assert estimate.low < estimate.value < estimate.high
     alone = outlook(dataclasses.replace(found, refits=()))
     assert alone.rally.high - alone.rally.low < seen.rally.high - seen.rally.low
+
+
+def plays(rows: list[tuple[int, int, int, int, int, int]], copies: int = 1) -> Plays:
+    """Strokes of own shot, incoming shot, area where they are met, contact, shot and area."""
+    own, incoming, met, contact, shot, area = np.array(rows * copies, dtype=np.int64).T
+    ones, zeros = np.ones(len(own)), np.zeros(len(own))
+    return Plays(
+        own=own, incoming=incoming, met=met, contact=contact, shot=shot, technique=contact, area=area,
+        weight=ones, fault=zeros, winner=zeros, group=np.zeros(len(own), np.int64),
+    )  # fmt: skip
+
+
+def plays_of_meeting(meeting: Meeting, seat: int, strokes: float) -> Plays:
+    """Expected strokes of one player of two policies.
+
+    Args:
+        meeting: the policies.
+        seat: of the player.
+        strokes: number of strokes in all.
+    """
+    game = meeting.policies[seat].game
+    state, stroke = game.base_pair_state, game.base_pair_stroke
+    played = meeting.seen.base_pairs(seat)
+    played *= strokes / played.sum()
+    limit = np.moveaxis(game.limits[..., :2].astype(np.float64), -1, 0) / ONE
+    shot = np.append(game.catalogue.shot, NONE).astype(np.int64)
+    return Plays(
+        own=shot[game.own(state)],
+        incoming=shot[game.incoming(state)],
+        met=np.append(game.catalogue.area, -1).astype(np.int64)[game.incoming(state)],
+        contact=game.contact(state).astype(np.int64),
+        shot=game.catalogue.shot[stroke].astype(np.int64),
+        technique=game.catalogue.technique[stroke].astype(np.int64),
+        area=game.catalogue.area[stroke].astype(np.int64),
+        weight=played.sum(axis=0),
+        fault=(played * limit[0]).sum(axis=0),
+        winner=(played * (limit[1] - limit[0])).sum(axis=0),
+        group=np.zeros(len(stroke), np.int64),
+    )
+
+
+def answers(some: Plays, kind: str, about: tuple[str, ...] = ()) -> list[str | None]:
+    for question, answer in questions(some):
+        if (question.kind, question.about) == (kind, about):
+            return [None if a < 0 else question.answers[a] for a in answer.tolist()]
+    raise AssertionError(kind)
+
+
+def test_questions_of_three_strokes() -> None:
+    serve, lift, smash = (SHOTS.index(name) for name in ("short-serve", "lift", "smash"))
+    back_right, middle_left, middle_right = (AREAS.index(name) for name in ("back-right", "middle-left", "middle-right"))
+    rows = [
+        (NONE, NONE, -1, 0, serve, 1),
+        (NONE, serve, 1, 0, lift, back_right),
+        # From one's own right side, the receiver's left is straight ahead.
+        (serve, lift, back_right, 1, smash, middle_left),
+        (serve, lift, back_right, 1, smash, middle_right),
+    ]
+    some = plays(rows)
+    assert answers(some, "serve") == ["short-serve", None, None, None]
+    assert answers(some, "serve_side", ("short-serve",)) == ["centre", None, None, None]
+    assert answers(some, "return", ("short-serve",)) == [None, "lift", None, None]
+    assert answers(some, "third") == [None, None, "smash", "smash"]
+    assert answers(some, "reply", ("lift", "above")) == [None, None, "smash", "smash"]
+    assert answers(some, "direction", ("smash",)) == [None, None, "straight", "cross"]
+    assert answers(some, "shots") == [None, "lift", "smash", "smash"]
+    assert tally(some).targets.sum() == 3
+
+
+def test_intervals_are_those_of_scipy() -> None:
+    found = stats.binomtest(17, 60).proportion_ci(0.9, method="wilson")
+    assert interval(17 / 60, 60) == pytest.approx((found.low, found.high))
+
+
+def test_false_discoveries_are_controlled() -> None:
+    assert discoveries([]).tolist() == []
+    # Benjamini-Hochberg by hand: the largest i with p_(i) <= 0.05 i / 4 is 2.
+    assert discoveries([0.9, 0.02, 0.001, 0.04]).tolist() == [False, True, True, False]
+
+
+def test_a_difference_is_said_with_its_numbers() -> None:
+    serve, lift, net = (SHOTS.index(name) for name in ("short-serve", "lift", "net-shot"))
+    mine = plays([(NONE, serve, 1, 0, lift, 6)] * 9 + [(NONE, serve, 1, 0, net, 0)], 10)
+    others = plays([(NONE, serve, 1, 0, lift, 6)] * 5 + [(NONE, serve, 1, 0, net, 0)] * 5, 40)
+    found = next(h for h in habits(tally(mine), tally(others)) if h.kind == "return" and h.answer == "lift")
+    assert found.clear
+    assert (found.strokes, found.share, found.usual) == (100, 0.9, 0.5)
+    pooled = (90 + 200) / 500
+    error = np.sqrt(pooled * (1 - pooled) * (1 / 100 + 1 / 400))
+    assert found.p == pytest.approx(2 * stats.norm.sf(0.4 / error))
+    few = mine.take(np.arange(len(mine)) < 15)
+    assert habits(tally(few), tally(others)) == []
+
+
+def test_claims_about_simulated_players_are_true(model: str) -> None:
+    """Truth: exact frequencies of the policies. Data: strokes drawn from them."""
+    game, names = load_game(model), ("bc", "attacking", "defensive")
+    tables = [tabulate(resolve(name, game), game, name) for name in names]
+    exact = {(i, j): meet(tables[i], tables[j]) for i in range(3) for j in range(3) if i != j}
+    truth = [[plays_of_meeting(exact[i, j], 0, 1000 * exact[i, j].visits(0).sum()) for j in range(3) if j != i] for i in range(3)]
+
+    def joined(parts: list[Plays]) -> Plays:
+        return Plays(**{f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in dataclasses.fields(Plays)})
+
+    rng, true = np.random.default_rng(0), []
+    for i in range(3):
+        mine, others = joined(truth[i]), joined([part for k in range(3) if k != i for part in truth[k]])
+        real = {(h.kind, h.about, h.answer): h.share - h.usual for h in habits(tally(mine), tally(others), dispersed=False)}
+        for strokes in (150, 600, 3000):
+            drawn = [
+                dataclasses.replace(part, weight=rng.poisson(part.weight * (strokes * k / part.weight.sum())).astype(float))
+                for part, k in ((mine, 1), (others, 2))
+            ]
+            found = habits(*map(tally, drawn), dispersed=False)
+            true += [real[h.kind, h.about, h.answer] * (h.share - h.usual) > 0 for h in found if h.clear]
+    assert len(true) > 100
+    assert np.mean(true) >= 0.9
+
+
+def test_faults_and_winners(sample: pa.Table) -> None:
+    some = plays_of_strokes(sample)
+    mine = sample["player"].to_numpy(zero_copy_only=False) == "viktor-axelsen"
+    listed = endings(tally(some.take(mine)), tally(some.take(~mine)))
+    found = {each.shot: each for each in listed if each.technique is None}
+    smashes = mine & (some.shot == SHOTS.index("smash"))
+    assert found["smash"].strokes == smashes.sum()
+    assert found["smash"].fault[0] == pytest.approx(some.fault[smashes].mean())
+    assert found["smash"].winner[1] <= found["smash"].winner[0] <= found["smash"].winner[2]
+    lifts = {each.technique: each.strokes for each in listed if each.shot == "lift"}
+    assert lifts["backhand"] == (mine & (some.shot == SHOTS.index("lift")) & (some.technique == 1)).sum()
+    assert lifts[None] == lifts["backhand"] + lifts["forehand"]
+
+
+def write_habits(folder: Path, content: bytes) -> None:
+    """A model folder with nothing but habits."""
+    folder.mkdir()
+    (folder / HABITS).write_bytes(content)
+    (folder / CARD).write_bytes(seal({"sha256": {HABITS: hashlib.sha256(content).hexdigest()}}))
+
+
+def test_a_model_and_its_data_say_the_same(sample: pa.Table, model: str, tmp_path: Path) -> None:
+    # One agent of the sample plays in both disciplines, which people do not.
+    names = [
+        f"{name} {kind}" if name == "bc" else name
+        for name, kind in zip(*(sample[c].to_pylist() for c in ("player", "discipline")), strict=True)
+    ]
+    sample = sample.set_column(sample.schema.get_field_index("player"), sample.schema.field("player"), pa.array(names))
+    players = sorted(set(sample["player"].to_pylist()))
+    save_habits(tmp_path, sample, players)
+    folder = tmp_path / "model"
+    write_habits(folder, (tmp_path / HABITS).read_bytes())
+    assert list(load_habits(folder)) == players
+    some, player = plays_of_strokes(sample), sample["player"].to_numpy(zero_copy_only=False)
+    own, others = load_habits(folder)[players[0]]
+    discipline = sample["discipline"].to_numpy(zero_copy_only=False)
+    alike = discipline == discipline[player == players[0]][0]
+    for stored, counted in (
+        (own, tally(some.take(player == players[0]))),
+        (others, tally(some.take(alike & (player != players[0])))),
+    ):
+        assert np.array_equal(stored.counts, counted.counts)
+        assert np.array_equal(stored.ends, counted.ends)
+        assert stored.dispersion == pytest.approx(counted.dispersion, rel=1e-3)
+    # The shipped model has the habits of all its players; with data, they are counted there.
+    shipped = load_habits(model_folder())
+    assert set(shipped) == set(load_skill(model_folder()).players)
+    clear = [[(h.kind, h.about, h.answer) for h in scout(A, model=model, data=data).habits if h.clear] for data in (None, sample)]
+    # The sample is a part of the simulated matches, so a player has no fewer clear habits in the model.
+    assert len(clear[0]) >= len(clear[1])
+
+
+def test_a_damaged_file_of_habits_is_refused(sample: pa.Table, tmp_path: Path) -> None:
+    players = sorted(set(sample["player"].to_pylist()))
+    save_habits(tmp_path, sample, players)
+    content = (tmp_path / HABITS).read_bytes()
+    for name, damaged in {"short": content[:-8], "names": content.replace(b"players", b"playerz")}.items():
+        write_habits(tmp_path / name, damaged)
+        with pytest.raises(GameError, match="no readable habits of players"):
+            load_habits(tmp_path / name)
+    with pytest.raises(GameError, match="this model has no habits"):
+        load_habits(tmp_path / "nothing")

@@ -1,7 +1,9 @@
-"""Download against a server on this machine: resume, corruption, errors, kills."""
+"""Download against a server on this machine, the fixed splits, the datasheet, and the simulated sample of the repository."""
 
 import hashlib
 import http.server
+import json
+import runpy
 import threading
 from collections import Counter
 from collections.abc import Iterator
@@ -9,12 +11,14 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote, unquote
 
+import pyarrow.parquet as pq
 import pytest
 
 from shuttle_marl.base.files import FileWriteError
 from shuttle_marl.commands.data import main
-from shuttle_marl.data import upstream
-from shuttle_marl.data.upstream import DownloadError, download
+from shuttle_marl.data import load_account, load_strokes, matches_of, upstream
+from shuttle_marl.data.schema import DROP_REASONS, STROKES
+from shuttle_marl.data.upstream import SPLITS, DownloadError, discipline, download, player_id
 
 CONTENT = {
     "ShuttleSet/set/match.csv": b"id,video\n",
@@ -159,3 +163,69 @@ def test_command(server: Server, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     (tmp_path / SPACED).unlink()
     assert main(["download", "--out", str(tmp_path), "--base-url", server.url]) == 1
     assert "404" in capsys.readouterr().err
+
+
+DATASETS = Path(__file__).parents[2] / "datasets"
+SAMPLE = DATASETS / "sample" / "strokes.parquet"
+SCRIPT = runpy.run_path(str(DATASETS / "make_sample.py"))
+
+
+def test_the_sample_is_sound(capsys: pytest.CaptureFixture[str]) -> None:
+    assert SAMPLE.stat().st_size < 1_000_000
+    assert main(["validate", str(SAMPLE)]) == 0
+    assert main(["summary", str(SAMPLE), "--json"]) == 0
+    summary = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert summary["strokes"]["kept"] == load_strokes(SAMPLE).num_rows > 3000
+    assert summary["area_agreement"] is None
+    assert set(load_strokes(SAMPLE)["source"].to_pylist()) == {"simulated"}
+
+
+def test_the_card_tells_of_this_sample() -> None:
+    provenance = json.loads(pq.read_schema(SAMPLE).metadata[b"shuttle_marl.provenance"])
+    text = SCRIPT["card"](load_strokes(SAMPLE), load_account(SAMPLE), provenance, size=SAMPLE.stat().st_size)
+    assert (SAMPLE.parent / "CARD.md").read_text(encoding="utf-8") == text
+
+
+def test_a_small_one_can_be_drawn_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for name in ("one", "again"):
+        SCRIPT["make_sample"](players=("random", "safe"), matches=1, seed=3, out=tmp_path / name / "strokes.parquet")
+    assert (tmp_path / "one/strokes.parquet").read_bytes() == (tmp_path / "again/strokes.parquet").read_bytes()
+    assert main(["validate", str(tmp_path / "one/strokes.parquet")]) == 0
+    assert "1 matches" in (tmp_path / "one/CARD.md").read_text(encoding="utf-8")
+    assert set(load_strokes(tmp_path / "one/strokes.parquet")["player"].to_pylist()) == {"random", "safe"}
+
+
+DATASHEET = Path(__file__).parents[2] / "docs" / "datasheet.md"
+LINES = DATASHEET.read_text(encoding="utf-8").splitlines()
+
+
+def test_fields() -> None:
+    expected = [
+        f"| `{f.name}` | {f.type} | {'yes' if f.nullable else 'no'} | {f.metadata[b'description'].decode()} |" for f in STROKES
+    ]
+    start = LINES.index("| field | type | null | meaning |") + 2
+    assert LINES[start : start + len(expected) + 1] == [*expected, ""]
+
+
+def test_drop_reasons() -> None:
+    start = LINES.index("| dropped because | rows | that is |") + 2
+    rows = [line.split(" | ") for line in LINES[start : LINES.index("", start)]]
+    assert [(row[0].removeprefix("| "), row[2].removesuffix(" |")) for row in rows] == list(DROP_REASONS.items())
+
+
+def test_every_published_match_is_in_exactly_one_split() -> None:
+    published = {upstream.match_of(path) for path in upstream.manifest()} - {None}
+    by_split = [set(matches_of(split)) for split in SPLITS]
+    assert [len(names) for names in by_split] == [68, 14, 12]
+    assert set.union(*by_split) == published
+    assert sum(map(len, by_split)) == len(published) == 94
+
+
+@pytest.mark.parametrize(("name", "identifier", "kind"), [
+    ("CHEN Yufei", "chen-yufei", "WS"), ("Chen Yufei", "chen-yufei", "WS"), ("HE Bingjiao", "he-bingjiao", "WS"),
+    ("PUSARLA V. Sindhu", "pusarla-v-sindhu", "WS"), ("PRANNOY H. S.", "prannoy-h-s", "MS"),
+    ("Hans-Kristian Solberg VITTINGHUS", "hans-kristian-solberg-vittinghus", "MS"), ("Nobody", "nobody", None),
+])  # fmt: skip
+def test_players(name: str, identifier: str, kind: str | None) -> None:
+    assert player_id(name) == identifier
+    assert discipline(identifier) == kind

@@ -1,15 +1,21 @@
-"""Broken files: every message names file, line and value."""
+"""Broken files: every message names file, line and value; random damage is told or harmless; odd files never hang a reader."""
 
+import csv
 import hashlib
+import os
 import re
 import shutil
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from shuttle_marl.data import DataError, clean_matches, upstream
-from tests.data.upstream_layout import HEADER, Layout, plain_game
+from shuttle_marl.data import DataError, clean_matches, load_strokes, upstream
+from shuttle_marl.data.schema import violations
+from tests.data.upstream_layout import COLUMNS, HEADER, LIFT, SERVE, SMASH, Layout, game, plain_game, rally, write_rows
 
 NAME = "Viktor_AXELSEN_CHEN_Long_ Finals"
 
@@ -129,3 +135,95 @@ def replace_in(file: str, old: str, new: str) -> Callable[[Path], None]:
 def test_bad_lists(path: Path, change: Callable[[Path], None], told: str) -> None:
     change(path.parents[1])
     assert told in str(refused(path))
+
+
+USED = [c for c in COLUMNS if c not in ("server", "hit_area", "win_reason", "player_location_area", "opponent_location_area")]
+VALUES = st.sampled_from(
+    ["", "0", "1", "2", "-1", "7", "31", "300", "1e9", "nan", "inf", "A", "B", "C", "未知球種", "發短球", "殺球", "飛球",
+     "出界", "掛網",
+     "0:00:01", "25:61:00", "1.5", "99999999999999999999", " ", '"', "a\x00b"]
+)  # fmt: skip
+EDITS = st.lists(st.tuples(st.integers(0, 26), st.sampled_from(USED), VALUES), min_size=1, max_size=12)
+
+
+def damaged(root: Path, edits: list[tuple[int, str, str]]) -> Path:
+    rows = plain_game(8)
+    for number, column, value in edits:
+        rows[number % len(rows)][column] = value
+    return Layout(root).match("m", [rows]) / "set1.csv"
+
+
+@settings(max_examples=150, deadline=None)
+@given(EDITS | st.just([]), st.none() | st.tuples(st.integers(0, 5000), st.binary(max_size=4)))
+def test_damage_is_told_or_harmless(edits: list[tuple[int, str, str]], cut: tuple[int, bytes] | None) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        path = damaged(Path(folder), edits)
+        if cut is not None:
+            content = path.read_bytes()
+            path.write_bytes(content[: cut[0] % len(content)] + cut[1])
+        try:
+            cleaned = clean_matches(Path(folder))
+        except DataError as caught:
+            error = caught
+        else:
+            error = None
+        if error is not None:
+            assert str(path) in str(error)
+            assert error.problems[0].line is not None or cut
+            return
+        assert [str(v) for v in violations(cleaned.strokes)] == []
+        kept = cleaned.account.strokes_kept + sum(cleaned.account.dropped.values())
+        assert cleaned.account.strokes == kept == (27 if cut is None else kept)
+
+
+def test_quoted_cells_with_commas_and_lines(tmp_path: Path) -> None:
+    """Lines as a spreadsheet may write them: the line told is the one in the file."""
+    path = Layout(tmp_path).match("m", [plain_game(4)]) / "set1.csv"
+    with path.open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    rows[2]["db"] = "one\ntwo, three"
+    rows[5]["type"] = "飛球"
+    write_rows(path, rows)
+    with pytest.raises(DataError, match=r"set1\.csv, line 8: unknown type"):
+        clean_matches(tmp_path)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(st.tuples(st.integers(1, 4), st.booleans(), st.booleans(), st.integers(0, 30)), min_size=1, max_size=6))
+def test_any_order_of_rallies(chosen: list[tuple[int, bool, bool, int]]) -> None:
+    """Rallies with repeated numbers, swapped ends and servers, and scores of all kinds still give a sound table."""
+    hits = [SERVE, LIFT, SMASH]
+    rows = game(
+        rally(number, "A" if by_a else "B", hits, (points, 30 - points), a_below=below, frame=100 * i)
+        for i, (number, by_a, below, points) in enumerate(chosen)
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        Layout(Path(folder)).match("m", [rows])
+        cleaned = clean_matches(Path(folder))
+        assert [str(v) for v in violations(cleaned.strokes)] == []
+        assert cleaned.account.strokes == cleaned.account.strokes_kept + sum(cleaned.account.dropped.values())
+
+
+@pytest.fixture
+def root(tmp_path: Path) -> Path:
+    """One match of one game."""
+    Layout(tmp_path / "raw").match("one", [plain_game(4)])
+    return tmp_path / "raw"
+
+
+@pytest.mark.parametrize("name", ["homography.csv", "one/set1.csv", "."])
+def test_a_fifo_is_refused_at_once(root: Path, name: str) -> None:
+    path = root / "ShuttleSet" / "set" / name if name != "." else root.with_name("fifo")
+    path.unlink(missing_ok=True)
+    os.mkfifo(path)
+    with pytest.raises(DataError, match="not a regular file"):
+        load_strokes(path if name == "." else root)
+
+
+@pytest.mark.parametrize(
+    "matrix", ["[" * 20_000, "[[1e999,0,0],[0,1,0],[0,0,1]]", f"[[{10**400},0,0],[0,1,0],[0,0,1]]", "[[NaN]]"]
+)
+def test_a_homography_that_is_no_matrix(root: Path, matrix: str) -> None:
+    (root / "ShuttleSet" / "set" / "homography.csv").write_text(f'video,homography_matrix\none,"{matrix}"\n')
+    with pytest.raises(DataError, match="not a 3 x 3 matrix"):
+        clean_matches(root)

@@ -1,13 +1,20 @@
-"""The site: navigation, reference, pages of commands and of rallies, and the description of the sample."""
+"""Tools of the documentation: each of them runs on the pages as they are, which hold what their sources say."""
 
 import ast
 import re
+from collections import Counter
+from pathlib import Path
 
 import pytest
+import yaml
 
 import shuttle_marl
-from docs.tools import command_reference, croissant, notebooks, site
-from docs.tools.markdown import ROOT
+from docs.tools import command_reference, croissant, figures, hub, notebooks, pictures, reproduce, site, size, tables
+from docs.tools.figures import FIGURES
+from docs.tools.markdown import IMAGES, ROOT
+from shuttle_marl import default_game, resolve, tabulate
+from shuttle_marl.game.shipped import model_folder
+from shuttle_marl.policy.agents import AGENTS
 
 
 def test_every_page_of_the_site_is_in_the_navigation() -> None:
@@ -64,3 +71,63 @@ def test_tutorials_are_notebooks(name: str) -> None:
     assert "bash run" not in text
     links = re.findall(r"\]\(([^)#]+\.md)", text)
     assert all((ROOT / "docs/notebooks" / link).resolve().is_file() for link in links if not link.startswith("http"))
+
+
+def test_files_of_a_stroke_and_no_imports_in_a_loop() -> None:
+    found = size.modules(ROOT)
+    parts = size.files_of(ROOT, found, size.STROKE)
+    assert size.circles(found, ROOT) == []
+    assert "tables.py" in {path.name for path in parts}
+    assert len(parts) <= 4, sorted(path.name for path in parts)
+
+
+def test_no_page_states_a_probability_beyond_100_percent() -> None:
+    """Normal intervals of probabilities are cut at 0 and 100 %, and exploitability is a value from 0 to 1 everywhere."""
+    for path in [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]:
+        text = path.read_text(encoding="utf-8")
+        beyond = [number for number in re.findall(r"(\d+\.\d+) (?:% )?(?:to \d|\))", text) if 100 < float(number) < 101]
+        assert beyond == [], path
+        assert not re.findall(r"exploitab\w+ (?:of |is |about )?\d+(?:\.\d+)? %", text), path
+
+
+PAGES = {figure.page: (ROOT / figure.page).read_text(encoding="utf-8") for figure in FIGURES}
+
+
+def test_no_committed_figure_has_drifted() -> None:
+    assert figures.drifted(PAGES) == []
+    assert figures.written(PAGES) == PAGES
+
+
+def test_no_picture_is_older_than_its_data() -> None:
+    assert pictures.outdated() == []
+
+
+def test_every_picture_of_a_page_exists() -> None:
+    shown = {name for names in pictures.PICTURES for name in names}
+    assert shown == {path.name for path in IMAGES.iterdir()} - {"sources.json"}
+
+
+def test_every_table_is_listed_once() -> None:
+    names = Counter(row[0] for row in reproduce.listed())
+    assert set(names.values()) == {1}
+    alone = {name for name, result in reproduce.RESULTS.items() if not result.tables}
+    assert set(names) - alone == {*tables.BLOCKS, *tables.LEAGUE_BLOCKS}
+
+
+def test_every_result_file_is_made_by_a_command() -> None:
+    for folder in ("benchmarks", "experiments"):
+        saved = {path.stem for path in (ROOT / folder / "results").glob("*.json")}
+        known = {name for name, result in reproduce.RESULTS.items() if result.folder == folder}
+        assert saved <= known | set(reproduce.PROGRAMS)
+
+
+@pytest.mark.slow
+def test_agents_play_from_their_folders(tmp_path: Path) -> None:
+    game = default_game()
+    hub.main(out=tmp_path / "out", quick=True)
+    copied, shipped = (tabulate(resolve(name, game), game) for name in (f"agent:{tmp_path / 'out' / 'agents' / 'ppo'}", "ppo"))
+    assert (copied.pair_probabilities() == shipped.pair_probabilities()).all()
+    _, front, body = (tmp_path / "out" / "agents" / "README.md").read_text(encoding="utf-8").split("---\n", 2)
+    names = sorted(path.name for path in (model_folder() / AGENTS).iterdir())
+    assert [entry["name"] for entry in yaml.safe_load(front)["model-index"]] == names
+    assert all(f"| `{name}` |" in body for name in names)

@@ -1,5 +1,6 @@
-"""Small fits on the simulated sample: same weights twice, contexts, pooling, scores."""
+"""Small fits on the simulated sample, resampled matches, legal replies, and areas of targets."""
 
+import collections
 from pathlib import Path
 
 import numpy as np
@@ -8,14 +9,18 @@ import pytest
 from scipy.special import expit
 
 from shuttle_marl.data import load_strokes
-from shuttle_marl.data.schema import STROKES
+from shuttle_marl.data.schema import REASONS, STROKES, Outcome
 from shuttle_marl.dynamics.card import strokes_hash
+from shuttle_marl.dynamics.compiled import MIN_STYLE, SHOT_SHARE, catalogue_of, replies_of
 from shuttle_marl.dynamics.evaluate import area_under_curve, calibration_error, difference_by_match, top_k
-from shuttle_marl.dynamics.features import SLOTS, Rows, rows_from_strokes
+from shuttle_marl.dynamics.features import SLOTS, Rows, rows_from_strokes, target_points
 from shuttle_marl.dynamics.fit import fit
+from shuttle_marl.dynamics.make import resampled
 from shuttle_marl.dynamics.models import fit_ridge, ridge_logits
 from shuttle_marl.dynamics.network import EnsembleConfig, fold_of_match, unseen
 from shuttle_marl.dynamics.players import fit_choice_shifts
+from shuttle_marl.game.court import AREAS, BACK, HALF_LENGTH, area_of, third_of
+from shuttle_marl.game.stroke import FRONT_COURT, N_SHOTS, SHOTS
 
 SAMPLE = Path(__file__).parents[2] / "datasets" / "sample" / "strokes.parquet"
 
@@ -110,3 +115,130 @@ def test_scores_have_known_values() -> None:
     assert top_k(np.array([[0.5, 0.3, 0.2], [0.1, 0.2, 0.7]]), np.array([1, 2]), most=2) == [0.5, 1.0]
     difference = difference_by_match(np.array([1.0, 3.0, 2.0]), np.array([0.5, 2.5, 1.5]), np.array([0, 0, 1]))
     assert difference == {"mean": 0.5, "low": 0.5, "high": 0.5}
+
+
+def counted(rows: Rows) -> collections.Counter[tuple[int, str, int, int]]:
+    """Replies by incoming shot type, third of the court, contact and own shot type; the third is read from the area's name."""
+    count: collections.Counter[tuple[int, str, int, int]] = collections.Counter()
+    columns = (rows.codes[name].tolist() for name in ("incoming_shot", "incoming_area", "contact", "shot"))
+    for incoming, area, contact, shot in zip(*columns, strict=True):
+        if incoming < N_SHOTS and area < len(AREAS):
+            count[incoming, AREAS[area].split("-")[0], contact, shot] += 1
+    return count
+
+
+def test_people_choose_the_shot_type_of_a_legal_reply() -> None:
+    rows = rows_from_strokes(load_strokes(SAMPLE))
+    catalogue = catalogue_of(rows)
+    replies, count = replies_of(rows, catalogue), counted(rows)
+    chosen = fallback = 0
+    for incoming in range(len(catalogue)):
+        third, shot = AREAS[catalogue.area[incoming]].split("-")[0], int(catalogue.shot[incoming])
+        for contact in (0, 1):
+            legal = np.flatnonzero(replies[incoming] & (catalogue.height == contact))
+            total = sum(count[shot, third, contact, other] for other in range(N_SHOTS))
+            often = {
+                other for other in range(N_SHOTS) if count[shot, third, contact, other] >= max(MIN_STYLE, SHOT_SHARE * total)
+            }
+            if {int(catalogue.shot[z]) for z in legal} <= often:
+                chosen += 1
+            else:
+                fallback += 1
+                assert total < 100, "only little data needs the fallback"
+    assert chosen > fallback
+
+
+def test_the_front_court_stays_in_front() -> None:
+    """Also in little data, where the last fallback decides."""
+    rows = rows_from_strokes(load_strokes(SAMPLE))
+    for part in (rows, rows.take(rows.match % 8 == 0)):
+        catalogue = catalogue_of(part)
+        back = np.flatnonzero(third_of(catalogue.area) == BACK)
+        front = np.isin(np.array(SHOTS)[catalogue.shot], FRONT_COURT)
+        assert not replies_of(part, catalogue)[back][:, front].any()
+
+
+N = 20_000
+BEYOND = 2.4
+"""Distance from where a shuttle would be met to where it comes down [m], for one shot type; half of it for the other."""
+
+
+def simulated() -> dict[str, np.ndarray]:
+    """Strokes with known targets; whether they win depends on their side, not on their depth."""
+    rng = np.random.default_rng(3)
+    shot, height = rng.integers(5, 7, N), rng.integers(0, 2, N)
+    start = np.stack([rng.uniform(-2, 2, N), rng.uniform(-5, -2, N)], axis=1)
+    target = np.stack([rng.uniform(-2.5, 2.5, N), np.clip(rng.normal(2.5 + 0.8 * height, 1.0, N), 0.3, 6)], axis=1)
+    wins = rng.random(N) < np.where(area_of(*target.T) % 3 == 1, 0.03, 0.12)
+    # The flight is longer the flatter it is; a noise, because no two shuttles fall alike.
+    farther = BEYOND / (shot - 4) + rng.normal(0, 0.15, N)
+    floor = start + (target - start) * ((target[:, 1] + farther - start[:, 1]) / (target[:, 1] - start[:, 1]))[:, None]
+    return {"shot": shot, "height": height, "start": start, "target": target, "wins": wins,
+            "landing": np.where(wins[:, None], floor, target)}  # fmt: skip
+
+
+def test_winners_stand_where_they_would_have_been_met() -> None:
+    s = simulated()
+    truth, wins = area_of(*s["target"].T), s["wins"]
+    recorded = area_of(*s["landing"].T)
+    met = target_points(s["landing"], s["start"], s["shot"], s["height"], wins, np.zeros(N, dtype=bool))
+    found = area_of(*met.T)
+
+    def errors(area: np.ndarray) -> float:
+        """Largest error of a win rate by area with at least 200 strokes."""
+        many = [a for a in range(9) if (area == a).sum() >= 200 and (truth == a).sum() >= 200]
+        return max(abs(wins[area == a].mean() - wins[truth == a].mean()) for a in many)
+
+    assert (recorded == truth)[wins].mean() < 0.6, "the recorded areas must be wrong for this test to mean anything"
+    assert (found == truth)[wins].mean() > 0.85
+    assert errors(recorded) > 0.1
+    assert errors(found) < 0.02
+    assert np.array_equal(met[~wins], s["landing"][~wins]), "returned strokes stay where they are"
+    # Along the line of flight.
+    way, moved = s["landing"] - s["start"], met - s["start"]
+    assert np.abs(way[:, 0] * moved[:, 1] - way[:, 1] * moved[:, 0]).max() < 1e-9
+
+
+def test_out_strokes_stand_where_strokes_are_met() -> None:
+    s = simulated()
+    out = np.zeros(N, dtype=bool)
+    out[:3] = True
+    landing, shot, height, wins = s["landing"].copy(), s["shot"].copy(), s["height"].copy(), s["wins"].copy()
+    landing[:3] = [[0, HALF_LENGTH + 0.5], [0, HALF_LENGTH + 1.5], [-3, 1.5]]
+    s["start"][:3], shot[:3], height[:3], wins[:3] = [1, -3], 6, 0, False
+    met = target_points(landing, s["start"], shot, height, wins, out)
+    returned = ~wins & ~out & (shot == 6) & (height == 0)
+    deepest = np.quantile(landing[returned, 1], 0.9)
+    assert met[:2, 1] == pytest.approx(deepest)
+    assert (met[:2, 0] > 0).all(), "nearer to where the flight began"
+    assert np.array_equal(met[2], landing[2]), "beside the court, but not too deep"
+
+
+def test_only_annotated_winners_and_out_strokes_change_their_areas() -> None:
+    table = load_strokes(SAMPLE)
+    recorded = table["area"].fill_null(-1).to_numpy()
+    assert np.array_equal(rows_from_strokes(table).codes["area"], recorded), "simulated strokes record the target itself"
+    annotated = table.set_column(table.schema.get_field_index("source"), "source", pa.array(["ShuttleSet"] * len(table)))
+    rows = rows_from_strokes(annotated.cast(table.schema))
+    changed = rows.codes["area"] != recorded
+    floor = (rows.outcome == Outcome.WINNER) | (rows.reason == REASONS.index("out"))
+    assert changed.any()
+    assert not changed[~floor].any()
+
+
+def test_a_resample_has_as_many_matches_of_each_discipline_and_copies_share_a_fold() -> None:
+    rows = rows_from_strokes(load_strokes(SAMPLE))
+    again = resampled(rows, [0, 1])
+    first = [np.unique(part.match, return_index=True)[1] for part in (rows, again)]
+    number = len(first[0])
+    drawn = np.unique(again.match)
+    assert 0.4 * number < len(drawn) < 0.85 * number, "about 63 % of the matches, some of them more than once"
+    lengths = np.bincount(rows.match)
+    assert (np.bincount(again.match, minlength=len(lengths))[drawn] % lengths[drawn] == 0).all(), "matches are whole"
+    women = [np.bincount(part.match[part.codes["discipline"] == 1]) for part in (rows, again)]
+    copies = [count[count > 0] / lengths[np.flatnonzero(count)] for count in women]
+    assert copies[0].sum() == copies[1].sum()
+    fold = fold_of_match(again.match, 5)
+    assert all(len(np.unique(fold[again.match == match])) == 1 for match in drawn)
+    assert np.array_equal(resampled(rows, [0, 1]).match, again.match)
+    assert not np.array_equal(np.unique(resampled(rows, [0, 2]).match), drawn)

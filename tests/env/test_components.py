@@ -1,12 +1,24 @@
-"""The view of a stroke as four components."""
+"""Views of the environments: strokes as four components, plain boxes, registration with libraries, and environments as bytes."""
 
+import pickle
+import subprocess
+import sys
+from types import ModuleType
+from typing import Any
+
+import gymnasium
 import numpy as np
 import pytest
+from pettingzoo import test as conformance
+from pettingzoo.utils.wrappers import OrderEnforcingWrapper
+from stable_baselines3.common.env_checker import check_env
 
 from shuttle_marl import match_v0, rally_v0
 from shuttle_marl.base.errors import ActionError
 from shuttle_marl.env.wrappers import component_masks
+from shuttle_marl.game import GameError, default_game, shipped
 from shuttle_marl.game.rules import IllegalStrokeError
+from tests.exact.exact_games import random_game
 
 SIZES = [13, 9, 2, 3]
 
@@ -74,3 +86,113 @@ def test_actions_outside_the_space_are_refused(action):
     with pytest.raises(ActionError, match="expected shot type, area, height and technique") as caught:
         env.step(action)
     assert not isinstance(caught.value, IllegalStrokeError)
+
+
+both = pytest.mark.parametrize("module", [rally_v0, match_v0])
+VIEWS = [("observation", None), ("observation", "none"), ("info", None), ("info", "full"), ("none", None), ("none", "full")]
+
+
+def played(env: OrderEnforcingWrapper, mask: str, strokes: int) -> list[tuple[Any, ...]]:
+    """Observations of agents over a number of strokes; each is the first legal one, taken from a plain twin."""
+    twin = env.unwrapped
+    env.reset(seed=5)
+    found: list[tuple[Any, ...]] = []
+    while len(found) < strokes:
+        agent = env.agent_selection
+        seen, reward, terminated, truncated, info = env.last()
+        legal = twin.observe(agent)["action_mask"]
+        vector = seen["observation"] if mask == "observation" else seen
+        if mask == "info":
+            assert np.array_equal(info["action_mask"], legal)
+        assert env.observation_space(agent).contains(seen)
+        found.append((agent, vector.tobytes(), reward, terminated))
+        if terminated or truncated:
+            env.reset()
+        else:
+            env.step(int(legal.argmax()))
+    return found
+
+
+@both
+@pytest.mark.parametrize(("mask", "info"), VIEWS)
+def test_every_view_plays_the_same_rallies(module: ModuleType, mask: str, info: str | None) -> None:
+    assert played(module.env(mask=mask, info=info), mask, 200) == played(module.env(), "observation", 200)
+
+
+@both
+@pytest.mark.parametrize("view", [{"mask": "info"}, {"mask": "none"}, {"mask": "none", "action": "components"}])
+def test_plain_views_pass_pettingzoos_tests(module: ModuleType, view: dict[str, Any]) -> None:
+    conformance.api_test(module.env(**view), num_cycles=300)
+    conformance.seed_test(lambda: module.env(**view), num_cycles=20)
+
+
+def test_infos_before_the_first_reset() -> None:
+    with pytest.raises(AttributeError, match="before reset"):
+        _ = rally_v0.env(mask="info").infos
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")
+@pytest.mark.parametrize("name", ["shuttle_marl/Rally-v0", "shuttle_marl/Match-v0"])
+@pytest.mark.parametrize("mask", ["info", "none"])
+def test_gymnasium_has_the_same_views(name: str, mask: str) -> None:
+    env = gymnasium.make(name, mask=mask)
+    check_env(env)
+    plain = gymnasium.make(name)
+    seen, info = env.reset(seed=4)
+    expected, _ = plain.reset(seed=4)
+    for _ in range(50):
+        assert np.array_equal(seen, expected["observation"])
+        assert all(isinstance(value, np.ndarray) for value in info.values())
+        if mask == "info":
+            assert np.array_equal(info["action_mask"], expected["action_mask"])
+        stroke = int(expected["action_mask"].argmax())
+        seen, reward, over, _, info = env.step(stroke)
+        expected, reward_there, over_there, _, _ = plain.step(stroke)
+        assert (reward, over) == (reward_there, over_there)
+        if over:
+            (seen, info), (expected, _) = env.reset(), plain.reset()
+
+
+@pytest.mark.parametrize("order", ["pettingzoo, shuttle_marl", "shuttle_marl, pettingzoo"])
+def test_pettingzoo_knows_the_environments_in_either_order_of_imports(order: str) -> None:
+    code = f"import {order}; print(*(name for name in pettingzoo.aec_registry if 'shuttle' in name))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["shuttle_marl/rally-v0", "shuttle_marl/match-v0"]
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        rally_v0.env,
+        lambda: match_v0.env(mask="info"),
+        lambda: gymnasium.make("shuttle_marl/Match-v0", opponent="bc").unwrapped,
+    ],
+)
+def test_an_environment_of_the_shipped_game_is_a_few_bytes(make: Any) -> None:
+    env = make()
+    env.reset(seed=2)
+    content = pickle.dumps(env)
+    assert len(content) <= 10_000
+    again = pickle.loads(content)
+    assert again.unwrapped.game.hash == default_game().hash
+    raw, raw_again = (getattr(e, "raw", e.unwrapped) for e in (env, again))
+    for _ in range(40):
+        stroke = int(raw.game.legal_strokes(raw.state_number)[0])
+        assert raw_again.state_number == raw.state_number
+        raw.step(stroke)
+        raw_again.step(stroke)
+        if raw.terminations["player_0"]:
+            raw.reset()
+            raw_again.reset()
+
+
+def test_a_pickle_of_another_version_of_the_shipped_game(monkeypatch: pytest.MonkeyPatch) -> None:
+    content = pickle.dumps(default_game())
+    monkeypatch.setattr(shipped, "load_game", lambda name: random_game(1))
+    with pytest.raises(GameError, match="make it again"):
+        pickle.loads(content)
+
+
+def test_a_game_of_ones_own_is_pickled_whole() -> None:
+    game = random_game(3)
+    assert pickle.loads(pickle.dumps(game)).hash == game.hash

@@ -1,4 +1,4 @@
-"""Minimax values against hand-solved games, policy iteration, and plain value iteration."""
+"""Minimax values against hand-solved games and strategy iteration; also with hurried strikers, and without some strokes."""
 
 import copy
 import dataclasses
@@ -10,7 +10,8 @@ from hypothesis import given, settings
 
 from shuttle_marl.exact import ExactError, Solution, best_response, nash_conv, solve
 from shuttle_marl.exact.fixed_point import largest_continuation
-from shuttle_marl.game.tables import ROOT, Game
+from shuttle_marl.game.tables import ROOT, Game, GameError
+from shuttle_marl.game.thresholds import ONE
 from tests.exact.exact_games import (
     THREE_STROKES,
     games,
@@ -20,6 +21,7 @@ from tests.exact.exact_games import (
     seeds,
     with_probabilities,
 )
+from tests.reduced import reduced_game
 
 
 def test_three_strokes_solved_by_hand() -> None:
@@ -137,3 +139,69 @@ def test_games_of_different_layouts_are_refused(small: Game) -> None:
     object.__setattr__(moved, "reply_start", first.reply_start + 1)  # no such game can be made
     with pytest.raises(ExactError, match="differ in reply_start"):
         solve(first, moved)
+
+
+def test_three_strokes_that_hurried_strikers_miss() -> None:
+    """One receiver in four is hurried after a return from below, one in two from above, and then half of all strokes are faults.
+
+    A, L are the values above and below, H of a hurried striker from either height; X = 3/4 L + H/4 and Y = A/2 + H/2 are those of
+    a return from below and from above: A = 1/4 - X/4 - Y/4, L = -1/4 - X/4 - Y/2, and H = -1/2 - X/4 - Y/4.
+    """
+    game = hand_made(THREE_STROKES)
+    threshold = game.threshold.copy()
+    threshold[game.hurried(game.base_pair_state) == 1] = np.array([8, 8, 12]) * (ONE // 16)
+    hurry = np.tile(np.array([64, 128], np.uint8), (game.n_base_pairs, 1))
+    found = solve(dataclasses.replace(game, threshold=threshold, hurry=hurry), tolerance=1e-12)
+    # Unknowns A, L, H, X, Y.
+    stroke = [[1, 0, 0, 1 / 4, 1 / 4], [0, 1, 0, 1 / 4, 1 / 2], [0, 0, 1, 1 / 4, 1 / 4]]
+    matrix = [*stroke, [0, -3 / 4, -1 / 4, 1, 0], [-1 / 2, 0, -1 / 2, 0, 1]]
+    above, below, hurried, *returned = np.linalg.solve(matrix, [1 / 4, -1 / 4, -1 / 2, 0, 0])
+    for offset, value in enumerate((below, above, hurried, hurried)):
+        assert found.value[0][4 + offset :: 4] == pytest.approx(value, abs=2e-12)
+    assert found.value[0][ROOT] == pytest.approx(-1 / 8 - 7 / 16 * sum(returned), abs=2e-12)
+
+
+GAME = reduced_game()
+SHOT_OF = np.array([name.partition(":")[0] for name in GAME.catalogue.names])
+
+
+@pytest.mark.parametrize("names", [("cross-court-net-shot",), ("smash", "half-smash"), ("lift:back-right:below:forehand",)])
+def test_only_the_named_strokes_are_missing(names: tuple[str, ...]) -> None:
+    smaller = GAME.without(*names)
+    assert smaller.n_states == GAME.n_states
+    removed = np.isin(SHOT_OF, names) | np.isin(GAME.catalogue.names, names)
+    reachable = ~np.append(removed, False)[GAME.incoming(np.arange(GAME.n_states))]
+    for state in np.flatnonzero(GAME.playable & reachable).tolist():
+        strokes = [stroke for stroke in GAME.legal_strokes(state).tolist() if not removed[stroke]]
+        assert smaller.legal_strokes(state).tolist() == strokes
+    pairs = np.flatnonzero(~removed[GAME.pair_stroke] & reachable[GAME.pair_state])
+    moved = smaller.pair(GAME.pair_state[pairs], GAME.pair_stroke[pairs])
+    assert np.array_equal(smaller.outcome_probabilities(moved), GAME.outcome_probabilities(pairs))
+    assert np.array_equal(smaller.arrivals(moved), GAME.arrivals(pairs))
+    assert smaller.hash != GAME.hash
+
+
+def test_its_solution_is_that_of_a_player_whose_removed_strokes_are_faults() -> None:
+    """An independent way to forbid strokes: both strike with tables in which these strokes lose the rally."""
+    import dataclasses
+
+    removed = np.isin(SHOT_OF, ["smash", "half-smash"])
+    faulty = GAME.threshold.copy()
+    faulty[removed[GAME.base_pair_stroke]] = np.iinfo(np.uint16).max
+    expected = solve(dataclasses.replace(GAME, threshold=faulty))
+    solution = solve(GAME.without("smash", "half-smash"))
+    bound = solution.error_bound + expected.error_bound
+    assert solution.value_at_serve == pytest.approx(expected.value_at_serve, abs=bound)
+    # No opponent gains against perfect play of the smaller game.
+    assert best_response(solution.policy[0]).value.odds().value == pytest.approx(0, abs=1e-6)
+
+
+def test_what_cannot_be_removed() -> None:
+    with pytest.raises(GameError, match="no stroke 'nets'; shot types are: short-serve"):
+        GAME.without("nets")
+    with pytest.raises(GameError, match=r"no stroke is legal after short-serve:\S+ without net-shot"):
+        GAME.without("net-shot")
+    serves = {shot for shot in SHOT_OF.tolist() if shot.endswith("serve")}
+    with pytest.raises(GameError, match="no stroke is legal after the start of a rally without"):
+        GAME.without(*serves)
+    assert GAME.without().hash == GAME.hash

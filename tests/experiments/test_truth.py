@@ -1,4 +1,4 @@
-"""The measures of truth, on simulated matches whose truth is known."""
+"""The measures of truth and of likeness, on simulated matches whose truth is known."""
 
 from pathlib import Path
 
@@ -6,13 +6,16 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
+from experiments import human
 from experiments.truth.decisions import decision_slope, promises, value_error, value_log_loss
 from experiments.truth.limits import slopes_if_true
 from experiments.truth.matches import Strokes, strokes_of
 from experiments.truth.paired import differences, load_values, save_values
 from experiments.truth.worlds import World, shipped_world
 from shuttle_marl.analysis.strokes import simulate
-from tests.reduced import reduced_model
+from shuttle_marl.exact import PairPolicy, solve_soft
+from shuttle_marl.policy import baselines
+from tests.reduced import reduced_game, reduced_model
 
 
 @pytest.fixture(scope="module")
@@ -60,3 +63,26 @@ def test_in_a_true_game_promises_come_true(world: World, strokes: Strokes, tmp_p
     save_values(tmp_path / "values", strokes, promised)
     same = differences(strokes, promised, load_values(tmp_path / "values", strokes))
     assert all(change == {"value": 0.0, "low": 0.0, "high": 0.0} for change in same.values())
+
+
+GAME = reduced_game()
+PRIOR = PairPolicy(game=GAME, probability=baselines.probabilities(None, GAME))
+TRUE_TAU = 0.1
+
+
+@pytest.fixture(scope="module")
+def human_strokes() -> Strokes:
+    p = solve_soft(PRIOR, tau=TRUE_TAU).policy[0].pair_probabilities()
+    return strokes_of(simulate(GAME, {"one": p, "other": p}, matches=8, seed=0))
+
+
+def test_a_known_tau_is_found_again(human_strokes: Strokes) -> None:
+    real = human.answers(GAME, human_strokes)
+    assert len(real.strokes) > 0.99 * len(human_strokes)
+    policies = [solve_soft(PRIOR, tau=tau, tolerance=1e-7).policy[0].probability for tau in human.TAUS]
+    losses = np.stack([real.losses(p) for p in (*policies, PRIOR.probability)])
+    found = human.fit(losses, real.strokes.rally)
+    assert found["tau"] == TRUE_TAU
+    assert found["low"] <= TRUE_TAU <= found["high"] <= 0.2
+    assert 0 < found["gain"]["low"] < found["gain"]["value"] < found["gain"]["high"]
+    assert found["cross_entropy"] - found["gain"]["value"] == pytest.approx(losses[human.TAUS.index(TRUE_TAU)].mean())

@@ -1,5 +1,6 @@
-"""Ratings and intervals against closed forms, other libraries, and simulated leagues."""
+"""Ratings, intervals, assessments and the sequential test against closed forms, other libraries, and simulated leagues."""
 
+import json
 import math
 
 import numpy as np
@@ -8,6 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
+from shuttle_marl.game import load_game
+from shuttle_marl.league.assessment import as_json, assess, cycles, cyclic_share, meta_games, stability
+from shuttle_marl.league.entrants import enter
+from shuttle_marl.league.ranking import ExactOdds, rank
 from shuttle_marl.league.ratings import (
     ELO,
     bradley_terry,
@@ -17,6 +22,18 @@ from shuttle_marl.league.ratings import (
     rank_intervals,
     ratings,
     wins_of,
+)
+from shuttle_marl.league.tournament import (
+    BOUND,
+    COUNTS,
+    ERROR,
+    MatchOptions,
+    PairResult,
+    Tournament,
+    decided,
+    log_likelihood_ratio,
+    round_robin,
+    share_of,
 )
 
 
@@ -166,3 +183,170 @@ def test_misfit_is_rare_where_the_model_holds_and_found_where_it_does_not() -> N
     assert found.expected == pytest.approx([0.5] * 3)
     assert np.sign(found.z).tolist() == [1, -1, 1]
     assert math.isnan(misfit(circle[:1], pairs[:1], np.zeros(2)).p)
+
+
+ROCK = np.array([[0.5, 0.1, 0.8], [0.9, 0.5, 0.3], [0.2, 0.7, 0.5]])
+NAMES = ("rock", "paper", "scissors")
+
+
+def played(wins: dict[tuple[str, str], int], pool: tuple[str, ...], matches: int = 100) -> list[PairResult]:
+    """Results in which the first of each pair won so many matches, in cells of equal ends as far as possible."""
+    found = []
+    for pairing in round_robin(pool):
+        won = wins[pairing.names]
+        half = dict.fromkeys(COUNTS, 0) | {"matches": matches // 2, "wins": won // 2, "rallies": matches}
+        cells = ((matches - won) // 2, won % 2, won // 2)
+        rest = {**half, "wins": won - won // 2}
+        found.append(PairResult(pairing=pairing.number, names=pairing.names, seats=(half, rest), cells=cells))
+    return found
+
+
+def unknown(pool: tuple[str, ...]) -> ExactOdds:
+    n = len(pool)
+    nothing = np.full(n, np.nan)
+    return ExactOdds(names=pool, match=np.full((n, n), np.nan), exploitability=nothing, normalised_score=nothing)
+
+
+def test_a_circle_of_three_is_found_once_and_begins_with_the_first_in_the_pool() -> None:
+    (cycle,) = cycles(NAMES, ROCK)
+    assert cycle["players"] == ("rock", "scissors", "paper")
+    assert cycle["match_win"] == (0.8, 0.7, 0.9)
+    even = np.array([[0.5, 0.7, 0.3], [0.3, 0.5, 0.7], [0.7, 0.3, 0.5]])
+    assert cyclic_share(even) == pytest.approx(1)
+    theta = np.array([2.0, 0.5, -1.0, -1.5])
+    transitive = 1 / (1 + np.exp(theta - theta[:, None]))
+    assert cyclic_share(transitive) == pytest.approx(0, abs=1e-6)
+    assert cycles("abcd", transitive) == []
+    both = np.full((6, 6), 0.9)
+    both[3:, :3] = 0.1
+    both[:3, :3] = even
+    both[3:, 3:] = ROCK
+    assert [set(found["players"]) for found in cycles("abcdef", both)] == [{"a", "b", "c"}, {"d", "e", "f"}]
+
+
+def test_games_between_entrants_with_and_without_perfect_play() -> None:
+    names = [*NAMES, "minimax"]
+    win = np.full((4, 4), 0.5)
+    win[:3, :3], win[3, :3], win[:3, 3] = ROCK, 0.6, 0.4
+    games = meta_games(names, names, win)
+    assert list(games["all"]["nash_average"].values()) == pytest.approx([0, 0, 0, 1])
+    rest = games["without minimax"]
+    # The weights of a circle of three are the margins of the pairs that each is not part of.
+    assert list(rest["nash_average"].values()) == pytest.approx(np.array([0.2, 0.3, 0.4]) / 0.9, abs=1e-5)
+    assert list(rest["maximal_lottery"].values()) == pytest.approx([1 / 3] * 3, abs=1e-5)
+    assert sum(rest["alpha_rank"].values()) == pytest.approx(1, abs=1e-5)
+    assert set(meta_games(["minimax", "rock"], ["minimax", "rock"], np.full((2, 2), 0.5))) == {"all"}
+
+
+def test_a_tournament_in_a_circle() -> None:
+    wins = {("rock", "paper"): 10, ("rock", "scissors"): 80, ("paper", "scissors"): 30}
+    results = played(wins, NAMES)
+    exact = unknown(NAMES)
+    standings = rank(NAMES, results, 0, exact)
+    found = assess(standings, results, exact, {})
+    assert found.win == pytest.approx(ROCK, abs=0.02)
+    assert found.misfit.p < 1e-6
+    assert [set(cycle["players"]) for cycle in found.cycles] == [set(NAMES)]
+    assert found.stability is None
+    text = json.dumps(as_json(found, standings), allow_nan=False)
+    assert json.loads(text)["ranking"][0]["player"] == standings[0].player
+    assert math.isnan(standings[0].rating_exact)
+
+
+def test_exact_odds_come_before_sampled_ones() -> None:
+    results = played({("rock", "paper"): 10, ("rock", "scissors"): 80, ("paper", "scissors"): 30}, NAMES)
+    exact = unknown(NAMES)
+    exact.match[:2, :2] = [[0.5, 0.25], [0.75, 0.5]]
+    win = assess(rank(NAMES, results, 0, exact), results, exact, {}).win
+    assert win[0, 1] == 0.25
+    assert win[1, 0] == 0.75
+    assert win[0, 2] == pytest.approx(0.8, abs=0.01)
+
+
+def test_ranks_in_refits() -> None:
+    match = np.array([[0.5, 0.6, 0.9], [0.4, 0.5, 0.7], [0.1, 0.3, 0.5]])
+    nothing = np.full(3, np.nan)
+    shares = np.array([[0.75, 0.55, 0.2], [0.6, 0.7, 0.2]])
+    found = stability(ExactOdds(names=NAMES, match=match, exploitability=nothing, normalised_score=nothing, away_shares=shares))
+    assert found is not None
+    assert found["rank"] == [1, 2, 3]
+    assert found["rank_in_refits"] == [[1, 2, 3], [2, 1, 3]]
+    assert found["kendall_tau"] == pytest.approx([1, 1 / 3])
+
+
+DECIDED = 40.0
+
+
+def test_the_ratio_is_that_of_the_likeliest_distributions_with_the_two_means() -> None:
+    cells = (31, 120, 49)
+
+    def likelihood(mean: float) -> float:
+        """By a general optimiser, over the probability of a split; the mean leaves one number free."""
+
+        def loss(split: np.ndarray) -> float:
+            both = mean - split[0] / 2
+            p = np.array([1 - split[0] - both, split[0], both])
+            return 1e9 if (p <= 0).any() else -float((np.array(cells) * np.log(p)).sum())
+
+        return -minimize(loss, [0.5], method="Nelder-Mead", options={"xatol": 1e-12, "fatol": 1e-12}).fun
+
+    expected = likelihood(share_of(DECIDED)) - likelihood(share_of(-DECIDED))
+    assert log_likelihood_ratio(cells, DECIDED) == pytest.approx(expected, abs=1e-6)
+    assert log_likelihood_ratio(cells[::-1], DECIDED) == pytest.approx(-expected, abs=1e-6)
+    assert share_of(400) == pytest.approx(10 / 11)
+    assert math.isfinite(log_likelihood_ratio((0, 0, 5), 1000.0))
+    assert log_likelihood_ratio((0, 0, 0), DECIDED) == pytest.approx(0, abs=1e-9)
+
+
+def distribution(mean: float, correlation: float) -> np.ndarray:
+    """Results of cells of two matches, each won with a probability, that are correlated."""
+    both = mean**2 + correlation * mean * (1 - mean)
+    return np.array([1 - 2 * mean + both, 2 * (mean - both), both])
+
+
+def simulate(elo: float, correlation: float, runs: int, looks: int = 16) -> tuple[float, float]:
+    """Share of the pairings that were decided for the weaker one, and mean number of cells."""
+    rng = np.random.default_rng(0)
+    p = distribution(share_of(elo), correlation)
+    wrong, used = 0, 0
+    for _ in range(runs):
+        cells = np.zeros(3, dtype=int)
+        while not decided(tuple(cells), DECIDED):
+            cells += rng.multinomial(looks, p)
+        wrong += log_likelihood_ratio(tuple(cells), DECIDED) < 0
+        used += cells.sum()
+    return wrong / runs, used / runs
+
+
+def test_errors_are_as_rare_as_promised() -> None:
+    found, cells = simulate(DECIDED, -0.3, 250)
+    assert found <= ERROR + 3 * math.sqrt(ERROR / 250)
+    assert cells < 100  # a fixed number of cells with the same errors needs about twice as many
+
+
+def test_bounds_of_the_test_are_those_of_wald() -> None:
+    assert pytest.approx(math.log(0.95 / 0.05)) == BOUND
+
+
+def test_a_pairing_stops_when_it_is_decided(small_model: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    game = load_game(small_model)
+    monkeypatch.setattr("shuttle_marl.league.entrants.reads_score", lambda policy: True)
+    asked = enter("safe", game)
+    monkeypatch.undo()
+    entrants = [asked, enter("random", game), enter("attacking", game)]
+
+    def results(batch: int, decide: float | None) -> list[tuple[int, tuple[int, int, int]]]:
+        options = MatchOptions(matches=64, seed=1, batch=batch, keep_strokes=True, decide=decide)
+        tournament = Tournament(game, entrants, options)
+        blocks = [block for group in tournament.play(round_robin(["a", "b", "c"])) for block in group]
+        return [(sum(seat["matches"] for seat in result.seats), result.cells) for result, _ in blocks]
+
+    short, whole = results(64, 200.0), results(8192, None)
+    assert short == results(8192, 200.0)
+    assert short[2] == whole[2]  # both have tables
+    for (matches, cells), (_, all_cells) in zip(short[:2], whole[:2], strict=True):
+        assert matches % 32 == 0
+        assert matches == 2 * sum(cells)
+        assert 32 <= matches <= 64
+        assert all(a <= b for a, b in zip(cells, all_cells, strict=True))
+        assert matches == 64 or abs(log_likelihood_ratio(cells, 200.0)) >= BOUND

@@ -1,18 +1,22 @@
-"""The scripted styles play as their rules say, and beat random play."""
+"""The scripted styles play as their rules say and beat random play; and the depth table of a small game."""
+
+import json
+from typing import Any
 
 import numpy as np
 import pytest
 
+from shuttle_marl.commands import exact
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game.court import AREAS, area_centre
 from shuttle_marl.game.policy import States
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import ROOT
 from shuttle_marl.game.tabulated import tabulate
-from shuttle_marl.policy import baselines
+from shuttle_marl.policy import baselines, scorecard
 from shuttle_marl.policy.baselines import STYLES, ScriptedPolicy
 from shuttle_marl.policy.registry import resolve
-from tests.reduced import reduced_game
+from tests.reduced import reduced_game, reduced_model
 
 GAME = reduced_game()
 PLAYABLE = np.flatnonzero(GAME.legal_count(np.arange(GAME.n_states))).astype(np.int32)
@@ -80,3 +84,23 @@ def test_the_opponent_stands_where_the_last_stroke_went() -> None:
     far = int(np.flatnonzero(GAME.catalogue.area == AREAS.index("back-left"))[0])
     a, b = area_centre(GAME.catalogue.area[[own, far]])
     assert distance[row, far] == pytest.approx(np.hypot(*(a - b)))
+
+
+def test_depth_of_a_small_game_as_json_and_tables(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    assert exact.main(["depth", "bc", "minimax", "--game", reduced_model(), "--json"]) == 0
+    found: dict[str, Any] = json.loads(capsys.readouterr().out)
+    assert set(found) == {"game", "impossible", "policies", "lists"}
+    assert list(found["policies"]) == ["bc", "minimax"]
+    for against in found["policies"].values():
+        assert set(against) == {"self", "bc"}
+    assert found["policies"]["bc"]["self"] == found["policies"]["bc"]["bc"]
+    classes = found["lists"]
+    assert list(classes) == list(scorecard.LISTS)
+    for name, figures in classes.items():
+        assert 0 < figures["score"] <= 1 + 1e-6, name
+        assert figures["exploitability"] >= -1e-9, name
+        assert figures["against_minimax"] <= 0.5 + 1e-6, name
+    assert classes["nothing"]["score"] < classes["incoming_stroke"]["score"]
+    monkeypatch.setattr(scorecard, "depth", lambda *_, **__: found)  # computed once: it takes seconds
+    assert exact.main(["depth", "bc", "minimax", "--game", reduced_model()]) == 0
+    assert "Best policies that read" in capsys.readouterr().out

@@ -1,6 +1,8 @@
-"""Scene files: their content, read by the official reader, and held against the log and the motions."""
+"""Scene files, read by the official reader and held against log and motions: sizes of the court, layouts, and efforts."""
 
 import io
+import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -10,18 +12,22 @@ import pytest
 from mcap.reader import make_reader
 
 from shuttle_marl.analysis import LogPlayers
+from shuttle_marl.analysis.strokes import simulated_rallies
 from shuttle_marl.exact import evaluate
-from shuttle_marl.game import default_game
+from shuttle_marl.game import court, default_game
+from shuttle_marl.game.rules import WINNER
 from shuttle_marl.game.tables import ROOT
-from shuttle_marl.game.tabulated import tabulate
+from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities, tabulate
 from shuttle_marl.policy.registry import resolve, resolve_recorded
-from shuttle_marl.recording import RallyLog
+from shuttle_marl.recording import RallyLog, RallyLogWriter
 from shuttle_marl.scene import topics
 from shuttle_marl.scene.motion import TOLERANCE
 from shuttle_marl.scene.rally_report import StagedRally, report_rally
 from shuttle_marl.scene.topics import PLAY, SHADOWS, SHUTTLE_PLACE, WORLD, bone_frame
 from shuttle_marl.scene.write import CUT, EPOCH, LAYOUTS, write_scene
 from shuttle_marl.staging import BONES, SWEET_SPOT, load_skeleton, stage
+from tests.exact.exact_games import random_policy, tiring_game
+from tests.scene.conftest import Reel
 
 MOST_A_SECOND = 60
 
@@ -224,3 +230,93 @@ def test_files_are_reproducible(reel: Any, log_path: Path) -> None:
         again, _ = write_scene(log, reel.numbers[:1], default_game(), fps=25)
         once_more, _ = write_scene(log, reel.numbers[:1], default_game(), fps=25)
     assert again == once_more
+
+
+def test_court_and_net_of_a_scene(reel: Reel) -> None:
+    entities = {entity.id: entity for _, message in reel.of("/scene/court") for entity in message.entities}
+    ground, net = entities["court"], entities["net"]
+    lines = [box for box in ground.cubes if min(box.size.x, box.size.y) == pytest.approx(court.LINE)]
+    for axis, size in (("x", court.WIDTH), ("y", court.LENGTH)):
+        edges = [getattr(box.pose.position, axis) + side * getattr(box.size, axis) / 2 for box in lines for side in (-1, 1)]
+        assert max(edges) - min(edges) == pytest.approx(size)
+    heights = {round(point.z, 4) for point in net.lines[0].points}
+    assert max(heights) == pytest.approx(court.NET_HEIGHT)
+    assert min(heights) == pytest.approx(court.NET_HEIGHT_CENTRE - court.NET_DEPTH, abs=1e-3)
+    assert {round(box.size.z, 4) for box in net.cubes} == {court.TAPE, court.NET_HEIGHT}
+
+
+DOCUMENTS = {path.name: json.loads(path.read_bytes()) for path in LAYOUTS}
+
+
+def texts(thing: Any) -> list[str]:
+    if isinstance(thing, dict):
+        return [text for key, value in thing.items() for text in [key, *texts(value)]]
+    if isinstance(thing, list):
+        return [text for value in thing for text in texts(value)]
+    return [thing] if isinstance(thing, str) else []
+
+
+@pytest.mark.parametrize("name", DOCUMENTS)
+def test_every_path_is_a_field_of_a_topic(name: str) -> None:
+    paths = [text for text in texts(DOCUMENTS[name]) if re.match(r"/(rally|scene|log|tf)", text)]
+    assert set(topics.SCENES) <= set(paths)
+    assert topics.LOG in paths
+    plotted = [path for path in paths if "." in path]
+    assert len(plotted) >= 8
+    for path in plotted:
+        topic, *fields = path.replace("[:]", "").split(".")
+        schema = topics.SCHEMAS[topic]
+        for field in fields:
+            schema = schema["properties"][field]
+
+
+GAME = tiring_game()
+NAMES = ("one", "other")
+
+
+@pytest.fixture(scope="module")
+def tables() -> dict[str, TabulatedPolicy]:
+    made = (random_policy(GAME, seed).pair_probabilities() for seed in (1, 2))
+    return {name: from_pair_probabilities(GAME, p) for name, p in zip(NAMES, made, strict=True)}
+
+
+@pytest.fixture(scope="module")
+def path(tables: dict[str, TabulatedPolicy], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """One match."""
+    players = {name: table.pair_probabilities() for name, table in tables.items()}
+    header, rallies = simulated_rallies(GAME, players, matches=1, seed=3)
+    path = tmp_path_factory.mktemp("effort") / "rallies.mcap"
+    with RallyLogWriter(path, header) as log:
+        log.append(rallies)
+    return path
+
+
+def test_reports_are_those_of_the_state(path: Path, tables: dict[str, TabulatedPolicy]) -> None:
+    """Compared with efforts and duels that are counted here, and probabilities looked up by the whole observation."""
+    good, returned, _ = GAME.stroke_probabilities()
+    value = evaluate(tables["one"], tables["other"])
+    observed = set()
+    with RallyLog(path) as log:
+        players = LogPlayers(log, GAME, lambda name, _: tables[name])
+        for number in range(20):
+            report = report_rally(log, number, GAME, players)
+            catalogue, played = report.played.catalogue, report.played
+            strokes, attacks, duel = [GAME.n_strokes] * 2 + played.stroke.tolist(), [0, 0], 0
+            for i, (decision, rank) in enumerate(zip(report.analysis.decisions, report.analysis.rank, strict=True)):
+                seat, stroke = int(played.striker[i]), int(played.stroke[i])
+                efforts = report.efforts(i)
+                assert (efforts, report.duel(i)) == ((min(attacks[seat], 2), min(attacks[1 - seat], 2)), min(duel, 3))
+                state = int(
+                    GAME.state_of(strokes[i], strokes[i + 1], catalogue.height[stroke], min(duel, 3), *efforts, played.hurried[i])
+                )
+                pair = int(GAME.pair(state, stroke))
+                assert (decision.p_succ[rank], decision.p_ret[rank]) == (good[pair], returned[pair])
+                table = tables[report.names[seat]]
+                assert decision.probability[rank] == table.pair_probabilities()[pair]
+                seats = [NAMES.index(name) for name in report.names]
+                assert decision.value == pytest.approx((1 + value.striking[seats[seat]][state]) / 2, abs=1e-6)
+                observed.add((*efforts, report.duel(i)))
+                attacks[seat] += int(catalogue.is_attack[stroke])
+                duel = duel + 1 if catalogue.is_net_shot[stroke] else 0
+            assert (report.winner == int(played.striker[-1])) == (played.ending == WINNER)
+    assert len(observed) > 15

@@ -1,5 +1,7 @@
-"""Matches played for the page: the same draws and rules as everywhere, and plans that are checked."""
+"""Matches played for the page: the same draws and rules as everywhere, exact values, plans that are checked, and pairs."""
 
+import dataclasses
+import datetime
 import json
 from pathlib import Path
 from types import SimpleNamespace
@@ -9,22 +11,32 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from shuttle_marl.analysis.rally import Players
+from shuttle_marl.analysis.rally import LogPlayers, Players, analyse_rally
+from shuttle_marl.commands.options import RallyGameOptions
 from shuttle_marl.data import load_strokes
+from shuttle_marl.exact import evaluate
+from shuttle_marl.game import default_game
 from shuttle_marl.game.draws import draw, outcome_draw, stream
+from shuttle_marl.game.pairs import pair_game
 from shuttle_marl.game.rules import RETURNED_BELOW, IllegalStrokeError, strike
+from shuttle_marl.game.shipped import RELIABLE, real_strokes
 from shuttle_marl.game.tables import ROOT
-from shuttle_marl.recording import RallyLog
-from shuttle_marl.watch import WatchError
+from shuttle_marl.game.tabulated import tabulate
+from shuttle_marl.policy.registry import resolve
+from shuttle_marl.recording import Derived, RallyLog
+from shuttle_marl.recording.replay import check
+from shuttle_marl.scene.rally_report import report_rally
+from shuttle_marl.watch import WatchError, messages
 from shuttle_marl.watch.answers import Answers
 from shuttle_marl.watch.match import Match
 from shuttle_marl.watch.match_log import MatchLog
 from shuttle_marl.watch.messages import RallyRequest, decode_request
-from shuttle_marl.watch.plan import Person, Plan
+from shuttle_marl.watch.plan import Person, Plan, Side
 from shuttle_marl.watch.policies import PolicyTables
-from shuttle_marl.watch.recorded import RealRallies, Recorded
+from shuttle_marl.watch.recorded import People, RealRallies, Recorded
 from shuttle_marl.watch.stager import Stager
-from shuttle_marl.watch.values import ELITE
+from shuttle_marl.watch.values import ELITE, StrokeValues
+from tests.reduced import reduced_game, reduced_model
 
 SAMPLE = Path(__file__).parents[2] / "datasets" / "sample" / "strokes.parquet"
 BC = {"policy": "bc"}
@@ -192,3 +204,172 @@ def test_an_opening_is_played_in_the_match_of_its_seed(tables: PolicyTables) -> 
     assert b'"share"' in answers(request)
     with pytest.raises(IllegalStrokeError):
         answers(decode_request(json.dumps({"id": 1, "op": "opening", "line": [line[2], line[2]]})))
+
+
+SIDES = (Side(policy="bc"), Side(policy="attacking"))
+
+
+@pytest.fixture(scope="module")
+def values(tables: PolicyTables) -> StrokeValues:
+    return StrokeValues(tables)
+
+
+def test_values_are_those_of_the_exact_solvers_in_a_hundred_states(values: StrokeValues) -> None:
+    game = default_game()
+    policies = [tabulate(resolve(side.policy, game), game) for side in SIDES]
+    value = evaluate(policies[0], policies[1])
+    players = values.players(SIDES)
+    drawn = np.random.default_rng(4)
+    for state in drawn.choice(np.flatnonzero(game.playable), 100, replace=False).tolist():
+        seat = int(drawn.integers(2))
+        decision = values.decision(state, seat, players)
+        pairs = np.arange(game.n_pairs)[game.pairs_of(state)]
+        np.testing.assert_allclose(decision.probability, policies[seat].probability_of(pairs), atol=1e-12)
+        np.testing.assert_allclose(decision.win, (1 + game.stroke_values(value.striking[1 - seat], pairs)) / 2, atol=1e-6)
+        assert (decision.probability * decision.win).sum() == pytest.approx((1 + value.striking[seat][state]) / 2, abs=1e-6)
+
+
+def test_an_analysis_follows_the_rally(values: StrokeValues) -> None:
+    game = default_game()
+    plan = Plan(seed=9, sides=SIDES)
+    match = Match(plan, game, PolicyTables(game))
+    value = evaluate(*(tabulate(resolve(side.policy, game), game) for side in SIDES))
+    for number in range(5):
+        rally = match.rally(number)
+        found = values.analysis(rally, values.players(SIDES))
+        assert len(found.strokes) == len(rally.stroke)
+        assert found.win_after == float(rally.winner == 0)
+        for i, entry in enumerate(found.strokes):
+            names = [option.stroke for option in entry.options]
+            assert {rally.stroke[i], entry.better} <= set(names)
+            assert len(names) == len(set(names))
+            assert entry.loss >= 0
+            state, seat = int(rally.states(game)[i]), int(rally.striker[i])
+            pair = game.pair(np.array([state]), rally.stroke[i : i + 1])
+            striker = (1 + value.striking[seat][state]) / 2, (1 + game.stroke_values(value.striking[1 - seat], pair)[0]) / 2
+            seat_0 = striker if seat == 0 else (1 - striker[0], 1 - striker[1])
+            assert (entry.win, entry.chosen) == pytest.approx(seat_0, abs=1e-4)
+            assert 0 <= entry.match <= 1
+            if "?" in entry.mark:
+                assert entry.change is not None
+                assert entry.change <= -0.02
+                assert entry.loss >= -entry.change - 1e-6
+                assert entry.better != rally.stroke[i]
+            if entry.mark.startswith("!"):
+                assert entry.change is not None
+                assert entry.change >= 0.04
+
+
+def test_questions_rest_on_enough_real_strokes_behind_all_answers(values: StrokeValues) -> None:
+    game = default_game()
+    real = real_strokes(game)
+    assert real is not None
+    match = Match(Plan(seed=9, sides=SIDES), game, PolicyTables(game))
+    asked = 0
+    for number in range(10):
+        rally = match.rally(number)
+        for i, entry in enumerate(values.analysis(rally, values.players(SIDES)).strokes):
+            state = int(rally.states(game)[i])
+            legal = game.legal_strokes(state)
+            pair = game.pair_at(state, np.arange(len(legal)))
+            support = dict(zip(legal.tolist(), real[game.base_pair_edge[pair % game.n_base_pairs]], strict=True))
+            if entry.question is None:
+                continue
+            asked += 1
+            best = {option.stroke: option.best for option in entry.options}
+            answers = [entry.question.right, *entry.question.wrong]
+            assert entry.question.wrong[0] == rally.stroke[i]
+            assert min(support[stroke] for stroke in answers) >= RELIABLE
+            assert best[entry.question.right] - max(best[stroke] for stroke in entry.question.wrong) >= 0.02 - 1e-6
+            assert 3 <= len(set(answers)) == len(answers) <= 4
+    assert asked >= 10
+
+
+A, B = "viktor-axelsen", "kento-momota"
+PAIR = pair_game(A, B, game=reduced_model())
+PAIR_PLAN = Plan.parse({"seed": 3, "sides": [{"policy": f"bc:{A}"}, {"policy": "minimax"}]})
+
+
+FIRST = messages.RallyRequest(id=0, plan=PAIR_PLAN, rally=0)
+REPOSITORY = Path(__file__).parents[2]
+STAGER = Stager(("male", "male"), ("right", "right"))
+
+
+@pytest.fixture(scope="module")
+def policies() -> PolicyTables:
+    return PolicyTables(PAIR)
+
+
+@pytest.fixture(scope="module")
+def answers(policies: PolicyTables) -> Answers:
+    return Answers(policies, PAIR_PLAN, STAGER)
+
+
+def test_the_page_shows_the_players_and_their_game(answers: Answers) -> None:
+    hello = answers.hello()
+    assert hello.game == PAIR.hash[:12]
+    reply, _ = answers._reply(messages.RallyRequest(id=0, plan=PAIR_PLAN, rally=0))
+    assert isinstance(reply, messages.RallyReply)
+    assert (reply.rally.names, reply.rally.skill) == ((A, f"{B} (minimax)"), "")
+    for stroke in reply.rally.strokes:
+        game = PAIR.seats[stroke.seat]
+        good, returned, _ = game.stroke_probabilities(game.pair(stroke.state, stroke.stroke))
+        assert (stroke.p_succ, stroke.p_ret) == pytest.approx((float(good), float(returned)), abs=1e-6)
+
+
+def test_values_are_those_of_the_game_of_the_pair(answers: Answers) -> None:
+    reply, _ = answers._reply(messages.AnalysisRequest(id=0, plan=PAIR_PLAN, rally=0))
+    assert isinstance(reply, messages.Analysis)
+    names = (f"bc:{A}", "minimax")
+    first, second = (tabulate(resolve(name, game), game) for name, game in zip(names, PAIR.seats, strict=True))
+    odds = evaluate(first, second).odds()
+    rally = answers._played(messages.RallyRequest(id=0, plan=PAIR_PLAN, rally=0))
+    expected = odds.serving if rally.server == 0 else odds.receiving
+    assert reply.strokes[0].win == pytest.approx(expected, abs=1e-6)
+
+
+def test_a_log_of_a_pair(tmp_path: Path, policies: PolicyTables, answers: Answers) -> None:
+    log = MatchLog(tmp_path, PAIR, policies)
+    rally = answers._played(messages.RallyRequest(id=0, plan=PAIR_PLAN, rally=0))
+    log.add(PAIR_PLAN, rally)
+    log.close()
+    path = next(tmp_path.glob("*.mcap"))
+    game = RallyGameOptions(game=reduced_model()).load_for(path)
+    assert game.people is not None
+    assert game.hash == PAIR.hash
+    assert check(path, game).problems == ()
+    with RallyLog(path) as opened:
+        known = LogPlayers(opened, game)
+        players = known.of_rally(0)
+        assert known.unknown == {}
+        assert [table.game.hash for table in players.tables if table] == [seat.hash for seat in PAIR.seats]
+        found = analyse_rally(opened.rally(0).row(0, opened.catalogue), game, players)
+        derived = opened.stroke_table(Derived(opened, game)).to_pydict()
+        assert report_rally(opened, 0, game, known).names == (A, f"{B} (minimax)")
+    p_succ = found.of_strokes("p_succ")
+    assert np.abs(np.array(derived["p_succ"]) - p_succ).max() < 1e-6
+    # The receiver strikes with other tables than the server.
+    second = found.decisions[1]
+    assert second.p_succ.tolist() != PAIR.seats[1 - second.seat].stroke_probabilities(second.pair)[0].tolist()
+
+
+@pytest.mark.parametrize(
+    ("people", "known"), [((A, B), True), ((B, A), True), ((A, "somebody"), False), ((A, "an-se-young"), False)]
+)
+def test_real_rallies_have_the_values_of_the_two_people(people: tuple[str, str], known: bool) -> None:
+    """Where the model has the skill of both, in one discipline; else those of imitated elite players."""
+    rally = dataclasses.replace(Answers(PolicyTables(PAIR), PAIR_PLAN, STAGER)._played(FIRST), names=people)
+    played = People(people, datetime.date(2020, 5, 1))
+    recorded = SimpleNamespace(rally=lambda _: rally, people=lambda _: played, players=lambda _: None, count=1, title="real")
+    answers = Answers(PolicyTables(reduced_game()), PAIR_PLAN, STAGER, recorded=cast(Recorded, recorded))
+    asked = messages.AnalysisRequest(id=0, rally=0)
+    found, facts = answers._reply(asked)[0], answers._reply(messages.RallyRequest(id=0, rally=0))[0]
+    assert isinstance(found, messages.Analysis)
+    assert isinstance(facts, messages.RallyReply)
+    game = pair_game(*people, date="2020-05-01", game=reduced_model()) if known else reduced_game()
+    assert facts.rally.skill == ("2020-05-01" if known else None)
+    assert facts.rally.names == people
+    names = [f"bc:{name}" if known else "bc" for name in people]
+    first, second = (tabulate(resolve(name, tables), tables) for name, tables in zip(names, game.seats, strict=True))
+    odds = evaluate(first, second).odds()
+    assert found.strokes[0].win == pytest.approx(odds.serving if rally.server == 0 else odds.receiving, abs=1e-6)

@@ -1,4 +1,4 @@
-"""The server against strangers: who may connect, what they may send, and how it stops."""
+"""The server against strangers: who may connect, what they may send, its messages, and how it stops."""
 
 import contextlib
 import http.client
@@ -16,7 +16,9 @@ import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
+from docs.tools.wire_types import TARGET, wire_types
 from shuttle_marl.watch import WatchError, server
+from shuttle_marl.watch.messages import OptionsReply, RallyRequest, decode_request, encode_reply, request_id
 from shuttle_marl.watch.server import MAX_MESSAGE, hosts_of, refusal
 from tests.watch.conftest import Served, running, serving
 
@@ -220,3 +222,47 @@ def test_the_report_of_a_recorded_match(tmp_path: Path) -> None:
     assert found.pop("rally=3") == (200, b"<p>the match of rally 2</p>")
     assert found.pop("rally=100") == (404, b"no rally 100: there are 10\n")
     assert all(status == 400 for status, _ in found.values())
+
+
+RALLY = {"id": 3, "op": "rally", "plan": PLAN, "rally": 0}
+
+
+def test_the_types_of_the_page_are_those_of_the_server() -> None:
+    assert TARGET.read_text(encoding="utf-8") == wire_types(), "run python -m docs.tools.wire_types"
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"op": "run"},
+        {"rally": -1},
+        {"plan": None, "rally": 1 << 40},
+        {"plan": None, "tried": {"0": 1 << 16}},
+        {"plan": {**PLAN, "chosen": {"0": {str(k): 0 for k in range(19_999)}, "1": {"0": 0, "1": 0}}}},
+        {"person": {"seat": 2, "rally": 0, "stroke": 0}},
+        {"more": 1},
+    ],
+)
+def test_an_invalid_request_is_refused(changes: dict[str, Any]) -> None:
+    with pytest.raises(WatchError, match="not understood"):
+        decode_request(json.dumps({**RALLY, **changes}))
+
+
+@pytest.mark.parametrize("text", ["", "{", "[" * 5000, "null", '{"id": 1e999}', "\ud800"])
+def test_text_that_is_not_a_request_is_refused(text: str) -> None:
+    found = decode_request(json.dumps({**RALLY, "person": {"seat": 1, "rally": 0, "stroke": 2}}))
+    assert isinstance(found, RallyRequest)
+    assert found.person is not None
+    assert (found.id, found.rally, found.person.seat) == (3, 0, 1)
+    assert request_id(text) is None
+    with pytest.raises(WatchError):
+        decode_request(text)
+
+
+def test_a_reply_is_aligned_and_has_the_number_of_its_request() -> None:
+    content = encode_reply(7, OptionsReply([]), [b"abc", b"d"])
+    length = int.from_bytes(content[:4], "little")
+    assert length % 4 == 0
+    assert json.loads(content[4 : 4 + length]) == {"id": 7, "options": []}
+    assert content[4 + length :] == b"abcd"
+    assert json.loads(encode_reply(None, "<b>")[4:]) == {"id": None, "error": "<b>"}
