@@ -3,7 +3,6 @@
 import dataclasses
 import json
 import re
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -11,13 +10,12 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 import pytest
-from playwright.sync_api import Browser, Frame, Page
+from playwright.sync_api import Browser
 
 from shuttle_marl.analysis import marks
 from shuttle_marl.analysis.course import Chances
 from shuttle_marl.analysis.marks import Choice, basis_of
 from shuttle_marl.analysis.match import MatchReport, match_report, matches_in
-from shuttle_marl.analysis.outlook import spread_of
 from shuttle_marl.analysis.scouting import ScoutingReport, players_of, scout
 from shuttle_marl.analysis.summary import AnalysisError, rally_table
 from shuttle_marl.base.errors import printable
@@ -25,7 +23,6 @@ from shuttle_marl.base.table_files import write_parquet
 from shuttle_marl.coach import match_page as match_pages
 from shuttle_marl.coach import scout_page as scout_pages
 from shuttle_marl.coach import sources
-from shuttle_marl.coach.examples import viewer
 from shuttle_marl.coach.words import Words
 from shuttle_marl.commands.report import main as report_command
 from shuttle_marl.commands.reports import write_report
@@ -40,7 +37,6 @@ from shuttle_marl.watch import WatchError
 from shuttle_marl.watch.building import BuildError
 from shuttle_marl.watch.recorded import LogRallies, RealRallies
 from tests.coach.conftest import SAMPLE, A, B
-from tests.needs import missing
 from tests.pages import Tags, parsed
 
 EVIL = "</script><script>alert(1)</script><img src=http://example.org/x>"
@@ -360,83 +356,11 @@ def test_a_report_of_agents(tmp_path: Path, model: str, unbuilt: None, capsys: p
 # In a browser.
 
 
-@pytest.fixture(scope="session")
-def built() -> Any:
-    try:
-        return viewer()
-    except BuildError as error:
-        missing(str(error))
-
-
-def wait_for(frame: Frame, ready: str, page: Page) -> None:
-    """Wait without code in the page, which its policy forbids."""
-    for _ in range(600):
-        if frame.evaluate(ready):
-            return
-        page.wait_for_timeout(100)
-    raise AssertionError("not ready within a minute")
-
-
-def listen(page: Page, errors: list[str], asked: list[str]) -> None:
-    """Collect the errors and the requests of a page."""
-    page.on("console", lambda message: errors.append(message.text) if message.type == "error" else None)
-    page.on("pageerror", lambda error: errors.append(str(error)))
-    page.on("request", lambda request: asked.append(request.url))
-
-
 def test_a_browser_that_does_not_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("CHROMIUM", "false")
     with pytest.raises(WatchError, match=r"/false cannot print the report \(.*\); open .*page.html in another browser"):
         write_report(b"<p>report</p>", tmp_path / "page.html", tmp_path / "page.pdf")
     assert [path.name for path in tmp_path.iterdir()] == ["page.html"]
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("built")
-def test_pages_in_a_browser(
-    tmp_path: Path, browser: Browser, model: str, scouted: ScoutingReport, sample: pa.Table, axe: Callable[[Any], list[Any]]
-) -> None:
-    strokes = tmp_path / "strokes.parquet"
-    write_parquet(strokes, sample.filter(pc.equal(sample["match"], matches_in(sample)[1])))
-    figures, shown = sources.of_strokes(strokes, resolve_game(model))
-    for number, content in enumerate((scout_pages.scouting_page(scouted), match_pages.match_page(figures, shown))):
-        assert len(content) < 3_000_000
-        file = tmp_path / f"page-{number}.html"
-        file.write_bytes(content)
-        page = browser.new_page(viewport={"width": 390, "height": 800})
-        errors: list[str] = []
-        asked: list[str] = []
-        listen(page, errors, asked)
-        page.goto(file.as_uri())
-        assert page.evaluate("document.documentElement.scrollWidth <= document.documentElement.clientWidth")
-        page.locator("button.play").nth(1).click()
-        frame = page.locator("iframe").element_handle().content_frame()
-        assert frame is not None
-        wait_for(frame, "window.viewer?.state().ready", page)
-        assert frame.evaluate("window.viewer.state().rally") == 1
-        page.locator("button.play").nth(1).click()
-        assert page.locator("iframe").count() == 0
-        assert errors == []
-        assert {url.partition(":")[0] for url in asked} <= {"file", "blob", "data"}
-        page.close()
-        assert axe(file) == []
-    # The sliders: exact at the steps of the table, reduced, and as in the outlook before they are moved.
-    page = browser.new_page()
-    page.goto((tmp_path / "page-0.html").as_uri())
-    effect, of_day = scouted.effects[0], scouted.outlook
-    assert of_day is not None
-    factor = 1.0 if scouted.factor is None else scouted.factor.value
-    for value, at in ((10, 3), (-20, 0), (0, 2)):
-        page.locator("input[type=range]").first.evaluate(
-            f"e => {{ e.value = {value}; e.dispatchEvent(new Event('input', {{bubbles: true}})) }}"
-        )
-        now = [float(p[2] + factor * (p[at] - p[2])) for p in (effect.serving, effect.receiving)]
-        odds, weights = spread_of(Odds(serving=now[0], receiving=now[1], error_bound=0.0), of_day.deviation)
-        expected = of_day.match.value if at == 2 else float(weights @ [each.match() for each in odds])
-        assert float(page.locator("[data-figure=match]").inner_text()) == pytest.approx(100 * expected, abs=0.06)
-        rally = float(weights @ [each.rally for each in odds])
-        assert float(page.locator("[data-figure=rally]").inner_text()) == pytest.approx(100 * rally, abs=0.06)
-    page.close()
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
@@ -458,24 +382,3 @@ def test_reports_fit_a_telephone_and_paper_in_every_language(
         inside = "(all) => all.every((e) => e.getBoundingClientRect().left >= e.closest('svg').getBoundingClientRect().left - 1)"
         assert page.locator(".chart svg text").evaluate_all(inside)
     page.close()
-
-
-@pytest.fixture
-def axe(browser: Browser) -> Callable[[Path], list[Any]]:
-    """Violations of the accessibility rules of axe-core in a file."""
-    from shuttle_marl.watch.building import SOURCE
-
-    script = SOURCE / "node_modules" / "axe-core" / "axe.min.js"
-
-    def violations(file: Path) -> list[Any]:
-        if not script.is_file():
-            return []
-        context = browser.new_context(bypass_csp=True)
-        page = context.new_page()
-        page.goto(file.as_uri())
-        page.evaluate(script.read_text(encoding="utf-8") + "; 0")
-        found: list[Any] = page.evaluate("axe.run(document).then((r) => r.violations.map((v) => v.id))")
-        context.close()
-        return found
-
-    return violations

@@ -18,7 +18,6 @@ from tests.data.upstream_layout import (
     SHUTTLESET,
     SHUTTLESET22,
     SMASH,
-    Hit,
     Layout,
     game,
     plain_game,
@@ -96,13 +95,6 @@ def test_labels_decide_nothing(tmp_path: Path) -> None:
     assert column(result, "area") == column(sound, "area")
 
 
-def test_labels_outside_the_court_are_null(tmp_path: Path) -> None:
-    result = cleaned(tmp_path, plain_game(2))
-    out = result.strokes.filter(np.equal(column(result, "outcome"), Outcome.FAULT)).to_pylist()
-    assert [(row["label_area"], row["in_court"], REASONS[row["reason"]]) for row in out] == [(None, False, "out")]
-    assert court.AREAS[out[0]["area"]] == "back-left"
-
-
 def test_a_match_in_both_sets_counts_once(tmp_path: Path) -> None:
     layout = Layout(tmp_path)
     layout.match(NAME, [plain_game(4)], source=SHUTTLESET, players=("Viktor AXELSEN", "CHEN Long"))
@@ -113,16 +105,6 @@ def test_a_match_in_both_sets_counts_once(tmp_path: Path) -> None:
     assert result.account.strokes == 13 + 6
     assert set(column(result, "source")) == {"ShuttleSet", "ShuttleSet22"}
     assert set(column(result, "player")) == {"viktor-axelsen", "chen-long"}
-
-
-@pytest.mark.parametrize("there", [SHUTTLESET, SHUTTLESET22])
-def test_a_match_in_both_lists_is_read_from_the_folder_that_is_there(tmp_path: Path, there: str) -> None:
-    layout = Layout(tmp_path)
-    for source in (SHUTTLESET, SHUTTLESET22):
-        layout.match(NAME, [plain_game(4)], source=source, files=source == there)
-    result = clean_matches(tmp_path)
-    assert result.account.matches == 1
-    assert result.account.strokes_kept == 13
 
 
 def test_unknown_serve_leaves_the_rest_of_its_rally(tmp_path: Path) -> None:
@@ -233,15 +215,6 @@ def test_contact_heights_that_contradict_the_shot_types(tmp_path: Path, wrong: i
     assert bool(cleaned(tmp_path, rows).account.dropped) == dropped
 
 
-def test_serves_are_below_the_net_whatever_the_file_says(tmp_path: Path) -> None:
-    rows = plain_game(2)
-    rows[0]["hit_height"] = "1"
-    rows[3]["hit_height"] = ""
-    result = cleaned(tmp_path, rows)
-    assert result.account.dropped == {}
-    assert column(result, "height")[0] == 0
-
-
 def test_rows_that_cannot_be_used(tmp_path: Path) -> None:
     rows = game(rally(i, "A", [SERVE, LIFT, CLEAR, SMASH, DROP], (0, i), reason="掛網", winner="B") for i in range(1, 7))
     by_rally = {i: rows[5 * i - 5 : 5 * i] for i in range(1, 7)}
@@ -268,39 +241,6 @@ def test_rows_that_cannot_be_used(tmp_path: Path) -> None:
         "landing missing": 1,
     }
     assert column(result, "area").count(None) == 1
-
-
-def test_a_returned_stroke_cannot_land_on_the_strikers_side(tmp_path: Path) -> None:
-    hits = [SERVE, Hit("放小球", 0.0, -1.0), Hit("推球", 0.0, 5.0), Hit("放小球", 0.0, -0.3)]
-    result = cleaned(tmp_path, rally(1, "A", hits, (1, 0), reason="掛網", winner="A"))
-    assert result.account.dropped == {"landing on the striker's side": 1}
-    # The reply was then met beyond the net, which cannot be: its contact is not known.
-    assert column(result, "contact_x") == [None, None, pytest.approx(0.0, abs=1e-3)]
-    assert column(result, "area")[-1] == court.AREAS.index("front-centre")
-
-
-def test_times_that_run_backwards_are_null(tmp_path: Path) -> None:
-    rows = rally(1, "A", [SERVE, LIFT, CLEAR, CLEAR, SMASH], (1, 0), reason="對手落地致勝")
-    rows[2]["frame_num"], rows[2]["time"] = "3", "0:00:00"
-    rows[4]["frame_num"] = rows[3]["frame_num"]
-    result = cleaned(tmp_path, rows)
-    known = [frame is not None for frame in column(result, "frame")]
-    assert known[:3] == [True, True, False]
-    assert known[3:].count(True) == 1
-    assert [clock is not None for clock in column(result, "clock")] == known
-
-
-def test_empty_cells_and_float_numbers(tmp_path: Path) -> None:
-    """``1.0`` for 1, and positions that were not recorded."""
-    rows = plain_game(2)
-    for row in rows:
-        row["ball_round"] += ".0"
-        row["frame_num"] += ".0"
-    for axis in "xy":
-        rows[1][f"player_location_{axis}"] = rows[1][f"opponent_location_{axis}"] = ""
-    result = cleaned(tmp_path, rows)
-    assert result.account.dropped == {}
-    assert column(result, "striker_x")[1] is None
 
 
 def test_exchanged_letters_are_put_right(tmp_path: Path) -> None:

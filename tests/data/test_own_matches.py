@@ -3,46 +3,15 @@
 import tomllib
 from pathlib import Path
 
-import numpy as np
 import pyarrow as pa
 import pytest
 
 from shuttle_marl.commands.data import main
-from shuttle_marl.data import DataError, load_account, load_strokes
+from shuttle_marl.data import DataError, load_strokes
 from shuttle_marl.data.column_map import COLUMNS, TEMPLATE_CSV, template_map
 from shuttle_marl.data.own import import_matches
 from shuttle_marl.data.schema import REASONS, Outcome, violations
-from shuttle_marl.dynamics.features import rows_from_strokes
 from shuttle_marl.game import court
-from tests.data.club_matches import strokes_of_club, write_club
-
-
-@pytest.fixture(scope="module")
-def strokes() -> pa.Table:
-    return strokes_of_club(2, seed=3)
-
-
-@pytest.mark.parametrize("areas_only", [False, True])
-def test_a_club_writes_its_matches_down_in_its_own_words(strokes: pa.Table, areas_only: bool, tmp_path: Path) -> None:
-    file, columns = write_club(tmp_path, strokes, areas_only=areas_only)
-    out = tmp_path / "verein.parquet"
-    assert main(["import", str(file), "--columns", str(columns), "--out", str(out)]) == 0
-    assert main(["validate", str(out)]) == 0
-    found = load_strokes(out)
-    kept = ["match", "game", "rally", "stroke", "player", "opponent", "shot", "height", "technique", "outcome", "reason", "area"]
-    assert found.select(kept).to_pydict() == strokes.select(kept).to_pydict()
-    assert set(found["discipline"].to_pylist()) == {"WS"}
-    assert set(found["source"].to_pylist()) == {"our club"}
-    if areas_only:
-        assert found["landing_x"].null_count == found["in_court"].null_count == found.num_rows
-    else:
-        assert np.allclose(found["landing_y"].to_numpy(), strokes["landing_y"].to_numpy(), atol=1e-3)
-    assert load_account(out).strokes_kept == strokes.num_rows
-    # Without positions, areas are taken as they stand; winners are moved to where they would have been met otherwise.
-    areas = rows_from_strokes(found).codes["area"]
-    moved = areas != found["area"].to_numpy()
-    assert not (areas_only and moved.any())
-    assert not moved[found["outcome"].to_numpy() == Outcome.RETURNED].any()
 
 
 def test_the_template_is_a_file_to_start_from(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

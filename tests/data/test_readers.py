@@ -113,16 +113,6 @@ def test_a_pipeline_misses_strokes_and_knows_no_endings(tmp_path: Path) -> None:
     assert set(named["discipline"].to_pylist()) == {"WS"}
 
 
-def test_entries_beside_strokes_are_counted(tmp_path: Path) -> None:
-    strokes = f"{STROKE}, {STROKE.replace('top', 'bottom').replace('1', '40')}"
-    others = 'null, {"event": "let"}, {"stroke_type": null}'
-    (tmp_path / "f").write_text(f'{{"video": [1, 2], "strokes": [{strokes}, {others}]}}')
-    account = import_matches(tmp_path / "f")[0].account
-    assert (account.strokes, account.strokes_kept, account.dropped) == (5, 2, {"no stroke": 3})
-    (tmp_path / "f").write_text(f"[{strokes}]".replace('"player": "top"', '"striker": "top", "player": "bottom"'))
-    assert "with another value, are not read: 'player'" in str(import_matches(tmp_path / "f")[0].warnings)
-
-
 def test_a_pipeline_with_rallies_names_and_results(tmp_path: Path) -> None:
     rally = {
         "result": "unforced error", "score": "0-1",
@@ -160,23 +150,6 @@ def test_a_stroke_lies_in_the_last_interval_around_it(spans: list[tuple[int, int
     spans.sort()
     expected = [max((i for i, (a, b) in enumerate(spans, 1) if a <= moment <= b), default=0) for moment in moments]
     assert spans_around(spans, moments) == expected
-
-
-def test_a_lone_game_of_shuttleset(tmp_path: Path) -> None:
-    # In the folder of a match, the name of the file tells the game.
-    path = tmp_path / "Ada_ALPHA_Bea_BETA_Club_Open_2031" / "set2.csv"
-    path.parent.mkdir()
-    path.write_bytes((SAMPLES / FILES["ShuttleSet"]).read_bytes())
-    cleaned, _ = import_matches(path)
-    strokes = cleaned.strokes
-    assert cleaned.account.dropped == {"broken rally": 3, "unknown shot type": 1}
-    assert any("line 10: expected: players alternate" in warning for warning in cleaned.warnings)
-    assert words(strokes, "shot", SHOTS) == ["short-serve", "lift", "smash", "push", "clear"]
-    assert words(strokes, "area", AREAS) == ["front-centre", "back-left", "middle-left", "back-right", "back-centre"]
-    assert words(strokes, "reason", REASONS) == ["returned", "returned", "landed", "returned", "out"]
-    assert strokes["technique"].to_pylist() == [1, 0, 0, 0, 2]
-    assert strokes["inferred"].null_count == 5
-    assert set(zip(strokes["match"].to_pylist(), strokes["game"].to_pylist(), strict=True)) == {(path.parent.name, 2)}
 
 
 XML = '<?xml version="1.0"?>{doctype}<file><ALL_INSTANCES>{inside}</ALL_INSTANCES></file>'
@@ -242,21 +215,6 @@ def test_what_a_file_says_twice_is_compared(tmp_path: Path, name: str, old: str,
         (tmp_path / FILES[name]).write_text(text)
         found = import_matches(tmp_path / FILES[name])[0]
         assert any(says in sentence for sentence in (*found.warnings, *found.lost, *found.inferred)) == expected
-
-
-@pytest.mark.parametrize(
-    ("name", "old", "new", "says"),
-    [
-        ("ELAN", "milliseconds", "PAL-frames", "times in PAL-frames; expected milliseconds"),
-        ("Sportscode XML", "<end>14</end>", "<end>inf</end>", "line 4: end 'inf'; expected seconds"),
-    ],
-)
-def test_times_of_other_units_are_refused(tmp_path: Path, name: str, old: str, new: str, says: str) -> None:
-    content = (SAMPLES / FILES[name]).read_text()
-    assert old in content
-    (tmp_path / "f").write_text(content.replace(old, new, 1))
-    with pytest.raises(DataError, match=says):
-        import_matches(tmp_path / "f")
 
 
 @settings(max_examples=60, deadline=None)
@@ -398,13 +356,6 @@ def test_a_misspelt_word_means_one_of_its_own_kind(tmp_path: Path, word: str, me
     place = "low serve" if meaning.endswith("serve") else "net shot"
     with pytest.raises(DataError, match=f"unknown Shot '{word}'; did you mean {meaning}"):
         rows_of(tmp_path, RALLIES["en"].replace(place, word))
-
-
-def test_what_could_mean_two_things_is_not_suggested() -> None:
-    words = Words("shot", ())
-    assert words.meant("serv short long") is None
-    assert words.meant("xyzzy") is None
-    assert Words("ending", ()).meant("forced eror") == "forced-error"
 
 
 def test_the_table_has_every_meaning_in_every_language_once() -> None:

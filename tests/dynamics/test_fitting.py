@@ -1,6 +1,5 @@
 """Small fits on the simulated sample, resampled matches, legal replies, and areas of targets."""
 
-import collections
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +10,7 @@ from scipy.special import expit
 from shuttle_marl.data import load_strokes
 from shuttle_marl.data.schema import REASONS, STROKES, Outcome
 from shuttle_marl.dynamics.card import strokes_hash
-from shuttle_marl.dynamics.compiled import MIN_STYLE, SHOT_SHARE, catalogue_of, replies_of
+from shuttle_marl.dynamics.compiled import catalogue_of, replies_of
 from shuttle_marl.dynamics.evaluate import area_under_curve, calibration_error, difference_by_match, top_k
 from shuttle_marl.dynamics.features import SLOTS, Rows, rows_from_strokes, target_points
 from shuttle_marl.dynamics.fit import fit
@@ -19,8 +18,8 @@ from shuttle_marl.dynamics.make import resampled
 from shuttle_marl.dynamics.models import fit_ridge, ridge_logits
 from shuttle_marl.dynamics.network import EnsembleConfig, fold_of_match, unseen
 from shuttle_marl.dynamics.players import fit_choice_shifts
-from shuttle_marl.game.court import AREAS, BACK, HALF_LENGTH, area_of, third_of
-from shuttle_marl.game.stroke import FRONT_COURT, N_SHOTS, SHOTS
+from shuttle_marl.game.court import BACK, area_of, third_of
+from shuttle_marl.game.stroke import FRONT_COURT, SHOTS
 
 SAMPLE = Path(__file__).parents[2] / "datasets" / "sample" / "strokes.parquet"
 
@@ -117,37 +116,6 @@ def test_scores_have_known_values() -> None:
     assert difference == {"mean": 0.5, "low": 0.5, "high": 0.5}
 
 
-def counted(rows: Rows) -> collections.Counter[tuple[int, str, int, int]]:
-    """Replies by incoming shot type, third of the court, contact and own shot type; the third is read from the area's name."""
-    count: collections.Counter[tuple[int, str, int, int]] = collections.Counter()
-    columns = (rows.codes[name].tolist() for name in ("incoming_shot", "incoming_area", "contact", "shot"))
-    for incoming, area, contact, shot in zip(*columns, strict=True):
-        if incoming < N_SHOTS and area < len(AREAS):
-            count[incoming, AREAS[area].split("-")[0], contact, shot] += 1
-    return count
-
-
-def test_people_choose_the_shot_type_of_a_legal_reply() -> None:
-    rows = rows_from_strokes(load_strokes(SAMPLE))
-    catalogue = catalogue_of(rows)
-    replies, count = replies_of(rows, catalogue), counted(rows)
-    chosen = fallback = 0
-    for incoming in range(len(catalogue)):
-        third, shot = AREAS[catalogue.area[incoming]].split("-")[0], int(catalogue.shot[incoming])
-        for contact in (0, 1):
-            legal = np.flatnonzero(replies[incoming] & (catalogue.height == contact))
-            total = sum(count[shot, third, contact, other] for other in range(N_SHOTS))
-            often = {
-                other for other in range(N_SHOTS) if count[shot, third, contact, other] >= max(MIN_STYLE, SHOT_SHARE * total)
-            }
-            if {int(catalogue.shot[z]) for z in legal} <= often:
-                chosen += 1
-            else:
-                fallback += 1
-                assert total < 100, "only little data needs the fallback"
-    assert chosen > fallback
-
-
 def test_the_front_court_stays_in_front() -> None:
     """Also in little data, where the last fallback decides."""
     rows = rows_from_strokes(load_strokes(SAMPLE))
@@ -197,21 +165,6 @@ def test_winners_stand_where_they_would_have_been_met() -> None:
     # Along the line of flight.
     way, moved = s["landing"] - s["start"], met - s["start"]
     assert np.abs(way[:, 0] * moved[:, 1] - way[:, 1] * moved[:, 0]).max() < 1e-9
-
-
-def test_out_strokes_stand_where_strokes_are_met() -> None:
-    s = simulated()
-    out = np.zeros(N, dtype=bool)
-    out[:3] = True
-    landing, shot, height, wins = s["landing"].copy(), s["shot"].copy(), s["height"].copy(), s["wins"].copy()
-    landing[:3] = [[0, HALF_LENGTH + 0.5], [0, HALF_LENGTH + 1.5], [-3, 1.5]]
-    s["start"][:3], shot[:3], height[:3], wins[:3] = [1, -3], 6, 0, False
-    met = target_points(landing, s["start"], shot, height, wins, out)
-    returned = ~wins & ~out & (shot == 6) & (height == 0)
-    deepest = np.quantile(landing[returned, 1], 0.9)
-    assert met[:2, 1] == pytest.approx(deepest)
-    assert (met[:2, 0] > 0).all(), "nearer to where the flight began"
-    assert np.array_equal(met[2], landing[2]), "beside the court, but not too deep"
 
 
 def test_only_annotated_winners_and_out_strokes_change_their_areas() -> None:

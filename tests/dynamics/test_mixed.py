@@ -25,7 +25,6 @@ from shuttle_marl.dynamics.skill import (
     check,
     deviations_in,
     fit_skill,
-    shifts,
     summary,
 )
 from shuttle_marl.game.shipped import CARD, SKILL
@@ -234,19 +233,6 @@ def test_intervals_of_known_players_cover_their_skill() -> None:
         assert covered[:, :, role].mean() == pytest.approx(0.9, abs=0.05)
 
 
-def test_shifts_add_both_players_as_of_the_day(case: tuple[dict[str, Predicted], F64, FittedSkill]) -> None:
-    predicted, _, fitted = case
-    rows, skill = predicted["return"].rows, fitted.skill
-    found = shifts(skill, "return", rows)
-    for row in (0, 777, len(rows) - 1):
-        day = date_of(rows.matches[rows.match[row]])
-        expected = skill.of_shots(str(rows.striker[row]), str(rows.receiver[row]), day)[1, rows.codes["shot"][row]]
-        assert found[row] == pytest.approx(expected)
-    strangers = rows_of(rows.match[:3], np.array([0, 1, 2]), np.array([1, 2, 0]), rows.codes["shot"][:3], rows.matches)
-    strangers.striker[:] = strangers.receiver[:] = "nobody"
-    assert shifts(skill, "return", strangers) == pytest.approx(0)
-
-
 def test_the_check_finds_too_little_shrinkage(case: tuple[dict[str, Predicted], F64, FittedSkill]) -> None:
     predicted, _, _ = case
     right = check(predicted, sources(predicted), np.tile(SD, (3, 1)))
@@ -254,15 +240,6 @@ def test_the_check_finds_too_little_shrinkage(case: tuple[dict[str, Predicted], 
     assert all(found["high"] - found["low"] < 0.7 for found in right.values())
     half = {name: part.take(part.rows.match < MATCHES // 2) for name, part in predicted.items()}
     assert check(half, sources(half), np.tile(8 * SD, (3, 1)))["success"]["high"] < 1
-
-
-def test_a_single_match_has_skill_and_no_check(case: tuple[dict[str, Predicted], F64, FittedSkill]) -> None:
-    predicted, _, _ = case
-    one = {name: part.take(part.rows.match == 3) for name, part in predicted.items()}
-    fitted = fit_skill(one, sources(one))
-    assert len(fitted.skill.players) == len(fitted.skill.day) == 2
-    assert np.isfinite(fitted.skill.offset).all()
-    assert check(one, sources(one), fitted.sd) == {}
 
 
 def test_a_model_folder_has_the_skill(case: tuple[dict[str, Predicted], F64, FittedSkill], tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from safetensors.numpy import save_file
-from scipy.special import expit, logit
+from scipy.special import expit
 
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.files import seal
@@ -230,21 +230,6 @@ def test_blends_are_means_of_logits() -> None:
     of_return, of_contact = (models.networks[name].logits(codes)[..., 0] for name in ("return", "contact"))
     assert models.returned(codes) == pytest.approx(expit((of_return + ridge + of_trees) / 3).mean(axis=0))
     assert models.above(codes) == pytest.approx(expit((of_contact + of_trees) / 2).mean(axis=0))
-
-
-def test_trees_correct_a_fault_at_every_target_alike() -> None:
-    rows, label, truth = sample()
-    offset = np.full(len(rows), -0.5)
-    trees = fit_trees(rows.with_area(0), label, rounds=200, offset=offset)
-    assert np.abs(expit(offset + trees.logits(rows.codes)) - truth).mean() < 0.1
-    part = rows.take(np.arange(500))
-    assert np.array_equal(trees.logits(part.with_area(1)), trees.logits(part.with_area(8)))
-    models = dataclasses.replace(FittedModels.load(model_folder()), trees={})
-    corrected = dataclasses.replace(models, trees={"success": trees})
-    for area in (1, 8):
-        codes = part.with_area(area)
-        moved = logit(corrected.fault(codes)) - logit(models.fault(codes))
-        assert moved == pytest.approx(trees.logits(codes), abs=1e-6)
 
 
 def with_trees(folder: Path, trees: dict[str, Trees]) -> Path:

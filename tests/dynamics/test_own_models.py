@@ -6,11 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from shuttle_marl.base.arrays import F64
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.commands import data, dynamics, league
 from shuttle_marl.data.upstream import matches_of
-from shuttle_marl.dynamics.compiled import Support
 from shuttle_marl.dynamics.features import Rows, rows_from_strokes
 from shuttle_marl.dynamics.make import (
     MIN_STROKES,
@@ -18,8 +16,6 @@ from shuttle_marl.dynamics.make import (
     require_enough,
     train_and_validation,
 )
-from shuttle_marl.dynamics.models import sigmoid
-from shuttle_marl.dynamics.prior import PRECISION, _moved, shift_of
 from shuttle_marl.game.shipped import load_game, read_model_card, refits_of, variants
 from shuttle_marl.game.variants import steps_between
 from shuttle_marl.policy import registry
@@ -86,37 +82,6 @@ def test_too_few_strokes_are_refused_with_the_reason(club: Rows) -> None:
         require_enough(few, validation, prior=True)
     require_enough(train, validation, prior=False)
     require_enough(train.take(np.arange(MIN_STROKES_WITH_PRIOR)), validation, prior=True)
-
-
-def test_shifts_are_shrunk_and_move_the_ranges() -> None:
-    rng = np.random.default_rng(0)
-    found = []
-    for number in (20, 20_000):
-        label = rng.random(number) < sigmoid(np.full(number, -1.5 + 0.8))
-
-        def probability(shift: float, number: int = number) -> F64:
-            return sigmoid(np.full(number, -1.5 + shift))
-
-        found.append(shift_of(probability, label))
-    assert found[1][0] == pytest.approx(0.8, abs=0.06)
-    # Information of n labels of probability p: n p (1 - p).
-    (p,) = sigmoid(np.array([-1.5 + found[1][0]]))
-    assert found[1][1] == pytest.approx((20_000 * p * (1 - p) + PRECISION) ** -0.5, rel=1e-3)
-    assert found[0][1] > 10 * found[1][1]
-    assert shift_of(lambda b: np.empty(0), np.empty(0, np.bool_)) == pytest.approx((0, PRECISION**-0.5), abs=1e-4)
-    nothing = np.zeros(2)
-    support = Support(
-        strokes=np.ones(2),
-        faults=nothing,
-        winners=nothing,
-        fault_range=np.array([[0.1, 0.2], [0.0, 1.0]]),
-        winner_range=np.array([[0.3, 0.4], [0.0, 1.0]]),
-    )
-    moved = _moved(support, {"success": 0.5, "return": 0.5, "contact": 0.0}, support)
-    assert (moved.fault_range[0] > support.fault_range[0]).all()
-    assert (moved.winner_range[0] < support.winner_range[0]).all()
-    assert moved.fault_range[1].tolist() == [0, 1]
-    assert moved.strokes.tolist() == [2, 2]
 
 
 @pytest.mark.slow(minutes=True)

@@ -43,22 +43,6 @@ def test_specs(make: type[Env], batch: int) -> None:
 
 
 @EITHER
-def test_seeds(make: type[Env]) -> None:
-    def play(env: Env) -> list[int]:
-        return [x for _, stepped in steps(env, 6) for x in stepped["next", "observation"].flatten().tolist()]
-
-    first = play(make(8, seed=1))
-    assert play(make(8, seed=1)) == first
-    assert play(make(8, seed=2)) != first
-    env = make(8)
-    env.set_seed(1)
-    assert play(env) == first
-    assert play(env) != first, "a second reset continues"
-    env.set_seed(1)
-    assert play(env) == first
-
-
-@EITHER
 def test_an_illegal_stroke_is_refused_and_nothing_changes(make: type[Env]) -> None:
     env = make(8)
     now = env.reset()

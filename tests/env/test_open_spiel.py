@@ -141,15 +141,6 @@ def test_learners_of_open_spiel_get_tensors() -> None:
     assert sorted(step.rewards) == [-1, 1]
 
 
-def test_rallies_that_are_cut_off_are_worth_nothing() -> None:
-    state = RallyGame({"max_strokes": 1}, hand_made()).new_initial_state()
-    for action in (1, 0, 2):  # player 1 serves, the serve, returned
-        state.apply_action(action)
-    assert state.is_terminal()
-    assert state.returns() == [0, 0]
-    assert str(state) == "cut off"
-
-
 def test_policies_of_this_package_play_in_open_spiel() -> None:
     game = RallyGame({"server": 0}, hand_made())
     probabilities = open_spiel_policy(UniformPolicy(), game).action_probabilities(game.new_initial_state())

@@ -122,7 +122,6 @@ def test_calls_out_of_order_and_range() -> None:
     assert np.array_equal(env.versus.rows.state, state)
 
 
-MATCH = "shuttle_marl/Match-v0"
 SHORT = Rules(points=3, clear=2, cap=5, games=2)
 ONE = Rules(points=1, clear=1, cap=1, games=1)
 TIRING = tiring_game()

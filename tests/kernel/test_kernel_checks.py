@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from shuttle_marl.base.errors import OptionError
 from shuttle_marl.game.policy import UniformPolicy
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.kernel import KernelError, Matches, Players, RallyBatch, pack, play_matches
@@ -47,18 +46,6 @@ def test_strokes_are_whole_numbers(batch: RallyBatch, change: Any) -> None:
     with pytest.raises(KernelError, match="strokes: 0 to 18446744073709551615; expected"):
         batch.step(np.r_[np.zeros(ROWS - 1, np.uint64), np.uint64(2**64 - 1)].astype(np.uint64))
     assert state_of(batch) == before
-
-
-@pytest.mark.parametrize("type_", [np.uint8, np.int32, np.uint64])
-def test_strokes_of_every_width_and_gaps_in_memory_will_do(batch: RallyBatch, type_: Any) -> None:
-    wanted = RallyBatch(GAME, ROWS, opponents=[TABLE])
-    strokes, rows = batch.random_strokes(), np.zeros(2 * ROWS, bool)
-    rows[::4] = True
-    batch.step(np.repeat(strokes, 2).astype(type_)[::2])
-    wanted.step(strokes)
-    batch.reset(rows=rows[::2])
-    wanted.reset(rows=rows[::2].copy())
-    assert state_of(batch) == state_of(wanted)
 
 
 def locked(array: np.ndarray) -> np.ndarray:
@@ -146,13 +133,6 @@ def test_matches_are_checked(changes: dict[str, Any]) -> None:
         some_matches(**changes)
 
 
-def test_matches_take_whole_numbers_of_every_width() -> None:
-    wide = some_matches(entrant=np.zeros((3, 2), np.int64), first_server=np.array([0, 1, 0]), key=np.arange(3))
-    assert (wide.entrant.dtype, wide.first_server.dtype, wide.key.dtype) == (np.int32, np.int8, np.uint64)
-    one, other = (play_matches(GAME, matches, PLAYERS) for matches in (wide, some_matches()))
-    assert np.array_equal(one.rallies.stroke, other.rallies.stroke)
-
-
 @pytest.mark.parametrize("name", ["entrant", "first_server"])
 def test_matches_that_were_changed_after_they_were_made_are_checked_again(name: str) -> None:
     matches = some_matches()
@@ -161,15 +141,3 @@ def test_matches_that_were_changed_after_they_were_made_are_checked_again(name: 
         play_matches(GAME, matches, PLAYERS)
     with pytest.raises(KernelError, match="tabulated for another game"):
         play_matches(GAME, some_matches(), [random_policy(random_game(1), 0)])
-
-
-@pytest.mark.parametrize("options", [{"batch": 2.5}, {"batch": "4"}, {"threads": None}])
-def test_numbers_of_rows_and_threads_and_seeds_are_whole(batch: RallyBatch, options: dict[str, Any]) -> None:
-    with pytest.raises(KernelError, match="expected a whole number, 1 or more"):
-        RallyBatch(GAME, **{"batch": 4, **options})
-    with pytest.raises(KernelError, match=r"strokes 2\.5: expected a whole number"):
-        batch.run(2.5)  # type: ignore[arg-type]
-    with pytest.raises(KernelError, match="threads 0: expected a whole number"):
-        play_matches(GAME, some_matches(), PLAYERS, threads=0)
-    with pytest.raises(OptionError, match=r"seed 1.5: expected a whole number"):
-        batch.reset(1.5)  # type: ignore[arg-type]

@@ -136,22 +136,6 @@ def test_the_sums_are_those_of_the_strokes_one_by_one(opponents: tuple[Tabulated
     assert not again.visits.size or not np.isfinite(again.returns).any()
 
 
-def test_every_state_is_played_as_the_network_then_was() -> None:
-    """With cached outputs of one iteration; older entries are played with the probabilities that they say."""
-    for age in (1, 5):
-        sampler = RallySampler(GAME, [RANDOM], cache_iterations=age)
-        stale = 0
-        for iteration in range(4):
-            assess = network(iteration)
-            sampler.collect(2000, assess)
-            found = sampler.take()
-            pairs = GAME.pairs(found.state)[1]
-            table = dict(zip(pairs.tolist(), probabilities(assess, found.state).tolist(), strict=True))
-            pair = GAME.pair(found.state[found.row], found.stroke).tolist()
-            stale += (~np.isclose(np.exp(found.log_probability), [table[p] for p in pair], atol=1e-5)).sum()
-        assert (stale == 0) == (age == 1)
-
-
 def test_some_rallies_may_be_of_self_play() -> None:
     sampler = RallySampler(GAME, [RANDOM, BC])
     sampler.assign(np.array([-1, 1]))

@@ -20,7 +20,6 @@ from shuttle_marl.base.runs import RunError
 from shuttle_marl.commands.league import main
 from shuttle_marl.game.policy import PolicyError
 from shuttle_marl.game.shipped import load_game
-from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import from_pair_probabilities
 from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.policy.stored import StoredPolicies
@@ -30,8 +29,6 @@ from shuttle_marl.training.league.population import TABLES, Payoffs
 from shuttle_marl.training.league.run import MAIN, train_league
 from shuttle_marl.training.league.schedule import MIN_SECONDS, Schedule
 from shuttle_marl.training.league.state import LEAGUE, LeagueState
-from shuttle_marl.training.learner import Learner
-from shuttle_marl.training.ppo import PPO
 from tests.exact.exact_games import random_policy, tiring_game
 from tests.stops import Killed, stopping
 from tests.waiting import file_versions, wait_until
@@ -238,24 +235,6 @@ def _is_worker(pid: int) -> bool:
     with contextlib.suppress(OSError):
         return b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes()
     return False
-
-
-def test_learning_that_diverges_says_where(model: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from shuttle_marl.training import run
-    from shuttle_marl.training.config import DivergedError
-
-    def diverging(config: Any, game: Game) -> Learner:
-        learner = PPO(config, game)
-
-        def update(*_: Any) -> dict[str, float]:
-            raise DivergedError("loss_critic became nan")
-
-        monkeypatch.setattr(learner, "update", update)
-        return learner
-
-    monkeypatch.setitem(run.LEARNERS, "ppo", diverging)
-    with pytest.raises(DivergedError, match=r"main-agent-0 in round 1: .*--learning-rate"):
-        train_league(LeagueTrainingConfig(**SMALL, game=model, out=tmp_path / "run"))
 
 
 def test_damage_is_noticed(whole: Path, model: str, tmp_path: Path) -> None:

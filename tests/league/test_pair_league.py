@@ -11,9 +11,7 @@ import pyarrow as pa
 import pytest
 
 from shuttle_marl.analysis import AnalysisError
-from shuttle_marl.analysis.outlook import Prediction, pairs_table, players_of, predict, predict_pairs, ranked, with_results
-from shuttle_marl.base.table_files import read_parquet
-from shuttle_marl.commands.league import main
+from shuttle_marl.analysis.outlook import Prediction, players_of, predict, ranked, with_results
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game import pairs as pairs_module
 from shuttle_marl.game.pairs import pair_game
@@ -126,26 +124,6 @@ def test_real_results(monkeypatch: pytest.MonkeyPatch) -> None:
     first, second, _ = with_results(some_predictions(), rallies)
     assert (first.rallies, first.rallies_won, first.matches, first.matches_won) == (5, 3, 2, 1)
     assert (second.rallies, second.matches) == (0, 0)
-
-
-def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    out = tmp_path / "pairs.parquet"
-    assert main(["--pairs", "women", "--game", reduced_model(), "--out", str(out), "--json"]) == 0
-    shown, table = json.loads(capsys.readouterr().out), read_parquet(out)
-    players = players_of("women", reduced_model())
-    n = len(players)
-    assert sorted(row["name"] for row in shown["players"]) == sorted(players)
-    assert len(shown["pairs"]) == table.num_rows == n * (n - 1) // 2
-    predictions = predict_pairs(players[:2], game=reduced_model())
-    assert pairs_table(predictions).to_pylist()[0] == table.to_pylist()[0]
-    assert main(["--pairs", "women", "--game", reduced_model()]) == 0
-    assert f"{players[0]} against {players[1]}" in capsys.readouterr().out
-    assert main(["--pairs", "men", "--players", A, B, "--game", reduced_model()]) == 0
-    shown_text = capsys.readouterr().out
-    assert f"{A} against {B}" in shown_text
-    assert f"Points of 100 rallies for {A}" in shown_text
-    assert main(["--pairs", "women", "--game", reduced_model(), "--out", "pairs.txt"]) == 1
-    assert "expected a name that ends in .csv or .parquet" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("some", [(A,), (A, A), (A, "an-se-young")])

@@ -26,11 +26,9 @@ from shuttle_marl.league.ratings import (
 from shuttle_marl.league.tournament import (
     BOUND,
     COUNTS,
-    ERROR,
     MatchOptions,
     PairResult,
     Tournament,
-    decided,
     log_likelihood_ratio,
     round_robin,
     share_of,
@@ -296,32 +294,6 @@ def test_the_ratio_is_that_of_the_likeliest_distributions_with_the_two_means() -
     assert share_of(400) == pytest.approx(10 / 11)
     assert math.isfinite(log_likelihood_ratio((0, 0, 5), 1000.0))
     assert log_likelihood_ratio((0, 0, 0), DECIDED) == pytest.approx(0, abs=1e-9)
-
-
-def distribution(mean: float, correlation: float) -> np.ndarray:
-    """Results of cells of two matches, each won with a probability, that are correlated."""
-    both = mean**2 + correlation * mean * (1 - mean)
-    return np.array([1 - 2 * mean + both, 2 * (mean - both), both])
-
-
-def simulate(elo: float, correlation: float, runs: int, looks: int = 16) -> tuple[float, float]:
-    """Share of the pairings that were decided for the weaker one, and mean number of cells."""
-    rng = np.random.default_rng(0)
-    p = distribution(share_of(elo), correlation)
-    wrong, used = 0, 0
-    for _ in range(runs):
-        cells = np.zeros(3, dtype=int)
-        while not decided(tuple(cells), DECIDED):
-            cells += rng.multinomial(looks, p)
-        wrong += log_likelihood_ratio(tuple(cells), DECIDED) < 0
-        used += cells.sum()
-    return wrong / runs, used / runs
-
-
-def test_errors_are_as_rare_as_promised() -> None:
-    found, cells = simulate(DECIDED, -0.3, 250)
-    assert found <= ERROR + 3 * math.sqrt(ERROR / 250)
-    assert cells < 100  # a fixed number of cells with the same errors needs about twice as many
 
 
 def test_bounds_of_the_test_are_those_of_wald() -> None:

@@ -1,6 +1,5 @@
 """Reports as pages: what they say, that text from outside stays text, and in a browser that they work without a network."""
 
-import csv
 import json
 import math
 import re
@@ -8,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from playwright.sync_api import Browser
 from scipy.stats import mannwhitneyu
 
 from shuttle_marl.base.intervals import interquartile_mean, probability_of_improvement
@@ -81,18 +79,6 @@ def test_text_from_outside_is_text() -> None:
     assert policy is not None
     assert policy.startswith("default-src 'none'")
     assert "unsafe" not in policy
-
-
-def test_all_sections_are_there_and_linked_to() -> None:
-    found = parsed(page(tournament()))
-    sections = [attributes["id"] for tag, attributes in found.tags if tag == "section"]
-    links = [attributes["href"] for tag, attributes in found.tags if tag == "a" and (attributes["href"] or "").startswith("#")]
-    assert links == [f"#{name}" for name in sections]
-    assert len(sections) == 8
-    words = " ".join(found.words)
-    for expected in ("+", "rallies.mcap", "Forfeits", "Learning", "Alpha-rank", "in refits", "standard errors"):
-        assert expected in words
-    assert page(tournament()) == page(tournament())
 
 
 def test_text_in_charts_is_text() -> None:
@@ -178,43 +164,3 @@ def test_what_cannot_be_compared(tmp_path: Path) -> None:
     (tmp_path / "empty" / "report.json").write_text('{"ranking": [{"player": "a"}]}')
     with pytest.raises(LeagueError, match="not the report of a tournament"):
         compare([tmp_path / "empty"])
-
-
-@pytest.mark.slow
-def test_in_a_browser_it_asks_for_nothing_and_sorts(browser: Browser, tmp_path: Path) -> None:
-    path = tmp_path / "report.html"
-    path.write_bytes(page(tournament()))
-    problems: list[str] = []
-    asked: list[str] = []
-    opened = browser.new_page()
-    opened.on("console", lambda message: problems.append(message.text))
-    opened.on("pageerror", lambda error: problems.append(str(error)))
-    opened.on("request", lambda request: asked.append(request.url))
-    opened.goto(path.as_uri())
-
-    def column(number: int) -> list[str]:
-        script = "(n) => [...document.querySelector('table').tBodies[0].rows].map((row) => row.cells[n].textContent)"
-        return opened.evaluate(script, number)
-
-    heads = opened.locator("table").first.locator("thead button")
-    names = heads.all_text_contents()
-    exact = names.index("exploitability")
-    heads.nth(exact).click()
-    assert column(exact) == ["0.000", "0.400", "", ""]
-    heads.nth(exact).click()
-    assert column(exact) == ["0.400", "0.000", "", ""]
-    heads.nth(1).click()
-    assert [name[:2] for name in column(1)] == ["</", "bc", "fa", "mi"]
-    heads.nth(names.index("rating")).click()
-    ratings = [float(shown) for shown in column(names.index("rating")) if shown]
-    assert ratings == sorted(ratings, reverse=True)
-    assert opened.locator("th[aria-sort]").count() == 1
-    with opened.expect_download() as download:
-        opened.get_by_role("button", name="CSV").first.click()
-    with download.value.path().open(encoding="utf-8-sig", newline="") as file:
-        rows = list(csv.reader(file))
-    assert rows[0] == names
-    assert [row[1] for row in rows[1:]] == column(1)
-    opened.close()
-    assert problems == []
-    assert asked == [path.as_uri()]

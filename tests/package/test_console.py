@@ -1,7 +1,6 @@
 """The console script and the public names."""
 
 import json
-import shutil
 import subprocess
 import sys
 import sysconfig
@@ -47,25 +46,6 @@ def test_a_command_that_is_nearly_one(typed: str, meant: str, capsys: pytest.Cap
 def test_a_closed_pipe_is_no_traceback(words: list[str]) -> None:
     command = [sys.executable, "-m", "shuttle_marl", *words]
     check_closed_pipe(command)
-
-
-COMPLETE = """
-source <(cat)
-COMP_WORDS=(shuttle-marl {words})
-COMP_CWORD=$(( ${{#COMP_WORDS[@]}} - 1 ))
-COMP_LINE="${{COMP_WORDS[*]}}" COMP_POINT=999
-_tyro_shuttle_marl
-printf '%s\\n' "${{COMPREPLY[@]}}"
-"""
-
-
-@pytest.mark.skipif(shutil.which("bash") is None, reason="bash is not installed")
-@pytest.mark.parametrize(("words", "offered"), [("le", "league"), ("league --matc", "--matches")])
-def test_bash_completes(words: str, offered: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["--completion", "bash"]) == 0
-    command = ["bash", "-c", COMPLETE.format(words=words)]
-    done = subprocess.run(command, input=capsys.readouterr().out, capture_output=True, text=True, check=True)
-    assert [line.split()[0] for line in done.stdout.splitlines()] == [offered], done.stderr
 
 
 @pytest.mark.parametrize("arguments", [["powershell"], []])

@@ -212,16 +212,6 @@ def test_the_conda_recipe_has_the_dependencies_of_the_package() -> None:
     assert {(need := Requirement(text)).name: str(need.specifier) for text in run if not text.startswith("python ")} == declared
 
 
-@pytest.mark.parametrize("name", ["test", "docs", "release"])
-def test_workflows_call_targets_that_exist(name: str) -> None:
-    workflow = yaml.safe_load((ROOT / f".github/workflows/{name}.yml").read_text())
-    targets = set(re.findall(r"^(\w[\w-]*):", (ROOT / "Makefile").read_text(), re.MULTILINE))
-    steps = [step.get("run", "") for job in workflow["jobs"].values() for step in job.get("steps", ())]
-    called = {target for step in steps for target in re.findall(r"^make ([\w-]+)", step)}
-    assert called <= targets
-    assert workflow["permissions"] == {"contents": "read"}
-
-
 def patterns() -> list[str]:
     text = (ROOT / "THIRD_PARTY_NOTICES.md").read_text(encoding="utf-8").partition("## Everything")[2].partition("\n## ")[0]
     rows = [line.split(" | ")[0] for line in text.splitlines() if line.startswith("| `")]

@@ -140,21 +140,6 @@ def test_names_that_no_folder_can_have(
     assert not list(tmp_path.iterdir())
 
 
-def test_a_run_that_cannot_be_removed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    folder = tmp_path / "run"
-    opened(folder)
-
-    def denied(*_: Any, **__: Any) -> None:
-        raise PermissionError(13, "Permission denied")
-
-    monkeypatch.setattr(Path, "unlink", denied)
-    with pytest.raises(RunError, match=r"cannot be used \(Permission denied\)"):
-        opened(folder, overwrite=True)
-    monkeypatch.setattr(os, "open", denied)
-    with pytest.raises(RunError, match=r"cannot be used \(Permission denied\)"):
-        opened(folder, overwrite=True)
-
-
 @pytest.mark.parametrize("content", [b"[]", b"[" * 200_000, b"\xff", b""])
 def test_a_damaged_description_is_named(content: bytes, tmp_path: Path) -> None:
     opened(tmp_path / "run")

@@ -16,7 +16,6 @@ from safetensors.numpy import save_file
 from shuttle_marl import match_v0, rally_v0
 from shuttle_marl.base.files import replace_file
 from shuttle_marl.base.tensor_files import Tensors, read_tensors
-from shuttle_marl.commands import exact, league, recording
 from shuttle_marl.dynamics.card import write_card
 from shuttle_marl.env.batched import RallyEnv, VersusEnv
 from shuttle_marl.game import shipped
@@ -25,10 +24,7 @@ from shuttle_marl.game.tables import Game, GameError
 from shuttle_marl.game.tabulated import thresholds
 from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.game.variants import STEP, moved, packed, steps_between, unpacked
-from shuttle_marl.league import default_pool
 from shuttle_marl.policy import baselines
-from shuttle_marl.policy.agents import read_card
-from shuttle_marl.training import PPOConfig, train
 from tests.reduced import reduced_game, reduced_model
 
 
@@ -163,28 +159,6 @@ def test_environments_play_the_game_of_a_discipline(model: Path) -> None:
     assert {env.game.hash for env in environments} == {men.hash}
     with pytest.raises(GameError, match="no variant 'women'"):
         rally_v0.env(game=f"{model}:women")
-
-
-def test_commands_play_the_game_of_a_discipline(model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Without the agents that were trained on the average; a log of it is not one of the average."""
-    men, out = load_game(f"{model}:men"), tmp_path / "run"
-    assert not {"ppo", "a2c"} & set(default_pool(men))
-    flags = ["--game", str(model), "--profile", "men"]
-    assert league.main(["--pool", "bc", "random", "--matches", "2", "--out", str(out), *flags]) == 0
-    assert json.loads((out / "manifest.json").read_text())["game"]["hash"] == men.hash
-    assert json.loads((out / "config.json").read_text())["profile"] == "men"
-    log = str(out / "rallies.mcap")
-    assert recording.main(["check", log, *flags]) == 0
-    assert recording.main(["check", log, *flags[:2]]) == 1
-    assert "--profile" in capsys.readouterr().err
-    assert recording.main(["export", log, str(tmp_path / "a.csv"), "--rows", "strokes", *flags]) == 0
-    assert recording.main(["export", log, str(tmp_path / "b.csv"), *flags]) == 1
-    with pytest.raises(SystemExit):
-        recording.main(["check", log, "--profile", "mixed"])
-    assert exact.main(["best-response", "bc", "--json", *flags]) == 0
-    config = PPOConfig(game=str(model), profile="men", strokes=128, batch=64, growth=0.0, record="none", out=tmp_path / "trained")
-    train(config)
-    assert read_card(tmp_path / "trained" / "agent")["game"] == men.hash
 
 
 def test_the_average_player_of_a_discipline_plays_in_its_game(model: Path) -> None:

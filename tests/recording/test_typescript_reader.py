@@ -4,7 +4,6 @@ Node is on the machine or the tests are skipped; the packages, with versions and
 are installed by npm into a temporary folder.
 """
 
-import dataclasses
 import json
 import os
 import shutil
@@ -16,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from shuttle_marl.recording import Rallies, RallyLog, RallyLogWriter
+from shuttle_marl.recording import Rallies, RallyLog
 
 SOURCE = Path(__file__).with_name("typescript")
 NODE, NPM = shutil.which("node"), shutil.which("npm")
@@ -74,23 +73,3 @@ def test_a_tournament_is_read_whole(read: Read, played: Path) -> None:
         about = indexed["metadata"]["shuttle_marl.rally_log"]
         assert about == log.header.to_metadata()
         assert json.loads(about["header"])["policies"][0]["name"] == "attacking"
-
-
-def test_columns_and_parts_are_read(read: Read, tmp_path: Path, rallies, header) -> None:
-    made = rallies(500)
-    learner = dataclasses.replace(
-        made,
-        update=np.arange(500, dtype=np.uint32),
-        log_probability=np.linspace(-3, 0, len(made.stroke), dtype=np.float32),
-        value=np.full(len(made.stroke), np.nan, dtype=np.float32),
-    )
-    path = tmp_path / "a.mcap"
-    with RallyLogWriter(path, header(columns=learner.optional_columns), batch_rallies=64, max_bytes=50_000) as log:
-        log.append(learner)
-    with RallyLog(path) as whole:
-        paths = [file.path for file in whole.files]
-    assert len(paths) > 1
-    status, found = read(*paths)
-    assert status == 0, found
-    assert [rally for each in found for rally in each["indexed"]["strokes"]] == strokes(made)
-    assert [update for each in found for update in each["indexed"]["updates"]] == list(range(500))

@@ -8,10 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from experiments.pictures.scene_file import SceneFile, read_glb
-from shuttle_marl.scene import models
 from shuttle_marl.scene.mesh import Mesh, glb, lathe, tube
 from shuttle_marl.scene.write import percent
-from shuttle_marl.staging import ATHLETES, BONES, load_skeleton
 
 RED, DARK = (0.7, 0.04, 0.05), (0.03, 0.03, 0.05)
 
@@ -39,25 +37,6 @@ def test_surfaces_face_outwards() -> None:
         a, b, c = (mesh.vertices[mesh.triangles[:, k]] for k in range(3))
         outside = mesh.normals[mesh.triangles].mean(axis=1)
         assert ((np.cross(b - a, c - a) * outside).sum(axis=1) > 0).all()
-
-
-@pytest.mark.parametrize("name", ATHLETES)
-@pytest.mark.parametrize("right_handed", [True, False])
-def test_parts_form_an_athlete(name: str, right_handed: bool) -> None:
-    skeleton = load_skeleton(name)
-    rest = skeleton.rest_pose(right_handed=right_handed)
-    found = models.athlete(name, right_handed=right_handed, shirt=RED, shorts=DARK)
-    assert set(found) == set(BONES) - {"Racket"}
-    whole = np.concatenate([mesh.vertices + rest[BONES.index(bone)] for bone, group in found.items() for mesh in group])
-    assert abs(whole[:, 2].min()) < 0.01
-    assert abs(whole[:, 2].max() - skeleton.height) < 0.04
-    assert {mesh.colour for mesh in found["Spine2"]} >= {RED}
-    # The hand that plays is closed around the handle, the other one reaches further.
-    reach = {}
-    for side in ("Right", "Left"):
-        hand = np.concatenate([mesh.vertices for mesh in found[f"{side}Hand"]])
-        reach[side] = np.linalg.norm(hand, axis=1).max()
-    assert (reach["Right"] < reach["Left"]) == right_handed
 
 
 def test_a_picture_is_written_with_its_texts(scene_file: Path, tmp_path: Path) -> None:

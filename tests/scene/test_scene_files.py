@@ -7,15 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
 import pytest
 from mcap.reader import make_reader
 
 from shuttle_marl.analysis import LogPlayers
 from shuttle_marl.analysis.strokes import simulated_rallies
 from shuttle_marl.exact import evaluate
-from shuttle_marl.game import court, default_game
-from shuttle_marl.game.rules import WINNER
+from shuttle_marl.game import default_game
 from shuttle_marl.game.tables import ROOT
 from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities, tabulate
 from shuttle_marl.policy.registry import resolve, resolve_recorded
@@ -27,7 +25,6 @@ from shuttle_marl.scene.topics import PLAY, SHADOWS, SHUTTLE_PLACE, WORLD, bone_
 from shuttle_marl.scene.write import CUT, EPOCH, LAYOUTS, write_scene
 from shuttle_marl.staging import BONES, SWEET_SPOT, load_skeleton, stage
 from tests.exact.exact_games import random_policy, tiring_game
-from tests.scene.conftest import Reel
 
 MOST_A_SECOND = 60
 
@@ -191,58 +188,11 @@ def test_probabilities_are_those_of_the_game_and_values_exact(reel: Any, log_pat
     assert reel.of(topics.STROKE)[0][1]["p_succ"] == p_succ[serve + [game.catalogue.names[s] for s in strokes].index(name)]
 
 
-def test_messages_match_their_schemas(reel: Any) -> None:
-    kinds: dict[str, Any] = {"number": (int, float), "integer": int, "boolean": bool, "string": str}
-    kinds |= {"object": dict, "array": list}
-
-    def check(content: Any, schema: dict[str, Any], where: str) -> None:
-        assert isinstance(content, kinds[schema["type"]]), where
-        if schema["type"] == "object":
-            assert set(content) <= set(schema["properties"]), where
-            for name, value in content.items():
-                check(value, schema["properties"][name], f"{where}.{name}")
-        elif schema["type"] == "array":
-            for value in content:
-                check(value, schema["items"], f"{where}[]")
-        elif schema["type"] == "number":
-            assert np.isfinite(content), where
-
-    for topic, schema in topics.SCHEMAS.items():
-        assert reel.of(topic), topic
-        for _, message in reel.of(topic):
-            check(message, schema, topic)
-
-
-def test_attachments_and_origin(reel: Any, log_path: Path) -> None:
-    reader = make_reader(io.BytesIO(reel.content))
-    files = {attachment.name: attachment.data for attachment in reader.iter_attachments()}
-    assert set(files) == {*(path.name for path in LAYOUTS), "rallies.arrow"}
-    rows = pa.ipc.open_file(files["rallies.arrow"]).read_all()
-    assert rows["number"].to_pylist() == reel.numbers
-    (facts,) = (found.metadata for found in reader.iter_metadata())
-    assert facts["game"] == default_game().hash
-    assert facts["log"] == log_path.name
-    assert facts["rallies"].split() == [str(number) for number in reel.numbers]
-
-
 def test_files_are_reproducible(reel: Any, log_path: Path) -> None:
     with RallyLog(log_path) as log:
         again, _ = write_scene(log, reel.numbers[:1], default_game(), fps=25)
         once_more, _ = write_scene(log, reel.numbers[:1], default_game(), fps=25)
     assert again == once_more
-
-
-def test_court_and_net_of_a_scene(reel: Reel) -> None:
-    entities = {entity.id: entity for _, message in reel.of("/scene/court") for entity in message.entities}
-    ground, net = entities["court"], entities["net"]
-    lines = [box for box in ground.cubes if min(box.size.x, box.size.y) == pytest.approx(court.LINE)]
-    for axis, size in (("x", court.WIDTH), ("y", court.LENGTH)):
-        edges = [getattr(box.pose.position, axis) + side * getattr(box.size, axis) / 2 for box in lines for side in (-1, 1)]
-        assert max(edges) - min(edges) == pytest.approx(size)
-    heights = {round(point.z, 4) for point in net.lines[0].points}
-    assert max(heights) == pytest.approx(court.NET_HEIGHT)
-    assert min(heights) == pytest.approx(court.NET_HEIGHT_CENTRE - court.NET_DEPTH, abs=1e-3)
-    assert {round(box.size.z, 4) for box in net.cubes} == {court.TAPE, court.NET_HEIGHT}
 
 
 DOCUMENTS = {path.name: json.loads(path.read_bytes()) for path in LAYOUTS}
@@ -289,34 +239,3 @@ def path(tables: dict[str, TabulatedPolicy], tmp_path_factory: pytest.TempPathFa
     with RallyLogWriter(path, header) as log:
         log.append(rallies)
     return path
-
-
-def test_reports_are_those_of_the_state(path: Path, tables: dict[str, TabulatedPolicy]) -> None:
-    """Compared with efforts and duels that are counted here, and probabilities looked up by the whole observation."""
-    good, returned, _ = GAME.stroke_probabilities()
-    value = evaluate(tables["one"], tables["other"])
-    observed = set()
-    with RallyLog(path) as log:
-        players = LogPlayers(log, GAME, lambda name, _: tables[name])
-        for number in range(20):
-            report = report_rally(log, number, GAME, players)
-            catalogue, played = report.played.catalogue, report.played
-            strokes, attacks, duel = [GAME.n_strokes] * 2 + played.stroke.tolist(), [0, 0], 0
-            for i, (decision, rank) in enumerate(zip(report.analysis.decisions, report.analysis.rank, strict=True)):
-                seat, stroke = int(played.striker[i]), int(played.stroke[i])
-                efforts = report.efforts(i)
-                assert (efforts, report.duel(i)) == ((min(attacks[seat], 2), min(attacks[1 - seat], 2)), min(duel, 3))
-                state = int(
-                    GAME.state_of(strokes[i], strokes[i + 1], catalogue.height[stroke], min(duel, 3), *efforts, played.hurried[i])
-                )
-                pair = int(GAME.pair(state, stroke))
-                assert (decision.p_succ[rank], decision.p_ret[rank]) == (good[pair], returned[pair])
-                table = tables[report.names[seat]]
-                assert decision.probability[rank] == table.pair_probabilities()[pair]
-                seats = [NAMES.index(name) for name in report.names]
-                assert decision.value == pytest.approx((1 + value.striking[seats[seat]][state]) / 2, abs=1e-6)
-                observed.add((*efforts, report.duel(i)))
-                attacks[seat] += int(catalogue.is_attack[stroke])
-                duel = duel + 1 if catalogue.is_net_shot[stroke] else 0
-            assert (report.winner == int(played.striker[-1])) == (played.ending == WINNER)
-    assert len(observed) > 15

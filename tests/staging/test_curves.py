@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 
-from shuttle_marl.staging.curves import curve, curve_at, slopes_through, smooth, widen
+from shuttle_marl.staging.curves import curve, curve_at, slopes_through
 from shuttle_marl.staging.flight import GRAVITY, LENGTH, TERMINAL, Flights, fall, shoot
 from shuttle_marl.staging.rotation import about, exponential, from_yaw_pitch_roll, matrix, quaternion, to_yaw_pitch_roll
 
@@ -34,13 +34,6 @@ def test_curves_are_those_of_scipy(steps: list[int], seed: int) -> None:
     for now in range(int(frame[0]), int(frame[-1])):
         for found, order in zip(curve_at(frame, pose, slope, now), (0, 1), strict=True):
             np.testing.assert_allclose(found, spline(now, order), atol=1e-12)
-
-
-@pytest.mark.parametrize("by", [1, 3, 8])
-def test_a_mean_of_the_widened_is_nowhere_less_than_what_is_needed(by: int) -> None:
-    x = np.random.default_rng(by).random(50)
-    assert (smooth(widen(x, by), by) >= x - 1e-12).all()
-    np.testing.assert_allclose(smooth(np.full(50, 2.0), by), 2.0)
 
 
 ANGLE = st.floats(-3.1, 3.1)

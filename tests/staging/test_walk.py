@@ -6,9 +6,7 @@ import itertools
 import numpy as np
 import pytest
 
-from shuttle_marl.game.court import NET_DEPTH
 from shuttle_marl.staging import BONES, Motion, StagingError, stage, with_walk
-from shuttle_marl.staging.trajectory import net_height
 from tests.staging.conftest import HANDS
 
 FPS = 50
@@ -57,32 +55,6 @@ def test_players_walk_and_their_feet_do_not_slide(walks) -> None:
             knees = whole.position[part, seat][:, [BONES.index("LeftLeg"), BONES.index("RightLeg")], 2]
             assert knees.min() > 0.1
         assert whole.position[part, :, 0, 2].min() > 0.4, "the hips are lowest in the pick-up"
-
-
-def test_the_shuttle_is_flicked_up_by_the_racket_and_caught_by_the_server(walks) -> None:
-    crossed = 0
-    for rally, whole, following in walks:
-        n, server = len(rally.time), following.trajectory.rally.server
-        shuttle = whole.shuttle[n - 1 :].astype(float)
-        lies = shuttle[0]
-        picked = int(np.argmax(np.abs(shuttle - lies).max(axis=1) > 1e-3)) - 1
-        picker = int(lies[1] > 0)
-        strings = whole.sweet_spot[n - 1 + picked, picker]
-        assert np.hypot(*(strings - lies)[:2]) < 0.02
-        assert strings[2] == pytest.approx(0.10, abs=0.02)
-        assert whole.planted[n - 1 + picked, picker].all(), "on both feet"
-        hand = whole.position[-1, server, BONES.index("LeftHand" if whole.handedness[server] == "right" else "RightHand")]
-        assert np.linalg.norm(shuttle[-1] - hand) < 0.15
-        over = np.flatnonzero(np.diff(np.sign(shuttle[:, 1])))
-        assert len(over) == (picker != server)
-        for k in over:
-            here, there = shuttle[k], shuttle[k + 1]
-            height = (here + (there - here) * here[1] / (here[1] - there[1]))[2]
-            top = float(net_height(shuttle[k, 0]))
-            assert height > top or height < top - NET_DEPTH, "over the net, or under it"
-            crossed += 1
-        assert shuttle[:, 2].min() > 0
-    assert crossed or all(int(rally.shuttle[-1, 1] > 0) == f.trajectory.rally.server for rally, _, f in walks)
 
 
 def test_what_does_not_follow_is_refused(match, played) -> None:

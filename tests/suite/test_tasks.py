@@ -4,7 +4,6 @@ import dataclasses
 import json
 import os
 import shutil
-import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -16,7 +15,6 @@ from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.files import replace_sealed
 from shuttle_marl.base.programs import ProgramError
 from shuttle_marl.base.table_files import read_parquet
-from shuttle_marl.commands.suite import main
 from shuttle_marl.env.words import OVER, WAIT, TextRallyEnv, described, position, prompt, read_answer, text_env
 from shuttle_marl.exact import best_response, moved, solve
 from shuttle_marl.game.observation import states_of
@@ -203,17 +201,6 @@ def test_the_template_in_perl_plays_and_is_a_table(tmp_path: Path, monkeypatch: 
     with pytest.raises(SuiteError, match="no template in Perl"):
         new_submission("adapt-v0", tmp_path, "perl")
     assert len((tmp_path / "player.pl").read_text().splitlines()) <= 40
-
-
-def test_the_printed_command_runs_from_its_folder(tmp_path: Path) -> None:
-    assert main(("new-submission", "text-v0", "--out", str(tmp_path))) == 0
-    line = [sys.executable, "-m", "shuttle_marl.suite", "run", "text-v0", "--method", "my_text:Player", "--quick", "--json"]
-    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
-    done = subprocess.run(
-        [*line, "--game", reduced_model()], cwd=tmp_path, capture_output=True, text=True, check=False, env=environment
-    )
-    assert done.returncode == 0, done.stderr
-    assert json.loads(done.stdout)["scores"]["legal"]["value"] == 1
 
 
 def test_data_are_written_with_their_hashes(tmp_path: Path) -> None:

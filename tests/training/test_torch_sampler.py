@@ -22,7 +22,7 @@ from shuttle_marl.training.sac import SAC
 from shuttle_marl.training.self_play import SelfPlayOpponents, n_opponents
 from shuttle_marl.training.torch_sampler import TorchSampler, draw, extend, mix, sums
 from tests.reduced import reduced_game, reduced_model
-from tests.training.pretended import MixedDevicesError, pretended_cuda
+from tests.training.pretended import pretended_cuda
 
 GAME = reduced_game()
 RANDOM, BC, SAFE = (tabulate(resolve(name, GAME), GAME, name) for name in ("random", "bc", "safe"))
@@ -177,34 +177,6 @@ LEARNERS: dict[str, tuple[Callable[..., Any], TrainingConfig]] = {
     "sac": (SAC, SACConfig(**SMALL, warm_up=50, minibatch=64, buffer=150)),
     "pool": (PPO, PPOConfig(**SELF, variant="pool", update_interval=2, pool_size=2)),
 }
-
-
-def test_the_pretended_device_refuses_what_a_gpu_refuses() -> None:
-    with pretended_cuda():
-        there, here = torch.arange(3.0, device="cuda"), torch.arange(3.0)
-        assert there.device.type == "cuda"
-        assert (there * 2).device.type == "cuda"
-        assert there.cpu().device.type == "cpu"
-        assert here.to("cuda:0").device.type == "cuda"
-        assert here.device.type == "cpu"
-        assert (there * torch.tensor(2.0)).sum().item() == 6
-        assert there[torch.tensor([1])].device.type == "cuda"
-        assert (there.cpu().numpy() == [0, 1, 2]).all()
-        for mixed in (
-            lambda: there + here,
-            lambda: torch.where(there > 1, here, there),
-            lambda: here[there.long()],
-            lambda: there.index_add_(0, there.long(), here),
-            lambda: torch.nn.functional.linear(here[None], there[None]),
-            there.numpy,
-            lambda: np.asarray(there),
-        ):
-            with pytest.raises(MixedDevicesError):
-                mixed()
-        weight = there.clone().requires_grad_()
-        (weight**2).sum().backward()
-        assert weight.grad is not None
-        assert weight.grad.device.type == "cuda"
 
 
 def learned(make: Callable[..., Any], config: TrainingConfig) -> Tensors:

@@ -28,7 +28,6 @@ from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy.agents import read_card
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording import Rallies, RallyLog, RecordingError, replay
-from shuttle_marl.recording.file_writer import NoRoomError, Sink
 from shuttle_marl.recording.replay import check
 from shuttle_marl.training import A2CConfig, Evaluation, Evaluator, PPOConfig, SACConfig, TrainingConfig, TrainingError, train
 from shuttle_marl.training.config import SelfPlayVariant
@@ -446,23 +445,3 @@ def test_recording_changes_nothing_that_is_learned(tmp_path: Path) -> None:
     every, some = read(tmp_path / "all" / LOG), read(tmp_path / "sample:3" / LOG)
     assert math.isclose(len(some) / len(every), 1 / 3, rel_tol=0.25)
     assert set(zip(some.pairing, some.match, strict=True)) < set(zip(every.pairing, every.match, strict=True))
-
-
-def test_a_disk_that_fills_up_stops_the_run_and_it_goes_on_later(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    config = PPOConfig(**LOGGED, out=tmp_path / "run")
-    whole = train(dataclasses.replace(config, out=tmp_path / "whole"))
-    reserve, asked = Sink.reserve, []
-
-    def fills(self: Sink, count: int) -> None:
-        asked.append(count)
-        if len(asked) == 4:
-            raise NoRoomError(28, "No space left on device")
-        reserve(self, count)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(Sink, "reserve", fills)
-        with pytest.raises(RecordingError, match="No space left on device"):
-            train(config)
-    assert not (tmp_path / "run" / "agent").exists()
-    resumed = train(dataclasses.replace(config, resume=True))
-    assert (resumed.folder / LOG).read_bytes() == (whole.folder / LOG).read_bytes()

@@ -1,7 +1,6 @@
 """The page's reader of packed motions, on the file that every reader has to read."""
 
 import json
-import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +8,6 @@ import numpy as np
 import pytest
 
 from shuttle_marl.staging.motion import from_parents
-from shuttle_marl.watch.building import SOURCE, node
 from tests.watch.conftest import run_script
 
 GOLDEN = Path(__file__).parents[1] / "staging" / "golden"
@@ -36,9 +34,3 @@ def test_the_golden_motion_is_read_as_it_was_written(page_folder: Path, tmp_path
             )
             assert np.abs(place[0] - row["position"][seat]).max() < 1e-4
             assert np.abs(np.abs((turn[0] * row["rotation"][seat]).sum(axis=-1)) - 1).max() < 1e-5
-
-
-def test_the_page_has_no_type_errors(page_folder: Path) -> None:
-    tsc = SOURCE / "node_modules" / "typescript" / "bin" / "tsc"
-    done = subprocess.run([str(node()), str(tsc), "-p", str(SOURCE)], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stdout

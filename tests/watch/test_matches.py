@@ -291,7 +291,6 @@ PAIR_PLAN = Plan.parse({"seed": 3, "sides": [{"policy": f"bc:{A}"}, {"policy": "
 
 
 FIRST = messages.RallyRequest(id=0, plan=PAIR_PLAN, rally=0)
-REPOSITORY = Path(__file__).parents[2]
 STAGER = Stager(("male", "male"), ("right", "right"))
 
 
