@@ -179,8 +179,4 @@ def sweet_spot(arm: Arm, pose: ArmPose) -> F64:
 def sweet_spot_jacobian(arm: Arm, angles: F64) -> F64:
     """``[N, 3, 10]`` Jacobian of the middle of the strings."""
     pose = arm.pose(angles)
-    return _columns(pose, sweet_spot(arm, pose))
-
-
-def _columns(pose: ArmPose, point: F64) -> F64:
-    return cross(pose.axes, point[:, None] - pose.pivot).transpose(0, 2, 1)
+    return cross(pose.axes, sweet_spot(arm, pose)[:, None] - pose.pivot).transpose(0, 2, 1)

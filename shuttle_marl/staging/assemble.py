@@ -20,7 +20,6 @@ from shuttle_marl.staging.body import Player, Prepared, bones, course, free_palm
 from shuttle_marl.staging.draw import TrajectoryBuilder
 from shuttle_marl.staging.feet import Feet
 from shuttle_marl.staging.idle import Habits, habits
-from shuttle_marl.staging.keys import Timeline
 from shuttle_marl.staging.library import FLIP, Athlete
 from shuttle_marl.staging.motion import HANDS, Branch, Motion
 from shuttle_marl.staging.path_solver import TravelWishes, smooth_path
@@ -185,6 +184,7 @@ def _staged(
     lead_in: float,
     importance: float,
 ) -> Motion:
+    """The motion; frames up to the branch are copied."""
     trajectory = TrajectoryBuilder(rally, players, seed, fps).build(lead_in, branch)
     if len(rally):
         frames = round((trajectory.end_time[-1] + (0.0 if rally.open else _TAIL)) * fps) + 1
@@ -200,14 +200,58 @@ def _staged(
         # From the shuttle to the strings in the frame of the court, by stroke, where they are apart.
         missed = {
             hit.stroke: -miss * players[seat].signs
-            for seat, (timeline, prepared, _) in enumerate(ready)
-            for hit, miss in zip(timeline.hits, prepared.miss, strict=True)
+            for seat, (prepared, _) in enumerate(ready)
+            for hit, miss in zip(prepared.timeline.hits, prepared.miss, strict=True)
             if np.linalg.norm(miss) > 2 * _TOLERANCE
         }
         if not missed:
             break
         trajectory = with_contacts_moved(trajectory, missed)
-    return _assembled(trajectory, players, ready, added, rhythm, fps, branch)
+    done = branch.frame + 1 if branch else 0
+    shuttle, velocity = shuttle_path(trajectory, frames, fps, max(branch.strokes - 1, 0) if branch else 0)
+    rotation, position = np.empty((frames, 2, N_BONES, 4), np.float32), np.empty((frames, 2, N_BONES, 3), np.float32)
+    planted = np.empty((frames, 2, 2), dtype=bool)
+    contacts = np.rint(trajectory.time * fps).astype(np.int64)
+    states = []
+    for seat in (0, 1):
+        skeleton, sign = players[seat].skeleton, players[seat].signs
+        prepared, shift = ready[seat]
+        found = course(skeleton, prepared, shuttle * sign, branch.course(seat) if branch else None)
+        states.append(Player(found, prepared, shift, rhythm))
+        rows = slice(done, None)
+        new = found.part(rows)
+        turn, place = bones(skeleton, new)
+        rotation[rows, seat], position[rows, seat], planted[rows, seat] = onto_court(turn, place, new.feet, sign)
+        if seat == rally.server and (not len(rally) or contacts[0] >= done):
+            palm = np.zeros((frames, 3))
+            if branch:
+                palm[:done] = branch.motion.shuttle[:done]
+            palm[rows] = free_palm(skeleton, turn, place) * sign
+            held(shuttle, palm, contacts, trajectory, fps)
+            end = int(contacts[0]) if len(contacts) else frames
+            velocity[:end] = np.gradient(shuttle[: end + 1], 1 / fps, axis=0)[:end]
+    motion = Motion(
+        fps=fps,
+        time=np.arange(frames) / fps,
+        shuttle=shuttle.astype(np.float32),
+        shuttle_velocity=velocity.astype(np.float32),
+        rotation=rotation,
+        position=position,
+        planted=planted,
+        contact_frame=contacts,
+        skeletons=(players[0].skeleton, players[1].skeleton),
+        handedness=("right" if players[0].right_handed else "left", "right" if players[1].right_handed else "left"),
+        trajectory=trajectory,
+        players=(states[0], states[1]),
+    )
+    if branch:
+        for name in ("rotation", "position", "planted"):
+            getattr(motion, name)[:done] = getattr(branch.motion, name)[:done]
+        # In the frame of a contact the velocity is already that of the new flight.
+        known = slice(branch.frame if branch.strokes else done)
+        for name in ("shuttle", "shuttle_velocity"):
+            getattr(motion, name)[known] = getattr(branch.motion, name)[known]
+    return motion
 
 
 def _check(handedness: tuple[str, str], fps: int, lead_in: float, importance: float) -> None:
@@ -246,8 +290,8 @@ def _branch(rally: Rally, motion: Motion, from_stroke: int | None, at: int | Non
 
 def _prepared(
     trajectory: Trajectory, athlete: Athlete, added: Habits, mood: tuple[int, float], fps: int, branch: Branch | None
-) -> tuple[Timeline, Prepared, F64]:
-    """Timeline, feet and key poses of one player, and ``[n, 3]`` shift of the hips at each stroke [m].
+) -> tuple[Prepared, F64]:
+    """Feet and key poses of one player, and ``[n, 3]`` shift of the hips at each stroke [m].
 
     Where the racket does not reach the shuttle, the hips are shifted and the contacts are solved again.
     """
@@ -270,64 +314,7 @@ def _prepared(
         strokes = np.array([hit.stroke for hit in timeline.hits])
         # Overshoot slightly: otherwise the last millimetres take many attempts.
         shift[strokes[missed]] += 1.15 * prepared.miss[missed]
-    return timeline, prepared, shift
-
-
-def _assembled(
-    trajectory: Trajectory,
-    athletes: tuple[Athlete, Athlete],
-    ready: list[tuple[Timeline, Prepared, F64]],
-    added: list[Habits],
-    rhythm: int,
-    fps: int,
-    branch: Branch | None,
-) -> Motion:
-    """Bones and shuttle in all frames; frames up to the branch are copied."""
-    rally, frames, done = trajectory.rally, len(added[0].place), branch.frame + 1 if branch else 0
-    shuttle, velocity = shuttle_path(trajectory, frames, fps, max(branch.strokes - 1, 0) if branch else 0)
-    rotation, position = np.empty((frames, 2, N_BONES, 4), np.float32), np.empty((frames, 2, N_BONES, 3), np.float32)
-    planted = np.empty((frames, 2, 2), dtype=bool)
-    contacts = np.rint(trajectory.time * fps).astype(np.int64)
-    players = []
-    for seat in (0, 1):
-        skeleton, sign = athletes[seat].skeleton, athletes[seat].signs
-        timeline, prepared, shift = ready[seat]
-        found = course(skeleton, prepared, added[seat], shuttle * sign, branch.course(seat) if branch else None)
-        players.append(Player(found, prepared, timeline, shift, rhythm))
-        rows = slice(done, None)
-        new = found.part(rows)
-        turn, place = bones(skeleton, new)
-        rotation[rows, seat], position[rows, seat], planted[rows, seat] = onto_court(turn, place, new.feet, sign)
-        if seat == rally.server and (not len(rally) or contacts[0] >= done):
-            palm = np.zeros((frames, 3))
-            if branch:
-                palm[:done] = branch.motion.shuttle[:done]
-            palm[rows] = free_palm(skeleton, turn, place) * sign
-            held(shuttle, palm, contacts, trajectory, fps)
-            end = int(contacts[0]) if len(contacts) else frames
-            velocity[:end] = np.gradient(shuttle[: end + 1], 1 / fps, axis=0)[:end]
-    motion = Motion(
-        fps=fps,
-        time=np.arange(frames) / fps,
-        shuttle=shuttle.astype(np.float32),
-        shuttle_velocity=velocity.astype(np.float32),
-        rotation=rotation,
-        position=position,
-        planted=planted,
-        contact_frame=contacts,
-        skeletons=(athletes[0].skeleton, athletes[1].skeleton),
-        handedness=("right" if athletes[0].right_handed else "left", "right" if athletes[1].right_handed else "left"),
-        trajectory=trajectory,
-        players=(players[0], players[1]),
-    )
-    if branch:
-        for name in ("rotation", "position", "planted"):
-            getattr(motion, name)[:done] = getattr(branch.motion, name)[:done]
-        # In the frame of a contact the velocity is already that of the new flight.
-        known = slice(branch.frame if branch.strokes else done)
-        for name in ("shuttle", "shuttle_velocity"):
-            getattr(motion, name)[known] = getattr(branch.motion, name)[known]
-    return motion
+    return prepared, shift
 
 
 def onto_court(rotation: F64, position: F64, feet: Feet, sign: F64) -> tuple[F64, F64, Bools]:

@@ -169,6 +169,8 @@ class Prepared:
         plants: times and places at which the left and the right foot are planted.
         keys: key poses, with solved contacts.
         miss: ``[H, 3]`` vector from strings to shuttle at each hit [m].
+        timeline: the plan.
+        added: idle movements.
     """
 
     hips: F64
@@ -177,6 +179,8 @@ class Prepared:
     plants: tuple[list[Plant], list[Plant]]
     keys: Keys
     miss: F64
+    timeline: Timeline
+    added: Habits
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -211,7 +215,6 @@ class Player:
 
     course: Course
     prepared: Prepared
-    timeline: Timeline
     shift: F64
     rhythm: int
 
@@ -230,7 +233,14 @@ class Player:
             pose=np.concatenate([keys.pose[:n], pose[None]]),
             slope=np.concatenate([keys.slope[:n], slope[None]]),
         )
-        return Past(frame=frame, strokes=strokes, keys=known, stand=stand, lift=self.timeline.lift, air=self.timeline.air), plants
+        return Past(
+            frame=frame,
+            strokes=strokes,
+            keys=known,
+            stand=stand,
+            lift=self.prepared.timeline.lift,
+            air=self.prepared.timeline.air,
+        ), plants
 
 
 def prepare(
@@ -264,7 +274,7 @@ def prepare(
             break
     place = settled
     keys, miss = meet(skeleton, timeline, place, fps)
-    return Prepared(hips=place, path=hips, feet=feet, plants=plants, keys=keys, miss=miss)
+    return Prepared(hips=place, path=hips, feet=feet, plants=plants, keys=keys, miss=miss, timeline=timeline, added=added)
 
 
 def _settled(skeleton: Skeleton, place: F64, root: F64, feet: Feet, before: Course | None) -> tuple[F64, Feet]:
@@ -282,7 +292,7 @@ def _settled(skeleton: Skeleton, place: F64, root: F64, feet: Feet, before: Cour
     return np.concatenate([before.hips, later]), before.feet.concatenated(after)
 
 
-def course(skeleton: Skeleton, prepared: Prepared, added: Habits, shuttle: F64, before: Course | None = None) -> Course:
+def course(skeleton: Skeleton, prepared: Prepared, shuttle: F64, before: Course | None = None) -> Course:
     """Inputs of the bones in all frames.
 
     Args:
@@ -291,7 +301,7 @@ def course(skeleton: Skeleton, prepared: Prepared, added: Habits, shuttle: F64, 
         before: B unchanged frames.
     """
     keys, done = prepared.keys, len(before.hips) if before else 0
-    pose = curve(keys.frame, keys.pose, keys.slope, len(prepared.hips)) + added.pose
+    pose = curve(keys.frame, keys.pose, keys.slope, len(prepared.hips)) + prepared.added.pose
     arm = arm_of(skeleton)
     for part in (RACKET_ARM, FREE_ARM):
         pose[:, part] = arm.clipped(pose[:, part])

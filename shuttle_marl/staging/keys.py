@@ -72,7 +72,6 @@ class Hit:
         soft: fraction of the way from take-back to contact completed at the load; 0 for full swings.
     """
 
-    key: int
     frame: int
     stroke: int
     stance: motions.Stance

@@ -84,7 +84,6 @@ class Library:
         loses: ``[2, 27]`` reactions of who has lost it.
         contact: ``[13, 7, 3]`` where each motion meets the shuttle best, in the stroke frame [m]: at its own height, and
             at the heights of :data:`NEEDS` above it.
-        miss: ``[13, 6]`` how far the racket is from where the motions want it [m].
     """
 
     stroke: F64
@@ -94,7 +93,6 @@ class Library:
     wins: F64
     loses: F64
     contact: F64
-    miss: F64
 
     def natural(self, motion: int, z: float) -> F64:
         """``[3]`` natural contact of a motion for a shuttle at height ``z``, in the stroke frame [m]."""
@@ -139,7 +137,7 @@ def library_of(skeleton: Skeleton) -> Library:
     # Contacts are written in the stroke frame, key poses in the facing frame.
     back = turned(np.array([-np.radians(KEYS[motion][CONTACT].hips[1]) for motion in range(len(motions.MOTIONS))]))
     aim[hit] = apply(back, np.array([AIM[motion] for motion in range(len(motions.MOTIONS))]))
-    poses, reached, miss = _solve(skeleton, keys, aim, hit)
+    poses, reached = _solve(skeleton, keys, aim, hit)
     n = len(motions.MOTIONS) * 6
     return Library(
         stroke=poses[:n].reshape(-1, 6, N_POSE),
@@ -149,7 +147,6 @@ def library_of(skeleton: Skeleton) -> Library:
         wins=poses[n + 3 : n + 5],
         loses=poses[n + 5 : n + 7],
         contact=_contacts(skeleton, poses[:n].reshape(-1, 6, N_POSE)[:, CONTACT], reached[hit], back),
-        miss=miss[:n].reshape(-1, 6),
     )
 
 
@@ -180,7 +177,7 @@ def _contacts(skeleton: Skeleton, pose: F64, own: F64, back: F64) -> F64:
     return apply(back.transpose(0, 2, 1)[:, None], out)
 
 
-def _solve(skeleton: Skeleton, keys: list[Key], aim: F64, hit: Bools) -> tuple[F64, F64, F64]:
+def _solve(skeleton: Skeleton, keys: list[Key], aim: F64, hit: Bools) -> tuple[F64, F64]:
     arm, size, n = arm_of(skeleton), skeleton.scale, len(keys)
     poses = np.zeros((n, N_POSE))
     poses[:, HIPS_HEIGHT] = [size * key.hips[0] for key in keys]
@@ -205,7 +202,6 @@ def _solve(skeleton: Skeleton, keys: list[Key], aim: F64, hit: Bools) -> tuple[F
     )
     poses[:, RACKET_ARM] = solve_best(arm, goal, anywhere(len(keys)), rounds=60)
     seen = _reached(arm, poses[:, RACKET_ARM], goal.reach)
-    miss = np.linalg.norm(seen - goal.point, axis=1)
     reached = apply(chest, seen) + collar
     # The free arm is solved as a right arm in a mirror; its hand holds nothing, so the point is the palm.
     mirrored = np.diag(FLIP) @ chest @ np.diag(FLIP)
@@ -220,7 +216,7 @@ def _solve(skeleton: Skeleton, keys: list[Key], aim: F64, hit: Bools) -> tuple[F
         ),
     )
     poses[:, FREE_ARM] = solve_best(arm, free, anywhere(len(keys)), rounds=60)
-    return poses, reached, miss
+    return poses, reached
 
 
 def in_chest(chest: F64, collar: F64, goal: Goal) -> Goal:

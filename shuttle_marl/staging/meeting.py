@@ -109,8 +109,8 @@ def meet(skeleton: Skeleton, timeline: Timeline, place: F64, fps: int) -> tuple[
     if not timeline.hits:
         return Keys(frame=timeline.frame, pose=poses, slope=slopes_of(timeline, poses)), np.zeros((0, 3))
     arm = arm_of(skeleton)
-    rows = np.array([hit.key for hit in timeline.hits])
     frames = np.array([hit.frame for hit in timeline.hits])
+    rows = np.searchsorted(timeline.frame, frames)
     hips = place[frames]
     point = np.array([hit.point for hit in timeline.hits])
     back = np.array([hit.stance.motion in motions.BACKHANDS for hit in timeline.hits])
@@ -162,7 +162,7 @@ def meet(skeleton: Skeleton, timeline: Timeline, place: F64, fps: int) -> tuple[
 def _struck(skeleton: Skeleton, timeline: Timeline, place: F64, poses: F64, fps: int) -> Keys:
     """Key poses with the speed of the arm at the contacts, and matching loads and follow-throughs."""
     arm, frame = arm_of(skeleton), timeline.frame
-    rows = np.array([hit.key for hit in timeline.hits])
+    rows = np.searchsorted(frame, [hit.frame for hit in timeline.hits])
     before, after = (np.abs(frame[rows + side] - frame[rows]) / fps for side in (-1, 1))
     slopes = slopes_of(timeline, poses)
     still = _carried(skeleton, timeline, place, poses, slopes, rows, fps)
@@ -195,7 +195,7 @@ def _carried(skeleton: Skeleton, timeline: Timeline, place: F64, poses: F64, slo
 
 def _hold(skeleton: Skeleton, timeline: Timeline, hit: Hit, place: F64, poses: F64, fps: int) -> None:
     """Bring the free hand of the server to the shuttle in the key poses before the contact."""
-    keys = np.arange(len(timeline.known.frame), hit.key)
+    keys = np.arange(len(timeline.known.frame), np.searchsorted(timeline.frame, hit.frame))
     if not len(keys):
         return
     rotation, position = trunk(skeleton, place[timeline.frame[keys]], poses[keys, TRUNK])

@@ -103,14 +103,13 @@ class TimelineBuilder:
         else:
             self._finish(over)
         order = sorted(self.keys)
-        where = {frame: k for k, frame in enumerate(order)}
         pose = np.array([self.keys[f] for f in order])
         known = Keys(frame=np.zeros(0, dtype=np.int64), pose=pose[:0], slope=pose[:0])
         return Timeline(
             frame=np.array(order),
             pose=pose,
             known=self.past.keys if self.past else known,
-            hits=tuple(dataclasses.replace(hit, key=where[hit.frame]) for hit in hits),
+            hits=tuple(hits),
             lift=self.lift,
             air=self.air,
             stands=self.stands,
@@ -257,7 +256,6 @@ class TimelineBuilder:
         rally = self.trajectory.rally
         soft = SOFT.get(SHOTS[rally.catalogue.shot[rally.stroke[i]]], 0.0)
         return Hit(
-            key=-1,
             frame=frame,
             stroke=i,
             stance=stance,

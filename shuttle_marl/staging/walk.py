@@ -115,13 +115,13 @@ class _WalkBuilder:
     def build(self) -> Motion:
         plan, rally = self.plan, self.rally
         prepared = [self._prepared(seat) for seat in (0, 1)]
-        shuttle = self._shuttle(*prepared[self.server])
+        shuttle = self._shuttle(prepared[self.server])
         rotation, position, planted = (
             np.empty((plan.frames, *getattr(rally, name).shape[1:])) for name in ("rotation", "position", "planted")
         )
         for seat in (0, 1):
             sign = self.athletes[seat].signs
-            found = course(rally.skeletons[seat], *prepared[seat], shuttle * sign)
+            found = course(rally.skeletons[seat], prepared[seat], shuttle * sign)
             turn, place = bones(rally.skeletons[seat], found)
             rotation[:, seat], position[:, seat], planted[:, seat] = onto_court(turn, place, found.feet, sign)
         velocity = np.gradient(shuttle, 1 / self.fps, axis=0)
@@ -185,7 +185,7 @@ class _WalkBuilder:
             seconds += 0.05
         return seconds
 
-    def _prepared(self, seat: int) -> tuple[Prepared, Habits]:
+    def _prepared(self, seat: int) -> Prepared:
         """Hips, poses and feet of a player; the racket of the picker meets the shuttle."""
         athlete, plan = self.athletes[seat], self.plan
         ease = np.cos(np.pi / 2 * np.clip(np.arange(plan.frames) / (_STILL * self.fps), 0, 1)) ** 2
@@ -202,7 +202,7 @@ class _WalkBuilder:
             # Both ends are where the rallies have the hips, which shift their weight.
             off = self.starts[seat].course.hips[-1] - prepared.hips[0], self.ends[seat].course.hips[0] - prepared.hips[-1]
             added.place[:] += ease[:, None] * off[0] + ease[::-1, None] * off[1]
-        return prepared, added
+        return prepared
 
     def _path(self, seat: int, shift: F64) -> F64:
         """``[F, 2]`` hips over the floor [m]."""
@@ -231,7 +231,7 @@ class _WalkBuilder:
             place, yaw, landing = feet_at(LUNGE, root, heading, 0.0)
             begin, end = plan.pick - round(0.06 * fps), frames[CONTACT + 1]
             stands.append(Stand(begin=begin, end=end, place=place, yaw=yaw, last=landing, stride=_STRIDE))
-            hits, here = (self._hit(athlete, heading, list(keys).index(plan.pick)),), root
+            hits, here = (self._hit(athlete, heading),), root
         if seat == self.server:
             rest[FREE_ARM] = last[FREE_ARM]
             if seat != plan.picker:
@@ -268,14 +268,13 @@ class _WalkBuilder:
         keys[middle] = pose
         keys[max(until - round(_TURN_BACK * self.fps), middle + 1)] = pose
 
-    def _hit(self, athlete: Athlete, heading: float, key: int) -> Hit:
+    def _hit(self, athlete: Athlete, heading: float) -> Hit:
         point = self.lying * athlete.signs
         point[2] = _STRINGS
         facing, need = turned(np.array(heading)), np.array([_STRINGS - athlete.library.contact[LUNGE, 0, 2]])
         shaft, elbow = (facing @ direction[0] for direction in pointed(LUNGE, need))
         up = np.array([0.0, 0.0, 1.0])
         return Hit(
-            key=key,
             frame=self.plan.pick,
             stroke=0,
             stance=self.stance,
@@ -287,11 +286,11 @@ class _WalkBuilder:
             soft=0.6,
         )
 
-    def _shuttle(self, server: Prepared, added: Habits) -> F64:
+    def _shuttle(self, server: Prepared) -> F64:
         """``[F, 3]`` path of the shuttle: on the floor, in the air, in the hand of the server [m]."""
         plan, athlete = self.plan, self.athletes[self.server]
         # The place of the palm does not depend on where the head looks.
-        still = course(athlete.skeleton, server, added, np.tile(self.lying * athlete.signs, (plan.frames, 1)))
+        still = course(athlete.skeleton, server, np.tile(self.lying * athlete.signs, (plan.frames, 1)))
         path = free_palm(athlete.skeleton, *bones(athlete.skeleton, still)) * athlete.signs
         path[: plan.pick] = self.lying
         seconds = np.arange(plan.catch - plan.pick) / self.fps
