@@ -61,7 +61,13 @@ def open_run(
             if resume:
                 folder = _to_resume(out, default, called or f"named {name}")
                 stack.enter_context(locked(folder))
-                _check_agrees(folder, fixed)
+                before = read_json(folder / CONFIG, dict[str, Any])
+                different = [
+                    f"{key}: {before.get(key)!r} then, {fixed[key]!r} now" for key in fixed if before.get(key) != fixed[key]
+                ]
+                if different:
+                    reason = f"was started with other flags ({'; '.join(different)})"
+                    raise RunError(f"{folder}: {reason}; give the same ones to resume it")
             else:
                 folder = _new(default, stack) if out is None else _empty(out, stack, overwrite=overwrite)
                 write_json(folder / CONFIG, fixed)
@@ -130,13 +136,6 @@ def _to_resume(out: Path | None, default: Path, called: str) -> Path:
         where = f"in {out}" if out else f"{called} in {default.parent}"
         raise RunError(f"no run to resume {where}; omit --resume to start one")
     return folders[-1]
-
-
-def _check_agrees(folder: Path, fixed: dict[str, Any]) -> None:
-    before = read_json(folder / CONFIG, dict[str, Any])
-    different = [f"{key}: {before.get(key)!r} then, {fixed[key]!r} now" for key in fixed if before.get(key) != fixed[key]]
-    if different:
-        raise RunError(f"{folder}: was started with other flags ({'; '.join(different)}); give the same ones to resume it")
 
 
 def has_results(folder: Path) -> bool:

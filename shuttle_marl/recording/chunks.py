@@ -149,7 +149,17 @@ def decode(message: Message, header: LogHeader) -> tuple[int, Rallies]:
         DamagedLogError: the message is not a batch of rallies.
         pa.ArrowException: the message is not an Arrow stream.
     """
-    batch = _arrow_batch(message.data)
+    try:
+        _check_body(message.data)
+        with pa.ipc.open_stream(message.data) as reader:
+            batches = list(reader)
+    except OSError as error:  # of Arrow, about the bytes: no file is involved
+        raise DamagedLogError(f"a batch that is no Arrow stream ({error})") from error
+    if len(batches) != 1 or batches[0].num_rows > MAX_RALLIES:
+        found = " and ".join(f"{each.num_rows} rallies" for each in batches) or "none"
+        raise DamagedLogError(f"batches in a message: {found}; expected 1 of at most {MAX_RALLIES} rallies")
+    batch = batches[0]
+    batch.validate(full=True)
     metadata = batch.schema.metadata or {}
     if (
         not batch.schema.equals(arrow_schema(len(header.strokes), header.columns))
@@ -164,21 +174,6 @@ def decode(message: Message, header: LogHeader) -> tuple[int, Rallies]:
         raise DamagedLogError(f"{len(rallies.stroke)} strokes in a batch, expected at most {MAX_STROKES}")
     _check_numbers(rallies, header)
     return first, rallies
-
-
-def _arrow_batch(data: bytes) -> pa.RecordBatch:
-    try:
-        _check_body(data)
-        with pa.ipc.open_stream(data) as reader:
-            batches = list(reader)
-    except OSError as error:  # of Arrow, about the bytes: no file is involved
-        raise DamagedLogError(f"a batch that is no Arrow stream ({error})") from error
-    if len(batches) != 1:
-        raise DamagedLogError(f"{len(batches)} Arrow batches in a message, expected 1")
-    if batches[0].num_rows > MAX_RALLIES:
-        raise DamagedLogError(f"{batches[0].num_rows} rallies in a batch, expected at most {MAX_RALLIES}")
-    batches[0].validate(full=True)
-    return batches[0]
 
 
 def _check_body(data: bytes) -> None:

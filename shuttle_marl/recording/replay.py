@@ -77,8 +77,10 @@ def replay(log: RallyLog, game: Game, policies: Mapping[str, TabulatedPolicy] | 
             first, batch = file.batch(i)
             rallies, strokes = rallies + len(batch), strokes + len(batch.stroke)
             bad = _wrong_strokes(file.header, game, batch, chosen)
-            row = batch.row_of_stroke
-            wrong.extend((offset + first + np.unique(np.r_[row[bad], np.flatnonzero(_wrong_winner(batch))])).tolist())
+            # The last striker wins by a winner and loses by a fault.
+            last = (batch.server + batch.length - 1) & 1
+            lost = np.flatnonzero(batch.winner != np.where(batch.reason == WINNER, last, 1 - last))
+            wrong.extend((offset + first + np.unique(np.r_[batch.row_of_stroke[bad], lost])).tolist())
     return Replay(rallies=rallies, strokes=strokes, wrong=tuple(wrong))
 
 
@@ -96,13 +98,6 @@ def _wrong_strokes(header: LogHeader, game: Game, rallies: Rallies, policies: Ma
         mine = np.flatnonzero((rallies.policy[row, striker] == i) & (state >= 0))
         u = draws.choice_draw(draws.draw(key[row[mine]], rallies.position[mine]))
         wrong[mine] |= table.choose(state[mine], u) != k[mine]
-    return wrong
-
-
-def _wrong_winner(rallies: Rallies) -> Bools:
-    """``[R]`` whether the winner is wrong: the last striker wins by a winner and loses by a fault."""
-    last = (rallies.server + rallies.length - 1) & 1
-    wrong: Bools = rallies.winner != np.where(rallies.reason == WINNER, last, 1 - last)
     return wrong
 
 
@@ -177,7 +172,8 @@ def _check_matches(files: Sequence[LogFile], offset: int) -> list[str]:
         for i in range(len(file.rallies)):
             first, rallies = file.batch(i)
             if first != number:
-                matches.forget()
+                # Rallies are missing: later ones may belong to matches whose start was not seen.
+                matches.open_, matches.all_known = matches.open_[:0], False
             number = first + len(rallies)
             bad = np.flatnonzero(matches.breaks(rallies))
             if len(bad):
@@ -196,19 +192,16 @@ class _Matches:
 
     Attributes:
         open_: ``[M, 9]`` last rally so far of every unfinished match, see :func:`_rows`.
+        all_known: whether no rallies are missing.
         in_order: whether each match ended before the next one started.
     """
 
     def __init__(self, rules: Rules) -> None:
         self._rules = rules
-        self._all_known = True
+        self.all_known = True
         self._last = np.full(2, -1, dtype=np.int64)
         self.open_ = np.empty((0, 9), dtype=np.int64)
         self.in_order = True
-
-    def forget(self) -> None:
-        """Forget open matches, because rallies are missing: later rallies may belong to matches whose start was not seen."""
-        self.open_, self._all_known = self.open_[:0], False
 
     def breaks(self, rallies: Rallies) -> Bools:
         """``[R]`` whether a rally contradicts the rallies before it."""
@@ -220,7 +213,7 @@ class _Matches:
         same = (rows[1:, :2] == rows[:-1, :2]).all(axis=1)
         continues = (rows[1:, 2] == rows[:-1, 2] + 1) & (rows[1:, 3] == server[:-1]) & (rows[1:, 5:] == after[:-1]).all(axis=1)
         starts = (rows[:, 2] == 0) & (rows[:, 5:] == 0).all(axis=1)
-        good = starts | (not self._all_known)
+        good = starts | (not self.all_known)
         good[1:] = np.where(same, continues & ~over[:-1], good[1:])
         in_order = np.r_[[self._last], new[:, :2]]
         step = np.diff(in_order, axis=0)

@@ -250,7 +250,7 @@ class TrajectoryBuilder:
         ticks = tried.ticks
         while True:
             flight = shoot(contact[None], tried.point[None], np.array([ticks / self.fps]))
-            short = _CLEARANCE - float(_over_net(flight)[0])
+            short = _CLEARANCE - _over_net(flight)
             if end == NET or short <= 0 or ticks > tried.most + 3 * self.fps:
                 break
             ticks += 1 if short < 0.1 else 2
@@ -332,12 +332,12 @@ def _cheaper(best: _Choice | None, other: _Choice) -> _Choice:
     return other if best is None or other.cost < best.cost else best
 
 
-def _over_net(flights: Flights) -> F64:
-    """``[N]`` height over the top of the net [m]; infinite for flights that begin beyond it."""
-    share = np.where(flights.heading[:, 1] > 1e-6, -flights.start[:, 1] / np.maximum(flights.heading[:, 1], 1e-6), np.nan)
-    x = flights.start[:, 0] + flights.heading[:, 0] * share
-    over = flights.height_over(0.0) - net_height(x)
-    return np.where(np.isnan(over), np.inf, over)
+def _over_net(flight: Flights) -> float:
+    """Height of one flight over the top of the net [m]; infinite if it begins beyond it."""
+    ahead = flight.heading[0, 1]
+    if ahead <= 1e-6 or np.isnan(over := flight.height_over(0.0)[0]):
+        return np.inf
+    return float(over - net_height(flight.start[0, 0] + flight.heading[0, 0] * (-flight.start[0, 1] / ahead)))
 
 
 def _turn(rally: Rally, seat: int) -> F64:

@@ -56,7 +56,9 @@ def habits(trajectory: Trajectory, seat: int, rhythm: int, frames: int, fps: int
     over = np.inf if trajectory.rally.open or not len(trajectory.time) else float(trajectory.end_time[-1])
     resting = np.maximum(1 - _ease((time - begun + 0.9) / _CALM), _ease((time - over) / _CALM))
     much = free * (_IN_PLAY + (1 - _IN_PLAY) * resting)
-    tired = free * _tiredness(trajectory, seat, time)
+    # Attacks so far, from 0 to 1.
+    attacks = trajectory.time[(trajectory.rally.striker == seat) & trajectory.rally.catalogue.is_attack[trajectory.rally.stroke]]
+    tired = free * np.minimum(_ease(time[:, None] - attacks).sum(axis=1) / _MOST_EFFORT, 1.0)
     phase = np.random.default_rng([rhythm & 0xFFFFFFFF, seat]).uniform(0, 2 * np.pi, 8)
     breath = np.sin(phase[0] + np.cumsum(2 * np.pi / (_BREATH[0] + (_BREATH[1] - _BREATH[0]) * tired)) / fps)
 
@@ -74,26 +76,14 @@ def habits(trajectory: Trajectory, seat: int, rhythm: int, frames: int, fps: int
     pose[:, arm + ELBOW] = 0.06 * much * wave(4, 1.9) - 0.10 * tired
     pose[:, arm + SWING_1] = 0.03 * much * wave(5, 2.3)
     pose[:, arm + BEND], pose[:, arm + DEVIATION] = 0.08 * much * wave(6, 1.3), 0.04 * much * wave(7, 1.1)
-    turns = resting * free * _twirl(time + phase[3])
+    # The racket turns in the fingers, periodically.
+    since = (time + phase[3]) % 2.6
+    turns = resting * free * np.where(since < 0.7, np.sin(np.pi * np.clip(since / 0.7, 0, 1)) ** 2, 0.0)
     pose[:, arm + ROLL], pose[:, arm + PRONATION] = 0.9 * turns, 0.35 * turns
     pose[:, FREE_ARM.start + ELBOW] = 0.04 * much * wave(5, 1.6)
     place = np.stack([0.016 * weight, 0.010 * wave(4, 2.2), 0.006 * wave(6, 0.95) - 0.004], axis=1)
     place *= (free * (0.12 + 0.88 * resting))[:, None]
     return Habits(pose=pose, place=place)
-
-
-def _tiredness(trajectory: Trajectory, seat: int, time: F64) -> F64:
-    """``[F]`` fatigue from 0 to 1, from the number of attacks of a player so far."""
-    rally = trajectory.rally
-    attacks = trajectory.time[(rally.striker == seat) & rally.catalogue.is_attack[rally.stroke]]
-    done = _ease(time[:, None] - attacks).sum(axis=1)
-    return np.minimum(done / _MOST_EFFORT, 1.0)
-
-
-def _twirl(time: F64) -> F64:
-    """``[F]`` periodic turn of the racket in the fingers, 0 to 1."""
-    since = time % 2.6
-    return np.where(since < 0.7, np.sin(np.pi * np.clip(since / 0.7, 0, 1)) ** 2, 0.0)
 
 
 def _ease(u: F64) -> F64:

@@ -99,7 +99,10 @@ class TimelineBuilder:
             else:
                 self._split(i, frame, int(following))
         if rally.open:
-            self._await(over)
+            # The next striker is on the way, the other player recovers.
+            if len(self.clock):
+                self._key(over, self._ready(over), fixed=True)
+                self._stand(over - 1, over, placed(SPLIT, self.hips[-1], self._facing(over)))
         else:
             self._finish(over)
         order = sorted(self.keys)
@@ -190,12 +193,6 @@ class TimelineBuilder:
         place, yaw, _ = feet_at(stance.motion, hips, stance.heading, 0.0)
         self._stand(begin, first + round(0.12 * self.fps), (place, yaw))
 
-    def _await(self, over: int) -> None:
-        """Open rally: the next striker is on the way, the other player recovers."""
-        if len(self.clock):
-            self._key(over, self._ready(over), fixed=True)
-            self._stand(over - 1, over, placed(SPLIT, self.hips[-1], self._facing(over)))
-
     def _split(self, i: int, frame: int, following: int) -> None:
         fps = self.fps
         self._key(frame - round(0.12 * fps), self._ready(frame, 0.01))
@@ -226,7 +223,12 @@ class TimelineBuilder:
     def _strike(self, i: int, frame: int, before: int, following: int) -> Hit:
         stance, fps = self._mirrored(self.trajectory.stance[i]), self.fps
         motion, heading = stance.motion, stance.heading
-        point, normal = self.trajectory.contact[i] * self.sign, self._normal(i)
+        launch = self.trajectory.flight.velocity(i, 0)
+        # The strings face between the incoming and the outgoing flight.
+        normal = unit(launch)
+        if i:
+            normal = normal - 0.4 * unit(self.trajectory.flight.velocity(i - 1, -1))
+        point, normal = self.trajectory.contact[i] * self.sign, unit(normal) * self.sign
         ahead, behind = (frame - before) / fps, max(following - frame, 0.3 * fps) / fps
         hurried = bool(self.trajectory.rally.hurried[i])
         keys = self.library.stroke[motion].copy()
@@ -251,10 +253,9 @@ class TimelineBuilder:
         shaft, elbow = (facing @ direction[0] for direction in pointed(motion, need))
         if motion in OVERHEADS:
             # The strings move across the line from the shoulder: this line leans back to strike upwards.
-            up = max(float(unit(self.trajectory.flight.velocity(i, 0))[2]), 0.0)
+            up = max(float(unit(launch)[2]), 0.0)
             shaft = unit(shaft - np.array([0.0, _LEANT * up, 0.0]))
-        rally = self.trajectory.rally
-        soft = SOFT.get(SHOTS[rally.catalogue.shot[rally.stroke[i]]], 0.0)
+        shot = self.trajectory.rally.catalogue.shot[self.trajectory.rally.stroke[i]]
         return Hit(
             frame=frame,
             stroke=i,
@@ -263,8 +264,8 @@ class TimelineBuilder:
             normal=normal,
             shaft=shaft,
             elbow=elbow,
-            swing=self._swing(i),
-            soft=soft,
+            swing=float(RATIOS[shot]) * launch * self.sign,
+            soft=SOFT.get(SHOTS[shot], 0.0),
         )
 
     def _rise(self, i: int, keys: F64, stance: Stance, frame: int, ahead: float) -> tuple[int, int] | None:
@@ -308,19 +309,6 @@ class TimelineBuilder:
         self._stand(up - round(0.08 * fps), up, (place - root + before, yaw), last=last)
         after = self.hips[min(down + 1, self.frames - 1)]
         self._stand(down, down + round(0.08 * fps), placed(LANDING, after, 0.5 * stance.heading), hop=True)
-
-    def _normal(self, i: int) -> F64:
-        """Direction that the strings face: between the incoming and the outgoing flight."""
-        n = unit(self.trajectory.flight.velocity(i, 0))
-        if i:
-            n = n - 0.4 * unit(self.trajectory.flight.velocity(i - 1, -1))
-        return unit(n) * self.sign
-
-    def _swing(self, i: int) -> F64:
-        """Target velocity of the strings: a fraction of the launch velocity, by shot type."""
-        rally = self.trajectory.rally
-        ratio = float(RATIOS[rally.catalogue.shot[rally.stroke[i]]])
-        return ratio * self.trajectory.flight.velocity(i, 0) * self.sign
 
     def _finish(self, over: int) -> None:
         """Reactions of winner and loser after the rally, then both lower the racket."""

@@ -158,7 +158,7 @@ class Answers:
                 raise WatchError("this server tags no video; load the page again")
             return self._tags.save(request), b""
         if isinstance(request, messages.SuggestRequest):
-            return self._suggestions(request), b""
+            return messages.Suggestions(suggestions(self._game.seats[0], self._policies.policy(ELITE), request.line)), b""
         return self._styles(request), b""
 
     def match(self, request: messages.MatchRequest) -> messages.MatchReply:
@@ -253,9 +253,6 @@ class Answers:
             if rally.score.after(rally.winner).over or (ends and number >= query.rally):
                 return
             before, number = rally, number + 1
-
-    def _suggestions(self, request: messages.SuggestRequest) -> messages.Suggestions:
-        return messages.Suggestions(suggestions(self._game.seats[0], self._policies.policy(ELITE), request.line))
 
     def _likeness(self, query: messages.LikenessRequest) -> messages.Likeness:
         if query.person is None:

@@ -86,7 +86,7 @@ def rally_facts(game: Game, rally: CourtRally, motion: staging.Motion) -> messag
     winner = rally.winner
     return messages.RallyFacts(
         number=rally.number,
-        skill=_skill(game),
+        skill=None if game.people is None else str(game.people.date or ""),
         names=seat_names(game, rally.names),
         server=rally.server,
         from_right=rally.from_right,
@@ -102,10 +102,6 @@ def rally_facts(game: Game, rally: CourtRally, motion: staging.Motion) -> messag
         turn=None if rally.turn is None else _turn(game, rally, rally.turn),
         players=(_player(motion, 0), _player(motion, 1)),
     )
-
-
-def _skill(game: Game) -> str | None:
-    return None if game.people is None else str(game.people.date or "")
 
 
 def _player(motion: staging.Motion, seat: int) -> messages.PlayerFacts:
