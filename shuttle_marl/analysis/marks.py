@@ -20,12 +20,10 @@ import pyarrow as pa
 
 from shuttle_marl.analysis.advice import LEAST_REFITS, NORMAL, TOLERANCE, calibrated
 from shuttle_marl.analysis.course import rally_numbers
-from shuttle_marl.analysis.values import nearest_strokes
+from shuttle_marl.analysis.values import placed
 from shuttle_marl.base.arrays import F64, I64, Bools
 from shuttle_marl.base.cluster import in_threads
 from shuttle_marl.data.schema import Outcome
-from shuttle_marl.dynamics.features import rows_from_strokes, states_of, strokes_before
-from shuttle_marl.dynamics.hurried import hurry_of
 from shuttle_marl.exact import evaluate, moved
 from shuttle_marl.game.shipped import RELIABLE, Estimate, factor_of, real_strokes, refits_of
 from shuttle_marl.game.stroke import N_SHOTS
@@ -82,10 +80,10 @@ class Judged:
     def best(self) -> I64:
         """``[N]`` position of the best stroke with enough real strokes behind it; -1: none."""
         worth = np.where(self.behind >= RELIABLE, self.change, -np.inf)
-        parts = np.split(worth, self.start[1:])
-        return np.array(
-            [s + int(p.argmax()) if p.max() > -np.inf else -1 for s, p in zip(self.start.tolist(), parts, strict=True)]
+        best = np.array(
+            [s + p.argmax() for s, p in zip(self.start, np.split(worth, self.start[1:]), strict=True)], dtype=np.int64
         )
+        return np.where(worth[best] > -np.inf, best, -1)
 
     @property
     def known(self) -> Bools:
@@ -249,10 +247,7 @@ class JudgedStrokes:
 def judged_strokes(strokes: pa.Table, basis: Basis) -> JudgedStrokes:
     """Strokes of schema :data:`~shuttle_marl.data.schema.STROKES` with all that could be played instead."""
     game = basis.game
-    rows = rows_from_strokes(strokes, hurry_of(game))
-    nearest = nearest_strokes(game.catalogue)
-    own, incoming = (strokes_before(rows, name, nearest, game.n_strokes) for name in ("own", "incoming"))
-    state = states_of(game, rows, own, incoming)
+    rows, nearest, incoming, state = placed(strokes, game)
     shot, area, technique = (rows.codes[part].astype(np.int64) for part in ("shot", "area", "technique"))
     stroke = np.where((area >= 0) & (state >= 0), nearest[shot, area, rows.codes["contact"], technique], -1)
     known = np.flatnonzero((stroke >= 0) & (rows.outcome != Outcome.FAULT))

@@ -21,7 +21,7 @@ from shuttle_marl.base.arrays import F64
 from shuttle_marl.base.cluster import in_threads
 from shuttle_marl.exact import Odds, Sensitivity, sensitivity
 from shuttle_marl.game.pairs import pair_game, people_of
-from shuttle_marl.game.scoring import game_win_probability, match_win_probability
+from shuttle_marl.game.scoring import game_win_probability
 from shuttle_marl.game.shipped import Estimate, Profile, model_folder, read_model_card
 from shuttle_marl.game.skill import COMPONENTS, GROUPS, Day, Skill, load_skill
 from shuttle_marl.game.tables import Game
@@ -63,13 +63,13 @@ _NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(15)
 
 def spread_of(odds: Odds, deviation: float) -> tuple[list[Odds], F64]:
     """Odds that differ by a normal deviation of both probabilities, as points with weights."""
-
-    def moved(by: float) -> Odds:
-        serving, receiving = (min(1.0, max(0.0, p + by)) for p in (odds.serving, odds.receiving))
-        return dataclasses.replace(odds, serving=serving, receiving=receiving)
-
     points, weights = spread(deviation)
-    return [moved(by) for by in points.tolist()], weights
+    return [_moved(odds, by) for by in points.tolist()], weights
+
+
+def _moved(odds: Odds, by: float) -> Odds:
+    serving, receiving = (min(1.0, max(0.0, p + by)) for p in (odds.serving, odds.receiving))
+    return dataclasses.replace(odds, serving=serving, receiving=receiving)
 
 
 def spread(deviation: float) -> tuple[F64, F64]:
@@ -254,9 +254,8 @@ def predict_pairs(
 def predict(pair: Game, policy: str | None = None) -> Prediction:
     """Predict the result of one pair; arguments and errors as for :func:`predict_pairs`."""
     people = people_of(pair)
-    first, second = (
-        _table(tables, policy or imitation(player, tables)) for player, tables in zip(people.players, pair.seats, strict=True)
-    )
+    names = [policy or imitation(player, tables) for player, tables in zip(people.players, pair.seats, strict=True)]
+    first, second = (tabulate(resolve(name, game), game, name) for name, game in zip(names, pair.seats, strict=True))
     found = sensitivity(first, second, tolerance=_TOLERANCE)
     odds, skill = found.value.odds(), people.skill
     slopes = slopes_by_group(found, skill)
@@ -268,19 +267,10 @@ def predict(pair: Game, policy: str | None = None) -> Prediction:
         rally_low=max(0.0, odds.rally - width),
         rally_high=min(1.0, odds.rally + width),
         match_win=odds.match(),
-        match_low=_shifted(odds, -width),
-        match_high=_shifted(odds, width),
+        match_low=_moved(odds, -width).match(),
+        match_high=_moved(odds, width).match(),
         reasons=_reasons(pair, slopes),
     )
-
-
-def _table(game: Game, name: str) -> TabulatedPolicy:
-    return tabulate(resolve(name, game), game, name)
-
-
-def _shifted(odds: Odds, change: float) -> float:
-    serving, receiving = (min(1.0, max(0.0, p + change)) for p in (odds.serving, odds.receiving))
-    return float(match_win_probability(serving, receiving))
 
 
 def _reasons(pair: Game, slopes: Sequence[F64]) -> dict[str, float]:

@@ -105,6 +105,9 @@ def landings(summaries: Mapping[str, Summary], reference: Summary, name: str) ->
         reference: summary that they are compared with.
         name: name of the reference.
     """
+    from matplotlib.cm import ScalarMappable  # noqa: PLC0415  slow to import
+    from matplotlib.colors import Normalize  # noqa: PLC0415
+
     drawn = figure(3.4 * len(summaries) + 0.6, 6.4)
     axes_of = np.atleast_1d(drawn.subplots(1, len(summaries)))
     differences = {player: 100 * (summary.areas - reference.areas) for player, summary in summaries.items()}
@@ -120,8 +123,12 @@ def landings(summaries: Mapping[str, Summary], reference: Summary, name: str) ->
             0, -HALF_LENGTH / 2, f"{player}\nstrikes from here", ha="center", va="center", color="white", fontsize=9, zorder=5
         )
         axes.set_title(f"{player}: {summary.strokes:,} strokes", fontsize=10)
-    scale = _colours_between(-most, most)
-    drawn.colorbar(scale, ax=axes_of.tolist(), shrink=0.5, label=f"percentage points more than {name}")
+    drawn.colorbar(
+        ScalarMappable(Normalize(-most, most), "RdBu_r"),
+        ax=axes_of.tolist(),
+        shrink=0.5,
+        label=f"percentage points more than {name}",
+    )
     return drawn
 
 
@@ -131,14 +138,6 @@ def _draw_share(axes: Any, area: int, share: float, more: float, most: float) ->
     axes.fill(*corners(area), facecolor=colour_map("RdBu_r")(0.5 + more / most / 2), edgecolor=INK, linewidth=0.5, zorder=3.5)
     outline = {"boxstyle": "round,pad=0.15", "facecolor": "white", "alpha": 0.75, "edgecolor": "none"}
     axes.text(x, y, f"{share:.0f} %\n{more:+.0f}", ha="center", va="center", color=INK, fontsize=9, bbox=outline, zorder=5)
-
-
-def _colours_between(low: float, high: float) -> Any:
-    """Colour scale of differences, for a colour bar."""
-    from matplotlib.cm import ScalarMappable  # noqa: PLC0415  slow to import
-    from matplotlib.colors import Normalize  # noqa: PLC0415
-
-    return ScalarMappable(Normalize(low, high), "RdBu_r")
 
 
 def transitions(summary: Summary, title: str) -> Any:
@@ -286,7 +285,11 @@ def best_replies(solution: Solution, incoming: int, own: int | None = None) -> A
     colours = colour_map("RdYlGn")
     for axes, contact, aim in zip(drawn.subplots(1, 2), HEIGHTS, aims(solution, incoming, own), strict=True):
         draw_court(axes)
-        _draw_incoming(axes, int(game.catalogue.area[incoming]))
+        area = int(game.catalogue.area[incoming])
+        xs, ys = corners(area, incoming=True)
+        axes.fill(xs, ys, facecolor=LINE, alpha=0.9, zorder=3.5)
+        place = {"x": (xs[0] + xs[1]) / 2, "y": (ys[0] + ys[2]) / 2, "ha": "center", "va": "center"}
+        axes.text(**place, s="incoming\n" + AREAS[area].replace("-", "\n"), fontsize=7.5, color=INK, zorder=5)
         for area in range(N_AREAS):
             _draw_area(axes, game, aim, area, colours)
         axes.set_title(f"shuttle {contact} the net: wins {_percent(aim.state_value)}", fontsize=11)
@@ -301,13 +304,6 @@ def best_replies(solution: Solution, incoming: int, own: int | None = None) -> A
 
 def _percent(value: float) -> str:
     return f"{100 * (1 + value) / 2:.1f} %"
-
-
-def _draw_incoming(axes: Any, area: int) -> None:
-    xs, ys = corners(area, incoming=True)
-    x, y, text = (xs[0] + xs[1]) / 2, (ys[0] + ys[2]) / 2, AREAS[area].replace("-", "\n")
-    axes.fill(xs, ys, facecolor=LINE, alpha=0.9, zorder=3.5)
-    axes.text(x, y, f"incoming\n{text}", ha="center", va="center", fontsize=7.5, color=INK, zorder=5)
 
 
 def _draw_area(axes: Any, game: Game, aim: Aim, area: int, colours: Any) -> None:

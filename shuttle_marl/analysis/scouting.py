@@ -262,10 +262,13 @@ def scout(
         first, second = (name if name in skill.players else AVERAGE for name in names)
         return pair_game(first, second, date=date, discipline=discipline, game=model)
 
-    about = known(opponent)
     found = None if player is None else refitted(pair(player, opponent))
-    of_data = None if data is None else _in_discipline(data, discipline)
-    counted = of_data is not None and opponent in set(of_data["player"].unique().to_pylist())
+    # A player whom the model does not know is an average one there, whom no advice would concern.
+    both = found if player is not None and {opponent, player} <= set(skill.players) else None
+    advised = [] if both is None or player is None else advise(both, average=meet(*imitated(pair(player, AVERAGE))))
+    of_data = None
+    if data is not None:
+        of_data = data.filter(pa.compute.equal(data["discipline"], DISCIPLINES[PROFILES.index(discipline)]))
     plays = None if of_data is None else plays_of_strokes(of_data)
 
     def mine(name: str) -> Bools:
@@ -279,9 +282,10 @@ def scout(
         return tally(plays.take(which)), tally(plays.take(~which))
 
     own, others = tallies(opponent)
-    report = ScoutingReport(
+    counted = of_data is not None and mine(opponent).any()
+    return ScoutingReport(
         player=None if player is None else known(player),
-        opponent=about,
+        opponent=known(opponent),
         discipline=discipline,
         model=(model, pair(opponent, AVERAGE).hash if found is None else found.pair.hash),
         refits=0 if found is None else len(found.refits),
@@ -295,23 +299,12 @@ def scout(
         seen=_seen(of_data, opponent) if counted and of_data is not None else None,
         recent=[] if plays is None or of_data is None else _recent(plays.take(mine(opponent)), of_data.filter(mine(opponent))),
         beside=None if beside is None else (beside, habits(own, tallies(beside)[0])),
-        advice=[],
-        realised=[],
-        with_advice=None,
-        effects=[],
+        advice=advised,
+        realised=[] if both is None or plays is None or of_data is None else realised(plays, of_data, advised, both.pair),
+        with_advice=None if both is None else _with_advice(both, advised),
+        effects=[] if both is None else effects(both),
         pair=None if found is None else found.pair,
         home=None if found is None else found.home,
-    )
-    # A player whom the model does not know is an average one there, whom no advice would concern.
-    if found is None or player is None or not {opponent, player} <= set(skill.players):
-        return report
-    advised = advise(found, average=meet(*imitated(pair(player, AVERAGE))))
-    return dataclasses.replace(
-        report,
-        advice=advised,
-        realised=[] if of_data is None else realised(plays_of_strokes(of_data), of_data, advised, found.pair),
-        with_advice=_with_advice(found, advised),
-        effects=effects(found),
     )
 
 
@@ -364,10 +357,6 @@ def _discipline(skill: Skill, names: Sequence[str], data: pa.Table | None) -> st
     if len(set(kinds.values())) != 1:
         raise AnalysisError(f"{' and '.join(f'{name} plays {kind}' for name, kind in kinds.items())}: expected one discipline")
     return str(next(iter(kinds.values())))
-
-
-def _in_discipline(data: pa.Table, discipline: str) -> pa.Table:
-    return data.filter(pa.compute.equal(data["discipline"], DISCIPLINES[PROFILES.index(discipline)]))
 
 
 def _seen(data: pa.Table, player: str) -> Seen:

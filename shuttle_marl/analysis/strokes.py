@@ -68,29 +68,15 @@ class SimulatedStrokes:
     right: Bools
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Positions:
-    """Coordinates and times; points are in the striker's frame [m], NaN for none.
-
-    Attributes:
-        landing, contact, striker, receiver: ``[n, 2]``, as in the schema.
-        reason: ``[n]`` index into ``schema.REASONS``.
-        frame: ``[n]`` video frame, at :data:`FRAME_RATE` per second.
-    """
-
-    landing: F64
-    contact: F64
-    striker: F64
-    receiver: F64
-    reason: I64
-    frame: I64
-
-
-def sample_positions(strokes: SimulatedStrokes, rng: np.random.Generator) -> Positions:
+def sample_positions(strokes: SimulatedStrokes, rng: np.random.Generator) -> tuple[dict[str, F64], I64, I64]:
     """Sample coordinates and times of strokes.
 
     A good stroke lands in its target area, an out fault just beyond the line next to it, a net or short fault on the
     striker's side of the net. The contact point of a returned stroke is the landing of the stroke before.
+
+    Returns:
+        ``[n, 2]`` points in the striker's frame [m] by their name in the schema, NaN for none; ``[n]`` indices into
+        ``schema.REASONS``; ``[n]`` video frames, at :data:`FRAME_RATE` per second.
     """
     n = len(strokes.stroke)
     flight = np.maximum(FLIGHT[strokes.shot] * rng.lognormal(0.0, 0.15, n), 0.2)
@@ -105,14 +91,8 @@ def sample_positions(strokes: SimulatedStrokes, rng: np.random.Generator) -> Pos
     _fall_short(landing, np.where(np.isnan(contact), striker, contact), reason, rng)
     pause = np.where(strokes.new_game, INTERVAL, BREAK) * rng.lognormal(0.0, 0.3, n)
     step = np.where(strokes.stroke == 1, pause, np.r_[0.0, flight[:-1]])
-    return Positions(
-        landing=landing,
-        contact=contact,
-        striker=striker,
-        receiver=receiver,
-        reason=reason,
-        frame=np.rint(np.cumsum(step) * FRAME_RATE).astype(np.int64),
-    )
+    places = {"landing": landing, "contact": contact, "striker": striker, "receiver": receiver}
+    return places, reason, np.rint(np.cumsum(step) * FRAME_RATE).astype(np.int64)
 
 
 def _reasons(strokes: SimulatedStrokes, rng: np.random.Generator) -> I64:
@@ -223,7 +203,7 @@ def stroke_table(
     game = rallies.score[:, 2:].sum(axis=1, dtype=np.int64)
     new_match = np.diff(rallies.pairing.astype(np.int64) << 32 | rallies.match, prepend=-1) != 0
     new_game = new_match | (np.diff(game, prepend=-1) != 0)
-    placed = sample_positions(
+    places, reason, frame = sample_positions(
         SimulatedStrokes(
             shot=catalogue.shot[stroke].astype(np.int64),
             area=catalogue.area[stroke].astype(np.int64),
@@ -234,13 +214,12 @@ def stroke_table(
         ),
         rng,
     )
-    frame = placed.frame - _first_frame(rallies, placed.frame, new_match)[row]
+    frame = frame - frame[rallies.first_stroke[:-1][new_match]][np.cumsum(new_match) - 1][row]  # from the first of the match
     after = points.copy()
     after[number, rallies.winner] += 1
     names, kinds = pa.array(players, pa.string()), [discipline(name) for name in players]
     filed = pa.array([kinds[a] or kinds[b] or _NO_DISCIPLINE for a, b in rallies.policy.tolist()], pa.string())
-    places = {"landing": placed.landing, "contact": placed.contact, "striker": placed.striker, "receiver": placed.receiver}
-    landing_x, landing_y = placed.landing.astype(np.float32).T
+    landing_x, landing_y = places["landing"].astype(np.float32).T
     columns = {
         "match": pa.array(matches, pa.string()).take(row),
         "source": pa.repeat("simulated", len(stroke)),
@@ -260,7 +239,7 @@ def stroke_table(
         "clock": frame // FRAME_RATE,
         "frame": frame,
         "outcome": outcome,
-        "reason": placed.reason,
+        "reason": reason,
         "points": after[row, seat],
         "points_opponent": after[row, 1 - seat],
         **{name: pa.nulls(len(stroke), STROKES.field(name).type) for name in ("label_area", *OPTIONAL) if name != "hurried"},
@@ -269,11 +248,6 @@ def stroke_table(
         return pa.table([_array(columns[field.name], field.type) for field in STROKES], schema=STROKES)
     except pa.ArrowInvalid as error:
         raise RecordingError(f"a score or a length of a rally that no match has ({error}); the log is damaged") from error
-
-
-def _first_frame(rallies: Rallies, frame: I64, new_match: Bools) -> I64:
-    """``[R]`` frame of the first stroke of each rally's match."""
-    return frame[rallies.first_stroke[:-1][new_match]][np.cumsum(new_match) - 1]
 
 
 def _array(values: pa.Array | npt.NDArray[np.generic], kind: pa.DataType) -> pa.Array:
@@ -347,9 +321,7 @@ def simulated_rallies(game: Game, players: Mapping[str, Floats], *, matches: int
 
 def _pairs(players: list[str]) -> list[tuple[str, str]]:
     kinds = {name: discipline(name) for name in players}
-    pairs = [
-        (a, b) for a, b in itertools.combinations(players, 2) if kinds[a] is None or kinds[b] is None or kinds[a] == kinds[b]
-    ]
+    pairs = [(a, b) for a, b in itertools.combinations(players, 2) if len({kinds[a], kinds[b]} - {None}) < 2]
     if not pairs:
         raise SimulationError(f"players {', '.join(players) or 'none'}: expected at least two of one discipline")
     return pairs

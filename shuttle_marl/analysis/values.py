@@ -69,10 +69,7 @@ def add_values(strokes: pa.Table, reference: TabulatedPolicy, opponent: Tabulate
     second = np.zeros(len(strokes), dtype=bool)
     if opponent is not None:
         second = strokes["player"].to_numpy(zero_copy_only=False) == people_of(opponent.game).players[1]
-    rows = rows_from_strokes(strokes, hurry_of(reference.game))
-    nearest = nearest_strokes(reference.game.catalogue)
-    own, incoming = (strokes_before(rows, name, nearest, reference.game.n_strokes) for name in ("own", "incoming"))
-    state = states_of(reference.game, rows, own, incoming)
+    rows, nearest, incoming, state = placed(strokes, reference.game)
     striking = evaluate(reference, sides[-1]).striking
     before, decision = np.full(len(rows), np.nan), np.full(len(rows), np.nan)
     for seat, policy in enumerate(sides):
@@ -137,6 +134,18 @@ def _game_of_people(strokes: pa.Table, game: Game) -> Game:
     people = sorted(strokes["player"].unique().to_pylist())
     found = None if len(people) != 2 else game_of_people(game, (people[0], people[1]), date_of(strokes["match"][0].as_py()))
     return game if found is None else found
+
+
+def placed(strokes: pa.Table, game: Game) -> tuple[Rows, I64, I64, I64]:
+    """N strokes of a table in a game.
+
+    Returns:
+        The strokes in context; :func:`nearest_strokes`; ``[N]`` catalogue index of the incoming stroke
+        (:func:`~shuttle_marl.dynamics.features.strokes_before`) and ``[N]`` state, -1: unknown.
+    """
+    rows, nearest = rows_from_strokes(strokes, hurry_of(game)), nearest_strokes(game.catalogue)
+    own, incoming = (strokes_before(rows, name, nearest, game.n_strokes) for name in ("own", "incoming"))
+    return rows, nearest, incoming, states_of(game, rows, own, incoming)
 
 
 def nearest_strokes(catalogue: Catalogue) -> I64:

@@ -299,8 +299,7 @@ def _real(number: float | None) -> str:
     return "" if number is None else f"\n{number:,.0f} real strokes"
 
 
-def home_and_away(rows: Sequence[Headlines]) -> Table:
-    """Results in the game and in its refits, one per row."""
+def _home_and_away(rows: Sequence[Headlines]) -> Table:
     table = _table("In the game and in its refits", "", "result", right=("game", "refits", "95 %"))
     table.columns[0].no_wrap = True
     for name, home, away in rows:
@@ -326,7 +325,7 @@ def print_home_and_away(rows: Sequence[Headlines], refits: "Sequence[Game]", *, 
     if not refits:
         out.print("The model has no refits on resampled matches, so there are no results in refits.")
         return
-    out.print(home_and_away(rows))
+    out.print(_home_and_away(rows))
     out.print(
         f"refits: the same policies, played in {len(refits)} refits of the game on resampled matches: mean, and\n"
         "95 % interval for one more refit. Exploitability uses the best response in the refit."

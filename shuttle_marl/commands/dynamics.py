@@ -10,6 +10,7 @@ import tyro
 from rich.table import Table
 
 from shuttle_marl.base.errors import ShuttleError, printable
+from shuttle_marl.base.files import FileReadError, read_json
 from shuttle_marl.commands.cli import Command, check_free, console, entry_point, print_json
 from shuttle_marl.data.upstream import Split
 from shuttle_marl.game.shipped import model_folder, read_model_card
@@ -113,7 +114,10 @@ def card(
     from shuttle_marl.dynamics.card import add_truth, as_markdown, plot_reliability  # noqa: PLC0415  scipy
 
     if truth is not None:
-        add_truth(model_folder(model), _read_json(truth))
+        try:
+            add_truth(model_folder(model), read_json(truth, dict[str, Any]))
+        except FileReadError as error:
+            raise ShuttleError(f"{truth}: cannot be read as JSON ({error})") from error
     content = read_model_card(model_folder(model))
     try:
         sys.stdout.write(json_format.dumps(content) + "\n" if json else as_markdown(content))
@@ -121,21 +125,6 @@ def card(
             plot_reliability(content, plot)
     except (LookupError, TypeError, ValueError, ArithmeticError, AttributeError) as error:
         raise ShuttleError(f"{model}: its card lacks what this version writes ({error!r:.200}); fit the model again") from error
-
-
-def _read_json(path: Path) -> dict[str, Any]:
-    """Read a JSON object.
-
-    Raises:
-        ShuttleError: the file does not contain one.
-    """
-    try:
-        content = json_format.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
-        raise ShuttleError(f"{path}: cannot be read as JSON ({error})") from error
-    if not isinstance(content, dict):
-        raise ShuttleError(f"{path}: expected a JSON object")
-    return content
 
 
 COMMANDS: Final[dict[str, Command]] = {"fit": fit, "evaluate": evaluate, "card": card}

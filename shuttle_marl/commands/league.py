@@ -132,31 +132,30 @@ REPORT: Final = "report"
 PAIRS: Final = "--pairs"
 
 
+_PROG: Final = "python -m shuttle_marl.league"
+_PLAY: Final = (
+    "A round robin between policies: every pair plays the same number of matches, seats and first serve balanced. "
+    "Writes a run folder with results, ratings, a report and every rally played. "
+    f"`{_PROG} {TRAIN} --help`: a league that learns. `{_PROG} {PAIRS} men`: real players against each other. "
+    f"`{_PROG} {REPORT} RUN…`: runs side by side."
+)
+_TRAIN: Final = (
+    "Main agents, main exploiters and league exploiters learn in rounds. After each, policies are frozen, payoffs and "
+    "exploitability are solved exactly, and all is saved: --resume continues after the last round."
+)
+_REPORT: Final = "One HTML file that compares runs: ratings of tournaments, curves of training runs, figures over training seeds."
+_PAIRS: Final = (
+    "Every pair of real players in its own game: the probability of winning a rally and a match, with the interval of "
+    "the players' skill. It predicts results as accurately as ratings do, and is not for selection, contracts or betting."
+)
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit status."""
     args = list(sys.argv[1:] if argv is None else argv)
-    if args[:1] == [TRAIN]:
-        description = (
-            "Main agents, main exploiters and league exploiters learn in rounds. After each, policies are frozen, payoffs and "
-            "exploitability are solved exactly, and all is saved: --resume continues after the last round."
-        )
-        return cli.run(train, prog=f"python -m shuttle_marl.league {TRAIN}", description=description, argv=args[1:])
+    for name, command_of, description in ((TRAIN, train, _TRAIN), (REPORT, report, _REPORT)):
+        if args[:1] == [name]:
+            return cli.run(command_of, prog=f"{_PROG} {name}", description=description, argv=args[1:])
     if any(arg.partition("=")[0] == PAIRS for arg in args):
-        description = (
-            "Every pair of real players in its own game: the probability of winning a rally and a match, with the interval of "
-            "the players' skill. It predicts results as accurately as ratings do, and is not for selection, contracts or betting."
-        )
-        return cli.run(pairs, prog="python -m shuttle_marl.league", description=description, argv=args)
-    if args[:1] == [REPORT]:
-        description = (
-            "One HTML file that compares runs: ratings of tournaments, curves of training runs, figures over training seeds."
-        )
-        return cli.run(report, prog=f"python -m shuttle_marl.league {REPORT}", description=description, argv=args[1:])
-    description = (
-        "A round robin between policies: every pair plays the same number of matches, seats and first serve balanced. "
-        "Writes a run folder with results, ratings, a report and every rally played. "
-        f"`python -m shuttle_marl.league {TRAIN} --help`: a league that learns. "
-        f"`python -m shuttle_marl.league {PAIRS} men`: real players against each other. "
-        f"`python -m shuttle_marl.league {REPORT} RUN…`: runs side by side."
-    )
-    return cli.run(COMMANDS, prog="python -m shuttle_marl.league", description=description, argv=args)
+        return cli.run(pairs, prog=_PROG, description=_PAIRS, argv=args)
+    return cli.run(COMMANDS, prog=_PROG, description=_PLAY, argv=args)

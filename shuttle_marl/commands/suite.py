@@ -3,7 +3,7 @@
 import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
 import tyro
 from rich.progress import track
@@ -13,6 +13,9 @@ from shuttle_marl.base.files import replace_file
 from shuttle_marl.commands import cli
 from shuttle_marl.commands.options import File, Json
 from shuttle_marl.suite.options import Beacon, Split, SuiteError, SuiteRun
+
+if TYPE_CHECKING:
+    from shuttle_marl.suite.task import Task as SuiteTask
 
 Task = Annotated[str, tyro.conf.Positional]
 Folder = Annotated[Path, tyro.conf.Positional]
@@ -36,12 +39,7 @@ def list_tasks(*, json_output: Json = False) -> None:
     frozen = load()
     rows: list[dict[str, Any]] = [
         {
-            "task": name,
-            "about": " ".join((task.__doc__ or "").split()),
-            "protocol": task.protocol,
-            "access": task.access,
-            "entrance": task.entrance,
-            "metric": task.metric,
+            **_described(task),
             "higher_is_better": task.higher_is_better,
             "optimum": task.optimum,
             "target": task.target,
@@ -60,6 +58,11 @@ def list_tasks(*, json_output: Json = False) -> None:
         out.print(f"  baselines: {', '.join(row['baselines'])}\n", soft_wrap=True)
     if frozen.game is None:
         out.print(_PRELIMINARY)
+
+
+def _described(task: "SuiteTask") -> dict[str, Any]:
+    parts = {name: getattr(task, name) for name in ("protocol", "access", "entrance", "metric")}
+    return {"task": task.name, "about": " ".join((task.__doc__ or "").split()), **parts}
 
 
 def show(
@@ -88,12 +91,7 @@ def show(
     arena = arena_of(found, game, split, quick=quick, beacon=beacon)
     cases = found.cases(arena)
     fields: dict[str, Any] = {
-        "task": found.name,
-        "about": " ".join((found.__doc__ or "").split()),
-        "protocol": found.protocol,
-        "access": found.access,
-        "entrance": found.entrance,
-        "metric": found.metric,
+        **_described(found),
         "optimum": found.optimum,
         "target": found.target,
         "seeds": found.seeds,

@@ -13,6 +13,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
+import pyarrow.compute as pc
 
 from shuttle_marl.base.arrays import I8, I64, Bools
 from shuttle_marl.base.errors import command
@@ -60,6 +61,7 @@ def clean_matches(root: Path, names: Iterable[str] | None = None) -> Cleaned:
     cleaned = [clean_game(game) for game in games]
     strokes = pa.concat_tables([table for table, _ in cleaned])
     dropped = sum((collections.Counter(counts) for _, counts in cleaned), collections.Counter[str]())
+    agrees = pc.equal(strokes["area"].fill_null(-1), strokes["label_area"]).drop_null().to_numpy()
     account = Account(
         matches=len(matches),
         rallies=sum(len(np.unique(game.rally)) for game in games),
@@ -67,7 +69,7 @@ def clean_matches(root: Path, names: Iterable[str] | None = None) -> Cleaned:
         strokes=sum(len(game.line) + game.empty for game in games),
         strokes_kept=strokes.num_rows,
         dropped={reason: dropped[reason] for reason in DROP_REASONS if dropped[reason]},
-        area_agreement=_area_agreement(strokes),
+        area_agreement=float(agrees.mean()) if len(agrees) else None,
     )
     return Cleaned(strokes=strokes, account=account, files=tuple(game.path for game in games))
 
@@ -79,7 +81,8 @@ def clean_game(raw: RawGame) -> tuple[pa.Table, dict[str, int]]:
         The remaining strokes, and the number of dropped rows by reason.
     """
     raw, repeated = arrange(raw)
-    first = rally_starts(raw)
+    # The first of a rally; a rally may have the number of the previous one.
+    first = np.r_[True, (np.diff(raw.rally) != 0) | (raw.stroke[1:] == 1)]
     raw = with_corrected_letters(raw, first)
     side, contradicted = sides(raw, first)
     outcome, reason = outcomes(raw, first)
@@ -114,7 +117,6 @@ def clean_game(raw: RawGame) -> tuple[pa.Table, dict[str, int]]:
         valid &= ~test
     rows = np.flatnonzero(valid)
     score = raw.score[np.flatnonzero(np.r_[first[1:], True])][np.cumsum(first) - 1]  # that of the last row of the rally
-    n = len(first)
     players = pa.array(raw.match.players)
     texts = {
         "match": pa.repeat(raw.match.name, len(rows)),
@@ -124,7 +126,7 @@ def clean_game(raw: RawGame) -> tuple[pa.Table, dict[str, int]]:
         "opponent": players.take(pa.array(np.where(raw.by_a, 1, 0)[rows])),
     }
     columns: dict[str, npt.NDArray[Any]] = {
-        "game": np.full(n, raw.game),
+        "game": np.full(len(first), raw.game),
         "rally": raw.rally,
         "stroke": raw.stroke,
         "shot": raw.shot,
@@ -158,14 +160,6 @@ def clean_game(raw: RawGame) -> tuple[pa.Table, dict[str, int]]:
     return pa.table([arrays[name] for name in STROKES.names], schema=STROKES), counts
 
 
-def _area_agreement(strokes: pa.Table) -> float | None:
-    labelled = strokes["label_area"].is_valid().to_numpy()
-    if not labelled.any():
-        return None
-    agrees = strokes["area"].to_numpy() == strokes["label_area"].to_numpy()
-    return float(agrees[labelled].mean())
-
-
 def arrange(raw: RawGame) -> tuple[RawGame, int]:
     """Sort the rallies and drop repeated rows.
 
@@ -178,11 +172,6 @@ def arrange(raw: RawGame) -> tuple[RawGame, int]:
     same = (np.diff(raw.rally) == 0) & (np.diff(raw.stroke) == 0) & (raw.by_a[1:] == raw.by_a[:-1]) & (raw.stroke[1:] > 1)
     repeated = np.r_[False, same]
     return raw.take(np.flatnonzero(~repeated)), int(repeated.sum())
-
-
-def rally_starts(raw: RawGame) -> Bools:
-    """``[n]`` whether a row is the first of a rally; a rally may have the number of the previous one."""
-    return np.r_[True, (np.diff(raw.rally) != 0) | (raw.stroke[1:] == 1)]
 
 
 def broken_rallies(raw: RawGame, first: Bools) -> Bools:

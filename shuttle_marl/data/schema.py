@@ -354,7 +354,8 @@ def _order(t: _Columns) -> Iterator[tuple[str, tuple[str, ...], Bools]]:
         bad = np.zeros(len(match), dtype=bool)
         bad[rows[1:][(np.diff(together) == 0) & back]] = True
         yield f"{name} {'rises' if name == 'frame' else 'never falls'} in a rally", (name,), bad
-    player, opponent = _shared_codes(t)
+    both = pa.concat_arrays([t._strokes[name].combine_chunks() for name in ("player", "opponent")])
+    player, opponent = both.dictionary_encode().indices.to_numpy(zero_copy_only=False).reshape(2, -1)
     yield "player and opponent differ", ("player", "opponent"), player == opponent
     pair_low, pair_high = np.minimum(player, opponent), np.maximum(player, opponent)
     yield "a match has two players", ("player", "opponent"), same_match & ~(beside(pair_low) & beside(pair_high))
@@ -367,13 +368,6 @@ def _order(t: _Columns) -> Iterator[tuple[str, tuple[str, ...], Bools]]:
     yield "the score is the same in all rows of a rally", ("points", "points_opponent"), changes
     for name in ("source", "discipline"):
         yield f"{name} is the same in all rows of a match", (name,), same_match & ~beside(t[name])
-
-
-def _shared_codes(t: _Columns) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
-    """Players and opponents as integers of a common encoding."""
-    both = pa.concat_arrays([t._strokes[name].combine_chunks() for name in ("player", "opponent")])
-    codes = both.dictionary_encode().indices.to_numpy(zero_copy_only=False)
-    return codes[: len(codes) // 2], codes[len(codes) // 2 :]
 
 
 def _endings(t: _Columns) -> Iterator[tuple[str, tuple[str, ...], Bools]]:

@@ -258,8 +258,7 @@ class Sheet:
     def seconds(self, column: str) -> I64:
         """``[n]`` times h:mm:ss in seconds; other values are a problem and become -1."""
         text = self.text(column)
-        known = {value: _seconds(value) for value in set(text)}
-        values = np.array([known[value] for value in text])
+        values = np.array([_seconds(value) for value in text])
         for row in np.flatnonzero(values < 0):
             self.mark(row, f"{column} {shown(text[row])}; expected h:mm:ss")
         return values
@@ -361,6 +360,7 @@ def _float(text: str) -> float:
     return float(text) if _NUMBER.fullmatch(text) else np.nan
 
 
+@functools.lru_cache(maxsize=1 << 16)
 def _seconds(text: str) -> int:
     clock = _CLOCK.fullmatch(text)
     if clock is None:

@@ -154,8 +154,9 @@ def check_schema(path: Path, schema: pa.Schema) -> None:
                 continue
             raise DataError(path, f"column {field.name!r} is missing; {advice}")
         found = schema.field(field.name)
-        if found.type != field.type or found.nullable != field.nullable:
-            raise DataError(path, f"column {field.name!r} is {_kind(found)}, expected {_kind(field)}; {advice}")
+        is_kind, expected_kind = (f"{each.type}{'' if each.nullable else ' not null'}" for each in (found, field))
+        if is_kind != expected_kind:
+            raise DataError(path, f"column {field.name!r} is {is_kind}, expected {expected_kind}; {advice}")
     if schema.names != _expected(schema.names):
         raise DataError(path, f"columns {', '.join(schema.names)}; expected {', '.join(STROKES.names)} in this order")
 
@@ -205,10 +206,6 @@ def _open(path: Path) -> pq.ParquetFile:
         raise DataError(path, f"no readable Parquet file ({error}){own}") from error
     except (OSError, ValueError) as error:
         raise DataError(path, f"cannot be read ({problem(error)})") from error
-
-
-def _kind(field: pa.Field) -> str:
-    return f"{field.type}{'' if field.nullable else ' not null'}"
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

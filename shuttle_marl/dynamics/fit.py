@@ -50,7 +50,7 @@ from shuttle_marl.dynamics.models import (
 )
 from shuttle_marl.dynamics.network import QUICK, Ensemble, EnsembleConfig, fold_of_match, unseen
 from shuttle_marl.dynamics.players import player_choices
-from shuttle_marl.dynamics.situations import Situations, fit_situations
+from shuttle_marl.dynamics.situations import fit_situations
 from shuttle_marl.dynamics.skill import Predicted
 from shuttle_marl.dynamics.trees import Trees, fit_trees
 from shuttle_marl.game.court import N_AREAS
@@ -156,23 +156,22 @@ def fit(
     choice = fit_choice(train, config, seed + 6)
 
     report("calibration on out-of-fold predictions")
-    fold_fault, share = _fold_faults(success, target, known, config)
+    # By target: logit of a fault, and probability of the target.
+    fold_fault = log_odds(unseen(1 - all_targets(success, known)[..., GOOD], known.match, config.folds))
+    share = unseen(softmax(target.logits(known.codes)), known.match, config.folds)
     fold_return = _out_of_fold_blend(return_network, good, returned, config, ridge)
     fold_above = _out_of_fold_blend(contact, met, met_above, config)
     fault_line, situations = fit_situations(fold_fault, share, known)
-    calibration = np.stack([
-        fault_line,
-        _calibrate(fold_return[:, None], np.ones((len(good), 1)), returned),
-        _calibrate(fold_above[:, None], np.ones((len(met), 1)), met_above),
-        *hurried_lines,
-    ])  # fmt: skip
+    calibration = np.stack([fault_line, _calibrate(fold_return, returned), _calibrate(fold_above, met_above), *hurried_lines])
+    mixed = situations.mixed(fault_line[0] * fold_fault + fault_line[1], situations.weights(known))
+    marginal = (share * mixed).sum(axis=1)
     networks = {"choice": choice, "target": target, "success": success, "return": return_network, "contact": contact}
     counts = np.bincount(train.codes["discipline"], minlength=len(DISCIPLINES))
     average = FittedModels(
         networks=networks,
         ridge=ridge,
         trees={
-            "success": _fault_correction(fault_line[0] * fold_fault + fault_line[1], share, situations, known),
+            "success": _fault_correction(marginal, known),
             "return": fit_trees(good.codes, returned),
             "contact": fit_trees(met.codes, met_above),
             **hurried,
@@ -186,10 +185,9 @@ def fit(
         "calibration": calibration.tolist(),
         "situations": {"effort": situations.effort.tolist(), "duel": situations.duel},
     }
-    marginal = situations.mixed(calibration[0, 0] * fold_fault + calibration[0, 1], situations.weights(known))
     predicted = {
         "success": Predicted(
-            rows=known, logit=log_odds((share * marginal).sum(axis=1)), label=known.outcome == Outcome.FAULT
+            rows=known, logit=log_odds(marginal), label=known.outcome == Outcome.FAULT
         ),
         "return": Predicted(rows=good, logit=calibration[1, 0] * fold_return + calibration[1, 1], label=returned),
         "contact": Predicted(rows=met, logit=calibration[2, 0] * fold_above + calibration[2, 1], label=met_above),
@@ -253,24 +251,13 @@ def _known_targets(rows: Rows) -> F64:
     return soft
 
 
-def _fold_faults(success: Ensemble, target: Ensemble, rows: Rows, config: EnsembleConfig) -> tuple[F64, F64]:
-    """``[N, 9]`` each: out-of-fold logit of a fault by target, and probability of each target."""
-    probability = all_targets(success, rows)
-    fault = unseen(1 - probability[..., GOOD], rows.match, config.folds)
-    share = unseen(softmax(target.logits(rows.codes)), rows.match, config.folds)
-    return log_odds(fault), share
-
-
-def _fault_correction(logit: F64, share: F64, situations: Situations, rows: Rows) -> Trees:
+def _fault_correction(marginal: F64, rows: Rows) -> Trees:
     """Trees that correct the out-of-fold logit of a fault; they do not read the target.
 
     Args:
-        logit: ``[N, 9]`` calibrated logit of a fault by target, at effort 0 outside of long duels.
-        share: ``[N, 9]`` probability of each target.
-        situations: offsets of effort and long duels.
+        marginal: ``[N]`` calibrated probability of a fault.
         rows: strokes of known outcome.
     """
-    marginal = (share * situations.mixed(logit, situations.weights(rows))).sum(axis=1)
     fault = rows.outcome == Outcome.FAULT
     return fit_trees(rows.with_area(0), fault, rounds=_CORRECTION_ROUNDS, rate=_CORRECTION_RATE, offset=log_odds(marginal))
 
@@ -291,7 +278,7 @@ def _fit_hurried(rows: Rows) -> tuple[dict[str, Trees], F64]:
         for k in np.unique(fold):
             fitted = fit_trees(those.take(fold != k).codes, label[fold != k], rounds=_HURRIED_ROUNDS)
             logits[fold == k] = fitted.logits(those.take(fold == k).codes)
-        lines[contact] = _calibrate(logits[:, None], np.ones((len(those), 1)), label)
+        lines[contact] = _calibrate(logits, label)
         trees[name] = fit_trees(those.codes, label, rounds=_HURRIED_ROUNDS)
     return trees, lines
 
@@ -312,10 +299,10 @@ def _out_of_fold_blend(network: Ensemble, rows: Rows, label: Bools, config: Ense
     return logits
 
 
-def _calibrate(logit: F64, share: F64, label: Bools) -> F64:
-    """Maximum likelihood slope and intercept ``[2]`` of logits ``[N, M]``, mixed with weights ``[N, M]``."""
+def _calibrate(logit: F64, label: Bools) -> F64:
+    """Maximum likelihood slope and intercept ``[2]`` of logits ``[N]``."""
 
     def loss(line: F64) -> float:
-        return log_loss(label, (share * sigmoid(line[0] * logit + line[1])).sum(axis=1))
+        return log_loss(label, sigmoid(line[0] * logit + line[1]))
 
     return np.asarray(minimize(loss, np.array([1.0, 0.0]), method="Nelder-Mead", options={"xatol": 1e-4}).x)

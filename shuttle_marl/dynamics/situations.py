@@ -148,11 +148,14 @@ def fit_situations(logit: F64, share: F64, rows: Rows, *, levels: int = LEVELS) 
         return value / len(z), gradient / len(z)
 
     found = minimize(loss, np.array([1.0, 0.0, 0.0, 0.0]), jac=True, method="BFGS", options={"gtol": 1e-8}).x
+    count = np.zeros((SLOTS["own_shot"], levels))
+    np.add.at(count, (rows.codes["own_shot"][known], effort[known]), 1)
+    count[count.sum(axis=1) == 0] = count.sum(axis=0)  # that of all strokes for shot types without strokes
     third = known & net & (rows.net_run >= LONG_DUEL - 1)
     situations = Situations(
         effort=found[2] * np.arange(levels),
         duel=float(found[3]),
-        effort_share=_effort_shares(rows.codes["own_shot"][known], effort[known], levels),
+        effort_share=count / count.sum(axis=1, keepdims=True),
         duel_share=float((rows.net_run[third] >= LONG_DUEL).sum() / max(1, third.sum())),
         hurried_share=_hurried_shares(rows),
     )
@@ -167,11 +170,3 @@ def _hurried_shares(rows: Rows) -> F64:
     total = count.sum(axis=(0, 2))
     usual = (count[1].sum(axis=1) / np.maximum(total, 1))[:, None]
     return np.asarray((count[1] + _PRIOR_STROKES * usual) / (count.sum(axis=0) + _PRIOR_STROKES))
-
-
-def _effort_shares(own_shot: Ints, effort: Ints, levels: int) -> F64:
-    """``[15, L]`` frequency of each level by previous shot type; that of all strokes for shot types without strokes."""
-    count = np.zeros((SLOTS["own_shot"], levels))
-    np.add.at(count, (own_shot, effort), 1)
-    count[count.sum(axis=1) == 0] = count.sum(axis=0)
-    return np.asarray(count / count.sum(axis=1, keepdims=True))
