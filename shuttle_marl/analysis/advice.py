@@ -21,7 +21,7 @@ import numpy as np
 from shuttle_marl.base.arrays import F64, I64, Bools
 from shuttle_marl.base.cluster import in_threads
 from shuttle_marl.exact import Odds, PairPolicy, ProfileValue, Visits, moved, visits
-from shuttle_marl.exact.profile import StatePolicy, evaluate_chains, induced
+from shuttle_marl.exact.profile import evaluate_chains, induced
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.layout import Layout
 from shuttle_marl.game.pairs import people_of
@@ -320,18 +320,17 @@ def _before(home: Meeting, seat: int, number: int, states: I64, weight: F64) -> 
     return {"before": divmod(led, N_AREAS), "before_share": shares[0], "before_average": shares[1]}
 
 
-def followed(found: Refitted, advised: Sequence[Advice], seat: int = 0) -> tuple[Odds, list[Odds]]:
-    """Exact odds of a player who always follows some advice, at home and in the refits."""
-    game = found.pair.seats[seat]
-    chance = found.home.policies[seat].block_probabilities(0).copy()
+def followed(found: Refitted, advised: Sequence[Advice]) -> tuple[Odds, list[Odds]]:
+    """Exact odds of the player at seat 0 who always follows some advice, at home and in the refits."""
+    game = found.pair.seats[0]
+    chance = found.home.policies[0].block_probabilities(0).copy()
     for advice in advised:
         pairs = game.pairs(advice.states)[1]
         chance[pairs] = game.base_pair_stroke[pairs] == advice.stroke
 
     def odds(meeting: Meeting) -> Odds:
-        policies: list[StatePolicy] = [*meeting.policies]
-        policies[seat] = PairPolicy(game=meeting.policies[seat].game, probability=chance)
-        return evaluate_chains(induced(policies[0]), induced(policies[1]), tolerance=TOLERANCE).odds(seat)
+        own = PairPolicy(game=meeting.policies[0].game, probability=chance)
+        return evaluate_chains(induced(own), induced(meeting.policies[1]), tolerance=TOLERANCE).odds()
 
     first, *others = in_threads(odds, (found.home, *found.refits))
     return first, others

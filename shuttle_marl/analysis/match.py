@@ -25,7 +25,7 @@ from shuttle_marl.data.upstream import date_of
 from shuttle_marl.dynamics.habits import Plays, plays_of_strokes, tally
 from shuttle_marl.exact import evaluate
 from shuttle_marl.exact.match import Odds
-from shuttle_marl.game.pairs import game_of_people, people_of
+from shuttle_marl.game.pairs import game_of_people
 from shuttle_marl.game.scoring import BWF, Rules
 from shuttle_marl.game.shipped import RELIABLE, Estimate, factor_of, resolve_game
 from shuttle_marl.game.stroke import SHOTS
@@ -53,7 +53,7 @@ class ShotValue:
     shot: str
     strokes: int
     points: Estimate
-    clear: bool
+    clear: bool = False
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -173,7 +173,11 @@ def match_report(strokes: pa.Table, *, game: Game | None = None, rules: Rules = 
     players = (str(first[0]), str(first[1]))
     match = str(strokes["match"][0].as_py())
     base = resolve_game(None) if game is None else game.seats[0].average
-    played = game_of_people(base, players, date_of(match)) if game is None or game.people is None else _seated(game, players)
+    if game is None or game.people is None:
+        played = game_of_people(base, players, date_of(match))
+    else:
+        near, far = game.people.players
+        played = game if players[0] == near else game.swapped if players[0] == far else None
     average = baselines.load(None, base)
     valued = add_values(strokes, average)
     known = odds is not None or played is not None
@@ -216,17 +220,13 @@ def _faults(strokes: pa.Table, own: Bools) -> tuple[int, int]:
     return int(known.sum()), int((~known).sum())
 
 
-def _seated(game: Game, players: tuple[str, str]) -> Game | None:
-    known = people_of(game).players
-    return game if players[0] == known[0] else game.swapped if players[0] == known[1] else None
-
-
 def _values(valued: pa.Table, seat: I64) -> list[ShotValue]:
     """Value added by player and shot type; strokes of a rally depend on each other, so intervals are over rallies."""
     added = valued["value_added"].to_numpy(zero_copy_only=False)
     shot = valued["shot"].to_numpy().astype(np.int64)
     rally = rally_numbers(valued)
-    found: list[tuple[int, str, int, float, float]] = []
+    found: list[ShotValue] = []
+    p: list[float] = []
     for player in (0, 1):
         for kind, name in enumerate(SHOTS):
             mine = np.flatnonzero((seat == player) & (shot == kind) & np.isfinite(added))
@@ -234,19 +234,11 @@ def _values(valued: pa.Table, seat: I64) -> list[ShotValue]:
                 continue
             sums = np.bincount(np.unique(rally[mine], return_inverse=True)[1], added[mine])
             # One more fault or winner, which costs or gains half a rally, could have happened where none did.
-            error = float(np.sqrt((sums**2).sum() + 0.25))
-            found.append((player, name, len(mine), float(added[mine].sum()), error))
-    clear = discoveries([float(2 * stats.norm.sf(abs(total) / error)) for *_, total, error in found])
-    return [
-        ShotValue(
-            player=player,
-            shot=name,
-            strokes=n,
-            points=Estimate(total, total - NORMAL * error, total + NORMAL * error),
-            clear=bool(mark),
-        )
-        for (player, name, n, total, error), mark in zip(found, clear, strict=True)
-    ]
+            total, error = float(added[mine].sum()), float(np.sqrt((sums**2).sum() + 0.25))
+            points = Estimate(total, total - NORMAL * error, total + NORMAL * error)
+            found.append(ShotValue(player=player, shot=name, strokes=len(mine), points=points))
+            p.append(float(2 * stats.norm.sf(abs(total) / error)))
+    return [dataclasses.replace(each, clear=bool(mark)) for each, mark in zip(found, discoveries(p), strict=True)]
 
 
 def _won(label: str, player: int, rallies: int, won: int) -> Won:

@@ -82,15 +82,6 @@ class Decision:
         """``[K]`` probability of winning that a stroke loses to the best one, under perfect play from then on."""
         return np.asarray(self.optimal.max() - self.optimal)
 
-    def best(self, at_least: float = 0) -> int:
-        """Position of the best stroke under perfect play from then on.
-
-        Args:
-            at_least: real strokes behind it; the best of all where none has so many, or the numbers are not known.
-        """
-        enough = self.support >= at_least
-        return int(np.argmax(np.where(enough, self.optimal, -np.inf) if enough.any() else self.optimal))
-
 
 def decision(game: Game, state: int, seat: int, players: Players, solution: Solution | None = None) -> Decision:
     """Values of all legal strokes of a state.

@@ -99,23 +99,22 @@ def changed(game: Game, usual: F64, tactic: Bools, among: Bools, change: float) 
     return np.where(tactic, usual * up[state], np.where(among, usual * down[state], usual))
 
 
-def effects(found: Refitted, seat: int = 0) -> list[Effect]:
-    """Effects of all tactics of a player of a pair."""
-    policy = found.home.policies[seat]
+def effects(found: Refitted) -> list[Effect]:
+    """Effects of all tactics of the player at seat 0."""
+    policy = found.home.policies[0]
     game, usual = policy.game, policy.block_probabilities(0)
     sets = _sets(game, usual)
-    weight = (found.home.visits(seat)[game.base_pair_state] * usual).astype(np.float64)
-    advantages = [each.advantages(seat) for each in found.refits]
-    other = induced(found.home.policies[1 - seat])
+    weight = (found.home.visits(0)[game.base_pair_state] * usual).astype(np.float64)
+    advantages = [each.advantages(0) for each in found.refits]
+    other = induced(found.home.policies[1])
 
     def odds(job: tuple[str, float]) -> tuple[float, float]:
         name, change = job
         own = induced(PairPolicy(game=game, probability=changed(game, usual, *sets[name], change)))
-        chains = (own, other) if seat == 0 else (other, own)
-        solved = evaluate_chains(*chains, tolerance=TOLERANCE).odds(seat)
+        solved = evaluate_chains(own, other, tolerance=TOLERANCE).odds()
         return solved.serving, solved.receiving
 
-    home = found.home.value.odds(seat)
+    home = found.home.odds
     jobs = [(name, step) for name in TACTICS for step in STEPS if step]
     solved = dict(zip(jobs, in_threads(odds, jobs), strict=True))
     out = []

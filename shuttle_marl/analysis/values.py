@@ -275,20 +275,14 @@ def rank_players(
             continue
         sums = np.stack([*_sums(value[mine], cluster), *_sums(decision[mine], cluster)], axis=1)
         drawn = _resampled(sums, np.random.default_rng([seed, number]))
-        mean, low, high = _interval(sums[:, :2], drawn[:, :2])
-        chosen, chosen_low, chosen_high = _interval(sums[:, 2:], drawn[:, 2:])
+        means = (*_interval(sums[:, :2], drawn[:, :2]), *_interval(sums[:, 2:], drawn[:, 2:]))
         ranked.append(
             PlayerValue(
                 player=names[number],
                 discipline=str(kinds[mine[0]]),
                 matches=len(matches),
                 strokes=len(mine),
-                value=mean,
-                low=low,
-                high=high,
-                decision=chosen,
-                decision_low=chosen_low,
-                decision_high=chosen_high,
+                **dict(zip(("value", "low", "high", "decision", "decision_low", "decision_high"), means, strict=True)),
             )
         )
     if not ranked:

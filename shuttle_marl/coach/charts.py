@@ -42,11 +42,6 @@ def _wide(text: str) -> int:
     return sum(east_asian_width(letter) == "W" for letter in text)
 
 
-def _wrapped(text: str) -> str:
-    """A label in lines of the same width, whatever its letters."""
-    return fill(text, _LINE // 2 if 2 * _wide(text) > len(text) else _LINE)
-
-
 @styled
 def bars(rows: Sequence[Bar], title: str) -> Markup:
     """Estimates with intervals, one below the other.
@@ -56,7 +51,8 @@ def bars(rows: Sequence[Bar], title: str) -> Markup:
         title: description for screen readers.
     """
     say = words()
-    labels = [_wrapped(label(row.name, 3 * _LINE)) for row in rows]
+    whole = [label(row.name, 3 * _LINE) for row in rows]
+    labels = [fill(text, _LINE // 2 if 2 * _wide(text) > len(text) else _LINE) for text in whole]  # wide letters: half as many
     lines = max(text.count("\n") for text in labels) + 1
     chart = Chart(_WIDTH, (14.0 * lines + 6) * len(rows) + 40)
     # The font of matplotlib has no wide letters, and leaves less space for them than that of the reader takes.

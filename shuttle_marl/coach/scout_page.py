@@ -44,8 +44,9 @@ def scouting_page(report: ScoutingReport, gaps: Sequence[str] = ()) -> bytes:
     sections += [part for part in (_recent(report), _plan(report), _beside(report)) if part is not None]
     if report.player is not None:
         sections += [_advice(report, reason), _tactics(report)] if report.effects else [_unknown(report)]
-    if report.advice:
-        sections.append(_training(report))
+    if report.advice and report.pair is not None:
+        asked = [(*advice.situation[:2], advice.stroke) for advice in report.advice]
+        sections.append(training(report.pair.catalogue, asked, say("scout.training_lead", opponent=opponent)))
     sections.append(_sure(report, gaps))
     since = report.opponent.since
     fields = {
@@ -268,14 +269,6 @@ def _advice(report: ScoutingReport, reason: str) -> Section:
     if reason:
         blocks.append(text(say("report.too_large", reason=reason)))
     return Section(say("scout.advice", opponent=opponent), lead, blocks)
-
-
-def _training(report: ScoutingReport) -> Section:
-    """Drills of the advice, of different strokes where there are some."""
-    assert report.pair is not None
-    catalogue = report.pair.catalogue
-    asked = [(*advice.situation[:2], advice.stroke) for advice in report.advice]
-    return training(catalogue, asked, words()("scout.training_lead", opponent=report.opponent.name))
 
 
 def _unknown(report: ScoutingReport) -> Section:

@@ -201,7 +201,8 @@ def best_response(
         (opponent,) = model.tabulate([policy], tables)
         answer = exact.best_response(opponent, at_least=least)
         odds, seen = answer.value.odds(), exact.visits(answer.policy, opponent)
-    expected = _expected_wins(tables, odds.rally)
+    factor = factor_of(tables)
+    expected = None if factor is None else Estimate(*(0.5 + part for part in factor.scaled(odds.rally - 0.5)))
     mix = [dict(zip(SHOTS, seen.shot_mix(player).tolist(), strict=True)) for player in (0, 1)]
     support = _support(tables, seen.base_pairs(0).sum(axis=0))
     if save is not None:
@@ -248,15 +249,6 @@ def best_response(
         rows["saved as"] = f"table:{save}"
     cli.console().print(cli.facts(rows))
     cli.print_home_and_away([("the response", figures["home"], spreads)], others, asked=away)
-
-
-def _expected_wins(game: "Game", rally_win: float) -> Estimate | None:
-    """Fraction of rallies to expect in real matches; None where it is not known."""
-    factor = factor_of(game)
-    if factor is None:
-        return None
-    edge = factor.scaled(rally_win - 0.5)
-    return Estimate(*(0.5 + part for part in edge))
 
 
 def holes(

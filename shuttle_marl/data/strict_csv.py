@@ -202,7 +202,7 @@ class Sheet:
         if len(self.problems) == _MOST_PROBLEMS:
             raise DataError.of([*self.problems, Problem(self.path, "too many problems; the rest is not listed")])
 
-    def mark(self, rows: int | Ints, message: str) -> None:
+    def mark(self, rows: int | np.integer | Ints, message: str) -> None:
         """Record a problem of rows."""
         for row in np.atleast_1d(rows).tolist():
             self.add(int(self.line[row]), message)

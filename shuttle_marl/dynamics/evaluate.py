@@ -104,7 +104,7 @@ def evaluate(models: FittedModels, train: Rows, test: Rows, *, report: Callable[
 
     Returns:
         ``success``, ``return``, ``contact``, ``hurried`` (where the models know it): scores, ``trees`` (scores of the trees),
-        ``difference`` (models minus trees, by match), ``reliability``; ``next_stroke``: see :func:`next_stroke_scores`.
+        ``difference`` (models minus trees, by match), ``reliability``; ``next_stroke``: see :func:`prediction_scores`.
     """
 
     def success(rows: Rows) -> F64:
@@ -136,7 +136,7 @@ def evaluate(models: FittedModels, train: Rows, test: Rows, *, report: Callable[
             "reliability": reliability(label, p),
         }
     report("next stroke")
-    out["next_stroke"] = next_stroke_scores(models, test)
+    out["next_stroke"] = prediction_scores(*next_stroke_probabilities(models, test), test)
     return out
 
 
@@ -180,11 +180,6 @@ def top_k(probabilities: F64, label: Ints, most: int = 4) -> list[float]:
     ranked = np.argsort(-probabilities, axis=1, kind="stable")[:, :most]
     hit = ranked == np.asarray(label)[:, None]
     return [float(hit[:, : k + 1].any(axis=1).mean()) for k in range(most)]
-
-
-def next_stroke_scores(models: FittedModels, rows: Rows, *, own: bool = True) -> dict[str, Any]:
-    """Scores of :func:`next_stroke_probabilities`, as :func:`prediction_scores` gives them."""
-    return prediction_scores(*next_stroke_probabilities(models, rows, own=own), rows)
 
 
 def prediction_scores(shot: F64, area: F64, given: F64, rows: Rows) -> dict[str, Any]:

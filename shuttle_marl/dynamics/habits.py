@@ -135,17 +135,8 @@ def questions(plays: Plays) -> Iterator[tuple[Question, I64]]:
         yield Question(kind="direction", about=(name,), answers=DIRECTIONS), asked(which, direction)
 
 
-_NO_CODES: Final = np.zeros(0, np.int64)
-_NO_NUMBERS: Final = np.zeros(0)
-QUESTIONS: Final = tuple(
-    question
-    for question, _ in questions(
-        Plays(
-            own=_NO_CODES, incoming=_NO_CODES, met=_NO_CODES, contact=_NO_CODES, shot=_NO_CODES, technique=_NO_CODES,
-            area=_NO_CODES, group=_NO_CODES, weight=_NO_NUMBERS, fault=_NO_NUMBERS, winner=_NO_NUMBERS,
-        )
-    )
-)  # fmt: skip
+_NO_PLAYS: Final = Plays(**{field.name: np.zeros(0, np.int64) for field in dataclasses.fields(Plays)})
+QUESTIONS: Final = tuple(question for question, _ in questions(_NO_PLAYS))
 """All questions, in the order of a tally."""
 _STARTS: Final = np.cumsum([0, *(len(question.answers) for question in QUESTIONS)])
 

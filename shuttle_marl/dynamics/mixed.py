@@ -126,7 +126,7 @@ def posterior(model: MixedModel, sd: F64, start: F64 | None = None) -> Posterior
         start: ``[E]`` initial effects.
     """
     variance = model.scale * sd[model.component] ** 2
-    precision = _precision(model, 1 / variance)
+    precision = csr_matrix(model.difference.T @ model.difference.multiply((1 / variance)[:, None]))
     effects = np.zeros(model.x.shape[1]) if start is None else start
     groups = model.x.shape[0]
 
@@ -190,7 +190,3 @@ def fit_variances(model: MixedModel, fixed: F64 | None = None, start: float = 0.
     options = {"ftol": 1e-9, "gtol": 1e-2}
     found = minimize(objective, first, jac=True, method="L-BFGS-B", bounds=np.stack([low, high], axis=1), options=options)
     return posterior(model, np.exp(found.x), mode)
-
-
-def _precision(model: MixedModel, weight: F64) -> csr_matrix:
-    return csr_matrix(model.difference.T @ model.difference.multiply(weight[:, None]))
