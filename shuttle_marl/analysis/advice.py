@@ -135,7 +135,6 @@ class Refitted:
     """A pair of players at home and in the refits of the game.
 
     Attributes:
-        pair: the game.
         home: both imitated in it.
         refits: the same in each refit.
         factor: share of predicted advantages that real matches realise by the end of the rally; None: not known.
@@ -227,7 +226,6 @@ def advise(
 
     Args:
         found: the pair, at home and in refits.
-        seat: seat of the player.
         most: largest number of situations.
         at_least: least number of real strokes behind a stroke and behind a situation.
         average: the player, at the same seat, against the average player; None: not compared.

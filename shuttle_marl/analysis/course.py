@@ -25,7 +25,6 @@ class RallyRow:
         key: game and number of the rally in the data.
         points, games: score before it.
         server, winner: numbers of the players; winner None: not recorded.
-        strokes: number of strokes.
         ending: one of :data:`~shuttle_marl.analysis.summary.ENDINGS`.
         last_shot: shot type of the last stroke.
         before, after: probability that player 0 wins the match, before and after it.
@@ -124,7 +123,6 @@ class Chances:
     Args:
         odds: of player 0.
         weights: ``[K]`` their probabilities before the match.
-        rules: of the match.
     """
 
     def __init__(self, odds: Sequence[Odds], weights: F64, rules: Rules) -> None:

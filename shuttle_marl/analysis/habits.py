@@ -107,7 +107,6 @@ class Ending:
 
     Attributes:
         shot, technique: shot type, and technique; None: all of them.
-        strokes: number of strokes.
         fault, winner: shares, each with the 90 % interval and the share of the others.
         clear: whether the share of faults, and that of winners, differs by more than chance.
     """

@@ -137,7 +137,6 @@ class Basis:
         game: of one player alone, without the skill of people.
 
     Attributes:
-        game: the game.
         refits: number of refits.
         factor: share of predicted advantages that real matches realise; None: unknown, taken as 1.
     """

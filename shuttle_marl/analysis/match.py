@@ -43,7 +43,6 @@ class ShotValue:
 
     Attributes:
         player: 0 or 1.
-        shot: shot type.
         strokes: number of strokes with a known value.
         points: sum of the values, with its 90 % interval over rallies.
         clear: whether the mean differs from 0 by more than chance, with a correction for the number of tests.
@@ -96,21 +95,15 @@ class MatchReport:
     """Figures of a match report.
 
     Attributes:
-        match: name of the match.
         players: names of players 0 and 1; 0 strikes first.
         score: points of both in each game.
-        rules: of the match.
-        strokes: number of strokes.
         skilled: whether the probabilities of winning are those of these two players; else of two alike.
         before: probability that player 0 wins the match before its first rally.
-        rallies: all rallies.
         moments: indices of the rallies with the largest swings, largest first.
         values: value of the strokes by player and shot type.
         choices: costly decisions, most costly first.
-        refits: number of refits behind them.
         factor: share of predicted advantages that real matches realise; None: unknown.
         serving, lengths: rallies won by server and kind of serve, and by length.
-        heat: targets in won and lost rallies.
         faults: by player, forced and unforced ones, where the data tell.
         changes: from game to game.
         game: that of both players if the model knows them, else the average one.
@@ -156,7 +149,6 @@ def match_report(strokes: pa.Table, *, game: Game | None = None, rules: Rules = 
     Args:
         strokes: one match, of schema :data:`shuttle_marl.data.schema.STROKES`.
         game: game of the values; None: the shipped one.
-        rules: of the match.
         odds: of the first striker against the other player; None: those of both players as they are imitated, and of equal
             players if the model does not know them.
 

@@ -85,7 +85,6 @@ class Outlook:
 
     Attributes:
         serving, receiving: a rally that the player serves, and receives.
-        rally: a rally, both serving equally often.
         game, match: a game, and the match.
         deviation: standard deviation of the probability of winning a rally, over which all of them are means.
     """
@@ -182,7 +181,6 @@ class PlayerRow:
     """A player in the table of predictions.
 
     Attributes:
-        name: of the player.
         since: day of the skill in ISO 8601.
         strokes: strokes of the player in the data of the model.
         rally_win, match_win: mean probabilities of winning against all others.
@@ -199,8 +197,6 @@ def players_of(discipline: Profile, game: str = "default", some: Sequence[str] =
     """Players of a discipline whose skill a model has.
 
     Args:
-        discipline: men or women.
-        game: a model by name or folder.
         some: only these, in this order; empty: all.
 
     Raises:
@@ -228,8 +224,6 @@ def predict_pairs(
     """Predict the result of every pair of players.
 
     Args:
-        players: N names of one discipline.
-        game: a model by name or folder.
         date: day of the skill; None: the last one known.
         policy: name of the policy of all players; None: each imitated (``bc:NAME``), or ``bc`` where the model has no choices of
             the player.
@@ -295,7 +289,6 @@ def with_results(predictions: Sequence[Prediction], strokes: pa.Table) -> list[P
     rallies are not in the data.
 
     Args:
-        predictions: of the pairs.
         strokes: table of schema :data:`shuttle_marl.data.schema.STROKES`.
     """
     rallies = rally_table(strokes).select(["match", "game", "server", "receiver", "winner"])

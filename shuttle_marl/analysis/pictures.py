@@ -101,9 +101,7 @@ def landings(summaries: Mapping[str, Summary], reference: Summary, name: str) ->
     Landing points are drawn for annotated matches; a log holds only areas.
 
     Args:
-        summaries: summaries by name.
         reference: summary that they are compared with.
-        name: name of the reference.
     """
     from matplotlib.cm import ScalarMappable  # noqa: PLC0415  slow to import
     from matplotlib.colors import Normalize  # noqa: PLC0415
@@ -217,7 +215,6 @@ def aims(solution: Solution, incoming: int, own: int | None = None) -> tuple[Aim
     """The best replies to a stroke from below and from above the net, under perfect play from then on.
 
     Args:
-        solution: the solved game.
         incoming: catalogue index of the incoming stroke.
         own: the striker's own last stroke; None: mean over all possible ones (a serve has none).
 

@@ -52,8 +52,6 @@ class Decision:
     """The K legal strokes of a state, seen by the striker.
 
     Attributes:
-        state: state of the game.
-        seat: seat of the striker.
         stroke: ``[K]`` catalogue indices.
         pair: ``[K]`` legal pairs.
         p_succ: ``[K]`` probability that the stroke is good.
@@ -88,9 +86,6 @@ def decision(game: Game, state: int, seat: int, players: Players, solution: Solu
 
     Args:
         game: tables of the game, or the game of a pair.
-        state: state of the striker.
-        seat: seat of the striker.
-        players: policies of both seats.
         solution: the solved game, for :attr:`Decision.optimal`.
 
     Raises:
@@ -147,8 +142,6 @@ def analyse_rally(
     Args:
         rally: a rally, finished or still being played, with the score before it.
         game: tables of the game, or the game of a pair.
-        players: policies of both seats.
-        rules: rules of the match.
         solution: the solved game, for :attr:`Decision.optimal`.
 
     Raises:
@@ -194,7 +187,6 @@ def match_win_after(
         value: exact values of seat 0 against seat 1.
         points: points of both in the current game, before the rally.
         games: games won by both, before the rally.
-        rules: rules of the match.
     """
     odds = value.odds(0)
 
@@ -216,7 +208,6 @@ class LogPlayers:
     A policy is used only if its table is the one that played, by the hash in the log.
 
     Args:
-        log: the log.
         game: the game that was played.
         resolve: finds the policies that the log names. Logs are untrusted: by default no module that a log names is imported and
             no file is opened.
@@ -275,7 +266,6 @@ class Opening:
 
     Attributes:
         line: catalogue indices of the strokes so far.
-        seat: seat of the striker.
         stroke: ``[K]`` catalogue indices.
         available: ``[K]`` probability that the stroke is legal, given that the line was played.
         share: ``[K]`` probability with which the striker's policy chooses the stroke, given that the line was played.
@@ -305,7 +295,6 @@ def opening(game: Game, line: Sequence[int], players: Players, solution: Solutio
         game: tables of the game, or the game of a pair.
         line: catalogue indices of the first strokes of a rally, all of them returned.
         players: policies of both seats and their values.
-        solution: the solved game.
 
     Raises:
         IllegalStrokeError: a stroke of the line is not legal there.

@@ -37,7 +37,6 @@ class Known:
     """Data about a player in the model.
 
     Attributes:
-        name: of the player.
         strokes, matches: in the data of the model.
         since: day of the estimate of the skill; None: unknown player, who counts as the average one.
         imitated: whether the model has the player's own choices; else those of the average player are used.
@@ -101,7 +100,6 @@ class ScoutingReport:
         model: name or folder of the model, and hash of the game.
         refits: number of refits behind the intervals.
         factor: share of predicted advantages that real matches realise; None: not known for this model.
-        outlook: probabilities that the player wins.
         habits, endings: how the opponent plays beside other players of the discipline.
         targets: ``[9]`` shares of the opponent's strokes by target area; ``targets_usual``: of the others.
         target_strokes: number of strokes behind the targets.
@@ -231,7 +229,6 @@ def scout(
         opponent: who is described.
         player: who is to win against the opponent; None: profile of the opponent alone.
         beside: another opponent, whose habits are shown beside; None: no second opponent.
-        model: a model by name or folder.
         date: day of the skill; None: the last one known.
         data: annotated matches, for counted habits and results; None: the model alone.
 

@@ -182,7 +182,6 @@ def stroke_table(
 
     Args:
         rallies: R rallies, those of a match one after the other.
-        catalogue: the strokes of the game.
         players: names by index, as ``rallies.policy`` counts them.
         matches: ``[R]`` name of each rally's match.
         rng: draws points and times.
@@ -265,10 +264,8 @@ def simulate(game: Game, players: Mapping[str, Floats], *, matches: int, seed: i
     meets all others.
 
     Args:
-        game: the tables.
         players: ``[P]`` probability of each legal pair given its state, by player; as
             ``TabulatedPolicy.pair_probabilities`` gives them.
-        matches: number of matches.
         seed: of all draws; the same arguments give the same table.
 
     Returns:

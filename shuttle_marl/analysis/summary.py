@@ -223,7 +223,6 @@ def strokes_of_log(log: RallyLog, *, rallies: int = RALLIES, seed: int = 0) -> p
     match. Matches are complete, except those that span two batches of the log.
 
     Args:
-        log: the log.
         rallies: approximate number of rallies; all if the log has no more.
         seed: random seed of points and times.
 

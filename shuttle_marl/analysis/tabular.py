@@ -57,7 +57,6 @@ def shrunk_means(game: Game, pair: Ints, values: Floats, *, prior: float, shrink
     """``[base pairs]`` mean of the values of similar strokes.
 
     Args:
-        game: the rules.
         pair: ``[M]`` legal pair of each observation.
         values: ``[M]`` its value.
         prior: estimate without any observation.
@@ -87,7 +86,6 @@ def cloned(game: Game, pair: Ints, *, shrink: float = SHRINK, prior: F64 | None 
     """``[base pairs]`` behaviour cloned from strokes: the probability of each stroke in its state.
 
     Args:
-        game: the rules.
         pair: ``[M]`` legal pairs of the strokes.
         shrink: pseudo-observations of the coarser cell.
         prior: ``[base pairs]`` probabilities without observations; None: all legal strokes are equally likely.
@@ -146,7 +144,6 @@ def fitted_q(
     """Fitted Q iteration (Ernst, Geurts & Wehenkel, JMLR 2005): ``[base pairs]`` probability of winning after each stroke.
 
     Args:
-        data: own transitions.
         backup: value of the next state.
         shrink: pseudo-observations of the coarser cell.
         fit: maps ``[M]`` targets to ``[base pairs]`` Q-values; default: :func:`shrunk_means`.
@@ -181,7 +178,6 @@ def estimated_game(log: Log, *, shrink: float = SHRINK) -> Game:
     """The game with outcomes estimated from the strokes of both players.
 
     Args:
-        log: strokes of both players.
         shrink: pseudo-observations of the coarser cell.
     """
     prior = 1 / len(OUTCOMES)

@@ -83,7 +83,6 @@ def changed(game: Game, usual: F64, tactic: Bools, among: Bools, change: float) 
     """``[base pairs]`` probabilities with a tactic used more or less.
 
     Args:
-        game: the tables.
         usual: ``[base pairs]`` probabilities before.
         tactic, among: ``[base pairs]`` strokes of the tactic, and its alternatives with them.
         change: of the probability of the tactic within its alternatives.

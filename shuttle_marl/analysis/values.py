@@ -212,7 +212,6 @@ class PlayerValue:
     """Value added by the strokes of a player.
 
     Attributes:
-        player: identifier.
         discipline: MS or WS.
         matches, strokes: number of matches and of strokes with a known value.
         value: mean value added by a stroke.

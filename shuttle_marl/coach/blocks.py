@@ -60,7 +60,6 @@ def page(title: str, subtitle: str, sections: Sequence[Section], *, rallies: str
 
     Args:
         title, subtitle: of the page.
-        sections: its content.
         rallies: staged rallies, as JSON that cannot end a script element; empty: none.
         viewer: what plays them.
     """

@@ -47,7 +47,6 @@ def bars(rows: Sequence[Bar], title: str) -> Markup:
     """Estimates with intervals, one below the other.
 
     Args:
-        rows: the estimates.
         title: description for screen readers.
     """
     say = words()

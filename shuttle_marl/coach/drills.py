@@ -15,10 +15,8 @@ def training(catalogue: Catalogue, asked: Iterable[tuple[int, int, int]], lead: 
     """Three drills of different kinds, the first ones where there are more.
 
     Args:
-        catalogue: the strokes of the game.
         asked: shot type of the incoming stroke, area where the player meets it, and catalogue index of the stroke to play; -1 and
             -1 for the serve.
-        lead: first sentence.
     """
     say, chosen = words(), list(asked)
     kinds = [(shot, int(catalogue.shot[stroke])) for shot, _, stroke in chosen]

@@ -74,7 +74,6 @@ def shared(rallies: Sequence[CourtRally], game: Game, players: Players, athlete:
     Args:
         rallies: in the order of their numbers, from 0.
         game: in which they are valued.
-        players: policies of both seats.
         athlete: appearance of both players, ``male`` or ``female``.
 
     Returns:
@@ -111,8 +110,6 @@ def staged_advice(advised: Iterable[Advice], pair: Game, home: Meeting, names: t
     """A simulated rally for each advice: the situation occurs, and seat 0 plays the advised stroke.
 
     Args:
-        advised: the advice, to seat 0.
-        pair: the game.
         home: the imitated players.
         names: printable names of the players.
     """

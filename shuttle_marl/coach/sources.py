@@ -44,7 +44,6 @@ def of_strokes(path: Path, game: Game, match: str | None = None, columns: Path |
         path: a stroke table, a folder with the raw files, or a CSV file.
         game: in which strokes are valued.
         match: name of the match, or a part that only its name has; None: the only match.
-        columns: column map of a CSV file.
 
     Raises:
         DataError: the file cannot be read.

@@ -45,7 +45,6 @@ def clean_matches(root: Path, names: Iterable[str] | None = None) -> Cleaned:
     """Read and clean the matches below ``root`` whose files are present.
 
     Args:
-        root: folder of the download.
         names: names of the matches; None: all that are present.
 
     Raises:

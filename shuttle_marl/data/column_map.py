@@ -124,7 +124,6 @@ class ColumnMap:
         coordinates: ``striker``: as in the schema; ``court``: the same for both players.
         areas_seen_by: ``receiver`` or ``striker``, from whose view left and right are.
         delimiter: of values; empty: a comma, and without columns what the header has most of.
-        decimal: decimal mark.
         guessed: whether the columns are those that the words of the header mean.
     """
 

@@ -171,7 +171,6 @@ class Account:
     """Counts of a stroke table, totals after deduplication of matches.
 
     Attributes:
-        matches: matches read.
         rallies, strokes: numbers before dropping.
         rallies_kept: rallies of which at least one stroke was kept.
         strokes_kept: rows of the table.
@@ -237,7 +236,6 @@ class Cleaned:
 
     Attributes:
         strokes: table of schema :data:`shuttle_marl.data.schema.STROKES`, in playing order.
-        account: counts of read and dropped rows.
         files: the files of the games, in order.
         warnings: what is strange and not wrong, with file and line.
         format: of the file.
@@ -259,7 +257,6 @@ class Violation:
     """A broken rule.
 
     Attributes:
-        rule: description of the rule.
         rows: indices of the rows that break it, at least one.
         example: the first such row, with its position and the values concerned.
     """

@@ -128,9 +128,7 @@ class RawGame:
     """Columns of all rows of a game.
 
     Attributes:
-        match: the match.
         game: number of the game, from 1.
-        path: the file.
         broken_homography: whether the points are invalid (:data:`BAD_HOMOGRAPHY`).
         empty: number of further rows, without any value.
         line: ``[n]`` line in the file of each row.
@@ -187,7 +185,6 @@ def list_matches(root: Path, problems: list[Problem] | None = None) -> list[List
     ShuttleSet, unless only the other folder is present.
 
     Args:
-        root: folder of the download.
         problems: list to which problems are added instead of raising; matches with problems are left out.
 
     Raises:
@@ -262,7 +259,6 @@ def read_game(match: ListedMatch, path: Path, problems: list[Problem] | None = N
     """Read the file of one game.
 
     Args:
-        match: the match it belongs to.
         path: the file, one of ``match.games()``.
         problems: list to which invalid values are added instead of raising.
 

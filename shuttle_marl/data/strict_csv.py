@@ -22,8 +22,6 @@ class Problem:
     """A problem of a file.
 
     Attributes:
-        path: the file or folder.
-        message: description with the value and the expectation.
         line: line in the file, from 1; None for the whole file.
         unit: what ``line`` counts: ``line``, or ``entry`` in files where a line tells nothing.
     """
@@ -98,11 +96,8 @@ class Sheet:
     are fatal.
 
     Attributes:
-        path: the file.
-        content: its bytes.
         unit: what ``line`` counts (:class:`Problem`).
         line: ``[n]`` (last) line of each row in the file, from 1.
-        header: names of all columns.
         columns: ``[n]`` values of each column.
         empty: number of further rows, without any value.
         others: number of further rows that cannot be read, or entries that are no strokes.
@@ -123,11 +118,8 @@ class Sheet:
         """A table.
 
         Args:
-            path: the file.
-            content: its bytes.
             table: header, rows, and the line of each row; None: :meth:`fill` follows.
             unit: what the lines count.
-            decimal: decimal mark.
 
         Raises:
             DataError: there are no rows, or too many, or a value is too long.
@@ -271,10 +263,8 @@ class StrictCsv(Sheet):
         """Read a file.
 
         Args:
-            path: the file.
             required: headers of the columns to read.
             delimiter: of values; None: the most frequent one of the header.
-            decimal: decimal mark.
 
         Raises:
             DataError: the file cannot be opened or decoded, or is too large; a required column is missing or there twice; there

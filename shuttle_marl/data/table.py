@@ -213,7 +213,6 @@ class Report:
     """Result of a validation.
 
     Attributes:
-        problems: all problems.
         notes: remarks that are not problems.
         splits: by split, number of unaltered files present and number of published files; empty for a table.
         account: account of the strokes, None if they cannot be read.
@@ -229,9 +228,7 @@ def validate(path: Path, splits: Sequence[Split] = SPLITS, columns: Path | None 
     """Validate a folder with the raw files, a Parquet file, or a CSV file.
 
     Args:
-        path: folder or file.
         splits: splits whose files must be present.
-        columns: column map of a CSV file.
     """
     try:
         if columns is not None:

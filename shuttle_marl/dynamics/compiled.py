@@ -69,7 +69,6 @@ def replies_of(rows: Rows, catalogue: Catalogue, share: float = SHOT_SHARE) -> B
     """``[n + 1, n]`` legal replies to each stroke (row n: at the serve), by the rule of this module.
 
     Args:
-        rows: strokes of the training matches.
         catalogue: the n strokes.
         share: minimum share of a shot type among the strokes of a situation.
     """
@@ -138,9 +137,7 @@ def support_of(rows: Rows, targets: F64, game: Game) -> Support:
     """Count the cells of every edge.
 
     Args:
-        rows: strokes of known outcome.
         targets: ``[N, 9]`` probability of each target; one-hot where it is known.
-        game: the layout.
     """
     which, area = np.nonzero(targets > 0)
     weight = targets[which, area]
@@ -250,9 +247,7 @@ def pair_probabilities(models: FittedModels, game: Game, support: Support) -> Pa
     """Evaluate the models on every base pair, in double precision, clipped to the supported range.
 
     Args:
-        models: the models.
         game: the layout; its thresholds are ignored.
-        support: ranges of the probabilities of its edges.
     """
     codes = _read(models, codes_of_pairs(game))
     pairs = _both(game)

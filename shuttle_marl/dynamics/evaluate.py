@@ -97,10 +97,8 @@ def evaluate(models: FittedModels, train: Rows, test: Rows, *, report: Callable[
     """Scores of all models.
 
     Args:
-        models: the models.
         train: rows to which the trees are fitted.
         test: rows to score.
-        report: called with a line before each stage.
 
     Returns:
         ``success``, ``return``, ``contact``, ``hurried`` (where the models know it): scores, ``trees`` (scores of the trees),
@@ -147,11 +145,6 @@ def _read(rows: Rows, models: FittedModels) -> dict[str, Ints]:
 
 def next_stroke_probabilities(models: FittedModels, rows: Rows, *, own: bool = True) -> tuple[F64, F64, F64]:
     """Predictions of the behaviour-cloned players for each row.
-
-    Args:
-        models: the models.
-        rows: strokes in context.
-        own: use the striker's own model if there is one.
 
     Returns:
         ``[N, 13]`` shot type; ``[N, 9]`` area; ``[N, 9]`` area given the actual shot type.

@@ -169,7 +169,6 @@ def rows_from_strokes(strokes: pa.Table, hurry: Marker | None = None) -> Rows:
     The target areas of annotated winners and out strokes depend on the other strokes of the table.
 
     Args:
-        strokes: the table.
         hurry: index that decides whether strikers were hurried where the table does not know it; None: that stays unknown.
     """
     column = {
@@ -223,7 +222,6 @@ def _movement(strokes: pa.Table, key: Ints, number: I16) -> F32:
     """``[N, 15]`` :data:`MOVEMENT` of each stroke; NaN where a part is unknown, and for serves.
 
     Args:
-        strokes: the table.
         key: ``[3, N]`` match, game and rally of each stroke.
         number: ``[N]`` number of the stroke in its rally, from 1.
     """
@@ -370,7 +368,6 @@ def states_of(game: Game, rows: Rows, own: Ints, incoming: Ints) -> I64:
     """``[N]`` state in which each stroke was struck, -1 where the game has no such state or the context is unknown.
 
     Args:
-        game: the tables.
         rows: N strokes in context.
         own, incoming: ``[N]`` catalogue indices of the previous strokes (:func:`strokes_before`).
     """

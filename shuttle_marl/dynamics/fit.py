@@ -57,6 +57,7 @@ from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.tables import Game, GameError
 
 Report = Callable[[str], None]
+"""Called with a line before each stage."""
 
 THREADS: Final = 1
 """Threads of the fit; fixed, because another order of summation gives other weights. More would not be faster."""
@@ -76,7 +77,6 @@ class Fit:
     """Result of a fit.
 
     Attributes:
-        models: the models.
         game: layout of the game, without thresholds.
         support: support in the data of every edge of the game.
         profiles: support in the strokes of each discipline.
@@ -115,13 +115,9 @@ def fit(
     """Fit all models.
 
     Args:
-        train: strokes in context.
         validation: strokes in context of other matches, on which the strength of pooling is chosen; None: fit the average player
             only.
-        seed: random seed.
-        config: settings of the networks.
         layout: game whose layout is used; None: that of the strokes of train.
-        report: called with a line before each stage.
 
     Raises:
         ShuttleError: a split without strokes.
@@ -216,7 +212,6 @@ def layout_of(rows: Rows, share: float = SHOT_SHARE) -> Game:
     """Layout of the game of strokes: catalogue and legal replies, without probabilities.
 
     Args:
-        rows: strokes of the training matches.
         share: minimum share of a legal shot type (:mod:`shuttle_marl.dynamics.compiled`).
 
     Raises:
@@ -256,7 +251,6 @@ def _fault_correction(marginal: F64, rows: Rows) -> Trees:
 
     Args:
         marginal: ``[N]`` calibrated probability of a fault.
-        rows: strokes of known outcome.
     """
     fault = rows.outcome == Outcome.FAULT
     return fit_trees(rows.with_area(0), fault, rounds=_CORRECTION_ROUNDS, rate=_CORRECTION_RATE, offset=log_odds(marginal))

@@ -45,7 +45,6 @@ class PlayerChoices:
     """Choices of M players, as shifts of the average player's logits.
 
     Attributes:
-        players: identifiers.
         style: ``[M, 15, 2, 39]`` shifts for shot type and technique, by incoming shot type and contact height.
         area: ``[M, 13, 3, 9]`` shifts for the target, by shot type and technique.
     """
@@ -93,7 +92,6 @@ class FittedModels:
             and above the net.
         situations: effect of effort and long duels on the log-odds of a fault.
         share: ``[2]`` fraction of each discipline in the training strokes, the weights of the average game.
-        choices: choices of single players.
     """
 
     networks: dict[str, Ensemble]

@@ -12,7 +12,7 @@ import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -135,8 +135,8 @@ def questions(plays: Plays) -> Iterator[tuple[Question, I64]]:
         yield Question(kind="direction", about=(name,), answers=DIRECTIONS), asked(which, direction)
 
 
-_NO_PLAYS: Final = Plays(**{field.name: np.zeros(0, np.int64) for field in dataclasses.fields(Plays)})
-QUESTIONS: Final = tuple(question for question, _ in questions(_NO_PLAYS))
+_NOTHING: Final[dict[str, Any]] = {field.name: np.zeros(0, np.int64) for field in dataclasses.fields(Plays)}
+QUESTIONS: Final = tuple(question for question, _ in questions(Plays(**_NOTHING)))
 """All questions, in the order of a tally."""
 _STARTS: Final = np.cumsum([0, *(len(question.answers) for question in QUESTIONS)])
 

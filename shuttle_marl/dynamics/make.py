@@ -94,8 +94,6 @@ def make_model(
 
     Args:
         data: folder of the download, or a Parquet file.
-        out: folder to write.
-        seed: random seed.
         refits: number of fits on resampled matches, whose games become variants; None: the default number, 0 for few matches
             and with a prior.
         validation_share: fraction of the unpublished matches for validation; None: all matches are published ones.
@@ -215,10 +213,8 @@ class Written:
     """Result of :func:`save_fit`.
 
     Attributes:
-        game: the game.
         variants: the games of men's and women's singles, by name; none if the fit has a single discipline.
         log_choice: ``[base pairs]`` log-probabilities of the average player.
-        skill: offsets of the players.
         clipped: fraction of the legal pairs that were clipped to the supported range.
         health: :func:`~shuttle_marl.dynamics.evaluate.health` of the game.
     """
@@ -237,11 +233,8 @@ def save_fit(
     """Compile a fit, fit the skill of its players, and write all files of a model folder but the variants and the card.
 
     Args:
-        out: the folder.
-        fitted: the fit.
         sources: data set of each match by name.
         skill_sd: standard deviations of the skill in a prior model; None: estimate them.
-        report: called with a line before each stage.
         check: refuse a game whose best play consists of strokes that nobody plays.
 
     Raises:
@@ -293,7 +286,6 @@ def train_and_validation(rows: Rows, share: float | None) -> tuple[Rows, Rows]:
     """Split rows by match into training and validation.
 
     Args:
-        rows: all strokes.
         share: fraction of the unpublished matches for validation, at least one and not all, in the order of the SHA-256 of their
             names; None: all matches are published ones, whose split is fixed.
 
@@ -323,7 +315,6 @@ def require_enough(train: Rows, validation: Rows, *, prior: bool) -> None:
     """Refuse too little data.
 
     Args:
-        train, validation: rows of each split.
         prior: whether the fit corrects a model.
 
     Raises:
@@ -396,8 +387,6 @@ def save_clones(folder: Path, choices: PlayerChoices, log_choice: F32, profiles:
     """Write the behaviour-cloned players of a model.
 
     Args:
-        folder: of the model.
-        choices: shifts of single players.
         log_choice: ``[base pairs]`` log-probabilities of the average player.
         profiles: those of the average player of each discipline.
     """

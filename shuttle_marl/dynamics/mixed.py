@@ -121,7 +121,6 @@ def posterior(model: MixedModel, sd: F64, start: F64 | None = None) -> Posterior
     """Mode and curvature of the posterior, by Newton's method with step halving.
 
     Args:
-        model: the model.
         sd: ``[C]`` standard deviations of the components.
         start: ``[E]`` initial effects.
     """
@@ -172,7 +171,6 @@ def fit_variances(model: MixedModel, fixed: F64 | None = None, start: float = 0.
     """The posterior at the standard deviations of maximum marginal likelihood.
 
     Args:
-        model: the model.
         fixed: ``[C]`` standard deviations that are given; NaN, or None for all, where they are estimated.
         start: initial standard deviation of the others.
     """

@@ -174,10 +174,7 @@ def fit_target(rows: Rows, weights: F64, config: EnsembleConfig, seed: int) -> E
     """Fit the target areas to soft labels.
 
     Args:
-        rows: strokes.
         weights: ``[N, 9]`` probability of each target; rows of zeros are left out.
-        config: settings.
-        seed: random seed.
     """
     used = weights.sum(axis=1) > 0
     rows = rows.take(used)
@@ -195,10 +192,7 @@ def fit_success(rows: Rows, target: F64, config: EnsembleConfig, seed: int) -> E
     """Fit the outcome of strokes, summing over unknown targets.
 
     Args:
-        rows: strokes of known outcome.
         target: ``[N, 9]`` probability of each target given the state, shot type and technique.
-        config: settings.
-        seed: random seed.
     """
     label = fault_class(rows)
     latent = latent_target(rows)

@@ -29,9 +29,7 @@ class NetworkSpec:
     Attributes:
         inputs: names of attributes (:data:`shuttle_marl.dynamics.features.SLOTS`).
         crosses: tuples of inputs whose products enter the linear part.
-        outputs: number of logits.
         hidden: width of both hidden layers.
-        members: size of the ensemble.
     """
 
     inputs: tuple[str, ...]
@@ -123,8 +121,6 @@ class EnsembleConfig:
     """Settings of the fit of an ensemble, chosen on the validation matches.
 
     Attributes:
-        epochs: passes over the rows.
-        batch: rows per step.
         learning_rate: peak of the one-cycle schedule of AdamW.
         decay: weight decay of the perceptron.
         decay_linear: weight decay of the linear part.
@@ -167,12 +163,9 @@ def fit_ensemble(
     """Fit all members at once; weights are rounded to half precision, in which they are stored.
 
     Args:
-        spec: the network.
         columns: ``[M, C]`` active columns of the inputs (:func:`encode`).
-        loss: loss of a batch.
         matches: ``[N]`` match of each row; the rows of a member's fold have weight zero.
         prior: ``[outputs]`` logits of an untrained network.
-        config: settings.
         seed: random seed of initial weights, batches and dropout.
         expand: maps row numbers to the rows of ``columns`` that the loss needs; None: the same rows.
     """

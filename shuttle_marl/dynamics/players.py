@@ -35,9 +35,7 @@ def fit_choice_shifts(
     Args:
         base: ``[N, C]`` probabilities of the average player, from networks that were not fitted to the match.
         cell: ``[N]`` context in which a shift applies.
-        cells: number of contexts.
         player: ``[N]`` player of each row.
-        players: number of players.
         label: ``[N]`` observed choice.
         precision: of the prior.
     """
@@ -66,8 +64,6 @@ def player_choices(
     """Shifts of single players' choices.
 
     Args:
-        networks: the ensembles by name.
-        train: strokes in context.
         validation: strokes of other matches, on which the precision of the prior is chosen (the strongest one where these
             players have none); None: that of the shipped model.
         folds: folds of the training matches left out by members of the networks; None: the networks were fitted to other matches.

@@ -43,12 +43,10 @@ class Prior:
     """A model to be corrected.
 
     Attributes:
-        models: the models.
         game: the game, whose layout the fit shares.
         support: support in its data.
         hurry: its index of hurried strikers, if it has one.
         skill: standard deviations of its offsets of players (:attr:`~shuttle_marl.dynamics.skill.FittedSkill.sd`), if it has any.
-        refits: its refits.
     """
 
     models: FittedModels
@@ -63,10 +61,8 @@ def fit_from(prior: Prior, train: Rows, validation: Rows | None, *, report: Repo
     """Correct a model by a few matches.
 
     Args:
-        prior: the model.
         train: strokes of matches to which the prior was not fitted.
         validation: strokes of other matches, on which the shrinkage of choices is chosen; None: the weakest.
-        report: called with a line before each stage.
     """
     known, good, met = (train.take(mask(train)) for mask in (known_outcome, was_good, was_met))
     shares = np.bincount(train.codes["discipline"], minlength=len(prior.models.share)) / len(train)
@@ -203,10 +199,7 @@ def refits_from(prior: Prior, game: Game, deviations: Mapping[str, float], seed:
     """Refits of a corrected model: those of the prior, moved like the model, each by other draws of the shifts.
 
     Args:
-        prior: the model before the correction.
-        game: the corrected game.
         deviations: standard deviation of the shift of each component.
-        seed: random seed.
         number: of refits, at most as many as the prior has.
     """
     found = {}

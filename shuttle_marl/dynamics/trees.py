@@ -157,8 +157,6 @@ def fit_trees(
         codes: attribute codes of N strokes.
         label: ``[N]`` label.
         leaves: maximum number of leaves of a tree.
-        rounds: maximum number of trees.
-        rate: learning rate.
         offset: ``[N]`` logits to which those of the trees are added; None: no offset.
     """
     lgb = lightgbm()
@@ -176,7 +174,6 @@ def stored_trees(booster: Any, leaves: int) -> tuple[dict[str, npt.NDArray[Any]]
     """The trees of LightGBM as arrays.
 
     Args:
-        booster: the fitted trees.
         leaves: maximum number of leaves of a tree.
 
     Returns:

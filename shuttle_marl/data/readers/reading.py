@@ -16,8 +16,6 @@ class Reading:
     """A file of any format as a table.
 
     Attributes:
-        format: its name.
-        sheet: the table.
         source: source of the matches, unless the map of the user names one.
         strict: whether a problem stops the import; otherwise its rally is dropped, because users cannot correct the file.
         lost: sentences on what the format, or this file, does not have.
@@ -36,8 +34,6 @@ def sheet_of(path: Path, content: bytes, entries: Sequence[Mapping[str, str]], l
     """The table of entries, whose keys are its headers.
 
     Args:
-        path: the file.
-        content: its bytes.
         entries: the strokes; a missing key is an empty value.
         lines: where each stands.
         unit: what ``lines`` counts.

@@ -148,10 +148,7 @@ def download(
     A file is written when it is complete and has the right hash, so a killed download leaves no incomplete file.
 
     Args:
-        out: output folder.
-        base_url: base URL; the paths of the manifest are appended.
         hashes: SHA-256 by path; None: that of the published data.
-        jobs: number of concurrent downloads.
         retries: retries after a broken connection, a busy server or a wrong hash.
         pause: seconds before the first retry; doubled each time.
         on_file: called with (number of complete files, number of files) after each file.
