@@ -264,17 +264,31 @@ def _validate_table(path: Path) -> Report:
 
 
 def _validate_folder(root: Path, splits: Sequence[Split]) -> Report:
+    """Compare the files with the manifest, and read every game strictly; problems of published files are notes."""
     counts, problems = _compare(root, splits)
-    notes: list[str] = []
-    compared = len(problems)
-    matches = _read_all(root, problems, notes)
-    readable = matches and len(problems) == compared
-    return Report(
-        problems=tuple(problems),
-        notes=tuple(notes),
-        splits=counts,
-        account=clean_matches(root).account if readable else None,
-    )
+    compared, notes = len(problems), list[str]()
+    try:
+        matches = list_matches(root, problems)
+    except DataError as error:
+        return Report(problems=(*problems, *error.problems), notes=(), splits=counts, account=None)
+    present = [match for match in matches if match.present]
+    for match in present:
+        try:
+            for path in match.games():
+                found: list[Problem] = []
+                read_game(match, path, found)
+                if found and upstream.is_published(path.read_bytes()):
+                    notes.extend(f"{problem} (in the published file: the row is dropped)" for problem in found)
+                else:
+                    problems.extend(found)
+        except DataError as error:
+            problems.extend(error.problems)
+    listed = {match.name for match in matches}
+    for source in upstream.SOURCES.values():
+        strangers = sorted(child for child in (root / source).glob("*") if child.is_dir() and child.name not in listed)
+        notes.extend(f"{child}: not in match.csv, so it is not read" for child in strangers)
+    account = clean_matches(root).account if present and len(problems) == compared else None
+    return Report(problems=tuple(problems), notes=tuple(notes), splits=counts, account=account)
 
 
 def _compare(root: Path, splits: Sequence[Split]) -> tuple[dict[Split, tuple[int, int]], list[Problem]]:
@@ -301,33 +315,3 @@ def _compare(root: Path, splits: Sequence[Split]) -> tuple[dict[Split, tuple[int
             advice = f"download them with `{command('data', 'download')}`"
             problems.append(Problem(folder, f"missing {', '.join(names)}{of_split}; {advice}"))
     return {split: (whole[split], listed[split]) for split in SPLITS}, problems
-
-
-def _read_all(root: Path, problems: list[Problem], notes: list[str]) -> int:
-    """Read every game strictly; add problems, and as notes those of published files.
-
-    Returns:
-        Number of matches present.
-    """
-    try:
-        matches = list_matches(root, problems)
-    except DataError as error:
-        problems.extend(error.problems)
-        return 0
-    present = [match for match in matches if match.present]
-    for match in present:
-        try:
-            for path in match.games():
-                found: list[Problem] = []
-                read_game(match, path, found)
-                if found and upstream.is_published(path.read_bytes()):
-                    notes.extend(f"{problem} (in the published file: the row is dropped)" for problem in found)
-                else:
-                    problems.extend(found)
-        except DataError as error:
-            problems.extend(error.problems)
-    listed = {match.name for match in matches}
-    for source in upstream.SOURCES.values():
-        strangers = sorted(child for child in (root / source).glob("*") if child.is_dir() and child.name not in listed)
-        notes.extend(f"{child}: not in match.csv, so it is not read" for child in strangers)
-    return len(present)
