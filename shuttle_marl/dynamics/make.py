@@ -35,22 +35,8 @@ from shuttle_marl.dynamics.network import QUICK, EnsembleConfig
 from shuttle_marl.dynamics.prior import Prior, fit_from, refits_from
 from shuttle_marl.dynamics.skill import FittedSkill, check, deviations_in, fit_skill, summary
 from shuttle_marl.exact.profile import PairPolicy
+from shuttle_marl.game import shipped
 from shuttle_marl.game.court import N_AREAS
-from shuttle_marl.game.shipped import (
-    BC,
-    CHOICE_UNITS,
-    GAME,
-    HURRY,
-    PROFILES,
-    REFITS,
-    SUPPORT,
-    VARIANTS,
-    load_game,
-    model_folder,
-    read_model,
-    read_model_card,
-    refits_of,
-)
 from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.variants import packed
@@ -131,9 +117,9 @@ def make_model(
     written = save_fit(out, fitted, sources, skill_prior, report=report)
     fitted_on = pa.array([train.matches[i] for i in np.unique(train.match).tolist()])
     if hurry is None:
-        (out / HURRY).unlink(missing_ok=True)  # of a replaced model
+        (out / shipped.HURRY).unlink(missing_ok=True)  # of a replaced model
     else:
-        hurry.save(out / HURRY)
+        hurry.save(out / shipped.HURRY)
     save_habits(out, strokes.filter(pa.compute.is_in(strokes["match"], fitted_on)), written.skill.skill.players)
     game, variants = written.game, written.variants
     checked = check(fitted.predicted, sources, written.skill.sd)
@@ -158,7 +144,7 @@ def make_model(
             "legal_pairs": game.n_pairs,
             "efforts": game.levels,
             "clipped": written.clipped,
-            "share": dict(zip(PROFILES, fitted.models.share.tolist(), strict=True)),
+            "share": dict(zip(shipped.PROFILES, fitted.models.share.tolist(), strict=True)),
         },
         "hurried": _hurried(train, hurry, prior),
         "players": list(fitted.models.choices.players),
@@ -184,11 +170,11 @@ def make_model(
                 variants[str(number)] = refit
                 # After each refit, so that an interrupted command leaves a complete folder.
                 save_variants(out, game, variants, card)
-    if others := [variant for name, variant in variants.items() if name not in PROFILES]:
+    if others := [variant for name, variant in variants.items() if name not in shipped.PROFILES]:
         report("solving the refits")
         solved = {**written.health, "refits": variety_of(others)}
         write_card(out, {**card, "health": solved, "variants": list(variants)})
-    return read_model_card(out)
+    return shipped.read_model_card(out)
 
 
 @own_settings(THREADS)
@@ -256,14 +242,14 @@ def save_fit(
     report("compiling the games of men's and women's singles")
     # With a single discipline, the game is that of this discipline.
     played = np.flatnonzero(fitted.models.share).tolist()
-    profiles = {PROFILES[discipline]: fitted.profile(discipline) for discipline in played} if len(played) > 1 else {}
+    profiles = {shipped.PROFILES[discipline]: fitted.profile(discipline) for discipline in played} if len(played) > 1 else {}
     variants = {name: profile.compiled()[0] for name, profile in profiles.items()}
     of_profiles = {name: pair_log_choices(profile.models, game) for name, profile in profiles.items()}
     report("skill of players")
     skill = fit_skill(fitted.predicted, sources, skill_sd)
     fitted.models.save(out)
     save_support(out, fitted.support)
-    game.save(out / GAME)
+    game.save(out / shipped.GAME)
     save_clones(out, fitted.models.choices, log_choice, of_profiles)
     skill.save(out)
     clipped = float(probabilities.clipped.mean())
@@ -349,7 +335,7 @@ def _checked_refits(refits: int | None, matches: int, prior: Prior | None) -> in
             raise ShuttleError(f"--refits {refits}: the model of --prior has {len(prior.refits)}, which are corrected too")
         return len(prior.refits) if refits is None else refits
     if refits is None:
-        return REFITS if matches >= MIN_MATCHES_FOR_REFITS else 0
+        return shipped.REFITS if matches >= MIN_MATCHES_FOR_REFITS else 0
     if refits and matches < MIN_MATCHES_FOR_REFITS:
         raise ShuttleError(
             f"--refits {refits}: {matches} train matches, at least {MIN_MATCHES_FOR_REFITS} needed: a resample of fewer "
@@ -359,15 +345,15 @@ def _checked_refits(refits: int | None, matches: int, prior: Prior | None) -> in
 
 
 def _prior(name: str) -> Prior:
-    folder = model_folder(name)
-    game = load_game(str(folder))
+    folder = shipped.model_folder(name)
+    game = shipped.load_game(str(folder))
     return Prior(
         models=FittedModels.load(folder),
         game=game,
         support=load_support(folder),
         hurry=load_hurry(folder),
-        skill=deviations_in(read_model_card(folder)),
-        refits=refits_of(game),
+        skill=deviations_in(shipped.read_model_card(folder)),
+        refits=shipped.refits_of(game),
     )
 
 
@@ -392,7 +378,7 @@ def save_clones(folder: Path, choices: PlayerChoices, log_choice: F32, profiles:
     """
 
     def units(values: F32) -> I16:
-        return np.rint(values * CHOICE_UNITS).astype(np.int16)
+        return np.rint(values * shipped.CHOICE_UNITS).astype(np.int16)
 
     clones: dict[str, npt.NDArray[Any]] = {
         "choice": units(log_choice),
@@ -401,15 +387,17 @@ def save_clones(folder: Path, choices: PlayerChoices, log_choice: F32, profiles:
         "style": choices.style.reshape(*choices.style.shape[:3], N_SHOTS, N_TECHNIQUES),
         "area": choices.area,
     }
-    replace_file(folder / BC, tensor_bytes(clones, {"players": json.dumps(choices.players)}, pack=True))
+    replace_file(folder / shipped.BC, tensor_bytes(clones, {"players": json.dumps(choices.players)}, pack=True))
 
 
 def save_variants(folder: Path, game: Game, variants: Mapping[str, Game], card: dict[str, Any]) -> None:
     """Write the variants of a model and its card."""
     if variants:
-        replace_file(folder / VARIANTS, packed(game, variants, coarse=[name for name in variants if name not in PROFILES]))
+        replace_file(
+            folder / shipped.VARIANTS, packed(game, variants, coarse=[name for name in variants if name not in shipped.PROFILES])
+        )
     else:
-        (folder / VARIANTS).unlink(missing_ok=True)  # of a replaced model
+        (folder / shipped.VARIANTS).unlink(missing_ok=True)  # of a replaced model
     write_card(folder, {**card, "variants": list(variants)})
 
 
@@ -424,7 +412,7 @@ def evaluate_model(data: Path, folder: Path, split: Split, *, report: Callable[[
     """
     report("reading strokes")
     rows = rows_from_strokes(load_strokes(data), load_hurry(folder))
-    share = read_model_card(folder)["data"].get("validation_share")
+    share = shipped.read_model_card(folder)["data"].get("validation_share")
     if share is None:
         train, test = rows_of(rows, "train"), rows_of(rows, split)
     elif split == "test":
@@ -438,7 +426,7 @@ def evaluate_model(data: Path, folder: Path, split: Split, *, report: Callable[[
 def save_support(folder: Path, support: Support) -> None:
     """Write the support of a model."""
     fields = ("strokes", "faults", "winners", "fault_range", "winner_range")
-    replace_file(folder / SUPPORT, tensor_bytes({name: getattr(support, name) for name in fields}, {}, pack=True))
+    replace_file(folder / shipped.SUPPORT, tensor_bytes({name: getattr(support, name) for name in fields}, {}, pack=True))
 
 
 def load_support(folder: Path) -> Support:
@@ -449,9 +437,9 @@ def load_support(folder: Path) -> Support:
         GameError: the model card cannot be read.
     """
     try:
-        arrays = read_model(folder, SUPPORT).arrays
+        arrays = shipped.read_model(folder, shipped.SUPPORT).arrays
         edges = arrays["strokes"].shape[:1]
         shapes = {"strokes": edges, "faults": edges, "winners": edges, "fault_range": (*edges, 2), "winner_range": (*edges, 2)}
         return Support(**{name: checked(arrays[name], np.float64, shape) for name, shape in shapes.items()})
     except (OSError, KeyError, ValueError) as error:
-        raise ModelError(f"{folder / SUPPORT}: no readable support ({error}); fit or install the model again") from error
+        raise ModelError(f"{folder / shipped.SUPPORT}: no readable support ({error}); fit or install the model again") from error
