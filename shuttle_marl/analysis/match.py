@@ -258,7 +258,6 @@ def _serving(rallies: Sequence[RallyRow], plays: Plays, strokes: pa.Table) -> li
 
 
 def _lengths(rallies: Sequence[RallyRow]) -> list[Won]:
-    """Rallies won by player 0 by the number of strokes."""
     out = []
     for low, high in LENGTHS:
         some = [row for row in rallies if row.winner is not None and low <= row.strokes <= high]
@@ -270,7 +269,6 @@ def _lengths(rallies: Sequence[RallyRow]) -> list[Won]:
 
 
 def _heat(plays: Plays, mine: Bools, won: F64, player: int) -> Heat:
-    """Targets of a player in won and lost rallies."""
     counts = [tally(plays.take(mine & (won == result))).targets for result in (1.0, 0.0)]
     n = [max(1.0, float(count.sum())) for count in counts]
     pooled = (counts[0] + counts[1]) / (n[0] + n[1])

@@ -306,7 +306,6 @@ def scout(
 
 
 def _recent(plays: Plays, strokes: pa.Table) -> list[Habit]:
-    """Habits in a player's last match beside the earlier ones."""
     names = strokes["match"].unique().to_pylist()
     if len(names) < 2:
         return []

@@ -219,7 +219,6 @@ def _choices(report: MatchReport) -> Section:
 
 
 def _training(report: MatchReport) -> list[Section]:
-    """Drills of the costly decisions of each player."""
     say, catalogue, out = words(), report.game.catalogue, []
     for player, who in enumerate(report.players):
         asked = []

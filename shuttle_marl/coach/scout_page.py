@@ -166,7 +166,6 @@ def _described(report: ScoutingReport, kinds: Sequence[str], heading: str) -> li
 
 
 def _recent(report: ScoutingReport) -> Section | None:
-    """What changed in the opponent's last match."""
     say, opponent = words(), report.opponent.name
     if not report.recent:
         return None
@@ -180,7 +179,6 @@ def _recent(report: ScoutingReport) -> Section | None:
 
 
 def _beside(report: ScoutingReport) -> Section | None:
-    """Another opponent beside this one."""
     if report.beside is None:
         return None
     say, opponent, other = words(), report.opponent.name, words().player(report.beside[0])

@@ -165,7 +165,6 @@ def whole_number(text: str) -> int:
 
 @_NUMBERS.primitive_rule
 def _whole_number_rule(type_info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[int] | None:
-    """Options of type int take all forms of :func:`whole_number`."""
     if type_info.type is not int:
         return None
     return PrimitiveConstructorSpec(
@@ -415,7 +414,6 @@ def _file(error: OSError, default: str) -> str:
 
 
 def _reader_is_gone() -> bool:
-    """Whether standard output is a closed pipe."""
     if not hasattr(select, "poll"):
         return True
     pipe = select.poll()

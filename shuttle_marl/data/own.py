@@ -347,7 +347,6 @@ class _Import:
         return self._sheet.integers(self._map.columns[name], low, high, missing=without)
 
     def _optional(self, name: str, field: str) -> pa.Array:
-        """Optional integers."""
         kind = STROKES.field(field).type
         if name not in self._map.columns:
             return pa.nulls(self._n, kind)
@@ -383,7 +382,6 @@ class _Import:
         return np.array([codes.get(text, missing) for text in self._sheet.text(column)], dtype=np.int64)
 
     def _players(self) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
-        """Identifiers of strikers and receivers."""
         player = self._identifiers("player")
         if "opponent" in self._map.columns:
             return player, self._identifiers("opponent")

@@ -139,7 +139,6 @@ def evaluate(models: FittedModels, train: Rows, test: Rows, *, report: Callable[
 
 
 def _read(rows: Rows, models: FittedModels) -> dict[str, Ints]:
-    """Everything that the trees may read."""
     return {**rows.codes, **models.situations.codes(rows), "next_contact": rows.next_contact}
 
 
