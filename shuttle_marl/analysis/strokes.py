@@ -9,12 +9,12 @@ from collections.abc import Mapping, Sequence
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 import pyarrow as pa
 
 from shuttle_marl.base.arrays import F64, I64, Bools, Floats
 from shuttle_marl.base.errors import ShuttleError
-from shuttle_marl.data.schema import OPTIONAL, REASONS, STROKES, Outcome, outcome_of
+from shuttle_marl.data import schema
+from shuttle_marl.data.schema import REASONS, Outcome, outcome_of
 from shuttle_marl.data.upstream import discipline
 from shuttle_marl.game import court, draws
 from shuttle_marl.game.rally.record import Rallies
@@ -234,23 +234,17 @@ def stroke_table(
         "hurried": rallies.hurried.astype(np.bool_),
         "area": court.area_of(landing_x, landing_y),
         "in_court": court.in_court(landing_x, landing_y),
-        **{f"{name}_{axis}": xy[:, i].astype(np.float32) for name, xy in places.items() for i, axis in enumerate("xy")},
         "clock": frame // FRAME_RATE,
         "frame": frame,
         "outcome": outcome,
         "reason": reason,
         "points": after[row, seat],
         "points_opponent": after[row, 1 - seat],
-        **{name: pa.nulls(len(stroke), STROKES.field(name).type) for name in ("label_area", *OPTIONAL) if name != "hurried"},
     }
     try:
-        return pa.table([_array(columns[field.name], field.type) for field in STROKES], schema=STROKES)
+        return schema.stroke_table(columns, places)
     except pa.ArrowInvalid as error:
         raise RecordingError(f"a score or a length of a rally that no match has ({error}); the log is damaged") from error
-
-
-def _array(values: pa.Array | npt.NDArray[np.generic], kind: pa.DataType) -> pa.Array:
-    return values if isinstance(values, pa.Array) else pa.array(values, kind, from_pandas=True)
 
 
 class SimulationError(ShuttleError):

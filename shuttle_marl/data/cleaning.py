@@ -17,7 +17,7 @@ import pyarrow.compute as pc
 
 from shuttle_marl.base.arrays import I8, I64, Bools
 from shuttle_marl.base.errors import command
-from shuttle_marl.data.schema import DROP_REASONS, OPTIONAL, REACH_OVER, REASONS, STROKES, Account, Cleaned, Outcome
+from shuttle_marl.data.schema import DROP_REASONS, REACH_OVER, REASONS, Account, Cleaned, Outcome, stroke_table
 from shuttle_marl.data.shuttleset import RawGame, list_matches, read_game
 from shuttle_marl.data.strict_csv import DataError
 from shuttle_marl.game import court
@@ -124,6 +124,7 @@ def clean_game(raw: RawGame) -> tuple[pa.Table, dict[str, int]]:
         "player": players.take(pa.array(np.where(raw.by_a, 0, 1)[rows])),
         "opponent": players.take(pa.array(np.where(raw.by_a, 1, 0)[rows])),
     }
+    untimed = ~timed(raw, first)
     columns: dict[str, npt.NDArray[Any]] = {
         "game": np.full(len(first), raw.game),
         "rally": raw.rally,
@@ -131,32 +132,18 @@ def clean_game(raw: RawGame) -> tuple[pa.Table, dict[str, int]]:
         "shot": raw.shot,
         "height": np.where(is_serve, 0, raw.height),  # by the laws; two serves are annotated as above the net
         "technique": np.where(raw.backhand, 1, np.where(raw.around_head, 2, 0)),
-        "area": area,
-        "in_court": court.in_court(landing_x, landing_y),
-        **{f"{name}_{axis}": xy[:, i] for name, xy in ego.items() for i, axis in enumerate("xy")},
-        "clock": raw.clock,
-        "frame": raw.frame,
+        "area": np.ma.masked_where(area < 0, area),
+        "in_court": np.ma.masked_where(area < 0, court.in_court(landing_x, landing_y)),
+        "clock": np.ma.masked_where(untimed, raw.clock),
+        "frame": np.ma.masked_where(untimed, raw.frame),
         "outcome": outcome,
         "reason": reason,
-        "points": np.where(raw.by_a, score[:, 0], score[:, 1]),
-        "points_opponent": np.where(raw.by_a, score[:, 1], score[:, 0]),
-        "label_area": label,
+        "points": np.ma.masked_less(np.where(raw.by_a, score[:, 0], score[:, 1]), 0),
+        "points_opponent": np.ma.masked_less(np.where(raw.by_a, score[:, 1], score[:, 0]), 0),
+        "label_area": np.ma.masked_less(label, 0),
     }
-    untimed = ~timed(raw, first)
-    missing = {
-        "area": area < 0,
-        "in_court": area < 0,
-        "label_area": label < 0,
-        "clock": untimed,
-        "frame": untimed,
-        **{name: columns[name] < 0 for name in ("points", "points_opponent")},
-        **{name: np.isnan(values) for name, values in columns.items() if values.dtype == np.float32},
-    }
-    arrays = {**texts, **{name: pa.nulls(len(rows), STROKES.field(name).type) for name in OPTIONAL}}
-    for name, values in columns.items():
-        mask = missing.get(name)
-        arrays[name] = pa.array(values[rows], STROKES.field(name).type, mask=None if mask is None else mask[rows])
-    return pa.table([arrays[name] for name in STROKES.names], schema=STROKES), counts
+    kept = {name: values[rows] for name, values in columns.items()}
+    return stroke_table({**texts, **kept}, {name: xy[rows] for name, xy in ego.items()}), counts
 
 
 def arrange(raw: RawGame) -> tuple[RawGame, int]:

@@ -31,6 +31,7 @@ from shuttle_marl.data.schema import (
     Account,
     Cleaned,
     Outcome,
+    stroke_table,
     violations,
 )
 from shuttle_marl.data.strict_csv import DataError, Problem, Sheet, grouped, shown
@@ -292,22 +293,15 @@ class _Import:
             "shot": shot,
             "height": height,
             "technique": np.maximum(technique, 0),
-            "hurried": pa.nulls(self._n, pa.bool_()),
             "area": pa.array(area, mask=area < 0),
             "in_court": pa.array(court.in_court(landing_x, landing_y), mask=np.isnan(landing_y)),
-            **{
-                f"{name}_{axis}": pa.array(xy[:, i], mask=np.isnan(xy[:, i]))
-                for name, xy in points.items()
-                for i, axis in enumerate("xy")
-            },
             "clock": self._optional("seconds", "clock"),
             "frame": self._optional("frame", "frame"),
             "outcome": outcome,
             "reason": reason,
             **{name: after.get(name, self._optional(name, name)) for name in ("points", "points_opponent")},
-            "label_area": pa.nulls(self._n, pa.int8()),
             "forced": pa.array(forced == 1, mask=forced < 0),
-            "confidence": pa.array(sure, mask=np.isnan(sure)),
+            "confidence": sure,
             "inferred": pa.array([mark or None for mark in marks], pa.string()),
         }
         if "stroke" in self._map.columns:
@@ -323,8 +317,7 @@ class _Import:
         known = np.flatnonzero((shot < len(SHOTS)) & readable)
         if not len(known) and not sheet.problems:
             raise DataError(sheet.path, "no stroke of a known shot type")
-        arrays = [_array(columns[field.name], field.type).take(pa.array(known)) for field in STROKES]
-        strokes = pa.table(arrays, schema=STROKES)
+        strokes = stroke_table(columns, points).take(pa.array(known))
         for violation in violations(strokes):
             sheet.mark(known[violation.rows], f"expected: {violation.rule}")
         return strokes
@@ -632,7 +625,3 @@ class _Import:
         others = [row for row, kinds in enumerate(known) if kinds - {given[row]}]
         self._sheet.warn(others, "a player of the published matches, who plays another discipline there")
         return given
-
-
-def _array(values: Any, kind: pa.DataType) -> pa.Array:
-    return values.cast(kind) if isinstance(values, pa.Array) else pa.array(values.tolist(), kind)

@@ -16,7 +16,7 @@ import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from shuttle_marl.base.arrays import I64, Bools, Ints
+from shuttle_marl.base.arrays import I64, Bools, Floats, Ints
 from shuttle_marl.base.files import Count, Fraction
 from shuttle_marl.game import court, rules
 from shuttle_marl.game.stroke import HEIGHTS, N_SERVES, SHOTS, TECHNIQUES
@@ -136,6 +136,29 @@ _OF_RALLY[[rules.FAULT, rules.WINNER, rules.RETURNED_BELOW, rules.RETURNED_ABOVE
 def outcome_of(played: Ints) -> I64:
     """Codes of :class:`Outcome` for indices into :data:`shuttle_marl.game.rules.OUTCOMES`, any shape."""
     return np.asarray(_OF_RALLY[np.asarray(played, dtype=np.int64)])
+
+
+def stroke_table(columns: Mapping[str, Any], points: Mapping[str, Floats]) -> pa.Table:
+    """The table of n strokes.
+
+    Args:
+        columns: ``[n]`` values by column; null where they are NaN or masked, and in columns that are not there.
+        points: ``[n, 2]`` coordinates, ``NAME`` of the columns ``NAME_x`` and ``NAME_y``.
+
+    Raises:
+        pyarrow.ArrowInvalid: a value is outside of the type of its column.
+    """
+    columns = {**columns, **{f"{name}_{axis}": xy[:, i] for name, xy in points.items() for i, axis in enumerate("xy")}}
+    arrays = []
+    for field in STROKES:
+        values = columns.get(field.name)
+        if values is None:
+            arrays.append(pa.nulls(len(columns["match"]), field.type))
+        else:
+            arrays.append(
+                values.cast(field.type) if isinstance(values, pa.Array) else pa.array(values, field.type, from_pandas=True)
+            )
+    return pa.table(arrays, schema=STROKES)
 
 
 def named(strokes: pa.Table) -> pa.Table:
