@@ -231,7 +231,7 @@ def _cell_width(label: str, value: str) -> float:
 
 def px(point: Point) -> F64:
     """A point of the plan in the picture."""
-    return CENTRE + PX * np.asarray(point)
+    return np.asarray(CENTRE + PX * np.asarray(point))
 
 
 def _box(a: Point, b: Point) -> Box:
@@ -325,8 +325,9 @@ def _paint_floor(sheet: Sheet, plan: Plan) -> None:
     for age, flight in enumerate(reversed(plan.flights[-2:])):
         sheet.line(px(flight.start), px(flight.end), 2.0, INK, 70 - 35 * age)
     for player, (came_from, body) in enumerate(zip(plan.came_from, plan.bodies, strict=True)):
-        for t in np.arange(0.0, 1.0, 0.14).tolist() if came_from is not None else ():
-            sheet.circle(px(came_from) + t * (px(body) - px(came_from)), 2.2, PLAYERS[player], round(50 + 110 * t))
+        if came_from is not None:
+            for t in np.arange(0.0, 1.0, 0.14).tolist():
+                sheet.circle(px(came_from) + t * (px(body) - px(came_from)), 2.2, PLAYERS[player], round(50 + 110 * t))
 
 
 def _paint_shuttle(sheet: Sheet, plan: Plan) -> None:

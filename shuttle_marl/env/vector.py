@@ -25,8 +25,6 @@ from shuttle_marl.kernel.rows import ILLEGAL as LOST
 from shuttle_marl.kernel.rows import Server
 from shuttle_marl.policy.registry import Opponents, tabulated
 
-Arrays = dict[str, npt.NDArray[Any]]
-
 _REASONS: Final = np.array([OUTCOMES[FAULT], OUTCOMES[WINNER], ILLEGAL], dtype=object)
 
 

@@ -45,11 +45,6 @@ class Regret:
     per_rally: float
     error_bound: float
 
-    @property
-    def per_stroke(self) -> float:
-        """Loss of a stroke of the policy, on average."""
-        return self.per_rally / float(self.weight.sum())
-
     def largest(self, count: int) -> Intp:
         """The states with the largest losses in a rally, largest first."""
         return np.argsort(-self.state * self.weight, kind="stable")[:count]

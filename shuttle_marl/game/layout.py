@@ -287,11 +287,6 @@ class Layout:
         return frozen(np.repeat(np.arange(self.n_states, dtype=np.int32), np.diff(self.pair_start)))
 
     @functools.cached_property
-    def pair_rank(self) -> I32:
-        """``[P]`` position k of each legal pair in its state."""
-        return frozen(np.tile(self.base_pair_rank, self.n_blocks))
-
-    @functools.cached_property
     def pair_stroke(self) -> I32:
         """``[P]`` catalogue index of the stroke of each legal pair."""
         return frozen(np.tile(self.base_pair_stroke, self.n_blocks))

@@ -41,14 +41,9 @@ class Rules:
             raise ScoringError(f"{self}: expected 1 <= clear <= points <= cap <= 127 and 1 <= games <= 63")
 
     @property
-    def max_games(self) -> int:
-        """Most games a match can have."""
-        return 2 * self.games - 1
-
-    @property
     def max_rallies(self) -> int:
         """Most rallies a match can have."""
-        return self.max_games * (2 * self.cap - 1)
+        return (2 * self.games - 1) * (2 * self.cap - 1)
 
     @property
     def as_tuple(self) -> "RulesTuple":

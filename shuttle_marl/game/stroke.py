@@ -58,8 +58,6 @@ NET_SHOTS: Final = ("net-shot", "cross-court-net-shot")
 N_SHOTS: Final = len(SHOTS)
 N_SERVES: Final = 2
 N_TECHNIQUES: Final = len(TECHNIQUES)
-BELOW: Final = 0
-ABOVE: Final = 1
 
 
 class UnknownStrokeError(ShuttleError):

@@ -58,10 +58,6 @@ class Origin(NamedTuple):
     """Name of the variant; None: the game of the model itself."""
 
 
-def _no_effort() -> I32:
-    return np.full(1, ONE, dtype=np.int32)
-
-
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Game(Layout):
     """A compiled game: its layout and the probabilities of outcomes.
@@ -82,7 +78,7 @@ class Game(Layout):
 
     threshold: U16
     hurry: U8
-    fault_odds: I32 = dataclasses.field(default_factory=_no_effort)
+    fault_odds: I32 = dataclasses.field(default_factory=lambda: np.full(1, ONE, dtype=np.int32))
     people: "People | None" = None
     whole: "Game | None" = None
     seat: int = 0

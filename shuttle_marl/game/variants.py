@@ -20,7 +20,7 @@ import numpy.typing as npt
 from shuttle_marl.base.arrays import F64, I8, I32, I64, U64, Intp
 from shuttle_marl.base.tensor_files import Tensors, packed_bytes, parsed, tensor_bytes, unpacked_bytes
 from shuttle_marl.game.tables import HURRY_ONE, Game, GameError
-from shuttle_marl.game.thresholds import ONE
+from shuttle_marl.game.thresholds import ONE, moved_share
 
 STEP: Final = 0.0625
 """Difference of log-odds of one step."""
@@ -66,15 +66,6 @@ def _shares(game: Game) -> tuple[tuple[U64, U64], ...]:
     return *ends, (hurry[0], known), (hurry[1], known)
 
 
-def _moved(part: U64, whole: U64, up: U64, down: U64, of: U64) -> U64:
-    """The share part / whole with its odds multiplied by up / down, of another whole, to the nearest unit (halves up)."""
-    inside = part * up
-    total = inside + (whole - part) * down
-    # At most 2^16 * 2^28 * 2^17, which 64 bits hold; a whole is never 0, because an outcome is left for it.
-    two = np.uint64(2)
-    return np.asarray((two * inside * of + total) // (two * total), dtype=np.uint64)
-
-
 def moved(game: Game, steps: I8, fault_odds: I32 | None = None) -> Game:
     """A game of the same layout whose log-odds differ by steps.
 
@@ -98,14 +89,14 @@ def with_odds(game: Game, up: U64, down: U64, fault_odds: I32 | None = None) -> 
     """
     faults, winners, belows, *hurried = _shares(game)
     one, most = np.uint64(ONE), np.uint64(ONE - 1)
-    fault = np.minimum(_moved(*faults, up[0], down[0], np.full_like(faults[0], one)), most)
-    winner = np.minimum(fault + _moved(*winners, up[1], down[1], one - fault), most)
-    below = np.minimum(winner + _moved(*belows, up[2], down[2], one - winner), most)
+    fault = np.minimum(moved_share(*faults, up[0], down[0], one), most)
+    winner = np.minimum(fault + moved_share(*winners, up[1], down[1], one - fault), most)
+    below = np.minimum(winner + moved_share(*belows, up[2], down[2], one - winner), most)
     table = np.stack([fault, winner, below], axis=1).astype(np.uint16)
     # The chance of a hurried receiver stays below 1, which 8 bits cannot hold.
     most = np.uint64(HURRY_ONE - 1)
     moved_by = zip(hurried, up[3:], down[3:], strict=False)
-    hurry = [np.minimum(_moved(part, whole, by, under, whole), most) for (part, whole), by, under in moved_by]
+    hurry = [np.minimum(moved_share(part, whole, by, under, whole), most) for (part, whole), by, under in moved_by]
     return replace(
         game,
         threshold=table,

@@ -27,23 +27,30 @@ from shuttle_marl.kernel.core import Tables, tables_of
 from shuttle_marl.kernel.players import Players, empty_players, pack, put_player
 from shuttle_marl.kernel.table_play import (
     FULL,
+    START,
+    TOO_LONG,
     Collected,
     Credit,
     DistinctArrays,
+    Learned,
     Pending,
+    Schedule,
+    Starts,
     StrokeList,
     Sums,
     Tape,
+    Workspace,
     collect,
     doubled,
     new_stroke_list,
     new_tape,
+    new_workspace,
+    no_starts,
     read_tape,
     replay,
     take,
     write,
 )
-from shuttle_marl.kernel.table_rallies import START, TOO_LONG, Learned, Schedule, Starts, Workspace, new_workspace, no_starts
 
 Assess = Callable[[I32], tuple[F32, F32]]
 """Maps states ``[U]`` to logits of all strokes ``[U, n]`` and values to the striker ``[U]``."""

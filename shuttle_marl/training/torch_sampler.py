@@ -21,8 +21,7 @@ from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.kernel import Assess, Distinct, RallySampler
 from shuttle_marl.kernel.core import tables_of
-from shuttle_marl.kernel.table_play import StrokeList, new_stroke_list
-from shuttle_marl.kernel.table_rallies import START
+from shuttle_marl.kernel.table_play import START, StrokeList, new_stroke_list
 
 _WAITS: Final = 0
 """Value of ``turn`` of a rally that waits for a table entry."""

@@ -82,8 +82,8 @@ def test_first_and_last_pairs_mark_the_playable_states(made: tuple[Game, Bools])
     assert np.flatnonzero(game.playable).tolist() == playable
     assert game.first_pairs.tolist() == [game.pairs_of(s).start for s in playable]
     assert game.last_pairs.tolist() == [game.pairs_of(s).stop - 1 for s in playable]
-    assert (game.pair_rank[game.first_pairs] == 0).all()
-    assert (game.pair_rank[game.last_pairs] + 1 == game.legal_count(np.array(playable))).all()
+    assert (game.base_pair_rank[game.first_pairs % game.n_base_pairs] == 0).all()
+    assert (game.base_pair_rank[game.last_pairs % game.n_base_pairs] + 1 == game.legal_count(np.array(playable))).all()
 
 
 @given(games)
@@ -104,7 +104,7 @@ def test_values_of_strokes_are_means_over_all_draws() -> None:
     every = GAME.stroke_values(following)
     assert every.shape == (GAME.n_pairs,)
     for pair in [0, GAME.n_pairs - 1, *rng.integers(GAME.n_pairs, size=3)]:
-        state, k = np.full(ONE, GAME.pair_state[pair]), np.full(ONE, GAME.pair_rank[pair])
+        state, k = np.full(ONE, GAME.pair_state[pair]), np.full(ONE, GAME.base_pair_rank[pair % GAME.n_base_pairs])
         total, count = 0.0, np.zeros(len(OUTCOMES), np.int64)
         for high in range(HURRY_ONE):
             outcome, after = strike(GAME, state, k, high * ONE + low)

@@ -26,7 +26,7 @@ def pairs(game: Game) -> np.ndarray:
 def test_step_equals_strike(game: Game, pairs: np.ndarray) -> None:
     stepper, draws = stepper_of(game), np.random.default_rng(2).integers(0, 1 << 24, len(pairs))
     state, stroke = game.pair_state[pairs], game.pair_stroke[pairs]
-    outcome, following = strike(game, state, game.pair_rank[pairs], draws)
+    outcome, following = strike(game, state, game.base_pair_rank[pairs % game.n_base_pairs], draws)
     good, returned, _ = game.stroke_probabilities(pairs)
     assert len(set(outcome.tolist())) == len(OUTCOMES)
     for i in range(len(pairs)):
