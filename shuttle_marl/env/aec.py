@@ -230,9 +230,7 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         if self._length == self.max_strokes and not self.terminations[agent]:
             self.truncations = {"player_0": True, "player_1": True}
             self._reason = self._reason or TOO_LONG
-        self._set_infos(striker, stroke, hurried, played)
-        if self.render_mode == "human":
-            self.render()
+        self._show(striker, stroke, hurried, played)
 
     def forfeit(self, stroke: int | None = None) -> None:
         """End the episode as a loss of the agent to move, who tried an illegal stroke; -1 for it, +1 for the other.
@@ -248,9 +246,7 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         self._reason, self._winner = ILLEGAL, 1 - loser
         self._cumulative_rewards[AGENTS[loser]] = 0.0
         self._end_episode(1 - loser)
-        self._set_infos(loser, stroke, self._stepper.is_hurried(self._state))
-        if self.render_mode == "human":
-            self.render()
+        self._show(loser, stroke, self._stepper.is_hurried(self._state))
 
     def render(self) -> U8 | str | None:
         """The rally as text (``ansi``), as a picture from above (``rgb_array``), or in a window (``human``).
@@ -284,7 +280,7 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         return Snapshot(
             game=self.game,
             names=AGENTS if self.game.people is None else self.game.people.players,
-            title=self._title(),
+            title=f"{self.metadata['name'].removesuffix('_v0')} {self.episode + 1} of seed {self.last_seed}",
             strokes=tuple(self._strokes),
             server=self._strokes[0].player if self._strokes else self._striker,
             striker=self._striker if self._live and not between_rallies else None,
@@ -307,9 +303,6 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
     def _end_episode(self, winner: int) -> None:
         self._pay(winner)
         self.terminations = {"player_0": True, "player_1": True}
-
-    def _title(self) -> str:
-        raise NotImplementedError
 
     def _vector(self, row: F32, player: int) -> F32:  # noqa: ARG002
         """A new array for the observation of a player."""
@@ -346,7 +339,8 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         self.rewards = {AGENTS[winner]: 1.0, AGENTS[1 - winner]: -1.0}
         self._accumulate_rewards()
 
-    def _set_infos(self, striker: int, stroke: int | None, hurried: bool, played: Stroke | None = None) -> None:
+    def _show(self, striker: int, stroke: int | None, hurried: bool, played: Stroke | None = None) -> None:
+        """Set the infos after a stroke, and draw it in the window, if there is one."""
         info = {
             "striker": AGENTS[striker],
             "stroke": None if stroke is None else self.game.catalogue.names[stroke],
@@ -358,26 +352,25 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
             **self._match_info(),
         }
         self.infos = {"player_0": info, "player_1": info.copy()}
+        if self.render_mode == "human":
+            self.render()
 
     def _checked(self, action: Any) -> int:
         try:
             stroke = operator.index(action)
         except TypeError:
             stroke = -1
+        names = self.game.catalogue.names
         if self._stepper.is_legal(self._state, stroke):
             return stroke
-        raise self._refusal(action, stroke)
-
-    def _refusal(self, action: Any, stroke: int) -> ActionError:
-        names = self.game.catalogue.names
         if not 0 <= stroke < len(names):
-            return ActionError(
+            raise ActionError(
                 f"{self.agent_selection}: action {action!r} is not a stroke; expected an integer from 0 to {len(names) - 1}"
             )
         legal = self.game.legal_strokes(self._state).tolist()
         listed = ", ".join(f"{i} {names[i]}" for i in legal[:_LISTED])
         more = f" and {len(legal) - _LISTED} more" if len(legal) > _LISTED else ""
-        return IllegalStrokeError(
+        raise IllegalStrokeError(
             f"{self.agent_selection}: stroke {stroke} ({names[stroke]}) is not legal in state: "
             f"{self.game.describe(self._state)}. Legal, as in action_mask: {listed}{more}",
             stroke,

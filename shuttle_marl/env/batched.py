@@ -132,6 +132,7 @@ class RallyEnv(_BatchedEnv):
     advantages with ``gamma=-1`` are exact in this zero-sum game.
 
     Args:
+        batch: number of rallies B.
         game: the tables, the game of a pair, or a model by name or folder (``default:men``); None: the default game.
         server: seat that serves, 0 or 1; None: random.
         threads: number of threads; does not change results.
@@ -162,6 +163,7 @@ class VersusEnv(_BatchedEnv):
     include them in win rates.
 
     Args:
+        batch: number of rallies B.
         opponents: name of a policy, a policy, or a sequence of K; row b plays number b modulo K.
         game: the tables, the game of a pair, or a model by name or folder (``default:men``); None: the default game.
         seed: random seed of rallies and opponents.

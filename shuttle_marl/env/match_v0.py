@@ -8,7 +8,7 @@ from shuttle_marl.base.arrays import F32
 from shuttle_marl.base.errors import OptionError, suggesting
 from shuttle_marl.env.aec import AGENTS, RENDER_MODES, CheckedEnv, RenderMode, ShuttleEnv
 from shuttle_marl.env.wrappers import ActionView, InfoView, MaskView, PlainEnv, without_parallel, wrapped
-from shuttle_marl.game.observation import RALLY_WIDTH, SCORE_WIDTH
+from shuttle_marl.game.observation import SCORE_WIDTH
 from shuttle_marl.game.rally.stepper import RallyDraws
 from shuttle_marl.game.scoring import BWF, Rules, Score, score_fractions
 from shuttle_marl.game.tables import Game
@@ -22,12 +22,7 @@ def env(
     """The environment with PettingZoo's checks; an illegal stroke loses the match.
 
     Args:
-        action: ``flat``: catalogue index, ``Discrete(n)``; ``components``: shot type, area, height and technique,
-            ``MultiDiscrete([13, 9, 2, 3])``.
-        mask: place of the mask: ``observation`` (in the dictionary of the observation), ``info`` (``info["action_mask"]``) or
-            ``none``. Observations are plain vectors with the last two.
-        info: ``full``: last stroke and result, with text and None; ``none``: numbers only. Default: full with
-            ``mask="observation"``, else none.
+        action, mask, info: as of :func:`shuttle_marl.env.rally_v0.env`.
         **kwargs: arguments of :class:`raw_env`.
 
     Raises:
@@ -112,29 +107,19 @@ class raw_env(ShuttleEnv):
         super()._end_episode(winner)
 
     def _set_score(self, score: Score) -> None:
-        """Set the score and its observations."""
-        self._score = score
-        rows = []
-        for own in (0, 1):
-            points, other_points, games, other_games = self.score_of(own)
-            fractions = score_fractions((points, other_points), (games, other_games), self.rules)
-            rows.append(np.array([*fractions, score.server == own, score.server != own], dtype=np.float32))
-        self._scores = tuple(rows)
+        """Set the score and what each player sees of it."""
+        self._score, server = score, score.server
+        first = [*score_fractions(score.by_game[-1], score.games, self.rules), server == 0, server == 1]
+        self._scores = np.array(first, np.float32)[[[0, 1, 2, 3, 4, 5], [1, 0, 3, 2, 5, 4]]]
 
     def _vector(self, row: F32, player: int) -> F32:
-        vector = np.empty(RALLY_WIDTH + SCORE_WIDTH, dtype=np.float32)
-        vector[:RALLY_WIDTH] = row
-        vector[RALLY_WIDTH:] = self._scores[player]
-        return vector
+        return np.concatenate([row, self._scores[player]])
 
     def _match_info(self) -> dict[str, Any]:
         return {"points": self._score.by_game[-1], "games": self._score.games, "server": AGENTS[self._score.server]}
 
     def _snapshot_of_match(self) -> dict[str, Any]:
         return {"by_game": self._score.by_game, "match_winner": self._match_winner}
-
-    def _title(self) -> str:
-        return f"match {self.episode + 1} of seed {self.last_seed}"
 
 
 if not TYPE_CHECKING:  # a type checker would take every name for one of this module

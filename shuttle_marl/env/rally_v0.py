@@ -76,9 +76,6 @@ class raw_env(ShuttleEnv):
         assert self.last_seed is not None
         return RallyDraws(self.last_seed)
 
-    def _title(self) -> str:
-        return f"rally {self.episode + 1} of seed {self.last_seed}"
-
 
 if not TYPE_CHECKING:  # a type checker would take every name for one of this module
     __getattr__ = without_parallel(__name__, __all__)

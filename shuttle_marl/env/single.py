@@ -244,16 +244,9 @@ class SingleMatchEnv(SingleEnv):
     first stroke, so the return of an episode is the difference of points.
 
     Args:
-        opponent: name of a policy, or a policy.
-        seat: the learner's seat.
         first_server: seat that serves first, 0 or 1; None: random.
         reward: ``match``: +1 and -1 at the end of the match; ``rally``: +1 and -1 at the end of every rally.
-        game: the tables, the game of a pair, or a model by name or folder (``default:men``); None: the default game.
-        mask: place of the mask: ``observation`` (in the dictionary of the observation), ``info`` (``info["action_mask"]``) or
-            ``none``. Observations are plain vectors with the last two.
-        info: ``full``: last stroke and result, with text and None; ``none``: numbers only. Default: full with
-            ``mask="observation"``, else none.
-        render_mode: ``human``, ``rgb_array``, ``ansi``, or None.
+        opponent, seat, game, mask, info, render_mode: as of :class:`SingleRallyEnv`.
 
     Raises:
         OptionError: an invalid option.

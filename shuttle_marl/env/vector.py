@@ -25,6 +25,8 @@ from shuttle_marl.kernel.rows import ILLEGAL as LOST
 from shuttle_marl.kernel.rows import Server
 from shuttle_marl.policy.registry import Opponents, tabulated
 
+_SWAP_TOKENS: Final = np.array([1, 0, 2, 3, 5, 4, 6])
+"""Permutation that turns the striker's tokens into the receiver's."""
 _REASONS: Final = np.array([OUTCOMES[FAULT], OUTCOMES[WINNER], ILLEGAL], dtype=object)
 
 
@@ -40,6 +42,7 @@ class VersusVectorEnv(VectorEnv[Any, Ints, npt.NDArray[Any]]):
     """
 
     metadata: dict[str, Any] = {"render_modes": [], "autoreset_mode": AutoresetMode.SAME_STEP}  # noqa: RUF012
+    _features: F32 | None
 
     def __init__(
         self,
@@ -140,13 +143,10 @@ class VersusVectorEnv(VectorEnv[Any, Ints, npt.NDArray[Any]]):
         """``[B]`` each: rewards, whether the episode is over, and whether the stroke was illegal."""
         raise NotImplementedError
 
-    def _vectors(self) -> npt.NDArray[Any]:
-        """``[B, w]`` observations of the learners, who are the strikers."""
-        raise NotImplementedError
-
-    def _final_vectors(self, rows: Intp, state: I32, own: Bools) -> npt.NDArray[Any]:
-        """``[D, w]`` final observations of finished episodes; ``own``: whether the learner is the striker of the state."""
-        raise NotImplementedError
+    def _vectors(self, rows: Intp, state: I32, own: Bools | None = None) -> npt.NDArray[Any]:  # noqa: ARG002
+        """``[D, w]`` what the learners of some rows see in states; ``own``: whether they are the strikers, None: all are."""
+        seen = self.game.observation(state) if self._features is None else with_efforts(self.game, self._features, state)
+        return seen if own is None else np.where(own[:, None], seen, seen[:, _SWAP_TOKENS if self._features is None else SWAP])
 
     def _won_by_stroke(self, rows: Intp, own: Bools, rewards: F32) -> Bools:
         """``[D]`` whether the last stroke was a winner rather than a fault."""
@@ -155,8 +155,9 @@ class VersusVectorEnv(VectorEnv[Any, Ints, npt.NDArray[Any]]):
     def _seen(self) -> tuple[Any, dict[str, Any]]:
         observed = self.versus.new_observations()
         self.versus.observe(observed)
-        self._tokens = observed.tokens
-        mask, vectors = observed.mask.view(np.int8), self._vectors()
+        mask, vectors = observed.mask.view(np.int8), observed.tokens
+        if self._features is not None:
+            vectors = self._vectors(np.arange(self.num_envs), self.versus.rows.state)
         every = np.ones(self.num_envs, np.bool_)
         infos: dict[str, Any] = {"unseen": self.versus.opponents.unseen.copy(), "_unseen": every}
         infos |= {"illegal": self._illegal.copy(), "_illegal": every.copy()}
@@ -169,7 +170,7 @@ class VersusVectorEnv(VectorEnv[Any, Ints, npt.NDArray[Any]]):
         kernel, lost = self.versus, illegal[rows]
         # The learner is the receiver of the final state if the last stroke was theirs.
         own = lost | (kernel.rows.striker[rows] == kernel.opponents.seat[rows])
-        vectors = self._final_vectors(rows, np.where(illegal, before, kernel.rows.state)[rows], own)
+        vectors = self._vectors(rows, np.where(illegal, before, kernel.rows.state)[rows], own)
         nothing = np.zeros(self.game.n_strokes, np.int8)
         seen = np.full(self.num_envs, None, dtype=object)
         reason = np.full(self.num_envs, None, dtype=object)
@@ -189,6 +190,7 @@ class RallyVectorEnv(VersusVectorEnv):
     """B copies of ``shuttle_marl/Rally-v0``.
 
     Args:
+        num_envs: number of rallies B.
         opponent: name of a policy, a policy, or a sequence of K; row b plays number b modulo K.
         seat: the learner's seat, 0 or 1, in all rows or ``[B]`` in each.
         server: seat that serves, 0 or 1; None: random.
@@ -247,16 +249,6 @@ class RallyVectorEnv(VersusVectorEnv):
         rewards[illegal], terminated[illegal] = -1, True
         return rewards, terminated, illegal
 
-    def _vectors(self) -> npt.NDArray[Any]:
-        return self._tokens if self._features is None else with_efforts(self.game, self._features, self.versus.rows.state)
-
-    def _final_vectors(self, rows: Intp, state: I32, own: Bools) -> npt.NDArray[Any]:  # noqa: ARG002
-        if self._features is None:
-            striker = self.game.observation(state)
-            return np.where(own[:, None], striker, striker[:, [1, 0, 2, 3, 5, 4, 6]])
-        seen = with_efforts(self.game, self._features, state)
-        return np.where(own[:, None], seen, seen[:, SWAP])
-
     def _won_by_stroke(self, rows: Intp, own: Bools, rewards: F32) -> Bools:
         return (rewards[rows] > 0) != own
 
@@ -268,16 +260,9 @@ class MatchVectorEnv(VersusVectorEnv):
     ``infos["points"]`` and ``infos["games"]`` are ``[B, 2]``, the learner's first.
 
     Args:
-        opponent: name of a policy, a policy, or a sequence of K; row b plays number b modulo K.
-        seat: the learner's seat, 0 or 1, in all rows or ``[B]`` in each.
         first_server: seat that serves first, 0 or 1; None: random.
         reward: ``match``: +1 and -1 at the end of the match; ``rally``: +1 and -1 at the end of every rally.
-        game: the tables, the game of a pair, or a model by name or folder (``default:men``); None: the default game.
-        mask: place of the mask: ``observation`` (in the dictionary of the observation), ``info`` (``infos["action_mask"]``) or
-            ``none``.
-        info: ``full``, or ``none``: numbers only, without ``final_obs`` and ``final_info``. Default: full with
-            ``mask="observation"``, else none.
-        threads: number of threads; does not change results.
+        num_envs, opponent, seat, game, mask, info, threads: as of :class:`RallyVectorEnv`.
 
     Raises:
         OptionError: an invalid option.
@@ -322,13 +307,8 @@ class MatchVectorEnv(VersusVectorEnv):
         rewards, terminated = self.versus.step(actions, reset=False)
         return rewards, terminated, self._matches.reason == LOST
 
-    def _vectors(self) -> npt.NDArray[Any]:
-        rally = with_efforts(self.game, self._features, self.versus.rows.state)
-        return np.concatenate([rally, self._scores(np.arange(self.num_envs))], axis=1)
-
-    def _final_vectors(self, rows: Intp, state: I32, own: Bools) -> npt.NDArray[Any]:
-        seen = with_efforts(self.game, self._features, state)
-        return np.concatenate([np.where(own[:, None], seen, seen[:, SWAP]), self._scores(rows)], axis=1)
+    def _vectors(self, rows: Intp, state: I32, own: Bools | None = None) -> npt.NDArray[Any]:
+        return np.concatenate([super()._vectors(rows, state, own), self._scores(rows)], axis=1)
 
     def _won_by_stroke(self, rows: Intp, own: Bools, rewards: F32) -> Bools:  # noqa: ARG002
         return self._matches.reason[rows] == 1

@@ -30,6 +30,7 @@ from shuttle_marl.exact.profile import (
     check_opponents,
     check_same_layout,
     induced,
+    moved,
 )
 from shuttle_marl.exact.solver import BlockLinear, ProfileValue, solve_players, successors
 from shuttle_marl.exact.sweeps import after_block_choices, block_choices, block_mean, block_soft_values
@@ -204,17 +205,13 @@ class _BestStrokes:
         chosen = block_choices(self.games, block, plain, after_attack, against=self.against)
         return chosen.value, functools.partial(after_block_choices, self.game, chosen)
 
-    def ranks(self, following: F64) -> I32:
-        """``[S]`` position of the best stroke among the legal ones of each state; -1 in a state without any."""
-        sweeps = (
+    def policy(self, following: F64) -> TabulatedPolicy:
+        """The best strokes as a table, from the ``[S]`` values of the next states to the receiver."""
+        blocks = (
             block_choices(self.games, block, *successors(self.game, following, block), against=self.against)
             for block in range(self.game.n_blocks)
         )
-        return np.concatenate([chosen.rank for chosen in sweeps])
-
-    def policy(self, following: F64) -> TabulatedPolicy:
-        """The best strokes as a table."""
-        return pure_policy(self.game, self.ranks(following))
+        return pure_policy(self.game, np.concatenate([chosen.rank for chosen in blocks]))
 
 
 def pure_policy(game: Game, rank: I32) -> TabulatedPolicy:
@@ -233,20 +230,20 @@ class Response:
 
     Attributes:
         game: the tables with which the responder strikes.
-        rank: ``[S]`` position of the response among the legal strokes; -1 in a state without any.
+        player: the responder, whose strokes may be limited.
         value: of the response as player 0 against the policy as player 1.
         sweeps: number of sweeps over all legal pairs of the responder.
     """
 
     game: Game
-    rank: I32
+    player: _BestStrokes
     value: ProfileValue
     sweeps: int
 
     @functools.cached_property
     def policy(self) -> TabulatedPolicy:
         """The response as a table."""
-        return pure_policy(self.game, self.rank)
+        return moved(self.player.policy(self.value.striking[1]), self.game)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -290,7 +287,7 @@ def best_response(
     check_opponents(tables, policy.game)
     opponent = policy if isinstance(policy, InducedChain) else induced(policy)
     value, sweeps = solve_players(own, opponent, tolerance)
-    return Response(game=tables, rank=own.ranks(value.striking[1]), value=value, sweeps=sweeps)
+    return Response(game=tables, player=own, value=value, sweeps=sweeps)
 
 
 def restricted_response(policy: StatePolicy | InducedChain, p: float, *, tolerance: float = TOLERANCE) -> Response:
@@ -315,7 +312,7 @@ def restricted_response(policy: StatePolicy | InducedChain, p: float, *, toleran
     chain = policy if isinstance(policy, InducedChain) else induced(policy)
     own = _BestStrokes((chain.game,))
     value, sweeps = solve_players(own, _Restricted(chain, own, p), tolerance)
-    return Response(game=chain.game, rank=own.ranks(value.striking[1]), value=value, sweeps=sweeps)
+    return Response(game=chain.game, player=own, value=value, sweeps=sweeps)
 
 
 def restricted_value(policy: StatePolicy, opponent: StatePolicy, p: float, *, tolerance: float = TOLERANCE) -> ProfileValue:

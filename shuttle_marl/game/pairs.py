@@ -170,9 +170,8 @@ def game_of_people(game: Game, people: tuple[str, str], date: Day = None) -> Gam
     origin = origin_of(game) if game.people is None else None
     if origin is None:
         return None
-    model = str(origin.folder) if origin.variant is None else f"{origin.folder}:{origin.variant}"
     try:
-        return pair_game(*people, date=date, game=model)
+        return pair_game(*people, date=date, game=origin.name_in(str(origin.folder)))
     except GameError:
         return None
 

@@ -79,7 +79,7 @@ def load_game(name: str = "default") -> Game:
         GameError: the model or variant does not exist, or its file is damaged.
     """
     origin = origin_named(name)
-    game = Game.load(origin.folder / GAME) if origin.variant is None else _load_variant(name, *origin)
+    game = Game.load(origin.folder / GAME) if origin.variant is None else _load_variant(name, origin.folder, origin.variant)
     _ORIGINS[game.hash] = origin
     object.__setattr__(game, _LOADED_FROM, origin)  # which the game does not have as a field, so that no changed copy inherits it
     return game
@@ -91,8 +91,7 @@ def variants(name: str = "default") -> list[str]:
     Raises:
         GameError: the model does not exist, or its file of variants is damaged.
     """
-    folder = model_folder(name)
-    return list(_variant_hashes(folder)) if (folder / VARIANTS).is_file() else []
+    return list(_variant_hashes(model_folder(name)))
 
 
 def origin_named(name: str) -> Origin:
@@ -114,13 +113,11 @@ def origin_named(name: str) -> Origin:
     )
 
 
-def _load_variant(name: str, folder: Path, variant: str | None) -> Game:
-    known = list(_variant_hashes(folder)) if (folder / VARIANTS).is_file() else []
+def _load_variant(name: str, folder: Path, variant: str) -> Game:
+    model, known = name.rpartition(":")[0], _variant_hashes(folder)
     if variant not in known:
-        raise GameError(
-            f"no variant {variant!r} of the model {name.rpartition(':')[0]!r}; there are: {', '.join(known) or 'none'}"
-        )
-    game = load_game(name.rpartition(":")[0])
+        raise GameError(f"no variant {variant!r} of the model {model!r}; there are: {', '.join(known) or 'none'}")
+    game = load_game(model)
     try:
         return unpacked(read_model(folder, VARIANTS), game, variant)
     except (OSError, KeyError, TypeError, ValueError, GameError) as error:
@@ -128,8 +125,9 @@ def _load_variant(name: str, folder: Path, variant: str | None) -> Game:
 
 
 def _variant_hashes(folder: Path) -> dict[str, str]:
+    """Hash of each variant of a model by name; none without a file of variants."""
     try:
-        return hashes_of(read_model(folder, VARIANTS))
+        return hashes_of(read_model(folder, VARIANTS)) if (folder / VARIANTS).is_file() else {}
     except (OSError, KeyError, TypeError, ValueError) as error:
         raise _damaged(folder, error) from error
 
@@ -241,17 +239,14 @@ def origin_of(game: Game) -> Origin | None:
 def shipped_game(digest: str) -> Game | None:
     """The game of a shipped model or variant by its hash; None if none has it."""
     origin = _origin_of_hash(digest)
-    if origin is None or origin.folder.parent != _MODELS:
-        return None
-    return load_game(origin.folder.name if origin.variant is None else f"{origin.folder.name}:{origin.variant}")
+    return None if origin is None or origin.folder.parent != _MODELS else load_game(origin.name_in(origin.folder.name))
 
 
 def _origin_of_hash(digest: str) -> Origin | None:
     if digest not in _ORIGINS and (_MODELS / "default" / GAME).is_file():
         folder = _MODELS / "default"
         _ORIGINS[load_game().hash] = Origin(folder, None)
-        if (folder / VARIANTS).is_file():
-            _ORIGINS.update({value: Origin(folder, name) for name, value in _variant_hashes(folder).items()})
+        _ORIGINS.update({value: Origin(folder, name) for name, value in _variant_hashes(folder).items()})
     return _ORIGINS.get(digest)
 
 
@@ -260,8 +255,7 @@ def _reduced(game: Game) -> tuple[Any, ...]:
     origin = None if game.whole else _ORIGINS.get(game.hash)
     if origin is None or origin.folder.parent != _MODELS:
         return game.__reduce__()
-    name = origin.folder.name if origin.variant is None else f"{origin.folder.name}:{origin.variant}"
-    return _of_hash, (name, game.hash)
+    return _of_hash, (origin.name_in(origin.folder.name), game.hash)
 
 
 def _of_hash(name: str, value: str) -> Game:

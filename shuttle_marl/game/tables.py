@@ -57,6 +57,10 @@ class Origin(NamedTuple):
     variant: str | None
     """Name of the variant; None: the game of the model itself."""
 
+    def name_in(self, model: str) -> str:
+        """Name of the game in a model of this name or folder."""
+        return model if self.variant is None else f"{model}:{self.variant}"
+
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Game(Layout):

@@ -335,6 +335,7 @@ class RallyBatch:
     next rally.
 
     Args:
+        batch: number of rows B.
         opponents: K opponents, tabulated for this game; row b plays against opponent b modulo K. None: all strokes are given.
         seat: seat of the learner, 0 or 1, for all rows or each ``[B]``.
         server: seat that serves, 0 or 1; None: random.

@@ -24,7 +24,7 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.kernel.checks import KernelError, checked_array, checked_number
 from shuttle_marl.kernel.core import Tables, tables_of
-from shuttle_marl.kernel.players import Players, empty_players, pack, put_player
+from shuttle_marl.kernel.players import empty_players, pack, put_player
 from shuttle_marl.kernel.table_play import (
     FULL,
     START,
@@ -132,11 +132,9 @@ class RallySampler:
             )
         self.game, self._gae_lambda, self._cache_iterations = game, float(gae_lambda), cache_iterations
         self._tables = tables_of(game)
-        players = empty_players(game, 1)
-        if opponents:
-            packed = pack(opponents, game)
-            cumulative = np.concatenate([players.cumulative, packed.cumulative])
-            players = Players(cumulative, np.concatenate([players.guide, packed.guide]))
+        players = empty_players(game, 1 + len(opponents))
+        for number, policy in enumerate(opponents, start=1):
+            put_player(players, number, policy, game)
         states, pairs = game.n_states, game.n_pairs
         self._learned = Learned(players, np.zeros(pairs, np.float32), np.zeros(states, np.float32), np.zeros(states, np.int32))
         self._sums = Sums(
