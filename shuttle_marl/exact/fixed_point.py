@@ -46,7 +46,7 @@ sum of its lane, in the sum of the lanes, and scaled by a unit, and the absolute
 application loses at most 2 (K + 8) 2^-53 in double precision: both less than 2^-41 for states of K <= 1000 legal strokes."""
 
 TOLERANCE: Final = 1e-9
-"""Default error bound of values, on the scale from -1 to 1."""
+"""Default of ``tolerance``: the largest acceptable error bound of values, on the scale from -1 to 1."""
 
 FIRST_RALLY_STATE: Final = 4
 """Base states 0 to 3 are the start of the rally; no state leads there."""

@@ -41,7 +41,6 @@ def pair_odds(pairs: Sequence[Pair], *, tolerance: float = TOLERANCE) -> list[Od
 
     Args:
         pairs: each of one game, or of both tables of the game of a pair.
-        tolerance: largest acceptable error bound of a value.
 
     Raises:
         ExactError: play may never end.
@@ -82,7 +81,6 @@ def best_odds(policies: Sequence[TabulatedPolicy], *, tolerance: float = TOLERAN
 
     Args:
         policies: each of one game.
-        tolerance: largest acceptable error bound of a value.
 
     Raises:
         ExactError: play may never end.
@@ -103,7 +101,6 @@ def restricted_odds(
     Args:
         pairs: each of one game; None: the restricted response.
         p: probability with which the second policy is played at each stroke.
-        tolerance: largest acceptable error bound of a value.
 
     Raises:
         ExactError: play may never end.

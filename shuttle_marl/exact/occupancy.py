@@ -100,10 +100,7 @@ def visits(
     the error of w is at most D residual / (1 - D), D = c_0 c_1, and that of x_1 no larger.
 
     Args:
-        policy: of player 0.
-        opponent: of player 1.
         server: the server; None: each player half of the time.
-        tolerance: largest acceptable error bound.
 
     Raises:
         ExactError: the two games have different layouts, or play may never end.
@@ -197,11 +194,6 @@ def _add(visited: F64, chance: F64, strokes: _Strokes, plain: F64, after: F64, o
 
 def sensitivity(policy: StatePolicy, opponent: StatePolicy, *, tolerance: float = TOLERANCE) -> Sensitivity:
     """Derivatives of the probability of winning a rally by the log-odds of the outcomes of strokes.
-
-    Args:
-        policy: of player 0.
-        opponent: of player 1.
-        tolerance: largest acceptable error bound of a value.
 
     Raises:
         ExactError: the two games have different layouts, or play may never end.

@@ -119,7 +119,6 @@ def solve(game: Game, other: Game | None = None, *, tolerance: float = TOLERANCE
     Args:
         game: the tables with which player 0 strikes, or the game of a pair, which has those of player 1 too.
         other: the tables with which player 1 strikes, of the same layout; None: the symmetric game, or that of the pair.
-        tolerance: largest acceptable error bound.
 
     Raises:
         ExactError: the layouts differ, or some stroke never ends a rally.
@@ -167,7 +166,6 @@ def solve_robust(games: Sequence[Game], *, tolerance: float = TOLERANCE) -> Robu
 
     Args:
         games: of one layout, from which nature picks after every stroke; of one game: the minimax policy.
-        tolerance: largest acceptable error bound of a value.
 
     Raises:
         ExactError: there is no game, the layouts differ, or some stroke never ends a rally.
@@ -276,7 +274,6 @@ def best_response(
             the pair.
         at_least: real strokes in the data behind every stroke of the response; in a state without such a stroke it plays the one
             with the most (:func:`shuttle_marl.game.shipped.supported`).
-        tolerance: largest acceptable error bound.
 
     Raises:
         ExactError: the layouts differ, or play may never end.
@@ -299,7 +296,6 @@ def restricted_response(policy: StatePolicy | InducedChain, p: float, *, toleran
     Args:
         policy: of the opponent, player 1, or its chain.
         p: from 0 to 1.
-        tolerance: largest acceptable error bound of a value.
 
     Returns:
         The response; its value is against the restricted opponent.
@@ -322,10 +318,8 @@ def restricted_value(policy: StatePolicy, opponent: StatePolicy, p: float, *, to
     perfect information, of which the response is an equilibrium strategy.
 
     Args:
-        policy: of player 0.
         opponent: policy that player 1 plays with probability ``p`` at each stroke; else the stroke that is worst for player 0.
         p: from 0 to 1.
-        tolerance: largest acceptable error bound of a value.
 
     Raises:
         ExactError: play may never end.
@@ -372,9 +366,7 @@ def nash_conv(policy: StatePolicy, opponent: StatePolicy | None = None, *, toler
     """NashConv and exploitability of a profile.
 
     Args:
-        policy: of player 0.
         opponent: of player 1; None: the same strokes as ``policy``, with the tables of the other player in the game of a pair.
-        tolerance: largest acceptable error bound of a best response.
 
     Raises:
         ExactError: the layouts differ, or play may never end.
@@ -397,7 +389,6 @@ def solve_soft(
         prior: of player 0; strokes with probability 0 keep it.
         opponent: prior of player 1; None: the same.
         tau: cost of a nat; finite and positive.
-        tolerance: largest acceptable error bound of a value.
 
     Raises:
         ExactError: ``tau`` is not finite and positive, the layouts differ, or some stroke never ends a rally.

@@ -181,11 +181,6 @@ def evaluate(policy: StatePolicy, opponent: StatePolicy, *, tolerance: float = T
     Player i strikes with the tables of the game of its policy: the same in the symmetric game; if players have profiles of their
     own, the game with the striker's success and the receiver's return.
 
-    Args:
-        policy: of player 0.
-        opponent: of player 1.
-        tolerance: largest acceptable error bound.
-
     Raises:
         ExactError: the two games have different layouts, or play may never end.
     """
@@ -259,7 +254,6 @@ def crossplay(
     Args:
         policies: N policies of games with the same layout.
         opponents: M policies of the opponent, such as those of the other player of a pair; None: the same N.
-        tolerance: largest acceptable error bound of a value.
         progress: called when one of the ``N (N + 1) / 2`` or ``N M`` pairs is solved.
 
     Raises:

@@ -61,7 +61,6 @@ def policy_regret(
 
     Args:
         opponent: of the visits; None: the minimax policy, for which the sum is V* - V^pi at the serve.
-        tolerance: error bound of the values and of the visits.
 
     Raises:
         ExactError: the layouts differ, or play may never end.
@@ -159,7 +158,6 @@ def holes(
     Args:
         at_least: real strokes behind the strokes of the best response and of the perfect play that regret compares with, see
             :func:`shuttle_marl.exact.best_response`.
-        tolerance: error bound of values and visits.
 
     Raises:
         ExactError: play may never end.

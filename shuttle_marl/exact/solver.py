@@ -94,7 +94,6 @@ def solve_players(
 
     Args:
         first, second: the players; second None: the symmetric equilibrium, in which both have the same values.
-        tolerance: largest acceptable error bound of a value.
         start: ``[S]`` initial guess; None: :func:`by_blocks`.
         affine: whether sweeps are affine, so that one step of Newton's method solves a block.
     """

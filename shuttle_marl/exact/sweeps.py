@@ -342,11 +342,7 @@ def _unit_of(chance: Chances) -> float:
 
 
 def block_expected(game: Game, level: int, chance: Chances) -> Expected:
-    """Rewards and continuations of one block of states under a policy.
-
-    Args:
-        game: the tables with which the player strikes.
-    """
+    """Rewards and continuations of the states of a block under a policy, at a level of own effort."""
     found = Expected(np.empty(game.n_base_states), np.empty(game.n_base_states))
     _expect(chance, _unit_of(chance) / ONE, _outcomes((game,), level).limits[0], game.base_pair_start, *found)
     return found
@@ -356,7 +352,6 @@ def block_mean(game: Game, block: int, chance: Chances, plain: F64, after_attack
     """``[base states]`` mean value of the successors of each state of one block, 0 where the rally ends.
 
     Args:
-        game: the tables with which the player strikes.
         plain, after_attack: as for :func:`block_choices`.
     """
     out = np.empty(game.n_base_states)
