@@ -2,8 +2,9 @@
 
 import dataclasses
 import itertools
+import operator
 from collections.abc import Callable, Sequence
-from typing import Protocol, TypeVar
+from typing import Final, Protocol, TypeVar
 
 import numpy as np
 
@@ -61,6 +62,10 @@ class PairPolicy:
 
 PolicyT = TypeVar("PolicyT", TabulatedPolicy, PairPolicy)
 SomeT = TypeVar("SomeT", bound=StatePolicy)
+_LAYOUT: Final = (
+    "catalogue.names", "levels", "edge_own", "edge_incoming", "edge_duel", "reply_start", "reply_count", "reply_edge",
+)  # fmt: skip
+"""Attributes of games with the same states and strokes."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -157,21 +162,20 @@ def check_same_layout(first: Game, second: Game) -> None:
     """
     if first is second:
         return
-    if first.catalogue.names != second.catalogue.names:
-        raise ExactError(
-            f"the two players' games have different catalogues ({first.catalogue.version} and {second.catalogue.version}); "
-            "compile both from the same catalogue and the same rule of legality"
-        )
-    if first.levels != second.levels:
-        raise ExactError(
-            f"the two players' games count effort up to {first.levels - 1} and {second.levels - 1}; "
-            "compile both with the same number of levels"
-        )
-    for table in ("edge_own", "edge_incoming", "edge_duel", "reply_start", "reply_count", "reply_edge"):
-        if not np.array_equal(getattr(first, table), getattr(second, table)):
+    for part in (
+        "catalogue.names",
+        "levels",
+        "edge_own",
+        "edge_incoming",
+        "edge_duel",
+        "reply_start",
+        "reply_count",
+        "reply_edge",
+    ):
+        if not np.array_equal(*map(operator.attrgetter(part), (first, second))):
             raise ExactError(
-                f"the two players' games differ in {table}, so their states are not the same; "
-                "compile both from the same catalogue and the same rule of legality"
+                f"the two players' games differ in {part}, so their states are not the same; "
+                "compile both from the same catalogue, with the same rule of legality and the same number of levels of effort"
             )
 
 

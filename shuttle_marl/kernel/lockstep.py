@@ -108,7 +108,8 @@ def rallies_of(log: Log, entrant: I32, n_strokes: int) -> Rallies:
     """The rallies of a log in the order of match, rally."""
     played = log.length > 0
     match, rally = np.nonzero(played)
-    noted = log.stroke[np.arange(log.stroke.shape[1]) < log.length.sum(axis=1)[:, None]]
+    of_matches = (row[:count] for row, count in zip(log.stroke, log.length.sum(axis=1), strict=True))
+    noted = np.concatenate([log.stroke[:0].ravel(), *of_matches])
     return Rallies(
         pairing=np.zeros(len(match), np.uint32),
         match=match.astype(np.uint32),

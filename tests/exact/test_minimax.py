@@ -131,9 +131,9 @@ def test_a_stroke_that_never_ends_the_rally_is_refused() -> None:
 
 def test_games_of_different_layouts_are_refused(small: Game) -> None:
     first, second = random_game(1, rallies=5), random_game(2, rallies=5)
-    with pytest.raises(ExactError, match=r"different catalogues|differ in"):
+    with pytest.raises(ExactError, match="differ in"):
         solve(first, second)
-    with pytest.raises(ExactError, match="different catalogues"):
+    with pytest.raises(ExactError, match=r"differ in catalogue\.names"):
         solve(small, first)
     moved = copy.copy(first)
     object.__setattr__(moved, "reply_start", first.reply_start + 1)  # no such game can be made
