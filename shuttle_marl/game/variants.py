@@ -89,7 +89,7 @@ def with_odds(game: Game, up: U64, down: U64, fault_odds: I32 | None = None) -> 
     """
     faults, winners, belows, *hurried = _shares(game)
     one, most = np.uint64(ONE), np.uint64(ONE - 1)
-    fault = np.minimum(moved_share(*faults, up[0], down[0], one), most)
+    fault = np.minimum(moved_share(*faults, up[0], down[0], ONE), most)
     winner = np.minimum(fault + moved_share(*winners, up[1], down[1], one - fault), most)
     below = np.minimum(winner + moved_share(*belows, up[2], down[2], one - winner), most)
     table = np.stack([fault, winner, below], axis=1).astype(np.uint16)
