@@ -260,7 +260,8 @@ def place_of(rally: RallyFacts, count: int) -> tuple[float, float]:
 
 
 @contextlib.contextmanager
-def _tagging(video: Path, out: Path, port: int) -> Iterator[subprocess.Popen[str]]:
+def tagging(video: Path, out: Path, port: int) -> Iterator[subprocess.Popen[str]]:
+    """Serve the page that tags a video."""
     flags = ["--tag", str(video), "--out", str(out), "--port", str(port), "--no-browser"]
     process = subprocess.Popen([sys.executable, "-m", "shuttle_marl.watch", *flags], stderr=subprocess.PIPE, text=True)
     assert process.stderr is not None
@@ -295,7 +296,7 @@ def tag(played: Film, out: Path, kills: int, seed: int, console: Console) -> dic
         page.set_default_timeout(1000 * _PATIENCE)
         script, steps, more = Script(page, played), 0, True
         while more:
-            with _tagging(played.path, out, port) as process, console.status(f"tagging, {len(lost)} kills"):
+            with tagging(played.path, out, port) as process, console.status(f"tagging, {len(lost)} kills"):
                 before = script.state()["inputs"] if steps else 0
                 if steps:
                     page.goto("about:blank")

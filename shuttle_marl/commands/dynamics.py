@@ -20,6 +20,24 @@ def _report(line: str) -> None:
     console(stderr=True).print(f"{line} …", style="dim")
 
 
+_BEST: Final = "the strongest play of this game"
+_REPLY: Final = "the strongest play against the average player of this game"
+_WARNINGS: Final = {
+    "impossible": "this game has strokes that no body can play",
+    "minimax rare": f"{_BEST} often chooses a shot that hardly anybody plays there",
+    "best response rare": f"{_REPLY} often chooses a shot that hardly anybody plays there",
+    "minimax unsupported": f"{_BEST} often chooses a stroke that nobody played there in the matches",
+    "best response unsupported": f"{_REPLY} often chooses a stroke that nobody played there in the matches",
+    "minimax thin": f"{_BEST} often chooses a stroke with fewer than five real ones behind it",
+    "best response thin": f"{_REPLY} often chooses a stroke with fewer than five real ones behind it",
+    "largest shot share": f"{_BEST} repeats one shot more than people do: share of this shot",
+    "shot types above 2 percent": f"{_BEST} uses fewer shots than people do: number of shots",
+    "minimax mean rally": "rallies between two of the strongest players are not as long as real ones: mean strokes",
+    "largest continuation": "in some positions rallies hardly ever end: probability of another stroke",
+}
+"""What each warning of a model card means to a coach."""
+
+
 def fit(
     data: Path,
     out: Path,
@@ -59,7 +77,10 @@ def fit(
         f"game {card['game_hash'][:16]}{variants}"
     )
     for warning in warnings:
-        console().print(printable(f"warning: {warning}"))
+        name, _, figure = warning.partition(": ")
+        console().print(printable(f"warning: {_WARNINGS[name]} ({figure})"))
+    if warnings:
+        console().print("More matches help. Reports advise only strokes with enough real ones behind them.")
 
 
 def evaluate(

@@ -283,8 +283,8 @@ def train_and_validation(rows: Rows, share: float | None) -> tuple[Rows, Rows]:
     if share is None:
         if own:
             raise ShuttleError(
-                f"{len(own)} unpublished matches, such as {own[0]!r}, have no fixed split; --validation-share 0.2 "
-                "takes a fifth of them for validation"
+                f"{own[0]!r} is no published match, so it has no fixed split: "
+                "--validation-share 0.2 takes a fifth of your matches to check the fit"
             )
         return rows_of(rows, "train"), rows_of(rows, "validation")
     if not 0 < share < 1:
@@ -309,8 +309,8 @@ def require_enough(train: Rows, validation: Rows, *, prior: bool) -> None:
     matches, needed = len(np.unique(train.match)), 1 if prior else MIN_MATCHES
     if matches < needed or not len(validation):
         raise ShuttleError(
-            f"{matches + len(np.unique(validation.match))} matches: at least {needed + 1} needed, one of them "
-            "for validation" + ("" if prior else " and one that parts of the models leave out")
+            f"number of matches: {matches + len(np.unique(validation.match))}; a model needs {needed + 1} or more, one of them "
+            f"to check the fit{'' if prior else ' and one that parts of the models leave out'}; reports need one, and no model"
         )
     least = MIN_STROKES_WITH_PRIOR if prior else MIN_STROKES
     if len(train) < least:

@@ -81,6 +81,7 @@ def test_two_inputs_a_stroke_and_the_rules_tell_the_rest(tmp_path: Path) -> None
         ([SETUP, shot("short-serve", 2), end("landed")], "where did it fall"),
         ([SETUP, shot("short-serve", 2), {"kind": "place", "x": 0.5, "y": 0.5}], "click the four corners"),
         ([{**SETUP, "players": ["Ada", "Ada"]}], "different names"),
+        ([SETUP, *CORNERS[:2], {**CORNERS[0], "x": 0.5}, {**CORNERS[0], "x": 0.3}], "one line"),
     ],
 )
 def test_impossible_inputs_are_refused_and_change_nothing(inputs: list[dict[str, Any]], reason: str, tmp_path: Path) -> None:
@@ -265,6 +266,12 @@ def test_a_rally_in_the_page(page_folder: Path, viewer: Viewer, tmp_path: Path) 
         page.click("text=Begin")
         viewer.until(lambda: viewer.state("suggested") is not None)
         assert viewer.state("suggested")[0] == "short-serve"
+        page.click("text=corners")
+        box = page.locator("video").bounding_box()
+        assert box is not None
+        for corner in CORNERS:
+            page.mouse.click(box["x"] + corner["x"] * box["width"], box["y"] + corner["y"] * box["height"])
+        assert page.inner_text(".prompt") == "Ada serves"
         for time, keys in ((1.0, "s7"), (1.5, "l1"), (2.5, "s")):
             page.evaluate("(t) => { document.querySelector('video').currentTime = t; }", time)
             viewer.until(lambda: viewer.state("suggested") is not None)
@@ -282,10 +289,10 @@ def test_a_rally_in_the_page(page_folder: Path, viewer: Viewer, tmp_path: Path) 
         server.process.wait()
     with serving(*flags) as server:
         viewer.open(server.address)
-        assert viewer.state("phase", "rally", "inputs") == ["shot", 2, 8]
+        assert viewer.state("phase", "rally", "inputs") == ["shot", 2, 12]
         viewer.press("Backspace")
         viewer.until(saved)
-        assert viewer.state("phase", "rally", "inputs") == ["shot", 1, 7]
+        assert viewer.state("phase", "rally", "inputs") == ["shot", 1, 11]
         viewer.press("i")
         viewer.until(saved)
         page.set_viewport_size({"width": 390, "height": 844})

@@ -259,6 +259,7 @@ export class Tagging {
     const [x, y] = [(event.clientX - box.left) / box.width, (event.clientY - box.top) / box.height];
     event.preventDefault();
     if (this.marking) {
+      this.marking = this.state.corners.length < CORNER_NAMES.length - 1;
       this.enter({ kind: "corner", x, y });
       this.marking = this.state.corners.length < 4;
       this.show();

@@ -105,10 +105,16 @@ export function reduce(state: State, input: Input, hall: HallFacts): State {
   switch (input.kind) {
     case "setup":
       return state.phase === "setup" ? begun(state, input) : refuse(say("refusal.begun"));
-    case "corner":
-      return state.phase !== "setup" && state.corners.length < 4
-        ? { ...state, corners: [...state.corners, [input.x, input.y]] }
-        : refuse(say("refusal.corners_known"));
+    case "corner": {
+      if (state.phase === "setup" || state.corners.length === 4) {
+        refuse(say("refusal.corners_known"));
+      }
+      const corners: Point[] = [...state.corners, [input.x, input.y]];
+      if (corners.length === 4) {
+        homography(corners, CORNERS); // refuses those that lie on one line
+      }
+      return { ...state, corners };
+    }
     case "confirm":
       return state.phase === "ask" ? state.after! : refuse(say("refusal.not_asked"));
     case "shot":
