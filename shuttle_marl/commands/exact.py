@@ -380,10 +380,10 @@ def _strokes_to_plot(game: "Game", chart: PlotOptions) -> tuple[int | None, int 
             raise ExactError("--incoming and --own select the content of a chart; name its file with --plot FILE")
         return None, None
     pictures.check_format(chart.plot)
-    chosen = tuple(None if name is None else pictures.stroke_index(game, name) for name in (chart.incoming, chart.own))
-    if chosen[0] is not None:
-        pictures.edges_of(game, chosen[0], chosen[1])
-    return chosen[0], chosen[1]
+    incoming, own = (None if name is None else pictures.stroke_index(game, name) for name in (chart.incoming, chart.own))
+    if incoming is not None:
+        pictures.edges_of(game, incoming, own)
+    return incoming, own
 
 
 def _plot(solution: Any, path: Path, incoming: int | None, own: int | None) -> None:

@@ -190,6 +190,7 @@ class ColumnMap:
                 raise ValueError(f"[columns] {name} = {column!r}; expected the name of a column, in quotes")
             if others := [other for other in columns if other != name and columns[other] == column]:
                 raise ValueError(f"[columns] {name} and {others[0]} are both {column!r}; map a column once")
+        lower: dict[str, dict[str, str]] = {name: {} for name in values}
         for name, words in values.items():
             for word, meant in words.items():
                 if name == "player":
@@ -197,9 +198,6 @@ class ColumnMap:
                         raise ValueError(f"[values.player] {word!r} = {meant!r}; expected a name")
                 elif meant not in WORDS[name]:
                     raise ValueError(f"[values.{name}] {word!r} = {meant!r}; expected one of {', '.join(WORDS[name])}")
-        lower: dict[str, dict[str, str]] = {name: {} for name in values}
-        for name, words in values.items():
-            for word, meant in words.items():
                 if lower[name].setdefault(plain(word), meant) != meant:
                     raise ValueError(f"[values.{name}] {word!r} stands there twice, with different meanings")
         found = cls(**{**fields, "columns": columns, "values": lower})

@@ -282,16 +282,12 @@ class StrictCsv(Sheet):
             delimiter = stated[1] if stated else max(DELIMITERS, key=first[0].count)
             self._decimal = "." if delimiter == "," else ","
         reader = csv.reader(text, delimiter=delimiter, strict=True)
-        try:
-            header = next(reader, [])
-        except csv.Error as error:
-            raise DataError(path, str(error), line=1 + above) from error
-        if not header:
-            raise DataError(path, "the file is empty")
-        self.header = tuple(header)
-        self.require(required, 1 + above)
         rows, lines = [], []
         try:
+            if not (header := next(reader, [])):
+                raise DataError(path, "the file is empty")
+            self.header = tuple(header)
+            self.require(required, 1 + above)
             for row in reader:
                 line = reader.line_num + above
                 if not any(cell.strip() for cell in row):

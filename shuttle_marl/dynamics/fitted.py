@@ -55,17 +55,16 @@ class PlayerChoices:
 
     def shifted_choice(self, choice: F64, codes: dict[str, I16], player: Ints) -> F64:
         """``[N, 39]`` probabilities of each row's player, from those of the average player (player -1)."""
-        if not self.players:
-            return choice
-        shift = self.style[player, codes["incoming_shot"], codes["contact"]]
-        return tilted(choice, np.where((player < 0)[:, None], 0.0, shift))
+        return self._shifted(choice, player, self.style, codes["incoming_shot"], codes["contact"])
 
     def shifted_targets(self, targets: F64, codes: dict[str, I16], player: Ints) -> F64:
         """``[N, 9]`` probabilities of the targets, likewise."""
+        return self._shifted(targets, player, self.area, codes["shot"], codes["technique"])
+
+    def _shifted(self, probabilities: F64, player: Ints, shifts: F64, *cell: I16) -> F64:
         if not self.players:
-            return targets
-        shift = self.area[player, codes["shot"], codes["technique"]]
-        return tilted(targets, np.where((player < 0)[:, None], 0.0, shift))
+            return probabilities
+        return tilted(probabilities, np.where((player < 0)[:, None], 0.0, shifts[(player, *cell)]))
 
     def index(self, players: npt.NDArray[np.str_]) -> I64:
         """``[N]`` index of each player, -1 for players without a model."""
