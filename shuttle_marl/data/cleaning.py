@@ -80,8 +80,7 @@ def clean_game(raw: RawGame) -> tuple[pa.Table, dict[str, int]]:
         The remaining strokes, and the number of dropped rows by reason.
     """
     raw, repeated = arrange(raw)
-    # The first of a rally; a rally may have the number of the previous one.
-    first = np.r_[True, (np.diff(raw.rally) != 0) | (raw.stroke[1:] == 1)]
+    first = rally_starts(raw)
     raw = with_corrected_letters(raw, first)
     side, contradicted = sides(raw, first)
     outcome, reason = outcomes(raw, first)
@@ -158,6 +157,11 @@ def arrange(raw: RawGame) -> tuple[RawGame, int]:
     same = (np.diff(raw.rally) == 0) & (np.diff(raw.stroke) == 0) & (raw.by_a[1:] == raw.by_a[:-1]) & (raw.stroke[1:] > 1)
     repeated = np.r_[False, same]
     return raw.take(np.flatnonzero(~repeated)), int(repeated.sum())
+
+
+def rally_starts(raw: RawGame) -> Bools:
+    """``[n]`` whether a row is the first of a rally; a rally may have the number of the previous one."""
+    return np.r_[True, (np.diff(raw.rally) != 0) | (raw.stroke[1:] == 1)]
 
 
 def broken_rallies(raw: RawGame, first: Bools) -> Bools:
