@@ -104,9 +104,9 @@ def boards(report: RallyReport, time: int, text: str, *, after: bool = False, ma
         rows += textwrap.wrap(line, COLUMNS)
     rows += [""] * (_LEAST_ROWS - len(rows))
     block = "\n".join(row.ljust(COLUMNS) for row in rows)
-    return [entities_on(camera.board, time, [_entity(camera, time, block)]) for camera in CAMERAS]
-
-
-def _entity(camera: Camera, time: int, block: str) -> SceneEntity:
-    text = label(block, camera.point(*_CENTRE), _PIXELS, _SHADE)
-    return SceneEntity(id="board", timestamp=stamp(time), frame_id=camera.frame, frame_locked=True, texts=[text])
+    out = []
+    for camera in CAMERAS:
+        shown = label(block, camera.point(*_CENTRE), _PIXELS, _SHADE)
+        entity = SceneEntity(id="board", timestamp=stamp(time), frame_id=camera.frame, frame_locked=True, texts=[shown])
+        out.append(entities_on(camera.board, time, [entity]))
+    return out

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from typing import Any, Final
 
 import numpy as np
-from foxglove.messages import Color, FrameTransforms, LinePrimitive, LinePrimitiveLineType, SceneEntity
+from foxglove.messages import FrameTransforms, SceneEntity
 
 from shuttle_marl.base.arrays import F64, I64, Bools, Floats, Intp
 from shuttle_marl.base.compiling import compiled
@@ -22,7 +22,6 @@ from shuttle_marl.scene.topics import (
     SHUTTLE_PLACE,
     WORLD,
     Timed,
-    at,
     bone_frame,
     colour,
     entities_on,
@@ -30,8 +29,8 @@ from shuttle_marl.scene.topics import (
     name_frame,
     numbers_on,
     place_frame,
-    point,
     stamp,
+    strip,
     transform,
 )
 from shuttle_marl.staging import BONES, RACKET_LENGTH, Motion
@@ -151,23 +150,11 @@ def _trail(staged: StagedRally) -> Iterator[Timed]:
 def _trail_entities(time: int, path: F64, fade: F64, gap: F64) -> list[SceneEntity]:
     """Path of the shuttle so far, and a line behind the shuttle that fills the gap until the next message."""
     faded = [colour(*_TRAIL_COLOUR, round(float(alpha), 2)) for alpha in fade]
-    out = [SceneEntity(id="trail", timestamp=stamp(time), frame_id=WORLD, lines=[_strip(path, faded)])]
+    out = [SceneEntity(id="trail", timestamp=stamp(time), frame_id=WORLD, lines=[strip(path, faded, 3.0)])]
     if gap.any():
-        line = _strip(np.stack([gap, np.zeros(3)]), faded[-1:])
+        line = strip(np.stack([gap, np.zeros(3)]), faded[-1:], 3.0)
         out.append(SceneEntity(id="gap", timestamp=stamp(time), frame_id=SHUTTLE_PLACE, frame_locked=True, lines=[line]))
     return out
-
-
-def _strip(path: F64, colours: list[Color]) -> LinePrimitive:
-    return LinePrimitive(
-        type=LinePrimitiveLineType.LineStrip,
-        pose=at((0, 0, 0)),
-        thickness=3.0,
-        scale_invariant=True,
-        points=[point(p) for p in np.round(path, 3)],
-        color=colours[-1],
-        colors=colours if len(colours) > 1 else [],
-    )
 
 
 def _states(staged: StagedRally) -> Iterator[Timed]:

@@ -7,6 +7,7 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import Any, Final
 
+import numpy as np
 from foxglove import Channel, Context
 from foxglove.channels import FrameTransformsChannel, LogChannel, SceneUpdateChannel
 from foxglove.messages import (
@@ -14,6 +15,8 @@ from foxglove.messages import (
     CubePrimitive,
     FrameTransform,
     FrameTransforms,
+    LinePrimitive,
+    LinePrimitiveLineType,
     Log,
     LogLevel,
     ModelPrimitive,
@@ -29,7 +32,7 @@ from foxglove.messages import (
     Vector3,
 )
 
-from shuttle_marl.base.arrays import Floats
+from shuttle_marl.base.arrays import F64, Floats
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.scene.mesh import Mesh, glb
 from shuttle_marl.scene.rally_report import SECOND
@@ -199,6 +202,19 @@ def transform(when: Timestamp, child: str, parent: str, value: Sequence[float]) 
 def box(centre: Vector, size: Vector, shade: Color) -> CubePrimitive:
     """An axis-aligned box [m]."""
     return CubePrimitive(pose=at(centre), size=vector(size), color=shade)
+
+
+def strip(path: F64, colours: list[Color], thickness: float) -> LinePrimitive:
+    """A line with one colour, or one for each point; its thickness is in pixels at any distance."""
+    return LinePrimitive(
+        type=LinePrimitiveLineType.LineStrip,
+        pose=at((0, 0, 0)),
+        thickness=thickness,
+        scale_invariant=True,
+        points=[point(p) for p in np.round(path, 3)],
+        color=colours[-1],
+        colors=colours if len(colours) > 1 else [],
+    )
 
 
 def label(text: str, place: Vector, pixels: float, shade: Color) -> TextPrimitive:

@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 from foxglove import Context, open_mcap
 from foxglove.mcap import MCAPCompression, MCAPWriteOptions
-from foxglove.messages import Color, CylinderPrimitive, LinePrimitive, LinePrimitiveLineType, SceneEntity, Vector3
+from foxglove.messages import Color, CylinderPrimitive, SceneEntity, Vector3
 
 from shuttle_marl import __version__
 from shuttle_marl.analysis import LogPlayers
@@ -28,7 +28,7 @@ from shuttle_marl.scene.models import court
 from shuttle_marl.scene.models import players as player_models
 from shuttle_marl.scene.motion import joint_message, motion_messages
 from shuttle_marl.scene.rally_report import SECOND, RallyReport, StagedRally, report_rally
-from shuttle_marl.scene.topics import WORLD, Timed, at, box, colour, entities_on, log_line, numbers_on, point, stamp
+from shuttle_marl.scene.topics import WORLD, Timed, at, box, colour, entities_on, log_line, numbers_on, stamp, strip
 from shuttle_marl.staging import ENDS, stage
 
 TOP: Final = 5
@@ -49,7 +49,12 @@ def commentary(staged: StagedRally) -> Iterator[Timed]:
         yield entities_on(topics.STROKE_MARKS, time, _flight(staged, i, time))
         yield numbers_on(topics.STROKE, time, content)
         yield from boards(report, time, _action(report, i), marked=seat)
-        yield log_line(time, _sentence(content), report.names[seat])
+        chosen = f", chosen with {percent(content['probability'])}" if "probability" in content else ""
+        sentence = (
+            f"#{i + 1} {content['shot']} to {content['area']} ({content['technique']}, {content['speed_kmh']:.0f} km/h"
+            f"{chosen}): good {percent(content['p_succ'])}, returned {percent(content['p_ret'])}"
+        )
+        yield log_line(time, sentence, report.names[seat])
         yield from _probabilities(report, i, time)
     over = staged.at(float(trajectory.end_time[-1]))
     result = f"{report.names[report.winner]} wins the rally: {_ending(staged)}"
@@ -164,14 +169,6 @@ def _action(report: RallyReport, i: int) -> str:
     return "\n".join(lines)
 
 
-def _sentence(content: dict[str, Any]) -> str:
-    chosen = f", chosen with {percent(content['probability'])}" if "probability" in content else ""
-    return (
-        f"#{content['number']} {content['shot']} to {content['area']} ({content['technique']}, {content['speed_kmh']:.0f} km/h"
-        f"{chosen}): good {percent(content['p_succ'])}, returned {percent(content['p_ret'])}"
-    )
-
-
 def percent(probability: float) -> str:
     """A probability as an integer percentage; 0 % means impossible and 100 % certain."""
     if 0 < probability < 0.005:
@@ -192,19 +189,11 @@ def _ending(staged: StagedRally) -> str:
 def _flight(staged: StagedRally, i: int, time: int) -> list[SceneEntity]:
     played, trajectory = staged.report.played, staged.motion.trajectory
     path, _ = trajectory.flight.at(i, np.linspace(0, trajectory.end_time[i] - trajectory.time[i], _PATH_POINTS))
-    line = LinePrimitive(
-        type=LinePrimitiveLineType.LineStrip,
-        pose=at((0, 0, 0)),
-        thickness=1.5,
-        scale_invariant=True,
-        points=[point(p) for p in np.round(path, 3)],
-        color=_PATH,
-    )
     sign = played.facing(int(played.striker[i]))
     (x0, x1), (y0, y1) = played.aim_box(int(played.stroke[i]))
     target = box((sign * (x0 + x1) / 2, sign * (y0 + y1) / 2, 0.006), (x1 - x0, y1 - y0, 0.004), _TARGET)
     return [
-        SceneEntity(id="path", timestamp=stamp(time), frame_id=WORLD, lines=[line]),
+        SceneEntity(id="path", timestamp=stamp(time), frame_id=WORLD, lines=[strip(path, [_PATH], 1.5)]),
         SceneEntity(id="target", timestamp=stamp(time), frame_id=WORLD, cubes=[target]),
     ]
 
@@ -323,7 +312,17 @@ def write_scene(
     writer.attach(
         log_time=EPOCH, create_time=EPOCH, name="rallies.arrow", media_type="application/vnd.apache.arrow.file", data=rows
     )
-    writer.write_metadata(METADATA, _facts(log, numbers, game))
+    # Origin of the rallies: log, seeds, game and policies.
+    seated = sorted({int(policy) for number in numbers for policy in log.rally(int(number)).policy[0]})
+    facts = {
+        "software": f"shuttle_marl {__version__}",
+        "log": printable(log.path.name),
+        "rallies": " ".join(str(int(number)) for number in numbers),
+        "game": game.hash,
+        "seeds": " ".join(dict.fromkeys(str(file.header.seed) for file in log.files)),
+        "policies": json.dumps({log.policies[i].name: log.policies[i].hash for i in seated}),
+    }
+    writer.write_metadata(METADATA, facts)
     writer.close()
     return buffer.getvalue(), players.unknown
 
@@ -334,18 +333,3 @@ def _rows(log: RallyLog, numbers: Sequence[int]) -> bytes:
     with pa.ipc.new_file(sink, table.schema) as file:
         file.write_table(table.unify_dictionaries())
     return sink.getvalue().to_pybytes()
-
-
-def _facts(log: RallyLog, numbers: Sequence[int], game: Game) -> dict[str, str]:
-    """Origin of the rallies: log, seeds, game and policies."""
-    headers = [file.header for file in log.files]
-    seated = sorted({int(policy) for number in numbers for policy in log.rally(int(number)).policy[0]})
-    players = [log.policies[i] for i in seated]
-    return {
-        "software": f"shuttle_marl {__version__}",
-        "log": printable(log.path.name),
-        "rallies": " ".join(str(int(number)) for number in numbers),
-        "game": game.hash,
-        "seeds": " ".join(dict.fromkeys(str(header.seed) for header in headers)),
-        "policies": json.dumps({player.name: player.hash for player in players}),
-    }

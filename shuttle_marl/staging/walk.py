@@ -227,7 +227,15 @@ class _WalkBuilder:
             root, frames = self.stance.root + shift[:2], [plan.pick + round(seconds * fps) for seconds in _PHASES]
             self._go(keys, rest, root - here, frames[0])
             heading = _nearest(self.stance.heading, keys)
-            keys |= dict(zip(frames, _pick_up_poses(athlete, heading, shift[2]), strict=True))
+            poses = athlete.library.stroke[LUNGE].copy()
+            poses[:, HIPS_YAW] += heading
+            need = np.array([_STRINGS - athlete.library.contact[LUNGE, 0, 2]])
+            low = bent(poses[CONTACT, TRUNK], LUNGE, need)[0] - poses[CONTACT, TRUNK]
+            low[HIPS_HEIGHT] += shift[2]
+            low[[HIPS_PITCH, SPINE_PITCH]] += _BOW
+            for k, share in ((CONTACT - 1, 0.7), (CONTACT, 1.0), (CONTACT + 1, 0.7)):
+                poses[k, TRUNK] += share * low
+            keys |= dict(zip(frames, poses, strict=True))
             place, yaw, landing = feet_at(LUNGE, root, heading, 0.0)
             begin, end = plan.pick - round(0.06 * fps), frames[CONTACT + 1]
             stands.append(Stand(begin=begin, end=end, place=place, yaw=yaw, last=landing, stride=_STRIDE))
@@ -297,19 +305,6 @@ class _WalkBuilder:
         flight = shoot(self.lying[None], path[plan.catch][None], np.array([len(seconds) / self.fps]))
         path[plan.pick : plan.catch] = flight.at(0, seconds)[0]
         return path
-
-
-def _pick_up_poses(athlete: Athlete, heading: float, higher: float) -> F64:
-    library = athlete.library
-    poses = library.stroke[LUNGE].copy()
-    poses[:, HIPS_YAW] += heading
-    need = np.array([_STRINGS - library.contact[LUNGE, 0, 2]])
-    low = bent(poses[CONTACT, TRUNK], LUNGE, need)[0] - poses[CONTACT, TRUNK]
-    low[HIPS_HEIGHT] += higher
-    low[[HIPS_PITCH, SPINE_PITCH]] += _BOW
-    for k, share in ((CONTACT - 1, 0.7), (CONTACT, 1.0), (CONTACT + 1, 0.7)):
-        poses[k, TRUNK] += share * low
-    return poses
 
 
 def _nearest(yaw: float, keys: dict[int, F64]) -> float:

@@ -83,7 +83,12 @@ def stroke_facts(rally: Rally, stroke: int, seat: int) -> messages.StrokeFacts:
 
 def rally_facts(game: Game, rally: CourtRally, motion: staging.Motion) -> messages.RallyFacts:
     """A rally without its motion: score, strokes with their probabilities, positions and times, and a person's turn."""
-    winner = rally.winner
+    winner, result = rally.winner, None
+    if winner is not None:
+        after = rally.score.after(winner)
+        game_won = len(after.finished) > len(rally.score.finished)
+        points = after.finished[-1] if game_won else after.points
+        result = messages.ScoreFacts(points, after.games, after.over, game_won, after.changes_ends)
     return messages.RallyFacts(
         number=rally.number,
         skill=None if game.people is None else str(game.people.date or ""),
@@ -97,7 +102,7 @@ def rally_facts(game: Game, rally: CourtRally, motion: staging.Motion) -> messag
         finished=list(rally.score.finished),
         winner=winner,
         reason=None if rally.open else OUTCOMES[rally.ending],
-        after=None if winner is None else _score_after(rally, winner),
+        after=result,
         strokes=[_stroke(game, rally, motion, i, int(state)) for i, state in enumerate(rally.states(game))],
         turn=None if rally.turn is None else _turn(game, rally, rally.turn),
         players=(_player(motion, 0), _player(motion, 1)),
@@ -120,15 +125,6 @@ def _turn(game: Game, rally: CourtRally, state: int) -> messages.Turn:
     ]
     height, hurried = HEIGHTS[int(game.contact(state))], bool(game.hurried(state))
     return messages.Turn(seat=seat, number=len(rally), height=height, hurried=hurried, strokes=legal)
-
-
-def _score_after(rally: CourtRally, winner: int) -> messages.ScoreFacts:
-    after = rally.score.after(winner)
-    game_won = len(after.finished) > len(rally.score.finished)
-    points = after.finished[-1] if game_won else after.points
-    return messages.ScoreFacts(
-        points=points, games=after.games, over=after.over, game_won=game_won, changes_ends=after.changes_ends
-    )
 
 
 def _stroke(game: Game, rally: CourtRally, motion: staging.Motion, i: int, state: int) -> messages.Stroke:
