@@ -66,7 +66,7 @@ class Recovery:
     """Result of :func:`recover`.
 
     Attributes:
-        lost: number of rallies known to be lost between them; the number lost after the last one is unknown.
+        lost: number of rallies known to be lost between those recovered; the number lost after the last one is unknown.
     """
 
     path: Path
