@@ -1,9 +1,10 @@
 """Tables of a tournament, where every figure has its column, its report in Markdown, and the ranked table of the console."""
 
+import dataclasses
 import math
 import re
 from collections.abc import Mapping, Sequence
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from rich.table import Table as RichTable
@@ -12,11 +13,15 @@ from rich.text import Text
 from shuttle_marl.base.errors import printable
 from shuttle_marl.league.assessment import Assessment, MetaGame
 from shuttle_marl.league.entrants import RALLIES, Format, LeagueConfig
+from shuttle_marl.league.page.learning import Curve
 from shuttle_marl.league.ranking import ExactOdds, Standing
 from shuttle_marl.league.style import PEOPLE, Style
 from shuttle_marl.league.tournament import PairResult
 from shuttle_marl.pages import Cell, Column, Table, escaped, interval, markdown, name, number, percent, table
 from shuttle_marl.recording import Sampling
+
+if TYPE_CHECKING:
+    from shuttle_marl.exact.regret import Holes
 
 TITLES: Final[dict[Format, str]] = {"round-robin": "Round robin", "swiss": "Swiss tournament", "gauntlet": "Gauntlet"}
 _ABOUT_AWAY: Final = (
@@ -25,6 +30,26 @@ _ABOUT_AWAY: Final = (
 _MOST_MISFITS: Final = 40
 LEAST_SHOWN: Final = 0.0005
 """Minimum probability of a player in a table of equilibria."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+class TournamentReport:
+    """Content of the reports of a tournament.
+
+    Attributes:
+        results: of every pairing, in the order in which they were played.
+        curves: of the entrants whose training runs still exist.
+        logs: rally logs by the number of their first pairing.
+    """
+
+    config: LeagueConfig
+    game: str
+    standings: Sequence[Standing]
+    results: Sequence[PairResult]
+    assessment: Assessment
+    curves: Sequence[Curve] = ()
+    logs: Mapping[int, str] = dataclasses.field(default_factory=lambda: {0: RALLIES})
+    holes: "Mapping[str, Holes]" = dataclasses.field(default_factory=dict)
 
 
 def ranking(standings: Sequence[Standing], styles: Mapping[str, Style] | None = None) -> Table:
@@ -147,15 +172,9 @@ def console_table(standings: Sequence[Standing], form: Format = "round-robin") -
     return shown
 
 
-def report(
-    config: LeagueConfig,
-    standings: Sequence[Standing],
-    results: Sequence[PairResult],
-    game: str,
-    exact: ExactOdds,
-    assessment: Assessment,
-) -> str:
+def report(shown: TournamentReport, exact: ExactOdds) -> str:
     """Content of ``report.md``: ranking, payoffs, meta-games, stability of the ranks, forfeits, and definitions."""
+    config, standings, results, assessment = shown.config, shown.standings, shown.results, shown.assessment
     played = [result for result in results if not result.forfeit]
     rallies = sum(counts["rallies"] for result in played for counts in result.seats)
     strokes = sum(counts["strokes"] for result in played for counts in result.seats)
@@ -166,7 +185,7 @@ def report(
         f"# {TITLES[config.format]}",
         "",
         f"{len(standings)} entrants, {matches:,} matches ({config.matches:,} a pair), {rallies:,} rallies, "
-        f"{strokes:,} strokes, {length} strokes a rally. Seed {config.seed}, game {_code(config.game)} ({game[:12]}), "
+        f"{strokes:,} strokes, {length} strokes a rally. Seed {config.seed}, game {_code(config.game)} ({shown.game[:12]}), "
         f"{config.rules} points.",
         "",
         *markdown(ranking(standings)),
@@ -212,7 +231,6 @@ def report(
 
 
 def _games(assessment: Assessment) -> list[str]:
-    """Sections on the game between the entrants, and on cycles."""
     lines = ["## Meta-game", ""]
     lines += [
         "Each of two choosers selects an entrant. Nash averaging: the maximum-entropy equilibrium of the match win probability. "
@@ -227,7 +245,6 @@ def _games(assessment: Assessment) -> list[str]:
 
 
 def _stability(assessment: Assessment) -> list[str]:
-    """Section on the stability of the ranks."""
     lines = ["## Stability of the ranks", ""]
     for shown in robustness(assessment):
         lines += [f"{shown.caption}.", "", *markdown(shown), ""]
@@ -253,7 +270,6 @@ def _shares(result: PairResult) -> dict[tuple[str, str], float]:
 
 
 def _code(text: str) -> str:
-    """Text for Markdown as code."""
     text = printable(text)
     fence = "`" * (1 + max(map(len, re.findall("`+", text)), default=0))
     return f"{fence}{text}{fence}" if len(fence) == 1 else f"{fence} {text} {fence}"

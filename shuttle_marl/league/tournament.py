@@ -384,7 +384,6 @@ class Tournament:
         self.__dict__.update(state, _players=type(players)(*(part.astype(part.dtype.type) for part in players)))
 
     def _reads_score(self, pairing: Pairing) -> bool:
-        """Whether an entrant of a pairing has no table."""
         return bool((self._table_of[list(pairing.entrants)] < 0).any())
 
     def _play_alone(self, group: Sequence[Pairing], progress: Progress | None) -> list[Block]:
@@ -428,7 +427,6 @@ class Tournament:
         return dataclasses.replace(played, pairing=number[in_group], match=(first + match).astype(np.uint32), policy=policy)
 
     def _play_tables(self, matches: Matches, progress: Progress | None) -> Rallies:
-        """Play matches between entrants that all have a table."""
         from shuttle_marl.kernel import play_matches  # noqa: PLC0415  numba is slow to import
 
         # The tables of seat 1 in the game of a pair are behind those of seat 0.
@@ -469,7 +467,6 @@ class Tournament:
 
 
 def _play_remote(tournament: Tournament, group: Sequence[Pairing]) -> list[Block]:
-    """Play pairings of tables in a process of a cluster."""
     return tournament._play_group(group, None)
 
 

@@ -99,18 +99,20 @@ def load_shipped(key: str, argument: str | None, game: Game) -> Policy:
     Raises:
         PolicyError: the agent does not exist, or it is damaged.
     """
-    name = key if argument is None else f"{key}:{argument}"
-    model = folder_of(game)
-    if model is None or name not in _in_folder(key, model):
+    name, folders = key if argument is None else f"{key}:{argument}", _shipped(key, game)
+    if name not in folders:
         known = ", ".join(installed(key, game)) or "none of that algorithm"
         raise PolicyError(f"no policy {name!r}: the trained agents of this game are {known}; train one and name it agent:FOLDER")
-    return load_agent(shipped_folder(name, model), game)
+    return load_agent(folders[name], game)
 
 
 def installed(key: str, game: Game) -> list[str]:
     """Names of the shipped agents of an algorithm that were trained on a game."""
-    model = folder_of(game)
-    return [] if model is None else [name for name in _in_folder(key, model) if _trained_on(shipped_folder(name, model), game)]
+    found = []
+    for name, folder in _shipped(key, game).items():
+        with contextlib.suppress(PolicyError):
+            found += [name] if read_card(folder).get("game") == game.average.hash else []
+    return found
 
 
 def about(name: str) -> str:
@@ -119,12 +121,8 @@ def about(name: str) -> str:
     return f"agent trained with {key.upper()}" + (f", {style.replace('-', ' ')}" if style else "")
 
 
-def _trained_on(folder: Path, game: Game) -> bool:
-    with contextlib.suppress(PolicyError):
-        return read_card(folder).get("game") == game.average.hash
-    return False
-
-
-def _in_folder(key: str, model: Path) -> list[str]:
-    folders = sorted(path.parent.name for path in (model / AGENTS).glob(f"*/{CARD}"))
-    return [folder.replace("-", ":", 1) for folder in folders if folder.partition("-")[0] == key]
+def _shipped(key: str, game: Game) -> dict[str, Path]:
+    """Folders of the shipped agents of an algorithm, by name."""
+    model = folder_of(game)
+    folders = [] if model is None else sorted(path.parent for path in (model / AGENTS).glob(f"*/{CARD}"))
+    return {folder.name.replace("-", ":", 1): folder for folder in folders if folder.name.partition("-")[0] == key}

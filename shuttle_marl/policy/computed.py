@@ -52,7 +52,6 @@ def cached_table(game: Game, key: str, compute: Callable[[], TabulatedPolicy]) -
 
 
 def _store(table: TabulatedPolicy, path: Path) -> None:
-    """Store a table in the cache, if it can be written."""
     try:
         replace_file(path, table.packed())
     except FileWriteError as error:
@@ -144,11 +143,6 @@ def minimax_names(game: Game) -> tuple[str, ...]:
     return ("minimax", "minimax:robust") if refitted else ("minimax",)
 
 
-def about_minimax(name: str) -> str:
-    """Description of a name, in one line."""
-    return "perfect play" if name == "minimax" else "best worst case over the game and its refits"
-
-
 def load_human(argument: str | None, game: Game) -> Policy:
     """``human:TAU`` or ``human:TAU:PLAYER``, from the part after the first colon.
 
@@ -165,8 +159,3 @@ def load_human(argument: str | None, game: Game) -> Policy:
             f"policy human:{argument or ''}: expected human:TAU or human:TAU:PLAYER with a number TAU above 0, such as human:0.05"
         )
     return human_policy(cost, player or None, game)
-
-
-def human_names(game: Game) -> tuple[str, ...]:
-    """The listed name; TAU can be any number."""
-    return (f"human:{TYPICAL_TAU}",) if baselines.known_for(game) else ()

@@ -218,7 +218,8 @@ class TimedPolicy:
             answer, error = self._answers.get(timeout=self._limit)
         except queue.Empty:
             self._hangs = True
-            _stop(self._thread)
+            # SystemExit is raised in the thread when it next runs Python code.
+            ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(self._thread.ident or 0), ctypes.py_object(SystemExit))
             raise TimeoutError(f"no answer within {self._limit:g} s; --policy-timeout gives more time") from None
         if isinstance(error, KeyboardInterrupt):
             # Users interrupt the main thread; an interrupt from a policy must not look like theirs.
@@ -235,12 +236,6 @@ def _work(calls: "queue.SimpleQueue[_Call | None]", answers: "queue.SimpleQueue[
         except BaseException as error:
             answers.put((None, error))
         del call
-
-
-def _stop(thread: threading.Thread) -> None:
-    """Raise SystemExit in a thread when it next runs Python code."""
-    if thread.ident is not None:
-        ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(thread.ident), ctypes.py_object(SystemExit))
 
 
 class ProgramPolicy:

@@ -268,7 +268,6 @@ def _resolve_plain(name: str, game: Game) -> Policy:
 
 
 def _plain(key: str, policy: Policy, about: str) -> None:
-    """Register a policy that takes no argument."""
 
     def load(argument: str | None, _: Game) -> Policy:
         if argument is not None:
@@ -297,19 +296,27 @@ def _bc_names(game: Game) -> list[str]:
     return ["bc", *(f"bc:{player}" for player in baselines.players(game))] if baselines.known_for(game) else []
 
 
-def _about_bc(name: str) -> str:
-    return "the average player of the data, imitated" if name == "bc" else f"{name.partition(':')[2]}, imitated"
-
-
-register("bc", baselines.load, _bc_names, about=_about_bc, from_data=True)
+register(
+    "bc",
+    baselines.load,
+    _bc_names,
+    about=lambda name: "the average player of the data, imitated" if name == "bc" else f"{name.partition(':')[2]}, imitated",
+    from_data=True,
+)
 for _key, _rules in STYLES.items():
     _plain(_key, ScriptedPolicy(_rules), f"scripted: {(_rules.__doc__ or '').partition(chr(10))[0]}")
 _plain("random", UniformPolicy(), "every legal stroke equally likely")
-register("minimax", computed.load_minimax, computed.minimax_names, about=computed.about_minimax, from_data=True)
+register(
+    "minimax",
+    computed.load_minimax,
+    computed.minimax_names,
+    about=lambda name: "perfect play" if name == "minimax" else "best worst case over the game and its refits",
+    from_data=True,
+)
 register(
     "human",
     computed.load_human,
-    computed.human_names,
+    lambda game: (f"human:{computed.TYPICAL_TAU}",) if baselines.known_for(game) else (),
     about="strong play at a cost for each nat away from how people play",
     form="human:TAU",
     from_data=True,

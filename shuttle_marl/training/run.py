@@ -474,7 +474,6 @@ class _Run:
         return evaluation
 
     def _evaluated(self) -> tuple[TabulatedPolicy, Evaluation]:
-        """The current agent, and its evaluation."""
         policy = tabulated(self.learner.eval_actor, self.game, self.config.eval_temperature)
         exploitability = self.config.exploitability or self.config.self_play
         return policy, self.evaluator.evaluate(policy, exploitability=exploitability)
@@ -530,7 +529,6 @@ class _Run:
         )
 
     def _save_agent(self, name: str, evaluation: Evaluation) -> None:
-        """Save the current agent in a folder of the run."""
         card = {
             "algorithm": self.config.algorithm,
             "config": self.config.fixed(),

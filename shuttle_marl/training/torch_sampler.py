@@ -172,7 +172,6 @@ class TorchSampler(RallySampler):
         self._choices[self._there(player * self.game.n_pairs + pairs)] = self._there(entries)
 
     def _copy_all(self, player: int) -> None:
-        """Copy all table entries of a player to the device."""
         states = np.arange(self.game.n_states)
         for block in range(self.game.n_blocks):
             self._copy(player, states[self.game.block_states(block)])

@@ -28,7 +28,7 @@ from shuttle_marl.league.assessment import assess
 from shuttle_marl.league.entrants import ANCHORS, Entrant, enter
 from shuttle_marl.league.ranking import exact_odds, rank, ranking_table
 from shuttle_marl.league.ratings import ratings
-from shuttle_marl.league.report import console_table, report
+from shuttle_marl.league.report import TournamentReport, console_table, report
 from shuttle_marl.league.run import read_results
 from shuttle_marl.league.tournament import Pairing, forfeited, round_robin
 from shuttle_marl.recording import RallyLog, RecordingError, replay
@@ -271,7 +271,9 @@ def test_names_and_reasons_are_never_markup(tmp_path: Path, capsys: pytest.Captu
     assert "=b_`*<i> (forfeited 1)" in printed
     config = LeagueConfig(pool=results[0].names, game="`model`")
     exact = exact_odds(default_game(), [Entrant(name=n, policy=None) for n in config.pool])
-    text = report(config, standings, results, "0" * 64, exact, assess(standings, results, exact, {}))
+    assessment = assess(standings, results, exact, {})
+    shown = TournamentReport(config=config, game="0" * 64, standings=standings, results=results, assessment=assessment)
+    text = report(shown, exact)
     assert "\x1b" not in text
     html = MarkdownIt("commonmark").enable("table").render(text)
     plain = unescape(re.sub(r"<[^>]*>", "", html))

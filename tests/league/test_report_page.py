@@ -14,8 +14,9 @@ from shuttle_marl.commands.league import main
 from shuttle_marl.league import LeagueConfig, LeagueError
 from shuttle_marl.league.assessment import assess
 from shuttle_marl.league.page.learning import Curve
-from shuttle_marl.league.page.tournament import TournamentReport, compare, page
+from shuttle_marl.league.page.tournament import compare, page
 from shuttle_marl.league.ranking import ExactOdds, rank
+from shuttle_marl.league.report import TournamentReport
 from shuttle_marl.league.style import AXES, Style
 from shuttle_marl.league.tournament import COUNTS, PairResult, forfeited, round_robin
 from shuttle_marl.pages import charts

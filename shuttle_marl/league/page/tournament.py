@@ -11,11 +11,10 @@ from typing import TYPE_CHECKING, Any, Final
 
 from shuttle_marl.base import runs
 from shuttle_marl.base.intervals import Interval, interquartile_mean, probability_of_improvement
-from shuttle_marl.league.assessment import Assessment
-from shuttle_marl.league.entrants import PAIRINGS, RALLIES, REPORT, LeagueConfig, LeagueError
+from shuttle_marl.league.entrants import PAIRINGS, RALLIES, REPORT, LeagueError
 from shuttle_marl.league.page.learning import FIGURES, METRICS, Curve, learning_charts, read_curve
 from shuttle_marl.league.ranking import Standing
-from shuttle_marl.league.report import TITLES, cycles, meta_game, ranking, robustness
+from shuttle_marl.league.report import TITLES, TournamentReport, cycles, meta_game, ranking, robustness
 from shuttle_marl.league.style import AXES, PEOPLE
 from shuttle_marl.league.tournament import PairResult
 from shuttle_marl.pages import Cell, Column, Table, charts, interval, name, number, percent, render, table
@@ -25,26 +24,6 @@ if TYPE_CHECKING:
     from shuttle_marl.exact.regret import Hole, Holes
 
 _MOST_RADARS: Final = 40
-
-
-@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class TournamentReport:
-    """Content of the page of a tournament.
-
-    Attributes:
-        results: of every pairing, in the order in which they were played.
-        curves: of the entrants whose training runs still exist.
-        logs: rally logs by the number of their first pairing.
-    """
-
-    config: LeagueConfig
-    game: str
-    standings: Sequence[Standing]
-    results: Sequence[PairResult]
-    assessment: Assessment
-    curves: Sequence[Curve] = ()
-    logs: Mapping[int, str] = dataclasses.field(default_factory=lambda: {0: RALLIES})
-    holes: "Mapping[str, Holes]" = dataclasses.field(default_factory=dict)
 
 
 def page(report: TournamentReport) -> bytes:

@@ -171,7 +171,6 @@ class _League:
         self._commit(converged=not joined)
 
     def _learning_round(self, workers: Workers) -> None:
-        """One round of learners."""
         state, number = self.state, self.state.round + 1
         began = self._elapsed()
         turns = self.schedule.turns(number, began)
