@@ -419,8 +419,12 @@ class Tournament:
     def _rallies(self, group: Sequence[Pairing], first: int, last: int, progress: Progress | None) -> Rallies:
         """Matches ``first`` up to ``last`` of every pairing of a group."""
         matches = join([matches_of(pairing, self._options.seed, first, last) for pairing in group])
-        untabulated = any(self._reads_score(pairing) for pairing in group)
-        played = (self._play_calls if untabulated else self._play_tables)(matches, progress)
+        if any(self._reads_score(pairing) for pairing in group):  # policies are called for every stroke
+            rules, keep = self._options.rules, self._options.keep_strokes
+            choose = self._strikers.choose
+            played = play(self._game, matches, choose, rules=rules, keep_strokes=keep, progress=progress).rallies
+        else:
+            played = self._play_tables(matches, progress)
         number = np.array([pairing.number for pairing in group], dtype=np.uint32)
         in_group, match = np.divmod(played.match, last - first)
         policy = matches.entrant[played.match].astype(np.uint16)
@@ -443,11 +447,6 @@ class Tournament:
             threads=self._threads,
             progress=progress,
         ).rallies
-
-    def _play_calls(self, matches: Matches, progress: Progress | None) -> Rallies:
-        """Play matches in which a policy is called for every stroke."""
-        rules, keep = self._options.rules, self._options.keep_strokes
-        return play(self._game, matches, self._strikers.choose, rules=rules, keep_strokes=keep, progress=progress).rallies
 
     @functools.cached_property
     def _shared(self) -> "Shared[Tournament]":

@@ -107,20 +107,16 @@ class Schedule:
         config, self._elapsed = self.config, elapsed
         seconds = self._turn_seconds(number)
         if config.variant == "psro":
-            strategy = self.meta_strategy()
-            return [self._turn("oracle", number, strategy, 0.0, 1.0, seconds, duration=1.0)]
-        turns = []
-        for i in range(config.main_agents):
-            name = f"main-agent-{i}"
-            past = config.past_fraction if config.variant != "plain" else 0.0
-            responses = config.response_fraction if config.variant != "plain" else 0.0
-            turns.append(self._turn(name, number, self._weights(name, number), responses, past, seconds, duration=1.0))
-        if config.variant != "plain":
-            exploiters = [f"main-exploiter-{i}" for i in range(config.main_exploiters)]
-            exploiters += [f"league-exploiter-{i}" for i in range(config.league_exploiters)]
-            for name in exploiters if config.exploiter_fraction else []:
-                weights = self._weights(name, number)
-                turns.append(self._turn(name, number, weights, 0.0, 1.0, seconds, duration=config.exploiter_fraction))
+            return [self._turn("oracle", number, seconds, responses=0.0, past=1.0)]
+        mains = [f"main-agent-{i}" for i in range(config.main_agents)]
+        if config.variant == "plain":
+            return [self._turn(name, number, seconds, responses=0.0, past=0.0) for name in mains]
+        exploiters = [f"main-exploiter-{i}" for i in range(config.main_exploiters)]
+        exploiters += [f"league-exploiter-{i}" for i in range(config.league_exploiters)]
+        responses, past, duration = config.response_fraction, config.past_fraction, config.exploiter_fraction
+        turns = [self._turn(name, number, seconds, responses=responses, past=past) for name in mains]
+        for name in exploiters if duration else []:
+            turns.append(self._turn(name, number, seconds, responses=0.0, past=1.0, duration=duration))
         return turns
 
     def _turn_seconds(self, number: int) -> float | None:
@@ -149,17 +145,10 @@ class Schedule:
         return max(1.0, (config.main_agents + exploiters * config.exploiter_fraction) / config.workers)
 
     def _turn(
-        self,
-        name: str,
-        number: int,
-        weights: F64,
-        responses: float,
-        past: float,
-        seconds: float | None,
-        *,
-        duration: float,
+        self, name: str, number: int, seconds: float | None, *, responses: float, past: float, duration: float = 1.0
     ) -> Turn:
         config, member = self.config, self.state.members.get(name, Member())
+        weights = self.meta_strategy() if config.variant == "psro" else self._weights(name, number)
         rng = np.random.default_rng((config.seed, number, _number(name), _DRAW_OPPONENTS))
         drawn, fractions = chosen(weights, config.max_opponents, rng)
         fractions = fractions * past

@@ -31,14 +31,14 @@ class Turn:
 
     member: str
     round: int
-    fresh: bool
-    opponents: tuple[str, ...]
-    fractions: tuple[float, ...]
-    response_fraction: float
-    strokes: int | None
-    seconds: float | None
-    remaining: tuple[float, float]
-    seed: int
+    fresh: bool = True
+    opponents: tuple[str, ...] = ()
+    fractions: tuple[float, ...] = ()
+    response_fraction: float = 0.0
+    strokes: int | None = None
+    seconds: float | None = None
+    remaining: tuple[float, float] = (1.0, 1.0)
+    seed: int = 0
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -72,18 +72,7 @@ def warm_up(config: LeagueTrainingConfig) -> None:
     """Take a turn of one iteration in a temporary folder."""
     member = "oracle" if config.variant == "psro" else "main-agent-0"
     with tempfile.TemporaryDirectory(prefix="shuttle-marl-") as folder:
-        turn = Turn(
-            member=member,
-            round=1,
-            fresh=True,
-            opponents=(),
-            fractions=(),
-            response_fraction=config.response_fraction,
-            strokes=1,
-            seconds=None,
-            remaining=(1.0, 1.0),
-            seed=0,
-        )
+        turn = Turn(member=member, round=1, response_fraction=config.response_fraction, strokes=1)
         take_turn(Path(folder), config, turn)
 
 
