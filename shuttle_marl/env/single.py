@@ -54,12 +54,7 @@ class Opponent:
         return self  # read-only, and a table takes longer than a rally
 
     def choose(self, state: int, draw: int, score: tuple[int, int, int, int] | None) -> int:
-        """Catalogue index of the stroke in a state.
-
-        Args:
-            state: state with the opponent as the striker.
-            draw: uniform integer in [0, 65535).
-            score: the opponent's points, the other's points, the opponent's games and the other's games.
+        """Catalogue index of the opponent's stroke in a state; see :func:`shuttle_marl.game.rally.stepper.choose`.
 
         Raises:
             PolicyError: a policy that reads the score raised, or returned an invalid distribution.
