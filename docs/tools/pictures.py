@@ -156,6 +156,7 @@ _COURT: Final = {
     ("film.webp", "moments.png", "scene.png"): "scene_picture",
     ("rally.png",): "rally_picture",
     ("strokes.png",): "strokes_picture",
+    ("tagging.jpg",): "tagging_picture",
     (
         "watch_players.jpg",
         *(f"watch_{mode}_{size}.jpg" for mode in ("analyse", "learn", "play", "watch") for size in ("narrow", "wide")),
