@@ -234,7 +234,6 @@ class LogFileWriter:
         self._mcap = Writer(cast(IO[Any], self._sink), chunk_size=1, compression=packed, enable_data_crcs=True)
         self._mcap.start(profile=PROFILE, library=self.header.software)
         self._mcap.add_metadata(METADATA, self.header.to_metadata())
-        self._start_length = self._sink.tell()
         self._columns = arrow_schema(len(self.header.strokes), self.header.columns).serialize().to_pybytes()
         schema = self._mcap.register_schema("shuttle_marl.Rallies", "arrow", self._columns)
         self._channel = self._mcap.register_channel(TOPIC, "arrow_stream", schema)

@@ -87,7 +87,7 @@ class Flights(NamedTuple):
         return np.where(reached, self.start[:, 2] + z, np.nan)
 
 
-def shoot(start: F64, end: F64, time: F64, steps: int = _STEPS) -> Flights:
+def shoot(start: F64, end: F64, time: F64) -> Flights:
     """Flights that begin at ``start`` and are at ``end`` after ``time`` seconds.
 
     Newton's method on the logarithm of the launch speed and its angle, from the exact solution without gravity aimed
@@ -127,7 +127,7 @@ def shoot(start: F64, end: F64, time: F64, steps: int = _STEPS) -> Flights:
         angle[todo] = a + np.where(far, np.clip((ys * mx - xs * my) / det, -0.5, 0.5), 0)
         todo = todo[far]
     speed = np.exp(log_speed)
-    return _flown(start, heading, _integrate(speed * np.cos(angle), speed * np.sin(angle), t, steps))
+    return _flown(start, heading, _integrate(speed * np.cos(angle), speed * np.sin(angle), t, _STEPS))
 
 
 def fall(start: F64, velocity: F64, time: F64, steps: int = _STEPS) -> Flights:

@@ -12,9 +12,9 @@ from shuttle_marl.staging import motions
 
 Triple = tuple[float, float, float]
 
-PHASES: Final = ("prepare", "take back", "load", "contact", "follow through", "finish")
-"""Key poses of every stroke; the pose at the contact has no grip position, which follows from the shuttle."""
 CONTACT: Final = 3
+"""Number of the contact among the key poses of a stroke: prepare, take back, load, contact, follow through, finish. It has no
+position of the grip, which follows from the shuttle."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -288,4 +288,4 @@ KEYS: Final[dict[int, tuple[Key, Key, Key, Key, Key, Key]]] = {
             elbow=(0.42, 0.90, 0.05), free=(-0.36, 0.10, 1.10), free_elbow=(-0.7, -0.3, -0.6)),
     ),
 }  # fmt: skip
-"""Key poses of every motion, in the order of :data:`PHASES`."""
+"""Key poses of every motion, see :data:`CONTACT`."""
