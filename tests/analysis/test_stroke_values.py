@@ -29,7 +29,6 @@ def column(table: pa.Table, name: str) -> npt.NDArray[np.float64]:
 
 
 def test_values_are_those_of_the_exact_solution(tournament: Path, valued: pa.Table, bc: TabulatedPolicy) -> None:
-    """The log knows states and targets by number; the table knows attributes and landings. Both lead to the same values."""
     game = bc.game
     with RallyLog(tournament) as log:
         rallies = Rallies.concatenate([batch for _, batch in log.batches()])

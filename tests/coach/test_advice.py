@@ -225,7 +225,6 @@ def test_a_difference_is_said_with_its_numbers() -> None:
 
 
 def test_claims_about_simulated_players_are_true(model: str) -> None:
-    """Truth: exact frequencies of the policies. Data: strokes drawn from them."""
     game, names = load_game(model), ("bc", "attacking", "defensive")
     tables = [tabulate(resolve(name, game), game, name) for name in names]
     exact = {(i, j): meet(tables[i], tables[j]) for i in range(3) for j in range(3) if i != j}

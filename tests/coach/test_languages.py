@@ -86,7 +86,6 @@ def test_every_text_that_is_used_exists_and_every_text_is_used() -> None:
 
 @pytest.mark.parametrize("language", LANGUAGES)
 def test_words_of_badminton_are_those_that_readers_know(language: Language) -> None:
-    """What a report prints can be typed into a table, and means the same there."""
     groups = Words(language).groups
     for kind, group in (("shot", "shots"), ("technique", "techniques"), ("area", "short_areas")):
         known = table(kind)[language]

@@ -182,7 +182,6 @@ def test_scores_and_chances_of_a_match(reported: MatchReport, match: pa.Table) -
 
 
 def test_chances_learn_the_form_of_the_day() -> None:
-    """Two possible odds: after rallies that one of them explains better, it counts more; by hand for a match to 1."""
     rules = Rules(points=1, clear=1, cap=1, games=1)
     odds = [Odds(serving=p, receiving=p, error_bound=0.0) for p in (0.8, 0.4)]
     chances = Chances(odds, np.array([0.5, 0.5]), rules)

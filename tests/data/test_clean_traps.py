@@ -63,7 +63,6 @@ def test_a_sound_game_is_kept_whole(tmp_path: Path) -> None:
 
 
 def test_ends_swap_between_and_within_games(tmp_path: Path) -> None:
-    """Egocentric coordinates do not depend on who plays where; the ends change in the middle of the third game."""
     late = [
         rally(1, "A", [SERVE, LIFT, SMASH], (1, 0), reason="對手落地致勝", a_below=False),
         rally(2, "A", [SERVE, LIFT, SMASH], (2, 0), reason="對手落地致勝", a_below=True),
@@ -87,7 +86,6 @@ def test_mirrored_labels(tmp_path: Path, number: int, source: str, mirror: bool)
 
 
 def test_labels_decide_nothing(tmp_path: Path) -> None:
-    """Labels mirrored where no one expects it lower the agreement and change no area."""
     result = cleaned(tmp_path, plain_game(4, mirror_below=True), number=3)
     assert result.account.area_agreement is not None
     assert result.account.area_agreement < 1
@@ -148,7 +146,6 @@ def test_reasons(tmp_path: Path, chinese: str, score: tuple[int, int], winner: s
 
 
 def test_broken_homography_drops_the_game_alone(tmp_path: Path) -> None:
-    """Both players in one half, and points far off the court: the game is dropped, not refused."""
     squeezed = plain_game(4)
     for row in squeezed:
         row["player_location_y"] = row["opponent_location_y"]
@@ -195,7 +192,6 @@ def test_broken_rallies_are_dropped(tmp_path: Path, defect: str) -> None:
 
 
 def test_contact_heights_of_a_game_that_contradicts_itself(tmp_path: Path) -> None:
-    """Heights of one game at random, against those at which the receiver met the shuttle."""
     rows = plain_game(8)
     for i, row in enumerate(rows[:-1]):
         row["landing_height"] = rows[i + 1]["hit_height"] if rows[i + 1]["ball_round"] != "1" else ""

@@ -161,7 +161,6 @@ def test_games_times_and_numbers_that_cannot_be_are_told(tmp_path: Path) -> None
 @pytest.mark.parametrize("word", ["let", "重发球", "Diulang"])
 @pytest.mark.parametrize("numbers", ["12234", "12345", None])
 def test_lets_are_no_rallies(tmp_path: Path, word: str, numbers: str | None) -> None:
-    """They count in the numbers of the file, or not."""
     lines = ["rally,who,shot,ending,score"]
     for rally, score in enumerate(("1-0", "2-0", "2-0", "2-1", "2-2")):
         number, ending = numbers[rally] if numbers else "", (word if rally == 1 else "out" if rally % 2 else "landed")

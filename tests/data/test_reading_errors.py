@@ -81,7 +81,6 @@ def test_all_problems_are_found(path: Path) -> None:
 
 
 def test_a_published_file_is_never_refused(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """No one can fix it: its bad rows are dropped and counted."""
     edit(path, 4, "type", "飛球")
     edit(path, 5, "landing_x", "99999")
     edit(path, 11, "ball_round", "?")
@@ -177,7 +176,6 @@ def test_damage_is_told_or_harmless(edits: list[tuple[int, str, str]], cut: tupl
 
 
 def test_quoted_cells_with_commas_and_lines(tmp_path: Path) -> None:
-    """Lines as a spreadsheet may write them: the line told is the one in the file."""
     path = Layout(tmp_path).match("m", [plain_game(4)]) / "set1.csv"
     with path.open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
@@ -191,7 +189,6 @@ def test_quoted_cells_with_commas_and_lines(tmp_path: Path) -> None:
 @settings(max_examples=60, deadline=None)
 @given(st.lists(st.tuples(st.integers(1, 4), st.booleans(), st.booleans(), st.integers(0, 30)), min_size=1, max_size=6))
 def test_any_order_of_rallies(chosen: list[tuple[int, bool, bool, int]]) -> None:
-    """Rallies with repeated numbers, swapped ends and servers, and scores of all kinds still give a sound table."""
     hits = [SERVE, LIFT, SMASH]
     rows = game(
         rally(number, "A" if by_a else "B", hits, (points, 30 - points), a_below=below, frame=100 * i)

@@ -85,7 +85,6 @@ def test_the_seed_decides_everything() -> None:
 
 
 def test_a_log_of_the_rallies_plays_again(tmp_path: Path) -> None:
-    """Every outcome and every choice follows from the seed, as in a league."""
     players = {"average": always(GAME, REPLIES[1]), **PLAYERS, "chen-yufei": uniform(GAME)}
     header, rallies = simulated_rallies(GAME, players, matches=8, seed=2)
     with RallyLogWriter(tmp_path / "a.mcap", header) as log:

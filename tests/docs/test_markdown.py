@@ -1,5 +1,7 @@
 """The pages of the documentation: links lead somewhere, and code blocks are of a kind that is run."""
 
+import importlib
+import os
 import re
 import subprocess
 import sys
@@ -78,7 +80,6 @@ def test_index_lists_every_page_of_the_documentation() -> None:
 
 
 def test_the_runner_runs_python_and_marked_bash(tmp_path: Path) -> None:
-    """Blocks share a folder and a namespace; a wrong line of either language fails its page, and its line is told."""
     (tmp_path / "conftest.py").write_text((ROOT / "conftest.py").read_text(encoding="utf-8"), encoding="utf-8")
     good = "```python\n# written.py\nx = 1\n```\n```bash run\ncat written.py | grep 'x = 1'\n```\n```bash\nfalse\n```\n"
     pages = {
@@ -94,3 +95,47 @@ def test_the_runner_runs_python_and_marked_bash(tmp_path: Path) -> None:
     assert "2 failed, 1 passed" in done.stdout, done.stdout
     assert "python.md:6: AssertionError" in done.stdout
     assert "line 5: exit status 1 of:" in done.stdout
+
+
+BLOCK_PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")))
+_BLOCK = re.compile(r"^```python\n(.*?)^```", re.DOTALL | re.MULTILINE)
+_NEEDING = ("docs/analysis.md", "docs/tutorials/own_loop.md")
+"""Their first blocks read the files of commands, which they name, or train an agent; the tests of the pages run them."""
+BLOCKS = {path.relative_to(ROOT).as_posix(): block[1] for path in BLOCK_PAGES if (block := _BLOCK.search(path.read_text()))}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", [page for page in BLOCKS if page not in _NEEDING])
+def test_the_first_block_of_a_page_runs_by_itself(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    if page == "README.md":  # in a process of its own; the others in this one, because imports take most of their time
+        subprocess.run([sys.executable, "-c", BLOCKS[page]], env={**os.environ, "PYTHONPATH": str(ROOT)}, check=True)
+    else:
+        exec(compile(BLOCKS[page], page, "exec"), {"__name__": "__main__"})
+
+
+REFERENCE = re.compile(r":\w+:`~?(shuttle_marl[\w.]*)`|(?:from|import) (shuttle_marl[\w.]*)|``(shuttle_marl(?:\.\w+)+)``")
+REFERRING = ("shuttle_marl", "docs", "benchmarks", "experiments")
+
+
+def leads_somewhere(reference: str) -> bool:
+    """Whether a dotted name is a module, or an attribute of one at any depth."""
+    parts = reference.rstrip(".").split(".")
+    for depth in range(len(parts), 0, -1):
+        try:
+            found: object = importlib.import_module(".".join(parts[:depth]))
+        except ModuleNotFoundError:
+            continue
+        for name in parts[depth:]:
+            if not hasattr(found, name) and name not in getattr(found, "__annotations__", {}):
+                return False
+            found = getattr(found, name, None)
+        return True
+    return False
+
+
+def test_references_lead_somewhere() -> None:
+    files = [path for folder in REFERRING for path in sorted((ROOT / folder).rglob("*")) if path.suffix in (".py", ".md")]
+    found = {(name, path) for path in files for match in REFERENCE.finditer(path.read_text()) for name in match.groups() if name}
+    missing = [f"{path.relative_to(ROOT)}: {name}" for name, path in sorted(found) if not leads_somewhere(name)]
+    assert not missing, "\n".join(missing)

@@ -117,7 +117,6 @@ def test_scores_have_known_values() -> None:
 
 
 def test_the_front_court_stays_in_front() -> None:
-    """Also in little data, where the last fallback decides."""
     rows = rows_from_strokes(load_strokes(SAMPLE))
     for part in (rows, rows.take(rows.match % 8 == 0)):
         catalogue = catalogue_of(part)

@@ -217,7 +217,6 @@ def case() -> tuple[dict[str, Predicted], F64, FittedSkill]:
 
 
 def test_intervals_of_known_players_cover_their_skill() -> None:
-    """90 % intervals of 2 x 20 players in three components, general and in six groups of shots."""
     inside: list[F64] = []
     for seed in range(2):
         predicted, truth = simulated_players(seed)

@@ -61,7 +61,6 @@ def test_an_illegal_stroke_is_refused_and_nothing_changes(make: type[Env]) -> No
 @pytest.mark.parametrize("game", [GAME, tiring_game()], ids=["default", "tiring"])
 @pytest.mark.parametrize("seat", [None, 0, 1])
 def test_rallies_are_those_of_the_kernel(seat: int | None, game: Game) -> None:
-    """Of ``RallyBatch``, whose tests compare it with ``rally_v0`` stroke by stroke."""
     options: dict[str, Any] = {} if seat is None else {"opponents": random_policy(game, 1), "seat": seat}
     env: Any = (RallyEnv if seat is None else VersusEnv)(64, game=game, seed=5, threads=2, **options)
     if seat is not None:

@@ -81,7 +81,6 @@ def test_outcomes_equal_the_batched_rules_on_the_same_draws(play, seed, game):
 
 
 def test_effort_and_duels_are_counted_from_the_strokes_of_the_rally(play):
-    """Against a count that shares no code with the game."""
     env = rally_v0.env(game=tiring_game())
     met = set()
     for episode in range(300):

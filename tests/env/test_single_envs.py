@@ -163,7 +163,6 @@ def test_what_is_no_stroke_is_refused_and_nothing_changes(action: Any) -> None:
 
 
 def test_the_opponent_is_told_the_score_from_its_own_side() -> None:
-    """As in a match played by hand with the same strokes."""
     policy = ByScore()
     env = SingleMatchEnv(opponent=policy, seat=0, rules=SHORT)
     rng = np.random.default_rng(3)
@@ -229,7 +228,6 @@ def test_rewards_by_rally_add_up_to_the_points_and_those_by_match_come_at_its_en
 
 
 def test_matches_lost_before_the_first_stroke_are_counted() -> None:
-    """One-point matches in a game whose serves often end the rally."""
     game = random_game(3, 8, 0.5)
     env = SingleMatchEnv(
         opponent=random_policy(game, 1), first_server=1, rules=Rules(points=1, clear=1, cap=1, games=1), game=game

@@ -61,7 +61,6 @@ def test_spaces_are_those_of_the_single_environment_in_batches() -> None:
 @pytest.mark.parametrize("illegal", [0.0, 0.1])
 @pytest.mark.parametrize("game", [random_game(3, 8, 0.5), tiring_game()], ids=["short", "tiring"])
 def test_one_row_is_the_single_environment(seat: int, illegal: float, game: Game) -> None:
-    """Observations, rewards, ends, last observations, reasons and counts: where serves often end the rally, and in long ones."""
     opponent = random_policy(game, 1)
     single = SingleRallyEnv(opponent=opponent, seat=seat, game=game)  # type: ignore[arg-type]
     vector = RallyVectorEnv(1, opponent=opponent, seat=seat, game=game)
@@ -190,7 +189,6 @@ def begin(env: SingleMatchEnv, ahead: int, rows: int, seed: int | None = None) -
 
 
 def test_batch_and_threads_change_nothing() -> None:
-    """Row 0 of one is what all rows of many play in turn."""
     opponent = random_policy(TIRING, 3)
     batches = [
         MatchBatch(TIRING, 2048, opponents=[opponent], seed=2, rules=SHORT, each_rally=True, threads=threads)

@@ -39,19 +39,6 @@ def failure(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
     return capsys.readouterr().err
 
 
-def test_solve_prints_what_it_promises(capsys: pytest.CaptureFixture[str]) -> None:
-    found = json.loads(output(capsys, "solve", "--json"))
-    first = ["value_at_serve", "states", "legal_pairs", "sweeps", "residual", "error_bound", "seconds"]
-    assert list(found) == [*first, "home", "away"]
-    solution = solve(GAME)
-    assert (found["states"], found["legal_pairs"], found["sweeps"]) == (GAME.n_states, GAME.n_pairs, solution.sweeps)
-    assert found["value_at_serve"] == solution.value_at_serve
-    assert found["error_bound"] <= 1e-6
-    coarse = json.loads(output(capsys, "solve", "--json", "--tolerance", "0.01"))
-    assert coarse["sweeps"] < found["sweeps"]
-    assert found["error_bound"] < coarse["error_bound"] <= 0.01
-
-
 def test_commands_play_the_shipped_game_unless_told_otherwise(capsys: pytest.CaptureFixture[str]) -> None:
     def told(*arguments: str) -> Any:
         assert main((*arguments, "--json")) == 0
@@ -137,15 +124,6 @@ def test_a_best_response_is_saved_and_plays(capsys: pytest.CaptureFixture[str], 
     text = output(capsys, "best-response", "random")
     assert "% of matches" in text
     assert "fault of random" in text
-
-
-def test_crossplay(capsys: pytest.CaptureFixture[str]) -> None:
-    found = json.loads(output(capsys, "crossplay", "safe", "random", "--json"))
-    assert found["policies"] == ["safe", "random"]
-    assert found["match_win"][0][1] + found["match_win"][1][0] == pytest.approx(1)
-    assert found["rally_win_serving"][0][1] + found["rally_win_receiving"][1][0] == pytest.approx(1)
-    text = output(capsys, "crossplay", "safe", "random")
-    assert f"{100 * found['match_win'][0][1]:.1f} %" in text
 
 
 @pytest.mark.parametrize("suffix", ["png", "svg", "pdf"])

@@ -7,9 +7,13 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from shuttle_marl.exact import ExactError, Solution, best_response, nash_conv, solve
+from shuttle_marl.exact import ExactError, Solution, best_response, least_gain, nash_conv, solve
 from shuttle_marl.exact.fixed_point import largest_continuation
+from shuttle_marl.exact.match import match_table
+from shuttle_marl.game import default_game
+from shuttle_marl.game.scoring import Rules, match_win_probability
 from shuttle_marl.game.tables import ROOT, Game, GameError
 from shuttle_marl.game.thresholds import ONE
 from tests.exact.exact_games import (
@@ -205,3 +209,37 @@ def test_what_cannot_be_removed() -> None:
     with pytest.raises(GameError, match="no stroke is legal after the start of a rally without"):
         GAME.without(*serves)
     assert GAME.without().hash == GAME.hash
+
+
+SHORT = Rules(points=3, clear=2, cap=5, games=2)
+
+
+@settings(max_examples=10, deadline=None)
+@given(st.floats(0, 1), st.floats(0, 1))
+def test_the_table_holds_the_exact_odds_at_every_score(serving: float, receiving: float) -> None:
+    table = match_table(serving, receiving, SHORT)
+    assert len(table) == 2 * 4 * (3 * 3 + 6)  # two servers, four scores in games; up to 2-2, then 3-2, 2-3, 3-3, 4-3, 3-4, 4-4
+    for (own, other, i, j, server), (won, lost) in table.items():
+        p = serving if server == 0 else receiving
+        exact = match_win_probability(serving, receiving, games=(own, other), points=(i, j), first_server=server, rules=SHORT)
+        assert lost + p * (won - lost) == pytest.approx(float(exact), abs=1e-12)
+
+
+def test_perfect_rallies_are_a_perfect_match() -> None:
+    value = solve(default_game()).value_at_serve
+    assert least_gain((1 + value) / 2, (1 - value) / 2) > 0
+    assert least_gain((1 + value) / 2, (1 - value) / 2, Rules(points=11)) > 0
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.floats(0, 1), st.floats(0, 1), st.sampled_from([SHORT, Rules(points=5, clear=1, cap=5, games=3)]))
+def test_it_holds_for_all_odds_although_the_winner_may_have_to_serve(serving: float, receiving: float, rules: Rules) -> None:
+    assert least_gain(serving, receiving, rules) >= -1e-12
+
+
+def test_the_least_gain_of_a_match_of_single_rallies() -> None:
+    """Best of three rallies, odds one half: a rally won adds one half at every score but at the last one, where it adds 1."""
+    single = Rules(points=1, clear=1, cap=1, games=2)
+    table = match_table(0.5, 0.5, single)
+    assert {key[:2]: won - lost for key, (won, lost) in table.items()} == {(0, 0): 0.5, (1, 0): 0.5, (0, 1): 0.5, (1, 1): 1.0}
+    assert least_gain(0.5, 0.5, single) == 0.5

@@ -8,6 +8,7 @@ import pytest
 
 from experiments import win_rates
 from experiments.league_training import HEADINGS, main, table_rows
+from experiments.self_play import main as self_play_main
 from shuttle_marl.game.shipped import refits_of
 from shuttle_marl.training import PPOConfig
 from tests.reduced import reduced_model
@@ -65,3 +66,18 @@ def test_a_run_ends_in_a_table_and_continues(
     again = tmp_path / "again.json"
     assert win_rates.main([*flags[:-1], str(again), "--resume"]) == 0
     assert json.loads(again.read_text())["rows"] == result["rows"]
+
+
+@pytest.mark.slow
+def test_a_study_is_resumed_with_more_variants_and_budgets(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    flags = ["--seeds", "2", "--out", str(tmp_path / "study"), "--json"]
+    assert self_play_main([*flags, "--variants", "plain", "--strokes", "20000"]) == 0
+    first = json.loads(capsys.readouterr().out)["rows"]
+    assert self_play_main([*flags, "--resume", "--variants", "plain", "pool", "--strokes", "20000", "40000"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    asked = [(way, strokes) for way in ("plain", "pool") for strokes in (20_000, 40_000)]
+    assert [(row["variant"], row["strokes"]) for row in result["rows"]] == asked
+    assert [row["each"] for row in result["rows"][:1]] == [row["each"] for row in first]
+    for row in result["rows"]:
+        assert row["seeds"] == len(row["each"]) == 2
+        assert 0 < row["exploitability_of_the_best"]["worst"] <= row["exploitability"]["worst"] == max(row["each"]) < 1

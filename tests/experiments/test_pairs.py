@@ -34,7 +34,6 @@ def table() -> pa.Table:
 def test_the_command(
     table: pa.Table, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Simulated matches under the names of published ones."""
     matches = list(dict.fromkeys(table["match"].to_pylist()))
     published = dict(zip(matches, [*matches_of("train")[:12], *matches_of("test")[:12]], strict=True))
     renamed = pa.array([published[match] for match in table["match"].to_pylist()])

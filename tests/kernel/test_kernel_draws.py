@@ -73,7 +73,6 @@ def _every_choice(players: Players, state: int, start: int, chosen: npt.NDArray[
 
 @pytest.mark.parametrize("sharpness", [0.05, 0.2, 1.0, 30.0])
 def test_every_player_of_the_package_turns_a_draw_into_the_same_stroke(sharpness: float) -> None:
-    """All 65,535 draws: the compiled kernel, tables, policies that are asked, and single environments."""
     game = random_game(11, 9, 0.9)
     policy = random_policy(game, 3, sharpness)
     players, single = pack([policy], game), Opponent(policy, game)
@@ -101,7 +100,6 @@ def expected_choice(table: TabulatedPolicy, game: Game, state: int, bits: int) -
 @settings(deadline=None)
 @given(st.integers(0, 500), st.integers(2, 9), st.sampled_from([0.2, 1.0, 30.0]), st.data())
 def test_a_choice_is_the_first_entry_above_the_draw(seed: int, rallies: int, sharpness: float, data: st.DataObject) -> None:
-    """Also at and beside each entry of the table, and among strokes that are never played."""
     game = random_game(seed, rallies, 0.9)
     tables = [random_policy(game, seed, sharpness), random_policy(game, seed + 1, sharpness)]
     players = pack(tables, game)

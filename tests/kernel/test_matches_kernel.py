@@ -83,7 +83,6 @@ def test_random_games_and_players(game_seed: int, rallies: int, players: int, si
 
 @pytest.mark.parametrize("threads", [1, 2, 3, None])
 def test_neither_threads_nor_blocks_change_a_match(threads: int | None) -> None:
-    """More matches than a thread plays at a time, and a last block that is not full."""
     wanted = some_matches(2 * BLOCK + 31, 3, 2)
     rules = RULES["to five"]
     expected = by_numpy(GAME, wanted, TABLES, rules)
@@ -181,7 +180,6 @@ def test_lock_step_is_play_one_stroke_at_a_time(rules: scoring.Rules) -> None:
 @settings(max_examples=15, deadline=None)
 @given(st.integers(0, 2**63 - 1), st.permutations(range(12)), st.integers(1, 11))
 def test_company_never_changes_a_match(seed: int, order: list[int], cut: int) -> None:
-    """All at once, and the same matches in another order in two batches."""
     matches = matches_of_all(seed, last=2)
     whole = as_rows(play(GAME, matches, STRIKERS.choose, rules=SHORT_RULES))
     for chosen in (order[:cut], order[cut:]):
@@ -273,7 +271,6 @@ def test_rallies_are_those_of_the_environment() -> None:
 
 @pytest.mark.parametrize("seat", [0, 1])
 def test_learners_against_the_other_player(seat: Literal[0, 1]) -> None:
-    """The Gymnasium environments of one rally and of many, and TorchRL's, play the same episodes."""
     options: dict[str, Any] = {"game": PAIR}
     single = SingleRallyEnv(opponent="minimax", seat=seat, **options)
     vector = RallyVectorEnv(1, opponent="minimax", seat=seat, **options)

@@ -223,7 +223,6 @@ def strokes_of(batch: RallyBatch, one: TabulatedPolicy, other: TabulatedPolicy) 
 
 
 def test_rallies_of_two_policies_are_those_of_the_batch() -> None:
-    """Also when there are more strokes than the first guess has room for."""
     game, n = reduced_game(), 400
     one, other = random_policy(game, 1), random_policy(game, 2)
     rallies = play_rallies(game, (one, other), n, seed=3)
@@ -344,7 +343,6 @@ def test_neither_company_nor_threads_nor_the_way_to_reset_change_a_rally(size: i
 
 
 def test_rows_meet_their_opponents_from_their_seats() -> None:
-    """K opponents in turn, and a seat for each row."""
     opponents = [table(name) for name in NAMES]
     seat = np.arange(12) // 3 % 2
     batch = RallyBatch(GAME, 12, opponents=opponents, seat=seat, seed=4)

@@ -87,7 +87,6 @@ def test_the_run_folder_is_complete(finished: Path) -> None:
 
 
 def test_the_log_reproduces_the_results_exactly(finished: Path) -> None:
-    """Wins, games, points, serves, rallies and strokes, counted again from the strokes alone with the rules of scoring."""
     expected: Counter[tuple[int, int, str]] = Counter()
     with RallyLog(finished / "rallies.mcap") as log:
         names = [player.name for player in log.header.policies]
@@ -176,7 +175,6 @@ def test_without_a_log_the_results_are_the_same(finished: Path, tmp_path: Path) 
 
 
 def test_every_place_at_which_a_run_can_stop(tmp_path: Path, small_model: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Stop at the n-th write that is moved into place or synced, for every n, and resume."""
     # What takes time, and is not about files.
     monkeypatch.setattr("shuttle_marl.league.ranking.ratings", functools.partial(ratings, replicates=2))
     monkeypatch.setattr("shuttle_marl.base.runs.describe", lambda packages: {})
@@ -402,7 +400,6 @@ def test_an_unknown_entrant_stops_everything_before_it_begins(tmp_path: Path) ->
 def test_the_default_pool_holds_only_what_can_play_the_game(
     small_model: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A model without players of its own and without agents: none of those of the shipped model."""
     assert {*ANCHORS, "attacking", "defensive", "safe", "random"} <= set(default_pool(default_game()))
     assert default_pool(load_game(small_model)) == ("attacking", "defensive", "safe", "random", "minimax")
     assert main(["--game", small_model, "--matches", "2", "--out", str(tmp_path / "run")]) == 0

@@ -58,7 +58,6 @@ def test_a_league_in_the_game_of_a_pair(tmp_path: Path) -> None:
 
 
 def test_predictions_are_exact_and_contain_the_uncertainty_of_the_skill(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The interval is that of draws of the offsets from their posterior deviations."""
     pair = pair_game(A, B, game=reduced_model())
     found = predict(pair)
     tables = [tabulate(resolve(f"bc:{name}", game), game) for name, game in zip((A, B), pair.seats, strict=True)]

@@ -31,7 +31,6 @@ def result(pairing: Pairing, won: int) -> PairResult:
 
 @given(st.integers(2, 9), st.integers(0, 6), st.randoms(use_true_random=False))
 def test_swiss_rounds(n: int, rounds: int, luck: random.Random) -> None:
-    """Everyone plays once a round or rests, no two meet twice, and no one rests twice."""
     pool = [f"p{i}" for i in range(n)]
     results: list[PairResult] = []
     known = stages(pool, "swiss", results, rounds=rounds)

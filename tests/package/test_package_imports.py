@@ -61,7 +61,6 @@ def test_help_is_light(module: str) -> None:
 
 
 def test_what_plays_does_not_import_torch() -> None:
-    """Every module of the layers that run on tables, imported in one interpreter."""
     names = [name for _, name, _ in pkgutil.walk_packages(shuttle_marl.__path__, "shuttle_marl.")]
     modules = [name for name in names if name.split(".")[1] in TABLE_LAYERS and not name.endswith("__main__")]
     assert {name.split(".")[1] for name in modules} == set(TABLE_LAYERS)

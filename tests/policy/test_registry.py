@@ -5,12 +5,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from shuttle_marl.game import default_game
-from shuttle_marl.game.policy import Policy, PolicyError, States, checked_probabilities
+from shuttle_marl.game.policy import Policy, PolicyError, States, TemperedPolicy, checked_probabilities
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy import agents, registry
+from shuttle_marl.policy.foreign import FunctionPolicy
 from shuttle_marl.policy.registry import Family, resolve, resolve_recorded
 from tests.reduced import reduced_game
 
@@ -70,7 +73,6 @@ def test_every_policy_is_a_distribution_over_legal_strokes(name: str) -> None:
 
 
 def test_listed_names_can_be_resolved() -> None:
-    """All of a small model, and those that only the shipped one has: its agents."""
     of_every_model, shipped = registry.names(GAME), registry.names(default_game())
     assert {"attacking", "defensive", "safe", "random", "minimax:robust", "human:0.05"} <= set(of_every_model) < set(shipped)
     for name in of_every_model:
@@ -197,3 +199,41 @@ def test_a_family_says_whether_a_file_may_name_it(monkeypatch: pytest.MonkeyPatc
     for name in ("closed", "closed:x", "best-response:closed:x"):
         with pytest.raises(PolicyError, match="not resolved because a file named it"):
             resolve_recorded(name, GAME)
+
+
+SHIPPED = default_game()
+EVERY_211TH = States(game=SHIPPED, state=np.flatnonzero(SHIPPED.legal_count(np.arange(SHIPPED.n_states)))[::211].astype(np.int32))
+
+
+@given(st.floats(0.01, 100))
+def test_probabilities_are_powers(temperature: float) -> None:
+    base = resolve("attacking", SHIPPED).probabilities(EVERY_211TH)
+    p = checked_probabilities(TemperedPolicy(resolve("attacking", SHIPPED), temperature), EVERY_211TH, "tempered")
+    a, b = np.argsort(base, axis=1)[:, -1], np.argsort(base, axis=1)[:, -2]
+    rows = np.flatnonzero(base[np.arange(len(base)), b] > 0)
+    ratio = np.log(base[rows, a[rows]] / base[rows, b[rows]]) / temperature
+    assert np.allclose(p[rows, b[rows]] / p[rows, a[rows]], np.exp(-ratio), rtol=1e-9, atol=1e-300)
+
+
+def test_temperature_one_changes_nothing_and_zero_takes_the_likeliest() -> None:
+    base = resolve("defensive", SHIPPED).probabilities(EVERY_211TH)
+    assert np.allclose(resolve("defensive@1", SHIPPED).probabilities(EVERY_211TH), base, atol=1e-15)
+    greedy = resolve("defensive@greedy", SHIPPED).probabilities(EVERY_211TH)
+    assert np.array_equal(greedy.argmax(axis=1), base.argmax(axis=1))
+    assert np.array_equal(greedy.max(axis=1), np.ones(len(EVERY_211TH)))
+    cold = resolve("defensive@0.0001", SHIPPED).probabilities(EVERY_211TH)
+    assert np.array_equal(cold > 0, np.isclose(base, base.max(axis=1, keepdims=True), rtol=0.05) & (cold > 0))
+
+
+def test_faults_of_the_base_are_not_hidden() -> None:
+    def twice(states: States) -> np.ndarray:
+        return 2 * resolve("random", SHIPPED).probabilities(states)
+
+    with pytest.raises(PolicyError, match="no distribution"):
+        TemperedPolicy(FunctionPolicy(twice), 0.5).probabilities(EVERY_211TH)
+
+
+@pytest.mark.parametrize("temperature", [-1.0, float("nan"), float("inf")])
+def test_impossible_temperatures(temperature: float) -> None:
+    with pytest.raises(PolicyError, match="expected a finite number"):
+        TemperedPolicy(resolve("random", SHIPPED), temperature)

@@ -119,7 +119,6 @@ def test_values_of_strokes_are_means_over_all_draws() -> None:
 
 @given(games, st.integers(0, 1000))
 def test_states_count_what_was_played(made: tuple[Game, Bools], seed: int) -> None:
-    """A rally walked by the rules, against counts of its strokes by hand, in the state and in logs of strokes."""
     game, _ = made
     rng = np.random.default_rng(seed)
     names, strokes, position, hurried, visited = game.catalogue.names, [], [], [], []

@@ -33,7 +33,6 @@ def read_all(path: Path) -> int:
 
 
 def test_every_length_is_refused_and_recovered(log_file: Path, tmp_path: Path) -> None:
-    """Cut anywhere, the log says what to do, and that brings back every batch that is whole."""
     content = log_file.read_bytes()
     with RallyLog(log_file) as log:
         ends = [*log.files[0]._offset[1:].astype(int), len(content)]
@@ -221,7 +220,6 @@ def test_a_full_disk_leaves_a_whole_file(tmp_path: Path, limit: int, batch: int)
 
 @pytest.mark.skipif(sys.platform == "win32", reason="needs a limit on file sizes")
 def test_a_full_disk_without_reserves_leaves_whole_batches(tmp_path: Path) -> None:
-    """If the system cannot reserve room, a batch that was torn is cut off."""
     path = tmp_path / "a.mcap"
     rallies, _, message = fill(path, 50_000, reserve=False).partition("\n")
     assert f"the {rallies} rallies before it are complete" in message

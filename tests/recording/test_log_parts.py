@@ -107,7 +107,6 @@ class TestResume:
     def test_bytes_are_the_same(
         self, tmp_path_factory, rallies, header, stop: int, keep: int, torn: int, recovered: bool
     ) -> None:
-        """The cut may fall in the file that was being written, in a finished one, or between the two."""
         folder = tmp_path_factory.mktemp("resumed")
         parts = [rallies(20, seed) for seed in range(12)]
         self.write(folder / "whole.mcap", header(), parts)

@@ -133,7 +133,6 @@ def test_the_official_reader_reads_it(log_file: Path, rallies: Callable[..., Ral
 
 
 def test_the_same_rallies_give_the_same_bytes(tmp_path: Path, rallies: Callable[..., Rallies], header) -> None:
-    """The same bytes for any way of handing them over."""
     whole, files = rallies(200), []
     for name, cuts in (("a", [0, 200]), ("b", [0, 1, 50, 51, 130, 200])):
         with RallyLogWriter(tmp_path / f"{name}.mcap", header(), batch_rallies=32) as log:

@@ -81,7 +81,6 @@ def test_every_packet_has_every_frame_of_reference(reel: Any) -> None:
 
 
 def test_interpolated_transforms_follow_the_motion(reel: Any, log_path: Path) -> None:
-    """Bones, strings and shuttle between the instants that the file tells are where the staging has them."""
     start, off, tip_off, shuttle_off = EPOCH, [], [], []
     with RallyLog(log_path) as log:
         players = LogPlayers(log, default_game(), resolve_recorded)
@@ -106,7 +105,6 @@ def test_interpolated_transforms_follow_the_motion(reel: Any, log_path: Path) ->
 
 
 def test_rackets_meet_the_shuttle_in_the_file(reel: Any) -> None:
-    """At the very time of every stroke the strings are where the shuttle is."""
     hand = {0: True, 1: False}
     athlete = {0: "male", 1: "female"}
     strokes = reel.of(topics.STROKE)
@@ -119,7 +117,6 @@ def test_rackets_meet_the_shuttle_in_the_file(reel: Any) -> None:
 
 
 def test_players_change_ends(reel: Any, second_game: Any) -> None:
-    """In the second game all is turned round: players, states, and where the shuttle comes down."""
     for shot, near in ((reel, 0), (second_game, 1)):
         assert shot.of(topics.STATE)
         for time, state in shot.of(topics.STATE)[::20]:

@@ -63,7 +63,6 @@ def test_players_stay_on_their_half(motions: list[Motion]) -> None:
 
 
 def test_every_end_of_a_rally_is_staged(played: list[Rally]) -> None:
-    """Net faults hit the net and stay on the striker's side; shuttles that are out come down outside."""
     seen = set()
     for i, rally in enumerate(played):
         short = dataclasses.replace(rally, stroke=rally.stroke[:3], hurried=rally.hurried[:3])

@@ -56,7 +56,6 @@ def test_the_rest_of_a_motion_is_put_behind_what_is_known(motions: list[Motion],
 
 
 def test_the_golden_file_is_read() -> None:
-    """The TypeScript reader finds the same in the same file."""
     expected = json.loads((GOLDEN / "rally.json").read_text(encoding="utf-8"))
     motion = Motion.unpack((GOLDEN / "rally.smot").read_bytes())
     assert motion.fps == expected["fps"]
@@ -72,7 +71,6 @@ def test_the_golden_file_is_read() -> None:
 
 
 def test_the_golden_file_is_written_again_bit_for_bit() -> None:
-    """The writer has not changed either: what was inflated from the file deflates to the same payload."""
     content = (GOLDEN / "rally.smot").read_bytes()
     head, data = packing.read_head(content)
     loose = len(data) - head["frames"] * (2 * (6 + 7 * N_BONES) + 1)

@@ -14,7 +14,6 @@ from tests.suite.small import run, summary, verified
 
 @pytest.mark.parametrize(("cases", "seeds", "trimmed"), [(1, 3, False), (1, 5, True), (5, 5, True), (11, 5, False)])
 def test_intervals_cover_in_95_percent(cases: int, seeds: int, trimmed: bool) -> None:
-    """Runs of normal scores whose spread differs from case to case."""
     rng = np.random.default_rng(cases * seeds + trimmed)
     runs = rng.normal(size=(3000, cases, seeds)) * np.linspace(0.5, 1.5, cases)[:, None]
     found = [combined([estimate(case, trimmed=trimmed) for case in run], [1.0] * cases) for run in runs]

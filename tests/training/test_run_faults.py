@@ -104,7 +104,6 @@ def test_junk_among_the_evaluations_is_named_and_behind_them_taken_away(run: Pat
     ],
 )
 def test_a_checkpoint_of_another_kind_is_named(change: dict[str, Any], run: Path) -> None:
-    """Its checksums fit, so somebody wrote it."""
     about = checkpoint(run) / "about.json"
     about.write_bytes(seal({**read_sealed(about), **change}))
     says = r"another kind of run|metrics.jsonl: \d lines, expected 300|was trained on game 000000000000, this is"

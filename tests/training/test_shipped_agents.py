@@ -227,7 +227,6 @@ def test_a_damaged_agent_is_refused(damage: str, tmp_path: Path) -> None:
 
 
 def test_a_card_names_no_file(tmp_path: Path, cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A card from someone else opens nothing outside its folder."""
     folder = tmp_path / "agent"
     shutil.copytree(shipped_folder("ppo", model_folder()), folder)
     card = read_card(folder)

@@ -88,7 +88,6 @@ def test_rally_waits_for_a_person_and_plays_their_stroke(tables: PolicyTables) -
 
 
 def test_a_stroke_tried_in_a_recorded_rally_keeps_what_was_played_before_it(tables: PolicyTables) -> None:
-    """Strokes, and who was hurried: their outcomes are not drawn again."""
     rallies = [match(tables).rally(number) for number in range(30)]
     policy = tables.table(ELITE)
     players = Players(tables=(policy, policy), value=None)

@@ -12,15 +12,17 @@ import urllib.parse
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
 from docs.tools.wire_types import TARGET, wire_types
+from shuttle_marl.staging.motion import from_parents
 from shuttle_marl.watch import WatchError, server
 from shuttle_marl.watch.messages import OptionsReply, RallyRequest, decode_request, encode_reply, request_id
 from shuttle_marl.watch.server import MAX_MESSAGE, hosts_of, refusal
-from tests.watch.conftest import Served, running, serving
+from tests.watch.conftest import Served, run_script, running, serving
 
 PLAN = {"seed": 1, "sides": [{"policy": "bc"}, {"policy": "random"}]}
 SAMPLE = Path("datasets/sample/strokes.parquet")
@@ -266,3 +268,25 @@ def test_a_reply_is_aligned_and_has_the_number_of_its_request() -> None:
     assert json.loads(content[4 : 4 + length]) == {"id": 7, "options": []}
     assert content[4 + length :] == b"abcd"
     assert json.loads(encode_reply(None, "<b>")[4:]) == {"id": None, "error": "<b>"}
+
+
+GOLDEN = Path(__file__).parents[1] / "staging" / "golden"
+
+
+@pytest.mark.slow
+def test_the_golden_motion_is_read_as_it_was_written(page_folder: Path, tmp_path: Path) -> None:
+    wanted = json.loads((GOLDEN / "rally.json").read_text(encoding="utf-8"))
+    frames = [str(row["frame"]) for row in wanted["at"]]
+    found = json.loads(run_script("read.ts", tmp_path, str(GOLDEN / "rally.smot"), *frames))
+    assert (found["fps"], found["frames"], found["players"]) == (wanted["fps"], wanted["frames"], wanted["players"])
+    for row, seen in zip(wanted["at"], found["at"], strict=True):
+        assert np.abs(np.array(seen["shuttle"]) - row["shuttle"]).max() < 1e-4
+        for seat in (0, 1):
+            me = seen["seats"][seat]
+            assert me["planted"] == row["planted"][seat]
+            local = np.array(me["local"]).reshape(1, -1, 4)
+            turn, place = from_parents(
+                np.array([me["hips"]]), local, np.array(wanted["parents"][seat]), np.array(wanted["rest"][seat])
+            )
+            assert np.abs(place[0] - row["position"][seat]).max() < 1e-4
+            assert np.abs(np.abs((turn[0] * row["rotation"][seat]).sum(axis=-1)) - 1).max() < 1e-5

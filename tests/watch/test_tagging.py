@@ -125,7 +125,6 @@ def test_places_of_clicks_are_metres(tmp_path: Path) -> None:
 
 
 def test_the_score_serves_and_changes_ends(tmp_path: Path) -> None:
-    """A match that the server wins, two games to love."""
     inputs: list[dict[str, Any]] = [SETUP]
     for number in range(2 * BWF.points):
         near = number < BWF.points  # ends change after the first game
