@@ -42,8 +42,12 @@ def scouting_page(report: ScoutingReport, gaps: Sequence[str] = ()) -> bytes:
     opponent = report.opponent.name
     sections = [_outlook(report), _habits(report)] if report.player is not None else [_habits(report)]
     sections += [part for part in (_recent(report), _plan(report), _beside(report)) if part is not None]
-    if report.player is not None:
-        sections += [_advice(report, reason), _tactics(report)] if report.effects else [_unknown(report)]
+    if report.effects:
+        sections += [_advice(report, reason), _tactics(report)]
+    elif report.player is not None:
+        unknown = [known.name for known in (report.player, report.opponent) if not known.strokes]
+        lead = " ".join(say("scout.advice_unknown", name=each) for each in unknown)
+        sections.append(Section(say("scout.advice", opponent=opponent), lead, []))
     if report.advice and report.pair is not None:
         asked = [(*advice.situation[:2], advice.stroke) for advice in report.advice]
         sections.append(training(report.pair.catalogue, asked, say("scout.training_lead", opponent=opponent)))
@@ -267,14 +271,6 @@ def _advice(report: ScoutingReport, reason: str) -> Section:
     if reason:
         blocks.append(text(say("report.too_large", reason=reason)))
     return Section(say("scout.advice", opponent=opponent), lead, blocks)
-
-
-def _unknown(report: ScoutingReport) -> Section:
-    """Instead of advice, where the model does not know both players."""
-    say = words()
-    unknown = [known.name for known in (report.player, report.opponent) if known is not None and not known.strokes]
-    lead = " ".join(say("scout.advice_unknown", name=each) for each in unknown)
-    return Section(say("scout.advice", opponent=report.opponent.name), lead, [])
 
 
 def _card(report: ScoutingReport, advice: Advice, number: int) -> Block:

@@ -298,19 +298,6 @@ def _real(number: float | None) -> str:
     return "" if number is None else f"\n{number:,.0f} real strokes"
 
 
-def _home_and_away(rows: Sequence[Headlines]) -> Table:
-    table = _table("In the game and in its refits", "", "result", right=("game", "refits", "95 %"))
-    table.columns[0].no_wrap = True
-    for name, home, away in rows:
-        known = [(figure, value, away[figure]) for figure, value in home.items() if away is not None and value is not None]
-        for i, (figure, value, there) in enumerate(known):
-            # Exploitability is a value from 0 to 1, as everywhere; the others are probabilities.
-            written = (lambda part: f"{part:.3f}") if figure == "exploitability" else percent
-            mean, low, high = (written(min(1.0, max(0.0, float(part)))) for part in (there.value, there.low, there.high))
-            table.add_row(Text("") if i else _name(name), _FIGURES[figure], written(value), mean, f"{low} to {high}")
-    return table
-
-
 def home_and_away_json(home: Mapping[str, float | None], away: "Mapping[str, Spread] | None") -> dict[str, Any]:
     """Results in the game and in its refits as JSON; ``away`` is null without refits."""
     return {"home": home, "away": None if away is None else {name: figure.as_json() for name, figure in away.items()}}
@@ -324,7 +311,16 @@ def print_home_and_away(rows: Sequence[Headlines], refits: "Sequence[Game]", *, 
     if not refits:
         out.print("The model has no refits on resampled matches, so there are no results in refits.")
         return
-    out.print(_home_and_away(rows))
+    table = _table("In the game and in its refits", "", "result", right=("game", "refits", "95 %"))
+    table.columns[0].no_wrap = True
+    for name, home, away in rows:
+        known = [(figure, value, away[figure]) for figure, value in home.items() if away is not None and value is not None]
+        for i, (figure, value, there) in enumerate(known):
+            # Exploitability is a value from 0 to 1, as everywhere; the others are probabilities.
+            written = (lambda part: f"{part:.3f}") if figure == "exploitability" else percent
+            mean, low, high = (written(min(1.0, max(0.0, float(part)))) for part in (there.value, there.low, there.high))
+            table.add_row(Text("") if i else _name(name), _FIGURES[figure], written(value), mean, f"{low} to {high}")
+    out.print(table)
     out.print(
         f"refits: the same policies, played in {len(refits)} refits of the game on resampled matches: mean, and\n"
         "95 % interval for one more refit. Exploitability uses the best response in the refit."
