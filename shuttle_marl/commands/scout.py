@@ -71,12 +71,12 @@ def scout(
         with speaking(language):
             letters = [words()(f"report.player_{letter}") for letter in "abc"]
         hidden = dict(zip(names[::-1], letters, strict=False))
-        pair, beside = report.pair, report.beside
+        pair, other = report.pair, report.beside
         if pair is not None:
             people = dataclasses.replace(people_of(pair), players=(hidden[names[-1]], hidden[names[0]]))
             pair = dataclasses.replace(pair, people=people)
-        beside = None if beside is None else (letters[2], beside[1])
-        report = dataclasses.replace(report.renamed(hidden.__getitem__), pair=pair, beside=beside)
+        other = None if other is None else (letters[2], other[1])
+        report = dataclasses.replace(report.renamed(hidden.__getitem__), pair=pair, beside=other)
     if json_output:
         cli.print_json(report.as_json())
     if not json_output or out is not None or pdf is not None:

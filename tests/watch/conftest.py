@@ -163,6 +163,14 @@ class Viewer:
         """Resume or pause the playback."""
         return self if self.state("playing") == playing else self.press(" ")
 
+    def enter(self, mode: str) -> None:
+        """Show a mode, paused."""
+        self.page.locator(f"#tab-{mode}").click()
+        self.until(lambda: self.state("turn" if mode == "play" else "analysis") is not None)
+        if mode == "learn":
+            self.page.locator(".quiz button").first.wait_for()
+        self.until(lambda: self.state("mode") == mode and not self.press(*" " * self.state("playing")).state("playing"))
+
     def analysed(self) -> "Viewer":
         self.until(lambda: self.state("analysis") is not None)
         return self

@@ -349,14 +349,6 @@ def resize(viewer: Any, sizes: Sequence[tuple[int, int]]) -> None:
         assert viewer.page.evaluate(OVERFLOWS) == [], (width, height)
 
 
-def enter(viewer: Any, mode: str) -> None:
-    viewer.page.locator(f"#tab-{mode}").click()
-    viewer.until(lambda: viewer.state("turn" if mode == "play" else "analysis") is not None)
-    if mode == "learn":
-        viewer.page.locator(".quiz button").first.wait_for()
-    viewer.until(lambda: viewer.state("mode") == mode and not viewer.press(*" " * viewer.state("playing")).state("playing"))
-
-
 @pytest.mark.parametrize("language", LANGUAGES)
 def test_every_mode_fits_in_every_language(viewer: Any, served: Any, language: Language) -> None:
     viewer.open(f"{served.address}?language={language}{PLACE}").analysed()
@@ -364,7 +356,7 @@ def test_every_mode_fits_in_every_language(viewer: Any, served: Any, language: L
     assert viewer.page.locator("html").get_attribute("lang") == say("language.tag")
     for mode in ("watch", "analyse", "learn", "play"):
         if mode != "watch":  # the page begins with it
-            enter(viewer, mode)
+            viewer.enter(mode)
         resize(viewer, LAYOUT_SIZES if language == "en" else ((390, 844), (1280, 720)))
         assert "undefined" not in viewer.page.inner_text("body")
         assert viewer.page.locator(f"#tab-{mode}").inner_text() == say(f"mode.{mode}")

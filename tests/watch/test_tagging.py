@@ -26,7 +26,7 @@ from shuttle_marl.watch.tagging import TagFile, suggestions
 from tests.watch.conftest import Viewer, run_script, running, serving
 
 SETUP = {"kind": "setup", "match": "club", "discipline": "WS", "players": ["Ada", "Bea"], "server": 0}
-CORNERS = [{"kind": "corner", "x": x, "y": y} for x, y in ((0.1, 0.9), (0.9, 0.9), (0.7, 0.2), (0.3, 0.2))]
+CORNERS: list[dict[str, Any]] = [{"kind": "corner", "x": x, "y": y} for x, y in ((0.1, 0.9), (0.9, 0.9), (0.7, 0.2), (0.3, 0.2))]
 
 
 def shot(name: str, time: float, technique: int = 0, height: int = 0, probability: float | None = None) -> dict[str, Any]:

@@ -1,0 +1,70 @@
+"""Five states of the page look as in the stored pictures; ``PICTURES=write`` before ``pytest`` stores them anew.
+
+A state is a function of its address and a time: the playback is paused there, motion is reduced, and ``viewer.draw()`` draws it.
+Renderers and fonts differ a little between machines, so small copies are compared, with a tolerance.
+"""
+
+import io
+import os
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from tests.watch.conftest import Viewer
+
+pytestmark = pytest.mark.slow
+
+FOLDER: Final = Path(__file__).parent / "pictures"
+PLACE: Final = "?language=en#seed=5&a=bc&b=minimax&rally=1&stroke=3"
+SIZE: Final = (320, 200)
+"""Size of the stored pictures, a quarter of the window [px]."""
+DIFFERENT: Final = 0.15
+"""Least difference of a pixel, of the range of a channel."""
+TOLERATED: Final = 0.01
+"""Largest share of different pixels."""
+
+
+def picture(viewer: Viewer) -> Image.Image:
+    """The page, small."""
+    viewer.page.evaluate("document.fonts.ready.then(() => window.viewer.draw())")
+    return Image.open(io.BytesIO(viewer.page.screenshot())).convert("RGB").resize(SIZE, Image.Resampling.BOX)
+
+
+def settled(viewer: Viewer) -> Image.Image:
+    """The page when nothing more arrives for a second."""
+    now, before = picture(viewer), None
+    while before is None or difference(now, before):
+        viewer.page.wait_for_timeout(1000)
+        now, before = picture(viewer), now
+    return now
+
+
+def difference(a: Image.Image, b: Image.Image) -> float:
+    """Share of pixels that differ."""
+    apart = np.abs(np.asarray(a, np.float64) - np.asarray(b, np.float64)).max(axis=-1) / 255
+    return float((apart > DIFFERENT).mean())
+
+
+def test_states_of_the_page_look_as_before(viewer: Any, served: Any) -> None:
+    viewer.open(f"{served.address}{PLACE}").analysed().play(False)
+    found, earlier = {}, picture(viewer.seek(1.0))
+    for mode in ("watch", "analyse", "learn", "play", "words"):
+        if mode == "words":
+            viewer.press("w")
+        elif mode != "watch":
+            viewer.enter(mode)
+        if mode in ("watch", "analyse"):
+            viewer.play(False).seek(1.5)
+        if mode == "analyse":
+            viewer.until(lambda: viewer.state("match") is not None)
+        found[mode] = settled(viewer)
+    for mode, now in found.items():
+        path = FOLDER / f"{mode}.png"
+        if os.environ.get("PICTURES") == "write":
+            now.save(path, optimize=True)
+        with Image.open(path) as before:
+            assert difference(now, before.convert("RGB")) <= TOLERATED, f"{mode}: the page looks different from {path}"
+    assert difference(earlier, found["watch"]) > TOLERATED, "half a second of a rally is seen"
