@@ -58,10 +58,8 @@ class Assessment:
         win: ``[N, N]`` probability that the row wins a match against the column: exact, else sampled with the prior of the
             ratings, else by the ratings.
         misfit: of the ratings to the P pairings that were played.
-        pairs: names of the entrants of these pairings.
         games: meta-games by description: of all, and without :data:`ANCHOR`.
         cyclic_share: fraction of the squared log-odds that no rating can express (Jiang, Lim, Yao & Ye, Math. Programming 2011).
-        cycles: of three entrants, the clearest first.
         stability: None without results in refits.
     """
 

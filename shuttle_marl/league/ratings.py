@@ -122,7 +122,6 @@ def ratings(cells: F64, pairs: Intp, n: int, rng: np.random.Generator, replicate
     Args:
         cells: ``[P, 3]`` numbers of cells in which the first entrant of a pairing won no match, one, and both.
         pairs: ``[P, 2]`` the entrants of each pairing.
-        rng: draws the samples.
         replicates: number B of bootstrap samples.
 
     Returns:

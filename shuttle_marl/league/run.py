@@ -51,11 +51,7 @@ _HOLES: Final = 1e-6
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class LeagueRun:
-    """A finished tournament.
-
-    Attributes:
-        standings: the ranked table, best first.
-    """
+    """A finished tournament."""
 
     folder: Path
     standings: list[Standing]

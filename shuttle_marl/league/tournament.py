@@ -44,9 +44,7 @@ class Pairing:
     """Two entrants who play each other.
 
     Attributes:
-        number: index in the schedule.
         entrants: their indices in the pool, the lower one first.
-        names: their names, in that order.
     """
 
     number: int

@@ -34,7 +34,6 @@ def save_agent(folder: Path, game: Game, network: bytes, card: dict[str, Any]) -
     """Write the folder of an agent; the card last, so that a folder with a card is complete.
 
     Args:
-        folder: created if it does not exist.
         network: content of ``network.safetensors``.
         card: its fields; the hashes are added.
     """

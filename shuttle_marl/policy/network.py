@@ -167,7 +167,6 @@ def _product(x: F64, weight: tuple[F64, float], highest: float) -> tuple[F64, fl
     Args:
         x: ``[N, W]`` numbers from 0 to ``highest``; overwritten.
         weight: ``[W', W]`` rounded weights and their unit.
-        highest: largest number of x.
 
     Returns:
         ``[N, W']`` integers, and their unit.

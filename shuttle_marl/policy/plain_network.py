@@ -77,7 +77,6 @@ class NetworkPolicy:
 
     Attributes:
         function: from ``[B, 60]`` float32 observations, or ``[B, 7]`` int32 tokens, to ``[B, n]`` logits.
-        inputs: which of the two.
         greedy: always play the legal stroke with the highest output, as for action values.
         masked: whether the mask of the legal strokes precedes the observation in the input.
     """
@@ -404,7 +403,6 @@ def _chain(arrays: Mapping[str, npt.NDArray[Any]], names: Sequence[str], functio
     Args:
         arrays: weights and biases, of these layers alone.
         names: names of the layers, from the first to the last.
-        function: name of the activation.
 
     Raises:
         ValueError: the weights form no chain, the activation is unknown, or a number is not finite.

@@ -53,7 +53,6 @@ class Family:
     Attributes:
         load: called with the part after the colon (None without one) and the game; raises :class:`PolicyError` for an
             unknown argument.
-        about: description of a name, in one line.
         form: the name with its argument in capitals, such as ``table:FILE``, if not all names can be listed.
         of_policies: whether the argument is the name of another policy, which keeps its own ``@`` suffix.
         from_data: whether names from files may be resolved; then no argument may make ``load`` run code or open a file of its

@@ -71,7 +71,6 @@ class Scorecard:
             ``(J(pi) - J(bc)) / (J(best response to bc) - J(bc))`` with J = ``rally_win_vs_bc``.
         regret_per_rally: V* - V^pi against perfect play, both serving equally often.
         rally_length_vs_bc: expected strokes of a rally against ``bc``.
-        endings_vs_bc: fraction of those rallies by ending.
         shot_mix_vs_bc: fraction of each shot type in the policy's strokes there.
         thin_vs_bc: fraction of the policy's strokes there with fewer than :data:`FEW_STROKES` examples in the data
             (:func:`shuttle_marl.game.shipped.real_strokes`); None if the model has no counts.
@@ -267,7 +266,6 @@ def sample(
     The draws of match m are those of ``draws.stream(seed, key, m)`` in :func:`shuttle_marl.kernel.lockstep.play`.
 
     Args:
-        policy: may read the score.
         key: of the pairing, see :func:`shuttle_marl.game.draws.pairing_key`.
         watch: called with the matches, see :data:`Watch`.
 
@@ -330,9 +328,6 @@ LISTS: Final = {
 
 def depth(game: Game, names: Sequence[str] = POLICIES, *, report: Callable[[str], None]) -> dict[str, Any]:
     """The depth table of a game.
-
-    Args:
-        report: called with a line before each stage.
 
     Returns:
         ``impossible``: number of legal pairs that no body can play (:func:`shuttle_marl.exact.play.impossible`). ``policies``:

@@ -17,11 +17,7 @@ def policy_file(folder: Path, digest: str) -> Path:
 
 
 class StoredPolicies:
-    """Tables of policies in a folder.
-
-    Args:
-        folder: created with the first policy.
-    """
+    """Tables of policies in a folder."""
 
     def __init__(self, folder: Path, game: Game) -> None:
         self.folder, self.game = folder, game

@@ -28,7 +28,6 @@ class Baseline:
 
     Attributes:
         path: ``MODULE:ATTRIBUTE`` within this package.
-        access: what it reads.
         kind: references do not depend on the seed, so one is enough.
         argument: of the method, if its name has none.
     """

@@ -36,21 +36,15 @@ class Row(TypedDict):
     """Aggregates of a run: a row of a board.
 
     Attributes:
-        task, method, split, quick, budget, seeds: of the configuration.
-        kind, tuning_strokes: of the card.
         access: see :func:`access_of`.
         isolated: whether the method ran as a program of its own.
         metric, score, low, high: the main score with its interval.
         worst, worst_case: the main score of the worst case.
         objective, exploitability: if the task scores them.
         seconds, strokes: sums over all units, as they are declared.
-        scores: all scores by name.
-        strata: scores of each stratum of cases.
-        units: main score by stratum, case and seed.
         profile: see :func:`profile`.
         outputs: hash of all policies and answers; runs with the same ones are the same.
         remarks: why the row is not official, or what a reader should know.
-        official: whether there is no remark.
         verified: whether all scores were recomputed; None: not checked.
         rank: among the methods of a board with this access.
         behind: paired difference to the best method.

@@ -47,7 +47,6 @@ class RunConfig:
     """Content of ``config.json``: everything that decides the results.
 
     Attributes:
-        split, quick, budget: part of the task.
         seeds: seeds from 0.
         isolated: whether the method ran as a program that gets episodes only.
     """
@@ -67,10 +66,7 @@ class Card:
     """Content of ``card.json``.
 
     Attributes:
-        method: name for people.
-        authors, paper: as the author likes.
         tuning_strokes: strokes or runs that were used for tuning; None: not stated.
-        kind: what the method is on a board.
         access: what it reads; None: all that its task offers.
     """
 
@@ -88,9 +84,7 @@ class Entry:
 
     Attributes:
         fingerprint: of the case, see :meth:`shuttle_marl.suite.task.Task.fingerprint`.
-        policies: hash of each policy by role.
         answers, strokes, curve: see :class:`shuttle_marl.suite.task.Outcome`.
-        scores: by name.
         parts: see :meth:`shuttle_marl.suite.task.Task.parts`.
         seconds: time of the method, without scoring.
     """

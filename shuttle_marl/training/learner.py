@@ -73,7 +73,6 @@ class Learner(abc.ABC):
 
     Attributes:
         distinct: whether it learns from distinct states or from transitions, see :mod:`shuttle_marl.training.learner`.
-        modules: networks and losses with weights, by name.
         iteration: number of the current iteration, counted from 0; set by :class:`Trainer`.
     """
 
@@ -159,8 +158,7 @@ class ActorCritic(Learner):
     """Networks and gradient steps of A2C and PPO, whose losses are a sum of objective, value error and entropy.
 
     Args:
-        loss: class of the loss.
-        **options: its other options.
+        **options: of the loss, besides those that both have.
     """
 
     def __init__(self, config: A2CConfig | PPOConfig, game: Game, loss: type[LossModule], **options: Any) -> None:
@@ -332,7 +330,6 @@ class RallyCollector(BaseCollector):
         config: sizes, device, reward shaping, and lambda of the advantages.
         opponents: opponents of the learner; empty in plain self-play.
         predict: network; called in every iteration, so its weights are current.
-        distinct: whether to collect distinct states or transitions.
     """
 
     def __init__(
@@ -455,7 +452,6 @@ class Trainer:
 
         Args:
             remaining: fraction of the run that remains, from 1 to 0.
-            collected: called between rollout and update.
 
         Returns:
             Figures to log.

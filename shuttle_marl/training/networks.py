@@ -168,7 +168,6 @@ def make_actor(game: Game, *, width: int, hidden: int, log_prob: bool = True, di
     """Stochastic policy from observation and action mask to action.
 
     Args:
-        log_prob: whether it also returns the log-probability.
         distinct: whether it uses :class:`DistinctStrokes`, with the entry ``row``.
     """
     network = head(game, game.n_strokes, width=width, hidden=hidden, scale=0.01, layer=Logits)

@@ -33,15 +33,11 @@ class QConfig:
     """Settings.
 
     Attributes:
-        learning_rate: of Adam.
         batch: transitions of a step of the optimiser.
         steps: of the optimiser, from a log.
         target_interval: steps between copies of the target network.
         rows: rallies that DQN plays side by side; each step of the optimiser follows one stroke in all of them.
-        buffer: transitions that DQN remembers.
         epsilon: fraction of random strokes of DQN in the second half; it falls linearly from 1 in the first.
-        alpha: weight of the penalty of CQL.
-        expectile: of IQL.
         beta: inverse temperature of the policy of IQL.
     """
 

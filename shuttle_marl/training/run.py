@@ -241,9 +241,6 @@ def _check_machine(config: TrainingConfig, game: Game) -> None:
 def save_checkpoint(run: Path, iteration: int, state: dict[str, torch.Tensor], about: dict[str, Any]) -> None:
     """Write a checkpoint, and remove all but the latest two.
 
-    Args:
-        about: other values to restore, as JSON.
-
     Raises:
         TrainingError: the checkpoint cannot be written; earlier ones are intact.
     """

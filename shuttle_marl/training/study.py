@@ -90,7 +90,6 @@ def train_all(configs: Sequence[TrainingConfig], jobs: int, console: Console) ->
     """Start or resume training runs, in parallel.
 
     Args:
-        configs: settings of the runs, with different run folders.
         jobs: number of parallel processes; does not change the results.
     """
     side_by_side(_train, configs, jobs, console)

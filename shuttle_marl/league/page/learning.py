@@ -26,11 +26,7 @@ _LOGARITHMIC: Final = ("exploitability",)
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Curve:
-    """Evaluations of a training run.
-
-    Attributes:
-        rows: of the file, in order.
-    """
+    """Evaluations of a training run."""
 
     name: str
     rows: list[dict[str, Any]]

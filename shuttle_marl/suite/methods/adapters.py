@@ -300,7 +300,6 @@ def mixture_weights(likelihood: Floats, prior: F64, sweeps: int = _SWEEPS) -> tu
     Args:
         likelihood: ``[K, M]`` probability of each observation under each component.
         prior: ``[K]`` pseudo-observations of each component.
-        sweeps: iterations of expectation maximisation.
     """
     likelihood, weight = np.maximum(likelihood, _LIKELIHOOD), prior / prior.sum()
     for _ in range(sweeps):

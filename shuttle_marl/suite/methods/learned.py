@@ -119,7 +119,6 @@ def respond(log: Log, game: Game, shrink: float, *, penalty: F64 | None = None) 
     """The best response to the cloned opponent in an estimated game, as a table of the rules.
 
     Args:
-        game: estimated from them.
         shrink: pseudo-observations of the coarser cell in the model of the opponent.
         penalty: ``[base pairs]`` by which the probability of the player's faults is raised.
     """

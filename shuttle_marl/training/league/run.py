@@ -55,7 +55,6 @@ class LeagueTraining:
 
     Attributes:
         figures: content of ``results.json``.
-        policy: the least exploitable main agent.
     """
 
     folder: Path

@@ -102,7 +102,6 @@ class Schedule:
 
         Args:
             number: number of the round, counted from 1.
-            elapsed: seconds since the start of the run.
         """
         config, self._elapsed = self.config, elapsed
         seconds = self._turn_seconds(number)

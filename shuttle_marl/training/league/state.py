@@ -21,7 +21,6 @@ class Turn:
     Attributes:
         member: name of the learner, such as ``main-agent-0``.
         round: number of the round, counted from 1.
-        fresh: whether the learner starts with new weights.
         fractions: fraction of its rallies against each opponent; the rest, without ``response_fraction``, is self-play.
         response_fraction: fraction of its rallies against the exact best response to it.
         strokes: minimum number of its strokes; None: limited by ``seconds``.
@@ -43,13 +42,7 @@ class Turn:
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class TurnResult:
-    """Result of a turn.
-
-    Attributes:
-        hash: hash of its table at the end.
-        strokes: number of its strokes in the turn.
-        seconds: time for learning.
-    """
+    """Result of a turn."""
 
     member: str
     hash: Sha256

@@ -223,7 +223,6 @@ class Workers:
 
     Args:
         count: number of processes; 1: turns are taken in this process.
-        cluster: cluster that takes the turns instead of processes.
     """
 
     def __init__(self, count: int, game: Game, cluster: Cluster | None = None) -> None:
