@@ -360,7 +360,7 @@ def test_folders_that_hold_something_else(small_model: str, tmp_path: Path) -> N
     assert (tmp_path / "photos" / "cat.jpg").read_bytes() == b"meow"
     with pytest.raises(LeagueError, match="file"):
         run_league(LeagueConfig(**config, out=tmp_path / "file"))
-    with pytest.raises(LeagueError, match="cannot be created"):
+    with pytest.raises(LeagueError, match="cannot be used"):
         run_league(LeagueConfig(**config, out=tmp_path / "file" / "below"))
     run_league(LeagueConfig(**config, out=tmp_path / "empty"))
 

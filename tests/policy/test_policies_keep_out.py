@@ -18,7 +18,7 @@ TABLES = (
     "edge_own", "edge_incoming", "edge_duel", "reply_start", "reply_count", "reply_edge", "threshold", "hurry", "fault_odds",
 )  # fmt: skip
 DERIVED = (
-    "pair_start", "pair_state", "pair_rank", "pair_stroke", "base_pair_start", "base_pair_state", "base_pair_rank",
+    "pair_start", "pair_state", "pair_stroke", "base_pair_start", "base_pair_state", "base_pair_rank",
     "base_pair_edge", "base_pair_stroke", "first_reply", "first_pairs", "last_pairs", "playable", "reply_mask", "reply_rank",
     "edge_attack", "limits",
 )  # fmt: skip
