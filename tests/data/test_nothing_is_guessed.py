@@ -77,6 +77,8 @@ def test_spreadsheets_state_the_delimiter_and_begin_with_a_mark(tmp_path: Path) 
     expected = read(tmp_path).strokes
     assert read(tmp_path, "sep=,\n" + ROWS, "\ufeff" + MAP).strokes.equals(expected)
     assert read(tmp_path, "\ufeffsep=,\r\n" + ROWS.replace("\n", "\r\n")).strokes.equals(expected)
+    with pytest.raises(DataError, match="several columns area; rename or remove all but one"):
+        read(tmp_path, "\n".join(f"{row},{'' if number else 'area'}" for number, row in enumerate(ROWS.splitlines())))
     with pytest.raises(DataError, match="the delimiter is ';' here"):
         read(tmp_path, "sep=;\n" + ROWS)
     with pytest.raises(DataError, match="line 5: unknown shot 'smahs'"):

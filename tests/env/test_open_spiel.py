@@ -118,6 +118,7 @@ def test_the_shipped_game_is_registered_and_plays_by_its_rules() -> None:
     observer = game.make_py_observer()
     while not state.is_terminal():
         legal = state.legal_actions()
+        assert str(state).startswith(f"player {state.current_player()} to strike: ")
         assert legal == np.flatnonzero(env.observe(env.agent_selection)["action_mask"]).tolist()
         for player in (0, 1):
             observer.set_from(state, player)
