@@ -4,7 +4,7 @@ import math
 import re
 import struct
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -340,13 +340,72 @@ OVERFLOWS = """() => {
 }"""
 
 
-def resize(viewer: Any, sizes: Sequence[tuple[int, int]]) -> None:
+Box = tuple[float, float, float, float]
+"""Left, top, right, bottom [px]."""
+
+
+def box(viewer: Any, selector: str) -> Box:
+    found = viewer.page.locator(selector).first.bounding_box()
+    return found["x"], found["y"], found["x"] + found["width"], found["y"] + found["height"]
+
+
+def boxes(viewer: Any, selector: str) -> list[Box]:
+    script = "(all) => all.map((e) => { const b = e.getBoundingClientRect(); return [b.left, b.top, b.right, b.bottom]; })"
+    return [tuple(found) for found in viewer.page.locator(selector).evaluate_all(script)]
+
+
+def disjoint(a: Box, b: Box) -> bool:
+    return a[2] <= b[0] + 1 or b[2] <= a[0] + 1 or a[3] <= b[1] + 1 or b[3] <= a[1] + 1
+
+
+def inside(a: Box, b: Box) -> bool:
+    return a[0] >= b[0] - 1 and a[1] >= b[1] - 1 and a[2] <= b[2] + 1 and a[3] <= b[3] + 1
+
+
+def sized(viewer: Any, sizes: Sequence[tuple[int, int]]) -> Iterator[Box]:
     """Give the page each size in turn, and draw it."""
     for width, height in sizes:
         viewer.page.set_viewport_size({"width": width, "height": height})
         viewer.page.evaluate("() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
         viewer.page.evaluate("scrollTo(0, 0); window.viewer.draw()")
         assert viewer.page.evaluate(OVERFLOWS) == [], (width, height)
+        yield 0, 0, width, height
+
+
+def test_nothing_overflows_and_nothing_is_covered(viewer: Any, served: Any) -> None:
+    viewer.open(f"{served.address}{PLACE}").analysed()
+    # The stroke that is shown is in the view of its list, and its probabilities are on the court.
+    for window in sized(viewer, LAYOUT_SIZES):
+        if window[2] <= 760:
+            viewer.page.locator(".moves").scroll_into_view_if_needed()
+        assert inside(box(viewer, ".moves [aria-current]"), box(viewer, ".moves")), window
+        assert viewer.page.locator(".chip").inner_text().count("%") == 2
+    viewer.enter("learn")
+    for window in sized(viewer, LAYOUT_SIZES):
+        court = box(viewer, ".court")
+        for answer in boxes(viewer, ".quiz button"):
+            assert inside(answer, window), window
+            assert disjoint(answer, court), window
+    viewer.page.set_viewport_size({"width": 1280, "height": 720})
+    viewer.enter("play")
+    for window in sized(viewer, LAYOUT_SIZES):
+        court = box(viewer, ".court")
+        covers = [box(viewer, ".bug"), box(viewer, ".cameras"), *boxes(viewer, ".targets button, .shots button, .hit")]
+        assert len(covers) >= 2 + 9 + 1 + 1
+        assert viewer.page.locator(".chip:visible, .speed:visible, .pop:visible").count() == 0
+        assert inside(court, window), window
+        for outline in viewer.state("outlines"):
+            assert inside(outline, court), (window, outline, court)
+            assert all(disjoint(outline, cover) for cover in covers), (window, outline)
+        for i, cover in enumerate(covers):
+            assert inside(cover, window), (window, cover)
+            assert all(disjoint(cover, other) for other in covers[:i]), window
+    viewer.press("w")
+    for window in sized(viewer, LAYOUT_SIZES):
+        words, bug = box(viewer, ".words"), box(viewer, ".bug")
+        assert words[2] - words[0] <= 800, "one column"
+        assert bug[3] <= words[1], "the score is above"
+        assert all(words[3] <= side[1] for side in boxes(viewer, ".side")), window
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
@@ -357,8 +416,8 @@ def test_every_mode_fits_in_every_language(viewer: Any, served: Any, language: L
     for mode in ("watch", "analyse", "learn", "play"):
         if mode != "watch":  # the page begins with it
             viewer.enter(mode)
-        resize(viewer, LAYOUT_SIZES if language == "en" else ((390, 844), (1280, 720)))
-        assert "undefined" not in viewer.page.inner_text("body")
+        for _ in sized(viewer, ((390, 844), (1280, 720))):
+            assert "undefined" not in viewer.page.inner_text("body")
         assert viewer.page.locator(f"#tab-{mode}").inner_text() == say(f"mode.{mode}")
 
 
