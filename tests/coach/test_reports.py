@@ -373,6 +373,11 @@ def test_reports_fit_a_telephone_and_paper_in_every_language(
         assert f'<html lang="{Words(language)("language.tag")}">'.encode() in content
         (tmp_path / "page.html").write_bytes(content)
         page.goto((tmp_path / "page.html").as_uri())
+        if language == "en" and content is contents[0]:  # the sliders begin at the outlook, reduced as all gains are
+            page.locator("input[type=range]").first.dispatch_event("input")
+            assert scouted.outlook is not None
+            shown = float(page.locator("[data-figure=match]").inner_text())
+            assert shown == pytest.approx(100 * scouted.outlook.match.value, abs=0.06)
         for medium, width in (("screen", 390), ("print", 688)):  # A4 without its margins
             page.emulate_media(media=medium)  # type: ignore[arg-type]
             page.set_viewport_size({"width": width, "height": 800})
