@@ -12,8 +12,8 @@ from rich.text import Text
 
 from shuttle_marl.base.errors import printable
 from shuttle_marl.league.assessment import Assessment, MetaGame
+from shuttle_marl.league.curves import Curve
 from shuttle_marl.league.entrants import RALLIES, Format, LeagueConfig
-from shuttle_marl.league.page.learning import Curve
 from shuttle_marl.league.ranking import ExactOdds, Standing
 from shuttle_marl.league.style import PEOPLE, Style
 from shuttle_marl.league.tournament import PairResult

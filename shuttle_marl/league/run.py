@@ -27,8 +27,8 @@ from shuttle_marl.game.shipped import least_support, refits_of
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.league.assessment import as_json, assess
+from shuttle_marl.league.curves import METRICS, Curve, read_curve
 from shuttle_marl.league.entrants import PAGE, PAIRINGS, RALLIES, REPORT, Entrant, LeagueConfig, LeagueError, default_pool, enter
-from shuttle_marl.league.page.learning import METRICS, Curve, read_curve
 from shuttle_marl.league.page.tournament import page
 from shuttle_marl.league.ranking import ExactOdds, Standing, exact_odds, rank, ranking_table, results_table
 from shuttle_marl.league.report import TournamentReport, report

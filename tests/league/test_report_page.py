@@ -13,7 +13,7 @@ from shuttle_marl.base.intervals import interquartile_mean, probability_of_impro
 from shuttle_marl.commands.league import main
 from shuttle_marl.league import LeagueConfig, LeagueError
 from shuttle_marl.league.assessment import assess
-from shuttle_marl.league.page.learning import Curve
+from shuttle_marl.league.curves import Curve
 from shuttle_marl.league.page.tournament import compare, page
 from shuttle_marl.league.ranking import ExactOdds, rank
 from shuttle_marl.league.report import TournamentReport

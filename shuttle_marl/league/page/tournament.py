@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 from shuttle_marl.base import runs
 from shuttle_marl.base.intervals import Interval, interquartile_mean, probability_of_improvement
+from shuttle_marl.league.curves import FIGURES, METRICS, Curve, learning_charts, read_curve
 from shuttle_marl.league.entrants import PAIRINGS, RALLIES, REPORT, LeagueError
-from shuttle_marl.league.page.learning import FIGURES, METRICS, Curve, learning_charts, read_curve
 from shuttle_marl.league.ranking import Standing
 from shuttle_marl.league.report import TITLES, TournamentReport, cycles, meta_game, ranking, robustness
 from shuttle_marl.league.style import AXES, PEOPLE
