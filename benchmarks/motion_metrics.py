@@ -17,7 +17,7 @@ from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.staging.arm import LIMITS, MIDDLE, SWING_LIMIT, Arm, arm_of
 from shuttle_marl.staging.arm_solver import ANGLES, BEND, DEVIATION, ELBOW, FORWARD, PRONATION, RAISE, ROLL, SWING_1, TWIST
 from shuttle_marl.staging.body import ANKLE_LIMITS, HIP_LIMITS, KNEE_LIMITS, NECK_LIMITS, TOE_LIMITS
-from shuttle_marl.staging.measured import load_measured
+from shuttle_marl.staging.draw import load_measured
 from shuttle_marl.staging.motion import Motion
 from shuttle_marl.staging.rotation import cross, exponential, matrix, to_yaw_pitch_roll, unit
 from shuttle_marl.staging.skeleton import BONE, MIRROR, SPINE_LIMITS, Skeleton

@@ -26,7 +26,7 @@ from shuttle_marl.data.schema import REASONS, Outcome
 from shuttle_marl.data.table import provenance_of
 from shuttle_marl.game.court import AREAS, HALF_LENGTH, HALF_WIDTH, N_AREAS
 from shuttle_marl.game.stroke import HEIGHTS, N_SERVES, N_SHOTS, SHOTS
-from shuttle_marl.staging.measured import DISTANCES, FILE, QUANTILES, QUARTILES
+from shuttle_marl.staging.draw import DISTANCES, FILE, QUANTILES, QUARTILES
 
 _ENOUGH: Final = 40
 """Minimum number of strokes in a cell of a table; cells with fewer use the next coarser cell."""
@@ -59,7 +59,7 @@ def fit(data: Path, out: Path | None = None) -> dict[str, Any]:
 
 
 def measure(strokes: pa.Table) -> dict[str, Any]:
-    """The tables of :class:`shuttle_marl.staging.measured.Measured` from a stroke table, as JSON."""
+    """The tables of :class:`shuttle_marl.staging.draw.Measured` from a stroke table, as JSON."""
     c = {name: strokes[name].to_numpy(zero_copy_only=False) for name in strokes.column_names}
     shot, area = c["shot"].astype(np.int64), np.nan_to_num(c["area"].astype(np.float64), nan=-1).astype(np.int64)
     following = _following(c)

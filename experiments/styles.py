@@ -35,7 +35,7 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.staging.measured import load_measured
+from shuttle_marl.staging.draw import load_measured
 from shuttle_marl.training import PPOConfig
 from shuttle_marl.training.study import train_all
 

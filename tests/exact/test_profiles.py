@@ -214,7 +214,7 @@ def test_visits_are_expected_numbers_of_strokes() -> None:
 def test_policies_of_other_games_are_refused(small: Game, bc: TabulatedPolicy) -> None:
     policy = random_policy(random_game(5), 0)
     for call in (lambda: evaluate(bc, policy), lambda: visits(policy, bc), lambda: best_response(policy, game=small)):
-        with pytest.raises(ExactError, match="different catalogues"):
+        with pytest.raises(ExactError, match="differ in catalogue"):
             call()
 
 
@@ -268,7 +268,7 @@ def test_the_same_odds_twice_and_in_any_company(small: Game) -> None:
 def test_no_policies_and_other_games_are_refused(small: Game) -> None:
     with pytest.raises(ExactError, match="no policies"):
         crossplay([])
-    with pytest.raises(ExactError, match="different catalogues"):
+    with pytest.raises(ExactError, match="differ in catalogue"):
         crossplay([tabulate(resolve("safe", small), small), random_policy(random_game(0), 0)])
 
 
