@@ -64,6 +64,8 @@ def test_an_interrupt_during_the_first_imports_is_one_line(started: str, importe
     (tmp_path / "sitecustomize.py").write_text(f"""
 import signal, sys
 
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a parent may ignore it
+
 class Interrupting:
     def find_spec(self, name, *_):
         if name == {imported!r}:
