@@ -360,17 +360,20 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
             stroke = operator.index(action)
         except TypeError:
             stroke = -1
-        names = self.game.catalogue.names
         if self._stepper.is_legal(self._state, stroke):
             return stroke
+        raise self._refusal(action, stroke)
+
+    def _refusal(self, action: Any, stroke: int) -> ActionError:
+        names = self.game.catalogue.names
         if not 0 <= stroke < len(names):
-            raise ActionError(
+            return ActionError(
                 f"{self.agent_selection}: action {action!r} is not a stroke; expected an integer from 0 to {len(names) - 1}"
             )
         legal = self.game.legal_strokes(self._state).tolist()
         listed = ", ".join(f"{i} {names[i]}" for i in legal[:_LISTED])
         more = f" and {len(legal) - _LISTED} more" if len(legal) > _LISTED else ""
-        raise IllegalStrokeError(
+        return IllegalStrokeError(
             f"{self.agent_selection}: stroke {stroke} ({names[stroke]}) is not legal in state: "
             f"{self.game.describe(self._state)}. Legal, as in action_mask: {listed}{more}",
             stroke,

@@ -271,15 +271,18 @@ class LogFileWriter:
         try:
             yield
         except OSError as error:
-            held = f"the {self.rallies} rallies before it are complete"
-            if isinstance(error, NoRoomError):
-                with contextlib.suppress(OSError):
-                    self._finish()
-                    raise RecordingError(
-                        f"{self.path}: cannot be written any further ({error.strerror}); {held}: free disk space and resume"
-                    ) from error
-            self.abort()
-            part = unfinished(self.path)
-            raise RecordingError(
-                f"{part}: cannot be written ({error.strerror}); {held}: free disk space and resume, or {advice(part)}"
-            ) from error
+            raise self._given_up(error) from error
+
+    def _given_up(self, error: OSError) -> RecordingError:
+        held = f"the {self.rallies} rallies before it are complete"
+        if isinstance(error, NoRoomError):
+            with contextlib.suppress(OSError):
+                self._finish()
+                return RecordingError(
+                    f"{self.path}: cannot be written any further ({error.strerror}); {held}: free disk space and resume"
+                )
+        self.abort()
+        part = unfinished(self.path)
+        return RecordingError(
+            f"{part}: cannot be written ({error.strerror}); {held}: free disk space and resume, or {advice(part)}"
+        )
