@@ -12,6 +12,7 @@ import contextlib
 import datetime
 import functools
 import hashlib
+import itertools
 import json
 import re
 import threading
@@ -126,6 +127,8 @@ def discipline(player: str) -> str | None:
 _TIMEOUT: Final = (10.0, 30.0)
 """Timeouts of connection and response [s]."""
 _TRANSIENT: Final = frozenset({408, 425, 429, 500, 502, 503, 504})
+_PART, _PARTS = 1 << 16, 512
+"""Bytes of a part of a file, and parts that are read of one: 32 MB, far more than a published file has."""
 _RESUME: Final = "complete files are kept: run the same command again to continue"
 
 
@@ -201,19 +204,17 @@ def _fetched(url: str, digest: str) -> tuple[bytes, str]:
         DownloadError: the server refuses the file.
     """
     try:
-        response = requests.get(url, timeout=_TIMEOUT)
-        response.raise_for_status()
+        with requests.get(url, timeout=_TIMEOUT, stream=True) as response:
+            response.raise_for_status()
+            content = b"".join(itertools.islice(response.iter_content(_PART), _PARTS))
     except requests.HTTPError as error:
         if response.status_code in _TRANSIENT:
             return b"", f"{url}: {error}"
         raise DownloadError(f"{url}: {error}; is --base-url right? {_RESUME}") from error
     except requests.RequestException as error:
         return b"", f"{url}: no answer ({_cause(error)}); is this machine online?"
-    got = hashlib.sha256(response.content).hexdigest()
-    return (
-        response.content,
-        "" if got == digest else f"{url}: SHA-256 is {got}, expected {digest}: the file was altered in transit",
-    )
+    got = hashlib.sha256(content).hexdigest()
+    return content, "" if got == digest else f"{url}: SHA-256 is {got}, expected {digest}: the file was altered in transit"
 
 
 def _cause(error: BaseException) -> str:
