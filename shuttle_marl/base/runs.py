@@ -33,6 +33,10 @@ class RunError(ShuttleError):
     """A run folder that cannot be used."""
 
 
+class _BusyError(RunError):
+    """Another process runs in a folder."""
+
+
 @contextlib.contextmanager
 def open_run(
     out: Path | None, name: str, fixed: dict[str, Any], *, resume: bool, overwrite: bool, called: str | None = None
@@ -88,12 +92,13 @@ def _usable(folder: Path) -> Iterator[None]:
 def _new(default: Path, stack: contextlib.ExitStack) -> Path:
     folder, number = default, 1
     while True:
-        # Another process may use the folder as soon as it exists.
-        with contextlib.suppress(FileExistsError, RunError):
-            folder.mkdir(parents=True)
-            stack.enter_context(locked(folder))
-            if not _entries(folder):
-                return folder
+        if not os.path.lexists(folder):
+            # Another process may use the folder as soon as it exists.
+            with contextlib.suppress(_BusyError):
+                folder.mkdir(parents=True, exist_ok=True)
+                stack.enter_context(locked(folder))
+                if not _entries(folder):
+                    return folder
         number += 1
         folder = default.with_name(f"{default.name}-{number}")
 
@@ -165,7 +170,7 @@ def locked(folder: Path) -> Iterator[None]:
         try:
             lock.acquire()
         except Timeout as error:
-            raise RunError(f"{folder}: another process runs there; wait for it or name another with --out") from error
+            raise _BusyError(f"{folder}: another process runs there; wait for it or name another with --out") from error
     try:
         yield
     finally:

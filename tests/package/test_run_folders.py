@@ -94,6 +94,18 @@ def test_a_new_run_takes_a_name_of_its_own_while_another_holds_the_first(tmp_pat
     assert opened(first, overwrite=True) == first
 
 
+def test_runs_that_cannot_be_created_or_locked_are_refused_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("runs").symlink_to("none")
+    with pytest.raises(RunError, match="cannot be used"):
+        opened(None)
+    Path("runs").unlink()
+    monkeypatch.setattr("filelock.FileLock.acquire", lambda _: (_ for _ in ()).throw(OSError(38, "no locks here")))
+    with pytest.raises(RunError, match="no locks here"):
+        opened(None)
+    assert [path.name for path in Path("runs").iterdir()] == ["league-1"]
+
+
 def test_a_start_that_was_killed_early_leaves_a_folder_that_can_be_used(tmp_path: Path) -> None:
     (tmp_path / "run").mkdir()
     with locked(tmp_path / "run"):
