@@ -52,7 +52,7 @@ def thirty_policies(game: Game) -> list[TabulatedPolicy]:
     families = ("bc", "attacking", "defensive", "safe", "random")
     names = [name for name in registry.names(game) if name.partition(":")[0] in families]
     names += [f"{name}@{temperature}" for temperature in (0.5, 2) for name in names]
-    return [tabulate(registry.resolve(name, game), game, name) for name in names[:_POLICIES]]
+    return [tabulate(registry.resolve(name, game), game) for name in names[:_POLICIES]]
 
 
 def median_seconds(call: Callable[[], Any], repeat: int) -> Times:
@@ -96,7 +96,7 @@ def measure(repeat: int) -> list[dict[str, Any]]:
     """All measurements: solver and times."""
     game = default_game()
     warm_up(game)
-    bc, other = (tabulate(registry.resolve(name, game), game, name) for name in ("bc", "attacking"))
+    bc, other = (tabulate(registry.resolve(name, game), game) for name in ("bc", "attacking"))
     solution = solve(game)
     calls: dict[str, Callable[[], Any]] = {
         f"minimax, error bound {solution.error_bound:.0e}": lambda: solve(game),

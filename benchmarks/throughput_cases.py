@@ -83,7 +83,7 @@ def tournament(batch: int, threads: int) -> Play:
     from shuttle_marl.policy.registry import resolve
 
     game = default_game()
-    players = pack([tabulate(resolve(name, game), game, name) for name in ("bc", "attacking")], game)
+    players = pack([tabulate(resolve(name, game), game) for name in ("bc", "attacking")], game)
     matches = Matches(
         entrant=np.tile(np.array([0, 1], np.int32), (batch, 1)),
         first_server=(np.arange(batch) % 2).astype(np.int8),

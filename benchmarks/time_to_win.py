@@ -127,7 +127,7 @@ def ours(learner: str, target: str, seed: int) -> Reached:
 def theirs(peer: str, seed: int, limit: float, *, tuned: bool) -> list[Reached]:
     """A learner of another project."""
     game = default_game()
-    evaluator = Evaluator(game, [tabulate(resolve(OPPONENT, game), game, OPPONENT)])
+    evaluator = Evaluator(game, [tabulate(resolve(OPPONENT, game), game)])
 
     def reached(policy: TabulatedPolicy) -> set[str]:
         evaluation = evaluator.evaluate(policy, exploitability=False)

@@ -76,7 +76,7 @@ def make_sample(*, players: tuple[str, ...] = PLAYERS, matches: int = 8, seed: i
         out: The Parquet file; CARD.md is written beside it.
     """
     game = default_game()
-    probabilities = {player_of(name): tabulate(resolve(name, game), game, name).pair_probabilities() for name in players}
+    probabilities = {player_of(name): tabulate(resolve(name, game), game).pair_probabilities() for name in players}
     strokes = simulate(game, probabilities, matches=matches, seed=seed)
     account = Account.of(strokes)
     provenance = {

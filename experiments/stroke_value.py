@@ -81,7 +81,7 @@ def stroke_value(
     """
     path = data or Path(os.environ.get("SHUTTLESET") or SAMPLE)
     game = load_game(model)
-    policy, strokes = tabulate(resolve(reference, game), game, reference), strokes_of(path)
+    policy, strokes = tabulate(resolve(reference, game), game), strokes_of(path)
     strokes = anonymised(strokes) if anonymous else strokes
     valued = add_values(strokes, policy)
     least = {"least_matches": least_matches, "least_strokes": least_strokes}

@@ -143,11 +143,11 @@ class Styles:
 def measure(training: dict[str, list[PPOConfig]]) -> dict[str, Any]:
     """Figures of every style and of the opponent, and which differ."""
     game = load_game("default")
-    opponent = tabulate(resolve(OPPONENT, game), game, OPPONENT)
+    opponent = tabulate(resolve(OPPONENT, game), game)
     found: dict[str, list[dict[str, float]]] = {OPPONENT: [_figures(opponent, opponent)]}
     for style, configs in training.items():
         names = [f"agent:{config.out}/agent" for config in configs]
-        found[style] = [_figures(tabulate(resolve(name, game), game, name), opponent) for name in names]
+        found[style] = [_figures(tabulate(resolve(name, game), game), opponent) for name in names]
     rows = [
         {
             "style": style,

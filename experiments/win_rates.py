@@ -143,8 +143,8 @@ def fraction_won(name: str, config: WinRates, seed: int, folder: Path) -> float:
 def measure(config: WinRates, folder: Path, console: Console) -> dict[str, Any]:
     """Play the matches and compute the exact figures of every agent."""
     game = load_game("default")
-    evaluator = Evaluator(game, [tabulate(resolve(config.opponent, game), game, config.opponent)])
-    others = {name: tabulate(resolve(name, game), game, name) for name in dict.fromkeys((config.opponent, *OPPONENTS))}
+    evaluator = Evaluator(game, [tabulate(resolve(config.opponent, game), game)])
+    others = {name: tabulate(resolve(name, game), game) for name in dict.fromkeys((config.opponent, *OPPONENTS))}
     training = config.training(folder)
     named: dict[str, list[str]] = {
         row: [name.format(opponent=config.opponent)] * config.seeds
@@ -160,7 +160,7 @@ def measure(config: WinRates, folder: Path, console: Console) -> dict[str, Any]:
     for row, names in track(named.items(), "matches", console=console, transient=True):
         found, against, policies = [], [], []
         for seed, name in enumerate(names):
-            policy = tabulate(resolve(name, game), game, name)
+            policy = tabulate(resolve(name, game), game)
             # Rows without training play the same policy with every seed.
             figures = known.get(policy.hash) or dataclasses.asdict(evaluator.evaluate(policy))
             known[policy.hash] = figures
@@ -215,7 +215,7 @@ def _match_odds(policy: TabulatedPolicy, others: dict[str, TabulatedPolicy]) -> 
 
 
 def _exploitability(game: Game, name: str) -> float:
-    return best_odds([tabulate(resolve(name, game), game, name)])[0].value
+    return best_odds([tabulate(resolve(name, game), game)])[0].value
 
 
 def _curves(training: dict[tuple[str, int], TrainingConfig]) -> dict[str, list[list[dict[str, float]]]]:

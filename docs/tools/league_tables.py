@@ -94,10 +94,10 @@ def _rallies_won(players: tuple[str, ...], model: str) -> dict[str, tuple[str, s
     itself, and in its refits with the 95 % interval for one more refit."""
     game = load_game(model)
     refits = refits_of(game)
-    opponent = tabulate(resolve(REFERENCE, game), game, REFERENCE)
+    opponent = tabulate(resolve(REFERENCE, game), game)
     shown = {}
     for name in players:
-        table = tabulate(resolve(name, game), game, name)
+        table = tabulate(resolve(name, game), game)
         there = over(refits, functools.partial(of_pair, table, opponent))["rally_win"]
         mean, low, high = (f"{100 * min(1.0, max(0.0, float(part))):.1f}" for part in (there.value, there.low, there.high))
         home = evaluate(table, opponent).odds().rally

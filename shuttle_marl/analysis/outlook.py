@@ -249,7 +249,7 @@ def predict(pair: Game, policy: str | None = None) -> Prediction:
     """Predict the result of one pair; arguments and errors as for :func:`predict_pairs`."""
     people = people_of(pair)
     names = [policy or imitation(player, tables) for player, tables in zip(people.players, pair.seats, strict=True)]
-    first, second = (tabulate(resolve(name, game), game, name) for name, game in zip(names, pair.seats, strict=True))
+    first, second = (tabulate(resolve(name, game), game) for name, game in zip(names, pair.seats, strict=True))
     found = sensitivity(first, second, tolerance=_TOLERANCE)
     odds, skill = found.value.odds(), people.skill
     slopes = slopes_by_group(found, skill)

@@ -242,7 +242,7 @@ class LogPlayers:
 
     def _tabulated(self, player: Player, seat: int) -> TabulatedPolicy | None:
         try:
-            tables = [tabulate(self._resolve(player.name, game), game, player.name) for game in self._game.seats]
+            tables = [tabulate(self._resolve(player.name, game), game) for game in self._game.seats]
             played = hash_of(*tables)
             if not player.hash:
                 raise PolicyError("the log holds no hash of its table, so it cannot be compared with the policy that played")

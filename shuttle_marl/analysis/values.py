@@ -124,7 +124,7 @@ def add_values_of_pairs(strokes: pa.Table, reference: str, game: Game) -> pa.Tab
             parts.append((of_part, part))
     valued = []
     for of_part, part in parts:
-        sides = [tabulate(resolve(reference, seat), seat, reference) for seat in dict.fromkeys(of_part.seats)]
+        sides = [tabulate(resolve(reference, seat), seat) for seat in dict.fromkeys(of_part.seats)]
         valued.append(add_values(part, *sides).append_column("value_game", pa.array([of_part.hash] * len(part), pa.string())))
     return pa.concat_tables(valued)
 

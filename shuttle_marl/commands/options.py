@@ -92,7 +92,7 @@ class PolicyOptions(GameOptions):
         from shuttle_marl.policy.registry import resolve  # noqa: PLC0415
 
         with time_limit(self.policy_timeout):
-            return [tabulate(resolve(name, game), game, name) for name in names]
+            return [tabulate(resolve(name, game), game) for name in names]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

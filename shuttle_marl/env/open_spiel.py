@@ -196,23 +196,22 @@ class RallyObserver:
         return str(state)
 
 
-def open_spiel_policy(policy: Policy, game: RallyGame, name: str = "") -> spiel_policy.Policy:
+def open_spiel_policy(policy: Policy, game: RallyGame) -> spiel_policy.Policy:
     """A policy of this package for OpenSpiel's algorithms, for both players.
 
     Args:
         policy: such as :func:`shuttle_marl.policy.resolve` gives; it may not read the score.
-        name: of the policy, for errors.
 
     Raises:
         PolicyError: it is no distribution over the legal strokes, or reads the score.
     """
-    return _TablePolicy(policy, game, name)
+    return _TablePolicy(policy, game)
 
 
 class _TablePolicy(spiel_policy.Policy):
-    def __init__(self, policy: Policy, game: RallyGame, name: str) -> None:
+    def __init__(self, policy: Policy, game: RallyGame) -> None:
         super().__init__(game, [0, 1])
-        self._table = tabulate(policy, game.tables, name or type(policy).__name__)
+        self._table = tabulate(policy, game.tables)
 
     def action_probabilities(self, state: RallyState, player_id: int | None = None) -> dict[int, float]:  # noqa: ARG002
         pairs = self._table.game.pairs_of(state.number)

@@ -18,13 +18,13 @@ from shuttle_marl.env import match_v0, rally_v0
 from shuttle_marl.env.aec import AGENTS, RENDER_MODES, Observation, RenderMode, ShuttleEnv
 from shuttle_marl.env.wrappers import InfoView, MaskView, checked_views
 from shuttle_marl.game.pairs import opponent_tables
-from shuttle_marl.game.policy import Policy, reads_score
+from shuttle_marl.game.policy import Policy, called, reads_score
 from shuttle_marl.game.rally.stepper import choose
 from shuttle_marl.game.rules import IllegalStrokeError
 from shuttle_marl.game.scoring import BWF, Rules
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import tabulate
-from shuttle_marl.policy.registry import named
+from shuttle_marl.policy.registry import resolve
 
 Seat = Literal[0, 1]
 
@@ -33,7 +33,6 @@ class Opponent:
     """Chooses strokes from a table, or by calling a policy that reads the score.
 
     Attributes:
-        name: name of the policy.
         policy: the policy.
         reads_score: whether the policy needs the score.
 
@@ -42,10 +41,10 @@ class Opponent:
     """
 
     def __init__(self, opponent: str | Policy, game: Game) -> None:
-        self.policy, self.name = named(opponent, game)
+        self.policy = resolve(opponent, game) if isinstance(opponent, str) else opponent
         self.reads_score = reads_score(self.policy)
         self._given, self._game = opponent, game
-        self._chooser = self.policy if self.reads_score else tabulate(self.policy, game, self.name)
+        self._chooser = self.policy if self.reads_score else tabulate(self.policy, game)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Opponent, (self._given, self._game)  # by name if possible, because a table has megabytes
@@ -59,7 +58,7 @@ class Opponent:
         Raises:
             PolicyError: a policy that reads the score raised, or returned an invalid distribution.
         """
-        return choose(self._chooser, self._game, state, draw, score, self.name)
+        return choose(self._chooser, self._game, state, draw, score)
 
 
 class SingleEnv(gymnasium.Env[Observation, np.int64]):
@@ -227,7 +226,7 @@ class SingleRallyEnv(SingleEnv):
         raw = rally_v0.raw_env(server=server, game=game, render_mode=render_mode)
         other = Opponent(opponent, opponent_tables(raw.game, seat))
         if other.reads_score:
-            raise OptionError(f"opponent {other.name!r} reads the score, which a rally does not have; use shuttle_marl/Match-v0")
+            raise OptionError(f"{called(other.policy)} reads the score, which a rally does not have; use shuttle_marl/Match-v0")
         super().__init__(raw, other, seat, mask, info)
 
 

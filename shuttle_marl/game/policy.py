@@ -111,7 +111,13 @@ def reads_score(policy: Policy) -> bool:
         raise PolicyError(f"reads_score of {type(policy).__name__} raised {described(error)}") from error
 
 
-def checked_probabilities(policy: Policy, states: States, name: str) -> F64:
+def called(policy: Policy) -> str:
+    """A policy in an error: by the name that it was resolved from, else by its class."""
+    name = policy.name if isinstance(policy, GamePolicy) else ""
+    return f"policy {(name or type(policy).__name__)!r}"
+
+
+def checked_probabilities(policy: Policy, states: States) -> F64:
     """Call a policy and check what it returns.
 
     Raises:
@@ -122,33 +128,33 @@ def checked_probabilities(policy: Policy, states: States, name: str) -> F64:
     except KeyboardInterrupt:
         raise
     except BaseException as error:  # sys.exit too: no policy ends the program
-        raise PolicyError(f"policy {name!r} raised {described(error)}") from error
+        raise PolicyError(f"{called(policy)} raised {described(error)}") from error
     try:
         p = _as_numbers(raw)
     except KeyboardInterrupt:
         raise
     except BaseException as error:
-        raise PolicyError(f"policy {name!r} returned {type(raw).__name__}, no array of real numbers") from error
+        raise PolicyError(f"{called(policy)} returned {type(raw).__name__}, no array of real numbers") from error
     expected = (len(states), states.game.n_strokes)
     if p.shape != expected:
-        raise PolicyError(f"policy {name!r} returned shape {p.shape}, expected {expected}")
+        raise PolicyError(f"{called(policy)} returned shape {p.shape}, expected {expected}")
     describe = states.game.describe
     bad = ~np.isfinite(p).all(axis=1)
     if bad.any():
         row = int(bad.argmax())
-        raise PolicyError(f"policy {name!r} returned NaN or infinity in state: {describe(int(states.state[row]))}")
+        raise PolicyError(f"{called(policy)} returned NaN or infinity in state: {describe(int(states.state[row]))}")
     illegal = (p != 0) & ~states.game.mask(states.state)
     if illegal.any():
         row, stroke = map(int, np.argwhere(illegal)[0])
         raise PolicyError(
-            f"policy {name!r} plays the illegal stroke {states.game.catalogue.names[stroke]} with probability "
+            f"{called(policy)} plays the illegal stroke {states.game.catalogue.names[stroke]} with probability "
             f"{p[row, stroke]:g} in state: {describe(int(states.state[row]))}"
         )
     wrong = (p < 0).any(axis=1) | (np.abs(p.sum(axis=1) - 1) > 1e-4)
     if wrong.any():
         row = int(wrong.argmax())
         raise PolicyError(
-            f"policy {name!r} returned no distribution (sum {p[row].sum():g}, least {p[row].min():g}) in state: "
+            f"{called(policy)} returned no distribution (sum {p[row].sum():g}, least {p[row].min():g}) in state: "
             f"{describe(int(states.state[row]))}"
         )
     return p
@@ -201,12 +207,12 @@ def act(policy: Policy, game: Game, observation: Observation, mask: npt.ArrayLik
     if rows.shape[1] > RALLY_WIDTH:
         score = scores_of(rows[:, RALLY_WIDTH:])
     states = States(game=game, state=states_of(game, rows), score=score)
-    p = checked_probabilities(policy, states, type(policy).__name__)
+    p = checked_probabilities(policy, states)
     if mask is not None:
         p = p * np.asarray(mask, dtype=bool)
     total = np.cumsum(p, axis=1)
     if (total[:, -1] <= 0).any():
-        raise PolicyError(f"{type(policy).__name__} plays none of the allowed strokes")
+        raise PolicyError(f"{called(policy)} plays none of the allowed strokes")
     # `<=`, so that a draw of 0 does not choose a first stroke of probability 0.
     strokes = (total <= rng.random((len(p), 1)) * total[:, -1:]).sum(axis=1)
     return int(strokes[0]) if seen.ndim == 1 else strokes
@@ -219,13 +225,15 @@ class GamePolicy:
     Attributes:
         policy: the policy; its other attributes are available here too.
         game: the tables.
+        name: by which it was resolved; empty for none.
     """
 
     policy: Policy
     game: Game
+    name: str = ""
 
     def __getattr__(self, name: str) -> Any:
-        if name.startswith("__") or name in ("policy", "game"):  # while it is copied or unpickled
+        if name.startswith("__") or name in ("policy", "game", "name"):  # while it is copied or unpickled
             raise AttributeError(name)
         return getattr(self.policy, name)
 
@@ -278,7 +286,7 @@ class TemperedPolicy:
         Raises:
             PolicyError: the base returned no distribution over the legal strokes.
         """
-        p = checked_probabilities(self.base, states, type(self.base).__name__)
+        p = checked_probabilities(self.base, states)
         best = p.max(axis=1, keepdims=True)
         if self.temperature == 0:
             greedy = np.zeros_like(p)

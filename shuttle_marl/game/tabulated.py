@@ -19,7 +19,7 @@ from shuttle_marl.base.files import replace_file
 from shuttle_marl.base.tensor_files import read_tensors, tensor_bytes
 from shuttle_marl.game.draws import CHOICE_ONE, chosen
 from shuttle_marl.game.layout import LONGEST_DUEL
-from shuttle_marl.game.policy import Observation, Policy, PolicyError, States, act, checked_probabilities, reads_score
+from shuttle_marl.game.policy import Observation, Policy, PolicyError, States, act, called, checked_probabilities, reads_score
 from shuttle_marl.game.stroke import Catalogue
 from shuttle_marl.game.tables import HURRY_ONE, Game, GameError
 from shuttle_marl.game.thresholds import ONE
@@ -258,7 +258,7 @@ class TabulatedPolicy:
         return table
 
 
-def tabulate(policy: Policy, game: Game, name: str = "policy") -> TabulatedPolicy:
+def tabulate(policy: Policy, game: Game) -> TabulatedPolicy:
     """Evaluate a policy on every state.
 
     Raises:
@@ -267,13 +267,13 @@ def tabulate(policy: Policy, game: Game, name: str = "policy") -> TabulatedPolic
     if isinstance(policy, TabulatedPolicy) and policy.game.hash == game.hash:
         return policy
     if reads_score(policy):
-        raise PolicyError(f"policy {name!r} reads the score, so it has no table over states; evaluate it by sampling")
+        raise PolicyError(f"{called(policy)} reads the score, so it has no table over states; evaluate it by sampling")
     base = np.flatnonzero(game.playable[: game.n_base_states]).astype(np.int32)
     cumulative = np.empty(game.n_pairs, np.uint16)
     p = np.zeros(game.n_base_pairs)
     for block in range(game.n_blocks):
         for chunk in np.array_split(base, max(1, len(base) // _CHUNK)):
-            rows = checked_probabilities(policy, States(game=game, state=chunk + block * game.n_base_states), name)
+            rows = checked_probabilities(policy, States(game=game, state=chunk + block * game.n_base_states))
             row, pairs = game.pairs(chunk)
             p[pairs] = rows[row, game.base_pair_stroke[pairs]]
         cumulative[game.block_pairs(block)] = _cumulative(game, p)

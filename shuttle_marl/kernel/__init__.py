@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from shuttle_marl.base.lazy import lazily
 
 if TYPE_CHECKING:
-    from shuttle_marl.kernel.checks import KernelError
+    from shuttle_marl.kernel.core import KernelError
     from shuttle_marl.kernel.lockstep import Matches, MatchResults
     from shuttle_marl.kernel.matches import play_matches
     from shuttle_marl.kernel.players import Players, pack

@@ -6,6 +6,8 @@ takes twice as long.
 
 All functions are inlined into the loops of this package. They follow :func:`shuttle_marl.game.rules.strike` and
 :mod:`shuttle_marl.game.draws`, to which tests compare them bit for bit.
+
+Compiled code accesses memory unchecked, so every array from outside is checked first (:func:`checked_array`).
 """
 
 import functools
@@ -13,12 +15,13 @@ from collections.abc import Callable
 from typing import Any, Final, NamedTuple, cast
 
 import numpy as np
+import numpy.typing as npt
 
 from shuttle_marl.base.arrays import I8, I16, I32, I64, U64, Bools
 from shuttle_marl.base.compiling import inlined
+from shuttle_marl.base.errors import OptionError, ShuttleError, whole_number
 from shuttle_marl.game.draws import GOLDEN, MIX_1, MIX_2
 from shuttle_marl.game.tables import Game
-from shuttle_marl.kernel.checks import KernelError
 
 int64: Final = cast("Callable[[Any], int]", np.int64)
 """``numpy.int64``, typed as the int that it is to callers of compiled functions."""
@@ -30,6 +33,62 @@ BLOCK: Final = 256
 """Rows of a block: few enough that the results of one pass are in the first-level cache for the next."""
 OPEN: Final = 2
 """Least outcome of a stroke after which the rally continues."""
+
+
+class KernelError(ShuttleError):
+    """An argument that the kernel cannot take."""
+
+
+def checked_number(name: str, value: Any, least: int) -> int:
+    """Return a whole number that is at least ``least``.
+
+    Raises:
+        KernelError: the value is something else.
+    """
+    try:
+        return whole_number(name, value, least)
+    except OptionError as error:
+        raise KernelError(str(error)) from None
+
+
+def checked_array(
+    name: str, array: Any, type_: npt.DTypeLike, shape: tuple[int, ...], low: int | None = None, high: int | None = None
+) -> npt.NDArray[Any]:
+    """Return an array as a C-contiguous array of one dtype.
+
+    Integers of any width are converted to integers; nothing else is converted, so no fraction is truncated.
+
+    Args:
+        low, high: least and greatest value of integers; None: those of the dtype.
+
+    Raises:
+        KernelError: wrong kind of numbers, wrong shape, or a number out of range.
+    """
+    wanted = np.dtype(type_)
+    found = np.asarray(array)
+    alike = found.dtype == wanted or (wanted.kind in "iu" and found.dtype.kind in "iu")
+    if not alike or found.shape != shape:
+        raise KernelError(f"{name}: {found.dtype} of shape {found.shape}; expected {wanted} of shape {shape}")
+    if wanted.kind in "iu" and found.size and (found.dtype != wanted or (low, high) != (None, None)):
+        least = np.iinfo(wanted).min if low is None else low
+        largest = np.iinfo(wanted).max if high is None else high
+        smallest, greatest = int(found.min()), int(found.max())
+        if smallest < least or greatest > largest:
+            raise KernelError(f"{name}: {smallest} to {greatest}; expected {least} to {largest}")
+    return np.ascontiguousarray(found, dtype=wanted)
+
+
+def check_room(name: str, array: Any, type_: npt.DTypeLike, shape: tuple[int, ...]) -> None:
+    """Check that compiled code can write its results to an array.
+
+    Raises:
+        KernelError: wrong dtype or shape, or an array that is not C-contiguous, aligned and writeable.
+    """
+    wanted = np.dtype(type_)
+    fits = isinstance(array, np.ndarray) and array.dtype == wanted and array.shape == shape
+    if not fits or not (array.flags.c_contiguous and array.flags.writeable and array.flags.aligned):
+        found = f"{array.dtype} of shape {array.shape}" if isinstance(array, np.ndarray) else type(array).__name__
+        raise KernelError(f"output array for {name}, {found}: expected {wanted} of shape {shape}, writeable and C-contiguous")
 
 
 class Tables(NamedTuple):

@@ -14,12 +14,12 @@ import numpy as np
 
 from shuttle_marl.base.arrays import I8, I32, U8, U16, U64, Bools, Intp
 from shuttle_marl.game import draws
-from shuttle_marl.game.policy import Policy, PolicyError, States, checked_probabilities, drawn_strokes
+from shuttle_marl.game.policy import Policy, PolicyError, States, called, checked_probabilities, drawn_strokes
 from shuttle_marl.game.rally.record import Rallies, stroke_dtype
 from shuttle_marl.game.rules import WINNER, strike
 from shuttle_marl.game.scoring import BWF, Rules, count_rally
 from shuttle_marl.game.tables import ROOT, Game
-from shuttle_marl.kernel.checks import checked_array
+from shuttle_marl.kernel.core import checked_array
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -184,19 +184,19 @@ def play(
     return MatchResults(games, rallies_of(log, matches.entrant, game.n_strokes))
 
 
-def ask(policy: Policy, name: str, game: Game, state: I32, draw: I32, striker: I32, score: I32) -> Intp:
+def ask(policy: Policy, game: Game, state: I32, draw: I32, striker: I32, score: I32) -> Intp:
     """Strokes of a policy that is evaluated at every stroke, as :data:`Choose` returns them.
 
     Raises:
-        PolicyError: the policy raised, or returned no distribution over the legal strokes; the message contains ``name``.
+        PolicyError: the policy raised, or returned no distribution over the legal strokes.
     """
     # Points and games from the striker's view: own first.
     seats, column = np.stack([striker, 1 - striker]), np.arange(len(striker))
     seen = np.concatenate([score[seats, column], score[2 + seats, column]]).T.astype(np.int16)
     states = States(game=game, state=state, score=seen)
-    rank = game.rank(state, drawn_strokes(checked_probabilities(policy, states, name), draw))
+    rank = game.rank(state, drawn_strokes(checked_probabilities(policy, states), draw))
     if (rank < 0).any():
-        raise PolicyError(f"policy {name!r}: no legal stroke was drawn")
+        raise PolicyError(f"{called(policy)}: no legal stroke was drawn")
     return rank.astype(np.intp)
 
 

@@ -17,10 +17,11 @@ from shuttle_marl.game.rally.record import Rallies
 from shuttle_marl.game.scoring import BWF, Rules, RulesTuple, count_rally
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
-from shuttle_marl.kernel.checks import checked_array, checked_number
 from shuttle_marl.kernel.core import (
     BLOCK,
     Tables,
+    checked_array,
+    checked_number,
     choose_stroke,
     extend,
     hurried_in,

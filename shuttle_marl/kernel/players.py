@@ -10,8 +10,7 @@ from shuttle_marl.base.compiling import compiled, inlined
 from shuttle_marl.game.draws import CHOICE_ONE
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
-from shuttle_marl.kernel.checks import KernelError, checked_array
-from shuttle_marl.kernel.core import int64
+from shuttle_marl.kernel.core import KernelError, checked_array, int64
 
 GUIDES: Final = 16
 """Entries of the guide of a state: one for each value of the highest four bits of a choice."""

@@ -17,12 +17,15 @@ from shuttle_marl.game.rules import FAULT, IllegalStrokeError
 from shuttle_marl.game.scoring import BWF, Rules, RulesTuple, count_rally
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
-from shuttle_marl.kernel.checks import KernelError, check_room, checked_array, checked_number
 from shuttle_marl.kernel.core import (
     BLOCK,
     OPEN,
     Block,
+    KernelError,
     Tables,
+    check_room,
+    checked_array,
+    checked_number,
     choose_stroke,
     draw,
     extend,

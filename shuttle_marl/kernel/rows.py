@@ -11,7 +11,6 @@ import numpy as np
 
 from shuttle_marl.base.arrays import F32, I8, I16, I32, I64, U64, Bools
 from shuttle_marl.base.compiling import compiled, inlined
-from shuttle_marl.kernel.checks import checked_number
 from shuttle_marl.kernel.core import (
     BLOCK,
     OPEN,
@@ -19,6 +18,7 @@ from shuttle_marl.kernel.core import (
     Tables,
     base_of,
     block_of,
+    checked_number,
     choose_stroke,
     draw,
     extend,

@@ -22,8 +22,7 @@ from shuttle_marl.game import draws
 from shuttle_marl.game.rally.record import Rallies, stroke_dtype
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
-from shuttle_marl.kernel.checks import KernelError, checked_array, checked_number
-from shuttle_marl.kernel.core import Tables, tables_of
+from shuttle_marl.kernel.core import KernelError, Tables, checked_array, checked_number, tables_of
 from shuttle_marl.kernel.players import empty_players, pack, put_player
 from shuttle_marl.kernel.table_play import (
     FULL,

@@ -205,7 +205,7 @@ def enter(name: str, game: Game, *, requested: bool = True) -> Entrant:
     try:
         if reads_score(policy):
             return Entrant(name=name, policy=policy)
-        first, *second = (tabulate(policy, seat, name) for policy, seat in zip(policies, game.seats, strict=False))
+        first, *second = (tabulate(policy, seat) for policy, seat in zip(policies, game.seats, strict=False))
         return Entrant(name=name, policy=policy, table=first, opposite=second[0] if second else None)
     except PolicyError as error:
         return Entrant(name=name, policy=policy, failure=str(error))
@@ -266,6 +266,6 @@ class Strikers:
     def _ask(self, i: int, game: Game, state: I32, draw: I32, striker: I32, score: I32) -> Intp:
         entrant = self._entrants[i]
         try:
-            return ask(entrant.policy, entrant.name, game, state, draw, striker, score)
+            return ask(entrant.policy, game, state, draw, striker, score)
         except PolicyError as error:
             raise ForfeitError(entrant.name, str(error)) from error

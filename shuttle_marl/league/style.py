@@ -51,7 +51,7 @@ def styles(game: Game, tables: Mapping[str, TabulatedPolicy]) -> dict[str, Style
     from shuttle_marl.exact import moved, visits  # noqa: PLC0415  numba
 
     try:
-        people = tabulate(resolve(PEOPLE, game), game, PEOPLE)
+        people = tabulate(resolve(PEOPLE, game), game)
     except PolicyError:
         return {}
     usual = people.pair_probabilities()

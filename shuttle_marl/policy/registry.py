@@ -174,7 +174,7 @@ def resolve(name: str, game: Game) -> TabulatedPolicy | GamePolicy:
     base, temperature = _split(name)
     policy = _resolve_plain(base, game)
     policy = limited(policy if temperature is None else TemperedPolicy(policy, temperature))
-    return policy if isinstance(policy, TabulatedPolicy | GamePolicy) else GamePolicy(policy, game)
+    return policy if isinstance(policy, TabulatedPolicy | GamePolicy) else GamePolicy(policy, game, name)
 
 
 def resolve_recorded(name: str, game: Game) -> TabulatedPolicy | GamePolicy:
@@ -194,15 +194,6 @@ def resolve_recorded(name: str, game: Game) -> TabulatedPolicy | GamePolicy:
     return resolve(name, game)
 
 
-def named(opponent: str | Policy, game: Game) -> tuple[Policy, str]:
-    """A policy and its name.
-
-    Raises:
-        PolicyError: there is no policy of that name.
-    """
-    return (resolve(opponent, game), opponent) if isinstance(opponent, str) else (opponent, type(opponent).__name__)
-
-
 def tabulated(opponents: Opponents, game: Game) -> list[TabulatedPolicy]:
     """The tables of one or several opponents.
 
@@ -210,7 +201,7 @@ def tabulated(opponents: Opponents, game: Game) -> list[TabulatedPolicy]:
         PolicyError: an opponent does not exist, returns no distribution over the legal strokes, or reads the score.
     """
     several = opponents if isinstance(opponents, Sequence) and not isinstance(opponents, str) else [opponents]
-    return [tabulate(policy, game, name) for policy, name in (named(opponent, game) for opponent in several)]
+    return [tabulate(resolve(one, game) if isinstance(one, str) else one, game) for one in several]
 
 
 def _check_depth(name: str) -> None:
@@ -322,7 +313,7 @@ register(
 )
 _with_argument(
     "best-response:POLICY", "bc", "the name of a policy",
-    lambda name, game: computed.best_response_policy(tabulate(resolve(name, game.opposite), game.opposite, name)),
+    lambda name, game: computed.best_response_policy(tabulate(resolve(name, game.opposite), game.opposite)),
     "best response to another policy, solved exactly",
     names=lambda game: ("best-response:bc",) if baselines.known_for(game) else (),
 )  # fmt: skip

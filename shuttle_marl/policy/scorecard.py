@@ -128,7 +128,7 @@ class Scorer:
 
     def __init__(self, game: Game, *, refits: Sequence[Game] = (), tolerance: float = TOLERANCE) -> None:
         self.game, self.refits, self.tolerance = game, tuple(refits), tolerance
-        self.reference = tabulate(resolve(REFERENCE, game), game, REFERENCE)
+        self.reference = tabulate(resolve(REFERENCE, game), game)
 
     @functools.cached_property
     def solution(self) -> Solution:
@@ -166,7 +166,7 @@ class Scorer:
         """
         if reads_score(policy):
             return self._sampled(policy, name, matches, seed, watch)
-        return self.score_table(tabulate(policy, self.game, name), name)
+        return self.score_table(tabulate(policy, self.game), name)
 
     def score_table(self, policy: TabulatedPolicy, name: str) -> Scorecard:
         """The exact figures of a tabulated policy."""
@@ -219,7 +219,7 @@ class Scorer:
 
     def _sampled(self, policy: Policy, name: str, matches: int, seed: int, watch: Watch | None) -> Scorecard:
         key = draws.pairing_key(name, REFERENCE)
-        played = sample(policy, self.reference, matches=matches, seed=seed, key=key, name=name, watch=watch)
+        played = sample(policy, self.reference, matches=matches, seed=seed, key=key, watch=watch)
         return Scorecard(
             policy=name,
             sampled=True,
@@ -258,7 +258,6 @@ def sample(
     matches: int,
     seed: int = 0,
     key: int = 0,
-    name: str = "policy",
     watch: Watch | None = None,
 ) -> SampledOdds:
     """Play matches of a policy against a tabulated one; seats and the first serve are balanced over four matches.
@@ -279,7 +278,7 @@ def sample(
         asked = np.flatnonzero(entrant == 0)
         if len(asked):
             mine = state[asked], draw[asked], striker[asked], score[:, asked]
-            strokes[asked] = ask(policy, name, opponent.game, *mine)
+            strokes[asked] = ask(policy, opponent.game, *mine)
         return strokes
 
     rallies, won, strokes, wins = np.zeros(matches, dtype=np.int64), np.zeros(matches, dtype=np.int64), 0, 0
@@ -336,12 +335,12 @@ def depth(game: Game, names: Sequence[str] = POLICIES, *, report: Callable[[str]
         ``against_minimax`` (fraction of rallies won against perfect play), each of the best policy found in the class: improved
         lists against ``bc`` and against perfect play, and the mean of perfect play over the cells.
     """
-    bc = tabulate(resolve("bc", game), game, "bc")
+    bc = tabulate(resolve("bc", game), game)
     rare = unusual(bc)
     played = {}
     for name in names:
         report(name)
-        policy = bc if name == "bc" else tabulate(resolve(name, game), game, name)
+        policy = bc if name == "bc" else tabulate(resolve(name, game), game)
         played[name] = {"self": play(policy, policy, rare), "bc": play(policy, bc, rare)}
     perfect = solve(game).policy[0]
     best = best_response(bc).value.odds().rally

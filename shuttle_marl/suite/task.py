@@ -20,7 +20,7 @@ from shuttle_marl.exact.known import best_odds, pair_odds
 from shuttle_marl.exact.match import Odds
 from shuttle_marl.exact.profile import PairPolicy
 from shuttle_marl.game.observation import observations
-from shuttle_marl.game.policy import States
+from shuttle_marl.game.policy import GamePolicy, States
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities, tabulate
 from shuttle_marl.policy import baselines
@@ -105,7 +105,7 @@ class Arena:
 
 @functools.lru_cache(maxsize=64)
 def _tables(game: Game, name: str) -> TabulatedPolicy:
-    return tabulate(resolve(name, game), game, name)
+    return tabulate(resolve(name, game), game)
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -252,7 +252,8 @@ def table_of(player: Any, game: Game, name: str) -> TabulatedPolicy:
     if not hasattr(player, "probabilities") and callable(getattr(player, "act", None)):
         player = FunctionPolicy(functools.partial(_acted, player.act, game))
     if callable(getattr(player, "probabilities", None)):
-        return tabulate(player, game, name)
+        called = player if isinstance(player, TabulatedPolicy | GamePolicy) else GamePolicy(player, game, name)
+        return tabulate(called, game)
     raise SuiteError(
         f"the method of {name} returned a {type(player).__name__}; "
         "expected a policy, the name of one, or an object with act or table"

@@ -45,10 +45,6 @@ class TrainingError(ShuttleError):
     """A run that cannot be started, continued, or finished."""
 
 
-class DivergedError(TrainingError):
-    """Learning diverged: a loss, a weight or a probability is not finite."""
-
-
 def seconds_of(budget: str) -> float:
     """Seconds of a time budget such as ``90s``, ``5m`` or ``1h``.
 
@@ -202,10 +198,6 @@ class TrainingConfig:
             1, math.ceil(batches if not half else (half - 1 + math.sqrt((1 - half) ** 2 + 4 * half * batches)) / (2 * half))
         )
 
-    def batch_of(self, iteration: int) -> int:
-        """Minimum number of strokes in an iteration, counted from 0."""
-        return round(self.batch * (1 + self.growth * iteration))
-
     @property
     def segments(self) -> int:
         """Number of segments; each ends with a checkpoint."""
@@ -215,7 +207,7 @@ class TrainingConfig:
         """Minimum memory of a run in bytes, by the flags that determine it."""
         # Each state has a mask, logits and their gradients; each weight has a gradient and two moments.
         return {
-            "--batch and --growth": 60 * self.batch_of(self.iterations - 1),
+            "--batch and --growth": 60 * math.ceil(self.batch * (1 + self.growth * self.iterations)),
             "--width and --hidden": 16 * self.width * (self.hidden * self.width + 3 * n_strokes),
             "--strokes with so small --batch and --checkpoint-every": 100 * self.segments,
         }

@@ -37,8 +37,8 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.kernel import RallySampler
-from shuttle_marl.training.config import A2CConfig, DivergedError, PPOConfig, TrainingConfig
-from shuttle_marl.training.networks import logit_network, make_actor, make_critic
+from shuttle_marl.training.config import A2CConfig, PPOConfig, TrainingConfig
+from shuttle_marl.training.networks import DivergedError, logit_network, make_actor, make_critic
 from shuttle_marl.training.torch_sampler import TorchSampler
 
 
@@ -384,7 +384,8 @@ class RallyCollector(BaseCollector):
         Raises:
             DivergedError: an output of the network is not finite.
         """
-        self.sampler.collect(self._config.batch_of(self.iteration), self._outputs, keep=not self._distinct)
+        strokes_wanted = round(self._config.batch * (1 + self._config.growth * self.iteration))
+        self.sampler.collect(strokes_wanted, self._outputs, keep=not self._distinct)
         self.iteration += 1
         self.strokes = self.sampler.count
         if not self._distinct:

@@ -23,7 +23,7 @@ from shuttle_marl.game.policy import PolicyError, States
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.policy.network import PolicyNetwork, attribute_rows
-from shuttle_marl.training.config import DivergedError
+from shuttle_marl.training.config import TrainingError
 
 ILLEGAL: Final = -1e9
 """Logit of an illegal stroke; finite, because a loss multiplies it by its probability 0."""
@@ -32,6 +32,10 @@ MIN_LOG: Final = -87.0
 
 _LAST_LAYER: Final = ("1.weight", "1.bias")
 """Weights of the last layer of :func:`head`."""
+
+
+class DivergedError(TrainingError):
+    """Learning diverged: a loss, a weight or a probability is not finite."""
 
 
 class LegalStrokes(Categorical):

@@ -44,9 +44,9 @@ from shuttle_marl.policy.agents import save_agent
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.policy.scorecard import REFERENCE
 from shuttle_marl.training.a2c import A2C
-from shuttle_marl.training.config import DivergedError, SelfPlayConfig, TrainingConfig, TrainingError, missed
+from shuttle_marl.training.config import SelfPlayConfig, TrainingConfig, TrainingError, missed
 from shuttle_marl.training.learner import SEEDS, Learner, RallyCollector, Trainer
-from shuttle_marl.training.networks import imitate, tabulated, weights_of
+from shuttle_marl.training.networks import DivergedError, imitate, tabulated, weights_of
 from shuttle_marl.training.ppo import PPO
 from shuttle_marl.training.rally_log import RALLIES, RunLog, open_log
 from shuttle_marl.training.sac import SAC
@@ -89,7 +89,7 @@ class Evaluator:
 
     def __init__(self, game: Game, opponents: Sequence[TabulatedPolicy]) -> None:
         self._opponents = opponents
-        self._reference = tabulate(resolve(REFERENCE, game), game, REFERENCE)
+        self._reference = tabulate(resolve(REFERENCE, game), game)
 
     @functools.cached_property
     def _scales(self) -> list[tuple[Odds, Odds]]:
@@ -174,7 +174,7 @@ def train(config: TrainingConfig, console: Console | None = None) -> TrainingRun
     console = console or Console(quiet=True)
     game = resolve_game(config.game, config.profile)
     names = () if config.self_play else config.opponent
-    opponents = [tabulate(resolve(name, game), game, name) for name in names]
+    opponents = [tabulate(resolve(name, game), game) for name in names]
     _check_machine(config, game)
     name = f"{config.algorithm}-{config.seed}"
     opened = runs.open_run(config.out, name, config.fixed(), resume=config.resume, overwrite=config.overwrite)
@@ -242,7 +242,7 @@ def save_checkpoint(run: Path, iteration: int, state: dict[str, torch.Tensor], a
     """Write a checkpoint, and remove all but the latest two.
 
     Raises:
-        TrainingError: the checkpoint cannot be written; earlier ones are intact.
+        RunError: the checkpoint cannot be written; earlier ones are intact.
     """
     target = run / CHECKPOINTS / f"{iteration:08d}"
     part = target.with_name(f".{target.name}.part")
@@ -252,7 +252,7 @@ def save_checkpoint(run: Path, iteration: int, state: dict[str, torch.Tensor], a
         shutil.rmtree(target, ignore_errors=True)
         os.replace(part, target)
     except (OSError, ShuttleError) as error:
-        raise TrainingError(f"{target}: cannot be written ({error}); free some space and continue with --resume") from error
+        raise runs.RunError(f"{target}: cannot be written ({error}); free some space and continue with --resume") from error
     for old in _complete(run)[:-_RETAINED]:
         shutil.rmtree(old, ignore_errors=True)
 
@@ -261,7 +261,7 @@ def last_checkpoint(run: Path) -> tuple[dict[str, Any], dict[str, torch.Tensor]]
     """``about`` and ``state`` of the last checkpoint of a run, see :func:`save_checkpoint`; None if there is none.
 
     Raises:
-        TrainingError: the last checkpoint is damaged.
+        RunError: the last checkpoint is damaged.
     """
     complete = _complete(run)
     if not complete:
@@ -270,7 +270,7 @@ def last_checkpoint(run: Path) -> tuple[dict[str, Any], dict[str, torch.Tensor]]
     try:
         return read_state(folder / _STATE, folder / _ABOUT)
     except FileReadError as error:
-        raise TrainingError(f"{folder}: cannot be read ({error}); delete it to continue from the one before") from error
+        raise runs.RunError(f"{folder}: cannot be read ({error}); delete it to continue from the one before") from error
 
 
 def write_state(path: Path, about_path: Path, state: dict[str, torch.Tensor], about: dict[str, Any]) -> None:
@@ -327,8 +327,9 @@ class _Run:
         self, config: TrainingConfig, game: Game, opponents: list[TabulatedPolicy], folder: Path, console: Console
     ) -> None:
         self.config, self.game, self.folder, self.console, self.opponents = config, game, folder, console, opponents
+        self.limit = config.seconds
         # Self-play is evaluated against the benchmark's opponent.
-        evaluated = opponents or [tabulate(resolve("bc", game), game, "bc")]
+        evaluated = opponents or [tabulate(resolve("bc", game), game)]
         self.evaluator = Evaluator(game, evaluated)
         self.generator = torch.Generator().manual_seed(self._seed(_WEIGHTS))
         with InitialWeights(self.generator):
@@ -371,7 +372,7 @@ class _Run:
                 at.seconds = time.monotonic() - begun
                 bar.update(task, completed=round(self._fraction() * total))
                 # The last evaluation is part of the budget; it takes as long as the one before.
-                at.stopped = config.seconds is not None and at.seconds + evaluating > config.seconds
+                at.stopped = self.limit is not None and at.seconds + evaluating > self.limit
                 if trainer.iteration % config.evaluate_every == 0 or trainer.iteration == config.iterations or at.stopped:
                     evaluation = self._evaluate(losses, board)
                     evaluating = time.monotonic() - begun - at.seconds
@@ -402,8 +403,8 @@ class _Run:
 
     def _fraction(self) -> float:
         """Fraction of the run that is over, by iterations or by time."""
-        limit, part = self.config.seconds, self.trainer.iteration / self.config.iterations
-        return part if limit is None else min(1.0, max(part, self.at.seconds / limit))
+        part = self.trainer.iteration / self.config.iterations
+        return part if self.limit is None else min(1.0, max(part, self.at.seconds / self.limit))
 
     def _segment(self, after: Callable[[dict[str, float]], None], log: RunLog | None) -> None:
         """Iterations up to the next checkpoint. Random numbers depend on the segment alone, so a resumed run repeats them."""
@@ -504,7 +505,7 @@ class _Run:
         return True
 
     def _warm_start(self, name: str) -> None:
-        policy = tabulate(resolve(name, self.game), self.game, name)
+        policy = tabulate(resolve(name, self.game), self.game)
         weight = exact.visits(policy, policy).states[0]
         with self.console.status(Text(f"imitating {name}")):
             gap = imitate(self.learner.actor, policy, weight, self.generator)

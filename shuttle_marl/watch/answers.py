@@ -271,7 +271,7 @@ class Answers:
         if strokes:
             asked = States(game=game, state=np.array(states, np.int32))
             for i, name in enumerate(players):
-                p = checked_probabilities(self._policies.policy(Side(policy=name), seat), asked, name)
+                p = checked_probabilities(self._policies.policy(Side(policy=name), seat), asked)
                 log_likelihood[i] = np.log(np.maximum(p[np.arange(len(strokes)), strokes], _LEAST)).sum()
         posterior = np.exp(log_likelihood - logsumexp(log_likelihood))
         order = np.argsort(-posterior, kind="stable").tolist()

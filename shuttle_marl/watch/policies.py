@@ -71,7 +71,7 @@ class PolicyTables:
         """
         seat = seat if self._asymmetric else 0
         game = self.game.seats[seat]
-        return self._tables.get((side, seat), lambda: tabulate(self.policy(side, seat), game, side.policy))
+        return self._tables.get((side, seat), lambda: tabulate(self.policy(side, seat), game))
 
     def policy(self, side: Side, seat: int = 0) -> Policy:
         """The policy of a side at a seat, for single states: tabulating all states would take longer.

@@ -126,7 +126,7 @@ def suggestions(game: Game, policy: Policy, line: Sequence[TagStroke]) -> list[S
         total = sum(states.values()) or 1.0
         states = {state: mass / total for state, mass in states.items()}
     asked = States(game=game, state=np.array(list(states), np.int32))
-    share = np.array(list(states.values())) @ checked_probabilities(policy, asked, "bc")
+    share = np.array(list(states.values())) @ checked_probabilities(policy, asked)
     table = np.zeros((len(SHOTS), len(TECHNIQUES), len(HEIGHTS)))
     np.add.at(table, (game.catalogue.shot, game.catalogue.technique, game.catalogue.height), share)
     order = np.argsort(-table.sum(axis=(1, 2)), kind="stable").tolist()

@@ -14,7 +14,7 @@ from shuttle_marl.policy.registry import resolve
 @pytest.fixture(scope="session")
 def bc() -> TabulatedPolicy:
     game = default_game()
-    return tabulate(resolve("bc", game), game, "bc")
+    return tabulate(resolve("bc", game), game)
 
 
 @pytest.fixture(scope="session")

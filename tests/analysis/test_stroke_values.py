@@ -89,7 +89,7 @@ def test_values_of_two_people_are_those_of_their_game(tournament: Path, valued: 
     found = add_values_of_pairs(table, "bc", bc.game)
     pair = pair_game(*sorted(people.values()))
     assert set(found["value_game"].to_pylist()) == {pair.hash}
-    first, second = (tabulate(resolve("bc", seat), seat, "bc") for seat in pair.seats)
+    first, second = (tabulate(resolve("bc", seat), seat) for seat in pair.seats)
     striking = np.stack(evaluate(first, second).striking)
     with RallyLog(tournament) as log:
         state, _ = Rallies.concatenate([batch for _, batch in log.batches()]).legal(bc.game)
@@ -128,7 +128,7 @@ def test_the_reference_adds_no_value_against_itself(tmp_path: Path, bc: Tabulate
 
 
 def test_minimax_values_may_be_the_reference_too(tournament: Path, bc: TabulatedPolicy) -> None:
-    minimax = tabulate(resolve("minimax", bc.game), bc.game, "minimax")
+    minimax = tabulate(resolve("minimax", bc.game), bc.game)
     decision = column(add_values(strokes_of(tournament), minimax), "decision")
     # Against perfect play no choice is better than the reference's; the table of minimax has a resolution.
     assert np.nanmax(decision) < 1e-4

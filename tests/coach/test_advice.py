@@ -226,7 +226,7 @@ def test_a_difference_is_said_with_its_numbers() -> None:
 
 def test_claims_about_simulated_players_are_true(model: str) -> None:
     game, names = load_game(model), ("bc", "attacking", "defensive")
-    tables = [tabulate(resolve(name, game), game, name) for name in names]
+    tables = [tabulate(resolve(name, game), game) for name in names]
     exact = {(i, j): meet(tables[i], tables[j]) for i in range(3) for j in range(3) if i != j}
     truth = [[plays_of_meeting(exact[i, j], 0, 1000 * exact[i, j].visits(0).sum()) for j in range(3) if j != i] for i in range(3)]
 

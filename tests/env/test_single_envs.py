@@ -275,7 +275,12 @@ single = functools.partial(gymnasium.make, "shuttle_marl/Rally-v0")
         (match_v0.env, {"reward": "game"}, OptionError, "'rally'"),
         (SingleRallyEnv, {"seat": 2}, OptionError, "seat 2: expected 0 or 1"),
         (SingleRallyEnv, {"opponent": "none such"}, PolicyError, "no policy 'none such'"),
-        (SingleRallyEnv, {"opponent": ReadsScore()}, OptionError, "'ReadsScore' reads the score, which a rally does not have"),
+        (
+            SingleRallyEnv,
+            {"opponent": ReadsScore()},
+            OptionError,
+            "policy 'ReadsScore' reads the score, which a rally does not have",
+        ),
         (SingleRallyEnv, {"opponent": random_policy(random_game(1), 0)}, PolicyError, "tabulated for another game"),
         (SingleMatchEnv, {"first_server": 2}, OptionError, "first_server 2"),
         (rows, {"observation": "pixels"}, OptionError, "observation 'pixels'"),

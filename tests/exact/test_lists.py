@@ -102,7 +102,7 @@ def _allowed() -> np.ndarray:
 
 
 def test_no_allowed_stroke_is_better_than_the_limited_response() -> None:
-    opponent = tabulate(resolve("attacking", GAME), GAME, "attacking")
+    opponent = tabulate(resolve("attacking", GAME), GAME)
     answer = best_response(opponent, at_least=LEAST)
     played, allowed = answer.policy.pair_probabilities() > 0.5, _allowed()
     assert not allowed.all()
@@ -117,7 +117,7 @@ def test_no_allowed_stroke_is_better_than_the_limited_response() -> None:
 
 
 def test_better_strokes_of_holes_have_enough_real_ones_behind_them() -> None:
-    policy = tabulate(resolve("attacking", GAME), GAME, "attacking")
+    policy = tabulate(resolve("attacking", GAME), GAME)
     found = holes(policy, top=30, at_least=LEAST)
     assert found.loss - found.given_up == pytest.approx(found.exploitability, abs=3 * found.error_bound + 1e-9)
     for hole in found.holes:
@@ -130,7 +130,7 @@ def test_better_strokes_of_holes_have_enough_real_ones_behind_them() -> None:
 
 def test_games_without_counts_have_no_such_limit() -> None:
     game = tiring_game()
-    policy = tabulate(resolve("random", game), game, "random")
+    policy = tabulate(resolve("random", game), game)
     assert least_support(game) == 0
     assert holes(policy).holes[0].best_real is None
     with pytest.raises(GameError, match="number of real strokes is not known"):

@@ -40,7 +40,7 @@ def clones(pair: Game) -> tuple[TabulatedPolicy, TabulatedPolicy]:
 
 
 def seated(pair: Game, *names: str) -> tuple[TabulatedPolicy, TabulatedPolicy]:
-    first, second = (tabulate(resolve(name, game), game, name) for name, game in zip(names, pair.seats, strict=True))
+    first, second = (tabulate(resolve(name, game), game) for name, game in zip(names, pair.seats, strict=True))
     return first, second
 
 

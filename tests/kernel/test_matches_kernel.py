@@ -30,7 +30,7 @@ from tests.kernel.episodes import compare_with_rally_v0
 from tests.reduced import reduced_game, reduced_model
 
 GAME = reduced_game()
-TABLES = [tabulate(resolve(name, GAME), GAME, name) for name in ("bc", "random", "attacking@greedy")]
+TABLES = [tabulate(resolve(name, GAME), GAME) for name in ("bc", "random", "attacking@greedy")]
 RULES = {
     "bwf": BWF,
     "to five": Rules(points=5, clear=2, cap=7, games=2),
@@ -240,7 +240,7 @@ PAIR_NAMES = ("bc", "minimax", "random")
 
 
 def seated(name: str) -> list[TabulatedPolicy]:
-    return [tabulate(resolve(name, game), game, name) for game in PAIR.seats]
+    return [tabulate(resolve(name, game), game) for game in PAIR.seats]
 
 
 def test_matches_are_those_of_the_lockstep() -> None:

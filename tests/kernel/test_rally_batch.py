@@ -244,7 +244,7 @@ NAMES = ("bc", "random", "attacking@greedy")
 
 @functools.cache
 def table(name: str) -> TabulatedPolicy:
-    return tabulate(resolve(name, GAME), GAME, name)
+    return tabulate(resolve(name, GAME), GAME)
 
 
 @dataclasses.dataclass(frozen=True)

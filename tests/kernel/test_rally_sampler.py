@@ -14,8 +14,8 @@ from tests.kernel.episodes import compare_with_rally_v0
 from tests.reduced import reduced_game
 
 GAME = reduced_game()
-RANDOM = tabulate(resolve("random", GAME), GAME, "random")
-BC = tabulate(resolve("bc", GAME), GAME, "bc")
+RANDOM = tabulate(resolve("random", GAME), GAME)
+BC = tabulate(resolve("bc", GAME), GAME)
 Assess = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 

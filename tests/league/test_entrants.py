@@ -73,7 +73,7 @@ def entrant(name: str, function: Callable[[States], Any], *, reads_score: bool =
     if reads_score:
         return Entrant(name=name, policy=ReadsScore(function))
     policy = FunctionPolicy(function)
-    return Entrant(name=name, policy=policy, table=tabulate(policy, GAME, name))
+    return Entrant(name=name, policy=policy, table=tabulate(policy, GAME))
 
 
 def tournament(entrants: list[Entrant], matches: int = 4, batch: int = 8192) -> Tournament:

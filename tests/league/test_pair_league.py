@@ -37,7 +37,7 @@ def test_a_league_in_the_game_of_a_pair(tmp_path: Path) -> None:
     pair = pair_game(A, B, game=reduced_model())
     assert json.loads((tmp_path / "run" / "config.json").read_text())["players"] == [A, B]
     assert "players" not in LeagueConfig().fixed()
-    seats = [[tabulate(resolve(name, game), game, name) for game in pair.seats] for name in config.pool]
+    seats = [[tabulate(resolve(name, game), game) for game in pair.seats] for name in config.pool]
     for standing in run.standings:
         place = config.pool.index(standing.player)
         own, others = seats[place], [*seats[:place], *seats[place + 1 :]]

@@ -87,7 +87,7 @@ def test_answers_that_are_no_play(failure: str, small_model: str, tmp_path: Path
 
     def asked() -> None:
         for _ in range(40):
-            checked_probabilities(policy, states(small_model), failure)
+            checked_probabilities(policy, states(small_model))
 
     with pytest.raises(PolicyError, match=says):
         asked()

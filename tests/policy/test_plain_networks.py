@@ -50,7 +50,7 @@ def softmax_of(module: nn.Module, states: States) -> np.ndarray:
 
 def test_a_module_is_a_policy() -> None:
     module = network().train()
-    p = checked_probabilities(from_network(module), STATES, "mine")
+    p = checked_probabilities(from_network(module), STATES)
     assert np.allclose(p, softmax_of(module, STATES), atol=1e-6)
     assert module.training, "its mode is left as it was"
     best = from_network(module, greedy=True).probabilities(STATES)

@@ -85,8 +85,8 @@ def test_a_game_does_not_change_with_the_arrays_it_was_made_from() -> None:
 )
 def test_a_policy_that_writes_into_its_states_has_failed(name: str, way: Callable[[np.ndarray], None]) -> None:
     states = some_states()
-    with pytest.raises(PolicyError, match=r"policy 'vandal' raised (ValueError|TypeError)"):
-        checked_probabilities(Vandal(lambda seen: way(getattr(seen, name))), states, "vandal")
+    with pytest.raises(PolicyError, match=r"policy 'Vandal' raised (ValueError|TypeError)"):
+        checked_probabilities(Vandal(lambda seen: way(getattr(seen, name))), states)
     assert states.state.tolist() == [ROOT, 8, 17]
 
 
@@ -97,7 +97,7 @@ def test_a_policy_that_widens_its_mask_does_not_get_an_illegal_stroke_through() 
             return np.full((len(states), GAME.n_strokes), 1 / GAME.n_strokes)
 
     with pytest.raises(PolicyError, match="plays the illegal stroke"):
-        checked_probabilities(Cheat(), some_states(), "cheat")
+        checked_probabilities(Cheat(), some_states())
 
 
 @pytest.mark.parametrize("name", ["state", "score", "threshold"])
@@ -105,11 +105,11 @@ def test_matches_of_a_vandal_end_in_its_failure(name: str) -> None:
     vandal = Vandal(lambda seen: force(getattr(seen.game if name == "threshold" else seen, name)))
 
     def choose(entrant: Any, *seen: Any) -> Any:
-        return ask(vandal, "vandal", GAME, *seen)
+        return ask(vandal, GAME, *seen)
 
     number = np.arange(5)
     matches = Matches(entrant=np.zeros((5, 2), np.int32), first_server=(number % 2).astype(np.int8), key=number.astype(np.uint64))
-    with pytest.raises(PolicyError, match="policy 'vandal' raised"):
+    with pytest.raises(PolicyError, match="policy 'Vandal' raised"):
         play(GAME, matches, choose)
 
 
@@ -137,13 +137,13 @@ class Returns:
     ],
 )
 def test_what_is_no_distribution_over_the_legal_strokes(change: Callable[[np.ndarray], Any], says: str) -> None:
-    with pytest.raises(PolicyError, match=f"policy 'odd' .*({says})"):
-        checked_probabilities(Returns(change), some_states(), "odd")
+    with pytest.raises(PolicyError, match=f"policy 'Returns' .*({says})"):
+        checked_probabilities(Returns(change), some_states())
 
 
 @pytest.mark.parametrize("type_", [np.float16, np.float32, np.float64, np.longdouble])
 def test_every_kind_of_real_number_will_do(type_: Any) -> None:
-    p = checked_probabilities(Returns(lambda p: p.astype(np.float64).round(3).astype(type_)), greedy_states(), "plain")
+    p = checked_probabilities(Returns(lambda p: p.astype(np.float64).round(3).astype(type_)), greedy_states())
     assert p.dtype == np.float64
 
 

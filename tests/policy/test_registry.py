@@ -69,7 +69,7 @@ def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
 
 @pytest.mark.parametrize("name", ["attacking", "defensive", "safe", "random", "random@greedy", "safe@0.3", "attacking@2"])
 def test_every_policy_is_a_distribution_over_legal_strokes(name: str) -> None:
-    checked_probabilities(resolve(name, GAME), STATES, name)
+    checked_probabilities(resolve(name, GAME), STATES)
 
 
 def test_listed_names_can_be_resolved() -> None:
@@ -83,7 +83,7 @@ def test_listed_names_can_be_resolved() -> None:
 
 @pytest.mark.parametrize("attribute", ["instance", "Uniform", "function"])
 def test_own_policies_in_the_current_folder(module: str, attribute: str) -> None:
-    p = checked_probabilities(resolve(f"{module}:{attribute}", GAME), STATES, attribute)
+    p = checked_probabilities(resolve(f"{module}:{attribute}", GAME), STATES)
     assert np.array_equal(p, resolve("random", GAME).probabilities(STATES))
 
 
@@ -208,7 +208,7 @@ EVERY_211TH = States(game=SHIPPED, state=np.flatnonzero(SHIPPED.legal_count(np.a
 @given(st.floats(0.01, 100))
 def test_probabilities_are_powers(temperature: float) -> None:
     base = resolve("attacking", SHIPPED).probabilities(EVERY_211TH)
-    p = checked_probabilities(TemperedPolicy(resolve("attacking", SHIPPED), temperature), EVERY_211TH, "tempered")
+    p = checked_probabilities(TemperedPolicy(resolve("attacking", SHIPPED), temperature), EVERY_211TH)
     a, b = np.argsort(base, axis=1)[:, -1], np.argsort(base, axis=1)[:, -2]
     rows = np.flatnonzero(base[np.arange(len(base)), b] > 0)
     ratio = np.log(base[rows, a[rows]] / base[rows, b[rows]]) / temperature

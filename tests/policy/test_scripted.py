@@ -34,7 +34,7 @@ def share(name: str, shots: list[int], where: np.ndarray) -> float:
 def test_every_style_beats_random_play(style: str) -> None:
     """In a game of few strokes, without the clears that defensive play needs; in the shipped one see ``test_profiles.py``."""
     assert SHOTS.index("clear") not in GAME.catalogue.shot
-    one, other = (tabulate(resolve(name, GAME), GAME, name) for name in (style, "random"))
+    one, other = (tabulate(resolve(name, GAME), GAME) for name in (style, "random"))
     assert evaluate(one, other).odds().rally > 0.51
 
 

@@ -54,12 +54,12 @@ def test_one_that_hangs_is_given_up_and_never_asked_again() -> None:
             ended.set()
 
     policy = TimedPolicy(FunctionPolicy(hangs), 0.1)
-    with pytest.raises(PolicyError, match=r"'slow' raised TimeoutError: no answer within 0\.1 s; --policy-timeout gives more"):
-        checked_probabilities(policy, STATES, "slow")
+    with pytest.raises(PolicyError, match=r"'TimedPolicy' raised TimeoutError: no answer within 0\.1 s; --policy-timeout gives more"):
+        checked_probabilities(policy, STATES)
     assert ended.wait(10), "the loop takes time from everything else"
     begun = time.monotonic()
     with pytest.raises(PolicyError, match=r"did not answer within 0\.1 s before, and is not asked again"):
-        checked_probabilities(policy, STATES, "slow")
+        checked_probabilities(policy, STATES)
     assert time.monotonic() - begun < 0.1
     assert len(calls) == 1
 
@@ -82,7 +82,7 @@ def test_errors_are_those_of_the_policy() -> None:
         policy = TimedPolicy(FunctionPolicy(function), 60)
         for _ in range(2):  # an error is not a hang: it is asked again
             with pytest.raises(PolicyError, match=says):
-                checked_probabilities(policy, STATES, "mine")
+                checked_probabilities(policy, STATES)
 
 
 def test_whether_it_reads_the_score_is_asked_under_the_limit_too() -> None:
@@ -115,7 +115,7 @@ def test_threads_end_with_their_policies() -> None:
     policies = [TimedPolicy(FunctionPolicy(noted), 60) for _ in range(5)]
     for policy in policies:
         for _ in range(2):
-            checked_probabilities(policy, STATES, "mine")
+            checked_probabilities(policy, STATES)
     assert len(set(threads)) == 5
     assert all(thread.is_alive() and thread.daemon for thread in threads)
     del policies, policy

@@ -96,7 +96,7 @@ def played(games: Any) -> Iterator[list[Rally]]:
 
 def by_lockstep(rules: Rules) -> Iterator[list[Rally]]:
     def choose(entrant: Any, *seen: Any) -> Any:
-        return ask(UNIFORM, "random", GAME, *seen)
+        return ask(UNIFORM, GAME, *seen)
 
     yield from played(play(GAME, some_matches(), choose, rules=rules).rallies)
 

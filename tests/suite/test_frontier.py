@@ -20,7 +20,7 @@ from tests.suite.small import run, summary
 
 GAME = reduced_game()
 ARENA = Arena(game=GAME)
-BC, SAFE = (tabulate(resolve(name, GAME), GAME, name) for name in ("bc", "safe"))
+BC, SAFE = (tabulate(resolve(name, GAME), GAME) for name in ("bc", "safe"))
 
 
 def worth(player: StatePolicy, p: float = WEIGHT) -> float:

@@ -33,7 +33,7 @@ GAME = reduced_game()
 
 
 def table(name: str) -> TabulatedPolicy:
-    return tabulate(resolve(name, GAME), GAME, name)
+    return tabulate(resolve(name, GAME), GAME)
 
 
 def noisy(setting: Any) -> TabulatedPolicy:

@@ -18,7 +18,7 @@ from shuttle_marl.training.networks import logit_network, make_actor, make_criti
 from shuttle_marl.training.sac import SAC
 
 GAME = default_game()
-BC = tabulate(resolve("bc", GAME), GAME, "bc")
+BC = tabulate(resolve("bc", GAME), GAME)
 TERMS = ("loss_objective", "loss_critic", "loss_entropy")
 LOSSES: dict[str, tuple[type[TrainingConfig], Callable[..., Any]]] = {
     "ppo": (PPOConfig, lambda *nets, **options: ClipPPOLoss(*nets, clip_epsilon=0.2, normalize_advantage=False, **options)),

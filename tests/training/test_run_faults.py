@@ -27,8 +27,8 @@ from shuttle_marl.kernel import RallySampler
 from shuttle_marl.policy.agents import load_agent, read_card
 from shuttle_marl.training import A2CConfig, Evaluator, PPOConfig, SACConfig, TrainingConfig, TrainingError, train
 from shuttle_marl.training import run as training_run
-from shuttle_marl.training.config import DivergedError
 from shuttle_marl.training.learner import Mean
+from shuttle_marl.training.networks import DivergedError
 from shuttle_marl.training.run import METRICS
 from tests.reduced import reduced_game, reduced_model
 
@@ -71,7 +71,7 @@ def checkpoint(folder: Path) -> Path:
 
 def test_a_checkpoint_that_is_deleted_leaves_the_one_before(finished: Path, run: Path) -> None:
     (checkpoint(run) / "state.safetensors").write_bytes(b"junk")
-    with pytest.raises(TrainingError, match="delete it to continue from the one before"):
+    with pytest.raises(runs.RunError, match="delete it to continue from the one before"):
         resume(run)
     shutil.rmtree(checkpoint(run))
     resume(run)

@@ -42,7 +42,7 @@ def test_figures_of_the_cards_are_true() -> None:
     evaluator = Evaluator(GAME, [bc])
     exploitability = {"bc": evaluator.evaluate(bc).exploitability}
     for name in SHIPPED:
-        found = evaluator.evaluate(tabulate(registry.resolve(name, GAME), GAME, name))
+        found = evaluator.evaluate(tabulate(registry.resolve(name, GAME), GAME))
         for figure, value in read_card(shipped_folder(name, model_folder()))["evaluation"].items():
             assert getattr(found, figure) == pytest.approx(value, abs=1e-4), name
         assert found.rally_win > 0.5

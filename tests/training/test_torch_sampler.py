@@ -25,7 +25,7 @@ from tests.reduced import reduced_game, reduced_model
 from tests.training.pretended import pretended_cuda
 
 GAME = reduced_game()
-RANDOM, BC, SAFE = (tabulate(resolve(name, GAME), GAME, name) for name in ("random", "bc", "safe"))
+RANDOM, BC, SAFE = (tabulate(resolve(name, GAME), GAME) for name in ("random", "bc", "safe"))
 NO_GPU = pytest.mark.skipif(not torch.cuda.is_available(), reason="PyTorch finds no CUDA device on this machine")
 DEVICES = ["cpu", pytest.param("cuda", marks=NO_GPU)]
 Assess = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
@@ -168,7 +168,7 @@ def test_the_first_strokes_of_sac_are_those_of_the_kernel() -> None:
         assert torch.equal(found[0][name].sort().values, found[1][name].sort().values)
 
 
-AVERAGE = tabulate(resolve("bc", GAME), GAME, "bc")
+AVERAGE = tabulate(resolve("bc", GAME), GAME)
 SMALL: dict[str, Any] = {"game": reduced_model(), "batch": 64, "growth": 0.0, "width": 8, "strokes": 64 * 4, "sampler": "torch"}
 SELF: dict[str, Any] = {**SMALL, "opponent": ("self",)}
 LEARNERS: dict[str, tuple[Callable[..., Any], TrainingConfig]] = {

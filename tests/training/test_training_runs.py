@@ -394,7 +394,7 @@ def test_the_log_plays_again(config: TrainingConfig, names: tuple[str, ...], tmp
     done = train(dataclasses.replace(config, out=tmp_path / "run"))
     path = done.folder / LOG
     assert check(path, GAME).problems == ()
-    opponents = {name: tabulate(resolve(name, GAME), GAME, name) for name in names}
+    opponents = {name: tabulate(resolve(name, GAME), GAME) for name in names}
     with RallyLog(path) as log:
         assert replay(log, GAME, opponents).wrong == ()
         assert [player.name for player in log.policies] == [f"{config.algorithm}-0", *names]

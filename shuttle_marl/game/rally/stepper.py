@@ -146,16 +146,13 @@ def stepper_of(game: Game) -> Stepper:
     return Stepper(game)
 
 
-def choose(
-    policy: Policy, game: Game, state: int, draw: int, score: tuple[int, int, int, int] | None = None, name: str = "policy"
-) -> int:
+def choose(policy: Policy, game: Game, state: int, draw: int, score: tuple[int, int, int, int] | None = None) -> int:
     """Catalogue index of the stroke that a policy plays in one state.
 
     Args:
         policy: a :class:`~shuttle_marl.game.tabulated.TabulatedPolicy` of this game, or any other policy.
         draw: uniform integer in [0, 65535); see :func:`shuttle_marl.game.draws.choice_draw`.
         score: points of the striker, of the receiver, games of the striker, of the receiver; None outside of matches.
-        name: of the policy, for errors.
 
     Raises:
         PolicyError: the policy raised or returned no distribution over the legal strokes.
@@ -165,7 +162,7 @@ def choose(
         return int(game.stroke_at(state, bisect.bisect_right(policy.cumulative, draw, pairs.start, pairs.stop) - pairs.start))
     scores = None if score is None else np.array([score], np.int16)
     states = States(game=game, state=np.array([state], np.int32), score=scores)
-    return int(drawn_strokes(checked_probabilities(policy, states, name), np.array([draw]))[0])
+    return int(drawn_strokes(checked_probabilities(policy, states), np.array([draw]))[0])
 
 
 _RALLIES: Final = 32

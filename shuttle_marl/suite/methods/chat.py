@@ -31,7 +31,7 @@ class Policy:
     def answer(self, position: Position) -> str:
         """Its likeliest legal stroke; the first one in the catalogue if several are."""
         state = self._game.state_of(*position["observation"])
-        chance = checked_probabilities(self._policy, States(game=self._game, state=np.atleast_1d(state)), "policy")[0]
+        chance = checked_probabilities(self._policy, States(game=self._game, state=np.atleast_1d(state)))[0]
         return self._game.catalogue.names[int(chance.argmax())]
 
 

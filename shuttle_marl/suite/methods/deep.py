@@ -21,7 +21,7 @@ def dqn(setting: PlayerSetting) -> Trained:
 
     game, name = setting.game, setting.opponent or "bc"
     config = q_learning.QConfig()
-    q = q_learning.deep_q(game, tabulate(resolve(name, game), game, name), setting.budget, config, setting.seed)
+    q = q_learning.deep_q(game, tabulate(resolve(name, game), game), setting.budget, config, setting.seed)
     return Trained(player=greedy(game, q), strokes=setting.budget // config.rows * config.rows)
 
 

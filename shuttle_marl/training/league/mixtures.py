@@ -57,7 +57,7 @@ def sharpened(policy: TabulatedPolicy, temperature: float) -> TabulatedPolicy:
 
     The entropy bonus lets a learner play strokes that are nearly optimal; a temperature below 1 makes them rare.
     """
-    return tabulate(TemperedPolicy(policy, temperature), policy.game, "a sharper policy")
+    return tabulate(TemperedPolicy(policy, temperature), policy.game)
 
 
 def _mean(mixed: Sequence[tuple[TabulatedPolicy, float]], weights: Sequence[Floats]) -> TabulatedPolicy:

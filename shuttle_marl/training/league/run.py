@@ -80,7 +80,7 @@ def train_league(config: LeagueTrainingConfig, console: Console | None = None) -
     begun = time.monotonic()
     game = resolve_game(config.game, config.profile)
     names = config.pool or tuple(name for name in POOL if name in registry.names(game)) or ("random",)
-    given = {name: tabulate(registry.resolve(name, game), game, name) for name in names}
+    given = {name: tabulate(registry.resolve(name, game), game) for name in names}
     with contextlib.ExitStack() as stack:
         cluster = None
         if config.ray is not None:

@@ -29,13 +29,13 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.policy.network import PolicyNetwork
 from shuttle_marl.policy.stored import StoredPolicies, policy_file
-from shuttle_marl.training.config import SELF, A2CConfig, DivergedError, PPOConfig, SACConfig, TrainingConfig
+from shuttle_marl.training.config import SELF, A2CConfig, PPOConfig, SACConfig, TrainingConfig
 from shuttle_marl.training.league.config import LeagueTrainingConfig, LeagueTrainingError
 from shuttle_marl.training.league.population import TABLES
 from shuttle_marl.training.league.schedule import order
 from shuttle_marl.training.league.state import Turn, TurnResult
 from shuttle_marl.training.learner import SEEDS, RallyCollector, Trainer
-from shuttle_marl.training.networks import tabulated, weights_of
+from shuttle_marl.training.networks import DivergedError, tabulated, weights_of
 from shuttle_marl.training.run import LEARNERS as ALGORITHMS
 from shuttle_marl.training.run import read_state, write_state
 
