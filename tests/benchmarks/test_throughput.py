@@ -1,18 +1,14 @@
 """The benchmarks run and keep their contracts; how fast anything is, is not tested."""
 
+import json
+
 import pytest
 
 pytest.importorskip("pygame")
 
-import json
-import sys
-
-import pytest
-
-from benchmarks import aec, exact_values, recording, startup
+from benchmarks import aec, recording
 from benchmarks.league import benchmark
 from benchmarks.throughput_cases import BATCHED, SINGLE
-from tests.reduced import reduced_game
 
 
 @pytest.mark.parametrize("what", [*BATCHED, *SINGLE])
@@ -23,16 +19,6 @@ def test_every_maker_plays(what: str) -> None:
         played = play()
         assert played > 0
         assert played % batch == 0 or what == "tournament"
-
-
-def test_cpu_time_is_that_of_the_command() -> None:
-    busy = [sys.executable, "-c", "import time\nwhile time.process_time() < 0.3: pass"]
-    assert 0.3 <= startup.cpu_seconds(busy, 1) < 3
-
-
-def test_thirty_policies_differ() -> None:
-    policies = exact_values.thirty_policies(reduced_game())
-    assert len({policy.cumulative.tobytes() for policy in policies}) == len(policies) == 30
 
 
 @pytest.mark.slow
@@ -50,16 +36,7 @@ def test_everything_is_measured() -> None:
     found = recording.measure(matches=20, strokes=40_000, repeat=1)
     assert found["rallies"] > 6 * 20 * 2 * 21
     assert 0 < found["bytes_per_stroke"] < 5
-    assert 0 < found["cpu_us_per_stroke"] < 10
-    assert found["recorded_strokes_per_s"] > 1000
-    assert found["read_strokes_per_s"] > 1000
-    assert 0 < found["find_rally_ms"] < 1000
     assert 0 < found["training_overhead"] < 1
-    assert 0 < found["training_waits"] < 1
-    assert 0 < found["training_bytes_per_stroke"] < 20
-
-
-pytest.importorskip("pygame")
 
 
 def test_the_benchmark_reports_all_environments(capsys):

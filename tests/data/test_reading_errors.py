@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from shuttle_marl.data import DataError, clean_matches, load_strokes, upstream
 from shuttle_marl.data.schema import violations
-from tests.data.upstream_layout import COLUMNS, HEADER, LIFT, SERVE, SMASH, Layout, game, plain_game, rally, write_rows
+from tests.data.upstream_layout import COLUMNS, HEADER, Layout, plain_game, write_rows
 
 NAME = "Viktor_AXELSEN_CHEN_Long_ Finals"
 
@@ -108,11 +108,19 @@ def cut_in_a_row(path: Path) -> None:
     (lambda p: shutil.rmtree(p.parent), "no files of any match.*data download"),
     (lambda p: (p.parents[1] / "homography.csv").unlink(), r"homography\.csv: cannot be read \(No such file or directory\)"),
     (lambda p: (p.unlink(), p.mkdir()), r"cannot be read \(not a regular file\)"),
+    (lambda p: (p.unlink(), os.mkfifo(p)), r"cannot be read \(not a regular file\)"),
+    (lambda p: ((q := p.parents[1] / "homography.csv").unlink(), os.mkfifo(q)), "not a regular file"),
     (lambda p: (p.unlink(), p.symlink_to("/dev/zero")), r"cannot be read \(not a regular file\)"),
 ])  # fmt: skip
 def test_bad_files(path: Path, change: Callable[[Path], object], told: str) -> None:
     change(path)
     assert re.search(told, str(refused(path)))
+
+
+def test_a_fifo_in_the_place_of_the_data(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "fifo")
+    with pytest.raises(DataError, match="not a regular file"):
+        load_strokes(tmp_path / "fifo")
 
 
 def replace_in(file: str, old: str, new: str) -> Callable[[Path], None]:
@@ -125,6 +133,7 @@ def replace_in(file: str, old: str, new: str) -> Callable[[Path], None]:
 @pytest.mark.parametrize(("change", "told"), [
     (replace_in("homography.csv", "[[1.06", "[[x"), "line 2: homography_matrix '[[x"),
     (replace_in("homography.csv", "[[1.06, ", "[["), "is not a 3 x 3 matrix"),
+    *((replace_in("homography.csv", "[[1.06", new), "not a 3 x 3 matrix") for new in ("[" * 20_000, f"[[{10**400}", "[[NaN")),
     (replace_in("homography.csv", NAME, "Other"), f"no homography for match '{NAME}'"),
     (replace_in("match.csv", "Viktor AXELSEN,CHEN Long", "Some BODY,Any BODY"), "line 2: players ('some-body', 'any-body')"),
     (lambda folder: (folder / "match.csv").write_text((folder / "match.csv").read_text() * 2), "line 3: "),
@@ -184,43 +193,3 @@ def test_quoted_cells_with_commas_and_lines(tmp_path: Path) -> None:
     write_rows(path, rows)
     with pytest.raises(DataError, match=r"set1\.csv, line 8: unknown type"):
         clean_matches(tmp_path)
-
-
-@settings(max_examples=60, deadline=None)
-@given(st.lists(st.tuples(st.integers(1, 4), st.booleans(), st.booleans(), st.integers(0, 30)), min_size=1, max_size=6))
-def test_any_order_of_rallies(chosen: list[tuple[int, bool, bool, int]]) -> None:
-    hits = [SERVE, LIFT, SMASH]
-    rows = game(
-        rally(number, "A" if by_a else "B", hits, (points, 30 - points), a_below=below, frame=100 * i)
-        for i, (number, by_a, below, points) in enumerate(chosen)
-    )
-    with tempfile.TemporaryDirectory() as folder:
-        Layout(Path(folder)).match("m", [rows])
-        cleaned = clean_matches(Path(folder))
-        assert [str(v) for v in violations(cleaned.strokes)] == []
-        assert cleaned.account.strokes == cleaned.account.strokes_kept + sum(cleaned.account.dropped.values())
-
-
-@pytest.fixture
-def root(tmp_path: Path) -> Path:
-    """One match of one game."""
-    Layout(tmp_path / "raw").match("one", [plain_game(4)])
-    return tmp_path / "raw"
-
-
-@pytest.mark.parametrize("name", ["homography.csv", "one/set1.csv", "."])
-def test_a_fifo_is_refused_at_once(root: Path, name: str) -> None:
-    path = root / "ShuttleSet" / "set" / name if name != "." else root.with_name("fifo")
-    path.unlink(missing_ok=True)
-    os.mkfifo(path)
-    with pytest.raises(DataError, match="not a regular file"):
-        load_strokes(path if name == "." else root)
-
-
-@pytest.mark.parametrize(
-    "matrix", ["[" * 20_000, "[[1e999,0,0],[0,1,0],[0,0,1]]", f"[[{10**400},0,0],[0,1,0],[0,0,1]]", "[[NaN]]"]
-)
-def test_a_homography_that_is_no_matrix(root: Path, matrix: str) -> None:
-    (root / "ShuttleSet" / "set" / "homography.csv").write_text(f'video,homography_matrix\none,"{matrix}"\n')
-    with pytest.raises(DataError, match="not a 3 x 3 matrix"):
-        clean_matches(root)

@@ -45,9 +45,9 @@ SMASH = Hit("殺球", 1.8, 4.0, height=1)
 DROP = Hit("切球", 1.7, 1.5, height=1)
 
 
-def pixel(x: float, y: float, homography: np.ndarray = HOMOGRAPHY) -> tuple[str, str]:
+def pixel(x: float, y: float) -> tuple[str, str]:
     """Pixel of a point in image metres (origin under the net, x right, y down)."""
-    p = np.linalg.solve(homography, [177.5 + x / UNIT, 480 + y / UNIT, 1.0])
+    p = np.linalg.solve(HOMOGRAPHY, [177.5 + x / UNIT, 480 + y / UNIT, 1.0])
     return f"{p[0] / p[2]:.4f}", f"{p[1] / p[2]:.4f}"
 
 
@@ -82,7 +82,6 @@ def rally(
     reason: str = "出界",
     winner: str | None = None,
     mirror_below: bool = False,
-    homography: np.ndarray = HOMOGRAPHY,
     frame: int | None = None,
 ) -> list[Row]:
     """Rows of a rally; the last hit ends it.
@@ -96,7 +95,7 @@ def rally(
     for i, hit in enumerate(hits):
         player = "AB"[("AB".index(server) + i) % 2]
         sign = 1 if (player == "A") == a_below else -1  # ego (x, y) to image: below (sx, -sy) with s = 1
-        landing = pixel(sign * hit.x, -sign * hit.y, homography)
+        landing = pixel(sign * hit.x, -sign * hit.y)
         value = label(hit.x, hit.y)
         if mirror_below and -sign * hit.y > 0:
             value = mirrored(value)
@@ -112,8 +111,8 @@ def rally(
             "hit_x": contact[0], "hit_y": contact[1], "landing_area": str(value),
             "landing_x": landing[0], "landing_y": landing[1],
         }  # fmt: skip
-        row["player_location_x"], row["player_location_y"] = pixel(sign * 0.2, sign * 4.0, homography)
-        row["opponent_location_x"], row["opponent_location_y"] = pixel(sign * 0.1, -sign * 3.8, homography)
+        row["player_location_x"], row["player_location_y"] = pixel(sign * 0.2, sign * 4.0)
+        row["opponent_location_x"], row["opponent_location_y"] = pixel(sign * 0.1, -sign * 3.8)
         contact = landing
         rows.append(row)
     last = rows[-1]
@@ -166,17 +165,14 @@ class Layout:
         source: str = SHUTTLESET,
         number: int = 1,
         players: tuple[str, str] = ("Viktor AXELSEN", "CHEN Long"),
-        homography: np.ndarray = HOMOGRAPHY,
-        files: bool = True,
     ) -> Path:
-        """Add a match and return its folder; without ``files`` only the lists know it."""
+        """Add a match and return its folder."""
         self.lists.setdefault(source, []).append((str(number), name, str(len(games)), *players))
-        self.homographies.setdefault(source, []).append((name, json.dumps(homography.tolist())))
+        self.homographies.setdefault(source, []).append((name, json.dumps(HOMOGRAPHY.tolist())))
         folder = self.root / source / name
-        if files:
-            folder.mkdir(parents=True)
-            for i, rows in enumerate(games, start=1):
-                write_rows(folder / f"set{i}.csv", rows)
+        folder.mkdir(parents=True)
+        for i, rows in enumerate(games, start=1):
+            write_rows(folder / f"set{i}.csv", rows)
         self._write_lists(source)
         return folder
 

@@ -81,15 +81,6 @@ def test_files_of_a_stroke_and_no_imports_in_a_loop() -> None:
     assert len(parts) <= 4, sorted(path.name for path in parts)
 
 
-def test_no_page_states_a_probability_beyond_100_percent() -> None:
-    """Normal intervals of probabilities are cut at 0 and 100 %, and exploitability is a value from 0 to 1 everywhere."""
-    for path in [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]:
-        text = path.read_text(encoding="utf-8")
-        beyond = [number for number in re.findall(r"(\d+\.\d+) (?:% )?(?:to \d|\))", text) if 100 < float(number) < 101]
-        assert beyond == [], path
-        assert not re.findall(r"exploitab\w+ (?:of |is |about )?\d+(?:\.\d+)? %", text), path
-
-
 PAGES = {figure.page: (ROOT / figure.page).read_text(encoding="utf-8") for figure in FIGURES}
 
 

@@ -39,13 +39,6 @@ def test_playing_needs_neither_torch_nor_pygame():
     assert not {"torch", "torchrl", "tensordict", "pygame", "numba", "pyarrow"} & loaded
 
 
-def test_the_environments_are_attributes_of_the_package():
-    assert shuttle_marl.rally_v0.__name__ == "shuttle_marl.env.rally_v0"
-    assert {"rally_v0", "match_v0", "__version__"} <= set(dir(shuttle_marl))
-    with pytest.raises(AttributeError, match="rally_v1"):
-        _ = shuttle_marl.rally_v1
-
-
 def test_slips_are_answered_with_what_was_meant():
     slip: dict[str, Any] = {"oponent": "bc"}
     with pytest.raises(AttributeError, match="'resovle'; did you mean resolve"):

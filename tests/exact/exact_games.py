@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from hypothesis import strategies as st
 
-from shuttle_marl.base.arrays import F64
+from shuttle_marl.base.arrays import F64, Bools
 from shuttle_marl.game.stroke import SHOTS, Catalogue
 from shuttle_marl.game.tables import HURRY_ONE, Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, base_pairs, from_pair_probabilities, layout, thresholds
@@ -40,16 +40,16 @@ def hand_made(names: tuple[str, ...] = THREE_STROKES) -> Game:
     return dataclasses.replace(game, threshold=fixed[game.pair_stroke].astype(np.uint16))
 
 
-def random_game(seed: int, rallies: int = 5, density: float = 0.5) -> Game:
-    """Two serves and ``rallies`` further strokes that may answer each other, all of it drawn at random.
-
-    Every second game counts duels, every third one to three levels of effort.
-    """
-    rng = np.random.default_rng(seed)
+def small_catalogue(rng: np.random.Generator, rallies: int) -> Catalogue:
+    """Two serves, and strokes of which at least one is played from above and one from below."""
     serves = ["short-serve:front-centre:below:backhand", "long-serve:back-left:below:forehand"]
     heights = ["below", "above", *rng.choice(["below", "above"], rallies - 2)]
     names = {f"{SHOTS[2 + 8 * i % 11]}:middle-left:{height}:forehand" for i, height in enumerate(heights)}
-    catalogue = Catalogue.from_names([*serves, *sorted(names)])
+    return Catalogue.from_names([*serves, *sorted(names)])
+
+
+def random_replies(rng: np.random.Generator, catalogue: Catalogue, density: float) -> Bools:
+    """Who may answer what."""
     n = len(catalogue)
     replies = rng.random((n + 1, n)) < density
     for contact in (0, 1):
@@ -57,7 +57,17 @@ def random_game(seed: int, rallies: int = 5, density: float = 0.5) -> Game:
         replies[np.arange(n), rng.choice(can, n)] = True
     replies[:n, catalogue.is_serve] = False
     replies[n] = catalogue.is_serve
-    tables = layout(catalogue, replies, duels=seed % 2 == 1)
+    return replies
+
+
+def random_game(seed: int, rallies: int = 5, density: float = 0.5) -> Game:
+    """Two serves and ``rallies`` further strokes that may answer each other, all of it drawn at random.
+
+    Every second game counts duels, every third one to three levels of effort.
+    """
+    rng = np.random.default_rng(seed)
+    catalogue = small_catalogue(rng, rallies)
+    tables = layout(catalogue, random_replies(rng, catalogue, density), duels=seed % 2 == 1)
     odds = [ONE, *rng.integers(ONE // 2, 2 * ONE, seed % 3).tolist()]
     return with_probabilities(game_without_outcomes(catalogue, tables, odds), seed)
 

@@ -89,13 +89,6 @@ def test_the_bound_is_that_of_the_contraction(solution: Solution, small: Game) -
     assert solution.error_bound <= 1e-9
 
 
-def test_two_equal_tables_are_the_symmetric_game(solution: Solution, small: Game) -> None:
-    copy = dataclasses.replace(small, threshold=small.threshold.copy())
-    asymmetric = solve(small, copy)
-    assert asymmetric.value_at_serve == pytest.approx(solution.value_at_serve, abs=2e-9)
-    assert np.abs(asymmetric.value[0] - asymmetric.value[1]).max() < 2e-9
-
-
 def test_no_policy_gains_against_minimax(solution: Solution) -> None:
     policy = solution.policy[0]
     answer = best_response(policy)
@@ -103,12 +96,6 @@ def test_no_policy_gains_against_minimax(solution: Solution) -> None:
     found = nash_conv(policy)
     assert 0 - found.error_bound <= found.nash_conv <= 1e-5
     assert found.exploitability == found.nash_conv / 2
-
-
-def test_the_same_values_twice(solution: Solution, small: Game) -> None:
-    again = solve(small)
-    assert np.array_equal(again.value[0], solution.value[0])
-    assert np.array_equal(again.policy[0].cumulative, solution.policy[0].cumulative)
 
 
 def test_the_minimax_policy_plays_one_legal_stroke_in_every_state(solution: Solution, small: Game) -> None:

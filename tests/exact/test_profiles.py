@@ -23,8 +23,6 @@ from shuttle_marl.exact import (
     visits,
 )
 from shuttle_marl.exact.fixed_point import solve_linear
-from shuttle_marl.game import default_game
-from shuttle_marl.game.scoring import match_win_probability
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import ROOT, Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
@@ -238,9 +236,6 @@ def test_the_bound_of_a_match_follows_from_that_of_a_rally(bc: TabulatedPolicy) 
     assert 0 < sure.match_error_bound() < 1, "probabilities end at 1"
 
 
-NAMES = ("bc", "attacking", "defensive", "safe", "random")
-
-
 @settings(max_examples=10, deadline=None)
 @given(games, seeds)
 def test_crossplay_is_every_profile(game: Game, seed: int) -> None:
@@ -258,32 +253,8 @@ def test_crossplay_is_every_profile(game: Game, seed: int) -> None:
     assert np.diag(table.rally) == pytest.approx(np.full(3, 0.5), abs=1e-12)
 
 
-def test_the_same_odds_twice_and_in_any_company(small: Game) -> None:
-    tables = [tabulate(resolve(name, small), small) for name in ("bc", "safe")]
-    table = crossplay(tables)
-    assert np.array_equal(table.serving, crossplay(tables).serving)
-    assert table.serving[0, 1] == pytest.approx(crossplay(tables[::-1]).serving[1, 0], abs=table.error_bound)
-
-
 def test_no_policies_and_other_games_are_refused(small: Game) -> None:
     with pytest.raises(ExactError, match="no policies"):
         crossplay([])
     with pytest.raises(ExactError, match="differ in catalogue"):
         crossplay([tabulate(resolve("safe", small), small), random_policy(random_game(0), 0)])
-
-
-def test_matches_follow_from_rallies(small: Game) -> None:
-    tables = [tabulate(resolve(name, small), small) for name in NAMES]
-    table = crossplay(tables)
-    expected = match_win_probability(table.serving, 1 - table.serving.T)
-    assert np.array_equal(table.match(), expected)
-
-
-def test_safe_play_leads_and_every_style_beats_random_play_in_the_shipped_game() -> None:
-    game = default_game()
-    table = crossplay([tabulate(resolve(name, game), game) for name in NAMES], tolerance=1e-3)
-    order = np.argsort(table.match().mean(axis=1))
-    assert NAMES[order[-1]] == "safe"
-    assert NAMES[order[0]] == "random"
-    # Random strokes are among those that people choose there (at least 5 %), so they lose little to a style that seldom attacks.
-    assert (table.rally[:-1, NAMES.index("random")] > 0.505).all()

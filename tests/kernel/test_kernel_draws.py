@@ -11,8 +11,6 @@ from shuttle_marl.env.single import Opponent
 from shuttle_marl.game import draws
 from shuttle_marl.game.draws import CHOICE_ONE
 from shuttle_marl.game.policy import States, drawn_strokes
-from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.kernel import Players, core, pack
 from shuttle_marl.kernel import players as packed
@@ -31,11 +29,6 @@ def _numbers(key: np.uint64, counter: int, count: int, limits: np.uint64) -> tup
         core.outcome_of(limits, bits),
         core.uniform_choice(count, bits),
     )
-
-
-@compiled
-def _choice(players: Players, player: int, state: int, start: int, bits: np.uint64) -> int:
-    return packed.table_choice(players, player, state, start, bits)
 
 
 @settings(deadline=None)
@@ -89,27 +82,3 @@ def test_every_player_of_the_package_turns_a_draw_into_the_same_stroke(sharpness
         # And each stroke is played as often as its table says.
         share = np.bincount(compiled_choice, minlength=int(game.legal_count(state))) / CHOICE_ONE
         assert np.array_equal(share, policy.pair_probabilities()[game.pairs_of(state)])
-
-
-def expected_choice(table: TabulatedPolicy, game: Game, state: int, bits: int) -> int:
-    """The definition: the first legal stroke whose entry exceeds the draw."""
-    entries = table.cumulative[game.pair_start[state] : game.pair_start[state + 1]]
-    return int(np.argmax(entries > draws.choice_draw(np.array([bits], np.uint64))[0]))
-
-
-@settings(deadline=None)
-@given(st.integers(0, 500), st.integers(2, 9), st.sampled_from([0.2, 1.0, 30.0]), st.data())
-def test_a_choice_is_the_first_entry_above_the_draw(seed: int, rallies: int, sharpness: float, data: st.DataObject) -> None:
-    game = random_game(seed, rallies, 0.9)
-    tables = [random_policy(game, seed, sharpness), random_policy(game, seed + 1, sharpness)]
-    players = pack(tables, game)
-    for _ in range(10):
-        state = data.draw(st.sampled_from(np.flatnonzero(game.playable).tolist()))
-        start, end = game.pair_start[state], game.pair_start[state + 1]
-        for number, table in enumerate(tables):
-            edges = [int(c) + d for c in table.cumulative[start:end] for d in (-1, 0)]
-            # The least upper half that gives u, since u = upper * 65535 >> 32.
-            bits = [(-(-(u << 32) // CHOICE_ONE)) << 32 for u in edges if 0 <= u < CHOICE_ONE]
-            for word in [*bits, data.draw(words), 0, 2**64 - 1]:
-                chosen = _choice(players, number, state, start, np.uint64(word))
-                assert chosen == expected_choice(table, game, state, word)

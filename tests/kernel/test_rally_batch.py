@@ -2,7 +2,6 @@
 
 import dataclasses
 import functools
-from collections import defaultdict
 
 import numpy as np
 import pytest
@@ -94,34 +93,6 @@ def test_steps_are_those_of_the_pure_rules(
         assert_rows(batch.rows, expected)
 
 
-History = dict[int, list[tuple[int, int, int, float]]]
-
-
-def histories(size: int, threads: int, rallies: int, game: Game = GAME, seed: int = 5) -> History:
-    """(striker, state, stroke, reward) of every stroke of the first rallies, under a policy of state and draw alone."""
-    batch = RallyBatch(game, size, seed=seed, threads=threads)
-    found: History = defaultdict(list)
-    ended: set[int] = set()
-    while not ended.issuperset(range(rallies)):
-        rally, striker, state = (array.copy() for array in (batch.rows.rally, batch.rows.striker, batch.rows.state))
-        strokes = batch.random_strokes()
-        reward, done = batch.step(strokes)
-        for row in np.flatnonzero(rally < rallies):
-            found[int(rally[row])].append((int(striker[row]), int(state[row]), int(strokes[row]), float(reward[row])))
-        ended.update(rally[done].tolist())
-    return found
-
-
-@functools.cache
-def one_by_one() -> History:
-    return histories(1, 1, 300)
-
-
-@pytest.mark.parametrize(("size", "threads"), [(7, 1), (3000, 2), (4096, 1), (4099, 4)])
-def test_neither_company_nor_threads_change_a_rally(size: int, threads: int) -> None:
-    assert histories(size, threads, 300) == one_by_one()
-
-
 def tallied(batch: RallyBatch, strokes: int, tables: tuple[TabulatedPolicy, TabulatedPolicy] | None) -> Tally:
     """``run`` one stroke at a time from outside."""
     game, counts = batch.game, np.zeros(3, np.int64)
@@ -190,12 +161,6 @@ def test_an_illegal_stroke_is_refused_and_nothing_changes() -> None:
             batch.step(wrong)
     with pytest.raises(KernelError, match=r"strokes: int64 of shape \(2,\); expected int64 of shape \(3000,\)"):
         batch.step(strokes[:2])
-    small = RallyBatch(GAME, 2)
-    for room in (small.new_observations(), Observations._make(array[::-1] for array in batch.new_observations())):
-        with pytest.raises(KernelError, match=r"output array for (tokens|mask), .*: expected"):
-            batch.step(strokes, observed=room)
-        with pytest.raises(KernelError, match=r"output array for (tokens|mask), .*: expected"):
-            batch.observe(room)
     assert state_of(batch) == before
     batch.step(strokes)
     assert state_of(batch) != before

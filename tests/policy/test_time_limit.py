@@ -54,7 +54,9 @@ def test_one_that_hangs_is_given_up_and_never_asked_again() -> None:
             ended.set()
 
     policy = TimedPolicy(FunctionPolicy(hangs), 0.1)
-    with pytest.raises(PolicyError, match=r"'TimedPolicy' raised TimeoutError: no answer within 0\.1 s; --policy-timeout gives more"):
+    with pytest.raises(
+        PolicyError, match=r"'TimedPolicy' raised TimeoutError: no answer within 0\.1 s; --policy-timeout gives more"
+    ):
         checked_probabilities(policy, STATES)
     assert ended.wait(10), "the loop takes time from everything else"
     begun = time.monotonic()

@@ -1,37 +1,16 @@
 """The index tables of a game, on random small games."""
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from shuttle_marl.base.arrays import Bools
 from shuttle_marl.game import default_game
-from shuttle_marl.game.stroke import SHOTS, Catalogue
 from shuttle_marl.game.tables import ROOT, Game, GameError
 from shuttle_marl.game.tabulated import base_pairs, layout, thresholds
 from shuttle_marl.game.thresholds import ONE
-
-Bools = npt.NDArray[np.bool_]
-
-
-def small_catalogue(rng: np.random.Generator, rallies: int) -> Catalogue:
-    """Two serves, and strokes of which at least one is played from above and one from below."""
-    serves = ["short-serve:front-centre:below:backhand", "long-serve:back-left:below:forehand"]
-    heights = ["below", "above", *rng.choice(["below", "above"], rallies - 2)]
-    names = {f"{SHOTS[2 + 8 * i % 11]}:middle-left:{height}:forehand" for i, height in enumerate(heights)}
-    return Catalogue.from_names([*serves, *sorted(names)])
-
-
-def random_replies(rng: np.random.Generator, catalogue: Catalogue, density: float) -> Bools:
-    n = len(catalogue)
-    replies = rng.random((n + 1, n)) < density
-    for contact in (0, 1):
-        can = np.flatnonzero((catalogue.height == contact) & ~catalogue.is_serve)
-        replies[np.arange(n), rng.choice(can, n)] = True
-    replies[:n, catalogue.is_serve] = False
-    replies[n] = catalogue.is_serve
-    return replies
+from tests.exact.exact_games import random_replies, small_catalogue
 
 
 def random_game(seed: int, rallies: int = 8, density: float = 0.3) -> tuple[Game, Bools]:

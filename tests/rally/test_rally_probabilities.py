@@ -92,15 +92,3 @@ def test_the_receiver_becomes_the_striker_in_the_state_that_follows() -> None:
     assert set(outcome.tolist()) == set(range(len(OUTCOMES)))
     assert over.any()
     assert go_on.any()
-
-
-def test_strike_treats_each_rally_of_a_batch_by_itself() -> None:
-    game = default_game()
-    rng = np.random.default_rng(7)
-    pair = rng.integers(game.n_pairs, size=200)
-    state, draw = game.pair_state[pair], rng.integers(HURRY_ONE * ONE, size=200)
-    k = pair - game.pair_start[state]
-    outcome, following = strike(game, state, k, draw)
-    for i in range(200):
-        one = strike(game, state[i : i + 1], k[i : i + 1], draw[i : i + 1])
-        assert (one[0][0], one[1][0]) == (outcome[i], following[i])

@@ -1,4 +1,4 @@
-"""Rallies played by PyTorch: those of the compiled kernel on every device; training on a pretended device mixes no tensors."""
+"""Rallies played by PyTorch: those of the compiled kernel on every device; a training run on one mixes no tensors."""
 
 import dataclasses
 from collections.abc import Callable
@@ -15,14 +15,10 @@ from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.kernel import RallySampler
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.training import A2CConfig, PPOConfig, SACConfig, TrainingConfig, train
-from shuttle_marl.training.a2c import A2C
-from shuttle_marl.training.learner import RallyCollector, Tensors, Trainer
-from shuttle_marl.training.ppo import PPO
+from shuttle_marl.training.learner import RallyCollector
 from shuttle_marl.training.sac import SAC
-from shuttle_marl.training.self_play import SelfPlayOpponents, n_opponents
 from shuttle_marl.training.torch_sampler import TorchSampler, draw, extend, mix, sums
 from tests.reduced import reduced_game, reduced_model
-from tests.training.pretended import pretended_cuda
 
 GAME = reduced_game()
 RANDOM, BC, SAFE = (tabulate(resolve(name, GAME), GAME) for name in ("random", "bc", "safe"))
@@ -151,9 +147,6 @@ def test_sums_do_not_depend_on_the_order(device: str) -> None:
     assert sums(torch.zeros(3, dtype=torch.int64), tiny, 1) < 1e-300
 
 
-# Runs.
-
-
 def test_the_first_strokes_of_sac_are_those_of_the_kernel() -> None:
     config = SACConfig(game=reduced_model(), batch=512, width=8)
     found = []
@@ -168,62 +161,18 @@ def test_the_first_strokes_of_sac_are_those_of_the_kernel() -> None:
         assert torch.equal(found[0][name].sort().values, found[1][name].sort().values)
 
 
-AVERAGE = tabulate(resolve("bc", GAME), GAME)
-SMALL: dict[str, Any] = {"game": reduced_model(), "batch": 64, "growth": 0.0, "width": 8, "strokes": 64 * 4, "sampler": "torch"}
-SELF: dict[str, Any] = {**SMALL, "opponent": ("self",)}
-LEARNERS: dict[str, tuple[Callable[..., Any], TrainingConfig]] = {
-    "ppo": (PPO, PPOConfig(**SMALL)),
-    "a2c": (A2C, A2CConfig(**SMALL, fault_cost=0.3)),
-    "sac": (SAC, SACConfig(**SMALL, warm_up=50, minibatch=64, buffer=150)),
-    "pool": (PPO, PPOConfig(**SELF, variant="pool", update_interval=2, pool_size=2)),
+CONFIG = PPOConfig(game=reduced_model(), batch=64, growth=0.0, width=8, strokes=64 * 4, checkpoint_every=2, record="all")
+CONFIGS: dict[str, TrainingConfig] = {
+    "ppo": dataclasses.replace(CONFIG, warm_start="bc"),
+    "a2c": A2CConfig(game=reduced_model(), batch=64, growth=0.0, width=8, strokes=64 * 4, fault_cost=0.3),
+    "sac": SACConfig(game=reduced_model(), batch=64, width=8, strokes=64 * 4, warm_up=50, minibatch=64, buffer=150),
+    "pool": dataclasses.replace(CONFIG, opponent=("self",), variant="pool", update_interval=2, pool_size=2),
 }
 
 
-def learned(make: Callable[..., Any], config: TrainingConfig) -> Tensors:
-    """State of a learner after two iterations, between which another one takes over."""
-    state: Tensors = {}
-    for start in (0, 2):
-        torch.manual_seed(start)
-        learner = make(config, GAME)
-        met = [AVERAGE] * n_opponents(config) if isinstance(config, PPOConfig) and config.self_play else [AVERAGE]
-        collector = RallyCollector(config, GAME, met, learner.predict, distinct=learner.distinct)
-        assert all(weight.device.type == config.device for weight in learner.actor.parameters())
-        trainer = Trainer(learner, collector)
-        if state:
-            trainer.load_state_dict(state)
-        self_play = None
-        if isinstance(config, PPOConfig) and config.self_play:
-            self_play = SelfPlayOpponents(config, GAME, learner, collector.sampler)
-            self_play.load_state_dict(state)
-        collector.set_seed(start)
-        if self_play is not None:
-            self_play.set_seed(1)
-            self_play.update(start)
-        data = collector.collect()
-        assert not learner.distinct or data["observation"].device.type == config.device
-        assert learner.update(data, 1 - start / 4)
-        state = trainer.state_dict()
-        if self_play is not None:
-            state |= self_play.state_dict()
-        assert all(part.device.type == "cpu" for part in state.values())
-    return state
-
-
-@pytest.mark.parametrize("name", [pytest.param(name, marks=pytest.mark.slow if name == "pool" else ()) for name in LEARNERS])
-def test_learning_mixes_no_devices(name: str) -> None:
-    make, config = LEARNERS[name]
-    usual = learned(make, config)
-    with pretended_cuda():
-        found = learned(make, dataclasses.replace(config, device="cuda"))
-    assert found.keys() == usual.keys()
-    assert all(torch.equal(found[part], usual[part]) for part in usual)
-
-
-def test_a_run_mixes_no_devices(tmp_path: Path) -> None:
-    config = PPOConfig(**SMALL, checkpoint_every=2, record="all", exploitability=False, warm_start="bc")
-    usual = train(dataclasses.replace(config, out=tmp_path / "cpu"))
-    with pretended_cuda():
-        done = train(dataclasses.replace(config, out=tmp_path / "cuda", device="cuda", sampler="auto"))
-    assert done.evaluation == usual.evaluation
-    for name in ("agent/network.safetensors", "rallies.mcap"):
-        assert (done.folder / name).read_bytes() == (usual.folder / name).read_bytes()
+@NO_GPU
+@pytest.mark.parametrize("name", CONFIGS)
+def test_a_run_on_a_gpu_mixes_no_devices_and_is_resumed(name: str, tmp_path: Path) -> None:
+    config = dataclasses.replace(CONFIGS[name], device="cuda", out=tmp_path / "run")
+    assert train(config).iterations == 4
+    assert train(dataclasses.replace(config, resume=True)).iterations == 4

@@ -363,16 +363,7 @@ def test_too_few_seeds_or_jobs_are_named(seeds: int, jobs: int, tmp_path: Path) 
     assert not (tmp_path / "run").exists()
 
 
-LOGGED: dict[str, Any] = {
-    "game": reduced_model(),
-    "batch": 256,
-    "growth": 0.0,
-    "width": 16,
-    "evaluate_every": 100,
-    "checkpoint_every": 3,
-    "strokes": 256 * 8,
-    "record": "all",
-}
+LOGGED: dict[str, Any] = {**SMALL, "evaluate_every": 100, "strokes": 256 * 8}
 LOG = "rallies.mcap"
 
 
