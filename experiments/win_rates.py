@@ -248,7 +248,7 @@ def table_rows(result: dict[str, Any]) -> Iterator[tuple[str, ...]]:
             else "",
             f"{row['normalised_score']['mean']:z.3f} ± {row['normalised_score']['deviation']:.3f}",
             f"{iqm['value']:.3f} ({iqm['low']:.3f} to {iqm['high']:.3f})" if iqm else "",
-            f"{row['exploitability']['mean']:.3f}",
+            f"{row['exploitability']['mean']:z.3f}",
             f"{row['strokes'] / 1e6:.1f} M" if "strokes" in row else "",
         )
 

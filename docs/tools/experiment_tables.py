@@ -176,7 +176,7 @@ def depth_play() -> str:
 def depth_lists() -> str:
     """How far policies get that read little, from ``experiments/results/depth.json``."""
     rows = [
-        (name.replace("_", " "), f"{of['score']:.3f}", f"{of['exploitability']:.3f}", f"{100 * of['against_minimax']:.1f} %")
+        (name.replace("_", " "), f"{of['score']:.3f}", f"{of['exploitability']:z.3f}", f"{100 * of['against_minimax']:.1f} %")
         for name, of in saved("experiments", "depth")["lists"].items()
     ]
     return markdown(("reads", "normalised", "exploitability", "rallies against minimax"), rows, left=("reads",))

@@ -71,7 +71,7 @@ def ranking_short(folder: Path) -> str:
             f"{s.rating:+.0f} ({s.rating_low:+.0f} to {s.rating_high:+.0f})",
             f"{100 * s.share:.1f} %",
             *against[s.player],
-            f"{s.exploitability:.3f}",
+            f"{s.exploitability:z.3f}",
             f"{s.normalised_score:.3f}",
         )
         for s in shown

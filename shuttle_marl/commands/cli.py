@@ -274,7 +274,7 @@ def depth(found: Mapping[str, Any]) -> tuple[Table, Table]:
     best = _table("Best policies that read", "", right=("normalised", "exploitability", "against minimax"))
     for name, of in found["lists"].items():
         won = percent(of["against_minimax"])
-        best.add_row(name.replace("_", " "), f"{of['score']:.3f}", f"{of['exploitability']:.3f}", won)
+        best.add_row(name.replace("_", " "), f"{of['score']:.3f}", f"{of['exploitability']:z.3f}", won)
     return play, best
 
 

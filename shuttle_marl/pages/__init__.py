@@ -89,7 +89,7 @@ def number(value: float, form: str) -> Cell:
 
 def percent(value: float, decimals: int = 1) -> Cell:
     """A fraction in per cent; empty for NaN."""
-    return Cell() if math.isnan(value) else Cell(f"{100 * value:.{decimals}f} %", value)
+    return Cell() if math.isnan(value) else Cell(f"{100 * value:z.{decimals}f} %", value)
 
 
 def interval(low: float, high: float, form: str) -> Cell:

@@ -215,5 +215,5 @@ def number(value: float | None, name: str = "") -> str:
     if value is None:
         return ""
     if name.startswith(_PERCENT):
-        return f"{100 * value:.2f} %"
-    return f"{value:.4f}" if name.startswith("exploitability") else f"{value:.3f}"
+        return f"{100 * value:z.2f} %"
+    return f"{value:z.4f}" if name.startswith("exploitability") else f"{value:z.3f}"

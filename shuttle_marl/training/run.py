@@ -81,7 +81,7 @@ class Evaluation:
     @property
     def exploitability_text(self) -> str:
         """The exploitability, as text."""
-        return "no exploitability" if self.exploitability is None else f"exploitability {self.exploitability:.3f}"
+        return "no exploitability" if self.exploitability is None else f"exploitability {self.exploitability:z.3f}"
 
 
 class Evaluator:

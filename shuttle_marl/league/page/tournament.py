@@ -115,7 +115,7 @@ def _stroke(stroke: str, share: float, real: float | None) -> Cell:
 
 
 def _holes(player: str, holes: "Holes") -> Table:
-    caption = f"{player}: exploitability {holes.exploitability:.4f}, {100 * holes.share:.0f} % of its loss here"
+    caption = f"{player}: exploitability {holes.exploitability:z.4f}, {100 * holes.share:.0f} % of its loss here"
     return table(holes.holes, _HOLES, caption)
 
 

@@ -265,7 +265,7 @@ class _League:
         if state.best is None or exploitability < state.best.exploitability:
             state.best = Best(name=name, hash=table, exploitability=exploitability, temperature=temperature)
         self.console.print(
-            f"round {line['round']}, {line['seconds']:.0f} s: exploitability {exploitability:.4f} ({name}), "
+            f"round {line['round']}, {line['seconds']:.0f} s: exploitability {exploitability:z.4f} ({name}), "
             f"{odds.match():.1%} of matches won against {first.name}, {len(state.population)} policies",
             highlight=False,
             markup=False,
