@@ -4,8 +4,9 @@
 
 A mutation replaces one comparison, arithmetic or boolean operator, number, truth value, ``not`` or returned value. Decorators,
 annotations, ``__all__`` and error messages stay. Each mutant of a random sample is a copy of the repository in a temporary
-folder, which holds its own machine code, so changes of compiled functions and of those they inline are compiled. The test files
-that call the changed function run on it, the quickest first, until a test fails. The output has the keys:
+folder. Compiled functions, those that they inline and constants are compiled anew for it; after other changes the machine code of
+the mutant before is used. The test files that call the changed function run on it, the quickest first, until a test fails. The
+output has the keys:
 
 - ``tried``: mutants of the sample; ``equivalent``: those that no test can notice, listed in ``equivalent_mutants.toml``.
 - ``killed``: a test failed; ``timeouts``: the tests took longer than ``--timeout`` seconds; ``survived``: all tests passed.
@@ -167,11 +168,11 @@ class Task:
         return "timeouts" if self.status is None else "survived" if self.status in (0, 5) else "killed"
 
 
-def _run_tests(copied: Path, files: list[str], record: bool) -> None:
+def _run_tests(copied: Path, files: list[str], record: bool, machine_code: str) -> None:
     """Run tests of a copy in this process, which is a fork; exit with the status of pytest."""
     os.setsid()
     os.chdir(copied)
-    os.environ |= {"PYTHONPATH": str(copied), "NUMBA_CACHE_DIR": ""}
+    os.environ |= {"PYTHONPATH": str(copied), "NUMBA_CACHE_DIR": machine_code}
     for name in [name for name in sys.modules if name.split(".")[0] in ("shuttle_marl", "tests", "conftest", "docs")]:
         del sys.modules[name]
     sys.path[:] = [str(copied), *(path for path in sys.path if path and Path(path).resolve() != ROOT)]
@@ -194,17 +195,21 @@ def _run_tests(copied: Path, files: list[str], record: bool) -> None:
 
 def run(tasks: list[Task], template: Path, jobs: int, timeout: float) -> Iterator[Task]:
     """Run tasks in parallel, without a mutation in the template, else in copies of it: links, until a file is replaced."""
-    waiting = tasks[::-1]
+    waiting, slots = tasks[::-1], [template.with_name(f"copy-{job}") for job in range(jobs)]
     running: dict[int, Any] = {}
     while waiting or running:
         while waiting and len(running) < jobs:
-            task, folder = waiting.pop(), template
+            task, folder, machine_code = waiting.pop(), template, ""
             if task.mutant:
-                folder = Path(tempfile.mkdtemp(dir=template.parent))
-                shutil.copytree(template, folder, copy_function=os.link, dirs_exist_ok=True)
+                folder = slots.pop()
+                shutil.copytree(template, folder, copy_function=os.link)
+                # The folder has the same name as for the mutant before, so what that compiled is found.
+                machine_code = f"{folder}-machine-code" if task.mutant.function else f"{folder}/machine-code"
                 (folder / task.mutant.file).unlink()
                 (folder / task.mutant.file).write_text(task.mutant.source, encoding="utf-8")
-            process = multiprocessing.get_context("fork").Process(target=_run_tests, args=(folder, task.files, not task.mutant))
+            process = multiprocessing.get_context("fork").Process(
+                target=_run_tests, args=(folder, task.files, not task.mutant, machine_code)
+            )
             process.start()
             running[process.sentinel] = process, task, folder, time.monotonic()
         multiprocessing.connection.wait(list(running), 1.0)
@@ -217,7 +222,9 @@ def run(tasks: list[Task], template: Path, jobs: int, timeout: float) -> Iterato
                 os.killpg(process.pid, signal.SIGKILL)
             process.join()
             if task.mutant:
-                shutil.rmtree(folder, ignore_errors=True)
+                done = folder.rename(tempfile.mkdtemp(dir=template.parent))  # a test's process may still write there
+                shutil.rmtree(done, ignore_errors=True)
+                slots.append(folder)
             elif task.verdict == "survived":
                 task.calls = json_.loads((folder / f"calls-{process.pid}.json").read_text())
             else:

@@ -11,11 +11,12 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pytest
 from playwright.sync_api import Browser
+from scipy import stats
 
 from shuttle_marl.analysis import marks
 from shuttle_marl.analysis.course import Chances
 from shuttle_marl.analysis.marks import Choice, basis_of
-from shuttle_marl.analysis.match import MatchReport, match_report, matches_in
+from shuttle_marl.analysis.match import MatchReport, _heat, match_report, matches_in
 from shuttle_marl.analysis.scouting import ScoutingReport, players_of, scout
 from shuttle_marl.analysis.summary import AnalysisError, rally_table
 from shuttle_marl.base.errors import printable
@@ -29,6 +30,7 @@ from shuttle_marl.commands.reports import write_report
 from shuttle_marl.commands.scout import main as scout_command
 from shuttle_marl.commands.watch import RallyOptions, _downloads
 from shuttle_marl.data.schema import Outcome
+from shuttle_marl.dynamics.habits import plays_of_strokes, tally
 from shuttle_marl.exact import Odds
 from shuttle_marl.game.scoring import Rules, Score
 from shuttle_marl.game.shipped import RELIABLE, real_strokes, resolve_game
@@ -179,6 +181,18 @@ def test_scores_and_chances_of_a_match(reported: MatchReport, match: pa.Table) -
     assert reported.rallies[-1].after in (0.0, 1.0)
     swings = [abs(reported.rallies[i].swing) for i in reported.moments]
     assert swings == sorted((abs(row.swing) for row in reported.rallies), reverse=True)[: len(swings)]
+
+
+def test_areas_in_which_won_and_lost_rallies_differ(match: pa.Table) -> None:
+    plays, rng = plays_of_strokes(match), np.random.default_rng(0)
+    landed = np.array([tally(plays.take(np.arange(len(plays)) == i)).targets for i in range(len(plays))])
+    won = (landed[:, 4] > 0) | (rng.random(len(plays)) < 0.3)
+    heat = _heat(plays, np.ones(len(plays), bool), won.astype(np.float64), 0)
+    assert (heat.won, heat.lost) == (tuple(landed[won].sum(axis=0)), tuple(landed[~won].sum(axis=0)))
+    tests = [[(a, sum(heat.won) - a), (b, sum(heat.lost) - b)] for a, b in zip(heat.won, heat.lost, strict=True)]
+    p = stats.false_discovery_control([stats.chi2_contingency(each, correction=False).pvalue for each in tests])
+    assert heat.clear == tuple(np.flatnonzero(p <= 0.05))
+    assert 4 in heat.clear
 
 
 def test_chances_learn_the_form_of_the_day() -> None:

@@ -2,19 +2,20 @@
 
 import datetime as dt
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
 
 from shuttle_marl.exact import best_response, evaluate, restricted_response, solve
 from shuttle_marl.exact.fixed_point import ExactError
+from shuttle_marl.game.draws import stream
 from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy import baselines
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.policy.stored import StoredPolicies
 from shuttle_marl.suite import store
-from shuttle_marl.suite.adapt import CHANGES, observed
+from shuttle_marl.suite.adapt import CHANGES, PlayedRally, observed
 from shuttle_marl.suite.methods.adapters import (
     PosteriorMean,
     change_point,
@@ -104,6 +105,13 @@ class Oracle:
         self.rallies.append(rally)
 
 
+class Watching(Oracle):
+    seen: ClassVar[list[PlayedRally]] = []
+
+    def observe_rally(self, rally: PlayedRally) -> None:
+        self.seen.append(rally)
+
+
 class Peeking(Oracle):
     def __init__(self, setting: Any) -> None:
         super().__init__(setting)
@@ -123,6 +131,18 @@ def test_regret_is_exact(tmp_path: Path, arena: Arena) -> None:
     assert second.scores["exploitability"] == pytest.approx(best_response(player).value.odds().value, abs=2e-6)
     assert verified(folder).refused == []
     assert set(first.policies) == {str(change) for change in CHANGES}
+
+
+def test_draws_follow_from_the_name_of_the_case_and_the_seed(tmp_path: Path, arena: Arena) -> None:
+    Watching.seen.clear()
+    run(tmp_path, f"{__name__}:Watching")
+    name = TASK.cases(arena)[0].name.encode()
+    assert len(name) > 7
+    numbers = [int.from_bytes(name[first : first + 7], "big") for first in range(0, len(name), 7)]
+    hidden = opponent(arena, "synthetic", 0).policies[0]
+    again = observed(GAME, (best_response(hidden).policy, hidden), CHANGES[1], int(stream(0, *numbers, 0)[0] >> np.uint64(1)))
+    for first, second in zip(Watching.seen, again, strict=False):
+        assert first.stroke.tolist() == second.stroke.tolist()
 
 
 def test_a_method_that_reads_the_opponent_is_refused(tmp_path: Path) -> None:
