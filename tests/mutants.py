@@ -44,7 +44,10 @@ Module = Literal["game", "exact", "league", "analysis", "suite", "policy"]
 TESTS: Final[dict[str, tuple[str, ...]]] = {
     "analysis": ("analysis", "coach"),
     "exact": ("exact",),
-    "game": ("rally", "scoring", "policy", "exact/test_lists.py", "kernel/test_kernel_draws.py", "env/test_rally_env.py"),
+    "game": (
+        *("rally", "scoring", "policy", "exact/test_lists.py", "kernel/test_kernel_draws.py"),
+        *("kernel/test_matches_kernel.py", "env/test_rally_env.py"),
+    ),
     "league": ("league",),
     "policy": ("policy", "league/test_programs.py", "training/test_shipped_agents.py"),
     "suite": ("suite", "experiments/test_suite.py"),
