@@ -3,8 +3,8 @@
     python -I program.py MODULE:ATTRIBUTE FOLDER CLOSED …
 
 Messages in both directions are arrays in the format of NumPy, without pickles. An audit hook refuses to import the package, to
-open files in folders that are CLOSED, and to start programs. It holds for code in Python, not for compiled code that opens files
-itself.
+open files in folders that are CLOSED, folders around them and other processes, and to start programs. It holds for code in
+Python, not for compiled code that opens files itself, nor for code that changes this file or the library while it runs.
 """
 
 import contextlib
@@ -24,8 +24,12 @@ from typing import IO, Any, Final
 import numpy as np
 
 _LENGTH: Final = struct.Struct("<Q")
-_PROGRAMS: Final = ("subprocess.Popen", "os.exec", "os.posix_spawn", "os.spawn", "os.system", "os.startfile")
-_FILES: Final = ("open", "os.listdir", "os.scandir", "os.link", "os.symlink", "os.rename", "sqlite3.connect")
+_PROGRAMS: Final = (
+    "subprocess.Popen", "os.exec", "os.posix_spawn", "os.spawn", "os.system", "os.startfile", "cpython.PyInterpreterState_New",
+)  # fmt: skip
+_NAMES: Final = ("os.listdir", "os.scandir", "os.symlink", "sqlite3.connect")
+_HANDLES: Final = ("open", "os.link", "os.rename")
+"""Events of files that reach what is in a folder, so that none around a closed one may be used."""
 
 
 def message(**arrays: Any) -> bytes:
@@ -96,15 +100,25 @@ def answer_of(result: Any, setting: Setting) -> dict[str, Any]:
     return {"values": np.asarray(result, dtype=np.float64)}
 
 
+def start(*_: Any) -> None:
+    """Start no program."""
+    raise PermissionError("an isolated method cannot start programs")
+
+
 def refuse(closed: tuple[str, ...], event: str, arguments: tuple[Any, ...]) -> None:
     """Audit hook, see the top of this module."""
     if event == "import" and arguments[0].partition(".")[0] == "shuttle_marl":
         raise ModuleNotFoundError("an isolated method cannot import shuttle_marl: it gets episodes only", name="shuttle_marl")
     if event in _PROGRAMS:
-        raise PermissionError("an isolated method cannot start programs")
-    if event in _FILES and isinstance(arguments[0], str | bytes | os.PathLike):
+        start()
+    if event in _NAMES + _HANDLES and isinstance(arguments[0], str | bytes | os.PathLike):
         path = os.path.realpath(os.fsdecode(arguments[0]))
-        if any(path == folder or path.startswith(folder + os.sep) for folder in closed):
+        place, process = path.rstrip(os.sep) + os.sep, path.split("/")[2] if path.startswith("/proc/") else ""
+        if (
+            any(place.startswith(folder + os.sep) for folder in closed)
+            or (event in _HANDLES and any(folder.startswith(place) for folder in closed))
+            or (process.isdigit() and process != str(os.getpid()))  # has the memory of the game
+        ):
             raise PermissionError(f"an isolated method cannot open {path}")
 
 
@@ -114,6 +128,8 @@ def main(name: str, folder: str, *closed: str) -> None:
     os.dup2(2, 1)  # what the method prints
     sys.path.append(folder)
     sys.addaudithook(functools.partial(refuse, closed))
+    with contextlib.suppress(ImportError):  # it has no event, and starts the processes of multiprocessing
+        vars(importlib.import_module("_posixsubprocess"))["fork_exec"] = start
 
     def ask(**request: Any) -> dict[str, Any]:
         send(answers, **request)

@@ -27,6 +27,7 @@ from shuttle_marl.env.vector import RallyVectorEnv
 from shuttle_marl.game.observation import observations
 from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities
 from shuttle_marl.kernel import RallyBatch
+from shuttle_marl.policy.registry import resolve
 from shuttle_marl.suite import frozen, program, store
 from shuttle_marl.suite.exploit import OPPONENT, PlayerSetting, Trained
 from shuttle_marl.suite.method import Method, baseline_of, find, sources
@@ -62,7 +63,10 @@ class IsolatedMethod:
 
     def __init__(self, name: str, setting: Any) -> None:
         self._setting, self.game, self.used = setting, setting.game, 0
-        closed = [_PACKAGE, setting.folder / OPPONENT, *([] if (cache := cache_folder()) is None else [cache])]
+        if isinstance(setting, PlayerSetting) and setting.opponent is not None:
+            self._opponent = resolve(setting.opponent, self.game)
+            (setting.folder / OPPONENT).unlink(missing_ok=True)
+        closed = [_PACKAGE, *([] if (cache := cache_folder()) is None else [cache])]
         command = [sys.executable, "-I", program.__file__, name, *map(str, (Path.cwd(), *(path.resolve() for path in closed)))]
         self._program = Program(command, shown=True)
         states = np.arange(self.game.n_states)
@@ -104,7 +108,7 @@ class IsolatedMethod:
         if setting.opponent is None:
             self._batch: RallyBatch | RallyVectorEnv = RallyBatch(self.game, number, seed=setting.seed)
         else:
-            self._batch = RallyVectorEnv(number, opponent=setting.opponent, game=self.game, mask="none", info="none")
+            self._batch = RallyVectorEnv(number, opponent=self._opponent, game=self.game, mask="none", info="none")
             self._batch.reset(seed=setting.seed)
         return {"state": self._states()}
 
@@ -272,7 +276,7 @@ def play_unit(folder: Path, config: RunConfig, beacon: str | None, data: Path | 
     fingerprint = task.fingerprint(arena, case, seed)
     frozen.load().check(task, config.split, f"{case.name}/{seed}", fingerprint, arena.base)
     begun = time.monotonic()
-    work = folder / "work" / f"{number:03d}-{seed}"
+    work = folder / "work" / f"{fingerprint[:16]}-{seed}"  # a number would name the opponent
     work.mkdir(parents=True, exist_ok=True)
     try:
         outcome = task.play(arena, case, method_of(task.name, config.method, isolated=config.isolated), seed, work)

@@ -5,7 +5,7 @@
 - ``entries/CASE-SEED.json``: one unit: fingerprint of the case, hashes of the policies, answers, scores, curve, seconds; with a
   checksum;
 - ``policies/HASH.zst``: one table of a policy, compressed; HASH is the SHA-256 of its numbers;
-- ``work/CASE-SEED/``: files of the method, which nothing reads;
+- ``work/FINGERPRINT-SEED/``: files of the method, which nothing reads;
 - ``results.json``: aggregates, recomputed by ``score``.
 """
 

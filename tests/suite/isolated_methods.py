@@ -1,5 +1,7 @@
 """Methods as a stranger writes them, in a file without this package."""
 
+import importlib.util
+import multiprocessing
 import os
 import pathlib
 import subprocess
@@ -87,6 +89,38 @@ def opens(setting: Any) -> Any:
 
 def starts(setting: Any) -> Any:
     return subprocess.check_output([sys.executable, "-c", "import shuttle_marl"])
+
+
+def through_a_folder(setting: Any) -> Any:
+    package = pathlib.Path(os.environ["PACKAGE"])
+    handle = os.open(package.parent, os.O_RDONLY)
+    return os.open(f"{package.name}/__init__.py", os.O_RDONLY, dir_fd=handle)
+
+
+def renames(setting: Any) -> Any:
+    return (parent := pathlib.Path(os.environ["PACKAGE"]).parent).rename(parent)
+
+
+def reads_the_memory(setting: Any) -> Any:
+    return pathlib.Path(f"/proc/{os.getppid()}/maps").read_text(encoding="utf-8")
+
+
+def spawns(setting: Any) -> Any:
+    multiprocessing.get_context("spawn").Process(target=print).start()
+
+
+def interprets(setting: Any) -> Any:
+    names = [name for name in ("_interpreters", "_xxsubinterpreters") if importlib.util.find_spec(name) is not None]
+    return importlib.import_module(names[0]).create()
+
+
+def drawn(setting: Any) -> Any:
+    """Works alone, and leaves what it finds in its folder."""
+    state = setting.reset(8)
+    found = [path.name for path in setting.folder.iterdir()]
+    (setting.folder / "found.txt").write_text(" ".join(found), encoding="utf-8")
+    assert len(state) == 8
+    return First()
 
 
 def prints(setting: Any) -> Any:

@@ -1,5 +1,6 @@
 """What methods may read: ranks apart, and programs that get episodes only."""
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -92,7 +93,12 @@ def test_isolated_methods_get_episodes(task: str, method: str) -> None:
         ("named", "returns an object with act"),
         ("imports", "cannot import shuttle_marl"),
         ("opens", "cannot open"),
+        ("through_a_folder", "cannot open"),
+        ("renames", "cannot open"),
+        ("reads_the_memory", "cannot open /proc"),
         ("starts", "cannot start programs"),
+        ("spawns", "cannot start programs"),
+        ("interprets", "InterpreterError|RuntimeError|cannot start"),
         ("prints", "SystemExit: 3"),
         ("missing", "AttributeError"),
     ],
@@ -100,6 +106,13 @@ def test_isolated_methods_get_episodes(task: str, method: str) -> None:
 def test_isolated_methods_read_no_tables(method: str, reason: str) -> None:
     with pytest.raises(SuiteError, match=reason):
         run("exploit-v0", f"strange:{method}", isolated=True)
+
+
+def test_no_file_of_an_isolated_method_names_or_shows_its_opponent() -> None:
+    hidden = run("exploit-v0", "strange:drawn", isolated=True, split="hidden", beacon="ab" * 32)
+    (work,) = (hidden / "work").iterdir()
+    assert (work / "found.txt").read_text() == ""
+    assert not re.match("[0-9]{3}-", work.name)
 
 
 def test_what_cannot_be_isolated_is_refused() -> None:
