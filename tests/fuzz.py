@@ -20,9 +20,11 @@ Cases that fail are printed, and their files are kept in ``--keep``.
 
 import contextlib
 import dataclasses
+import functools
 import hashlib
 import io
 import json
+import multiprocessing
 import os
 import pickle
 import random
@@ -32,7 +34,6 @@ import shutil
 import signal
 import sys
 import tempfile
-import time
 import zipfile
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
@@ -88,6 +89,8 @@ JUNK: Final[tuple[str, ...]] = (
 )
 """JSON texts that replace a value."""
 MEBIBYTE: Final = 1 << 20
+_dumps: Final = json.dumps
+"""``main`` has an option of the name ``json``."""
 TRAINING: Final = (
     "ppo --batch 64 --growth 0 --width 4 --evaluate-every 1 --checkpoint-every 1 --record all --strokes 256 --opponent bc "
     "--game model --out run"
@@ -210,7 +213,7 @@ def build(root: Path) -> None:
 
     def run(name: str, *commands: str) -> None:
         for command in commands:
-            outcome = execute(command, root / name, seconds=300, results=())
+            outcome = execute(command, root / name, root / name / ".log", seconds=300, results=())
             assert outcome.status == 0, f"{command}: {outcome.error}"
 
     run("tournament", "league --pool bc random attacking --matches 4 --game model --out run")
@@ -335,35 +338,25 @@ def without_times(value: Any) -> Any:
     return [without_times(part) for part in value] if isinstance(value, list) else value
 
 
-def collect(child: int, log: Path, began: float, seconds: float) -> Outcome | None:
-    """Outcome of a child, None while it runs within its time."""
-    found, status, usage = os.wait4(child, os.WNOHANG)
-    if not found:
-        if time.monotonic() - began < seconds:
-            return None
-        os.killpg(child, signal.SIGKILL)
-        _, _, usage = os.wait4(child, 0)
-        return Outcome(None, "no exit in time", usage.ru_maxrss / 1024, frozenset())
-    with contextlib.suppress(ProcessLookupError):
-        os.killpg(child, signal.SIGKILL)  # programs that the command left behind
-    error = log.with_suffix(".err").read_text(errors="replace") if log.with_suffix(".err").exists() else ""
-    result = log.with_suffix(".result")
-    lines = frozenset(result.read_text(errors="replace").splitlines()) if result.exists() else frozenset[str]()
-    return Outcome(os.waitstatus_to_exitcode(status), error, usage.ru_maxrss / 1024, lines)
-
-
-def execute(command: str, folder: Path, *, seconds: float, results: Sequence[str]) -> Outcome:
-    """Run a command to its end."""
-    log, began = folder / ".log", time.monotonic()
+def execute(command: str, folder: Path, log: Path, *, seconds: float, results: Sequence[str]) -> Outcome:
+    """Run a command to its end, or for some seconds."""
     child = spawn(command, folder, log, results)
-    poll = select.poll()
-    poll.register(os.pidfd_open(child), select.POLLIN)
-    poll.poll(1000 * seconds)
-    outcome = collect(child, log, began, seconds)
-    assert outcome is not None
+    handle, poll = os.pidfd_open(child), select.poll()
+    poll.register(handle, select.POLLIN)
+    in_time = bool(poll.poll(1000 * seconds))
+    os.close(handle)
+    with contextlib.suppress(ProcessLookupError):
+        os.killpg(child, signal.SIGKILL)  # the command, if it hangs, and programs that it left behind
+    _, status, usage = os.wait4(child, 0)
+    error, lines = "no exit in time", frozenset[str]()
+    if in_time:
+        error, result = (
+            path.read_text(errors="replace") if path.exists() else "" for path in map(log.with_suffix, (".err", ".result"))
+        )
+        lines = frozenset(result.splitlines())
     for suffix in (".out", ".err", ".result"):
         log.with_suffix(suffix).unlink(missing_ok=True)
-    return outcome
+    return Outcome(os.waitstatus_to_exitcode(status) if in_time else None, error, usage.ru_maxrss / 1024, lines)
 
 
 def change(path: Path, rng: random.Random, logs: Path) -> str:
@@ -633,18 +626,8 @@ def forge_text(path: Path, rng: random.Random) -> None:
     path.write_text("\n".join(lines))
 
 
-@dataclasses.dataclass
-class Case:
-    """A running case."""
-
-    number: int
-    name: str
-    kind: str
-    command: str
-    folder: Path
-    log: Path
-    began: float
-    child: int
+Expected = dict[tuple[str, str], frozenset[str]]
+"""What commands compute of files that are not changed, by format and command."""
 
 
 def fuzz(
@@ -652,45 +635,22 @@ def fuzz(
 ) -> dict[str, Any]:
     """Run cases and count their outcomes; see the module for the keys."""
     build(root)
-    expected = {}
+    expected: Expected = {}
     for name in formats:
         for command in FORMATS[name].commands:
             folder = root / "case"
             shutil.copytree(root / name, folder, symlinks=True)
-            outcome = execute(command, folder, seconds=300, results=FORMATS[name].results)
+            outcome = execute(command, folder, folder / ".log", seconds=300, results=FORMATS[name].results)
             assert outcome.status == 0, f"{name}: {command}: {outcome.error}"
             expected[name, command] = outcome.result
             shutil.rmtree(folder)
     counts: dict[str, Counter[str]] = {name: Counter() for name in formats}
-    peak, number = 0.0, 0
-    running: list[Case] = []
-    while number < n or running:
-        while number < n and len(running) < jobs:
-            running.append(begin(number, seed, formats[number % len(formats)], root))
-            number += 1
-        poll = select.poll()
-        handles = [os.pidfd_open(case.child) for case in running]
-        for handle in handles:
-            poll.register(handle, select.POLLIN)
-        poll.poll(500)
-        for handle in handles:
-            os.close(handle)
-        for case in list(running):
-            outcome = collect(case.child, case.log, case.began, timeout)
-            if outcome is None:
-                continue
-            running.remove(case)
-            peak = max(peak, outcome.memory)
-            verdicts = judge(case, outcome, expected[case.name, case.command])
-            counts[case.name].update(["tried", *verdicts])
-            if {*verdicts} - {"accepted", "refused"}:
-                print(f"case {case.number} of {case.name} ({case.kind}): {' '.join(verdicts)}: {case.command}", file=sys.stderr)
-                print("\n".join(outcome.error.splitlines()[-3:])[:600], file=sys.stderr, flush=True)
-                if keep is not None:
-                    shutil.copytree(case.folder, keep / str(case.number), symlinks=True, ignore=_special, dirs_exist_ok=True)
-            shutil.rmtree(case.folder)
-            for path in root.glob(f"{case.log.name}*"):
-                path.unlink() if path.is_file() else shutil.rmtree(path)
+    peak = 0.0
+    run = functools.partial(run_case, seed=seed, formats=formats, root=root, expected=expected, timeout=timeout, keep=keep)
+    with multiprocessing.get_context("fork").Pool(jobs) as pool:
+        for name, verdicts, memory in pool.imap_unordered(run, range(n)):
+            counts[name].update(["tried", *verdicts])
+            peak = max(peak, memory)
     keys = ("tried", "refused", "accepted", "tracebacks", "hangs", "wrong", "code_run")
     total = {key: sum(count[key] for count in counts.values()) for key in keys}
     return {
@@ -706,39 +666,41 @@ def _special(folder: str, names: list[str]) -> list[str]:
     return [name for name, path in paths.items() if path.is_fifo() or (path.is_file() and path.stat().st_size > MEBIBYTE << 8)]
 
 
-def begin(number: int, seed: int, name: str, root: Path) -> Case:
-    """Write the files of a case and start its command."""
-    rng = random.Random(f"{seed} {number}")
+def run_case(
+    number: int, *, seed: int, formats: Sequence[str], root: Path, expected: Expected, timeout: float, keep: Path | None
+) -> tuple[str, list[str], float]:
+    """Change files, and run a command on them; the format, the counts that the case adds to, and the memory [MB]."""
+    rng, name = random.Random(f"{seed} {number}"), formats[number % len(formats)]
     format_, folder, log = FORMATS[name], root / f"case-{number}", root / f"log-{number}"
     shutil.copytree(root / name, folder, symlinks=True)
     (folder / f"{MODULE}.py").write_text(f"from pathlib import Path\nPath('{CANARY}').touch()\ndef attribute(states): ...\n")
     paths = sorted({path for pattern in format_.files for path in folder.glob(pattern) if path.is_file()})
-    kinds = [
-        change(path, rng, root / f"log-{number}.logs") for path in rng.sample(paths, min(len(paths), rng.choice((1, 1, 1, 2))))
-    ]
-    command = rng.choice(format_.commands)
-    child = spawn(command, folder, log, format_.results)
-    return Case(number, name, "forgery" if "forgery" in kinds else "damage", command, folder, log, time.monotonic(), child)
+    logs = root / f"log-{number}.logs"
+    kinds = [change(path, rng, logs) for path in rng.sample(paths, min(len(paths), rng.choice((1, 1, 1, 2))))]
+    kind, command = "forgery" if "forgery" in kinds else "damage", rng.choice(format_.commands)
+    outcome = execute(command, folder, log, seconds=timeout, results=format_.results)
+    verdicts = judge(outcome, expected[name, command], partial="recover" in command, checked=kind == "damage" and format_.checked)
+    verdicts += ["code_run"] if list(folder.rglob(CANARY)) else []
+    if {*verdicts} - {"accepted", "refused"}:
+        print(f"case {number} of {name} ({kind}): {' '.join(verdicts)}: {command}", file=sys.stderr)
+        print("\n".join(outcome.error.splitlines()[-3:])[:600], file=sys.stderr, flush=True)
+        if keep is not None:
+            shutil.copytree(folder, keep / str(number), symlinks=True, ignore=_special, dirs_exist_ok=True)
+    shutil.rmtree(folder)
+    shutil.rmtree(logs, ignore_errors=True)
+    return name, verdicts, outcome.memory
 
 
-def judge(case: Case, outcome: Outcome, expected: frozenset[str]) -> list[str]:
-    """Names of the counts that a case adds to."""
-    verdicts = []
+def judge(outcome: Outcome, expected: frozenset[str], *, partial: bool, checked: bool) -> list[str]:
+    """Names of the counts that an outcome adds to; a log that was recovered has a part of its rallies."""
     if outcome.status is None:
-        verdicts.append("hangs")
-    elif "Traceback (most recent call last)" in outcome.error or outcome.status not in (0, 1, 2):
-        verdicts.append("tracebacks")
-    elif outcome.status == 0:
-        verdicts.append("accepted")
-        # A log that was recovered has some of its rallies.
-        equal = outcome.result <= expected if "recover" in case.command else outcome.result == expected
-        if case.kind == "damage" and FORMATS[case.name].checked and not equal:
-            verdicts.append("wrong")
-    else:
-        verdicts.append("refused" if "error" in outcome.error or "usage" in outcome.error else "tracebacks")
-    if list(case.folder.rglob(CANARY)):
-        verdicts.append("code_run")
-    return verdicts
+        return ["hangs"]
+    if "Traceback (most recent call last)" in outcome.error or outcome.status not in (0, 1, 2):
+        return ["tracebacks"]
+    if outcome.status:
+        return ["refused" if "error" in outcome.error or "usage" in outcome.error else "tracebacks"]
+    equal = outcome.result <= expected if partial else outcome.result == expected
+    return ["accepted", "wrong"] if checked and not equal else ["accepted"]
 
 
 def main(
@@ -763,13 +725,9 @@ def main(
     """
     with tempfile.TemporaryDirectory(prefix="fuzz-") as folder:
         result = fuzz(n, seed, formats, Path(folder), timeout=timeout, jobs=jobs, keep=keep)
-    print(_json(result) if json else "\n".join(f"{name}: {value}" for name, value in result.items()))
+    print(_dumps(result) if json else "\n".join(f"{name}: {value}" for name, value in result.items()))
     failed = any(result[key] for key in ("tracebacks", "hangs", "wrong", "code_run"))
     sys.exit(1 if failed else 0)
-
-
-def _json(result: dict[str, Any]) -> str:
-    return json.dumps(result)
 
 
 if __name__ == "__main__":

@@ -13,7 +13,7 @@ from shuttle_marl.watch import WatchError
 from shuttle_marl.watch.building import node
 from shuttle_marl.watch.server import browser_program
 
-_BROWSER = Path(__file__).parent / "browser"
+_BROWSER, _READERS = (Path(__file__).parent / name for name in ("browser", "recording/typescript"))
 
 
 def missing(reason: str) -> None:
@@ -21,6 +21,20 @@ def missing(reason: str) -> None:
     if os.environ.get("CI") == "true":
         raise RuntimeError(reason)
     pytest.skip(reason)
+
+
+def node_readers(folder: Path, script: Path) -> list[str]:
+    """The command that runs a script with the official readers of MCAP and Arrow, which npm installs into a folder."""
+    program, npm = shutil.which("node"), shutil.which("npm")
+    if program is None or npm is None:
+        missing("needs Node and npm")
+    shutil.copytree(_READERS, folder, ignore=shutil.ignore_patterns("node_modules"), dirs_exist_ok=True)
+    shutil.copy(script, folder)
+    install = [str(npm), "ci", "--ignore-scripts", "--no-audit", "--no-fund"]
+    done = subprocess.run(install, cwd=folder, capture_output=True, text=True, check=False, timeout=300)
+    if done.returncode:
+        missing(f"npm cannot install the readers: {done.stderr[-500:]}")
+    return [str(program), str(folder / script.name)]
 
 
 def chromium(folder: Path) -> str:

@@ -2,7 +2,6 @@
 
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import TypeVar
 
 _Result = TypeVar("_Result")
@@ -25,14 +24,3 @@ def wait_until(condition: Callable[[], _Result], timeout: float, what: str) -> _
             raise TimeoutError(f"waited {timeout:g} s for {what}")
         time.sleep(0.01)
     return result
-
-
-def file_versions(folder: Path) -> set[tuple[Path, int]]:
-    """Files in a folder and its subfolders, each with the time of its last change in nanoseconds."""
-    versions = set()
-    for path in folder.rglob("*"):
-        try:
-            versions.add((path, path.stat().st_mtime_ns))
-        except OSError:  # it was removed meanwhile
-            continue
-    return versions

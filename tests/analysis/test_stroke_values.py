@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
-import pyarrow.compute as pc
 import pytest
 
 from shuttle_marl.analysis import add_values, add_values_of_pairs, rally_table, rank_players, strokes_of
@@ -18,10 +17,9 @@ from shuttle_marl.game.stroke import Catalogue
 from shuttle_marl.game.tables import ROOT
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.recording import Rallies, RallyLog
+from tests.recording.conftest import read_rallies
 
 MATCHES = os.environ.get("SHUTTLESET")
-SAMPLE = Path(__file__).parents[2] / "datasets" / "sample" / "strokes.parquet"
 
 
 def column(table: pa.Table, name: str) -> npt.NDArray[np.float64]:
@@ -30,8 +28,7 @@ def column(table: pa.Table, name: str) -> npt.NDArray[np.float64]:
 
 def test_values_are_those_of_the_exact_solution(tournament: Path, valued: pa.Table, bc: TabulatedPolicy) -> None:
     game = bc.game
-    with RallyLog(tournament) as log:
-        rallies = Rallies.concatenate([batch for _, batch in log.batches()])
+    rallies = read_rallies(tournament)
     state, k = rallies.legal(game)
     value = evaluate(bc, bc).striking[0]
     assert np.allclose(column(valued, "win_before"), (1 + value[state]) / 2, atol=1e-12)
@@ -48,8 +45,7 @@ def test_values_are_those_of_the_exact_solution(tournament: Path, valued: pa.Tab
 def test_the_decision_of_a_fault_is_a_mean_over_its_possible_targets(tournament: Path, valued: pa.Table, bc) -> None:
     """The mean over the targets of the shot type and technique, weighted by how likely bc aims and faults there."""
     game = bc.game
-    with RallyLog(tournament) as log:
-        rallies = Rallies.concatenate([batch for _, batch in log.batches()])
+    rallies = read_rallies(tournament)
     state, _ = rallies.legal(game)
     value = evaluate(bc, bc).striking[0]
     quality, probability = game.stroke_values(value), bc.pair_probabilities()
@@ -91,8 +87,7 @@ def test_values_of_two_people_are_those_of_their_game(tournament: Path, valued: 
     assert set(found["value_game"].to_pylist()) == {pair.hash}
     first, second = (tabulate(resolve("bc", seat), seat) for seat in pair.seats)
     striking = np.stack(evaluate(first, second).striking)
-    with RallyLog(tournament) as log:
-        state, _ = Rallies.concatenate([batch for _, batch in log.batches()]).legal(bc.game)
+    state, _ = read_rallies(tournament).legal(bc.game)
     seat = (np.array(found["player"].to_pylist()) == pair.people.players[1]).astype(int)
     assert np.allclose(column(found, "win_before"), (1 + striking[seat, state[played]]) / 2, atol=1e-12)
     rallies = rally_table(found)
@@ -109,22 +104,6 @@ def test_matches_of_others_have_values_of_the_average_game(valued: pa.Table, bc:
     found = add_values_of_pairs(valued.drop_columns(list(COLUMNS)).slice(0, 500), "bc", bc.game)
     assert set(found["value_game"].to_pylist()) == {bc.game.hash}
     assert np.array_equal(column(found, "win_before")[:480], column(valued, "win_before")[:480])
-
-
-def test_the_reference_adds_no_value_against_itself(tmp_path: Path, bc: TabulatedPolicy) -> None:
-    """bc against a player of the same play: decisions and execution are 0 but for luck; minimax decides better."""
-    from shuttle_marl.league import LeagueConfig
-    from tests.tournaments import play_league
-
-    folder = play_league(LeagueConfig(pool=("bc", "bc@1.0", "minimax"), matches=20, out=tmp_path / "run")).folder
-    table = add_values(strokes_of(folder / "rallies.mcap", rallies=10**9), bc)
-    even = table.filter(pc.and_(pc.not_equal(table["player"], "minimax"), pc.not_equal(table["opponent"], "minimax")))
-    for name in ("value_added", "decision", "execution"):
-        added = column(even, name)
-        assert abs(added.mean()) < 4 * added.std() / np.sqrt(len(added)), name
-    best = {p.player: p for p in rank_players(table)}
-    assert best["minimax"].decision_low > 0.005
-    assert best["minimax"].value > best["bc"].value
 
 
 def test_minimax_values_may_be_the_reference_too(tournament: Path, bc: TabulatedPolicy) -> None:

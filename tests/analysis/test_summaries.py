@@ -21,6 +21,7 @@ from shuttle_marl.data.schema import REASONS, STROKES, Outcome, violations
 from shuttle_marl.game.shipped import load_game, refits_of
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.recording import Rallies, RallyLog, RecordingError
+from tests.recording.conftest import read_rallies
 
 SAMPLE = Path(__file__).parents[2] / "datasets" / "sample" / "strokes.parquet"
 
@@ -78,8 +79,8 @@ def test_a_log_becomes_a_table_of_strokes(tournament: Path) -> None:
     strokes = strokes_of(tournament, rallies=10**9)
     assert strokes.schema.equals(STROKES, check_metadata=True)
     with RallyLog(tournament) as log:
-        rallies = Rallies.concatenate([batch for _, batch in log.batches()])
         catalogue, names = log.catalogue, [player.name for player in log.policies]
+    rallies = read_rallies(tournament)
     assert strokes.num_rows == len(rallies.stroke)
     assert (strokes["shot"].to_numpy() == catalogue.shot[rallies.stroke]).all()
     good = strokes["outcome"].to_numpy() != Outcome.FAULT
@@ -121,20 +122,6 @@ def test_an_empty_table_is_refused(tmp_path: Path) -> None:
     pq.write_table(STROKES.empty_table(), tmp_path / "none.parquet")
     with pytest.raises(AnalysisError, match="no strokes; record or convert"):
         strokes_of(tmp_path / "none.parquet")
-
-
-def test_the_mix_of_bc_is_that_of_its_exact_play(tmp_path: Path, bc) -> None:
-    from shuttle_marl.exact import visits
-    from shuttle_marl.league import LeagueConfig
-    from tests.tournaments import play_league
-
-    folder = play_league(LeagueConfig(pool=("bc", "bc@1.0"), matches=60, out=tmp_path / "run")).folder
-    found = summarise(strokes_of(folder, rallies=10**9))
-    seen = visits(bc, bc)
-    assert np.abs(found.shots - seen.shot_mix(0)).max() < 0.01
-    assert found.length == pytest.approx(seen.rally_length, rel=0.05)
-    ended = seen.endings()
-    assert found.endings[0] == pytest.approx(ended["winner of player 0"] + ended["winner of player 1"], abs=0.02)
 
 
 def test_pictures(valued: pa.Table, tmp_path: Path) -> None:

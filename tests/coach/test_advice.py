@@ -11,12 +11,10 @@ from scipy import stats
 
 from shuttle_marl.analysis.advice import (
     LEAST_STEADY,
-    Meeting,
     Refitted,
     advise,
     calibrated,
     followed,
-    meet,
 )
 from shuttle_marl.analysis.habits import discoveries, endings, habits, interval
 from shuttle_marl.analysis.outlook import outlook
@@ -27,13 +25,10 @@ from shuttle_marl.dynamics.habits import NONE, Plays, load_habits, plays_of_stro
 from shuttle_marl.exact import PairPolicy, evaluate
 from shuttle_marl.exact.profile import StatePolicy
 from shuttle_marl.game.court import AREAS
-from shuttle_marl.game.shipped import CARD, HABITS, RELIABLE, Estimate, load_game, model_folder, real_strokes
+from shuttle_marl.game.shipped import CARD, HABITS, RELIABLE, Estimate, model_folder, real_strokes
 from shuttle_marl.game.skill import load_skill
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import GameError
-from shuttle_marl.game.tabulated import tabulate
-from shuttle_marl.game.thresholds import ONE
-from shuttle_marl.policy.registry import resolve
 from tests.coach.conftest import A
 
 
@@ -142,35 +137,6 @@ def plays(rows: list[tuple[int, int, int, int, int, int]], copies: int = 1) -> P
     )  # fmt: skip
 
 
-def plays_of_meeting(meeting: Meeting, seat: int, strokes: float) -> Plays:
-    """Expected strokes of one player of two policies.
-
-    Args:
-        meeting: the policies.
-        seat: of the player.
-        strokes: number of strokes in all.
-    """
-    game = meeting.policies[seat].game
-    state, stroke = game.base_pair_state, game.base_pair_stroke
-    played = meeting.seen.base_pairs(seat)
-    played *= strokes / played.sum()
-    limit = np.moveaxis(game.limits[..., :2].astype(np.float64), -1, 0) / ONE
-    shot = np.append(game.catalogue.shot, NONE).astype(np.int64)
-    return Plays(
-        own=shot[game.own(state)],
-        incoming=shot[game.incoming(state)],
-        met=np.append(game.catalogue.area, -1).astype(np.int64)[game.incoming(state)],
-        contact=game.contact(state).astype(np.int64),
-        shot=game.catalogue.shot[stroke].astype(np.int64),
-        technique=game.catalogue.technique[stroke].astype(np.int64),
-        area=game.catalogue.area[stroke].astype(np.int64),
-        weight=played.sum(axis=0),
-        fault=(played * limit[0]).sum(axis=0),
-        winner=(played * (limit[1] - limit[0])).sum(axis=0),
-        group=np.zeros(len(stroke), np.int64),
-    )
-
-
 def answers(some: Plays, kind: str, about: tuple[str, ...] = ()) -> list[str | None]:
     for question, answer in questions(some):
         if (question.kind, question.about) == (kind, about):
@@ -222,30 +188,6 @@ def test_a_difference_is_said_with_its_numbers() -> None:
     assert found.p == pytest.approx(2 * stats.norm.sf(0.4 / error))
     few = mine.take(np.arange(len(mine)) < 15)
     assert habits(tally(few), tally(others)) == []
-
-
-def test_claims_about_simulated_players_are_true(model: str) -> None:
-    game, names = load_game(model), ("bc", "attacking", "defensive")
-    tables = [tabulate(resolve(name, game), game) for name in names]
-    exact = {(i, j): meet(tables[i], tables[j]) for i in range(3) for j in range(3) if i != j}
-    truth = [[plays_of_meeting(exact[i, j], 0, 1000 * exact[i, j].visits(0).sum()) for j in range(3) if j != i] for i in range(3)]
-
-    def joined(parts: list[Plays]) -> Plays:
-        return Plays(**{f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in dataclasses.fields(Plays)})
-
-    rng, true = np.random.default_rng(0), []
-    for i in range(3):
-        mine, others = joined(truth[i]), joined([part for k in range(3) if k != i for part in truth[k]])
-        real = {(h.kind, h.about, h.answer): h.share - h.usual for h in habits(tally(mine), tally(others), dispersed=False)}
-        for strokes in (150, 600, 3000):
-            drawn = [
-                dataclasses.replace(part, weight=rng.poisson(part.weight * (strokes * k / part.weight.sum())).astype(float))
-                for part, k in ((mine, 1), (others, 2))
-            ]
-            found = habits(*map(tally, drawn), dispersed=False)
-            true += [real[h.kind, h.about, h.answer] * (h.share - h.usual) > 0 for h in found if h.clear]
-    assert len(true) > 100
-    assert np.mean(true) >= 0.9
 
 
 def test_faults_and_winners(sample: pa.Table) -> None:

@@ -363,9 +363,6 @@ def test_a_report_of_agents(tmp_path: Path, model: str, unbuilt: None, capsys: p
     assert read(page(number + 1))[1] == text
 
 
-# Texts.
-
-
 # In a browser.
 
 

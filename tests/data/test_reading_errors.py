@@ -90,6 +90,11 @@ def test_a_published_file_is_never_refused(path: Path, monkeypatch: pytest.Monke
     assert account.strokes == 13
 
 
+def into_a_fifo(path: Path) -> None:
+    path.unlink()
+    os.mkfifo(path)
+
+
 def cut_in_a_row(path: Path) -> None:
     content = path.read_bytes()
     path.write_bytes(content[: content.rindex(b",", 0, -40)])
@@ -108,8 +113,8 @@ def cut_in_a_row(path: Path) -> None:
     (lambda p: shutil.rmtree(p.parent), "no files of any match.*data download"),
     (lambda p: (p.parents[1] / "homography.csv").unlink(), r"homography\.csv: cannot be read \(No such file or directory\)"),
     (lambda p: (p.unlink(), p.mkdir()), r"cannot be read \(not a regular file\)"),
-    (lambda p: (p.unlink(), os.mkfifo(p)), r"cannot be read \(not a regular file\)"),
-    (lambda p: ((q := p.parents[1] / "homography.csv").unlink(), os.mkfifo(q)), "not a regular file"),
+    (into_a_fifo, r"cannot be read \(not a regular file\)"),
+    (lambda p: into_a_fifo(p.parents[1] / "homography.csv"), "not a regular file"),
     (lambda p: (p.unlink(), p.symlink_to("/dev/zero")), r"cannot be read \(not a regular file\)"),
 ])  # fmt: skip
 def test_bad_files(path: Path, change: Callable[[Path], object], told: str) -> None:

@@ -159,27 +159,6 @@ def test_all_kinds_of_integers_are_actions(kind):
     assert env.infos["player_0"]["stroke"] == env.unwrapped.game.catalogue.names[1]
 
 
-def test_an_illegal_stroke_loses_the_rally():
-    env = rally_v0.env()
-    env.reset(seed=3)
-    loser = env.agent_selection
-    last = env.unwrapped.game.n_strokes - 1
-    env.step(last)
-    ended = {}
-    for agent in env.agent_iter():
-        _, reward, terminated, truncated, info = env.last()
-        ended[agent] = reward
-        assert terminated
-        assert not truncated
-        assert info["reason"] == "illegal stroke"
-        assert info["striker"] == loser
-        assert info["stroke"] == env.unwrapped.game.catalogue.names[last]
-        assert info["outcome"] is None
-        env.step(None)
-    assert ended.pop(loser) == -1
-    assert list(ended.values()) == [1]
-
-
 def test_the_order_of_calls_is_checked():
     env = rally_v0.env()
     for early in (env.last, env.agent_iter, env.render, lambda: env.step(0), lambda: env.observe("player_0")):

@@ -22,7 +22,6 @@ from shuttle_marl.game.pairs import STEP, pair_game
 from shuttle_marl.game.tables import ROOT, Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.game.variants import odds_of_steps, with_odds
-from shuttle_marl.kernel import play_rallies
 from shuttle_marl.policy.registry import resolve
 from tests.reduced import reduced_model
 
@@ -42,16 +41,6 @@ def clones(pair: Game) -> tuple[TabulatedPolicy, TabulatedPolicy]:
 def seated(pair: Game, *names: str) -> tuple[TabulatedPolicy, TabulatedPolicy]:
     first, second = (tabulate(resolve(name, game), game) for name, game in zip(names, pair.seats, strict=True))
     return first, second
-
-
-def test_exact_value_is_that_of_played_rallies(pair: Game, clones: tuple[TabulatedPolicy, TabulatedPolicy]) -> None:
-    odds, n = evaluate(*clones).odds(), 100_000
-    played = play_rallies(pair, clones, n, seed=1)
-    for server, probability in enumerate((odds.serving, odds.receiving)):
-        won = played.winner[played.server == server] == 0
-        assert abs(won.mean() - probability) < 4 * np.sqrt(probability * (1 - probability) / len(won))
-    # The players differ, or nothing was tested.
-    assert abs(odds.rally - evaluate(*(moved(table, table.game.average) for table in clones)).odds().rally) > 0.02
 
 
 def test_exchanged_players_have_mirrored_values(pair: Game, clones: tuple[TabulatedPolicy, TabulatedPolicy]) -> None:

@@ -17,7 +17,7 @@ from shuttle_marl.league import LeagueConfig, run_league
 from shuttle_marl.league.entrants import Entrant, enter
 from shuttle_marl.league.ranking import exact_odds
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.policy.scorecard import Scorer, sample
+from shuttle_marl.policy.scorecard import Scorer
 from tests.exact.exact_games import hand_made, random_policy
 from tests.reduced import reduced_game, reduced_model
 
@@ -26,19 +26,16 @@ SCORER = Scorer(GAME)
 
 
 class Moody:
-    """Plays like another policy, but says that it reads the score; on request it really does."""
+    """Plays like another policy, but says that it reads the score."""
 
     reads_score = True
 
-    def __init__(self, name: str, gives_up: bool = False) -> None:
-        self.base, self.gives_up = tabulate(resolve(name, GAME), GAME), gives_up
+    def __init__(self, name: str) -> None:
+        self.base = tabulate(resolve(name, GAME), GAME)
 
     def probabilities(self, states: States) -> np.ndarray:
         assert states.score is not None
-        p = self.base.probabilities(states)
-        uniform = states.mask / states.mask.sum(axis=1, keepdims=True)
-        behind = states.score[:, 0] < states.score[:, 1]
-        return np.where(behind[:, None] & self.gives_up, uniform, p)
+        return self.base.probabilities(states)
 
 
 def test_the_ends_of_the_scale() -> None:
@@ -85,16 +82,6 @@ def test_who_reads_the_score_is_sampled() -> None:
     assert card.match_interval[0] < exact.match_win_vs_bc < min(1, card.match_interval[1] + 0.05)
     assert card.rally_length_vs_bc == pytest.approx(exact.rally_length_vs_bc, rel=0.05)
     assert card == SCORER.score(Moody("attacking"), "moody", matches=200, seed=3)
-
-
-def test_sampling_shows_the_score_to_the_policy() -> None:
-    opponent = tabulate(resolve("safe", GAME), GAME)
-    steady = sample(Moody("safe"), opponent, matches=100)
-    sulking = sample(Moody("safe", gives_up=True), opponent, matches=100)
-    assert 0.3 < steady.match < 0.7
-    assert sulking.rally_interval[1] < 0.5
-    assert sulking.match < steady.match
-    assert steady.strokes > steady.rallies > 42 * steady.matches
 
 
 def test_a_game_without_clones_has_no_scorer(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,6 +2,7 @@
 
 import json
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -43,7 +44,7 @@ GAME = reduced_game()
 NAMES = ("viktor-axelsen", "kento-momota")
 
 
-def write_published(path: Path, matches: tuple[str, ...], seed: int) -> None:
+def write_published(path: Path, matches: Sequence[str], seed: int) -> None:
     """Simulated matches of average players under the names of two with skill, and of published matches."""
     table = simulate(GAME, dict.fromkeys(NAMES, baselines.load(None, GAME).pair_probabilities()), matches=len(matches), seed=seed)
     named = dict(zip(table["match"].unique().to_pylist(), matches, strict=True))

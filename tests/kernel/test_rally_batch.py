@@ -9,7 +9,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from shuttle_marl import rally_v0
-from shuttle_marl.base.arrays import I64
 from shuttle_marl.game import default_game, draws
 from shuttle_marl.game.rules import FAULT, WINNER, IllegalStrokeError, strike
 from shuttle_marl.game.tables import ROOT, Game
@@ -179,27 +178,13 @@ def test_a_seed_begins_anew_and_none_goes_on() -> None:
     assert state_of(batch)["key"] != first["key"]
 
 
-def strokes_of(batch: RallyBatch, one: TabulatedPolicy, other: TabulatedPolicy) -> I64:
-    """Strokes of two policies by the draws of the rows, by their definition."""
-    rows = batch.rows
-    u = draws.choice_draw(draws.draw(rows.key, rows.stroke))
-    k = np.where(rows.striker == 0, one.choose(rows.state, u), other.choose(rows.state, u))
-    return batch.game.stroke_at(rows.state, k).astype(np.int64)
-
-
-def test_rallies_of_two_policies_are_those_of_the_batch() -> None:
+def test_rallies_of_two_policies_are_those_of_the_environment() -> None:
     game, n = reduced_game(), 400
     one, other = random_policy(game, 1), random_policy(game, 2)
     rallies = play_rallies(game, (one, other), n, seed=3)
     compare_with_rally_v0(3, rallies, game=game)
     assert rallies.match.tolist() == list(range(n))
     assert (rallies.policy == [0, 1]).all()
-    batch = RallyBatch(game, n, seed=3)
-    for t in range(int(rallies.length.max())):
-        stroke = strokes_of(batch, one, other)
-        running = (batch.rows.rally < n) & (rallies.length > t)
-        assert np.array_equal(stroke[running], rallies.stroke[rallies.first_stroke[:-1][running] + t])
-        batch.step(stroke)
     with pytest.raises(KernelError, match="rallies 0: expected a whole number"):
         play_rallies(game, (one, other), 0)
 

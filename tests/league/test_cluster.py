@@ -2,7 +2,6 @@
 
 import contextlib
 import importlib.util
-import json
 import os
 import sys
 import threading
@@ -12,14 +11,14 @@ from typing import Any
 
 import pytest
 from filelock import FileLock
-from safetensors.numpy import load
 
 from shuttle_marl.base import cluster as module
 from shuttle_marl.base.cluster import ClusterError, open_cluster
 from shuttle_marl.commands.league import main
 from shuttle_marl.league import LeagueConfig, run_league
 from shuttle_marl.training.league.config import LeagueTrainingConfig
-from shuttle_marl.training.league.run import MAIN, train_league
+from shuttle_marl.training.league.run import train_league
+from tests.league.test_league_training import final
 from tests.reduced import reduced_model
 
 PLAYED: dict[str, Any] = {
@@ -39,14 +38,6 @@ def product(a: int, b: int) -> int:
 def _files(folder: Path) -> dict[str, bytes]:
     """Files of a tournament, but the one that says when it was played."""
     return {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file() and path.name != "manifest.json"}
-
-
-def _final(folder: Path) -> tuple[dict[str, Any], bytes]:
-    """All results of a league but the time that it took."""
-    figures = json.loads((folder / "results.json").read_text())
-    for line in (figures, *figures["curve"]):
-        del line["seconds"]
-    return figures, load((folder / MAIN).read_bytes())["cumulative"].tobytes()
 
 
 def _tables(folder: Path) -> dict[str, bytes]:
@@ -134,7 +125,7 @@ def test_training_on_two_nodes_of_which_one_dies(nodes: tuple[str, Callable[[], 
     with Half(tmp_path / "cluster" / "metrics.jsonl", 2, kill) as half:
         train_league(LeagueTrainingConfig(**config, ray=address, out=tmp_path / "cluster"))
     assert half.done
-    assert _final(tmp_path / "cluster") == _final(tmp_path / "serial")
+    assert final(tmp_path / "cluster") == final(tmp_path / "serial")
     assert _tables(tmp_path / "cluster") == _tables(tmp_path / "serial")
 
 

@@ -179,9 +179,3 @@ def test_the_score_is_the_strikers_own_view() -> None:
     rows = np.arange(len(score))
     expected = np.stack([score[rows, seat], score[rows, 1 - seat], score[rows, 2 + seat], score[rows, 3 - seat]], axis=1)
     assert sorted(map(tuple, np.concatenate(seen).tolist())) == sorted(map(tuple, expected.tolist()))
-
-
-def test_tables_of_an_entrant_have_a_hash() -> None:
-    random, safe = enter("random", GAME), enter("safe", GAME)
-    assert len(random.hash) == 64
-    assert random.hash == enter("random", GAME).hash != safe.hash

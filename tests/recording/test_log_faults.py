@@ -19,17 +19,7 @@ from shuttle_marl.recording.header import DamagedLogError
 from shuttle_marl.recording.log_file import unfinished
 from shuttle_marl.recording.recover import salvage
 from shuttle_marl.recording.replay import check
-
-
-def read_all(path: Path) -> int:
-    with RallyLog(path) as log:
-        for _ in log.batches():
-            pass
-        log.rally_table()
-        log.stroke_table()
-        if log.n_rallies:
-            log.rally(int(log.first_rally[-1]))
-        return log.n_rallies
+from tests.recording.conftest import read_all
 
 
 def test_every_length_is_refused_and_recovered(log_file: Path, tmp_path: Path) -> None:

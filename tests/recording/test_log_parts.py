@@ -1,6 +1,5 @@
 """Logs of several files: parts by size, and folders with the logs of several writers."""
 
-import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -15,14 +14,7 @@ from shuttle_marl.recording.header import DamagedLogError
 from shuttle_marl.recording.log_file import part_path, unfinished
 from shuttle_marl.recording.recover import resume
 from shuttle_marl.recording.replay import check
-
-
-def same(a: Rallies, b: Rallies) -> bool:
-    return all(np.array_equal(getattr(a, f.name), getattr(b, f.name)) for f in dataclasses.fields(Rallies))
-
-
-def everything(log: RallyLog) -> Rallies:
-    return Rallies.concatenate([batch for _, batch in log.batches()])
+from tests.recording.conftest import read_rallies, same
 
 
 @pytest.fixture
@@ -47,7 +39,7 @@ class TestParts:
             with RallyLog(path) as log:
                 assert len(log.files) == len(files)
                 assert [file.header.part for file in log.files] == list(range(len(files)))
-                assert same(everything(log), rallies(200))
+                assert same(read_rallies(path), rallies(200))
                 assert [first for first, _ in log.batches()] == list(range(0, 200, 16))
                 assert log.size == sum(file.stat().st_size for file in in_parts.parent.iterdir())
                 assert same(log.rally(150), rallies(200).slice(150, 151))
@@ -86,8 +78,7 @@ class TestParts:
         assert known < 192
         found = recover(part)
         assert (found.path, found.rallies, found.lost) == (part.with_suffix(""), 192 - known, 0)
-        with RallyLog(path) as read:
-            assert same(everything(read), rallies(200).slice(0, 192))
+        assert same(read_rallies(path), rallies(200).slice(0, 192))
 
 
 class TestResume:

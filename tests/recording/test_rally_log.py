@@ -17,10 +17,7 @@ from shuttle_marl.game.stroke import HEIGHTS
 from shuttle_marl.recording import LogHeader, Rallies, RallyLog, RallyLogWriter, RecordingError
 from shuttle_marl.recording.chunks import arrow_schema, from_arrow, to_arrow
 from shuttle_marl.recording.log_file import unfinished
-
-
-def same(a: Rallies, b: Rallies) -> bool:
-    return all(np.array_equal(getattr(a, f.name), getattr(b, f.name)) for f in dataclasses.fields(Rallies))
+from tests.recording.conftest import same
 
 
 @settings(max_examples=25, deadline=None)

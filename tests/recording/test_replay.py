@@ -16,6 +16,7 @@ from shuttle_marl.game import default_game
 from shuttle_marl.game.stroke import parse
 from shuttle_marl.recording import LogHeader, Rallies, RallyLog, RallyLogWriter, RecordingError, replay
 from shuttle_marl.recording.replay import check
+from tests.recording.conftest import read_rallies
 
 GAME = default_game()
 
@@ -23,7 +24,7 @@ GAME = default_game()
 @pytest.fixture
 def whole(played: Path) -> tuple[LogHeader, Rallies]:
     with RallyLog(played) as log:
-        return log.header, Rallies.concatenate([batch for _, batch in log.batches()])
+        return log.header, read_rallies(played)
 
 
 @pytest.fixture

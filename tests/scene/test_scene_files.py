@@ -11,20 +11,18 @@ import pytest
 from mcap.reader import make_reader
 
 from shuttle_marl.analysis import LogPlayers
-from shuttle_marl.analysis.strokes import simulated_rallies
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game import default_game
 from shuttle_marl.game.tables import ROOT
-from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities, tabulate
+from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve, resolve_recorded
-from shuttle_marl.recording import RallyLog, RallyLogWriter
+from shuttle_marl.recording import RallyLog
 from shuttle_marl.scene import topics
 from shuttle_marl.scene.motion import TOLERANCE
 from shuttle_marl.scene.rally_report import StagedRally, report_rally
 from shuttle_marl.scene.topics import PLAY, SHADOWS, SHUTTLE_PLACE, WORLD, bone_frame
 from shuttle_marl.scene.write import CUT, EPOCH, LAYOUTS, write_scene
 from shuttle_marl.staging import BONES, SWEET_SPOT, load_skeleton, stage
-from tests.exact.exact_games import random_policy, tiring_game
 
 MOST_A_SECOND = 60
 
@@ -215,24 +213,3 @@ def test_every_path_is_a_field_of_a_topic(name: str) -> None:
         schema = topics.SCHEMAS[topic]
         for field in fields:
             schema = schema["properties"][field]
-
-
-GAME = tiring_game()
-NAMES = ("one", "other")
-
-
-@pytest.fixture(scope="module")
-def tables() -> dict[str, TabulatedPolicy]:
-    made = (random_policy(GAME, seed).pair_probabilities() for seed in (1, 2))
-    return {name: from_pair_probabilities(GAME, p) for name, p in zip(NAMES, made, strict=True)}
-
-
-@pytest.fixture(scope="module")
-def path(tables: dict[str, TabulatedPolicy], tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """One match."""
-    players = {name: table.pair_probabilities() for name, table in tables.items()}
-    header, rallies = simulated_rallies(GAME, players, matches=1, seed=3)
-    path = tmp_path_factory.mktemp("effort") / "rallies.mcap"
-    with RallyLogWriter(path, header) as log:
-        log.append(rallies)
-    return path

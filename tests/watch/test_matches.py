@@ -213,21 +213,6 @@ def values(tables: PolicyTables) -> StrokeValues:
     return StrokeValues(tables)
 
 
-def test_values_are_those_of_the_exact_solvers_in_a_hundred_states(values: StrokeValues) -> None:
-    game = default_game()
-    policies = [tabulate(resolve(side.policy, game), game) for side in SIDES]
-    value = evaluate(policies[0], policies[1])
-    players = values.players(SIDES)
-    drawn = np.random.default_rng(4)
-    for state in drawn.choice(np.flatnonzero(game.playable), 100, replace=False).tolist():
-        seat = int(drawn.integers(2))
-        decision = values.decision(state, seat, players)
-        pairs = np.arange(game.n_pairs)[game.pairs_of(state)]
-        np.testing.assert_allclose(decision.probability, policies[seat].probability_of(pairs), atol=1e-12)
-        np.testing.assert_allclose(decision.win, (1 + game.stroke_values(value.striking[1 - seat], pairs)) / 2, atol=1e-6)
-        assert (decision.probability * decision.win).sum() == pytest.approx((1 + value.striking[seat][state]) / 2, abs=1e-6)
-
-
 def test_an_analysis_follows_the_rally(values: StrokeValues) -> None:
     game = default_game()
     plan = Plan(seed=9, sides=SIDES)
@@ -313,17 +298,6 @@ def test_the_page_shows_the_players_and_their_game(answers: Answers) -> None:
         game = PAIR.seats[stroke.seat]
         good, returned, _ = game.stroke_probabilities(game.pair(stroke.state, stroke.stroke))
         assert (stroke.p_succ, stroke.p_ret) == pytest.approx((float(good), float(returned)), abs=1e-6)
-
-
-def test_values_are_those_of_the_game_of_the_pair(answers: Answers) -> None:
-    reply, _ = answers._reply(messages.AnalysisRequest(id=0, plan=PAIR_PLAN, rally=0))
-    assert isinstance(reply, messages.Analysis)
-    names = (f"bc:{A}", "minimax")
-    first, second = (tabulate(resolve(name, game), game) for name, game in zip(names, PAIR.seats, strict=True))
-    odds = evaluate(first, second).odds()
-    rally = answers._played(messages.RallyRequest(id=0, plan=PAIR_PLAN, rally=0))
-    expected = odds.serving if rally.server == 0 else odds.receiving
-    assert reply.strokes[0].win == pytest.approx(expected, abs=1e-6)
 
 
 def test_a_log_of_a_pair(tmp_path: Path, policies: PolicyTables, answers: Answers) -> None:

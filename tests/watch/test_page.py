@@ -23,10 +23,6 @@ from tests.watch.conftest import serving
 pytestmark = pytest.mark.slow
 
 
-def distance(a: list[float], b: list[float]) -> float:
-    return math.dist(a, b)
-
-
 def test_rackets_meet_the_shuttle_and_the_target_is_shown(viewer: Any, served: Any) -> None:
     viewer.open(f"{served.address}#seed=5&a=bc&b=minimax&rally=3").press(" ")
     contacts, strikers = viewer.state("contacts", "strikers")
@@ -34,7 +30,7 @@ def test_rackets_meet_the_shuttle_and_the_target_is_shown(viewer: Any, served: A
     for contact, striker in zip(contacts, strikers, strict=True):
         viewer.page.evaluate("(t) => window.viewer.seek(t)", contact)
         shuttle, rackets, target = viewer.state("shuttle", "rackets", "target")
-        assert distance(shuttle, rackets[striker]) < 0.01
+        assert math.dist(shuttle, rackets[striker]) < 0.01
         x0, x1, y0, y1 = target
         assert x0 < x1
         assert y0 < y1
@@ -112,7 +108,7 @@ def test_what_if_continues_without_a_jump_and_comes_back(viewer: Any, served: An
     assert times[:2] == contacts[:2]
     viewer.seek(before)
     for old, new in zip(hips, viewer.state("hips"), strict=True):
-        assert distance(old, new) < 0.002
+        assert math.dist(old, new) < 0.002
     link = viewer.state("link")
     viewer.page.get_by_role("button", name="back to the played rally").click()
     viewer.until(lambda: viewer.state("strokes") == played)
@@ -255,7 +251,7 @@ def test_a_shared_page_opens_from_disk(viewer: Any, served: Any, browser: Any, t
     for contact, striker in zip(*shared.state("contacts", "strikers"), strict=True):
         shared.seek(contact)
         shuttle, rackets = shared.state("shuttle", "rackets")
-        assert distance(shuttle, rackets[striker]) < 0.01, "condensed, and still met"
+        assert math.dist(shuttle, rackets[striker]) < 0.01, "condensed, and still met"
     shared.press("ArrowUp").until(lambda: shared.state("rally") == 1)
     assert shared.errors == []
     assert shared.outside == []

@@ -1,7 +1,6 @@
 """The server against strangers: who may connect, what they may send, its messages, and how it stops."""
 
 import contextlib
-import http.client
 import json
 import random
 import signal
@@ -22,10 +21,9 @@ from shuttle_marl.staging.motion import from_parents
 from shuttle_marl.watch import WatchError, server
 from shuttle_marl.watch.messages import OptionsReply, RallyRequest, decode_request, encode_reply, request_id
 from shuttle_marl.watch.server import MAX_MESSAGE, hosts_of, refusal
-from tests.watch.conftest import Served, run_script, running, serving
+from tests.watch.conftest import Served, get, run_script, running, serving
 
 PLAN = {"seed": 1, "sides": [{"policy": "bc"}, {"policy": "random"}]}
-SAMPLE = Path("datasets/sample/strokes.parquet")
 
 
 def port_of(served: Served) -> int:
@@ -45,15 +43,6 @@ def parsed(message: str | bytes) -> tuple[dict[str, Any], bytes]:
     assert isinstance(message, bytes)
     (length,) = struct.unpack_from("<I", message)
     return json.loads(message[4 : 4 + length]), message[4 + length :]
-
-
-def got(served: Served, path: str, **headers: str) -> tuple[int, http.client.HTTPResponse]:
-    connection = http.client.HTTPConnection("127.0.0.1", port_of(served), timeout=20)
-    connection.request("GET", path, headers=headers)
-    answer = connection.getresponse()
-    answer.read()
-    connection.close()
-    return answer.status, answer
 
 
 @pytest.mark.parametrize(
@@ -97,10 +86,10 @@ def test_a_server_on_all_interfaces_or_behind_a_proxy() -> None:
 @pytest.mark.slow
 def test_files_are_served_and_nothing_else(served: Served) -> None:
     for path, kind in {"/": "text/html", "/watch.js": "text/javascript", "/watch.css": "text/css", "/male.glb": "model/"}.items():
-        status, answer = got(served, path)
+        status, _, told = get(port_of(served), path)
         assert status == 200
-        assert (answer.getheader("content-type") or "").startswith(kind)
-        assert "default-src 'none'" in (answer.getheader("content-security-policy") or "")
+        assert told["content-type"].startswith(kind)
+        assert "default-src 'none'" in told["content-security-policy"]
     for path in (
         "/../pyproject.toml",
         "/..%2f..%2fpyproject.toml",
@@ -108,12 +97,12 @@ def test_files_are_served_and_nothing_else(served: Served) -> None:
         "/male.glb/../skeletons.json",
         "/built/index.html",
     ):
-        assert got(served, path)[0] == 404
+        assert get(port_of(served), path)[0] == 404
     for headers in ({"Host": "evil.example"}, {"Origin": "http://evil.example"}, {"Origin": "http://["}):
-        status, answer = got(served, "/", **headers)
+        status, _, told = get(port_of(served), "/", **headers)
         assert status == 403
-        assert "default-src 'none'" in (answer.getheader("content-security-policy") or "")
-        assert answer.getheader("x-content-type-options") == "nosniff"
+        assert "default-src 'none'" in told["content-security-policy"]
+        assert told["x-content-type-options"] == "nosniff"
     with pytest.raises(InvalidStatus):
         connected(served, origin="http://evil.example")
 
@@ -212,15 +201,13 @@ def test_the_report_of_a_recorded_match(tmp_path: Path) -> None:
         return b"<p>the match of rally %d</p>" % number
 
     with running(tmp_path, downloads={("report", "text/html"): report}) as address:
-        client = http.client.HTTPConnection("127.0.0.1", address[1], timeout=60)
         found = {}
         for query in ("rally=3", "rally=100", "rally=x", "rally=\N{SUPERSCRIPT TWO}", "rally=1000000000000", ""):
-            client.request("GET", f"/report?{urllib.parse.quote(query, safe='=')}")
-            reply = client.getresponse()
-            found[query] = reply.status, reply.read()
-            if reply.status == 200:
-                assert reply.headers["content-security-policy"] == "frame-ancestors 'none'"
-                assert reply.headers["x-content-type-options"] == "nosniff"
+            status, content, told = get(address[1], f"/report?{urllib.parse.quote(query, safe='=')}")
+            found[query] = status, content
+            if status == 200:
+                assert told["content-security-policy"] == "frame-ancestors 'none'"
+                assert told["x-content-type-options"] == "nosniff"
     assert found.pop("rally=3") == (200, b"<p>the match of rally 2</p>")
     assert found.pop("rally=100") == (404, b"no rally 100: there are 10\n")
     assert all(status == 400 for status, _ in found.values())

@@ -1,6 +1,5 @@
 """Tagging of a video: the reducer of the page, suggestions, what is saved, and what the reports read."""
 
-import http.client
 import json
 from pathlib import Path
 from typing import Any
@@ -23,7 +22,7 @@ from shuttle_marl.watch import WatchError
 from shuttle_marl.watch.facts import hall_facts
 from shuttle_marl.watch.messages import TagRequest, TagRow, TagStroke
 from shuttle_marl.watch.tagging import TagFile, suggestions
-from tests.watch.conftest import Viewer, run_script, running, serving
+from tests.watch.conftest import Viewer, get, run_script, running, serving
 
 SETUP = {"kind": "setup", "match": "club", "discipline": "WS", "players": ["Ada", "Bea"], "server": 0}
 CORNERS: list[dict[str, Any]] = [{"kind": "corner", "x": x, "y": y} for x, y in ((0.1, 0.9), (0.9, 0.9), (0.7, 0.2), (0.3, 0.2))]
@@ -222,26 +221,19 @@ def test_files_that_are_not_ours_are_not_touched(tmp_path: Path) -> None:
         requests([{**row, "player": "=HYPERLINK()"} for row in tagged(tmp_path, RALLY)["rows"]])
 
 
-def get(address: tuple[str, int], path: str, **headers: str) -> tuple[int, bytes, dict[str, str]]:
-    connection = http.client.HTTPConnection(*address, timeout=20)
-    connection.request("GET", path, headers=headers)
-    response = connection.getresponse()
-    return response.status, response.read(), {name.lower(): value for name, value in response.getheaders()}
-
-
 def test_the_video_alone_is_served_in_ranges(tmp_path: Path) -> None:
     video = tmp_path / "match.webm"
     video.write_bytes(bytes(range(256)))
     (tmp_path / "secret.webm").write_bytes(b"secret")
     with running(tmp_path, video=video) as address:
-        status, content, headers = get(address, "/video", Range="bytes=10-19")
+        status, content, headers = get(address[1], "/video", Range="bytes=10-19")
         assert (status, content) == (206, bytes(range(10, 20)))
         assert headers["content-type"] == "video/webm"
         assert "media-src 'self' blob:" in headers["content-security-policy"]
-        assert [get(address, path)[0] for path in ("/video/../secret.webm", "/secret.webm", "/video/secret.webm")] == [404] * 3
-        assert get(address, "/video", Host="evil.example")[0] == 403
+        assert [get(address[1], path)[0] for path in ("/video/../secret.webm", "/secret.webm", "/video/secret.webm")] == [404] * 3
+        assert get(address[1], "/video", Host="evil.example")[0] == 403
     with running(tmp_path) as address:
-        assert get(address, "/video")[0] == 404
+        assert get(address[1], "/video")[0] == 404
 
 
 def test_a_rally_in_the_page(page_folder: Path, viewer: Viewer, tmp_path: Path) -> None:
