@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from shuttle_marl.base.arrays import Bools
-from shuttle_marl.game import default_game
+from shuttle_marl.game import court, default_game
 from shuttle_marl.game.tables import ROOT, Game, GameError
 from shuttle_marl.game.tabulated import base_pairs, layout, thresholds
 from shuttle_marl.game.thresholds import ONE
@@ -142,3 +142,16 @@ def test_describe_names_both_strokes_and_the_contact() -> None:
     names = game.catalogue.names
     words = f"own {names[game.own(state)]}, incoming {names[game.incoming(state)]}, contact above, hurried"
     assert game.describe(state) == f"{words}, effort 2 against 2"
+
+
+def test_areas_are_cut_where_the_data_cut_them() -> None:
+    unit = court.LENGTH / 660  # of the data
+    x = np.array([-73.6, -73.4, 73.4, 73.6, 0, 0, 0, 0]) * unit
+    y = np.array([50, 50, 50, 50, 113.9, 114.1, 275.9, 276.1]) * unit
+    assert court.area_of(x, y).tolist() == [0, 1, 1, 2, 1, 4, 4, 7]
+    assert court.in_court(np.array([0.0, 2.6, 0.0, np.nan]), np.array([6.7, 1.0, 6.71, 1.0])).tolist() == [
+        True,
+        False,
+        False,
+        False,
+    ]

@@ -16,6 +16,7 @@ from shuttle_marl.game.scoring import (
     ScoringError,
     game_win_probability,
     match_win_probability,
+    open_scores,
     serves_from_right,
     wins_game,
 )
@@ -42,6 +43,17 @@ def line(score: Score) -> str:
 def test_when_a_game_is_won(own: int, other: int, won: bool) -> None:
     assert wins_game(own, other) is won
     assert wins_game(np.array([own], np.int8), np.array([other], np.int8)).tolist() == [won]
+
+
+def test_open_scores_come_after_all_that_can_follow() -> None:
+    rules, seen = Rules(points=3, clear=2, cap=4, games=2), set[tuple[tuple[int, int], tuple[int, int]]]()
+    for games, points in open_scores(rules):
+        now = Score(points=points, games=games, rules=rules)
+        assert not now.over
+        following = [now.after(winner) for winner in (0, 1)]
+        assert all(after.over or (after.games, after.points) in seen for after in following)
+        seen.add((games, points))
+    assert len(seen) == 4 * (3 * 3 + 3)  # in each of four games: below three points, or 2-3, 3-2, 3-3
 
 
 def test_a_match_in_two_games() -> None:
@@ -219,6 +231,13 @@ def test_odds_from_any_score_equal_enumeration(rules: Rules, serving: float, rec
         serving, receiving, first_server=score.server, games=score.games, points=score.points, rules=rules
     )
     assert found == pytest.approx(enumerated(score, serving, receiving), abs=1e-12)
+
+
+def test_a_server_drawn_at_random_is_the_mean_of_both() -> None:
+    for odds, server in ((match_win_probability, "first_server"), (game_win_probability, "server")):
+        each = [float(odds(0.4, 0.7, **{server: seat})) for seat in (0, 1)]
+        assert each[0] != each[1]
+        assert odds(0.4, 0.7) == pytest.approx(np.mean(each), abs=1e-12)
 
 
 def test_arrays_broadcast() -> None:
