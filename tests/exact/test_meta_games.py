@@ -99,7 +99,7 @@ def test_alpha_rank_equals_open_spiel(alpha: float, seed: int) -> None:
     assert np.allclose(alpha_rank(payoff, alpha=alpha, population=20, noise=0.02), expected, atol=1e-6)
 
 
-@pytest.mark.parametrize("wrong", [[[0, np.nan], [0, 0]], [[0, 1, 2], [1, 0, 1]], [[]], [[0, 1], [1, 0]]])
+@pytest.mark.parametrize("wrong", [[[0, np.nan], [0, 0]], [[0, 1, 2], [1, 0, 1]], [[]], [[0, 1], [1, 0]], [[0, 1], [-0.9, 0]]])
 def test_what_makes_no_game_is_refused(wrong: list[list[float]]) -> None:
     with pytest.raises(MetaGameError):
         nash_average(wrong)

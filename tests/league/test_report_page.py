@@ -11,16 +11,20 @@ from scipy.stats import mannwhitneyu
 
 from shuttle_marl.base.intervals import interquartile_mean, probability_of_improvement
 from shuttle_marl.commands.league import main
+from shuttle_marl.exact import visits
+from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.league import LeagueConfig, LeagueError
 from shuttle_marl.league.assessment import assess
 from shuttle_marl.league.curves import Curve
 from shuttle_marl.league.page.tournament import compare, page
 from shuttle_marl.league.ranking import ExactOdds, rank
 from shuttle_marl.league.report import TournamentReport
-from shuttle_marl.league.style import AXES, Style
+from shuttle_marl.league.style import AXES, Style, styles
 from shuttle_marl.league.tournament import COUNTS, PairResult, forfeited, round_robin
 from shuttle_marl.pages import charts
+from shuttle_marl.policy.registry import resolve
 from tests.pages import parsed
+from tests.reduced import reduced_game
 
 EVIL = "</script><script>alert(1)</script><img src=http://example.org/x>\x1b[2J"
 POOL = ("bc", "minimax", EVIL, "fails")
@@ -165,3 +169,14 @@ def test_what_cannot_be_compared(tmp_path: Path) -> None:
     (tmp_path / "empty" / "report.json").write_text('{"ranking": [{"player": "a"}]}')
     with pytest.raises(LeagueError, match="not the report of a tournament"):
         compare([tmp_path / "empty"])
+
+
+def test_styles_are_measured_in_the_states_of_people() -> None:
+    game = reduced_game()
+    tables = {name: tabulate(resolve(name, game), game) for name in ("bc", "random")}
+    found, usual = styles(game, tables), tables["bc"].pair_probabilities()
+    assert found["bc"].likeness == 1
+    seen = sum(visits(tables["bc"], tables["bc"]).states)
+    overlap = np.add.reduceat(np.minimum(usual, tables["random"].pair_probabilities()), game.pair_start[:-1][game.playable])
+    assert found["random"].likeness == pytest.approx(np.average(overlap, weights=seen[game.playable]), abs=1e-5)
+    assert all(sum(style.shots.values()) == pytest.approx(1, abs=1e-5) for style in found.values())
