@@ -140,6 +140,9 @@ def test_imitation_of_real_matches(tmp_path: Path) -> None:
     # A stroke of the small game also stands for those that it lacks, so probabilities of people hold in the shipped game alone.
     assert bc["top_1"]["value"] > 1.5 * uniform["top_1"]["value"]
     assert bc["top_3"]["value"] > 1.5 * uniform["top_3"]["value"]
+    small_arena = arena_of(find_task("imitate-v0"), reduced_model(), "test", data=data)
+    probability, unseen = small_arena.policy("bc").pair_probabilities(), parts(small_arena)[1]
+    assert [bc[f"top_{k}"]["value"] for k in (1, 3)] == pytest.approx([top(k, probability, unseen) for k in (1, 3)])
     arena = arena_of(find_task("imitate-v0"), "default", "test", data=data)
     losses = [-np.log(arena.policy(name).probability_of(parts(arena)[1].pair)).mean() for name in ("bc", "random")]
     assert losses[0] < losses[1] - 0.5
