@@ -147,19 +147,20 @@ def replace_sealed(path: Path, fields: dict[str, Any]) -> None:
     replace_file(path, seal(fields))
 
 
-def read_json(path: Path, kind: type[T], *, sealed: bool = False) -> T:
+def read_json(path: Path, kind: type[T], *, sealed: bool = False, limit: int = MAX_JSON) -> T:
     """Read a JSON file as a type.
 
     Args:
         kind: type of the content, such as a dataclass; entries that it does not have are ignored.
         sealed: the file has the content of :func:`seal`, which is verified.
+        limit: maximum size [bytes].
 
     Raises:
-        FileReadError: it is missing, not JSON of this type, larger than :data:`MAX_JSON`, or was changed; the message is only the
+        FileReadError: it is missing, not JSON of this type, larger than ``limit``, or was changed; the message is only the
             reason.
     """
     try:
-        fields = parsed(read_file(path, MAX_JSON).decode())
+        fields = parsed(read_file(path, limit).decode())
         if sealed:
             if not isinstance(fields, dict):
                 raise FileReadError("not a JSON object")

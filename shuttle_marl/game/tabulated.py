@@ -215,7 +215,7 @@ class TabulatedPolicy:
         size = 2 * game.n_pairs
         if zstandard.frame_content_size(content) != size:  # what would expand to more is never expanded
             raise ValueError(f"it is of another game; expected the {game.n_pairs:,} legal pairs of game {game.hash[:12]}")
-        numbers = zstandard.ZstdDecompressor().decompress(content)
+        numbers = zstandard.ZstdDecompressor().decompress(content, allow_extra_data=False)
         differences = np.frombuffer(numbers, dtype=np.uint8).reshape(2, -1).T.copy().view("<u2").ravel()
         return cls.checked(np.cumsum(differences, dtype=np.uint16), game, where)
 

@@ -96,12 +96,13 @@ class Adapt(Task):
         """Play the rallies; stores the policy that was played from each change on."""
         setting = AdaptSetting(game=arena.game, known=known(arena), seed=seed, folder=folder)
         agent = made(method, setting, self.name, "observe_rally", "policy_for_next_rally")
-        against, policies = _opponent(arena, case), {}
+        against, name, policies = _opponent(arena, case), case.name.encode(), {}
         for start, policy_at, last in _blocks(against):
             if start in CHANGES:
                 table = table_of(called(self.name, agent.policy_for_next_rally), arena.game, self.name)
                 policies[str(start)] = table
-            key = int(stream(seed, *_words(case.name), start)[0] >> np.uint64(1))
+            words = (int.from_bytes(name[i : i + 7], "big") for i in range(0, len(name), 7))
+            key = int(stream(seed, *words, start)[0] >> np.uint64(1))
             for rally in observed(arena.game, (table, policy_at), last - start, key):
                 called(self.name, agent.observe_rally, rally)
         return Outcome(policies=policies)
@@ -134,11 +135,6 @@ class Adapt(Task):
 
 def _opponent(arena: Arena, case: Case) -> Opponent:
     return opponent(arena, case.options["family"], case.options["number"])
-
-
-def _words(name: str) -> list[int]:
-    """Numbers that name a stream of draws."""
-    return [int.from_bytes(name.encode()[i : i + 7], "big") for i in range(0, len(name.encode()), 7)]
 
 
 def _blocks(against: Opponent) -> list[tuple[int, TabulatedPolicy, int]]:

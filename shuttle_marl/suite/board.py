@@ -12,11 +12,10 @@ import numpy as np
 from shuttle_marl.base.errors import ShuttleError, described, printable
 from shuttle_marl.pages import escaped
 from shuttle_marl.suite import frozen, store
-from shuttle_marl.suite.method import baseline_of
 from shuttle_marl.suite.options import ACCESS, Split, SuiteError
 from shuttle_marl.suite.registry import TASKS
 from shuttle_marl.suite.results import Bounds, Row, summarise
-from shuttle_marl.suite.verify import verify_run
+from shuttle_marl.suite.verify import marked, verify_run
 
 _TEMPLATES: Final = Path(__file__).parent / "templates"
 _PERCENT: Final = ("regret", "rally_win", "error", "bias", "legal", "away")
@@ -78,16 +77,13 @@ def rows_of(
     for folder in folders:
         try:
             if not check:
-                row = summarise(folder, beacon, game)
+                row = marked(summarise(folder, beacon, game))
             else:
                 found = verify_run(folder, game=game, beacon=beacon, data=data, progress=progress)
                 if found.summary is None:
                     raise SuiteError(f"{len(found.refused)} of {found.units} units are refused: {found.refused[0].reason}")
                 row = found.summary
             row["verified"] = True if check else None
-            if baseline_of(row["task"], row["method"]) is not None:
-                row["remarks"] = [*row["remarks"], "names a method of the package, which verification cannot prove"]
-                row["official"] = False
             _compare(row, rows)
         except Exception as error:
             failed(f"{folder}: {error if isinstance(error, ShuttleError) else described(error)}")

@@ -9,6 +9,7 @@ import functools
 import importlib
 import inspect
 import traceback
+import unicodedata
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
@@ -39,12 +40,11 @@ class Baseline:
 
 
 _KNOWN: Final = {name: Baseline(f"references:{name}", "tables", "reference") for name in ("bc", "minimax")}
+_LEARNERS: Final = {name: Baseline(f"training:{name}") for name in ("ppo", "a2c", "sac")}
 _RANDOM: Final = Baseline("references:random", "samples", "reference")
 BASELINES: Final[dict[str, dict[str, Baseline]]] = {
     "exploit": {
-        "ppo": Baseline("training:ppo"),
-        "a2c": Baseline("training:a2c"),
-        "sac": Baseline("training:sac"),
+        **_LEARNERS,
         "dqn": Baseline("deep:dqn"),
         "maskable-ppo": Baseline("sb3:maskable_ppo"),
         "constant": Baseline("constant:constant", "opponent", "reference"),
@@ -54,14 +54,9 @@ BASELINES: Final[dict[str, dict[str, Baseline]]] = {
         "random": _RANDOM,
     },
     "equilibrium": {
-        "ppo": Baseline("training:ppo"),
-        "a2c": Baseline("training:a2c"),
-        "sac": Baseline("training:sac"),
-        "ppo-best-response": Baseline("training:ppo_variant", "tables", argument="best-response"),
-        "ppo-restarts": Baseline("training:ppo_variant", "tables", argument="restarts"),
-        "ppo-pool": Baseline("training:ppo_variant", argument="pool"),
-        "ppo-magnet": Baseline("training:ppo_variant", argument="magnet"),
-        "ppo-nash": Baseline("training:ppo_variant", argument="nash"),
+        **_LEARNERS,
+        **{f"ppo-{name}": Baseline("training:ppo_variant", "tables", argument=name) for name in ("best-response", "restarts")},
+        **{f"ppo-{name}": Baseline("training:ppo_variant", argument=name) for name in ("pool", "magnet", "nash")},
         "psro": Baseline("training:psro", "tables"),
         "psro-exact": Baseline("training:psro_exact", "tables", "reference"),
         "fictitious-play": Baseline("references:fictitious_play", "tables", "reference"),
@@ -78,10 +73,10 @@ BASELINES: Final[dict[str, dict[str, Baseline]]] = {
         "posterior-mean": Baseline("adapters:PosteriorMean", "tables"),
         "counts": Baseline("adapters:Counts", "tables"),
         "tilted-mixture": Baseline("adapters:TiltedMixture", "tables"),
-        "tilted-mixture-without-levels": Baseline("adapters:WithoutLevels", "tables", "ablation"),
-        "tilted-mixture-without-mixture": Baseline("adapters:WithoutMixture", "tables", "ablation"),
-        "tilted-mixture-without-tilt": Baseline("adapters:WithoutTilt", "tables", "ablation"),
-        "tilted-mixture-without-change": Baseline("adapters:WithoutChange", "tables", "ablation"),
+        **{
+            f"tilted-mixture-without-{part}": Baseline(f"adapters:Without{part.title()}", "tables", "ablation")
+            for part in ("levels", "mixture", "tilt", "change")
+        },
     },
     "offline": {
         "clone": Baseline("learned:Clone"),
@@ -136,6 +131,15 @@ def kind_of(task: str) -> str:
 def baseline_of(task: str, name: str) -> Baseline | None:
     """The baseline of this package that a name means; None for methods of others."""
     return BASELINES[kind_of(task)].get(name.partition(":")[0])
+
+
+def resembles(task: str, name: str) -> bool:
+    """Whether a name reads like that of a method of this package."""
+
+    def plain(name: str) -> str:
+        return "".join(filter(str.isalnum, unicodedata.normalize("NFKC", name).casefold().partition(":")[0]))
+
+    return plain(name) in map(plain, BASELINES[kind_of(task)])
 
 
 def find(task: str, name: str) -> Method:

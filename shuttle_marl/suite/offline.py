@@ -165,6 +165,7 @@ class Evaluate(LogTask):
 
     name = "evaluate-v0"
     roles = ()
+    answers = ("estimates",)
     metric = "error"
     seeds = 1
     higher_is_better = False

@@ -27,9 +27,9 @@ _LENGTH: Final = struct.Struct("<Q")
 _PROGRAMS: Final = (
     "subprocess.Popen", "os.exec", "os.posix_spawn", "os.spawn", "os.system", "os.startfile", "cpython.PyInterpreterState_New",
 )  # fmt: skip
-_NAMES: Final = ("os.listdir", "os.scandir", "os.symlink", "sqlite3.connect")
-_HANDLES: Final = ("open", "os.link", "os.rename")
-"""Events of files that reach what is in a folder, so that none around a closed one may be used."""
+_LISTS: Final = ("os.listdir", "os.scandir")
+_FILES: Final = (*_LISTS, "open", "os.link", "os.symlink", "os.rename", "sqlite3.connect")
+"""Events of files; those that do not list reach what is in a folder, so none around a closed one may be used."""
 
 
 def message(**arrays: Any) -> bytes:
@@ -111,12 +111,12 @@ def refuse(closed: tuple[str, ...], event: str, arguments: tuple[Any, ...]) -> N
         raise ModuleNotFoundError("an isolated method cannot import shuttle_marl: it gets episodes only", name="shuttle_marl")
     if event in _PROGRAMS:
         start()
-    if event in _NAMES + _HANDLES and isinstance(arguments[0], str | bytes | os.PathLike):
+    if event in _FILES and isinstance(arguments[0], str | bytes | os.PathLike):
         path = os.path.realpath(os.fsdecode(arguments[0]))
         place, process = path.rstrip(os.sep) + os.sep, path.split("/")[2] if path.startswith("/proc/") else ""
         if (
             any(place.startswith(folder + os.sep) for folder in closed)
-            or (event in _HANDLES and any(folder.startswith(place) for folder in closed))
+            or (event not in _LISTS and any(folder.startswith(place) for folder in closed))
             or (process.isdigit() and process != str(os.getpid()))  # has the memory of the game
         ):
             raise PermissionError(f"an isolated method cannot open {path}")

@@ -107,7 +107,9 @@ def summarise(folder: Path, beacon: str | None = None, game: str | None = None) 
         raise SuiteError(f"{folder}: the units have different scores, or none named {task.metric}; `suite verify` says more")
     counting = [case for case in cases if case.counts]
     scores = {name: aggregate(units_of(counting, entries, name, task.metric)) for name in names}
-    different = min(len({_output(entries[case.name, seed]) for seed in range(config.seeds)}) for case in cases)
+    different = min(
+        len({seen(entries[case.name, seed]) for seed in range(config.seeds)}) for case in cases for seen in (_output, _scores)
+    )
     if different < config.seeds:  # copies are no sample
         scores = {name: {"value": each["value"], "low": None, "high": None} for name, each in scores.items()}
     main, remarks = scores[task.metric], _remarks(task, config, card, units, different)
@@ -169,6 +171,11 @@ def access_of(task: Task, config: store.RunConfig, card: store.Card) -> Access:
 def _output(entry: Entry) -> str:
     """What a unit produced, as text."""
     return json.dumps([entry.policies, entry.answers], sort_keys=True)
+
+
+def _scores(entry: Entry) -> tuple[float, ...]:
+    """Scores, to the digits to which they are verified: a table that was changed where it is never used is a copy."""
+    return tuple(round(score, 9) for score in entry.scores.values())
 
 
 def _remarks(task: Task, config: store.RunConfig, card: store.Card, units: Sequence[Entry], different: int) -> list[str]:

@@ -10,15 +10,14 @@
 """
 
 import dataclasses
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Final
 
 import msgspec
 
 from shuttle_marl.base import runs
-from shuttle_marl.base.errors import printable
-from shuttle_marl.base.files import Count, FileReadError, Sha256, T, read_json, replace_file, replace_sealed
+from shuttle_marl.base.files import MAX_JSON, Count, FileReadError, Sha256, T, read_json, replace_file, replace_sealed
 from shuttle_marl.game.tables import Game
 from shuttle_marl.policy.stored import StoredPolicies, policy_file
 from shuttle_marl.suite.options import Access, Kind, Split, SuiteError
@@ -90,7 +89,7 @@ class Entry:
     """
 
     case: Name
-    seed: int
+    seed: Count
     fingerprint: Sha256
     policies: Mapping[str, Sha256]
     answers: Mapping[str, Any]
@@ -101,14 +100,14 @@ class Entry:
     curve: Annotated[Sequence[tuple[Count, Figure]], msgspec.Meta(max_length=10_000)] = ()
 
 
-def read(path: Path, kind: type[T], advice: str = "", *, sealed: bool = False) -> T:
+def read(path: Path, kind: type[T], advice: str = "", *, sealed: bool = False, limit: int = MAX_JSON) -> T:
     """Read a JSON file, see :func:`shuttle_marl.base.files.read_json`.
 
     Raises:
         SuiteError: it is missing, damaged, or was changed.
     """
     try:
-        return read_json(path, kind, sealed=sealed)
+        return read_json(path, kind, sealed=sealed, limit=limit)
     except FileReadError as error:
         raise SuiteError(f"{path}: {error}{advice}") from error
 
@@ -133,20 +132,15 @@ def write_entry(folder: Path, path: Path, entry: Entry, policies: Mapping[str, b
 
 def read_entry(path: Path) -> Entry:
     """Read a unit."""
-    return read(path, Entry, sealed=True)
+    return read(path, Entry, sealed=True, limit=1 << 20)
 
 
-def read_outcome(folder: Path, entry: Entry, game: Game, roles: Collection[str]) -> Outcome:
+def read_outcome(folder: Path, entry: Entry, game: Game) -> Outcome:
     """The outcome of a unit, with its policies; each is read once.
 
     Raises:
         PolicyError: a policy is missing, damaged, or of another game.
-        SuiteError: the task has no such role.
     """
-    if other := [role for role in entry.policies if role not in roles]:
-        raise SuiteError(
-            f"the entry has {len(other)} policies of roles that the task does not have, such as {printable(other[0][:40])}"
-        )
     stored = StoredPolicies(folder / POLICIES, game)
     loaded = {digest: stored.read(digest) for digest in set(entry.policies.values())}
     policies = {role: loaded[digest] for role, digest in entry.policies.items()}

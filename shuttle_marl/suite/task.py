@@ -147,6 +147,8 @@ class Task(abc.ABC):
     """Splits whose game does not ship: it is drawn with this standard deviation, see :func:`drawn_game`."""
     roles: ClassVar[tuple[str, ...]] = ("player",)
     """Roles of the policies of an outcome."""
+    answers: ClassVar[tuple[str, ...]] = ()
+    """Names of the answers of an outcome."""
     optimum: ClassVar[float | None] = None
     """Score of perfect play; None: not known."""
     target: ClassVar[str] = ""

@@ -52,6 +52,7 @@ class Text(Task):
     name = "text-v0"
     access = "samples"
     roles = ()
+    answers = ("strokes",)
     metric = "regret"
     higher_is_better = False
     optimum = 0.0
@@ -69,7 +70,8 @@ class Text(Task):
         """Ask for one answer in each position."""
         player = made(method, TextSetting(game=arena.game, seed=seed, folder=folder), self.name, "answer")
         answers = [called(self.name, player.answer, position) for position in positions(arena)]
-        return Outcome(answers={"strokes": [answer if isinstance(answer, str) else None for answer in answers]})
+        # No name of a stroke is so long.
+        return Outcome(answers={"strokes": [answer[:100] if isinstance(answer, str) else None for answer in answers]})
 
     def given(self, arena: Arena, case: Case, seed: int) -> Iterable[str]:  # noqa: ARG002
         """The positions."""

@@ -9,13 +9,14 @@ from typing import Any, Final
 from shuttle_marl.base.errors import ShuttleError, printable
 from shuttle_marl.base.files import FileReadError, read_json
 from shuttle_marl.suite import frozen, store
+from shuttle_marl.suite.method import resembles
 from shuttle_marl.suite.options import SuiteError
 from shuttle_marl.suite.registry import arena_of_run, find_task
 from shuttle_marl.suite.results import Row, cases_of, summarise
 
 TOLERANCE: Final = 1e-9
 """Largest difference between a recomputed score and the stored one."""
-NOT_VERIFIED: Final = ("strokes used", "tuning", "seconds", "that the method produced these policies")
+NOT_VERIFIED: Final = ("strokes used", "curves", "tuning", "seconds", "isolation", "that the method produced these policies")
 """What no recomputation can show."""
 
 
@@ -71,15 +72,19 @@ def verify_run(
     def read(number: int, seed: int) -> store.Entry:
         if config.game.hash != arena.game.hash:
             raise SuiteError(f"played on game {config.game.hash[:12]}; this is {arena.game.hash[:12]}")
-        return store.read_unit(folder, number, cases[number], seed)
+        entry, case = store.read_unit(folder, number, cases[number], seed), cases[number]
+        if other := sorted({*entry.policies} - {*task.roles} | {*entry.answers} - {*task.answers}):
+            what = "policies or answers that the task does not have, such as"
+            raise SuiteError(f"the entry has {len(other)} {what} {printable(other[0][:40])}")
+        frozen.load().check(task, config.split, f"{case.name}/{seed}", entry.fingerprint, arena.base)
+        return entry
 
     def recompute(number: int, seed: int) -> None:
         entry, case = read(number, seed), cases[number]
         fingerprint = task.fingerprint(arena, case, seed)
         if entry.fingerprint != fingerprint:
             raise SuiteError(f"the case has fingerprint {entry.fingerprint[:12]}; expected {fingerprint[:12]}")
-        frozen.load().check(task, config.split, f"{case.name}/{seed}", fingerprint, arena.base)
-        outcome = store.read_outcome(folder, entry, arena.game, task.roles)
+        outcome = store.read_outcome(folder, entry, arena.game)
         _compare(entry.scores, task.score(arena, case, seed, outcome))
         _compare(entry.parts, task.parts(arena, case, outcome))
 
@@ -96,7 +101,15 @@ def verify_run(
         if not _aggregated(folder, summary):
             reason = f"{store.RESULTS} holds other aggregates than those of the units; `suite score` writes them again"
             refused = [Refusal(case=cases[number].name, seed=seed, reason=reason) for number, seed in units]
-    return Verification(units=len(units), refused=refused, summary=None if refused else summary)
+    return Verification(units=len(units), refused=refused, summary=None if refused or summary is None else marked(summary))
+
+
+def marked(row: Row) -> Row:
+    """The row of a folder that may be a stranger's, in which a name proves nothing."""
+    if resembles(row["task"], row["method"]):
+        row["remarks"] = [*row["remarks"], "names a method of the package, which verification cannot prove"]
+        row["official"] = False
+    return row
 
 
 def _compare(stored: Mapping[str, float], found: Mapping[str, float]) -> None:

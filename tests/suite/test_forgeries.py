@@ -63,6 +63,13 @@ def scores(number: int) -> Fields:
     return {f"score{i}": 0.5 for i in range(number)}
 
 
+def append_to_a_policy(folder: Path) -> None:
+    with (folder / store.POLICIES / f"{store.read_entry(store.entry_path(folder, 0, 0)).policies['player']}.zst").open(
+        "ab"
+    ) as file:
+        file.write(b"payload")
+
+
 REFUSED: dict[str, tuple[Callable[[Path], None], str]] = {
     "strokes above the budget": (lambda f: entry(f, strokes=9_000_000), "more strokes than the budget of 1,000,000"),
     "negative strokes": (lambda f: entry(f, strokes=-1), "strokes"),
@@ -79,6 +86,10 @@ REFUSED: dict[str, tuple[Callable[[Path], None], str]] = {
     "an escape as a fingerprint": (lambda f: entry(f, fingerprint="\x1b]0;x\x07"), "fingerprint"),
     "an empty case": (lambda f: entry(f, case=""), "case"),
     "another case": (lambda f: entry(f, case="10,000,000"), "is of case"),
+    "a huge seed": (lambda f: entry(f, seed=10**400), "seed"),
+    "salt": (lambda f: entry(f, answers={"salt": 1}), "1 policies or answers that the task does not have, such as salt"),
+    "megabytes of answers": (lambda f: entry(f, answers={"salt": "x" * (1 << 20)}), "larger than 1 MB"),
+    "bytes after a policy": (append_to_a_policy, "unused data"),
     "entries of another budget": (lambda f: config(f, budget=10**7), "is of case"),
 }
 
@@ -187,10 +198,29 @@ def test_entries_that_were_moved_to_another_budget_are_marked(folder: Path, hone
     assert f"the same policies as {METHOD} at 1,000,000 strokes" in second["remarks"]
 
 
-def test_a_stranger_has_no_name_of_the_package(folder: Path) -> None:
-    config(folder, method="ppo")
+@pytest.mark.parametrize("name", ["ppo", "PPO", " ppo ", "p\u200bpo", "\uff50\uff50\uff4f", "ppo\uff1ax", "ppo_magnet"])
+def test_a_stranger_has_no_name_of_the_package(name: str, folder: Path) -> None:
+    config(folder, method=name)
     ((row,), _) = rows(folder)
     assert "names a method of the package, which verification cannot prove" in row["remarks"]
+    assert "names a method of the package" in remarks(folder)
+
+
+def test_seeds_of_other_tables_with_the_same_scores_are_copies(folder: Path) -> None:
+    """A copied table may be changed where it is never used."""
+    assert not any("differ" in remark for remark in summary(folder)["remarks"])
+    scored = store.read_entry(store.entry_path(folder, 0, 0)).scores
+    entry(folder, 1, scores={name: score + 1e-12 for name, score in scored.items()})
+    assert "2 seeds, of which 1 differ" in summary(folder)["remarks"]
+
+
+def test_a_fingerprint_that_is_not_the_frozen_one_is_refused_before_anything_is_computed(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    frozen_one = Frozen(game=reduced_game().hash, cases={"equilibrium-v0/test/1,000,000/0": "f" * 64})
+    monkeypatch.setattr(frozen, "load", lambda: frozen_one)
+    monkeypatch.setattr(Equilibrium, "fingerprint", None)
+    assert "the frozen one ffffffffffff" in verified(folder).refused[0].reason
 
 
 def test_a_run_stands_on_a_board_once(folder: Path, honest: Path, tmp_path: Path) -> None:

@@ -183,7 +183,7 @@ def test_fictitious_play_approaches_the_equilibrium(tmp_path: Path) -> None:
 
 def test_players_that_act_are_tabulated(tmp_path: Path) -> None:
     folder = played(tmp_path, f"{__name__}:greedy")
-    player = store.read_outcome(folder, store.read_entry(store.entry_path(folder, 0, 0)), GAME, ["player"]).policies["player"]
+    player = store.read_outcome(folder, store.read_entry(store.entry_path(folder, 0, 0)), GAME).policies["player"]
     first = np.zeros(GAME.n_pairs)
     first[GAME.first_pairs] = 1
     assert np.array_equal(player.pair_probabilities(), first)
@@ -262,7 +262,7 @@ def test_policies_of_other_roles_are_refused_and_each_table_is_read_once(tmp_pat
     path, entry = first_entry(folder)
     (digest,) = entry["policies"].values()
     forge(path, {**entry, "policies": {f"role {i}\x1b": digest for i in range(1000)}})
-    assert r"1000 policies of roles that the task does not have, such as role 0\x1b" in str(reasons(folder)[0])
+    assert r"1000 policies or answers that the task does not have, such as role 0\x1b" in str(reasons(folder)[0])
     reads: list[str] = []
     load = StoredPolicies.read
 
@@ -273,7 +273,7 @@ def test_policies_of_other_roles_are_refused_and_each_table_is_read_once(tmp_pat
     monkeypatch.setattr(StoredPolicies, "read", counted)
     roles = [str(i) for i in range(9)]
     forge(path, {**entry, "policies": dict.fromkeys(roles, digest)})
-    outcome = store.read_outcome(folder, store.read_entry(path), GAME, roles)
+    outcome = store.read_outcome(folder, store.read_entry(path), GAME)
     assert reads == [digest]
     assert len({id(policy) for policy in outcome.policies.values()}) == 1
 

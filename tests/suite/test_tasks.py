@@ -198,7 +198,7 @@ def test_the_template_in_perl_plays_and_is_a_table(tmp_path: Path, monkeypatch: 
     assert "'program:perl player.pl'" in new_submission("exploit-v0", tmp_path, "perl")
     folder = run(tmp_path, "exploit-v0", "program:perl player.pl")
     entry = store.read_entry(store.entry_path(folder, 0, 0))
-    player = store.read_outcome(folder, entry, GAME, ["player"]).policies["player"]
+    player = store.read_outcome(folder, entry, GAME).policies["player"]
     assert set(np.unique(player.cumulative)) <= {0, 65535}
     assert accepted(folder)
     with pytest.raises(SuiteError, match="no template in Perl"):

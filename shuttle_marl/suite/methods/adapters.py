@@ -212,16 +212,13 @@ class TiltedMixture(Population):
     The argument is p of the restricted Nash response.
     """
 
-    levels: ClassVar = True
-    mixture: ClassVar = True
-    tilt: ClassVar = True
-    change: ClassVar = True
+    without: ClassVar = ""
 
     def __init__(self, setting: AdaptSetting, argument: str = "0.9") -> None:
         super().__init__(setting)
         self.p, n = float(argument), len(self.types)
         self.prior = np.full(n, 1 / n)
-        if self.levels:
+        if self.without != "levels":
             self.types += levels(self.game, tuple(setting.known[name] for name in _ANSWERED))
             more = len(self.types) - n
             self.prior = np.append((1 - _SHARE) * self.prior, np.full(more, _SHARE / more))
@@ -243,13 +240,13 @@ class TiltedMixture(Population):
     def estimate(self) -> PairPolicy:
         """The opponent, estimated."""
         pairs = np.concatenate([np.zeros(0, dtype=np.int64), *self.rallies])
-        if self.change and len(pairs) >= _LEAST:
+        if self.without != "change" and len(pairs) >= _LEAST:
             ends = np.cumsum([len(rally) for rally in self.rallies])
             first = change_point(self.chance[:, pairs], ends, _STRENGTH * self.prior)
             self.rallies, pairs = self.rallies[first:], pairs[ends[first - 1] if first else 0 :]
-        weight = mixture_weights(self.chance[:, pairs], _STRENGTH * self.posterior)[0] if self.mixture else self.posterior
-        chance = weight @ self.chance
-        if self.tilt and len(pairs):
+        strokes, weight = self.chance[:, pairs], self.posterior
+        chance = (weight if self.without == "mixture" else mixture_weights(strokes, _STRENGTH * weight)[0]) @ self.chance
+        if self.without != "tilt" and len(pairs):
             base = np.log(np.maximum(chance, _LIKELIHOOD))
             self.theta = fitted_shift(self.game, base, self.features, self.deviation, pairs, self.theta)
             chance = shifted(self.game, base, self.features, self.theta)
@@ -259,25 +256,25 @@ class TiltedMixture(Population):
 class WithoutLevels(TiltedMixture):
     """Known types alone."""
 
-    levels = False
+    without = "levels"
 
 
 class WithoutMixture(TiltedMixture):
     """The posterior over types instead of the weights of a mixture."""
 
-    mixture = False
+    without = "mixture"
 
 
 class WithoutTilt(TiltedMixture):
     """The mixture itself."""
 
-    tilt = False
+    without = "tilt"
 
 
 class WithoutChange(TiltedMixture):
     """All rallies count."""
 
-    change = False
+    without = "change"
 
 
 @functools.lru_cache(maxsize=1)

@@ -1,9 +1,6 @@
 """Baselines of ``exploit`` from Stable-Baselines3 and sb3-contrib, with the settings of those libraries."""
 
 from pathlib import Path
-from typing import Any
-
-import gymnasium
 
 from shuttle_marl.suite.exploit import PlayerSetting, Trained
 from shuttle_marl.suite.options import SuiteError
@@ -19,15 +16,11 @@ def maskable_ppo(setting: PlayerSetting) -> Trained:
     except ModuleNotFoundError as error:
         raise SuiteError("maskable-ppo needs sb3-contrib: `pip install sb3-contrib`") from error
 
-    def make() -> "gymnasium.Env[Any, Any]":
-        return gymnasium.make(
-            "shuttle_marl:shuttle_marl/Rally-v0", opponent=setting.opponent or "bc", game=setting.game, mask="info"
-        )
-
     # Rollouts of 128 strokes of each environment; the last one may not pass the budget.
     steps = min(128, setting.budget // _ENVS)
     strokes = setting.budget // (steps * _ENVS) * steps * _ENVS
-    envs = make_vec_env(make, _ENVS, seed=setting.seed)
+    options = {"opponent": setting.opponent or "bc", "game": setting.game, "mask": "info", "render_mode": None}
+    envs = make_vec_env("shuttle_marl:shuttle_marl/Rally-v0", _ENVS, seed=setting.seed, env_kwargs=options)
     agent = MaskablePPO("MlpPolicy", envs, n_steps=steps, batch_size=256, gamma=1.0, seed=setting.seed, device="cpu")
     agent.learn(strokes)
     path = Path(setting.folder) / "agent.zip"
