@@ -1,7 +1,6 @@
 """The pages of the documentation: links lead somewhere, and code blocks are of a kind that is run."""
 
 import importlib
-import os
 import re
 import subprocess
 import sys
@@ -95,23 +94,6 @@ def test_the_runner_runs_python_and_marked_bash(tmp_path: Path) -> None:
     assert "2 failed, 1 passed" in done.stdout, done.stdout
     assert "python.md:6: AssertionError" in done.stdout
     assert "line 5: exit status 1 of:" in done.stdout
-
-
-BLOCK_PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")))
-_BLOCK = re.compile(r"^```python\n(.*?)^```", re.DOTALL | re.MULTILINE)
-_NEEDING = ("docs/analysis.md", "docs/tutorials/own_loop.md")
-"""Their first blocks read the files of commands, which they name, or train an agent; the tests of the pages run them."""
-BLOCKS = {path.relative_to(ROOT).as_posix(): block[1] for path in BLOCK_PAGES if (block := _BLOCK.search(path.read_text()))}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("page", [page for page in BLOCKS if page not in _NEEDING])
-def test_the_first_block_of_a_page_runs_by_itself(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    if page == "README.md":  # in a process of its own; the others in this one, because imports take most of their time
-        subprocess.run([sys.executable, "-c", BLOCKS[page]], env={**os.environ, "PYTHONPATH": str(ROOT)}, check=True)
-    else:
-        exec(compile(BLOCKS[page], page, "exec"), {"__name__": "__main__"})
 
 
 REFERENCE = re.compile(r":\w+:`~?(shuttle_marl[\w.]*)`|(?:from|import) (shuttle_marl[\w.]*)|``(shuttle_marl(?:\.\w+)+)``")

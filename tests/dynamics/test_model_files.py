@@ -209,18 +209,17 @@ def test_blends_are_means_of_logits() -> None:
     assert models.above(codes) == pytest.approx(expit((of_contact + of_trees) / 2).mean(axis=0))
 
 
-def with_trees(folder: Path, trees: dict[str, Trees]) -> Path:
-    """A copy of the shipped model, with other trees."""
-    shutil.copytree(model_folder(), folder / "model", ignore=shutil.ignore_patterns("agents"))
-    dataclasses.replace(FittedModels.load(model_folder()), trees=trees).save(folder / "model")
-    write_card(folder / "model", read_model_card(model_folder()))
-    return folder / "model"
+def with_trees(model: Path, trees: dict[str, Trees]) -> Path:
+    """The model, with other trees."""
+    dataclasses.replace(FittedModels.load(model), trees=trees).save(model)
+    write_card(model, read_model_card(model))
+    return model
 
 
-def test_trees_are_stored_with_the_model(tmp_path: Path) -> None:
+def test_trees_are_stored_with_the_model(model: Path) -> None:
     rows, label, _ = sample()
     trees = fit_trees(rows.codes, label, rounds=10)
-    loaded = FittedModels.load(with_trees(tmp_path, {"contact": trees})).trees
+    loaded = FittedModels.load(with_trees(model, {"contact": trees})).trees
     assert set(loaded) == {"contact"}
     assert np.array_equal(loaded["contact"].logits(rows.codes), trees.logits(rows.codes))
 
@@ -232,10 +231,9 @@ def test_trees_are_stored_with_the_model(tmp_path: Path) -> None:
     ("value", lambda a: a * np.nan),
     ("value", lambda a: a[:1]),
 ])  # fmt: skip
-def test_forged_trees_are_refused(tmp_path: Path, name: str, change: Any) -> None:
+def test_forged_trees_are_refused(model: Path, name: str, change: Any) -> None:
     rows, label, _ = sample()
     trees = fit_trees(rows.codes, label, rounds=5)
     changed = dataclasses.replace(trees, **{name: np.ascontiguousarray(change(getattr(trees, name)))})
-    folder = with_trees(tmp_path, {"return": changed})
     with pytest.raises(ModelError, match="networks"):
-        FittedModels.load(folder)
+        FittedModels.load(with_trees(model, {"return": changed}))

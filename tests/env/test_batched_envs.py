@@ -10,7 +10,6 @@ from torchrl.envs.utils import check_env_specs
 
 from shuttle_marl.env.batched import RallyEnv, VersusEnv
 from shuttle_marl.game import default_game
-from shuttle_marl.game.rules import IllegalStrokeError
 from shuttle_marl.game.tables import Game
 from shuttle_marl.kernel import RallyBatch
 from tests.exact.exact_games import random_policy, tiring_game
@@ -40,22 +39,6 @@ def test_specs(make: type[Env], batch: int) -> None:
     env = make(batch)
     check_env_specs(env, seed=0)
     assert env.batch_size == torch.Size([batch])
-
-
-@EITHER
-def test_an_illegal_stroke_is_refused_and_nothing_changes(make: type[Env]) -> None:
-    env = make(8)
-    now = env.reset()
-    action = env.rand_action(now.clone())["action"]
-    before = [array.copy() for array in env._batch.rows]
-    wrong = action.clone()
-    wrong[5] = int((~now["action_mask"][5]).nonzero()[0])
-    for stroke in (wrong, torch.full_like(action, -1)):
-        with pytest.raises(IllegalStrokeError, match=r"row [05]: "):
-            env.step(now.clone().set("action", stroke))
-    after: tuple[np.ndarray, ...] = env._batch.rows
-    assert all(np.array_equal(a, b) for a, b in zip(before, after, strict=True))
-    env.step(now.set("action", action))
 
 
 @pytest.mark.parametrize("game", [GAME, tiring_game()], ids=["default", "tiring"])

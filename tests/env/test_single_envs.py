@@ -9,13 +9,12 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
-import torch
 from gymnasium.error import ResetNeeded
 from gymnasium.utils.env_checker import check_env
 
 from shuttle_marl import match_v0, rally_v0
 from shuttle_marl.base.errors import ActionError, OptionError
-from shuttle_marl.env.batched import RallyEnv, VersusEnv
+from shuttle_marl.env.batched import VersusEnv
 from shuttle_marl.env.open_spiel import RallyGame
 from shuttle_marl.env.single import SingleEnv, SingleMatchEnv, SingleRallyEnv
 from shuttle_marl.env.vector import MatchVectorEnv, RallyVectorEnv
@@ -293,14 +292,3 @@ def test_nothing_is_played_before_the_first_reset(make):
     seen, reward, terminated, truncated, info = make().last()
     assert not seen["action_mask"].any()
     assert (reward, terminated, truncated, info) == (0.0, False, False, {})
-
-
-@pytest.mark.parametrize("make", [RallyEnv, VersusEnv])
-def test_batched_environments_refuse_what_is_not_whole(make):
-    with pytest.raises(OptionError, match=r"seed 1\.5: expected a whole number"):
-        make(2, seed=1.5)
-    env = make(2)
-    td = env.reset()
-    td["action"] = torch.tensor([0.5, 1.5])
-    with pytest.raises(KernelError, match=r"strokes: float32 of shape \(2,\); expected int64"):
-        env.step(td)

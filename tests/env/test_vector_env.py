@@ -15,7 +15,7 @@ from shuttle_marl.env.vector import MatchVectorEnv, RallyVectorEnv
 from shuttle_marl.game import default_game
 from shuttle_marl.game.scoring import BWF, Rules
 from shuttle_marl.game.tables import Game
-from shuttle_marl.kernel import KernelError, MatchBatch
+from shuttle_marl.kernel import MatchBatch
 from shuttle_marl.kernel.rally import MatchRows
 from tests.exact.exact_games import random_game, random_policy, tiring_game
 
@@ -209,17 +209,3 @@ def test_batch_and_threads_change_nothing() -> None:
         first, *others = (np.asarray(getattr(batch.matches, name)) for batch in (*batches, fused))
         assert all(np.array_equal(first, other) for other in others), name
     assert batches[0].unseen == batches[1].unseen
-
-
-def test_what_cannot_be_asked_for() -> None:
-    env = MatchVectorEnv(2)
-    env.reset(seed=0)
-    with pytest.raises(ActionError, match="expected 2 integers"):
-        env.step(np.array([0, default_game().n_strokes]))
-    batch = env.versus
-    over = batch.rows.live
-    over[1] = False
-    with pytest.raises(Exception, match="row 1: its rally is over"):
-        batch.step(np.zeros(2, np.int64))
-    with pytest.raises(KernelError, match="strokes: "):
-        batch.step(np.zeros(3, np.int64))

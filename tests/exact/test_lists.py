@@ -9,7 +9,6 @@ from hypothesis import given, settings
 from shuttle_marl.exact import best_response, evaluate, holes, solve, visits
 from shuttle_marl.exact.lists import averaged, cells_of, lists
 from shuttle_marl.exact.play import impossible, play, unusual
-from shuttle_marl.game.court import BACK, third_of
 from shuttle_marl.game.policy import UniformPolicy
 from shuttle_marl.game.shipped import default_game, least_support, load_game, real_strokes
 from shuttle_marl.game.stroke import FRONT_COURT, SHOTS
@@ -55,15 +54,6 @@ def test_the_mean_over_every_state_is_the_policy_itself() -> None:
     perfect = solve(game).policy[0]
     alike = averaged(perfect, perfect, np.arange(game.n_states))
     assert alike.pair_probabilities() == pytest.approx(perfect.pair_probabilities(), abs=1e-4)
-
-
-def test_no_stroke_of_the_shipped_game_is_impossible() -> None:
-    """Counted here stroke by stroke: no net kill or net shot is legal after a stroke that is met in the back third."""
-    game = default_game()
-    assert not impossible(game).any()
-    names = np.array(SHOTS)[game.catalogue.shot]
-    for incoming in np.flatnonzero(third_of(game.catalogue.area) == BACK):
-        assert not np.isin(names[game.reply_mask[incoming].any(axis=0)], FRONT_COURT).any()
 
 
 def test_impossible_strokes_are_found() -> None:

@@ -112,8 +112,7 @@ sys.exit(cli.run(command, prog="tea", description="Talks.", argv=[]))
 @pytest.mark.parametrize(("lines", "flags"), [(1, ()), (10_000, ("-u",))], ids=["at the end", "on the way"])
 def test_the_reader_of_the_output_closes_it(lines: int, flags: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("PYTHONUNBUFFERED", raising=False)
-    command = [sys.executable, *flags, "-c", TALKS.format(lines=lines)]
-    check_closed_pipe(command)
+    check_closed_pipe([sys.executable, *flags, "-c", TALKS.format(lines=lines)])
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a full disk")
@@ -251,8 +250,7 @@ def test_a_command_that_is_nearly_one(typed: str, meant: str, capsys: pytest.Cap
 
 @pytest.mark.parametrize("words", [["--help"], ["--version"], ["--completion", "bash"]], ids=str)
 def test_a_closed_pipe_is_no_traceback(words: list[str]) -> None:
-    command = [sys.executable, "-m", "shuttle_marl", *words]
-    check_closed_pipe(command)
+    check_closed_pipe([sys.executable, "-m", "shuttle_marl", *words])
 
 
 @pytest.mark.parametrize("arguments", [["powershell"], []])

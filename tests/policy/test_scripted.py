@@ -8,6 +8,7 @@ import pytest
 
 from shuttle_marl.commands import exact
 from shuttle_marl.exact import evaluate
+from shuttle_marl.game import default_game
 from shuttle_marl.game.court import AREAS, area_centre
 from shuttle_marl.game.policy import States
 from shuttle_marl.game.stroke import SHOTS
@@ -30,12 +31,12 @@ def share(name: str, shots: list[int], where: np.ndarray) -> float:
     return float(p[:, np.isin(GAME.catalogue.shot, shots)].sum(axis=1).mean())
 
 
-@pytest.mark.parametrize("style", [name for name in STYLES if name != "defensive"])
-def test_every_style_beats_random_play(style: str) -> None:
-    """In a game of few strokes, without the clears that defensive play needs; in the shipped one see ``test_profiles.py``."""
-    assert SHOTS.index("clear") not in GAME.catalogue.shot
-    one, other = (tabulate(resolve(name, GAME), GAME) for name in (style, "random"))
-    assert evaluate(one, other).odds().rally > 0.51
+@pytest.mark.parametrize("style", STYLES)
+def test_every_style_beats_random_play_in_the_shipped_game(style: str) -> None:
+    """Random strokes are among those that people choose there, so they lose little to a style that seldom attacks."""
+    game = default_game()
+    one, other = (tabulate(resolve(name, game), game) for name in (style, "random"))
+    assert evaluate(one, other, tolerance=1e-3).odds().rally > 0.505
 
 
 def test_a_point_more_is_played_e_times_as_often() -> None:
