@@ -3,8 +3,8 @@
 A table is made from a result file by :mod:`docs.tools.tables`; the result file is made by a command. The result of a second run
 of that command is compared with the saved one, number by number, within a tolerance: 0 where a seed determines the result, a
 relative difference where versions of PyTorch or the machine change it. Speeds are compared within a factor of two, and differ by
-more between machines. ``--save`` keeps the time and the greatest difference in ``reproduced.json``,
-and a result that differs.
+more between machines. ``--save`` keeps the time, the greatest difference and the game in ``reproduced.json``, and a result that
+differs. A time in words is an estimate.
 """
 
 import dataclasses
@@ -28,6 +28,7 @@ from docs.tools.markdown import ROOT, saved
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.files import replace_file
 from shuttle_marl.commands import cli
+from shuttle_marl.game import default_game
 
 _PROVENANCE: Final = frozenset(
     {"command", "commit", "cpu", "cpu_seconds", "git", "machine", "packages", "platform", "python", "printed", "seconds"}
@@ -39,7 +40,7 @@ _OUT: Final = "{out}"
 _SPEED: Final = 1.0
 """Relative tolerance of measured speeds: a factor of two."""
 _AGAIN: Final = Path(__file__).with_name("reproduced.json")
-"""Seconds and greatest relative difference of reproduced tables, by name."""
+"""Seconds, greatest relative difference and game of reproduced tables, by name."""
 
 
 class ReproduceError(ShuttleError):
@@ -155,33 +156,33 @@ PROGRAMS: Final = {"recipes": "docs.tools.recipes --save"}
 """Tables of programs that need other libraries, whose results are only replaced, not compared."""
 
 
-def listed() -> Iterator[tuple[str, str, str, str, str]]:
-    """Every table: name, command, time (in seconds if it was measured), tolerance, and greatest difference that was found.
+def listed() -> Iterator[tuple[str, str, str, str, str, str]]:
+    """Every table: name, command, time (in seconds if it was measured), tolerance, greatest difference, and game of that run.
 
     Results that are shown beside others stand under their own name.
     """
     known = measured()
 
-    def times(name: str, estimate: str = "") -> tuple[str, str]:
+    def times(name: str, estimate: str = "") -> tuple[str, str, str]:
         if name not in known:
-            return estimate, ""
+            return estimate, "", ""
         found = known[name]["difference"]
-        return f"{known[name]['seconds']} s", "" if found is None else f"{found:.2g}"
+        return f"{known[name]['seconds']} s", "" if found is None else f"{found:.2g}", known[name]["game"]
 
     for name, result in RESULTS.items():
-        duration, found = times(name, result.estimate)
+        duration, found, game = times(name, result.estimate)
         for table in result.tables or (name,):
-            yield table, f"python -m {result.command}", duration, f"{result.tolerance:g}", found
+            yield table, f"python -m {result.command}", duration, f"{result.tolerance:g}", found, game
     for table in COMPUTED:
-        duration, found = times(table)
-        yield table, f"python -m docs.tools.reproduce {table}", duration, "0", found
+        duration, found, game = times(table)
+        yield table, f"python -m docs.tools.reproduce {table}", duration, "0", found, game
     for table, command in PROGRAMS.items():
         seconds = sum(kept["cpu_seconds"] for kept in saved("experiments", table)[table].values())
-        yield table, f"python -m {command}", f"{seconds:.0f} CPU s", "not compared", ""
+        yield table, f"python -m {command}", f"{seconds:.0f} CPU s", "not compared", "", ""
 
 
 def measured() -> dict[str, dict[str, Any]]:
-    """Seconds and greatest relative difference of reproduced tables, by name."""
+    """Seconds, greatest relative difference and game of reproduced tables, by name."""
     found: dict[str, dict[str, Any]] = json.loads(_AGAIN.read_text(encoding="utf-8"))
     return found
 
@@ -310,7 +311,11 @@ def check(table: str, *, save: bool = False) -> list[str]:
     else:
         raise ReproduceError(f"no table {name!r}; python -m docs.tools.reproduce lists them")
     if save:
-        row = {"seconds": round(time.perf_counter() - begun), "difference": None if found else greatest}
+        row = {
+            "seconds": round(time.perf_counter() - begun),
+            "difference": None if found else greatest,
+            "game": default_game().hash[:12],
+        }
         whole = json.dumps(dict(sorted({**measured(), name: row}.items())), indent=1)
         replace_file(_AGAIN, f"{whole}\n".encode())
     return found
@@ -325,7 +330,7 @@ def main(table: str = "", /, *, save: bool = False) -> None:
     """
     console = Console(soft_wrap=True, markup=False, highlight=False)
     if not table:
-        rows = [("table", "command", "time", "tolerance", "found"), *listed()]
+        rows = [("table", "command", "time", "tolerance", "found", "game"), *listed()]
         widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
         for row in rows:
             console.print("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
