@@ -21,7 +21,7 @@ from shuttle_marl.commands import cli
 
 NAMES: Final = ("five_minutes", "own_loop")
 """Tutorials that the site shows as notebooks."""
-_LIMIT: Final = 300
+_LIMIT: Final = 1200
 """Time limit of a cell [s]."""
 _DOWNLOAD: Final = (
     "[Download](<path:{}.ipynb>) this notebook to run it in Jupyter, or upload it to Colab; its first cell installs the package."
