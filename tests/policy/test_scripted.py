@@ -1,5 +1,6 @@
 """The scripted styles play as their rules say and beat random play; and the depth table of a small game."""
 
+import itertools
 import json
 from typing import Any
 
@@ -14,6 +15,7 @@ from shuttle_marl.game.policy import States
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import ROOT
 from shuttle_marl.game.tabulated import tabulate
+from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.policy import baselines, scorecard
 from shuttle_marl.policy.baselines import STYLES, ScriptedPolicy
 from shuttle_marl.policy.registry import resolve
@@ -55,6 +57,29 @@ def test_attackers_hit_down_from_above_and_defenders_lift_from_below() -> None:
     assert share("attacking", HIGH, below) < share("random", HIGH, below) < share("defensive", HIGH, below)
     serve = PLAYABLE == ROOT
     assert share("attacking", [SHOTS.index("short-serve")], serve) > share("random", [SHOTS.index("short-serve")], serve)
+
+
+def test_a_target_off_the_centre_line_costs_defenders_a_point() -> None:
+    catalogue, compared = GAME.catalogue, 0
+    p = ScriptedPolicy(baselines.defensive).probabilities(STATES)
+    kind = np.stack([catalogue.shot, catalogue.area // 3, catalogue.height, catalogue.technique])
+    for k, j in itertools.permutations(range(GAME.n_strokes), 2):
+        both = (p[:, [k, j]] > 0).all(axis=1)
+        if both.any() and (kind[:, k] == kind[:, j]).all() and catalogue.area[k] % 3 == 1:
+            np.testing.assert_allclose(p[both, k] / p[both, j], np.e)
+            compared += both.sum()
+    assert compared > 50
+
+
+def test_points_of_safe_play() -> None:
+    """For a percentage point of faults, of returns from above, of winners."""
+    row, pair = GAME.pairs(PLAYABLE)
+    fault, winner, below = GAME.limits_of(pair).T / ONE
+    p = resolve("safe", GAME).probabilities(STATES)[row, GAME.base_pair_stroke[pair % GAME.n_base_pairs]]
+    points = 100 * (1 - fault) - 10 * (1 - below) + 5 * (winner - fault)
+    first = np.r_[True, row[1:] != row[:-1]]
+    of_first = np.maximum.accumulate(np.where(first, np.arange(len(row)), 0))
+    np.testing.assert_allclose(np.log(p / p[of_first]), points - points[of_first], atol=1e-6)
 
 
 def test_safe_play_faults_least() -> None:
