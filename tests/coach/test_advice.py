@@ -19,7 +19,7 @@ from shuttle_marl.analysis.advice import (
 from shuttle_marl.analysis.habits import discoveries, endings, habits, interval
 from shuttle_marl.analysis.outlook import outlook
 from shuttle_marl.analysis.scouting import scout
-from shuttle_marl.analysis.tactics import STEPS, TACTICS, changed, effects
+from shuttle_marl.analysis.tactics import STEPS, TACTICS, Effect, changed, effects
 from shuttle_marl.base.files import seal
 from shuttle_marl.dynamics.habits import NONE, Plays, load_habits, plays_of_strokes, questions, save_habits, tally
 from shuttle_marl.exact import PairPolicy, evaluate
@@ -113,6 +113,14 @@ def test_effects_of_tactics_are_exact(found: Refitted) -> None:
     rally = (serve.serving + serve.receiving) / 2
     assert np.diff(rally)[1] == pytest.approx(np.diff(rally)[2], abs=1e-7)
     assert serve.receiving == pytest.approx(odds.receiving)
+
+
+@pytest.mark.parametrize(("steady", "low", "clear"), [(LEAST_STEADY, 0.001, True), (0.5, 0.001, False), (1.0, -0.001, False)])
+def test_the_direction_of_a_tactic_is_clear(steady: float, low: float, clear: bool) -> None:
+    flat = np.full(len(STEPS), 0.5)
+    more = Estimate(0.01, low, 0.02)
+    effect = Effect(tactic=TACTICS[0], share=0.5, often=1, serving=flat, receiving=flat, more=more, steady=steady)
+    assert effect.clear == clear
 
 
 def test_the_outlook_contains_both_uncertainties(found: Refitted) -> None:
