@@ -18,6 +18,7 @@ from shuttle_marl.commands.analysis import main as analysis
 from shuttle_marl.commands.options import RallyGameOptions
 from shuttle_marl.commands.recording import main as recording
 from shuttle_marl.data.schema import REASONS, STROKES, Outcome, violations
+from shuttle_marl.game import court
 from shuttle_marl.game.shipped import load_game, refits_of
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.recording import Rallies, RallyLog, RecordingError
@@ -247,3 +248,13 @@ def test_the_game_is_that_of_the_log_and_never_silently_the_shipped_one(
     assert "game:" not in capsys.readouterr().err
     assert analysis([str(SAMPLE), "--json"]) == 0
     assert "game: the shipped one, of elite men's and women's singles; --game MODEL" in capsys.readouterr().err
+
+
+def test_a_drawn_court_is_symmetric_and_as_large_as_a_court() -> None:
+    axes = pictures.figure(4, 8).subplots()
+    pictures.draw_court(axes)
+    lines = {tuple(sorted(zip(*map(tuple, line.get_data()), strict=True))) for line in axes.lines}
+    for across, along in ((-1, 1), (1, -1)):
+        assert {tuple(sorted((across * x, along * y) for x, y in line)) for line in lines} == lines
+    (mat,) = axes.patches
+    assert mat.get_extents().transformed(axes.transData.inverted()).size == pytest.approx((court.WIDTH, court.LENGTH))
