@@ -93,7 +93,7 @@ def error_bound(residual: float, contraction: float) -> float:
 
 
 def newton(
-    operator: Operator, start: F64, contraction: float, tolerance: float, *, affine: bool = False
+    operator: Operator, start: F64, contraction: float, tolerance: float, *, affine: bool
 ) -> tuple[F64, int, float, float]:
     """The fixed point of an operator that is not linear, by Newton's method: policy iteration, where it takes a maximum.
 

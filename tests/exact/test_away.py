@@ -87,7 +87,9 @@ def test_over_keeps_the_order_of_the_games(refits: tuple[Game, ...]) -> None:
 def test_newton_converges_whatever_its_linear_part(slope: float) -> None:
     """x = 1 - 0.9 |x|, with a linear part that is right for one of them and misleads with the others."""
     start = np.zeros(FIRST_RALLY_STATE + 2)  # residuals count in rally states alone
-    found, sweeps, residual, bound = newton(lambda x: (1 - 0.9 * np.abs(x), lambda change: slope * change), start, 0.9, 1e-10)
+    found, sweeps, residual, bound = newton(
+        lambda x: (1 - 0.9 * np.abs(x), lambda change: slope * change), start, 0.9, 1e-10, affine=False
+    )
     assert found == pytest.approx(1 / 1.9, abs=bound)
     assert bound <= 1e-10
     assert residual <= bound

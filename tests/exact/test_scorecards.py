@@ -72,8 +72,8 @@ def test_the_figures_of_one_policy() -> None:
 
 
 def test_who_reads_the_score_is_sampled() -> None:
-    exact = SCORER.score(resolve("attacking", GAME), "attacking")
-    card = SCORER.score(Moody("attacking"), "moody", matches=200, seed=3)
+    exact = SCORER.score(resolve("best-response:bc", GAME), "best-response:bc")
+    card = SCORER.score(Moody("best-response:bc"), "moody", matches=200, seed=3)
     assert card.sampled
     assert (card.exploitability, card.regret_per_rally, card.error_bound) == (None, None, None)
     # Wider than 95 %: the seed is fixed, but another one should not fail.
@@ -81,7 +81,7 @@ def test_who_reads_the_score_is_sampled() -> None:
     assert abs(exact.rally_win_vs_bc - middle) < 2 * (high - low) / 2
     assert card.match_interval[0] < exact.match_win_vs_bc < min(1, card.match_interval[1] + 0.05)
     assert card.rally_length_vs_bc == pytest.approx(exact.rally_length_vs_bc, rel=0.05)
-    assert card == SCORER.score(Moody("attacking"), "moody", matches=200, seed=3)
+    assert card == SCORER.score(Moody("best-response:bc"), "moody", matches=200, seed=3)
 
 
 def test_a_game_without_clones_has_no_scorer(monkeypatch: pytest.MonkeyPatch) -> None:
