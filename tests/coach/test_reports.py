@@ -97,9 +97,6 @@ def test_a_report_counts_forced_and_unforced_errors(match: pa.Table, model: str,
         assert f"{own} unforced errors, {pressed} forced by the opponent" in text, player
 
 
-# The scouting report.
-
-
 def test_a_scouting_report_has_its_seven_parts(scouted: ScoutingReport, unbuilt: None) -> None:
     tags, text = read(scout_pages.scouting_page(scouted))
     assert [name for tag, a in tags.tags if tag == "section" and (name := a["id"])] == [
@@ -165,9 +162,6 @@ def test_names_of_players(model: str) -> None:
     women = next(each.name for each in players_of(model) if each.discipline == "women")
     with pytest.raises(AnalysisError, match="expected one discipline"):
         scout(women, A, model=model)
-
-
-# The match report.
 
 
 def test_scores_and_chances_of_a_match(reported: MatchReport, match: pa.Table) -> None:
@@ -297,9 +291,6 @@ def test_names_stay_text(name: str, scouted: ScoutingReport, reported: MatchRepo
             assert not re.match(r"(?!#|data:,)", attributes.get("href") or "#")
 
 
-# Commands.
-
-
 def test_commands(tmp_path: Path, model: str, unbuilt: None, capsys: pytest.CaptureFixture[str]) -> None:
     assert scout_command(["--list", "--game", model, "--json"]) == 0
     listed = json.loads(capsys.readouterr().out)["players"]
@@ -361,9 +352,6 @@ def test_a_report_of_agents(tmp_path: Path, model: str, unbuilt: None, capsys: p
     page = _downloads(RallyOptions(replay=log), recorded, game)["report", "text/html"]
     number = next(k for k in range(recorded.count) if recorded.match(k) == (0, 1))
     assert read(page(number + 1))[1] == text
-
-
-# In a browser.
 
 
 def test_a_browser_that_does_not_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,7 +5,6 @@ import os
 import subprocess
 import sys
 
-import numpy as np
 import pytest
 
 from shuttle_marl import match_v0, rally_v0
@@ -13,10 +12,6 @@ from shuttle_marl import match_v0, rally_v0
 os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
 
 pygame = pytest.importorskip("pygame")
-
-
-def share_of(picture, colour, tolerance=30):
-    return (np.abs(picture.astype(int) - colour).max(axis=-1) <= tolerance).mean()
 
 
 @pytest.fixture

@@ -174,8 +174,6 @@ def test_only_the_named_strokes_are_missing(names: tuple[str, ...]) -> None:
 
 def test_its_solution_is_that_of_a_player_whose_removed_strokes_are_faults() -> None:
     """An independent way to forbid strokes: both strike with tables in which these strokes lose the rally."""
-    import dataclasses
-
     removed = np.isin(SHOT_OF, ["smash", "half-smash"])
     faulty = GAME.threshold.copy()
     faulty[removed[GAME.base_pair_stroke]] = np.iinfo(np.uint16).max

@@ -27,14 +27,6 @@ def network(seed: int) -> Assess:
     return lambda states: (logits[states % 512], value[states])
 
 
-def probabilities(assess: Assess, states: np.ndarray) -> np.ndarray:
-    """``[M]`` of all legal pairs of the states."""
-    row, pairs = GAME.pairs(states)
-    logits = assess(states)[0].astype(np.float64)
-    weight = np.exp(logits[row, GAME.base_pair_stroke[pairs % GAME.n_base_pairs]])
-    return weight / np.bincount(row, weight)[row]
-
-
 @pytest.mark.parametrize("opponents", [(), (RANDOM,), (RANDOM, BC)], ids=["self-play", "one", "two"])
 def test_the_rallies_are_those_of_the_environment(opponents: tuple[TabulatedPolicy, ...]) -> None:
     sampler = RallySampler(GAME, opponents)

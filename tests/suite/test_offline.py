@@ -94,13 +94,6 @@ def test_estimators_equal_values_computed_by_hand() -> None:
     assert v == pytest.approx([0.4, 0.8, 0.4, 0.8, 0.8], abs=1e-4)
 
 
-def test_on_policy_estimates_are_the_fraction_won() -> None:
-    game = three_strokes()
-    log, same = by_hand(game), smashing(game, 0.5)
-    for estimator in (ImportanceSampling(), WeightedImportanceSampling()):
-        assert estimator.estimate(log, [same]) == pytest.approx([3 / 5], abs=1e-4)
-
-
 def test_counts_computed_by_hand() -> None:
     game = three_strokes()
     log = by_hand(game)

@@ -160,11 +160,6 @@ def test_the_template_of_imitate_runs_as_it_is(tmp_path: Path, monkeypatch: pyte
     sys.modules.pop("my_imitation")
 
 
-def test_imitation_needs_data(tmp_path: Path) -> None:
-    with pytest.raises(SuiteError, match="--data"):
-        run(tmp_path, "imitate-v0", "bc")
-
-
 COMMANDS = {
     "exploit-v0": "my_player:train",
     "robust-v0": "my_robust_player:train",

@@ -66,9 +66,6 @@ def checkpoint(folder: Path) -> Path:
     return max((folder / "checkpoints").iterdir())
 
 
-# Damage.
-
-
 def test_a_checkpoint_that_is_deleted_leaves_the_one_before(finished: Path, run: Path) -> None:
     (checkpoint(run) / "state.safetensors").write_bytes(b"junk")
     with pytest.raises(runs.RunError, match="delete it to continue from the one before"):
@@ -111,9 +108,6 @@ def test_a_checkpoint_of_another_kind_is_named(change: dict[str, Any], run: Path
         resume(run)
 
 
-# Files from others.
-
-
 def test_a_run_folder_runs_no_code(run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A folder that names a module as opponent: the flags name the opponent, and the two must agree."""
     monkeypatch.chdir(tmp_path)
@@ -133,9 +127,6 @@ def test_a_run_folder_runs_no_code(run: Path, tmp_path: Path, monkeypatch: pytes
     load_agent(run / "agent", GAME)
     resume(run)
     assert "evil_opponent" not in sys.modules
-
-
-# The machine.
 
 
 @pytest.mark.parametrize("device", ["cuda:7", "meta", "nonsense"])
@@ -170,9 +161,6 @@ def test_a_run_that_does_not_fit_into_the_memory_is_refused(config: TrainingConf
     with pytest.raises(TrainingError, match=rf"{message}.*: such a run needs [\d,]+ GB of memory or more, and this machine has"):
         train(dataclasses.replace(config, out=tmp_path / "run"))
     assert not (tmp_path / "run").exists()
-
-
-# Learning that diverges.
 
 
 @pytest.mark.parametrize("config", [PPOConfig, A2CConfig, SACConfig])
