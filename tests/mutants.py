@@ -42,7 +42,7 @@ import tyro
 ROOT: Final = Path(__file__).resolve().parents[1]
 Module = Literal["game", "exact", "league", "analysis", "suite", "policy"]
 TESTS: Final[dict[str, tuple[str, ...]]] = {
-    "analysis": ("analysis", "coach", "data/test_simulated_strokes.py"),
+    "analysis": ("analysis", "coach", "data/test_simulated_strokes.py", "suite/test_offline.py", "watch/test_matches.py"),
     "exact": ("exact",),
     "game": (
         *("rally", "scoring", "policy", "exact/test_lists.py", "kernel/test_kernel_draws.py"),

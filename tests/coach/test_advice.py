@@ -19,7 +19,7 @@ from shuttle_marl.analysis.advice import (
 from shuttle_marl.analysis.habits import discoveries, endings, habits, interval
 from shuttle_marl.analysis.outlook import outlook
 from shuttle_marl.analysis.scouting import scout
-from shuttle_marl.analysis.tactics import STEPS, TACTICS, Effect, changed, effects
+from shuttle_marl.analysis.tactics import STEPS, TACTICS, Effect, _sets, changed, effects
 from shuttle_marl.base.files import seal
 from shuttle_marl.dynamics.habits import NONE, Plays, load_habits, plays_of_strokes, questions, save_habits, tally
 from shuttle_marl.exact import PairPolicy, evaluate
@@ -113,6 +113,16 @@ def test_effects_of_tactics_are_exact(found: Refitted) -> None:
     rally = (serve.serving + serve.receiving) / 2
     assert np.diff(rally)[1] == pytest.approx(np.diff(rally)[2], abs=1e-7)
     assert serve.receiving == pytest.approx(odds.receiving)
+
+
+def test_a_straight_smash_meets_and_lands_wide_on_one_side(found: Refitted) -> None:
+    game = found.home.policies[0].game
+    straight, smashes = _sets(game, found.home.policies[0].block_probabilities(0))["straight_smash"]
+    area, shot, incoming = game.catalogue.area, game.catalogue.shot, game.incoming(game.base_pair_state)
+    for pair, (k, j) in enumerate(zip(game.base_pair_stroke.tolist(), incoming.tolist(), strict=True)):
+        met, lands = (1 if j == game.n_strokes else int(area[j]) % 3), int(area[k]) % 3
+        smash = SHOTS[shot[k]] in ("smash", "half-smash") and 1 not in (met, lands)
+        assert (smashes[pair], straight[pair]) == (smash, smash and met + lands == 2)
 
 
 @pytest.mark.parametrize(("steady", "low", "clear"), [(LEAST_STEADY, 0.001, True), (0.5, 0.001, False), (1.0, -0.001, False)])

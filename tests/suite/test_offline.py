@@ -8,7 +8,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from shuttle_marl.analysis.tabular import best_of, by_state, cloned, estimated_game, fitted_q, greedy, with_faults
+from shuttle_marl.analysis.tabular import (
+    _stroke_cells,
+    best_of,
+    by_state,
+    cloned,
+    estimated_game,
+    fitted_q,
+    greedy,
+    state_cells,
+    with_faults,
+)
 from shuttle_marl.exact import best_response, evaluate
 from shuttle_marl.game.rally.record import Rallies
 from shuttle_marl.game.rules import FAULT, WINNER
@@ -105,6 +115,16 @@ def test_counts_computed_by_hand() -> None:
     assert shares[0] == pytest.approx([1 / 5, 0, 1 / 5, 3 / 5, 0, 0], abs=4e-3)
     # The lift was returned from above.
     assert shares[game.pair(game.state_of(4, SERVE, 0), LIFT)] == pytest.approx([0, 0, 0, 1, 0, 0], abs=2e-3)
+
+
+def test_clones_shrink_towards_what_is_played_in_like_states() -> None:
+    pairs, state = np.random.default_rng(0).integers(GAME.n_base_pairs, size=200), GAME.base_pair_state
+    chance = 1 / np.bincount(state)[state]
+    for cell, stroke_cell in zip(state_cells(GAME), _stroke_cells(GAME), strict=True):
+        played = np.array([(stroke_cell[pairs] == own).sum() for own in stroke_cell])
+        number = np.array([(cell[state[pairs]] == own).sum() for own in cell])[state]
+        chance = (played + 3 * chance) / (number + 3)
+    assert cloned(GAME, pairs, shrink=3) == pytest.approx(chance / np.bincount(state, chance)[state])
 
 
 def test_greedy_and_best_respect_what_is_allowed() -> None:
