@@ -178,7 +178,7 @@ class Evaluate(LogTask):
         """Each behaviour policy with each number of strokes, on the log that the policies were trained on, and on a fresh one."""
         sizes = (_QUICK,) if arena.quick else (10**4, 10**5)
         return [
-            # Logs of one size and kind are exchangeable: with a single seed, each is a unit of the bootstrap.
+            # Logs of one size and kind are exchangeable: with a single seed, each is a unit of the sample.
             Case(
                 name=f"{name}/{size:,}/{which}",
                 stratum=f"{size:,}/{which}",
