@@ -67,11 +67,6 @@ def test_the_prior_is_that_of_jeffreys() -> None:
         assert prior_wins(np.array([[0.0, 120 - lost], [lost, 0]])) == pytest.approx(np.array([[0, 0.5], [0.5, 0]]))
 
 
-def test_many_fits_at_once_are_single_fits() -> None:
-    wins = np.random.default_rng(0).integers(1, 50, (5, 4, 4)).astype(float)
-    assert bradley_terry(wins) == pytest.approx(np.array([bradley_terry(w) for w in wins]))
-
-
 def league(theta: np.ndarray, cells: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """Cells whose two matches are negatively correlated: half of them share one draw, as swapped seats do in part."""
     n = len(theta)

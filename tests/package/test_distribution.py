@@ -212,18 +212,14 @@ def test_the_conda_recipe_has_the_dependencies_of_the_package() -> None:
     assert {(need := Requirement(text)).name: str(need.specifier) for text in run if not text.startswith("python ")} == declared
 
 
-def patterns() -> list[str]:
-    text = (ROOT / "THIRD_PARTY_NOTICES.md").read_text(encoding="utf-8").partition("## Everything")[2].partition("\n## ")[0]
-    rows = [line.split(" | ")[0] for line in text.splitlines() if line.startswith("| `")]
-    return [pattern for row in rows for pattern in re.findall(r"`([^`]+)`", row)]
-
-
 def test_every_shipped_file_has_a_licence() -> None:
     done = subprocess.run(["git", "ls-files", "shuttle_marl"], cwd=ROOT, capture_output=True, text=True, check=False)
     if done.returncode != 0:
         pytest.skip("not a checkout")
     names = [name.removeprefix("shuttle_marl/") for name in done.stdout.splitlines()]
     names += [f"watch/built/{name}" for name in ("index.html", "watch.js", "watch.css", "source.sha256")]
-    known = patterns()
+    text = (ROOT / "THIRD_PARTY_NOTICES.md").read_text(encoding="utf-8").partition("## Everything")[2].partition("\n## ")[0]
+    rows = [line.split(" | ")[0] for line in text.splitlines() if line.startswith("| `")]
+    known = [pattern for row in rows for pattern in re.findall(r"`([^`]+)`", row)]
     assert [name for name in names if not any(fnmatch.fnmatchcase(name, pattern) for pattern in known)] == []
     assert all(fnmatch.filter(names, pattern) for pattern in known), "every row names a file"
