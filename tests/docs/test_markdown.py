@@ -72,12 +72,6 @@ def test_no_python_block_escapes_the_runner(page: Path) -> None:
     ] == []
 
 
-def test_index_lists_every_page_of_the_documentation() -> None:
-    index = ROOT / "docs" / "index.md"
-    listed = {(index.parent / urlsplit(target).path).resolve() for target in targets(index)}
-    assert {page for page in ROOT.glob("docs/**/*.md") if page != index} <= listed
-
-
 def test_the_runner_runs_python_and_marked_bash(tmp_path: Path) -> None:
     (tmp_path / "conftest.py").write_text((ROOT / "conftest.py").read_text(encoding="utf-8"), encoding="utf-8")
     good = "```python\n# written.py\nx = 1\n```\n```bash run\ncat written.py | grep 'x = 1'\n```\n```bash\nfalse\n```\n"

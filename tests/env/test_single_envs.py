@@ -245,8 +245,6 @@ def test_matches_lost_before_the_first_stroke_are_counted() -> None:
 
 
 RAW = [rally_v0.raw_env, match_v0.raw_env]
-
-
 rows = functools.partial(gymnasium.make_vec, "shuttle_marl/Rally-v0", num_envs=2)
 single = functools.partial(gymnasium.make, "shuttle_marl/Rally-v0")
 

@@ -172,19 +172,6 @@ def test_only_the_named_strokes_are_missing(names: tuple[str, ...]) -> None:
     assert smaller.hash != GAME.hash
 
 
-def test_its_solution_is_that_of_a_player_whose_removed_strokes_are_faults() -> None:
-    """An independent way to forbid strokes: both strike with tables in which these strokes lose the rally."""
-    removed = np.isin(SHOT_OF, ["smash", "half-smash"])
-    faulty = GAME.threshold.copy()
-    faulty[removed[GAME.base_pair_stroke]] = np.iinfo(np.uint16).max
-    expected = solve(dataclasses.replace(GAME, threshold=faulty))
-    solution = solve(GAME.without("smash", "half-smash"))
-    bound = solution.error_bound + expected.error_bound
-    assert solution.value_at_serve == pytest.approx(expected.value_at_serve, abs=bound)
-    # No opponent gains against perfect play of the smaller game.
-    assert best_response(solution.policy[0]).value.odds().value == pytest.approx(0, abs=1e-6)
-
-
 def test_what_cannot_be_removed() -> None:
     with pytest.raises(GameError, match="no stroke 'nets'; shot types are: short-serve"):
         GAME.without("nets")

@@ -129,7 +129,6 @@ THETAS = ([1.0, 0.3, 0.2, -1.5], [0.0, 0.0, 0.0, 0.0], [5.0, 2.0, 0.0, -2.0, -5.
 
 @pytest.mark.parametrize("theta", THETAS)
 def test_intervals_of_ratings_and_ranks_hold(theta: list[float]) -> None:
-    """In most simulated tournaments."""
     rng = np.random.default_rng(2)
     true = np.array(theta) - np.mean(theta)
     best, worst = 1 + (true[:, None] < true).sum(axis=1), len(true) - (true[:, None] > true).sum(axis=1)
