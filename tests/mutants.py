@@ -43,13 +43,13 @@ ROOT: Final = Path(__file__).resolve().parents[1]
 Module = Literal["game", "exact", "league", "analysis", "suite", "policy"]
 TESTS: Final[dict[str, tuple[str, ...]]] = {
     "analysis": ("analysis", "coach", "data/test_simulated_strokes.py", "suite/test_offline.py", "watch/test_matches.py"),
-    "exact": ("exact",),
+    "exact": ("exact", "suite/test_adapt.py"),
     "game": (
         *("rally", "scoring", "policy", "exact/test_lists.py", "kernel/test_kernel_draws.py"),
         *("kernel/test_matches_kernel.py", "env/test_rally_env.py"),
     ),
     "league": ("league",),
-    "policy": ("policy", "league/test_programs.py", "training/test_shipped_agents.py"),
+    "policy": ("policy", "exact/test_scorecards.py", "league/test_programs.py", "training/test_shipped_agents.py"),
     "suite": ("suite", "experiments/test_suite.py"),
 }
 """Folders and files of the tests of each package."""
