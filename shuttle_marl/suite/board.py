@@ -38,15 +38,15 @@ def render(rows: Sequence[Row], kind: Literal["md", "html"]) -> str:
     return environment.get_template(f"board.{kind}").render(boards=(found := boards(rows)), ratings=rating(found)) + "\n"
 
 
-def shown(name: str) -> str:
+def shown(name: str, longest: int = _LONGEST) -> str:
     """A stranger's name in ASCII, so that it looks like no other one, and short."""
     text = " ".join(printable(name).encode("ascii", "backslashreplace").decode().split()) or "(no name)"
-    return text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
+    return text if len(text) <= longest else f"{text[:longest]}..."
 
 
-def code(name: str) -> str:
+def code(name: str, longest: int = _LONGEST) -> str:
     """The same as code in a table of Markdown, in which nothing is an address or a mention."""
-    return "`" + shown(name).replace("`", "'").replace("|", "\\|") + "`"
+    return "`" + shown(name, longest).replace("`", "'").replace("|", "\\|") + "`"
 
 
 def rows_of(

@@ -1,6 +1,7 @@
 """Run folders of strangers: every forgery is refused or marked with its reason, and none stops a board."""
 
 import json
+import re
 import shutil
 import time
 from collections.abc import Callable
@@ -13,7 +14,7 @@ from shuttle_marl.base import runs
 from shuttle_marl.base.files import seal
 from shuttle_marl.commands.suite import main
 from shuttle_marl.suite import frozen, store
-from shuttle_marl.suite.board import rows_of
+from shuttle_marl.suite.board import render, rows_of
 from shuttle_marl.suite.exploit import Equilibrium, Trained
 from shuttle_marl.suite.frozen import Frozen
 from shuttle_marl.suite.options import SuiteError
@@ -221,6 +222,17 @@ def test_a_fingerprint_that_is_not_the_frozen_one_is_refused_before_anything_is_
     monkeypatch.setattr(frozen, "load", lambda: frozen_one)
     monkeypatch.setattr(Equilibrium, "fingerprint", None)
     assert "the frozen one ffffffffffff" in verified(folder).refused[0].reason
+
+
+def test_nothing_of_a_stranger_is_an_address_or_a_mention_on_a_board(folder: Path, honest: Path) -> None:
+    config(folder, method="@all www.example.org <b>")
+    (folder / store.CARD).write_text(json.dumps({"tuning_strokes": "https://example.org @all | x"}))
+    found, _ = rows(folder, honest)
+    assert "the same policies as @all" in found[1]["remarks"][-1]
+    for line in render(found, "md").splitlines():
+        assert not re.search("@|www|http", re.sub("`[^`]*`", "", line))
+        assert not line.startswith("| tables") or len(re.findall(r"(?<!\\)\|", line)) == 11
+    assert "<b>" not in render(found, "html")
 
 
 def test_a_run_stands_on_a_board_once(folder: Path, honest: Path, tmp_path: Path) -> None:
