@@ -176,7 +176,7 @@ def test_styles_are_measured_in_the_states_of_people() -> None:
     tables = {name: tabulate(resolve(name, game), game) for name in ("bc", "random")}
     found, usual = styles(game, tables), tables["bc"].pair_probabilities()
     assert found["bc"].likeness == 1
-    seen = sum(visits(tables["bc"], tables["bc"]).states)
+    seen = np.add(*visits(tables["bc"], tables["bc"]).states)
     overlap = np.add.reduceat(np.minimum(usual, tables["random"].pair_probabilities()), game.pair_start[:-1][game.playable])
     assert found["random"].likeness == pytest.approx(np.average(overlap, weights=seen[game.playable]), abs=1e-5)
     assert all(sum(style.shots.values()) == pytest.approx(1, abs=1e-5) for style in found.values())

@@ -218,10 +218,12 @@ def test_odds_from_any_score_equal_enumeration(rules: Rules, serving: float, rec
 
 
 def test_a_server_drawn_at_random_is_the_mean_of_both() -> None:
-    for odds, server in ((match_win_probability, "first_server"), (game_win_probability, "server")):
-        each = [float(odds(0.4, 0.7, **{server: seat})) for seat in (0, 1)]
-        assert each[0] != each[1]
-        assert odds(0.4, 0.7) == pytest.approx(np.mean(each), abs=1e-12)
+    for odds in (
+        lambda server: match_win_probability(0.4, 0.7, first_server=server),
+        lambda server: game_win_probability(0.4, 0.7, server=server),
+    ):
+        assert odds(0) != odds(1)
+        assert odds(None) == pytest.approx((odds(0) + odds(1)) / 2, abs=1e-12)
 
 
 def test_arrays_broadcast() -> None:
