@@ -235,6 +235,9 @@ def test_rallies_that_the_data_lack_are_mentioned(match: pa.Table, model: str, r
     assert played > len(report.rallies)
     _, text = read(match_pages.match_page(report, footage(report)))
     assert f"By the score {played} rallies were played; the data have {len(report.rallies)} of them" in text
+    first = match["game"].to_numpy() == 1
+    late = first & (match["rally"].to_numpy() > match["rally"].to_numpy()[first].max() - 2)
+    assert match_report(match.filter(pa.array(~late)), game=resolve_game(model)).rallies[-1].after == reported.rallies[-1].after
 
 
 def test_what_the_data_lack_is_said(tmp_path: Path, model: str, match: pa.Table, unbuilt: None) -> None:

@@ -226,6 +226,7 @@ def test_minari_data_sets_are_the_transitions(tmp_path: Path, monkeypatch: pytes
     assert np.array_equal(np.concatenate([each.actions for each in read]), data.stroke)
     assert np.array_equal(np.concatenate([each.rewards for each in read]), data.reward)
     assert np.array_equal(np.concatenate([each.infos["state"][:-1, 0] for each in read]), data.state)
+    assert {each.infos["state"][-1, 0] for each in read} == {-1}
     seen = np.concatenate([each.observations["observation"][:-1] for each in read])
     assert np.array_equal(states_of(GAME, seen), data.state)
     assert all(each.terminations[-1] and not each.terminations[:-1].any() for each in read)
