@@ -18,7 +18,7 @@ from shuttle_marl.league.assessment import assess
 from shuttle_marl.league.curves import Curve
 from shuttle_marl.league.page.tournament import compare, page
 from shuttle_marl.league.ranking import ExactOdds, rank
-from shuttle_marl.league.report import TournamentReport
+from shuttle_marl.league.report import TournamentReport, console_table
 from shuttle_marl.league.style import AXES, Style, styles
 from shuttle_marl.league.tournament import COUNTS, PairResult, forfeited, round_robin
 from shuttle_marl.pages import charts
@@ -169,6 +169,12 @@ def test_what_cannot_be_compared(tmp_path: Path) -> None:
     (tmp_path / "empty" / "report.json").write_text('{"ranking": [{"player": "a"}]}')
     with pytest.raises(LeagueError, match="not the report of a tournament"):
         compare([tmp_path / "empty"])
+
+
+def test_the_console_shows_few_columns_of_the_ranking() -> None:
+    shown = console_table(tournament().standings).columns
+    brief = ["", "player", "rating", "95 % interval", "matches won", "exact", "rallies won", "exploitability", "normalised"]
+    assert [column.header for column in shown] == brief
 
 
 def test_styles_are_measured_in_the_states_of_people() -> None:
