@@ -189,6 +189,11 @@ def test_areas_in_which_won_and_lost_rallies_differ(match: pa.Table) -> None:
     assert 4 in heat.clear
 
 
+def test_advice_stands_beside_what_matches_gave(model: str, sample: pa.Table) -> None:
+    told = scout(B, A, model=model, data=sample)
+    assert len(told.realised) == len(told.advice) > 0
+
+
 def test_chances_learn_the_form_of_the_day() -> None:
     rules = Rules(points=1, clear=1, cap=1, games=1)
     odds = [Odds(serving=p, receiving=p, error_bound=0.0) for p in (0.8, 0.4)]
