@@ -264,6 +264,8 @@ def test_questions_rest_on_enough_real_strokes_behind_all_answers(values: Stroke
             answers = [entry.question.right, *entry.question.wrong]
             assert entry.question.wrong[0] == rally.stroke[i]
             assert min(support[stroke] for stroke in answers) >= RELIABLE
+            others = [support[stroke] for stroke in entry.question.wrong[1:]]
+            assert others == sorted(others, reverse=True)
             assert best[entry.question.right] - max(best[stroke] for stroke in entry.question.wrong) >= 0.02 - 1e-6
             assert 3 <= len(set(answers)) == len(answers) <= 4
     assert asked >= 10
