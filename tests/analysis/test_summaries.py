@@ -257,4 +257,4 @@ def test_a_drawn_court_is_symmetric_and_as_large_as_a_court() -> None:
     for across, along in ((-1, 1), (1, -1)):
         assert {tuple(sorted((across * x, along * y) for x, y in line)) for line in lines} == lines
     (mat,) = axes.patches
-    assert mat.get_extents().transformed(axes.transData.inverted()).size == pytest.approx((court.WIDTH, court.LENGTH))
+    assert {tuple(np.abs(corner)) for corner in mat.get_xy()} == {(court.WIDTH / 2, court.HALF_LENGTH)}
