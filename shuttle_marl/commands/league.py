@@ -13,14 +13,15 @@ from shuttle_marl.base.files import replace_file
 from shuttle_marl.base.interrupts import interrupts_held
 from shuttle_marl.commands import cli
 from shuttle_marl.game.shipped import Profile
-from shuttle_marl.league import run_league
 from shuttle_marl.league.entrants import RALLIES, LeagueConfig, LeagueError
-from shuttle_marl.league.report import console_table
 from shuttle_marl.training.league.config import LeagueTrainingConfig
 
 
 def play(config: tyro.conf.OmitArgPrefixes[LeagueConfig]) -> None:
     """Play a round robin and print the ranked table."""
+    from shuttle_marl.league import run_league  # noqa: PLC0415  these keep --help quick
+    from shuttle_marl.league.report import console_table  # noqa: PLC0415
+
     run = run_league(config, cli.console(stderr=True))
     out = cli.console()
     out.print(console_table(run.standings, config.format))
