@@ -94,7 +94,7 @@ def rows(base: PPOConfig, repeats: int) -> list[dict[str, Any]]:
                 "strokes_trained_per_cpu_s": cpu,
                 "recording_overhead": float(np.median(plain[:, 2] / plain[:, 0]) / np.median(logged[:, 2] / logged[:, 0]) - 1),
                 "distinct_states": len(run.collector.sampler.known),
-                "strokes_an_iteration": round(run.config.batch * (1 + run.config.growth * (run.config.iterations - 1))),
+                "strokes_an_iteration": run.config.batch_of(run.config.iterations - 1),
             }
         )
     return found

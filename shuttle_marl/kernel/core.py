@@ -4,7 +4,7 @@ A stroke reads tables at two unpredictable places, often outside the cache. Ther
 block that does one thing: the reads of many rows overlap, and arithmetic is vectorised. One loop that does everything row by row
 takes twice as long.
 
-All functions are inlined into the loops of this package. They follow :func:`shuttle_marl.game.rules.strike` and
+The compiled functions are inlined into the loops of this package. They follow :func:`shuttle_marl.game.rules.strike` and
 :mod:`shuttle_marl.game.draws`, to which tests compare them bit for bit.
 
 Compiled code accesses memory unchecked, so every array from outside is checked first (:func:`checked_array`).

@@ -198,6 +198,10 @@ class TrainingConfig:
             1, math.ceil(batches if not half else (half - 1 + math.sqrt((1 - half) ** 2 + 4 * half * batches)) / (2 * half))
         )
 
+    def batch_of(self, iteration: int) -> int:
+        """Minimum number of strokes in an iteration, counted from 0."""
+        return round(self.batch * (1 + self.growth * iteration))
+
     @property
     def segments(self) -> int:
         """Number of segments; each ends with a checkpoint."""
@@ -207,7 +211,7 @@ class TrainingConfig:
         """Minimum memory of a run in bytes, by the flags that determine it."""
         # Each state has a mask, logits and their gradients; each weight has a gradient and two moments.
         return {
-            "--batch and --growth": 60 * math.ceil(self.batch * (1 + self.growth * self.iterations)),
+            "--batch and --growth": 60 * self.batch_of(self.iterations - 1),
             "--width and --hidden": 16 * self.width * (self.hidden * self.width + 3 * n_strokes),
             "--strokes with so small --batch and --checkpoint-every": 100 * self.segments,
         }

@@ -384,8 +384,7 @@ class RallyCollector(BaseCollector):
         Raises:
             DivergedError: an output of the network is not finite.
         """
-        strokes_wanted = round(self._config.batch * (1 + self._config.growth * self.iteration))
-        self.sampler.collect(strokes_wanted, self._outputs, keep=not self._distinct)
+        self.sampler.collect(self._config.batch_of(self.iteration), self._outputs, keep=not self._distinct)
         self.iteration += 1
         self.strokes = self.sampler.count
         if not self._distinct:
