@@ -627,7 +627,7 @@ def forge_text(path: Path, rng: random.Random) -> None:
 
 
 Expected = dict[tuple[str, str], frozenset[str]]
-"""What commands compute of files that are not changed, by format and command."""
+"""Results of unchanged files, by format and command."""
 
 
 def fuzz(

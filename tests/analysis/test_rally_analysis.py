@@ -159,8 +159,8 @@ def test_values_are_those_of_the_solvers(game: Game, players: Players, length: i
     assert ((found.available > 0) & (found.available <= 1 + 1e-12)).all()
     assert players.value is not None
     before = sum(weight * players.value.striking[found.seat][state] for state, weight in states_after(game, line).items())
-    # Every stroke is a share of the value before it, up to the rounding of tables to 1/65535: of a stroke that hurried strikers
-    # and others may play, the value is the mean over them, whoever plays it more often.
+    # The value before a stroke is the mean of the values after it, up to the rounding of tables to 1/65535. The value of a stroke
+    # that is legal for hurried and other strikers is the mean over both.
     assert 2 * float(found.share @ found.win) - 1 == pytest.approx(float(before), abs=1e-6)
     states = states_after(game, line)
     for stroke, win in zip(found.stroke.tolist(), found.win.tolist(), strict=True):

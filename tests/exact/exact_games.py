@@ -49,7 +49,7 @@ def small_catalogue(rng: np.random.Generator, rallies: int) -> Catalogue:
 
 
 def random_replies(rng: np.random.Generator, catalogue: Catalogue, density: float) -> Bools:
-    """Who may answer what."""
+    """``[n + 1, n]`` legal replies to each stroke, and in the last row the serves."""
     n = len(catalogue)
     replies = rng.random((n + 1, n)) < density
     for contact in (0, 1):
