@@ -26,7 +26,6 @@ _ROUNDING: Final = 1e-9
 """Payoffs that differ by less, relative to the largest one, are equal."""
 _LEAST_LOG: Final = -600.0
 """Lower bound of log rates, so that neither rates nor products of two of them underflow."""
-_NEWTON_STEPS: Final = 50
 
 
 class MetaGameError(ShuttleError):
@@ -136,22 +135,7 @@ def _most_entropy(a: F64, support: Bools) -> F64:
 
     bounds: list[tuple[float | None, float | None]] = [(None, None)] * len(free) + [(0, None)] * len(outside)
     options = {"ftol": 1e-16, "gtol": 1e-12, "maxiter": 10_000, "maxfun": 100_000}
-    weight: F64 = minimize(dual, np.zeros(len(order)), jac=True, method="L-BFGS-B", bounds=bounds, options=options).x
-    # Newton's method over the weights that are not at their bounds, for full precision.
-    moving = np.r_[np.ones(len(free), np.bool_), weight[len(free) :] > 0]
-    for _ in range(_NEWTON_STEPS):
-        p = softmax(rows @ weight)
-        part = rows[:, moving]
-        slope = p @ part
-        curvature = part.T @ (part * p[:, None]) - np.outer(slope, slope)
-        step, *_rest = np.linalg.lstsq(curvature, -slope, rcond=1e-12)
-        trial = weight.copy()
-        trial[moving] += step
-        if dual(trial)[0] > dual(weight)[0] or (trial[len(free) :] < 0).any():
-            break
-        weight = trial
-        if np.abs(slope).max(initial=0.0) < 1e-14:
-            break
+    weight = minimize(dual, np.zeros(len(order)), jac=True, method="L-BFGS-B", bounds=bounds, options=options).x
     out = np.zeros(len(a))
     out[support] = softmax(rows @ weight)
     return out
