@@ -16,6 +16,7 @@ from shuttle_marl.policy.registry import resolve
 from shuttle_marl.policy.stored import StoredPolicies
 from shuttle_marl.suite import store
 from shuttle_marl.suite.adapt import CHANGES, PlayedRally, observed
+from shuttle_marl.suite.frontier import objective
 from shuttle_marl.suite.methods.adapters import (
     PosteriorMean,
     change_point,
@@ -27,7 +28,7 @@ from shuttle_marl.suite.methods.adapters import (
 from shuttle_marl.suite.options import SuiteError
 from shuttle_marl.suite.population import FAMILIES, HIDDEN_ROUND, known, opponent
 from shuttle_marl.suite.registry import arena_of, find_task
-from shuttle_marl.suite.task import Arena
+from shuttle_marl.suite.task import Arena, Case, Outcome
 from tests.reduced import reduced_game, reduced_model
 from tests.suite import small
 from tests.suite.small import summary, verified
@@ -131,6 +132,18 @@ def test_regret_is_exact(tmp_path: Path, arena: Arena) -> None:
     assert second.scores["exploitability"] == pytest.approx(best_response(player).value.odds().value, abs=2e-6)
     assert verified(folder).refused == []
     assert set(first.policies) == {str(change) for change in CHANGES}
+
+
+def test_scores_of_a_quick_run_count_every_rally(arena: Arena) -> None:
+    assert [case.name for case in TASK.cases(arena)] == ["synthetic/0", "human/0"]
+    against = opponent(arena, "switcher", 0)
+    tables = {start: arena.policy("bc" if start < 80 else "minimax") for start in CHANGES}
+    ends = sorted({*CHANGES, *against.starts, 500})
+    played = [(tables[max(start for start in CHANGES if start <= first)], against.at(first)) for first in ends[:-1]]
+    expected = objective(arena, played, rallies=np.diff(ends).tolist(), tolerance=1e-9)
+    case = Case(name="switcher/0", options={"family": "switcher", "number": 0})
+    found = TASK.score(arena, case, 0, Outcome(policies={str(start): table for start, table in tables.items()}))
+    assert found["objective"] == pytest.approx(expected, abs=1e-5)
 
 
 def test_draws_follow_from_the_name_of_the_case_and_the_seed(tmp_path: Path, arena: Arena) -> None:

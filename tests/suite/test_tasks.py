@@ -16,7 +16,7 @@ from shuttle_marl.base.files import replace_sealed
 from shuttle_marl.base.programs import ProgramError
 from shuttle_marl.base.table_files import read_parquet
 from shuttle_marl.env.words import OVER, WAIT, TextRallyEnv, described, position, prompt, read_answer, text_env
-from shuttle_marl.exact import best_response, moved, solve
+from shuttle_marl.exact import best_response, evaluate, moved, solve
 from shuttle_marl.game.observation import states_of
 from shuttle_marl.game.shipped import refits_of
 from shuttle_marl.suite import adapt, frozen, store
@@ -142,6 +142,8 @@ def test_imitation_of_real_matches(tmp_path: Path) -> None:
     assert bc["top_3"]["value"] > 1.5 * uniform["top_3"]["value"]
     small_arena = arena_of(find_task("imitate-v0"), reduced_model(), "test", data=data)
     probability, unseen = small_arena.policy("bc").pair_probabilities(), parts(small_arena)[1]
+    won = evaluate(small_arena.policy("bc"), small_arena.policy("minimax")).odds().rally
+    assert bc["regret"]["value"] == pytest.approx(0.5 - won, abs=1e-6)
     assert [bc[f"top_{k}"]["value"] for k in (1, 3)] == pytest.approx([top(k, probability, unseen) for k in (1, 3)])
     arena = arena_of(find_task("imitate-v0"), "default", "test", data=data)
     losses = [-np.log(arena.policy(name).probability_of(parts(arena)[1].pair)).mean() for name in ("bc", "random")]
