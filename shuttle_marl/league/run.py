@@ -76,18 +76,18 @@ def run_league(config: LeagueConfig, console: Console | None = None) -> LeagueRu
     try:
         config = dataclasses.replace(config, pool=config.pool or default_pool(game))
         requested = set(config.pool)
-        config = continued(config)
+        extends, config = config.extend, continued(config)
         # A policy may change the working directory, here and while it plays.
         with contextlib.chdir(Path.cwd()), console.status("tabulating the entrants"), time_limit(config.policy_timeout):
             entrants = [enter(name, game, requested=name in requested) for name in config.pool]
         for entrant in entrants:
             if entrant.failure:
                 _say_forfeit(console, entrant.failure)
-        with (
-            contextlib.nullcontext() if config.ray is None else open_cluster(config.ray, PACKAGES) as cluster,
-            open_run(config) as folder,
-        ):
-            return _Run(config, game, entrants, console, cluster, folder.absolute()).go(folder)
+        with contextlib.nullcontext() if config.ray is None else open_cluster(config.ray, PACKAGES) as cluster:
+            if extends:
+                add_entrants(config, manifest(config, game, entrants))
+            with open_run(config) as folder:
+                return _Run(config, game, entrants, console, cluster, folder.absolute()).go(folder)
     except runs.RunError as error:
         raise LeagueError(str(error)) from error
 
@@ -107,11 +107,11 @@ class _Entrants:
 
 
 def continued(config: LeagueConfig) -> LeagueConfig:
-    """The configuration of a continued run, with the entrants that were added to it, now or before.
+    """The configuration of a continued run, with the entrants that were added to it, now or before; nothing is written.
 
     Raises:
         LeagueError: there is no run to extend, or it was started with other flags, or no entrant is new.
-        RunError: another process uses the folder, or its files cannot be read.
+        RunError: its files cannot be read.
     """
     folder = config.out
     if folder is None or not (config.resume or config.extend) or not (folder / runs.CONFIG).is_file():
@@ -133,12 +133,27 @@ def continued(config: LeagueConfig) -> LeagueConfig:
     different = [f"{key}: {before.get(key)!r} then, {value!r} now" for key, value in wanted.items() if before.get(key) != value]
     if different:
         raise LeagueError(f"{folder}: was started with other flags ({'; '.join(different)}); give the same ones to add entrants")
-    with runs.locked(folder):
-        # If the process is killed between the two writes, the old run only has to be finished again.
-        about = runs.read_json(folder / runs.MANIFEST, dict[str, Any]) if (folder / runs.MANIFEST).exists() else {}
-        runs.write_json(folder / runs.MANIFEST, {**about, "status": "running"})
-        runs.write_json(folder / runs.CONFIG, found.fixed())
     return found
+
+
+def add_entrants(config: LeagueConfig, about: dict[str, Any]) -> None:
+    """Write the configuration of :func:`continued` to a run to which entrants are added, once all of them are known to exist.
+
+    Args:
+        about: its :func:`manifest`.
+
+    Raises:
+        LeagueError: the run was started with another game or other policies.
+        RunError: another process uses the folder, or its files cannot be read.
+    """
+    assert config.out is not None
+    with runs.locked(config.out):
+        check_same(config.out, about)
+        # If the process is killed between the two writes, the old run only has to be finished again.
+        path = config.out / runs.MANIFEST
+        before = runs.read_json(path, dict[str, Any]) if path.exists() else {}
+        runs.write_json(path, {**before, "status": "running"})
+        runs.write_json(config.out / runs.CONFIG, config.fixed())
 
 
 def manifest(config: LeagueConfig, game: Game, entrants: Sequence[Entrant]) -> dict[str, Any]:

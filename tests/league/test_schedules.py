@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from shuttle_marl.game import load_game
+from shuttle_marl.game.policy import PolicyError
 from shuttle_marl.league import LeagueConfig, LeagueError
 from shuttle_marl.league.entrants import Format
 from shuttle_marl.league.tournament import COUNTS, Pairing, PairResult, forfeited, stages
@@ -185,6 +186,15 @@ def test_what_cannot_be_added(small_model: str, tmp_path: Path) -> None:
     for flags, says in refused:
         with pytest.raises(LeagueError, match=re.escape(says)):
             play_league(LeagueConfig(**{"game": small_model, "out": out, "extend": True, **flags}))
+
+
+def test_an_entrant_that_does_not_exist_leaves_a_finished_run_as_it_is(small_model: str, tmp_path: Path) -> None:
+    config: dict[str, Any] = {"matches": 2, "game": small_model, "out": tmp_path}
+    play_league(LeagueConfig(pool=POOL[:2], **config))
+    before = {name: (tmp_path / name).read_bytes() for name in ("config.json", "manifest.json")}
+    with pytest.raises(PolicyError, match="no policy 'attaking'; did you mean attacking"):
+        play_league(LeagueConfig(pool=("attaking",), extend=True, **config))
+    assert {name: (tmp_path / name).read_bytes() for name in before} == before
 
 
 def test_workers_change_no_byte(small_model: str, tmp_path: Path) -> None:
