@@ -89,25 +89,25 @@ def import_own(
     if out is not None:
         cli.check_free(out, overwrite=overwrite)
     try:
-        cleaned, provenance = import_matches(file, columns)
+        cleaned = import_matches(file, columns)
     except DataError as error:
         if json:
             dropped = {"file refused": error.rows} if error.rows else {}
             told = [str(problem) for problem in error.problems]
             cli.print_json({"rows": error.rows, "kept": 0, "dropped": dropped, "warnings": [], "problems": told})
         raise
-    account = cleaned.account
+    account, about = cleaned.account, cleaned.provenance
     if out is not None:
         strokes = anonymised(cleaned.strokes) if anonymous else cleaned.strokes
-        write_parquet(strokes, out, account=account, provenance=provenance)
+        write_parquet(strokes, out, account=account, provenance=dict(about))
     if json:
         counts = {"rows": account.strokes, "kept": account.strokes_kept, "dropped": account.dropped}
-        about = {"inferred": cleaned.inferred, "lost": cleaned.lost, "warnings": cleaned.warnings}
-        cli.print_json({"format": cleaned.format, **counts, **about})
+        found = {"inferred": about["inferred"], "lost": about["lost"], "warnings": cleaned.warnings}
+        cli.print_json({"format": about["format"], **counts, **found})
         return
-    sys.stdout.write(f"format: {cleaned.format}\n")
+    sys.stdout.write(f"format: {about['format']}\n")
     _show(account)
-    for kind, sentences in (("inferred", cleaned.inferred), ("not in the file", cleaned.lost)):
+    for kind, sentences in (("inferred", about["inferred"]), ("not in the file", about["lost"])):
         for sentence in sentences:
             sys.stdout.write(f"{kind}: {printable(sentence)}\n")
     for warning in cleaned.warnings:

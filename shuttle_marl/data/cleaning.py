@@ -61,13 +61,12 @@ def clean_matches(root: Path, names: Iterable[str] | None = None) -> Cleaned:
     strokes = pa.concat_tables([table for table, _ in cleaned])
     dropped = sum((collections.Counter(counts) for _, counts in cleaned), collections.Counter[str]())
     agrees = pc.equal(strokes["area"].fill_null(-1), strokes["label_area"]).drop_null().to_numpy()
-    account = Account(
+    account = Account.of(
+        strokes,
         matches=len(matches),
+        total=sum(len(game.line) + game.empty for game in games),
         rallies=sum(len(np.unique(game.rally)) for game in games),
-        rallies_kept=strokes.group_by(["match", "game", "rally"]).aggregate([]).num_rows,
-        strokes=sum(len(game.line) + game.empty for game in games),
-        strokes_kept=strokes.num_rows,
-        dropped={reason: dropped[reason] for reason in DROP_REASONS if dropped[reason]},
+        dropped={reason: dropped[reason] for reason in DROP_REASONS},
         area_agreement=float(agrees.mean()) if len(agrees) else None,
     )
     return Cleaned(strokes=strokes, account=account, files=tuple(game.path for game in games))

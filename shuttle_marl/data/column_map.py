@@ -190,6 +190,7 @@ class ColumnMap:
                 raise ValueError(f"[columns] {name} = {column!r}; expected the name of a column, in quotes")
             if others := [other for other in columns if other != name and columns[other] == column]:
                 raise ValueError(f"[columns] {name} and {others[0]} are both {column!r}; map a column once")
+        columns = {name: nfc(column) for name, column in columns.items()}
         lower: dict[str, dict[str, str]] = {name: {} for name in values}
         for name, words in values.items():
             for word, meant in words.items():

@@ -211,17 +211,26 @@ class Account:
     area_agreement: Fraction | None
 
     @classmethod
-    def of(cls, strokes: pa.Table) -> "Account":
-        """The account of a table of which nothing is known to be dropped."""
-        rallies = strokes.group_by(["match", "game", "rally"]).aggregate([]).num_rows
+    def of(
+        cls,
+        strokes: pa.Table,
+        *,
+        matches: int | None = None,
+        total: int | None = None,
+        rallies: int | None = None,
+        dropped: Mapping[str, int] | None = None,
+        area_agreement: float | None = None,
+    ) -> "Account":
+        """Account of a table; ``matches``, ``rallies`` and ``total``: numbers before dropping; None: nothing was dropped."""
+        kept = strokes.group_by(["match", "game", "rally"]).aggregate([]).num_rows
         return cls(
-            matches=len(strokes["match"].unique()),
-            rallies=rallies,
-            rallies_kept=rallies,
-            strokes=strokes.num_rows,
+            matches=len(strokes["match"].unique()) if matches is None else matches,
+            rallies=kept if rallies is None else rallies,
+            rallies_kept=kept,
+            strokes=strokes.num_rows if total is None else total,
             strokes_kept=strokes.num_rows,
-            dropped={},
-            area_agreement=None,
+            dropped={reason: count for reason, count in (dropped or {}).items() if count},
+            area_agreement=area_agreement,
         )
 
     def as_json(self) -> dict[str, Any]:
@@ -241,15 +250,9 @@ class Account:
         Raises:
             KeyError, TypeError, ValueError: invalid values.
         """
-        fields = {
-            "matches": values["matches"],
-            "rallies": values["rallies"]["total"],
-            "rallies_kept": values["rallies"]["kept"],
-            "strokes": values["strokes"]["total"],
-            "strokes_kept": values["strokes"]["kept"],
-            "dropped": values["dropped"],
-            "area_agreement": values["area_agreement"],
-        }
+        fields = dict(values)
+        for name in ("rallies", "strokes"):
+            fields |= {name: values[name]["total"], f"{name}_kept": values[name]["kept"]}
         return msgspec.convert(fields, cls)
 
 
@@ -261,18 +264,15 @@ class Cleaned:
         strokes: table of schema :data:`shuttle_marl.data.schema.STROKES`, in playing order.
         files: the files of the games, in order.
         warnings: what is strange and not wrong, with file and line.
-        format: of the file.
-        inferred: sentences on what was inferred.
-        lost: sentences on what the file does not have.
+        provenance: of imported strokes, a JSON object: ``format`` of the file, sentences on what was ``inferred`` and on what the
+            file does not have (``lost``), and others.
     """
 
     strokes: pa.Table
     account: Account
     files: tuple[Path, ...]
     warnings: tuple[str, ...] = ()
-    format: str = "ShuttleSet"
-    inferred: tuple[str, ...] = ()
-    lost: tuple[str, ...] = ()
+    provenance: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

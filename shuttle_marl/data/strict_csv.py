@@ -156,7 +156,7 @@ class Sheet:
         Raises:
             DataError: one does not.
         """
-        names = [unicodedata.normalize("NFC", name) for name in names]
+        names = list(names)
         if twice := sorted({name for name in names if self.header.count(name) > 1}):
             raise DataError(self.path, f"several columns {', '.join(twice)}; rename or remove all but one", line=line)
         if missing := [name for name in names if name not in self.header]:
@@ -206,7 +206,7 @@ class Sheet:
 
     def text(self, column: str) -> tuple[str, ...]:
         """``[n]`` values as text."""
-        return self.columns[unicodedata.normalize("NFC", column)]
+        return self.columns[column]
 
     def numbers(self, column: str) -> F64:
         """``[n]`` numbers, NaN for empty values and, with a problem, for values that are not finite numbers."""

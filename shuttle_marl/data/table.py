@@ -41,7 +41,7 @@ def load_strokes(path: Path | str) -> pa.Table:
     """
     path = Path(path)
     if path.suffix.lower() == ".csv" and path.is_file():
-        return import_matches(path)[0].strokes
+        return import_matches(path).strokes
     return clean_matches(path).strokes if path.is_dir() else read_parquet(path)
 
 
@@ -232,7 +232,7 @@ def validate(path: Path, splits: Sequence[Split] = SPLITS, columns: Path | None 
     """
     try:
         if columns is not None:
-            cleaned, _ = import_matches(path, columns)
+            cleaned = import_matches(path, columns)
             return Report(problems=(), notes=cleaned.warnings, splits={}, account=cleaned.account)
         if path.is_dir() and not any((path / source).is_dir() for source in upstream.SOURCES.values()):
             advice = f"`{command('data', 'download')}` downloads them; import your own with `{command('data', 'import')}`"

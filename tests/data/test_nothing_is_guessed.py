@@ -48,7 +48,7 @@ final,2,Bea Beta,lift,back-left,Bea Beta
 def read(folder: Path, rows: str = ROWS, fields: str = MAP) -> Cleaned:
     (folder / "own.csv").write_text(rows, encoding="utf-8")
     (folder / "map.toml").write_text(fields, encoding="utf-8")
-    return import_matches(folder / "own.csv", folder / "map.toml")[0]
+    return import_matches(folder / "own.csv", folder / "map.toml")
 
 
 @pytest.mark.parametrize(
@@ -171,7 +171,7 @@ def test_lets_are_no_rallies(tmp_path: Path, word: str, numbers: str | None) -> 
     lines[9] = lines[9].replace("out", "landed")
     rows = "\n".join(lines) if numbers else "\n".join(line.partition(",")[2] for line in lines)
     (tmp_path / "own.csv").write_text(rows)
-    cleaned, _ = import_matches(tmp_path / "own.csv")
+    cleaned = import_matches(tmp_path / "own.csv")
     assert cleaned.account.dropped == {"let": 3}
     assert cleaned.strokes["rally"].to_pylist() == np.repeat([1, 2, 3, 4], 3).tolist()
     assert cleaned.warnings == ()

@@ -57,7 +57,7 @@ final,2,Bea,lift,,out,0.5,-7.5,far,
 def read(folder: Path, rows: str = ROWS, more: str = "", *, fields: str = MAP) -> pa.Table:
     (folder / "own.csv").write_text(rows, encoding="utf-8")
     (folder / "map.toml").write_text(fields.format(more=more), encoding="utf-8")
-    return import_matches(folder / "own.csv", folder / "map.toml")[0].strokes
+    return import_matches(folder / "own.csv", folder / "map.toml").strokes
 
 
 def test_what_is_not_written_down_is_filled_in(tmp_path: Path) -> None:

@@ -38,7 +38,7 @@ FILES = {
 
 
 def read(name: str, columns: Path | None = None) -> Cleaned:
-    return import_matches(SAMPLES / FILES[name], columns)[0]
+    return import_matches(SAMPLES / FILES[name], columns)
 
 
 def words(strokes: pa.Table, name: str, of: Sequence[str]) -> list[str | None]:
@@ -87,7 +87,7 @@ def test_badminton_db_is_the_same_as_json_and_elan(tmp_path: Path) -> None:
     told["Point1"]["PointInfo"]["Rally"][1] |= {"Player": None, "StrokeType": None}
     path = tmp_path / f"{CLUB}.json"
     path.write_text(json.dumps(told))
-    cleaned = import_matches(path)[0]
+    cleaned = import_matches(path)
     ends = [row for row in cleaned.strokes.to_pylist() if row["outcome"] != Outcome.RETURNED]
     assert [REASONS[row["reason"]] for row in ends] == ["landed", "unknown", "out", "out"]
     assert [row["outcome"] for row in ends[:2]] == [Outcome.WINNER] * 2
@@ -120,13 +120,13 @@ def test_a_pipeline_with_rallies_names_and_results(tmp_path: Path) -> None:
                   {"frame": 95, "stroke_type": "top_smash"}],
     }  # fmt: skip
     (tmp_path / "a.json").write_text(json.dumps({"fps": 25, "players": {"top": "Ada", "bottom": "Bea"}, "rallies": [rally]}))
-    cleaned = import_matches(tmp_path / "a.json")[0]
+    cleaned = import_matches(tmp_path / "a.json")
     strokes = cleaned.strokes
     assert strokes["player"].to_pylist() == ["ada", "bea", "ada"]
     assert strokes["outcome"].to_pylist() == [0, 0, Outcome.FAULT]
     assert strokes["forced"].to_pylist() == [None, None, False]
     assert strokes["points"].to_pylist() == [0, 1, 0]
-    assert cleaned.lost == ()
+    assert cleaned.provenance["lost"] == []
 
 
 def test_sportscode_and_elan_by_the_words_of_their_labels_and_tiers() -> None:
@@ -213,8 +213,11 @@ def test_what_a_file_says_twice_is_compared(tmp_path: Path, name: str, old: str,
     assert old in content
     for text, expected in ((content, False), (content.replace(old, new, 1), True)):
         (tmp_path / FILES[name]).write_text(text)
-        found = import_matches(tmp_path / FILES[name])[0]
-        assert any(says in sentence for sentence in (*found.warnings, *found.lost, *found.inferred)) == expected
+        found = import_matches(tmp_path / FILES[name])
+        assert (
+            any(says in sentence for sentence in (*found.warnings, *found.provenance["lost"], *found.provenance["inferred"]))
+            == expected
+        )
 
 
 @settings(max_examples=60, deadline=None)
@@ -227,7 +230,7 @@ def test_damage_is_told_or_accounted_for(name: str, at: int, junk: bytes, cut: b
         path.write_bytes(content[:at] + junk + (b"" if cut else content[at + len(junk) :]))
         error, cleaned = None, None
         try:
-            cleaned = import_matches(path)[0]
+            cleaned = import_matches(path)
         except DataError as caught:
             error = caught
         if error is not None:
@@ -321,7 +324,7 @@ RALLIES = {
 
 def rows_of(folder: Path, text: str, delimiter: str = ",") -> list[dict[str, Any]]:
     (folder / "rallies.csv").write_text("\n".join(line.strip() for line in text.splitlines()).replace(",", delimiter))
-    return import_matches(folder / "rallies.csv")[0].strokes.to_pylist()
+    return import_matches(folder / "rallies.csv").strokes.to_pylist()
 
 
 @pytest.mark.parametrize(("language", "delimiter"), list(zip(LANGUAGES, ",;,;,;,", strict=True)))

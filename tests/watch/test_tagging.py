@@ -148,7 +148,7 @@ def test_a_let_is_replayed_without_a_point(tmp_path: Path) -> None:
     assert (found["last"]["points"], found["last"]["server"]) == ([2, 0], 0)
     file = TagFile(Path(__file__), tmp_path / "match.csv")
     file.save(TagRequest(id=1, at=0, input="{}", first=0, rows=tuple(requests(found["rows"]))))
-    cleaned, _ = import_matches(tmp_path / "match.csv")
+    cleaned = import_matches(tmp_path / "match.csv")
     assert (cleaned.account.dropped, cleaned.warnings) == ({"let": 2}, ())
     assert cleaned.strokes["rally"].to_pylist() == [1, 1, 1, 2, 2]
 
@@ -182,7 +182,7 @@ def test_what_is_saved_is_read_by_import_and_tagging_continues(tmp_path: Path) -
         message = TagRequest(id=1, at=at, input=json.dumps(one), first=0, rows=tuple(rows if at == len(RALLY) - 1 else ()))
         saved = file.save(message)
         assert (file.save(message).inputs, saved.inputs) == (at + 1, at + 1), "a repeated request is answered, and kept once"
-    cleaned, _ = import_matches(out)
+    cleaned = import_matches(out)
     strokes = cleaned.strokes
     assert list(violations(strokes)) == []
     assert cleaned.warnings == ()
