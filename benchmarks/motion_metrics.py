@@ -14,8 +14,23 @@ from benchmarks.motion_life import Life, measure_life, summary_of_life
 from shuttle_marl.base.arrays import F64, Bools
 from shuttle_marl.game.court import HALF_LENGTH, HALF_WIDTH, SHORT_SERVICE, area_of
 from shuttle_marl.game.stroke import SHOTS
-from shuttle_marl.staging.arm import LIMITS, MIDDLE, SWING_LIMIT, Arm, arm_of
-from shuttle_marl.staging.arm_solver import ANGLES, BEND, DEVIATION, ELBOW, FORWARD, PRONATION, RAISE, ROLL, SWING_1, TWIST
+from shuttle_marl.staging.arm import (
+    ANGLES,
+    BEND,
+    DEVIATION,
+    ELBOW,
+    FORWARD,
+    LIMITS,
+    MIDDLE,
+    PRONATION,
+    RAISE,
+    ROLL,
+    SWING_1,
+    SWING_LIMIT,
+    TWIST,
+    Arm,
+    arm_of,
+)
 from shuttle_marl.staging.body import ANKLE_LIMITS, HIP_LIMITS, KNEE_LIMITS, NECK_LIMITS, TOE_LIMITS
 from shuttle_marl.staging.draw import load_measured
 from shuttle_marl.staging.motion import Motion
@@ -103,30 +118,30 @@ def as_right_hander(motion: Motion, seat: int) -> F64:
 def arm_angles(arm: Arm, chest: F64, chain: list[F64], racket: F64 | None) -> F64:
     """``[F, 10]`` angles of an arm from the rotations of chest, collar bone, upper arm, forearm, hand, and racket."""
     collar, upper, fore, hand = chain
-    out = np.zeros((len(chest), len(ANGLES)))
+    out, lower = np.zeros((len(chest), len(ANGLES))), -arm.axes[PRONATION]
     m = _inverse(chest) @ collar
     out[:, RAISE], out[:, FORWARD] = np.arcsin(np.clip(m[:, 2, 0], -1, 1)), np.arctan2(m[:, 1, 0], m[:, 0, 0])
     m = _inverse(collar) @ upper @ arm.to_middle.T
     way = m @ MIDDLE
     angle = np.arccos(np.clip(way @ MIDDLE, -1, 1))
     axis = unit(cross(np.broadcast_to(MIDDLE, way.shape), way))
-    out[:, SWING_1 : SWING_1 + 2] = (angle[:, None] * axis) @ arm.swing.T
-    probe = arm.swing[0]
+    out[:, SWING_1 : SWING_1 + 2] = (angle[:, None] * axis) @ arm.axes[SWING_1:TWIST].T
+    probe = arm.axes[SWING_1:TWIST][0]
     swung = _about(axis, angle, np.broadcast_to(probe, way.shape))
     out[:, TWIST] = _signed(swung, m @ probe, way)
     m = _inverse(upper) @ fore
-    bent = m @ arm.lower
-    hinge = np.broadcast_to(arm.hinge, bent.shape)
-    out[:, ELBOW] = _signed(np.broadcast_to(arm.lower, bent.shape), bent, hinge) + arm.rest_bend
-    swung = _about(hinge, out[:, ELBOW] - arm.rest_bend, np.broadcast_to(arm.hinge, bent.shape))
-    half = -_signed(swung, m @ arm.hinge, bent)
+    bent = m @ lower
+    hinge = np.broadcast_to(arm.axes[ELBOW], bent.shape)
+    out[:, ELBOW] = _signed(np.broadcast_to(lower, bent.shape), bent, hinge) + arm.rest_bend
+    swung = _about(hinge, out[:, ELBOW] - arm.rest_bend, np.broadcast_to(arm.axes[ELBOW], bent.shape))
+    half = -_signed(swung, m @ arm.axes[ELBOW], bent)
     out[:, PRONATION] = 2 * half
-    along = np.broadcast_to(arm.lower, bent.shape)
+    along = np.broadcast_to(lower, bent.shape)
     m = _inverse(fore) @ hand
-    palm = _about(along, half, m @ arm.palm)
-    out[:, BEND] = _signed(np.broadcast_to(arm.palm, palm.shape), palm, np.broadcast_to(arm.across, palm.shape))
-    across = _about(along, half, m @ arm.across)
-    out[:, DEVIATION] = _signed(np.broadcast_to(arm.across, across.shape), across, palm)
+    palm = _about(along, half, m @ arm.axes[DEVIATION])
+    out[:, BEND] = _signed(np.broadcast_to(arm.axes[DEVIATION], palm.shape), palm, np.broadcast_to(arm.axes[BEND], palm.shape))
+    across = _about(along, half, m @ arm.axes[BEND])
+    out[:, DEVIATION] = _signed(np.broadcast_to(arm.axes[BEND], across.shape), across, palm)
     if racket is not None:
         m = _inverse(hand) @ racket
         out[:, ROLL] = _signed(np.broadcast_to(arm.normal, across.shape), m @ arm.normal, np.broadcast_to(arm.axis, across.shape))

@@ -8,16 +8,33 @@ singularity. All other joints are hinges. The free arm is the mirror image of th
 Inverse kinematics is damped least squares with the geometric Jacobian (Buss & Kim 2005), each step clipped to the limits.
 """
 
-import dataclasses
 import functools
+import math
 from typing import Final, NamedTuple
 
 import numpy as np
 
 from shuttle_marl.base.arrays import F64
-from shuttle_marl.staging.arm_solver import SWING_1, SWING_2, ArmConstants, ArmGoals, pose_arms, solve_arms
+from shuttle_marl.base.compiling import compiled
+from shuttle_marl.staging.linear import Mat, add, dot, mat_mul, mat_vec, over, put_mat, put_vec, rotation_about, scaled, sub
+from shuttle_marl.staging.linear import cross as cross_of
 from shuttle_marl.staging.rotation import cross, frame, unit
 from shuttle_marl.staging.skeleton import SWEET_SPOT, Skeleton
+
+ANGLES: Final = (
+    "collar bone up",
+    "collar bone forward",
+    "shoulder swing 1",
+    "shoulder swing 2",
+    "shoulder twist",
+    "elbow bend",
+    "forearm pronation",
+    "wrist bend",
+    "wrist deviation",
+    "grip roll",
+)
+"""Names of the angles."""
+RAISE, FORWARD, SWING_1, SWING_2, TWIST, ELBOW, PRONATION, BEND, DEVIATION, ROLL = range(10)
 
 LIMITS: Final[F64] = np.radians(
     [(-10, 35), (-25, 30), (-125, 125), (-125, 125), (-95, 95), (0, 150), (-85, 85), (-70, 75), (-25, 40), (-80, 80)]
@@ -44,8 +61,16 @@ _STARTS: Final[F64] = np.radians(
 )
 
 
-@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
-class ArmPose:
+_N: Final = 10
+_BEGINS: Final = (RAISE, TWIST, ELBOW, BEND, ROLL)
+"""Angles at whose pivots the bones begin."""
+_ROWS: Final = 12
+"""Residuals of one arm: three each for point, shaft, normal and elbow."""
+_HOLD: Final = 0.03
+"""Weight of staying near :data:`RELAXED`."""
+
+
+class ArmPose(NamedTuple):
     """Bones of N arms, all in the frame of the chest.
 
     Attributes:
@@ -61,47 +86,31 @@ class ArmPose:
     pivot: F64
 
 
-class Arm:
-    """The right arm of a skeleton, in the frame of the chest (axes of the body, origin where the collar bone begins)."""
+class Arm(NamedTuple):
+    """The right arm of a skeleton, in the frame of the chest (axes of the body, origin where the collar bone begins).
 
-    def __init__(self, skeleton: Skeleton) -> None:
-        collar, shoulder, elbow, hand, grip = (
-            skeleton.at(b) for b in ("RightShoulder", "RightArm", "RightForeArm", "RightHand", "Racket")
-        )
-        self.origin = collar
-        self.offset = np.array([shoulder - collar, elbow - shoulder, hand - elbow, grip - hand])
-        upper, lower = unit(self.offset[1]), unit(self.offset[2])
-        self.hinge = unit(np.cross(upper, lower))
-        self.rest_bend = float(np.arccos(upper @ lower))
-        self.lower = lower
-        self.axis, self.normal = skeleton.grip_axis, skeleton.grip_normal
-        # The wrist bends about the line across the hand and deviates about the line through the palm.
-        self.palm = unit(self.normal - (self.normal @ lower) * lower)
-        self.across = unit(np.cross(lower, self.palm))
-        # Turns the arm at rest into the middle direction, the elbow's hinge so that the forearm bends upwards and inwards.
-        self.to_middle = frame(MIDDLE, np.array([0.28, -0.53, 0.71])) @ frame(upper, self.hinge).T
-        self.swing = frame(MIDDLE, np.array([0.0, 0.0, 1.0]))[:, 1:].T
-        up, forward = np.array([0.0, -1.0, 0.0]), np.array([0.0, 0.0, 1.0])
-        fixed = [up, forward, *self.swing, MIDDLE, self.hinge, -lower, self.across, self.palm, self.axis]
-        self.constants = ArmConstants(
-            axes=np.array(fixed),
-            offset=self.offset,
-            to_middle=self.to_middle.copy(),
-            rest_bend=self.rest_bend,
-            string_normal=self.normal.copy(),
-            limits=LIMITS,
-            relaxed=RELAXED,
-            swing_limit=float(SWING_LIMIT),
-        )
+    Attributes:
+        axes: ``[10, 3]`` axis of each angle in its own frame; the last one is the shaft.
+        offset: ``[4, 3]`` from collar bone to shoulder, elbow, hand and grip at rest [m].
+        to_middle: ``[3, 3]`` rotation of the arm at rest into :data:`MIDDLE`.
+        rest_bend: bend of the elbow at rest [rad].
+        normal: ``[3]`` side of the strings that a forehand strikes with, at rest.
+    """
+
+    axes: F64
+    offset: F64
+    to_middle: F64
+    rest_bend: float
+    normal: F64
+
+    @property
+    def axis(self) -> F64:
+        """``[3]`` direction of the shaft at rest."""
+        return self.axes[ROLL]
 
     def pose(self, angles: F64) -> ArmPose:
         """The bones for ``[N, 10]`` angles [rad]."""
-        n = len(angles)
-        pose = ArmPose(
-            rotation=np.empty((5, n, 3, 3)), position=np.empty((5, n, 3)), axes=np.empty((n, 10, 3)), pivot=np.empty((n, 10, 3))
-        )
-        pose_arms(np.ascontiguousarray(angles), self.constants, pose.rotation, pose.position, pose.axes, pose.pivot)
-        return pose
+        return _posed(np.ascontiguousarray(angles), self)
 
     def clipped(self, angles: F64) -> F64:
         """Angles moved into the limits."""
@@ -114,7 +123,25 @@ class Arm:
 @functools.cache
 def arm_of(skeleton: Skeleton) -> Arm:
     """The arm model of a skeleton; built once."""
-    return Arm(skeleton)
+    collar, shoulder, elbow, hand, grip = (
+        skeleton.at(b) for b in ("RightShoulder", "RightArm", "RightForeArm", "RightHand", "Racket")
+    )
+    offset = np.array([shoulder - collar, elbow - shoulder, hand - elbow, grip - hand])
+    upper, lower = unit(offset[1]), unit(offset[2])
+    hinge, normal = unit(np.cross(upper, lower)), skeleton.grip_normal
+    # The wrist bends about the line across the hand and deviates about the line through the palm.
+    palm = unit(normal - (normal @ lower) * lower)
+    across = unit(np.cross(lower, palm))
+    swing = frame(MIDDLE, np.array([0.0, 0.0, 1.0]))[:, 1:].T
+    up, forward = np.array([0.0, -1.0, 0.0]), np.array([0.0, 0.0, 1.0])
+    return Arm(
+        axes=np.array([up, forward, *swing, MIDDLE, hinge, -lower, across, palm, skeleton.grip_axis]),
+        offset=offset,
+        # Turns the arm at rest into the middle direction, the elbow's hinge so that the forearm bends upwards and inwards.
+        to_middle=frame(MIDDLE, np.array([0.28, -0.53, 0.71])) @ frame(upper, hinge).T,
+        rest_bend=float(np.arccos(upper @ lower)),
+        normal=normal,
+    )
 
 
 class Goal(NamedTuple):
@@ -137,18 +164,167 @@ class Goal(NamedTuple):
     normal: F64 = np.zeros(3)
 
 
-def solve(arm: Arm, goal: Goal, start: F64, rounds: int = 40, hold: float = 0.03) -> F64:
+@compiled
+def _hinged(chain: Mat, axis: F64, angle: float, out: F64) -> Mat:
+    """A rotation followed by one about a hinge, whose axis is written to ``out``."""
+    put_vec(mat_vec(chain, axis), out)
+    return mat_mul(chain, rotation_about(axis, angle))
+
+
+@compiled
+def _pose(q: F64, arm: Arm, axes: F64, pivots: F64) -> tuple[Mat, Mat, Mat, Mat, Mat]:
+    """Forward kinematics of one arm with ``[10]`` angles: collar bone, upper arm, forearm, hand and racket.
+
+    ``[10, 3]`` axes of the angles and a point on each are written: the first is the origin, the last the middle of the grip.
+    """
+    fixed = arm.axes
+    raised = rotation_about(fixed[FORWARD], q[FORWARD])
+    put_vec(fixed[FORWARD], axes[FORWARD])
+    collar = _hinged(raised, fixed[RAISE], q[RAISE], axes[RAISE])
+    # The swing is a rotation vector across the middle direction; its two axes turn with it.
+    swing = add(scaled(q[SWING_1], fixed[SWING_1]), scaled(q[SWING_2], fixed[SWING_2]))
+    angle = math.sqrt(dot(swing, swing))
+    safe = max(angle, 1e-6)
+    swung = mat_mul(collar, rotation_about(over(swing, safe), safe if angle > 1e-6 else 0.0))
+    first, second = (1.0 - math.cos(safe)) / safe**2, (safe - math.sin(safe)) / safe**3
+    for k in (SWING_1, SWING_2):
+        across = cross_of(swing, fixed[k])
+        along = add(add(fixed[k], scaled(first, across)), scaled(second, cross_of(swing, across)))
+        put_vec(mat_vec(collar, along), axes[k])
+    upper = mat_mul(_hinged(swung, fixed[TWIST], q[TWIST], axes[TWIST]), arm.to_middle)
+    bent = _hinged(upper, fixed[ELBOW], q[ELBOW] - arm.rest_bend, axes[ELBOW])
+    forearm = _hinged(bent, fixed[PRONATION], q[PRONATION] / 2, axes[PRONATION])
+    pronated = mat_mul(forearm, rotation_about(fixed[PRONATION], q[PRONATION] / 2))
+    wrist = _hinged(pronated, fixed[BEND], q[BEND], axes[BEND])
+    hand = _hinged(wrist, fixed[DEVIATION], q[DEVIATION], axes[DEVIATION])
+    racket = _hinged(hand, fixed[ROLL], q[ROLL], axes[ROLL])
+    begins = mat_vec(collar, arm.offset[0])
+    elbow = add(begins, mat_vec(upper, arm.offset[1]))
+    ends = add(elbow, mat_vec(forearm, arm.offset[2]))
+    grip = add(ends, mat_vec(hand, arm.offset[3]))
+    origin = (0.0, 0.0, 0.0)
+    points = (origin, origin, begins, begins, begins, elbow, elbow, ends, ends, grip)
+    for k in range(_N):
+        put_vec(points[k], pivots[k])
+    return collar, upper, forearm, hand, racket
+
+
+@compiled
+def _cholesky_solve(square: F64, right: F64, factor: F64, b: F64, x: F64) -> None:
+    """Solve ``square @ x = right``, symmetric positive definite; ``factor`` and ``b`` are overwritten."""
+    b[:], factor[:] = right, square
+    for j in range(_N):
+        for k in range(j):
+            factor[j, j] -= factor[j, k] * factor[j, k]
+        factor[j, j] = math.sqrt(factor[j, j])
+        for i in range(j + 1, _N):
+            for k in range(j):
+                factor[i, j] -= factor[i, k] * factor[j, k]
+            factor[i, j] /= factor[j, j]
+    for i in range(_N):
+        for k in range(i):
+            b[i] -= factor[i, k] * b[k]
+        b[i] /= factor[i, i]
+    for i in range(_N - 1, -1, -1):
+        x[i] = b[i]
+        for k in range(i + 1, _N):
+            x[i] -= factor[k, i] * x[k]
+        x[i] /= factor[i, i]
+
+
+@compiled
+def _clip(q: F64) -> None:
+    """Move ``[10]`` angles into their limits, in place."""
+    for k in range(_N):
+        q[k] = min(max(q[k], LIMITS[k, 0]), LIMITS[k, 1])
+    length = math.sqrt(q[SWING_1] * q[SWING_1] + q[SWING_2] * q[SWING_2])
+    if length > SWING_LIMIT:
+        q[SWING_1] *= SWING_LIMIT / length
+        q[SWING_2] *= SWING_LIMIT / length
+
+
+@compiled
+def _residuals(
+    arm: Arm, target: F64, weights: F64, reach: float, racket: Mat, axes: F64, pivots: F64, jacobian: F64, residual: F64
+) -> None:
+    """Weighted residuals ``[12]`` of one arm to point, shaft, normal and elbow ``[4, 3]``, and their Jacobian ``[12, 10]``."""
+    shaft, elbow = mat_vec(racket, arm.axes[ROLL]), sub(pivots[ELBOW], pivots[TWIST])
+    point = add(pivots[ROLL], scaled(reach, shaft))
+    reached = (point, shaft, mat_vec(racket, arm.normal), over(elbow, math.sqrt(dot(elbow, elbow))))
+    for k in range(4):
+        weight = weights[k]
+        for i in range(3):
+            residual[3 * k + i] = weight * (target[k, i] - reached[k][i])
+        for j in range(_N):
+            change = cross_of(axes[j], sub(point, pivots[j]) if k == 0 else reached[k])
+            for i in range(3):
+                jacobian[3 * k + i, j] = weight * change[i] if k < 3 or j < ELBOW else 0.0
+
+
+@compiled
+def _solve(angles: F64, target: F64, weight: F64, reach: F64, arm: Arm, rounds: int) -> None:
+    """Damped least squares of :func:`solve` for each row of ``angles``, in place."""
+    axes, pivots = np.empty((_N, 3)), np.empty((_N, 3))
+    jacobian, residual = np.empty((_ROWS, _N)), np.empty(_ROWS)
+    square, slope = np.empty((_N, _N)), np.empty(_N)
+    factor, b, move = np.empty((_N, _N)), np.empty(_N), np.empty(_N)
+    for n in range(len(angles)):
+        q = angles[n]
+        for step in range(rounds):
+            racket = _pose(q, arm, axes, pivots)[4]
+            _residuals(arm, target[n], weight[n], reach[n], racket, axes, pivots, jacobian, residual)
+            damping = 1e-2 if step < rounds // 2 else 1e-4
+            for i in range(_N):
+                for j in range(i + 1):
+                    total = 0.0
+                    for k in range(_ROWS):
+                        total += jacobian[k, i] * jacobian[k, j]
+                    square[i, j] = total
+                    square[j, i] = total
+                square[i, i] += _HOLD * _HOLD + damping
+                total = _HOLD * _HOLD * (RELAXED[i] - q[i])
+                for k in range(_ROWS):
+                    total += jacobian[k, i] * residual[k]
+                slope[i] = total
+            _cholesky_solve(square, slope, factor, b, move)
+            # Angles pushed against their limits are fixed, and the step is solved again for the others.
+            for i in range(_N):
+                if (q[i] <= LIMITS[i, 0] + 1e-9 and move[i] < 0) or (q[i] >= LIMITS[i, 1] - 1e-9 and move[i] > 0):
+                    square[i, :], square[:, i], square[i, i], slope[i] = 0.0, 0.0, 1.0, 0.0
+            _cholesky_solve(square, slope, factor, b, move)
+            change = 0.0
+            for i in range(_N):
+                b[i] = q[i]
+                q[i] += min(max(move[i], -0.5), 0.5)
+            _clip(q)
+            for i in range(_N):
+                change = max(change, abs(q[i] - b[i]))
+            if step > rounds // 3 and change < 2e-4:
+                break
+
+
+@compiled
+def _posed(angles: F64, arm: Arm) -> ArmPose:
+    n = len(angles)
+    pose = ArmPose(np.empty((5, n, 3, 3)), np.empty((5, n, 3)), np.empty((n, _N, 3)), np.empty((n, _N, 3)))
+    for i in range(n):
+        turns = _pose(angles[i], arm, pose.axes[i], pose.pivot[i])
+        for k in range(5):
+            put_mat(turns[k], pose.rotation[k, i])
+            put_vec(pose.pivot[i, _BEGINS[k]], pose.position[k, i])
+    return pose
+
+
+def solve(arm: Arm, goal: Goal, start: F64, rounds: int = 40) -> F64:
     """Inverse kinematics: ``[N, 10]`` angles within the limits closest to the goals.
 
     Args:
         start: ``[N, 10]`` initial angles [rad].
         rounds: maximum number of steps.
-        hold: weight of staying near :data:`RELAXED`.
     """
     x = np.ascontiguousarray(arm.clipped(np.array(start, dtype=np.float64)))
     target = np.stack([goal.point, goal.shaft, goal.normal, goal.elbow], axis=1)
-    goals = ArmGoals(*(np.ascontiguousarray(part, dtype=np.float64) for part in (target, goal.weight, goal.reach)))
-    solve_arms(x, goals, arm.constants, rounds, hold)
+    _solve(x, target, *(np.ascontiguousarray(part, dtype=np.float64) for part in (goal.weight, goal.reach)), arm, rounds)
     return x
 
 

@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from shuttle_marl.base.arrays import F64
-from shuttle_marl.staging.arm_solver import BEND, DEVIATION, ELBOW, PRONATION, RAISE, ROLL, SWING_1
+from shuttle_marl.staging.arm import BEND, DEVIATION, ELBOW, PRONATION, RAISE, ROLL, SWING_1
 from shuttle_marl.staging.library import FREE_ARM, N_POSE, RACKET_ARM
 from shuttle_marl.staging.skeleton import HIPS_ROLL, HIPS_YAW, SPINE_PITCH, SPINE_ROLL
 from shuttle_marl.staging.trajectory import Trajectory

@@ -11,8 +11,7 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 
 from shuttle_marl.staging import BONES, SWEET_SPOT, Motion, StagingError, load_skeleton, stage, with_walk
-from shuttle_marl.staging.arm import LIMITS, SWING_LIMIT, Goal, anywhere, arm_of, solve, solve_best
-from shuttle_marl.staging.arm_solver import SWING_1, SWING_2
+from shuttle_marl.staging.arm import LIMITS, SWING_1, SWING_2, SWING_LIMIT, Goal, anywhere, arm_of, solve, solve_best
 from shuttle_marl.staging.curves import curve, curve_at, slopes_through
 from shuttle_marl.staging.flight import GRAVITY, LENGTH, TERMINAL, Flights, fall, shoot
 from shuttle_marl.staging.rotation import about, exponential, from_yaw_pitch_roll, matrix, quaternion, to_yaw_pitch_roll
