@@ -31,8 +31,9 @@ from shuttle_marl.staging.arm import (
     Arm,
     arm_of,
 )
-from shuttle_marl.staging.body import ANKLE_LIMITS, HIP_LIMITS, KNEE_LIMITS, NECK_LIMITS, TOE_LIMITS
+from shuttle_marl.staging.body import NECK_LIMITS
 from shuttle_marl.staging.draw import load_measured
+from shuttle_marl.staging.legs import ANKLE_LIMITS, HIP_LIMITS, KNEE_LIMITS, TOE_LIMITS
 from shuttle_marl.staging.motion import Motion
 from shuttle_marl.staging.rotation import cross, exponential, matrix, to_yaw_pitch_roll, unit
 from shuttle_marl.staging.skeleton import BONE, MIRROR, SPINE_LIMITS, Skeleton

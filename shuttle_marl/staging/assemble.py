@@ -1,13 +1,4 @@
-"""From a rally to motion: path of the shuttle and bones of both players, and continuation of motions.
-
-The hips travel over the court on the smoothest path that is where it must be and breaks no limit:
-
-    minimise   Σ w_a |p̈|² + Σ w_b |base - p|² + Σ w_v |ṗ|² + Σ W |root - p|²    subject to |ṗ| ≤ V, |p̈| ≤ A
-
-over the positions of all frames: at each own stroke the hips are at the root of its stance, when the opponent strikes
-they wait near their base, slow enough for a split step. Solved by the alternating direction method of multipliers (Boyd,
-Parikh, Chu, Peleato & Eckstein 2011): one pentadiagonal system, factored once, and projections onto discs.
-"""
+"""From a rally to motion: path of the shuttle and bones of both players, and continuation of motions."""
 
 from typing import Final
 
@@ -22,11 +13,11 @@ from shuttle_marl.staging.feet import Feet
 from shuttle_marl.staging.idle import Habits, habits
 from shuttle_marl.staging.library import FLIP, Athlete
 from shuttle_marl.staging.motion import HANDS, Branch, Motion
-from shuttle_marl.staging.path_solver import TravelWishes, smooth_path
 from shuttle_marl.staging.rotation import quaternion
 from shuttle_marl.staging.skeleton import MIRROR, N_BONES, Skeleton, StagingError, load_skeleton
 from shuttle_marl.staging.timeline import TimelineBuilder
-from shuttle_marl.staging.trajectory import LEAD_IN, WIN, Trajectory, held, shuttle_path, with_contacts_moved
+from shuttle_marl.staging.trajectory import LEAD_IN, Trajectory, held, shuttle_path, with_contacts_moved
+from shuttle_marl.staging.travel import travel
 
 _ATTEMPTS: Final = 5
 _RETRIES: Final = 3
@@ -35,69 +26,6 @@ _MOOD: Final = 1 << 20
 """Counter of the draws for the reactions, above those of the strokes."""
 _TAIL: Final = 2.0
 """Time after the end of the last flight [s]."""
-
-
-_PINNED: Final = 1e11
-_CONTACT, _BASE, _STILL, _BRAKE = 4e3, 6.0, 1.2, 0.6
-_LATE: Final = 0.12
-"""Time after the contact at which a hurried player brakes [s]."""
-
-
-def travel(trajectory: Trajectory, seat: int, shift: F64, frames: int, fps: int, walked: F64 | None = None) -> F64:
-    """``[frames, 2]`` the hips of one player over the floor, in the player's own frame [m].
-
-    Args:
-        shift: ``[n, 2]`` added to the root of each stance [m].
-        walked: ``[B, 2]`` the first frames, where the hips have been already, two at least.
-    """
-    wishes = _wishes(trajectory, seat, shift, frames, fps)
-    if walked is None:
-        return smooth_path(wishes, fps)
-    # The last two known frames pin place and speed, and only the following frames are solved.
-    first = len(walked) - 2
-    wishes = TravelWishes(wishes.weight[first:].copy(), wishes.target[first:].copy(), wishes.still[first:])
-    wishes.weight[:2], wishes.target[:2] = _PINNED, _PINNED * walked[first:]
-    return np.concatenate([walked, smooth_path(wishes, fps)[2:]])
-
-
-def _wishes(trajectory: Trajectory, seat: int, shift: F64, frames: int, fps: int) -> TravelWishes:
-    weight, target, still = np.full(frames, 1e-3), np.zeros((frames, 2)), np.full(frames - 1, 4e-3)
-
-    def wish(frame: int, place: F64, w: float, half: int = 0) -> None:
-        rows = slice(max(frame - half, 0), min(frame + half + 1, frames))
-        weight[rows] += w
-        target[rows] += w * place
-
-    def slow(frame: int, w: float, half: int) -> None:
-        still[max(frame - half, 0) : min(frame + half + 1, frames - 1)] += w
-
-    rally, striker = trajectory.rally, trajectory.rally.striker
-    hits = np.rint(trajectory.time * fps).astype(np.int64)
-    target += 1e-3 * trajectory.before[seat]
-    wish(0, trajectory.before[seat] + (shift[0] if len(rally) and rally.server == seat else 0.0), 50.0)
-    still[: hits[0] if len(rally) else frames] += 3.0
-    for i, frame in enumerate(hits):
-        if striker[i] == seat:
-            wish(frame, trajectory.stance[i].root + shift[i], _CONTACT)
-            slow(frame + round(_LATE * fps) * int(rally.hurried[i]), _BRAKE, 4)
-        else:
-            wish(frame, trajectory.base[i, seat], _BASE, 3)
-            slow(frame, _STILL, 5)
-    if not len(rally):
-        wish(frames - 1, trajectory.before[seat], 50.0)
-    elif trajectory.reply is not None:
-        if striker[-1] != seat:
-            wish(frames - 1, trajectory.reply.root, 60.0)
-        return TravelWishes(weight, target, still)
-    elif striker[-1] != seat and trajectory.end[-1] == WIN:
-        # The receiver goes for a winner, but does not get there.
-        landing = rally.facing(seat) * trajectory.end_point[-1, :2]
-        begun = trajectory.base[-1, seat]
-        place = begun + 0.55 * (landing - begun)
-        place[1] = min(place[1], -0.8)
-        wish(min(round(trajectory.end_time[-1] * fps), frames - 1), place, 60.0)
-    still[-round(0.3 * fps) :] += 5.0
-    return TravelWishes(weight, target, still)
 
 
 def stage(

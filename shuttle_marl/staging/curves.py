@@ -5,8 +5,8 @@ from typing import Final
 import numpy as np
 
 from shuttle_marl.base.arrays import F64, I64
+from shuttle_marl.base.compiling import compiled
 from shuttle_marl.staging.flight import GRAVITY
-from shuttle_marl.staging.path_solver import monotone_slopes, run_between
 
 _PUSH: Final = 15.0
 """Upward acceleration of a take-off [m/s²]."""
@@ -18,6 +18,18 @@ _RISE: Final = 7.0
 """Greatest acceleration while rising again after a landing [m/s²]."""
 
 
+@compiled
+def _at_end(near: float, far: float, chord: float, next_chord: float) -> float:
+    """Slope at an end of a curve, from the lengths and the chords of the two intervals next to it."""
+    slope = ((2 * near + far) * chord - near * next_chord) / (near + far)
+    if slope * chord <= 0:
+        return 0.0
+    if chord * next_chord <= 0 and abs(slope) > 3 * abs(chord):
+        return 3 * chord
+    return slope
+
+
+@compiled
 def slopes_through(frame: I64, pose: F64) -> F64:
     """``[K, C]`` slopes per frame of monotone cubics through key poses (Fritsch & Butland 1984).
 
@@ -26,11 +38,30 @@ def slopes_through(frame: I64, pose: F64) -> F64:
         pose: ``[K, C]`` the poses.
     """
     out = np.zeros_like(pose)
-    if len(pose) > 1:
-        monotone_slopes(frame, pose, out)
+    k, c = pose.shape
+    for j in range(c if k > 1 else 0):
+        for i in range(k):
+            left = float(frame[i] - frame[i - 1]) if i else 0.0
+            right = float(frame[i + 1] - frame[i]) if i + 1 < k else 0.0
+            before = (pose[i, j] - pose[i - 1, j]) / left if i else 0.0
+            after = (pose[i + 1, j] - pose[i, j]) / right if i + 1 < k else 0.0
+            if k == 2:
+                out[i, j] = after if i == 0 else before
+            elif i == 0:
+                further = float(frame[2] - frame[1])
+                out[i, j] = _at_end(right, further, after, (pose[2, j] - pose[1, j]) / further)
+            elif i == k - 1:
+                further = float(frame[i - 1] - frame[i - 2])
+                out[i, j] = _at_end(left, further, before, (pose[i - 1, j] - pose[i - 2, j]) / further)
+            elif before * after <= 0:
+                out[i, j] = 0.0
+            else:
+                first, second = 2 * right + left, right + 2 * left
+                out[i, j] = (first + second) / (first / before + second / after)
     return out
 
 
+@compiled
 def curve(frame: I64, pose: F64, slope: F64, frames: int) -> F64:
     """``[F, C]`` cubic Hermite interpolation of key poses, constant before the first and after the last.
 
@@ -40,7 +71,22 @@ def curve(frame: I64, pose: F64, slope: F64, frames: int) -> F64:
         slope: ``[K, C]`` slopes per frame.
     """
     out = np.empty((frames, pose.shape[1]))
-    run_between(frame, np.ascontiguousarray(pose), np.ascontiguousarray(slope), out)
+    last, c = len(frame) - 1, pose.shape[1]
+    k = 0
+    for f in range(len(out)):
+        if f <= frame[0] or f >= frame[last]:
+            row = 0 if f <= frame[0] else last
+            for j in range(c):
+                out[f, j] = pose[row, j]
+            continue
+        while frame[k + 1] <= f:
+            k += 1
+        h = float(frame[k + 1] - frame[k])
+        u = (f - frame[k]) / h
+        for j in range(c):
+            chord = pose[k + 1, j] - pose[k, j]
+            a, b = h * slope[k, j] - chord, chord - h * slope[k + 1, j]
+            out[f, j] = pose[k, j] + u * chord + u * (1 - u) * ((1 - u) * a + u * b)
     return out
 
 

@@ -8,12 +8,13 @@ that the equation has no parameter. Time steps grow so that drag alone would cov
 keep a smash and a clear within millimetres. A flight lies in a vertical plane.
 """
 
+import math
 from typing import Final, NamedTuple
 
 import numpy as np
 
 from shuttle_marl.base.arrays import F64, Intp
-from shuttle_marl.staging.path_solver import integrate
+from shuttle_marl.base.compiling import compiled
 
 GRAVITY: Final = 9.81
 """Acceleration of gravity [m/s²]."""
@@ -161,9 +162,29 @@ def _integrate(vx: F64, vy: F64, t: F64, steps: int) -> tuple[F64, F64, F64, F64
     # From rest, steps are equal.
     stretch = np.log1p(np.maximum(np.hypot(vx, vy) * t, 1e-3))[:, None] * np.linspace(0, 1, steps + 1)
     nodes = t[:, None] * np.expm1(stretch) / np.maximum(np.expm1(stretch[:, -1:]), 1e-12)
-    state = np.empty((4, len(t), steps + 1))
-    integrate(np.ascontiguousarray(vx), np.ascontiguousarray(vy), nodes, state)
-    return nodes, state[0], state[1], state[2], state[3]
+    px, py, ux, uy = _states(vx, vy, nodes)
+    return nodes, px, py, ux, uy
+
+
+@compiled
+def _states(vx: F64, vy: F64, nodes: F64) -> F64:
+    """Classical Runge-Kutta of flights in scaled units: ``[4, N, K + 1]`` places and velocities at instants ``[N, K + 1]``."""
+    out, k = np.empty((4, *nodes.shape)), np.empty((4, 4))
+    for n in range(len(vx)):
+        out[0, n, 0], out[1, n, 0], out[2, n, 0], out[3, n, 0] = 0.0, 0.0, vx[n], vy[n]
+        for i in range(nodes.shape[1] - 1):
+            h = nodes[n, i + 1] - nodes[n, i]
+            for stage in range(4):
+                share = 0.0 if stage == 0 else (h if stage == 3 else 0.5 * h)
+                u, w = out[2, n, i], out[3, n, i]
+                if stage:
+                    u += share * k[stage - 1, 2]
+                    w += share * k[stage - 1, 3]
+                drag = -math.sqrt(u * u + w * w)
+                k[stage, 0], k[stage, 1], k[stage, 2], k[stage, 3] = u, w, drag * u, drag * w - 1.0
+            for c in range(4):
+                out[c, n, i + 1] = out[c, n, i] + h / 6 * (k[0, c] + 2 * k[1, c] + 2 * k[2, c] + k[3, c])
+    return out
 
 
 def _cubic(p0: F64, p1: F64, m0: F64, m1: F64, u: F64) -> F64:

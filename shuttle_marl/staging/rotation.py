@@ -4,11 +4,13 @@ Conversions are :mod:`scipy`'s. Rotations about fixed axes and the angles of the
 staging its Euler angles take several times as long.
 """
 
+import math
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from shuttle_marl.base.arrays import F64, Floats
-from shuttle_marl.staging.body_solver import quaternions_of
+from shuttle_marl.base.compiling import compiled
 
 _IDENTITY = np.eye(3)
 _NEXT, _AFTER = [1, 2, 0], [2, 0, 1]
@@ -88,8 +90,34 @@ def frame(first: F64, second: F64) -> F64:
 
 def quaternion(rotation: F64) -> F64:
     """``[..., 4]`` quaternions (x, y, z, w) of matrices, w not negative."""
-    out = np.empty((*rotation.shape[:-2], 4))
-    quaternions_of(np.ascontiguousarray(rotation, dtype=np.float64).reshape(-1, 3, 3), out.reshape(-1, 4))
+    return _quaternions(np.ascontiguousarray(rotation, dtype=np.float64).reshape(-1, 3, 3)).reshape(*rotation.shape[:-2], 4)
+
+
+@compiled
+def _quaternions(rotation: F64) -> F64:
+    """``[N, 4]`` quaternions (x, y, z, w) of ``[N, 3, 3]`` rotations, w not negative, by the largest one (Shepperd 1978)."""
+    out, q = np.empty((len(rotation), 4)), np.empty(4)
+    for n in range(len(rotation)):
+        r = rotation[n]
+        trace = r[0, 0] + r[1, 1] + r[2, 2]
+        largest, most = 3, trace
+        for i in range(3):
+            if r[i, i] > most:
+                largest, most = i, r[i, i]
+        if largest == 3:
+            q[3] = 1.0 + trace
+            for i in range(3):
+                j, k = (i + 1) % 3, (i + 2) % 3
+                q[i] = r[k, j] - r[j, k]
+        else:
+            i, j, k = largest, (largest + 1) % 3, (largest + 2) % 3
+            q[i] = 1.0 - trace + 2.0 * r[i, i]
+            q[j], q[k], q[3] = r[j, i] + r[i, j], r[k, i] + r[i, k], r[k, j] - r[j, k]
+        length = math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+        if q[3] < 0:
+            length = -length
+        for i in range(4):
+            out[n, i] = q[i] / length
     return out
 
 

@@ -14,8 +14,10 @@ from typing import Final
 import numpy as np
 
 from shuttle_marl.base.arrays import F64, I64
+from shuttle_marl.base.compiling import compiled
 from shuttle_marl.base.errors import ShuttleError
-from shuttle_marl.staging.body_solver import bend_trunks
+from shuttle_marl.staging.linear import add, mat_mul, mat_vec, put_mat, put_vec
+from shuttle_marl.staging.linear import from_yaw_pitch_roll as turned_by
 from shuttle_marl.staging.rotation import apply, unit
 
 
@@ -211,9 +213,23 @@ def trunk(skeleton: Skeleton, hips: F64, angles: F64) -> tuple[F64, F64]:
     Returns:
         ``[4, N, 3, 3]`` rotations and ``[4, N, 3]`` positions of Hips, Spine, Spine1, Spine2.
     """
-    n = len(angles)
-    rotation, position = np.empty((4, n, 3, 3)), np.empty((4, n, 3))
-    bend_trunks(np.ascontiguousarray(hips), np.ascontiguousarray(angles), skeleton.spine, rotation, position)
+    return _bent(np.ascontiguousarray(hips), np.ascontiguousarray(angles), skeleton.spine)
+
+
+@compiled
+def _bent(hips: F64, angles: F64, above: F64) -> tuple[F64, F64]:
+    """:func:`trunk` of a spine ``[3, 3]``."""
+    rotation, position = np.empty((4, len(angles), 3, 3)), np.empty((4, len(angles), 3))
+    for n in range(len(angles)):
+        a = angles[n]
+        turn, third = turned_by(a[1], a[2], a[3]), turned_by(a[4] / 3, a[5] / 3, a[6] / 3)
+        place = add(hips[n], (0.0, 0.0, 0.0))
+        for k in range(4):
+            put_mat(turn, rotation[k, n])
+            put_vec(place, position[k, n])
+            if k < 3:
+                place = add(place, mat_vec(turn, above[k]))
+                turn = mat_mul(turn, third)
     return rotation, position
 
 
