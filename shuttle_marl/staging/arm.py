@@ -324,7 +324,8 @@ def solve(arm: Arm, goal: Goal, start: F64, rounds: int = 40) -> F64:
     """
     x = np.ascontiguousarray(arm.clipped(np.array(start, dtype=np.float64)))
     target = np.stack([goal.point, goal.shaft, goal.normal, goal.elbow], axis=1)
-    _solve(x, target, *(np.ascontiguousarray(part, dtype=np.float64) for part in (goal.weight, goal.reach)), arm, rounds)
+    weight, reach = (np.ascontiguousarray(part, dtype=np.float64) for part in (goal.weight, goal.reach))
+    _solve(x, target, weight, reach, arm, rounds)
     return x
 
 
