@@ -98,20 +98,20 @@ def _watch(*arguments: str) -> str:
     return shlex.join(["python", "-m", "shuttle_marl.watch", *arguments])
 
 
-def of_log(path: Path, game: Game, match: int = 0, pairing: int = 0) -> tuple[MatchReport, Footage]:
+def of_log(path: Path, game: Game, pairing: int = 0, match: int = 0) -> tuple[MatchReport, Footage]:
     """The report of a match of a rally log.
 
     Args:
         path: the log, or a folder of logs.
         game: that was played.
-        match, pairing: numbers of the match and of its pairing.
+        pairing, match: numbers of the pairing and of the match in it.
 
     Raises:
         RecordingError: the log cannot be read, or was played on another game.
         AnalysisError: no such match.
     """
     with RallyLog(path) as log:
-        strokes = log_strokes(log, match, pairing)
+        strokes = log_strokes(log, pairing, match)
         numbers = log.numbers_of_match(pairing, match).tolist()
         seats = tuple(log.policies[int(policy)].name for policy in log.rally(numbers[0]).policy[0])
         played = log.files[log.file_of(numbers[0])].header.rules
@@ -125,7 +125,7 @@ def of_log(path: Path, game: Game, match: int = 0, pairing: int = 0) -> tuple[Ma
     return report, footage if known is None else dataclasses.replace(footage, game=game, players=known)
 
 
-def log_strokes(log: RallyLog, match: int = 0, pairing: int = 0) -> pa.Table:
+def log_strokes(log: RallyLog, pairing: int = 0, match: int = 0) -> pa.Table:
     """Strokes of a match of a rally log, with places drawn in their areas.
 
     Raises:

@@ -1,19 +1,27 @@
 """Summaries and pictures of recorded rallies, compared with real matches."""
 
 import dataclasses
+import json as json_format
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
+import numpy as np
 import tyro
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
 
+from shuttle_marl import analysis as play
+from shuttle_marl.base.errors import printable
+from shuttle_marl.base.files import replace_file
 from shuttle_marl.commands import cli
 from shuttle_marl.commands.options import RallyGameOptions
+from shuttle_marl.game.stroke import SHOTS
 
 if TYPE_CHECKING:
     import pyarrow as pa
-
-    from shuttle_marl.analysis.summary import Summary
 
 _MODEL: Final = RallyGameOptions()
 _SHOWN: Final = 12
@@ -44,12 +52,9 @@ class RallyFilter:
         Raises:
             AnalysisError: no rally is left.
         """
-        import numpy as np  # noqa: PLC0415  these keep --help quick
-        import pyarrow  # noqa: PLC0415  `pa` is for types
+        import pyarrow  # noqa: PLC0415  keeps --help quick; `pa` is for types
 
-        from shuttle_marl.analysis import AnalysisError, rally_table  # noqa: PLC0415
-
-        rallies = rally_table(strokes)
+        rallies = play.rally_table(strokes)
         first, length = (rallies[name].to_numpy() for name in ("first", "length"))
         kept = np.ones(len(rallies), np.bool_)
         if self.games:
@@ -71,7 +76,7 @@ class RallyFilter:
             leader = np.where(winner == None, np.nan, np.maximum(own - won, other - ~won))  # noqa: E711  an array of objects
             kept &= (leader >= self.leading[0]) & (leader <= self.leading[1])
         if not kept.any():
-            raise AnalysisError(f"no rally of {len(rallies):,} is left by {self}; ask for less")
+            raise play.AnalysisError(f"no rally of {len(rallies):,} is left by {self}; ask for less")
         return strokes.filter(pyarrow.array(np.repeat(kept, np.diff([*first, strokes.num_rows]))))
 
 
@@ -98,27 +103,25 @@ def analysis(
         anonymous: replace the names of players and matches by pseudonyms.
         json: print JSON.
     """
-    from shuttle_marl.analysis import add_values_of_pairs, rally_table, strokes_of, summarise  # noqa: PLC0415
-    from shuttle_marl.analysis.summary import players_of  # noqa: PLC0415
-    from shuttle_marl.base import table_files  # noqa: PLC0415  keeps --help fast
-    from shuttle_marl.base.files import replace_file  # noqa: PLC0415
+    from shuttle_marl.analysis.summary import players_of  # noqa: PLC0415  these keep --help quick
+    from shuttle_marl.base import table_files  # noqa: PLC0415
     from shuttle_marl.data import anonymised, named  # noqa: PLC0415
 
     tables = model.load_for(path).seats[0].average
-    valued = rallies.of(add_values_of_pairs(strokes_of(path, rallies=rallies.rallies), reference, tables))
+    valued = rallies.of(play.add_values_of_pairs(play.strokes_of(path, rallies=rallies.rallies), reference, tables))
     played = dict(zip(*valued.select(["match", "value_game"]).to_pydict().values(), strict=True))
     if anonymous:
         valued = anonymised(valued.drop_columns("value_game"))  # which names the pair
-    summaries = {name: summarise(valued, name) for name in players_of(valued)[:_SHOWN]}
+    summaries = {name: play.summarise(valued, name) for name in players_of(valued)[:_SHOWN]}
     if against is not None:
-        others = add_values_of_pairs(strokes_of(against, rallies=rallies.rallies), reference, tables)
-        summaries[against.resolve().name] = summarise(others)
+        others = play.add_values_of_pairs(play.strokes_of(against, rallies=rallies.rallies), reference, tables)
+        summaries[against.resolve().name] = play.summarise(others)
     if out is not None:
-        for kind, table in (("strokes", valued), ("rallies", rally_table(valued))):
+        for kind, table in (("strokes", valued), ("rallies", play.rally_table(valued))):
             table_files.write_parquet(out / f"{kind}.parquet", table)
             replace_file(out / f"{kind}.csv", table_files.csv_bytes(named(table) if kind == "strokes" else table))
         name = "all together" if against is None else against.resolve().name
-        _draw(out, summaries, name, summarise(valued) if against is None else summaries[name])
+        _draw(out, summaries, name, play.summarise(valued) if against is None else summaries[name])
     if json:
         _print_json(summaries, _ratings(path))
     else:
@@ -133,18 +136,16 @@ def analysis(
 
 def _ratings(path: Path) -> dict[str, float]:
     """Ratings of the players by name, from the report beside the log; empty without a report."""
-    import json  # noqa: PLC0415  the flag has its name
-
     from shuttle_marl.league.entrants import REPORT  # noqa: PLC0415
 
     try:
-        ranking = json.loads(((path if path.is_dir() else path.parent) / REPORT).read_text(encoding="utf-8"))["ranking"]
+        ranking = json_format.loads(((path if path.is_dir() else path.parent) / REPORT).read_text(encoding="utf-8"))["ranking"]
         return {str(row["player"]): float(row["rating"]) for row in ranking if row["rating"] is not None}
     except (OSError, ValueError, LookupError, TypeError):
         return {}
 
 
-def _draw(out: Path, summaries: dict[str, "Summary"], name: str, reference: "Summary") -> None:
+def _draw(out: Path, summaries: dict[str, "play.Summary"], name: str, reference: "play.Summary") -> None:
     """Draw the first players and the last one, compared with a reference."""
     from shuttle_marl.analysis import pictures  # noqa: PLC0415
 
@@ -157,11 +158,8 @@ def _draw(out: Path, summaries: dict[str, "Summary"], name: str, reference: "Sum
         pictures.save(pictures.transitions(summary, player), out / f"replies-{file}.png")
 
 
-def _print_json(summaries: dict[str, "Summary"], ratings: dict[str, float]) -> None:
-    import numpy as np  # noqa: PLC0415
-
+def _print_json(summaries: dict[str, "play.Summary"], ratings: dict[str, float]) -> None:
     from shuttle_marl.analysis.summary import ENDINGS  # noqa: PLC0415
-    from shuttle_marl.game.stroke import SHOTS  # noqa: PLC0415
 
     def plain(value: Any) -> Any:
         if isinstance(value, np.ndarray):
@@ -180,16 +178,7 @@ def _print_json(summaries: dict[str, "Summary"], ratings: dict[str, float]) -> N
     cli.print_json(listed)
 
 
-def _print_table(summaries: dict[str, "Summary"], ratings: dict[str, float]) -> None:
-    import numpy as np  # noqa: PLC0415
-    from rich.box import SIMPLE_HEAD  # noqa: PLC0415
-    from rich.console import Console  # noqa: PLC0415
-    from rich.markup import escape  # noqa: PLC0415
-    from rich.table import Table  # noqa: PLC0415
-
-    from shuttle_marl.base.errors import printable  # noqa: PLC0415
-    from shuttle_marl.game.stroke import SHOTS  # noqa: PLC0415
-
+def _print_table(summaries: dict[str, "play.Summary"], ratings: dict[str, float]) -> None:
     def cell(value: float, scale: float, digits: int) -> str:
         return "" if math.isnan(value) else f"{scale * value:.{digits}f}"
 

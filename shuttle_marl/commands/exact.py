@@ -13,6 +13,7 @@ import tyro
 from rich.progress import track
 
 from shuttle_marl import exact
+from shuttle_marl.base.arrays import F64
 from shuttle_marl.base.errors import printable
 from shuttle_marl.commands import cli
 from shuttle_marl.commands.options import File, GameOptions, Json, Policies, Policy, PolicyOptions, SampleOptions
@@ -20,12 +21,11 @@ from shuttle_marl.exact.fixed_point import ExactError
 from shuttle_marl.game.policy import reads_score
 from shuttle_marl.game.shipped import RELIABLE, Estimate, factor_of, least_support, real_strokes, refits_of
 from shuttle_marl.game.stroke import SHOTS
+from shuttle_marl.game.tables import Game
 from shuttle_marl.policy.foreign import time_limit
 
 if TYPE_CHECKING:
-    from shuttle_marl.base.arrays import F64
     from shuttle_marl.game.rally.record import Rallies
-    from shuttle_marl.game.tables import Game
     from shuttle_marl.policy.scorecard import Scorecard, Scorer
 
 
@@ -371,7 +371,7 @@ def _recorded(
     cli.console(stderr=True).print(printable(f"{path}: the rallies of {', '.join(sampled)}"), soft_wrap=True)
 
 
-def _strokes_to_plot(game: "Game", chart: PlotOptions) -> tuple[int | None, int | None]:
+def _strokes_to_plot(game: Game, chart: PlotOptions) -> tuple[int | None, int | None]:
     """Catalogue indices of the incoming and the own stroke of a chart, checked before anything is computed."""
     from shuttle_marl.analysis import pictures  # noqa: PLC0415
 
@@ -401,7 +401,7 @@ def _check_at_least(number: int | None) -> None:
         raise ExactError(f"--at-least {number}: expected 0 or more")
 
 
-def _support(game: "Game", played: "F64") -> dict[str, float] | None:
+def _support(game: Game, played: F64) -> dict[str, float] | None:
     """Fractions of strokes with fewer than 5 and fewer than 20 real strokes behind them; None if that is not known."""
     from shuttle_marl.policy.scorecard import FEW_STROKES  # noqa: PLC0415  numba
 

@@ -8,9 +8,11 @@ from typing import Annotated, Final
 
 import tyro
 
+from shuttle_marl import league
 from shuttle_marl.base.errors import command, printable
 from shuttle_marl.base.files import replace_file
 from shuttle_marl.base.interrupts import interrupts_held
+from shuttle_marl.base.table_files import csv_bytes, parquet_bytes
 from shuttle_marl.commands import cli
 from shuttle_marl.game.shipped import Profile
 from shuttle_marl.league.entrants import RALLIES, LeagueConfig, LeagueError
@@ -19,10 +21,9 @@ from shuttle_marl.training.league.config import LeagueTrainingConfig
 
 def play(config: tyro.conf.OmitArgPrefixes[LeagueConfig]) -> None:
     """Play a round robin and print the ranked table."""
-    from shuttle_marl.league import run_league  # noqa: PLC0415  these keep --help quick
-    from shuttle_marl.league.report import console_table  # noqa: PLC0415
+    from shuttle_marl.league.report import console_table  # noqa: PLC0415  keeps --help quick
 
-    run = run_league(config, cli.console(stderr=True))
+    run = league.run_league(config, cli.console(stderr=True))
     out = cli.console()
     out.print(console_table(run.standings, config.format))
     out.print(f"run folder: {printable(str(run.folder))}", soft_wrap=True)
@@ -101,7 +102,6 @@ def pairs(
     from rich.progress import track  # noqa: PLC0415  these keep --help quick
 
     from shuttle_marl.analysis.outlook import pairs_table, players_of, predict_pairs, ranked, with_results  # noqa: PLC0415
-    from shuttle_marl.base.table_files import csv_bytes, parquet_bytes  # noqa: PLC0415
     from shuttle_marl.data import load_strokes  # noqa: PLC0415
 
     if out is not None and out.suffix not in (".csv", ".parquet"):

@@ -3,19 +3,17 @@
 import dataclasses
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final, Literal
+from typing import Annotated, Final, Literal
 
 import tyro
 
 from shuttle_marl.base.bounds import Seed, Within, check_bounds
 from shuttle_marl.commands.cli import console
 from shuttle_marl.exact.fixed_point import ExactError
-from shuttle_marl.game.shipped import Profile, resolve_game
+from shuttle_marl.game.shipped import Profile, resolve_game, shipped_game
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy.foreign import POLICY_TIMEOUT, time_limit
-
-if TYPE_CHECKING:
-    from shuttle_marl.game.tables import Game
-    from shuttle_marl.game.tabulated import TabulatedPolicy
 
 Policies = Annotated[tuple[str, ...], tyro.conf.Positional]
 Policy = Annotated[str, tyro.conf.Positional]
@@ -35,7 +33,7 @@ class GameOptions:
     profile: Profile | None = None
     """Men or women: the game of that discipline alone; default: the average of both."""
 
-    def load(self) -> "Game":
+    def load(self) -> Game:
         """The tables of the game."""
         return resolve_game(self.game, self.profile)
 
@@ -49,7 +47,7 @@ class RallyGameOptions:
     profile: Profile | None = None
     """Men or women: the game of that discipline alone."""
 
-    def load_for(self, path: Path | None) -> "Game":
+    def load_for(self, path: Path | None) -> Game:
         """The game of a rally log; for annotated matches the shipped one, with a notice.
 
         Args:
@@ -58,7 +56,6 @@ class RallyGameOptions:
         Raises:
             RecordingError: the log cannot be read, or was played on a game that is not shipped.
         """
-        from shuttle_marl.game.shipped import shipped_game  # noqa: PLC0415
         from shuttle_marl.recording import RallyLog, RecordingError  # noqa: PLC0415  pyarrow
         from shuttle_marl.recording.reader import is_log  # noqa: PLC0415
 
@@ -86,9 +83,8 @@ class PolicyOptions(GameOptions):
     policy_timeout: float = POLICY_TIMEOUT
     """Seconds that a policy may take for one answer; 0 for no limit."""
 
-    def tabulate(self, names: Iterable[str], game: "Game") -> "list[TabulatedPolicy]":
+    def tabulate(self, names: Iterable[str], game: Game) -> list[TabulatedPolicy]:
         """The tables of policies by name."""
-        from shuttle_marl.game.tabulated import tabulate  # noqa: PLC0415
         from shuttle_marl.policy.registry import resolve  # noqa: PLC0415
 
         with time_limit(self.policy_timeout):

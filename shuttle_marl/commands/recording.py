@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Final, Literal
 
 import tyro
 
+from shuttle_marl import scene as scenes
 from shuttle_marl.base.arrays import Ints
 from shuttle_marl.base.errors import printable
 from shuttle_marl.base.files import replace_file
@@ -210,14 +211,12 @@ def scene(
         appearance: athletes and frame rate.
         model: game and policies of the log.
     """
-    from rich.progress import track  # noqa: PLC0415  these keep --help quick
-
-    from shuttle_marl.scene import select, write_scene  # noqa: PLC0415
+    from rich.progress import track  # noqa: PLC0415  keeps --help quick
 
     console = cli.console(stderr=True)
     with RallyLog(path) as log:
-        numbers = select(log, **dataclasses.asdict(selection))
-        content, unknown = write_scene(
+        numbers = scenes.select(log, **dataclasses.asdict(selection))
+        content, unknown = scenes.write_scene(
             log,
             numbers,
             model.load_for(path),

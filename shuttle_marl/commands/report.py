@@ -6,8 +6,10 @@ from typing import Annotated, Final
 
 import tyro
 
+from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.commands import cli
 from shuttle_marl.commands.options import Json, RallyGameOptions
+from shuttle_marl.commands.reports import write_report
 from shuttle_marl.pages.languages import Language, speaking
 
 _MODEL: Final = RallyGameOptions()
@@ -42,10 +44,8 @@ def report(
         language: language of the page: English, Chinese (simplified) or Indonesian.
         json_output: print the figures as JSON, and write no page.
     """
-    from shuttle_marl.base.errors import ShuttleError  # noqa: PLC0415
     from shuttle_marl.coach import sources  # noqa: PLC0415  these keep --help quick
     from shuttle_marl.coach.match_page import match_page  # noqa: PLC0415
-    from shuttle_marl.commands.reports import write_report  # noqa: PLC0415
     from shuttle_marl.recording.reader import is_log  # noqa: PLC0415
 
     game = model.load_for(path)
@@ -53,7 +53,7 @@ def report(
         if is_log(path):
             if match is not None and not match.isdecimal():
                 raise ShuttleError(f"--match {match}: expected the number of a match of the log, from 0")
-            figures, footage = sources.of_log(path, game, int(match or 0), pairing)
+            figures, footage = sources.of_log(path, game, pairing, int(match or 0))
         else:
             figures, footage = sources.of_strokes(path, game, match, columns)
     if video is not None:

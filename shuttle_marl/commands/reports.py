@@ -6,6 +6,7 @@ from pathlib import Path
 from shuttle_marl.base.errors import printable
 from shuttle_marl.base.files import replace_file
 from shuttle_marl.commands import cli
+from shuttle_marl.watch import WatchError
 
 
 def write_report(page: bytes, out: Path, pdf: Path | None, *, quiet: bool = False) -> None:
@@ -35,7 +36,6 @@ def _printed(page: bytes, out: Path) -> bytes:
     """A page on paper of size A4; ``out``: its file, for errors."""
     from playwright.sync_api import Error, sync_playwright  # noqa: PLC0415  an extra
 
-    from shuttle_marl.watch import WatchError  # noqa: PLC0415
     from shuttle_marl.watch.server import browser_flags, browser_program  # noqa: PLC0415
 
     program = browser_program()

@@ -1,12 +1,15 @@
 """Scouting reports: how to play against an opponent."""
 
+import dataclasses
 from pathlib import Path
 from typing import Annotated, Final
 
 import tyro
 
+from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.commands import cli
 from shuttle_marl.commands.options import Json
+from shuttle_marl.commands.reports import write_report
 from shuttle_marl.pages.languages import Language, speaking
 
 
@@ -41,15 +44,11 @@ def scout(
         list_players: list the players of the model instead.
         json_output: print the figures as JSON, and write no page unless --out or --pdf is given.
     """
-    import dataclasses  # noqa: PLC0415  these keep --help quick
-
-    from shuttle_marl.analysis.scouting import plain, players_of  # noqa: PLC0415
+    from shuttle_marl.analysis.scouting import plain, players_of  # noqa: PLC0415  these keep --help quick
     from shuttle_marl.analysis.scouting import scout as scouted  # noqa: PLC0415
-    from shuttle_marl.base.errors import ShuttleError  # noqa: PLC0415
     from shuttle_marl.coach.scout_page import scouting_page  # noqa: PLC0415
     from shuttle_marl.coach.sources import gaps  # noqa: PLC0415
     from shuttle_marl.coach.words import words  # noqa: PLC0415
-    from shuttle_marl.commands.reports import write_report  # noqa: PLC0415
     from shuttle_marl.data import load_strokes  # noqa: PLC0415
     from shuttle_marl.game.pairs import people_of  # noqa: PLC0415
 

@@ -3,19 +3,18 @@
 import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
+from typing import Annotated, Any, Final, Literal
 
 import tyro
 from rich.progress import track
 
+from shuttle_marl import suite
 from shuttle_marl.base.errors import printable
 from shuttle_marl.base.files import replace_file
 from shuttle_marl.commands import cli
 from shuttle_marl.commands.options import File, Json
+from shuttle_marl.exact.fixed_point import TOLERANCE
 from shuttle_marl.suite.options import Beacon, Split, SuiteError, SuiteRun
-
-if TYPE_CHECKING:
-    from shuttle_marl.suite.task import Task as SuiteTask
 
 Task = Annotated[str, tyro.conf.Positional]
 Folder = Annotated[Path, tyro.conf.Positional]
@@ -34,7 +33,6 @@ def list_tasks(*, json_output: Json = False) -> None:
     """
     from shuttle_marl.suite.frozen import load  # noqa: PLC0415  numba
     from shuttle_marl.suite.method import BASELINES, kind_of  # noqa: PLC0415
-    from shuttle_marl.suite.registry import TASKS  # noqa: PLC0415
 
     frozen = load()
     rows: list[dict[str, Any]] = [
@@ -47,7 +45,7 @@ def list_tasks(*, json_output: Json = False) -> None:
             "seeds": task.seeds,
             "baselines": list(BASELINES[kind_of(name)]),
         }
-        for name, task in TASKS.items()
+        for name, task in suite.TASKS.items()
     ]
     if json_output:
         cli.print_json({"game": frozen.game, "tasks": rows})
@@ -60,7 +58,7 @@ def list_tasks(*, json_output: Json = False) -> None:
         out.print(_PRELIMINARY)
 
 
-def _described(task: "SuiteTask") -> dict[str, Any]:
+def _described(task: "suite.Task") -> dict[str, Any]:
     parts = {name: getattr(task, name) for name in ("protocol", "access", "entrance", "metric")}
     return {"task": task.name, "about": " ".join((task.__doc__ or "").split()), **parts}
 
@@ -85,9 +83,9 @@ def show(
         json_output: print JSON.
     """
     from shuttle_marl.suite.frozen import load  # noqa: PLC0415  numba
-    from shuttle_marl.suite.registry import arena_of, find_task  # noqa: PLC0415
+    from shuttle_marl.suite.registry import arena_of  # noqa: PLC0415
 
-    found = find_task(task)
+    found = suite.find_task(task)
     arena = arena_of(found, game, split, quick=quick, beacon=beacon)
     cases = found.cases(arena)
     fields: dict[str, Any] = {
@@ -114,9 +112,7 @@ def run(options: tyro.conf.OmitArgPrefixes[SuiteRun], *, json_output: Json = Fal
         options: of the run.
         json_output: print JSON.
     """
-    from shuttle_marl.suite import run_method  # noqa: PLC0415  numba
-
-    folder = run_method(options, cli.console(stderr=True))
+    folder = suite.run_method(options, cli.console(stderr=True))
     _print_summary(folder, options.beacon, options.game, json_output=json_output)
 
 
@@ -130,10 +126,9 @@ def score(folder: Folder, *, game: str | None = None, beacon: Beacon = None, jso
         json_output: print JSON.
     """
     from shuttle_marl.base import runs  # noqa: PLC0415
-    from shuttle_marl.suite.results import summarise  # noqa: PLC0415  numba
-    from shuttle_marl.suite.store import RESULTS  # noqa: PLC0415
+    from shuttle_marl.suite.store import RESULTS  # noqa: PLC0415  numba
 
-    runs.write_json(folder / RESULTS, summarise(folder, beacon, game))
+    runs.write_json(folder / RESULTS, suite.summarise(folder, beacon, game))
     _print_summary(folder, beacon, game, json_output=json_output)
 
 
@@ -225,12 +220,11 @@ def frontier(task: Task, *, opponent: str, game: str = "default", json_output: J
         game: model of the game.
         json_output: print JSON.
     """
-    from shuttle_marl.exact.fixed_point import TOLERANCE  # noqa: PLC0415  numba
-    from shuttle_marl.suite.exploit import Exploit  # noqa: PLC0415
+    from shuttle_marl.suite.exploit import Exploit  # noqa: PLC0415  numba
     from shuttle_marl.suite.frontier import frontier as points_of  # noqa: PLC0415
-    from shuttle_marl.suite.registry import arena_of, find_task  # noqa: PLC0415
+    from shuttle_marl.suite.registry import arena_of  # noqa: PLC0415
 
-    found = find_task(task)
+    found = suite.find_task(task)
     if not isinstance(found, Exploit):
         raise SuiteError(f"{task} has no frontier of an opponent; exploit-v0 has")
     arena = arena_of(found, game, "test")
@@ -311,9 +305,8 @@ def freeze(
 
 def _print_summary(folder: Path, beacon: str | None, game: str | None, *, json_output: bool) -> None:
     from shuttle_marl.suite.board import with_interval  # noqa: PLC0415  numba
-    from shuttle_marl.suite.results import summarise  # noqa: PLC0415
 
-    found = summarise(folder, beacon, game)
+    found = suite.summarise(folder, beacon, game)
     if json_output:
         cli.print_json({"folder": str(folder), **found})
         return

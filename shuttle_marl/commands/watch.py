@@ -19,7 +19,7 @@ from shuttle_marl.game.pairs import pair_game
 from shuttle_marl.game.tables import Game
 from shuttle_marl.pages.languages import Language, current
 from shuttle_marl.policy.baselines import imitation
-from shuttle_marl.watch import WatchError
+from shuttle_marl.watch import WatchError, building
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -164,7 +164,6 @@ def watch(
         server: server of the page.
     """
     from shuttle_marl.watch.answers import Answers  # noqa: PLC0415  these keep --help quick
-    from shuttle_marl.watch.building import BuildError, build  # noqa: PLC0415
     from shuttle_marl.watch.first_rally import first_key, shipped_rally  # noqa: PLC0415
     from shuttle_marl.watch.match_log import MatchLog  # noqa: PLC0415
     from shuttle_marl.watch.policies import PolicyTables  # noqa: PLC0415
@@ -181,8 +180,8 @@ def watch(
     plan, policies = match.plan(game), PolicyTables(game, match.policies(game))
     recorded, first = _recorded(rallies, policies.game), rallies.rally or 0
     try:  # last, because it may take longest
-        page = build(lambda words: console.print(words, soft_wrap=True))
-    except BuildError as error:
+        page = building.build(lambda words: console.print(words, soft_wrap=True))
+    except building.BuildError as error:
         raise WatchError(str(error)) from error
     with (
         contextlib.closing(bind(server.host, server.port)) as listener,
@@ -196,13 +195,11 @@ def watch(
             return
         host = f"[{server.host}]" if ":" in server.host else server.host
         address = f"http://{host}:{listener.getsockname()[1]}/"
-        made = {} if recorded is None else _downloads(rallies, recorded, policies.game)
-        footage = None if tags is None else tags.video
         app = application(
             answers,
             page,
-            downloads=made,
-            video=footage,
+            downloads={} if recorded is None else _downloads(rallies, recorded, policies.game),
+            video=None if tags is None else tags.video,
             language=server.language,
             hosts=hosts_of(server.host),
             proxies=server.allowed_hosts,
@@ -256,32 +253,27 @@ def _recorded(options: RallyOptions, game: Game) -> "Recorded | None":
 def _downloads(options: RallyOptions, recorded: "Recorded", game: Game) -> "Downloads":
     """The report of the match of a recorded rally, and the table of its strokes, by the name and the media type of the file."""
     from shuttle_marl.base.table_files import csv_bytes, parquet_bytes  # noqa: PLC0415
-    from shuttle_marl.data import named  # noqa: PLC0415
+    from shuttle_marl.data import load_strokes, named  # noqa: PLC0415
+    from shuttle_marl.recording import RallyLog  # noqa: PLC0415
+
+    path = options.replay or options.real
+    assert path is not None
 
     @functools.lru_cache(maxsize=8)
     def report(match: str | tuple[int, int], _: Language) -> bytes:
         from shuttle_marl.coach import sources  # noqa: PLC0415  Jinja
         from shuttle_marl.coach.match_page import match_page  # noqa: PLC0415
 
-        if isinstance(match, str):
-            assert options.real is not None
-            return match_page(*sources.of_strokes(options.real, game, match))
-        assert options.replay is not None
-        pairing, number = match
-        return match_page(*sources.of_log(options.replay, game, number, pairing))
+        found = sources.of_strokes(path, game, match) if isinstance(match, str) else sources.of_log(path, game, *match)
+        return match_page(*found)
 
     def strokes(match: str | tuple[int, int]) -> "pa.Table":
-        from shuttle_marl.coach import sources  # noqa: PLC0415
-        from shuttle_marl.data import load_strokes  # noqa: PLC0415
-        from shuttle_marl.recording import RallyLog  # noqa: PLC0415
+        from shuttle_marl.coach import sources  # noqa: PLC0415  Jinja
 
         if isinstance(match, str):
-            assert options.real is not None
-            return sources.match_strokes(load_strokes(options.real), match)
-        assert options.replay is not None
-        with RallyLog(options.replay) as log:
-            pairing, number = match
-            return sources.log_strokes(log, number, pairing)
+            return sources.match_strokes(load_strokes(path), match)
+        with RallyLog(path) as log:
+            return sources.log_strokes(log, *match)
 
     return {
         ("report", "text/html"): lambda number: report(recorded.match(number), current()),
