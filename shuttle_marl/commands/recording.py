@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Annotated, Final, Literal
 import tyro
 
 from shuttle_marl import scene as scenes
-from shuttle_marl.base.arrays import Ints
 from shuttle_marl.base.errors import printable
 from shuttle_marl.base.files import replace_file
 from shuttle_marl.commands import cli
@@ -156,7 +155,7 @@ def show(path: Log, *, rally: int | None = None, pairing: int = 0, match: int | 
             raise RecordingError(f"{path}: no match {match} of pairing {pairing}; see `info` for how many pairings there are")
         for number in numbers:
             _print(_describe(log, int(number)))
-        _print(f"games: {_score_line(log, numbers)}")
+        _print(f"games: {', '.join(f'{a}-{b}' for a, b in log.points_of_games(pairing, match or 0).values())}")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -270,24 +269,6 @@ def _describe(log: RallyLog, number: int) -> str:
         lines.append(f"{i:5}  {names[seat]:{width}}  {shot} to {area}, {technique} from {height} the net  [{OUTCOMES[outcome]}]")
     lines.append(f"       {names[row.winner[0]]} wins the rally ({OUTCOMES[rally.ending]})")
     return "\n".join(lines)
-
-
-def _score_line(log: RallyLog, numbers: Ints) -> str:
-    """Points of every game of a match, seat 0 first.
-
-    Args:
-        log: the log.
-        numbers: numbers of the rallies of the match.
-
-    Raises:
-        RecordingError: the log is damaged.
-    """
-    finals: dict[int, tuple[int, int]] = {}
-    for number in numbers.tolist():
-        row = log.rally(number)
-        rally, winner = row.row(0, log.catalogue), int(row.winner[0])
-        finals[sum(rally.games)] = (rally.points[0] + (winner == 0), rally.points[1] + (winner == 1))
-    return ", ".join(f"{a}-{b}" for a, b in finals.values())
 
 
 def _print(text: str) -> None:

@@ -144,6 +144,19 @@ class RallyLog:
                 found.append(first + np.flatnonzero((rallies.pairing == pairing) & (rallies.match == match)))
         return np.concatenate(found)
 
+    def points_of_games(self, pairing: int, match: int) -> dict[int, tuple[int, int]]:
+        """Points of both seats after the last recorded rally of every game of a match, by the number of the game.
+
+        Raises:
+            DamagedLogError: a batch does not match its checksum or the index.
+        """
+        out: dict[int, tuple[int, int]] = {}
+        for number in self.numbers_of_match(pairing, match).tolist():
+            row = self.rally(number)
+            first, second, *games = row.score[0].tolist()
+            out[sum(games)] = (first + int(row.winner[0] == 0), second + int(row.winner[0] == 1))
+        return out
+
     def batches_of_pairing(self, pairing: int) -> I64:
         """Numbers of the batches that may hold rallies of a pairing, ascending."""
         return self._batches_between(pairing, 0, (1 << 32) - 1)

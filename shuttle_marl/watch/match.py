@@ -8,7 +8,7 @@ import dataclasses
 import itertools
 import threading
 from collections.abc import Mapping, Sequence
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -46,6 +46,12 @@ class CourtRally(Rally):
     turn: int | None = None
     chosen: tuple[int, ...] = ()
     key: int
+
+    @classmethod
+    def at(cls, score: Score, **fields: Any) -> "CourtRally":
+        """A rally at a score, which says who serves, the points and games, and the ends."""
+        known = {"server": score.server, "points": score.points, "games": score.games, "ends_changed": score.ends_changed}
+        return cls(score=score, **known, **fields)
 
 
 class Match:
@@ -140,18 +146,14 @@ def play_rally(
         ending = played.outcome
         if ending < RETURNED_BELOW:
             break
-    return CourtRally(
+    return CourtRally.at(
+        score,
         catalogue=game.catalogue,
-        server=score.server,
         stroke=np.array(strokes, dtype=np.int64),
         hurried=np.array(hurried, dtype=np.bool_),
         ending=ending,
-        points=score.points,
-        games=score.games,
         number=number,
-        ends_changed=score.ends_changed,
         names=names,
-        score=score,
         turn=turn,
         chosen=tuple(i for i in sorted(chosen) if i < len(strokes)),
         key=int(key[0] >> np.uint64(1)),

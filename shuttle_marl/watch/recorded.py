@@ -107,19 +107,17 @@ class LogRallies(Recorded):
         except IllegalStrokeError as error:
             raise WatchError(f"rally {number + 1}: {error}") from error
         first, second = (self._log.policies[int(policy)] for policy in found.policy[0])
-        finished = self._finished(int(found.pairing[0]), int(found.match[0])).get(number, ())
-        return CourtRally(
+        match = int(found.pairing[0]), int(found.match[0])
+        games: dict[int, tuple[int, int]] = self._games.get(match, lambda: self._log.points_of_games(*match))
+        finished = tuple(points for game, points in games.items() if game < sum(rally.games))
+        return CourtRally.at(
+            Score(points=rally.points, games=rally.games, finished=finished, server=rally.server, rules=header.rules),
             catalogue=self._game.catalogue,
-            server=rally.server,
             stroke=rally.stroke,
             hurried=rally.hurried,
             ending=rally.ending,
-            points=rally.points,
-            games=rally.games,
             number=number,
-            ends_changed=rally.ends_changed,
             names=(printable(first.name), printable(second.name)),
-            score=Score(points=rally.points, games=rally.games, finished=finished, server=rally.server, rules=header.rules),
             key=staging_key(header, found),
         )
 
@@ -134,25 +132,6 @@ class LogRallies(Recorded):
         with self._lock:
             found = self._log.rally(number)
         return int(found.pairing[0]), int(found.match[0])
-
-    def _finished(self, pairing: int, match: int) -> dict[int, tuple[tuple[int, int], ...]]:
-        """Points of the games before each rally of a match, by the number of the rally."""
-        known: dict[int, tuple[tuple[int, int], ...]] = self._games.get((pairing, match), lambda: self._count(pairing, match))
-        return known
-
-    def _count(self, pairing: int, match: int) -> dict[int, tuple[tuple[int, int], ...]]:
-        out: dict[int, tuple[tuple[int, int], ...]] = {}
-        finished: tuple[tuple[int, int], ...] = ()
-        last: tuple[int, tuple[int, int]] | None = None
-        for number in self._log.numbers_of_match(pairing, match).tolist():
-            found = self._log.rally(number)
-            points, games = found.score[0, :2].astype(int), int(found.score[0, 2:].sum())
-            if last is not None and games > last[0]:
-                finished = (*finished, last[1])
-            out[number] = finished
-            points[int(found.winner[0])] += 1
-            last = games, (int(points[0]), int(points[1]))
-        return out
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -189,24 +168,7 @@ class RealRallies(Recorded):
     def __init__(self, path: Path, game: Game, strokes: pa.Table | None = None) -> None:
         table = load_strokes(path) if strokes is None else strokes
         self._game = game
-        self._columns = {
-            name: table[name].combine_chunks().to_numpy(zero_copy_only=False)
-            for name in (
-                "match",
-                "game",
-                "rally",
-                "stroke",
-                "player",
-                "opponent",
-                "shot",
-                "height",
-                "technique",
-                "area",
-                "outcome",
-                "points",
-                "points_opponent",
-            )
-        }
+        self._columns = {name: table[name].combine_chunks().to_numpy(zero_copy_only=False) for name in table.column_names}
         self._columns["hurried"] = rows_from_strokes(table, hurry_of(game.seats[0])).hurried > 0
         self._rallies = list(self._found())
         if not self._rallies:
@@ -241,9 +203,7 @@ class RealRallies(Recorded):
 
     def people(self, number: int) -> People | None:
         """The people who played; see :class:`Recorded`."""
-        if not 0 <= number < self.count:
-            return None
-        return People(self._rallies[number].players, date_of(self.match(number)))
+        return People(self._at(number).players, date_of(self.match(number)))
 
     def match(self, number: int) -> str:
         """Name of the match of a rally.
@@ -251,45 +211,34 @@ class RealRallies(Recorded):
         Raises:
             WatchError: the rally does not exist.
         """
-        self._check(number)
-        return str(self._columns["match"][self._rallies[number].rows[0]])
+        return str(self._columns["match"][self._at(number).rows[0]])
 
-    def _check(self, number: int) -> None:
+    def _at(self, number: int) -> _Annotated:
         if not 0 <= number < self.count:
             raise WatchError(f"no rally {number + 1}: there are {self.count:,}")
+        return self._rallies[number]
 
     def rally(self, number: int) -> CourtRally:
         """A rally; see :class:`Recorded`."""
-        self._check(number)
-        found, column = self._rallies[number], self._columns
+        found, column = self._at(number), self._columns
         strokes: list[int] = []
         state, game = ROOT, self._game
-        for i, row in enumerate(found.rows.tolist()):
-            stroke = self._nearest(state, row)
-            strokes.append(stroke)
-            if i + 1 < len(found.rows):
-                following = found.rows[i + 1]
-                arrivals = game.arrivals(game.pair(state, np.array([stroke])))[0]
-                state = int(arrivals[2 * int(column["hurried"][following]) + int(column["height"][following])])
-        return CourtRally(
+        for row in found.rows.tolist():
+            if strokes:
+                arrivals = game.arrivals(game.pair(state, np.array(strokes[-1:])))[0]
+                state = int(arrivals[2 * int(column["hurried"][row]) + int(column["height"][row])])
+            shot, technique, area = (column[name][row] for name in ("shot", "technique", "area"))
+            strokes.append(nearest_stroke(game, state, int(shot), int(technique), None if np.isnan(area) else int(area)))
+        return CourtRally.at(
+            found.score,
             catalogue=game.catalogue,
-            server=found.score.server,
             stroke=np.array(strokes, dtype=np.int64),
             hurried=column["hurried"][found.rows],
             ending=FAULT if column["outcome"][found.rows[-1]] == Outcome.FAULT else WINNER,
-            points=found.score.points,
-            games=found.score.games,
             number=number,
-            ends_changed=found.score.ends_changed,
             names=(printable(found.players[0]), printable(found.players[1])),
-            score=found.score,
             key=int(stream(0, number)[0] >> np.uint64(1)),
         )
-
-    def _nearest(self, state: int, row: int) -> int:
-        column, area = self._columns, self._columns["area"][row]
-        shot, technique = int(column["shot"][row]), int(column["technique"][row])
-        return nearest_stroke(self._game, state, shot, technique, None if np.isnan(area) else int(area))
 
     def _found(self) -> list[_Annotated]:
         """Whole rallies: from a serve to a stroke that ended them, none missing. Seat 0 is who strikes first in a match."""
@@ -301,38 +250,28 @@ class RealRallies(Recorded):
         out: list[_Annotated] = []
         match, seats = "", ("", "")
         finished: tuple[tuple[int, int], ...] = ()
-        last: tuple[int, tuple[int, int]] = (0, (0, 0))
+        points, game = (0, 0), 0
         for first, end in zip(starts, np.r_[starts[1:], len(column["rally"])], strict=True):
             striker = str(column["player"][first])
             if column["match"][first] != match:
                 match, seats = str(column["match"][first]), (striker, str(column["opponent"][first]))
-                finished, last = (), (int(column["game"][first]), (0, 0))
-            if column["game"][first] != last[0]:
-                finished, last = (*finished, last[1]), (int(column["game"][first]), (0, 0))
-            rows = np.arange(first, end)
-            points = self._points_after(int(first), seats.index(striker))
+                finished, points, game = (), (0, 0), int(column["game"][first])
+            elif column["game"][first] != game:
+                finished, points, game = (*finished, points), (0, 0), int(column["game"][first])
+            server, rows = seats.index(striker), np.arange(first, end)
+            after = np.array([column["points"][first], column["points_opponent"][first]])
+            known = not np.isnan(after).any()
+            if known:  # otherwise they are those of the rally before
+                points = int(after[server]), int(after[1 - server])
             ended = int(column["outcome"][end - 1])
             serves = column["stroke"][first] == 1 and column["shot"][first] < N_SERVES
             if serves and (np.diff(column["stroke"][rows]) == 1).all() and ended in (Outcome.FAULT, Outcome.WINNER):
-                server = seats.index(striker)
-                striking = (server + len(rows) - 1) % 2
-                winner = striking if ended == Outcome.WINNER else 1 - striking
-                before = [*(last[1] if points is None else points)]
-                before[winner] -= points is not None
-                games = [sum(game[seat] > game[1 - seat] for game in finished) for seat in (0, 1)]
-                score = Score(
-                    points=(max(0, before[0]), max(0, before[1])), games=(games[0], games[1]), finished=finished, server=server
-                )
+                winner = (server + len(rows) - (ended == Outcome.WINNER)) % 2
+                before = [max(0, points[seat] - (known and seat == winner)) for seat in (0, 1)]
+                games = [sum(ends[seat] > ends[1 - seat] for ends in finished) for seat in (0, 1)]
+                score = Score(points=(before[0], before[1]), games=(games[0], games[1]), finished=finished, server=server)
                 out.append(_Annotated(players=seats, score=score, rows=rows))
-            last = last[0], last[1] if points is None else points
         return out
-
-    def _points_after(self, row: int, seat: int) -> tuple[int, int] | None:
-        """Points of seats 0 and 1 after the rally of a row whose striker has a seat; None: not recorded."""
-        own, other = self._columns["points"][row], self._columns["points_opponent"][row]
-        if np.isnan(own) or np.isnan(other):
-            return None
-        return (int(own), int(other)) if seat == 0 else (int(other), int(own))
 
 
 def _event(match: str, players: tuple[str, str]) -> str:
