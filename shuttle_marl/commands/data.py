@@ -148,9 +148,9 @@ def validate(root: Root, *, splits: tuple[Split, ...] = SPLITS, columns: Path | 
     """Check files against the published hashes and read them strictly, or check a file; lists every problem.
 
     Args:
-        root: Folder with the raw files; a Parquet file made by `convert` or `import`; or, with --columns, a CSV file.
+        root: Folder with the raw files; a Parquet file made by `convert` or `import`; or a file that `import` reads.
         splits: Splits whose files must be present.
-        columns: Column map of a CSV file.
+        columns: Column map of a file that `import` reads.
         json: Print JSON.
     """
     report = check(root, splits, columns)

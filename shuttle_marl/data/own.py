@@ -85,7 +85,7 @@ def _imported(path: Path, columns: Path | None, given: ColumnMap, reading: reade
             break
         wrong = own.wrong()
         if reading.strict or wrong.all() or not wrong.any():
-            advice = () if columns is None else ("--columns", str(columns))
+            advice = (str(path),) if columns is None else (str(path), "--columns", str(columns))
             raise DataError.of(sorted(sheet.problems, key=lambda found: found.line or 0), advice=advice)
         told += sheet.problems
         broken += int(wrong.sum())

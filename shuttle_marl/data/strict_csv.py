@@ -52,13 +52,12 @@ class DataError(ShuttleError):
 
     @classmethod
     def of(cls, problems: Sequence[Problem], advice: tuple[str, ...] = ()) -> "DataError":
-        """One error for several problems; ``advice``: options with which ``validate`` lists them."""
+        """One error for several problems; ``advice``: arguments with which ``validate`` lists them."""
         problems = grouped(problems)
         error = cls(problems[0].path, problems[0].message, line=problems[0].line)
         error.problems, error.args = tuple(problems), (str(problems[0]),)
         if len(problems) > 1:
-            files = (str(problems[0].path), *advice) if advice else ()
-            listed = command("data", "validate", *files)
+            listed = command("data", "validate", *advice)
             error.args = (f"{problems[0]} (and {len(problems) - 1} more; `{listed}` lists them all)",)
         return error
 

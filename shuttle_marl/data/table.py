@@ -225,13 +225,13 @@ class Report:
 
 
 def validate(path: Path, splits: Sequence[Split] = SPLITS, columns: Path | None = None) -> Report:
-    """Validate a folder with the raw files, a Parquet file, or a CSV file.
+    """Validate a folder with the raw files, a Parquet file, or a file to import.
 
     Args:
         splits: splits whose files must be present.
     """
     try:
-        if columns is not None:
+        if columns is not None or _is_no_table(path):
             cleaned = import_matches(path, columns)
             return Report(problems=(), notes=cleaned.warnings, splits={}, account=cleaned.account)
         if path.is_dir() and not any((path / source).is_dir() for source in upstream.SOURCES.values()):
@@ -241,6 +241,14 @@ def validate(path: Path, splits: Sequence[Split] = SPLITS, columns: Path | None 
         return _validate_folder(path, splits) if path.is_dir() else _validate_table(path)
     except DataError as error:
         return Report(problems=error.problems, notes=(), splits={}, account=None)
+
+
+def _is_no_table(path: Path) -> bool:
+    """Whether a file is one to import: by its name and its first bytes no Parquet file."""
+    if path.suffix.lower() == ".parquet" or not path.is_file():
+        return False
+    with path.open("rb") as file:
+        return file.read(4) != b"PAR1"
 
 
 def _validate_table(path: Path) -> Report:

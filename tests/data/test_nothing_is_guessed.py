@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 
 from shuttle_marl.commands.data import main
 from shuttle_marl.data import DataError, load_account, load_strokes
-from shuttle_marl.data.column_map import COLUMNS
+from shuttle_marl.data.column_map import COLUMNS, TEMPLATE_CSV
 from shuttle_marl.data.own import import_matches
 from shuttle_marl.data.schema import Cleaned
 from shuttle_marl.game import court
@@ -49,6 +49,17 @@ def read(folder: Path, rows: str = ROWS, fields: str = MAP) -> Cleaned:
     (folder / "own.csv").write_text(rows, encoding="utf-8")
     (folder / "map.toml").write_text(fields, encoding="utf-8")
     return import_matches(folder / "own.csv", folder / "map.toml")
+
+
+def test_the_command_that_lists_all_problems_of_a_file_without_a_map(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "own.csv"
+    path.write_text(TEMPLATE_CSV.replace("smash", "smahs").replace("push", "pusch"), encoding="utf-8")
+    with pytest.raises(DataError, match=r"and 1 more; `.*data validate .*own.csv` lists them all"):
+        import_matches(path)
+    assert main(["validate", str(path)]) == 1
+    assert len(capsys.readouterr().out.splitlines()) == 2
+    path.write_text(TEMPLATE_CSV, encoding="utf-8")
+    assert main(["validate", str(path)]) == 0
 
 
 @pytest.mark.parametrize(
