@@ -3,10 +3,11 @@
 import dataclasses
 import json
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 import pytest
 
 from experiments import stroke_value
@@ -22,6 +23,7 @@ from shuttle_marl.game import court
 from shuttle_marl.game.shipped import load_game, refits_of
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.recording import Rallies, RallyLog, RecordingError
+from tests import golden
 from tests.recording.conftest import read_rallies
 
 SAMPLE = Path(__file__).parents[2] / "datasets" / "sample" / "strokes.parquet"
@@ -125,6 +127,33 @@ def test_an_empty_table_is_refused(tmp_path: Path) -> None:
         strokes_of(tmp_path / "none.parquet")
 
 
+def test_figures_of_a_tournament(valued: pa.Table) -> None:
+    weight = np.arange(len(valued)) % 17
+    columns = {}
+    for name, column in zip(valued.column_names, valued.columns, strict=True):
+        if pa.types.is_floating(column.type) or pa.types.is_integer(column.type):
+            columns[name] = (np.nan_to_num(pc.fill_null(column, 0).to_numpy()) * weight).sum()
+    found = {name: summarise(valued, name) for name in players_of(valued)}
+    golden.check(
+        "summaries",
+        {name: dataclasses.asdict(each) | {"points": each.points.mean(axis=0)} for name, each in found.items()} | columns,
+    )
+
+
+def artists(drawn: Any) -> list[Any]:
+    """Texts, lines, rectangles, polygons and images of a picture."""
+    found: list[Any] = []
+    for axes in drawn.axes:
+        found += [[text.get_text(), *text.get_position()] for text in axes.texts]
+        found += [line.get_xydata() for line in axes.lines]
+        found += [
+            [*patch.get_patch_transform().transform(patch.get_path().vertices).ravel(), *patch.get_facecolor()]
+            for patch in axes.patches
+        ]
+        found += [np.ma.filled(image.get_array(), -1) for image in axes.images]
+    return found
+
+
 def test_pictures(valued: pa.Table, tmp_path: Path) -> None:
     found = {name: summarise(valued, name) for name in players_of(valued)}
     drawn = {
@@ -132,6 +161,7 @@ def test_pictures(valued: pa.Table, tmp_path: Path) -> None:
         "replies.svg": pictures.transitions(found["bc"], "bc"),
         "shots.pdf": pictures.shot_mix(found),
     }
+    golden.check("pictures", {name: artists(figure) for name, figure in drawn.items()})
     for name, figure in drawn.items():
         pictures.save(figure, tmp_path / name)
         assert (tmp_path / name).stat().st_size > 5000

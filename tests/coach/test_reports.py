@@ -38,6 +38,7 @@ from shuttle_marl.pages.languages import LANGUAGES, Language, speaking
 from shuttle_marl.watch import WatchError
 from shuttle_marl.watch.building import BuildError
 from shuttle_marl.watch.recorded import LogRallies, RealRallies
+from tests import golden
 from tests.coach.conftest import SAMPLE, A, B
 from tests.pages import Tags, parsed
 
@@ -111,6 +112,11 @@ def test_a_scouting_report_has_its_seven_parts(scouted: ScoutingReport, unbuilt:
     assert text.count(f"of {scouted.refits} variations of the model.") == len(scouted.advice)
     assert "100 variations" not in text
     assert len([tag for tag, a in tags.tags if tag == "input"]) == len(scouted.effects)
+
+
+def test_the_figures_are_the_written_ones(scouted: ScoutingReport, reported: MatchReport) -> None:
+    golden.check("scouting_report", scouted.as_json() | {"model": None})
+    golden.check("match_report", reported.as_json())
 
 
 def test_a_profile_alone_has_no_advice(model: str, unbuilt: None) -> None:

@@ -1,0 +1,48 @@
+"""Figures that tests compare with what was written down when somebody last looked at them.
+
+Delete a file of ``tests/golden`` and run its test to write it again; the difference shows what a change of the code changed.
+"""
+
+import json
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+FOLDER = Path(__file__).with_name("golden")
+
+
+def check(name: str, figures: Mapping[str, Any]) -> None:
+    """Compare figures with those of ``golden/NAME.json``: numbers to a ten-thousandth or 1e-6, other values exactly."""
+    found, path = _plain(dict(figures)), FOLDER / f"{name}.json"
+    if not path.exists():
+        rows = (f"{json.dumps(key)}: {json.dumps(value, ensure_ascii=False)}" for key, value in found.items())
+        path.write_text("{\n" + ",\n".join(rows) + "\n}\n", encoding="utf-8")
+        pytest.fail(f"{path.name} was written: look at it, and run the test again")
+    if different := [*_differences(json.loads(path.read_text(encoding="utf-8")), found, name)]:
+        pytest.fail("\n".join(different[:10]))
+
+
+def _plain(value: Any) -> Any:
+    """A value of JSON with floats of six digits."""
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if isinstance(value, Mapping):
+        return {str(key): _plain(each) for key, each in value.items()}
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return [_plain(each) for each in value]
+    return float(f"{value:.6g}") + 0.0 if isinstance(value, float) and math.isfinite(value) else value
+
+
+def _differences(written: Any, found: Any, where: str) -> Iterator[str]:
+    if isinstance(written, dict) and isinstance(found, dict) and written.keys() == found.keys():
+        for key, value in written.items():
+            yield from _differences(value, found[key], f"{where}.{key}")
+    elif isinstance(written, list) and isinstance(found, list) and len(written) == len(found):
+        for number, (before, after) in enumerate(zip(written, found, strict=True)):
+            yield from _differences(before, after, f"{where}[{number}]")
+    elif written != (pytest.approx(found, rel=1e-4, abs=1e-6, nan_ok=True) if isinstance(found, float) else found):
+        yield f"{where}: {written!r} before, now {found!r}"
