@@ -1,6 +1,6 @@
 """Figures that tests compare with what was written down when somebody last looked at them.
 
-Delete a file of ``tests/golden`` and run its test to write it again; the difference shows what a change of the code changed.
+Delete a file of ``tests/golden`` and run its tests to write it again; the difference shows what a change of the code changed.
 """
 
 import json
@@ -18,11 +18,12 @@ FOLDER = Path(__file__).with_name("golden")
 def check(name: str, figures: Mapping[str, Any]) -> None:
     """Compare figures with those of ``golden/NAME.json``: numbers to a ten-thousandth or 1e-6, other values exactly."""
     found, path = _plain(dict(figures)), FOLDER / f"{name}.json"
-    if not path.exists():
-        rows = (f"{json.dumps(key)}: {json.dumps(value, ensure_ascii=False)}" for key, value in found.items())
+    written = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+    if not found.keys() <= written.keys():
+        rows = (f"{json.dumps(key)}: {json.dumps(value, ensure_ascii=False)}" for key, value in sorted((written | found).items()))
         path.write_text("{\n" + ",\n".join(rows) + "\n}\n", encoding="utf-8")
         pytest.fail(f"{path.name} was written: look at it, and run the test again")
-    if different := [*_differences(json.loads(path.read_text(encoding="utf-8")), found, name)]:
+    if different := [*_differences({key: written[key] for key in found}, found, name)]:
         pytest.fail("\n".join(different[:10]))
 
 

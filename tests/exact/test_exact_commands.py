@@ -17,6 +17,7 @@ from shuttle_marl.game.shipped import real_strokes
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording import Rallies, RallyLog, replay
+from tests import golden
 from tests.reduced import reduced_game, reduced_model
 
 GAME = reduced_game()
@@ -52,6 +53,7 @@ def test_commands_play_the_shipped_game_unless_told_otherwise(capsys: pytest.Cap
     assert card["rally_win_vs_bc"] == pytest.approx(odds["rally_win"][1][0], abs=1e-8)
     assert card["match_win_vs_bc"] == pytest.approx(odds["match_win"][1][0], abs=1e-6)
     assert card["gap_at_serve"] > solved["value_at_serve"]
+    golden.check("exact", {"best_response": answer, "crossplay": odds | {"seconds": None}, "evaluate": card})
 
 
 @pytest.fixture

@@ -37,6 +37,8 @@ def test_nash_averages_of_known_games() -> None:
     # Copies share what one would have: the equilibrium is that of the game without the copy.
     assert np.allclose(nash_average(_with_copy(ROCK_PAPER_SCISSORS)), [1 / 6, 1 / 6, 1 / 3, 1 / 3], atol=1e-9)
     assert np.allclose(nash_average(_with_copy(TRANSITIVE)), [1 / 2, 1 / 2, 0, 0], atol=1e-9)
+    # Payoffs of any scale need not be antisymmetric to the last digit.
+    assert np.allclose(nash_average(1e6 * ROCK_PAPER_SCISSORS + 0.4 * np.eye(3)[[1, 2, 0]]), 1 / 3, atol=1e-6)
     # One who loses to all changes nothing.
     weak = np.pad(ROCK_PAPER_SCISSORS, (0, 1))
     weak[:3, 3], weak[3, :3] = 1, -1

@@ -33,6 +33,7 @@ from shuttle_marl.league.run import read_results
 from shuttle_marl.league.tournament import Pairing, forfeited, round_robin
 from shuttle_marl.recording import RallyLog, RecordingError
 from shuttle_marl.recording.replay import check
+from tests import golden
 from tests.reduced import reduced_game, reduced_model
 
 POOL = ("random", "safe", "attacking")
@@ -84,6 +85,10 @@ def test_the_run_folder_is_complete(finished: Path) -> None:
     assert [row["player"] for row in ranking][-1] == "random"
     assert all(row["rating_low"] < row["rating"] < row["rating_high"] for row in ranking)
     assert "| random |" in (finished / "report.md").read_text()
+
+
+def test_the_figures_are_the_written_ones(finished: Path) -> None:
+    golden.check("league", json.loads((finished / "report.json").read_text()) | {"made_by": None})
 
 
 def test_the_log_reproduces_the_results_exactly(finished: Path) -> None:

@@ -24,6 +24,7 @@ from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording import RallyLog
 from shuttle_marl.recording.header import Pair
 from shuttle_marl.recording.replay import check
+from tests import golden
 from tests.reduced import reduced_game, reduced_model
 
 A, B = "viktor-axelsen", "kento-momota"
@@ -82,6 +83,7 @@ def test_predictions_are_exact_and_contain_the_uncertainty_of_the_skill(monkeypa
     # 20 draws know a deviation to 16 %.
     assert deviation == pytest.approx(np.std(drawn, ddof=1), rel=0.4)
     assert found.match_low < found.match_win < found.match_high
+    golden.check("pair", dataclasses.asdict(found) | {"hash": None})
 
 
 def _constant(skill: Skill) -> Callable[[Path], Skill]:
@@ -110,6 +112,7 @@ def test_players_by_their_results_against_all_others() -> None:
     assert [row.match_win for row in rows] == pytest.approx([0.925, 0.325, 0.25])
     assert rows[0].rally_win == pytest.approx(0.65)
     assert rows[0].since == "2019-01-01"
+    golden.check("pair", {"ranked": [dataclasses.asdict(row) for row in rows]})
 
 
 def test_real_results(monkeypatch: pytest.MonkeyPatch) -> None:

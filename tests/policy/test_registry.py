@@ -12,9 +12,10 @@ from shuttle_marl.game import default_game
 from shuttle_marl.game.policy import Policy, PolicyError, States, TemperedPolicy, checked_probabilities
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import tabulate
-from shuttle_marl.policy import agents, registry
+from shuttle_marl.policy import agents, baselines, registry
 from shuttle_marl.policy.foreign import FunctionPolicy
 from shuttle_marl.policy.registry import Family, resolve, resolve_recorded
+from tests import golden
 from tests.reduced import reduced_game
 
 GAME = reduced_game()
@@ -70,6 +71,15 @@ def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
 @pytest.mark.parametrize("name", ["attacking", "defensive", "safe", "random", "random@greedy", "safe@0.3", "attacking@2"])
 def test_every_policy_is_a_distribution_over_legal_strokes(name: str) -> None:
     checked_probabilities(resolve(name, GAME), STATES)
+
+
+def test_what_policies_play_is_what_was_written_down() -> None:
+    shares = {}
+    for name in ("bc", "safe@0.3", *baselines.STYLES):
+        table, strokes = tabulate(resolve(name, GAME), GAME), GAME.base_pair_stroke
+        weight = table.block_probabilities(0) * (1 + GAME.base_pair_state % 7)
+        shares[name] = [np.bincount(part[strokes], weight) for part in (GAME.catalogue.shot, GAME.catalogue.area)]
+    golden.check("policies", shares)
 
 
 def test_listed_names_can_be_resolved() -> None:

@@ -29,6 +29,7 @@ from shuttle_marl.suite.options import SuiteError
 from shuttle_marl.suite.population import FAMILIES, HIDDEN_ROUND, known, opponent
 from shuttle_marl.suite.registry import arena_of, find_task
 from shuttle_marl.suite.task import Arena, Case, Outcome
+from tests import golden
 from tests.reduced import reduced_game, reduced_model
 from tests.suite import small
 from tests.suite.small import summary, verified
@@ -169,6 +170,7 @@ def test_baselines(tmp_path: Path, method: str) -> None:
     assert 0 <= found["scores"]["regret_500"]["value"] < 0.3
     assert found["score"] < 1.1
     assert (found["exploitability"] < 1e-5) == (method == "minimax")
+    golden.check("adapt", {method: found["scores"]})
 
 
 def test_weights_of_a_mixture_are_those_that_generated_the_strokes() -> None:

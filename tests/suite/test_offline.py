@@ -38,6 +38,7 @@ from shuttle_marl.suite.offline import OPPONENT, behaviour, errors, generate, in
 from shuttle_marl.suite.options import SuiteError
 from shuttle_marl.suite.registry import arena_of, find_task
 from shuttle_marl.training import q_learning
+from tests import golden
 from tests.exact.exact_games import THREE_STROKES, hand_made
 from tests.reduced import reduced_game, reduced_model
 from tests.suite.small import run, summary, verified
@@ -211,6 +212,9 @@ def test_errors_are_as_defined() -> None:
     assert found["regret"] == pytest.approx(0.1)
 
 
+TABULAR = ("clone", "one-step", "fitted-q", "bcq", "model", "model-pessimistic")
+
+
 @pytest.mark.parametrize("method", BASELINES["offline"])
 def test_baselines_of_offline(method: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(q_learning, "QConfig", functools.partial(q_learning.QConfig, width=16, steps=100))
@@ -220,6 +224,8 @@ def test_baselines_of_offline(method: str, tmp_path: Path, monkeypatch: pytest.M
     assert found["scores"]["rally_win"]["value"] > 0.4
     assert found["score"] < 1
     assert verified(folder).refused == []
+    if method in TABULAR:
+        golden.check("offline", {method: found["scores"]})
 
 
 def test_a_run_of_evaluate_is_verified(tmp_path: Path) -> None:
@@ -227,6 +233,7 @@ def test_a_run_of_evaluate_is_verified(tmp_path: Path) -> None:
     found = summary(folder)
     assert 0 < found["score"] < 0.5
     assert -1 <= found["scores"]["rank_correlation"]["value"] <= 1
+    golden.check("offline", {"weighted-importance-sampling": found["scores"]})
     assert verified(folder).refused == []
 
 

@@ -25,6 +25,7 @@ from shuttle_marl.suite.offline import generate
 from shuttle_marl.suite.options import Split, SuiteError
 from shuttle_marl.suite.registry import TASKS, arena_of, find_task, freeze, new_submission, write_data
 from shuttle_marl.suite.text import ChatProgram, chosen_states, positions, regrets
+from tests import golden
 from tests.reduced import reduced_game, reduced_model
 from tests.suite import small
 from tests.suite.small import summary, verified
@@ -54,6 +55,7 @@ def test_robust_is_the_worst_of_the_refits(tmp_path: Path) -> None:
     assert 0 < best["score"] < 0.5
     assert 0 < mean["score"] < 0.5
     assert given.hash != scored.hash
+    golden.check("robust", {"minimax": found["scores"], "minimax-robust": best["scores"], "mean-game": mean["scores"]})
 
 
 def test_text_scores_regret_and_legality(tmp_path: Path) -> None:
@@ -70,6 +72,7 @@ def test_text_scores_regret_and_legality(tmp_path: Path) -> None:
     assert worst["legal"]["value"] == 0
     assert accepted(folder)
     assert len(places) == len(states)
+    golden.check("text", {"places": places[:2], "states": states, "wrong": worst})
     chosen = GAME.pair(states[0], GAME.catalogue.names.index(places[0]["legal"][0]))
     assert regret[chosen] == pytest.approx(regret[GAME.pairs_of(states[0])][0])
 
