@@ -13,6 +13,7 @@ from shuttle_marl.game.shipped import REFITS, RELIABLE, factor_of, load_game, re
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve
+from tests import golden
 from tests.reduced import reduced_model
 
 
@@ -67,6 +68,14 @@ def test_marks_need_real_strokes_agreement_and_a_rare_choice(basis: Basis, state
     assert (judged.loss >= 0).all()
     best = judged.best[judged.best >= 0]
     assert (judged.loss[best] == 0).all()
+
+
+def test_marks_and_questions_are_the_written_ones(basis: Basis, states: I64) -> None:
+    judged = [basis.judged(state) for state in states[:100, None]]
+    asked = [{k: found for k in range(len(one.row)) if (found := one.question(k))} for one in judged]
+    assert sum(map(len, asked)) > 20
+    figures = [[one.marks[int(one.loss.argmax())], one.best, one.change.max(), one.win.sum(), one.loss.sum()] for one in judged]
+    golden.check("marks", {"questions": asked, "figures": figures})
 
 
 def test_refits_that_differ_or_are_few_do_not_agree() -> None:

@@ -121,8 +121,11 @@ def test_modules_are_left_as_they_were(tmp_path: Path) -> None:
     assert torch.equal(torch.get_rng_state(), state)
 
 
-def test_networks_in_double_precision(tmp_path: Path) -> None:
+@pytest.mark.parametrize("scale", [1, 30])
+def test_networks_in_double_precision(scale: float, tmp_path: Path) -> None:
     module = network().double()
+    with torch.no_grad():
+        module[-1].weight *= scale
     save_network(module, tmp_path / "mine.safetensors")
     p = resolve(f"torch:{tmp_path}/mine.safetensors", GAME).probabilities(STATES)
     assert np.allclose(p, from_network(module).probabilities(STATES), atol=1e-5)
