@@ -50,7 +50,12 @@ class CourtRally(Rally):
     @classmethod
     def at(cls, score: Score, **fields: Any) -> "CourtRally":
         """A rally at a score, which says who serves, the points and games, and the ends."""
-        known = {"server": score.server, "points": score.points, "games": score.games, "ends_changed": score.ends_changed}
+        known: dict[str, Any] = {
+            "server": score.server,
+            "points": score.points,
+            "games": score.games,
+            "ends_changed": score.ends_changed,
+        }
         return cls(score=score, **known, **fields)
 
 
