@@ -30,6 +30,9 @@ _MOST_STATES: Final = 16
 """States of the game that are followed through a rally."""
 
 
+_HEADER: Final = ",".join(TagRow.__struct_fields__)
+
+
 class TagFile:
     """The table of the strokes of a video, with the journal of the inputs beside it.
 
@@ -37,7 +40,7 @@ class TagFile:
         out: the table, a CSV file; continued if its journal exists.
 
     Raises:
-        WatchError: the video does not exist, or the table exists without a journal.
+        WatchError: the video does not exist, or the table exists without a journal, or is no longer the one that was saved.
         RunError: the journal is damaged.
     """
 
@@ -58,7 +61,7 @@ class TagFile:
         self._inputs: list[str] = []
         for line in lines:
             self._enter(line.get("input"))
-        self._rows = read_file(out).decode().splitlines()[1:] if out.exists() else []
+        self._rows = _rows_of(out) if out.exists() else []
 
     def _enter(self, entered: str | None) -> None:
         if entered is not None:
@@ -91,9 +94,22 @@ class TagFile:
                 self._enter(request.input)
             if request.rows or request.first < len(self._rows):
                 self._rows[request.first :] = map(_line, request.rows)
-                header = ",".join(TagRow.__struct_fields__)
-                replace_file(self._out, "\n".join((header, *self._rows, "")).encode())
+                replace_file(self._out, "\n".join((_HEADER, *self._rows, "")).encode())
             return Saved(inputs=len(self._inputs), rows=len(self._rows))
+
+
+def _rows_of(out: Path) -> list[str]:
+    """Rows of the table, in which a spreadsheet may have corrected names."""
+    try:
+        header, *rows = read_file(out).decode("utf-8-sig").replace("\r\n", "\n").split("\n")
+    except UnicodeDecodeError:
+        header, rows = "", []
+    if header != _HEADER:
+        raise WatchError(
+            f"--out {out}: another program saved it with other columns, or not with commas and in UTF-8; save it so, or move it "
+            "away: the inputs beside it write it again"
+        )
+    return [row for row in rows if row]
 
 
 def _line(row: TagRow) -> str:

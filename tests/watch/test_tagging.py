@@ -173,6 +173,12 @@ def requests(rows: list[dict[str, Any]]) -> list[TagRow]:
     return [msgspec.convert(row, TagRow) for row in rows]
 
 
+NO_ROW = dict.fromkeys(TagRow.__struct_fields__) | {
+    "shot": 0, "technique": 0, "height": 0, "match": "club", "discipline": "WS", "game": 1, "rally": 1, "stroke": 1,
+    "opponent": "Bea", "seconds": 1.0, "frame": 30,
+}  # fmt: skip
+
+
 def test_what_is_saved_is_read_by_import_and_tagging_continues(tmp_path: Path) -> None:
     video, out = tmp_path / "match.webm", tmp_path / "strokes" / "match.csv"
     video.write_bytes(b"film")
@@ -202,6 +208,22 @@ def test_what_is_saved_is_read_by_import_and_tagging_continues(tmp_path: Path) -
     assert out.read_text().count("\n") == 3
     with pytest.raises(WatchError, match="another page has changed"):
         again.save(TagRequest(id=3, at=2, input="{}", first=0, rows=()))
+
+
+def test_a_table_that_a_spreadsheet_saved(tmp_path: Path) -> None:
+    video, out = tmp_path / "match.webm", tmp_path / "match.csv"
+    video.write_bytes(b"film")
+    (row,) = requests([{**NO_ROW, "player": "Müller\u2028J"}])
+    TagFile(video, out).save(TagRequest(id=1, at=0, input="{}", first=0, rows=(row,)))
+    saved = out.read_text(encoding="utf-8")
+    for content in (saved.encode(), saved.replace("\n", "\r\n").encode("utf-8-sig")):
+        out.write_bytes(content)
+        TagFile(video, out).save(TagRequest(id=1, at=1, input=None, first=1, rows=(row,), only_rows=True))
+        assert out.read_text(encoding="utf-8") == saved + saved.split("\n")[1] + "\n"
+    for content in (saved.encode("cp1252", "replace"), saved.replace(",", ";").encode()):
+        out.write_bytes(content)
+        with pytest.raises(WatchError, match="another program saved it with other columns"):
+            TagFile(video, out)
 
 
 def test_files_that_are_not_ours_are_not_touched(tmp_path: Path) -> None:
