@@ -42,7 +42,10 @@ import tyro
 ROOT: Final = Path(__file__).resolve().parents[1]
 Module = Literal["game", "exact", "league", "analysis", "suite", "policy"]
 TESTS: Final[dict[str, tuple[str, ...]]] = {
-    "analysis": ("analysis", "coach", "data/test_simulated_strokes.py", "suite/test_offline.py", "watch/test_matches.py"),
+    "analysis": (
+        *("analysis", "coach", "data/test_simulated_strokes.py", "exact/test_exact_commands.py", "league/test_pair_league.py"),
+        *("suite/test_offline.py", "watch/test_matches.py"),
+    ),
     "exact": ("exact", "suite/test_adapt.py"),
     "game": (
         *("rally", "scoring", "policy", "exact/test_lists.py", "kernel/test_kernel_draws.py"),
