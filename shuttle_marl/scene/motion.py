@@ -238,15 +238,10 @@ def _reach(rest: F64, parents: I64) -> F64:
     """``[23]`` distance from each joint to the farthest point attached to it, limbs stretched [m]."""
     reach = np.full(len(BONES), _LIMB_END)
     reach[BONE["Racket"]] = RACKET_LENGTH
-    order = sorted(range(len(BONES)), key=lambda i: _depth(i, parents), reverse=True)
-    for i in order:
+    for i in reversed(range(len(BONES))):  # children come after their parents
         if parents[i] >= 0:
             reach[parents[i]] = max(reach[parents[i]], np.linalg.norm(rest[i] - rest[parents[i]]) + reach[i])
     return reach
-
-
-def _depth(bone: int, parents: I64) -> int:
-    return 0 if parents[bone] < 0 else 1 + _depth(int(parents[bone]), parents)
 
 
 def _rounded(values: Floats) -> F64:

@@ -11,10 +11,10 @@ from shuttle_marl.staging.body import Player, Prepared, bones, course, free_palm
 from shuttle_marl.staging.draw import TrajectoryBuilder
 from shuttle_marl.staging.feet import Feet
 from shuttle_marl.staging.idle import Habits, habits
-from shuttle_marl.staging.library import FLIP, Athlete
+from shuttle_marl.staging.library import Athlete
 from shuttle_marl.staging.motion import HANDS, Branch, Motion
 from shuttle_marl.staging.rotation import quaternion
-from shuttle_marl.staging.skeleton import MIRROR, N_BONES, Skeleton, StagingError, load_skeleton
+from shuttle_marl.staging.skeleton import FLIP, MIRROR, N_BONES, Skeleton, StagingError, load_skeleton
 from shuttle_marl.staging.timeline import TimelineBuilder
 from shuttle_marl.staging.trajectory import LEAD_IN, Trajectory, held, shuttle_path, with_contacts_moved
 from shuttle_marl.staging.travel import travel

@@ -10,16 +10,17 @@ import numpy as np
 
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.staging.arm import arm_of
-from shuttle_marl.staging.curves import curve, curve_at, held_ends, smooth
+from shuttle_marl.staging.curves import curve, curve_at, ease, held_ends, smooth
 from shuttle_marl.staging.feet import Feet, Plant, lifted, move, standing, steps
 from shuttle_marl.staging.idle import Habits
 from shuttle_marl.staging.keys import Keys, Past, Timeline
 from shuttle_marl.staging.legs import legs, reach_of, settle, strays
-from shuttle_marl.staging.library import FLIP, FREE_ARM, RACKET_ARM, TRUNK
+from shuttle_marl.staging.library import FREE_ARM, RACKET_ARM, TRUNK
 from shuttle_marl.staging.meeting import meet, slopes_of
 from shuttle_marl.staging.rotation import apply, from_yaw_pitch_roll, unit
 from shuttle_marl.staging.skeleton import (
     BONE,
+    FLIP,
     HIPS_HEIGHT,
     HIPS_PITCH,
     HIPS_ROLL,
@@ -208,7 +209,7 @@ def _joined(before: F64, after: F64) -> F64:
     u = np.clip(np.arange(1, n + 1) / _JOINT, 0, 1)[:, None]
     off = before[-1] - after[0]
     drift = (before[-1] - before[-2] if len(before) > 1 else 0.0) - (after[1] - after[0] if n else 0.0)
-    return after[1:] + (1 - u * u * (3 - 2 * u)) * off + _JOINT * u * (1 - u) ** 2 * drift
+    return after[1:] + (1 - ease(u)) * off + _JOINT * u * (1 - u) ** 2 * drift
 
 
 def bones(skeleton: Skeleton, course: Course) -> tuple[F64, F64]:

@@ -147,6 +147,11 @@ def _bow(after: F64, speed: float, depth: float, seconds: float) -> F64:
     """Decelerate evenly from a downward speed to a depth, then return within ``seconds``; 0 before and after."""
     stop = 2 * depth / speed
     slowed = -speed * after + 0.5 * speed / stop * after**2
-    u = np.clip((after - stop) / seconds, 0, 1)
-    back = -depth * (1 - u * u * (3 - 2 * u))
+    back = -depth * (1 - ease((after - stop) / seconds))
     return np.where(after <= 0, 0.0, np.where(after <= stop, slowed, back))
+
+
+def ease(u: F64) -> F64:
+    """Smooth step from 0 at ``u`` = 0 to 1 at ``u`` = 1."""
+    u = np.clip(u, 0, 1)
+    return u * u * (3 - 2 * u)

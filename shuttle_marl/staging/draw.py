@@ -122,7 +122,6 @@ class _Choice:
     flight: Flights
     stance: Stance | None
     cost: float
-    end: int
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -193,7 +192,7 @@ class TrajectoryBuilder:
         for i in range(first, n):
             if i >= len(base):
                 base.append(self._bases(i))
-            choice = self._choose(i, self._end(i), contacts[i], base[i][1 - self._striker(i)])
+            choice = self._choose(i, contacts[i], base[i][1 - self._striker(i)])
             drawn.append(choice)
             if choice.stance is not None:
                 contacts.append(choice.point * np.array([-1, -1, 1]))
@@ -207,7 +206,7 @@ class TrajectoryBuilder:
             rally=rally,
             time=time,
             contact=np.array(contacts[first:n]).reshape(-1, 3) * turn,
-            end=np.array([choice.end for choice in drawn], dtype=np.int64),
+            end=np.array([self._end(i) for i in range(first, n)], dtype=np.int64),
             end_time=time + np.array([choice.seconds for choice in drawn]),
             chosen_point=points,
             end_point=points.copy(),
@@ -266,10 +265,9 @@ class TrajectoryBuilder:
         into_net = self.shot[i] >= N_SERVES and self.area[i] in (1, 4)
         return NET if into_net or self.uniform(i, 6) < self.measured.net_share[self.shot[i]] else OUT
 
-    def _choose(self, i: int, end: int, contact: F64, base: F64) -> _Choice:
+    def _choose(self, i: int, contact: F64, base: F64) -> _Choice:
         """First try that clears the net and can be reached; otherwise the cheapest one."""
-        best: _Choice | None = None
-        late: list[_Try] = []
+        end, flown, late = self._end(i), list[_Choice](), list[_Try]()
         tries: Iterable[_Try] = (self._try(i, end, contact, base, k) for k in range(_TRIES))
         if self._hurries(i, end):
             tries = sorted(tries, key=lambda t: -t.late)
@@ -277,16 +275,15 @@ class TrajectoryBuilder:
             if tried.late > 0:
                 late.append(tried)
                 continue
-            best = _cheaper(best, self._flown(contact, tried, end))
-            if best.cost <= 0:
-                return best
+            flown.append(self._flown(contact, tried, end))
+            if flown[-1].cost <= 0:
+                return flown[-1]
         # Nearly reachable tries first.
         for tried in sorted(late, key=lambda t: t.late):
-            if best is not None and best.cost <= tried.late:
+            if any(choice.cost <= tried.late for choice in flown):
                 break
-            best = _cheaper(best, self._flown(contact, tried, end))
-        assert best is not None
-        return best
+            flown.append(self._flown(contact, tried, end))
+        return min(flown, key=lambda choice: choice.cost)
 
     def _try(self, i: int, end: int, contact: F64, base: F64, k: int) -> _Try:
         point, met = self._point(i, end, k)
@@ -317,7 +314,7 @@ class TrajectoryBuilder:
                 break
             ticks += 1 if short < 0.1 else 2
         cost = max(tried.late, 0.0) + 0.1 * max(0, ticks - tried.most)
-        return _Choice(tried.point, ticks / self.fps, flight, tried.stance, cost, end)
+        return _Choice(tried.point, ticks / self.fps, flight, tried.stance, cost)
 
     def _point(self, i: int, end: int, k: int) -> tuple[F64, int]:
         first = _SLOT * (k + 1)
@@ -387,11 +384,6 @@ class TrajectoryBuilder:
 
     def _hurries(self, i: int, end: int) -> bool:
         return end in (RETURN, OPEN) and bool(self.hurried[i + 1])
-
-
-def _cheaper(best: _Choice | None, other: _Choice) -> _Choice:
-    """Choice with the lower cost, the first one on ties."""
-    return other if best is None or other.cost < best.cost else best
 
 
 def _over_net(flight: Flights) -> float:

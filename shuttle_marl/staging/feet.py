@@ -12,6 +12,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from shuttle_marl.base.arrays import F64, Bools
+from shuttle_marl.staging.curves import ease
 from shuttle_marl.staging.keys import LEFT, RIGHT, Stand
 
 _STEP_TIME: Final = 0.17
@@ -68,8 +69,7 @@ class Feet(NamedTuple):
             flying = np.flatnonzero(np.r_[out.planted[foot], True])[0]
             if self.planted[foot, -1] or not flying:
                 continue
-            u = np.arange(1, flying + 1) / (flying + 1)
-            share = 1 - u * u * (3 - 2 * u)
+            share = 1 - ease(np.arange(1, flying + 1) / (flying + 1))
             out.ball[foot, :flying] += share[:, None] * (self.ball[foot, -1] - after.ball[foot, 0])
             out.yaw[foot, :flying] += share * ((self.yaw[foot, -1] - after.yaw[foot, 0] + np.pi) % (2 * np.pi) - np.pi)
             out.pitch[foot, :flying] += share * (self.pitch[foot, -1] - after.pitch[foot, 0])
@@ -267,14 +267,14 @@ def _swing(here: Plant, there: Plant, ball: F64, yaw: F64, pitch: F64, air: F64,
     if not len(rows):
         return
     u = (rows - here.end) / (there.begin - here.end)
-    ease = u * u * (3 - 2 * u)
+    share = ease(u)
     way = there.place - here.place
-    ball[rows, :2] = here.place + ease[:, None] * way
+    ball[rows, :2] = here.place + share[:, None] * way
     far = float(np.hypot(*way))
     clear = min(0.03 + 0.10 * far, 0.14) * min(1.0, len(rows) / (0.12 * fps))
     ball[rows, 2] = clear * np.sin(np.pi * u) ** 1.2 + air[rows]
     turn = (there.yaw - here.yaw + np.pi) % (2 * np.pi) - np.pi
-    yaw[rows] = here.yaw + ease * turn
+    yaw[rows] = here.yaw + share * turn
     there.yaw = here.yaw + turn
     # The heel lifts off first; a long stride lands on the heel, with the toes up.
     up, down = np.sin(np.pi * np.clip(u / 0.7, 0, 1)), np.sin(np.pi * np.clip((u - 0.55) / 0.45, 0, 1))

@@ -11,6 +11,7 @@ import numpy as np
 
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.staging.arm import BEND, DEVIATION, ELBOW, PRONATION, RAISE, ROLL, SWING_1
+from shuttle_marl.staging.curves import ease
 from shuttle_marl.staging.library import FREE_ARM, N_POSE, RACKET_ARM
 from shuttle_marl.staging.skeleton import HIPS_ROLL, HIPS_YAW, SPINE_PITCH, SPINE_ROLL
 from shuttle_marl.staging.trajectory import Trajectory
@@ -51,14 +52,14 @@ def habits(trajectory: Trajectory, seat: int, rhythm: int, frames: int, fps: int
     time = np.arange(frames) / fps
     own = trajectory.time[trajectory.rally.striker == seat]
     late = time[:, None] - own
-    free = np.where(late < 0, _ease((-late - _CLEAR) / _COMING), _ease((late - _CLEAR) / _CALM)).prod(axis=1)
+    free = np.where(late < 0, ease((-late - _CLEAR) / _COMING), ease((late - _CLEAR) / _CALM)).prod(axis=1)
     begun = float(trajectory.time[0]) if len(trajectory.time) else np.inf
     over = np.inf if trajectory.rally.open or not len(trajectory.time) else float(trajectory.end_time[-1])
-    resting = np.maximum(1 - _ease((time - begun + 0.9) / _CALM), _ease((time - over) / _CALM))
+    resting = np.maximum(1 - ease((time - begun + 0.9) / _CALM), ease((time - over) / _CALM))
     much = free * (_IN_PLAY + (1 - _IN_PLAY) * resting)
     # Attacks so far, from 0 to 1.
     attacks = trajectory.time[(trajectory.rally.striker == seat) & trajectory.rally.catalogue.is_attack[trajectory.rally.stroke]]
-    tired = free * np.minimum(_ease(time[:, None] - attacks).sum(axis=1) / _MOST_EFFORT, 1.0)
+    tired = free * np.minimum(ease(time[:, None] - attacks).sum(axis=1) / _MOST_EFFORT, 1.0)
     phase = np.random.default_rng([rhythm & 0xFFFFFFFF, seat]).uniform(0, 2 * np.pi, 8)
     breath = np.sin(phase[0] + np.cumsum(2 * np.pi / (_BREATH[0] + (_BREATH[1] - _BREATH[0]) * tired)) / fps)
 
@@ -84,8 +85,3 @@ def habits(trajectory: Trajectory, seat: int, rhythm: int, frames: int, fps: int
     place = np.stack([0.016 * weight, 0.010 * wave(4, 2.2), 0.006 * wave(6, 0.95) - 0.004], axis=1)
     place *= (free * (0.12 + 0.88 * resting))[:, None]
     return Habits(pose=pose, place=place)
-
-
-def _ease(u: F64) -> F64:
-    u = np.clip(u, 0, 1)
-    return u * u * (3 - 2 * u)

@@ -12,6 +12,7 @@ from shuttle_marl.staging.arm import Arm, Goal, anywhere, arm_of, solve, solve_b
 from shuttle_marl.staging.poses import AIM, CONTACT, KEYS, LOSES, READY, REST, WAIT, WINS, Key
 from shuttle_marl.staging.rotation import apply, turned, unit
 from shuttle_marl.staging.skeleton import (
+    FLIP,
     HIPS_HEIGHT,
     HIPS_PITCH,
     HIPS_YAW,
@@ -19,8 +20,7 @@ from shuttle_marl.staging.skeleton import (
     SPINE_PITCH,
     SWEET_SPOT,
     Skeleton,
-    collar_of,
-    trunk,
+    chest_of,
 )
 from shuttle_marl.staging.trajectory import own_frame
 
@@ -30,11 +30,11 @@ RACKET_ARM: Final = slice(N_TRUNK, N_TRUNK + N_ARM)
 FREE_ARM: Final = slice(N_TRUNK + N_ARM, N_TRUNK + 2 * N_ARM)
 N_POSE: Final = N_TRUNK + 2 * N_ARM
 """Size of a pose without legs and head: trunk, racket arm, free arm."""
-FLIP: Final = np.array([-1.0, 1.0, 1.0])
 
 
 NEEDS: Final = tuple(np.linspace(-0.5, 0.6, 6).tolist())
 """Contact heights above the natural one at which each motion is solved [m]."""
+_UP: Final = (0.0, 0.0, 1.0)
 _CROUCH: Final = (
     (motions.OVERHEADS, (0.55, -0.16, 0.0, 0.0)),
     ({motions.LUNGE, motions.LUNGE_BACKHAND}, (0.48, -0.10, 0.21, 40.0)),
@@ -157,10 +157,7 @@ def _contacts(skeleton: Skeleton, pose: F64, own: F64, back: F64) -> F64:
     needs = [np.minimum(need, 0.0) if motion in motions.OVERHEADS else need for motion in range(m)]
     body = np.concatenate([bent(pose[motion, TRUNK], motion, needs[motion]) for motion in range(m)])
     body[:, HIPS_YAW] = 0
-    hips = np.zeros((m * k, 3))
-    hips[:, 2] = body[:, HIPS_HEIGHT]
-    rotation, position = trunk(skeleton, hips, body)
-    chest, collar = rotation[-1], collar_of(skeleton, rotation[-1], position[-1])
+    chest, collar = chest_of(skeleton, np.outer(body[:, HIPS_HEIGHT], _UP), body)
     angles = np.repeat(pose[:, RACKET_ARM], k, axis=0)
     point = np.repeat(own, k, axis=0)
     height = point[:, 2] + np.concatenate(needs)
@@ -170,9 +167,8 @@ def _contacts(skeleton: Skeleton, pose: F64, own: F64, back: F64) -> F64:
         # The height is wanted; along the floor the arm goes where it likes, and the goal follows it.
         point[:, 2] = height
         goal = Goal(point=point, reach=SWEET_SPOT, shaft=shaft, elbow=elbow, weight=(weight, 0.7, 0.0, 0.45))
-        goal = in_chest(chest, collar, goal)
-        angles = solve(arm, goal, angles, rounds=20)
-        point = apply(chest, _reached(arm, angles, goal.reach)) + collar
+        angles = solve(arm, in_chest(chest, collar, goal), angles, rounds=20)
+        point = apply(chest, _strings(arm, angles)) + collar
     out = np.concatenate([own[:, None], point.reshape(m, k, 3)], axis=1)
     return apply(back.transpose(0, 2, 1)[:, None], out)
 
@@ -184,10 +180,8 @@ def _solve(skeleton: Skeleton, keys: list[Key], aim: F64, hit: Bools) -> tuple[F
     poses[:, HIPS_YAW:N_TRUNK] = np.radians([(*key.hips[1:], *key.spine) for key in keys])
     facing = poses[:, TRUNK].copy()
     facing[:, HIPS_YAW] = 0
-    hips = np.zeros((n, 3))
-    hips[:, 2] = poses[:, HIPS_HEIGHT]
-    rotation, position = trunk(skeleton, hips, facing)
-    chest, collar = rotation[-1], collar_of(skeleton, rotation[-1], position[-1])
+    hips = np.outer(poses[:, HIPS_HEIGHT], _UP)
+    chest, collar = chest_of(skeleton, hips, facing)
     point = np.where(hit[:, None], aim, np.array([key.grip for key in keys])) * size
     goal = in_chest(
         chest,
@@ -201,14 +195,10 @@ def _solve(skeleton: Skeleton, keys: list[Key], aim: F64, hit: Bools) -> tuple[F
         ),
     )
     poses[:, RACKET_ARM] = solve_best(arm, goal, anywhere(len(keys)), rounds=60)
-    seen = _reached(arm, poses[:, RACKET_ARM], goal.reach)
-    reached = apply(chest, seen) + collar
-    # The free arm is solved as a right arm in a mirror; its hand holds nothing, so the point is the palm.
-    mirrored = np.diag(FLIP) @ chest @ np.diag(FLIP)
-    other = collar_of(skeleton, chest, position[-1], "Left") * FLIP
+    reached = apply(chest, _strings(arm, poses[:, RACKET_ARM])) + collar
+    # The free hand holds nothing, so the point is the palm.
     free = in_chest(
-        mirrored,
-        other,
+        *chest_of(skeleton, hips, facing, free=True),
         Goal(
             point=np.array([key.free for key in keys]) * FLIP * size,
             elbow=unit(np.array([key.free_elbow for key in keys]) * FLIP),
@@ -227,6 +217,6 @@ def in_chest(chest: F64, collar: F64, goal: Goal) -> Goal:
     return Goal(point=apply(back, goal.point - collar), reach=reach, shaft=shaft, normal=normal, elbow=elbow, weight=weight)
 
 
-def _reached(arm: Arm, angles: F64, reach: F64 | float) -> F64:
+def _strings(arm: Arm, angles: F64) -> F64:
     pose = arm.pose(angles)
-    return pose.position[4] + np.expand_dims(reach, -1) * apply(pose.rotation[4], arm.axis)
+    return pose.position[4] + SWEET_SPOT * apply(pose.rotation[4], arm.axis)

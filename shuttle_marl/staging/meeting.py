@@ -15,15 +15,15 @@ from shuttle_marl.staging import motions
 from shuttle_marl.staging.arm import LIMITS, Arm, Goal, anywhere, arm_of, solve, solve_best, sweet_spot, sweet_spot_jacobian
 from shuttle_marl.staging.curves import slopes_through
 from shuttle_marl.staging.keys import Hit, Keys, Timeline
-from shuttle_marl.staging.library import FLIP, FREE_ARM, RACKET_ARM, TRUNK, in_chest
+from shuttle_marl.staging.library import FREE_ARM, RACKET_ARM, in_chest
 from shuttle_marl.staging.rotation import apply, turned, unit
 from shuttle_marl.staging.skeleton import (
+    FLIP,
     SPINE_LIMITS,
     SPINE_YAW,
     SWEET_SPOT,
     Skeleton,
-    collar_of,
-    trunk,
+    chest_of,
 )
 
 RATIO: Final[dict[str, float]] = {
@@ -125,7 +125,7 @@ def meet(skeleton: Skeleton, timeline: Timeline, place: F64, fps: int) -> tuple[
 
     def goal(weight: tuple[float, float, float, float], some: Intp) -> Goal:
         """Goals of some hits in the frame of the chest."""
-        chest, collar = _chest(skeleton, hips[some], poses[rows[some]])
+        chest, collar = chest_of(skeleton, hips[some], poses[rows[some]])
         found = Goal(
             point=point[some],
             reach=SWEET_SPOT,
@@ -155,7 +155,7 @@ def meet(skeleton: Skeleton, timeline: Timeline, place: F64, fps: int) -> tuple[
     for hit in timeline.hits:
         if hit.stance.motion in motions.HELD:
             _hold(skeleton, timeline, hit, place, poses, fps)
-    chest, _ = _chest(skeleton, hips, poses[rows])
+    chest, _ = chest_of(skeleton, hips, poses[rows])
     return _struck(skeleton, timeline, place, poses, fps), apply(chest, exact.point - _strings(arm, angles))
 
 
@@ -166,7 +166,7 @@ def _struck(skeleton: Skeleton, timeline: Timeline, place: F64, poses: F64, fps:
     before, after = (np.abs(frame[rows + side] - frame[rows]) / fps for side in (-1, 1))
     slopes = slopes_of(timeline, poses)
     still = _carried(skeleton, timeline, place, poses, slopes, rows, fps)
-    chest, _ = _chest(skeleton, place[frame[rows]], poses[rows])
+    chest, _ = chest_of(skeleton, place[frame[rows]], poses[rows])
     wanted = np.array([hit.swing for hit in timeline.hits]) - still
     speed = swing(arm, poses[rows, RACKET_ARM], apply(chest.transpose(0, 2, 1), wanted), before, after)
     for side, seconds in ((-1, before), (1, after)):
@@ -188,7 +188,7 @@ def _carried(skeleton: Skeleton, timeline: Timeline, place: F64, poses: F64, slo
     drift = (place[np.minimum(frame + 1, len(place) - 1)] - place[frame - 1]) / 2
     ends = []
     for side in (-d, d):
-        chest, collar = _chest(skeleton, place[frame] + side * drift, poses[rows] + side * slopes[rows])
+        chest, collar = chest_of(skeleton, place[frame] + side * drift, poses[rows] + side * slopes[rows])
         ends.append(collar + apply(chest, strings))
     return (ends[1] - ends[0]) * (fps / (2 * d))
 
@@ -198,9 +198,7 @@ def _hold(skeleton: Skeleton, timeline: Timeline, hit: Hit, place: F64, poses: F
     keys = np.arange(len(timeline.known.frame), np.searchsorted(timeline.frame, hit.frame))
     if not len(keys):
         return
-    rotation, position = trunk(skeleton, place[timeline.frame[keys]], poses[keys, TRUNK])
-    chest, collar = rotation[-1], collar_of(skeleton, rotation[-1], position[-1], "Left") * FLIP
-    flip = np.diag(FLIP)
+    chest, collar = chest_of(skeleton, place[timeline.frame[keys]], poses[keys], free=True)
     above = timeline.frame[keys] <= hit.frame - round(motions.HELD[hit.stance.motion][1] * fps)
     spot = (hit.point + turned(np.array(hit.stance.heading)) @ np.array(motions.HELD[hit.stance.motion][0])) * FLIP
     goal = Goal(
@@ -208,7 +206,7 @@ def _hold(skeleton: Skeleton, timeline: Timeline, hit: Hit, place: F64, poses: F
         elbow=unit(np.array([0.62, 0.2, -0.75])),
         weight=(10.0, 0.0, 0.0, 0.2),
     )
-    found = solve(arm_of(skeleton), in_chest(flip @ chest @ flip, collar, goal), poses[keys, FREE_ARM], rounds=14)
+    found = solve(arm_of(skeleton), in_chest(chest, collar, goal), poses[keys, FREE_ARM], rounds=14)
     poses[keys[above], FREE_ARM] = found[above]
 
 
@@ -217,18 +215,13 @@ def _strings(arm: Arm, angles: F64) -> F64:
     return sweet_spot(arm, arm.pose(angles))
 
 
-def _chest(skeleton: Skeleton, hips: F64, poses: F64) -> tuple[F64, F64]:
-    rotation, position = trunk(skeleton, hips, poses[:, :7])
-    return rotation[-1], collar_of(skeleton, rotation[-1], position[-1])
-
-
 def _leant(skeleton: Skeleton, hips: F64, poses: F64, lean0: F64, seen: F64, point: F64) -> F64:
     """Bend the spine to reduce the distance to ``point``; ``seen``: the strings in the frame of the chest."""
     # Finite differences: the pose itself and three with one perturbed angle of the spine, evaluated together.
     many = np.tile(poses, (4, 1, 1))
     for k in range(3):
         many[1 + k, :, SPINE_YAW + k] += 1e-4
-    chest, collar = _chest(skeleton, np.tile(hips, (4, 1)), many.reshape(-1, poses.shape[1]))
+    chest, collar = chest_of(skeleton, np.tile(hips, (4, 1)), many.reshape(-1, poses.shape[1]))
     place = (collar + apply(chest, np.tile(seen, (4, 1)))).reshape(4, -1, 3)
     here, jacobian = place[0], ((place[1:] - place[0]) / 1e-4).transpose(1, 2, 0)
     square = jacobian.transpose(0, 2, 1) @ jacobian + 0.02 * np.eye(3)

@@ -133,10 +133,8 @@ def read_frames(data: memoryview, count: int, loose: int) -> Frames:
 def against_parents(rotation: Floats, parents: I64) -> F64:
     """``[F, 23, 4]`` rotations relative to the parent bones, from rotations relative to the rest pose."""
     turn = matrix(rotation)
-    carried = turn.copy()
-    for bone, parent in enumerate(parents):
-        if parent >= 0:
-            carried[:, bone] = np.swapaxes(turn[:, parent], -1, -2) @ turn[:, bone]
+    carried = np.swapaxes(turn[:, np.maximum(parents, 0)], -1, -2) @ turn
+    carried[:, parents < 0] = turn[:, parents < 0]
     return quaternion(carried)
 
 

@@ -40,6 +40,8 @@ BONES: Final = (
 N_BONES: Final = len(BONES)
 BONE: Final = {name: i for i, name in enumerate(BONES)}
 """Index of each bone."""
+FLIP: Final = np.array([-1.0, 1.0, 1.0])
+"""Signs of a mirror between left and right."""
 MIRROR: Final = np.array([BONE[b.replace("Left", "*").replace("Right", "Left").replace("*", "Right")] for b in BONES])
 """``[23]`` index of the bone on the other side."""
 
@@ -118,7 +120,7 @@ class Skeleton:
 
     def rest_pose(self, *, right_handed: bool) -> F64:
         """``[23, 3]`` start of each bone at rest, with the racket in the playing hand [m]."""
-        return self.rest if right_handed else self.rest[MIRROR] * np.array([-1.0, 1.0, 1.0])
+        return self.rest if right_handed else self.rest[MIRROR] * FLIP
 
     def racket(self, *, right_handed: bool) -> tuple[F64, F64]:
         """Direction of the shaft, and of the side of the strings that a forehand strikes with, at rest: ``[3]`` each."""
@@ -236,3 +238,16 @@ def _bent(hips: F64, angles: F64, above: F64) -> tuple[F64, F64]:
 def collar_of(skeleton: Skeleton, rotation: F64, position: F64, side: str = "Right") -> F64:
     """``[N, 3]`` start of the collar bone of a side, from rotation and position of Spine2 [m]."""
     return position + apply(rotation, skeleton.at(f"{side}Shoulder") - skeleton.at("Spine2"))
+
+
+def chest_of(skeleton: Skeleton, hips: F64, pose: F64, *, free: bool = False) -> tuple[F64, F64]:
+    """Rotation ``[N, 3, 3]`` of the chest and start ``[N, 3]`` of the collar bone of the racket arm [m].
+
+    Args:
+        hips: ``[N, 3]`` position of the hips [m].
+        pose: ``[N, 7 + …]`` poses that begin with the trunk.
+        free: of the free arm instead, in a mirror: it is solved as a right arm.
+    """
+    rotation, position = trunk(skeleton, hips, pose[:, :N_TRUNK])
+    chest, collar = rotation[-1], collar_of(skeleton, rotation[-1], position[-1], "Left" if free else "Right")
+    return (np.diag(FLIP) @ chest @ np.diag(FLIP), collar * FLIP) if free else (chest, collar)

@@ -5,7 +5,7 @@ otherwise over the net to the server. The walk ends in the first frame of the ne
 """
 
 import dataclasses
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 
@@ -58,22 +58,6 @@ _ATTEMPTS: Final = 4
 _TOLERANCE: Final = 5e-3
 
 
-class _Plan(NamedTuple):
-    """Times of a walk in frames.
-
-    Attributes:
-        picker: seat on whose side the shuttle lies.
-        pick, catch: frames in which the shuttle is flicked up and caught.
-        arrival: ``[2]`` frame in which each player is at the place for the serve.
-    """
-
-    frames: int
-    picker: int
-    pick: int
-    catch: int
-    arrival: tuple[int, int]
-
-
 def with_walk(rally: Motion, following: Motion) -> Motion:
     """Stage the walk from the end of a rally to the start of the next one.
 
@@ -100,6 +84,14 @@ def with_walk(rally: Motion, following: Motion) -> Motion:
 
 
 class _WalkBuilder:
+    """Builds the walk.
+
+    Attributes:
+        picker: seat on whose side the shuttle lies.
+        pick, catch: frames in which the shuttle is flicked up and caught.
+        arrival: ``[2]`` frame in which each player is at the place for the serve.
+    """
+
     def __init__(self, rally: Motion, following: Motion) -> None:
         assert rally.players is not None
         assert following.players is not None
@@ -108,16 +100,16 @@ class _WalkBuilder:
         self.starts, self.ends = rally.players, following.players
         self.lying = rally.shuttle[-1].astype(np.float64)
         self.server = following.trajectory.rally.server
-        picker = int(self.lying[1] * rally.trajectory.rally.facing(0) > 0)
-        self.stance = self._pick_up(picker)
-        self.plan = self._times(picker)
+        self.picker = int(self.lying[1] * rally.trajectory.rally.facing(0) > 0)
+        self.stance = self._pick_up()
+        self._plan()
 
     def build(self) -> Motion:
-        plan, rally = self.plan, self.rally
+        rally = self.rally
         prepared = [self._prepared(seat) for seat in (0, 1)]
         shuttle = self._shuttle(prepared[self.server])
         rotation, position, planted = (
-            np.empty((plan.frames, *getattr(rally, name).shape[1:])) for name in ("rotation", "position", "planted")
+            np.empty((self.frames, *getattr(rally, name).shape[1:])) for name in ("rotation", "position", "planted")
         )
         for seat in (0, 1):
             sign = self.athletes[seat].signs
@@ -134,18 +126,18 @@ class _WalkBuilder:
         """``[2]`` hips of a player at the start or the end, in the player's own frame [m]."""
         return (self.ends[seat].course.hips[0] if end else self.starts[seat].course.hips[-1])[:2]
 
-    def _pick_up(self, picker: int) -> Stance:
-        athlete = self.athletes[picker]
+    def _pick_up(self) -> Stance:
+        athlete = self.athletes[self.picker]
         point = (self.lying * athlete.signs)[:2]
-        way = point - self._place(picker, end=False)
+        way = point - self._place(self.picker, end=False)
         heading = float(np.arctan2(-way[0], way[1]))
         natural = athlete.library.natural(LUNGE, _STRINGS)
         root = point - (turned(np.array(heading)) @ natural)[:2]
         root[1] = min(root[1], -0.45)  # behind the net
         return Stance(motion=LUNGE, heading=heading, root=root, reach=0.0)
 
-    def _times(self, picker: int) -> _Plan:
-        fps, server = self.fps, self.server
+    def _plan(self) -> None:
+        fps, server, picker = self.fps, self.server, self.picker
 
         def needed(way: F64) -> float:
             far = float(np.hypot(*way))
@@ -160,15 +152,10 @@ class _WalkBuilder:
             flight = self._flight_time()
         arrival = list(direct)
         arrival[picker] = pick + needed(self._place(picker, end=True) - root)
-        end = max(*arrival, pick + flight + _HOLD)
-        first = round(pick * fps)
-        return _Plan(
-            frames=round(end * fps) + 1,
-            picker=picker,
-            pick=first,
-            catch=first + round(flight * fps),
-            arrival=(round(arrival[0] * fps), round(arrival[1] * fps)),
-        )
+        self.frames = round(max(*arrival, pick + flight + _HOLD) * fps) + 1
+        self.pick = round(pick * fps)
+        self.catch = self.pick + round(flight * fps)
+        self.arrival = [round(seconds * fps) for seconds in arrival]
 
     def _flight_time(self) -> float:
         """Duration of a flight to the server over the net, or under it from a shuttle close to it [s]."""
@@ -187,9 +174,9 @@ class _WalkBuilder:
 
     def _prepared(self, seat: int) -> Prepared:
         """Hips, poses and feet of a player; the racket of the picker meets the shuttle."""
-        athlete, plan = self.athletes[seat], self.plan
-        ease = np.cos(np.pi / 2 * np.clip(np.arange(plan.frames) / (_STILL * self.fps), 0, 1)) ** 2
-        shift, added = np.zeros(3), Habits(pose=np.zeros((plan.frames, N_POSE)), place=np.zeros((plan.frames, 3)))
+        athlete = self.athletes[seat]
+        ease = np.cos(np.pi / 2 * np.clip(np.arange(self.frames) / (_STILL * self.fps), 0, 1)) ** 2
+        shift, added = np.zeros(3), Habits(pose=np.zeros((self.frames, N_POSE)), place=np.zeros((self.frames, 3)))
         for _ in range(_ATTEMPTS):
             hips = self._path(seat, shift)
             timeline = self._timeline(seat, shift)
@@ -206,25 +193,25 @@ class _WalkBuilder:
 
     def _path(self, seat: int, shift: F64) -> F64:
         """``[F, 2]`` hips over the floor [m]."""
-        still, plan = round(_STILL * self.fps), self.plan
+        still = round(_STILL * self.fps)
         there = self._place(seat, end=True)
-        stops = [(0, self._place(seat, end=False)), (plan.arrival[seat], there), (plan.frames + still, there)]
-        if seat == plan.picker:
-            stops.insert(1, (plan.pick, self.stance.root + shift[:2]))
+        stops = [(0, self._place(seat, end=False)), (self.arrival[seat], there), (self.frames + still, there)]
+        if seat == self.picker:
+            stops.insert(1, (self.pick, self.stance.root + shift[:2]))
         frame = np.maximum.accumulate([frame + side for frame, _ in stops for side in (-still, still)])
         place = np.repeat([place for _, place in stops], 2, axis=0)
-        return np.column_stack([smooth(np.interp(np.arange(plan.frames), frame, place[:, k]), still - 1) for k in (0, 1)])
+        return np.column_stack([smooth(np.interp(np.arange(self.frames), frame, place[:, k]), still - 1) for k in (0, 1)])
 
     def _timeline(self, seat: int, shift: F64) -> Timeline:
         """Poses and stands of a player: the way, the pick-up, the catch."""
-        athlete, plan, fps = self.athletes[seat], self.plan, self.fps
+        athlete, fps = self.athletes[seat], self.fps
         last, rest = self.ends[seat].course.pose[0].copy(), athlete.library.rest.copy()
         here, there = self._place(seat, end=False), self._place(seat, end=True)
         keys = {0: self.starts[seat].course.pose[-1]}
         stands = [_standing(self.starts[seat], -1, 0, round(_STILL * fps))]
         hits: tuple[Hit, ...] = ()
-        if seat == plan.picker:
-            root, frames = self.stance.root + shift[:2], [plan.pick + round(seconds * fps) for seconds in _PHASES]
+        if seat == self.picker:
+            root, frames = self.stance.root + shift[:2], [self.pick + round(seconds * fps) for seconds in _PHASES]
             self._go(keys, rest, root - here, frames[0])
             heading = _nearest(self.stance.heading, keys)
             poses = athlete.library.stroke[LUNGE].copy()
@@ -237,23 +224,23 @@ class _WalkBuilder:
                 poses[k, TRUNK] += share * low
             keys |= dict(zip(frames, poses, strict=True))
             place, yaw, landing = feet_at(LUNGE, root, heading, 0.0)
-            begin, end = plan.pick - round(0.06 * fps), frames[CONTACT + 1]
+            begin, end = self.pick - round(0.06 * fps), frames[CONTACT + 1]
             stands.append(Stand(begin=begin, end=end, place=place, yaw=yaw, last=landing, stride=_STRIDE))
             hits, here = (self._hit(athlete, heading),), root
         if seat == self.server:
             rest[FREE_ARM] = last[FREE_ARM]
-            if seat != plan.picker:
-                self._go(keys, athlete.library.rest, there - here, plan.arrival[seat])
+            if seat != self.picker:
+                self._go(keys, athlete.library.rest, there - here, self.arrival[seat])
                 rest[HIPS_YAW] = last[HIPS_YAW] = _nearest(last[HIPS_YAW], keys)
             else:
                 rest[HIPS_YAW] = _nearest(self.stance.heading, keys)
-            keys[plan.catch], here = rest.copy(), here if seat == plan.picker else there
-        self._go(keys, rest, there - here, plan.arrival[seat])
+            keys[self.catch], here = rest.copy(), here if seat == self.picker else there
+        self._go(keys, rest, there - here, self.arrival[seat])
         last[HIPS_YAW] = _nearest(last[HIPS_YAW], keys)
-        keys[plan.frames - 3] = keys[plan.frames - 1] = last  # at rest
-        final = _standing(self.ends[seat], 0, plan.arrival[seat] - 1, plan.frames - 1)
+        keys[self.frames - 3] = keys[self.frames - 1] = last  # at rest
+        final = _standing(self.ends[seat], 0, self.arrival[seat] - 1, self.frames - 1)
         stands.append(dataclasses.replace(final, stays=_EXACT))  # the next rally begins with these feet
-        pose, zero = np.array(list(keys.values())), np.zeros(plan.frames)
+        pose, zero = np.array(list(keys.values())), np.zeros(self.frames)
         return Timeline(
             frame=np.array(list(keys)),
             pose=pose,
@@ -283,7 +270,7 @@ class _WalkBuilder:
         shaft, elbow = (facing @ direction[0] for direction in pointed(LUNGE, need))
         up = np.array([0.0, 0.0, 1.0])
         return Hit(
-            frame=self.plan.pick,
+            frame=self.pick,
             stroke=0,
             stance=self.stance,
             point=point,
@@ -296,14 +283,14 @@ class _WalkBuilder:
 
     def _shuttle(self, server: Prepared) -> F64:
         """``[F, 3]`` path of the shuttle: on the floor, in the air, in the hand of the server [m]."""
-        plan, athlete = self.plan, self.athletes[self.server]
+        athlete = self.athletes[self.server]
         # The place of the palm does not depend on where the head looks.
-        still = course(athlete.skeleton, server, np.tile(self.lying * athlete.signs, (plan.frames, 1)))
+        still = course(athlete.skeleton, server, np.tile(self.lying * athlete.signs, (self.frames, 1)))
         path = free_palm(athlete.skeleton, *bones(athlete.skeleton, still)) * athlete.signs
-        path[: plan.pick] = self.lying
-        seconds = np.arange(plan.catch - plan.pick) / self.fps
-        flight = shoot(self.lying[None], path[plan.catch][None], np.array([len(seconds) / self.fps]))
-        path[plan.pick : plan.catch] = flight.at(0, seconds)[0]
+        path[: self.pick] = self.lying
+        seconds = np.arange(self.catch - self.pick) / self.fps
+        flight = shoot(self.lying[None], path[self.catch][None], np.array([len(seconds) / self.fps]))
+        path[self.pick : self.catch] = flight.at(0, seconds)[0]
         return path
 
 
