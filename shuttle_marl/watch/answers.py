@@ -7,11 +7,12 @@ import contextlib
 import dataclasses
 import threading
 from collections import Counter
-from collections.abc import Iterable, Iterator
-from typing import Final
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any, Final
 
 import msgspec
 import numpy as np
+from msgspec import Struct
 from msgspec.structs import replace
 from scipy.special import logsumexp
 
@@ -39,6 +40,7 @@ from shuttle_marl.watch.values import ELITE, StrokeValues
 
 _MAX_MATCHES: Final = 64
 _MAX_PACKED: Final = 8
+_MAX_MOTIONS: Final = 16
 _MAX_OVERVIEWS: Final = 16
 _MAX_PAIRS: Final = 3
 """Number of games of pairs in memory, of hundreds of megabytes each."""
@@ -123,7 +125,7 @@ class Answers:
         self._game, self._policies, self._plan = policies.game, policies, plan
         self._recorded, self._first_shown = recorded, first
         self._values, self._stager, self._log = StrokeValues(policies), stager, log
-        self._overviews = OnceCache(_MAX_OVERVIEWS)
+        self._overviews, self._motions = OnceCache(_MAX_OVERVIEWS), OnceCache(_MAX_MOTIONS)
         self._matches, self._packed, self._pairs = OnceCache(_MAX_MATCHES), OnceCache(_MAX_PACKED), OnceCache(_MAX_PAIRS)
         self._tags, self._shipped = tags, shipped
         self._shown = threading.Event()
@@ -134,32 +136,23 @@ class Answers:
         Raises:
             ShuttleError: it cannot be answered.
         """
-        reply, body = self._reply(request)
-        return messages.encode_reply(request.id, reply, [body])
-
-    def _reply(self, request: messages.Request) -> tuple[messages.Reply, bytes]:
-        if isinstance(request, messages.HelloRequest):
-            return self.hello(), b""
         if isinstance(request, messages.RallyRequest):
-            return self.rally(request)
-        self._shown.set()
-        if isinstance(request, messages.AnalysisRequest):
-            return self._values_of(request).analysis(self._played(request), self._players(request)), b""
-        if isinstance(request, messages.OptionsRequest):
-            return self._options(request), b""
-        if isinstance(request, messages.MatchRequest):
-            return self.match(request), b""
-        if isinstance(request, messages.LikenessRequest):
-            return self._likeness(request), b""
-        if isinstance(request, messages.OpeningRequest):
-            return self.opening(request.line), b""
-        if isinstance(request, messages.TagRequest):
-            if self._tags is None:
-                raise WatchError("this server tags no video; load the page again")
-            return self._tags.save(request), b""
-        if isinstance(request, messages.SuggestRequest):
-            return messages.Suggestions(suggestions(self._game.seats[0], self._policies.policy(ELITE), request.line)), b""
-        return self._styles(request), b""
+            reply, motion = self.rally(request)
+            return messages.encode_reply(request.id, reply, [motion])
+        if not isinstance(request, messages.HelloRequest):
+            self._shown.set()
+        answer: dict[type[messages.Request], Callable[[Any], Struct]] = {
+            messages.HelloRequest: lambda _: self.hello(),
+            messages.AnalysisRequest: self._analysis,
+            messages.OptionsRequest: self._options,
+            messages.StylesRequest: self._styles,
+            messages.MatchRequest: self.match,
+            messages.LikenessRequest: self._likeness,
+            messages.OpeningRequest: lambda asked: self.opening(asked.line),
+            messages.TagRequest: self._tag,
+            messages.SuggestRequest: self._suggest,
+        }
+        return messages.encode_reply(request.id, answer[type(request)](request))
 
     def match(self, request: messages.MatchRequest) -> messages.MatchReply:
         """Overview of a match."""
@@ -186,7 +179,7 @@ class Answers:
         about = messages.RallyRequest(id=0, plan=None if self._recorded else self._plan, rally=self._first_shown)
         for request in (about, replace(about, walk=True), messages.AnalysisRequest(id=0, plan=about.plan, rally=about.rally)):
             with contextlib.suppress(ShuttleError):  # the page that asks receives the error
-                self._reply(request)
+                self(request)
 
     def hello(self) -> messages.Hello:
         """Reply to the first request of a page: the hall, the policies, and the rallies that are shown."""
@@ -209,19 +202,30 @@ class Answers:
             return self._shipped.reply, self._shipped.motion
         self._shown.set()
         rally = self._played(request)
-        motion = self._motion(request, rally)
+        motion, begun = self._motion(request, rally)
         if self._log is not None and request.plan is not None and request.person is not None:
             self._log.add(request.plan, rally)
         # A page that has the motion up to the branch needs only the frames after it.
-        first = self._first_frame(request, rally, motion) if request.have else 0
+        first = begun if request.have else 0
         packed: bytes
         if request.walk:
             next_request = replace(request, rally=request.rally + 1, tried={})
-            following = self._motion(next_request, self._played(next_request))
+            following, _ = self._motion(next_request, self._played(next_request))
             packed = self._packed.get((motion, following), lambda: staging.with_walk(motion, following).pack(len(motion.time)))
         else:
             packed = self._packed.get((motion, first), lambda: motion.pack(first))
         return messages.RallyReply(rally_facts(self._values_of(request).game, rally, motion)), packed
+
+    def _analysis(self, query: messages.Query) -> messages.Analysis:
+        return self._values_of(query).analysis(self._played(query), self._players(query))
+
+    def _tag(self, request: messages.TagRequest) -> messages.Saved:
+        if self._tags is None:
+            raise WatchError("this server tags no video; load the page again")
+        return self._tags.save(request)
+
+    def _suggest(self, request: messages.SuggestRequest) -> messages.Suggestions:
+        return messages.Suggestions(suggestions(self._game.seats[0], self._policies.policy(ELITE), request.line))
 
     def _options(self, query: messages.Query) -> messages.OptionsReply:
         rally = self._played(query)
@@ -330,25 +334,24 @@ class Answers:
 
         return self._pairs.get(people, values)
 
-    def _motion(self, query: messages.Query, rally: CourtRally) -> staging.Motion:
-        def compute() -> staging.Motion:
+    def _motion(self, query: messages.Query, rally: CourtRally) -> tuple[staging.Motion, int]:
+        """The motion of a rally, and its first frame that differs from the motion that it continues."""
+
+        def compute() -> tuple[staging.Motion, int]:
             branch = _branch(query, rally)
             if branch is None:
-                return self._stager.stage(rally)
+                return self._stager.stage(rally), 0
             before, stroke = branch
-            return self._stager.stage(rally, self._motion(before, self._played(before)), stroke)
+            begun, _ = self._motion(before, self._played(before))
+            motion = self._stager.stage(rally, begun, stroke)
+            return motion, int(motion.contact_frame[stroke - 1]) + 1 if stroke else len(begun.time)
 
-        return self._stager.cached(rally, query.person, compute)
-
-    def _first_frame(self, query: messages.Query, rally: CourtRally, motion: staging.Motion) -> int:
-        """First frame that differs from the motion that this one continues."""
-        branch = _branch(query, rally)
-        if branch is None:
-            return 0
-        before, stroke = branch
-        if stroke:
-            return int(motion.contact_frame[stroke - 1]) + 1
-        return len(self._motion(before, self._played(before)).time)
+        # Where a person chose strokes, the motion depends on when they did, because frames that were shown do not change.
+        since = query.person.stroke if query.person is not None and query.person.rally == rally.number else 0
+        strokes = rally.stroke.tobytes(), rally.hurried.tobytes()
+        court = rally.server, rally.from_right, rally.ends_changed
+        key = (rally.key, court, strokes, rally.ending, rally.turn, rally.chosen, query.person is not None, since)
+        return self._motions.get(key, compute)
 
 
 def _continues(before: CourtRally, rally: CourtRally) -> bool:

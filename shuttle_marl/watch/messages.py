@@ -5,6 +5,8 @@ operation ``op``. A reply is binary: the length of its JSON as 32 bits, little-e
 padded to a multiple of four bytes, then a body, such as a packed motion. See ``docs/watch.md``.
 """
 
+import functools
+import operator
 import struct
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, Final, Literal
@@ -23,8 +25,14 @@ Box = tuple[float, float, float, float]
 Pair = tuple[int, int]
 
 
-class Query(Struct, forbid_unknown_fields=True, kw_only=True, frozen=True):
-    """A rally that a request asks about.
+class Request(Struct, forbid_unknown_fields=True, tag_field="op", frozen=True):
+    """A request of a page, with its number."""
+
+    id: int
+
+
+class Query(Request, kw_only=True, frozen=True):
+    """A request about a rally.
 
     Attributes:
         rally: number of the rally.
@@ -43,13 +51,11 @@ class Query(Struct, forbid_unknown_fields=True, kw_only=True, frozen=True):
             raise ValueError(f"rally {self.rally}: a match has fewer than {MAX_RALLIES} rallies")
 
 
-class HelloRequest(Struct, forbid_unknown_fields=True, tag_field="op", tag="hello", frozen=True):
+class HelloRequest(Request, tag="hello", frozen=True):
     """First request of a page."""
 
-    id: int
 
-
-class RallyRequest(Query, kw_only=True, tag_field="op", tag="rally", frozen=True):
+class RallyRequest(Query, kw_only=True, tag="rally", frozen=True):
     """Strokes and motion of a rally.
 
     Attributes:
@@ -57,54 +63,43 @@ class RallyRequest(Query, kw_only=True, tag_field="op", tag="rally", frozen=True
         walk: whether the reply holds the walk to the next rally instead, the frames after those of the rally.
     """
 
-    id: int
     have: bool = False
     walk: bool = False
 
 
-class AnalysisRequest(Query, kw_only=True, tag_field="op", tag="analysis", frozen=True):
+class AnalysisRequest(Query, kw_only=True, tag="analysis", frozen=True):
     """Values of the strokes of a rally."""
 
-    id: int
 
-
-class OptionsRequest(Query, kw_only=True, tag_field="op", tag="options", frozen=True):
+class OptionsRequest(Query, kw_only=True, tag="options", frozen=True):
     """Values of the strokes between which a person chooses."""
 
-    id: int
 
-
-class StylesRequest(Query, kw_only=True, tag_field="op", tag="styles", frozen=True):
+class StylesRequest(Query, kw_only=True, tag="styles", frozen=True):
     """Styles of both players of a rally."""
 
-    id: int
 
-
-class MatchRequest(Query, kw_only=True, tag_field="op", tag="match", frozen=True):
+class MatchRequest(Query, kw_only=True, tag="match", frozen=True):
     """Overview of the match of a rally.
 
     Attributes:
         partial: whether it ends with that rally; matches of a person always do.
     """
 
-    id: int
     partial: bool = False
 
 
-class LikenessRequest(Query, kw_only=True, tag_field="op", tag="likeness", frozen=True):
+class LikenessRequest(Query, kw_only=True, tag="likeness", frozen=True):
     """Players whose choices are like those of a person, up to a rally."""
 
-    id: int
 
-
-class OpeningRequest(Struct, forbid_unknown_fields=True, tag_field="op", tag="opening", frozen=True):
+class OpeningRequest(Request, tag="opening", frozen=True):
     """Strokes that follow the first strokes of a rally.
 
     Attributes:
         line: catalogue indices of the first strokes.
     """
 
-    id: int
     line: Annotated[tuple[CatalogueIndex, ...], Meta(max_length=3)] = ()
 
 
@@ -145,7 +140,7 @@ class TagRow(TagStroke, forbid_unknown_fields=True, frozen=True, kw_only=True):
     points_opponent: Count | None
 
 
-class TagRequest(Struct, forbid_unknown_fields=True, kw_only=True, tag_field="op", tag="tag", frozen=True):
+class TagRequest(Request, kw_only=True, tag="tag", frozen=True):
     """An input of a person who tags a video, and the rows that it changed.
 
     Attributes:
@@ -156,7 +151,6 @@ class TagRequest(Struct, forbid_unknown_fields=True, kw_only=True, tag_field="op
         rows: the new ones.
     """
 
-    id: int
     at: Count
     input: Annotated[str, Meta(max_length=1000)] | None
     first: Count
@@ -164,25 +158,10 @@ class TagRequest(Struct, forbid_unknown_fields=True, kw_only=True, tag_field="op
     only_rows: bool = False
 
 
-class SuggestRequest(Struct, forbid_unknown_fields=True, tag_field="op", tag="suggest", frozen=True):
+class SuggestRequest(Request, tag="suggest", frozen=True):
     """Shot types that probably follow the strokes of a rally."""
 
-    id: int
     line: Annotated[tuple[TagStroke, ...], Meta(max_length=300)]
-
-
-Request = (
-    HelloRequest
-    | RallyRequest
-    | AnalysisRequest
-    | OptionsRequest
-    | StylesRequest
-    | MatchRequest
-    | LikenessRequest
-    | OpeningRequest
-    | TagRequest
-    | SuggestRequest
-)
 
 
 class CourtFacts(Struct):
@@ -578,10 +557,7 @@ class Suggestions(Struct):
     shots: list[Suggestion]
 
 
-Reply = (
-    Hello | RallyReply | Analysis | OptionsReply | Styles | MatchReply | Likeness | OpeningReply | Openings | Saved | Suggestions
-)
-REPLIES: Final[Mapping[type[Struct], type[Struct]]] = {
+REPLIES: Final[Mapping[type[Request], type[Struct]]] = {
     HelloRequest: Hello,
     RallyRequest: RallyReply,
     AnalysisRequest: Analysis,
@@ -602,7 +578,7 @@ class _Envelope(Struct):
 
 
 _envelopes = msgspec.json.Decoder(_Envelope)
-_requests = msgspec.json.Decoder(Request)
+_requests: Final[msgspec.json.Decoder[Request]] = msgspec.json.Decoder(functools.reduce(operator.or_, REPLIES))
 
 
 def request_id(text: str) -> int | None:
@@ -627,7 +603,7 @@ def decode_request(text: str) -> Request:
         raise WatchError(f"a request that is not understood ({error}); load the page again") from error
 
 
-def encode_reply(number: int | None, reply: Reply | str, parts: Sequence[bytes] = ()) -> bytes:
+def encode_reply(number: int | None, reply: Struct | str, parts: Sequence[bytes] = ()) -> bytes:
     """Encode a reply.
 
     Args:

@@ -293,8 +293,7 @@ def answers(policies: PolicyTables) -> Answers:
 def test_the_page_shows_the_players_and_their_game(answers: Answers) -> None:
     hello = answers.hello()
     assert hello.game == PAIR.hash[:12]
-    reply, _ = answers._reply(messages.RallyRequest(id=0, plan=PAIR_PLAN, rally=0))
-    assert isinstance(reply, messages.RallyReply)
+    reply, _ = answers.rally(messages.RallyRequest(id=0, plan=PAIR_PLAN, rally=0))
     assert (reply.rally.names, reply.rally.skill) == ((A, f"{B} (minimax)"), "")
     for stroke in reply.rally.strokes:
         game = PAIR.seats[stroke.seat]
@@ -336,10 +335,8 @@ def test_real_rallies_have_the_values_of_the_two_people(people: tuple[str, str],
     played = People(people, datetime.date(2020, 5, 1))
     recorded = SimpleNamespace(rally=lambda _: rally, people=lambda _: played, players=lambda _: None, count=1, title="real")
     answers = Answers(PolicyTables(reduced_game()), PAIR_PLAN, STAGER, recorded=cast(Recorded, recorded))
-    asked = messages.AnalysisRequest(id=0, rally=0)
-    found, facts = answers._reply(asked)[0], answers._reply(messages.RallyRequest(id=0, rally=0))[0]
-    assert isinstance(found, messages.Analysis)
-    assert isinstance(facts, messages.RallyReply)
+    found = answers._analysis(messages.AnalysisRequest(id=0, rally=0))
+    facts, _ = answers.rally(messages.RallyRequest(id=0, rally=0))
     game = pair_game(*people, date="2020-05-01", game=reduced_model()) if known else reduced_game()
     assert facts.rally.skill == ("2020-05-01" if known else None)
     assert facts.rally.names == people
