@@ -27,6 +27,20 @@ def check(name: str, figures: Mapping[str, Any]) -> None:
         pytest.fail("\n".join(different[:10]))
 
 
+def artists(drawn: Any) -> list[Any]:
+    """Texts, lines, rectangles, polygons and images of a picture."""
+    found: list[Any] = []
+    for axes in drawn.axes:
+        found += [[text.get_text(), *text.get_position()] for text in axes.texts]
+        found += [line.get_xydata() for line in axes.lines]
+        found += [
+            [*patch.get_patch_transform().transform(patch.get_path().vertices).ravel(), *patch.get_facecolor()]
+            for patch in axes.patches
+        ]
+        found += [np.ma.filled(image.get_array(), -1) for image in axes.images]
+    return found
+
+
 def _plain(value: Any) -> Any:
     """A value of JSON with floats of six digits."""
     if isinstance(value, np.ndarray | np.generic):

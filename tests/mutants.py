@@ -48,8 +48,8 @@ TESTS: Final[dict[str, tuple[str, ...]]] = {
     ),
     "exact": ("exact", "suite/test_adapt.py"),
     "game": (
-        *("rally", "scoring", "policy", "exact/test_lists.py", "kernel/test_kernel_draws.py"),
-        *("kernel/test_matches_kernel.py", "env/test_rally_env.py"),
+        *("rally", "scoring", "policy", "exact/test_lists.py", "exact/test_minimax.py", "kernel/test_kernel_draws.py"),
+        *("kernel/test_matches_kernel.py", "env/test_rally_env.py", "suite/test_targets.py"),
     ),
     "league": ("league",),
     "policy": ("policy", "exact/test_scorecards.py", "league/test_programs.py", "training/test_shipped_agents.py"),

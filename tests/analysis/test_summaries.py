@@ -3,7 +3,7 @@
 import dataclasses
 import json
 from pathlib import Path
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 import pyarrow as pa
@@ -140,20 +140,6 @@ def test_figures_of_a_tournament(valued: pa.Table) -> None:
     )
 
 
-def artists(drawn: Any) -> list[Any]:
-    """Texts, lines, rectangles, polygons and images of a picture."""
-    found: list[Any] = []
-    for axes in drawn.axes:
-        found += [[text.get_text(), *text.get_position()] for text in axes.texts]
-        found += [line.get_xydata() for line in axes.lines]
-        found += [
-            [*patch.get_patch_transform().transform(patch.get_path().vertices).ravel(), *patch.get_facecolor()]
-            for patch in axes.patches
-        ]
-        found += [np.ma.filled(image.get_array(), -1) for image in axes.images]
-    return found
-
-
 def test_pictures(valued: pa.Table, tmp_path: Path) -> None:
     found = {name: summarise(valued, name) for name in players_of(valued)}
     drawn = {
@@ -161,7 +147,7 @@ def test_pictures(valued: pa.Table, tmp_path: Path) -> None:
         "replies.svg": pictures.transitions(found["bc"], "bc"),
         "shots.pdf": pictures.shot_mix(found),
     }
-    golden.check("pictures", {name: artists(figure) for name, figure in drawn.items()})
+    golden.check("pictures", {name: golden.artists(figure) for name, figure in drawn.items()})
     for name, figure in drawn.items():
         pictures.save(figure, tmp_path / name)
         assert (tmp_path / name).stat().st_size > 5000

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from shuttle_marl.analysis.pictures import aims
+from shuttle_marl.analysis.pictures import aims, best_replies
 from shuttle_marl.commands import exact as commands
 from shuttle_marl.commands.exact import main
 from shuttle_marl.commands.recording import main as recording
@@ -157,6 +157,7 @@ def test_aims_are_the_best_replies_by_area() -> None:
                 assert set(real[answers]) == {aim.support[area]}, "n counts the real strokes behind the reply"
     serve = int(GAME.legal_strokes(0)[0])
     assert len(aims(solution, serve)) == 2
+    golden.check("pictures", {"aims": golden.artists(best_replies(solution, incoming, own))})
 
 
 @pytest.mark.parametrize(

@@ -82,6 +82,7 @@ def test_a_third_game_decides() -> None:
     assert line(score) == "21-0 0-21 20-22"
     assert score.winner == 1
     assert score.games == (1, 2)
+    assert BWF.max_rallies == 3 * 59
 
 
 @pytest.mark.parametrize("wrong", [{"points": 0}, {"cap": 20}, {"clear": 0}, {"clear": 22}, {"cap": 200}, {"games": 0}])

@@ -25,6 +25,7 @@ from shuttle_marl.suite.registry import TASKS, arena_of
 from shuttle_marl.suite.robust import refits
 from shuttle_marl.suite.task import Arena, Case, Outcome
 from shuttle_marl.suite.text import chosen_states, regrets
+from tests import golden
 from tests.reduced import reduced_game, reduced_model
 from tests.suite.small import run, summary, verified
 
@@ -134,6 +135,7 @@ def test_the_shipped_game_does_not_answer_a_drawn_one() -> None:
     known = TabulatedPolicy(game=test.game, cumulative=best_response(shipped.policy("human:0.05")).policy.cumulative)
     assert (evaluate(known, opponent).odds().rally - 0.5) / (best - 0.5) < 0.9
     assert np.ptp(test.game.threshold.astype(int) - shipped.game.threshold) > 0
+    golden.check("drawn_game", {"thresholds": np.arange(len(test.game.threshold)) % 7 @ test.game.threshold.astype(float)})
 
 
 GAME = reduced_game()
