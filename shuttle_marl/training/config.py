@@ -253,19 +253,12 @@ class PPOConfig(SelfPlayConfig):
     algorithm: ClassVar[str] = "ppo"
 
     strokes: Count = 60_000_000
-    """Strokes of the learner in the whole run."""
     batch: Count = 8192
-    """Strokes of the learner in the first iteration; its rallies are played to their end."""
     growth: Growth = 0.1
-    """Growth of the batch per iteration, as a fraction of `batch`."""
     gae_lambda: FractionOrZero = 0.6
-    """Lambda of generalised advantage estimation."""
     cache_iterations: Count = 8
-    """Iterations for which cached network outputs of rarely visited states are reused."""
     evaluate_every: Count = 25
-    """Iterations between exact evaluations."""
     checkpoint_every: Count = 50
-    """Iterations between checkpoints; the generator is reseeded at each checkpoint, so this changes the result."""
     learning_rate: Positive = 8e-3
     """Learning rate of Adam; decays linearly to 1/50."""
     clip: Fraction = 0.4
@@ -300,17 +293,11 @@ class A2CConfig(TrainingConfig):
     algorithm: ClassVar[str] = "a2c"
 
     strokes: Count = 40_000_000
-    """Strokes of the learner in the whole run."""
     batch: Count = 8192
-    """Strokes of the learner in the first iteration; its rallies are played to their end."""
     growth: Growth = 0.03
-    """Growth of the batch per iteration, as a fraction of `batch`."""
     cache_iterations: Count = 8
-    """Iterations for which cached network outputs of rarely visited states are reused."""
     evaluate_every: Count = 50
-    """Iterations between exact evaluations."""
     checkpoint_every: Count = 100
-    """Iterations between checkpoints; the generator is reseeded at each checkpoint, so this changes the result."""
     learning_rate: Positive = 8e-3
     """Learning rate of Adam; decays linearly to 1/50."""
     entropy: Weight = 0.05
@@ -329,15 +316,10 @@ class SACConfig(TrainingConfig):
     algorithm: ClassVar[str] = "sac"
 
     strokes: Count = 8_000_000
-    """Strokes of the learner in the whole run."""
     batch: Count = 16_384
-    """Strokes of the learner in the first iteration; its rallies are played to their end."""
     cache_iterations: Count = 8
-    """Iterations for which cached network outputs of rarely visited states are reused."""
     evaluate_every: Count = 40
-    """Iterations between exact evaluations."""
     checkpoint_every: Count = 80
-    """Iterations between checkpoints; the generator is reseeded at each checkpoint, so this changes the result."""
     learning_rate: Positive = 6e-3
     """Learning rate of Adam for actor and critics; decays linearly to 1/50."""
     alpha_learning_rate: Positive = 1e-2
