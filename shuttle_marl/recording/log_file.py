@@ -16,7 +16,7 @@ from typing import BinaryIO, Final
 import numpy as np
 import pyarrow as pa
 from mcap.opcode import Opcode
-from mcap.records import Attachment, AttachmentIndex, Footer, Header, Metadata
+from mcap.records import Attachment, AttachmentIndex, DataEnd, Footer, Header, Metadata
 
 from shuttle_marl.base.arrays import U64
 from shuttle_marl.base.errors import command
@@ -41,6 +41,7 @@ INDEX_SCHEMA: Final = pa.schema(
 """Columns of the attachment ``rally_index``, one row per batch: number of its first rally, numbers of its rallies and strokes,
 offset of its chunk [bytes], and the least and greatest 2^32 x pairing + match in it."""
 SUFFIX: Final = ".mcap"
+_BLOCK: Final = 1 << 20
 _UNFINISHED: Final = ".part"
 _SET_ASIDE: Final = ".part.old"
 
@@ -118,8 +119,8 @@ def read_record(file: BinaryIO, offset: int, size: int, expected: Opcode) -> byt
     return file.read(length)
 
 
-def read_summary(file: BinaryIO, size: int) -> list[tuple[int, bytes]]:
-    """Records of the summary section, with a verified checksum.
+def read_summary(file: BinaryIO, size: int) -> tuple[int, list[tuple[int, bytes]]]:
+    """Offset and records of the summary section, with a verified checksum.
 
     Raises:
         DamagedLogError: the file was not finished, or its end is damaged.
@@ -138,7 +139,7 @@ def read_summary(file: BinaryIO, size: int) -> list[tuple[int, bytes]]:
     summary = file.read(size - tail - footer.summary_start)
     if zlib.crc32(end[: FRAME.size + FOOTER_LENGTH - 4], zlib.crc32(summary)) != footer.summary_crc:
         raise DamagedLogError("the checksum of its summary does not match")
-    return list(records(summary))
+    return footer.summary_start, list(records(summary))
 
 
 def read_header(file: BinaryIO, size: int) -> tuple[LogHeader, int]:
@@ -210,8 +211,25 @@ class LogFile:
                 raise DamagedLogError(f"batch {i} is not what the index says")
             return first, rallies
 
+    def check_data(self) -> None:
+        """Verify the checksum of all bytes before the summary.
+
+        Raises:
+            DamagedLogError: it does not match.
+        """
+        with damage(self.path):
+            # The record DataEnd, with the checksum as its body, ends where the summary starts.
+            crc, remaining = 0, self._summary - FRAME.size - 4
+            self._file.seek(0)
+            while remaining > 0 and (block := self._file.read(min(_BLOCK, remaining))):
+                crc, remaining = zlib.crc32(block, crc), remaining - len(block)
+            if FRAME.unpack(self._file.read(FRAME.size)) != (Opcode.DATA_END, 4):
+                raise DamagedLogError("its data does not end where the summary says")
+            if DataEnd.read(stream(self._file.read(4))).data_section_crc != crc:
+                raise DamagedLogError("the checksum of its data does not match")
+
     def _read_index(self) -> None:
-        summary = read_summary(self._file, self.size)
+        self._summary, summary = read_summary(self._file, self.size)
         attachments = [AttachmentIndex.read(stream(body)) for opcode, body in summary if opcode == Opcode.ATTACHMENT_INDEX]
         places = [attachment.offset for attachment in attachments if attachment.name == INDEX_NAME]
         if len(places) != 1:

@@ -2,30 +2,22 @@
 
 import dataclasses
 import itertools
-import zlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Final
 
 import numpy as np
-from mcap.opcode import Opcode
-from mcap.records import DataEnd, Footer
 
 from shuttle_marl.base.arrays import I64, Bools
 from shuttle_marl.base.errors import printable
-from shuttle_marl.base.files import open_file
 from shuttle_marl.game import draws
 from shuttle_marl.game.rally.record import Rallies
 from shuttle_marl.game.rules import WINNER
 from shuttle_marl.game.scoring import Rules, count_rally, is_over
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
-from shuttle_marl.recording.chunks import FRAME, stream
-from shuttle_marl.recording.header import DamagedLogError, LogHeader, RecordingError, Sampling
-from shuttle_marl.recording.log_file import FOOTER_LENGTH, MAGIC, LogFile, damage
+from shuttle_marl.recording.header import LogHeader, RecordingError, Sampling
+from shuttle_marl.recording.log_file import LogFile
 from shuttle_marl.recording.reader import RallyLog
-
-_BLOCK: Final = 1 << 20
 
 
 def require_game(log: RallyLog, game: Game) -> None:
@@ -128,7 +120,7 @@ def check(path: Path, game: Game | None = None) -> Checked:
         problems: list[str] = []
         for offset, files in log.logs:
             for file in files:
-                _check_data(file.path)
+                file.check_data()
             for file, after in itertools.pairwise(files):
                 if after.header.first_rally != file.end:
                     missing = f"{offset + file.end} to {offset + after.header.first_rally - 1}"
@@ -139,27 +131,6 @@ def check(path: Path, game: Game | None = None) -> Checked:
             if wrong:
                 problems.append(f"{len(wrong)} rallies do not follow from the seed and the rules, first: {wrong[0]}")
         return Checked(rallies=log.n_rallies, strokes=log.n_strokes, replayed=game is not None, problems=tuple(problems))
-
-
-def _check_data(path: Path) -> None:
-    tail = FRAME.size + FOOTER_LENGTH + len(MAGIC)
-    with damage(path), open_file(path) as file:
-        size = path.stat().st_size
-        if size < tail:
-            raise DamagedLogError("too short for a rally log")
-        file.seek(size - tail + FRAME.size)
-        # The record DataEnd, with the checksum as its body, ends where the summary starts.
-        end = Footer.read(stream(file.read(FOOTER_LENGTH))).summary_start - FRAME.size - 4
-        if not 0 <= end <= size - tail:
-            raise DamagedLogError("it was not closed")
-        file.seek(0)
-        crc, remaining = 0, end
-        while remaining and (block := file.read(min(_BLOCK, remaining))):
-            crc, remaining = zlib.crc32(block, crc), remaining - len(block)
-        if FRAME.unpack(file.read(FRAME.size)) != (Opcode.DATA_END, 4):
-            raise DamagedLogError("its data does not end where the summary says")
-        if DataEnd.read(stream(file.read(4))).data_section_crc != crc:
-            raise DamagedLogError("the checksum of its data does not match")
 
 
 def _check_matches(files: Sequence[LogFile], offset: int) -> list[str]:

@@ -111,7 +111,7 @@ class Mutator:
         with self.good.open("rb") as file:
             places = [
                 found.offset
-                for opcode, body in read_summary(file, len(content))
+                for opcode, body in read_summary(file, len(content))[1]
                 if opcode == Opcode.ATTACHMENT_INDEX and (found := AttachmentIndex.read(stream(body))).name == INDEX_NAME
             ]
             body = bytearray(read_record(file, places[0], len(content), Opcode.ATTACHMENT))

@@ -103,20 +103,23 @@ class Schedule:
         Args:
             number: number of the round, counted from 1.
         """
-        config, self._elapsed = self.config, elapsed
+        self._elapsed = elapsed
         seconds = self._turn_seconds(number)
+        return [self._turn(name, number, seconds, *fractions) for name, *fractions in self._learners()]
+
+    def _learners(self) -> list[tuple[str, float, float, float]]:
+        """Each learner with its fractions of rallies against best responses and the population, and its relative duration."""
+        config = self.config
         if config.variant == "psro":
-            return [self._turn("oracle", number, seconds, responses=0.0, past=1.0)]
+            return [("oracle", 0.0, 1.0, 1.0)]
         mains = [f"main-agent-{i}" for i in range(config.main_agents)]
         if config.variant == "plain":
-            return [self._turn(name, number, seconds, responses=0.0, past=0.0) for name in mains]
+            return [(name, 0.0, 0.0, 1.0) for name in mains]
         exploiters = [f"main-exploiter-{i}" for i in range(config.main_exploiters)]
         exploiters += [f"league-exploiter-{i}" for i in range(config.league_exploiters)]
-        responses, past, duration = config.response_fraction, config.past_fraction, config.exploiter_fraction
-        turns = [self._turn(name, number, seconds, responses=responses, past=past) for name in mains]
-        for name in exploiters if duration else []:
-            turns.append(self._turn(name, number, seconds, responses=0.0, past=1.0, duration=duration))
-        return turns
+        learners = [(name, config.response_fraction, config.past_fraction, 1.0) for name in mains]
+        duration = config.exploiter_fraction
+        return learners + [(name, 0.0, 1.0, duration) for name in exploiters if duration]
 
     def _turn_seconds(self, number: int) -> float | None:
         """Duration of the turn of a main agent, such that all remaining rounds end in time."""
@@ -136,16 +139,9 @@ class Schedule:
     @property
     def load(self) -> float:
         """Duration of all turns of a round, as a multiple of that of a main agent's turn."""
-        config, exploiters = self.config, 0
-        if config.variant == "psro":
-            return 1.0
-        if config.variant != "plain":
-            exploiters = config.main_exploiters + config.league_exploiters
-        return max(1.0, (config.main_agents + exploiters * config.exploiter_fraction) / config.workers)
+        return max(1.0, sum(duration for *_, duration in self._learners()) / self.config.workers)
 
-    def _turn(
-        self, name: str, number: int, seconds: float | None, *, responses: float, past: float, duration: float = 1.0
-    ) -> Turn:
+    def _turn(self, name: str, number: int, seconds: float | None, responses: float, past: float, duration: float) -> Turn:
         config, member = self.config, self.state.members.get(name, Member())
         weights = self.meta_strategy() if config.variant == "psro" else self._weights(name, number)
         rng = np.random.default_rng((config.seed, number, _number(name), _DRAW_OPPONENTS))
