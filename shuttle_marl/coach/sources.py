@@ -29,7 +29,6 @@ from shuttle_marl.game.shipped import folder_of, is_shipped
 from shuttle_marl.game.tables import Game
 from shuttle_marl.policy import baselines
 from shuttle_marl.recording import RallyLog
-from shuttle_marl.watch.match import CourtRally
 from shuttle_marl.watch.recorded import LogRallies, RealRallies
 
 _LISTED = 12
@@ -49,7 +48,7 @@ def of_strokes(path: Path, game: Game, match: str | None = None, columns: Path |
         DataError: the file cannot be read.
         AnalysisError: no such match, or several.
     """
-    strokes = load_strokes(path) if columns is None else import_matches(path, columns)[0].strokes
+    strokes = load_strokes(path) if columns is None else import_matches(path, columns).strokes
     played = match_strokes(strokes, match)
     name = played["match"][0].as_py()
     report = match_report(played, game=game)
@@ -60,9 +59,15 @@ def of_strokes(path: Path, game: Game, match: str | None = None, columns: Path |
     found = {i: numbers[row.key] for i, row in enumerate(report.rallies) if row.key in numbers}
     rallies = {i: staged.rally(found[i]) for i in report.moments if i in found}
     shown = {} if columns is not None else found
-    watch = _watch("--real", str(path), *model, "--rally")
-    footage = _footage(report, rallies, (watch, shown), women=played["discipline"][0].as_py() == "WS")
-    return report, dataclasses.replace(footage, gaps=gaps(played))
+    return report, Footage(
+        staged=rallies,
+        game=report.game,
+        players=_players(report.game),
+        athlete="female" if played["discipline"][0].as_py() == "WS" else "male",
+        command=_watch("--real", str(path), *model, "--rally"),
+        numbers=shown,
+        gaps=gaps(played),
+    )
 
 
 def match_strokes(strokes: pa.Table, match: str | None) -> pa.Table:
@@ -120,9 +125,14 @@ def of_log(path: Path, game: Game, pairing: int = 0, match: int = 0) -> tuple[Ma
     odds = None if known is None or known.value is None else known.value.odds(seats.index(strokes["player"][0].as_py()))
     report = match_report(strokes, game=game, rules=played, odds=odds)
     shown = {i: staged.rally(numbers[i]) for i in report.moments}
-    watch = _watch("--replay", str(path), "--rally"), dict(enumerate(numbers))
-    footage = _footage(report, shown, watch, women=False)
-    return report, footage if known is None else dataclasses.replace(footage, game=game, players=known)
+    return report, Footage(
+        staged=shown,
+        game=report.game if known is None else game,
+        players=_players(report.game) if known is None else known,
+        athlete="male",
+        command=_watch("--replay", str(path), "--rally"),
+        numbers=dict(enumerate(numbers)),
+    )
 
 
 def log_strokes(log: RallyLog, pairing: int = 0, match: int = 0) -> pa.Table:
@@ -140,22 +150,13 @@ def log_strokes(log: RallyLog, pairing: int = 0, match: int = 0) -> pa.Table:
     return stroke_table(rallies, log.catalogue, names, [title] * len(rallies), np.random.default_rng([0, pairing, match]))
 
 
-def _footage(report: MatchReport, rallies: dict[int, CourtRally], watch: tuple[str, dict[int, int]], *, women: bool) -> Footage:
-    game = report.game
+def _players(game: Game) -> Players:
+    """The imitated people of a pair, or two average players."""
     if game.people is not None:
         first, second = imitated(game)
-        players = Players(tables=(first, second), value=meet(first, second).value)
-    else:
-        average = baselines.load(None, game.seats[0])
-        players = Players(tables=(average, average), value=evaluate(average, average))
-    return Footage(
-        staged=rallies,
-        game=game,
-        players=players,
-        athlete="female" if women else "male",
-        command=watch[0],
-        numbers=watch[1],
-    )
+        return Players(tables=(first, second), value=meet(first, second).value)
+    average = baselines.load(None, game.seats[0])
+    return Players(tables=(average, average), value=evaluate(average, average))
 
 
 def video_of(template: str) -> Callable[[float], str]:

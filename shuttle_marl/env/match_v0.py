@@ -6,7 +6,7 @@ import numpy as np
 
 from shuttle_marl.base.arrays import F32
 from shuttle_marl.base.errors import OptionError, suggesting
-from shuttle_marl.env.aec import AGENTS, RENDER_MODES, CheckedEnv, RenderMode, ShuttleEnv
+from shuttle_marl.env.aec import AGENTS, METADATA, CheckedEnv, RenderMode, ShuttleEnv
 from shuttle_marl.env.wrappers import ActionView, InfoView, MaskView, PlainEnv, without_parallel, wrapped
 from shuttle_marl.game.observation import SCORE_WIDTH
 from shuttle_marl.game.rally.stepper import RallyDraws
@@ -47,12 +47,7 @@ class raw_env(ShuttleEnv):
         GameError: the model does not exist.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {
-        "name": "match_v0",
-        "render_modes": list(RENDER_MODES),
-        "is_parallelizable": False,
-        "render_fps": 2,
-    }
+    metadata: ClassVar[dict[str, Any]] = {"name": "match_v0", **METADATA}
 
     def __init__(
         self,

@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from shuttle_marl.base.errors import OptionError, suggesting
-from shuttle_marl.env.aec import RENDER_MODES, CheckedEnv, RenderMode, ShuttleEnv
+from shuttle_marl.env.aec import METADATA, CheckedEnv, RenderMode, ShuttleEnv
 from shuttle_marl.env.wrappers import ActionView, InfoView, MaskView, PlainEnv, without_parallel, wrapped
 from shuttle_marl.game.rally.stepper import RallyDraws
 from shuttle_marl.game.tables import Game
@@ -46,12 +46,7 @@ class raw_env(ShuttleEnv):
         GameError: the model does not exist.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {
-        "name": "rally_v0",
-        "render_modes": list(RENDER_MODES),
-        "is_parallelizable": False,
-        "render_fps": 2,
-    }
+    metadata: ClassVar[dict[str, Any]] = {"name": "rally_v0", **METADATA}
 
     def __init__(
         self,

@@ -103,16 +103,13 @@ class TextRallyEnv(gymnasium.Env[str, str]):
         """Start the next rally, up to the first stroke of the learner."""
         super().reset(seed=seed)
         _, info = self.rally.reset(seed=seed, options=options)
-        return self._words(), info
+        return words(self.rally.game, self.rally.state_number), info
 
     def step(self, action: str) -> tuple[str, float, bool, bool, dict[str, Any]]:
         """Play the stroke that an answer names; see :meth:`shuttle_marl.env.single.SingleEnv.step`."""
         stroke = stroke_of(self.rally.game, self.rally.state_number, action)
         _, reward, over, cut, info = self.rally.step(stroke)
-        return OVER if over else self._words(), reward, over, cut, info
-
-    def _words(self) -> str:
-        return words(self.rally.game, self.rally.state_number)
+        return OVER if over else words(self.rally.game, self.rally.state_number), reward, over, cut, info
 
 
 def words(game: Game, state: int) -> str:

@@ -1,7 +1,8 @@
 """Facts about hall, strokes and rallies that pages receive."""
 
+from typing import Any
+
 import numpy as np
-from msgspec.structs import asdict
 
 from shuttle_marl import staging
 from shuttle_marl.game import court
@@ -65,20 +66,20 @@ def rounded(value: float) -> float:
     return round(float(value), 7)
 
 
-def stroke_facts(rally: Rally, stroke: int, seat: int) -> messages.StrokeFacts:
-    """Words of a stroke of the catalogue, and the area at which a seat aims with it in a rally."""
+def stroke_facts(rally: Rally, stroke: int, seat: int) -> dict[str, Any]:
+    """Fields of :class:`~shuttle_marl.watch.messages.StrokeFacts` for a stroke with which a seat aims at an area in a rally."""
     catalogue, sign = rally.catalogue, rally.facing(seat)
     (x0, x1), (y0, y1) = rally.aim_box(stroke)
     xs, ys = sorted((sign * x0, sign * x1)), sorted((sign * y0, sign * y1))
-    return messages.StrokeFacts(
-        stroke=stroke,
-        seat=seat,
-        shot=SHOTS[catalogue.shot[stroke]],
-        area=court.AREAS[rally.aim[stroke]],
-        height=HEIGHTS[catalogue.height[stroke]],
-        technique=TECHNIQUES[catalogue.technique[stroke]],
-        box=(xs[0], xs[1], ys[0], ys[1]),
-    )
+    return {
+        "stroke": stroke,
+        "seat": seat,
+        "shot": SHOTS[catalogue.shot[stroke]],
+        "area": court.AREAS[rally.aim[stroke]],
+        "height": HEIGHTS[catalogue.height[stroke]],
+        "technique": TECHNIQUES[catalogue.technique[stroke]],
+        "box": (*xs, *ys),
+    }
 
 
 def rally_facts(game: Game, rally: CourtRally, motion: staging.Motion) -> messages.RallyFacts:
@@ -119,7 +120,7 @@ def _turn(game: Game, rally: CourtRally, state: int) -> messages.Turn:
     strokes = game.legal_strokes(state).tolist()
     good, returned, _ = game.stroke_probabilities(game.pair_at(state, np.arange(len(strokes))))
     legal = [
-        messages.TurnStroke(**asdict(stroke_facts(rally, stroke, seat)), p_succ=rounded(good[k]), p_ret=rounded(returned[k]))
+        messages.TurnStroke(**stroke_facts(rally, stroke, seat), p_succ=rounded(good[k]), p_ret=rounded(returned[k]))
         for k, stroke in enumerate(strokes)
         if rally.as_named(stroke)
     ]
@@ -133,7 +134,7 @@ def _stroke(game: Game, rally: CourtRally, motion: staging.Motion, i: int, state
     good, returned, _ = (rounded(float(p)) for p in game.stroke_probabilities(pair))
     real = real_strokes(game)
     return messages.Stroke(
-        **asdict(stroke_facts(rally, stroke, int(rally.striker[i]))),
+        **stroke_facts(rally, stroke, int(rally.striker[i])),
         state=state,
         p_succ=good,
         p_ret=returned,

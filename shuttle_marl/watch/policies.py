@@ -59,7 +59,6 @@ class PolicyTables:
     def __init__(self, game: Game, trusted: Sequence[str] = ()) -> None:
         self.game = game
         self._trusted = frozenset(trusted)
-        self._asymmetric = game.people is not None
         self._policies, self._tables = OnceCache(_MAX_TABLES), OnceCache(_MAX_TABLES)
         self._values, self._visits, self._solution = OnceCache(_MAX_VALUES), OnceCache(_MAX_VALUES), OnceCache(1)
 
@@ -69,9 +68,8 @@ class PolicyTables:
         Raises:
             PolicyError: the policy is unknown, may not be named by a page, or reads the score.
         """
-        seat = seat if self._asymmetric else 0
-        game = self.game.seats[seat]
-        return self._tables.get((side, seat), lambda: tabulate(self.policy(side, seat), game))
+        game = self.game.seats[seat]  # the same for both, unless it is that of a pair
+        return self._tables.get((side, game.hash), lambda: tabulate(self.policy(side, seat), game))
 
     def policy(self, side: Side, seat: int = 0) -> Policy:
         """The policy of a side at a seat, for single states: tabulating all states would take longer.
@@ -79,12 +77,13 @@ class PolicyTables:
         Raises:
             PolicyError: the policy is unknown, or may not be named by a page.
         """
-        seat = seat if self._asymmetric else 0
-        return self._policies.get((side, seat), lambda: self._resolved(side, seat))
+        game = self.game.seats[seat]
 
-    def _resolved(self, side: Side, seat: int) -> Policy:
-        policy = (resolve if side.policy in self._trusted else resolve_recorded)(side.policy, self.game.seats[seat])
-        return policy if side.temperature == 1 else TemperedPolicy(policy, side.temperature)
+        def resolved() -> Policy:
+            policy = (resolve if side.policy in self._trusted else resolve_recorded)(side.policy, game)
+            return policy if side.temperature == 1 else TemperedPolicy(policy, side.temperature)
+
+        return self._policies.get((side, game.hash), resolved)
 
     def values(self, sides: tuple[Side, Side]) -> ProfileValue:
         """Exact values of seat 0 against seat 1."""

@@ -222,7 +222,7 @@ def _is_address(name: str) -> bool:
 class _Connections:
     def __init__(self, answer: Answer) -> None:
         self._answer, self._count = answer, 0
-        self._limiters: tuple[anyio.CapacityLimiter, anyio.CapacityLimiter] | None = None
+        self._limiters = anyio.CapacityLimiter(_THREADS), anyio.CapacityLimiter(_THREADS)
 
     async def serve(self, socket: WebSocket) -> None:
         """Answer the requests of one connection until it closes."""
@@ -230,7 +230,6 @@ class _Connections:
         if self._count >= MAX_CONNECTIONS:
             await socket.close(1013, f"{MAX_CONNECTIONS} pages are open already")
             return
-        self._limiters = self._limiters or (anyio.CapacityLimiter(_THREADS), anyio.CapacityLimiter(_THREADS))
         self._count += 1
         running: set[asyncio.Task[None]] = set()
         budget = _Budget(asyncio.get_running_loop().time())
@@ -243,7 +242,7 @@ class _Connections:
                     await asyncio.sleep(wait)
                 if len(running) >= _CONCURRENT:
                     await asyncio.wait(running, return_when=asyncio.FIRST_COMPLETED)
-                task = asyncio.create_task(self._reply(socket, text, self._limiters, sending))
+                task = asyncio.create_task(self._reply(socket, text, sending))
                 running.add(task)
                 task.add_done_callback(running.discard)
         except (WebSocketDisconnect, RuntimeError, KeyError):
@@ -253,13 +252,11 @@ class _Connections:
             for task in running:
                 task.cancel()
 
-    async def _reply(
-        self, socket: WebSocket, text: str, limiters: tuple[anyio.CapacityLimiter, anyio.CapacityLimiter], sending: asyncio.Lock
-    ) -> None:
+    async def _reply(self, socket: WebSocket, text: str, sending: asyncio.Lock) -> None:
         number = request_id(text)
         try:
             request = decode_request(text)
-            limiter = limiters[not isinstance(request, _FAST)]
+            limiter = self._limiters[not isinstance(request, _FAST)]
             content = await anyio.to_thread.run_sync(self._answer, request, limiter=limiter)
         except ShuttleError as error:
             content = encode_reply(number, printable(str(error)))

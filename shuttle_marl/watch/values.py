@@ -1,11 +1,11 @@
 """Values of the strokes of a game, as pages receive them."""
 
+from collections.abc import Iterable
 from typing import Any, Final
 
 import numpy as np
-from msgspec.structs import asdict
 
-from shuttle_marl.analysis.marks import Basis, Judged, basis_of
+from shuttle_marl.analysis.marks import Judged, basis_of
 from shuttle_marl.analysis.rally import Decision, Opening, Players, analyse_rally, opening
 from shuttle_marl.analysis.rally import decision as analyse_decision
 from shuttle_marl.base.arrays import F64
@@ -25,6 +25,11 @@ SHOWN: Final = 8
 ELITE: Final = Side(policy="bc")
 """The imitated average elite player, the reference of all comparisons."""
 _MAX_STYLES: Final = 64
+_GROUPS: Final = {
+    "attack": [SHOTS.index(shot) for shot in ("smash", "half-smash", "net-kill")],
+    "net play": [SHOTS.index(shot) for shot in ("net-shot", "cross-court-net-shot", "block")],
+}
+"""Shot types of a figure of style."""
 
 
 class StrokeValues:
@@ -50,8 +55,7 @@ class StrokeValues:
 
     def judged(self, choice: Decision) -> Judged:
         """The strokes of a decision by the one basis of all marks, in the same order."""
-        basis: Basis = basis_of(self.game)
-        return basis.judged(np.array([choice.state]))
+        return basis_of(self.game).judged(np.array([choice.state]))
 
     def analysis(self, rally: CourtRally, players: Players) -> messages.Analysis:
         """Values of every stroke of a rally."""
@@ -125,10 +129,8 @@ class StrokeValues:
         return messages.OpeningReply(
             strokes=[
                 messages.OpeningStroke(
-                    **(
-                        self._valued(begun, found, k, found.optimal)
-                        | {"area": court.AREAS[self.game.catalogue.area[found.stroke[k]]]}
-                    ),
+                    **self._valued(begun, found, k, found.optimal)
+                    | {"area": court.AREAS[self.game.catalogue.area[found.stroke[k]]]},
                     available=rounded(found.available[k]),
                     share=rounded(found.share[k]),
                 )
@@ -140,7 +142,7 @@ class StrokeValues:
     def _valued(self, rally: Rally, choice: Decision | Opening, k: int, best: F64) -> dict[str, Any]:
         """Fields of :class:`~shuttle_marl.watch.messages.ValuedStroke` of the k-th stroke."""
         return {
-            **asdict(stroke_facts(rally, int(choice.stroke[k]), choice.seat)),
+            **stroke_facts(rally, int(choice.stroke[k]), choice.seat),
             "p_succ": rounded(choice.p_succ[k]),
             "p_ret": rounded(choice.p_ret[k]),
             "support": None if np.isnan(choice.support[k]) else round(float(choice.support[k]), 1),
@@ -154,44 +156,35 @@ class StrokeValues:
 
     def _styles_of(self, sides: tuple[Side, Side]) -> messages.Styles:
         visits, elite = self._policies.visits(sides), self._policies.visits((ELITE, ELITE))
-        odds = self._policies.values(sides).odds()
-        mixes, reference = [visits.shot_mix(seat) for seat in (0, 1)], elite.shot_mix(0)
-        endings = [_ending_rates(visits.endings(), visits.states, seat) for seat in (0, 1)]
-        elite_endings = _ending_rates(elite.endings(), elite.states, 0)
+        odds, seen = self._policies.values(sides).odds(), ((visits, 0), (visits, 1), (elite, 0))
+        mixes = np.array([each.shot_mix(seat) for each, seat in seen])
+        endings = [(each.endings(), seat, float(each.states[seat].sum())) for each, seat in seen]
+
+        def figure(name: str, values: Iterable[float]) -> messages.StyleFigure:
+            first, second, reference = map(float, values)
+            return messages.StyleFigure(name, (first, second), reference)
+
         figures = [
             messages.StyleFigure("rallies won", (odds.rally, 1 - odds.rally), None),
             messages.StyleFigure("matches won", (odds.match(), 1 - odds.match()), None),
+            *(figure(name, (mix[index].sum() for mix in mixes)) for name, index in _GROUPS.items()),
+            # Fractions of the strokes of each player, serves included.
+            *(
+                figure(f"{end}s", (ends[f"{end} of player {seat}"] / n for ends, seat, n in endings))
+                for end in ("fault", "winner")
+            ),
         ]
-        for name, shots in (
-            ("attack", ("smash", "half-smash", "net-kill")),
-            ("net play", ("net-shot", "cross-court-net-shot", "block")),
-        ):
-            index = [SHOTS.index(shot) for shot in shots]
-            first, second, third = (float(mix[index].sum()) for mix in (*mixes, reference))
-            figures.append(messages.StyleFigure(name, (first, second), third))
-        figures += [
-            messages.StyleFigure(name, (endings[0][name], endings[1][name]), elite_endings[name]) for name in elite_endings
-        ]
-        order = np.argsort(-np.maximum(mixes[0], mixes[1]), kind="stable")
-        shots_ = [messages.StyleFigure(SHOTS[k], (float(mixes[0][k]), float(mixes[1][k])), float(reference[k])) for k in order]
+        order = np.argsort(-mixes[:2].max(axis=0), kind="stable")
         first = self._policies.values((sides[0], ELITE)).odds().rally
         second = 1 - self._policies.values((ELITE, sides[1])).odds().rally
-        return messages.Styles(figures=figures, shots=shots_, strength=(rounded(first), rounded(second)))
+        shots = [figure(SHOTS[k], mixes[:, k]) for k in order]
+        return messages.Styles(figures=figures, shots=shots, strength=(rounded(first), rounded(second)))
 
 
 def _landings(area: np.ndarray, choice: Decision) -> tuple[list[float] | None, list[float] | None]:
     """Probability with which the striker's policy aims at each area, ``[9]``; None for the receiver."""
     aims = [round(float(p), 4) for p in np.bincount(area[choice.stroke], choice.probability, court.N_AREAS)]
     return (aims, None) if choice.seat == 0 else (None, aims)
-
-
-def _ending_rates(endings: dict[str, float], states: tuple[F64, F64], seat: int) -> dict[str, float]:
-    """Faults and winners of a player as fractions of their strokes, serves included."""
-    strokes = float(states[seat].sum())
-    return {
-        "faults": endings[f"fault of player {seat}"] / strokes,
-        "winners": endings[f"winner of player {seat}"] / strokes,
-    }
 
 
 def _least(support: F64) -> int | None:
