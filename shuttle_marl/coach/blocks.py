@@ -59,9 +59,7 @@ def page(title: str, subtitle: str, sections: Sequence[Section], *, rallies: str
     """The page of a report.
 
     Args:
-        title, subtitle: of the page.
         rallies: staged rallies, as JSON that cannot end a script element; empty: none.
-        viewer: what plays them.
     """
     say = words()
     return render(

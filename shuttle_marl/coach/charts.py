@@ -44,11 +44,7 @@ def _wide(text: str) -> int:
 
 @styled
 def bars(rows: Sequence[Bar], title: str) -> Markup:
-    """Estimates with intervals, one below the other.
-
-    Args:
-        title: description for screen readers.
-    """
+    """Estimates with intervals, one below the other."""
     say = words()
     whole = [label(row.name, 3 * _LINE) for row in rows]
     labels = [fill(text, _LINE // 2 if 2 * _wide(text) > len(text) else _LINE) for text in whole]  # wide letters: half as many
@@ -82,7 +78,6 @@ def court(shares: F64, reference: F64, title: str, clear: Sequence[int] = ()) ->
 
     Args:
         shares, reference: ``[9]`` shares.
-        title: description for screen readers.
         clear: areas with a frame.
     """
     from matplotlib.colors import LinearSegmentedColormap, to_hex  # noqa: PLC0415  slow to import
@@ -117,7 +112,6 @@ def drill(met: int, target: int, title: str) -> Markup:
     Args:
         met: area of the player's half; -1: the player serves.
         target: area of the other half.
-        title: description for screen readers.
     """
     chart = Chart(220.0, 420.0)
     axes = chart.axes
@@ -144,7 +138,6 @@ def course(chance: Sequence[float], games: Sequence[int], moments: Sequence[int]
         games: rallies after which a game ended.
         moments: rallies with a dot.
         names: of the players, at the upper and at the lower end.
-        title: description for screen readers.
     """
     chart = Chart(_WIDTH, 220.0)
     axes, at = chart.axes, np.arange(len(chance))

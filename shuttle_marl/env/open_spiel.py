@@ -63,11 +63,6 @@ class RallyGame(pyspiel.Game):
             for a chance node that decides; ``max_strokes``: strokes after which a rally is cut off, 0 for never.
         tables: the tables of another game, instead of those of a model.
 
-    Attributes:
-        tables: the tables of the game.
-        server: 0, 1, or -1.
-        max_strokes: 0 for no limit.
-
     Raises:
         OptionError: a parameter that is not among those.
         GameError: the model does not exist.
@@ -103,10 +98,8 @@ class RallyState(pyspiel.State):
     """A state, named in words by who strikes in which state of :mod:`shuttle_marl.game.tables`; its clones share no luck.
 
     Attributes:
-        tables: the tables of the game.
         striker: who is to strike or has just struck, 0 or 1; -1: it is not decided who serves.
         number: state of the striker, as in :mod:`shuttle_marl.game.tables`.
-        strokes: strokes so far.
     """
 
     def __init__(self, game: RallyGame) -> None:

@@ -32,10 +32,6 @@ Seat = Literal[0, 1]
 class Opponent:
     """Chooses strokes from a table, or by calling a policy that reads the score.
 
-    Attributes:
-        policy: the policy.
-        reads_score: whether the policy needs the score.
-
     Raises:
         PolicyError: the policy does not exist, or does not return a distribution over the legal strokes.
     """
@@ -71,7 +67,6 @@ class SingleEnv(gymnasium.Env[Observation, np.int64]):
 
     Attributes:
         raw: the wrapped PettingZoo environment.
-        opponent: the opponent.
         seat: the learner's seat, 0 or 1.
     """
 

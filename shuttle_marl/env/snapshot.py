@@ -23,11 +23,6 @@ class Snapshot:
     """The rally so far, or the last rally until the next serve is struck.
 
     Attributes:
-        game: the game.
-        names: names of players 0 and 1.
-        title: title, such as ``rally 3``.
-        strokes: strokes of the rally.
-        server: server of the rally.
         striker: player to hit next; None if the rally is over.
         winner: winner of the rally; None while it continues or if it was truncated.
         reason: reason of the end: ``fault``, ``winner``, ``illegal stroke`` or ``too many strokes``; None before.
@@ -116,7 +111,6 @@ class Flight:
     """The shuttle from one contact to the next.
 
     Attributes:
-        stroke: the stroke.
         start: contact point [m].
         end: next contact, landing point, or drawn end of a fault [m].
         peak: height above the straight line at its middle [m].
@@ -133,7 +127,6 @@ class Plan:
     """Positions of all drawn objects.
 
     Attributes:
-        flights: all strokes of the rally, in order.
         shuttle: position of the shuttle [m].
         bodies: positions of players 0 and 1 [m].
         came_from: positions at their last contact [m]; None for the player to hit.

@@ -213,11 +213,7 @@ def heat_map(names: Sequence[str], win: F64) -> Markup:
 
 @styled
 def scatter(points: Mapping[str, tuple[float, float]], across: str, up: str) -> Markup:
-    """Named points, whose names do not overlap.
-
-    Args:
-        points: coordinates by name.
-    """
+    """Named points, whose names do not overlap."""
     chart = Chart(_WIDTH, 460.0)
     axes = chart.axes
     axes.scatter(
@@ -277,11 +273,7 @@ def curves(
 
 @styled
 def radar(axes: Sequence[str], values: Sequence[float], reference: Sequence[float]) -> Markup:
-    """Figures from 0 (the centre) to 1 (the rim), and those of a reference as a dashed line.
-
-    Args:
-        axes: names of the figures.
-    """
+    """Figures from 0 (the centre) to 1 (the rim), and those of a reference as a dashed line."""
     chart = Chart(300.0, 230.0, projection="polar")
     angles = 2 * math.pi * np.arange(len(axes)) / len(axes)
     chart.axes.fill(angles, reference, facecolor="none", edgecolor=DIM, linestyle=(0, (3, 3)))

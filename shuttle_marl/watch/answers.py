@@ -104,7 +104,6 @@ class Answers:
     Args:
         plan: the match of a page that names none.
         recorded: recorded rallies to show instead of matches.
-        first: number of the rally that is shown first.
         log: log of the rallies that a person plays; None: not recorded.
         tags: the video that is tagged, instead of rallies; None: none.
         shipped: the first rally of the plan, staged in advance; None: it is staged when it is requested.

@@ -54,9 +54,6 @@ def node() -> Path | None:
 def build(say: Callable[[str], object] = lambda _: None) -> Path:
     """Build the page if it is missing or out of date; returns its folder.
 
-    Args:
-        say: receives progress messages.
-
     Raises:
         BuildError: Node is missing, or a dependency cannot be fetched, or the build failed.
     """

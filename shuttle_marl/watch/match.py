@@ -168,9 +168,6 @@ def play_rally(
 def seed_of_line(game: Game, line: Sequence[int]) -> int | None:
     """The first seed of a match whose first rally seat 0 serves and in which all strokes of a line are legal and returned.
 
-    Args:
-        line: catalogue indices of the first strokes.
-
     Returns:
         The seed; None if none of the first 4,096 has such a rally.
     """

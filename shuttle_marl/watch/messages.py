@@ -35,9 +35,7 @@ class Query(Request, kw_only=True, frozen=True):
     """A request about a rally.
 
     Attributes:
-        rally: number of the rally.
         plan: plan of its match; None: a recorded rally.
-        person: person who plays instead of a policy.
         tried: strokes that replace those of a recorded rally.
     """
 
@@ -604,13 +602,7 @@ def decode_request(text: str) -> Request:
 
 
 def encode_reply(number: int | None, reply: Struct | str, parts: Sequence[bytes] = ()) -> bytes:
-    """Encode a reply.
-
-    Args:
-        number: ``id`` of the request.
-        reply: the reply, or an error message.
-        parts: parts of the body.
-    """
+    """Encode a reply."""
     fields: dict[str, Any] = {"error": reply} if isinstance(reply, str) else msgspec.structs.asdict(reply)
     text = msgspec.json.encode({"id": number, **fields})
     text += b" " * (-len(text) % 4)

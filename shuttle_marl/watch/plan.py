@@ -30,7 +30,6 @@ class Side(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """The player of a seat.
 
     Attributes:
-        policy: name of the policy.
         temperature: 1: unchanged, below 1: sharper, 0: greedy.
     """
 
@@ -43,8 +42,6 @@ class Change(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
     Attributes:
         rally: first rally of the new player.
-        seat: 0 or 1.
-        side: the new player.
     """
 
     rally: RallyNumber
@@ -56,7 +53,6 @@ class Person(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A person who plays instead of a policy.
 
     Attributes:
-        seat: 0 or 1.
         rally: the rally in which they take over.
         stroke: the first stroke of that rally that they may choose.
     """
@@ -76,7 +72,6 @@ class Plan(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     Attributes:
         seed: random seed; JavaScript represents integers up to 2^53.
         sides: players of seats 0 and 1 in the first rally.
-        changes: changes of players.
         chosen: by rally, the strokes that no policy chose: a person's, or strokes that were tried.
         points: points that win a duel, a match of one game; None: a match by the rules of the sport.
     """

@@ -22,11 +22,7 @@ _MAX_VALUES: Final = 24
 
 
 class OnceCache:
-    """Least-recently-used cache that computes each result once, even if several threads request it at the same time.
-
-    Args:
-        size: maximum number of results.
-    """
+    """Least-recently-used cache that computes each result once, even if several threads request it at the same time."""
 
     def __init__(self, size: int) -> None:
         self._size = size
@@ -52,7 +48,6 @@ class PolicyTables:
     """Policies of one game.
 
     Args:
-        game: tables of the game, or the game of a pair.
         trusted: names that the user gave, which may name modules and files.
     """
 

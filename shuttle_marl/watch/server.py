@@ -93,7 +93,6 @@ def application(
     """The ASGI application.
 
     Args:
-        downloads: files about the matches of recorded rallies.
         video: the video that is tagged.
         language: language of a page whose reader has chosen none.
         hosts: allowed values of the Host header; ``*`` allows every IP address.
@@ -411,7 +410,6 @@ def write_video(address: str, path: Path, progress: Progress = iter, *, size: tu
     Args:
         address: URL of the page, with the rally in its fragment.
         path: the video, ``.mp4`` or ``.webm``; written atomically.
-        progress: wraps the frame numbers, such as a progress bar.
         size: width and height [pixels], both even.
 
     Raises:
