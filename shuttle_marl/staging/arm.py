@@ -320,7 +320,6 @@ def solve(arm: Arm, goal: Goal, start: F64, rounds: int = 40) -> F64:
 
     Args:
         start: ``[N, 10]`` initial angles [rad].
-        rounds: maximum number of steps.
     """
     x = np.ascontiguousarray(arm.clipped(np.array(start, dtype=np.float64)))
     target = np.stack([goal.point, goal.shaft, goal.normal, goal.elbow], axis=1)

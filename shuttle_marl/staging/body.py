@@ -53,10 +53,7 @@ class Prepared:
         hips: ``[F, 3]`` position of the hips [m].
         path: ``[F, 2]`` their path over the floor, without shifts of weight [m].
         plants: times and places at which the left and the right foot are planted.
-        keys: key poses, with solved contacts.
         miss: ``[H, 3]`` vector from strings to shuttle at each hit [m].
-        timeline: the plan.
-        added: idle movements.
     """
 
     hips: F64
@@ -94,7 +91,6 @@ class Player:
     """Motion of a player over F frames: inputs of the bones, and the state needed to continue the motion.
 
     Attributes:
-        prepared: path, plants and key poses.
         shift: ``[n, 3]`` shift of the hips at each stroke, so that the racket reaches the shuttle [m].
         rhythm: random seed of breathing and shifts of weight.
     """
@@ -182,7 +178,6 @@ def course(skeleton: Skeleton, prepared: Prepared, shuttle: F64, before: Course 
     """Inputs of the bones in all frames.
 
     Args:
-        prepared: feet, hips and key poses.
         shuttle: ``[F, 3]`` position of the shuttle, which the head follows [m].
         before: B unchanged frames.
     """

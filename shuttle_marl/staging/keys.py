@@ -7,25 +7,9 @@ import numpy as np
 
 from shuttle_marl.base.arrays import F64, I64
 from shuttle_marl.staging import motions
+from shuttle_marl.staging.motions import LEFT, RIGHT
+from shuttle_marl.staging.poses import STROKES
 
-LEFT, RIGHT = 0, 1
-
-_AT_CONTACT: Final[dict[int, tuple[tuple[float, float, float], tuple[float, float, float], int]]] = {
-    motions.SERVE_BACKHAND: ((-0.12, -0.24, 24), (0.10, 0.22, -8), RIGHT),
-    motions.SERVE_FOREHAND: ((-0.14, 0.26, 0), (0.14, -0.24, -58), RIGHT),
-    motions.OVERHEAD: ((-0.14, 0.10, 10), (0.18, -0.18, -48), RIGHT),
-    motions.AROUND: ((-0.26, -0.06, 20), (0.12, 0.04, -24), LEFT),
-    motions.OVERHEAD_BACKHAND: ((0.24, 0.02, 84), (-0.30, -0.06, 108), RIGHT),
-    motions.KILL: ((-0.12, -0.34, 24), (0.14, 0.38, 0), RIGHT),
-    motions.KILL_BACKHAND: ((-0.12, -0.34, 24), (0.12, 0.38, 6), RIGHT),
-    motions.LUNGE: ((-0.14, -0.58, 42), (0.10, 0.62, -4), RIGHT),
-    motions.LUNGE_BACKHAND: ((-0.12, -0.58, 46), (0.08, 0.62, 8), RIGHT),
-    motions.SIDE: ((-0.36, -0.02, 10), (0.50, 0.10, -44), RIGHT),
-    motions.SIDE_BACKHAND: ((0.10, -0.30, 34), (-0.26, 0.40, 40), RIGHT),
-    motions.DEFENCE: ((-0.36, 0.00, 14), (0.42, 0.06, -28), RIGHT),
-    motions.DEFENCE_BACKHAND: ((-0.44, 0.06, 30), (0.34, 0.00, -12), LEFT),
-}
-"""Left and right foot (x, y, heading in degrees), and the foot that lands last."""
 LANDING: Final = np.array([(-0.16, -0.26, 22), (0.14, 0.26, -6)])
 """After a jump: the legs have scissored, the racket foot lands in front."""
 SPLIT: Final = np.array([(-0.29, 0.03, 14), (0.29, 0.00, -14)])
@@ -148,7 +132,7 @@ def feet_at(motion: int, root: F64, heading: float, reach: float, high: float = 
         reach: lateral stretch, 0 to 1.
         high: height of the contact above the natural one, which shortens a lunge [m].
     """
-    left, right, last = _AT_CONTACT[motion]
+    left, right, last = STROKES[motion].feet
     spots = np.array([left, right])
     if motion in (motions.DEFENCE, motions.SIDE):
         spots[RIGHT, 0] += 0.16 * reach

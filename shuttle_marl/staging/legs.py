@@ -10,7 +10,6 @@ from shuttle_marl.base.arrays import F64
 from shuttle_marl.base.compiling import compiled
 from shuttle_marl.staging.curves import smooth, widen
 from shuttle_marl.staging.feet import Feet
-from shuttle_marl.staging.keys import LEFT, RIGHT
 from shuttle_marl.staging.linear import (
     Mat,
     Vec,
@@ -30,6 +29,7 @@ from shuttle_marl.staging.linear import (
     transposed,
     unit,
 )
+from shuttle_marl.staging.motions import LEFT, RIGHT
 from shuttle_marl.staging.rotation import apply, frame
 from shuttle_marl.staging.skeleton import Skeleton
 
@@ -233,7 +233,6 @@ def settle(skeleton: Skeleton, hips: F64, root: F64, feet: Feet) -> tuple[F64, F
     Args:
         hips: ``[F, 3]`` position of the hips [m].
         root: ``[F, 3, 3]`` rotation of the hips.
-        feet: the feet, the heels of planted ones down.
 
     Returns:
         ``[F, 3]`` the hips, lowered where needed, and the feet.

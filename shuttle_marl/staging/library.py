@@ -9,7 +9,7 @@ import numpy as np
 from shuttle_marl.base.arrays import F64, Bools
 from shuttle_marl.staging import motions
 from shuttle_marl.staging.arm import Arm, Goal, anywhere, arm_of, solve, solve_best
-from shuttle_marl.staging.poses import AIM, CONTACT, KEYS, LOSES, READY, REST, WAIT, WINS, Key
+from shuttle_marl.staging.poses import CONTACT, LOSES, READY, REST, STROKES, WAIT, WINS, Key
 from shuttle_marl.staging.rotation import apply, turned, unit
 from shuttle_marl.staging.skeleton import (
     FLIP,
@@ -62,7 +62,7 @@ def pointed(motion: int, need: F64) -> tuple[F64, F64]:
     A player who meets the shuttle high in front of them holds the racket up, the elbow down: the head of the racket is above
     the hand, and the elbow below the shoulder.
     """
-    key = KEYS[motion][CONTACT]
+    key = STROKES[motion].keys[CONTACT]
     shaft, elbow = (np.tile(unit(np.array(direction)), (len(need), 1)) for direction in (key.shaft, key.elbow))
     if motion in (motions.LUNGE, motions.LUNGE_BACKHAND):
         up = np.clip(need, 0.0, 0.5)
@@ -108,7 +108,6 @@ class Athlete:
 
     Attributes:
         facing: sign between the frame of the court and that of the seat.
-        right_handed: which hand holds the racket.
     """
 
     seat: int
@@ -130,13 +129,13 @@ class Athlete:
 @functools.cache
 def library_of(skeleton: Skeleton) -> Library:
     """Key poses of an athlete, scaled to their size."""
-    keys = [*(key for motion in range(len(motions.MOTIONS)) for key in KEYS[motion]), READY, WAIT, REST, *WINS, *LOSES]
+    keys = [*(key for motion in range(len(motions.MOTIONS)) for key in STROKES[motion].keys), READY, WAIT, REST, *WINS, *LOSES]
     aim = np.zeros((len(keys), 3))
     hit = np.zeros(len(keys), dtype=bool)
     hit[CONTACT : 6 * len(motions.MOTIONS) : 6] = True
     # Contacts are written in the stroke frame, key poses in the facing frame.
-    back = turned(np.array([-np.radians(KEYS[motion][CONTACT].hips[1]) for motion in range(len(motions.MOTIONS))]))
-    aim[hit] = apply(back, np.array([AIM[motion] for motion in range(len(motions.MOTIONS))]))
+    back = turned(np.array([-np.radians(STROKES[motion].keys[CONTACT].hips[1]) for motion in range(len(motions.MOTIONS))]))
+    aim[hit] = apply(back, np.array([STROKES[motion].aim for motion in range(len(motions.MOTIONS))]))
     poses, reached = _solve(skeleton, keys, aim, hit)
     n = len(motions.MOTIONS) * 6
     return Library(

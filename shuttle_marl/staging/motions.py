@@ -16,6 +16,7 @@ import numpy as np
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.game.stroke import SHOTS, TECHNIQUES
 
+LEFT, RIGHT = 0, 1
 SERVE_BACKHAND, SERVE_FOREHAND, OVERHEAD, AROUND, OVERHEAD_BACKHAND = range(5)
 KILL, KILL_BACKHAND, LUNGE, LUNGE_BACKHAND, SIDE, SIDE_BACKHAND, DEFENCE, DEFENCE_BACKHAND = range(5, 13)
 MOTIONS: Final = (
@@ -127,7 +128,6 @@ def stance_of(motion: int, contact: F64, base: F64, right_handed: bool, natural:
         motion: index into :data:`MOTIONS`.
         contact: ``[3]`` position of the shuttle, in the player's own frame [m].
         base: ``[2]`` position of the player at the opponent's contact [m].
-        right_handed: the other hand mirrors the stroke frame.
         natural: ``[3]`` natural contact of this motion, in the stroke frame of a right-hander [m].
     """
     way = contact[:2] - base

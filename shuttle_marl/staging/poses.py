@@ -9,6 +9,7 @@ import dataclasses
 from typing import Final
 
 from shuttle_marl.staging import motions
+from shuttle_marl.staging.motions import LEFT, RIGHT
 
 Triple = tuple[float, float, float]
 
@@ -37,6 +38,21 @@ class Key:
     elbow: Triple
     free: Triple
     free_elbow: Triple = (-0.6, -0.3, -0.75)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Stroke:
+    """A kind of motion.
+
+    Attributes:
+        aim: approximate contact in the stroke frame [m]; the solver moves it within the comfort of the arm.
+        feet: left and right foot at the contact (x, y, heading in degrees), and the foot that lands last.
+        keys: key poses, see :data:`CONTACT`.
+    """
+
+    aim: Triple
+    feet: tuple[Triple, Triple, int]
+    keys: tuple[Key, Key, Key, Key, Key, Key]
 
 
 READY: Final = Key(
@@ -87,25 +103,8 @@ LOSES: Final = (
 )  # fmt: skip
 """After a lost point: bent over, the hands at the knees; a look at the strings."""
 
-AIM: Final[dict[int, Triple]] = {
-    motions.SERVE_BACKHAND: (0.05, 0.70, 1.04),
-    motions.SERVE_FOREHAND: (0.40, 0.70, 0.82),
-    motions.OVERHEAD: (0.26, 0.30, 2.50),
-    motions.AROUND: (-0.12, 0.25, 2.42),
-    motions.OVERHEAD_BACKHAND: (-0.33, 0.14, 2.34),
-    motions.KILL: (0.28, 0.92, 1.84),
-    motions.KILL_BACKHAND: (-0.08, 0.94, 1.84),
-    motions.LUNGE: (0.26, 1.24, 0.95),
-    motions.LUNGE_BACKHAND: (-0.04, 1.26, 0.95),
-    motions.SIDE: (1.08, 0.52, 1.45),
-    motions.SIDE_BACKHAND: (-0.76, 0.66, 1.42),
-    motions.DEFENCE: (0.96, 0.66, 0.80),
-    motions.DEFENCE_BACKHAND: (-0.56, 0.86, 0.80),
-}
-"""Approximate contact of each motion in the stroke frame [m]; the solver moves it within the comfort of the arm."""
-
-KEYS: Final[dict[int, tuple[Key, Key, Key, Key, Key, Key]]] = {
-    motions.OVERHEAD: (
+STROKES: Final[dict[int, Stroke]] = {
+    motions.OVERHEAD: Stroke(aim=(0.26, 0.30, 2.50), feet=((-0.14, 0.10, 10), (0.18, -0.18, -48), RIGHT), keys=(
         Key(hips=(0.90, -62, 2, 0), spine=(-14, -4, 6), grip=(0.36, 0.14, 1.42), shaft=(-0.30, 0.12, 0.95),
             elbow=(0.85, -0.25, -0.45), free=(-0.40, 0.34, 1.62), free_elbow=(-0.85, 0.45, 0.1)),
         Key(hips=(0.90, -60, -4, 0), spine=(-18, -10, 8), grip=(0.40, 0.02, 1.56), shaft=(-0.35, -0.25, 0.90),
@@ -118,8 +117,8 @@ KEYS: Final[dict[int, tuple[Key, Key, Key, Key, Key, Key]]] = {
             elbow=(0.55, 0.82, 0.05), free=(-0.34, 0.06, 1.10), free_elbow=(-0.7, -0.5, -0.5)),
         Key(hips=(0.90, 16, 16, 0), spine=(14, 20, 0), grip=(-0.20, 0.42, 0.98), shaft=(-0.55, 0.30, -0.78),
             elbow=(0.35, 0.60, -0.70), free=(-0.36, 0.02, 1.12), free_elbow=(-0.7, -0.5, -0.5)),
-    ),
-    motions.AROUND: (
+    )),
+    motions.AROUND: Stroke(aim=(-0.12, 0.25, 2.42), feet=((-0.26, -0.06, 20), (0.12, 0.04, -24), LEFT), keys=(
         Key(hips=(0.90, -52, 2, 0), spine=(-14, -4, 0), grip=(0.34, 0.12, 1.44), shaft=(-0.30, 0.12, 0.95),
             elbow=(0.85, -0.25, -0.45), free=(-0.42, 0.34, 1.58), free_elbow=(-0.85, 0.45, 0.1)),
         Key(hips=(0.90, -50, -4, -2), spine=(-16, -10, -6), grip=(0.36, 0.00, 1.60), shaft=(-0.40, -0.25, 0.88),
@@ -132,8 +131,8 @@ KEYS: Final[dict[int, tuple[Key, Key, Key, Key, Key, Key]]] = {
             elbow=(0.55, 0.80, 0.0), free=(-0.46, -0.04, 1.06), free_elbow=(-0.8, -0.4, -0.4)),
         Key(hips=(0.90, 10, 16, 0), spine=(10, 20, 0), grip=(0.06, 0.46, 0.98), shaft=(-0.35, 0.50, -0.79),
             elbow=(0.45, 0.45, -0.77), free=(-0.40, 0.02, 1.10), free_elbow=(-0.7, -0.5, -0.5)),
-    ),
-    motions.OVERHEAD_BACKHAND: (
+    )),
+    motions.OVERHEAD_BACKHAND: Stroke(aim=(-0.33, 0.14, 2.34), feet=((0.24, 0.02, 84), (-0.30, -0.06, 108), RIGHT), keys=(
         Key(hips=(0.90, 78, 4, 0), spine=(14, 4, 0), grip=(0.02, 0.36, 1.26), shaft=(-0.45, 0.30, 0.84),
             elbow=(0.62, 0.70, -0.35), free=(-0.34, 0.22, 1.18)),
         Key(hips=(0.90, 112, 4, 0), spine=(20, 2, 0), grip=(-0.04, 0.36, 1.36), shaft=(-0.55, 0.10, 0.60),
@@ -146,8 +145,8 @@ KEYS: Final[dict[int, tuple[Key, Key, Key, Key, Key, Key]]] = {
             elbow=(0.90, 0.10, 0.42), free=(-0.38, -0.06, 1.06)),
         Key(hips=(0.91, 60, 8, 0), spine=(-4, 6, 0), grip=(0.40, 0.30, 1.16), shaft=(0.35, 0.65, 0.65),
             elbow=(0.80, -0.10, -0.58), free=(-0.34, 0.12, 1.08)),
-    ),
-    motions.KILL: (
+    )),
+    motions.KILL: Stroke(aim=(0.28, 0.92, 1.84), feet=((-0.12, -0.34, 24), (0.14, 0.38, 0), RIGHT), keys=(
         Key(hips=(0.90, -8, 10, 0), spine=(-8, 12, 0), grip=(0.26, 0.42, 1.34), shaft=(-0.12, 0.25, 0.95),
             elbow=(0.70, 0.25, -0.65), free=(-0.40, 0.26, 1.20)),
         Key(hips=(0.92, -8, 10, 0), spine=(-8, 8, 2), grip=(0.28, 0.46, 1.52), shaft=(-0.05, 0.10, 0.98),
@@ -160,8 +159,8 @@ KEYS: Final[dict[int, tuple[Key, Key, Key, Key, Key, Key]]] = {
             elbow=(0.50, 0.75, -0.42), free=(-0.50, -0.10, 1.16)),
         Key(hips=(0.90, 4, 14, 0), spine=(2, 16, 0), grip=(0.18, 0.56, 1.24), shaft=(-0.25, 0.80, 0.50),
             elbow=(0.55, 0.35, -0.75), free=(-0.42, 0.12, 1.12)),
-    ),
-    motions.KILL_BACKHAND: (
+    )),
+    motions.KILL_BACKHAND: Stroke(aim=(-0.08, 0.94, 1.84), feet=((-0.12, -0.34, 24), (0.12, 0.38, 6), RIGHT), keys=(
         Key(hips=(0.90, 8, 10, 0), spine=(8, 12, 0), grip=(0.04, 0.46, 1.30), shaft=(-0.40, 0.25, 0.88),
             elbow=(0.68, 0.55, -0.48), free=(-0.38, 0.24, 1.18)),
         Key(hips=(0.92, 10, 10, 0), spine=(12, 10, 0), grip=(-0.02, 0.46, 1.44), shaft=(-0.62, 0.10, 0.78),
@@ -174,8 +173,8 @@ KEYS: Final[dict[int, tuple[Key, Key, Key, Key, Key, Key]]] = {
             elbow=(0.45, 0.85, -0.25), free=(-0.48, -0.12, 1.14)),
         Key(hips=(0.90, 4, 14, 0), spine=(4, 16, 0), grip=(0.12, 0.56, 1.22), shaft=(-0.20, 0.80, 0.55),
             elbow=(0.55, 0.40, -0.73), free=(-0.40, 0.12, 1.10)),
-    ),
-    motions.LUNGE: (
+    )),
+    motions.LUNGE: Stroke(aim=(0.26, 1.24, 0.95), feet=((-0.14, -0.58, 42), (0.10, 0.62, -4), RIGHT), keys=(
         Key(hips=(0.88, -6, 14, 0), spine=(-4, 16, 0), grip=(0.28, 0.50, 1.10), shaft=(0.05, 0.75, 0.66),
             elbow=(0.62, 0.20, -0.75), free=(-0.42, 0.24, 1.10)),
         Key(hips=(0.80, -4, 14, 0), spine=(-8, 14, 0), grip=(0.34, 0.56, 1.02), shaft=(0.25, 0.86, 0.44),
@@ -188,8 +187,8 @@ KEYS: Final[dict[int, tuple[Key, Key, Key, Key, Key, Key]]] = {
             elbow=(0.48, 0.70, -0.50), free=(-0.58, -0.32, 1.06), free_elbow=(-0.75, -0.6, -0.2)),
         Key(hips=(0.77, 6, 12, 0), spine=(-6, 14, 0), grip=(0.22, 0.56, 1.10), shaft=(-0.20, 0.75, 0.62),
             elbow=(0.55, 0.35, -0.75), free=(-0.50, -0.10, 1.08)),
-    ),
-    motions.LUNGE_BACKHAND: (
+    )),
+    motions.LUNGE_BACKHAND: Stroke(aim=(-0.04, 1.26, 0.95), feet=((-0.12, -0.58, 46), (0.08, 0.62, 8), RIGHT), keys=(
         Key(hips=(0.88, 6, 14, 0), spine=(4, 16, 0), grip=(0.06, 0.52, 1.12), shaft=(-0.40, 0.70, 0.58),
             elbow=(0.62, 0.45, -0.64), free=(-0.40, 0.22, 1.10)),
         Key(hips=(0.80, 12, 14, 0), spine=(10, 14, 0), grip=(-0.02, 0.54, 1.06), shaft=(-0.60, 0.72, 0.34),
@@ -202,8 +201,8 @@ KEYS: Final[dict[int, tuple[Key, Key, Key, Key, Key, Key]]] = {
             elbow=(0.40, 0.80, -0.45), free=(-0.52, -0.34, 1.06), free_elbow=(-0.75, -0.6, -0.2)),
         Key(hips=(0.77, 12, 12, 0), spine=(2, 14, 0), grip=(0.14, 0.56, 1.10), shaft=(-0.20, 0.75, 0.62),
             elbow=(0.55, 0.40, -0.73), free=(-0.46, -0.12, 1.08)),
-    ),
-    motions.SIDE: (
+    )),
+    motions.SIDE: Stroke(aim=(1.08, 0.52, 1.45), feet=((-0.36, -0.02, 10), (0.50, 0.10, -44), RIGHT), keys=(
         Key(hips=(0.87, -20, 10, 0), spine=(-14, 12, 2), grip=(0.44, 0.34, 1.22), shaft=(0.10, 0.35, 0.93),
             elbow=(0.86, -0.05, -0.50), free=(-0.40, 0.30, 1.16)),
         Key(hips=(0.85, -30, 8, 2), spine=(-22, 8, 4), grip=(0.48, 0.20, 1.28), shaft=(0.20, -0.35, 0.91),
@@ -216,8 +215,8 @@ KEYS: Final[dict[int, tuple[Key, Key, Key, Key, Key, Key]]] = {
             elbow=(0.62, 0.72, -0.30), free=(-0.48, 0.02, 1.10)),
         Key(hips=(0.87, 4, 12, 0), spine=(6, 14, 0), grip=(0.12, 0.54, 1.16), shaft=(-0.62, 0.62, 0.48),
             elbow=(0.60, 0.40, -0.70), free=(-0.42, 0.14, 1.10)),
-    ),
-    motions.SIDE_BACKHAND: (
+    )),
+    motions.SIDE_BACKHAND: Stroke(aim=(-0.76, 0.66, 1.42), feet=((0.10, -0.30, 34), (-0.26, 0.40, 40), RIGHT), keys=(
         Key(hips=(0.87, 20, 10, 0), spine=(12, 12, -2), grip=(0.02, 0.42, 1.18), shaft=(-0.50, 0.25, 0.83),
             elbow=(0.66, 0.62, -0.42), free=(-0.36, 0.24, 1.10)),
         Key(hips=(0.85, 30, 8, -2), spine=(22, 10, -4), grip=(-0.08, 0.38, 1.22), shaft=(-0.72, -0.25, 0.62),
@@ -230,8 +229,8 @@ KEYS: Final[dict[int, tuple[Key, Key, Key, Key, Key, Key]]] = {
             elbow=(0.52, 0.82, -0.22), free=(-0.46, -0.04, 1.06)),
         Key(hips=(0.87, 6, 12, 0), spine=(2, 14, 0), grip=(0.22, 0.56, 1.18), shaft=(0.15, 0.72, 0.66),
             elbow=(0.66, 0.35, -0.66), free=(-0.40, 0.10, 1.08)),
-    ),
-    motions.DEFENCE: (
+    )),
+    motions.DEFENCE: Stroke(aim=(0.96, 0.66, 0.80), feet=((-0.36, 0.00, 14), (0.42, 0.06, -28), RIGHT), keys=(
         Key(hips=(0.83, -8, 16, 0), spine=(-6, 20, 0), grip=(0.32, 0.46, 0.98), shaft=(0.20, 0.70, 0.45),
             elbow=(0.70, 0.20, -0.68), free=(-0.42, 0.30, 1.02)),
         Key(hips=(0.79, -14, 16, 3), spine=(-10, 20, 4), grip=(0.44, 0.40, 0.90), shaft=(0.55, 0.40, 0.25),
@@ -244,8 +243,8 @@ KEYS: Final[dict[int, tuple[Key, Key, Key, Key, Key, Key]]] = {
             elbow=(0.66, 0.62, -0.42), free=(-0.50, 0.06, 1.02)),
         Key(hips=(0.85, 0, 14, 0), spine=(0, 18, 0), grip=(0.20, 0.52, 1.08), shaft=(-0.20, 0.70, 0.68),
             elbow=(0.58, 0.25, -0.77), free=(-0.42, 0.22, 1.06)),
-    ),
-    motions.DEFENCE_BACKHAND: (
+    )),
+    motions.DEFENCE_BACKHAND: Stroke(aim=(-0.56, 0.86, 0.80), feet=((-0.44, 0.06, 30), (0.34, 0.00, -12), LEFT), keys=(
         Key(hips=(0.83, 8, 16, 0), spine=(8, 20, 0), grip=(0.08, 0.48, 1.00), shaft=(-0.45, 0.62, 0.42),
             elbow=(0.66, 0.50, -0.56), free=(-0.42, 0.22, 1.02)),
         Key(hips=(0.79, 14, 16, -3), spine=(14, 20, -2), grip=(-0.02, 0.46, 0.96), shaft=(-0.72, 0.35, 0.25),
@@ -258,8 +257,8 @@ KEYS: Final[dict[int, tuple[Key, Key, Key, Key, Key, Key]]] = {
             elbow=(0.56, 0.74, -0.36), free=(-0.50, -0.02, 1.02)),
         Key(hips=(0.85, 4, 14, 0), spine=(0, 18, 0), grip=(0.18, 0.54, 1.10), shaft=(-0.15, 0.72, 0.66),
             elbow=(0.58, 0.30, -0.75), free=(-0.42, 0.16, 1.06)),
-    ),
-    motions.SERVE_BACKHAND: (
+    )),
+    motions.SERVE_BACKHAND: Stroke(aim=(0.05, 0.70, 1.04), feet=((-0.12, -0.24, 24), (0.10, 0.22, -8), RIGHT), keys=(
         Key(hips=(0.955, 6, 4, 0), spine=(4, 10, 0), grip=(0.20, 0.34, 1.20), shaft=(-0.45, 0.18, -0.80),
             elbow=(0.86, 0.32, -0.35), free=(0.02, 0.56, 1.06), free_elbow=(-0.62, 0.35, -0.70)),
         Key(hips=(0.955, 6, 4, 0), spine=(4, 10, 0), grip=(0.20, 0.33, 1.20), shaft=(-0.48, 0.06, -0.86),
@@ -272,8 +271,8 @@ KEYS: Final[dict[int, tuple[Key, Key, Key, Key, Key, Key]]] = {
             elbow=(0.80, 0.48, -0.36), free=(-0.16, 0.46, 1.02), free_elbow=(-0.62, 0.2, -0.75)),
         Key(hips=(0.90, 0, 12, 0), spine=(0, 18, 0), grip=(0.18, 0.48, 1.14), shaft=(-0.30, 0.66, 0.55),
             elbow=(0.62, 0.10, -0.77), free=(-0.30, 0.38, 1.06)),
-    ),
-    motions.SERVE_FOREHAND: (
+    )),
+    motions.SERVE_FOREHAND: Stroke(aim=(0.40, 0.70, 0.82), feet=((-0.14, 0.26, 0), (0.14, -0.24, -58), RIGHT), keys=(
         Key(hips=(0.965, -34, 0, 0), spine=(-8, 6, 2), grip=(0.42, 0.06, 1.16), shaft=(0.45, 0.10, 0.85),
             elbow=(0.80, -0.25, -0.54), free=(-0.16, 0.50, 1.26), free_elbow=(-0.6, 0.4, -0.68)),
         Key(hips=(0.965, -40, 0, 0), spine=(-14, 4, 4), grip=(0.46, -0.06, 1.12), shaft=(0.50, -0.35, 0.70),
@@ -286,6 +285,6 @@ KEYS: Final[dict[int, tuple[Key, Key, Key, Key, Key, Key]]] = {
             elbow=(0.55, 0.82, -0.15), free=(-0.36, 0.14, 1.12), free_elbow=(-0.7, -0.2, -0.65)),
         Key(hips=(0.93, 12, 8, 0), spine=(10, 10, 0), grip=(-0.16, 0.46, 1.44), shaft=(-0.75, 0.10, 0.62),
             elbow=(0.42, 0.90, 0.05), free=(-0.36, 0.10, 1.10), free_elbow=(-0.7, -0.3, -0.6)),
-    ),
+    )),
 }  # fmt: skip
-"""Key poses of every motion, see :data:`CONTACT`."""
+"""Strokes by kind of motion."""

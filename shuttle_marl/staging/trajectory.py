@@ -93,7 +93,6 @@ def own_frame(facing: float, right_handed: bool) -> F64:
 
     Args:
         facing: sign between both frames, see :meth:`~shuttle_marl.game.rally.record.Rally.facing`.
-        right_handed: which hand holds the racket.
     """
     return np.array([facing if right_handed else -facing, facing, 1.0])
 

@@ -17,10 +17,10 @@ from shuttle_marl.staging.curves import smooth
 from shuttle_marl.staging.feet import Plant
 from shuttle_marl.staging.flight import shoot
 from shuttle_marl.staging.idle import Habits
-from shuttle_marl.staging.keys import LEFT, RIGHT, Hit, Keys, Stand, Timeline, feet_at
+from shuttle_marl.staging.keys import Hit, Keys, Stand, Timeline, feet_at
 from shuttle_marl.staging.library import FREE_ARM, N_POSE, TRUNK, Athlete, bent, pointed
 from shuttle_marl.staging.motion import Motion
-from shuttle_marl.staging.motions import LUNGE, Stance
+from shuttle_marl.staging.motions import LEFT, LUNGE, RIGHT, Stance
 from shuttle_marl.staging.poses import CONTACT
 from shuttle_marl.staging.rotation import turned
 from shuttle_marl.staging.skeleton import HIPS_HEIGHT, HIPS_PITCH, HIPS_YAW, SPINE_PITCH, StagingError
@@ -63,7 +63,6 @@ def with_walk(rally: Motion, following: Motion) -> Motion:
 
     Args:
         rally: a finished rally that :func:`~shuttle_marl.staging.stage` returned.
-        following: the next rally, of the same players.
 
     Returns:
         The motion of the rally, followed by 3 to 12 seconds of walking.
