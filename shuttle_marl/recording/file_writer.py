@@ -132,11 +132,7 @@ class Sink:
 
 
 class LogFileWriter:
-    """Writes one file of a log.
-
-    Attributes:
-        closed: whether the file is finished or aborted.
-    """
+    """Writes one file of a log."""
 
     def __init__(self, path: Path, header: LogHeader, *, fsync_seconds: float) -> None:
         """Start a file.
@@ -181,7 +177,6 @@ class LogFileWriter:
         Args:
             first: number of its first rally, not below :attr:`rallies`.
             data: the batch, encoded by :func:`shuttle_marl.recording.chunks.encode`.
-            rallies: the batch, not encoded.
 
         Raises:
             RecordingError: the disk is full or fails; the file holds every earlier batch.
@@ -271,18 +266,11 @@ class LogFileWriter:
         try:
             yield
         except OSError as error:
-            raise self._given_up(error) from error
-
-    def _given_up(self, error: OSError) -> RecordingError:
-        held = f"the {self.rallies} rallies before it are complete"
-        if isinstance(error, NoRoomError):
-            with contextlib.suppress(OSError):
-                self._finish()
-                return RecordingError(
-                    f"{self.path}: cannot be written any further ({error.strerror}); {held}: free disk space and resume"
-                )
-        self.abort()
-        part = unfinished(self.path)
-        return RecordingError(
-            f"{part}: cannot be written ({error.strerror}); {held}: free disk space and resume, or {advice(part)}"
-        )
+            reason, part = f"({error.strerror}); the {self.rallies} rallies before it are complete", unfinished(self.path)
+            if isinstance(error, NoRoomError):
+                with contextlib.suppress(OSError):
+                    self._finish()
+                    message = f"{self.path}: cannot be written any further {reason}: free disk space and resume"
+                    raise RecordingError(message) from error
+            self.abort()
+            raise RecordingError(f"{part}: cannot be written {reason}: free disk space and resume, or {advice(part)}") from error

@@ -145,7 +145,6 @@ class RallyLogWriter(_Log):
         Args:
             first: number of its first rally, not below the number of rallies written so far.
             data: the batch, encoded by :func:`shuttle_marl.recording.chunks.encode`.
-            rallies: the batch, decoded.
 
         Raises:
             RecordingError: the disk is full or fails; earlier batches are complete.
@@ -183,7 +182,6 @@ class RallyRecorder(_Log):
     An error in the thread is raised by the next call.
 
     Attributes:
-        sampling: sample of the matches that are recorded.
         sample: function that returns the rallies of the sample; can be pickled.
     """
 
@@ -301,7 +299,6 @@ def sampled_log(
 
     Args:
         policies: names of the sampled policies, without duplicates; each has a pairing of its own, in this order.
-        opponent: the opponent of all of them.
         record: ``all`` or ``sample:N``.
 
     Yields:

@@ -163,7 +163,6 @@ class _Matches:
 
     Attributes:
         open_: ``[M, 9]`` last rally so far of every unfinished match, see :func:`_rows`.
-        all_known: whether no rallies are missing.
         in_order: whether each match ended before the next one started.
     """
 

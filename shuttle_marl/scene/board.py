@@ -29,7 +29,6 @@ class Camera:
 
     Attributes:
         board: topic of the scoreboard in its picture.
-        distance: distance from the target.
         phi: angle between the vertical and the direction from the target to the camera.
         theta: azimuth; 0 looks along the court from behind seat 0.
         fovy: vertical field of view.

@@ -95,9 +95,6 @@ _WHITE: Final = colour(0.96, 0.96, 0.94)
 def athlete(name: str, *, right_handed: bool, shirt: Colour, shorts: Colour) -> dict[str, list[Mesh]]:
     """Meshes of an athlete by bone, with the origin at the joint of the bone.
 
-    Args:
-        right_handed: whether the right hand holds the racket.
-
     Raises:
         StagingError: unknown athlete.
     """

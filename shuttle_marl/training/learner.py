@@ -106,7 +106,6 @@ class Learner(abc.ABC):
         """Learn from the strokes of one iteration.
 
         Args:
-            data: output of :meth:`RallyCollector.collect`.
             remaining: fraction of the run that remains, from 1 to 0.
 
         Returns:

@@ -40,7 +40,6 @@ def merged(
     """The policy that is equivalent to a mixture of policies against an opponent.
 
     Args:
-        policies: K policies of one game.
         probabilities: ``[K]`` probabilities of the mixture.
         opponent: opponent against whom the two are equivalent; None: an approximation that ignores visits.
     """

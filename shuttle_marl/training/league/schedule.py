@@ -52,7 +52,6 @@ def chosen(weight: Floats, most: int, rng: np.random.Generator) -> tuple[I64, F6
 
     Args:
         weight: ``[K]`` weights of all opponents, 0 or more.
-        most: maximum number of opponents in a turn.
         rng: generator; used if there are more, to draw them by weight without replacement.
 
     Returns:
@@ -89,7 +88,6 @@ class Schedule:
     """Schedules the turns of every round.
 
     Args:
-        state: state of the league; it is not changed.
         payoffs: payoffs of its policies; missing pairs are solved.
     """
 
