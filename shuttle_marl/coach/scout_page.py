@@ -398,15 +398,13 @@ def _sure(report: ScoutingReport, gaps: Sequence[str]) -> Section:
     rows: list[tuple[str, str]] = []
     for known in (report.player, report.opponent):
         if known is not None:
-            rows += [
-                (say("scout.sure_strokes", name=known.name), say.number(known.strokes, ",")),
-                (say("scout.sure_matches", name=known.name), say.number(known.matches, ",")),
-                (
-                    say("scout.sure_since", name=known.name),
-                    say("report.unknown") if known.since is None else say.format_field(known.since, ""),
-                ),
-                (say("scout.sure_choices", name=known.name), say("report.yes" if known.imitated else "report.no")),
-            ]
+            facts = {
+                "strokes": say.number(known.strokes, ","),
+                "matches": say.number(known.matches, ","),
+                "since": say("report.unknown") if known.since is None else say.format_field(known.since, ""),
+                "choices": say("report.yes" if known.imitated else "report.no"),
+            }
+            rows += [(say(f"scout.sure_{key}", name=known.name), fact) for key, fact in facts.items()]
     if report.player is not None:
         rows.append((say("scout.sure_refits"), f"{report.refits}"))
     rows.append((say("scout.sure_model"), f"{report.model[0]}, {report.model[1][:12]}"))

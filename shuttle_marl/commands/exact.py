@@ -144,8 +144,7 @@ def evaluate(
         found = [(name, resolve(name, scorer.game)) for name in policies]
     sampled = list(dict.fromkeys(name for name, policy in found if reads_score(policy)))
     cards: list[Scorecard] = []
-    with _recorded(sampled, scorer, samples) as add:
-        watches = {name: functools.partial(add, i) for i, name in enumerate(sampled)} if add is not None else {}
+    with _recorded(sampled, scorer, samples) as watches:
         for name, policy in _progress(found, "policies"):
             watch = watches.pop(name, None)  # a policy that is named twice plays the same matches again
             cards.append(scorer.score(policy, name, matches=samples.matches, seed=samples.seed, watch=watch))
@@ -355,19 +354,19 @@ def crossplay(
 @contextlib.contextmanager
 def _recorded(
     sampled: Sequence[str], scorer: "Scorer", samples: SampleOptions
-) -> "Iterator[Callable[[int, Rallies], None] | None]":
-    """Recorder of the matches of sampled policies; None if nothing is recorded."""
+) -> "Iterator[dict[str, Callable[[Rallies], None]]]":
+    """What records the matches of sampled policies, by their names; empty if nothing is recorded."""
     from shuttle_marl.policy.scorecard import REFERENCE  # noqa: PLC0415  numba
     from shuttle_marl.recording import Player, Sampling  # noqa: PLC0415
     from shuttle_marl.recording.recorder import free_name, sampled_log  # noqa: PLC0415
 
     if not Sampling.parse(samples.record).every or not sampled:
-        yield None
+        yield {}
         return
     path = samples.log or free_name(Path("runs") / f"evaluate-{samples.seed}.mcap")
     opponent = Player(name=REFERENCE, hash=scorer.reference.hash)
     with sampled_log(path, sampled, opponent, scorer.game, seed=samples.seed, record=samples.record) as add:
-        yield add
+        yield {name: functools.partial(add, i) for i, name in enumerate(sampled)}
     cli.console(stderr=True).print(printable(f"{path}: the rallies of {', '.join(sampled)}"), soft_wrap=True)
 
 

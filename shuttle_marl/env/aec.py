@@ -104,7 +104,6 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         self._strokes: list[Stroke] = []
         self._reason: str | None = None
         self._winner: int | None = None
-        self._no_action = np.zeros(n, dtype=np.int8)
         self._renderer: CourtRenderer | None = None
 
     def __getstate__(self) -> dict[str, Any]:
@@ -191,7 +190,7 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         player = _INDEX[agent]
         strikes = player == self._striker
         row = self._stepper.observe(self._state, receiver=not strikes)
-        mask = self._stepper.legal_action_mask(self._state) if self._live and strikes else self._no_action.copy()
+        mask = self._stepper.legal_action_mask(self._state) if self._live and strikes else np.zeros(self.game.n_strokes, np.int8)
         return {"observation": self._vector(row, player), "action_mask": mask}
 
     def state(self) -> F32:

@@ -19,19 +19,7 @@ from shuttle_marl.watch.match import CourtRally
 def hall_facts() -> messages.HallFacts:
     """Dimensions of court, equipment and athletes, and the vocabulary of strokes."""
     return messages.HallFacts(
-        court=messages.CourtFacts(
-            length=court.LENGTH,
-            width=court.WIDTH,
-            half_length=court.HALF_LENGTH,
-            half_width=court.HALF_WIDTH,
-            short_service=court.SHORT_SERVICE,
-            long_service_doubles=court.LONG_SERVICE,
-            net=court.NET_HEIGHT,
-            net_centre=court.NET_HEIGHT_CENTRE,
-            net_depth=court.NET_DEPTH,
-            tape=court.TAPE,
-            line=court.LINE,
-        ),
+        court=messages.CourtFacts(*(getattr(court, name.upper()) for name in messages.CourtFacts.__struct_fields__)),
         areas=[messages.AreaFacts(name=name, box=court.area_box(i)) for i, name in enumerate(court.AREAS)],
         racket=messages.RacketFacts(
             length=staging.RACKET_LENGTH, sweet_spot=staging.SWEET_SPOT, butt=staging.RACKET_BUTT, head=staging.RACKET_HEAD

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from shuttle_marl.game.rally.record import Rallies
+from shuttle_marl.game.rally.record import Rallies, stroke_dtype
 from shuttle_marl.game.tables import Game
 from shuttle_marl.recording.header import LogHeader, Pair, Player
 from shuttle_marl.recording.recorder import RallyRecorder
@@ -85,7 +85,6 @@ class MatchLog:
         return recorder
 
     def _row(self, rally: CourtRally, winner: int) -> Rallies:
-        numbers = np.uint8 if self._game.n_strokes <= 256 else np.uint16
         return Rallies(
             pairing=np.zeros(1, np.uint32),
             match=np.zeros(1, np.uint32),
@@ -96,6 +95,6 @@ class MatchLog:
             reason=np.array([rally.ending], np.uint8),
             score=np.array([[*rally.points, *rally.games]], np.uint8),
             length=np.array([len(rally)], np.int32),
-            stroke=rally.stroke.astype(numbers),
+            stroke=rally.stroke.astype(stroke_dtype(self._game.n_strokes)),
             hurried=rally.hurried.astype(np.uint8),
         )

@@ -163,16 +163,16 @@ class SuggestRequest(Request, tag="suggest", frozen=True):
 
 
 class CourtFacts(Struct):
-    """Dimensions of the court [m]."""
+    """Dimensions of the court [m], as in :mod:`shuttle_marl.game.court`."""
 
     length: float
     width: float
     half_length: float
     half_width: float
     short_service: float
-    long_service_doubles: float
-    net: float
-    net_centre: float
+    long_service: float
+    net_height: float
+    net_height_centre: float
     net_depth: float
     tape: float
     line: float

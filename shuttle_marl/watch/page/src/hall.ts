@@ -131,7 +131,7 @@ function addFloor(scene: THREE.Scene, { court }: HallFacts): void {
       for (const edge of [hx, court.half_width]) {
         line(side > 0 ? edge - w : -edge, -hy, side > 0 ? edge : -edge + w, hy);
       }
-      for (const row of [hy - w, hy - court.long_service_doubles - w / 2, court.short_service]) {
+      for (const row of [hy - w, hy - court.long_service - w / 2, court.short_service]) {
         line(-hx, side > 0 ? row : -row - w, hx, side > 0 ? row + w : -row);
       }
       line(-w / 2, side > 0 ? court.short_service : -hy, w / 2, side > 0 ? hy : -court.short_service);
@@ -147,7 +147,8 @@ function addFloor(scene: THREE.Scene, { court }: HallFacts): void {
 }
 
 function addNet(scene: THREE.Scene, { court }: HallFacts, lite: boolean): void {
-  const top = (x: number) => court.net_centre + (court.net - court.net_centre) * (x / (court.width / 2)) ** 2;
+  const top = (x: number) =>
+    court.net_height_centre + (court.net_height - court.net_height_centre) * (x / (court.width / 2)) ** 2;
   const sag = (geometry: THREE.BufferGeometry) => {
     const position = geometry.getAttribute("position");
     for (let i = 0; i < position.count; i++) {
@@ -186,8 +187,8 @@ function addNet(scene: THREE.Scene, { court }: HallFacts, lite: boolean): void {
   scene.add(netting, tape);
   const metal = new THREE.MeshStandardMaterial({ color: 0xaab2bf, metalness: 0.4, roughness: 0.4 });
   for (const side of [-1, 1]) {
-    const post = new THREE.Mesh(new THREE.CylinderGeometry(0.022, 0.026, court.net, 14), metal);
-    post.position.set((side * court.width) / 2, court.net / 2, 0);
+    const post = new THREE.Mesh(new THREE.CylinderGeometry(0.022, 0.026, court.net_height, 14), metal);
+    post.position.set((side * court.width) / 2, court.net_height / 2, 0);
     const foot = new THREE.Mesh(new THREE.BoxGeometry(0.42, 0.14, 0.34), new THREE.MeshStandardMaterial({ color: 0x1d2735 }));
     foot.position.set(side * (court.width / 2 + 0.24), 0.07, 0);
     post.castShadow = foot.castShadow = true;

@@ -31,16 +31,16 @@ export interface HallFacts {
   techniques: string[];
 }
 
-/** Dimensions of the court [m]. */
+/** Dimensions of the court [m], as in shuttle_marl.game.court. */
 export interface CourtFacts {
   length: number;
   width: number;
   half_length: number;
   half_width: number;
   short_service: number;
-  long_service_doubles: number;
-  net: number;
-  net_centre: number;
+  long_service: number;
+  net_height: number;
+  net_height_centre: number;
   net_depth: number;
   tape: number;
   line: number;
