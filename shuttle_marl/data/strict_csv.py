@@ -4,6 +4,7 @@ import csv
 import dataclasses
 import functools
 import io
+import itertools
 import re
 import unicodedata
 from collections.abc import Iterable, Mapping, Sequence
@@ -105,40 +106,21 @@ class Sheet:
         unreadable: ``[n]`` rows with an invalid value.
     """
 
-    def __init__(
-        self,
-        path: Path,
-        content: bytes,
-        table: tuple[Sequence[str], Sequence[Sequence[str]], Sequence[int]] | None = None,
-        *,
-        unit: str = "line",
-        decimal: str = ".",
-    ) -> None:
-        """A table.
-
-        Args:
-            table: header, rows, and the line of each row; None: :meth:`fill` follows.
-            unit: what the lines count.
-
-        Raises:
-            DataError: there are no rows, or too many, or a value is too long.
-        """
-        self.path, self.content, self.unit = path, content, unit
-        self._decimal = decimal
+    def __init__(self, path: Path, content: bytes, *, unit: str = "line", decimal: str = ".") -> None:
+        """A table without rows; :meth:`fill` follows."""
+        self.path, self.content, self.unit, self._decimal = path, content, unit, decimal
         self.header: tuple[str, ...] = ()
         self.columns: dict[str, tuple[str, ...]] = {}
         self.problems: list[Problem] = []
         self._seen: set[Problem] = set()
         self.warnings: list[Problem] = []
         self.empty = self.others = 0
-        if table is not None:
-            self.fill(*table)
 
     def fill(self, header: Sequence[str], rows: Sequence[Sequence[str]], lines: Sequence[int]) -> None:
         """Set the rows.
 
         Raises:
-            DataError: there are none, or too many, or a value is too long.
+            DataError: there are none, or too many.
         """
         if not rows:
             raise DataError(self.path, "no strokes")
@@ -164,10 +146,10 @@ class Sheet:
 
     def without(self, rows: Bools) -> "Sheet":
         """The same without some rows, problems and warnings."""
-        kept = np.flatnonzero(~rows).tolist()
-        columns = [[self.columns[name][row] for row in kept] for name in self.header]
-        table = self.header, list(zip(*columns, strict=True)), self.line[kept].tolist()
-        other = Sheet(self.path, self.content, table, unit=self.unit, decimal=self._decimal)
+        kept = ~rows
+        columns = (itertools.compress(self.columns[name], kept) for name in self.header)
+        other = Sheet(self.path, self.content, unit=self.unit, decimal=self._decimal)
+        other.fill(self.header, list(zip(*columns, strict=True)), self.line[kept].tolist())
         other.empty, other.others = self.empty, self.others
         return other
 
@@ -220,9 +202,8 @@ class Sheet:
 
     def integers(self, column: str, low: int, high: int, *, missing: int) -> I64:
         """``[n]`` integers from low to high; any other value, also an empty one, is a problem and becomes ``missing``."""
-        values = self.numbers(column)
+        values, text = self.numbers(column), self.text(column)
         fine = (values >= low) & (values <= high) & (values == np.floor(values))
-        text = self.text(column)
         for row in np.flatnonzero(~fine):
             if np.isfinite(values[row]) or not text[row]:
                 self.mark(row, f"{column} {shown(text[row])} is not an integer from {low} to {high}")

@@ -4,13 +4,12 @@ import collections
 import dataclasses
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
 import pyarrow as pa
 import pyarrow.compute as pc
-import pyarrow.parquet as pq
 
 from shuttle_marl import __version__
 from shuttle_marl.base import table_files
@@ -54,13 +53,8 @@ def load_account(path: Path | str) -> Account:
     path = Path(path)
     if path.is_dir():
         return clean_matches(path).account
-    metadata = _open(path).schema_arrow.metadata or {}
-    if _written_elsewhere(metadata):
-        return Account.of(read_parquet(path))
-    try:
-        return Account.from_json(json.loads(metadata[_ACCOUNT]))
-    except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
-        raise DataError(path, f"contains no account of its strokes; {_again()}") from error
+    strokes, account = _read(path)
+    return account or Account.of(strokes)
 
 
 def write_parquet(strokes: pa.Table, path: Path, *, account: Account, provenance: dict[str, Any]) -> None:
@@ -84,81 +78,80 @@ def read_parquet(path: Path) -> pa.Table:
         DataError: missing file, not Parquet, another schema, or a broken rule.
         MemoryError: there is less memory than it needs.
     """
-    schema = _open(path).schema_arrow
-    elsewhere = _written_elsewhere(schema.metadata or {})
-    if not elsewhere:
-        check_schema(path, schema)
+    return _conforming(path, _content(path))
+
+
+def _read(path: Path) -> tuple[pa.Table, Account | None]:
+    """A stroke table and its account, which those of other programs do not have.
+
+    Raises:
+        DataError: as :func:`read_parquet`; or the file has no account.
+    """
+    content = _content(path)
+    strokes = _conforming(path, content)
+    if _written_elsewhere(content):
+        return strokes, None
     try:
-        table = table_files.read_parquet(path)
+        return strokes, Account.from_json(json.loads(content.schema.metadata[_ACCOUNT]))
+    except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
+        raise DataError(path, f"contains no account of its strokes; {_again()}") from error
+
+
+def _content(path: Path) -> pa.Table:
+    try:
+        return table_files.read_parquet(path)
+    except FileNotFoundError as error:
+        raise DataError(path, "no such file or folder; expected a folder with the data or a Parquet file") from error
     except MemoryError:
         raise
-    except (OSError, pa.ArrowException) as error:
-        raise DataError(path, f"no readable Parquet file ({error})") from error
-    if elsewhere:
-        table = table.select([name for name in table.column_names if not name.startswith(_OF_PANDAS)])
-    if table.column_names == _expected(table.column_names):
-        for field in STROKES:
-            if field.name not in table.column_names:
-                table = table.add_column(STROKES.get_field_index(field.name), field, pa.nulls(len(table), field.type))
-    return _cast(path, table) if elsewhere else table
-
-
-def _expected(names: Sequence[str]) -> list[str]:
-    """Names of a table in the schema, which may lack optional ones."""
-    return [name for name in STROKES.names if name in names or name not in OPTIONAL]
+    except pa.ArrowException as error:
+        own = f"; `{command('data', 'import')}` converts a CSV file" if path.suffix.lower() in (".csv", ".txt") else ""
+        raise DataError(path, f"no readable Parquet file ({error}){own}") from error
+    except (OSError, ValueError) as error:
+        raise DataError(path, f"cannot be read ({problem(error)})") from error
 
 
 def _again() -> str:
     return f"create it again with `{command('data', 'convert')}` or `{command('data', 'import')}`"
 
 
-def _written_elsewhere(metadata: Mapping[bytes, bytes]) -> bool:
-    return b"schema" not in metadata and b"version" not in metadata and _ACCOUNT not in metadata
+def _written_elsewhere(table: pa.Table) -> bool:
+    return not {b"schema", b"version", _ACCOUNT} & (table.schema.metadata or {}).keys()
 
 
-def _cast(path: Path, table: pa.Table) -> pa.Table:
-    """A table of another program in the schema of strokes."""
-    advice = f"expected the columns of a table of `{command('data', 'import')}`, in its order, filtered or not"
-    if table.column_names != STROKES.names:
-        raise DataError(path, f"columns {', '.join(table.column_names)}; {advice}: {', '.join(STROKES.names)}")
-    columns = []
+def _conforming(path: Path, table: pa.Table) -> pa.Table:
+    """A table of a file in the schema of strokes; columns that it may lack are added."""
+    elsewhere, metadata, advice = _written_elsewhere(table), table.schema.metadata, _again()
+    if elsewhere:
+        table = table.select([name for name in table.column_names if not name.startswith(_OF_PANDAS)])
+        advice = f"expected the columns of a table of `{command('data', 'import')}`, in its order, filtered or not"
+        metadata = STROKES.metadata
+    elif (version := metadata.get(b"version")) != (expected := STROKES.metadata[b"version"]):
+        raise DataError(path, f"schema version {version!r}, expected {expected!r}; {advice}")
+    names, columns = [name for name in STROKES.names if name in table.column_names or name not in OPTIONAL], []
+    if missing := [name for name in names if name not in table.column_names]:
+        raise DataError(path, f"column {missing[0]!r} is missing; {advice}")
+    if table.column_names != names:
+        expected_names = ", ".join(STROKES.names)
+        raise DataError(path, f"columns {', '.join(table.column_names)}; expected {expected_names} in this order; {advice}")
     for field in STROKES:
+        if field.name not in names:
+            columns.append(pa.nulls(len(table), field.type))
+            continue
+        found, column = table.schema.field(field.name), table[field.name]
+        told, wanted = (f"{each.type}{'' if each.nullable else ' not null'}" for each in (found, field))
+        if not elsewhere and told != wanted:
+            raise DataError(path, f"column {field.name!r} is {told}, expected {wanted}; {advice}")
         try:
-            column = table[field.name].cast(field.type)
+            columns.append(column.cast(field.type))
         except pa.ArrowException as error:
             raise DataError(path, f"column {field.name!r} is no {field.type} ({error}); {advice}") from error
         if column.null_count and not field.nullable:
             raise DataError(path, f"column {field.name!r} lacks {column.null_count} values; {advice}")
-        columns.append(column)
-    strokes = pa.table(columns, schema=STROKES)
-    for violation in violations(strokes):
+    strokes = pa.table(columns, schema=STROKES.with_metadata(metadata))
+    for violation in violations(strokes) if elsewhere else ():
         raise DataError(path, str(violation))
     return strokes
-
-
-def check_schema(path: Path, schema: pa.Schema) -> None:
-    """Compare a schema with :data:`~shuttle_marl.data.schema.STROKES`.
-
-    Raises:
-        DataError: a column other than :data:`~shuttle_marl.data.schema.OPTIONAL` is missing, or one has another type or position;
-            or the version differs.
-    """
-    advice = _again()
-    version = (schema.metadata or {}).get(b"version")
-    expected = STROKES.metadata[b"version"]
-    if version != expected:
-        raise DataError(path, f"schema version {version!r}, expected {expected!r}; {advice}")
-    for field in STROKES:
-        if field.name not in schema.names:
-            if field.name in OPTIONAL:
-                continue
-            raise DataError(path, f"column {field.name!r} is missing; {advice}")
-        found = schema.field(field.name)
-        is_kind, expected_kind = (f"{each.type}{'' if each.nullable else ' not null'}" for each in (found, field))
-        if is_kind != expected_kind:
-            raise DataError(path, f"column {field.name!r} is {is_kind}, expected {expected_kind}; {advice}")
-    if schema.names != _expected(schema.names):
-        raise DataError(path, f"columns {', '.join(schema.names)}; expected {', '.join(STROKES.names)} in this order")
 
 
 def provenance_of(root: Path, cleaned: Cleaned) -> dict[str, Any]:
@@ -192,20 +185,6 @@ def anonymised(strokes: pa.Table) -> pa.Table:
             named = pa.array([pseudonym.get(name) for name in strokes[column].to_pylist()], strokes[column].type)
             strokes = strokes.set_column(strokes.schema.get_field_index(column), strokes.schema.field(column), named)
     return strokes
-
-
-def _open(path: Path) -> pq.ParquetFile:
-    try:
-        return table_files.open_parquet(path)
-    except FileNotFoundError as error:
-        raise DataError(path, "no such file or folder; expected a folder with the data or a Parquet file") from error
-    except MemoryError:
-        raise
-    except pa.ArrowException as error:
-        own = f"; `{command('data', 'import')}` converts a CSV file" if path.suffix.lower() in (".csv", ".txt") else ""
-        raise DataError(path, f"no readable Parquet file ({error}){own}") from error
-    except (OSError, ValueError) as error:
-        raise DataError(path, f"cannot be read ({problem(error)})") from error
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -252,19 +231,19 @@ def _is_no_table(path: Path) -> bool:
 
 
 def _validate_table(path: Path) -> Report:
-    strokes = read_parquet(path)
-    account = load_account(path)
+    strokes, given = _read(path)
     problems = [Problem(path, str(violation)) for violation in violations(strokes)]
-    rallies = strokes.group_by(["match", "game", "rally"]).aggregate([]).num_rows
+    counted = Account.of(strokes)
+    account = given or counted
     for name, expected, count in (
-        ("strokes", account.strokes_kept, strokes.num_rows),
-        ("rallies", account.rallies_kept, rallies),
-        ("matches", account.matches, len(strokes["match"].unique())),
+        ("strokes", account.strokes_kept, counted.strokes),
+        ("rallies", account.rallies_kept, counted.rallies),
+        ("matches", account.matches, counted.matches),
     ):
         if expected != count:
             problems.append(Problem(path, f"the account has {expected} {name}, the table {count}"))
     notes: tuple[str, ...] = ()
-    if _written_elsewhere(_open(path).schema_arrow.metadata or {}):
+    if given is None:
         notes = ("another program wrote this file, without an account: the counts are those of its rows",)
     if account.strokes_kept + sum(account.dropped.values()) != account.strokes:
         problems.append(Problem(path, "inconsistent account: kept and dropped strokes do not add up to all strokes"))

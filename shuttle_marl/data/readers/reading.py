@@ -45,7 +45,9 @@ def sheet_of(path: Path, content: bytes, entries: Sequence[Mapping[str, str]], l
     for entry, line in zip(entries, lines, strict=True):
         if any(len(value) > _LONGEST for value in entry.values()):
             raise DataError(path, f"a value of more than {_LONGEST:,} characters in {unit} {line}")
-    return Sheet(path, content, (header, [[entry.get(name, "") for name in header] for entry in entries], lines), unit=unit)
+    sheet = Sheet(path, content, unit=unit)
+    sheet.fill(header, [[entry.get(name, "") for name in header] for entry in entries], lines)
+    return sheet
 
 
 def spans_around(spans: Sequence[tuple[float, float]], moments: Sequence[float]) -> list[int]:
