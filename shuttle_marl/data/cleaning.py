@@ -258,19 +258,11 @@ def timed(raw: RawGame, first: Bools) -> Bools:
 
 def _longest_chain(frame: I64, clock: I64) -> list[int]:
     """Indices of a longest subsequence with increasing frames and non-decreasing clocks, in quadratic time."""
-    length: list[int] = []
-    before: list[int] = []
+    ending_at: list[list[int]] = []
     for i in range(len(frame)):
-        earlier = [j for j in range(i) if frame[j] < frame[i] and clock[j] <= clock[i]]
-        best = max(earlier, key=lambda j: length[j], default=-1)
-        before.append(best)
-        length.append(1 + (length[best] if best >= 0 else 0))
-    chain = []
-    i = int(np.argmax(length)) if length else -1
-    while i >= 0:
-        chain.append(i)
-        i = before[i]
-    return chain[::-1]
+        earlier = [ending_at[j] for j in range(i) if frame[j] < frame[i] and clock[j] <= clock[i]]
+        ending_at.append([*max(earlier, key=len, default=[]), i])
+    return max(ending_at, key=len, default=[])
 
 
 def corrected_label(raw: RawGame, own_half: Bools) -> I8:

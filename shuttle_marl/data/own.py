@@ -455,12 +455,12 @@ class _Import:
             given = np.array(DISCIPLINES)[np.maximum(self._code("discipline", -1), 0)]
         elif self._map.discipline:
             given = np.full(self._n, self._map.discipline)
+        elif self._map.guessed and not any(known):
+            self._notes.append(
+                f'the discipline: {DISCIPLINES[0]}; if it is another, set discipline = "{DISCIPLINES[1]}" in a map'
+            )
+            return np.full(self._n, DISCIPLINES[0])
         else:
-            if self._map.guessed and not any(known):
-                self._notes.append(
-                    f'the discipline: {DISCIPLINES[0]}; if it is another, set discipline = "{DISCIPLINES[1]}" in a map'
-                )
-                return np.full(self._n, DISCIPLINES[0])
             for row in [row for row, kinds in enumerate(known) if len(kinds) != 1][:1]:
                 self._sheet.mark(
                     row,

@@ -195,8 +195,6 @@ class Account:
 
     Attributes:
         rallies, strokes: numbers before dropping.
-        rallies_kept: rallies of which at least one stroke was kept.
-        strokes_kept: rows of the table.
         dropped: dropped rows by reason, keys of :data:`DROP_REASONS`; reasons without rows are omitted.
         area_agreement: fraction of the kept strokes with an in-court label whose label equals the area computed from the
             coordinates; None without labels.
@@ -262,7 +260,6 @@ class Cleaned:
 
     Attributes:
         strokes: table of schema :data:`shuttle_marl.data.schema.STROKES`, in playing order.
-        files: the files of the games, in order.
         warnings: what is strange and not wrong, with file and line.
         provenance: of imported strokes, a JSON object: ``format`` of the file, sentences on what was ``inferred`` and on what the
             file does not have (``lost``), and others.

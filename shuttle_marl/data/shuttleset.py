@@ -90,7 +90,6 @@ class ListedMatch:
         source: ``ShuttleSet`` or ``ShuttleSet22``.
         number: ``id`` in that data set.
         players: identifiers of players A (the winner) and B of the files.
-        discipline: MS or WS.
         folder: folder of the files of its games; it may be missing.
         n_games: number of games, as listed.
         homography: ``[3, 3]`` pixels to court units.

@@ -204,11 +204,7 @@ class Report:
 
 
 def validate(path: Path, splits: Sequence[Split] = SPLITS, columns: Path | None = None) -> Report:
-    """Validate a folder with the raw files, a Parquet file, or a file to import.
-
-    Args:
-        splits: splits whose files must be present.
-    """
+    """Validate a folder with the raw files, a Parquet file, or a file to import."""
     try:
         if columns is not None or _is_no_table(path):
             cleaned = import_matches(path, columns)
