@@ -13,13 +13,12 @@ from scipy.sparse import csr_matrix, identity
 
 from experiments.pairs.parts import Part
 from shuttle_marl.base.arrays import F64, I64, Bools
-from shuttle_marl.data.schema import Outcome
 from shuttle_marl.data.upstream import date_of
 from shuttle_marl.dynamics.evaluate import difference_by_match, log_losses
 from shuttle_marl.dynamics.features import Rows
 from shuttle_marl.dynamics.fitted import FittedModels
 from shuttle_marl.dynamics.mixed import MixedModel, posterior
-from shuttle_marl.dynamics.models import known_outcome, log_odds, sigmoid, was_good, was_met
+from shuttle_marl.dynamics.models import judged, log_odds, sigmoid
 from shuttle_marl.dynamics.skill import GROUP, VARIANCES, Predicted, deviations_in, shifts, slope_on_offset
 from shuttle_marl.game.shipped import read_model_card
 from shuttle_marl.game.skill import COMPONENTS, GROUPS, ROLES, Skill, load_skill
@@ -67,14 +66,12 @@ def components(parts: Sequence[Part]) -> dict[str, Any]:
 
 def predictions(models: FittedModels, rows: Rows, name: str) -> Predicted:
     """Strokes of a component with the predictions of the average player."""
+    rows, label = judged(rows)[name]
     if name == "success":
-        rows = rows.take(known_outcome(rows))
-        return Predicted(rows=rows, logit=log_odds(models.fault_without_target(rows)), label=rows.outcome == Outcome.FAULT)
-    if name == "return":
-        rows = rows.take(was_good(rows))
-        return Predicted(rows=rows, logit=log_odds(models.returned(rows.codes)), label=rows.outcome == Outcome.RETURNED)
-    rows = rows.take(was_met(rows))
-    return Predicted(rows=rows, logit=log_odds(models.above(rows.codes)), label=rows.next_contact == 1)
+        chance = models.fault_without_target(rows)
+    else:
+        chance = models.returned(rows.codes) if name == "return" else models.above(rows.codes)
+    return Predicted(rows, label, log_odds(chance))
 
 
 def _compared(one: Judged, which: Bools, shift: F64, than: F64 | None = None) -> dict[str, float]:

@@ -22,6 +22,7 @@ type), and not the probability in each: bounds around the mean would cut off wha
 
 import dataclasses
 import itertools
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -56,9 +57,7 @@ _HURRIED: Final = 2
 def catalogue_of(rows: Rows) -> Catalogue:
     """Strokes with enough support among good strokes, in the order of shot type, area, height, technique."""
     good = rows.take((rows.outcome != Outcome.FAULT) & (rows.codes["area"] >= 0))
-    c = {name: good.codes[name].astype(np.int64) for name in ("shot", "area", "contact", "technique")}
-    count = np.zeros((N_SHOTS, N_AREAS, 2, N_TECHNIQUES), dtype=np.int64)
-    np.add.at(count, (c["shot"], c["area"], c["contact"], c["technique"]), 1)
+    count = good.count("shot", "area", "contact", "technique")
     to_area = count.sum(axis=(2, 3))
     in_area = to_area >= AREA_SHARE * np.maximum(to_area.sum(axis=1, keepdims=True), 1)
     supported = np.argwhere((count >= MIN_STROKES) & in_area[:, :, None, None])
@@ -69,21 +68,19 @@ def replies_of(rows: Rows, catalogue: Catalogue, share: float = SHOT_SHARE) -> B
     """``[n + 1, n]`` legal replies to each stroke (row n: at the serve), by the rule of this module.
 
     Args:
-        catalogue: the n strokes.
         share: minimum share of a shot type among the strokes of a situation.
     """
     n, aimed = len(catalogue), rows.take(rows.codes["area"] >= 0)
-    count = np.zeros((N_SHOTS + 2, N_SHOTS, N_AREAS, 2, N_TECHNIQUES), dtype=np.int64)
-    styled = np.zeros((N_SHOTS + 2, N_SHOTS, 2, N_TECHNIQUES), dtype=np.int64)
-    context = ("incoming_shot", "shot", "area", "contact", "technique")
-    np.add.at(count, tuple(aimed.codes[name].astype(np.int64) for name in context), 1)
-    np.add.at(styled, tuple(rows.codes[name].astype(np.int64) for name in context if name != "area"), 1)
+    count = aimed.count("incoming_shot", "shot", "area", "contact", "technique")
+    styled = rows.count("incoming_shot", "shot", "contact", "technique")
     style = (catalogue.shot, catalogue.height, catalogue.technique)
     # The most frequent target among the strokes of the catalogue.
     listed = np.zeros_like(count[0], dtype=bool)
     listed[catalogue.shot, catalogue.area, catalogue.height, catalogue.technique] = True
     most = np.where(listed, count, 0).max(axis=2)
-    situation = _situation_counts(rows)
+    # Replies by incoming shot type, third of the court and height at which it is met, and own shot type.
+    met = rows.count("incoming_shot", "incoming_area", "contact", "shot")[:N_SHOTS, :N_AREAS]
+    situation = np.stack([met[:, third_of(np.arange(N_AREAS)) == third].sum(axis=1) for third in range(N_THIRDS)], axis=1)
     chosen, anywhere = _chosen(situation, share), _chosen(situation.sum(axis=0), share)
     front = [SHOTS.index(name) for name in FRONT_COURT]
     replies = np.zeros((n + 1, n), dtype=bool)
@@ -100,15 +97,6 @@ def replies_of(rows: Rows, catalogue: Catalogue, share: float = SHOT_SHARE) -> B
                 legal |= from_here & enough & fallback
         replies[:n][(catalogue.shot == shot) & (third_of(catalogue.area) == third)] = legal
     return replies & ~(catalogue.is_serve & (np.arange(n + 1) < n)[:, None])
-
-
-def _situation_counts(rows: Rows) -> I64:
-    """``[13, 3, 2, 13]`` replies by incoming shot type, third of the court and height at which it is met, and own shot type."""
-    c = {name: rows.codes[name].astype(np.int64) for name in ("incoming_shot", "incoming_area", "contact", "shot")}
-    met = (c["incoming_shot"] < N_SHOTS) & (c["incoming_area"] < N_AREAS)
-    count = np.zeros((N_SHOTS, N_THIRDS, 2, N_SHOTS), dtype=np.int64)
-    np.add.at(count, (c["incoming_shot"][met], third_of(c["incoming_area"][met]), c["contact"][met], c["shot"][met]), 1)
-    return count
 
 
 def _chosen(count: I64, share: float) -> Bools:
@@ -145,27 +133,18 @@ def support_of(rows: Rows, targets: F64, game: Game) -> Support:
     fault = weight * (rows.outcome[which] == Outcome.FAULT)
     winner = weight * (rows.outcome[which] == Outcome.WINNER)
     catalogue, n = game.catalogue, game.n_strokes
-    own, stroke = game.edge_own, game.edge_incoming
-    e_shot, e_area, e_height, e_technique = (
-        np.append(getattr(catalogue, a), 0).astype(np.int64)[stroke] for a in ("shot", "area", "height", "technique")
-    )
     # The "own" end of an edge is the incoming stroke of the player who replies.
-    e_in_shot = np.append(catalogue.shot, N_SHOTS).astype(np.int64)[own]
-    e_in_area = np.append(catalogue.area, N_AREAS).astype(np.int64)[own]
-    stroke_key = _key((c["shot"], area, c["contact"], c["technique"]))
-    edge_key = _key((e_shot, e_area, e_height, e_technique))
-    levels = (
-        (c["shot"], e_shot),
-        (_key((c["shot"], area)), _key((e_shot, e_area))),
-        (stroke_key, edge_key),
-        (_key((stroke_key, c["incoming_shot"])), _key((edge_key, e_in_shot))),
-        (_key((stroke_key, c["incoming_shot"], c["incoming_area"])), _key((edge_key, e_in_shot, e_in_area))),
-    )
+    own, stroke = game.edge_own, game.edge_incoming
+    of_edge = [np.append(getattr(catalogue, name), 0)[stroke] for name in ("shot", "area", "height", "technique")]
+    of_edge += [np.append(catalogue.shot, N_SHOTS)[own], np.append(catalogue.area, N_AREAS)[own]]
+    of_row = [c["shot"], area, c["contact"], c["technique"], c["incoming_shot"], c["incoming_area"]]
+    # Nested cells: a shot type, with its area, the whole stroke, against a shot type, and against one to an area.
+    levels = [(_key(of_row[:parts]), _key(of_edge[:parts])) for parts in (1, 2, 4, 5, 6)]
     ranges = []
     for events in (fault, winner):
         rate = np.full(len(stroke), events.sum() / weight.sum())
-        for level, (of_row, of_edge) in enumerate(levels):
-            total, hits = _cell_sums(of_row, weight, of_edge), _cell_sums(of_row, events, of_edge)
+        for level, (rows_in, edges_in) in enumerate(levels):
+            total, hits = _cell_sums(rows_in, weight, edges_in), _cell_sums(rows_in, events, edges_in)
             a, b = hits + PRIOR_STROKES * rate, total - hits + PRIOR_STROKES * (1 - rate)
             if level < len(levels) - 1:
                 rate = a / (a + b)
@@ -173,8 +152,7 @@ def support_of(rows: Rows, targets: F64, game: Game) -> Support:
         a, b = a + 0.5, b + 0.5
         tail = (1 - CREDIBLE) / 2
         ranges.append(np.stack([beta.ppf(tail, a, b), beta.ppf(1 - tail, a, b)], axis=1))
-    innermost = levels[-1]
-    strokes, faults, winners = (_cell_sums(innermost[0], v, innermost[1]) for v in (weight, fault, winner))
+    strokes, faults, winners = (_cell_sums(rows_in, part, edges_in) for part in (weight, fault, winner))
     ranges[0][stroke == n] = ranges[1][stroke == n] = (0.0, 1.0)
     return Support(strokes=strokes, faults=faults, winners=winners, fault_range=ranges[0], winner_range=ranges[1])
 
@@ -194,12 +172,9 @@ def is_long_duel_pair(game: Game) -> Bools:
     return np.asarray(is_duel_pair(game) & (game.duel(game.base_pair_state) >= LONG_DUEL))
 
 
-def _key(parts: tuple[I64 | Ints, ...]) -> I64:
-    """Combined integer key of small integers."""
-    key = np.zeros(len(parts[0]), dtype=np.int64)
-    for part in parts:
-        key = key * 32 + part
-    return key
+def _key(parts: Sequence[Ints]) -> I64:
+    """Combined key of integers below 32."""
+    return np.asarray(np.ravel_multi_index(tuple(parts), (32,) * len(parts)))
 
 
 def _cell_sums(keys: I64, weights: F64, wanted: I64) -> F64:

@@ -19,7 +19,7 @@ from shuttle_marl.data.schema import Outcome
 from shuttle_marl.dynamics.compiled import Support, is_serve_pair
 from shuttle_marl.dynamics.features import STATE, Rows
 from shuttle_marl.dynamics.fitted import FittedModels
-from shuttle_marl.dynamics.models import known_outcome, was_good, was_met, was_timed
+from shuttle_marl.dynamics.models import judged
 from shuttle_marl.dynamics.network import fold_of_match
 from shuttle_marl.dynamics.trees import PARAMETERS, lightgbm
 from shuttle_marl.exact.fixed_point import largest_continuation
@@ -35,8 +35,6 @@ BINS: Final = 15
 RESAMPLES: Final = 2000
 _CONTEXT: Final = (*STATE, "shot", "technique")
 _STROKE: Final = (*_CONTEXT, "area")
-_MET: Final = (*_STROKE, "next_contact")
-_SITUATION: Final = ("effort", "duel")
 _FOLDS: Final = 5
 _LEAVES: Final = (8, 15)
 
@@ -47,20 +45,21 @@ def log_losses(label: Bools, p: F64) -> F64:
     return np.asarray(-np.where(label, np.log(p), np.log1p(-p)))
 
 
+def _bins(label: Bools, p: F64, bins: int) -> list[tuple[float, float, int]]:
+    """Mean prediction, observed frequency and number of rows of each bin of equal mass."""
+    parts = np.array_split(np.argsort(p, kind="stable"), bins)
+    return [(float(p[i].mean()), float(label[i].mean()), len(i)) for i in parts if len(i)]
+
+
 def calibration_error(label: Bools, p: F64, bins: int = BINS) -> float:
     """Expected calibration error over bins of equal mass."""
-    parts = np.array_split(np.argsort(p, kind="stable"), bins)
-    return float(sum(abs(label[i].mean() - p[i].mean()) * len(i) for i in parts if len(i)) / len(label))
+    return sum(abs(observed - predicted) * n for predicted, observed, n in _bins(label, p, bins)) / len(label)
 
 
-def reliability(label: Bools, p: F64, bins: int = BINS) -> list[dict[str, float]]:
-    """Reliability diagram: mean prediction, observed frequency and number of rows of each bin of equal mass."""
-    parts = np.array_split(np.argsort(p, kind="stable"), bins)
-    return [
-        {"predicted": round(float(p[i].mean()), 5), "observed": round(float(label[i].mean()), 5), "rows": len(i)}
-        for i in parts
-        if len(i)
-    ]
+def reliability(label: Bools, p: F64) -> list[dict[str, float]]:
+    """Reliability diagram, by bins of equal mass."""
+    bins = _bins(label, p, BINS)
+    return [{"predicted": round(mean, 5), "observed": round(share, 5), "rows": n} for mean, share, n in bins]
 
 
 def area_under_curve(label: Bools, p: F64) -> float:
@@ -105,28 +104,24 @@ def evaluate(models: FittedModels, train: Rows, test: Rows, *, report: Callable[
         ``difference`` (models minus trees, by match), ``reliability``; ``next_stroke``: see :func:`prediction_scores`.
     """
 
-    def success(rows: Rows) -> F64:
-        return 1 - models.fault_without_target(rows)
-
-    tasks: dict[str, tuple[Any, Callable[[Rows], Bools], Callable[[Rows], F64], tuple[str, ...]]] = {
+    tasks: dict[str, tuple[Callable[[Rows], F64], tuple[str, ...]]] = {
         # The target of a fault is unknown, so neither models nor trees may read it (no leak).
-        "success": (known_outcome, lambda rows: rows.outcome != Outcome.FAULT, success, (*_CONTEXT, *_SITUATION)),
-        "return": (was_good, lambda rows: rows.outcome == Outcome.RETURNED, lambda rows: models.returned(rows.codes), _STROKE),
-        "contact": (was_met, lambda rows: rows.next_contact == 1, lambda rows: models.above(rows.codes), _STROKE),
+        "success": (lambda rows: 1 - models.fault_without_target(rows), (*_CONTEXT, "effort", "duel")),
+        "return": (lambda rows: models.returned(rows.codes), _STROKE),
+        "contact": (lambda rows: models.above(rows.codes), _STROKE),
+        "hurried": (lambda rows: models.hurried(rows.codes)[np.arange(len(rows)), rows.next_contact], (*_STROKE, "next_contact")),
     }
-
-    def hurried(rows: Rows) -> F64:
-        return models.hurried(rows.codes)[np.arange(len(rows)), rows.next_contact]
-
-    if models.knows_hurried and was_timed(test).any():
-        tasks["hurried"] = (was_timed, lambda rows: rows.next_hurried == 1, hurried, _MET)
+    fitted_to, tested_on = judged(train), judged(test)
+    if not (models.knows_hurried and tested_on["hurried"][0]):
+        del tasks["hurried"]
     out: dict[str, Any] = {}
-    for name, (chosen, label_of, predict, features) in tasks.items():
+    for name, (predict, features) in tasks.items():
         report(f"{name}, and trees on the same rows")
-        fitted, rows = train.take(chosen(train)), test.take(chosen(test))
-        label, p = label_of(rows), predict(rows)
-        read = [_read(part, models) for part in (fitted, rows)]
-        trees = tree_predictions(features, read[0], label_of(fitted), fitted.match, read[1])
+        (fitted, known), (rows, label) = (
+            (part, ~fault if name == "success" else fault) for part, fault in (fitted_to[name], tested_on[name])
+        )
+        p = predict(rows)
+        trees = tree_predictions(features, _read(fitted, models), known, fitted.match, _read(rows, models))
         out[name] = {
             **scores(label, p),
             "trees": scores(label, trees),
@@ -184,7 +179,6 @@ def prediction_scores(shot: F64, area: F64, given: F64, rows: Rows) -> dict[str,
         shot: ``[N, 13]`` probability of each shot type.
         area: ``[N, 9]`` probability of each area.
         given: ``[N, 9]`` probability of each area given the actual shot type.
-        rows: the N strokes.
     """
     good = (rows.outcome != Outcome.FAULT) & (rows.codes["area"] >= 0)
     of_shot = shot[np.arange(len(rows)), rows.codes["shot"]]
@@ -210,9 +204,6 @@ def tree_predictions(
 
     Args:
         names: attributes read by the trees, all categorical.
-        train, test: attribute codes.
-        label: ``[N]`` labels of train.
-        match: ``[N]`` match of each row of train.
 
     Returns:
         ``[M]`` probabilities on the rows of test.

@@ -22,8 +22,9 @@ Simulated strokes record the target itself and are not moved.
 
 import dataclasses
 import functools
+import math
 from collections.abc import Sequence
-from typing import Final, Protocol
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -35,6 +36,9 @@ from shuttle_marl.game.court import N_AREAS, area_of
 from shuttle_marl.game.layout import LONGEST_DUEL
 from shuttle_marl.game.stroke import ATTACKS, N_SHOTS, N_TECHNIQUES, NET_SHOTS, SHOTS
 from shuttle_marl.game.tables import Game
+
+if TYPE_CHECKING:
+    from shuttle_marl.dynamics.hurried import Hurry
 
 DISCIPLINES: Final = ("MS", "WS")
 _RATES: Final = (10.0, 130.0)
@@ -116,6 +120,10 @@ class Rows:
         arrays = {f.name: getattr(self, f.name)[which] for f in dataclasses.fields(self) if f.name not in ("codes", "matches")}
         return Rows(codes={name: code[which] for name, code in self.codes.items()}, matches=self.matches, **arrays)
 
+    def none(self) -> "Rows":
+        """No rows, of the same matches."""
+        return self.take(np.zeros(len(self), dtype=bool))
+
     @classmethod
     def joined(cls, parts: Sequence["Rows"]) -> "Rows":
         """Concatenation of several tables, whose matches are different even if their names are equal."""
@@ -132,6 +140,13 @@ class Rows:
         """Rows of the named matches."""
         wanted = np.isin(np.array(self.matches), np.array(list(names)))
         return self.take(wanted[self.match])
+
+    def count(self, *names: str) -> I64:
+        """Number of rows with each combination of codes, a dimension for each name."""
+        sizes = [SLOTS[name] for name in names]
+        return np.bincount(np.ravel_multi_index([self.codes[name] for name in names], sizes), minlength=math.prod(sizes)).reshape(
+            sizes
+        )
 
     def with_area(self, area: int | Ints) -> dict[str, I16]:
         """The codes with another target area."""
@@ -156,14 +171,7 @@ class Rows:
         return np.where(c["area"] < 0, -1, index)
 
 
-class Marker(Protocol):
-    """Decides whether strikers were hurried (:class:`shuttle_marl.dynamics.hurried.Hurry`)."""
-
-    def marked(self, rows: Rows) -> Rows:
-        """Rows in playing order, with whether the striker was hurried."""
-
-
-def rows_from_strokes(strokes: pa.Table, hurry: Marker | None = None) -> Rows:
+def rows_from_strokes(strokes: pa.Table, hurry: "Hurry | None" = None) -> Rows:
     """Rows of a cleaned table, in its order (schema: :mod:`shuttle_marl.data.schema`).
 
     The target areas of annotated winners and out strokes depend on the other strokes of the table.
@@ -219,12 +227,7 @@ def rows_from_strokes(strokes: pa.Table, hurry: Marker | None = None) -> Rows:
 
 
 def _movement(strokes: pa.Table, key: Ints, number: I16) -> F32:
-    """``[N, 15]`` :data:`MOVEMENT` of each stroke; NaN where a part is unknown, and for serves.
-
-    Args:
-        key: ``[3, N]`` match, game and rally of each stroke.
-        number: ``[N]`` number of the stroke in its rally, from 1.
-    """
+    """``[N, 15]`` :data:`MOVEMENT` of each stroke; NaN where a part is unknown, and for serves."""
     names = [f"{who}_{axis}" for who in ("contact", "striker", "receiver") for axis in "xy"]
     x = {name: strokes[name].to_numpy().astype(np.float64) for name in names}
     frame, clock = (strokes[name].cast(pa.float64()).to_numpy(zero_copy_only=False) for name in ("frame", "clock"))
@@ -325,7 +328,6 @@ def _counts(key: Ints, number: I16, shot: Ints) -> tuple[I16, I16, I16]:
     Args:
         key: ``[K, N]`` match, game and rally of each stroke; the strokes of a rally are consecutive, in playing order.
         number: ``[N]`` number of the stroke in its rally, from 1.
-        shot: ``[N]`` shot type.
     """
     own, other, run = (np.zeros(len(number), dtype=np.int16) for _ in range(3))
     is_first = np.r_[True, (np.diff(key, axis=1) != 0).any(axis=0)]
@@ -350,7 +352,6 @@ def strokes_before(rows: Rows, name: str, strokes: Ints, n_strokes: int) -> I64:
     """``[N]`` catalogue index of a previous stroke: n before the serve, -1 where unknown or not in the catalogue.
 
     Args:
-        rows: N strokes in context.
         name: ``own`` or ``incoming``.
         strokes: ``[13, 9, 2, 3]`` catalogue index by shot type, area, height and technique.
         n_strokes: n, the number of strokes in the catalogue.
@@ -368,7 +369,6 @@ def states_of(game: Game, rows: Rows, own: Ints, incoming: Ints) -> I64:
     """``[N]`` state in which each stroke was struck, -1 where the game has no such state or the context is unknown.
 
     Args:
-        rows: N strokes in context.
         own, incoming: ``[N]`` catalogue indices of the previous strokes (:func:`strokes_before`).
     """
     duel = np.minimum(rows.net_run, LONGEST_DUEL) if game.counts_duels else 0

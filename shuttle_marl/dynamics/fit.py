@@ -1,16 +1,15 @@
 """Fit of all models from a table of strokes: networks, calibration, single players, catalogue and support."""
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any, Final
 
 import numpy as np
 from scipy.optimize import minimize
 
-from shuttle_marl.base.arrays import F64, Bools
+from shuttle_marl.base.arrays import F64, I16, Bools
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.pytorch import own_settings
-from shuttle_marl.data.schema import Outcome
 from shuttle_marl.dynamics.compiled import (
     MIN_STROKES,
     SHOT_SHARE,
@@ -36,6 +35,7 @@ from shuttle_marl.dynamics.models import (
     fit_ridge,
     fit_success,
     fit_target,
+    judged,
     known_outcome,
     latent_target,
     log_loss,
@@ -44,9 +44,6 @@ from shuttle_marl.dynamics.models import (
     ridge_logits,
     sigmoid,
     softmax,
-    was_good,
-    was_met,
-    was_timed,
 )
 from shuttle_marl.dynamics.network import QUICK, Ensemble, EnsembleConfig, fold_of_match, unseen
 from shuttle_marl.dynamics.players import player_choices
@@ -54,6 +51,7 @@ from shuttle_marl.dynamics.situations import fit_situations
 from shuttle_marl.dynamics.skill import Predicted
 from shuttle_marl.dynamics.trees import Trees, fit_trees
 from shuttle_marl.game.court import N_AREAS
+from shuttle_marl.game.skill import COMPONENTS
 from shuttle_marl.game.tables import Game, GameError
 
 Report = Callable[[str], None]
@@ -93,7 +91,7 @@ class Fit:
 
     def profile(self, discipline: int) -> "Fit":
         """The fit of one discipline (index into :data:`~shuttle_marl.dynamics.features.DISCIPLINES`)."""
-        models = self.models.of_discipline(discipline)
+        models = dataclasses.replace(self.models, share=np.eye(len(DISCIPLINES))[discipline])
         return dataclasses.replace(self, models=models, support=self.profiles[discipline])
 
     def compiled(self) -> tuple[Game, PairProbabilities]:
@@ -127,7 +125,8 @@ def fit(
     config = config or EnsembleConfig()
     # The first round of expectation maximisation need not converge.
     first_round = dataclasses.replace(QUICK, epochs=max(1, config.epochs // 2), batch=config.batch)
-    known, good, met = (train.take(mask(train)) for mask in (known_outcome, was_good, was_met))
+    parts = judged(train)
+    (known, fault), (good, returned), (met, met_above), _ = parts.values()
 
     report("targets")
     soft = _known_targets(train)
@@ -140,14 +139,12 @@ def fit(
     shorter = dataclasses.replace(config, epochs=max(1, round(_SUCCESS_EPOCHS * config.epochs)))
     success = fit_success(known, mean_probabilities(target, known.codes), shorter, seed + 3)
     report("returns")
-    returned = good.outcome == Outcome.RETURNED
     return_network = fit_binary("return", good, returned, config, seed + 4)
     ridge = fit_ridge(good.codes, returned)
     report("contact heights")
-    met_above = met.next_contact == 1
     contact = fit_binary("contact", met, met_above, config, seed + 5)
     report("hurried receivers")
-    hurried, hurried_lines = _fit_hurried(train.take(was_timed(train)))
+    hurried, hurried_lines = _fit_hurried(*parts["hurried"])
     report("choices of strokes")
     choice = fit_choice(train, config, seed + 6)
 
@@ -167,7 +164,10 @@ def fit(
         networks=networks,
         ridge=ridge,
         trees={
-            "success": _fault_correction(marginal, known),
+            # They correct the out-of-fold logit of a fault, and do not read the target.
+            "success": fit_trees(
+                known.with_area(0), fault, rounds=_CORRECTION_ROUNDS, rate=_CORRECTION_RATE, offset=log_odds(marginal)
+            ),
             "return": fit_trees(good.codes, returned),
             "contact": fit_trees(met.codes, met_above),
             **hurried,
@@ -181,13 +181,11 @@ def fit(
         "calibration": calibration.tolist(),
         "situations": {"effort": situations.effort.tolist(), "duel": situations.duel},
     }
-    predicted = {
-        "success": Predicted(
-            rows=known, logit=log_odds(marginal), label=known.outcome == Outcome.FAULT
-        ),
-        "return": Predicted(rows=good, logit=calibration[1, 0] * fold_return + calibration[1, 1], label=returned),
-        "contact": Predicted(rows=met, logit=calibration[2, 0] * fold_above + calibration[2, 1], label=met_above),
-    }  # fmt: skip
+    logits = (
+        log_odds(marginal),
+        *(slope * logit + start for (slope, start), logit in zip(calibration[1:3], (fold_return, fold_above), strict=True)),
+    )
+    predicted = {name: Predicted(*parts[name], logit) for name, logit in zip(COMPONENTS, logits, strict=True)}
     models = average
     if validation is not None:
         report("choices of players")
@@ -246,17 +244,7 @@ def _known_targets(rows: Rows) -> F64:
     return soft
 
 
-def _fault_correction(marginal: F64, rows: Rows) -> Trees:
-    """Trees that correct the out-of-fold logit of a fault; they do not read the target.
-
-    Args:
-        marginal: ``[N]`` calibrated probability of a fault.
-    """
-    fault = rows.outcome == Outcome.FAULT
-    return fit_trees(rows.with_area(0), fault, rounds=_CORRECTION_ROUNDS, rate=_CORRECTION_RATE, offset=log_odds(marginal))
-
-
-def _fit_hurried(rows: Rows) -> tuple[dict[str, Trees], F64]:
+def _fit_hurried(rows: Rows, late: Bools) -> tuple[dict[str, Trees], F64]:
     """Trees of hurried receivers, by their contact height, and the calibration ``[2, 2]`` of their out-of-fold logits.
 
     Args:
@@ -264,28 +252,30 @@ def _fit_hurried(rows: Rows) -> tuple[dict[str, Trees], F64]:
     """
     trees, lines = {}, np.tile([1.0, 0.0], (len(HURRIED), 1))
     for contact, name in enumerate(HURRIED):
-        those = rows.take(rows.next_contact == contact)
-        label, fold = those.next_hurried == 1, fold_of_match(those.match, _FOLDS)
+        which = rows.next_contact == contact
+        those, label = rows.take(which), late[which]
         if label.sum() < _LEAST_HURRIED:
             continue
         logits = np.zeros(len(those))
-        for k in np.unique(fold):
-            fitted = fit_trees(those.take(fold != k).codes, label[fold != k], rounds=_HURRIED_ROUNDS)
-            logits[fold == k] = fitted.logits(those.take(fold == k).codes)
+        for inside, outside, held_out in _folds(those):
+            logits[inside] = fit_trees(outside, label[~inside], rounds=_HURRIED_ROUNDS).logits(held_out)
         lines[contact] = _calibrate(logits, label)
         trees[name] = fit_trees(those.codes, label, rounds=_HURRIED_ROUNDS)
     return trees, lines
 
 
+def _folds(rows: Rows) -> Iterator[tuple[Bools, dict[str, I16], dict[str, I16]]]:
+    """For each fold of matches, ``[N]`` whether a row is inside, and the codes of the rows outside and inside."""
+    fold = fold_of_match(rows.match, _FOLDS)
+    for k in np.unique(fold):
+        yield fold == k, rows.take(fold != k).codes, rows.take(fold == k).codes
+
+
 def _out_of_fold_blend(network: Ensemble, rows: Rows, label: Bools, config: EnsembleConfig, ridge: F64 | None = None) -> F64:
     """``[N]`` out-of-fold logit of a blend: the network, trees, and the ridge regression if one is given."""
     logits = log_odds(unseen(sigmoid(network.logits(rows.codes)[..., 0]), rows.match, config.folds))
-    fold = fold_of_match(rows.match, _FOLDS)
-    for k in range(_FOLDS):
-        inside = fold == k
-        if not inside.any():
-            continue
-        outside, held_out, observed = rows.take(~inside).codes, rows.take(inside).codes, label[~inside]
+    for inside, outside, held_out in _folds(rows):
+        observed = label[~inside]
         others = [fit_trees(outside, observed).logits(held_out)]
         if ridge is not None:
             others.append(ridge_logits(fit_ridge(outside, observed, start=ridge), held_out))

@@ -159,10 +159,6 @@ class FittedModels:
         ]
         return np.asarray(sum(found))
 
-    def of_discipline(self, discipline: int) -> "FittedModels":
-        """The models of one discipline (index into :data:`shuttle_marl.dynamics.features.DISCIPLINES`)."""
-        return dataclasses.replace(self, share=np.eye(len(DISCIPLINES))[discipline])
-
     def save(self, folder: Path) -> str:
         """Write ``networks.safetensors``; returns the SHA-256 of its content."""
         tensors = {

@@ -99,7 +99,6 @@ class Question:
     Attributes:
         kind: type of the question, a key of the catalogue of texts.
         about: values of the question: names of shot types and contact heights.
-        answers: names of the answers.
     """
 
     kind: str

@@ -86,7 +86,6 @@ def make_model(
         prior: name or folder of a model to correct; None: fit without prior.
         config: settings of the networks; None: the default, and quick refits.
         jobs: number of refits at once, one process each; it does not change the result.
-        report: called with a line before each stage.
 
     Returns:
         The model card.
@@ -200,14 +199,12 @@ class Written:
 
     Attributes:
         variants: the games of men's and women's singles, by name; none if the fit has a single discipline.
-        log_choice: ``[base pairs]`` log-probabilities of the average player.
         clipped: fraction of the legal pairs that were clipped to the supported range.
         health: :func:`~shuttle_marl.dynamics.evaluate.health` of the game.
     """
 
     game: Game
     variants: dict[str, Game]
-    log_choice: F32
     skill: FittedSkill
     clipped: float
     health: dict[str, Any]
@@ -253,7 +250,7 @@ def save_fit(
     save_clones(out, fitted.models.choices, log_choice, of_profiles)
     skill.save(out)
     clipped = float(probabilities.clipped.mean())
-    return Written(game=game, variants=variants, log_choice=log_choice, skill=skill, clipped=clipped, health=solved)
+    return Written(game=game, variants=variants, skill=skill, clipped=clipped, health=solved)
 
 
 def rows_of(rows: Rows, split: Split) -> Rows:

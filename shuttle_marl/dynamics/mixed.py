@@ -32,12 +32,7 @@ _DAYS: Final = 1 << 32
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Walks:
-    """Random walks of several players, at the days (knots) on which each is observed; sorted by player and day.
-
-    Attributes:
-        player: ``[K]`` number of the player.
-        day: ``[K]`` day.
-    """
+    """Random walks of several players, at the days (knots) on which each is observed; sorted by player and day."""
 
     player: I64
     day: I64

@@ -157,7 +157,7 @@ def mean_probabilities(network: Ensemble, codes: dict[str, I16]) -> F64:
 
 def fit_choice(rows: Rows, config: EnsembleConfig, seed: int) -> Ensemble:
     """Fit the choice of shot types and techniques, on all strokes."""
-    label = rows.codes["shot"].astype(np.int64) * N_TECHNIQUES + rows.codes["technique"]
+    label = labels_of("choice", rows)
     prior = np.log(np.bincount(label, minlength=SPECS["choice"].outputs) + 1.0)
     labels = torch.from_numpy(label)
 
@@ -166,8 +166,7 @@ def fit_choice(rows: Rows, config: EnsembleConfig, seed: int) -> Ensemble:
         y = labels[batch].expand(k, n)
         return functional.cross_entropy(logits.reshape(k * n, c), y.reshape(-1), reduction="none").view(k, n)
 
-    columns = encode(SPECS["choice"], rows.codes)
-    return fit_ensemble(SPECS["choice"], columns, loss, rows.match, prior - prior.max(), config, seed)
+    return fit_ensemble(SPECS["choice"], rows.codes, loss, rows.match, prior - prior.max(), config, seed)
 
 
 def fit_target(rows: Rows, weights: F64, config: EnsembleConfig, seed: int) -> Ensemble:
@@ -184,8 +183,7 @@ def fit_target(rows: Rows, weights: F64, config: EnsembleConfig, seed: int) -> E
     def loss(logits: Tensor, batch: Tensor) -> Tensor:
         return -(soft[batch] * torch.log_softmax(logits, dim=-1)).sum(dim=-1)
 
-    columns = encode(SPECS["target"], rows.codes)
-    return fit_ensemble(SPECS["target"], columns, loss, rows.match, prior - prior.max(), config, seed)
+    return fit_ensemble(SPECS["target"], rows.codes, loss, rows.match, prior - prior.max(), config, seed)
 
 
 def fit_success(rows: Rows, target: F64, config: EnsembleConfig, seed: int) -> Ensemble:
@@ -219,8 +217,7 @@ def fit_success(rows: Rows, target: F64, config: EnsembleConfig, seed: int) -> E
         return -torch.log(total.clamp_min(1e-12))
 
     prior = np.log(np.bincount(label, minlength=3) / len(label))
-    columns = encode(SPECS["success"], expanded)
-    return fit_ensemble(SPECS["success"], columns, loss, rows.match, prior, config, seed, expand=expand)
+    return fit_ensemble(SPECS["success"], expanded, loss, rows.match, prior, config, seed, expand=expand)
 
 
 def fit_binary(name: str, rows: Rows, label: Bools, config: EnsembleConfig, seed: int) -> Ensemble:
@@ -233,7 +230,7 @@ def fit_binary(name: str, rows: Rows, label: Bools, config: EnsembleConfig, seed
         return functional.binary_cross_entropy_with_logits(z, y[batch].expand_as(z), reduction="none")
 
     prior = np.array([np.log(rate / (1 - rate))])
-    return fit_ensemble(SPECS[name], encode(SPECS[name], rows.codes), loss, rows.match, prior, config, seed)
+    return fit_ensemble(SPECS[name], rows.codes, loss, rows.match, prior, config, seed)
 
 
 def known_outcome(rows: Rows) -> Bools:
@@ -256,6 +253,29 @@ def was_timed(rows: Rows) -> Bools:
     return was_met(rows) & (rows.next_hurried >= 0)
 
 
+def judged(rows: Rows) -> dict[str, tuple[Rows, Bools]]:
+    """Rows and labels by binary model: a fault, a return, a contact above, a hurried receiver."""
+    known, good, met, timed = (rows.take(mask(rows)) for mask in (known_outcome, was_good, was_met, was_timed))
+    return {
+        "success": (known, known.outcome == Outcome.FAULT),
+        "return": (good, good.outcome == Outcome.RETURNED),
+        "contact": (met, met.next_contact == 1),
+        "hurried": (timed, timed.next_hurried == 1),
+    }
+
+
+def labelled(name: str, rows: Rows) -> Bools:
+    """``[N]`` rows with a known label of the network ``choice`` or ``target``."""
+    return np.ones(len(rows), dtype=bool) if name == "choice" else ~latent_target(rows)
+
+
+def labels_of(name: str, rows: Rows) -> I64:
+    """``[N]`` label of the network: shot type and technique (``choice``), or area (``target``)."""
+    if name == "target":
+        return rows.codes["area"].astype(np.int64)
+    return rows.codes["shot"].astype(np.int64) * N_TECHNIQUES + rows.codes["technique"]
+
+
 def all_targets(success: Ensemble, rows: Rows) -> F64:
     """``[K, N, 9, 3]`` probabilities of good, out, short for each of the nine targets."""
     return np.stack([softmax(success.logits(rows.with_area(a))) for a in range(N_AREAS)], axis=2)
@@ -265,8 +285,6 @@ def fit_ridge(codes: dict[str, I16], label: Bools, start: F64 | None = None) -> 
     """Fit the ridge logistic regression.
 
     Args:
-        codes: attribute codes of N strokes.
-        label: ``[N]`` label.
         start: initial coefficients, such as those of a similar fit.
 
     Returns:

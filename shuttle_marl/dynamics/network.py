@@ -152,7 +152,7 @@ def fold_of_match(matches: Ints, folds: int) -> I64:
 
 def fit_ensemble(
     spec: NetworkSpec,
-    columns: I32,
+    codes: dict[str, I16],
     loss: Loss,
     matches: Ints,
     prior: Floats,
@@ -163,17 +163,16 @@ def fit_ensemble(
     """Fit all members at once; weights are rounded to half precision, in which they are stored.
 
     Args:
-        columns: ``[M, C]`` active columns of the inputs (:func:`encode`).
+        codes: ``[M]`` codes of the inputs.
         matches: ``[N]`` match of each row; the rows of a member's fold have weight zero.
         prior: ``[outputs]`` logits of an untrained network.
-        seed: random seed of initial weights, batches and dropout.
-        expand: maps row numbers to the rows of ``columns`` that the loss needs; None: the same rows.
+        expand: maps row numbers to the rows of ``codes`` that the loss needs; None: the same rows.
     """
     generator = torch.Generator().manual_seed(seed)
     spec = dataclasses.replace(spec, members=config.members or spec.members)
     model = Ensemble(spec)
     model.initialise(generator, torch.as_tensor(prior, dtype=torch.float32))
-    inputs = torch.from_numpy(columns)
+    inputs = torch.from_numpy(encode(spec, codes))
     n = len(matches)
     fold = torch.from_numpy(fold_of_match(matches, config.folds))
     member_fold = torch.arange(spec.members) % config.folds

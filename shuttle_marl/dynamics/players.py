@@ -4,18 +4,18 @@ The precision of the prior, which sets the strength of the shrinkage, is chosen 
 """
 
 import dataclasses
-from typing import Any, Final
+from collections.abc import Sequence
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import torch
 
-from shuttle_marl.base.arrays import F64, I64, Bools, Ints
+from shuttle_marl.base.arrays import F64, I64, Ints
 from shuttle_marl.dynamics.features import SLOTS, Rows
 from shuttle_marl.dynamics.fitted import PlayerChoices, tilted
-from shuttle_marl.dynamics.models import latent_target, softmax
+from shuttle_marl.dynamics.models import labelled, labels_of, softmax
 from shuttle_marl.dynamics.network import Ensemble, unseen
 from shuttle_marl.game.court import N_AREAS
-from shuttle_marl.game.stroke import N_TECHNIQUES
 
 MIN_STROKES: Final = 1000
 """Training strokes from which a player gets a model."""
@@ -36,8 +36,6 @@ def fit_choice_shifts(
         base: ``[N, C]`` probabilities of the average player, from networks that were not fitted to the match.
         cell: ``[N]`` context in which a shift applies.
         player: ``[N]`` player of each row.
-        label: ``[N]`` observed choice.
-        precision: of the prior.
     """
     z = torch.from_numpy(np.log(np.maximum(base, 1e-9)))
     player_index, cell_index, y = (torch.from_numpy(np.asarray(x, dtype=np.int64)) for x in (player, cell, label))
@@ -58,6 +56,35 @@ def fit_choice_shifts(
     return np.asarray(total.numpy())
 
 
+class Choices(NamedTuple):
+    """Observed choices among C, with what decides the shift."""
+
+    average: F64
+    """``[N, C]`` probabilities of the average player."""
+    cell: I64
+    """``[N]`` context in which a shift applies."""
+    player: I64
+    """``[N]`` player."""
+    label: I64
+    """``[N]`` observed choice."""
+
+    def cross_entropy(self, shift: F64 | None = None) -> float:
+        """Mean cross-entropy of the average player, or with shifts ``[players, cells, C]``, in nats."""
+        p = self.average if shift is None else tilted(self.average, shift[self.player, self.cell])
+        return float(-np.log(p[np.arange(len(p)), self.label]).mean())
+
+
+def best_shifts(
+    ours: Choices, others: Choices, cells: int, players: int, precisions: Sequence[float] = CHOICE_PRECISIONS
+) -> tuple[float, float, F64]:
+    """Cross-entropy on other choices, precision, and shifts of the best precision; without others of the largest one."""
+    candidates: list[tuple[float, float, F64]] = []
+    for precision in precisions:
+        shift = fit_choice_shifts(ours.average, ours.cell, cells, ours.player, players, ours.label, precision)
+        candidates.append((others.cross_entropy(shift) if len(others.label) else -precision, precision, shift))
+    return min(candidates, key=lambda candidate: candidate[0])
+
+
 def player_choices(
     networks: dict[str, Ensemble], train: Rows, validation: Rows | None, folds: int | None
 ) -> tuple[PlayerChoices, dict[str, Any]]:
@@ -71,7 +98,7 @@ def player_choices(
     Returns:
         The shifts of players with enough strokes, and the precision with its score.
     """
-    others = train.take(np.zeros(len(train), dtype=np.bool_)) if validation is None else validation
+    others = train.none() if validation is None else validation
     strikers, counts = np.unique(train.striker, return_counts=True)
     names = tuple(str(strikers[i]) for i in np.lexsort((strikers, -counts)) if counts[i] >= MIN_STROKES)
     empty = PlayerChoices(
@@ -90,43 +117,22 @@ def player_choices(
         # Over all matches, because the folds are numbered by them: some matches have none of these players.
         base = members.mean(axis=0) if folds is None else unseen(members, every.match, folds)
         own = empty.index(every.striker) >= 0
-        ours, base = every.take(own), base[own]
         theirs = others.take(labelled(name, others) & (empty.index(others.striker) >= 0))
-        own_label, label = (labels_of(name, rows) for rows in (ours, theirs))
-        own_cell, cell = (
-            rows.codes[slots[0]].astype(np.int64) * SLOTS[slots[1]] + rows.codes[slots[1]] for rows in (ours, theirs)
-        )
         average = softmax(network.logits(theirs.codes)).mean(axis=0)
-        player = empty.index(ours.striker)
-        candidates: list[tuple[float, float, F64]] = []
-        for precision in CHOICE_PRECISIONS if validation is not None else (_TYPICAL_PRECISION[kind],):
-            shift = fit_choice_shifts(
-                base, own_cell, SLOTS[slots[0]] * SLOTS[slots[1]], player, len(names), own_label, precision
-            )  # fmt: skip
-            shifted = tilted(average, shift[empty.index(theirs.striker), cell])
-            candidates.append((cross_entropy(shifted, label) if len(shifted) else -precision, precision, shift))
-        loss, precision, shifts[kind] = min(candidates, key=lambda candidate: candidate[0])
+
+        def choices(rows: Rows, average: F64, name: str = name, slots: tuple[str, str] = slots) -> Choices:
+            cell = rows.codes[slots[0]].astype(np.int64) * SLOTS[slots[1]] + rows.codes[slots[1]]
+            return Choices(average, cell, empty.index(rows.striker), labels_of(name, rows))
+
+        known = choices(theirs, average)
+        precisions = CHOICE_PRECISIONS if validation is not None else (_TYPICAL_PRECISION[kind],)
+        loss, precision, shifts[kind] = best_shifts(
+            choices(every.take(own), base[own]), known, SLOTS[slots[0]] * SLOTS[slots[1]], len(names), precisions
+        )
         chosen[kind] = {
             "precision": precision,
             "cross_entropy": loss if len(average) else None,
-            "cross_entropy_of_average": cross_entropy(average, label) if len(average) else None,
+            "cross_entropy_of_average": known.cross_entropy() if len(average) else None,
         }
     style, area = shifts["style"].reshape(empty.style.shape), shifts["area"].reshape(empty.area.shape)
     return dataclasses.replace(empty, style=style, area=area), chosen
-
-
-def labelled(name: str, rows: Rows) -> Bools:
-    """``[N]`` rows with a known label of the network ``choice`` or ``target``."""
-    return np.ones(len(rows), dtype=bool) if name == "choice" else ~latent_target(rows)
-
-
-def labels_of(name: str, rows: Rows) -> I64:
-    """``[N]`` label of the network: shot type and technique (``choice``), or area (``target``)."""
-    if name == "target":
-        return rows.codes["area"].astype(np.int64)
-    return rows.codes["shot"].astype(np.int64) * N_TECHNIQUES + rows.codes["technique"]
-
-
-def cross_entropy(p: F64, label: I64) -> float:
-    """Mean cross-entropy of probabilities ``[N, C]``, in nats."""
-    return float(-np.log(p[np.arange(len(p)), label]).mean())

@@ -10,22 +10,14 @@ import torch
 from scipy.optimize import minimize_scalar
 
 from shuttle_marl.base.arrays import F64, I16, Bools
-from shuttle_marl.data.schema import Outcome
 from shuttle_marl.dynamics.compiled import Support, support_of
 from shuttle_marl.dynamics.features import Rows
 from shuttle_marl.dynamics.fit import Fit, Report, intended_targets
-from shuttle_marl.dynamics.fitted import FittedModels, tilted
+from shuttle_marl.dynamics.fitted import FittedModels
 from shuttle_marl.dynamics.hurried import Hurry
-from shuttle_marl.dynamics.models import known_outcome, log_odds, mean_probabilities, sigmoid, was_good, was_met
+from shuttle_marl.dynamics.models import judged, labelled, labels_of, log_odds, mean_probabilities, sigmoid
 from shuttle_marl.dynamics.network import Ensemble
-from shuttle_marl.dynamics.players import (
-    CHOICE_PRECISIONS,
-    cross_entropy,
-    fit_choice_shifts,
-    labelled,
-    labels_of,
-    player_choices,
-)
+from shuttle_marl.dynamics.players import Choices, best_shifts, player_choices
 from shuttle_marl.dynamics.skill import Predicted
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.skill import COMPONENTS
@@ -64,7 +56,8 @@ def fit_from(prior: Prior, train: Rows, validation: Rows | None, *, report: Repo
         train: strokes of matches to which the prior was not fitted.
         validation: strokes of other matches, on which the shrinkage of choices is chosen; None: the weakest.
     """
-    known, good, met = (train.take(mask(train)) for mask in (known_outcome, was_good, was_met))
+    parts = judged(train)
+    known, good, met = (parts[name][0] for name in COMPONENTS)
     shares = np.bincount(train.codes["discipline"], minlength=len(prior.models.share)) / len(train)
     report("choices of strokes, as a correction")
     networks, chosen = _with_choices(prior.models.networks, train, validation)
@@ -77,26 +70,18 @@ def fit_from(prior: Prior, train: Rows, validation: Rows | None, *, report: Repo
         return np.asarray((share * models.situations.mixed(fault + shift, weights)).sum(axis=1))
 
     returned, above = (log_odds(_over_bit(p, models, part)) for p, part in ((models.returned, good), (models.above, met)))
-    label = {
-        "success": known.outcome == Outcome.FAULT,
-        "return": good.outcome == Outcome.RETURNED,
-        "contact": met.next_contact == 1,
+    chances: dict[str, Callable[[float], F64]] = {
+        "success": marginal,
+        "return": lambda b: sigmoid(returned + b),
+        "contact": lambda b: sigmoid(above + b),
     }
-    estimates = {
-        "success": shift_of(marginal, label["success"]),
-        "return": shift_of(lambda b: sigmoid(returned + b), label["return"]),
-        "contact": shift_of(lambda b: sigmoid(above + b), label["contact"]),
-    }
-    deviations = {name: deviation for name, (_, deviation) in estimates.items()}
-    shifts = {name: shift for name, (shift, _) in estimates.items()}
+    estimates = {name: shift_of(chance, parts[name][1]) for name, chance in chances.items()}
+    shifts, deviations = ({name: estimate[i] for name, estimate in estimates.items()} for i in (0, 1))
     calibration = models.calibration.copy()
     calibration[: len(shifts), 1] += list(shifts.values())
     models = dataclasses.replace(models, calibration=calibration)
-    predicted = {
-        "success": Predicted(rows=known, logit=log_odds(marginal(shifts["success"])), label=label["success"]),
-        "return": Predicted(rows=good, logit=returned + shifts["return"], label=label["return"]),
-        "contact": Predicted(rows=met, logit=above + shifts["contact"], label=label["contact"]),
-    }
+    logits = (log_odds(marginal(shifts["success"])), returned + shifts["return"], above + shifts["contact"])
+    predicted = {name: Predicted(*parts[name], logit) for name, logit in zip(COMPONENTS, logits, strict=True)}
     if validation is not None:
         report("choices of players")
         choices, chosen["choices"] = player_choices(networks, train, validation, None)
@@ -152,17 +137,13 @@ def _with_choices(
     corrected, chosen = dict(networks), {}
     for name in ("choice", "target"):
         network = networks[name]
-        ours, *others = (rows.take(labelled(name, rows)) for rows in (train, validation) if rows)
-        base, label = mean_probabilities(network, ours.codes), labels_of(name, ours)
-        judged = [(mean_probabilities(network, rows.codes), labels_of(name, rows)) for rows in others if len(rows)]
-        candidates: list[tuple[float, float, F64]] = []
-        for precision in CHOICE_PRECISIONS:
-            zeros = np.zeros(len(ours), np.int64)
-            shift = fit_choice_shifts(base, zeros, 1, zeros, 1, label, precision)[0, 0]
-            loss = cross_entropy(tilted(judged[0][0], shift), judged[0][1]) if judged else -precision
-            candidates.append((loss, precision, shift))
-        uncorrected = cross_entropy(tilted(judged[0][0], np.zeros_like(shift)), judged[0][1]) if judged else np.inf
-        loss, precision, shift = min(candidates, key=lambda candidate: candidate[0])
+        ours, others = (
+            Choices(mean_probabilities(network, rows.codes), *2 * (np.zeros(len(rows), np.int64),), labels_of(name, rows))
+            for rows in (part.take(labelled(name, part)) for part in (train, train.none() if validation is None else validation))
+        )
+        loss, precision, shifts = best_shifts(ours, others, 1, 1)
+        shift = shifts[0, 0]
+        uncorrected = others.cross_entropy(np.zeros_like(shifts)) if len(others.label) else np.inf
         if uncorrected <= loss:
             precision, shift = np.inf, np.zeros_like(shift)
         chosen[f"average_{name}"] = {"precision": str(precision), "shift": shift.tolist()}

@@ -21,7 +21,7 @@ import numpy as np
 from scipy.optimize import minimize
 from scipy.special import expit
 
-from shuttle_marl.base.arrays import F64, I16, Ints
+from shuttle_marl.base.arrays import F64, I16, I64, Ints
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.dynamics.features import NET_SHOT, SLOTS, Rows
 
@@ -62,10 +62,14 @@ class Situations:
         """``[2 L]`` offset of each situation: the levels outside of long duels, then inside."""
         return np.concatenate([self.effort, self.effort + self.duel])
 
+    def _known(self, rows: Rows) -> tuple[I64, I64]:
+        """``[N]`` level of effort, and 1 after a long run of net shots, 0 else; -1 each where unknown."""
+        level = np.where(rows.attacks < 0, -1, np.minimum(rows.attacks, len(self.effort) - 1))
+        return level, np.where(rows.net_run < 0, -1, rows.net_run >= LONG_DUEL)
+
     def weights(self, rows: Rows) -> F64:
         """``[N, 2 L]`` probability of each situation: 0 or 1 where it is known, frequencies where unknown."""
-        level = np.where(rows.attacks < 0, -1, np.minimum(rows.attacks, len(self.effort) - 1))
-        long = np.where(rows.net_run < 0, -1, rows.net_run >= LONG_DUEL)
+        level, long = self._known(rows)
         return self.spread(rows.codes["own_shot"], level, np.where(NET_SHOT[rows.codes["shot"]], long, 0))
 
     def spread(self, own_shot: Ints, level: Ints, long: Ints) -> F64:
@@ -86,9 +90,6 @@ class Situations:
         Args:
             logit: ``[N, ...]`` at effort 0 outside of long duels.
             weights: ``[N, 2 L]`` probability of each situation.
-
-        Returns:
-            ``[N, ...]`` probabilities.
         """
         total = np.zeros_like(logit)
         for offset, weight in zip(self.offsets, weights.T, strict=True):
@@ -113,10 +114,11 @@ class Situations:
 
     def codes(self, rows: Rows) -> dict[str, I16]:
         """``[N]`` codes of the situation: ``effort`` (L where unknown) and ``duel`` (0, 1, 2 where unknown)."""
-        levels = len(self.effort)
-        effort = np.where(rows.attacks < 0, levels, np.minimum(rows.attacks, levels - 1))
-        duel = np.where(rows.net_run < 0, 2, rows.net_run >= LONG_DUEL)
-        return {"effort": effort.astype(np.int16), "duel": duel.astype(np.int16)}
+        effort, duel = self._known(rows)
+        return {
+            "effort": np.where(effort < 0, len(self.effort), effort).astype(np.int16),
+            "duel": np.where(duel < 0, 2, duel).astype(np.int16),
+        }
 
 
 def fit_situations(logit: F64, share: F64, rows: Rows, *, levels: int = LEVELS) -> tuple[F64, Situations]:
@@ -164,9 +166,7 @@ def fit_situations(logit: F64, share: F64, rows: Rows, *, levels: int = LEVELS) 
 
 def _hurried_shares(rows: Rows) -> F64:
     """``[15, 13]`` frequency of hurried strikers by incoming and own shot type, shrunk to that of the incoming one."""
-    count = np.zeros((2, SLOTS["incoming_shot"], SLOTS["shot"]))
-    known = rows.hurried >= 0
-    np.add.at(count, (rows.hurried[known], rows.codes["incoming_shot"][known], rows.codes["shot"][known]), 1)
+    count = rows.take(rows.hurried >= 0).count("hurried", "incoming_shot", "shot")
     total = count.sum(axis=(0, 2))
     usual = (count[1].sum(axis=1) / np.maximum(total, 1))[:, None]
     return np.asarray((count[1] + _PRIOR_STROKES * usual) / (count.sum(axis=0) + _PRIOR_STROKES))

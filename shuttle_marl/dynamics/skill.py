@@ -67,23 +67,23 @@ _FOLDS: Final = 5
 _EPOCH: Final = datetime.date(1970, 1, 1)
 
 
-@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+@dataclasses.dataclass(frozen=True, eq=False)
 class Predicted:
     """Strokes of one component with the average player's predictions.
 
     Attributes:
         rows: N strokes.
-        logit: ``[N]`` log-odds from models that were not fitted to the match.
         label: ``[N]`` what happened: a fault, a return, or a contact above the net.
+        logit: ``[N]`` log-odds from models that were not fitted to the match.
     """
 
     rows: Rows
-    logit: F64
     label: Bools
+    logit: F64
 
     def take(self, which: Bools) -> "Predicted":
         """Strokes by mask."""
-        return Predicted(rows=self.rows.take(which), logit=self.logit[which], label=self.label[which])
+        return Predicted(self.rows.take(which), self.label[which], self.logit[which])
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -188,8 +188,6 @@ def slope_on_offset(logit: F64, shift: F64, label: Bools, match: Ints) -> dict[s
     Args:
         logit: ``[N]`` log-odds without offset.
         shift: ``[N]`` predicted offsets.
-        label: ``[N]`` observations.
-        match: ``[N]`` match of each.
 
     Returns:
         ``slope``, and the bounds ``low`` and ``high`` of its 95 % interval, with errors clustered by match.
@@ -267,34 +265,27 @@ class _Design:
         match, group = rows.match[first].astype(np.int64), distinct % groups
         matches, of_match = np.unique(match, return_inverse=True)
         striker, receiver = (role[first] for role in roles)
-        knots, players = len(self.walks), len(self.players)
-        sizes = [
-            *(knots, knots, players * groups, players * groups),
-            *(len(matches), 2 * len(matches), len(matches) * groups, int(self.source.max() + 1) * groups),
+        knots, players, sources = len(self.walks), len(self.players), int(self.source.max() + 1)
+        # Variance component, number of effects, and ``[G]`` the effect of each row.
+        effects: list[tuple[str, int, I64]] = [
+            ("striker", knots, self.walks.index(striker, self.day[match])),
+            ("receiver", knots, self.walks.index(receiver, self.day[match])),
+            ("striker_group", players * groups, striker * groups + group),
+            ("receiver_group", players * groups, receiver * groups + group),
+            ("match", len(matches), of_match),
+            ("side", 2 * len(matches), of_match * 2 + side[first]),
+            ("match_group", len(matches) * groups, of_match * groups + group),
+            ("source", sources * groups, self.source[match] * groups + group),
         ]
-        parts = (
-            self.walks.index(striker, self.day[match]),
-            self.walks.index(receiver, self.day[match]),
-            striker * groups + group,
-            receiver * groups + group,
-            of_match,
-            of_match * 2 + side[first],
-            of_match * groups + group,
-            self.source[match] * groups + group,
-        )
-        start = np.cumsum([0, *sizes])
-        columns = np.stack([index + offset for index, offset in zip(parts, start, strict=False)], axis=1)
-        used = len(parts)
+        start = np.cumsum([0, *(size for _, size, _ in effects)])
+        columns = np.stack([index for *_, index in effects], axis=1) + start[:-1]
         x = csr_matrix(
-            (np.ones(columns.size), columns.ravel(), np.arange(0, columns.size + 1, used)), shape=(len(distinct), start[-1])
+            (np.ones(columns.size), columns.ravel(), np.arange(0, columns.size + 1, len(effects))),
+            shape=(len(distinct), start[-1]),
         )
         walk, is_first, years = self.walks.innovations()
-        roles_of = [VARIANCES.index(name) for name in ("striker", "receiver")]
-        others = [VARIANCES.index(name) for name in ("striker_group", "receiver_group", "match", "side", "match_group", "source")]
-        component = np.concatenate([
-            *(np.where(is_first, role, VARIANCES.index("year")) for role in roles_of),
-            *(np.full(size, variance) for size, variance in zip(sizes[2:], others, strict=True)),
-        ])  # fmt: skip
+        component = np.repeat([VARIANCES.index(name) for name, *_ in effects], [size for _, size, _ in effects])
+        component[: 2 * knots][~np.tile(is_first, 2)] = VARIANCES.index("year")
         return MixedModel(
             x=x,
             row=row,

@@ -154,9 +154,6 @@ def fit_trees(
     """Fit trees that predict a binary label.
 
     Args:
-        codes: attribute codes of N strokes.
-        label: ``[N]`` label.
-        leaves: maximum number of leaves of a tree.
         offset: ``[N]`` logits to which those of the trees are added; None: no offset.
     """
     lgb = lightgbm()
@@ -172,9 +169,6 @@ def fit_trees(
 
 def stored_trees(booster: Any, leaves: int) -> tuple[dict[str, npt.NDArray[Any]], list[tuple[int, int, Any]]]:
     """The trees of LightGBM as arrays.
-
-    Args:
-        leaves: maximum number of leaves of a tree.
 
     Returns:
         ``attribute``, ``child`` and ``value`` as in :class:`Trees`; and (tree, node, threshold) of each node.

@@ -131,7 +131,7 @@ def test_chances_of_hurried_receivers_are_recovered() -> None:
     said = np.where(rows.next_contact >= 0, rng.random(N) < chance, -1).astype(np.int8)
     rows = dataclasses.replace(rows, next_hurried=said)
     met = rows.take(was_timed(rows))
-    trees, lines = _fit_hurried(met)
+    trees, lines = _fit_hurried(met, met.next_hurried == 1)
     assert set(trees) == set(HURRIED)
     for contact, name in enumerate(HURRIED):
         those = met.next_contact == contact
