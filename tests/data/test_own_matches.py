@@ -178,4 +178,4 @@ def test_problems_of_all_kinds_are_listed_once_in_one_pass(tmp_path: Path, capsy
     read(tmp_path)
     assert main(flags) == 0
     assert main(flags[:2]) == 1
-    assert "data import` converts a CSV file" in capsys.readouterr().out
+    assert "columns that the map does not name are not read" in capsys.readouterr().out

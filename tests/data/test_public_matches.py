@@ -9,7 +9,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pytest
 
-from shuttle_marl.data import clean_matches, matches_of, split_of
+from shuttle_marl.data import clean_matches, matches_of, split_of, validate, write_parquet
 from shuttle_marl.data.inference import MET
 from shuttle_marl.data.schema import DROP_REASONS, Cleaned
 from shuttle_marl.data.shuttleset import list_matches
@@ -35,6 +35,12 @@ def test_counts(public: Cleaned) -> None:
     assert account.rallies_kept >= 0.8 * account.rallies
     assert account.area_agreement is not None
     assert account.area_agreement >= 0.985
+
+
+def test_a_table_lacks_matches_of_which_every_stroke_was_dropped(public: Cleaned, tmp_path: Path) -> None:
+    assert len(public.strokes["match"].unique()) == 80
+    write_parquet(public.strokes, tmp_path / "s.parquet", account=public.account, provenance={})
+    assert validate(tmp_path / "s.parquet").problems == ()
 
 
 def test_the_datasheet_tells_these_numbers(public: Cleaned) -> None:
