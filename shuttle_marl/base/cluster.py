@@ -140,7 +140,7 @@ def _fetched(shared: Shared[Any]) -> Any:
 
 
 def _call(function: Callable[..., Any], arguments: Sequence[Any], versions: Mapping[str, str]) -> Any:
-    here = _versions(tuple(name for name in versions if name not in _OWN))
+    here = _versions(tuple(versions))
     different = [f"{name} {version} there, {here[name]} here" for name, version in versions.items() if here[name] != version]
     if different:
         raise ClusterError(
@@ -150,14 +150,11 @@ def _call(function: Callable[..., Any], arguments: Sequence[Any], versions: Mapp
     return function(*(_fetched(each) if isinstance(each, Shared) else each for each in arguments))
 
 
-_OWN: Final = ("python", "shuttle_marl")
-
-
 @functools.cache
 def _versions(packages: tuple[str, ...]) -> dict[str, str]:
     """Versions of Python, of this package and of distributions; empty if not installed."""
     found = {"python": platform.python_version(), "shuttle_marl": shuttle_marl.__version__}
-    for name in packages:
+    for name in (name for name in packages if name not in found):
         try:
             found[name] = importlib.metadata.version(name)
         except importlib.metadata.PackageNotFoundError:

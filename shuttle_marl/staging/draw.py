@@ -389,9 +389,11 @@ class TrajectoryBuilder:
 def _over_net(flight: Flights) -> float:
     """Height of one flight over the top of the net [m]; infinite if it begins beyond it."""
     ahead = flight.heading[0, 1]
-    if ahead <= 1e-6 or np.isnan(over := flight.height_over(0.0)[0]):
+    if ahead <= 1e-6:
         return np.inf
-    return float(over - net_height(flight.start[0, 0] + flight.heading[0, 0] * (-flight.start[0, 1] / ahead)))
+    return float(
+        flight.height_over(0, 0.0) - net_height(flight.start[0, 0] + flight.heading[0, 0] * (-flight.start[0, 1] / ahead))
+    )
 
 
 def _turn(rally: Rally, seat: int) -> F64:

@@ -70,22 +70,18 @@ class Flights(NamedTuple):
         """``[N]`` speed off the racket [m/s]."""
         return np.hypot(self.speed_along[:, 0], self.speed_up[:, 0])
 
-    def height_over(self, y: float) -> F64:
-        """``[N]`` height at which each flight crosses the plane of constant ``y`` [m]; NaN where it does not."""
-        share = self.heading[:, 1]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            distance = (y - self.start[:, 1]) / share
-        reached = (distance >= 0) & (distance <= self.along[:, -1])
-        k = np.clip((self.along < np.where(reached, distance, 0)[:, None]).sum(axis=1) - 1, 0, self.along.shape[1] - 2)
-        row = np.arange(len(k))
+    def height_over(self, flight: int, y: float) -> float:
+        """Height at which one flight crosses the plane of constant ``y`` [m]; infinite if it does not."""
+        along, rise, share = self.along[flight], self.rise[flight], self.heading[flight, 1]
+        distance = (y - self.start[flight, 1]) / share if share else np.inf
+        if not 0 <= distance <= along[-1]:
+            return np.inf
+        k = int(np.clip((along < distance).sum() - 1, 0, len(along) - 2))
         # Height as a cubic of the distance between two instants; its slope is the ratio of the speeds.
-        a, b = self.along[row, k], self.along[row, k + 1]
-        h = np.maximum(b - a, 1e-9)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            slope = self.speed_up / np.maximum(self.speed_along, 1e-6)
-            u = np.clip((distance - a) / h, 0, 1)
-            z = _cubic(self.rise[row, k], self.rise[row, k + 1], slope[row, k] * h, slope[row, k + 1] * h, u)
-        return np.where(reached, self.start[:, 2] + z, np.nan)
+        h = max(along[k + 1] - along[k], 1e-9)
+        slope = self.speed_up[flight] / np.maximum(self.speed_along[flight], 1e-6)
+        u = np.clip(np.array([distance - along[k]]) / h, 0, 1)
+        return float(self.start[flight, 2] + _cubic(rise[k], rise[k + 1], slope[k] * h, slope[k + 1] * h, u)[0])
 
 
 def shoot(start: F64, end: F64, time: F64) -> Flights:

@@ -119,28 +119,18 @@ def meet(skeleton: Skeleton, timeline: Timeline, place: F64, fps: int) -> tuple[
     # The motion prefers a direction of the shaft, the flight one of the strings; both yield until they are orthogonal.
     shaft = unit(shaft - _YIELD * (shaft * normal).sum(axis=1, keepdims=True) * normal)
     normal = unit(normal - (shaft * normal).sum(axis=1, keepdims=True) * shaft)
-    n = len(rows)
     angles = poses[rows, RACKET_ARM]
     lean0 = poses[rows, SPINE_YAW : SPINE_YAW + 3].copy()
 
-    def goal(weight: tuple[float, float, float, float], some: Intp) -> Goal:
+    def goal(weight: tuple[float, float, float, float], some: Intp | slice = slice(None)) -> Goal:
         """Goals of some hits in the frame of the chest."""
         chest, collar = chest_of(skeleton, hips[some], poses[rows[some]])
-        found = Goal(
-            point=point[some],
-            reach=SWEET_SPOT,
-            shaft=shaft[some],
-            normal=normal[some],
-            elbow=elbow[some],
-            weight=weight,
-        )
-        return in_chest(chest, collar, found)
+        return in_chest(chest, collar, Goal(point[some], elbow[some], weight, SWEET_SPOT, shaft[some], normal[some]))
 
-    everyone = np.arange(n)
     for step in range(4):
-        angles = solve(arm, goal((8.0, 0.4, 0.4, 0.3), everyone), angles, rounds=10 if not step else 4)
+        angles = solve(arm, goal((8.0, 0.4, 0.4, 0.3)), angles, rounds=10 if not step else 4)
         poses[rows] = _leant(skeleton, hips, poses[rows], lean0, _strings(arm, angles), point)
-    exact = goal((60.0, 0.15, 0.15, 0.1), everyone)
+    exact = goal((60.0, 0.15, 0.15, 0.1))
     angles = solve(arm, exact, angles, rounds=14)
     short = _strings(arm, angles) - exact.point
     far = np.flatnonzero(np.linalg.norm(short, axis=1) > _TOLERANCE)

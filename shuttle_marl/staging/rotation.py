@@ -12,7 +12,6 @@ from scipy.spatial.transform import Rotation
 from shuttle_marl.base.arrays import F64, Floats
 from shuttle_marl.base.compiling import compiled
 
-_IDENTITY = np.eye(3)
 _NEXT, _AFTER = [1, 2, 0], [2, 0, 1]
 
 
@@ -27,25 +26,17 @@ def cross(a: F64, b: F64) -> F64:
     return out
 
 
-class Hinge:
-    """Rotations about one unit axis ``[3]`` (Rodrigues), for many angles."""
-
-    def __init__(self, axis: F64) -> None:
-        x, y, z = axis
-        self._sine = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-        self._cosine = self._sine @ self._sine
-        self._rest = _IDENTITY + self._cosine
-
-    def __call__(self, angle: F64 | float) -> F64:
-        """``[..., 3, 3]`` rotations by angles ``[...]`` [rad]."""
-        angle = np.asarray(angle, dtype=np.float64)[..., None, None]
-        out: F64 = self._rest + np.sin(angle) * self._sine - np.cos(angle) * self._cosine
-        return out
+def _terms(x: float, y: float, z: float) -> tuple[F64, F64, F64]:
+    """What a rotation about a unit axis has of itself, of the sine, and of the cosine of its angle (Rodrigues)."""
+    sine = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.eye(3) + sine @ sine, sine, sine @ sine
 
 
-def about(axis: F64, angle: F64 | float) -> F64:
-    """``[..., 3, 3]`` rotation by angles ``[...]`` [rad] about one unit axis ``[3]``."""
-    return Hinge(axis)(angle)
+def _about(terms: tuple[F64, F64, F64], angle: F64 | float) -> F64:
+    rest, sine, cosine = terms
+    angle = np.asarray(angle, dtype=np.float64)[..., None, None]
+    out: F64 = rest + np.sin(angle) * sine - np.cos(angle) * cosine
+    return out
 
 
 def exponential(v: F64) -> F64:
@@ -55,7 +46,7 @@ def exponential(v: F64) -> F64:
 
 def turned(angle: F64 | float) -> F64:
     """``[..., 3, 3]`` rotation about the vertical, anticlockwise seen from above [rad]."""
-    return _TURN(angle)
+    return _about(_TURN, angle)
 
 
 def from_yaw_pitch_roll(yaw: F64, pitch: F64, roll: F64) -> F64:
@@ -63,7 +54,7 @@ def from_yaw_pitch_roll(yaw: F64, pitch: F64, roll: F64) -> F64:
 
     The axes are the body's own: x to the right, y forward, z up.
     """
-    return _TURN(yaw) @ _BOW(pitch) @ _LEAN(roll)
+    return _about(_TURN, yaw) @ _about(_BOW, pitch) @ _about(_LEAN, roll)
 
 
 def to_yaw_pitch_roll(m: F64) -> tuple[F64, F64, F64]:
@@ -130,4 +121,4 @@ def _shaped(found: F64, leading: tuple[int, ...]) -> F64:
     return found.reshape(*leading, *found.shape[1:])
 
 
-_TURN, _BOW, _LEAN = (Hinge(np.array(axis)) for axis in ((0.0, 0.0, 1.0), (-1.0, 0.0, 0.0), (0.0, 1.0, 0.0)))
+_TURN, _BOW, _LEAN = _terms(0.0, 0.0, 1.0), _terms(-1.0, 0.0, 0.0), _terms(0.0, 1.0, 0.0)

@@ -105,11 +105,11 @@ class TrainingConfig:
     """Stop when the exact probability of winning a match against the opponent reaches this."""
     target_score: Annotated[float | None, Within(above=0, high=1, text="a number above 0, at most 1")] = None
     """Stop when the normalised score reaches this: 0 for bc, 1 for the best response to the opponent."""
-    batch: Count = 32_768
+    batch: Count = 8192
     """Strokes of the learner in the first iteration; its rallies are played to their end."""
     growth: Growth = 0.0
     """Growth of the batch per iteration, as a fraction of `batch`."""
-    cache_iterations: Count = 1
+    cache_iterations: Count = 8
     """Iterations for which cached network outputs of rarely visited states are reused."""
     gae_lambda: FractionOrZero = 0.7
     """Lambda of generalised advantage estimation."""
@@ -253,10 +253,8 @@ class PPOConfig(SelfPlayConfig):
     algorithm: ClassVar[str] = "ppo"
 
     strokes: Count = 60_000_000
-    batch: Count = 8192
     growth: Growth = 0.1
     gae_lambda: FractionOrZero = 0.6
-    cache_iterations: Count = 8
     evaluate_every: Count = 25
     checkpoint_every: Count = 50
     learning_rate: Positive = 8e-3
@@ -293,9 +291,7 @@ class A2CConfig(TrainingConfig):
     algorithm: ClassVar[str] = "a2c"
 
     strokes: Count = 40_000_000
-    batch: Count = 8192
     growth: Growth = 0.03
-    cache_iterations: Count = 8
     evaluate_every: Count = 50
     checkpoint_every: Count = 100
     learning_rate: Positive = 8e-3
@@ -317,7 +313,6 @@ class SACConfig(TrainingConfig):
 
     strokes: Count = 8_000_000
     batch: Count = 16_384
-    cache_iterations: Count = 8
     evaluate_every: Count = 40
     checkpoint_every: Count = 80
     learning_rate: Positive = 6e-3
