@@ -20,7 +20,7 @@ def _train(config: TrainingConfig, seeds: int, jobs: int) -> None:
     for name in () if config.self_play else config.opponent:
         if ":" not in name:
             resolve(name, game)
-    if seeds > 1:
+    if seeds != 1:
         _train_seeds(config, seeds, jobs)
         return
     with interrupts_held():

@@ -345,6 +345,7 @@ class _Run:
             "seed": config.seed,
             **runs.describe(_PACKAGES),
             "game": {"model": config.game, "hash": game.hash, "catalogue": game.catalogue.version},
+            "opponents": [opponent.hash for opponent in opponents],
         }
         self.at = Checkpoint(game=game.hash)
         """Progress; its iteration and strokes are those of the last checkpoint."""
@@ -488,6 +489,10 @@ class _Run:
                 f"{self.folder}: was trained on game {str(fields.get('game'))[:12]}, this is {self.game.hash[:12]}; "
                 "continue with the same --game, or train again with another --out"
             )
+        manifest = self.folder / runs.MANIFEST
+        before = runs.read_json(manifest, dict[str, Any]) if manifest.exists() else {}
+        if before.get("opponents", self.about["opponents"]) != self.about["opponents"]:
+            raise TrainingError(f"{self.folder}: the opponents changed after the run was started; train again with another --out")
         try:
             self.at = msgspec.convert(fields, Checkpoint)
             self.trainer.iteration, self.trainer.strokes = self.at.iteration, self.at.strokes

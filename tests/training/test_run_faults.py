@@ -23,8 +23,10 @@ from shuttle_marl.base.interrupts import check_interrupt, interrupts_held
 from shuttle_marl.base.runs import RunError
 from shuttle_marl.commands import league, training
 from shuttle_marl.game.shipped import resolve_game
+from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.kernel import RallySampler
 from shuttle_marl.policy.agents import load_agent, read_card
+from shuttle_marl.policy.registry import resolve
 from shuttle_marl.training import A2CConfig, Evaluator, PPOConfig, SACConfig, TrainingConfig, TrainingError, train
 from shuttle_marl.training import run as training_run
 from shuttle_marl.training.learner import Mean
@@ -88,6 +90,24 @@ def test_junk_among_the_evaluations_is_named_and_behind_them_taken_away(run: Pat
     path.unlink()
     with pytest.raises(runs.RunError, match=r"metrics.jsonl: 0 lines, expected \d"):
         resume(run)
+
+
+def test_no_seeds_are_not_one(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    flags = ["--seeds", "0", "--strokes", "64", "--game", reduced_model(), "--out", str(tmp_path / "run")]
+    assert training.main(["ppo", *flags]) == 1
+    assert "expected at least 2 seeds" in capsys.readouterr().err
+
+
+def test_a_run_is_not_continued_against_an_opponent_that_changed(tmp_path: Path) -> None:
+    for path in (table := tmp_path / "opponent", tmp_path / "other"):
+        tabulate(resolve("safe" if path == table else "attacking", GAME), GAME).save(path)
+    config = dataclasses.replace(CONFIG, opponent=(f"table:{table}",))
+    folder = train(dataclasses.replace(config, out=tmp_path / "run")).folder
+    again = dataclasses.replace(config, out=folder, resume=True)
+    train(again)
+    (tmp_path / "other").replace(table)
+    with pytest.raises(TrainingError, match="the opponents changed after the run was started"):
+        train(again)
 
 
 @pytest.mark.parametrize(
