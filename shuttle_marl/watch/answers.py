@@ -7,7 +7,7 @@ import contextlib
 import dataclasses
 import threading
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from typing import Any, Final
 
 import msgspec
@@ -48,54 +48,8 @@ _PATIENCE: Final = 10.0
 """Maximum time that a new server waits for its first page before it compiles [s]."""
 _LEAST: Final = 1e-4
 """Least probability of a stroke that a person chose, under an imitated player."""
-
-
-MOMENTS: Final = 5
-"""Number of costliest strokes."""
-
-
-def match_overview(
-    rallies: Iterable[tuple[CourtRally, Players, messages.Analysis]], moments: int = MOMENTS
-) -> messages.MatchReply:
-    """The overview of a match.
-
-    Args:
-        rallies: finished rallies of the match in their order, with their players and the values of their strokes.
-        moments: maximum number of costliest strokes, of those that are marked as mistakes. The cost of a stroke is its loss
-            times the difference that the rally makes to the probability of winning the match.
-    """
-    rows: list[messages.MatchRally] = []
-    costly: list[messages.Moment] = []
-    marks: tuple[Counter[str], Counter[str]] = (Counter(), Counter())
-    sound: tuple[list[bool], list[bool]] = ([], [])
-    after: float | None = None
-    for rally, players, values in rallies:
-        winner = rally.winner
-        if winner is None or players.value is None:
-            break
-        won, lost = match_win_after(players.value, rally.points, rally.games, rally.score.rules)
-        swing = np.abs(np.diff([*(value.win for value in values.strokes), float(winner == 0)])).max()
-        win, size, seats = round(values.strokes[0].match, 5), len(rally), rally.striker.tolist()
-        row = (rally.number, win, rally.points, rally.games, seats[0], winner, size, round(float(swing), 5))
-        rows.append(messages.MatchRally(*row))
-        after = round((won, lost)[winner], 5)
-        for i, (value, seat) in enumerate(zip(values.strokes, seats, strict=True)):
-            marks[seat][value.mark] += 1
-            shot = SHOTS[rally.catalogue.shot[rally.stroke[i]]]
-            if "?" in value.mark:
-                costly.append(messages.Moment(rally.number, i, seat, shot, value.mark, value.loss, value.loss * (won - lost)))
-            if value.change is not None:
-                sound[seat].append("?" not in value.mark)
-    # Where one side wins for certain, no stroke costs the match: then the cost of the rally decides.
-    costly.sort(key=lambda moment: (-round(moment.cost, 4), -moment.loss))
-    means = [float(np.mean(part)) if part else None for part in sound]
-    return messages.MatchReply(
-        rallies=rows,
-        win_after=after,
-        moments=costly[:moments],
-        accuracy=(means[0], means[1]),
-        marks=([marks[0][mark] for mark in MARKS], [marks[1][mark] for mark in MARKS]),
-    )
+_MOMENTS: Final = 5
+"""Number of costliest strokes of a match."""
 
 
 class Answers:
@@ -235,13 +189,44 @@ class Answers:
         return messages.OptionsReply(values.options(rally, choice, limit=len(choice.stroke)))
 
     def _overview(self, query: messages.MatchRequest) -> messages.MatchReply:
-        def analysed() -> Iterator[tuple[CourtRally, Players, messages.Analysis]]:
-            for rally in self._rallies_of(query):
-                one = replace(query, rally=rally.number)
-                players = self._players(one)
-                yield rally, players, self._values_of(one).analysis(rally, players)
+        """The overview of a match, with the costliest of the strokes that are marked as mistakes.
 
-        return match_overview(analysed())
+        The cost of a stroke is its loss times the difference that the rally makes to the probability of winning the match.
+        """
+        rows: list[messages.MatchRally] = []
+        costly: list[messages.Moment] = []
+        marks: tuple[Counter[str], Counter[str]] = (Counter(), Counter())
+        sound: tuple[list[bool], list[bool]] = ([], [])
+        after: float | None = None
+        for rally in self._rallies_of(query):
+            one = replace(query, rally=rally.number)
+            players, winner = self._players(one), rally.winner
+            if winner is None or players.value is None:
+                break
+            values = self._values_of(one).analysis(rally, players)
+            won, lost = match_win_after(players.value, rally.points, rally.games, rally.score.rules)
+            swing = np.abs(np.diff([*(value.win for value in values.strokes), float(winner == 0)])).max()
+            win, size, seats = round(values.strokes[0].match, 5), len(rally), rally.striker.tolist()
+            row = (rally.number, win, rally.points, rally.games, seats[0], winner, size, round(float(swing), 5))
+            rows.append(messages.MatchRally(*row))
+            after = round((won, lost)[winner], 5)
+            for i, (value, seat) in enumerate(zip(values.strokes, seats, strict=True)):
+                marks[seat][value.mark] += 1
+                shot = SHOTS[rally.catalogue.shot[rally.stroke[i]]]
+                if "?" in value.mark:
+                    costly.append(messages.Moment(rally.number, i, seat, shot, value.mark, value.loss, value.loss * (won - lost)))
+                if value.change is not None:
+                    sound[seat].append("?" not in value.mark)
+        # Where one side wins for certain, no stroke costs the match: then the cost of the rally decides.
+        costly.sort(key=lambda moment: (-round(moment.cost, 4), -moment.loss))
+        means = [float(np.mean(part)) if part else None for part in sound]
+        return messages.MatchReply(
+            rallies=rows,
+            win_after=after,
+            moments=costly[:_MOMENTS],
+            accuracy=(means[0], means[1]),
+            marks=([marks[0][mark] for mark in MARKS], [marks[1][mark] for mark in MARKS]),
+        )
 
     def _rallies_of(self, query: messages.MatchRequest) -> Iterator[CourtRally]:
         """Finished rallies of a match in their order."""
