@@ -14,6 +14,7 @@ from shuttle_marl.analysis.advice import (
     Refitted,
     advise,
     calibrated,
+    error_of,
     followed,
 )
 from shuttle_marl.analysis.habits import discoveries, endings, habits, interval
@@ -76,6 +77,8 @@ def test_the_gain_of_one_advice_is_that_of_the_changed_policy(found: Refitted) -
 
 
 def test_a_gain_is_reduced_to_what_matches_realise() -> None:
+    assert error_of(np.array([0.0, 2.0])) == pytest.approx(3**0.5)
+    assert np.isnan(error_of(np.zeros(1)))
     gains = np.array([0.01, 0.012, 0.008, 0.01])
     whole = calibrated(gains, None)
     assert whole.value == pytest.approx(0.01)
