@@ -25,11 +25,12 @@ from shuttle_marl.game.rules import FAULT
 from shuttle_marl.game.scoring import RULES
 from shuttle_marl.league import LeagueConfig, LeagueError, default_pool, run_league
 from shuttle_marl.league.assessment import assess
+from shuttle_marl.league.curves import METRICS
 from shuttle_marl.league.entrants import ANCHORS, Entrant, enter
 from shuttle_marl.league.ranking import exact_odds, rank, ranking_table
 from shuttle_marl.league.ratings import ratings
 from shuttle_marl.league.report import TournamentReport, console_table, report
-from shuttle_marl.league.run import read_results
+from shuttle_marl.league.run import _curves, read_results
 from shuttle_marl.league.tournament import Pairing, forfeited, round_robin
 from shuttle_marl.recording import RallyLog, RecordingError
 from shuttle_marl.recording.replay import check
@@ -92,6 +93,14 @@ def test_the_figures_are_the_written_ones(finished: Path) -> None:
     texts["report.md"] = [line.replace(reduced_model(), "MODEL") for line in texts["report.md"]]
     heads = re.findall("<th[^>]*>", (finished / "report.html").read_text())
     golden.check("league", json.loads((finished / "report.json").read_text()) | {"made_by": None, "report.html": heads} | texts)
+
+
+def test_curves_are_those_of_agents_whose_runs_exist(tmp_path: Path) -> None:
+    (tmp_path / METRICS).write_text('{"strokes": 10, "seconds": 1.5, "rally_win": 0.6}\n{"strokes": 20, "sec')
+    agents = [f"agent:{tmp_path}/agent", f"agent:{tmp_path}/agent@greedy"]
+    found = _curves([*agents, "agent:", f"agent:{tmp_path}/gone/agent", f"torch:{tmp_path}/agent", "bc"])
+    assert [curve.name for curve in found] == agents
+    assert found[0].points("rally_win", "strokes") == [(10, 0.6)]
 
 
 def test_the_log_reproduces_the_results_exactly(finished: Path) -> None:
