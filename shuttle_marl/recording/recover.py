@@ -95,15 +95,14 @@ def recover(source: Path, target: Path | None = None) -> Recovery:
     with _writing(source, target):
         if target.exists():
             raise FileExistsError(errno.EEXIST, "exists already")
-    try:
-        with _writing(source, target):
+        try:
             _delete_files(making)  # left by a killed recovery
             found = _copy(header, batches, making)
             if found.rallies:
                 making.replace(target)
-    finally:
-        with contextlib.suppress(OSError):
-            _delete_files(making)
+        finally:
+            with contextlib.suppress(OSError):
+                _delete_files(making)
     if not found.rallies:
         raise RecordingError(f"{source}: nothing could be recovered: all its batches of rallies are damaged")
     return dataclasses.replace(found, path=target)
