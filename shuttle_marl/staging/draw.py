@@ -25,7 +25,7 @@ from shuttle_marl.staging.flight import Flights, fall, shoot
 from shuttle_marl.staging.library import Athlete
 from shuttle_marl.staging.motion import Branch
 from shuttle_marl.staging.motions import OVERHEAD_FROM, OVERHEADS, Stance, height_range, motion_of, stance_of
-from shuttle_marl.staging.trajectory import NET, OPEN, OUT, RETURN, WIN, Trajectory, behind, net_height
+from shuttle_marl.staging.trajectory import NET, OPEN, OUT, RESTING, RETURN, WIN, Trajectory, behind, net_height, own_frame
 
 FILE: Final = Path(__file__).parent / "measured.json"
 """Timing and places measured in the training matches, by ``experiments/fit_staging.py``; its ``provenance`` names them."""
@@ -39,8 +39,6 @@ _CLEARANCE: Final = 0.035
 _TRIES: Final = 8
 _ACCELERATION: Final = 10.0
 _REACTION: Final = 0.10
-_HEIGHT_OF_CORK: Final = 0.014
-"""Height of a shuttle that lies on the floor [m]."""
 _CLEAR: Final = SHOTS.index("clear")
 _FURTHER_BACK: Final = 0.3
 """Contact of a clear: distance behind the contact of a smash [m]."""
@@ -178,7 +176,7 @@ class TrajectoryBuilder:
         if branch and struck:
             old = branch.motion.trajectory
             before = old.before
-            contacts = [old.contact[i] * _turn(rally, self._striker(i)) for i in range(struck)]
+            contacts = [old.contact[i] * own_frame(rally.facing(self._striker(i))) for i in range(struck)]
             stances, times, base = list(old.stance[:struck]), old.time[:struck].tolist(), [*old.base[:struck]]
         else:
             contact, stance = self._serve(before)
@@ -199,7 +197,7 @@ class TrajectoryBuilder:
                 stances.append(choice.stance)
                 times.append(times[i] + choice.seconds)
         # From the frames of the strikers to that of the court.
-        turn = np.array([_turn(rally, int(seat)) for seat in rally.striker[first:]]).reshape(-1, 3)
+        turn = np.array([own_frame(rally.facing(int(seat))) for seat in rally.striker[first:]]).reshape(-1, 3)
         points = np.array([choice.point for choice in drawn]).reshape(-1, 3) * turn
         time = np.array(times[first:n])
         new = Trajectory(
@@ -334,7 +332,7 @@ class TrajectoryBuilder:
             return np.array([x, max(y, 0.25), self._height(i + 1, u[2] * (_QUICK if low else 1.0))]), int(self.height[i + 1])
         if end == OUT:
             x, y = self._outside(i, x, y, u[2], u[3])
-        return np.array([x, max(y, 0.12), _HEIGHT_OF_CORK]), 0
+        return np.array([x, max(y, 0.12), RESTING]), 0
 
     def _outside(self, i: int, x: float, y: float, which: float, u: float) -> tuple[float, float]:
         by_side, by_back = (quantile(self.measured.out_by[k], u) for k in (0, 1))
@@ -394,10 +392,6 @@ def _over_net(flight: Flights) -> float:
     return float(
         flight.height_over(0, 0.0) - net_height(flight.start[0, 0] + flight.heading[0, 0] * (-flight.start[0, 1] / ahead))
     )
-
-
-def _turn(rally: Rally, seat: int) -> F64:
-    return np.array([rally.facing(seat), rally.facing(seat), 1.0])
 
 
 def _joined(flights: list[Flights], turn: F64) -> Flights:

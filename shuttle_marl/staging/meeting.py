@@ -10,7 +10,6 @@ from typing import Final
 import numpy as np
 
 from shuttle_marl.base.arrays import F64, I64, Intp
-from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.staging import motions
 from shuttle_marl.staging.arm import LIMITS, Arm, Goal, anywhere, arm_of, solve, solve_best, sweet_spot, sweet_spot_jacobian
 from shuttle_marl.staging.curves import slopes_through
@@ -43,7 +42,6 @@ RATIO: Final[dict[str, float]] = {
 }
 """Target speed of the strings relative to the launch speed of the shuttle (about 0.5 to 0.7 for full strokes; in soft strokes the
 incoming shuttle adds speed)."""
-RATIOS: Final[F64] = np.array([RATIO[shot] for shot in SHOTS])
 
 SOFT: Final[dict[str, float]] = {
     "short-serve": 0.3,

@@ -14,7 +14,7 @@ from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.staging.curves import half_time, leap
 from shuttle_marl.staging.keys import LANDING, SPLIT, WAIT, Hit, Keys, Past, Stand, Timeline, feet_at, placed
 from shuttle_marl.staging.library import TRUNK, Athlete, bent, pointed
-from shuttle_marl.staging.meeting import RATIOS, SOFT
+from shuttle_marl.staging.meeting import RATIO, SOFT
 from shuttle_marl.staging.motions import DEFENCE, DEFENCE_BACKHAND, KILL, LUNGE, LUNGE_BACKHAND, OVERHEADS, Stance
 from shuttle_marl.staging.poses import CONTACT
 from shuttle_marl.staging.rotation import turned, unit
@@ -255,7 +255,7 @@ class TimelineBuilder:
             # The strings move across the line from the shoulder: this line leans back to strike upwards.
             up = max(float(unit(launch)[2]), 0.0)
             shaft = unit(shaft - np.array([0.0, _LEANT * up, 0.0]))
-        shot = self.trajectory.rally.catalogue.shot[self.trajectory.rally.stroke[i]]
+        shot = SHOTS[self.trajectory.rally.catalogue.shot[self.trajectory.rally.stroke[i]]]
         return Hit(
             frame=frame,
             stroke=i,
@@ -264,8 +264,8 @@ class TimelineBuilder:
             normal=normal,
             shaft=shaft,
             elbow=elbow,
-            swing=float(RATIOS[shot]) * launch * self.sign,
-            soft=SOFT.get(SHOTS[shot], 0.0),
+            swing=RATIO[shot] * launch * self.sign,
+            soft=SOFT.get(shot, 0.0),
         )
 
     def _rise(self, i: int, keys: F64, stance: Stance, frame: int, ahead: float) -> tuple[int, int] | None:

@@ -17,7 +17,7 @@ RETURN, WIN, OUT, NET, OPEN = range(5)
 ENDS: Final = ("returned", "winner", "out", "net", "open")
 """Ends of a stroke; *open*: it will be returned, but the reply is not chosen yet."""
 
-_REST: Final = 0.014
+RESTING: Final = 0.014
 """Height of a shuttle that lies on the floor [m]."""
 _BY_STROKE: Final = ("time", "contact", "end", "end_time", "chosen_point", "end_point", "base")
 
@@ -88,7 +88,7 @@ def net_height(x: F64 | float) -> F64:
     return NET_HEIGHT_CENTRE + (NET_HEIGHT - NET_HEIGHT_CENTRE) * (2 * np.asarray(x, dtype=np.float64) / WIDTH) ** 2
 
 
-def own_frame(facing: float, right_handed: bool) -> F64:
+def own_frame(facing: float, right_handed: bool = True) -> F64:
     """``[3]`` signs between the frame of the court and the player's own frame, mirrored for a left-hander.
 
     Args:
@@ -122,7 +122,7 @@ def shuttle_path(trajectory: Trajectory, frames: int, fps: int, first: int = 0) 
         back = np.array([-0.04 * hit[0], -0.05 * hit[1], min(0.0, 0.3 * hit[2])])
         drop = fall(start[None], back[None], np.array([2.5]), steps=32)
         position[rows], velocity[rows] = drop.at(0, since)
-        landed = np.flatnonzero(position[rows, 2] <= _REST)
+        landed = np.flatnonzero(position[rows, 2] <= RESTING)
         if len(landed):
             first = rows[landed[0]]
             _roll(position, velocity, first, position[first], velocity[first], time)
@@ -160,5 +160,5 @@ def _roll(position: F64, velocity: F64, first: int, start: F64, into: F64, time:
     stop = 0.25
     slide = 0.12 * into[:2] * stop * (1 - np.exp(-since / stop))[:, None]
     position[rows, :2] = start[:2] + slide
-    position[rows, 2] = np.maximum(_REST, _REST + up * since - GRAVITY / 2 * since**2)
+    position[rows, 2] = np.maximum(RESTING, RESTING + up * since - GRAVITY / 2 * since**2)
     velocity[rows] = np.gradient(position[rows], time[1] - time[0], axis=0) if len(since) > 1 else 0.0

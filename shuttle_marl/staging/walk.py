@@ -117,8 +117,10 @@ class _WalkBuilder:
             rotation[:, seat], position[:, seat], planted[:, seat] = onto_court(turn, place, found.feet, sign)
         velocity = np.gradient(shuttle, 1 / self.fps, axis=0)
         added = {"shuttle": shuttle, "shuttle_velocity": velocity, "rotation": rotation, "position": position, "planted": planted}
-        parts = {name: (getattr(rally, name), new[1:]) for name, new in added.items()}
-        whole: dict[str, Any] = {name: np.concatenate([old, new.astype(old.dtype)]) for name, (old, new) in parts.items()}
+        old = {name: getattr(rally, name) for name in added}
+        whole: dict[str, Any] = {
+            name: np.concatenate([old[name], new[1:].astype(old[name].dtype)]) for name, new in added.items()
+        }
         return dataclasses.replace(rally, time=np.arange(len(whole["shuttle"])) / self.fps, players=None, **whole)
 
     def _place(self, seat: int, *, end: bool) -> F64:
