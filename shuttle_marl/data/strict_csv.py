@@ -200,22 +200,23 @@ class Sheet:
                 values[row] = np.nan
         return values
 
-    def integers(self, column: str, low: int, high: int, *, missing: int) -> I64:
-        """``[n]`` integers from low to high; any other value, also an empty one, is a problem and becomes ``missing``."""
+    def integers(self, column: str, low: int, high: int, *, missing: int, empty: bool = False) -> I64:
+        """``[n]`` integers from low to high; any other value is a problem and becomes ``missing``.
+
+        Args:
+            empty: whether an empty value is no problem.
+        """
         values, text = self.numbers(column), self.text(column)
         fine = (values >= low) & (values <= high) & (values == np.floor(values))
+        expected = f"; expected nothing or {low} to {high}" if empty else f" is not an integer from {low} to {high}"
         for row in np.flatnonzero(~fine):
-            if np.isfinite(values[row]) or not text[row]:
-                self.mark(row, f"{column} {shown(text[row])} is not an integer from {low} to {high}")
+            if np.isfinite(values[row]) or not (text[row] or empty):
+                self.mark(row, f"{column} {shown(text[row])}{expected}")
         return np.where(fine, np.nan_to_num(values), missing).astype(np.int64)
 
     def codes(self, column: str, high: int) -> I8:
         """``[n]`` integers from 1 to high, 0 for empty values."""
-        values = self.numbers(column)
-        fine = np.isnan(values) | ((values >= 1) & (values <= high) & (values == np.floor(values)))
-        for row in np.flatnonzero(~fine):
-            self.mark(row, f"{column} {shown(self.text(column)[row])}; expected nothing or 1 to {high}")
-        return np.where(fine, np.nan_to_num(values), 0).astype(np.int8)
+        return self.integers(column, 1, high, missing=0, empty=True).astype(np.int8)
 
     def choices(self, column: str, codes: Mapping[str, int]) -> I8:
         """``[n]`` codes of the values; unknown values are a problem and become -1."""
