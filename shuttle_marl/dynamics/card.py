@@ -35,6 +35,9 @@ _NAMED: Final = (
 )
 
 _NEXT: Final = {"shot_type": "shot type", "area": "area", "area_given_type": "area, shot type known"}
+_SCORES: Final = (
+    "model", "rows", "log-loss", "trees", "ratio", "difference (95 %, by match)", "Brier", "AUC", "ECE", "ECE of trees",
+)  # fmt: skip
 _MARKED_BY: Final = {
     "table": "as the rallies recorded it",
     "index": "by the index of the model: the worst quarter of strokes against an incoming shot type from a contact height",
@@ -103,17 +106,8 @@ def as_markdown(card: dict[str, Any]) -> str:
         "",
         "## Predictions on the validation matches",
         "",
-        "| model | rows | log-loss | trees | ratio | difference (95 %, by match) | Brier | AUC | ECE | ECE of trees |",
-        "|---|---|---|---|---|---|---|---|---|---|",
+        *_table(_SCORES, *(_scores(name, scores[name]) for name in scored)),
     ]
-    for name in scored:
-        s = scores[name]
-        d = s["difference"]
-        lines.append(
-            f"| {name} | {s['rows']:,} | {s['log_loss']:.5f} | {s['trees']['log_loss']:.5f} | "
-            f"{s['log_loss'] / s['trees']['log_loss']:.4f} | {d['mean']:+.5f} ({d['low']:+.5f} to {d['high']:+.5f}) | "
-            f"{s['brier']:.5f} | {s['auc']:.4f} | {s['ece']:.4f} | {s['trees']['ece']:.4f} |"
-        )
     top = [(title, *(f"{x:.3f}" for x in scores["next_stroke"][key])) for key, title in _NEXT.items()]
     lines += ["", *_table(("next stroke", "top-1", "top-2", "top-3", "top-4"), *top)]
     lines += ["", "### Reliability", "", "Mean prediction and observed frequency in fifteen bins of equal mass.", ""]
@@ -135,20 +129,27 @@ def as_markdown(card: dict[str, Any]) -> str:
     if "truth" in card:
         lines += _truth(card["truth"])
     lines += ["", "## Extreme probabilities and what supports them", "", card["support_rule"], ""]
+    head = ("probability", "strokes", "events", "supported range", "stroke", "state")
     for title, pairs in card["extremes"].items():
-        lines += [
-            f"**{title}**",
-            "",
-            "| probability | strokes | events | supported range | stroke | state |",
-            "|---|---|---|---|---|---|",
+        rows = [
+            (
+                *(f"{pair['probability']:.4f}", f"{pair['strokes']:g}", f"{pair['events']:g}"),
+                *("{:.4f} to {:.4f}".format(*pair["range"]), pair["stroke"], pair["state"]),
+            )
+            for pair in pairs
         ]
-        lines += [
-            f"| {r['probability']:.4f} | {r['strokes']:g} | {r['events']:g} | {r['range'][0]:.4f} to {r['range'][1]:.4f} | "
-            f"{r['stroke']} | {r['state']} |"
-            for r in pairs
-        ]
-        lines.append("")
+        lines += [f"**{title}**", "", *_table(head, *rows), ""]
     return "\n".join(lines)
+
+
+def _scores(name: str, score: dict[str, Any]) -> tuple[str, ...]:
+    """Row of a model below :data:`_SCORES`."""
+    trees, difference = score["trees"], score["difference"]
+    return (
+        *(name, f"{score['rows']:,}", f"{score['log_loss']:.5f}", f"{trees['log_loss']:.5f}"),
+        *(f"{score['log_loss'] / trees['log_loss']:.4f}", "{mean:+.5f} ({low:+.5f} to {high:+.5f})".format(**difference)),
+        *(f"{score['brier']:.5f}", f"{score['auc']:.4f}", f"{score['ece']:.4f}", f"{trees['ece']:.4f}"),
+    )
 
 
 def _table(*rows: Sequence[str]) -> list[str]:
@@ -237,7 +238,12 @@ def _truth(truth: dict[str, Any]) -> list[str]:
     """Predicted and realised advantages, from ``experiments.truth``."""
     evaluation = f"{truth['cross']} games, each evaluated on held-out matches" if truth["cross"] else truth["split"]
     slopes = truth["decision_slope"]
-    lines = [
+    rows = []
+    for shot, advantage in truth["promised_realised"].items():
+        realised = advantage["realised"]
+        spread = f"{realised['low']:+.2f} to {realised['high']:+.2f}"
+        rows.append((shot, f"{advantage['promised']:+.2f}", f"{realised['points']:+.2f}", spread, f"{realised['n']:,}"))
+    return [
         "",
         "## Predicted and realised",
         "",
@@ -245,16 +251,8 @@ def _truth(truth: dict[str, Any]) -> list[str]:
         + ", ".join(f"{key} {s['value']:.2f} ({s['low']:.2f} to {s['high']:.2f})" for key, s in slopes.items())
         + "; 1 if calibrated. Advantage of choosing a shot type, per cent of rallies:",
         "",
-        "| shot type | predicted | realised | 95 %, by match | strokes |",
-        "|---|---|---|---|---|",
+        *_table(("shot type", "predicted", "realised", "95 %, by match", "strokes"), *rows),
     ]
-    for shot, advantage in truth["promised_realised"].items():
-        realised = advantage["realised"]
-        lines.append(
-            f"| {shot} | {advantage['promised']:+.2f} | {realised['points']:+.2f} | "
-            f"{realised['low']:+.2f} to {realised['high']:+.2f} | {realised['n']:,} |"
-        )
-    return lines
 
 
 def plot_reliability(card: dict[str, Any], path: Path) -> None:
