@@ -328,7 +328,7 @@ def tag(played: Film, out: Path, kills: int, seed: int, console: Console) -> dic
 
 def recovered(played: Film, out: Path) -> list[bool]:
     """Of each stroke that was played, whether the imported table has it, with its time, score and ending."""
-    rows = {(row["rally"], row["stroke"]): row for row in import_matches(out)[0].strokes.to_pylist()}
+    rows = {(row["rally"], row["stroke"]): row for row in import_matches(out).strokes.to_pylist()}
     found = []
     for number, (rally, begins) in enumerate(zip(played.rallies, played.begins, strict=True)):
         for count, stroke in enumerate(rally.strokes):
