@@ -54,6 +54,8 @@ def report(
             if match is not None and not match.isdecimal():
                 raise ShuttleError(f"--match {match}: expected the number of a match of the log, from 0")
             figures, footage = sources.of_log(path, game, pairing, int(match or 0))
+        elif pairing:
+            raise ShuttleError(f"--pairing {pairing}: only rally logs have pairings; name the match with --match")
         else:
             figures, footage = sources.of_strokes(path, game, match, columns)
     if video is not None:

@@ -221,9 +221,11 @@ def _game(match: MatchOptions, rallies: RallyOptions, model: RallyGameOptions) -
     """The game of the recorded rallies, of two players, or of a model.
 
     Raises:
-        WatchError: players and recorded rallies, which have their own.
+        WatchError: players and recorded rallies, which have their own; or a date without players.
     """
     if match.players is None:
+        if match.date is not None:
+            raise WatchError(f"--date {match.date}: is the day of the skill of --players; give both")
         return model.load_for(rallies.replay or rallies.real)
     if rallies.replay is not None or rallies.real is not None:
         raise WatchError("--players and recorded rallies, which name their own players; leave out --players")

@@ -167,6 +167,7 @@ class SingleEnv(gymnasium.Env[Observation, np.int64]):
     def _await_turn(self) -> float:
         """Play the opponent's strokes until the learner's turn or the end of the episode; returns the learner's reward."""
         raw, reward = self.raw, 0.0
+        self._over = True  # if the opponent fails or is interrupted, the next stroke would be played for it
         while raw.agent_selection != self._agent and not raw.terminations[self._agent]:
             draw, score = raw.choice_draw(), raw.score_of(1 - self.seat)
             raw.step(self.opponent.choose(raw.state_number, draw, score))

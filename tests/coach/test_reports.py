@@ -335,6 +335,7 @@ def test_commands(tmp_path: Path, model: str, unbuilt: None, capsys: pytest.Capt
     [
         ([], "8 matches; expected words of one of these names"),
         (["--match", "simulated-99"], "0 matches"),
+        (["--match", "simulated-2", "--pairing", "3"], "only rally logs have pairings"),
         (["--match", "simulated-2", "--video", "javascript:{seconds}"], "expected an http or https address"),
         (["--match", "simulated-2", "--video", "https://example.org/"], "with {seconds} once"),
     ],

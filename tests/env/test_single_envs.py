@@ -205,6 +205,11 @@ def test_an_opponent_that_fails_while_it_plays_is_named() -> None:
     env = SingleMatchEnv(opponent=Fails(), first_server=1)
     with pytest.raises(PolicyError, match="'Fails' returned no distribution"):
         env.reset(seed=0)
+    env = SingleMatchEnv(opponent=Fails(), first_server=0)
+    env.reset(seed=0)
+    for error in (PolicyError, ResetNeeded):  # a stroke after the failure would be that of the opponent
+        with pytest.raises(error):
+            env.step(int(env.action_masks().argmax()))
 
 
 @pytest.mark.parametrize("kind", ["rally", "match"])

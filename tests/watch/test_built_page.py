@@ -12,7 +12,7 @@ import pytest
 
 from docs.tools.first_rally import first_rally
 from shuttle_marl.base.errors import ShuttleError
-from shuttle_marl.commands.watch import RallyOptions, watch
+from shuttle_marl.commands.watch import MatchOptions, RallyOptions, watch
 from shuttle_marl.staging import Motion
 from shuttle_marl.watch import WatchError, building
 from shuttle_marl.watch.first_rally import shipped_rally
@@ -88,6 +88,8 @@ def test_a_rally_is_filmed_and_the_film_is_the_same_again(served: Any, tmp_path:
 
 
 def test_what_is_missing_is_said_before_any_work(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    with pytest.raises(WatchError, match="is the day of the skill of --players; give both"):
+        watch(match=MatchOptions(date="2021-07-31"))
     with pytest.raises(WatchError, match=r"ends in \.mp4 or \.webm"):
         check_video(tmp_path / "film.gif")
     monkeypatch.setenv("PATH", "")
