@@ -52,7 +52,10 @@ TESTS: Final[dict[str, tuple[str, ...]]] = {
         *("kernel/test_matches_kernel.py", "env/test_rally_env.py", "suite/test_targets.py"),
     ),
     "league": ("league",),
-    "policy": ("policy", "exact/test_scorecards.py", "league/test_programs.py", "training/test_shipped_agents.py"),
+    "policy": (
+        *("policy", "exact/test_exact_commands.py", "exact/test_scorecards.py", "exact/test_solved_policies.py"),
+        *("league/test_programs.py", "training/test_shipped_agents.py"),
+    ),
     "suite": ("suite", "experiments/test_suite.py"),
 }
 """Folders and files of the tests of each package."""
