@@ -9,14 +9,7 @@ import pyarrow as pa
 import pytest
 from scipy import stats
 
-from shuttle_marl.analysis.advice import (
-    LEAST_STEADY,
-    Refitted,
-    advise,
-    calibrated,
-    error_of,
-    followed,
-)
+from shuttle_marl.analysis.advice import LEAST_STEADY, Refitted, advise, calibrated, error_of, followed
 from shuttle_marl.analysis.habits import discoveries, endings, habits, interval
 from shuttle_marl.analysis.outlook import outlook
 from shuttle_marl.analysis.scouting import scout
@@ -26,7 +19,7 @@ from shuttle_marl.dynamics.habits import NONE, Plays, load_habits, plays_of_stro
 from shuttle_marl.exact import PairPolicy, evaluate
 from shuttle_marl.exact.profile import StatePolicy
 from shuttle_marl.game.court import AREAS
-from shuttle_marl.game.shipped import CARD, HABITS, RELIABLE, Estimate, model_folder, real_strokes
+from shuttle_marl.game.shipped import CARD, HABITS, Estimate, model_folder
 from shuttle_marl.game.skill import load_skill
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import GameError
@@ -50,20 +43,7 @@ def test_advantages_are_the_derivative_of_the_result(found: Refitted, seat: int)
     assert (result(step) - result(-step)) / (2 * step) == pytest.approx(float((other - usual) @ advantage), abs=1e-5)
 
 
-def test_advice_has_real_strokes_behind_it_and_gains_in_the_refits(found: Refitted) -> None:
-    advised = advise(found, average=found.home)
-    assert 3 <= len(advised) <= 5
-    real = real_strokes(found.pair.seats[0])
-    assert real is not None
-    assert [each.expected.value for each in advised] == sorted((each.expected.value for each in advised), reverse=True)
-    assert len({each.situation for each in advised}) == len(advised)
-    for each in advised:
-        assert each.behind >= RELIABLE
-        assert each.situation.shot < 0 or each.situation_behind >= RELIABLE
-        assert each.home > 0
-        assert (each.refits > 0).mean() == each.steady >= LEAST_STEADY
-        assert each.against_average == pytest.approx(each.home)  # the same meeting was given for both
-        assert each.expected.low < each.expected.value < each.expected.high
+def test_advice_needs_gains_in_enough_refits(found: Refitted) -> None:
     assert advise(found, at_least=1e9) == []
     assert advise(dataclasses.replace(found, refits=found.refits[:3])) == []
 
@@ -110,7 +90,6 @@ def test_effects_of_tactics_are_exact(found: Refitted) -> None:
     odds, middle = found.home.odds, STEPS.index(0.0)
     for effect in listed:
         assert effect.serving[middle] == odds.serving
-        assert 0 <= effect.share <= 1
     serve = listed[0]
     # A rally has one serve, so the result is linear in its probability as long as none reaches 0 or 1.
     rally = (serve.serving + serve.receiving) / 2
@@ -142,8 +121,6 @@ def test_the_outlook_contains_both_uncertainties(found: Refitted) -> None:
     assert seen.rally.value == pytest.approx(odds.rally)
     # The mean over what is not known is less certain than the match of known odds.
     assert abs(seen.match.value - 0.5) < abs(odds.match() - 0.5)
-    for estimate in (seen.serving, seen.receiving, seen.rally, seen.game, seen.match):
-        assert estimate.low < estimate.value < estimate.high
     alone = outlook(dataclasses.replace(found, refits=()))
     assert alone.rally.high - alone.rally.low < seen.rally.high - seen.rally.low
 

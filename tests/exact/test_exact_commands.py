@@ -52,7 +52,6 @@ def test_commands_play_the_shipped_game_unless_told_otherwise(capsys: pytest.Cap
     assert card["exploitability"] == pytest.approx(answer["exploitability"], abs=1e-9)
     assert card["rally_win_vs_bc"] == pytest.approx(odds["rally_win"][1][0], abs=1e-8)
     assert card["match_win_vs_bc"] == pytest.approx(odds["match_win"][1][0], abs=1e-6)
-    assert card["gap_at_serve"] > solved["value_at_serve"]
     golden.check("exact", {"best_response": answer, "crossplay": odds | {"seconds": None}, "evaluate": card})
 
 

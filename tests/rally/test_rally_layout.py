@@ -8,22 +8,16 @@ from hypothesis import strategies as st
 from shuttle_marl.base.arrays import Bools
 from shuttle_marl.game import court, default_game
 from shuttle_marl.game.tables import ROOT, Game, GameError
-from shuttle_marl.game.tabulated import base_pairs, layout, thresholds
-from shuttle_marl.game.thresholds import ONE
+from shuttle_marl.game.tabulated import layout
+from tests.exact import exact_games
 from tests.exact.exact_games import random_replies, small_catalogue
 
 
 def random_game(seed: int, rallies: int = 8, density: float = 0.3) -> tuple[Game, Bools]:
-    """A game and who may answer what; every second game counts duels, every third one to three levels of effort."""
+    """A game and who may answer what."""
     rng = np.random.default_rng(seed)
-    catalogue = small_catalogue(rng, rallies)
-    replies = random_replies(rng, catalogue, density)
-    tables = layout(catalogue, replies, duels=seed % 2 == 1)
-    pairs = base_pairs(tables)
-    p = rng.uniform(0, 1, (3, pairs))
-    odds = np.append(ONE, rng.integers(ONE // 2, 2 * ONE, seed % 3)).astype(np.int32)
-    hurry = rng.integers(0, 256, (pairs, 2), dtype=np.uint8)
-    return Game(catalogue=catalogue, threshold=thresholds(p[0], p[1], p[2]), hurry=hurry, fault_odds=odds, **tables), replies
+    replies = random_replies(rng, small_catalogue(rng, rallies), density)
+    return exact_games.random_game(seed, rallies, density), replies
 
 
 games = st.builds(random_game, st.integers(0, 10_000), st.integers(2, 11), st.floats(0.0, 1.0))

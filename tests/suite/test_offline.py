@@ -231,8 +231,6 @@ def test_baselines_of_offline(method: str, tmp_path: Path, monkeypatch: pytest.M
 def test_a_run_of_evaluate_is_verified(tmp_path: Path) -> None:
     folder = run("evaluate-v0", "weighted-importance-sampling", tmp_path / "run")
     found = summary(folder)
-    assert 0 < found["score"] < 0.5
-    assert -1 <= found["scores"]["rank_correlation"]["value"] <= 1
     golden.check("offline", {"weighted-importance-sampling": found["scores"]})
     assert verified(folder).refused == []
 
