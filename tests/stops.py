@@ -5,18 +5,24 @@ import os
 from collections.abc import Callable
 from typing import Any
 
+import pytest
+
 
 class Killed(BaseException):
     """End of the process, as far as a run can tell."""
 
 
-def stopping(when: int) -> Callable[[Any, Any], None]:
-    """A replacement of ``os.replace`` that stops before its n-th file comes to its place."""
-    count, replace = itertools.count(1), os.replace
+def stop(patch: pytest.MonkeyPatch, when: int, *names: str) -> None:
+    """Let the n-th call of some functions of ``os`` stop before it does anything, such as to put a file in its place."""
+    count = itertools.count(1)
 
-    def replace_or_stop(source: Any, target: Any) -> None:
-        if next(count) == when:
-            raise Killed
-        replace(source, target)
+    def stopping(function: Callable[..., Any]) -> Callable[..., Any]:
+        def call(*arguments: Any, **options: Any) -> Any:
+            if next(count) == when:
+                raise Killed
+            return function(*arguments, **options)
 
-    return replace_or_stop
+        return call
+
+    for name in names:
+        patch.setattr(os, name, stopping(getattr(os, name)))

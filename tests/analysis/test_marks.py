@@ -74,6 +74,8 @@ def test_marks_and_questions_are_the_written_ones(basis: Basis, states: I64) -> 
     judged = [basis.judged(state) for state in states[:100, None]]
     asked = [{k: found for k in range(len(one.row)) if (found := one.question(k))} for one in judged]
     assert sum(map(len, asked)) > 20
+    for one, questions in zip(judged, asked, strict=True):
+        assert all(one.behind[[right, *wrong]].min() >= RELIABLE for right, wrong in questions.values())
     figures = [[one.marks[int(one.loss.argmax())], one.best, one.change.max(), one.win.sum(), one.loss.sum()] for one in judged]
     golden.check("marks", {"questions": asked, "figures": figures})
 

@@ -180,7 +180,6 @@ def test_the_command(tournament: Path, tmp_path: Path, capsys: pytest.CaptureFix
     found = json.loads(capsys.readouterr().out)
     assert list(found)[-1] == "strokes.parquet"
     assert {"bc", "attacking", "random"} < set(found)
-    assert found["attacking"]["value"] > found["random"]["value"]
     assert found["attacking"]["rating"] > found["random"]["rating"]
     assert found["strokes.parquet"]["rating"] is None
     assert {path.name for path in (tmp_path / "out").iterdir()} == {

@@ -29,9 +29,10 @@ from shuttle_marl.dynamics.models import HURRIED, sigmoid, was_timed
 from shuttle_marl.dynamics.situations import Situations, fit_situations
 from shuttle_marl.game.stroke import SHOTS, Catalogue
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import base_pairs, layout
+from shuttle_marl.game.tabulated import layout
 from shuttle_marl.game.thresholds import ONE
 from tests.dynamics.rows import plain_rows
+from tests.exact.exact_games import game_without_outcomes
 
 SAMPLE = Path(__file__).parents[2] / "datasets" / "sample" / "strokes.parquet"
 N, MATCHES = 12_000, 24
@@ -236,9 +237,7 @@ def duel_game(levels: int) -> Game:
     )
     replies = np.array([[0, 1, 1, 1, 1]] * 5 + [[1, 0, 0, 0, 0]], dtype=bool)
     tables = layout(Catalogue.from_names(names), replies, duels=True)
-    odds = np.full(levels, ONE, dtype=np.int32)
-    threshold, hurry = np.zeros((base_pairs(tables), 3), np.uint16), np.zeros((base_pairs(tables), 2), np.uint8)
-    return Game(catalogue=Catalogue.from_names(names), threshold=threshold, hurry=hurry, fault_odds=odds, **tables)
+    return game_without_outcomes(Catalogue.from_names(names), tables, [ONE] * levels)
 
 
 @pytest.mark.parametrize("levels", [1, 3])

@@ -2,19 +2,18 @@
 
 import copy
 import pickle
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from shuttle_marl import rally_v0
 from shuttle_marl.base.errors import ActionError
-from shuttle_marl.game import default_game, model_folder
+from shuttle_marl.game import default_game
 from shuttle_marl.game.court import AREAS
 from shuttle_marl.game.draws import draw, outcome_draw, stream
 from shuttle_marl.game.rules import FAULT, OUTCOMES, WINNER, IllegalStrokeError, strike
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
-from shuttle_marl.game.tables import ROOT, GameError
+from shuttle_marl.game.tables import ROOT
 from tests.exact.exact_games import tiring_game
 
 AGENTS = ("player_0", "player_1")
@@ -112,14 +111,6 @@ def test_without_a_seed_one_is_drawn_and_kept(play):
     assert env.unwrapped.episode == 1
 
 
-def test_who_serves():
-    for server in (0, 1):
-        fixed = rally_v0.env(server=server)
-        for seed in range(8):
-            fixed.reset(seed=seed)
-            assert fixed.agent_selection == AGENTS[server]
-
-
 def test_an_illegal_stroke_is_refused_by_the_raw_environment_and_changes_nothing(play):
     env = rally_v0.raw_env()
     env.reset(seed=3)
@@ -184,12 +175,3 @@ def test_a_rally_that_ends_with_the_last_stroke_allowed_is_not_cut_off(play):
         rows = list(play(rally_v0.env(max_strokes=length), seed))
         assert [r[3] for r in rows[-2:]] == [True, True]
         assert not any(r[4] for r in rows)
-
-
-def test_games_can_be_given_in_three_ways(tmp_path: Path):
-    game = default_game()
-    folder = model_folder("default")
-    for given in (None, game, "default", str(folder)):
-        assert rally_v0.raw_env(game=given).game.hash == game.hash
-    with pytest.raises(GameError, match="no model 'badmington'"):
-        rally_v0.raw_env(game="badmington")

@@ -114,15 +114,6 @@ def test_a_match_equals_batched_rallies_and_scoring_on_the_same_draws(play, seed
         assert owed == [0, 0]
 
 
-def test_the_first_server_can_be_chosen():
-    for server in (0, 1):
-        env = match_v0.env(first_server=server)
-        for seed in range(6):
-            env.reset(seed=seed)
-            assert env.agent_selection == AGENTS[server]
-            assert env.last()[0]["observation"][-2:].tolist() == [1, 0]
-
-
 @pytest.mark.parametrize("reward", ["match", "rally"])
 def test_an_illegal_stroke_loses_the_match(reward):
     env = match_v0.env(reward=reward)

@@ -107,9 +107,6 @@ def test_damaged_tables_are_refused(tmp_path: Path) -> None:
     game = hand_made()
     path = tmp_path / "mine.safetensors"
     good = random_policy(hand_made((*game.catalogue.names, "clear:back-centre:above:forehand")), 0)
-    falls = good.cumulative.copy()
-    falls[good.game.pair_start[3]] = 65535
-    falls[good.game.pair_start[3] + 1] = 65535 - 1
     for wrong, says in (
         (good.cumulative[:-1], "not a table over the"),
         (good.cumulative.astype(np.int32), "not a table over the"),

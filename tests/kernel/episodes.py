@@ -1,9 +1,24 @@
-"""Compares rallies with the same episodes of ``rally_v0``, stroke by stroke."""
+"""Compares rallies with the same episodes of ``rally_v0``, stroke by stroke; and a network without learning."""
+
+from collections.abc import Callable
+
+import numpy as np
 
 from shuttle_marl.env import rally_v0
 from shuttle_marl.game.rally.record import Rallies
 from shuttle_marl.game.rules import OUTCOMES
 from shuttle_marl.game.tables import Game
+from tests.reduced import reduced_game
+
+Assess = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+
+
+def network(seed: int) -> Assess:
+    """Logits and values that are fixed numbers for each state of the small game."""
+    game, rng = reduced_game(), np.random.default_rng(seed)
+    logits = rng.normal(scale=1.5, size=(509, game.n_strokes)).astype(np.float32)
+    value = rng.uniform(-0.9, 0.9, size=game.n_states).astype(np.float32)
+    return lambda states: (logits[states % 509], value[states])
 
 
 def compare_with_rally_v0(seed: int, rallies: Rallies, *, game: Game) -> None:

@@ -165,19 +165,6 @@ def test_an_illegal_stroke_is_refused_and_nothing_changes() -> None:
     assert state_of(batch) != before
 
 
-def test_a_seed_begins_anew_and_none_goes_on() -> None:
-    batch = RallyBatch(GAME, 5, seed=3)
-    first = state_of(batch)
-    batch.reset()
-    assert batch.rows.rally.tolist() == [5, 6, 7, 8, 9]
-    batch.reset(rows=np.array([True, False, False, False, True]))
-    assert batch.rows.rally.tolist() == [10, 6, 7, 8, 14]
-    batch.reset(3)
-    assert state_of(batch) == first
-    batch.reset(4)
-    assert state_of(batch)["key"] != first["key"]
-
-
 def test_rallies_of_two_policies_are_those_of_the_environment() -> None:
     game, n = reduced_game(), 400
     one, other = random_policy(game, 1), random_policy(game, 2)

@@ -1,7 +1,6 @@
 """Rallies of a learner that acts from a table: the rules, the draws, the network's numbers, and the sums."""
 
 import itertools
-from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -10,21 +9,12 @@ from shuttle_marl.game.tables import ROOT
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.kernel import KernelError, RallySampler
 from shuttle_marl.policy.registry import resolve
-from tests.kernel.episodes import compare_with_rally_v0
+from tests.kernel.episodes import Assess, compare_with_rally_v0, network
 from tests.reduced import reduced_game
 
 GAME = reduced_game()
 RANDOM = tabulate(resolve("random", GAME), GAME)
 BC = tabulate(resolve("bc", GAME), GAME)
-Assess = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
-
-
-def network(seed: int) -> Assess:
-    """Logits and values that are fixed numbers for each state."""
-    rng = np.random.default_rng(seed)
-    logits = rng.normal(size=(512, GAME.n_strokes)).astype(np.float32)
-    value = rng.uniform(-0.5, 0.5, size=GAME.n_states).astype(np.float32)
-    return lambda states: (logits[states % 512], value[states])
 
 
 @pytest.mark.parametrize("opponents", [(), (RANDOM,), (RANDOM, BC)], ids=["self-play", "one", "two"])

@@ -31,7 +31,7 @@ from shuttle_marl.training.league.run import MAIN, train_league
 from shuttle_marl.training.league.schedule import FLOOR, MIN_SECONDS, Schedule, chosen, order, prioritised, uniform
 from shuttle_marl.training.league.state import LEAGUE, LeagueState
 from tests.exact.exact_games import random_policy, tiring_game
-from tests.stops import Killed, stopping
+from tests.stops import Killed, stop
 from tests.waiting import wait_until
 
 SMALL: dict[str, Any] = {
@@ -165,7 +165,7 @@ def test_a_league_that_stops_anywhere_is_resumed_to_the_same_results(
 ) -> None:
     config = LeagueTrainingConfig(**SMALL, game=model, out=tmp_path / "run")
     with monkeypatch.context() as patch, contextlib.suppress(Killed):
-        patch.setattr(os, "replace", stopping(when))
+        stop(patch, when, "replace")
         train_league(config)
     train_league(dataclasses.replace(config, resume=(tmp_path / "run" / "config.json").exists()))
     assert final(tmp_path / "run") == final(whole)

@@ -8,17 +8,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 from mcap.reader import make_reader
 
-from benchmarks.staging import self_play_rallies
 from shuttle_marl.commands.recording import main
 from shuttle_marl.game import default_game
-from shuttle_marl.game.rally.record import Rally
-from shuttle_marl.game.tabulated import tabulate
+from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
+from shuttle_marl.kernel import play_rallies
 from shuttle_marl.policy.registry import resolve
-from shuttle_marl.recording import SINGLE_RALLY, LogHeader, Player, Rallies, RallyLogWriter
+from shuttle_marl.recording import SINGLE_RALLY, LogHeader, Player, RallyLogWriter
 from shuttle_marl.scene import topics
 from tests.scene.conftest import read
 
@@ -34,47 +32,30 @@ def test_a_rally_is_written_to_a_file(log_path: Path, tmp_path: Path, capsys: py
     assert [path.name for path in out.parent.iterdir()] == [out.name]
 
 
-def rallies_of(played: list[Rally], dtype: npt.DTypeLike = np.uint16) -> Rallies:
-    """Rallies that stand for themselves, between policies 0 and 1 of the log."""
-    n = len(played)
-    kinds = (("pairing", "u4"), ("rally", "u2"))
-    return Rallies(
-        **{name: np.zeros(n, dtype=kind) for name, kind in kinds},
-        match=np.arange(n, dtype=np.uint32),
-        policy=np.tile(np.array([0, 1], dtype=np.uint16), (n, 1)),
-        server=np.array([rally.server for rally in played], dtype=np.uint8),
-        winner=np.array([rally.winner for rally in played], dtype=np.uint8),
-        reason=np.array([rally.ending for rally in played], dtype=np.uint8),
-        score=np.zeros((n, 4), dtype=np.uint8),
-        length=np.array([len(rally) for rally in played], dtype=np.int32),
-        stroke=np.concatenate([rally.stroke for rally in played]).astype(dtype),
-        hurried=np.concatenate([rally.hurried for rally in played]).astype(np.uint8),
-    )
+@pytest.fixture(scope="module")
+def bc() -> TabulatedPolicy:
+    return tabulate(resolve("bc", default_game()), default_game())
 
 
 @pytest.fixture(scope="module")
-def short_rally() -> Rally:
-    return min(self_play_rallies("bc", 20, seed=2), key=lambda rally: (len(rally) < 2, len(rally)))
-
-
-@pytest.fixture(scope="module")
-def bc_hash() -> str:
-    game = default_game()
-    return tabulate(resolve("bc", game), game).hash
+def bc_hash(bc: TabulatedPolicy) -> str:
+    return bc.hash
 
 
 @pytest.fixture
-def log_of(short_rally: Rally, tmp_path: Path) -> Callable[..., Path]:
-    """Writes a log of one rally between two policies, of which only the header is anything special."""
+def log_of(bc: TabulatedPolicy, tmp_path: Path) -> Callable[..., Path]:
+    """Writes a log of one short rally between two policies, of which only the header is anything special."""
+    game = default_game()
+    rallies = play_rallies(game, (bc, bc), 20, seed=2)
+    shortest = np.where(rallies.length < 2, 99, rallies.length).argmin()
 
-    def write(*players: Player, rally: Rally = short_rally, name: str = "rallies.mcap") -> Path:
-        game = default_game()
+    def write(*players: Player) -> Path:
         header = LogHeader(
             seed=1, game=game.hash, strokes=game.catalogue.names, policies=players, rules=SINGLE_RALLY, draws="unknown"
         )
-        path = tmp_path / name
+        path = tmp_path / "rallies.mcap"
         with RallyLogWriter(path, header) as writer:
-            writer.append(rallies_of([rally]))
+            writer.append(rallies.select(np.arange(20) == shortest))
         return path
 
     return write

@@ -1,7 +1,6 @@
 """Rallies played by PyTorch: those of the compiled kernel on every device; a training run on one mixes no tensors."""
 
 import dataclasses
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +9,6 @@ import pytest
 import torch
 
 from shuttle_marl.game import draws
-from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.kernel import RallySampler
 from shuttle_marl.policy.registry import resolve
@@ -18,22 +16,14 @@ from shuttle_marl.training import A2CConfig, PPOConfig, SACConfig, TrainingConfi
 from shuttle_marl.training.learner import RallyCollector
 from shuttle_marl.training.sac import SAC
 from shuttle_marl.training.torch_sampler import TorchSampler, draw, extend, mix, sums
+from tests.kernel.episodes import network
 from tests.reduced import reduced_game, reduced_model
 
 GAME = reduced_game()
 RANDOM, BC, SAFE = (tabulate(resolve(name, GAME), GAME) for name in ("random", "bc", "safe"))
 NO_GPU = pytest.mark.skipif(not torch.cuda.is_available(), reason="PyTorch finds no CUDA device on this machine")
 DEVICES = ["cpu", pytest.param("cuda", marks=NO_GPU)]
-Assess = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 EXACT = ("state", "visits", "start", "row", "stroke", "log_probability", "strokes", "rallies", "won", "played")
-
-
-def network(seed: int, game: Game = GAME) -> Assess:
-    """Logits and values that are fixed numbers for each state."""
-    rng = np.random.default_rng(seed)
-    logits = rng.normal(scale=1.5, size=(509, game.n_strokes)).astype(np.float32)
-    value = rng.uniform(-0.9, 0.9, size=game.n_states).astype(np.float32)
-    return lambda states: (logits[states % 509], value[states])
 
 
 def compare(kernel: RallySampler, device: TorchSampler) -> None:

@@ -8,7 +8,6 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -16,14 +15,12 @@ import numpy as np
 import pytest
 import torch
 from safetensors.numpy import load
-from tensordict import TensorDictBase
 
 from shuttle_marl.base import runs
 from shuttle_marl.base.intervals import interquartile_mean
 from shuttle_marl.base.runs import RunError
 from shuttle_marl.commands.training import main
 from shuttle_marl.game.policy import PolicyError, States
-from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy.agents import read_card
 from shuttle_marl.policy.registry import resolve
@@ -32,7 +29,6 @@ from shuttle_marl.recording.replay import check
 from shuttle_marl.training import A2CConfig, Evaluation, Evaluator, PPOConfig, SACConfig, TrainingConfig, TrainingError, train
 from shuttle_marl.training.config import SelfPlayVariant
 from shuttle_marl.training.league.mixtures import sharpened
-from shuttle_marl.training.learner import Learner
 from shuttle_marl.training.networks import tabulated
 from shuttle_marl.training.ppo import PPO
 from shuttle_marl.training.run import last_checkpoint
@@ -40,7 +36,7 @@ from shuttle_marl.training.study import train_seeds
 from tests.kernel.episodes import compare_with_rally_v0
 from tests.recording.conftest import read_rallies
 from tests.reduced import reduced_game, reduced_model
-from tests.stops import Killed, stopping
+from tests.stops import Killed, stop
 from tests.waiting import wait_until
 
 GAME = reduced_game()
@@ -81,27 +77,6 @@ def metrics(run: Path) -> list[dict[str, float]]:
     return [{k: v for k, v in line.items() if k != "seconds"} for line in lines]
 
 
-Make = Callable[[Any, Game], Learner]
-
-
-def disturbed(make: Make, when: int, disturb: Callable[[TensorDictBase], None], patch: pytest.MonkeyPatch) -> Make:
-    """A learner to whose data something happens in one iteration."""
-
-    def make_disturbed(config: Any, game: Game) -> Learner:
-        learner, count = make(config, game), itertools.count(1)
-        update = learner.update
-
-        def update_disturbed(data: TensorDictBase, remaining: float) -> dict[str, float]:
-            if next(count) == when:
-                disturb(data)
-            return update(data, remaining)
-
-        patch.setattr(learner, "update", update_disturbed)
-        return learner
-
-    return make_disturbed
-
-
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=pytest.mark.slow if name in VARIANTS[1:4] else ()) for name in CONFIGS]
 )
@@ -112,11 +87,16 @@ def test_a_run_that_is_broken_off_ends_with_the_same_weights(name: str, tmp_path
     again = dataclasses.replace(config, out=tmp_path / "broken")
     from shuttle_marl.training import run
 
-    def interrupt(data: TensorDictBase) -> None:
-        raise KeyboardInterrupt
+    learner: Any = run.LEARNERS[config.algorithm]
+    update, count = learner.update, itertools.count(1)
+
+    def interrupted(self: Any, *data: Any) -> Any:
+        if next(count) == 5:
+            raise KeyboardInterrupt
+        return update(self, *data)
 
     with monkeypatch.context() as patch:
-        patch.setitem(run.LEARNERS, config.algorithm, disturbed(run.LEARNERS[config.algorithm], 5, interrupt, patch))
+        patch.setattr(learner, "update", interrupted)
         with pytest.raises(KeyboardInterrupt):
             train(again)
     resumed = train(dataclasses.replace(again, resume=True))
@@ -136,7 +116,7 @@ def test_a_run_that_stops_anywhere_is_resumed_to_the_same_files(tmp_path: Path, 
     for when in itertools.count(1):
         folder = tmp_path / f"stopped-{when}"
         with monkeypatch.context() as patch:
-            patch.setattr(os, "replace", stopping(when))
+            stop(patch, when, "replace")
             try:
                 train(dataclasses.replace(config, out=folder))
                 break
