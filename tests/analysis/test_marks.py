@@ -35,8 +35,6 @@ def states(game: Game) -> I64:
 
 def test_a_change_is_that_of_strong_play_in_the_refits_against_the_choice_of_elite_players(basis: Basis, states: I64) -> None:
     game, real, factor = basis.game, real_strokes(basis.game), factor_of(basis.game)
-    assert real is not None
-    assert factor is not None
     judged = basis.judged(states)
     strong, elite = (tabulate(resolve(name, game), game) for name in ("human:0.05", "bc"))
     last = refits_of(game)[-1]

@@ -47,7 +47,6 @@ def test_values_are_those_of_the_exact_solvers(seed: int) -> None:
     rally = random_rally(seed, 6)
     found = analyse_rally(rally, GAME, PLAYERS, solution=SOLUTION)
     state = rally.states(GAME)
-    assert PLAYERS.value is not None
     for i, choice in enumerate(found.decisions):
         seat, pairs = int(rally.striker[i]), np.arange(GAME.n_pairs)[GAME.pairs_of(int(state[i]))]
         assert (choice.state, choice.seat) == (state[i], seat)
@@ -68,7 +67,6 @@ def test_values_are_those_of_the_exact_solvers(seed: int) -> None:
 @pytest.mark.parametrize("score", [((0, 0), (0, 0)), ((2, 1), (0, 1)), ((2, 2), (1, 0)), ((3, 2), (1, 1)), ((1, 2), (1, 1))])
 def test_match_win_probability_follows_from_the_table_of_all_scores(score: tuple[tuple[int, int], tuple[int, int]]) -> None:
     rules = Rules(points=3, clear=2, cap=4, games=2)
-    assert PLAYERS.value is not None
     odds = PLAYERS.value.odds(0)
     expected = match_table(odds.serving, odds.receiving, rules)[(*score[1], *score[0], 0)]
     assert match_win_after(PLAYERS.value, *score, rules) == pytest.approx(expected, abs=1e-12)
@@ -157,7 +155,6 @@ def test_values_are_those_of_the_solvers(game: Game, players: Players, length: i
     assert found.share.sum() == pytest.approx(1)
     assert (np.diff(found.share) <= 0).all()
     assert ((found.available > 0) & (found.available <= 1 + 1e-12)).all()
-    assert players.value is not None
     before = sum(weight * players.value.striking[found.seat][state] for state, weight in states_after(game, line).items())
     # The value before a stroke is the mean of the values after it, up to the rounding of tables to 1/65535. The value of a stroke
     # that is legal for hurried and other strikers is the mean over both.

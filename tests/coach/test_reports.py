@@ -139,7 +139,6 @@ def test_a_player_with_fifty_strokes(model: str, sample: pa.Table, unbuilt: None
         few = few.set_column(few.schema.get_field_index(column), few.schema.field(column), new)
     report = scout("club-player", model=model, data=few)
     assert report.opponent.since is None
-    assert report.seen is not None
     assert report.seen.strokes <= 60
     _, text = read(scout_pages.scouting_page(report))
     assert f"There are only {report.seen.strokes} strokes of Club Player" in text
@@ -196,7 +195,6 @@ def test_strokes_without_enough_examples_are_not_called_costly(
 ) -> None:
     """A stroke is compared only if both it and the better one are known, however much the refits say that it costs."""
     real = real_strokes(resolve_game(model))
-    assert real is not None
     monkeypatch.setattr(marks, "MOST", 60)
     found: list[Choice] = []
     for share in (0.5, 0.8):
@@ -369,7 +367,6 @@ def test_reports_fit_a_telephone_and_paper_in_every_language(
         page.goto((tmp_path / "page.html").as_uri())
         if language == "en" and content is contents[0]:  # the sliders begin at the outlook, reduced as all gains are
             page.locator("input[type=range]").first.dispatch_event("input")
-            assert scouted.outlook is not None
             shown = float(page.locator("[data-figure=match]").inner_text())
             assert shown == pytest.approx(100 * scouted.outlook.match.value, abs=0.06)
         for medium, width in (("screen", 390), ("print", 688)):  # A4 without its margins

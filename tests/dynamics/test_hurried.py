@@ -70,7 +70,6 @@ def strokes() -> tuple[Rows, Bools]:
 def fitted() -> tuple[Rows, Bools, Hurry]:
     rows, late = strokes()
     hurry = fit_hurry(rows)
-    assert hurry is not None
     return rows, late, hurry
 
 

@@ -39,7 +39,6 @@ class ByScore:
         self.told: list[tuple[int, ...]] = []
 
     def probabilities(self, states: States) -> np.ndarray:
-        assert states.score is not None
         assert states.score.dtype == np.int16
         self.told += [tuple(row) for row in states.score.tolist()]
         p = states.mask / states.mask.sum(axis=1, keepdims=True)

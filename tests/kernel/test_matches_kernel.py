@@ -131,7 +131,6 @@ def one_by_one(matches: Matches, rules: scoring.Rules) -> list[Row]:
             while True:
                 bits = draws.draw(key, len(strokes))
                 table = ENTRANTS[matches.entrant[m, striker]].table
-                assert table is not None
                 first, last = GAME.pair_start[state], GAME.pair_start[state + 1]
                 k = int(np.searchsorted(table.cumulative[first:last], draws.choice_draw(bits)[0], side="right"))
                 strokes.append(int(GAME.pair_stroke[first + k]))

@@ -45,7 +45,6 @@ def unreadable(states: States) -> np.ndarray:
 
 def tired(states: States) -> np.ndarray:
     """Gives up when it is behind in games; plays as long as it is not."""
-    assert states.score is not None
     if (states.score[:, 3] > 0).any():
         raise TimeoutError("legs")
     return uniform(states)
@@ -159,7 +158,6 @@ def test_the_score_is_the_strikers_own_view() -> None:
     seen: list[np.ndarray] = []
 
     def watching(states: States) -> np.ndarray:
-        assert states.score is not None
         serving = states.incoming == GAME.n_strokes
         seen.append(states.score[serving])
         return uniform(states)

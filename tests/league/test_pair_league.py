@@ -57,7 +57,6 @@ def test_a_league_in_the_game_of_a_pair(tmp_path: Path) -> None:
     with RallyLog(log) as opened:
         header = opened.header
     assert (header.pair, header.game) == (Pair(players=(A, B), discipline="men"), pair.hash)
-    assert header.pair is not None
     assert check(log, header.pair.game(reduced_model())).problems == ()
     assert len(check(log, dataclasses.replace(pair, threshold=pair.threshold)).problems) == 0
     with pytest.raises(Exception, match=f"of {A} against {B}, not on"):

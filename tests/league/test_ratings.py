@@ -243,7 +243,6 @@ def test_ranks_in_refits() -> None:
     nothing = np.full(3, np.nan)
     shares = np.array([[0.75, 0.55, 0.2], [0.6, 0.7, 0.2]])
     found = stability(ExactOdds(names=NAMES, match=match, exploitability=nothing, normalised_score=nothing, away_shares=shares))
-    assert found is not None
     assert found["rank"] == [1, 2, 3]
     assert found["rank_in_refits"] == [[1, 2, 3], [2, 1, 3]]
     assert found["kendall_tau"] == pytest.approx([1, 1 / 3])

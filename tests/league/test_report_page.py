@@ -81,7 +81,6 @@ def test_text_from_outside_is_text() -> None:
         for key in ("href", "src"):
             assert re.match(r"#|data:,|[a-z.]+$", attributes.get(key) or "#"), attributes
     policy = next(a["content"] for t, a in found.tags if a.get("http-equiv") == "Content-Security-Policy")
-    assert policy is not None
     assert policy.startswith("default-src 'none'")
     assert "unsafe" not in policy
 
@@ -97,7 +96,6 @@ def test_text_in_charts_is_text() -> None:
         charts.radar(names, [0.1, 0.2, 0.3, 1.0], [1.0] * 4),
     ]
     for drawing in drawings:
-        assert drawing is not None
         found = parsed(drawing.encode())
         assert {tag for tag, _ in found.tags} <= {"svg", "g", "defs", "path", "use", "text", "title", "clippath", "rect", "tspan"}
         assert not any("style" in attributes for _, attributes in found.tags)

@@ -147,7 +147,6 @@ def test_the_pair_in_refits() -> None:
 
 def test_game_of_two_people() -> None:
     both = game_of_people(reduced_game(), (A, B))
-    assert both is not None
     assert both.hash == pair().hash
     assert game_of_people(reduced_game(), (A, "nobody")) is None
     assert game_of_people(fixed_game(), (A, B)) is None

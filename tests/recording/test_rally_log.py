@@ -106,14 +106,11 @@ def test_the_official_reader_reads_it(log_file: Path, rallies: Callable[..., Ral
     with log_file.open("rb") as file:
         reader = make_reader(file, validate_crcs=True)
         summary = reader.get_summary()
-        assert summary is not None
-        assert summary.statistics is not None
         assert (summary.statistics.message_count, summary.statistics.chunk_count) == (7, 7)
         assert [a.name for a in reader.iter_attachments()] == ["rally_index"]
         assert [m.name for m in reader.iter_metadata()] == ["shuttle_marl.rally_log"]
         batches, sequences = [], []
         for schema, channel, message in reader.iter_messages(topics="/rallies"):
-            assert schema is not None
             assert (schema.name, schema.encoding, channel.message_encoding) == (
                 "shuttle_marl.Rallies",
                 "arrow",

@@ -109,7 +109,6 @@ def read(content: bytes) -> list[tuple[int, str, Any]]:
             out.append((message.log_time, channel.topic, json.loads(message.data)))
         else:
             decoder = decoders.decoder_for(channel.message_encoding, schema)
-            assert decoder is not None
             out.append((message.log_time, channel.topic, decoder(message.data)))
     return out
 

@@ -71,7 +71,6 @@ def by_match_v0(rules: Rules) -> Iterator[list[Rally]]:
             scores.append(env.score_of(0))
         if terminated or truncated:
             break
-        assert seen is not None
         env.step(int(rng.choice(np.flatnonzero(seen["action_mask"]))))
     winners = [_winner(before, after) for before, after in itertools.pairwise(scores)]
     yield list(zip(scores[:-1], winners, strict=True))

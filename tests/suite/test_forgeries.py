@@ -147,7 +147,6 @@ def rows(*folders: Path) -> tuple[list[Row], list[str]]:
 
 def remarks(folder: Path) -> str:
     found = verified(folder)
-    assert found.summary is not None
     assert not found.summary["official"]
     return "; ".join(found.summary["remarks"])
 

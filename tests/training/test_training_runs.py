@@ -216,7 +216,6 @@ def test_the_agent_of_sac_is_the_mean_of_its_weights_which_changes_nothing_in_le
     def kept(name: str, **changes: Any) -> list[list[bytes]]:
         """Weights that collect, and weights that are shown."""
         checkpoint = last_checkpoint(train(dataclasses.replace(sac, **changes, out=tmp_path / name)).folder)
-        assert checkpoint is not None
         floats = {name: part for name, part in checkpoint[1].items() if part.is_floating_point()}
         prefixes = "loss.actor", "averaged."
         return [sorted(part.numpy().tobytes() for name, part in floats.items() if name.startswith(p)) for p in prefixes]

@@ -74,7 +74,6 @@ def serving(*flags: str, cwd: Path | None = None) -> Iterator[Served]:
     root = str(HERE.parents[1])
     env = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH", "")]))}
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, cwd=cwd, env=env)
-    assert process.stderr is not None
     try:
         said, end = "", time.monotonic() + START
         while time.monotonic() < end:

@@ -45,7 +45,6 @@ def test_a_site_is_small_and_names_no_host(site: tuple[Path, int, int, int], pag
     assert len(list(folder.glob("replies/rally-*.bin"))) == count > 0
     index = (folder / "index.html").read_text()
     policy = re.search(r'Content-Security-Policy" content="([^"]*)"', index)
-    assert policy is not None
     assert "script-src 'self';" in policy[1]
     assert "http" not in policy[1]
     assert re.findall(r'(?:src|href)="(?!data:)([^"]*)"', index) == ["watch.css", "watch.js"]

@@ -281,7 +281,6 @@ def test_a_rally_in_the_page(page_folder: Path, viewer: Viewer, tmp_path: Path) 
         assert viewer.state("suggested")[0] == "short-serve"
         page.click("text=corners")
         box = page.locator("video").bounding_box()
-        assert box is not None
         for corner in CORNERS:
             page.mouse.click(box["x"] + corner["x"] * box["width"], box["y"] + corner["y"] * box["height"])
         assert page.inner_text(".prompt") == "Ada serves"

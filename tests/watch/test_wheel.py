@@ -33,7 +33,6 @@ def test_the_wheel_serves_the_page(tmp_path: Path, page_folder: Path) -> None:
         missing(f"the wheel cannot be installed: {done.stderr[-500:]}")
     command = [str(scripts / "python"), "-m", "shuttle_marl.watch", "--no-browser", "--port", "0"]
     process = subprocess.Popen(command, cwd=tmp_path, env=env, stderr=subprocess.PIPE, text=True)
-    assert process.stderr is not None
     try:
         said = process.stderr.readline()
         found = re.match(r"http://127\.0\.0\.1:(\d+)/ shows", said)
