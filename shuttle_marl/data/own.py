@@ -1,7 +1,7 @@
 """Import of a user's matches from a table of strokes, by a :class:`~shuttle_marl.data.column_map.ColumnMap`.
 
 Nothing is repaired: every invalid value and every broken rule of the schema is reported with its line. What is improbable is a
-warning (:mod:`shuttle_marl.data.plausible`). What the file lacks is inferred where other values tell it, and marked.
+warning (:mod:`shuttle_marl.data.inference`). What the file lacks is inferred where other values tell it, and marked.
 """
 
 import dataclasses
@@ -16,9 +16,8 @@ import pyarrow as pa
 
 from shuttle_marl import __version__
 from shuttle_marl.base.arrays import F64, I64, Bools
-from shuttle_marl.data import plausible, readers
+from shuttle_marl.data import inference, readers
 from shuttle_marl.data.column_map import FAULTS, PLAYERS, WINNERS, WORDS, ColumnMap, nfc, plain
-from shuttle_marl.data.inference import LONG_REPLIES, PAUSE, areas_met, read_score, winners_by_score
 from shuttle_marl.data.schema import DISCIPLINES, RANGES, REASONS, Account, Cleaned, Outcome, stroke_table, violations
 from shuttle_marl.data.strict_csv import DataError, Problem, Sheet, grouped, shown
 from shuttle_marl.data.upstream import discipline as discipline_of
@@ -133,22 +132,22 @@ class _Import:
         known, match = np.unique(self._match, return_inverse=True)
         if len(known) > _MOST_MATCHES:
             raise DataError(sheet.path, f"{len(known):,} matches, more than {_MOST_MATCHES:,}; divide the file")
-        self._fresh = plausible.changes(match, self._game)
+        self._fresh = inference.changes(match, self._game)
         self._start = np.flatnonzero(self._fresh)[np.cumsum(self._fresh) - 1]  # of the game
         self._rally = self._number("rally", 1) if "rally" in mapped.columns else self._numbered(shot)
-        self._first = self._fresh | plausible.changes(self._rally)
+        self._first = self._fresh | inference.changes(self._rally)
         self._group = np.cumsum(self._first) - 1
         self.rallies = int(self._first.sum())
         self._names: dict[str, str] = {}
         self._alike: dict[str, str] = {}
-        plausible.warn_alike(sheet, self._alike, self._match.tolist(), "match")
+        inference.warn_alike(sheet, self._alike, self._match.tolist(), "match")
         if {"rally", "stroke", "seconds", "frame"} & mapped.columns.keys():
             rows = zip(*map(sheet.text, mapped.columns.values()), strict=True)
             sheet.mark(1 + np.flatnonzero([a == b for a, b in itertools.pairwise(rows)]), "duplicate of the row before")
         self._stroke = self._strokes(shot)
         self._reply = np.r_[~self._first[1:] & (np.diff(self._stroke) == 1), False]
         self._marks["shot"] = shot == _BARE_SERVE
-        self._shot = np.where(self._marks["shot"], np.isin(self._following(shot), LONG_REPLIES), shot)
+        self._shot = np.where(self._marks["shot"], np.isin(self._following(shot), inference.LONG_REPLIES), shot)
         self._ending = self._code("ending", 0)
 
     def _following(self, values: I64) -> I64:
@@ -159,8 +158,8 @@ class _Import:
         """Numbers of rallies in their games: each begins with a serve, or after a pause."""
         begins = np.isin(shot, [*range(N_SERVES), _BARE_SERVE])
         if "seconds" in self._map.columns:
-            begins |= np.diff(self._sheet.numbers(self._map.columns["seconds"]), prepend=np.nan) > PAUSE
-        self._notes.append(f"where rallies begin: with each serve, or after a pause of {PAUSE:g} s")
+            begins |= np.diff(self._sheet.numbers(self._map.columns["seconds"]), prepend=np.nan) > inference.PAUSE
+        self._notes.append(f"where rallies begin: with each serve, or after a pause of {inference.PAUSE:g} s")
         number = np.cumsum(begins | self._fresh)
         return number - number[self._start] + 1
 
@@ -211,7 +210,7 @@ class _Import:
         points = self._points()
         technique = self._code("technique", -1)
         landed = self._areas(points["landing"])
-        met, share = areas_met(self._following(shot), self._following(technique))
+        met, share = inference.areas_met(self._following(shot), self._following(technique))
         guessed = (landed < 0) & (met >= 0)
         scored, after = self._scores(player)
         outcome, reason = self._outcomes(player, opponent, scored)
@@ -255,7 +254,7 @@ class _Import:
             "confidence": np.where(guessed, np.where(np.isnan(sure), 1.0, sure) * share, sure),
             "inferred": [" ".join(itertools.compress(names, row)) or None for row in marks],
         }
-        plausible.compare(sheet, self._map.columns, columns, points, self._code("side", 0))
+        inference.compare(sheet, self._map.columns, columns, points, self._code("side", 0))
         # An unreadable row would cause false problems of the other rows of its rally.
         known = np.flatnonzero((shot < len(SHOTS)) & ~self.wrong())
         if not len(known) and not sheet.problems:
@@ -347,7 +346,7 @@ class _Import:
                     f"{shown(value)} and {shown(other)} would be one player, {player_id(value)}; write one name, or map one in "
                     "[values.player]",
                 )
-        plausible.warn_alike(self._sheet, self._alike, names, "player")
+        inference.warn_alike(self._sheet, self._alike, names, "player")
         return np.array([player_id(value) for value in names], dtype=object)
 
     def _points(self) -> dict[str, F64]:
@@ -356,11 +355,11 @@ class _Import:
         if self._map.coordinates == "court":
             sign = np.where(self._code("side", 0) == 1, -1.0, 1.0)
         points = {}
-        for name in plausible.POINTS:
+        for name in inference.POINTS:
             columns = [self._map.columns.get(f"{name}_{axis}") for axis in "xy"]
             values = [np.full(self._n, np.nan) if column is None else self._sheet.numbers(column) for column in columns]
             points[name] = np.stack(values, axis=1) * sign[:, None]
-            plausible.check_scale(self._sheet, name, points[name])
+            inference.check_scale(self._sheet, name, points[name])
         return points
 
     def _areas(self, landing: F64) -> I64:
@@ -389,13 +388,13 @@ class _Import:
             told = np.select([fault, won_by], [1 - side[last], side[last]], following)
             scores: list[tuple[int, int] | None] = [None] * len(first)
             for row, text in enumerate(self._sheet.text(self._map.columns["score"])):
-                if text.strip() and (score := read_score(text)) is None:
+                if text.strip() and (score := inference.read_score(text)) is None:
                     self._sheet.mark(row, f"score {shown(text)}; expected points such as 5-3 (did a spreadsheet make it a date?)")
                 elif text.strip():
                     if scores[self._group[row]] not in (None, score):
-                        self._sheet.warn([row], plausible.OTHER_SCORE)
+                        self._sheet.warn([row], inference.OTHER_SCORE)
                     scores[self._group[row]] = score
-            points, won, reading = winners_by_score(scores, fresh, server.tolist(), told.tolist())
+            points, won, reading = inference.winners_by_score(scores, fresh, server.tolist(), told.tolist())
             self._notes.append(reading)
             winner = np.array(won)
             both = np.array([(np.nan, np.nan) if pair is None else pair for pair in points])[self._group]

@@ -244,10 +244,13 @@ def _clip(q: F64) -> None:
 
 
 @compiled
-def _residuals(
-    arm: Arm, target: F64, weights: F64, reach: float, racket: Mat, axes: F64, pivots: F64, jacobian: F64, residual: F64
-) -> None:
-    """Weighted residuals ``[12]`` of one arm to point, shaft, normal and elbow ``[4, 3]``, and their Jacobian ``[12, 10]``."""
+def _residuals(arm: Arm, goal: tuple[F64, F64, float], racket: Mat, axes: F64, pivots: F64, jacobian: F64, residual: F64) -> None:
+    """Weighted residuals ``[12]`` of one arm to a goal, and their Jacobian ``[12, 10]``.
+
+    Args:
+        goal: ``[4, 3]`` point, shaft, normal and elbow, their ``[4]`` weights, and the distance of the point from the grip [m].
+    """
+    target, weights, reach = goal
     shaft, elbow = mat_vec(racket, arm.axes[ROLL]), sub(pivots[ELBOW], pivots[TWIST])
     point = add(pivots[ROLL], scaled(reach, shaft))
     reached = (point, shaft, mat_vec(racket, arm.normal), over(elbow, math.sqrt(dot(elbow, elbow))))
@@ -272,7 +275,7 @@ def _solve(angles: F64, target: F64, weight: F64, reach: F64, arm: Arm, rounds: 
         q = angles[n]
         for step in range(rounds):
             racket = _pose(q, arm, axes, pivots)[4]
-            _residuals(arm, target[n], weight[n], reach[n], racket, axes, pivots, jacobian, residual)
+            _residuals(arm, (target[n], weight[n], reach[n]), racket, axes, pivots, jacobian, residual)
             damping = 1e-2 if step < rounds // 2 else 1e-4
             for i in range(_N):
                 for j in range(i + 1):

@@ -16,8 +16,7 @@ from shuttle_marl.staging.motion import HANDS, Branch, Motion
 from shuttle_marl.staging.rotation import quaternion
 from shuttle_marl.staging.skeleton import FLIP, MIRROR, N_BONES, Skeleton, StagingError, load_skeleton
 from shuttle_marl.staging.timeline import TimelineBuilder
-from shuttle_marl.staging.trajectory import LEAD_IN, Trajectory, held, shuttle_path, with_contacts_moved
-from shuttle_marl.staging.travel import travel
+from shuttle_marl.staging.trajectory import LEAD_IN, Trajectory, held, shuttle_path, travel, with_contacts_moved
 
 _ATTEMPTS: Final = 5
 _RETRIES: Final = 3

@@ -13,7 +13,6 @@ from shuttle_marl.staging.arm import arm_of
 from shuttle_marl.staging.curves import curve, curve_at, ease, held_ends, smooth
 from shuttle_marl.staging.feet import Feet, Plant, lifted, move, standing, steps
 from shuttle_marl.staging.idle import Habits
-from shuttle_marl.staging.keys import Keys, Past, Timeline
 from shuttle_marl.staging.legs import legs, reach_of, settle, strays
 from shuttle_marl.staging.library import FREE_ARM, RACKET_ARM, TRUNK
 from shuttle_marl.staging.meeting import meet, slopes_of
@@ -32,6 +31,7 @@ from shuttle_marl.staging.skeleton import (
     collar_of,
     trunk,
 )
+from shuttle_marl.staging.timeline import Keys, Past, Timeline
 
 NECK_LIMITS: Final[F64] = np.radians([(-72, 72), (-50, 55)])
 """``[2, 2]`` limits of yaw and pitch of the head against the chest [rad]."""

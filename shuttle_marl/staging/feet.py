@@ -13,8 +13,8 @@ import numpy as np
 
 from shuttle_marl.base.arrays import F64, Bools
 from shuttle_marl.staging.curves import ease
-from shuttle_marl.staging.keys import Stand
 from shuttle_marl.staging.motions import LEFT, RIGHT
+from shuttle_marl.staging.timeline import Stand
 
 _STEP_TIME: Final = 0.17
 """Shortest duration of a step [s]."""

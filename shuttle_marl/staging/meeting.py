@@ -13,7 +13,6 @@ from shuttle_marl.base.arrays import F64, I64, Intp
 from shuttle_marl.staging import motions
 from shuttle_marl.staging.arm import LIMITS, Arm, Goal, anywhere, arm_of, solve, solve_best, sweet_spot, sweet_spot_jacobian
 from shuttle_marl.staging.curves import slopes_through
-from shuttle_marl.staging.keys import Hit, Keys, Timeline
 from shuttle_marl.staging.library import FREE_ARM, RACKET_ARM, in_chest
 from shuttle_marl.staging.rotation import apply, turned, unit
 from shuttle_marl.staging.skeleton import (
@@ -24,34 +23,7 @@ from shuttle_marl.staging.skeleton import (
     Skeleton,
     chest_of,
 )
-
-RATIO: Final[dict[str, float]] = {
-    "short-serve": 0.60,
-    "long-serve": 0.62,
-    "clear": 0.72,
-    "lift": 0.68,
-    "drop": 0.45,
-    "smash": 0.72,
-    "half-smash": 0.70,
-    "drive": 0.68,
-    "push": 0.60,
-    "net-kill": 0.80,
-    "net-shot": 0.32,
-    "block": 0.30,
-    "cross-court-net-shot": 0.36,
-}
-"""Target speed of the strings relative to the launch speed of the shuttle (about 0.5 to 0.7 for full strokes; in soft strokes the
-incoming shuttle adds speed)."""
-
-SOFT: Final[dict[str, float]] = {
-    "short-serve": 0.3,
-    "drop": 0.25,
-    "push": 0.35,
-    "net-shot": 0.75,
-    "block": 0.75,
-    "cross-court-net-shot": 0.7,
-}
-"""Soft strokes: fraction of the way to the contact that the racket has completed at the take-back."""
+from shuttle_marl.staging.timeline import Hit, Keys, Timeline
 
 _COST: Final = np.array([0.5, 0.5, 0.13, 0.13, 0.12, 0.12, 0.14, 0.30, 0.34, 50.0])
 """Cost of the speed of each joint; shoulder, elbow and forearm turn most, the grip does not turn."""

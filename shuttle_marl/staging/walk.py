@@ -17,13 +17,13 @@ from shuttle_marl.staging.curves import smooth
 from shuttle_marl.staging.feet import Plant
 from shuttle_marl.staging.flight import shoot
 from shuttle_marl.staging.idle import Habits
-from shuttle_marl.staging.keys import Hit, Keys, Stand, Timeline, feet_at
 from shuttle_marl.staging.library import FREE_ARM, N_POSE, TRUNK, Athlete, bent, pointed
 from shuttle_marl.staging.motion import Motion
 from shuttle_marl.staging.motions import LEFT, LUNGE, RIGHT, Stance
 from shuttle_marl.staging.poses import CONTACT
 from shuttle_marl.staging.rotation import turned
 from shuttle_marl.staging.skeleton import HIPS_HEIGHT, HIPS_PITCH, HIPS_YAW, SPINE_PITCH, StagingError
+from shuttle_marl.staging.timeline import Hit, Keys, Stand, Timeline, feet_at
 from shuttle_marl.staging.trajectory import net_height
 
 _SPEED: Final = 1.6
