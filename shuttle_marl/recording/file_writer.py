@@ -266,11 +266,14 @@ class LogFileWriter:
         try:
             yield
         except OSError as error:
-            reason, part = f"({error.strerror}); the {self.rallies} rallies before it are complete", unfinished(self.path)
-            if isinstance(error, NoRoomError):
-                with contextlib.suppress(OSError):
-                    self._finish()
-                    message = f"{self.path}: cannot be written any further {reason}: free disk space and resume"
-                    raise RecordingError(message) from error
-            self.abort()
-            raise RecordingError(f"{part}: cannot be written {reason}: free disk space and resume, or {advice(part)}") from error
+            raise self._given_up(error) from error
+
+    def _given_up(self, error: OSError) -> RecordingError:
+        reason = f"({error.strerror}); the {self.rallies} rallies before it are complete"
+        if isinstance(error, NoRoomError):
+            with contextlib.suppress(OSError):
+                self._finish()
+                return RecordingError(f"{self.path}: cannot be written any further {reason}: free disk space and resume")
+        self.abort()
+        part = unfinished(self.path)
+        return RecordingError(f"{part}: cannot be written {reason}: free disk space and resume, or {advice(part)}")
