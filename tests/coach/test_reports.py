@@ -32,6 +32,7 @@ from shuttle_marl.commands.watch import RallyOptions, _downloads
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.dynamics.habits import plays_of_strokes, tally
 from shuttle_marl.exact import Odds
+from shuttle_marl.game.pairs import pair_game
 from shuttle_marl.game.scoring import Rules, Score
 from shuttle_marl.game.shipped import RELIABLE, real_strokes, resolve_game
 from shuttle_marl.pages.languages import LANGUAGES, Language, speaking
@@ -177,6 +178,17 @@ def test_areas_in_which_won_and_lost_rallies_differ(match: pa.Table) -> None:
 def test_advice_stands_beside_what_matches_gave(model: str, sample: pa.Table) -> None:
     told = scout(B, A, model=model, data=sample)
     assert len(told.realised) == len(told.advice) > 0
+
+
+def test_a_match_in_the_game_of_its_players(match: pa.Table, model: str) -> None:
+    people = dict(zip(match["player"].unique().to_pylist(), (A, B), strict=True))
+    for column in ("player", "opponent"):
+        named = pa.array([people[name] for name in match[column].to_pylist()])
+        match = match.set_column(match.column_names.index(column), match.schema.field(column), named.cast(match[column].type))
+    one, other = (match_report(match, game=pair_game(*pair, game=model, discipline="men")) for pair in ((A, B), (B, A)))
+    assert one.skilled
+    assert other.skilled
+    assert one.before == pytest.approx(other.before, abs=1e-6) != pytest.approx(0.5, abs=1e-3)
 
 
 def test_chances_learn_the_form_of_the_day() -> None:

@@ -1,5 +1,6 @@
 """What methods may read: ranks apart, and programs that get episodes only."""
 
+import json
 import re
 from pathlib import Path
 from typing import Any
@@ -8,6 +9,7 @@ import numpy as np
 import pytest
 
 import shuttle_marl
+from shuttle_marl.base.runs import CONFIG
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
@@ -59,8 +61,13 @@ class Solver:
     [("exploit-v0", "named", "tables"), ("exploit-v0", "named_response", "tables"), ("evaluate-v0", "Solver", "tables")],
 )
 def test_what_was_not_isolated_is_not_ranked_among_samples(task: str, method: str, access: str) -> None:
-    row = summary(run(task, f"{__name__}:{method}"))
+    folder = run(task, f"{__name__}:{method}")
+    row = summary(folder)
     assert (row["access"], row["isolated"]) == (access, False)
+    config = json.loads((folder / CONFIG).read_text())
+    del config["isolated"]
+    (folder / CONFIG).write_text(json.dumps(config))
+    assert summary(folder)["access"] == access, "who says nothing was not isolated"
     (board,) = boards([row])
     assert [(each["access"], each["rank"]) for each in board["rows"]] == [(access, 1)]
     Path("card.json").unlink()
