@@ -200,15 +200,15 @@ def test_faults_and_winners(sample: pa.Table) -> None:
     lifts = {each.technique: each.strokes for each in listed if each.shot == "lift"}
     assert lifts["backhand"] == (mine & (some.shot == SHOTS.index("lift")) & (some.technique == 1)).sum()
     assert lifts[None] == lifts["backhand"] + lifts["forehand"]
-    p = []
-    for each in listed:
-        here = (some.shot == SHOTS.index(each.shot)) & (
-            (each.technique is None) | (some.technique == TECHNIQUES.index(each.technique or "forehand"))
-        )
-        for end in (some.fault, some.winner):
-            counts = [[end[here & who].sum(), (1 - end[here & who]).sum()] for who in (mine, ~mine)]
-            p.append(stats.chi2_contingency(counts, correction=False).pvalue if np.sum(counts, axis=0).all() else 1.0)
-    assert np.ravel([each.clear for each in listed]).tolist() == discoveries(p).tolist()
+    for players in ([mine, ~mine], [~mine, mine]):
+        listed, p = endings(*(tally(some.take(who)) for who in players)), []
+        for each in listed:
+            here = some.shot == SHOTS.index(each.shot)
+            here &= True if each.technique is None else some.technique == TECHNIQUES.index(each.technique)
+            for end in (some.fault, some.winner):
+                counts = [[end[here & who].sum(), (1 - end[here & who]).sum()] for who in players]
+                p.append(stats.chi2_contingency(counts, correction=False).pvalue if np.sum(counts, axis=0).all() else 1.0)
+        assert np.ravel([each.clear for each in listed]).tolist() == discoveries(p).tolist()
 
 
 def write_habits(folder: Path, content: bytes) -> None:
