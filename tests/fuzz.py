@@ -647,7 +647,8 @@ def fuzz(
     counts: dict[str, Counter[str]] = {name: Counter() for name in formats}
     peak = 0.0
     run = functools.partial(run_case, seed=seed, formats=formats, root=root, expected=expected, timeout=timeout, keep=keep)
-    with multiprocessing.get_context("fork").Pool(jobs) as pool:
+    # With more threads, OpenMP would wait for those of the parent, which a fork does not have.
+    with multiprocessing.get_context("fork").Pool(jobs, torch.set_num_threads, (1,)) as pool:
         for name, verdicts, memory in pool.imap_unordered(run, range(n)):
             counts[name].update(["tried", *verdicts])
             peak = max(peak, memory)
