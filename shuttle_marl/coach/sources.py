@@ -79,7 +79,8 @@ def match_strokes(strokes: pa.Table, match: str | None) -> pa.Table:
         AnalysisError: no such match, or several.
     """
     names, parts = matches_in(strokes), [bare(word) for word in (match or "").replace("_", " ").split()]
-    found = [match] if match in names else [name for name in names if all(part in bare(name) for part in parts)]
+    named = match is None or any(parts)  # punctuation alone names nothing
+    found = [match] if match in names else [name for name in names if named and all(part in bare(name) for part in parts)]
     if len(found) != 1:
         listed = ", ".join(map(printable, (found or names)[:_LISTED])) + (" …" if len(found or names) > _LISTED else "")
         raise AnalysisError(f"--match {match or ''}: {len(found)} matches; expected words of one of these names: {listed}")

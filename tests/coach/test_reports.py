@@ -324,6 +324,7 @@ def test_commands(tmp_path: Path, model: str, unbuilt: None, capsys: pytest.Capt
     ("arguments", "message"),
     [
         ([], "8 matches; expected words of one of these names"),
+        (["--match", "("], "--match (: 0 matches; expected words"),
         (["--match", "simulated-99"], "0 matches"),
         (["--match", "simulated-2", "--pairing", "3"], "only rally logs have pairings"),
         (["--match", "simulated-2", "--video", "javascript:{seconds}"], "expected an http or https address"),
