@@ -116,7 +116,7 @@ def with_last(name: str, value: int) -> np.ndarray:
         ("edge_own", GAME.edge_own.reshape(2, -1) if GAME.edge_own.size % 2 == 0 else GAME.edge_own[None]),
         ("fault_odds", GAME.fault_odds[:0]),
         ("fault_odds", np.repeat(GAME.fault_odds, 9)),
-        ("threshold", GAME.threshold - np.arange(3, dtype=np.uint16)),
+        ("threshold", GAME.threshold[:, ::-1].copy()),
         ("edge_duel", with_last("edge_duel", 3 - int(GAME.edge_duel[-1]))),
         ("fault_odds", with_last("fault_odds", 0)),
         ("fault_odds", GAME.fault_odds + 1),
