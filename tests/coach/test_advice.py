@@ -19,7 +19,7 @@ from shuttle_marl.dynamics.habits import NONE, Plays, load_habits, plays_of_stro
 from shuttle_marl.exact import PairPolicy, evaluate
 from shuttle_marl.exact.profile import StatePolicy
 from shuttle_marl.game.court import AREAS
-from shuttle_marl.game.shipped import CARD, HABITS, Estimate, model_folder
+from shuttle_marl.game.shipped import CARD, HABITS, RELIABLE, Estimate, model_folder
 from shuttle_marl.game.skill import load_skill
 from shuttle_marl.game.stroke import SHOTS, TECHNIQUES
 from shuttle_marl.game.tables import GameError
@@ -43,7 +43,18 @@ def test_advantages_are_the_derivative_of_the_result(found: Refitted, seat: int)
     assert (result(step) - result(-step)) / (2 * step) == pytest.approx(float((other - usual) @ advantage), abs=1e-5)
 
 
-def test_advice_needs_gains_in_enough_refits(found: Refitted) -> None:
+def test_advice_has_real_strokes_behind_it_and_gains_in_the_refits(found: Refitted) -> None:
+    advised = advise(found, average=found.home)
+    assert 3 <= len(advised) <= 5
+    assert [each.expected.value for each in advised] == sorted((each.expected.value for each in advised), reverse=True)
+    assert len({each.situation for each in advised}) == len(advised)
+    for each in advised:
+        assert each.behind >= RELIABLE
+        assert each.situation.shot < 0 or each.situation_behind >= RELIABLE
+        assert each.home > 0
+        assert (each.refits > 0).mean() == each.steady >= LEAST_STEADY
+        assert each.against_average == pytest.approx(each.home)  # the same meeting was given for both
+        assert each.expected.low < each.expected.value < each.expected.high
     assert advise(found, at_least=1e9) == []
     assert advise(dataclasses.replace(found, refits=found.refits[:3])) == []
 

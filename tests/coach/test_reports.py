@@ -18,7 +18,7 @@ from shuttle_marl.analysis.course import Chances
 from shuttle_marl.analysis.marks import Choice, basis_of
 from shuttle_marl.analysis.match import MatchReport, _heat, match_report, matches_in
 from shuttle_marl.analysis.scouting import ScoutingReport, players_of, scout
-from shuttle_marl.analysis.summary import AnalysisError
+from shuttle_marl.analysis.summary import AnalysisError, rally_table
 from shuttle_marl.base.errors import printable
 from shuttle_marl.base.table_files import write_parquet
 from shuttle_marl.coach import match_page as match_pages
@@ -161,6 +161,19 @@ def test_names_of_players(model: str) -> None:
     women = next(each.name for each in players_of(model) if each.discipline == "women")
     with pytest.raises(AnalysisError, match="expected one discipline"):
         scout(women, A, model=model)
+
+
+def test_scores_and_chances_of_a_match(reported: MatchReport, match: pa.Table) -> None:
+    rows = rally_table(match)
+    winners = rows["winner"].to_pylist()
+    assert [reported.players[row.winner] for row in reported.rallies if row.winner is not None] == [w for w in winners if w]
+    assert sum(map(sum, reported.score)) == len(winners)
+    for before, after in zip(reported.rallies, reported.rallies[1:], strict=False):
+        assert before.after == pytest.approx(after.before)
+        assert (after.before > before.before) == (before.winner == 0)
+    assert reported.rallies[-1].after in (0.0, 1.0)
+    swings = [abs(reported.rallies[i].swing) for i in reported.moments]
+    assert swings == sorted((abs(row.swing) for row in reported.rallies), reverse=True)[: len(swings)]
 
 
 def test_areas_in_which_won_and_lost_rallies_differ(match: pa.Table) -> None:

@@ -12,6 +12,7 @@ from shuttle_marl.exact import evaluate
 from shuttle_marl.game import default_game
 from shuttle_marl.game.court import AREAS, area_centre
 from shuttle_marl.game.policy import States
+from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import ROOT
 from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.game.thresholds import ONE
@@ -24,6 +25,13 @@ from tests.reduced import reduced_game, reduced_model
 GAME = reduced_game()
 PLAYABLE = np.flatnonzero(GAME.legal_count(np.arange(GAME.n_states))).astype(np.int32)
 STATES = States(game=GAME, state=PLAYABLE)
+DOWN = [SHOTS.index(name) for name in ("smash", "half-smash", "net-kill")]
+HIGH = [SHOTS.index(name) for name in ("clear", "lift", "long-serve")]
+
+
+def share(name: str, shots: list[int], where: np.ndarray) -> float:
+    p = resolve(name, GAME).probabilities(States(game=GAME, state=PLAYABLE[where]))
+    return float(p[:, np.isin(GAME.catalogue.shot, shots)].sum(axis=1).mean())
 
 
 @pytest.mark.parametrize("style", STYLES)
@@ -42,6 +50,21 @@ def test_a_point_more_is_played_e_times_as_often() -> None:
         States(game=GAME, state=np.array([ROOT], dtype=np.int32))
     )
     assert p[0, first] / p[0, second] == pytest.approx(np.e)
+
+
+def test_attackers_hit_down_from_above_and_defenders_lift_from_below() -> None:
+    above, below = STATES.contact == 1, (STATES.contact == 0) & (STATES.incoming < GAME.n_strokes)
+    assert share("attacking", DOWN, above) > 1.5 * share("random", DOWN, above)
+    assert share("attacking", HIGH, below) < share("random", HIGH, below) < share("defensive", HIGH, below)
+    serve = PLAYABLE == ROOT
+    assert share("attacking", [SHOTS.index("short-serve")], serve) > share("random", [SHOTS.index("short-serve")], serve)
+
+
+def test_safe_play_faults_least() -> None:
+    fault = np.zeros((GAME.n_states, GAME.n_strokes))
+    fault[GAME.pair_state, GAME.pair_stroke] = 1 - GAME.stroke_probabilities()[0]
+    mean = {n: (resolve(n, GAME).probabilities(STATES) * fault[PLAYABLE]).sum(axis=1).mean() for n in ("random", *STYLES)}
+    assert min(mean, key=lambda name: mean[name]) == "safe"
 
 
 def test_a_target_off_the_centre_line_costs_defenders_a_point() -> None:
