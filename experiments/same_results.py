@@ -3,13 +3,14 @@
     python -m experiments.same_results BEFORE AFTER [--out FOLDER] [--only NAME ...]
 
 Files must be equal byte for byte, with these exceptions: JSON is compared without times and the checksums over them, printed text
-without folder names, and a rally log whose bytes differ (its format may have changed) must contain the same strokes. Manifests
-and TensorBoard files are excluded, because they contain times and versions. Both checkouts run with this interpreter, one command
-after another, which takes some minutes.
+without names of folders, times and widths of columns, and a rally log whose bytes differ (its format may have changed) must contain
+the same strokes. Manifests and TensorBoard files are excluded, because they contain times and versions. Both checkouts run with this
+interpreter, one command after another, which takes some minutes.
 """
 
 import json
 import os
+import re
 import subprocess
 import sys
 import tempfile
@@ -45,6 +46,9 @@ COMMANDS: Final[dict[str, tuple[str, ...]]] = {
 """Arguments after ``python -m shuttle_marl``, by name; ``{out}`` is a separate folder for each command."""
 _LEFT_OUT: Final = ("manifest.json", "tensorboard")
 _PRINTED: Final = "printed.txt"
+_INTERPRETER: Final = re.compile(r"\S*python -m")
+_SECONDS: Final = "seconds "
+"""Beginning of a printed line with a time."""
 _TIMES: Final = ("second", "time", "per_s", "checksum", "crc32")
 
 
@@ -70,7 +74,10 @@ def run_commands(checkout: Path, out: Path, names: tuple[str, ...]) -> None:
         folder.mkdir(parents=True)
         module, *arguments = (argument.format(out=folder / "run") for argument in COMMANDS[name])
         printed = _call(checkout, module, *arguments)
-        (folder / _PRINTED).write_text(printed.replace(str(folder), "OUT"), encoding="utf-8")
+        printed = _INTERPRETER.sub("python -m", printed.replace(str(folder), "OUT"))
+        lines = (" ".join(line.split()) for line in printed.splitlines())  # columns are as wide as the times in them
+        kept = [line for line in lines if not line.startswith(_SECONDS)]
+        (folder / _PRINTED).write_text("\n".join(kept), encoding="utf-8")
 
 
 def _call(checkout: Path, module: str, *arguments: str) -> str:
