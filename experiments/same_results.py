@@ -2,10 +2,10 @@
 
     python -m experiments.same_results BEFORE AFTER [--out FOLDER] [--only NAME ...]
 
-Files must be equal byte for byte, with these exceptions: JSON is compared without times and the checksums over them, printed text
-without names of folders, times and widths of columns, and a rally log whose bytes differ (its format may have changed) must contain
-the same strokes. Manifests and TensorBoard files are excluded, because they contain times and versions. Both checkouts run with this
-interpreter, one command after another, which takes some minutes.
+Files must be equal byte for byte, with these exceptions: JSON is compared without times and the checksums over them, printed
+text without names of folders, times and widths of columns, and a rally log whose bytes differ (its format may have changed)
+must contain the same strokes. Manifests and TensorBoard files are excluded, because they contain times and versions. Both
+checkouts run with this interpreter, one command after another, which takes some minutes.
 """
 
 import json
