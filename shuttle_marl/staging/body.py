@@ -2,10 +2,10 @@
 
 Heels rise and hips sink so that the legs reach the planted feet.
 
-Key poses are bent so that the strings meet the shuttle at the speed and in the direction of the stroke. At a contact the joints of
-the arm turn so fast that the middle of the strings moves at a fraction of the shuttle's launch velocity, less the velocity that
-hips and trunk give it already. A stroke is a swing about that instant: from the load to the contact the joints accelerate evenly,
-after it they slow down, so that the racket is fastest when it strikes.
+Key poses are bent so that the strings meet the shuttle at the speed and in the direction of the stroke. At a contact the joints
+of the arm turn so fast that the middle of the strings moves at a fraction of the shuttle's launch velocity, less the velocity
+that hips and trunk give it already. A stroke is a swing about that instant: from the load to the contact the joints accelerate
+evenly, after it they slow down, so that the racket is fastest when it strikes.
 """
 
 import dataclasses
