@@ -355,7 +355,7 @@ def crossplay(
 def _recorded(
     sampled: Sequence[str], scorer: "Scorer", samples: SampleOptions
 ) -> "Iterator[dict[str, Callable[[Rallies], None]]]":
-    """What records the matches of sampled policies, by their names; empty if nothing is recorded."""
+    """Callbacks that record the matches of sampled policies, by name; empty if nothing is recorded."""
     from shuttle_marl.policy.scorecard import REFERENCE  # noqa: PLC0415  numba
     from shuttle_marl.recording import Player, Sampling  # noqa: PLC0415
     from shuttle_marl.recording.recorder import free_name, sampled_log  # noqa: PLC0415

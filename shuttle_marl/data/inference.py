@@ -1,4 +1,4 @@
-"""What other values of a stroke table tell: what it lacks, what is improbable, and columns that contradict each other."""
+"""Inference of missing values of a stroke table, warnings of improbable ones, and comparison of redundant columns."""
 
 import re
 import unicodedata
@@ -41,6 +41,21 @@ LONG_REPLIES: Final = tuple(SHOTS.index(name) for name in ("clear", "drop", "sma
 PAUSE: Final = 4.0
 """Time between two strokes that ends a rally [s]."""
 _SCORE: Final = re.compile(r"\s*(\d{1,2})\s*[-:/\N{EN DASH}\N{EM DASH} ]\s*(\d{1,2})\s*")
+
+POINTS: Final = ("landing", "contact", "striker", "receiver")
+OTHER_SCORE: Final = "the score is not that of the last stroke of its rally, which is used"
+_APART: Final = 0.5
+"""Largest distance of a contact point from the landing of the stroke before, which is the same point [m]."""
+_REACH: Final = 4.0
+"""Largest distance of a player from a contact point [m]; 3.5 in 999 of 1,000 published strokes."""
+_SHALLOW: Final = 3.0
+"""Points all within this distance of the middle of the net are improbable [m]."""
+_TINY: Final = 1.05
+"""Points all within this distance of the middle of the net are no metres [m], but fractions of a court."""
+_FEW: Final = 10
+"""Fewer points tell nothing for certain."""
+_TEMPO: Final = (0.3, 5.0)
+"""Probable median time between two strokes [s]; 0.9 in published matches."""
 
 Points = tuple[int, int]
 
@@ -111,22 +126,6 @@ def _followed(
             end = (here[0] + (told[r] == 0), here[1] + (told[r] == 1))
         after.append(end)
     return after, won, wrong
-
-
-POINTS: Final = ("landing", "contact", "striker", "receiver")
-OTHER_SCORE: Final = "the score is not that of the last stroke of its rally, which is used"
-_APART: Final = 0.5
-"""Largest distance of a contact point from the landing of the stroke before, which is the same point [m]."""
-_REACH: Final = 4.0
-"""Largest distance of a player from a contact point [m]; 3.5 in 999 of 1,000 published strokes."""
-_SHALLOW: Final = 3.0
-"""Points all within this distance of the middle of the net are improbable [m]."""
-_TINY: Final = 1.05
-"""Points all within this distance of the middle of the net are no metres [m], but fractions of a court."""
-_FEW: Final = 10
-"""Fewer points tell nothing for certain."""
-_TEMPO: Final = (0.3, 5.0)
-"""Probable median time between two strokes [s]; 0.9 in published matches."""
 
 
 def changes(*columns: Array) -> Bools:

@@ -32,7 +32,7 @@ AGENTS: Final = ("player_0", "player_1")
 RENDER_MODES: Final = ("human", "rgb_array", "ansi")
 RenderMode = Literal["human", "rgb_array", "ansi"]
 METADATA: Final = {"render_modes": list(RENDER_MODES), "is_parallelizable": False, "render_fps": 2}
-"""What PettingZoo's environments say of themselves, besides their names."""
+"""Metadata of the PettingZoo environments, without their names."""
 
 Observation = dict[str, npt.NDArray[Any]]
 """Observation of an agent: ``observation`` and ``action_mask``."""

@@ -136,7 +136,7 @@ def _limited_thigh(root: F64, upper: Mat, thigh: Vec, leg: _Leg) -> Mat:
     """The rotation of a thigh within the range of the hip joint; ``thigh`` is its direction at rest."""
     relative = mat_mul(transposed(root), upper)
     way = mat_vec(relative, thigh)
-    # An axis across the thigh: what is left of its turn after the shortest rotation is the twist.
+    # The twist is the rotation of an axis across the thigh that remains after the shortest rotation.
     side = unit(sub((1.0, 0.0, 0.0), scaled(thigh[0], thigh)))
     turned, swung = mat_vec(relative, side), mat_vec(_shortest_rotation(thigh, way), side)
     forward, right = math.atan2(way[1], -way[2]), math.asin(min(max(way[0], -1.0), 1.0))

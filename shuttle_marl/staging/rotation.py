@@ -27,7 +27,7 @@ def cross(a: F64, b: F64) -> F64:
 
 
 def _terms(x: float, y: float, z: float) -> tuple[F64, F64, F64]:
-    """What a rotation about a unit axis has of itself, of the sine, and of the cosine of its angle (Rodrigues)."""
+    """Terms of Rodrigues' formula for a unit axis: constant, factor of sin(angle), and factor of -cos(angle)."""
     sine = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     return np.eye(3) + sine @ sine, sine, sine @ sine
 
