@@ -53,7 +53,14 @@ AREAS: Final = (
     "back-centre",
     "back-left",
 )
-"""The nine areas of the receiver's half, right and left as the receiver sees them; index = 3 * depth + side."""
+"""The nine areas of the receiver's half, right and left as the receiver sees them; index = 3 * depth + side.
+
+The strokes of a game name areas as a right-handed receiver sees them: *right* is the forehand side. Of a left-handed receiver they
+are mirrored (:func:`mirrored`)."""
+HANDS: Final = ("right", "left")
+"""Hands with which players hold the racket; their numbers are 0 and 1."""
+Hands = tuple[str, str]
+"""Hands of seats 0 and 1."""
 N_AREAS: Final = len(AREAS)
 AreaT = TypeVar("AreaT", int, Ints)
 N_SIDES: Final = 3
@@ -67,6 +74,11 @@ BACK: Final = 2
 def third_of(area: AreaT) -> AreaT:
     """Third of the half in which areas lie, any shape: 0 front, 1 middle, 2 back."""
     return area // N_SIDES
+
+
+def mirrored(area: AreaT) -> AreaT:
+    """Areas with right and left exchanged, any shape."""
+    return area + 2 - 2 * (area % N_SIDES)
 
 
 def steps_between(a: Ints, b: Ints | int) -> Ints:
@@ -112,8 +124,7 @@ def service_area(area: Ints, from_right: bool) -> I64:
 
     A serve flies diagonally, from the right court into the receiver's right one: an area at the other side is mirrored.
     """
-    side = area % N_SIDES
-    return np.where(side == (2 if from_right else 0), area + 2 - 2 * side, area).astype(np.int64)
+    return np.where(area % N_SIDES == (2 if from_right else 0), mirrored(area), area).astype(np.int64)
 
 
 def area_box(area: int) -> tuple[tuple[float, float], tuple[float, float]]:

@@ -8,13 +8,14 @@ in whole numbers, so the game of a pair has the same tables, and the same hash, 
 import dataclasses
 import datetime
 import functools
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from shuttle_marl.base.arrays import F64, I64, U16, Ints
+from shuttle_marl.game.court import Hands
 from shuttle_marl.game.shipped import PROFILES, load_game, origin_named, origin_of, variants
-from shuttle_marl.game.skill import AVERAGE, Day, Skill, day_of, load_skill
+from shuttle_marl.game.skill import AVERAGE, Day, Skill, day_of, has_skill, load_skill
 from shuttle_marl.game.stroke import frozen
 from shuttle_marl.game.tables import Game, GameError, Origin
 from shuttle_marl.game.variants import moved, odds_of_steps, steps_between, with_odds
@@ -112,6 +113,37 @@ def seat_names(game: Game, policies: tuple[str, str]) -> tuple[str, str]:
         for player, policy in zip(game.people.players, policies, strict=True)
     )
     return first, second
+
+
+class Looks(NamedTuple):
+    """How the players at seats 0 and 1 look on the court."""
+
+    hands: Hands
+    """``right`` or ``left``."""
+    athletes: tuple[str, str]
+    """``male`` or ``female``."""
+
+
+def looks_of(game: Game, policies: tuple[str, str]) -> Looks:
+    """Hands and sexes of the players of a match.
+
+    The players of the game of a pair have their own. In any other game both players have the same hand, that of the first one who
+    imitates a person of known hand: a rally is as true in the mirror. An agent, which is nobody, looks as the other player does.
+
+    Args:
+        policies: names of the policies at seats 0 and 1; ``bc:PLAYER`` and ``PLAYER`` are persons.
+    """
+    origin = origin_of(game) if game.people is None else game.people.origin
+    skill = load_skill(origin.folder) if origin is not None and has_skill(origin.folder) else None
+    names = [policy.removeprefix("bc:").partition("@")[0] for policy in policies] if game.people is None else game.people.players
+    known = [name if skill is not None and name in skill.players else AVERAGE for name in names]
+    hands = [None if skill is None else skill.hand_of(name) for name in known]
+    kinds = [None if skill is None else skill.discipline_of(name) for name in known]
+    usual = origin.variant if origin is not None and origin.variant in PROFILES else next(filter(None, kinds), "men")
+    if game.people is None:
+        hands = [next(filter(None, hands), "right")] * 2
+    first, second = ("female" if (kind or usual) == "women" else "male" for kind in kinds)
+    return Looks(hands=(hands[0] or "right", hands[1] or "right"), athletes=(first, second))
 
 
 def opponent_tables(game: Game, seat: int | Ints) -> Game:

@@ -16,6 +16,7 @@ import numpy as np
 
 from shuttle_marl.base.arrays import F32, F64, I8, I32
 from shuttle_marl.base.tensor_files import Tensors, checked, parsed
+from shuttle_marl.game.court import HANDS
 from shuttle_marl.game.shipped import SKILL, read_model
 from shuttle_marl.game.stroke import N_SHOTS
 from shuttle_marl.game.tables import GameError
@@ -47,6 +48,7 @@ class Skill:
         day: ``[K]`` int32 days since 1970-01-01.
         group: ``[13]`` int8 group of each shot type.
         discipline: ``[M]`` int8 index into :data:`DISCIPLINES`.
+        hand: ``[M]`` int8 index into :data:`~shuttle_marl.game.court.HANDS`; -1 where the data do not tell it.
         strokes: ``[M]`` int32 strokes of each player in the data.
         matches: ``[M]`` int32 matches of each player in the data.
     """
@@ -58,6 +60,7 @@ class Skill:
     day: I32
     group: I8
     discipline: I8
+    hand: I8
     strokes: I32
     matches: I32
 
@@ -92,6 +95,11 @@ class Skill:
     def discipline_of(self, name: str) -> str | None:
         """Name of the discipline of a player; None for the average player."""
         return None if name == AVERAGE else DISCIPLINES[self.discipline[self.index(name)]]
+
+    def hand_of(self, name: str) -> str | None:
+        """Hand of a player, one of :data:`~shuttle_marl.game.court.HANDS`; None for the average player and where it is unknown."""
+        number = -1 if name == AVERAGE else int(self.hand[self.index(name)])
+        return None if number < 0 else HANDS[number]
 
     def of_shots(self, striker: str, receiver: str, day: Day = None) -> F64:
         """``[3, 13]`` offsets of strokes of one player to another as of a day, by component and shot type."""
@@ -152,13 +160,16 @@ def _skill(tensors: Tensors) -> Skill:
     shape = (k, len(COMPONENTS), len(ROLES), 1 + len(GROUPS))
     wanted = {
         "offset": (np.float32, shape), "deviation": (np.float32, shape), "player": (np.int32, (k,)), "day": (np.int32, (k,)),
-        "group": (np.int8, (N_SHOTS,)), "discipline": (np.int8, (m,)), "strokes": (np.int32, (m,)), "matches": (np.int32, (m,)),
+        "group": (np.int8, (N_SHOTS,)), "hand": (np.int8, (m,)), "discipline": (np.int8, (m,)), "strokes": (np.int32, (m,)), "matches": (np.int32, (m,)),
     }  # fmt: skip
-    skill = Skill(players=tuple(names), **{name: checked(tensors.arrays[name], *kind) for name, kind in wanted.items()})
+    arrays = {"hand": np.full(m, -1, np.int8), **tensors.arrays}  # TODO: until the refit
+    skill = Skill(players=tuple(names), **{name: checked(arrays[name], *kind) for name, kind in wanted.items()})
     if (np.unique(skill.player) != np.arange(m)).any() or (np.diff(skill.player) < 0).any():
         raise ValueError("a player without knots, or knots that are not sorted by player")
     if (np.diff(skill.day)[np.diff(skill.player) == 0] <= 0).any():
         raise ValueError("knots that are not sorted by day")
     if not (np.isin(skill.group, range(len(GROUPS))).all() and np.isin(skill.discipline, range(len(DISCIPLINES))).all()):
         raise ValueError("a group of shot types or a discipline that does not exist")
+    if not np.isin(skill.hand, range(-1, len(HANDS))).all():
+        raise ValueError("a hand that does not exist")
     return skill

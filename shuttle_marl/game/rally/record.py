@@ -9,7 +9,7 @@ import numpy as np
 
 from shuttle_marl.base.arrays import F32, I8, I32, I64, U8, U16, U32, U64, Bools, Ints, UInts
 from shuttle_marl.base.errors import ShuttleError
-from shuttle_marl.game.court import area_box, service_area, service_box
+from shuttle_marl.game.court import HANDS, Hands, area_box, mirrored, service_area, service_box
 from shuttle_marl.game.draws import draw, outcome_draw
 from shuttle_marl.game.layout import Layout
 from shuttle_marl.game.rules import HURRIED_BELOW, OUTCOMES, RETURNED_BELOW, WINNER, states_of_rallies, strike
@@ -48,6 +48,7 @@ class Rally:
         match: number of the match.
         number: number of the rally within its match.
         ends_changed: whether the players are at other ends of the court than in the first rally of the match.
+        hands: ``right`` or ``left``, of seats 0 and 1.
     """
 
     catalogue: Catalogue
@@ -60,6 +61,7 @@ class Rally:
     match: int = 0
     number: int = 0
     ends_changed: bool = False
+    hands: Hands = ("right", "right")
 
     @classmethod
     def from_strokes(cls, catalogue: Catalogue, strokes: Iterable[tuple[int, int, int]]) -> "Rally":
@@ -88,8 +90,11 @@ class Rally:
         """Return this rally.
 
         Raises:
-            RallyError: no strokes, an unknown seat, stroke or ending, a serve that is not the first stroke, or a hurried server.
+            RallyError: no strokes, an unknown seat, stroke, ending or hand, a serve that is not the first stroke, or a hurried
+                server.
         """
+        if not set(self.hands) <= set(HANDS):
+            raise RallyError(f"hands {self.hands}: expected {' or '.join(HANDS)} for each player")
         if self.server not in (0, 1):
             raise RallyError(f"server {self.server}: expected seat 0 or 1")
         if self.ending not in range(len(OUTCOMES)):
@@ -133,17 +138,26 @@ class Rally:
 
     @functools.cached_property
     def aim(self) -> I64:
-        """``[strokes of the catalogue]`` area at which each stroke aims in this rally; the score mirrors those of serves."""
-        area = self.catalogue.area.astype(np.int64)
+        """``[2, strokes of the catalogue]`` area at which each seat aims with each stroke in this rally, as the receiver sees it.
+
+        Areas of the catalogue are mirrored for a left-handed receiver, and those of serves by the score.
+        """
+        area = self._seen
         return np.where(self.catalogue.is_serve, service_area(area, self.from_right), area)
 
-    def as_named(self, stroke: int) -> bool:
-        """Whether a stroke of the catalogue aims at the area of its name; the score mirrors some serves."""
-        return bool(self.aim[stroke] == self.catalogue.area[stroke])
+    @functools.cached_property
+    def _seen(self) -> I64:
+        """``[2, strokes of the catalogue]`` area of each stroke of each seat as the receiver sees it."""
+        area = self.catalogue.area.astype(np.int64)
+        return np.stack([mirrored(area) if self.hands[1 - seat] == "left" else area for seat in (0, 1)])
 
-    def aim_box(self, stroke: int) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Extent of the area at which a stroke of the catalogue aims in this rally, in the striker's frame [m]."""
-        area = int(self.aim[stroke])
+    def as_named(self, seat: int, stroke: int) -> bool:
+        """Whether a stroke of the catalogue aims at the area of its name; the score mirrors some serves."""
+        return bool(self.aim[seat, stroke] == self._seen[seat, stroke])
+
+    def aim_box(self, seat: int, stroke: int) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Extent of the area at which a seat aims with a stroke of the catalogue, in the striker's frame [m]."""
+        area = int(self.aim[seat, stroke])
         return service_box(area, self.from_right) if self.catalogue.is_serve[stroke] else area_box(area)
 
     def facing(self, seat: int) -> float:
@@ -240,11 +254,12 @@ class Rallies:
         """Names of the columns of :data:`OPTIONAL` that are present."""
         return tuple(name for name in OPTIONAL if getattr(self, name) is not None)
 
-    def row(self, i: int, catalogue: Catalogue, rules: Rules = BWF) -> Rally:
+    def row(self, i: int, catalogue: Catalogue, rules: Rules = BWF, hands: Hands = ("right", "right")) -> Rally:
         """One rally.
 
         Args:
             i: row, 0 <= i < R.
+            hands: of seats 0 and 1.
         """
         first, last = self.first_stroke[[i, i + 1]]
         points_0, points_1, games_0, games_1 = self.score[i].tolist()
@@ -260,6 +275,7 @@ class Rallies:
             match=int(self.match[i]),
             number=int(self.rally[i]),
             ends_changed=score.ends_changed,
+            hands=hands,
         )
 
     def states(self, game: Layout) -> I32:
