@@ -2,6 +2,7 @@
 
 import contextlib
 import dataclasses
+import itertools
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Annotated, Final, Literal
@@ -34,7 +35,7 @@ def hands_told(hands: HandsTold) -> Iterator[None]:
 
     with telling_hands(hands) as unknown:
         yield
-    for sentence in dict.fromkeys(unknown):
+    for sentence in dict.fromkeys(itertools.chain(*unknown)):
         console(stderr=True).print(printable(sentence))
 
 

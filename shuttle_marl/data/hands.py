@@ -82,13 +82,10 @@ def hands_of(strokes: pa.Table) -> dict[str, PlayerHand]:
     counted = (strokes["technique"].to_numpy() == TECHNIQUES.index("around-the-head")) & ~(np.isnan(x) & (met == _CENTRE))
     counted &= strokes["height"].to_numpy() == HEIGHTS.index("above")
     n, right = (np.bincount(player[rows], minlength=len(names)) for rows in (counted, counted & on_right))
+    rows = zip(names, hand.tolist(), n.tolist(), right.tolist(), strict=True)
     return {
-        name: PlayerHand(
-            hand=int(hand[i]) if hand[i] >= 0 else None,
-            n=int(n[i]),
-            share=float(right[i] / n[i]) if n[i] else None,
-        )
-        for name, i in sorted(zip(names, range(len(names)), strict=True))
+        name: PlayerHand(hand=number if number >= 0 else None, n=count, share=of_them / count if count else None)
+        for name, number, count, of_them in sorted(rows)
     }
 
 
@@ -106,7 +103,7 @@ def with_hands(strokes: pa.Table, path: Path) -> tuple[pa.Table, list[str]]:
     """
     players = hands_of(strokes)
     telling = _TELLING.get()
-    told = _told(telling.words, players, path) if telling else {}
+    told = {} if telling is None else _told(telling[0], players, path)
     inferred = {name: p.shown for name, p in players.items() if p.hand is None and name not in told and p.shown is not None}
     hands = {name: p.hand for name, p in players.items()} | inferred | told
     player, names = _encoded(strokes, "player")
@@ -114,9 +111,8 @@ def with_hands(strokes: pa.Table, path: Path) -> tuple[pa.Table, list[str]]:
     replaced = strokes["hand"].is_null().to_numpy() | np.isin(player, [names.index(name) for name in told])
     filled = pc.if_else(replaced, pa.array(np.ma.masked_less(of_player, 0)), strokes["hand"].combine_chunks())
     strokes = strokes.set_column(strokes.schema.get_field_index("hand"), STROKES.field("hand"), filled)
-    if telling:
-        telling.read = True
-        telling.unknown += unknown_hands(strokes)
+    if telling is not None:
+        telling[1].append(unknown_hands(strokes))
     sources = (("told by --hand", told), ("from the side of strokes around the head", inferred))
     return strokes, [f"hands of players, {source}: {_counted(found.values())}" for source, found in sources if found]
 
@@ -130,38 +126,29 @@ def unknown_hands(strokes: pa.Table) -> list[str]:
 
 
 @contextlib.contextmanager
-def telling_hands(words: Sequence[str]) -> Iterator[list[str]]:
+def telling_hands(words: Sequence[str]) -> Iterator[list[list[str]]]:
     """Tell the hands of players of the strokes that are read within the block.
 
     Args:
         words: such as ``kento-momota=left``, with the words for hands of any language of :mod:`shuttle_marl.data.words`.
 
     Yields:
-        Sentences on players of unknown hand (:func:`unknown_hands`), filled as tables are read.
+        :func:`unknown_hands` of each table that was read.
 
     Raises:
         ShuttleError: hands are told, and no strokes were read.
     """
-    telling = _Telling(words=words)
-    token = _TELLING.set(telling)
+    unknown: list[list[str]] = []
+    token = _TELLING.set((words, unknown))
     try:
-        yield telling.unknown
+        yield unknown
     finally:
         _TELLING.reset(token)
-    if words and not telling.read:
+    if words and not unknown:
         raise ShuttleError(f"--hand {words[0]}: no annotated strokes were read; name a file or a folder with some")
 
 
-@dataclasses.dataclass(kw_only=True)
-class _Telling:
-    """Hands that are told, and what was found in the tables that were read meanwhile."""
-
-    words: Sequence[str]
-    unknown: list[str] = dataclasses.field(default_factory=list)
-    read: bool = False
-
-
-_TELLING: Final = contextvars.ContextVar[_Telling | None]("telling", default=None)
+_TELLING: Final = contextvars.ContextVar[tuple[Sequence[str], list[list[str]]] | None]("telling", default=None)
 
 
 def _told(words: Sequence[str], players: Collection[str], path: Path) -> dict[str, int]:
