@@ -345,8 +345,12 @@ def _rules(t: _Columns) -> Iterator[tuple[str, tuple[str, ...], Bools]]:
 
 
 def _other_hand(t: _Columns) -> Bools:
-    """``[n]`` rows whose hand is not that of the first row of the player with a known one."""
-    player, hand = t["player"], t["hand"]
+    """``[n]`` rows whose hand is not that of the first row of the player with a known one.
+
+    Simulated players may be agents, which have a hand in each match.
+    """
+    player = t["player"] + np.where(t.one_of("source", ("simulated",)), (1 + t["match"]) << 32, 0)
+    hand = t["hand"]
     known = np.flatnonzero(~np.isnan(hand))
     _, first, number = np.unique(player[known], return_index=True, return_inverse=True)
     bad = np.zeros(len(hand), dtype=bool)
