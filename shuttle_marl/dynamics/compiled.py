@@ -4,15 +4,16 @@
 strokes equal it; and the same stroke to the other side, which players of different hands need: what flies to the forehand side of
 a right-hander flies to the backhand side of a left-hander.
 
-**Legality.** A stroke is a legal reply where people *choose* its shot type: where the fitted average player plays it at this
-height in at least 2 % of the visits of the incoming stroke, its technique in at least 2 % of those, and where people have played
-the shot type five times against the incoming shot type met in this third of the court (front, middle, back) at this height. What
-happens less often is an opportunity of few situations, such as a net kill of a short lift, whose results say nothing about the
-others. The stroke itself occurs at least eight times against the incoming shot type, or is the most frequent target of its shot
-type, height and technique there, with five strokes to any target. Where this leaves no stroke, the shot types are legal that make
-up 5 % of all strokes from this third and height, with each technique that occurs five times against any stroke; and in small
-data, where this leaves none either, all that occur five times at this height. No stroke of the front court is legal in the back
-third, and none around the head on the forehand side.
+**Legality.** A stroke is a legal reply where people *choose* it. People have played the stroke against the incoming shot type in
+the area where it is met, and eight times against the incoming shot type, or it is the most frequent target of its shot type,
+height and technique there, with five strokes to any target; and its shot type five times in this third of the court (front,
+middle, back) at this height. Of the strokes with which the fitted average player meets the incoming stroke at this height, at
+least 1.5 % are such strokes of its shot type, and at least 2 % of those of its shot type have its technique. What happens less
+often is an opportunity of few situations, such as a net kill of a short lift, whose results say nothing about the others. Where
+this leaves no stroke, areas do not count; then the shot types are legal that make up 5 % of all strokes from this third and
+height, with each technique that occurs five times against any stroke; and in small data, where this leaves none either, all that
+occur five times at this height. No stroke of the front court is legal in the back third, and none around the head on the forehand
+side.
 
 **Extremes.** Faults and winners are counted in nested cells: shot type and area; the whole stroke; against one incoming shot
 type; against one incoming shot type and area. The rate of a cell is shrunk to that of the enclosing cell with the weight of 40
@@ -24,7 +25,6 @@ type), and not the probability in each: bounds around the mean would cut off wha
 """
 
 import dataclasses
-import itertools
 from collections.abc import Sequence
 from typing import Final
 
@@ -45,13 +45,15 @@ from shuttle_marl.game.tabulated import base_pairs, hurry_units, layout, thresho
 from shuttle_marl.game.thresholds import ONE
 
 AREA_SHARE: Final = 0.03
-SHOT_SHARE: Final = 0.02
-"""Minimum share of a legal shot type among the choices of the fitted average player. ``experiments.truth.shares`` compares: none
+SHOT_SHARE: Final = 0.015
+"""Minimum share of a legal shot type in the choices of the fitted average player. ``experiments.truth.shares`` compares: none
 differs from another in the log-loss of the value or in transfer, and this one forbids few strokes of people without making any
 legal that the average player hardly ever plays."""
 TECHNIQUE_SHARE: Final = 0.02
 """The same for a technique among the choices of a shot type."""
 _FALLBACK_SHARE: Final = 0.05
+CONTEXT_STROKES: Final = 20.0
+"""Weight of the contexts of a shot type in those of an incoming stroke, in strokes."""
 MIN_STROKES: Final = 20
 MIN_REPLIES: Final = 8
 MIN_STYLE: Final = 5
@@ -80,24 +82,31 @@ def catalogue_of(rows: Rows) -> Catalogue:
 def average_choices(models: FittedModels, rows: Rows, catalogue: Catalogue) -> F64:
     """``[n, 2, 13, 3]`` share of shot types and techniques in the average player's choices, by incoming stroke and height.
 
-    The mean over the contexts in which people meet this shot type at this height, with the area and technique of the incoming
-    stroke; zero where nobody met it so.
+    The mean over the contexts in which people meet the incoming stroke at this height, and, with the weight of
+    :data:`CONTEXT_STROKES`, over those in which they meet any of its shot type; zero where nobody met that.
     """
-    context = [name for name in STATE if name not in ("hands", "incoming_shot", "incoming_area", "incoming_technique", "contact")]
+    context = [name for name in STATE if not name.startswith("incoming_") and name not in ("hands", "contact")]
     share = np.zeros((len(catalogue), 2, N_SHOTS, N_TECHNIQUES))
     for shot, contact in np.ndindex(N_SHOTS, 2):
-        met = (rows.codes["incoming_shot"] == shot) & (rows.codes["contact"] == contact)
+        met = rows.take((rows.codes["incoming_shot"] == shot) & (rows.codes["contact"] == contact))
         strokes = np.flatnonzero(catalogue.shot == shot)
-        if not met.any() or not len(strokes):
+        if not len(met) or not len(strokes):
             continue
-        contexts, count = np.unique(np.stack([rows.codes[name][met] for name in context]), axis=1, return_counts=True)
+        contexts, which = np.unique(np.stack([met.codes[name] for name in context]), axis=1, return_inverse=True)
+        pooled = CONTEXT_STROKES * np.bincount(which.ravel()) / len(met)
+        weights = np.tile(pooled, (len(strokes), 1))
+        for k, stroke in enumerate(strokes.tolist()):
+            same = np.ones(len(met), dtype=bool)
+            for part in ("area", "height", "technique"):
+                same &= met.codes[f"incoming_{part}"] == getattr(catalogue, part)[stroke]
+            weights[k] += np.bincount(which.ravel()[same], minlength=len(pooled))
         codes = {name: np.tile(column, len(strokes)) for name, column in zip(context, contexts, strict=True)}
         fixed = {"incoming_shot": shot, "contact": contact, "hands": 0}
         codes |= {name: np.full(codes["own_shot"].shape, value, dtype=np.int16) for name, value in fixed.items()}
-        for part in ("area", "technique"):
-            codes[f"incoming_{part}"] = np.repeat(getattr(catalogue, part)[strokes], len(count)).astype(np.int16)
-        choice = models.choice(_read(models, codes)).reshape(len(strokes), len(count), N_SHOTS, N_TECHNIQUES)
-        share[strokes, contact] = np.average(choice, axis=1, weights=count)
+        for part in ("area", "height", "technique"):
+            codes[f"incoming_{part}"] = np.repeat(getattr(catalogue, part)[strokes], len(pooled)).astype(np.int16)
+        choice = models.choice(_read(models, codes)).reshape(len(strokes), len(pooled), N_SHOTS, N_TECHNIQUES)
+        share[strokes, contact] = np.einsum("kc,kcst->kst", weights / weights.sum(axis=1, keepdims=True), choice)
     return share
 
 
@@ -109,38 +118,45 @@ def replies_of(rows: Rows, catalogue: Catalogue, choices: F64, share: float = SH
         share: minimum share of a shot type.
     """
     n, aimed = len(catalogue), rows.take(rows.codes["area"] >= 0)
-    count = aimed.count("incoming_shot", "shot", "area", "contact", "technique")
-    styled = rows.count("incoming_shot", "shot", "contact", "technique")
+    parts = (catalogue.shot, catalogue.area, catalogue.height, catalogue.technique)
     style = (catalogue.shot, catalogue.height, catalogue.technique)
-    # The most frequent target among the strokes with enough support.
-    count = np.where(_supported(rows), count, 0)
-    most = count.max(axis=2)
+    count = aimed.count("incoming_shot", "shot", "area", "contact", "technique")
+    here = aimed.count("incoming_shot", "incoming_area", "shot", "area", "contact", "technique")
+    styled = rows.count("incoming_shot", "shot", "contact", "technique")
+    supported = _supported(rows)
     # Replies by incoming shot type, third of the court and height at which it is met, and own shot type.
     met = rows.count("incoming_shot", "incoming_area", "contact", "shot")[:N_SHOTS, :N_AREAS]
     situation = np.stack([met[:, third_of(np.arange(N_AREAS)) == third].sum(axis=1) for third in range(N_THIRDS)], axis=1)
     everywhere = situation.sum(axis=0)
     anywhere = (everywhere >= MIN_STYLE) & (everywhere >= _FALLBACK_SHARE * everywhere.sum(axis=-1, keepdims=True))
-    of_shot = choices.sum(axis=-1)
-    chosen = (of_shot >= share)[..., None] & (choices >= TECHNIQUE_SHARE * of_shot[..., None])
-    front = [SHOTS.index(name) for name in FRONT_COURT]
+    of_technique = choices >= TECHNIQUE_SHARE * choices.sum(axis=-1, keepdims=True)
+    enough = (styled[:N_SHOTS].sum(axis=0)[style] >= MIN_STYLE) & ~catalogue.is_serve
+    front = np.isin(catalogue.shot, [SHOTS.index(name) for name in FRONT_COURT])
     replies = np.zeros((n + 1, n), dtype=bool)
     replies[n] = catalogue.is_serve
-    for incoming in range(n):
-        shot, third = catalogue.shot[incoming], third_of(catalogue.area[incoming])
-        times = count[shot][catalogue.shot, catalogue.area, catalogue.height, catalogue.technique]
-        frequent = (times > 0) & (times == most[shot][style]) & (styled[shot][style] >= MIN_STYLE)
-        within_reach = ~(np.isin(catalogue.shot, front) & (third == BACK))
-        within_reach &= (catalogue.technique != AROUND_THE_HEAD) | (catalogue.area[incoming] % N_SIDES != FOREHAND)
-        legal = ((times >= MIN_REPLIES) | frequent) & within_reach
-        legal &= situation[shot, third, catalogue.height, catalogue.shot] >= MIN_STYLE
-        legal &= chosen[incoming, catalogue.height, catalogue.shot, catalogue.technique]
-        enough = (styled[:N_SHOTS].sum(axis=0)[style] >= MIN_STYLE) & ~catalogue.is_serve
-        for contact, fallback in itertools.product((0, 1), (anywhere[third, catalogue.height, catalogue.shot], True)):
-            from_here = catalogue.height == contact
-            if not (legal & from_here).any():
-                legal |= from_here & enough & within_reach & fallback
+    for incoming, (shot, area) in enumerate(zip(catalogue.shot, catalogue.area, strict=True)):
+        third, cell = third_of(area), here[shot, area]
+        reach = ~(front & (third == BACK)) & ~((catalogue.technique == AROUND_THE_HEAD) & (area % N_SIDES == FOREHAND))
+        times = np.where(supported, count[shot], 0)
+        frequent = (times > 0) & (times == times.max(axis=1, keepdims=True)) & (styled[shot] >= MIN_STYLE)[:, None]
+        played = ((times >= MIN_REPLIES) | frequent)[parts] & reach & ~catalogue.is_serve
+        played &= of_technique[incoming][catalogue.height, catalogue.shot, catalogue.technique]
+        played &= situation[shot, third, catalogue.height, catalogue.shot] >= MIN_STYLE
+        there = played & (cell[parts] > 0)
+        # Where the strokes of each shot type and technique go: those of the cell, shrunk to those against the shot type.
+        usual = count[shot] / np.maximum(count[shot].sum(axis=1, keepdims=True), 1)
+        aim = (cell + CONTEXT_STROKES * usual) / (cell.sum(axis=1, keepdims=True) + CONTEXT_STROKES)
+        legal_aim = np.zeros(aim.shape)
+        legal_aim[parts] = np.where(there, aim[parts], 0)
+        chosen = (choices[incoming] * legal_aim.sum(axis=1).transpose(1, 0, 2)).sum(axis=-1) >= share
+        legal = there & chosen[catalogue.height, catalogue.shot]
+        for contact in (0, 1):
+            options = (played, reach & enough & anywhere[third, catalogue.height, catalogue.shot], reach & enough)
+            for option in options:
+                if not legal[catalogue.height == contact].any():
+                    legal |= option & (catalogue.height == contact)
         replies[incoming] = legal
-    return replies & ~(catalogue.is_serve & (np.arange(n + 1) < n)[:, None])
+    return replies
 
 
 def between_hands(replies: Bools, catalogue: Catalogue) -> Bools:
