@@ -76,7 +76,8 @@ def match_page(report: MatchReport, footage: Footage) -> bytes:
         _rallies(report, footage),
         _sure(report, footage.gaps),
     ]
-    subtitle = say("match.subtitle", score=_score(report), name=f" · {report.match}" if report.match else "")
+    hands = say.hands(zip(report.players, report.hands, strict=True))
+    subtitle = say("match.subtitle", hands=hands, score=_score(report), name=f" · {report.match}" if report.match else "")
     return page(say("match.title", first=first, second=second), subtitle, sections, rallies=rallies, viewer=program)
 
 
@@ -228,7 +229,8 @@ def _training(report: MatchReport) -> list[Section]:
             if choice.player == player:
                 asked.append((*met, choice.better))
         if asked:
-            section = training(catalogue, asked, say("match.training_lead", player=who))
+            hands = report.hands[player], report.hands[1 - player]
+            section = training(catalogue, asked, say("match.training_lead", player=who), hands)
             out.append(dataclasses.replace(section, heading=say("match.training", player=who)))
     return out
 
@@ -290,9 +292,9 @@ def _heat(report: MatchReport) -> Section:
         n, m = won.sum(), lost.sum()
         if min(n, m) < _LEAST_HEAT:
             continue
-        player = report.players[heat.player]
-        caption = say("match.heat_chart", player=player, won=round(n), lost=round(m))
-        maps.append((charts.court(won / n, lost / m, caption, heat.clear), caption))
+        player, hand = report.players[heat.player], report.hands[1 - heat.player]
+        caption = say("match.heat_chart", player=player, won=round(n), lost=round(m), sides=say.sides(hand))
+        maps.append((charts.court(won / n, lost / m, caption, hand, heat.clear), caption))
         for area in heat.clear:
             shares = {"won": of_100(won[area] / n), "lost": of_100(lost[area] / m)}
             line = say("match.heat_lead", player=player, area=say.area(area, "receiver"), **shares)

@@ -2,6 +2,7 @@
 
 import functools
 import re
+from collections.abc import Iterable
 
 from shuttle_marl.game.court import AREAS
 from shuttle_marl.game.shipped import Estimate
@@ -35,14 +36,22 @@ class Words(Texts):
         return name.replace("-", " ").title() if name.islower() and re.fullmatch(r"[^\W\d_]+(-[^\W\d_]+)+", name) else name
 
     def area(self, area: int, whose: str) -> str:
-        """An area, such as ``your front left corner``."""
+        """An area, named as a right-handed player at that place sees it, such as ``your front backhand corner``."""
         return self(f"areas.{AREAS[area]}", whose=self(f"whose.{whose}"))
 
     def stroke(self, catalogue: Catalogue, stroke: int, whose: str) -> str:
-        """A stroke, such as ``a push with the forehand to their right side``."""
+        """A stroke, such as ``a push with the forehand to their forehand side``."""
         shot, technique = SHOTS[catalogue.shot[stroke]], TECHNIQUES[catalogue.technique[stroke]]
         area = self.area(int(catalogue.area[stroke]), whose)
         return self("stroke.aimed", shot=self.shot(shot), technique=self.technique(technique), area=area)
+
+    def hands(self, players: Iterable[tuple[str, str | None]]) -> str:
+        """Players with their hands, such as ``Kento Momota, left-handed``; None: unknown."""
+        return " · ".join(self(f"hands.{hand or 'unknown'}", name=name) for name, hand in players)
+
+    def sides(self, hand: str | None) -> str:
+        """Where the sides of a receiver of a hand lie in a picture with the striker at the bottom; None: unknown, as right."""
+        return self(f"sides.{hand or 'right'}")
 
     def height(self, contact: int) -> str:
         """The height of a contact."""

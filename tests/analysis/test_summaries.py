@@ -78,6 +78,20 @@ def test_summary_of_hand_written_rallies() -> None:
         summarise(table, "cleo")
 
 
+def test_a_left_handed_receiver_has_the_forehand_side_on_the_left() -> None:
+    table, place = by_hand(), STROKES.get_field_index("hand")
+    for bea, smash in ((None, 2), (0, 2), (1, 0)):
+        hands = pa.array([0, bea, 0, bea], pa.int8())
+        areas = pa.array([1, 8, 5, 1], pa.int8())
+        told = table.set_column(place, STROKES.field(place), hands).set_column(
+            STROKES.get_field_index("area"), STROKES.field("area"), areas
+        )
+        ann, both = summarise(told, "ann"), summarise(told)
+        assert np.flatnonzero(ann.areas).tolist() == [1, 3 + smash]
+        assert ann.points[:, 0] == pytest.approx([0.5, 2.0] if smash == 2 else [-0.5, -2.0])
+        assert both.areas[8] == pytest.approx(1 / 3)  # of bea to ann, who is right-handed
+
+
 def test_a_log_becomes_a_table_of_strokes(tournament: Path) -> None:
     strokes = strokes_of(tournament, rallies=10**9)
     assert strokes.schema.equals(STROKES, check_metadata=True)

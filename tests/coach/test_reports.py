@@ -13,7 +13,7 @@ import pytest
 from playwright.sync_api import Browser
 from scipy import stats
 
-from shuttle_marl.analysis import marks
+from shuttle_marl.analysis import marks, scouting
 from shuttle_marl.analysis.course import Chances
 from shuttle_marl.analysis.marks import Choice, basis_of
 from shuttle_marl.analysis.match import MatchReport, _heat, match_report, matches_in
@@ -21,9 +21,10 @@ from shuttle_marl.analysis.scouting import ScoutingReport, players_of, scout
 from shuttle_marl.analysis.summary import AnalysisError, rally_table
 from shuttle_marl.base.errors import printable
 from shuttle_marl.base.table_files import write_parquet
+from shuttle_marl.coach import charts, sources
 from shuttle_marl.coach import match_page as match_pages
 from shuttle_marl.coach import scout_page as scout_pages
-from shuttle_marl.coach import sources
+from shuttle_marl.coach.drills import training
 from shuttle_marl.coach.words import Words
 from shuttle_marl.commands.report import main as report_command
 from shuttle_marl.commands.reports import write_report
@@ -34,13 +35,14 @@ from shuttle_marl.dynamics.habits import plays_of_strokes, tally
 from shuttle_marl.exact import Odds
 from shuttle_marl.game.pairs import pair_game
 from shuttle_marl.game.scoring import Rules, Score
-from shuttle_marl.game.shipped import RELIABLE, real_strokes, resolve_game
+from shuttle_marl.game.shipped import RELIABLE, model_folder, real_strokes, resolve_game
+from shuttle_marl.game.skill import load_skill
 from shuttle_marl.pages.languages import LANGUAGES, Language, speaking
 from shuttle_marl.watch import WatchError
 from shuttle_marl.watch.building import BuildError
 from shuttle_marl.watch.recorded import LogRallies, RealRallies
 from tests import golden
-from tests.coach.conftest import SAMPLE, A, B
+from tests.coach.conftest import SAMPLE, A, B, with_hand
 from tests.pages import Tags, parsed
 
 EVIL = "</script><script>alert(1)</script><img src=http://example.org/x>"
@@ -119,6 +121,59 @@ def test_the_figures_are_the_written_ones(scouted: ScoutingReport, reported: Mat
     for name, report in (("scouting_report", scouted), ("match_report", reported)):
         figures = json.loads(json.dumps(report.as_json(), allow_nan=False))
         golden.check(name, figures | {"model": None} if name == "scouting_report" else figures)
+
+
+def test_the_first_line_names_the_hands(scouted: ScoutingReport, match: pa.Table, model: str, unbuilt: None) -> None:
+    a, b = dict.fromkeys([*match["player"].to_pylist()])
+    report = match_report(with_hand(match, {a: 1, b: None}), game=resolve_game(model))
+    assert report.hands == ("left", None)
+    first, second = map(Words("en").player, (a, b))
+    _, text = read(match_pages.match_page(report, footage(report)))
+    assert f"{first}, left-handed · {second}, hand not known, played as right-handed · Match report" in text
+    people = {
+        name: dataclasses.replace(getattr(scouted, name), hand=hand) for name, hand in (("player", "right"), ("opponent", "left"))
+    }
+    _, text = read(scout_pages.scouting_page(dataclasses.replace(scouted, **people)))
+    assert "Viktor Axelsen, right-handed · Kento Momota, left-handed · Scouting report" in text
+
+
+def test_hands_are_those_of_the_data_and_else_of_the_model(sample: pa.Table, model: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    skill = load_skill(model_folder(model))
+    hand = np.full(len(skill.players), -1, np.int8)
+    hand[[skill.index(A), skill.index(B)]] = 1, 0
+    monkeypatch.setattr(scouting, "load_skill", lambda _: dataclasses.replace(skill, hand=hand))
+    names = sample["player"].unique().to_pylist()
+    assert {A, B} <= set(names)
+    assert [scout(name, model=model).opponent.hand for name in (A, B)] == ["left", "right"]
+    told = with_hand(sample, dict.fromkeys(names) | {B: 1})
+    reports = [scout(name, model=model, data=told) for name in (A, B)]
+    assert [report.opponent.hand for report in reports] == ["left", "left"]
+    # The hand that the model adds counts, as one in the data would.
+    whole = scout(A, model=model, data=with_hand(sample, dict.fromkeys(names) | {A: 1, B: 1}))
+    assert np.array_equal(reports[0].targets_usual, whole.targets_usual)
+
+
+def test_a_court_is_drawn_as_a_receiver_of_the_hand_stands() -> None:
+    """The forehand side of a right-hander is on the left of a striker who looks at them."""
+    shares = np.array([0.0, 0.0, 0.0, 0.77, 0.0, 0.23, 0.0, 0.0, 0.0])
+    for hand in ("right", "left"):
+        drawn = str(charts.court(shares, shares, "court", hand))
+        place = {text: float(x) for x, text in re.findall(r"<text[^>]*translate\(([\d.]+) [^>]*>(77|23)<", drawn)}
+        assert (place["77"] < place["23"]) == (hand == "right")
+        assert "the receiver's forehand side 77" in drawn
+
+
+def test_a_drill_is_drawn_as_both_players_stand(model: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    catalogue = resolve_game(model).catalogue
+    stroke = next(k for k in range(len(catalogue)) if catalogue.area[k] == 6 and not catalogue.is_serve[k])
+    places: list[tuple[int, int]] = []
+    monkeypatch.setattr(charts, "drill", lambda met, target, _: places.append((met, target)))
+    for hands in (("right", "right"), ("left", "right"), (None, "left")):
+        (block,) = training(catalogue, [(5, 0, stroke), (-1, -1, 0)], "", hands).blocks
+        assert "to your front forehand corner (blue)" in block.items[0][1]
+        assert "to their rear forehand corner (orange)" in block.items[0][1]
+    assert places[::2] == [(0, 6), (2, 6), (0, 8)]
+    assert {met for met, _ in places[1::2]} == {-1}
 
 
 def test_a_profile_alone_has_no_advice(model: str, unbuilt: None) -> None:
