@@ -254,7 +254,7 @@ def test_scores_that_no_match_has(tournament: Path) -> None:
         score[:, 2:] = 200
         forged = dataclasses.replace(rallies, score=score)
         with pytest.raises(RecordingError, match="a score or a length of a rally that no match has"):
-            stroke_table(forged, log.catalogue, names, ["match"] * len(rallies), np.random.default_rng(0))
+            stroke_table(forged, log.catalogue, names, ["match"] * len(rallies), np.random.default_rng(0), looks=log.header.looks)
 
 
 def test_the_game_is_that_of_the_log_and_never_silently_the_shipped_one(

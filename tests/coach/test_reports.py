@@ -138,19 +138,20 @@ def test_the_first_line_names_the_hands(scouted: ScoutingReport, match: pa.Table
 
 
 def test_hands_are_those_of_the_data_and_else_of_the_model(sample: pa.Table, model: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    skill = load_skill(model_folder(model))
+    skill, others = load_skill(model_folder(model)), "chou-tien-chen"
     hand = np.full(len(skill.players), -1, np.int8)
-    hand[[skill.index(A), skill.index(B)]] = 1, 0
+    hand[[skill.index(A), skill.index(others)]] = 1, 0
     monkeypatch.setattr(scouting, "load_skill", lambda _: dataclasses.replace(skill, hand=hand))
-    names = sample["player"].unique().to_pylist()
-    assert {A, B} <= set(names)
-    assert [scout(name, model=model).opponent.hand for name in (A, B)] == ["left", "right"]
-    told = with_hand(sample, dict.fromkeys(names) | {B: 1})
-    reports = [scout(name, model=model, data=told) for name in (A, B)]
-    assert [report.opponent.hand for report in reports] == ["left", "left"]
-    # The hand that the model adds counts, as one in the data would.
-    whole = scout(A, model=model, data=with_hand(sample, dict.fromkeys(names) | {A: 1, B: 1}))
-    assert np.array_equal(reports[0].targets_usual, whole.targets_usual)
+    assert [scout(name, model=model).opponent.hand for name in (A, others, B)] == ["left", "right", None]
+    unknown: dict[str, int | None] = dict.fromkeys(sample["player"].unique().to_pylist())
+    told = with_hand(sample, {**unknown, others: 1})
+    one, other = (scout(name, model=model, data=told) for name in (A, others))
+    assert (one.opponent.hand, other.opponent.hand) == ("left", "left")
+    # A hand that the model adds counts as one of the data.
+    whole = scout(others, model=model, data=with_hand(sample, {**unknown, others: 1, A: 1}))
+    alone = scout(others, model=model, data=with_hand(sample, {**unknown, others: 1, A: 0}))
+    assert np.array_equal(other.targets, whole.targets)
+    assert not np.array_equal(other.targets, alone.targets)
 
 
 def test_a_court_is_drawn_as_a_receiver_of_the_hand_stands() -> None:
