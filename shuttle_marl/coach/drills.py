@@ -28,7 +28,7 @@ def training(
     drawn = []
     for number, i in enumerate(sorted(range(len(chosen)), key=lambda i: (i not in first, i))[:DRILLS], start=1):
         shot, area, stroke = chosen[i]
-        target = say.stroke(catalogue, stroke, "their")
+        target = say.stroke(catalogue, stroke, "their", met=area, hands=hands)
         if shot < 0:
             caption = say("drills.serve", number=number, stroke=target)
         else:

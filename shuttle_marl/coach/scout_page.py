@@ -284,6 +284,8 @@ def _card(report: ScoutingReport, advice: Advice, number: int) -> Block:
     assert report.pair is not None
     catalogue = report.pair.catalogue
     shot, area, contact = advice.situation
+    hands = (None if report.player is None else report.player.hand, report.opponent.hand)
+    usual, advised = (say.stroke(catalogue, k, "their", met=area, hands=hands) for k in (advice.usual, advice.stroke))
     if shot < 0:
         when, behind = say("scout.advice_serve"), say("scout.advice_behind_serve", stroke=int(advice.behind))
     else:
@@ -308,7 +310,7 @@ def _card(report: ScoutingReport, advice: Advice, number: int) -> Block:
         ),
         say(
             "scout.advice_already" if advice.usual == advice.stroke else "scout.advice_instead",
-            stroke=say.stroke(catalogue, advice.usual, "their"),
+            stroke=usual,
             share=of_100(advice.usual_share),
         ),
         say(
@@ -336,7 +338,7 @@ def _card(report: ScoutingReport, advice: Advice, number: int) -> Block:
         lines.append(say("scout.advice_real", **counts, **of_shot))
     return Block(
         "card",
-        say("scout.advice_title", stroke=say.stroke(catalogue, advice.stroke, "their")),
+        say("scout.advice_title", stroke=advised),
         items=lines,
         example=number,
         label=say("report.play_example"),

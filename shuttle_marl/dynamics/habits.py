@@ -33,6 +33,8 @@ from shuttle_marl.game.tables import GameError
 NONE: Final = N_SHOTS
 """Code of a previous stroke that does not exist; larger codes are unknown."""
 DIRECTIONS: Final = ("straight", "middle", "cross")
+DIRECTED: Final = ("smash", "half-smash", "drop", "clear", "lift", "drive", "push")
+"""Shot types that are called straight or cross-court."""
 _LEAST_DEGREES: Final = 10
 
 
@@ -148,7 +150,7 @@ def questions(plays: Plays) -> Iterator[tuple[Question, I64]]:
             yield Question(kind="reply", about=(SHOTS[shot], height), answers=SHOTS), asked(which, plays.shot)
     wide = (plays.met >= 0) & (plays.met % 3 != 1)
     direction = np.where(side == 1, 1, np.where(straight(plays.met, plays.area, opposite=plays.opposite), 0, 2))
-    for name in ("smash", "half-smash", "drop", "clear", "lift", "drive", "push"):
+    for name in DIRECTED:
         which = (plays.shot == SHOTS.index(name)) & wide & (side >= 0)
         yield Question(kind="direction", about=(name,), answers=DIRECTIONS), asked(which, direction)
 

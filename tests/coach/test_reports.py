@@ -37,6 +37,7 @@ from shuttle_marl.game.pairs import pair_game
 from shuttle_marl.game.scoring import Rules, Score
 from shuttle_marl.game.shipped import RELIABLE, model_folder, real_strokes, resolve_game
 from shuttle_marl.game.skill import load_skill
+from shuttle_marl.game.stroke import Catalogue
 from shuttle_marl.pages.languages import LANGUAGES, Language, speaking
 from shuttle_marl.watch import WatchError
 from shuttle_marl.watch.building import BuildError
@@ -162,6 +163,22 @@ def test_a_court_is_drawn_as_a_receiver_of_the_hand_stands() -> None:
         place = {text: float(x) for x, text in re.findall(r"<text[^>]*translate\(([\d.]+) [^>]*>(77|23)<", drawn)}
         assert (place["77"] < place["23"]) == (hand == "right")
         assert "the receiver's forehand side 77" in drawn
+
+
+def test_a_stroke_between_two_sides_is_straight_or_cross_court() -> None:
+    catalogue = Catalogue.from_names(["smash:middle-right:above:forehand", "net-shot:front-right:below:forehand"])
+    for met, hands, words in (
+        (6, ("right", "right"), "a cross-court smash with the forehand to their forehand side"),
+        (6, ("right", "left"), "a straight smash with the forehand to their forehand side"),
+        (8, ("left", None), "a cross-court smash with the forehand to their forehand side"),
+        (8, (None, None), "a straight smash with the forehand to their forehand side"),
+        (7, ("right", "left"), "a smash with the forehand to their forehand side"),
+        (-1, ("right", "left"), "a smash with the forehand to their forehand side"),
+    ):
+        assert Words("en").stroke(catalogue, 0, "their", met=met, hands=hands) == words
+    assert Words("en").stroke(catalogue, 1, "their", met=0) == "a net shot with the forehand to their front forehand corner"
+    assert Words("zh").stroke(catalogue, 0, "their", met=8) == "正手直线杀球到对方正手中场"
+    assert Words("id").stroke(catalogue, 0, "their", met=6) == "smes silang forehand ke sisi forehand lawan"
 
 
 def test_a_drill_is_drawn_as_both_players_stand(model: str, monkeypatch: pytest.MonkeyPatch) -> None:
