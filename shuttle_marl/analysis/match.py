@@ -25,7 +25,7 @@ from shuttle_marl.data.upstream import date_of
 from shuttle_marl.dynamics.habits import Plays, plays_of_strokes, tally
 from shuttle_marl.exact import evaluate
 from shuttle_marl.exact.match import Odds
-from shuttle_marl.game.pairs import game_of_people, people_of
+from shuttle_marl.game.pairs import game_of_people, people_of, without_skill
 from shuttle_marl.game.scoring import BWF, Rules
 from shuttle_marl.game.shipped import RELIABLE, Estimate, factor_of, resolve_game
 from shuttle_marl.game.stroke import SHOTS
@@ -174,7 +174,8 @@ def match_report(strokes: pa.Table, *, game: Game | None = None, rules: Rules = 
         played = game if players[0] == near else game.swapped if players[0] == far else None
     if played is not None:
         strokes = with_hands_of_model(strokes, people_of(played).skill)
-    average = baselines.load(None, base)
+    known_game = base if played is None else played
+    average = baselines.load(None, without_skill(known_game))
     valued = add_values(strokes, average)
     known = odds is not None or played is not None
     if odds is None and played is not None:
@@ -186,7 +187,7 @@ def match_report(strokes: pa.Table, *, game: Game | None = None, rules: Rules = 
     plays = plays_of_strokes(strokes)
     seat = (strokes["player"].to_numpy(zero_copy_only=False) == players[1]).astype(np.int64)
     won = rallies_won(strokes)
-    choices, refits = costly_choices(strokes, base, seat)
+    choices, refits = costly_choices(strokes, known_game, seat)
     decided = [i for i, row in enumerate(rallies) if row.winner is not None]
     return MatchReport(
         match=match,
@@ -208,7 +209,7 @@ def match_report(strokes: pa.Table, *, game: Game | None = None, rules: Rules = 
         heat=[_heat(plays, seat == player, won, player) for player in (0, 1)],
         faults=[_faults(strokes, seat == player) for player in (0, 1)],
         changes=_changes(plays, seat, strokes),
-        game=base if played is None else played,
+        game=known_game,
     )
 
 

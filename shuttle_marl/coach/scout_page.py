@@ -313,13 +313,10 @@ def _card(report: ScoutingReport, advice: Advice, number: int) -> Block:
             stroke=usual,
             share=of_100(advice.usual_share),
         ),
-        say(
-            "scout.advice_steady",
-            positive=int((advice.refits > 0).sum()),
-            refits=len(advice.refits),
-            average=signed(advice.against_average),
-        ),
+        say("scout.advice_steady", positive=int((advice.refits > 0).sum()), refits=len(advice.refits)),
     ]
+    if np.isfinite(advice.against_average):
+        lines.append(say("scout.advice_average", average=signed(advice.against_average)))
     if advice.before is not None:
         lines.append(
             say(
