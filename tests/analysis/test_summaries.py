@@ -178,6 +178,7 @@ def test_best_replies_are_drawn_where_players_of_the_hands_see_them(monkeypatch:
     catalogue = solution.games[0].catalogue
     incoming = next(k for k in range(1, len(catalogue)) if catalogue.area[k] == 0 and k in solution.games[0].edge_incoming)
     monkeypatch.setattr(People, "hands", hands)
+    monkeypatch.setattr(pictures, "real_strokes", lambda _: None)  # those of the pair's own hands
     drawn = pictures.best_replies(solution, incoming)
     side = {"right": 1, "left": -1}
     for axes, aim in zip(drawn.axes, pictures.aims(solution, incoming), strict=True):

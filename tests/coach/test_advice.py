@@ -21,6 +21,7 @@ from shuttle_marl.exact import PairPolicy, evaluate
 from shuttle_marl.exact.profile import StatePolicy
 from shuttle_marl.game import court
 from shuttle_marl.game.court import AREAS
+from shuttle_marl.game.pairs import People
 from shuttle_marl.game.shipped import CARD, HABITS, RELIABLE, Estimate, model_folder
 from shuttle_marl.game.skill import load_skill
 from shuttle_marl.game.stroke import SHOTS, TECHNIQUES
@@ -120,6 +121,17 @@ def test_a_straight_smash_meets_and_lands_wide_on_one_side(found: Refitted, oppo
         smash = SHOTS[shot[k]] in ("smash", "half-smash") and 1 not in (met, lands)
         # The forehand side of one player is opposite the backhand side of another with the same hand.
         assert (smashes[pair], straight[pair]) == (smash, smash and (met == lands if opposite else met + lands == 2))
+
+
+def test_smashes_that_are_straight_between_equal_hands_are_cross_court_between_different_ones(
+    found: Refitted, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def share() -> float:
+        return next(effect.share for effect in effects(found) if effect.tactic == "straight_smash")
+
+    equal = share()
+    monkeypatch.setattr(People, "hands", ("left", "right"))
+    assert 0 < share() == pytest.approx(1 - equal)
 
 
 @pytest.mark.parametrize(("steady", "low", "clear"), [(LEAST_STEADY, 0.001, True), (0.5, 0.001, False), (1.0, -0.001, False)])

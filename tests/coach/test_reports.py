@@ -131,6 +131,8 @@ def test_the_first_line_names_the_hands(scouted: ScoutingReport, match: pa.Table
     first, second = map(Words("en").player, (a, b))
     _, text = read(match_pages.match_page(report, footage(report)))
     assert f"{first}, left-handed · {second}, hand not known, played as right-handed · Match report" in text
+    assert f"{first} strikes at the bottom of the picture; the receiver's forehand side is on the left" in text
+    assert f"{second} strikes at the bottom of the picture; the receiver's backhand side is on the left" in text
     people = {
         name: dataclasses.replace(getattr(scouted, name), hand=hand) for name, hand in (("player", "right"), ("opponent", "left"))
     }
