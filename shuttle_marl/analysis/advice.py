@@ -187,7 +187,8 @@ class Advice:
         home: gain in rallies won per rally in the game; of the refits: ``steady``, the share with a positive gain, and
             ``refits``, the gain in each.
         expected: calibrated gain per rally.
-        against_average: the same gain at home against the average player of the discipline.
+        against_average: the same gain at home against the average player of the discipline; NaN: not compared, or too few real
+            strokes of players with these hands.
         behind: least number of real strokes behind the advised stroke, over the incoming strokes of the situation.
         situation_behind: number of real strokes of the kind that makes the situation.
         before, before_share, before_average: stroke of the player (shot type and area) that most often leads to the situation;
@@ -234,12 +235,10 @@ def advise(
     real = real_strokes(game)
     if real is None or len(found.refits) < LEAST_REFITS:
         return []
-    of_state, of_pair, stroke = situations(game), game.base_pair_state, game.base_pair_stroke.astype(np.int64)
+    of_state, of_pair = situations(game), game.base_pair_state
     situation_behind = real[np.arange(game.n_base_states) >> 2]
-    served = of_state == SERVE
-    allowed = (real[game.base_pair_edge] >= at_least) & ((situation_behind >= at_least) | served)[of_pair]
+    allowed, key = _reliable(game, real, at_least)
     size = N_SITUATIONS * game.n_strokes
-    key = of_state[of_pair] * game.n_strokes + stroke
     weight = home.visits(seat)
     often = np.bincount(key[allowed], weight[of_pair][allowed], size)
     whole = np.repeat(np.bincount(of_state, weight, N_SITUATIONS), game.n_strokes)
@@ -250,8 +249,16 @@ def advise(
         (gain > 0) & (steady >= LEAST_STEADY) & (mean >= LEAST_GAIN) & (often >= _LEAST_COVERED * whole), mean, -np.inf
     ).reshape(N_SITUATIONS, game.n_strokes)
     best = score.argmax(axis=1)
-    compared = np.full(size, np.nan) if average is None else _gains(average, seat, allowed, key, size)
-    special = 0.0 if average is None else (gain - compared).reshape(score.shape)[np.arange(N_SITUATIONS), best]
+    compared = np.full(size, np.nan)
+    if average is not None:
+        # The average player may have another hand, and the game other states.
+        other = average.policies[seat].game
+        behind = real_strokes(other)
+        assert behind is not None
+        there, same = _reliable(other, behind, at_least)
+        known = np.bincount(same[there], minlength=size) > 0
+        compared[known] = _gains(average, seat, there, same, size)[known]
+    special = np.nan_to_num(gain - compared).reshape(score.shape)[np.arange(N_SITUATIONS), best]
     value = score[np.arange(N_SITUATIONS), best] + special
     advised: list[Advice] = []
     shots = game.catalogue.shot[best]
@@ -284,6 +291,14 @@ def advise(
             )
         )
     return advised
+
+
+def _reliable(game: Game, real: F64, at_least: float) -> tuple[Bools, I64]:
+    """``[base pairs]`` whether enough real strokes stand behind a stroke and its situation, and the number of both together."""
+    of_state, of_pair = situations(game), game.base_pair_state
+    situation = (real[np.arange(game.n_base_states) >> 2] >= at_least) | (of_state == SERVE)
+    key = of_state[of_pair] * game.n_strokes + game.base_pair_stroke.astype(np.int64)
+    return (real[game.base_pair_edge] >= at_least) & situation[of_pair], key
 
 
 def _usual(home: Meeting, seat: int, states: I64, weight: F64) -> tuple[int, float]:

@@ -25,6 +25,7 @@ from shuttle_marl.base.arrays import F64, I64, Bools
 from shuttle_marl.base.cluster import in_threads
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.exact import evaluate, moved
+from shuttle_marl.game.pairs import without_skill
 from shuttle_marl.game.shipped import RELIABLE, Estimate, factor_of, real_strokes, refits_of
 from shuttle_marl.game.stroke import N_SHOTS
 from shuttle_marl.game.tables import Game
@@ -185,7 +186,7 @@ _LOCK: Final = threading.Lock()
 def basis_of(game: Game) -> Basis:
     """The basis of a game, or of the one without the skill of people; computed once, also if several threads ask."""
     with _LOCK:
-        return _computed(game.seats[0].average)
+        return _computed(without_skill(game))
 
 
 @functools.lru_cache(maxsize=2)

@@ -17,7 +17,7 @@ from shuttle_marl.analysis.course import Chances, RallyRow, rallies_of, rally_nu
 from shuttle_marl.analysis.habits import Habit, discoveries, habits, interval, with_discoveries
 from shuttle_marl.analysis.marks import Choice, costly_choices
 from shuttle_marl.analysis.outlook import prior, spread_of
-from shuttle_marl.analysis.scouting import plain, rallies_won
+from shuttle_marl.analysis.scouting import hand_of, plain, rallies_won, with_hands_of_model
 from shuttle_marl.analysis.summary import AnalysisError, rally_table
 from shuttle_marl.analysis.values import add_values
 from shuttle_marl.base.arrays import F64, I64, Bools
@@ -25,7 +25,7 @@ from shuttle_marl.data.upstream import date_of
 from shuttle_marl.dynamics.habits import Plays, plays_of_strokes, tally
 from shuttle_marl.exact import evaluate
 from shuttle_marl.exact.match import Odds
-from shuttle_marl.game.pairs import game_of_people
+from shuttle_marl.game.pairs import game_of_people, people_of, without_skill
 from shuttle_marl.game.scoring import BWF, Rules
 from shuttle_marl.game.shipped import RELIABLE, Estimate, factor_of, resolve_game
 from shuttle_marl.game.stroke import SHOTS
@@ -92,10 +92,11 @@ class Change:
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class MatchReport:
-    """Figures of a match report.
+    """Figures of a match report. Areas are named as in the game: *right* is the forehand side of who meets the shuttle there.
 
     Attributes:
         players: names of players 0 and 1; 0 strikes first.
+        hands: of both, each one of :data:`~shuttle_marl.game.court.HANDS`; None: not known, played as right-handed.
         score: points of both in each game.
         skilled: whether the probabilities of winning are those of these two players; else of two alike.
         before: probability that player 0 wins the match before its first rally.
@@ -111,6 +112,7 @@ class MatchReport:
 
     match: str
     players: tuple[str, str]
+    hands: tuple[str | None, str | None]
     score: tuple[tuple[int, int], ...]
     rules: Rules
     strokes: int
@@ -170,7 +172,10 @@ def match_report(strokes: pa.Table, *, game: Game | None = None, rules: Rules = 
     else:
         near, far = game.people.players
         played = game if players[0] == near else game.swapped if players[0] == far else None
-    average = baselines.load(None, base)
+    if played is not None:
+        strokes = with_hands_of_model(strokes, people_of(played).skill)
+    known_game = base if played is None else played
+    average = baselines.load(None, without_skill(known_game))
     valued = add_values(strokes, average)
     known = odds is not None or played is not None
     if odds is None and played is not None:
@@ -182,11 +187,12 @@ def match_report(strokes: pa.Table, *, game: Game | None = None, rules: Rules = 
     plays = plays_of_strokes(strokes)
     seat = (strokes["player"].to_numpy(zero_copy_only=False) == players[1]).astype(np.int64)
     won = rallies_won(strokes)
-    choices, refits = costly_choices(strokes, base, seat)
+    choices, refits = costly_choices(strokes, known_game, seat)
     decided = [i for i, row in enumerate(rallies) if row.winner is not None]
     return MatchReport(
         match=match,
         players=players,
+        hands=(hand_of(strokes, players[0]), hand_of(strokes, players[1])),
         score=score_of(rallies),
         rules=rules,
         strokes=strokes.num_rows,
@@ -203,7 +209,7 @@ def match_report(strokes: pa.Table, *, game: Game | None = None, rules: Rules = 
         heat=[_heat(plays, seat == player, won, player) for player in (0, 1)],
         faults=[_faults(strokes, seat == player) for player in (0, 1)],
         changes=_changes(plays, seat, strokes),
-        game=base if played is None else played,
+        game=known_game,
     )
 
 

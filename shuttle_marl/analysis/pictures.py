@@ -14,10 +14,22 @@ from shuttle_marl.base.arrays import F64, Intp
 from shuttle_marl.base.files import replace_file
 from shuttle_marl.exact.fixed_point import ExactError
 from shuttle_marl.exact.optimal import Solution
-from shuttle_marl.game.court import AREAS, HALF_LENGTH, HALF_WIDTH, N_AREAS, SHORT_SERVICE, WIDTH, area_box, area_centre
+from shuttle_marl.game.court import (
+    AREAS,
+    HALF_LENGTH,
+    HALF_WIDTH,
+    HANDS,
+    N_AREAS,
+    SHORT_SERVICE,
+    WIDTH,
+    area_box,
+    area_centre,
+    mirrored,
+)
 from shuttle_marl.game.shipped import real_strokes
 from shuttle_marl.game.stroke import HEIGHTS, N_SERVES, SHOTS, TECHNIQUES, UnknownStrokeError
 from shuttle_marl.game.tables import Game
+from shuttle_marl.pages.languages import Texts
 
 _FORMATS: Final = (".png", ".svg", ".pdf")
 INK: Final = "#0b0f17"
@@ -95,10 +107,20 @@ def corners(area: int, *, incoming: bool = False) -> tuple[list[float], list[flo
     return [sign * x0, sign * x1, sign * x1, sign * x0], [sign * y0, sign * y0, sign * y1, sign * y1]
 
 
+def of_hand(area: int, hand: str | None) -> int:
+    """An area named as a right-handed player sees it, as a player of a hand does (None: unknown, as right-handed); -1 stays."""
+    return mirrored(area) if hand == "left" and area >= 0 else area
+
+
+def _sides(hand: str) -> str:
+    """Where the sides of a receiver of a hand lie in a picture with the striker at the bottom."""
+    return Texts("en")(f"sides.{hand}")
+
+
 def landings(summaries: Mapping[str, Summary], reference: Summary, name: str) -> Any:
     """Share of good strokes that land in each area, coloured by the difference from a reference.
 
-    Landing points are drawn for annotated matches; a log holds only areas.
+    Landing points are drawn for annotated matches; a log holds only areas. All receivers are drawn as right-handed.
 
     Args:
         reference: summary that they are compared with.
@@ -121,6 +143,7 @@ def landings(summaries: Mapping[str, Summary], reference: Summary, name: str) ->
             0, -HALF_LENGTH / 2, f"{player}\nstrikes from here", ha="center", va="center", color="white", fontsize=9, zorder=5
         )
         axes.set_title(f"{player}: {summary.strokes:,} strokes", fontsize=10)
+    drawn.supxlabel(_sides(HANDS[0]), fontsize=9)
     drawn.colorbar(
         ScalarMappable(Normalize(-most, most), "RdBu_r"),
         ax=axes_of.tolist(),
@@ -198,7 +221,7 @@ class Aim:
     """The best replies to an incoming stroke from one contact, by target area.
 
     Attributes:
-        value: ``[9]`` value of the best reply aimed at each area; NaN where no reply is legal.
+        value: ``[9]`` value of the best reply aimed at each area, named as in the game; NaN where no reply is legal.
         stroke: ``[9]`` catalogue index of that reply; -1 where no reply is legal.
         support: ``[9]`` real strokes behind that reply (:func:`shuttle_marl.game.shipped.real_strokes`); NaN where no reply is
             legal, and in games that belong to no model.
@@ -274,21 +297,26 @@ def stroke_index(game: Game, name: str) -> int:
 def best_replies(solution: Solution, incoming: int, own: int | None = None) -> Any:
     """Value of the best reply to a stroke at each target area (:func:`aims`), with the striker's half at the bottom.
 
+    The players of the game of a pair have their own hands.
+
     Raises:
         ExactError: the incoming stroke is not legal after the striker's own.
     """
     drawn = figure(9.6, 8.2)
     game = solution.games[0]
+    people = None if game.whole is None else game.whole.people
+    hands = (HANDS[0], HANDS[0]) if people is None else people.hands
     colours = colour_map("RdYlGn")
     for axes, contact, aim in zip(drawn.subplots(1, 2), HEIGHTS, aims(solution, incoming, own), strict=True):
         draw_court(axes)
         area = int(game.catalogue.area[incoming])
-        xs, ys = corners(area, incoming=True)
+        xs, ys = corners(of_hand(area, hands[0]), incoming=True)
         axes.fill(xs, ys, facecolor=LINE, alpha=0.9, zorder=3.5)
         place = {"x": (xs[0] + xs[1]) / 2, "y": (ys[0] + ys[2]) / 2, "ha": "center", "va": "center"}
-        axes.text(**place, s="incoming\n" + AREAS[area].replace("-", "\n"), fontsize=7.5, color=INK, zorder=5)
+        met = AREAS[area].replace("right", "forehand").replace("left", "backhand").replace("-", "\n")
+        axes.text(**place, s=f"incoming\n{met}", fontsize=7.5, color=INK, zorder=5)
         for area in range(N_AREAS):
-            _draw_area(axes, game, aim, area, colours)
+            _draw_area(axes, game, aim, area, of_hand(area, hands[1]), colours)
         axes.set_title(f"shuttle {contact} the net: wins {_percent(aim.state_value)}", fontsize=11)
     names = game.catalogue.names
     if own is not None:
@@ -296,6 +324,7 @@ def best_replies(solution: Solution, incoming: int, own: int | None = None) -> A
     else:
         before = "" if game.catalogue.is_serve[incoming] else ", mean over one's own last strokes"
     drawn.suptitle(f"Reply to {names[incoming]}{before}", fontsize=12)
+    drawn.supxlabel(_sides(hands[1]), fontsize=9)
     return drawn
 
 
@@ -303,9 +332,10 @@ def _percent(value: float) -> str:
     return f"{100 * (1 + value) / 2:.1f} %"
 
 
-def _draw_area(axes: Any, game: Game, aim: Aim, area: int, colours: Any) -> None:
-    box = corners(area)
-    x, y = area_centre(np.array(area))
+def _draw_area(axes: Any, game: Game, aim: Aim, area: int, place: int, colours: Any) -> None:
+    """Draw the best reply to an area, which lies at a place as the receiver sees it."""
+    box = corners(place)
+    x, y = area_centre(np.array(place))
     if aim.stroke[area] < 0:
         axes.fill(*box, facecolor="none", edgecolor=LINE, hatch="//", alpha=0.5, zorder=3.5)
         return

@@ -23,7 +23,7 @@ from shuttle_marl.base.arrays import F64, Bools
 from shuttle_marl.data.schema import DISCIPLINES
 from shuttle_marl.data.upstream import date_of
 from shuttle_marl.dynamics.habits import NONE, Plays, Tally, load_habits, plays_of_strokes, tally
-from shuttle_marl.game.court import AREAS
+from shuttle_marl.game.court import AREAS, HANDS
 from shuttle_marl.game.pairs import pair_game
 from shuttle_marl.game.shipped import PROFILES, RELIABLE, Estimate, factor_of, model_folder, resolve_game
 from shuttle_marl.game.skill import AVERAGE, Day, Skill, load_skill
@@ -39,6 +39,7 @@ class Known:
     Attributes:
         strokes, matches: in the data of the model.
         since: day of the estimate of the skill; None: unknown player, who counts as the average one.
+        hand: one of :data:`~shuttle_marl.game.court.HANDS`; None: not known, played as right-handed.
         imitated: whether the model has the player's own choices; else those of the average player are used.
     """
 
@@ -46,6 +47,7 @@ class Known:
     strokes: int
     matches: int
     since: datetime.date | None
+    hand: str | None
     imitated: bool
 
 
@@ -91,7 +93,7 @@ class Realised:
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class ScoutingReport:
-    """Figures of a scouting report.
+    """Figures of a scouting report. Areas are named as in the game: *right* is the forehand side of who meets the shuttle there.
 
     Attributes:
         player: who is to win; None: profile of the opponent alone.
@@ -243,15 +245,19 @@ def scout(
     player, beside = (None if name is None else _as_known(name, known_names) for name in (player, beside))
     discipline = _discipline(skill, [name for name in (opponent, player, beside) if name is not None], data)
 
+    data = None if data is None else with_hands_of_model(data, skill)
+
     def known(name: str) -> Known:
+        hand = None if data is None else hand_of(data, name)
         if name not in skill.players:
-            return Known(name=name, strokes=0, matches=0, since=None, imitated=False)
+            return Known(name=name, strokes=0, matches=0, since=None, hand=hand, imitated=False)
         i = skill.index(name)
         return Known(
             name=name,
             strokes=int(skill.strokes[i]),
             matches=int(skill.matches[i]),
             since=skill.since(name, date),
+            hand=hand or skill.hand_of(name),
             imitated=name in clones,
         )
 
@@ -303,6 +309,20 @@ def scout(
         pair=None if found is None else found.pair,
         home=None if found is None else found.home,
     )
+
+
+def with_hands_of_model(strokes: pa.Table, skill: Skill) -> pa.Table:
+    """Strokes of schema :data:`shuttle_marl.data.schema.STROKES` with the hands that a model knows where the table knows none."""
+    known = {name: HANDS.index(hand) for name in skill.players if (hand := skill.hand_of(name)) is not None}
+    told = pa.array([known.get(name) for name in strokes["player"].to_pylist()], pa.int8())
+    place = strokes.schema.get_field_index("hand")
+    return strokes.set_column(place, strokes.schema.field(place), pa.compute.coalesce(strokes["hand"], told))
+
+
+def hand_of(strokes: pa.Table, player: str) -> str | None:
+    """Hand of a player in a table of strokes, one of :data:`~shuttle_marl.game.court.HANDS`; None: not known."""
+    hands = strokes["hand"].filter(pa.compute.equal(strokes["player"], player)).drop_null()
+    return HANDS[hands[0].as_py()] if len(hands) else None
 
 
 def _recent(plays: Plays, strokes: pa.Table) -> list[Habit]:

@@ -6,13 +6,14 @@ from typing import Final
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 
 from shuttle_marl.analysis.strokes import stroke_table
-from shuttle_marl.base.arrays import F64, I64
+from shuttle_marl.base.arrays import F64, I64, Bools
 from shuttle_marl.base.errors import ShuttleError, whole_number
 from shuttle_marl.data import load_strokes
 from shuttle_marl.data.schema import REASONS, STROKES, Outcome
-from shuttle_marl.game.court import N_AREAS
+from shuttle_marl.game.court import HANDS, N_AREAS, mirrored
 from shuttle_marl.game.stroke import N_SHOTS
 from shuttle_marl.recording import Rallies, RallyLog
 from shuttle_marl.recording.reader import is_log
@@ -34,8 +35,8 @@ class Summary:
     Attributes:
         strokes, rallies, matches: number of strokes by the player, and of rallies and matches with the player.
         shots: ``[13]`` share of each shot type.
-        areas: ``[9]`` share of each target area among the landings in court.
-        points: ``[M, 2]`` landing points of good strokes in the striker's frame [m].
+        areas: ``[9]`` share of each target area among the landings in court; right is the receiver's forehand side.
+        points: ``[M, 2]`` landing points of good strokes in the striker's frame [m], mirrored for left-handed receivers.
         marked: whether the points were annotated; otherwise they were sampled within the areas.
         transitions: ``[13, 13]`` number of replies of the player by incoming shot type (row) and own shot type (column).
         endings: ``[6]`` share of each of :data:`ENDINGS` among the rallies that ended with the player's stroke.
@@ -118,6 +119,7 @@ def summarise(strokes: pa.Table, player: str | None = None) -> Summary:
             f"no strokes of {player or 'any player'}; players are {', '.join(sorted(set(strokes['player'].to_pylist()))[:20])}"
         )
     decided = present & rallies["winner"].is_valid().to_numpy()
+    left = _left_handed_receivers(strokes)
     good = mine & (frame.outcome != Outcome.FAULT) & np.isfinite(frame.landing).all(axis=1) & frame.in_court
     ends = mine & np.isin(np.arange(len(mine)), frame.last) & (frame.outcome != Outcome.UNKNOWN)
     timed = np.flatnonzero(mine[1:] & frame.follows[1:] & np.isfinite(frame.clock[1:] - frame.clock[:-1])) + 1
@@ -135,8 +137,8 @@ def summarise(strokes: pa.Table, player: str | None = None) -> Summary:
         rallies=int(present.sum()),
         matches=len(rallies.filter(pa.array(present))["match"].unique()),
         shots=_shares(frame.shot[mine], N_SHOTS),
-        areas=_shares(frame.area[good], N_AREAS),
-        points=frame.landing[good],
+        areas=_shares(np.where(left, mirrored(frame.area), frame.area)[good], N_AREAS),
+        points=(frame.landing * np.stack([np.where(left, -1, 1), np.ones(len(left))], axis=1))[good],
         marked="simulated" not in strokes["source"].unique().to_pylist(),
         transitions=transitions,
         endings=_shares(frame.ending[ends], len(ENDINGS)),
@@ -146,6 +148,14 @@ def summarise(strokes: pa.Table, player: str | None = None) -> Summary:
         wins=float(won[decided].mean()) if decided.any() else float("nan"),
         value=float(np.nanmean(value)) if np.isfinite(value).any() else float("nan"),
     )
+
+
+def _left_handed_receivers(strokes: pa.Table) -> Bools:
+    """``[N]`` whether the receiver of each stroke is left-handed."""
+    left = strokes.filter(pc.equal(strokes["hand"], HANDS.index("left")))
+    found = set(zip(left["match"].to_pylist(), left["player"].to_pylist(), strict=True))
+    receivers = zip(strokes["match"].to_pylist(), strokes["opponent"].to_pylist(), strict=True)
+    return np.array([receiver in found for receiver in receivers], dtype=np.bool_)
 
 
 def players_of(strokes: pa.Table) -> list[str]:

@@ -14,8 +14,10 @@ import numpy as np
 from shuttle_marl.analysis.advice import LEAST_STEADY, TOLERANCE, Refitted, calibrated
 from shuttle_marl.base.arrays import F64, Bools
 from shuttle_marl.base.cluster import in_threads
+from shuttle_marl.dynamics.habits import straight
 from shuttle_marl.exact import PairPolicy
 from shuttle_marl.exact.profile import evaluate_chains, induced
+from shuttle_marl.game.pairs import people_of
 from shuttle_marl.game.shipped import Estimate
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import Game
@@ -53,18 +55,21 @@ class Effect:
         return self.steady >= LEAST_STEADY and self.more.low * self.more.high > 0
 
 
-def _sets(game: Game, usual: F64) -> dict[str, tuple[Bools, Bools]]:
-    """Strokes of each tactic, and its alternatives with them, ``[base pairs]`` each."""
+def _sets(game: Game, usual: F64, *, opposite: bool) -> dict[str, tuple[Bools, Bools]]:
+    """Strokes of each tactic, and its alternatives with them, ``[base pairs]`` each.
+
+    Args:
+        opposite: whether the receiver has the other hand.
+    """
     catalogue, stroke, state = game.catalogue, game.base_pair_stroke, game.base_pair_state
-    shot, side, above = catalogue.shot[stroke], catalogue.area[stroke] % 3, game.contact(state) == 1
+    shot, area, above = catalogue.shot[stroke], catalogue.area[stroke].astype(np.int64), game.contact(state) == 1
     met = np.append(catalogue.area, -1)[game.incoming(state)].astype(np.int64)
 
     def one_of(*names: str) -> Bools:
         return np.isin(shot, [SHOTS.index(name) for name in names])
 
     serving = one_of("short-serve", "long-serve")
-    # Seen by the player who strikes there: left and right of a target are the receiver's, so straight means the other name.
-    wide = (met >= 0) & (met % 3 != 1) & (side != 1)
+    wide = (met >= 0) & (met % 3 != 1) & (area % 3 != 1)
     smash = one_of("smash", "half-smash") & wide
     net = one_of("net-shot", "cross-court-net-shot")
     low_at_net = (met >= 0) & (met // 3 == 0) & ~above
@@ -72,7 +77,7 @@ def _sets(game: Game, usual: F64) -> dict[str, tuple[Bools, Bools]]:
     mean = np.bincount(state, usual * fault, game.n_base_states)[state]
     return {
         "short_serve": (one_of("short-serve"), serving),
-        "straight_smash": (smash & (side == 2 - met % 3), smash),
+        "straight_smash": (smash & straight(met, area, opposite=opposite), smash),
         "net_shot": (net & low_at_net, (net | one_of("lift")) & low_at_net),
         "attack": (one_of("smash", "half-smash", "net-kill") & above, above & ~serving),
         "risk": ((fault > mean) & ~serving, ~serving),
@@ -102,7 +107,8 @@ def effects(found: Refitted) -> list[Effect]:
     """Effects of all tactics of the player at seat 0."""
     policy = found.home.policies[0]
     game, usual = policy.game, policy.block_probabilities(0)
-    sets = _sets(game, usual)
+    hands = people_of(found.pair).hands
+    sets = _sets(game, usual, opposite=hands[0] != hands[1])
     weight = (found.home.visits(0)[game.base_pair_state] * usual).astype(np.float64)
     advantages = [each.advantages(0) for each in found.refits]
     other = induced(found.home.policies[1])

@@ -8,10 +8,10 @@ from unicodedata import east_asian_width
 import numpy as np
 from markupsafe import Markup
 
-from shuttle_marl.analysis.pictures import corners, draw_court
+from shuttle_marl.analysis.pictures import corners, draw_court, of_hand
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.coach.words import words
-from shuttle_marl.game.court import AREAS, HALF_LENGTH, N_AREAS, SHORT_SERVICE, area_centre
+from shuttle_marl.game.court import HALF_LENGTH, N_AREAS, SHORT_SERVICE, area_centre
 from shuttle_marl.pages.charts import DIM, INK, PLAYERS, Chart, label, styled
 
 _WIDTH: Final = 460.0
@@ -73,11 +73,12 @@ def bars(rows: Sequence[Bar], title: str) -> Markup:
 
 
 @styled
-def court(shares: F64, reference: F64, title: str, clear: Sequence[int] = ()) -> Markup:
-    """Shares of the target areas, coloured by their difference from a reference.
+def court(shares: F64, reference: F64, title: str, hand: str | None, clear: Sequence[int] = ()) -> Markup:
+    """Shares of the target areas, coloured by their difference from a reference, with the striker at the bottom.
 
     Args:
-        shares, reference: ``[9]`` shares.
+        shares, reference: ``[9]`` shares; areas as a right-handed receiver sees them.
+        hand: of the receiver; None: unknown.
         clear: areas with a frame.
     """
     from matplotlib.colors import LinearSegmentedColormap, to_hex  # noqa: PLC0415  slow to import
@@ -91,17 +92,18 @@ def court(shares: F64, reference: F64, title: str, clear: Sequence[int] = ()) ->
     difference = 100 * (shares - reference)
     most = max(4.0, float(np.abs(difference).max()))
     for area in range(N_AREAS):
-        x, y = area_centre(np.array(area))
+        place = of_hand(area, hand)
+        x, y = area_centre(np.array(place))
         colour = to_hex(colours(0.5 + difference[area] / most / 2))
         marked = area in clear
         axes.fill(
-            *corners(area), facecolor=colour, edgecolor=_DARK, linewidth=3.0 if marked else 0.6, zorder=3.7 if marked else 3.5
+            *corners(place), facecolor=colour, edgecolor=_DARK, linewidth=3.0 if marked else 0.6, zorder=3.7 if marked else 3.5
         )
         text = f"{100 * shares[area]:.0f}\n({round(float(difference[area])):+d})"
         axes.text(x, y, text, ha="center", va="center", color=_DARK, fontsize=12, zorder=5,
                   weight="bold" if marked else "normal")  # fmt: skip
-    say, named = words(), zip(AREAS, shares, strict=True)
-    described = say.listed(f"{say(f'short_areas.{area}')} {100 * share:.0f}" for area, share in named)
+    say = words()
+    described = say.listed(f"{say.area(area, 'receiver')} {100 * shares[area]:.0f}" for area in range(N_AREAS))
     return chart.svg(f"{title}: {described}")
 
 
@@ -110,8 +112,8 @@ def drill(met: int, target: int, title: str) -> Markup:
     """A whole court with the area where the player meets the shuttle, at the bottom, and the target of the answer.
 
     Args:
-        met: area of the player's half; -1: the player serves.
-        target: area of the other half.
+        met: area of the player's half, right and left as the player sees them; -1: the player serves.
+        target: area of the other half, right and left as the receiver sees them.
     """
     chart = Chart(220.0, 420.0)
     axes = chart.axes

@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 from typing import Final
 
+from shuttle_marl.analysis.pictures import of_hand
 from shuttle_marl.coach import charts
 from shuttle_marl.coach.blocks import Block, Section
 from shuttle_marl.coach.words import words
@@ -11,12 +12,15 @@ from shuttle_marl.game.stroke import SHOTS, Catalogue
 DRILLS: Final = 3
 
 
-def training(catalogue: Catalogue, asked: Iterable[tuple[int, int, int]], lead: str) -> Section:
+def training(
+    catalogue: Catalogue, asked: Iterable[tuple[int, int, int]], lead: str, hands: tuple[str | None, str | None]
+) -> Section:
     """Three drills of different kinds, the first ones where there are more.
 
     Args:
         asked: shot type of the incoming stroke, area where the player meets it, and catalogue index of the stroke to play; -1 and
             -1 for the serve.
+        hands: of the player and of the opponent; None: unknown.
     """
     say, chosen = words(), list(asked)
     kinds = [(shot, int(catalogue.shot[stroke])) for shot, _, stroke in chosen]
@@ -24,10 +28,11 @@ def training(catalogue: Catalogue, asked: Iterable[tuple[int, int, int]], lead: 
     drawn = []
     for number, i in enumerate(sorted(range(len(chosen)), key=lambda i: (i not in first, i))[:DRILLS], start=1):
         shot, area, stroke = chosen[i]
-        target = say.stroke(catalogue, stroke, "their")
+        target = say.stroke(catalogue, stroke, "their", met=area, hands=hands)
         if shot < 0:
             caption = say("drills.serve", number=number, stroke=target)
         else:
             caption = say("drills.feed", number=number, shot=say.shot(SHOTS[shot]), area=say.area(area, "your"), stroke=target)
-        drawn.append((charts.drill(area, int(catalogue.area[stroke]), caption), caption))
+        places = of_hand(area, hands[0]), of_hand(int(catalogue.area[stroke]), hands[1])
+        drawn.append((charts.drill(*places, caption), caption))
     return Section(say("drills.title"), lead, [Block("courts", items=drawn)])

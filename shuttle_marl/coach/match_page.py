@@ -8,6 +8,7 @@ import numpy as np
 from shuttle_marl.analysis import Players
 from shuttle_marl.analysis.advice import LEAST_REFITS
 from shuttle_marl.analysis.course import RallyRow
+from shuttle_marl.analysis.marks import Choice
 from shuttle_marl.analysis.match import MatchReport, ShotValue, Won
 from shuttle_marl.coach import charts
 from shuttle_marl.coach.blocks import Block, Section, chart, page, shown, text
@@ -76,7 +77,8 @@ def match_page(report: MatchReport, footage: Footage) -> bytes:
         _rallies(report, footage),
         _sure(report, footage.gaps),
     ]
-    subtitle = say("match.subtitle", score=_score(report), name=f" · {report.match}" if report.match else "")
+    hands = say.hands(zip(report.players, report.hands, strict=True))
+    subtitle = say("match.subtitle", hands=hands, score=_score(report), name=f" · {report.match}" if report.match else "")
     return page(say("match.title", first=first, second=second), subtitle, sections, rallies=rallies, viewer=program)
 
 
@@ -194,6 +196,7 @@ def _choices(report: MatchReport) -> Section:
         key = "choices_none" if report.refits >= LEAST_REFITS else "choices_no_refits"
         return Section(say("match.choices"), say(f"match.{key}"), [])
     for choice in report.choices:
+        played, better = _compared(report, choice)
         row = report.rallies[choice.rally]
         where: dict[str, object] = {"game": row.key[0], "points": _points(row)}
         if choice.incoming >= len(names.names):
@@ -205,17 +208,23 @@ def _choices(report: MatchReport) -> Section:
         cost = {"cost": of_100(choice.cost.value), "low": of_100(choice.cost.low), "high": of_100(choice.cost.high)}
         lines = [
             when,
-            say("match.choice_better", better=say.stroke(names, choice.better, "receiver"), **cost),
+            say("match.choice_better", better=better, **cost),
             say("match.choice_behind", played=int(choice.played_behind), better=int(choice.better_behind), times=choice.times),
         ]
-        title = say(
-            "match.choice_title", player=report.players[choice.player], stroke=say.stroke(names, choice.played, "receiver")
-        )
+        title = say("match.choice_title", player=report.players[choice.player], stroke=played)
         blocks.append(Block("card", title, items=lines))
     worst = report.choices[0]
-    strokes = {"stroke": say.stroke(names, worst.played, "receiver"), "better": say.stroke(names, worst.better, "receiver")}
-    lead = say("match.choices_lead", player=report.players[worst.player], cost=of_100(worst.cost.value), **strokes)
+    played, _ = _compared(report, worst)
+    lead = say("match.choices_lead", player=report.players[worst.player], stroke=played, cost=of_100(worst.cost.value))
     return Section(say("match.choices"), lead, blocks)
+
+
+def _compared(report: MatchReport, choice: Choice) -> tuple[str, str]:
+    """The stroke played and the better one, in words."""
+    catalogue, hands = report.game.catalogue, (report.hands[choice.player], report.hands[1 - choice.player])
+    met = int(np.append(catalogue.area, -1)[choice.incoming])
+    first, second = (words().stroke(catalogue, k, "receiver", met=met, hands=hands) for k in (choice.played, choice.better))
+    return first, second
 
 
 def _training(report: MatchReport) -> list[Section]:
@@ -228,7 +237,8 @@ def _training(report: MatchReport) -> list[Section]:
             if choice.player == player:
                 asked.append((*met, choice.better))
         if asked:
-            section = training(catalogue, asked, say("match.training_lead", player=who))
+            hands = report.hands[player], report.hands[1 - player]
+            section = training(catalogue, asked, say("match.training_lead", player=who), hands)
             out.append(dataclasses.replace(section, heading=say("match.training", player=who)))
     return out
 
@@ -290,9 +300,9 @@ def _heat(report: MatchReport) -> Section:
         n, m = won.sum(), lost.sum()
         if min(n, m) < _LEAST_HEAT:
             continue
-        player = report.players[heat.player]
-        caption = say("match.heat_chart", player=player, won=round(n), lost=round(m))
-        maps.append((charts.court(won / n, lost / m, caption, heat.clear), caption))
+        player, hand = report.players[heat.player], report.hands[1 - heat.player]
+        caption = say("match.heat_chart", player=player, won=round(n), lost=round(m), sides=say.sides(hand))
+        maps.append((charts.court(won / n, lost / m, caption, hand, heat.clear), caption))
         for area in heat.clear:
             shares = {"won": of_100(won[area] / n), "lost": of_100(lost[area] / m)}
             line = say("match.heat_lead", player=player, area=say.area(area, "receiver"), **shares)

@@ -50,10 +50,14 @@ def scouting_page(report: ScoutingReport, gaps: Sequence[str] = ()) -> bytes:
         sections.append(Section(say("scout.advice", opponent=opponent), lead, []))
     if report.advice and report.pair is not None:
         asked = [(*advice.situation[:2], advice.stroke) for advice in report.advice]
-        sections.append(training(report.pair.catalogue, asked, say("scout.training_lead", opponent=opponent)))
+        lead = say("scout.training_lead", opponent=opponent)
+        hands = (None if report.player is None else report.player.hand, report.opponent.hand)
+        sections.append(training(report.pair.catalogue, asked, lead, hands))
     sections.append(_sure(report, gaps))
     since = report.opponent.since
+    people = [known for known in (report.player, report.opponent) if known is not None]
     fields = {
+        "hands": say.hands((known.name, known.hand) for known in people),
         "discipline": say(f"disciplines.{report.discipline}"),
         "day": say("scout.undated") if since is None else say("scout.today", date=since),
     }
@@ -146,8 +150,10 @@ def _habits(report: ScoutingReport) -> Section:
         blocks.append(chart(charts.bars(rows, say("scout.habits", opponent=opponent)), say("scout.habit_chart")))
     blocks += _described(report, ("shots",), "scout.mix_table")
     if report.target_strokes >= RELIABLE:
-        caption = say("scout.targets_chart", opponent=opponent, strokes=round(report.target_strokes))
-        drawn = charts.court(report.targets, report.targets_usual, caption)
+        hand = None if report.player is None else report.player.hand
+        told = round(report.target_strokes)
+        caption = say("scout.targets_chart", opponent=opponent, strokes=told, sides=say.sides(hand))
+        drawn = charts.court(report.targets, report.targets_usual, caption, hand)
         blocks.append(Block("courts", items=[(drawn, caption)]))
     lines = _endings(report.endings)
     if lines:
@@ -278,6 +284,8 @@ def _card(report: ScoutingReport, advice: Advice, number: int) -> Block:
     assert report.pair is not None
     catalogue = report.pair.catalogue
     shot, area, contact = advice.situation
+    hands = (None if report.player is None else report.player.hand, report.opponent.hand)
+    usual, advised = (say.stroke(catalogue, k, "their", met=area, hands=hands) for k in (advice.usual, advice.stroke))
     if shot < 0:
         when, behind = say("scout.advice_serve"), say("scout.advice_behind_serve", stroke=int(advice.behind))
     else:
@@ -302,16 +310,13 @@ def _card(report: ScoutingReport, advice: Advice, number: int) -> Block:
         ),
         say(
             "scout.advice_already" if advice.usual == advice.stroke else "scout.advice_instead",
-            stroke=say.stroke(catalogue, advice.usual, "their"),
+            stroke=usual,
             share=of_100(advice.usual_share),
         ),
-        say(
-            "scout.advice_steady",
-            positive=int((advice.refits > 0).sum()),
-            refits=len(advice.refits),
-            average=signed(advice.against_average),
-        ),
+        say("scout.advice_steady", positive=int((advice.refits > 0).sum()), refits=len(advice.refits)),
     ]
+    if np.isfinite(advice.against_average):
+        lines.append(say("scout.advice_average", average=signed(advice.against_average)))
     if advice.before is not None:
         lines.append(
             say(
@@ -330,7 +335,7 @@ def _card(report: ScoutingReport, advice: Advice, number: int) -> Block:
         lines.append(say("scout.advice_real", **counts, **of_shot))
     return Block(
         "card",
-        say("scout.advice_title", stroke=say.stroke(catalogue, advice.stroke, "their")),
+        say("scout.advice_title", stroke=advised),
         items=lines,
         example=number,
         label=say("report.play_example"),

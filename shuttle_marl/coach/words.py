@@ -2,12 +2,19 @@
 
 import functools
 import re
+from collections.abc import Iterable
+from typing import Final
 
-from shuttle_marl.game.court import AREAS
+import numpy as np
+
+from shuttle_marl.dynamics.habits import DIRECTED, DIRECTIONS, straight
+from shuttle_marl.game.court import AREAS, N_SIDES
 from shuttle_marl.game.shipped import Estimate
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES, Catalogue
 from shuttle_marl.pages import Cell, name
 from shuttle_marl.pages.languages import Language, Texts, current
+
+_CENTRE: Final = 1
 
 
 class Words(Texts):
@@ -35,14 +42,34 @@ class Words(Texts):
         return name.replace("-", " ").title() if name.islower() and re.fullmatch(r"[^\W\d_]+(-[^\W\d_]+)+", name) else name
 
     def area(self, area: int, whose: str) -> str:
-        """An area, such as ``your front left corner``."""
+        """An area, named as a right-handed player at that place sees it, such as ``your front backhand corner``."""
         return self(f"areas.{AREAS[area]}", whose=self(f"whose.{whose}"))
 
-    def stroke(self, catalogue: Catalogue, stroke: int, whose: str) -> str:
-        """A stroke, such as ``a push with the forehand to their right side``."""
-        shot, technique = SHOTS[catalogue.shot[stroke]], TECHNIQUES[catalogue.technique[stroke]]
-        area = self.area(int(catalogue.area[stroke]), whose)
-        return self("stroke.aimed", shot=self.shot(shot), technique=self.technique(technique), area=area)
+    def stroke(
+        self, catalogue: Catalogue, stroke: int, whose: str, *, met: int = -1, hands: tuple[str | None, str | None] = (None, None)
+    ) -> str:
+        """A stroke, such as ``a straight push with the forehand to their backhand side``.
+
+        Args:
+            met: area where it is met; -1: unknown, or a serve, which have no direction.
+            hands: of striker and receiver; None: unknown.
+        """
+        shot, target = SHOTS[catalogue.shot[stroke]], int(catalogue.area[stroke])
+        fields = {"technique": self.technique(TECHNIQUES[catalogue.technique[stroke]]), "area": self.area(target, whose)}
+        if shot not in DIRECTED or met < 0 or _CENTRE in (met % N_SIDES, target % N_SIDES):
+            return self("stroke.aimed", shot=self.shot(shot), **fields)
+        along = straight(np.array(met), np.array(target), opposite=(hands[0] == "left") != (hands[1] == "left"))
+        return self(
+            "stroke.directed", shot=self.shot(shot, 0), direction=self(f"directions.{DIRECTIONS[0 if along else 2]}"), **fields
+        )
+
+    def hands(self, players: Iterable[tuple[str, str | None]]) -> str:
+        """Players with their hands, such as ``Kento Momota, left-handed``; None: unknown."""
+        return " · ".join(self(f"hands.{hand or 'unknown'}", name=name) for name, hand in players)
+
+    def sides(self, hand: str | None) -> str:
+        """Where the sides of a receiver of a hand lie in a picture with the striker at the bottom; None: unknown, as right."""
+        return self(f"sides.{hand or 'right'}")
 
     def height(self, contact: int) -> str:
         """The height of a contact."""

@@ -4,6 +4,8 @@ A **question** is a situation (a serve, the reply to a drop from below, …); it
 outcomes. A :class:`Tally` counts the answers of a player. Strokes of a match are alike, so counts vary more than independent
 ones: their variance is multiplied by the **dispersion** (McCullagh & Nelder, Generalized Linear Models, section 4.5), estimated
 from the variation between matches. A model contains the tallies of all players of its data, not their strokes.
+
+Areas have the names of a game: as a right-handed player at their place sees them, so *right* is the forehand side.
 """
 
 import dataclasses
@@ -18,12 +20,12 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
-from shuttle_marl.base.arrays import F32, F64, I64, Bools
+from shuttle_marl.base.arrays import F32, F64, I16, I64, Bools, Ints
 from shuttle_marl.base.files import replace_file
 from shuttle_marl.base.tensor_files import checked, parsed, tensor_bytes
 from shuttle_marl.data.schema import DISCIPLINES, Outcome
-from shuttle_marl.dynamics.features import rows_from_strokes
-from shuttle_marl.game.court import AREAS, N_AREAS
+from shuttle_marl.dynamics.features import mirrored_where, rows_from_strokes
+from shuttle_marl.game.court import AREAS, HANDS, N_AREAS, N_SIDES
 from shuttle_marl.game.shipped import HABITS, read_model
 from shuttle_marl.game.stroke import HEIGHTS, N_SERVES, N_SHOTS, N_TECHNIQUES, SHOTS
 from shuttle_marl.game.tables import GameError
@@ -31,6 +33,8 @@ from shuttle_marl.game.tables import GameError
 NONE: Final = N_SHOTS
 """Code of a previous stroke that does not exist; larger codes are unknown."""
 DIRECTIONS: Final = ("straight", "middle", "cross")
+DIRECTED: Final = ("smash", "half-smash", "drop", "clear", "lift", "drive", "push")
+"""Shot types that are called straight or cross-court."""
 _LEAST_DEGREES: Final = 10
 
 
@@ -42,6 +46,7 @@ class Plays:
         own, incoming: ``[N]`` shot type of the striker's own last and of the incoming stroke; :data:`NONE`, or larger if unknown.
         met: ``[N]`` area in which the striker strikes; -1 if unknown or serving.
         contact, shot, technique, area: ``[N]`` of the stroke; area -1 if unknown.
+        opposite: ``[N]`` whether the receiver has the other hand.
         weight: ``[N]`` number of strokes.
         fault, winner: ``[N]`` number of them that were faults and winners.
         group: ``[N]`` cluster of alike strokes: number of the match.
@@ -54,6 +59,7 @@ class Plays:
     shot: I64
     technique: I64
     area: I64
+    opposite: Bools
     weight: F64
     fault: F64
     winner: F64
@@ -75,7 +81,8 @@ def plays_of_strokes(strokes: pa.Table) -> Plays:
         for name in ("own_shot", "incoming_shot", "incoming_area", "contact", "shot", "technique")
     }
     # Where the shuttle came down, not the target as the models estimate it: what a coach sees.
-    area = strokes["area"].fill_null(-1).to_numpy().astype(np.int64)
+    area: I16 = strokes["area"].fill_null(-1).to_numpy().astype(np.int16)
+    area = mirrored_where(rows.receiver_hand == HANDS.index("left"), area)
     met = code["incoming_area"]
     return Plays(
         own=code["own_shot"],
@@ -84,7 +91,8 @@ def plays_of_strokes(strokes: pa.Table) -> Plays:
         contact=code["contact"],
         shot=code["shot"],
         technique=code["technique"],
-        area=np.where(rows.outcome == Outcome.FAULT, -1, area),
+        area=np.where(rows.outcome == Outcome.FAULT, -1, area).astype(np.int64),
+        opposite=rows.codes["hands"] == 1,
         weight=np.ones(len(rows)),
         fault=(rows.outcome == Outcome.FAULT).astype(np.float64),
         winner=(rows.outcome == Outcome.WINNER).astype(np.float64),
@@ -104,6 +112,20 @@ class Question:
     kind: str
     about: tuple[str, ...]
     answers: tuple[str, ...]
+
+
+def straight(met: Ints, area: Ints, *, opposite: Bools | bool) -> Bools:
+    """Whether strokes that are met on one side and land on one side go straight, any shape.
+
+    Players face each other: with equal hands a straight stroke goes from one's forehand side to the other's backhand side, with
+    different hands from forehand side to forehand side.
+
+    Args:
+        met: areas of the striker's half.
+        area: areas of the receiver's half.
+        opposite: whether the receiver has the other hand.
+    """
+    return np.asarray((area % N_SIDES == N_SIDES - 1 - met % N_SIDES) != opposite)
 
 
 def questions(plays: Plays) -> Iterator[tuple[Question, I64]]:
@@ -126,10 +148,9 @@ def questions(plays: Plays) -> Iterator[tuple[Question, I64]]:
         for contact, height in enumerate(HEIGHTS):
             which = (plays.incoming == shot) & (plays.contact == contact)
             yield Question(kind="reply", about=(SHOTS[shot], height), answers=SHOTS), asked(which, plays.shot)
-    # Left and right of a target are the receiver's, those of where the striker stands the striker's: straight is 2 - side.
     wide = (plays.met >= 0) & (plays.met % 3 != 1)
-    direction = np.where(side == 1, 1, np.where(side == 2 - plays.met % 3, 0, 2))
-    for name in ("smash", "half-smash", "drop", "clear", "lift", "drive", "push"):
+    direction = np.where(side == 1, 1, np.where(straight(plays.met, plays.area, opposite=plays.opposite), 0, 2))
+    for name in DIRECTED:
         which = (plays.shot == SHOTS.index(name)) & wide & (side >= 0)
         yield Question(kind="direction", about=(name,), answers=DIRECTIONS), asked(which, direction)
 

@@ -19,12 +19,15 @@ from shuttle_marl.commands.analysis import main as analysis
 from shuttle_marl.commands.options import RallyGameOptions
 from shuttle_marl.commands.recording import main as recording
 from shuttle_marl.data.schema import REASONS, STROKES, Outcome, violations
+from shuttle_marl.exact import solve
 from shuttle_marl.game import court
+from shuttle_marl.game.pairs import People, pair_game
 from shuttle_marl.game.shipped import load_game, refits_of
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.recording import Rallies, RallyLog, RecordingError
 from tests import golden
 from tests.recording.conftest import read_rallies
+from tests.reduced import reduced_model
 
 SAMPLE = Path(__file__).parents[2] / "datasets" / "sample" / "strokes.parquet"
 
@@ -76,6 +79,20 @@ def test_summary_of_hand_written_rallies() -> None:
     assert both.lengths[3] == 2
     with pytest.raises(AnalysisError, match="no strokes of cleo; players are ann, bea"):
         summarise(table, "cleo")
+
+
+def test_a_left_handed_receiver_has_the_forehand_side_on_the_left() -> None:
+    table, place = by_hand(), STROKES.get_field_index("hand")
+    for bea, smash in ((None, 2), (0, 2), (1, 0)):
+        hands = pa.array([0, bea, 0, bea], pa.int8())
+        areas = pa.array([1, 8, 5, 1], pa.int8())
+        told = table.set_column(place, STROKES.field(place), hands).set_column(
+            STROKES.get_field_index("area"), STROKES.field("area"), areas
+        )
+        ann, both = summarise(told, "ann"), summarise(told)
+        assert np.flatnonzero(ann.areas).tolist() == [1, 3 + smash]
+        assert ann.points[:, 0] == pytest.approx([0.5, 2.0] if smash == 2 else [-0.5, -2.0])
+        assert both.areas[8] == pytest.approx(1 / 3)  # of bea to ann, who is right-handed
 
 
 def test_a_log_becomes_a_table_of_strokes(tournament: Path) -> None:
@@ -153,6 +170,25 @@ def test_pictures(valued: pa.Table, tmp_path: Path) -> None:
         assert (tmp_path / name).stat().st_size > 5000
     with pytest.raises(AnalysisError, match="pictures are written as"):
         pictures.save(drawn["landings.png"], tmp_path / "landings.bmp")
+
+
+@pytest.mark.parametrize("hands", [("right", "right"), ("left", "right"), ("right", "left")])
+def test_best_replies_are_drawn_where_players_of_the_hands_see_them(monkeypatch: pytest.MonkeyPatch, hands: court.Hands) -> None:
+    solution = solve(pair_game("viktor-axelsen", "kento-momota", game=reduced_model()))
+    catalogue = solution.games[0].catalogue
+    incoming = next(k for k in range(1, len(catalogue)) if catalogue.area[k] == 0 and k in solution.games[0].edge_incoming)
+    monkeypatch.setattr(People, "hands", hands)
+    monkeypatch.setattr(pictures, "real_strokes", lambda _: None)  # those of the pair's own hands
+    drawn = pictures.best_replies(solution, incoming)
+    side = {"right": 1, "left": -1}
+    for axes, aim in zip(drawn.axes, pictures.aims(solution, incoming), strict=True):
+        (met,) = (text for text in axes.texts if text.get_text() == "incoming\nfront\nforehand")
+        assert met.get_position()[0] * side[hands[0]] > 0  # the striker's own forehand side, at the bottom
+        for area in np.flatnonzero(aim.stroke >= 0).tolist():
+            shown = [text for text in axes.texts if text.get_text().startswith(f"{100 * (1 + aim.value[area]) / 2:.1f} %\n")]
+            x, y = court.area_centre(np.array(area))
+            assert (x * side[hands[1]], y) in {tuple(text.get_position()) for text in shown}
+    assert f"the receiver's {'forehand' if hands[1] == 'right' else 'backhand'} side is on the left" in drawn.get_supxlabel()
 
 
 def test_rallies_are_chosen_by_game_score_server_and_length() -> None:
@@ -240,7 +276,7 @@ def test_scores_that_no_match_has(tournament: Path) -> None:
         score[:, 2:] = 200
         forged = dataclasses.replace(rallies, score=score)
         with pytest.raises(RecordingError, match="a score or a length of a rally that no match has"):
-            stroke_table(forged, log.catalogue, names, ["match"] * len(rallies), np.random.default_rng(0))
+            stroke_table(forged, log.catalogue, names, ["match"] * len(rallies), np.random.default_rng(0), looks=log.header.looks)
 
 
 def test_the_game_is_that_of_the_log_and_never_silently_the_shipped_one(

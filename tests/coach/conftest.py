@@ -1,5 +1,6 @@
 """A small model with all refits, two imitated players in it, and the shipped sample."""
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import pyarrow as pa
@@ -13,6 +14,13 @@ from tests.reduced import reduced_model
 
 SAMPLE = Path(__file__).parents[2] / "datasets" / "sample" / "strokes.parquet"
 A, B = "viktor-axelsen", "kento-momota"
+
+
+def with_hand(strokes: pa.Table, hand_of: Mapping[str, int | None]) -> pa.Table:
+    """Strokes of players of these hands."""
+    place = strokes.schema.get_field_index("hand")
+    hands = [hand_of[name] for name in strokes["player"].to_pylist()]
+    return strokes.set_column(place, strokes.schema.field(place), pa.array(hands, pa.int8()))
 
 
 @pytest.fixture(scope="session")

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 import pytest
 from scipy import stats
 
@@ -18,12 +19,14 @@ from shuttle_marl.base.files import seal
 from shuttle_marl.dynamics.habits import NONE, Plays, load_habits, plays_of_strokes, questions, save_habits, tally
 from shuttle_marl.exact import PairPolicy, evaluate
 from shuttle_marl.exact.profile import StatePolicy
+from shuttle_marl.game import court
 from shuttle_marl.game.court import AREAS
+from shuttle_marl.game.pairs import People
 from shuttle_marl.game.shipped import CARD, HABITS, RELIABLE, Estimate, model_folder
 from shuttle_marl.game.skill import load_skill
 from shuttle_marl.game.stroke import SHOTS, TECHNIQUES
 from shuttle_marl.game.tables import GameError
-from tests.coach.conftest import A
+from tests.coach.conftest import A, with_hand
 
 
 @pytest.mark.parametrize("seat", [0, 1])
@@ -108,14 +111,27 @@ def test_effects_of_tactics_are_exact(found: Refitted) -> None:
     assert serve.receiving == pytest.approx(odds.receiving)
 
 
-def test_a_straight_smash_meets_and_lands_wide_on_one_side(found: Refitted) -> None:
+@pytest.mark.parametrize("opposite", [False, True])
+def test_a_straight_smash_meets_and_lands_wide_on_one_side(found: Refitted, opposite: bool) -> None:
     game = found.home.policies[0].game
-    straight, smashes = _sets(game, found.home.policies[0].block_probabilities(0))["straight_smash"]
+    straight, smashes = _sets(game, found.home.policies[0].block_probabilities(0), opposite=opposite)["straight_smash"]
     area, shot, incoming = game.catalogue.area, game.catalogue.shot, game.incoming(game.base_pair_state)
     for pair, (k, j) in enumerate(zip(game.base_pair_stroke.tolist(), incoming.tolist(), strict=True)):
         met, lands = (1 if j == game.n_strokes else int(area[j]) % 3), int(area[k]) % 3
         smash = SHOTS[shot[k]] in ("smash", "half-smash") and 1 not in (met, lands)
-        assert (smashes[pair], straight[pair]) == (smash, smash and met + lands == 2)
+        # The forehand side of one player is opposite the backhand side of another with the same hand.
+        assert (smashes[pair], straight[pair]) == (smash, smash and (met == lands if opposite else met + lands == 2))
+
+
+def test_smashes_that_are_straight_between_equal_hands_are_cross_court_between_different_ones(
+    found: Refitted, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def share() -> float:
+        return next(effect.share for effect in effects(found) if effect.tactic == "straight_smash")
+
+    equal = share()
+    monkeypatch.setattr(People, "hands", ("left", "right"))
+    assert 0 < share() == pytest.approx(1 - equal)
 
 
 @pytest.mark.parametrize(("steady", "low", "clear"), [(LEAST_STEADY, 0.001, True), (0.5, 0.001, False), (1.0, -0.001, False)])
@@ -136,13 +152,13 @@ def test_the_outlook_contains_both_uncertainties(found: Refitted) -> None:
     assert alone.rally.high - alone.rally.low < seen.rally.high - seen.rally.low
 
 
-def plays(rows: list[tuple[int, int, int, int, int, int]], copies: int = 1) -> Plays:
-    """Strokes of own shot, incoming shot, area where they are met, contact, shot and area."""
+def plays(rows: list[tuple[int, int, int, int, int, int]], copies: int = 1, *, opposite: bool = False) -> Plays:
+    """Strokes of own shot, incoming shot, area where they are met, contact, shot and area; opposite: to the other hand."""
     own, incoming, met, contact, shot, area = np.array(rows * copies, dtype=np.int64).T
     ones, zeros = np.ones(len(own)), np.zeros(len(own))
     return Plays(
         own=own, incoming=incoming, met=met, contact=contact, shot=shot, technique=contact, area=area,
-        weight=ones, fault=zeros, winner=zeros, group=np.zeros(len(own), np.int64),
+        opposite=np.full(len(own), opposite), weight=ones, fault=zeros, winner=zeros, group=np.zeros(len(own), np.int64),
     )  # fmt: skip
 
 
@@ -172,6 +188,53 @@ def test_questions_of_three_strokes() -> None:
     assert answers(some, "direction", ("smash",)) == [None, None, "straight", "cross"]
     assert answers(some, "shots") == [None, "lift", "smash", "smash"]
     assert tally(some).targets.sum() == 3
+    # A left-hander's forehand side is straight ahead of a right-hander's.
+    assert answers(plays(rows, opposite=True), "direction", ("smash",)) == [None, None, "cross", "straight"]
+
+
+def mirror_image(strokes: pa.Table) -> pa.Table:
+    """Strokes seen in a mirror along the court: players have the other hand."""
+    for name in strokes.column_names:
+        if name.endswith("_x"):
+            column = pc.negate(strokes[name])
+        elif name == "area":
+            column = pa.array(court.mirrored(np.arange(9))).take(strokes[name])
+        elif name == "hand":
+            column = pc.subtract(1, strokes[name])
+        else:
+            continue
+        field = strokes.schema.field(name)
+        strokes = strokes.set_column(strokes.schema.get_field_index(name), field, column.cast(field.type))
+    return strokes
+
+
+def test_a_left_hander_plays_as_a_right_hander_in_the_mirror(sample: pa.Table) -> None:
+    names = sample["player"].unique().to_pylist()
+    for hands in (dict.fromkeys(names, 0), {name: i % 2 for i, name in enumerate(names)}):
+        told = with_hand(sample, hands)
+        one, other = plays_of_strokes(told), plays_of_strokes(mirror_image(told))
+        for field in dataclasses.fields(one):
+            assert np.array_equal(getattr(one, field.name), getattr(other, field.name)), field.name
+        assert one.opposite.any() == (1 in hands.values())
+    unknown = plays_of_strokes(with_hand(sample, dict.fromkeys(names)))
+    assert np.array_equal(unknown.area, plays_of_strokes(with_hand(sample, dict.fromkeys(names, 0))).area)
+
+
+def test_areas_are_on_the_forehand_side_of_who_meets_the_shuttle(sample: pa.Table) -> None:
+    match = sample.filter(pc.equal(sample["match"], sample["match"][0]))
+    a, b = match["player"].unique().to_pylist()
+    right, mixed = (plays_of_strokes(with_hand(match, {a: 0, b: hand})) for hand in (0, 1))
+    mine = match["player"].to_numpy(zero_copy_only=False) == a
+    # a strikes to b, who sees the other side; b meets the shuttle there, and a where a right-hander does.
+    for before, after, turned in ((right.area, mixed.area, mine), (right.met, mixed.met, ~mine)):
+        known = before >= 0
+        assert np.array_equal(after[known & ~turned], before[known & ~turned])
+        assert np.array_equal(after[known & turned], court.mirrored(before[known & turned]))
+        assert (after[~known] < 0).all()
+    # Where a stroke flies does not depend on who is left-handed.
+    for one, other in zip(questions(right), questions(mixed), strict=True):
+        if one[0].kind == "direction":
+            assert np.array_equal(one[1], other[1])
 
 
 def test_intervals_are_those_of_scipy() -> None:

@@ -19,6 +19,7 @@ from shuttle_marl.pages.languages import FOLDER, LANGUAGES, Language, speaking
 PACKAGE = Path(shuttle_marl.__file__).parent
 SOURCES = (PACKAGE / "coach", PACKAGE / "commands" / "scout.py", PACKAGE / "watch" / "page" / "src")
 VOCABULARIES = {"shots": SHOTS, "areas": AREAS, "short_areas": AREAS, "techniques": TECHNIQUES, "heights": HEIGHTS}
+REPORTS = ("areas", "directions", "whose", "scout", "drills", "tactics", "habit", "match")
 OTHERS: list[Language] = [language for language in LANGUAGES if language != "en"]
 
 
@@ -108,3 +109,11 @@ def test_numbers_and_dates() -> None:
         "per 03/07/2021",
     ]
     assert of_100(0.1234, 1) == "12.3"
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_reports_speak_of_forehand_and_backhand(language: Language) -> None:
+    """Only the captions of drawings say what is left and right in them."""
+    said = {key: text for key, text in texts(language).items() if key.partition(".")[0] in REPORTS}
+    sides = re.compile(r"\b(left|(?<!is )right(?! in )|kiri|kanan)\b|[左右]", re.IGNORECASE)
+    assert [key for key, text in said.items() if sides.search(re.sub(r"\{[^}]*\}", "", text))] == []

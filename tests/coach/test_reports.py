@@ -13,7 +13,7 @@ import pytest
 from playwright.sync_api import Browser
 from scipy import stats
 
-from shuttle_marl.analysis import marks
+from shuttle_marl.analysis import marks, scouting
 from shuttle_marl.analysis.course import Chances
 from shuttle_marl.analysis.marks import Choice, basis_of
 from shuttle_marl.analysis.match import MatchReport, _heat, match_report, matches_in
@@ -21,9 +21,10 @@ from shuttle_marl.analysis.scouting import ScoutingReport, players_of, scout
 from shuttle_marl.analysis.summary import AnalysisError, rally_table
 from shuttle_marl.base.errors import printable
 from shuttle_marl.base.table_files import write_parquet
+from shuttle_marl.coach import charts, sources
 from shuttle_marl.coach import match_page as match_pages
 from shuttle_marl.coach import scout_page as scout_pages
-from shuttle_marl.coach import sources
+from shuttle_marl.coach.drills import training
 from shuttle_marl.coach.words import Words
 from shuttle_marl.commands.report import main as report_command
 from shuttle_marl.commands.reports import write_report
@@ -34,13 +35,15 @@ from shuttle_marl.dynamics.habits import plays_of_strokes, tally
 from shuttle_marl.exact import Odds
 from shuttle_marl.game.pairs import pair_game
 from shuttle_marl.game.scoring import Rules, Score
-from shuttle_marl.game.shipped import RELIABLE, real_strokes, resolve_game
+from shuttle_marl.game.shipped import RELIABLE, model_folder, real_strokes, resolve_game
+from shuttle_marl.game.skill import load_skill
+from shuttle_marl.game.stroke import Catalogue
 from shuttle_marl.pages.languages import LANGUAGES, Language, speaking
 from shuttle_marl.watch import WatchError
 from shuttle_marl.watch.building import BuildError
 from shuttle_marl.watch.recorded import LogRallies, RealRallies
 from tests import golden
-from tests.coach.conftest import SAMPLE, A, B
+from tests.coach.conftest import SAMPLE, A, B, with_hand
 from tests.pages import Tags, parsed
 
 EVIL = "</script><script>alert(1)</script><img src=http://example.org/x>"
@@ -119,6 +122,78 @@ def test_the_figures_are_the_written_ones(scouted: ScoutingReport, reported: Mat
     for name, report in (("scouting_report", scouted), ("match_report", reported)):
         figures = json.loads(json.dumps(report.as_json(), allow_nan=False))
         golden.check(name, figures | {"model": None} if name == "scouting_report" else figures)
+
+
+def test_the_first_line_names_the_hands(scouted: ScoutingReport, match: pa.Table, model: str, unbuilt: None) -> None:
+    a, b = dict.fromkeys([*match["player"].to_pylist()])
+    report = match_report(with_hand(match, {a: 1, b: None}), game=resolve_game(model))
+    assert report.hands == ("left", None)
+    first, second = map(Words("en").player, (a, b))
+    _, text = read(match_pages.match_page(report, footage(report)))
+    assert f"{first}, left-handed · {second}, hand not known, played as right-handed · Match report" in text
+    assert f"{first} strikes at the bottom of the picture; the receiver's forehand side is on the left" in text
+    assert f"{second} strikes at the bottom of the picture; the receiver's backhand side is on the left" in text
+    people = {
+        name: dataclasses.replace(getattr(scouted, name), hand=hand) for name, hand in (("player", "right"), ("opponent", "left"))
+    }
+    _, text = read(scout_pages.scouting_page(dataclasses.replace(scouted, **people)))
+    assert "Viktor Axelsen, right-handed · Kento Momota, left-handed · Scouting report" in text
+
+
+def test_hands_are_those_of_the_data_and_else_of_the_model(sample: pa.Table, model: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    skill, others = load_skill(model_folder(model)), "chou-tien-chen"
+    hand = np.full(len(skill.players), -1, np.int8)
+    hand[[skill.index(A), skill.index(others)]] = 1, 0
+    monkeypatch.setattr(scouting, "load_skill", lambda _: dataclasses.replace(skill, hand=hand))
+    assert [scout(name, model=model).opponent.hand for name in (A, others, B)] == ["left", "right", None]
+    unknown: dict[str, int | None] = dict.fromkeys(sample["player"].unique().to_pylist())
+    told = with_hand(sample, {**unknown, others: 1})
+    one, other = (scout(name, model=model, data=told) for name in (A, others))
+    assert (one.opponent.hand, other.opponent.hand) == ("left", "left")
+    # A hand that the model adds counts as one of the data.
+    whole = scout(others, model=model, data=with_hand(sample, {**unknown, others: 1, A: 1}))
+    alone = scout(others, model=model, data=with_hand(sample, {**unknown, others: 1, A: 0}))
+    assert np.array_equal(other.targets, whole.targets)
+    assert not np.array_equal(other.targets, alone.targets)
+
+
+def test_a_court_is_drawn_as_a_receiver_of_the_hand_stands() -> None:
+    """The forehand side of a right-hander is on the left of a striker who looks at them."""
+    shares = np.array([0.0, 0.0, 0.0, 0.77, 0.0, 0.23, 0.0, 0.0, 0.0])
+    for hand in ("right", "left"):
+        drawn = str(charts.court(shares, shares, "court", hand))
+        place = {text: float(x) for x, text in re.findall(r"<text[^>]*translate\(([\d.]+) [^>]*>(77|23)<", drawn)}
+        assert (place["77"] < place["23"]) == (hand == "right")
+        assert "the receiver's forehand side 77" in drawn
+
+
+def test_a_stroke_between_two_sides_is_straight_or_cross_court() -> None:
+    catalogue = Catalogue.from_names(["smash:middle-right:above:forehand", "net-shot:front-right:below:forehand"])
+    for met, hands, words in (
+        (6, ("right", "right"), "a cross-court smash with the forehand to their forehand side"),
+        (6, ("right", "left"), "a straight smash with the forehand to their forehand side"),
+        (8, ("left", None), "a cross-court smash with the forehand to their forehand side"),
+        (8, (None, None), "a straight smash with the forehand to their forehand side"),
+        (7, ("right", "left"), "a smash with the forehand to their forehand side"),
+        (-1, ("right", "left"), "a smash with the forehand to their forehand side"),
+    ):
+        assert Words("en").stroke(catalogue, 0, "their", met=met, hands=hands) == words
+    assert Words("en").stroke(catalogue, 1, "their", met=0) == "a net shot with the forehand to their front forehand corner"
+    assert Words("zh").stroke(catalogue, 0, "their", met=8) == "正手直线杀球到对方正手中场"
+    assert Words("id").stroke(catalogue, 0, "their", met=6) == "smes silang forehand ke sisi forehand lawan"
+
+
+def test_a_drill_is_drawn_as_both_players_stand(model: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    catalogue = resolve_game(model).catalogue
+    stroke = next(k for k in range(len(catalogue)) if catalogue.area[k] == 6 and not catalogue.is_serve[k])
+    places: list[tuple[int, int]] = []
+    monkeypatch.setattr(charts, "drill", lambda met, target, _: places.append((met, target)))
+    for hands in (("right", "right"), ("left", "right"), (None, "left")):
+        (block,) = training(catalogue, [(5, 0, stroke), (-1, -1, 0)], "", hands).blocks
+        assert "to your front forehand corner (blue)" in block.items[0][1]
+        assert "to their rear forehand corner (orange)" in block.items[0][1]
+    assert places[::2] == [(0, 6), (2, 6), (0, 8)]
+    assert {met for met, _ in places[1::2]} == {-1}
 
 
 def test_a_profile_alone_has_no_advice(model: str, unbuilt: None) -> None:
