@@ -19,6 +19,7 @@ from shuttle_marl.game.shipped import (
     OPPOSITE,
     PROFILES,
     between_hands,
+    hands_of_variant,
     is_refit,
     load_game,
     origin_named,
@@ -46,12 +47,14 @@ class People:
         model: the model or variant whose tables the offsets are applied to, by name or folder.
         date: day of the skill; None: the last one known.
         discipline: ``men`` or ``women`` for the tables of that discipline; None: the average of both.
+        hands: their hands; an unknown one, and that of the average player, counts as right.
     """
 
     players: tuple[str, str]
     model: str = "default"
     date: datetime.date | None = None
     discipline: str | None = None
+    hands: Hands = (HANDS[0], HANDS[0])
 
     def game(self, model: str | None = None) -> Game:
         """Their game, in another model if one is named."""
@@ -65,19 +68,13 @@ class People:
     @property
     def swapped(self) -> "People":
         """The same players at the other seats."""
-        return dataclasses.replace(self, players=self.players[::-1])
+        return dataclasses.replace(self, players=self.players[::-1], hands=self.hands[::-1])
 
     @property
     def origin(self) -> Origin:
         """The model, and the discipline as the variant, for policies of the model."""
         variant = variant_of(self.discipline, opposite=self.opposite)
         return Origin(origin_named(self.model).folder, variant or AVERAGE)
-
-    @property
-    def hands(self) -> Hands:
-        """Their hands; an unknown one, and that of the average player, counts as right."""
-        first, second = (self.skill.hand_of(name) or HANDS[0] for name in self.players)
-        return first, second
 
     @property
     def opposite(self) -> bool:
@@ -103,7 +100,7 @@ class People:
         Raises:
             GameError: the file of the model is damaged.
         """
-        return load_skill(self.origin.folder)
+        return load_skill(origin_named(self.model).folder)
 
     def refits(self) -> tuple[Game, ...]:
         """Their game in the refits of the model on resampled matches; none in a refit.
@@ -162,18 +159,21 @@ def looks_of(game: Game, policies: tuple[str, str]) -> Looks:
     Args:
         policies: names of the policies at seats 0 and 1; ``bc:PLAYER`` and ``PLAYER`` are persons.
     """
-    origin = origin_of(game) if game.people is None else game.people.origin
-    skill = load_skill(origin.folder) if origin is not None and has_skill(origin.folder) else None
-    names = [policy.removeprefix("bc:").partition("@")[0] for policy in policies] if game.people is None else game.people.players
-    known = [name if skill is not None and name in skill.players else AVERAGE for name in names]
-    hands = [None if skill is None else skill.hand_of(name) for name in known]
-    kinds = [None if skill is None else skill.discipline_of(name) for name in known]
-    variant = "" if origin is None or origin.variant is None else origin.variant.partition("-")[0]
-    usual = variant if variant in PROFILES else next(filter(None, kinds), PROFILES[0])
-    if game.people is None:
-        hands = [next(filter(None, hands), None)] * 2
+    people = game.people
+    if people is not None:
+        athlete = "female" if people.discipline == "women" else "male"
+        return Looks(hands=people.hands, athletes=(athlete, athlete))
+    origin = origin_of(game)
+    if origin is None or not has_skill(origin.folder):
+        return Looks()
+    skill, discipline = load_skill(origin.folder), hands_of_variant(origin.variant)[0]
+    names = [policy.removeprefix("bc:").partition("@")[0] for policy in policies]
+    known = [name if name in skill.players else AVERAGE for name in names]
+    hand = next(filter(None, map(skill.hand_of, known)), HANDS[0])
+    kinds = [discipline if discipline in PROFILES else skill.discipline_of(name) for name in known]
+    usual = next(filter(None, kinds), PROFILES[0])
     first, second = ("female" if (kind or usual) == "women" else "male" for kind in kinds)
-    return Looks(hands=(hands[0] or HANDS[0], hands[1] or HANDS[0]), athletes=(first, second))
+    return Looks(hands=(hand, hand), athletes=(first, second))
 
 
 def without_skill(game: Game) -> Game:
@@ -229,7 +229,9 @@ def pair_game(a: str, b: str, *, date: Day = None, discipline: str | None = None
         if chosen not in (None, variant):
             raise GameError(f"{a} and {b} play {chosen}'s singles, and {game} is the game of {variant}'s")
         game, variant, chosen = game.rpartition(":")[0], None, variant
-    people = People(players=(a, b), model=game, date=None if date is None else day_of(date), discipline=chosen)
+    hands = (skill.hand_of(a) or HANDS[0], skill.hand_of(b) or HANDS[0])
+    day = None if date is None else day_of(date)
+    people = People(players=(a, b), model=game, date=day, discipline=chosen, hands=hands)
     base = _base(game, chosen, opposite=people.opposite)
     threshold = np.stack([_with_skill(base, skill.of_shots(*names, date)) for names in ((a, b), (b, a))])
     return dataclasses.replace(base, threshold=threshold, people=people)

@@ -323,9 +323,11 @@ def refits_of(game: Game) -> tuple[Game, ...]:
         GameError: the file of the variants is damaged.
     """
     origin = origin_of(game)
-    if origin is None or origin.variant is not None:
+    equal, opposite = (None, False) if origin is None else hands_of_variant(origin.variant)
+    if origin is None or equal is not None:
         return ()
-    return tuple(load_game(f"{origin.folder}:{name}") for name in variants(str(origin.folder)) if is_refit(name))
+    names = [variant_of(name, opposite=opposite) for name in variants(str(origin.folder)) if is_refit(name)]
+    return tuple(load_game(f"{origin.folder}:{name}") for name in names)
 
 
 def drawn_game(game: Game, rng: np.random.Generator, sigma: float) -> Game:

@@ -163,8 +163,7 @@ def _skill(tensors: Tensors) -> Skill:
         "group": (np.int8, (N_SHOTS,)), "discipline": (np.int8, (m,)), "hand": (np.int8, (m,)), "strokes": (np.int32, (m,)),
         "matches": (np.int32, (m,)),
     }  # fmt: skip
-    arrays = {"hand": np.full(m, -1, np.int8), **tensors.arrays}  # TODO: until the refit
-    skill = Skill(players=tuple(names), **{name: checked(arrays[name], *kind) for name, kind in wanted.items()})
+    skill = Skill(players=tuple(names), **{name: checked(tensors.arrays[name], *kind) for name, kind in wanted.items()})
     if (np.unique(skill.player) != np.arange(m)).any() or (np.diff(skill.player) < 0).any():
         raise ValueError("a player without knots, or knots that are not sorted by player")
     if (np.diff(skill.day)[np.diff(skill.player) == 0] <= 0).any():
