@@ -83,8 +83,8 @@ def test_interpolated_transforms_follow_the_motion(reel: Any, log_path: Path) ->
     with RallyLog(log_path) as log:
         players = LogPlayers(log, default_game(), resolve_recorded)
         for number in reel.numbers:
-            report = report_rally(log, number, default_game(), players)
-            motion = stage(report.played, seed=report.key, athletes=("male", "female"), handedness=("right", "left"))
+            report = report_rally(log, number, default_game(), players, ("right", "left"))
+            motion = stage(report.played, seed=report.key, athletes=("male", "female"))
             staged = StagedRally(report=report, motion=motion, start=start)
             for frame in range(0, len(motion.time), 13):
                 at = reel.placed(staged.at(float(motion.time[frame])))
