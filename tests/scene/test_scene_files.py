@@ -13,6 +13,7 @@ from mcap.reader import make_reader
 from shuttle_marl.analysis import LogPlayers
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game import default_game
+from shuttle_marl.game.court import AREA_WORDS
 from shuttle_marl.game.tables import ROOT
 from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve, resolve_recorded
@@ -142,6 +143,8 @@ def test_strokes_and_scores_are_those_of_the_log(reel: Any, log_path: Path) -> N
                 assert message["number"] == i + 1
                 assert message["stroke"] == log.catalogue.names[stroke]
                 assert message["seat"] == (int(rally.server[0]) + i) % 2
+                if i:  # the score mirrors serves
+                    assert message["area"] == AREA_WORDS[log.catalogue.area[stroke]], "to the forehand of a left-hander, too"
                 assert message["player"] == log.policies[int(rally.policy[0, message["seat"]])].name
             assert rally.outcome(log.catalogue)[-1] == (message["end"] == "winner")
             before, after = [m for _, m in reel.of(topics.SCORE) if m["rally"] == number]

@@ -26,7 +26,7 @@ LIMIT = 2_300_000
 @pytest.fixture(scope="module")
 def answers() -> Answers:
     plan = Plan(seed=12, sides=(Side(policy="bc"), Side(policy="bc")))
-    return Answers(PolicyTables(default_game(), ("bc",)), plan, Stager(("male", "male"), ("right", "right")))
+    return Answers(PolicyTables(default_game(), ("bc",)), plan, Stager())
 
 
 @pytest.fixture(scope="module")
