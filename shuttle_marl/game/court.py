@@ -57,13 +57,13 @@ AREAS: Final = (
 
 The strokes of a game name areas as a right-handed receiver sees them: *right* is the forehand side. Of a left-handed receiver they
 are mirrored (:func:`mirrored`)."""
-AREA_WORDS: Final = tuple(area.replace("right", "forehand").replace("left", "backhand").replace("-", " ") for area in AREAS)
-"""The areas in words for people, as a right-handed receiver sees them; ``short_areas`` of :mod:`shuttle_marl.pages.languages`."""
 HANDS: Final = ("right", "left")
 """Hands with which players hold the racket; their numbers are 0 and 1."""
 Hands = tuple[str, str]
 """Hands of seats 0 and 1."""
 N_AREAS: Final = len(AREAS)
+AREA_WORDS: Final = tuple(area.replace("right", "forehand").replace("left", "backhand").replace("-", " ") for area in AREAS)
+"""The areas in words for people, as a right-handed receiver sees them; ``short_areas`` of :mod:`shuttle_marl.pages.languages`."""
 AreaT = TypeVar("AreaT", int, Ints)
 N_SIDES: Final = 3
 """Right, centre and left of a half, numbers 0 to 2."""
