@@ -231,7 +231,7 @@ def _fast_wrists(motion: Motion) -> int:
     """Number of frames in which the racket hand rotates too fast relative to the forearm."""
     count = 0
     for seat in (0, 1):
-        hand = BONE["RightHand" if motion.handedness[seat] == "right" else "LeftHand"]
+        hand = BONE["RightHand" if motion.hands[seat] == "right" else "LeftHand"]
         wrist = against_parents(motion.rotation[:, seat], motion.parents(seat))[:, hand]
         cosine = np.abs((wrist[1:] * wrist[:-1]).sum(axis=1))
         count += int((2 * np.arccos(np.clip(cosine, -1, 1)) * motion.fps > _FAST_WRIST).sum())
@@ -241,7 +241,7 @@ def _fast_wrists(motion: Motion) -> int:
 def _net_pose(motion: Motion, strings: F64) -> tuple[Bools, Bools]:
     """Whether the elbow is high and whether the racket hangs at each contact."""
     rows, seat = motion.contact_frame, motion.trajectory.rally.striker
-    side = ["Right" if motion.handedness[k] == "right" else "Left" for k in (0, 1)]
+    side = ["Right" if motion.hands[k] == "right" else "Left" for k in (0, 1)]
     elbow, shoulder = (np.array([BONE[f"{side[k]}{bone}"] for k in seat], dtype=np.int64) for bone in ("ForeArm", "Arm"))
     height = motion.position[rows, seat, :, 2]
     row = np.arange(len(rows))

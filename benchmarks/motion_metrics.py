@@ -110,7 +110,7 @@ def joints(motion: Motion, seat: int) -> list[Joint]:
 
 def as_right_hander(motion: Motion, seat: int) -> F64:
     """``[F, 23, 3, 3]`` rotations of a player in their own frame, a left-hander's mirrored."""
-    right = motion.handedness[seat] == "right"
+    right = motion.hands[seat] == "right"
     sign = own_frame(motion.trajectory.rally.facing(seat), right)
     rotation = np.diag([sign[1], sign[1], 1.0]) @ matrix(motion.rotation[:, seat])
     return rotation if right else _FLIP @ rotation[:, MIRROR] @ _FLIP
@@ -342,9 +342,10 @@ def _clearance(motion: Motion, i: int) -> float:
 def _ends_truly(motion: Motion, i: int, frame: int) -> bool:
     """Whether a stroke ends according to its outcome."""
     trajectory, rally = motion.trajectory, motion.trajectory.rally
-    stroke, sign = rally.stroke[i], rally.facing(int(rally.striker[i]))
+    stroke, seat = rally.stroke[i], int(rally.striker[i])
+    sign = rally.facing(seat)
     x, y, z = motion.shuttle[frame].astype(np.float64) * np.array([sign, sign, 1.0])
-    meant = int(area_of(np.array(x), np.array(y))) == rally.aim[stroke]
+    meant = int(area_of(np.array(x), np.array(y))) == rally.aim[seat, stroke]
     serve = bool(rally.catalogue.is_serve[stroke])
     in_box = abs(x) <= HALF_WIDTH and (SHORT_SERVICE if serve else 0.0) <= y <= HALF_LENGTH
     if trajectory.end[i] in (RETURN, OPEN):

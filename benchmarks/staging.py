@@ -45,11 +45,11 @@ def run(rallies: int, seed: int, console: Console) -> dict[str, Any]:
     cpu, size, error, found = 0.0, 0, 0.0, []
     extensions: list[float] = []
     umpire, breaches = Umpire(server=played[0].server), Breaches()
-    for i, rally in enumerate(track(played, "staging", console=console)):
-        hands = (_HANDS[i % 3], _HANDS[i // 3 % 3])
+    for i, right in enumerate(track(played, "staging", console=console)):
+        rally = dataclasses.replace(right, hands=(_HANDS[i % 3], _HANDS[i // 3 % 3]))
         athletes = (ATHLETES[i % 2], ATHLETES[i // 2 % 2])
         begun = time.process_time()
-        motion = stage(rally, seed=i, handedness=hands, athletes=athletes)
+        motion = stage(rally, seed=i, athletes=athletes)
         cpu += time.process_time() - begun
         found.append(measure(motion))
         if rally.number == 0:
@@ -61,7 +61,7 @@ def run(rallies: int, seed: int, console: Console) -> dict[str, Any]:
         size += len(packed)
         error = max(error, pack_error(motion, Motion.unpack(packed)))
         if i % _CONTINUED == 0:
-            extensions += continued(rally, i, hands, athletes)
+            extensions += continued(rally, i, athletes)
     figures = summary(found)
     return {
         **this_machine(),
@@ -110,9 +110,9 @@ def pack_error(motion: Motion, again: Motion) -> float:
     return max(float(np.linalg.norm(getattr(motion, name) - getattr(again, name), axis=-1).max()) for name in names)
 
 
-def continued(rally: Rally, seed: int, hands: tuple[str, str], athletes: tuple[str, str]) -> list[float]:
+def continued(rally: Rally, seed: int, athletes: tuple[str, str]) -> list[float]:
     """CPU seconds of each extension of a rally staged during play, by a stroke and the reply."""
-    motion = stage(first_strokes(rally, 0), seed=seed, handedness=hands, athletes=athletes)
+    motion = stage(first_strokes(rally, 0), seed=seed, athletes=athletes)
     seconds = []
     for k in range(2, len(rally) + 2, 2):
         grown = first_strokes(rally, min(k, len(rally)))

@@ -80,7 +80,7 @@ def film(path: Path, rallies: int, seed: int, console: Console) -> Film:
     """Film the first rallies of a match; a film that exists is used again."""
     policies = PolicyTables(default_game(), ("bc",))
     plan = Plan.parse({"seed": seed, "sides": [{"policy": "bc"}, {"policy": "bc"}]})
-    answers = Answers(policies, plan, Stager(("female", "female"), ("right", "right")))
+    answers = Answers(policies, plan, Stager(("female", "female")))
     facts = [answers.rally(RallyRequest(id=0, plan=plan, rally=number))[0].rally for number in range(rallies)]
     about = path.with_suffix(".json")
     if not about.exists():

@@ -111,7 +111,7 @@ def main(*, out: Path = FOLDER) -> None:
     built = build(lambda words: sys.stderr.write(f"{words}\n"))
     game = default_game()
     plan = Plan.parse({"seed": SEED, "sides": [{"policy": name} for name in PLAYERS]})
-    answers = Answers(PolicyTables(game, PLAYERS), plan, Stager(("male", "female"), ("right", "right")))
+    answers = Answers(PolicyTables(game, PLAYERS), plan, Stager(("male", "female")))
     out.mkdir(parents=True, exist_ok=True)
     for name, rallies in PAGES.items():
         page = saved_page(answers, plan, rallies, built).encode()

@@ -5,6 +5,7 @@ python -m docs.tools.strokes_picture [OUT.png] [--film] [--hand left] [--seed N]
 """
 
 import argparse
+import dataclasses
 import io
 from collections.abc import Callable
 from pathlib import Path
@@ -33,7 +34,7 @@ CLOTH = ((0.70, 0.04, 0.05), (0.03, 0.03, 0.05))
 
 def draw(motion: Motion, seat: int, frame: int, centre: np.ndarray, size: int) -> np.ndarray:
     """The player from diagonally ahead on the racket side."""
-    right = motion.handedness[seat] == "right"
+    right = motion.hands[seat] == "right"
     ahead = motion.trajectory.rally.facing(seat)
     aside = ahead if right else -ahead
     camera = Camera(
@@ -123,7 +124,7 @@ def strips(
             stroke = N_TECHNIQUES * int(catalogue.shot[rally.stroke[k]]) + int(catalogue.technique[rally.stroke[k]])
             if kind is kind_of_stroke and stroke in rows:
                 continue
-            motion = motion or stage(rally, seed=i, handedness=(hand, hand), athletes=("male", "female"))
+            motion = motion or stage(dataclasses.replace(rally, hands=(hand, hand)), seed=i, athletes=("male", "female"))
             at, seat, what = int(motion.contact_frame[k]), int(rally.striker[k]), kind(motion, k)
             frames = [at + round(seconds * motion.fps) for seconds in instants]
             if what in rows or frames[0] < 0:

@@ -1,5 +1,6 @@
 """Staged rallies inside a page: the live court's own program, motions and values, in the form of a page that it saves."""
 
+import dataclasses
 import functools
 import gzip
 import json
@@ -11,6 +12,7 @@ from shuttle_marl.analysis import Players
 from shuttle_marl.analysis.advice import Advice, Meeting
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.game.draws import stream
+from shuttle_marl.game.pairs import looks_of
 from shuttle_marl.game.scoring import Score
 from shuttle_marl.game.tables import Game
 from shuttle_marl.pages import Viewer
@@ -68,20 +70,20 @@ def viewer() -> Viewer:
     return Viewer(script=script.replace("</script", "<\\/script").replace("<!--", "<\\!--"), style=style.replace("</", "<\\/"))
 
 
-def shared(rallies: Sequence[CourtRally], game: Game, players: Players, athlete: str) -> tuple[str, int]:
+def shared(rallies: Sequence[CourtRally], game: Game, players: Players) -> tuple[str, int]:
     """Rallies as the content of a saved page of the live court.
 
     Args:
         rallies: in the order of their numbers, from 0.
         game: in which they are valued.
-        athlete: appearance of both players, ``male`` or ``female``.
 
     Returns:
         JSON without characters that end a script element, and the number of rallies that it contains.
     """
     values, replies, size, count = StrokeValues(PolicyTables(game)), {}, 0, 0
+    shown: dict[str, None] = {}
     for number, rally in enumerate(rallies):
-        motion = stage(rally, seed=rally.key, athletes=(athlete, athlete), handedness=("right", "right"), fps=_FPS)
+        motion = stage(rally, seed=rally.key, athletes=rally.athletes, fps=_FPS)
         reply = messages.RallyReply(rally_facts(game, rally, motion))
         packed = _packed(messages.encode_reply(0, reply, [motion.pack(0)]))
         size += len(packed)
@@ -89,6 +91,7 @@ def shared(rallies: Sequence[CourtRally], game: Game, players: Players, athlete:
             break
         replies[f"rally {number}"] = packed
         replies[f"analysis {number}"] = _packed(messages.encode_reply(0, values.analysis(rally, players)))
+        shown |= dict.fromkeys(rally.athletes)
         count += 1
     hello = messages.Hello(
         version=__version__,
@@ -101,7 +104,7 @@ def shared(rallies: Sequence[CourtRally], game: Game, players: Players, athlete:
     content = {
         "hello": _packed(messages.encode_reply(0, hello)),
         "replies": replies,
-        "models": {athlete: _packed(model_file(athlete).read_bytes())},
+        "models": {name: _packed(model_file(name).read_bytes()) for name in shown},
     }
     return json.dumps(content), count
 
@@ -114,6 +117,7 @@ def staged_advice(advised: Iterable[Advice], pair: Game, home: Meeting, names: t
         names: printable names of the players.
     """
     found: list[CourtRally] = []
+    looks = looks_of(pair, names)._asdict()
 
     @functools.cache
     def rally(number: int) -> CourtRally:
@@ -133,5 +137,6 @@ def staged_advice(advised: Iterable[Advice], pair: Game, home: Meeting, names: t
             raise ShuttleError(f"advice {place + 1}: no example in {_ATTEMPTS:,} rallies")
         number, stroke = shortest
         about = (place, names, Score(server=number % 2))
-        found.append(play_rally(pair, home.policies, stream(0, 0, number), about, {stroke: advice.stroke}))
+        played = play_rally(pair, home.policies, stream(0, 0, number), about, {stroke: advice.stroke})
+        found.append(dataclasses.replace(played, **looks))
     return found

@@ -34,7 +34,6 @@ class Footage:
     Attributes:
         staged: rallies of the report that can be staged, by their index.
         game, players: in which they are valued.
-        athlete: appearance of both players.
         command: that shows rallies on the live court, up to the number.
         numbers: of the rallies for that command, by their index; empty: they cannot be shown.
         video: address of the video at a time in seconds; None: no video.
@@ -44,7 +43,6 @@ class Footage:
     staged: dict[int, CourtRally]
     game: Game
     players: Players
-    athlete: str
     command: str
     numbers: dict[int, int]
     video: Callable[[float], str] | None = None
@@ -60,7 +58,7 @@ def match_page(report: MatchReport, footage: Footage) -> bytes:
     rallies, program, reason, count = "", None, "", 0
     try:
         program = viewer()
-        rallies, count = shared([footage.staged[i] for i in moments], footage.game, footage.players, footage.athlete)
+        rallies, count = shared([footage.staged[i] for i in moments], footage.game, footage.players)
     except BuildError as error:
         reason = str(error)
     examples = {rally: number for number, rally in enumerate(moments[:count])}

@@ -80,7 +80,7 @@ def _examples(report: ScoutingReport) -> tuple[str, Viewer | None, str]:
     names = printable(report.player.name), printable(report.opponent.name)
     rallies = staged_advice(report.advice, report.pair, report.home, names)
     players = Players(tables=report.home.policies, value=report.home.value)
-    content, _ = shared(rallies, report.pair, players, "female" if report.discipline == "women" else "male")
+    content, _ = shared(rallies, report.pair, players)
     return content, program, ""
 
 

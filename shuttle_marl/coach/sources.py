@@ -63,7 +63,6 @@ def of_strokes(path: Path, game: Game, match: str | None = None, columns: Path |
         staged=rallies,
         game=report.game,
         players=_players(report.game),
-        athlete="female" if played["discipline"][0].as_py() == "WS" else "male",
         command=_watch("--real", str(path), *model, "--rally"),
         numbers=shown,
         gaps=gaps(played),
@@ -130,7 +129,6 @@ def of_log(path: Path, game: Game, pairing: int = 0, match: int = 0) -> tuple[Ma
         staged=shown,
         game=report.game if known is None else game,
         players=_players(report.game) if known is None else known,
-        athlete="male",
         command=_watch("--replay", str(path), "--rally"),
         numbers=dict(enumerate(numbers)),
     )

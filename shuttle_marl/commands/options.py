@@ -110,10 +110,10 @@ class PolicyOptions(GameOptions):
 class Appearance:
     """Appearance of the players."""
 
-    athletes: tuple[Athlete, Athlete] = ("male", "male")
-    """Athletes at seats 0 and 1 (A and B)."""
-    hands: tuple[Hand, Hand] = ("right", "right")
-    """Racket hands at seats 0 and 1 (A and B)."""
+    athletes: tuple[Athlete, Athlete] | None = None
+    """Athletes at seats 0 and 1 (A and B); default: as the players are."""
+    hands: tuple[Hand, Hand] | None = None
+    """Racket hands at seats 0 and 1 (A and B); default: those of the players."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

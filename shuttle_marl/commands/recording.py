@@ -13,7 +13,7 @@ from shuttle_marl.base.errors import printable
 from shuttle_marl.base.files import replace_file
 from shuttle_marl.commands import cli
 from shuttle_marl.commands.options import Appearance, RallyGameOptions
-from shuttle_marl.game.court import AREAS
+from shuttle_marl.game.court import AREA_WORDS
 from shuttle_marl.game.policy import Policy
 from shuttle_marl.game.rules import OUTCOMES
 from shuttle_marl.game.shipped import Profile
@@ -219,8 +219,8 @@ def scene(
             log,
             numbers,
             model.load_for(path),
+            hands=appearance.hands,
             athletes=appearance.athletes,
-            handedness=appearance.hands,
             fps=appearance.fps,
             resolve=_resolver(model, [player.name for player in log.policies]),
             progress=lambda numbers: track(numbers, "staging", console=console, transient=True),
@@ -264,7 +264,7 @@ def _describe(log: RallyLog, number: int) -> str:
         f"games {rally.games[0]}-{rally.games[1]}, points {rally.points[0]}-{rally.points[1]}, {names[rally.server]} serves"
     ]
     for i, (seat, stroke, outcome) in enumerate(zip(rally.striker, rally.stroke, rally.outcome, strict=True), start=1):
-        shot, area = SHOTS[catalogue.shot[stroke]], AREAS[catalogue.area[stroke]]
+        shot, area = SHOTS[catalogue.shot[stroke]], AREA_WORDS[catalogue.area[stroke]]
         technique, height = TECHNIQUES[catalogue.technique[stroke]], HEIGHTS[catalogue.height[stroke]]
         lines.append(f"{i:5}  {names[seat]:{width}}  {shot} to {area}, {technique} from {height} the net  [{OUTCOMES[outcome]}]")
     lines.append(f"       {names[row.winner[0]]} wins the rally ({OUTCOMES[rally.ending]})")

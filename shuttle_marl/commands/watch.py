@@ -238,6 +238,8 @@ def _recorded(options: RallyOptions, game: Game) -> "Recorded | None":
     Raises:
         WatchError: two sources, or no such rally.
     """
+    from shuttle_marl.data import load_strokes  # noqa: PLC0415
+    from shuttle_marl.data.hands import unknown_hands  # noqa: PLC0415
     from shuttle_marl.watch.recorded import LogRallies, RealRallies  # noqa: PLC0415
 
     if options.replay is not None and options.real is not None:
@@ -246,7 +248,10 @@ def _recorded(options: RallyOptions, game: Game) -> "Recorded | None":
     if options.replay is not None:
         recorded = LogRallies(options.replay, game)
     elif options.real is not None:
-        recorded = RealRallies(options.real, game)
+        strokes = load_strokes(options.real)
+        for sentence in unknown_hands(strokes):
+            cli.console(stderr=True).print(printable(sentence), soft_wrap=True)
+        recorded = RealRallies(options.real, game, strokes)
     if recorded is not None and not 0 <= (options.rally or 0) < recorded.count:
         raise WatchError(f"--rally {options.rally}: expected 0 to {recorded.count - 1}")
     return recorded

@@ -20,7 +20,7 @@ from shuttle_marl.env.snapshot import (
     shot_in_words,
     standing,
 )
-from shuttle_marl.game.court import AREAS, HALF_LENGTH, HALF_WIDTH, LONG_SERVICE, N_AREAS, SHORT_SERVICE, WIDTH
+from shuttle_marl.game.court import AREA_WORDS, HALF_LENGTH, HALF_WIDTH, LONG_SERVICE, N_AREAS, SHORT_SERVICE, WIDTH
 from shuttle_marl.game.rally.stepper import Stroke
 from shuttle_marl.game.rules import FAULT, OUTCOMES, RETURNED_BELOW, WINNER
 from shuttle_marl.game.stroke import HEIGHTS, TECHNIQUES
@@ -185,7 +185,7 @@ def _paint_list(sheet: Sheet, snapshot: Snapshot) -> None:
         sheet.circle(np.array([left + 42, middle]), 4, PLAYERS[played.player])
         sheet.write(str(number), left + 28, middle, _SMALL, MUTED, "midright")
         end = left + 62 + sheet.write(shot_in_words(catalogue, played.stroke), left + 54, middle, _NORMAL)
-        area = AREAS[catalogue.area[played.stroke]].replace("-", " ")
+        area = AREA_WORDS[catalogue.area[played.stroke]]
         if end + text_width(area, _SMALL) < right - 74:
             sheet.write(area, end, middle + 1, _SMALL, MUTED)
         sheet.write(f"{played.p_succ:.2f}", right - 38, middle, _NORMAL, GREEN, "midright")
@@ -216,7 +216,7 @@ def _cells(snapshot: Snapshot, last: Stroke) -> list[tuple[str, str, Colour]]:
     result = "RETURNED" if last.outcome >= RETURNED_BELOW else "OUTCOME"  # the widest chip has to end before the list
     colour = {FAULT: RED, WINNER: GREEN}.get(last.outcome, TEXT)
     return [
-        ("TARGET", AREAS[catalogue.area[last.stroke]].replace("-", " "), TEXT),
+        ("TARGET", AREA_WORDS[catalogue.area[last.stroke]], TEXT),
         ("CONTACT", HEIGHTS[catalogue.height[last.stroke]], TEXT),
         ("TECHNIQUE", TECHNIQUES[catalogue.technique[last.stroke]].replace("-", " "), TEXT),
         ("P(GOOD)", f"{last.p_succ:.3f}", GREEN),
@@ -297,16 +297,16 @@ def _paint_flights(sheet: Sheet, flights: tuple[Flight, ...]) -> None:
         sheet.circle(points[0], 3.4 if newest else 2.4, colour, round(255 * max(strength, 0.25)))
 
 
-def _paint_player(sheet: Sheet, body: Point, facing: Point, player: int, active: bool) -> None:
+def _paint_player(sheet: Sheet, snapshot: Snapshot, body: Point, facing: Point, player: int) -> None:
     """A player from above: shoulders, head, and the racket towards the shuttle."""
     right = 1.25 * _across(px(facing) - px(body))
-    frame = np.stack([[right[1], -right[0]], right])
+    frame = np.stack([[right[1], -right[0]], right * (1 if snapshot.hands[player] == "right" else -1)])
     colour = PLAYERS[player]
 
-    def point(*forward_and_right: float) -> F64:
-        return np.asarray(px(body) + np.array(forward_and_right) @ frame)
+    def point(*forward_and_racket: float) -> F64:
+        return np.asarray(px(body) + np.array(forward_and_racket) @ frame)
 
-    if active:
+    if snapshot.striker == player:
         sheet.circle(px(body), 26, colour, 60)
         sheet.circle(px(body), 26, colour, 230, width=2)
     sheet.circle(px(body) + np.array([3, 5]), 15, INK, 90)
@@ -396,13 +396,13 @@ class CourtRenderer:
         floor, air, players, boxes = (Sheet() for _ in range(4))
         if snapshot.strokes:
             last = snapshot.strokes[-1]
-            _paint_target(floor, last.player, int(snapshot.game.catalogue.area[last.stroke]))
+            _paint_target(floor, last.player, snapshot.target(last))
             _paint_chip(boxes, snapshot)
         _paint_floor(floor, plan)
         _paint_net(floor)
         _paint_flights(air, plan.flights)
         for player in (0, 1):
-            _paint_player(players, plan.bodies[player], plan.shuttle, player, active=snapshot.striker == player)
+            _paint_player(players, snapshot, plan.bodies[player], plan.shuttle, player)
         _paint_shuttle(players, plan)
         _paint_score(boxes, snapshot)
         _paint_list(boxes, snapshot)

@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from shuttle_marl.game.court import AREAS, SHORT_SERVICE, area_box, area_centre
+from shuttle_marl.game.court import AREA_WORDS, N_SIDES, SHORT_SERVICE, Hands, area_box, area_centre, mirrored
 from shuttle_marl.game.layout import Layout
 from shuttle_marl.game.rally.stepper import Stroke
 from shuttle_marl.game.rules import FAULT, HURRIED_BELOW, OUTCOMES, WINNER
@@ -28,6 +28,7 @@ class Snapshot:
         reason: reason of the end: ``fault``, ``winner``, ``illegal stroke`` or ``too many strokes``; None before.
         by_game: points of players 0 and 1 in each game so far; empty without a match.
         match_winner: winner of the match; None while it continues.
+        hands: ``right`` or ``left``, of players 0 and 1.
     """
 
     game: Layout
@@ -40,6 +41,12 @@ class Snapshot:
     reason: str | None
     by_game: tuple[tuple[int, int], ...] = ()
     match_winner: int | None = None
+    hands: Hands = ("right", "right")
+
+    def target(self, played: Stroke) -> int:
+        """Area at which a stroke aims, as the receiver sees it."""
+        area = int(self.game.catalogue.area[played.stroke])
+        return mirrored(area) if self.hands[1 - played.player] == "left" else area
 
 
 def as_text(snapshot: Snapshot) -> str:
@@ -65,10 +72,16 @@ def shot_in_words(catalogue: Catalogue, stroke: int) -> str:
 
 
 def in_words(catalogue: Catalogue, stroke: int) -> str:
-    """Stroke as text: ``smash to the middle left, forehand above the net``."""
-    area = AREAS[catalogue.area[stroke]].replace("-", " ")
+    """Stroke as text: ``smash to the middle backhand side, forehand above the net``."""
     technique = TECHNIQUES[catalogue.technique[stroke]].replace("-", " ")
-    return f"{shot_in_words(catalogue, stroke)} to the {area}, {technique} {HEIGHTS[catalogue.height[stroke]]} the net"
+    height = HEIGHTS[catalogue.height[stroke]]
+    return f"{shot_in_words(catalogue, stroke)} to the {area_in_words(catalogue, stroke)}, {technique} {height} the net"
+
+
+def area_in_words(catalogue: Catalogue, stroke: int) -> str:
+    """Target of a stroke as text: ``middle backhand side``."""
+    area = int(catalogue.area[stroke])
+    return AREA_WORDS[area] + ("" if area % N_SIDES == 1 else " side")
 
 
 def effort_in_words(snapshot: Snapshot, player: int) -> str:
@@ -161,8 +174,8 @@ def plan_of(snapshot: Snapshot) -> Plan:
     for played in snapshot.strokes:
         player = played.player
         if flights:
-            stands[player] = _stance(player, contact, int(catalogue.technique[played.stroke]))
-        end = _landing(player, int(catalogue.area[played.stroke]), len(flights), played.stroke)
+            stands[player] = _stance(snapshot, player, contact, int(catalogue.technique[played.stroke]))
+        end = _landing(player, snapshot.target(played), len(flights), played.stroke)
         if played.outcome == FAULT:
             end = _between(contact, end, _FAULT_REACH)
         flights.append(Flight(stroke=played, start=contact, end=end, peak=_PEAK[catalogue.shot[played.stroke]]))
@@ -171,7 +184,7 @@ def plan_of(snapshot: Snapshot) -> Plan:
         stands[player] = _between(stands[player], to_plan(player, *_BASE), _RETURNED)
         if played.outcome != FAULT:
             reach = 0.5 if played.outcome == WINNER else 1.0
-            stands[1 - player] = _between(stands[1 - player], _stance(1 - player, end, 0), reach)
+            stands[1 - player] = _between(stands[1 - player], _stance(snapshot, 1 - player, end, 0), reach)
         contact = end
     return Plan(
         flights=tuple(flights),
@@ -188,9 +201,9 @@ def _landing(player: int, area: int, number: int, stroke: int) -> Point:
     return to_plan(player, float(x + dx * _SPREAD[0]), float(y + dy * _SPREAD[1]))
 
 
-def _stance(player: int, contact: Point, technique: int) -> Point:
-    """Position of a player at a contact: behind the shuttle, left of it for a forehand, right of it for a backhand."""
-    sideways = 0.45 if technique == 1 else -0.45
+def _stance(snapshot: Snapshot, player: int, contact: Point, technique: int) -> Point:
+    """Position of a player at a contact: behind the shuttle, which is at the side of the racket for all but a backhand."""
+    sideways = 0.45 if (technique == 1) == (snapshot.hands[player] == "right") else -0.45
     back = to_plan(player, sideways, -0.35)
     return contact[0] + back[0], contact[1] + back[1]
 

@@ -15,6 +15,7 @@ from gymnasium import spaces
 from shuttle_marl.env import rally_v0
 from shuttle_marl.env.aec import CheckedEnv
 from shuttle_marl.env.single import SingleRallyEnv
+from shuttle_marl.env.snapshot import area_in_words
 from shuttle_marl.game.rules import OUTCOMES
 from shuttle_marl.game.stroke import HEIGHTS
 from shuttle_marl.game.tables import Game
@@ -57,13 +58,15 @@ def described(game: Game, state: int) -> str:
 
 
 def _stroke(game: Game, stroke: int) -> str:
-    shot, area, height, technique = game.catalogue.names[stroke].split(":")
-    return f"{shot.replace('-', ' ')} to the {area.replace('-', ' ')}, hit {height} the net, {technique.replace('-', ' ')}"
+    shot, _, height, technique = game.catalogue.names[stroke].split(":")
+    area = area_in_words(game.catalogue, stroke)
+    return f"{shot.replace('-', ' ')} to the {area}, hit {height} the net, {technique.replace('-', ' ')}"
 
 
 RULES: Final = (
     "You are playing a rally of badminton singles. Strokes are named SHOT:TARGET:CONTACT:TECHNIQUE; targets are areas of the "
-    f"opponent's half. A stroke ends as one of: {'; '.join(OUTCOMES)}. Choose the stroke that wins the rally most often. "
+    "opponent's half, right is the opponent's forehand side and left the backhand side. A stroke ends as one of: "
+    f"{'; '.join(OUTCOMES)}. Choose the stroke that wins the rally most often. "
     "Answer with the name of one legal stroke and nothing else."
 )
 

@@ -251,7 +251,7 @@ def players(time: int, motion: Motion, names: tuple[str, str]) -> list[SceneEnti
         disc = CylinderPrimitive(pose=at((0, 0, 0)), size=size, bottom_scale=1.0, top_scale=1.0, color=_SHADOW)
         out.append(attached(shadow, cylinders=[disc]))
     for seat in (0, 1):
-        right = motion.handedness[seat] == "right"
+        right = motion.hands[seat] == "right"
         shirt, shorts = KITS[seat]
         parts = athlete(motion.skeletons[seat].name, right_handed=right, shirt=shirt, shorts=shorts)
         parts = {**parts, "Racket": racket(*motion.racket(seat))}

@@ -87,7 +87,7 @@ class Track:
 
 
 def joint_message(time: int, motion: Motion) -> Timed:
-    """Positions of the joints of both players on their parent bones, which are constant in a scene."""
+    """Positions of the joints of both players on their parent bones, which are constant while the players stay."""
     joints = []
     for seat in (0, 1):
         rest = motion.rest(seat)

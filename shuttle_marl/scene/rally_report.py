@@ -8,8 +8,9 @@ import numpy as np
 
 from shuttle_marl.analysis import LogPlayers, RallyAnalysis, analyse_rally
 from shuttle_marl.base.errors import printable
+from shuttle_marl.game.court import AREA_WORDS, Hands
 from shuttle_marl.game.draws import stream
-from shuttle_marl.game.pairs import seat_names
+from shuttle_marl.game.pairs import looks_of, seat_names
 from shuttle_marl.game.rally.record import Rallies, Rally
 from shuttle_marl.game.rules import OUTCOMES, IllegalStrokeError
 from shuttle_marl.game.scoring import Score
@@ -33,6 +34,7 @@ class RallyReport:
         before: interval or change of ends before the rally, in words; empty: neither.
         analysis: values of the strokes; NaN where a policy is not known.
         key: random seed of the staging.
+        athletes: ``male`` or ``female``, of seats 0 and 1.
     """
 
     number: int
@@ -44,6 +46,7 @@ class RallyReport:
     before: str
     analysis: RallyAnalysis
     key: int
+    athletes: tuple[str, str]
 
     @property
     def points_after(self) -> tuple[int, int]:
@@ -54,6 +57,10 @@ class RallyReport:
     def in_match(self) -> bool:
         """Whether the rally belongs to a match, as far as its score tells."""
         return bool(self.played.match or any(self.played.games) or any(self.played.points))
+
+    def area(self, stroke: int) -> str:
+        """Area at which a stroke aims, in words."""
+        return AREA_WORDS[self.played.target(int(self.played.striker[stroke]), int(self.played.stroke[stroke]))]
 
     def efforts(self, stroke: int) -> tuple[int, int] | None:
         """Attacking strokes of striker and opponent before a stroke, up to the game's limit; None: the game has no effort."""
@@ -87,8 +94,11 @@ class StagedRally:
         return self.at(float(self.motion.time[-1]))
 
 
-def report_rally(log: RallyLog, number: int, game: Game, players: LogPlayers) -> RallyReport:
+def report_rally(log: RallyLog, number: int, game: Game, players: LogPlayers, hands: Hands | None = None) -> RallyReport:
     """Report of one rally.
+
+    Args:
+        hands: ``right`` or ``left``, of seats 0 and 1; None: those of the players.
 
     Raises:
         RecordingError: the log has no such rally, or is damaged.
@@ -97,15 +107,16 @@ def report_rally(log: RallyLog, number: int, game: Game, players: LogPlayers) ->
     """
     row = log.rally(number)
     header = log.files[log.file_of(number)].header
-    played = row.row(0, log.catalogue, header.rules).checked()
+    first, second = (log.policies[int(policy)].name for policy in row.policy[0])
+    looks = looks_of(game, (first, second))
+    played = row.row(0, log.catalogue, header.rules, hands or looks.hands).checked()
     try:
         analysis = analyse_rally(played, game, players.of_rally(number), rules=header.rules)
     except IllegalStrokeError as error:
         raise SceneError(f"rally {number}: {error}") from error
-    first, second = (printable(log.policies[int(policy)].name) for policy in row.policy[0])
     return RallyReport(
         number=number,
-        names=seat_names(game, (first, second)),
+        names=seat_names(game, (printable(first), printable(second))),
         game=game,
         played=played,
         winner=int(row.winner[0]),
@@ -113,6 +124,7 @@ def report_rally(log: RallyLog, number: int, game: Game, players: LogPlayers) ->
         before=Score(points=played.points, games=played.games, server=played.server, rules=header.rules).break_before,
         analysis=analysis,
         key=staging_key(header, row),
+        athletes=looks.athletes,
     )
 
 

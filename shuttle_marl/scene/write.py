@@ -16,7 +16,7 @@ from shuttle_marl import __version__
 from shuttle_marl.analysis import LogPlayers
 from shuttle_marl.analysis.rally import Resolve
 from shuttle_marl.base.errors import printable
-from shuttle_marl.game.court import AREAS
+from shuttle_marl.game.court import Hands
 from shuttle_marl.game.layout import LONGEST_DUEL
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
 from shuttle_marl.game.tables import Game
@@ -99,7 +99,7 @@ def stroke_message(staged: StagedRally, i: int) -> dict[str, Any]:
         "player": report.names[seat],
         "stroke": catalogue.names[stroke],
         "shot": SHOTS[catalogue.shot[stroke]],
-        "area": AREAS[report.played.aim[stroke]],
+        "area": report.area(i),
         "height": HEIGHTS[catalogue.height[stroke]],
         "technique": TECHNIQUES[catalogue.technique[stroke]],
         "p_succ": float(decision.p_succ[rank]),
@@ -153,7 +153,7 @@ def _score(staged: StagedRally, strokes: list[dict[str, Any]]) -> Iterator[Timed
 def _action(report: RallyReport, i: int) -> str:
     played, decision, rank = report.played, report.analysis.decisions[i], report.analysis.rank[i]
     catalogue, stroke = played.catalogue, played.stroke[i]
-    shot, area = SHOTS[catalogue.shot[stroke]].replace("-", " "), AREAS[played.aim[stroke]].replace("-", " ")
+    shot, area = SHOTS[catalogue.shot[stroke]].replace("-", " "), report.area(i)
     technique = TECHNIQUES[catalogue.technique[stroke]].replace("-", " ")
     lines = [
         f"{shot} to {area}, {technique}",
@@ -189,8 +189,9 @@ def _ending(staged: StagedRally) -> str:
 def _flight(staged: StagedRally, i: int, time: int) -> list[SceneEntity]:
     played, trajectory = staged.report.played, staged.motion.trajectory
     path, _ = trajectory.flight.at(i, np.linspace(0, trajectory.end_time[i] - trajectory.time[i], _PATH_POINTS))
-    sign = played.facing(int(played.striker[i]))
-    (x0, x1), (y0, y1) = played.aim_box(int(played.stroke[i]))
+    seat = int(played.striker[i])
+    sign = played.facing(seat)
+    (x0, x1), (y0, y1) = played.aim_box(seat, int(played.stroke[i]))
     target = box((sign * (x0 + x1) / 2, sign * (y0 + y1) / 2, 0.006), (x1 - x0, y1 - y0, 0.004), _TARGET)
     return [
         SceneEntity(id="path", timestamp=stamp(time), frame_id=WORLD, lines=[strip(path, [_PATH], 1.5)]),
@@ -262,8 +263,8 @@ def write_scene(
     numbers: Sequence[int],
     game: Game,
     *,
-    athletes: tuple[str, str] = ("male", "male"),
-    handedness: tuple[str, str] = ("right", "right"),
+    hands: Hands | None = None,
+    athletes: tuple[str, str] | None = None,
     fps: int = 50,
     resolve: Resolve = resolve_recorded,
     progress: Callable[[Sequence[int]], Iterable[int]] = iter,
@@ -272,8 +273,8 @@ def write_scene(
 
     Args:
         numbers: numbers of the rallies in the log, at least one.
-        athletes: athletes at seats 0 and 1, ``male`` or ``female``.
-        handedness: racket hands of seats 0 and 1, ``right`` or ``left``.
+        hands: ``right`` or ``left``, of seats 0 and 1; None: those of the players.
+        athletes: ``male`` or ``female``, of seats 0 and 1; None: as the players are.
         fps: frames per second, 25 to 50; viewers warn about more.
         resolve: resolves the policies that the log names; by default no modules and no files, because logs are untrusted.
         progress: wraps the numbers, for a progress bar.
@@ -294,16 +295,19 @@ def write_scene(
     options = MCAPWriteOptions(profile="", compression=MCAPCompression.Zstd, chunk_size=_CHUNK, compression_threads=0)
     writer = open_mcap(buffer, context=context, writer_options=options)
     channels, start = topics.Channels(context), EPOCH
-    names: tuple[str, str] | None = None
+    shown: tuple[object, ...] = ()
     for i, number in enumerate(progress(numbers)):
-        report = report_rally(log, int(number), game, players)
-        motion = stage(report.played, seed=report.key, athletes=athletes, handedness=handedness, fps=fps)
+        report = report_rally(log, int(number), game, players, hands)
+        motion = stage(report.played, seed=report.key, athletes=athletes or report.athletes, fps=fps)
         staged = StagedRally(report=report, motion=motion, start=start)
         if not i:
-            channels.write([joint_message(start, motion), entities_on(topics.COURT, start, court(start))])
-        if names != report.names:
-            names = report.names
-            channels.write([entities_on(topics.PLAYERS, start, player_models(start, motion, names))])
+            channels.write([entities_on(topics.COURT, start, court(start))])
+        looks = report.names, motion.hands, motion.skeletons
+        if shown != looks:
+            shown = looks
+            channels.write(
+                [joint_message(start, motion), entities_on(topics.PLAYERS, start, player_models(start, motion, report.names))]
+            )
         channels.write([*motion_messages(staged), *commentary(staged)])
         start = staged.end + CUT
     for path in LAYOUTS:

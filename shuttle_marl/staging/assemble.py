@@ -12,7 +12,7 @@ from shuttle_marl.staging.draw import TrajectoryBuilder
 from shuttle_marl.staging.feet import Feet
 from shuttle_marl.staging.idle import Habits, habits
 from shuttle_marl.staging.library import Athlete
-from shuttle_marl.staging.motion import HANDS, Branch, Motion
+from shuttle_marl.staging.motion import Branch, Motion
 from shuttle_marl.staging.rotation import quaternion
 from shuttle_marl.staging.skeleton import FLIP, MIRROR, N_BONES, Skeleton, StagingError, load_skeleton
 from shuttle_marl.staging.timeline import TimelineBuilder
@@ -31,20 +31,18 @@ def stage(
     rally: Rally,
     *,
     seed: int,
-    handedness: tuple[str, str] = ("right", "right"),
     athletes: tuple[str, str] = ("male", "male"),
     fps: int = 50,
     lead_in: float = LEAD_IN,
     importance: float = 0.5,
 ) -> Motion:
-    """Stage a rally. The same arguments give the same motion.
+    """Stage a rally, whose players hold the racket in their own hand. The same arguments give the same motion.
 
     An open rally is staged up to where the next striker is expected to meet the shuttle, or, without any stroke, for
     ``lead_in`` seconds of waiting; :func:`continue_motion` appends what follows.
 
     Args:
         seed: random seed of the times and places of the contacts.
-        handedness: ``right`` or ``left``, of seats 0 and 1.
         athletes: ``male`` or ``female``, of seats 0 and 1.
         fps: frames per second, 25 to 1000; every contact falls on a frame.
         lead_in: time before the serve, or duration of the waiting [s].
@@ -54,8 +52,8 @@ def stage(
         RallyError: the strokes do not form a rally.
         StagingError: an invalid option.
     """
-    _check(handedness, fps, lead_in, importance)
-    players = players_of(rally, (load_skeleton(athletes[0]), load_skeleton(athletes[1])), handedness)
+    _check(fps, lead_in, importance)
+    players = players_of(rally, (load_skeleton(athletes[0]), load_skeleton(athletes[1])))
     return _staged(rally.checked(), players, None, seed, fps, lead_in, importance)
 
 
@@ -71,12 +69,12 @@ def continue_motion(
 ) -> Motion:
     """Stage more strokes of an open rally, or another continuation of a finished one.
 
-    The frames up to the branch stay the same, bit for bit; athletes, handedness and frame rate are those of ``motion``. The
+    The frames up to the branch stay the same, bit for bit; athletes and frame rate are those of ``motion``. The
     branch is the contact of the stroke before ``from_stroke``; before the serve it is any frame of the waiting.
 
     Args:
         motion: a motion that :func:`stage` or this function returned.
-        rally: a rally with the same strokes before ``from_stroke``.
+        rally: a rally with the same hands, and the same strokes before ``from_stroke``.
         seed: random seed of the times and places of the new contacts.
         from_stroke: number of the first new stroke; by default the number of strokes of ``motion``.
         at: last frame of the waiting, only before the serve; by default the last frame of ``motion``.
@@ -89,14 +87,14 @@ def continue_motion(
     """
     rally = rally.checked()
     branch = _branch(rally, motion, from_stroke, at)
-    players = players_of(rally, motion.skeletons, motion.handedness)
+    players = players_of(rally, motion.skeletons)
     return _staged(rally, players, branch, seed, motion.fps, lead_in, importance)
 
 
-def players_of(rally: Rally, skeletons: tuple[Skeleton, Skeleton], handedness: tuple[str, str]) -> tuple[Athlete, Athlete]:
+def players_of(rally: Rally, skeletons: tuple[Skeleton, Skeleton]) -> tuple[Athlete, Athlete]:
     """Both players of a rally as bodies."""
     first, second = (
-        Athlete(seat=seat, facing=rally.facing(seat), right_handed=handedness[seat] == "right", skeleton=skeletons[seat])
+        Athlete(seat=seat, facing=rally.facing(seat), right_handed=rally.hands[seat] == "right", skeleton=skeletons[seat])
         for seat in (0, 1)
     )
     return first, second
@@ -167,7 +165,6 @@ def _staged(
         planted=planted,
         contact_frame=contacts,
         skeletons=(players[0].skeleton, players[1].skeleton),
-        handedness=("right" if players[0].right_handed else "left", "right" if players[1].right_handed else "left"),
         trajectory=trajectory,
         players=(states[0], states[1]),
     )
@@ -181,9 +178,7 @@ def _staged(
     return motion
 
 
-def _check(handedness: tuple[str, str], fps: int, lead_in: float, importance: float) -> None:
-    if any(hand not in HANDS for hand in handedness):
-        raise StagingError(f"handedness {handedness}: expected {' or '.join(HANDS)} for each player")
+def _check(fps: int, lead_in: float, importance: float) -> None:
     if not 25 <= fps <= 1000:
         raise StagingError(f"{fps} frames a second: expected 25 to 1000")
     if not 1.0 <= lead_in <= 3600:
@@ -201,9 +196,11 @@ def _branch(rally: Rally, motion: Motion, from_stroke: int | None, at: int | Non
         raise StagingError(f"from_stroke {strokes}: the motion has {len(old)} strokes, the rally {len(rally)}")
     names = [[one.catalogue.names[k] for k in one.stroke[:strokes]] for one in (rally, old)]
     same = [names[0] == names[1], np.array_equal(old.hurried[:strokes], rally.hurried[:strokes])]
-    same += [getattr(old, name) == getattr(rally, name) for name in ("server", "from_right", "ends_changed")]
+    same += [getattr(old, name) == getattr(rally, name) for name in ("server", "from_right", "ends_changed", "hands")]
     if not all(same):
-        raise StagingError(f"the motion and the rally have other strokes before number {strokes}: expected the same ones")
+        raise StagingError(
+            f"the motion and the rally have other hands, or other strokes before number {strokes}: expected the same"
+        )
     if strokes:
         if at is not None:
             raise StagingError("at: a rally is continued at a contact; only the waiting before the serve ends anywhere")

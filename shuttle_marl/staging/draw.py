@@ -145,7 +145,7 @@ class TrajectoryBuilder:
         self.key, self.fps = draws.stream(seed), fps
         self.drawn: dict[int, list[float]] = {}
         c, s = rally.catalogue, rally.stroke
-        self.shot, self.area = c.shot[s].astype(np.int64), rally.aim[s]
+        self.shot, self.area = c.shot[s].astype(np.int64), rally.aim[rally.striker, s]
         self.height, self.technique = c.height[s].astype(np.int64), c.technique[s].astype(np.int64)
         self.hurried = rally.hurried
         if rally.open:

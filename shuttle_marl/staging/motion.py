@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from shuttle_marl.base.arrays import F32, F64, I64, Bools, Floats, Ints
+from shuttle_marl.game.court import HANDS, Hands
 from shuttle_marl.game.rally.record import Rally
 from shuttle_marl.game.rules import OUTCOMES
 from shuttle_marl.game.stroke import Catalogue, UnknownStrokeError
@@ -193,10 +194,6 @@ def _summed(data: memoryview, n: int) -> F64:
     return whole.T.astype(np.float64)
 
 
-HANDS: Final = ("right", "left")
-"""Values of the handedness of a player."""
-
-
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Motion:
     """A rally as motion: F frames, two players, 23 bones. Metres, seconds; the frame of the court.
@@ -214,7 +211,6 @@ class Motion:
         position: ``[F, 2, 23, 3]`` where each bone begins.
         planted: ``[F, 2, 2]`` whether the left and the right foot of each player stand.
         contact_frame: ``[n]`` frame in which each stroke is struck.
-        handedness: ``right`` or ``left``, of seats 0 and 1.
         players: state of both players for :func:`~shuttle_marl.staging.continue_motion`; None in an unpacked motion.
     """
 
@@ -227,9 +223,13 @@ class Motion:
     planted: Bools
     contact_frame: I64
     skeletons: tuple[Skeleton, Skeleton]
-    handedness: tuple[str, str]
     trajectory: Trajectory
     players: tuple[Player, Player] | None = dataclasses.field(default=None, repr=False)
+
+    @property
+    def hands(self) -> Hands:
+        """``right`` or ``left``, of seats 0 and 1."""
+        return self.trajectory.rally.hands
 
     @functools.cached_property
     def sweet_spot(self) -> F64:
@@ -241,15 +241,15 @@ class Motion:
 
     def parents(self, seat: int) -> I64:
         """``[23]`` parent of every bone of a player, -1 for the hips."""
-        return self.skeletons[seat].parents(right_handed=self.handedness[seat] == "right")
+        return self.skeletons[seat].parents(right_handed=self.hands[seat] == "right")
 
     def rest(self, seat: int) -> F64:
         """``[23, 3]`` start of every bone of a player at rest [m]."""
-        return self.skeletons[seat].rest_pose(right_handed=self.handedness[seat] == "right")
+        return self.skeletons[seat].rest_pose(right_handed=self.hands[seat] == "right")
 
     def racket(self, seat: int) -> tuple[F64, F64]:
         """Shaft and forehand side of the strings of a player's racket at rest, ``[3]`` each."""
-        return self.skeletons[seat].racket(right_handed=self.handedness[seat] == "right")
+        return self.skeletons[seat].racket(right_handed=self.hands[seat] == "right")
 
     def pack(self, first: int = 0) -> bytes:
         """Pack the motion; ``docs/motion_format.md`` describes the format.
@@ -271,7 +271,7 @@ class Motion:
             "fps": self.fps,
             "first": first,
             "frames": frames - first,
-            "players": [{"athlete": self.skeletons[seat].name, "hand": self.handedness[seat]} for seat in (0, 1)],
+            "players": [{"athlete": self.skeletons[seat].name, "hand": self.hands[seat]} for seat in (0, 1)],
             "server": rally.server,
             "points": list(rally.points),
             "ends_changed": rally.ends_changed,
@@ -367,16 +367,13 @@ def _unpacked(head: dict[str, Any], data: memoryview, before: Motion | None) -> 
     found = read_frames(data, count, int(np.count_nonzero(~flying)))
     players = head["players"]
     skeletons = (load_skeleton(players[0]["athlete"]), load_skeleton(players[1]["athlete"]))
-    hands = (str(players[0]["hand"]), str(players[1]["hand"]))
-    if not set(hands) <= set(HANDS):
-        raise ValueError(f"hands {hands}")
+    trajectory = _trajectory(head)
     rotation, position = np.empty((count, 2, N_BONES, 4), np.float32), np.empty((count, 2, N_BONES, 3), np.float32)
     for seat in (0, 1):
-        right, skeleton = hands[seat] == "right", skeletons[seat]
+        right, skeleton = trajectory.rally.hands[seat] == "right", skeletons[seat]
         rest, parents = skeleton.rest_pose(right_handed=right), skeleton.parents(right_handed=right)
         turn, place = from_parents(found.hips[:, seat], found.local[:, seat], parents, rest)
         rotation[:, seat], position[:, seat] = turn, place
-    trajectory = _trajectory(head)
     shuttle, velocity = np.empty((count, 3)), np.empty((count, 3))
     shuttle[~flying] = found.loose
     for i, stroke in enumerate(strokes):
@@ -398,7 +395,6 @@ def _unpacked(head: dict[str, Any], data: memoryview, before: Motion | None) -> 
         planted=whole("planted", found.planted),
         contact_frame=np.array([stroke["frame"] for stroke in strokes], dtype=np.int64),
         skeletons=skeletons,
-        handedness=hands,
         trajectory=trajectory,
     )
 
@@ -407,6 +403,9 @@ def _trajectory(head: dict[str, Any]) -> Trajectory:
     strokes, fps = head["strokes"], head["fps"]
     names = [stroke["name"] for stroke in strokes]
     catalogue = Catalogue.from_names(dict.fromkeys(names))
+    hands = (str(head["players"][0]["hand"]), str(head["players"][1]["hand"]))
+    if not set(hands) <= set(HANDS):
+        raise ValueError(f"hands {hands}")
     rally = Rally(
         catalogue=catalogue,
         server=int(head["server"]),
@@ -415,6 +414,7 @@ def _trajectory(head: dict[str, Any]) -> Trajectory:
         ending=OUTCOMES.index(head["ending"]),
         points=(int(head["points"][0]), int(head["points"][1])),
         ends_changed=bool(head["ends_changed"]),
+        hands=hands,
     )
 
     def column(name: str, shape: tuple[int, ...]) -> F64:

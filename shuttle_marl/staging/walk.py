@@ -76,7 +76,7 @@ def with_walk(rally: Motion, following: Motion) -> Motion:
         raise StagingError("the rally continues: a walk leads from the end of a rally to the next one")
     if rally.trajectory.rally.ends_changed != following.trajectory.rally.ends_changed:
         raise StagingError("the players change ends: a walk leads between rallies that they play at the same ends")
-    for name in ("fps", "skeletons", "handedness"):
+    for name in ("fps", "skeletons", "hands"):
         if getattr(rally, name) != getattr(following, name):
             raise StagingError(f"the rallies have different {name}: expected two rallies of a match")
     return _WalkBuilder(rally, following).build()
@@ -95,7 +95,7 @@ class _WalkBuilder:
         assert rally.players is not None
         assert following.players is not None
         self.rally, self.following, self.fps = rally, following, rally.fps
-        self.athletes = players_of(rally.trajectory.rally, rally.skeletons, rally.handedness)
+        self.athletes = players_of(rally.trajectory.rally, rally.skeletons)
         self.starts, self.ends = rally.players, following.players
         self.lying = rally.shuttle[-1].astype(np.float64)
         self.server = following.trajectory.rally.server

@@ -178,7 +178,9 @@ class Answers:
         return self._tags.save(request)
 
     def _suggest(self, request: messages.SuggestRequest) -> messages.Suggestions:
-        return messages.Suggestions(suggestions(self._game.seats[0], self._policies.policy(ELITE), request.line))
+        return messages.Suggestions(
+            suggestions(self._game.seats[0], self._policies.policy(ELITE), request.line, request.receivers)
+        )
 
     def _options(self, query: messages.Query) -> messages.OptionsReply:
         rally = self._played(query)
@@ -273,10 +275,10 @@ class Answers:
     def _played(self, query: messages.Query) -> CourtRally:
         if (plan := query.plan) is not None:
             match = self._matches.get(plan.key, lambda: Match(plan, self._game, self._policies))
-            return match.rally(query.rally, query.person)
+            return self._stager.shown(match.rally(query.rally, query.person))
         if self._recorded is None:
             raise WatchError("this server shows no recorded rallies; load the page again")
-        rally = self._recorded.rally(query.rally)
+        rally = self._stager.shown(self._recorded.rally(query.rally))
         if not query.tried:
             return rally
         k = min(query.tried)
@@ -287,7 +289,7 @@ class Answers:
         branch = play_rally(
             self._values_of(query).game, (first, second), stream(rally.key, k), about, query.tried, begun=(rally, k)
         )
-        return dataclasses.replace(branch, key=rally.key)
+        return dataclasses.replace(branch, key=rally.key, hands=rally.hands, athletes=rally.athletes)
 
     def _players(self, query: messages.Query) -> Players:
         if query.plan is not None:
@@ -333,7 +335,7 @@ class Answers:
         # Where a person chose strokes, the motion depends on when they did, because frames that were shown do not change.
         since = query.person.stroke if query.person is not None and query.person.rally == rally.number else 0
         strokes = rally.stroke.tobytes(), rally.hurried.tobytes()
-        court = rally.server, rally.from_right, rally.ends_changed
+        court = rally.server, rally.from_right, rally.ends_changed, rally.hands, rally.athletes
         key = (rally.key, court, strokes, rally.ending, rally.turn, rally.chosen, query.person is not None, since)
         return self._motions.get(key, compute)
 

@@ -57,13 +57,13 @@ def rounded(value: float) -> float:
 def stroke_facts(rally: Rally, stroke: int, seat: int) -> dict[str, Any]:
     """Fields of :class:`~shuttle_marl.watch.messages.StrokeFacts` for a stroke with which a seat aims at an area in a rally."""
     catalogue, sign = rally.catalogue, rally.facing(seat)
-    (x0, x1), (y0, y1) = rally.aim_box(stroke)
+    (x0, x1), (y0, y1) = rally.aim_box(seat, stroke)
     xs, ys = sorted((sign * x0, sign * x1)), sorted((sign * y0, sign * y1))
     return {
         "stroke": stroke,
         "seat": seat,
         "shot": SHOTS[catalogue.shot[stroke]],
-        "area": court.AREAS[rally.aim[stroke]],
+        "area": court.AREAS[rally.target(seat, stroke)],
         "height": HEIGHTS[catalogue.height[stroke]],
         "technique": TECHNIQUES[catalogue.technique[stroke]],
         "box": (*xs, *ys),
@@ -99,7 +99,7 @@ def rally_facts(game: Game, rally: CourtRally, motion: staging.Motion) -> messag
 
 
 def _player(motion: staging.Motion, seat: int) -> messages.PlayerFacts:
-    return messages.PlayerFacts(athlete=motion.skeletons[seat].name, hand=motion.handedness[seat])
+    return messages.PlayerFacts(athlete=motion.skeletons[seat].name, hand=motion.hands[seat])
 
 
 def _turn(game: Game, rally: CourtRally, state: int) -> messages.Turn:
@@ -110,7 +110,7 @@ def _turn(game: Game, rally: CourtRally, state: int) -> messages.Turn:
     legal = [
         messages.TurnStroke(**stroke_facts(rally, stroke, seat), p_succ=rounded(good[k]), p_ret=rounded(returned[k]))
         for k, stroke in enumerate(strokes)
-        if rally.as_named(stroke)
+        if rally.as_named(seat, stroke)
     ]
     height, hurried = HEIGHTS[int(game.contact(state))], bool(game.hurried(state))
     return messages.Turn(seat=seat, number=len(rally), height=height, hurried=hurried, strokes=legal)

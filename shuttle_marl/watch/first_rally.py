@@ -11,6 +11,7 @@ from typing import Final
 
 import msgspec
 
+from shuttle_marl.game.pairs import looks_of
 from shuttle_marl.game.tables import Game
 from shuttle_marl.watch.messages import RallyReply
 from shuttle_marl.watch.plan import Plan
@@ -33,7 +34,9 @@ class FirstRally(msgspec.Struct, frozen=True):
 
 def first_key(game: Game, plan: Plan, stager: Stager) -> str:
     """Hash of the game, the plan of the match, and the appearance of the players."""
-    return hashlib.sha256(msgspec.json.encode([game.hash, plan.key.decode(), stager.athletes, stager.hands])).hexdigest()
+    first, second = plan.sides_in(0)
+    looks = stager.looks(looks_of(game, (first.policy, second.policy)))
+    return hashlib.sha256(msgspec.json.encode([game.hash, plan.key.decode(), looks.athletes, looks.hands])).hexdigest()
 
 
 def shipped_rally(key: str) -> FirstRally | None:

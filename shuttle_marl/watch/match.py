@@ -15,6 +15,7 @@ import numpy as np
 from shuttle_marl.base.arrays import U64
 from shuttle_marl.base.errors import printable
 from shuttle_marl.game.draws import choice_draw, draw, first_server, outcome_draw, stream
+from shuttle_marl.game.pairs import looks_of
 from shuttle_marl.game.policy import Policy
 from shuttle_marl.game.rally.record import Rally
 from shuttle_marl.game.rally.stepper import choose, stepper_of
@@ -36,12 +37,14 @@ class CourtRally(Rally):
 
     Attributes:
         names: printable names of the players at seats 0 and 1.
+        athletes: ``male`` or ``female``, of seats 0 and 1.
         turn: state in which a person has to choose; None: the rally is over.
         chosen: numbers of the strokes that no policy chose.
         key: random seed of the staging.
     """
 
     names: tuple[str, str]
+    athletes: tuple[str, str] = ("male", "male")
     score: Score
     turn: int | None = None
     chosen: tuple[int, ...] = ()
@@ -92,7 +95,7 @@ class Match:
         names = [side_name(side) for side in sides]
         if person is not None and number >= person.rally:
             names[person.seat] = PERSON
-        return play_rally(
+        rally = play_rally(
             self._game,
             (self._policies.policy(sides[0], 0), self._policies.policy(sides[1], 1)),
             stream(self.plan.seed, 0, number),
@@ -100,6 +103,8 @@ class Match:
             self.plan.chosen_in(number),
             person,
         )
+        looks = looks_of(self._game, (sides[0].policy, sides[1].policy))
+        return dataclasses.replace(rally, **looks._asdict())
 
 
 def play_rally(

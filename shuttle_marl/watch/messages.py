@@ -104,6 +104,7 @@ class OpeningRequest(Request, tag="opening", frozen=True):
 Name = Annotated[str, Meta(min_length=1, max_length=100, pattern=r"^[^\x00-\x1f\x7f=+\-@][^\x00-\x1f\x7f]*$")]
 """Text of a cell, which no spreadsheet takes for a formula."""
 Count = Annotated[int, Meta(ge=0, le=100_000)]
+Hand = Literal["right", "left"]
 Metres = Annotated[float, Meta(ge=-30, le=30)]
 
 
@@ -126,6 +127,7 @@ class TagRow(TagStroke, forbid_unknown_fields=True, frozen=True, kw_only=True):
     stroke: Count
     player: Name
     opponent: Name
+    hand: Hand | None
     landing_x: Metres | None
     landing_y: Metres | None
     contact_x: Metres | None
@@ -157,9 +159,14 @@ class TagRequest(Request, kw_only=True, tag="tag", frozen=True):
 
 
 class SuggestRequest(Request, tag="suggest", frozen=True):
-    """Shot types that probably follow the strokes of a rally."""
+    """Shot types that probably follow the strokes of a rally.
+
+    Attributes:
+        receivers: hands of who receives the serve, and of the server.
+    """
 
     line: Annotated[tuple[TagStroke, ...], Meta(max_length=300)]
+    receivers: tuple[Hand, Hand] = ("right", "right")
 
 
 class CourtFacts(Struct):
@@ -274,7 +281,7 @@ class Hello(Struct):
 
 
 class StrokeFacts(Struct, kw_only=True):
-    """A stroke of the catalogue, and the area at which it aims."""
+    """A stroke of the catalogue, and the area at which it aims, as a right-handed receiver sees it; ``box``: where it lies."""
 
     stroke: int
     seat: int

@@ -19,8 +19,9 @@ from shuttle_marl.data.schema import Outcome
 from shuttle_marl.data.upstream import date_of
 from shuttle_marl.dynamics.features import rows_from_strokes
 from shuttle_marl.dynamics.hurried import hurry_of
-from shuttle_marl.game.court import steps_between
+from shuttle_marl.game.court import HANDS, mirrored, steps_between
 from shuttle_marl.game.draws import stream
+from shuttle_marl.game.pairs import looks_of
 from shuttle_marl.game.rules import FAULT, WINNER, IllegalStrokeError
 from shuttle_marl.game.scoring import Score
 from shuttle_marl.game.stroke import N_SERVES
@@ -118,6 +119,7 @@ class LogRallies(Recorded):
             ending=rally.ending,
             number=number,
             names=(printable(first.name), printable(second.name)),
+            **looks_of(self._game, (first.name, second.name))._asdict(),
             key=staging_key(header, found),
         )
 
@@ -141,12 +143,17 @@ class _Annotated:
     rows: I64
 
 
-def nearest_stroke(game: Game, state: int, shot: int, technique: int, area: int | None) -> int:
-    """The legal stroke nearest to an annotated one: by shot type, then technique, then area, unless that is not known (None)."""
+def nearest_stroke(game: Game, state: int, shot: int, technique: int, area: int | None, receiver: str = "right") -> int:
+    """The legal stroke nearest to an annotated one: by shot type, then technique, then area.
+
+    Args:
+        area: as the receiver sees it; None: not known.
+        receiver: hand of the receiver.
+    """
     legal, catalogue = game.legal_strokes(state), game.catalogue
     distance = _FAR * (catalogue.shot[legal] != shot) + 10.0 * (catalogue.technique[legal] != technique)
     if area is not None:
-        distance = distance + steps_between(catalogue.area[legal].astype(int), area)
+        distance = distance + steps_between(catalogue.area[legal].astype(int), mirrored(area) if receiver == "left" else area)
     return int(legal[int(distance.argmin())])
 
 
@@ -154,7 +161,8 @@ class RealRallies(Recorded):
     """The rallies of annotated matches, as strokes of the game.
 
     An annotated stroke is shown as the nearest legal stroke: same contact, then shot type, technique and area. Who was hurried
-    says the table, or else the index of the model. Flight times and landing points are staged as for every rally.
+    says the table, or else the index of the model. Flight times and landing points are staged as for every rally. A player whose
+    hand is not known plays with the right one.
 
     Args:
         path: a stroke table, or a folder with the raw files.
@@ -170,6 +178,8 @@ class RealRallies(Recorded):
         self._game = game
         self._columns = {name: table[name].combine_chunks().to_numpy(zero_copy_only=False) for name in table.column_names}
         self._columns["hurried"] = rows_from_strokes(table, hurry_of(game.seats[0])).hurried > 0
+        hand = self._columns["hand"]
+        self._hands = {str(self._columns["player"][row]): HANDS[int(hand[row])] for row in np.flatnonzero(~np.isnan(hand))}
         self._rallies = list(self._found())
         if not self._rallies:
             raise WatchError(f"{printable(str(path))}: holds no whole rally")
@@ -223,12 +233,17 @@ class RealRallies(Recorded):
         found, column = self._at(number), self._columns
         strokes: list[int] = []
         state, game = ROOT, self._game
+        first, second = (self._hands.get(player, "right") for player in found.players)
+        athlete = "female" if column["discipline"][found.rows[0]] == "WS" else "male"
         for row in found.rows.tolist():
             if strokes:
                 arrivals = game.arrivals(game.pair(state, np.array(strokes[-1:])))[0]
                 state = int(arrivals[2 * int(column["hurried"][row]) + int(column["height"][row])])
             shot, technique, area = (column[name][row] for name in ("shot", "technique", "area"))
-            strokes.append(nearest_stroke(game, state, int(shot), int(technique), None if np.isnan(area) else int(area)))
+            receiver = (second, first)[(found.score.server + len(strokes)) % 2]
+            strokes.append(
+                nearest_stroke(game, state, int(shot), int(technique), None if np.isnan(area) else int(area), receiver)
+            )
         return CourtRally.at(
             found.score,
             catalogue=game.catalogue,
@@ -237,6 +252,8 @@ class RealRallies(Recorded):
             ending=FAULT if column["outcome"][found.rows[-1]] == Outcome.FAULT else WINNER,
             number=number,
             names=(printable(found.players[0]), printable(found.players[1])),
+            hands=(first, second),
+            athletes=(athlete, athlete),
             key=int(stream(0, number)[0] >> np.uint64(1)),
         )
 

@@ -17,7 +17,7 @@ import numpy as np
 from shuttle_marl.base.errors import printable
 from shuttle_marl.base.files import check_replaceable, read_file, replace_file
 from shuttle_marl.base.runs import Journal
-from shuttle_marl.game.court import AREAS
+from shuttle_marl.game.court import AREAS, Hands
 from shuttle_marl.game.policy import Policy, States, checked_probabilities
 from shuttle_marl.game.rules import RETURNED_BELOW
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
@@ -121,20 +121,22 @@ def _line(row: TagRow) -> str:
     return text.getvalue()
 
 
-def suggestions(game: Game, policy: Policy, line: Sequence[TagStroke]) -> list[Suggestion]:
+def suggestions(game: Game, policy: Policy, line: Sequence[TagStroke], receivers: Hands = ("right", "right")) -> list[Suggestion]:
     """Shot types with which a policy continues a rally, the most probable first, each with its usual technique and height.
 
     Who was hurried is not known, and the height of the next contact neither: their probabilities weight the states.
 
     Args:
         line: strokes so far, all returned; each stands for the nearest legal one.
+        receivers: hands of who receives the serve, and of the server.
     """
     states = {ROOT: 1.0}
-    for stroke in line:
+    for i, stroke in enumerate(line):
         met = {state: w for state, w in states.items() if int(game.contact(state)) == stroke.height} or states
         following: dict[int, float] = {}
         for state, weight in met.items():
-            pair = np.array([int(game.pair(state, nearest_stroke(game, state, stroke.shot, stroke.technique, stroke.area)))])
+            nearest = nearest_stroke(game, state, stroke.shot, stroke.technique, stroke.area, receivers[i % 2])
+            pair = np.array([int(game.pair(state, nearest))])
             returned = weight * game.outcome_probabilities(pair)[0, RETURNED_BELOW:]
             for arrival, mass in zip(game.arrivals(pair)[0].tolist(), returned.tolist(), strict=True):
                 following[arrival] = following.get(arrival, 0.0) + mass

@@ -10,6 +10,7 @@ from shuttle_marl.analysis.rally import Decision, Opening, Players, analyse_rall
 from shuttle_marl.analysis.rally import decision as analyse_decision
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.game import court
+from shuttle_marl.game.pairs import looks_of
 from shuttle_marl.game.rally.record import Rally
 from shuttle_marl.game.rules import RETURNED_BELOW
 from shuttle_marl.game.shipped import factor_of
@@ -66,7 +67,7 @@ class StrokeValues:
             number=rally.number,
             factor=None if factor is None else (factor.value, factor.low, factor.high),
             strokes=[self._stroke(rally, choice, rank, match_win) for choice, rank, match_win in strokes],
-            landings=[_landings(rally.aim, choice) for choice in found.decisions],
+            landings=[_landings(rally.aim[choice.seat], choice) for choice in found.decisions],
             win_after=float(found.rally_win[-1]) if over else None,
             match_after=float(found.match_win[-1]) if over else None,
         )
@@ -105,7 +106,11 @@ class StrokeValues:
             judged: its strokes by the basis of the marks; None: computed.
             always: positions that are always listed.
         """
-        order = [k for k in np.argsort(-choice.probability, kind="stable").tolist() if rally.as_named(int(choice.stroke[k]))]
+        order = [
+            k
+            for k in np.argsort(-choice.probability, kind="stable").tolist()
+            if rally.as_named(choice.seat, int(choice.stroke[k]))
+        ]
         order += [k for k in always if k not in order]
         listed = list(dict.fromkeys([*order[: limit - len(always)], *always, *order]))[:limit]
         best = (judged or self.judged(choice)).win
@@ -125,7 +130,8 @@ class StrokeValues:
         """
         found = opening(self.game, line, players, self._policies.solution)
         none = np.zeros(0, np.int64)
-        begun = Rally(catalogue=self.game.catalogue, server=0, stroke=none, hurried=none > 0, ending=RETURNED_BELOW)
+        hands = looks_of(self.game, (ELITE.policy, ELITE.policy)).hands
+        begun = Rally(catalogue=self.game.catalogue, server=0, stroke=none, hurried=none > 0, ending=RETURNED_BELOW, hands=hands)
         return messages.OpeningReply(
             strokes=[
                 messages.OpeningStroke(

@@ -12,7 +12,7 @@ import shuttle_marl
 from shuttle_marl.analysis.tactics import TACTICS
 from shuttle_marl.coach.words import Words, of_100, signed
 from shuttle_marl.data.words import bare, table
-from shuttle_marl.game.court import AREAS
+from shuttle_marl.game.court import AREA_WORDS, AREAS
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
 from shuttle_marl.pages.languages import FOLDER, LANGUAGES, Language, speaking
 
@@ -88,11 +88,15 @@ def test_every_text_that_is_used_exists_and_every_text_is_used() -> None:
 @pytest.mark.parametrize("language", LANGUAGES)
 def test_words_of_badminton_are_those_that_readers_know(language: Language) -> None:
     groups = Words(language).groups
-    for kind, group in (("shot", "shots"), ("technique", "techniques"), ("area", "short_areas")):
+    for kind, group in (("shot", "shots"), ("technique", "techniques")):
         known = table(kind)[language]
         for meaning, text in groups[group].items():
             word = text[0] if isinstance(text, list) else text
             assert known.get(bare(word)) == meaning, (word, meaning)
+
+
+def test_areas_of_the_page_are_those_of_other_texts() -> None:
+    assert tuple(Words("en").groups["short_areas"].values()) == AREA_WORDS
 
 
 def test_numbers_and_dates() -> None:

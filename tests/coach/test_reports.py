@@ -80,7 +80,7 @@ def unbuilt(monkeypatch: pytest.MonkeyPatch) -> None:
 def footage(report: MatchReport) -> Any:
     """Of a report without staged rallies."""
     nobody: Any = None
-    return match_pages.Footage(staged={}, game=report.game, players=nobody, athlete="male", command="watch", numbers={})
+    return match_pages.Footage(staged={}, game=report.game, players=nobody, command="watch", numbers={})
 
 
 def read(content: bytes) -> tuple[Tags, str]:

@@ -1,18 +1,23 @@
 """``match_v0``, and the positions and the text of its snapshots."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 from shuttle_marl import match_v0, rally_v0
 from shuttle_marl.env.snapshot import in_words, plan_of
 from shuttle_marl.game import default_game
-from shuttle_marl.game.court import HALF_LENGTH, HALF_WIDTH, area_of
+from shuttle_marl.game.court import HALF_LENGTH, HALF_WIDTH, area_of, mirrored
 from shuttle_marl.game.draws import draw, first_server, outcome_draw, stream
 from shuttle_marl.game.observation import RALLY_WIDTH
+from shuttle_marl.game.pairs import pair_game
 from shuttle_marl.game.rules import OUTCOMES, strike
 from shuttle_marl.game.scoring import Rules, Score
+from shuttle_marl.game.skill import Skill
 from shuttle_marl.game.tables import ROOT
 from tests.exact.exact_games import tiring_game
+from tests.reduced import reduced_model
 
 
 def moments(play, env, seed):
@@ -41,6 +46,26 @@ def test_strokes_land_where_they_are_aimed_and_the_next_contact_is_there(play):
                     assert area_of(np.array(flight.end[1] * sign), np.array(flight.end[0] * sign)) == area
                     areas.add(int(area))
     assert len(areas) == 9
+
+
+def test_a_left_hander_is_drawn_in_the_mirror(play, monkeypatch):
+    game = pair_game("viktor-axelsen", "kento-momota", game=reduced_model())
+    monkeypatch.setattr(Skill, "hand_of", lambda _, player: "left" if player == "kento-momota" else None)
+    areas = set()
+    for seed in range(10):
+        for snapshot in moments(play, rally_v0.env(game=game), seed):
+            assert snapshot.hands == ("right", "left")
+            turned = plan_of(dataclasses.replace(snapshot, hands=("right", "right")))
+            for flight, right in zip(plan_of(snapshot).flights, turned.flights, strict=True):
+                stroke = flight.stroke
+                if stroke.outcome != OUTCOMES.index("fault"):
+                    sign = 1 if stroke.player == 0 else -1
+                    area = int(game.catalogue.area[stroke.stroke])
+                    where = area_of(np.array(flight.end[1] * sign), np.array(flight.end[0] * sign))
+                    assert where == (mirrored(area) if stroke.player == 0 else area)
+                    assert (flight.end == right.end) == (stroke.player == 1 or area % 3 == 1)
+                    areas.add(area)
+    assert len(areas) > 4
 
 
 def test_text_tells_the_whole_rally(play):

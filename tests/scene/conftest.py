@@ -125,7 +125,7 @@ def log_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def reel(log_path: Path) -> Reel:
     with RallyLog(log_path) as log:
         numbers = select(log, match=0)[:RALLIES]
-        content, unknown = write_scene(log, numbers, default_game(), athletes=("male", "female"), handedness=("right", "left"))
+        content, unknown = write_scene(log, numbers, default_game(), hands=("right", "left"), athletes=("male", "female"))
     assert unknown == {}
     return Reel(content, numbers, read(content))
 

@@ -11,13 +11,16 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 
+from shuttle_marl.analysis import LogPlayers
 from shuttle_marl.commands.recording import main
 from shuttle_marl.game import default_game
+from shuttle_marl.game.skill import AVERAGE, Skill
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.kernel import play_rallies
-from shuttle_marl.policy.registry import resolve
-from shuttle_marl.recording import SINGLE_RALLY, LogHeader, Player, RallyLogWriter
+from shuttle_marl.policy.registry import resolve, resolve_recorded
+from shuttle_marl.recording import SINGLE_RALLY, LogHeader, Player, RallyLog, RallyLogWriter
 from shuttle_marl.scene import topics
+from shuttle_marl.scene.rally_report import report_rally
 from tests.scene.conftest import read
 
 
@@ -149,3 +152,13 @@ def test_names_of_a_log_are_printed_without_control_characters_and_markup(
     assert all(character not in text for text in (*words, *texts) for character in "\x1b\u202e")
     (facts,) = (found.metadata for found in make_reader(io.BytesIO(content)).iter_metadata())
     assert list(json.loads(facts["policies"])) == [name, "[/]"]
+
+
+def test_players_look_as_who_they_are(log_of: Callable[..., Path], bc_hash: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Skill, "hand_of", lambda _, player: None if player == AVERAGE else "left")
+    path = log_of(Player(name="bc", hash=bc_hash), Player(name="bc:an-se-young", hash="0" * 64))
+    with RallyLog(path) as log:
+        players = LogPlayers(log, default_game(), resolve_recorded)
+        report = report_rally(log, 0, default_game(), players)
+        assert (report.played.hands, report.athletes) == (("left", "left"), ("female", "female"))
+        assert report_rally(log, 0, default_game(), players, ("right", "left")).played.hands == ("right", "left")

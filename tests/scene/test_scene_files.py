@@ -13,16 +13,19 @@ from mcap.reader import make_reader
 from shuttle_marl.analysis import LogPlayers
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game import default_game
+from shuttle_marl.game.court import AREA_WORDS
+from shuttle_marl.game.pairs import Looks
 from shuttle_marl.game.tables import ROOT
 from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve, resolve_recorded
 from shuttle_marl.recording import RallyLog
-from shuttle_marl.scene import topics
+from shuttle_marl.scene import rally_report, topics
 from shuttle_marl.scene.motion import TOLERANCE
 from shuttle_marl.scene.rally_report import StagedRally, report_rally
-from shuttle_marl.scene.topics import PLAY, SHADOWS, SHUTTLE_PLACE, WORLD, bone_frame
+from shuttle_marl.scene.topics import PLAY, SHADOWS, SHUTTLE_PLACE, WORLD, bone_frame, joint_frame
 from shuttle_marl.scene.write import CUT, EPOCH, LAYOUTS, write_scene
 from shuttle_marl.staging import BONES, SWEET_SPOT, load_skeleton, stage
+from tests.scene.conftest import read
 
 MOST_A_SECOND = 60
 
@@ -83,8 +86,8 @@ def test_interpolated_transforms_follow_the_motion(reel: Any, log_path: Path) ->
     with RallyLog(log_path) as log:
         players = LogPlayers(log, default_game(), resolve_recorded)
         for number in reel.numbers:
-            report = report_rally(log, number, default_game(), players)
-            motion = stage(report.played, seed=report.key, athletes=("male", "female"), handedness=("right", "left"))
+            report = report_rally(log, number, default_game(), players, ("right", "left"))
+            motion = stage(report.played, seed=report.key, athletes=("male", "female"))
             staged = StagedRally(report=report, motion=motion, start=start)
             for frame in range(0, len(motion.time), 13):
                 at = reel.placed(staged.at(float(motion.time[frame])))
@@ -112,6 +115,18 @@ def test_rackets_meet_the_shuttle_in_the_file(reel: Any) -> None:
         shaft, _ = load_skeleton(athlete[seat]).racket(right_handed=hand[seat])
         turn, place = at[bone_frame(seat, "Racket")]
         assert np.linalg.norm(place + SWEET_SPOT * turn @ shaft - at["shuttle"][1]) < 0.012
+
+
+def test_players_with_other_hands_have_joints_of_their_own(log_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    left = Looks(hands=("right", "left"), athletes=("male", "male"))
+    looks = iter([left, left, Looks(hands=("right", "right"), athletes=("female", "male"))])
+    monkeypatch.setattr(rally_report, "looks_of", lambda *_: next(looks))
+    with RallyLog(log_path) as log:
+        content, _ = write_scene(log, [0, 0, 0], default_game(), fps=25)
+    joints = [message for _, topic, message in read(content) if topic == topics.TF_STATIC]
+    frame = joint_frame(1, BONES.index("Racket"))
+    racket = [next(joint for joint in message.transforms if joint.child_frame_id == frame) for message in joints]
+    assert [joint.parent_frame_id for joint in racket] == [bone_frame(1, "LeftHand"), bone_frame(1, "RightHand")]
 
 
 def test_players_change_ends(reel: Any, second_game: Any) -> None:
@@ -142,6 +157,8 @@ def test_strokes_and_scores_are_those_of_the_log(reel: Any, log_path: Path) -> N
                 assert message["number"] == i + 1
                 assert message["stroke"] == log.catalogue.names[stroke]
                 assert message["seat"] == (int(rally.server[0]) + i) % 2
+                if i:  # the score mirrors serves
+                    assert message["area"] == AREA_WORDS[log.catalogue.area[stroke]], "to the forehand of a left-hander, too"
                 assert message["player"] == log.policies[int(rally.policy[0, message["seat"]])].name
             assert rally.outcome(log.catalogue)[-1] == (message["end"] == "winner")
             before, after = [m for _, m in reel.of(topics.SCORE) if m["rally"] == number]

@@ -1,5 +1,7 @@
 """Staged rallies for the tests of the staging: few, because each takes half a second."""
 
+import dataclasses
+
 import pytest
 
 from benchmarks.staging import self_play_rallies
@@ -18,4 +20,5 @@ def played() -> list[Rally]:
 def motions(played: list[Rally]) -> list[Motion]:
     """Eight rallies: both hands, both athletes."""
     athletes = (("male", "female"), ("female", "male"))
-    return [stage(rally, seed=i, handedness=HANDS[i % 4], athletes=athletes[i % 2]) for i, rally in enumerate(played[:8])]
+    handed = [dataclasses.replace(rally, hands=HANDS[i % 4]) for i, rally in enumerate(played[:8])]
+    return [stage(rally, seed=i, athletes=athletes[i % 2]) for i, rally in enumerate(handed)]

@@ -184,8 +184,8 @@ def match(request: pytest.FixtureRequest, played) -> list[Motion]:
     rallies = [played[4 * request.param]]
     for rally in played[4 * request.param + 1 : 4 * request.param + 4]:
         rallies.append(dataclasses.replace(rally, server=rallies[-1].winner))
-    hands = HANDS[request.param]
-    return [stage(rally, seed=i, handedness=hands, athletes=("male", "female")) for i, rally in enumerate(rallies)]
+    handed = [dataclasses.replace(rally, hands=HANDS[request.param]) for rally in rallies]
+    return [stage(rally, seed=i, athletes=("male", "female")) for i, rally in enumerate(handed)]
 
 
 @pytest.fixture(scope="module")
@@ -224,15 +224,18 @@ def test_players_walk_and_their_feet_do_not_slide(walks) -> None:
 
 
 def test_what_does_not_follow_is_refused(match, played) -> None:
+    following = dataclasses.replace(played[1], hands=match[0].hands)
     with pytest.raises(StagingError, match="unpacked"):
         with_walk(Motion.unpack(match[0].pack()), match[1])
     with pytest.raises(StagingError, match="different fps"):
-        with_walk(match[0], stage(played[1], seed=0, handedness=match[0].handedness, athletes=("male", "female"), fps=100))
+        with_walk(match[0], stage(following, seed=0, athletes=("male", "female"), fps=100))
     with pytest.raises(StagingError, match="different skeletons"):
-        with_walk(match[0], stage(played[1], seed=0, handedness=match[0].handedness))
+        with_walk(match[0], stage(following, seed=0))
+    with pytest.raises(StagingError, match="different hands"):
+        with_walk(match[0], stage(played[1], seed=0, athletes=("male", "female")))
     there = stage(dataclasses.replace(played[1], ends_changed=True), seed=0, athletes=("male", "female"))
     with pytest.raises(StagingError, match="change ends"):
         with_walk(match[0], there)
-    opened = dataclasses.replace(played[1], stroke=played[1].stroke[:1], hurried=played[1].hurried[:1], ending=2)
+    opened = dataclasses.replace(following, stroke=played[1].stroke[:1], hurried=played[1].hurried[:1], ending=2)
     with pytest.raises(StagingError, match="the rally continues"):
-        with_walk(stage(opened, seed=0, handedness=match[0].handedness, athletes=("male", "female")), match[1])
+        with_walk(stage(opened, seed=0, athletes=("male", "female")), match[1])

@@ -12,6 +12,7 @@ from shuttle_marl.game import default_game
 from shuttle_marl.game.court import AREAS, MIDDLE_CUT, SHORT_SERVICE, SIDE_CUT
 from shuttle_marl.game.rally.record import Rally, RallyError
 from shuttle_marl.game.rules import FAULT, RETURNED_ABOVE, RETURNED_BELOW, WINNER
+from shuttle_marl.game.stroke import TECHNIQUES
 from shuttle_marl.staging import ENDS, Motion, StagingError, continue_motion, stage
 from shuttle_marl.staging.rotation import matrix
 from shuttle_marl.staging.trajectory import NET, OUT, RETURN, WIN, net_height
@@ -79,7 +80,6 @@ def test_every_end_of_a_rally_is_staged(played: list[Rally]) -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"handedness": ("right", "both")}, "expected right or left"),
         ({"fps": 10}, "expected 25 to 1000"),
         ({"athletes": ("male", "robot")}, "expected one of male, female"),
     ],
@@ -143,14 +143,46 @@ def test_serves_to_the_side_are_mirrored() -> None:
     none = np.zeros(0, np.int64)
     even = Rally(catalogue=catalogue, server=0, stroke=none, hurried=none > 0, ending=RETURNED_BELOW)
     odd = dataclasses.replace(even, points=(3, 2))
-    assert [AREAS[rally.aim[serve]] for rally in (even, odd)] == ["back-right", "back-left"]
-    assert [rally.as_named(serve) for rally in (even, odd)] == [True, False]
-    (x0, x1), (y0, y1) = even.aim_box(serve)
-    assert odd.aim_box(serve) == ((-x1, -x0), (y0, y1))
+    assert [AREAS[rally.aim[0, serve]] for rally in (even, odd)] == ["back-right", "back-left"]
+    assert [rally.as_named(0, serve) for rally in (even, odd)] == [True, False]
+    (x0, x1), (y0, y1) = even.aim_box(0, serve)
+    assert odd.aim_box(0, serve) == ((-x1, -x0), (y0, y1))
     centre = catalogue.index("short-serve:front-centre:below:backhand")
-    assert even.aim_box(centre) == ((-SIDE_CUT, 0.0), (SHORT_SERVICE, MIDDLE_CUT))
+    assert even.aim_box(0, centre) == ((-SIDE_CUT, 0.0), (SHORT_SERVICE, MIDDLE_CUT))
     clear = next(k for k, name in enumerate(catalogue.names) if name.startswith("clear:back-left"))
-    assert odd.aim[clear] == catalogue.area[clear], "other strokes are not"
+    assert odd.aim[0, clear] == catalogue.area[clear], "other strokes are not"
+
+
+def test_areas_of_a_left_handed_receiver_are_mirrored() -> None:
+    catalogue = default_game().catalogue
+    none = np.zeros(0, np.int64)
+    rally = Rally(catalogue=catalogue, server=0, stroke=none, hurried=none > 0, ending=RETURNED_BELOW, hands=("left", "right"))
+    clear = next(k for k, name in enumerate(catalogue.names) if name.startswith("clear:back-left"))
+    assert [AREAS[rally.aim[seat, clear]] for seat in (0, 1)] == ["back-left", "back-right"], "seat 1 aims at the left-hander"
+    serve = catalogue.index("long-serve:back-right:below:forehand")
+    assert [AREAS[rally.aim[seat, serve]] for seat in (0, 1)] == ["back-right", "back-right"], "into the right service court"
+    assert [rally.as_named(seat, serve) for seat in (0, 1)] == [True, False]
+
+
+def test_players_strike_on_the_side_of_their_racket(motions: list[Motion]) -> None:
+    side: dict[tuple[str, int], list[float]] = {}
+    for motion in motions:
+        rally = motion.trajectory.rally
+        for i, frame in enumerate(motion.contact_frame.tolist()):
+            seat = int(rally.striker[i])
+            right = rally.facing(seat) * float(motion.shuttle[frame, 0] - motion.position[frame, seat, 0, 0])
+            side.setdefault((rally.hands[seat], int(rally.catalogue.technique[rally.stroke[i]])), []).append(right)
+    mean = {(hand, TECHNIQUES[technique]): float(np.mean(values)) for (hand, technique), values in side.items()}
+    assert mean["right", "forehand"] > 0.1 > -0.1 > mean["left", "forehand"]
+    assert mean["left", "backhand"] > 0.05 > -0.05 > mean["right", "backhand"]
+
+
+def test_a_rally_with_other_hands_is_no_continuation(played: list[Rally]) -> None:
+    motion = stage(prefix(played[0], 1), seed=0)
+    with pytest.raises(StagingError, match="other hands"):
+        continue_motion(motion, dataclasses.replace(played[0], hands=("left", "right")), seed=0)
+    with pytest.raises(RallyError, match="expected right or left"):
+        stage(dataclasses.replace(played[0], hands=("right", "both")), seed=0)
 
 
 HANDS = (("right", "right"), ("left", "right"))
@@ -165,8 +197,8 @@ def returns(rallies: list[Rally], hurried: bool) -> F64:
     """
     found: tuple[list[list[float]], list[list[float]]] = ([], [])
     for k, played in enumerate(rallies):
-        rally = dataclasses.replace(played, hurried=(np.arange(len(played)) > 0) & hurried)
-        motion = stage(rally, seed=k, handedness=HANDS[k % 2], athletes=ATHLETES[k // 2 % 2])
+        rally = dataclasses.replace(played, hurried=(np.arange(len(played)) > 0) & hurried, hands=HANDS[k % 2])
+        motion = stage(rally, seed=k, athletes=ATHLETES[k // 2 % 2])
         for i in range(1, len(rally)):
             hips = motion.position[:, rally.striker[i], 0, :2].astype(float)
             before, at = motion.contact_frame[i - 1], motion.contact_frame[i]
@@ -226,10 +258,11 @@ def sound(motion: Motion) -> None:
 
 
 def test_a_rally_that_is_played_stroke_by_stroke(played: list[Rally]) -> None:
-    for i, rally in enumerate(rally for rally in played if 4 <= len(rally) <= 9):
+    for i, one in enumerate(rally for rally in played if 4 <= len(rally) <= 9):
         if i == 3:
             break
-        motion = stage(prefix(rally, 0), seed=i, handedness=BOTH_HANDS[i % 2], athletes=("female", "male"), lead_in=2.0)
+        rally = dataclasses.replace(one, hands=BOTH_HANDS[i % 2])
+        motion = stage(prefix(rally, 0), seed=i, athletes=("female", "male"), lead_in=2.0)
         assert len(motion.time) == 101
         sound(motion)
         for k in range(len(rally)):

@@ -36,7 +36,7 @@ def test_a_motion_comes_back_within_two_millimetres_from_few_bytes(motions: list
         assert same_rotations(again.rotation, motion.rotation, 1e-3)
         for name in ("planted", "contact_frame", "time"):
             np.testing.assert_array_equal(getattr(again, name), getattr(motion, name))
-        assert again.handedness == motion.handedness
+        assert again.hands == motion.hands
         np.testing.assert_array_equal(again.trajectory.rally.hurried, motion.trajectory.rally.hurried)
         assert again.skeletons == motion.skeletons
 

@@ -17,17 +17,22 @@ from shuttle_marl.commands.options import RallyGameOptions
 from shuttle_marl.data import load_strokes
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game import default_game
+from shuttle_marl.game.court import AREAS
+from shuttle_marl.game.court import mirrored as mirror
 from shuttle_marl.game.draws import draw, outcome_draw, stream
 from shuttle_marl.game.pairs import pair_game
 from shuttle_marl.game.rules import RETURNED_BELOW, IllegalStrokeError, strike
+from shuttle_marl.game.skill import AVERAGE, Skill
 from shuttle_marl.game.tables import ROOT
 from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording import Derived, RallyLog
 from shuttle_marl.recording.replay import check
 from shuttle_marl.scene.rally_report import report_rally
+from shuttle_marl.staging import Motion
 from shuttle_marl.watch import WatchError, messages
 from shuttle_marl.watch.answers import Answers
+from shuttle_marl.watch.first_rally import first_key
 from shuttle_marl.watch.match import Match
 from shuttle_marl.watch.match_log import MatchLog
 from shuttle_marl.watch.messages import RallyRequest, decode_request
@@ -92,7 +97,7 @@ def test_a_stroke_tried_in_a_recorded_rally_keeps_what_was_played_before_it(tabl
     policy = tables.table(ELITE)
     players = Players(tables=(policy, policy), value=None)
     recorded = SimpleNamespace(rally=rallies.__getitem__, players=lambda _: players, people=lambda _: None)
-    answers = Answers(tables, Plan.parse(PLAN), Stager(("male", "male"), ("right", "right")), recorded=cast(Recorded, recorded))
+    answers = Answers(tables, Plan.parse(PLAN), Stager(), recorded=cast(Recorded, recorded))
     seen = 0
     for rally in rallies:
         k = len(rally) - 1
@@ -115,6 +120,84 @@ def test_real_rallies_have_the_hurried_strikers_of_the_table(tables: PolicyTable
     assert whole == {True}, "the game has every state"
     first = shown._rallies[0].rows
     assert rallies[0].hurried.tolist() == marked.to_numpy(zero_copy_only=False)[first].tolist()
+
+
+def with_hands(left: str | None) -> pa.Table:
+    """The strokes of the sample, in which one player or nobody is known, as a left-hander."""
+    strokes = load_strokes(SAMPLE)
+    hand = pa.array([1 if player == left else None for player in strokes["player"].to_pylist()], pa.int8())
+    return strokes.set_column(strokes.schema.get_field_index("hand"), strokes.schema.field("hand"), hand)
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_real_rallies_have_the_hands_of_the_table_and_land_where_they_did(known: bool, tables: PolicyTables) -> None:
+    strokes = load_strokes(SAMPLE)
+    player, discipline = strokes["player"][0].as_py(), strokes["discipline"][0].as_py()
+    shown = RealRallies(SAMPLE, tables.game, with_hands(player if known else None))
+    same = []
+    for number in range(40):
+        rally, found = shown.rally(number), shown._rallies[number]
+        assert rally.hands == tuple("left" if known and name == player else "right" for name in found.players)
+        assert rally.athletes == (("female" if discipline == "WS" else "male"),) * 2
+        area = strokes["area"].to_numpy(zero_copy_only=False)[found.rows]
+        met = (rally.striker == found.players.index(player)) | np.isnan(area)
+        same += (rally.aim[rally.striker, rally.stroke] == area)[~met & ~rally.catalogue.is_serve[rally.stroke]].tolist()
+    assert np.mean(same) > 0.9, "strokes to the left-hander"
+
+
+def left_handed(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let a player of the models be left-handed."""
+    monkeypatch.setattr(Skill, "hand_of", lambda _, player: "left" if player == name else "right" if player != AVERAGE else None)
+
+
+def test_players_look_as_who_they_are_from_the_rally_in_which_they_come(
+    tables: PolicyTables, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    left_handed(B, monkeypatch)
+    comes = {"rally": 1, "seat": 1, "side": {"policy": f"bc:{B}", "temperature": 0.5}}
+    agent = {"rally": 2, "seat": 0, "side": {"policy": "minimax"}}
+    woman = {"rally": 3, "seat": 0, "side": {"policy": "bc:an-se-young"}}
+    played = match(tables, changes=[comes, agent, woman])
+    looks = [(rally.hands, rally.athletes) for rally in map(played.rally, range(4))]
+    right, left, men = ("right", "right"), ("left", "left"), ("male", "male")
+    assert looks == [(right, men), (left, men), (left, men), (right, ("female", "male"))]
+
+
+def test_the_appearance_that_is_asked_for_overrides_that_of_the_players(monkeypatch: pytest.MonkeyPatch) -> None:
+    left_handed(B, monkeypatch)
+    policies = PolicyTables(PAIR)
+    players, keys = [], set()
+    for stager in (Stager(), Stager(("female", "female")), Stager(hands=("left", "right"))):
+        reply, packed = Answers(policies, PAIR_PLAN, stager).rally(FIRST)
+        players.append([(player.athlete, player.hand) for player in reply.rally.players])
+        motion = Motion.unpack(packed)
+        assert [(motion.skeletons[seat].name, motion.hands[seat]) for seat in (0, 1)] == players[-1]
+        keys.add(first_key(PAIR, PAIR_PLAN, stager))
+    assert players[0] == [("male", "right"), ("male", "left")]
+    assert players[1] == [("female", "right"), ("female", "left")]
+    assert players[2] == [("male", "left"), ("male", "right")]
+    assert len(keys) == 3, "the shipped rally is that of other players"
+
+
+def test_areas_are_named_by_the_forehand_of_the_receiver_and_lie_where_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    left_handed(B, monkeypatch)
+    policies = PolicyTables(PAIR)
+    here, there = (Answers(policies, PAIR_PLAN, Stager(hands=(one, "right"))) for one in ("right", "left"))
+    strokes, mirrored = (answers.rally(FIRST)[0].rally.strokes for answers in (here, there))
+    checked = 0
+    for stroke, other in zip(strokes, mirrored, strict=True):
+        if not PAIR.catalogue.is_serve[stroke.stroke]:
+            assert stroke.area == other.area == AREAS[PAIR.catalogue.area[stroke.stroke]]
+            x0, x1, y0, y1 = stroke.box
+            assert other.box == (stroke.box if stroke.seat == 0 else (-x1, -x0, y0, y1))
+            checked += stroke.seat and "centre" not in stroke.area
+    assert checked
+    landings, others = (
+        answers._analysis(messages.AnalysisRequest(id=0, plan=PAIR_PLAN, rally=0)).landings for answers in (here, there)
+    )
+    for (first, second), (same, turned) in zip(landings[1:], others[1:], strict=True):
+        assert first == same
+        assert second is None or turned == [second[mirror(area)] for area in range(9)]
 
 
 @pytest.mark.parametrize(
@@ -141,7 +224,7 @@ def test_invalid_plans_are_rejected(raw: object) -> None:
 
 def test_another_stroke_continues_the_motion_of_the_rally(tables: PolicyTables) -> None:
     game, plan = tables.game, Plan.parse(PLAN)
-    answers = Answers(tables, plan, Stager(("male", "male"), ("right", "right")))
+    answers = Answers(tables, plan, Stager())
     played = Match(plan, game, tables)
     number = next(k for k in range(40) if len(played.rally(k)) > 2)
     rally = played.rally(number)
@@ -189,7 +272,7 @@ def test_a_duel_ends_at_its_points_and_is_recorded_by_its_rules(tables: PolicyTa
 
 
 def test_an_opening_is_played_in_the_match_of_its_seed(tables: PolicyTables) -> None:
-    answers = Answers(tables, Plan.parse(PLAN), Stager(("male", "male"), ("right", "right")))
+    answers = Answers(tables, Plan.parse(PLAN), Stager())
     line: tuple[int, ...] = ()
     for _ in range(3):
         line = (*line, answers.opening(line).strokes[1].stroke)
@@ -251,7 +334,7 @@ PAIR_PLAN = Plan.parse({"seed": 3, "sides": [{"policy": f"bc:{A}"}, {"policy": "
 
 
 FIRST = messages.RallyRequest(id=0, plan=PAIR_PLAN, rally=0)
-STAGER = Stager(("male", "male"), ("right", "right"))
+STAGER = Stager()
 
 
 @pytest.fixture(scope="module")

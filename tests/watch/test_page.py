@@ -183,6 +183,27 @@ def test_a_duel_is_played_by_keyboard_recorded_and_ends_with_a_report(viewer: An
     assert checked.rallies == last + 1
 
 
+@pytest.mark.parametrize("hand", ["right", "left"])
+def test_keys_of_areas_lie_as_the_striker_sees_the_other_half(hand: str, viewer: Any, page_folder: Any) -> None:
+    """And the page says who is left-handed."""
+    with serving("--a", "bc", "--b", "bc", "--hands", hand, hand) as server:
+        viewer.open(f"{server.address}#seed=5&a=bc&b=bc&rally=1&stroke=1")
+        viewer.enter("play")
+        assert viewer.page.locator(".bug .tag[title='left-handed']").count() == (2 if hand == "left" else 0)
+        strokes = viewer.state("turn")["strokes"]
+        shot = max({stroke["shot"] for stroke in strokes}, key=lambda name: sum(stroke["shot"] == name for stroke in strokes))
+        areas = {stroke["area"] for stroke in strokes if stroke["shot"] == shot and not stroke["area"].endswith("centre")}
+        assert areas
+        viewer.press(KEYS[shot])
+        for area in areas:
+            column = area.endswith("left") == (hand == "right")
+            key = AREA_KEYS[area] if hand == "right" else str(int(AREA_KEYS[area]) + (2 if column else -2))
+            chosen = viewer.press(key).state("selected")
+            assert chosen["area"] == area
+            x0, x1, y0, _ = chosen["box"]
+            assert ((x0 + x1) * (1 if y0 >= 0 else -1) > 0) == column, "their right on the right"
+
+
 def test_a_log_is_replayed(viewer: Any, page_folder: Any, tmp_path: Any) -> None:
     run_league(LeagueConfig(pool=("attacking", "safe"), matches=2, out=tmp_path / "run"))
     path = tmp_path / "run" / "rallies.mcap"

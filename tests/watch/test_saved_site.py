@@ -6,6 +6,8 @@ import threading
 from collections.abc import Iterator
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import pytest
 from playwright.sync_api import Browser
@@ -13,9 +15,10 @@ from playwright.sync_api import Browser
 from shuttle_marl.game import default_game
 from shuttle_marl.watch import WatchError
 from shuttle_marl.watch.answers import Answers
+from shuttle_marl.watch.messages import Hello, PlayerFacts, RallyRequest
 from shuttle_marl.watch.plan import Plan, Side
 from shuttle_marl.watch.policies import PolicyTables
-from shuttle_marl.watch.site import save_site
+from shuttle_marl.watch.site import _rallies, save_site
 from shuttle_marl.watch.stager import Stager
 from tests.watch.conftest import Viewer
 
@@ -26,7 +29,7 @@ LIMIT = 2_300_000
 @pytest.fixture(scope="module")
 def answers() -> Answers:
     plan = Plan(seed=12, sides=(Side(policy="bc"), Side(policy="bc")))
-    return Answers(PolicyTables(default_game(), ("bc",)), plan, Stager(("male", "male"), ("right", "right")))
+    return Answers(PolicyTables(default_game(), ("bc",)), plan, Stager())
 
 
 @pytest.fixture(scope="module")
@@ -53,6 +56,29 @@ def test_a_site_is_small_and_names_no_host(site: tuple[Path, int, int, int], pag
     (folder / "replies" / "rally-999.bin").write_bytes(b"of a longer match")
     assert save_site(folder, page_folder, answers, limit=LIMIT) == (count, size, left)
     assert not (folder / "replies" / "rally-999.bin").exists()
+
+
+def test_no_walk_leads_to_other_players() -> None:
+    looks = [PlayerFacts(athlete="male", hand=hand) for hand in ("right", "right", "left", "left")]
+    walks = []
+
+    class Fake:
+        def rally(self, request: RallyRequest) -> tuple[SimpleNamespace, bytes]:
+            number = request.rally
+            over = SimpleNamespace(over=number == 3)
+            players = (looks[0], looks[number])
+            return SimpleNamespace(
+                rally=SimpleNamespace(ends_changed=False, players=players, winner=0, after=over, strokes=[])
+            ), b""
+
+        def __call__(self, request: RallyRequest) -> bytes:
+            if request.walk:
+                walks.append(request.rally)
+            return b""
+
+    hello = SimpleNamespace(recorded=None, plan=Plan(seed=12, sides=(Side(policy="bc"), Side(policy="bc"))))
+    assert len(list(_rallies(cast(Answers, Fake()), cast(Hello, hello)))) == 4
+    assert walks == [0, 2]
 
 
 def test_a_folder_with_other_files_is_refused(page_folder: Path, answers: Answers, tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from shuttle_marl.data import load_strokes
 from shuttle_marl.data.own import import_matches
 from shuttle_marl.data.schema import REASONS, violations
 from shuttle_marl.game import default_game
-from shuttle_marl.game.court import AREAS
+from shuttle_marl.game.court import AREAS, HANDS
 from shuttle_marl.game.scoring import BWF
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
 from shuttle_marl.policy.registry import resolve
@@ -24,7 +24,7 @@ from shuttle_marl.watch.messages import TagRequest, TagRow, TagStroke
 from shuttle_marl.watch.tagging import TagFile, suggestions
 from tests.watch.conftest import Viewer, get, run_script, running, serving
 
-SETUP = {"kind": "setup", "match": "club", "discipline": "WS", "players": ["Ada", "Bea"], "server": 0}
+SETUP = {"kind": "setup", "match": "club", "discipline": "WS", "players": ["Ada", "Bea"], "hands": [None, "left"], "server": 0}
 CORNERS: list[dict[str, Any]] = [{"kind": "corner", "x": x, "y": y} for x, y in ((0.1, 0.9), (0.9, 0.9), (0.7, 0.2), (0.3, 0.2))]
 
 
@@ -60,7 +60,7 @@ def test_two_inputs_a_stroke_and_the_rules_tell_the_rest(tmp_path: Path) -> None
     assert found["refused"] == []
     rows = found["rows"]
     assert [SHOTS[row["shot"]] for row in rows] == ["short-serve", "lift", "smash"]
-    assert [row["player"] for row in rows] == ["Ada", "Bea", "Ada"]
+    assert [(row["player"], row["hand"]) for row in rows] == [("Ada", None), ("Bea", "left"), ("Ada", None)]
     # Ada is near: the top row of the keypad is the back of Bea's half, and the picture's left is Bea's right.
     assert [AREAS[row["area"]] for row in rows] == ["back-right", "back-left", "middle-left"]
     assert [(row["ending"], row["winner"], row["points"], row["points_opponent"]) for row in rows] == [
@@ -166,6 +166,8 @@ def test_suggestions_are_shares_of_the_policy() -> None:
     assert [one.probability for one in replies] == sorted((one.probability for one in replies), reverse=True)
     assert {SHOTS[one.shot] for one in replies[:4]} == {"clear", "drop", "smash", "half-smash"}
     assert HEIGHTS[replies[0].height] == "above"
+    mirrored = [*line, TagStroke(shot=SHOTS.index("lift"), technique=0, height=0, area=6)]
+    assert suggestions(game, policy, mirrored, ("right", "left")) == replies != suggestions(game, policy, mirrored)
     assert suggestions(game, policy, lifted * 1 + [TagStroke(shot=SHOTS.index("drop"), technique=0, height=1, area=None)])
 
 
@@ -194,6 +196,7 @@ def test_what_is_saved_is_read_by_import_and_tagging_continues(tmp_path: Path) -
     assert cleaned.warnings == ()
     assert [SHOTS[code] for code in strokes["shot"].to_pylist()] == ["short-serve", "lift", "smash"]
     assert [TECHNIQUES[code] for code in strokes["technique"].to_pylist()] == ["backhand", "forehand", "around-the-head"]
+    assert strokes["hand"].to_pylist() == [None, HANDS.index("left"), None]
     assert [REASONS[code] for code in strokes["reason"].to_pylist()] == ["returned", "returned", "landed"]
     assert strokes["frame"].to_pylist() == [30, 54, 90]
     # A half line of a process that was killed is dropped; all before it stays.

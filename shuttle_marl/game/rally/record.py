@@ -151,9 +151,14 @@ class Rally:
         area = self.catalogue.area.astype(np.int64)
         return np.stack([mirrored(area) if self.hands[1 - seat] == "left" else area for seat in (0, 1)])
 
+    def target(self, seat: int, stroke: int) -> int:
+        """Area at which a seat aims with a stroke of the catalogue, as a right-handed receiver sees it."""
+        area = int(self.aim[seat, stroke])
+        return mirrored(area) if self.hands[1 - seat] == "left" else area
+
     def as_named(self, seat: int, stroke: int) -> bool:
         """Whether a stroke of the catalogue aims at the area of its name; the score mirrors some serves."""
-        return bool(self.aim[seat, stroke] == self._seen[seat, stroke])
+        return self.target(seat, stroke) == self.catalogue.area[stroke]
 
     def aim_box(self, seat: int, stroke: int) -> tuple[tuple[float, float], tuple[float, float]]:
         """Extent of the area at which a seat aims with a stroke of the catalogue, in the striker's frame [m]."""

@@ -3,6 +3,7 @@
 Only for a new version of the format; the committed files show that packed motions of today can be read tomorrow.
 """
 
+import dataclasses
 import json
 from pathlib import Path
 
@@ -16,13 +17,13 @@ FOLDER = Path(__file__).parent
 
 def main() -> None:
     rally = next(rally for rally in self_play_rallies("bc", 40, seed=11) if len(rally) == 4)
-    packed = stage(rally, seed=5, handedness=("right", "left"), athletes=("male", "female")).pack()
+    packed = stage(dataclasses.replace(rally, hands=("right", "left")), seed=5, athletes=("male", "female")).pack()
     motion = Motion.unpack(packed)
     rows = sorted({0, len(motion.time) - 1, *motion.contact_frame.tolist(), *range(7, len(motion.time), 41)})
     found = {
         "fps": motion.fps,
         "frames": len(motion.time),
-        "players": [{"athlete": motion.skeletons[k].name, "hand": motion.handedness[k]} for k in (0, 1)],
+        "players": [{"athlete": motion.skeletons[k].name, "hand": motion.hands[k]} for k in (0, 1)],
         "strokes": [motion.trajectory.rally.catalogue.names[k] for k in motion.trajectory.rally.stroke],
         "contact_frames": motion.contact_frame.tolist(),
         "bones": list(BONES),

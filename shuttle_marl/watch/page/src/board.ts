@@ -21,6 +21,9 @@ const KEYS: Record<string, string> = {
   "cross-court-net-shot": "x",
 };
 
+/** Places of the areas, by the hand of the receiver: an area is named by the side of the forehand. */
+const GRID = { right: [6, 7, 8, 3, 4, 5, 0, 1, 2], left: [8, 7, 6, 5, 4, 3, 2, 1, 0] } as const;
+
 export interface BoardHooks {
   hit(stroke: number): void;
   hints(): Promise<Option[]>;
@@ -33,6 +36,8 @@ export class Board {
   private shot = "";
   private area = "";
   private technique = "";
+  /** Areas as the striker sees the other half: far ones above, their own left on the left. */
+  private order: readonly number[] = GRID.right;
   private values = new Map<number, Option>();
 
   constructor(
@@ -40,11 +45,13 @@ export class Board {
     private readonly hooks: BoardHooks,
   ) {}
 
-  show(turn: Turn | null): void {
+  /** @param receiver hand of the opponent. */
+  show(turn: Turn | null, receiver = "right"): void {
     if (turn === this.turn) {
       return;
     }
     this.turn = turn;
+    this.order = GRID[receiver as keyof typeof GRID];
     this.values.clear();
     document.body.classList.toggle("choosing", turn !== null);
     if (turn) {
@@ -127,16 +134,14 @@ export class Board {
     });
     const folded = shots.filter((shot) => !legal.includes(shot));
     const ofShot = strokes.filter((s) => s.shot === this.shot);
-    // As the striker sees the other half: far areas above, their own left on the left.
-    const order = [6, 7, 8, 3, 4, 5, 0, 1, 2];
-    const areaButtons = order.map((index, place) => {
+    const areaButtons = this.order.map((index, place) => {
       const area = this.hall.areas[index]!.name;
       const mine = ofShot.filter((s) => s.area === area);
       const share = mine.length ? Math.max(...mine.map((s) => s.p_succ)) : 0;
       const best = this.best(mine);
       const facts = mine.length
         ? [say("board.in", { share: percent(share) }), best && say("board.wins", { share: best }).trim()]
-        : [say(this.shot ? "board.illegal" : "board.choose")];
+        : [say(this.shot ? "board.not_modelled" : "board.choose")];
       return h(
         "button",
         {
@@ -266,7 +271,7 @@ export class Board {
     }
     const place = [7, 8, 9, 4, 5, 6, 1, 2, 3].indexOf(Number(key));
     if (/^[1-9]$/.test(key)) {
-      const area = this.hall.areas[[6, 7, 8, 3, 4, 5, 0, 1, 2][place]!]!.name;
+      const area = this.hall.areas[this.order[place]!]!.name;
       if (strokes.some((s) => s.shot === this.shot && s.area === area)) {
         this.choose({ area });
       }

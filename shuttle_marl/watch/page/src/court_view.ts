@@ -2,7 +2,7 @@
 
 import { type Child, capitalised, h, percent, replaceChildren, sideColour } from "./dom";
 import { hurriedTag } from "./glossary";
-import { displayName } from "./names";
+import { displayName, handTag } from "./names";
 import { breakWords } from "./narration";
 import { CAMERAS, type Camera, type Stage } from "./stage";
 import type { RallyFacts, Stroke } from "./wire.gen";
@@ -16,7 +16,7 @@ export class ScoreBug {
   show(rally: RallyFacts, begun: boolean, over: boolean): void {
     const before = begun ? "" : rally.before;
     const points = over && rally.after ? rally.after.points : rally.points;
-    const key = JSON.stringify([rally.names, points, rally.finished, rally.server, before, over]);
+    const key = JSON.stringify([rally.names, rally.players, points, rally.finished, rally.server, before, over]);
     if (key === this.shown) {
       return;
     }
@@ -30,7 +30,7 @@ export class ScoreBug {
           { class: `row${seat === serving ? " serving" : ""}`, style: `--mine:${sideColour(seat)}` },
           h("i"),
           h("span", { class: "dot", title: say("page.serves") }),
-          h("span", { class: "name" }, displayName(rally.names[seat]!)),
+          h("span", { class: "name" }, displayName(rally.names[seat]!), handTag(rally.players[seat]!.hand)),
           h("span", { class: "sets" }, ...rally.finished.map((game) => h("span", {}, String(game[seat])))),
           h("span", { class: "points" }, String(points[seat])),
         ),

@@ -1,6 +1,6 @@
 // Names of policies that a viewer knows, beside their identifiers.
 
-import { capitalised } from "./dom";
+import { capitalised, h } from "./dom";
 import { say } from "./words";
 
 const KNOWN: Record<string, string> = {
@@ -52,6 +52,14 @@ function plainName(name: string): string {
     return say("names.close", { number: argument });
   }
   return /^[a-z]+(-[a-z]+)+$/.test(name) ? capitalized(name.replaceAll("-", " ")) : name; // a person of a data set
+}
+
+/** Marks a left-handed player. */
+export function handTag(hand: string): HTMLElement | null {
+  const label = say("page.left_handed");
+  return hand === "left"
+    ? h("span", { class: "tag", role: "img", "aria-label": label, title: label }, say("page.left_short"))
+    : null;
 }
 
 /** A name with a verb: "Average pro wins", "you win"; `start`: at the start of a sentence. */

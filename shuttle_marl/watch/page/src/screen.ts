@@ -243,7 +243,7 @@ export class Screen {
       where,
       number: rally.number + 1,
     });
-    sides?.forEach((side, i) => this.sides[i]!.show(side, facing(rally, i) > 0, seat === i));
+    sides?.forEach((side, i) => this.sides[i]!.show(side, facing(rally, i) > 0, seat === i, rally.players[i]!.hand));
     this.layout.tellFromStart(startSentence(rally));
     this.layout.banner.classList.add("hidden");
     this.back.classList.toggle("hidden", !tried);
@@ -344,7 +344,7 @@ export class Screen {
     }
     this.layout.banner.classList.toggle("hidden", !over); // the viewer may go back
     if (rally.turn && rally.turn !== this.answered && player.stroke === rally.turn.number - 1) {
-      this.board.show(rally.turn);
+      this.board.show(rally.turn, rally.players[1 - rally.turn.seat]!.hand);
     }
     const question = this.learn.current;
     if (question !== null && !player.playing && Math.abs(player.time - (rally.strokes[question]!.time - BEFORE)) < 0.05) {

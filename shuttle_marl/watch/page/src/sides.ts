@@ -2,7 +2,7 @@
 
 import { h, percent, replaceChildren, sideColour } from "./dom";
 import { term } from "./glossary";
-import { displayName, grouped } from "./names";
+import { displayName, grouped, handTag } from "./names";
 import type { Side, Styles } from "./wire.gen";
 import { decimal, type Key, say, words } from "./words";
 
@@ -60,8 +60,8 @@ export class SideCard {
   }
 
   /** @param near whether the player is at the near end. */
-  show(side: Side, near: boolean, person: boolean): void {
-    this.half.textContent = say(near ? "page.near" : "page.far");
+  show(side: Side, near: boolean, person: boolean, hand: string): void {
+    replaceChildren(this.half, say(near ? "page.near" : "page.far"), handTag(hand));
     if (![...this.select.options].some((option) => option.value === side.policy)) {
       this.select.append(h("option", { value: side.policy }, displayName(side.policy)));
     }

@@ -1,6 +1,6 @@
 // Tagging a video: the page around the reducer of tagging.ts. Keys enter shots, places and endings; the server keeps every input.
 
-import { decimal, type Key, say, words } from "./words";
+import { areaWords, decimal, type Key, say, words } from "./words";
 import "./tag.css";
 import type { Connection } from "./connection";
 import { type Child, capitalised, h, percent, replaceChildren, s } from "./dom";
@@ -9,11 +9,13 @@ import {
   current,
   ENDINGS,
   type Ending,
+  type Hand,
   homography,
   type Input,
   line,
   mapped,
   Refused,
+  receivers,
   reduce,
   replay,
   rows,
@@ -127,6 +129,11 @@ export class Tagging {
       h("label", {}, label, h("input", { name, value, required: true, maxlength: 80, pattern: "[^=+\\-@].*" }));
     const select = (name: string, label: string, options: [string, string][]) =>
       h("label", {}, label, h("select", { name }, ...options.map(([value, text]) => h("option", { value }, text))));
+    const hands: [string, string][] = [
+      ["", say("tag.hand_unknown")],
+      ["right", say("tag.hand_right")],
+      ["left", say("tag.hand_left")],
+    ];
     return h(
       "form",
       {
@@ -135,14 +142,17 @@ export class Tagging {
           const of = (name: string) => String(new FormData(this.setup).get(name)).trim();
           const discipline = of("discipline") as "MS" | "WS";
           const players: [string, string] = [of("near"), of("far")];
-          this.enter({ kind: "setup", match: of("match"), discipline, players, server: Number(of("server")) as 0 | 1 });
+          const hands = [of("near_hand") || null, of("far_hand") || null] as [Hand, Hand];
+          this.enter({ kind: "setup", match: of("match"), discipline, players, hands, server: Number(of("server")) as 0 | 1 });
         },
       },
       h("h1", {}, say("tag.heading")),
       h("label", {}, say("page.language"), languageMenu()),
       field("match", say("tag.match"), this.file.video.replace(/\.\w+$/, "")),
       field("near", say("tag.near")),
+      select("near_hand", say("tag.near_hand"), hands),
       field("far", say("tag.far")),
+      select("far_hand", say("tag.far_hand"), hands),
       select("server", say("tag.server"), [
         ["0", say("tag.near_player")],
         ["1", say("tag.far_player")],
@@ -347,7 +357,7 @@ export class Tagging {
     if (!text || text === this.suggestedFor) {
       return;
     }
-    void this.server.ask("suggest", { line: JSON.parse(text) }).then(
+    void this.server.ask("suggest", { line: JSON.parse(text), receivers: receivers(this.state) }).then(
       ({ facts }) => {
         if (text === this.line()) {
           [this.suggested, this.suggestedFor] = [facts.shots, text];
@@ -445,12 +455,13 @@ export class Tagging {
   }
 
   private showList(): void {
-    const { players } = this.state.setup!;
+    const { players, hands } = this.state.setup!;
     const items = this.state.rallies.slice(-40).flatMap((rally) =>
       rally.strokes.map(({ seat, shot, area, time }, i) => {
         const ending = i === rally.strokes.length - 1 && rally.ending ? say("language.comma") + say(`tag.${rally.ending}`) : "";
         const name = words(this.hall.shots[shot]!);
-        const stroke = area === null ? name : say("stroke.to", { shot: name, area: words(this.hall.areas[area]!.name) });
+        const to = (index: number) => areaWords(this.hall.areas[index]!.name, hands[1 - seat] ?? "right");
+        const stroke = area === null ? name : say("stroke.to", { shot: name, area: to(area) });
         const text = say("tag.listed", { time: decimal(time, 1), name: players[seat], stroke, ending });
         const jump = () => {
           this.video.pause();

@@ -8,10 +8,11 @@ export type Ending = (typeof ENDINGS)[number];
 type Seat = 0 | 1;
 type Point = [number, number];
 type Discipline = TagRow["discipline"];
+export type Hand = TagRow["hand"];
 
 /** What a person enters; x and y are fractions of the picture, seat 0 is the player who is near in the first game. */
 export type Input =
-  | { kind: "setup"; match: string; discipline: Discipline; players: [string, string]; server: Seat }
+  | { kind: "setup"; match: string; discipline: Discipline; players: [string, string]; hands: [Hand, Hand]; server: Seat }
   | { kind: "corner"; x: number; y: number }
   | { kind: "shot"; shot: number; time: number; technique: number; height: number; probability: number | null }
   | { kind: "technique" }
@@ -27,6 +28,8 @@ interface Setup {
   match: string;
   discipline: Discipline;
   players: [string, string];
+  /** Racket hands; null: not known, taken for the right. */
+  hands: [Hand, Hand];
 }
 
 /** A stroke; `place` is where it was met or fell, in the frame of its striker [m]; null: only the area is known. */
@@ -145,12 +148,12 @@ function waiting(state: State): string {
   return state.phase === "ask" ? state.question : say(`refusal.${state.phase}`);
 }
 
-function begun(state: State, { match, discipline, players, server }: Input & { kind: "setup" }): State {
+function begun(state: State, { match, discipline, players, hands, server }: Input & { kind: "setup" }): State {
   if (!match || !players[0] || !players[1] || players[0] === players[1]) {
     refuse(say("refusal.players"));
   }
   const rally: Rally = { game: 1, number: 1, server, points: [0, 0], strokes: [], ending: null };
-  return { ...state, phase: "shot", setup: { match, discipline, players }, rallies: [rally] };
+  return { ...state, phase: "shot", setup: { match, discipline, players, hands }, rallies: [rally] };
 }
 
 function withRally(state: State, change: Partial<Rally>): State {
@@ -327,6 +330,12 @@ export function mapped([a, b, c, d, e, f, g, h]: number[], u: number, v: number)
   return [(a! * u + b! * v + c!) / w, (d! * u + e! * v + f!) / w];
 }
 
+/** Racket hands of who receives the serve of a rally, and of its server. */
+export function receivers({ rallies, setup }: State): ["right" | "left", "right" | "left"] {
+  const { server } = rallies.at(-1)!;
+  return [setup!.hands[other(server)] ?? "right", setup!.hands[server] ?? "right"];
+}
+
 /** The strokes of the current rally, for suggestions. */
 export function line(rally: Rally): TagStroke[] {
   return rally.strokes.map(({ shot, technique, height, area }) => ({ shot, technique, height, area }));
@@ -337,7 +346,7 @@ export function rows(state: State): TagRow[] {
   return state.rallies.flatMap((rally) => rowsOf(rally, state.setup!)).slice(0, state.phase === "place" ? -1 : undefined);
 }
 
-function rowsOf(rally: Rally, { match, discipline, players }: Setup): TagRow[] {
+function rowsOf(rally: Rally, { match, discipline, players, hands }: Setup): TagRow[] {
   const winner = winnerOf(rally);
   const after = rally.points.map((points, seat) => points + Number(seat === winner));
   return rally.strokes.map((stroke, i) => {
@@ -351,6 +360,7 @@ function rowsOf(rally: Rally, { match, discipline, players }: Setup): TagRow[] {
       stroke: i + 1,
       player: players[seat],
       opponent: players[other(seat)],
+      hand: hands[seat],
       shot,
       technique,
       height,

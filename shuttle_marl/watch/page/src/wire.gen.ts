@@ -430,6 +430,7 @@ export interface TagRow {
   stroke: number;
   player: string;
   opponent: string;
+  hand: "right" | "left" | null;
   landing_x: number | null;
   landing_y: number | null;
   contact_x: number | null;
@@ -451,6 +452,7 @@ export interface Saved {
 /** Shot types that probably follow the strokes of a rally. */
 export interface SuggestRequest {
   line: TagStroke[];
+  receivers: ["right" | "left", "right" | "left"];
 }
 
 /** A stroke of a rally that is tagged: indices of its shot type, technique, contact height and area. */

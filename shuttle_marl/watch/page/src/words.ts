@@ -63,6 +63,13 @@ export function words(name: string): string {
   return [NAMES[name]!].flat()[0]!;
 }
 
+/** An area as the receiver sees it, in words, which name the side of the forehand. */
+export function areaWords(name: string, receiver: string): string {
+  const [depth, side] = name.split("-") as [string, string];
+  const mirrored = receiver === "left" ? { right: "left", left: "right" }[side] : undefined;
+  return words(`${depth}-${mirrored ?? side}`);
+}
+
 /** A number with so many decimals. */
 export function decimal(value: number, digits: number): string {
   let format = marks.get(digits);
