@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from shuttle_marl.base.arrays import F64, I32, U8, U16, Bools
+from shuttle_marl.base.arrays import F64, I32, I64, U8, U16, Bools, Intp
 from shuttle_marl.base.compiling import cached, compiled, inlined
 from shuttle_marl.game.draws import CHOICE_ONE
 from shuttle_marl.game.tables import Game
@@ -42,6 +42,45 @@ class Replies(NamedTuple):
 def replies(game: Game) -> Replies:
     """The replies of a game."""
     return Replies(game.base_pair_start, game.first_reply, game.reply_edge, game.edge_attack)
+
+
+class Lists(NamedTuple):
+    """Base states by their list of replies: those of one list have the same legal strokes and successors.
+
+    In the order of replies, and of states within each, the pairs of a stroke in all states of a list are contiguous, and what
+    follows them is the same: loops over them are long, and have neither look-ups nor sums.
+    """
+
+    order: Intp
+    """``[base pairs]`` legal pairs in this order."""
+    pair_start: I64
+    """``[V + 1]`` first pair of each reply."""
+    state: I32
+    """``[base states with strokes]`` states by list."""
+    start: I64
+    """``[lists + 1]`` first state of each list."""
+    first_reply: I32
+    """``[lists]`` first reply."""
+    end_reply: I32
+    """``[lists]`` end of the replies."""
+
+
+@functools.lru_cache(maxsize=8)
+def lists_of(game: Game) -> Lists:
+    """The lists of a game."""
+    reply = game.first_reply[game.base_pair_state] + game.base_pair_rank
+    count = np.diff(game.base_pair_start)
+    state = np.flatnonzero(count).astype(np.int32)
+    state = state[np.argsort(game.first_reply[state], kind="stable")]
+    first, start = np.unique(game.first_reply[state], return_index=True)
+    return Lists(
+        order=np.argsort(reply, kind="stable"),
+        pair_start=np.searchsorted(np.sort(reply), np.arange(len(game.reply_edge) + 1)),
+        state=state,
+        start=np.append(start, len(state)),
+        first_reply=first,
+        end_reply=first + count[state[start]],
+    )
 
 
 class Choices(NamedTuple):
@@ -217,22 +256,29 @@ def _follow(chosen: Choices, attack: Bools, plain: F64, after_attack: F64, out: 
 
 
 @compiled
-def _mean(chances: Chances, unit: float, outcomes: Outcomes, replies: Replies, following: F64, out: F64) -> None:
-    """Mean of what follows the strokes of each state."""
-    scratch = np.empty(_longest(replies))
-    for s in range(out.size):
-        strokes, chance = _strokes(outcomes, 0, replies, following, s), chances[replies.pair_start[s] : replies.pair_start[s + 1]]
-        _follow_up(strokes, scratch)
-        a = b = c = d = 0.0
-        fours = chance.size // 4
-        for i in range(fours):
-            a += chance[4 * i] * scratch[4 * i]
-            b += chance[4 * i + 1] * scratch[4 * i + 1]
-            c += chance[4 * i + 2] * scratch[4 * i + 2]
-            d += chance[4 * i + 3] * scratch[4 * i + 3]
-        for i in range(4 * fours, chance.size):
-            a += chance[i] * scratch[i]
-        out[s] = ((a + b) + (c + d)) * unit
+def _mean(chances: Chances, unit: float, outcomes: Outcomes, lists: Lists, following: F64, out: F64) -> None:
+    """Mean of what follows the strokes of each state; chances and outcomes in the order of :attr:`Lists.order`."""
+    sums = np.empty(out.size)
+    for a in range(lists.first_reply.size):
+        states = lists.state[lists.start[a] : lists.start[a + 1]]
+        total = sums[: states.size]
+        total[:] = 0.0
+        for v in range(lists.first_reply[a], lists.end_reply[a]):
+            first, last = lists.pair_start[v], lists.pair_start[v + 1]
+            chance, played = chances[first:last], False
+            for i in range(chance.size):
+                played |= chance[i] > 0
+            if not played:  # as most strokes of a policy that hardly mixes
+                continue
+            winner, below = outcomes.limits[0, 1, first:last], outcomes.limits[0, 2, first:last]
+            hurry_below, hurry_above = outcomes.hurry[0, 0, first:last], outcomes.hurry[0, 1, first:last]
+            low, high, low_hurried, high_hurried = following[0, v], following[1, v], following[2, v], following[3, v]
+            for i in range(chance.size):
+                under = float(below[i])
+                lower = (under - float(winner[i])) * (low + hurry_below[i] * low_hurried)
+                total[i] += chance[i] * (lower + (65536.0 - under) * (high + hurry_above[i] * high_hurried))
+        for i in range(states.size):
+            out[states[i]] = total[i] * unit
 
 
 @compiled
@@ -281,14 +327,15 @@ def _propagate(chances: Chances, unit: float, outcomes: Outcomes, replies: Repli
 
 
 @compiled
-def _expect(chance: Chances, unit: float, limits: U16, pair_start: I32, reward: F64, continuation: F64) -> None:
-    for s in range(reward.size):
-        gained = continued = 0.0
-        for p in range(pair_start[s], pair_start[s + 1]):
-            fault, winner = float(limits[0, p]), float(limits[1, p])
-            gained += chance[p] * (winner - 2.0 * fault)
-            continued += chance[p] * (65536.0 - winner)
-        reward[s], continuation[s] = gained * unit, continued * unit
+def _expect(chances: Chances, unit: float, outcomes: Outcomes, lists: Lists, reward: F64, continuation: F64) -> None:
+    for a in range(lists.first_reply.size):
+        for v in range(lists.first_reply[a], lists.end_reply[a]):
+            for i in range(lists.start[a + 1] - lists.start[a]):
+                pair, state = lists.pair_start[v] + i, lists.state[lists.start[a] + i]
+                fault, winner = float(outcomes.limits[0, 0, pair]), float(outcomes.limits[0, 1, pair])
+                chance = chances[pair] * unit
+                reward[state] += chance * (winner - 2.0 * fault)
+                continuation[state] += chance * (65536.0 - winner)
 
 
 @functools.lru_cache(maxsize=48)
@@ -296,6 +343,19 @@ def _outcomes(games: tuple[Game, ...], level: int) -> Outcomes:
     """The outcomes of games at one effort."""
     limits, hurry = np.stack([game.limits[level].T for game in games]), np.stack([game.hurry.T for game in games])
     return Outcomes(np.ascontiguousarray(limits), np.ascontiguousarray(hurry))
+
+
+@functools.lru_cache(maxsize=16)
+def _listed_outcomes(game: Game, level: int) -> Outcomes:
+    """The outcomes of a game at one effort, in the order of :attr:`Lists.order`."""
+    limits, hurry = _outcomes((game,), level)
+    order = lists_of(game).order
+    return Outcomes(limits.take(order, axis=2), hurry.take(order, axis=2))
+
+
+def listed(game: Game, chance: Chances) -> Chances:
+    """``[base pairs]`` chances of a block in the order of :attr:`Lists.order`."""
+    return chance[lists_of(game).order]
 
 
 def block_choices(games: Sequence[Game], block: int, plain: F64, after_attack: F64, *, against: bool = False) -> Choices:
@@ -342,9 +402,13 @@ def _unit_of(chance: Chances) -> float:
 
 
 def block_expected(game: Game, level: int, chance: Chances) -> Expected:
-    """Rewards and continuations of the states of a block under a policy, at a level of own effort."""
-    found = Expected(np.empty(game.n_base_states), np.empty(game.n_base_states))
-    _expect(chance, _unit_of(chance) / ONE, _outcomes((game,), level).limits[0], game.base_pair_start, *found)
+    """Rewards and continuations of the states of a block under a policy, at a level of own effort.
+
+    Args:
+        chance: :func:`listed` chances.
+    """
+    found = Expected(np.zeros(game.n_base_states), np.zeros(game.n_base_states))
+    _expect(chance, _unit_of(chance) / ONE, _listed_outcomes(game, level), lists_of(game), *found)
     return found
 
 
@@ -352,11 +416,12 @@ def block_mean(game: Game, block: int, chance: Chances, plain: F64, after_attack
     """``[base states]`` mean value of the successors of each state of one block, 0 where the rally ends.
 
     Args:
+        chance: :func:`listed` chances.
         plain, after_attack: as for :func:`block_choices`.
     """
-    out = np.empty(game.n_base_states)
-    following = _gathered(game, plain, after_attack)
-    _mean(chance, _unit_of(chance) / ONE, _outcomes((game,), block // game.levels), replies(game), following, out)
+    out = np.zeros(game.n_base_states)
+    outcomes, following = _listed_outcomes(game, block // game.levels), _gathered(game, plain, after_attack)
+    _mean(chance, _unit_of(chance) / ONE, outcomes, lists_of(game), following, out)
     return out
 
 
