@@ -330,14 +330,21 @@ def _propagate(chances: Chances, unit: float, outcomes: Outcomes, replies: Repli
 
 @compiled
 def _expect(chances: Chances, unit: float, outcomes: Outcomes, lists: Lists, reward: F64, continuation: F64) -> None:
+    gains, remainders = np.empty(reward.size), np.empty(reward.size)
     for a in range(lists.first_reply.size):
+        states = lists.state[lists.start[a] : lists.start[a + 1]]
+        gained, continued = gains[: states.size], remainders[: states.size]
+        gained[:] = 0.0
+        continued[:] = 0.0
         for v in range(lists.first_reply[a], lists.end_reply[a]):
-            for i in range(lists.start[a + 1] - lists.start[a]):
-                pair, state = lists.pair_start[v] + i, lists.state[lists.start[a] + i]
-                fault, winner = float(outcomes.limits[0, 0, pair]), float(outcomes.limits[0, 1, pair])
-                chance = chances[pair] * unit
-                reward[state] += chance * (winner - 2.0 * fault)
-                continuation[state] += chance * (65536.0 - winner)
+            first, last = lists.pair_start[v], lists.pair_start[v + 1]
+            chance, fault, winner = chances[first:last], outcomes.limits[0, 0, first:last], outcomes.limits[0, 1, first:last]
+            for i in range(states.size):
+                won = float(winner[i])
+                gained[i] += chance[i] * (won - 2.0 * float(fault[i]))
+                continued[i] += chance[i] * (65536.0 - won)
+        for i in range(states.size):
+            reward[states[i]], continuation[states[i]] = gained[i] * unit, continued[i] * unit
 
 
 def _outcomes(game: Game, level: int) -> Outcomes:
