@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from shuttle_marl.base.arrays import F64, I32, I64, U8, U16, Bools, Intp
+from shuttle_marl.base.arrays import F64, I32, I64, U8, U16, Bools
 from shuttle_marl.base.compiling import cached, compiled, inlined
 from shuttle_marl.game.draws import CHOICE_ONE
 from shuttle_marl.game.tables import Game
@@ -51,7 +51,7 @@ class Lists(NamedTuple):
     follows them is the same: loops over them are long, and have neither look-ups nor sums.
     """
 
-    order: Intp
+    order: I32
     """``[base pairs]`` legal pairs in this order."""
     pair_start: I64
     """``[V + 1]`` first pair of each reply."""
@@ -65,7 +65,7 @@ class Lists(NamedTuple):
     """``[lists]`` end of the replies."""
 
 
-@functools.lru_cache(maxsize=8)
+@functools.lru_cache(maxsize=48)
 def lists_of(game: Game) -> Lists:
     """The lists of a game."""
     reply = game.first_reply[game.base_pair_state] + game.base_pair_rank
@@ -74,7 +74,7 @@ def lists_of(game: Game) -> Lists:
     state = state[np.argsort(game.first_reply[state], kind="stable")]
     first, start = np.unique(game.first_reply[state], return_index=True)
     return Lists(
-        order=np.argsort(reply, kind="stable"),
+        order=np.argsort(reply, kind="stable").astype(np.int32),
         pair_start=np.searchsorted(np.sort(reply), np.arange(len(game.reply_edge) + 1)),
         state=state,
         start=np.append(start, len(state)),
