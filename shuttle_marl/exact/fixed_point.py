@@ -42,8 +42,8 @@ from shuttle_marl.game.thresholds import ONE
 
 ROUNDING: Final = 2.0**-40
 """Bound of the rounding of two applications: a term passes through K + 8 roundings at most, as a product of three numbers, in the
-sum of its lane, in the sum of the lanes, and scaled by a unit, and the absolute values of the terms add up to 2 at most. So each
-application loses at most 2 (K + 8) 2^-53 in double precision: both less than 2^-41 for states of K <= 1000 legal strokes."""
+sum, and scaled by a unit, and the absolute values of the terms add up to 2 at most. So each application loses at most
+2 (K + 8) 2^-53 in double precision: both less than 2^-41 for states of K <= 1000 legal strokes."""
 
 TOLERANCE: Final = 1e-9
 """Default of ``tolerance``: the largest acceptable error bound of values, on the scale from -1 to 1."""

@@ -20,7 +20,7 @@ import numpy as np
 from shuttle_marl.base.arrays import F64, I8, I32, U8, U16
 from shuttle_marl.base.compiling import compiled
 from shuttle_marl.exact.fixed_point import ROUNDING, TOLERANCE, solve_linear
-from shuttle_marl.exact.profile import InducedChain, StatePolicy, check_opponents, evaluate_chains, induced
+from shuttle_marl.exact.profile import InducedChain, StatePolicy, block_chances, check_opponents, evaluate_chains, induced
 from shuttle_marl.exact.solver import ProfileValue, successors
 from shuttle_marl.exact.sweeps import propagate
 from shuttle_marl.game.stroke import N_SHOTS
@@ -107,7 +107,10 @@ def visits(
     """
     check_opponents(policy.game, opponent.game)
     chains = chains or (induced(policy), induced(opponent))
-    backward = [functools.partial(propagate, chain.game, chain.chance) for chain in chains]
+    backward = [
+        functools.partial(propagate, played.game, [block_chances(played, block) for block in range(played.game.n_blocks)])
+        for played in (policy, opponent)
+    ]
     size = len(chains[0].reward)
     start = np.zeros((2, size))
     start[:, ROOT] = 0.5 if server is None else np.eye(2)[server]

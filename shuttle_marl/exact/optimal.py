@@ -33,7 +33,7 @@ from shuttle_marl.exact.profile import (
     moved,
 )
 from shuttle_marl.exact.solver import BlockLinear, ProfileValue, solve_players, successors
-from shuttle_marl.exact.sweeps import after_block_choices, block_choices, block_mean, block_soft_values
+from shuttle_marl.exact.sweeps import after_block_choices, block_choices, block_mean, block_soft_values, listed
 from shuttle_marl.game.draws import CHOICE_ONE
 from shuttle_marl.game.shipped import supported
 from shuttle_marl.game.tables import ROOT, Game
@@ -415,9 +415,10 @@ class _SoftPlayer:
 
     def block_sweep(self, block: int, plain: F64, after_attack: F64) -> tuple[F64, BlockLinear]:
         values, policy = block_soft_values(self.game, block, self._prior[block], self._tau, plain, after_attack)
+        chance = listed(self.game, policy)
 
         def linear(plain: F64, after_attack: F64) -> F64:
-            return -block_mean(self.game, block, policy, plain, after_attack)
+            return -block_mean(self.game, block, chance, plain, after_attack)
 
         return values, linear
 

@@ -13,7 +13,7 @@ from shuttle_marl.base.cluster import in_threads
 from shuttle_marl.exact.fixed_point import FIRST_RALLY_STATE, TOLERANCE, ExactError
 from shuttle_marl.exact.match import Odds
 from shuttle_marl.exact.solver import BlockLinear, ProfileValue, solve_players
-from shuttle_marl.exact.sweeps import Chances, block_expected, block_mean
+from shuttle_marl.exact.sweeps import Chances, block_expected, block_mean, listed
 from shuttle_marl.game.pairs import people_of
 from shuttle_marl.game.scoring import BWF, Rules, match_win_probability
 from shuttle_marl.game.tables import Game
@@ -75,8 +75,8 @@ class InducedChain:
     Attributes:
         game: the tables with which the player strikes.
         reward: ``[S]`` expected reward to the striker of the stroke played: probability of a winner minus probability of a fault.
-        chance: for each block ``[base pairs]`` probability of each legal pair given its state, of a table in units of 1/65535;
-            blocks that are alike share an array.
+        chance: for each block ``[base pairs]`` probability of each legal pair given its state, of a table in units of 1/65535, in
+            the order of :func:`shuttle_marl.exact.sweeps.listed`; blocks that are alike share an array.
         contraction: largest probability that the rally continues, over the rally states.
     """
 
@@ -94,6 +94,11 @@ class InducedChain:
         return self.reward[self.game.block_states(block)] + linear(plain, after_attack), linear
 
 
+def block_chances(policy: StatePolicy, block: int) -> Chances:
+    """``[base pairs]`` probability of each legal pair of one block given its state, of a table in units of 1/65535."""
+    return policy.block_units(block) if isinstance(policy, TabulatedPolicy) else policy.block_probabilities(block)
+
+
 def induced(policy: StatePolicy) -> InducedChain:
     """The chain of a policy, with the exact probabilities of its table.
 
@@ -105,7 +110,7 @@ def induced(policy: StatePolicy) -> InducedChain:
     chances: list[Chances] = []
     for block in range(game.n_blocks):
         states = game.block_states(block)
-        chance = policy.block_units(block) if isinstance(policy, TabulatedPolicy) else policy.block_probabilities(block)
+        chance = listed(game, block_chances(policy, block))
         # Most policies ignore the efforts, or all but their own: each table is stored once.
         chances.append(next((seen for seen in chances if np.array_equal(seen, chance)), chance))
         reward[states], continuation = block_expected(game, block // game.levels, chance)

@@ -1,10 +1,9 @@
 """Compiled sweeps over all legal pairs of a game: the best stroke of every state, the mean under a policy, and its transpose.
 
 The effort after a stroke depends on the effort before it and on the stroke alone (:mod:`shuttle_marl.game.tables`). A sweep
-processes one block of states after the other. It first gathers the values of the successor states in the order of the replies, so
-that those of a state with K legal strokes are K contiguous values of each kind of return, and then reads probabilities and values
-in order: 8 bytes for each legal pair, those of the game. Sums are accumulated in four lanes in a fixed order: they have the same
-bits on every machine.
+processes one block of states after the other. It first gathers the values of the successor states of each reply. Best strokes and
+means then go reply by reply, through all states that have it (:class:`Lists`): 8 bytes for each legal pair, those of the game and
+the chance of the policy, are read in order. Sums are accumulated in a fixed order: they have the same bits on every machine.
 """
 
 import functools
@@ -13,12 +12,13 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from shuttle_marl.base.arrays import F64, I32, U8, U16, Bools
+from shuttle_marl.base.arrays import F64, I32, I64, U8, U16, Bools
 from shuttle_marl.base.compiling import cached, compiled, inlined
 from shuttle_marl.game.draws import CHOICE_ONE
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.thresholds import ONE
 
+Successors = tuple[float, float, float, float]
 Chances = F64 | U16
 """``[base pairs]`` probability of each legal pair of a block given its state; of a table, in units of 1/65535."""
 
@@ -42,6 +42,45 @@ class Replies(NamedTuple):
 def replies(game: Game) -> Replies:
     """The replies of a game."""
     return Replies(game.base_pair_start, game.first_reply, game.reply_edge, game.edge_attack)
+
+
+class Lists(NamedTuple):
+    """Base states by their list of replies: those of one list have the same legal strokes and successors.
+
+    In the order of replies, and of states within each, the pairs of a stroke in all states of a list are contiguous, and what
+    follows them is the same: loops over them are long, and have neither look-ups nor sums.
+    """
+
+    order: I32
+    """``[base pairs]`` legal pairs in this order."""
+    pair_start: I64
+    """``[V + 1]`` first pair of each reply."""
+    state: I32
+    """``[base states with strokes]`` states by list."""
+    start: I64
+    """``[lists + 1]`` first state of each list."""
+    first_reply: I32
+    """``[lists]`` first reply."""
+    end_reply: I32
+    """``[lists]`` end of the replies."""
+
+
+@functools.lru_cache(maxsize=48)
+def lists_of(game: Game) -> Lists:
+    """The lists of a game."""
+    reply = game.first_reply[game.base_pair_state] + game.base_pair_rank
+    count = np.diff(game.base_pair_start)
+    state = np.flatnonzero(count).astype(np.int32)
+    state = state[np.argsort(game.first_reply[state], kind="stable")]
+    first, start = np.unique(game.first_reply[state], return_index=True)
+    return Lists(
+        order=np.argsort(reply, kind="stable").astype(np.int32),
+        pair_start=np.searchsorted(np.sort(reply), np.arange(len(game.reply_edge) + 1)),
+        state=state,
+        start=np.append(start, len(state)),
+        first_reply=first,
+        end_reply=first + count[state[start]],
+    )
 
 
 class Choices(NamedTuple):
@@ -106,21 +145,15 @@ def _returns(strokes: _Strokes, i: int) -> tuple[float, float]:
 
 
 @inlined
-def _follow_up(strokes: _Strokes, out: F64) -> None:
-    """Write what follows each stroke: the values of its four successors, times their probabilities in units of 1/65536.
+def _weigh(strokes: _Strokes, out: F64) -> None:
+    """Write the value of each stroke to its striker, in units of 1/65536.
 
-    In two loops, because LLVM vectorises none in which it had to compare more than eight addresses first.
+    In three loops, because LLVM vectorises none in which it had to compare more than eight addresses first.
     """
     for i in range(strokes.below.size):
         out[i] = _returns(strokes, i)[0] * (strokes.low[i] + strokes.hurry_below[i] * strokes.low_hurried[i])
     for i in range(strokes.below.size):
         out[i] += _returns(strokes, i)[1] * (strokes.high[i] + strokes.hurry_above[i] * strokes.high_hurried[i])
-
-
-@inlined
-def _weigh(strokes: _Strokes, out: F64) -> None:
-    """Write the value of each stroke to its striker, in units of 1/65536."""
-    _follow_up(strokes, out)
     for i in range(strokes.below.size):
         out[i] = (float(strokes.winner[i]) - 2.0 * float(strokes.fault[i])) - out[i]
 
@@ -151,59 +184,67 @@ def _scatter_add(gathered: F64, replies: Replies, plain: F64, after_attack: F64)
             target[4 * edge + i] += gathered[i, v]
 
 
-@compiled
-def _longest(replies: Replies) -> int:
-    longest = 0
-    for s in range(replies.first_reply.size):
-        longest = max(longest, replies.pair_start[s + 1] - replies.pair_start[s])
-    return longest
+@inlined
+def _worth(fault: float, winner: float, below: float, hurry_below: int, hurry_above: int, after: Successors) -> float:
+    """Value of a stroke to its striker, in units of 1/65536, from its outcomes and what :func:`_gather` wrote for its reply."""
+    lower = (below - winner) * (after[0] + hurry_below * after[2])
+    return (winner - 2.0 * fault) - (lower + (65536.0 - below) * (after[1] + hurry_above * after[3]))
 
 
 # There is no NaN, and the sign of zero does not matter, so maxima are vectorised.
 @functools.partial(cached, nogil=True, fastmath={"nnan", "nsz"})
-def _choose(outcomes: Outcomes, replies: Replies, following: F64, against: bool, best_of: Choices) -> None:
+def _choose(outcomes: Outcomes, lists: Lists, edges: I32, following: F64, against: bool, best_of: Choices) -> None:
     """Best strokes of the states of a block; see :func:`block_choices`.
 
     Args:
+        outcomes: in the order of :attr:`Lists.order`.
+        edges: ``[V]`` edge that follows each reply.
         following: ``[4, V]`` gathered values.
         against: whether nature picks the worst game for the striker.
     """
-    out, rank, games = best_of.value, best_of.rank, len(outcomes.limits)
-    # The values in each game, and in the one that nature picks.
-    worth, scratch = np.empty((games, _longest(replies))), np.empty(_longest(replies))
-    for s in range(out.size):
-        count = replies.pair_start[s + 1] - replies.pair_start[s]
-        if count == 0:
-            out[s], rank[s], best_of.edge[s] = 0.0, -1, 0
-            for i in range(4):
-                best_of.outcome[s, i] = 0.0
-            continue
-        values = scratch[:count]
-        for g in range(games):
-            here = worth[g, :count]
-            _weigh(_strokes(outcomes, g, replies, following, s), here)
-            if g == 0:  # an assignment of a slice takes longer
-                for i in range(count):
-                    values[i] = here[i]
-            elif against:
-                for i in range(count):
-                    values[i] = min(values[i], here[i])
-            else:
-                for i in range(count):
-                    values[i] = max(values[i], here[i])
-        best = values.max()
-        i = 0
-        while values[i] < best - TIE * 65536.0:
-            i += 1
-        out[s], rank[s], best_of.edge[s] = best / 65536.0, i, replies.edge[replies.first_reply[s] + i]
-        g = 0
-        while abs(worth[g, i] - values[i]) > TIE * 65536.0:
-            g += 1
-        strokes = _strokes(outcomes, g, replies, following, s)
-        low, high = _returns(strokes, i)
-        hurried_low, hurried_high = low * (strokes.hurry_below[i] / 256.0), high * (strokes.hurry_above[i] / 256.0)
-        best_of.outcome[s, 0], best_of.outcome[s, 1] = low - hurried_low, high - hurried_high
-        best_of.outcome[s, 2], best_of.outcome[s, 3] = hurried_low, hurried_high
+    (limits, hurry), size = outcomes, best_of.value.size
+    games = len(limits)
+    # Values of the strokes of a list, in the game that nature picks, and the best ones; in units of 1/65536.
+    worth, best, rank = np.empty(lists.pair_start[-1]), np.empty(size), np.empty(size, np.int32)
+    for a in range(lists.first_reply.size):
+        states = lists.state[lists.start[a] : lists.start[a + 1]]
+        n, first = states.size, lists.first_reply[a]
+        count = lists.end_reply[a] - first
+        for i in range(n):
+            best[i] = -1e300
+        for k in range(count):
+            v, values = first + k, worth[k * n : k * n + n]
+            start, end = lists.pair_start[v], lists.pair_start[v + 1]
+            after = following[0, v], following[1, v], following[2, v], following[3, v]
+            for g in range(games):
+                fault, winner, below = limits[g, 0, start:end], limits[g, 1, start:end], limits[g, 2, start:end]
+                hurry_below, hurry_above = hurry[g, 0, start:end], hurry[g, 1, start:end]
+                for i in range(n):
+                    value = _worth(float(fault[i]), float(winner[i]), float(below[i]), hurry_below[i], hurry_above[i], after)
+                    values[i] = value if g == 0 else (min(values[i], value) if against else max(values[i], value))
+            for i in range(n):
+                best[i] = max(best[i], values[i])
+        for k in range(count - 1, -1, -1):
+            values = worth[k * n : k * n + n]
+            for i in range(n):
+                rank[i] = k if values[i] >= best[i] - TIE * 65536.0 else rank[i]
+        for i in range(n):
+            s, k = states[i], rank[i]
+            v, g = first + k, 0
+            pair = lists.pair_start[v] + i
+            after = following[0, v], following[1, v], following[2, v], following[3, v]
+            while True:
+                won, under = float(limits[g, 1, pair]), float(limits[g, 2, pair])
+                hurried_below, hurried_above = hurry[g, 0, pair], hurry[g, 1, pair]
+                value = _worth(float(limits[g, 0, pair]), won, under, hurried_below, hurried_above, after)
+                if g == games - 1 or abs(value - worth[k * n + i]) <= TIE * 65536.0:
+                    break
+                g += 1
+            low, high = under - won, 65536.0 - under
+            hurried_low, hurried_high = low * (hurried_below / 256.0), high * (hurried_above / 256.0)
+            best_of.value[s], best_of.rank[s], best_of.edge[s] = best[i] / 65536.0, k, edges[v]
+            best_of.outcome[s, 0], best_of.outcome[s, 1] = low - hurried_low, high - hurried_high
+            best_of.outcome[s, 2], best_of.outcome[s, 3] = hurried_low, hurried_high
 
 
 @compiled
@@ -217,22 +258,29 @@ def _follow(chosen: Choices, attack: Bools, plain: F64, after_attack: F64, out: 
 
 
 @compiled
-def _mean(chances: Chances, unit: float, outcomes: Outcomes, replies: Replies, following: F64, out: F64) -> None:
-    """Mean of what follows the strokes of each state."""
-    scratch = np.empty(_longest(replies))
-    for s in range(out.size):
-        strokes, chance = _strokes(outcomes, 0, replies, following, s), chances[replies.pair_start[s] : replies.pair_start[s + 1]]
-        _follow_up(strokes, scratch)
-        a = b = c = d = 0.0
-        fours = chance.size // 4
-        for i in range(fours):
-            a += chance[4 * i] * scratch[4 * i]
-            b += chance[4 * i + 1] * scratch[4 * i + 1]
-            c += chance[4 * i + 2] * scratch[4 * i + 2]
-            d += chance[4 * i + 3] * scratch[4 * i + 3]
-        for i in range(4 * fours, chance.size):
-            a += chance[i] * scratch[i]
-        out[s] = ((a + b) + (c + d)) * unit
+def _mean(chances: Chances, unit: float, outcomes: Outcomes, lists: Lists, following: F64, out: F64) -> None:
+    """Mean of what follows the strokes of each state; chances and outcomes in the order of :attr:`Lists.order`."""
+    sums = np.empty(out.size)
+    for a in range(lists.first_reply.size):
+        states = lists.state[lists.start[a] : lists.start[a + 1]]
+        total = sums[: states.size]
+        total[:] = 0.0
+        for v in range(lists.first_reply[a], lists.end_reply[a]):
+            first, last = lists.pair_start[v], lists.pair_start[v + 1]
+            chance, played = chances[first:last], False
+            for i in range(chance.size):
+                played |= chance[i] > 0
+            if not played:  # as most strokes of a policy that hardly mixes
+                continue
+            winner, below = outcomes.limits[0, 1, first:last], outcomes.limits[0, 2, first:last]
+            hurry_below, hurry_above = outcomes.hurry[0, 0, first:last], outcomes.hurry[0, 1, first:last]
+            low, high, low_hurried, high_hurried = following[0, v], following[1, v], following[2, v], following[3, v]
+            for i in range(chance.size):
+                under = float(below[i])
+                lower = (under - float(winner[i])) * (low + hurry_below[i] * low_hurried)
+                total[i] += chance[i] * (lower + (65536.0 - under) * (high + hurry_above[i] * high_hurried))
+        for i in range(states.size):
+            out[states[i]] = total[i] * unit
 
 
 @compiled
@@ -281,21 +329,43 @@ def _propagate(chances: Chances, unit: float, outcomes: Outcomes, replies: Repli
 
 
 @compiled
-def _expect(chance: Chances, unit: float, limits: U16, pair_start: I32, reward: F64, continuation: F64) -> None:
-    for s in range(reward.size):
-        gained = continued = 0.0
-        for p in range(pair_start[s], pair_start[s + 1]):
-            fault, winner = float(limits[0, p]), float(limits[1, p])
-            gained += chance[p] * (winner - 2.0 * fault)
-            continued += chance[p] * (65536.0 - winner)
-        reward[s], continuation[s] = gained * unit, continued * unit
+def _expect(chances: Chances, unit: float, outcomes: Outcomes, lists: Lists, reward: F64, continuation: F64) -> None:
+    gains, remainders = np.empty(reward.size), np.empty(reward.size)
+    for a in range(lists.first_reply.size):
+        states = lists.state[lists.start[a] : lists.start[a + 1]]
+        gained, continued = gains[: states.size], remainders[: states.size]
+        gained[:] = 0.0
+        continued[:] = 0.0
+        for v in range(lists.first_reply[a], lists.end_reply[a]):
+            first, last = lists.pair_start[v], lists.pair_start[v + 1]
+            chance, fault, winner = chances[first:last], outcomes.limits[0, 0, first:last], outcomes.limits[0, 1, first:last]
+            for i in range(states.size):
+                won = float(winner[i])
+                gained[i] += chance[i] * (won - 2.0 * float(fault[i]))
+                continued[i] += chance[i] * (65536.0 - won)
+        for i in range(states.size):
+            reward[states[i]], continuation[states[i]] = gained[i] * unit, continued[i] * unit
+
+
+def _outcomes(game: Game, level: int) -> Outcomes:
+    """The outcomes of a game at one effort, in the order of its pairs."""
+    return Outcomes(np.ascontiguousarray(game.limits[level].T)[None], np.ascontiguousarray(game.hurry.T)[None])
+
+
+_kept_outcomes = functools.lru_cache(maxsize=16)(_outcomes)
 
 
 @functools.lru_cache(maxsize=48)
-def _outcomes(games: tuple[Game, ...], level: int) -> Outcomes:
-    """The outcomes of games at one effort."""
-    limits, hurry = np.stack([game.limits[level].T for game in games]), np.stack([game.hurry.T for game in games])
-    return Outcomes(np.ascontiguousarray(limits), np.ascontiguousarray(hurry))
+def _listed_outcomes(games: tuple[Game, ...], level: int) -> Outcomes:
+    """The outcomes of games of one layout at one effort, in the order of :attr:`Lists.order`."""
+    order = lists_of(games[0]).order
+    limits, hurry = (np.concatenate(part).take(order, axis=2) for part in zip(*(_outcomes(g, level) for g in games), strict=True))
+    return Outcomes(limits, hurry)
+
+
+def listed(game: Game, chance: Chances) -> Chances:
+    """``[base pairs]`` chances of a block in the order of :attr:`Lists.order`."""
+    return chance[lists_of(game).order]
 
 
 def block_choices(games: Sequence[Game], block: int, plain: F64, after_attack: F64, *, against: bool = False) -> Choices:
@@ -308,8 +378,9 @@ def block_choices(games: Sequence[Game], block: int, plain: F64, after_attack: F
     """
     game = games[0]
     size = game.n_base_states
-    found = Choices(np.empty(size), np.empty(size, np.int32), np.empty(size, np.int32), np.empty((size, 4)))
-    _choose(_outcomes(tuple(games), block // game.levels), replies(game), _gathered(game, plain, after_attack), against, found)
+    found = Choices(np.zeros(size), np.full(size, -1, np.int32), np.zeros(size, np.int32), np.zeros((size, 4)))
+    outcomes, following = _listed_outcomes(tuple(games), block // game.levels), _gathered(game, plain, after_attack)
+    _choose(outcomes, lists_of(game), game.reply_edge, following, against, found)
     return found
 
 
@@ -342,9 +413,13 @@ def _unit_of(chance: Chances) -> float:
 
 
 def block_expected(game: Game, level: int, chance: Chances) -> Expected:
-    """Rewards and continuations of the states of a block under a policy, at a level of own effort."""
-    found = Expected(np.empty(game.n_base_states), np.empty(game.n_base_states))
-    _expect(chance, _unit_of(chance) / ONE, _outcomes((game,), level).limits[0], game.base_pair_start, *found)
+    """Rewards and continuations of the states of a block under a policy, at a level of own effort.
+
+    Args:
+        chance: :func:`listed` chances.
+    """
+    found = Expected(np.zeros(game.n_base_states), np.zeros(game.n_base_states))
+    _expect(chance, _unit_of(chance) / ONE, _listed_outcomes((game,), level), lists_of(game), *found)
     return found
 
 
@@ -352,11 +427,12 @@ def block_mean(game: Game, block: int, chance: Chances, plain: F64, after_attack
     """``[base states]`` mean value of the successors of each state of one block, 0 where the rally ends.
 
     Args:
+        chance: :func:`listed` chances.
         plain, after_attack: as for :func:`block_choices`.
     """
-    out = np.empty(game.n_base_states)
-    following = _gathered(game, plain, after_attack)
-    _mean(chance, _unit_of(chance) / ONE, _outcomes((game,), block // game.levels), replies(game), following, out)
+    out = np.zeros(game.n_base_states)
+    outcomes, following = _listed_outcomes((game,), block // game.levels), _gathered(game, plain, after_attack)
+    _mean(chance, _unit_of(chance) / ONE, outcomes, lists_of(game), following, out)
     return out
 
 
@@ -370,7 +446,7 @@ def block_soft_values(game: Game, block: int, prior: F64, tau: float, plain: F64
     """
     out, policy = np.empty(game.n_base_states), np.empty(game.n_base_pairs)
     following = _gathered(game, plain, after_attack)
-    _soften(_outcomes((game,), block // game.levels), replies(game), prior, tau, following, out, policy)
+    _soften(_kept_outcomes(game, block // game.levels), replies(game), prior, tau, following, out, policy)
     return out, policy
 
 
@@ -382,7 +458,7 @@ def propagate(game: Game, chances: Sequence[Chances], visits: F64) -> F64:
         if not here.any():
             continue
         values[:] = 0.0
-        _propagate(chance, _unit_of(chance) / ONE, _outcomes((game,), block // game.levels), replies(game), here, values)
+        _propagate(chance, _unit_of(chance) / ONE, _kept_outcomes(game, block // game.levels), replies(game), here, values)
         plain, attack = (out[game.block_states(after)] for after in game.block_following(block))
         _scatter_add(values, replies(game), plain, attack)
     return out

@@ -272,14 +272,22 @@ def curves(
 
 
 @styled
-def radar(axes: Sequence[str], values: Sequence[float], reference: Sequence[float]) -> Markup:
-    """Figures from 0 (the centre) to 1 (the rim), and those of a reference as a dashed line."""
+def radars(axes: Sequence[str], values: Mapping[str, Sequence[float]], reference: Sequence[float]) -> dict[str, Markup]:
+    """Figures from 0 (the centre) to 1 (the rim) by name, and those of a reference as a dashed line."""
     chart = Chart(300.0, 230.0, projection="polar")
     angles = 2 * math.pi * np.arange(len(axes)) / len(axes)
     chart.axes.fill(angles, reference, facecolor="none", edgecolor=DIM, linestyle=(0, (3, 3)))
-    chart.axes.fill(angles, values, facecolor=_ACCENT, alpha=0.25)
-    chart.axes.fill(angles, values, facecolor="none", edgecolor=_ACCENT, linewidth=1.6)
+    shapes = [
+        *chart.axes.fill(angles, reference, facecolor=_ACCENT, alpha=0.25),
+        *chart.axes.fill(angles, reference, facecolor="none", edgecolor=_ACCENT, linewidth=1.6),
+    ]
     chart.axes.set(theta_zero_location="N", theta_direction=-1, rlim=(0, 1))
     chart.axes.set_thetagrids(np.degrees(angles), [label(name) for name in axes])
     chart.axes.set_rgrids([0.5, 1.0], ["", ""])
-    return chart.svg("Mix of strokes")
+    drawn = {}
+    for name, figures in values.items():
+        for shape in shapes:
+            shape.set_xy(np.column_stack([angles, figures]))
+        drawn[name] = chart.svg("Mix of strokes")
+        chart.figure.set_layout_engine("none")  # that of the first one is kept, because all have the same text
+    return drawn

@@ -93,7 +93,7 @@ def test_text_in_charts_is_text() -> None:
         charts.heat_map(names, np.full((4, 4), 0.25)),
         charts.scatter(points, "across", "up"),
         charts.curves({name: [(0.0, 1.0), point] for name, point in points.items()}, "across", "up", logarithmic=True),
-        charts.radar(names, [0.1, 0.2, 0.3, 1.0], [1.0] * 4),
+        *charts.radars(names, {"a": [0.1, 0.2, 0.3, 1.0]}, [1.0] * 4).values(),
     ]
     for drawing in drawings:
         found = parsed(drawing.encode())

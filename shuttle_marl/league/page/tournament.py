@@ -79,9 +79,8 @@ def _styles(report: TournamentReport) -> dict[str, Any]:
     reference = styles[PEOPLE].shots if PEOPLE in styles else dict.fromkeys(AXES, 0.0)
     players = [s.player for s in report.standings if s.player in styles]
 
-    def radar(player: str) -> str:
-        mixes = ([shots[axis] / rim[axis] for axis in AXES] for shots in (styles[player].shots, reference))
-        return charts.radar([*AXES], *mixes)
+    def mix(shots: Mapping[str, float]) -> list[float]:
+        return [shots[axis] / rim[axis] for axis in AXES]
 
     columns: list[Column[str]] = [
         Column("player", name, left=True),
@@ -91,7 +90,9 @@ def _styles(report: TournamentReport) -> dict[str, Any]:
     ]
     return {
         "chart": charts.scatter(points, f"likeness to {PEOPLE}", "exact rating") if len(points) > 1 else None,
-        "radars": {player: radar(player) for player in players[:_MOST_RADARS]},
+        "radars": charts.radars(
+            [*AXES], {player: mix(styles[player].shots) for player in players[:_MOST_RADARS]}, mix(reference)
+        ),
         "has_reference": PEOPLE in styles,
         "table": table(players, columns),
     }
