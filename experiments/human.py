@@ -80,7 +80,7 @@ def _taken(strokes: Strokes, which: Bools) -> Strokes:
 
 def answers(game: Game, strokes: Strokes) -> Answers:
     """The legal pairs of real strokes; strokes that are not in the game are dropped."""
-    codes, state = strokes.rows.codes, states_of(game, strokes.rows)
+    codes, state = strokes.rows.game_codes, states_of(game, strokes.rows)
     known = np.flatnonzero(state >= 0)
     at, pair = game.pairs(state[known])
     row, played = known[at], game.base_pair_stroke[pair % game.n_base_pairs]

@@ -19,7 +19,7 @@ from experiments.truth.matches import Strokes, of_splits, strokes_of
 from experiments.truth.memory import memory
 from experiments.truth.paired import differences, load_values, save_values
 from experiments.truth.transfer import thin_support, transfer
-from experiments.truth.worlds import Fitter, World, by_discipline, cross_parts, marked, shipped_world
+from experiments.truth.worlds import Fitter, World, by_game, cross_parts, marked, shipped_world
 from shuttle_marl.analysis.strokes import simulate
 from shuttle_marl.base.arrays import I64
 from shuttle_marl.base.errors import ShuttleError
@@ -27,8 +27,9 @@ from shuttle_marl.base.runs import describe, write_json
 from shuttle_marl.commands.cli import run
 from shuttle_marl.data import Split, load_strokes
 from shuttle_marl.exact import evaluate
+from shuttle_marl.game.pairs import Looks
 from shuttle_marl.game.policy import UniformPolicy
-from shuttle_marl.game.shipped import PROFILES, factors_of, model_folder
+from shuttle_marl.game.shipped import factors_of, model_folder
 from shuttle_marl.game.tabulated import tabulate
 
 _SIMULATED: Final = 4
@@ -82,8 +83,7 @@ def truth(
     else:
         judged = of_splits(strokes, split or "validation")
         parts = marked(
-            (shipped_world(game if discipline is None else f"{game}:{PROFILES[discipline]}"), part)
-            for discipline, part in by_discipline(judged, profiles)
+            (shipped_world(game, discipline, opposite=opposite), part) for discipline, opposite, part in by_game(judged, profiles)
         )
     real, promised = judged_by(parts)
     factors = None if cross is not None else factors_of(model_folder(game))
@@ -146,7 +146,8 @@ def parts_of(parts: Sequence[tuple[World, Strokes]]) -> I64:
 def _simulated(world: World, real: Strokes, seed: int) -> Strokes:
     matches = _SIMULATED * len(np.unique(real.rows.match))
     bc = world.bc.pair_probabilities()
-    return strokes_of(simulate(world.game, {"one": bc, "other": bc}, matches=matches, seed=seed))
+    looks = Looks(hands=("right", "left" if world.opposite else "right"))
+    return strokes_of(simulate(world.game, {"one": bc, "other": bc}, matches=matches, seed=seed, looks=lambda *_: looks))
 
 
 def _random_wins(world: World) -> float:

@@ -95,7 +95,7 @@ def _mean(bc: TabulatedPolicy, strokes: Strokes, of: Callable[[I64], F64], *, ai
     game = bc.game
     state = states_of(game, strokes.rows)
     known = state >= 0
-    area = strokes.rows.codes["area"][known]
+    area = strokes.rows.game_codes["area"][known]
     shot, technique = (strokes.rows.codes[part][known] for part in ("shot", "technique"))
     row, pairs = game.pairs(state[known])
     stroke = game.base_pair_stroke[pairs % game.n_base_pairs]

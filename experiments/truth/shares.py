@@ -28,7 +28,7 @@ from shuttle_marl.data import load_strokes
 def shares(
     *,
     data: Path,
-    compared: tuple[float, ...] = (0.01, 0.02, 0.03, 0.05),
+    compared: tuple[float, ...] = (0.01, 0.015, 0.02, 0.03, 0.05),
     parts: int = 4,
     halvings: int = 2,
     seed: int = 0,
@@ -56,16 +56,17 @@ def shares(
     for k in range(parts):
         part = strokes.take(fold == k)
         names = strokes.take(fold != k).matches
-        for i, world in enumerate(fitter.of_shares(names, names, compared)):
+        for i, world in enumerate(fitter.of_layouts(names, fitter.layouts(names, compared))):
             here = part.marked(world.hurry)
             losses[i].append(value_log_losses(here, promises(world.bc, here)))
             known, forbidden = judged_strokes(world.game, here)
             illegal[i] += forbidden.sum(), known.sum()
         judged.append(part)
     moves: list[list[tuple[World, World]]] = [[] for _ in compared]
+    layouts = fitter.layouts(strokes.matches, compared)
     for number in range(halvings):
         half = folds_of(strokes, 2, seed + number)
-        sides = [fitter.of_shares(strokes.take(half == side).matches, strokes.matches, compared) for side in (0, 1)]
+        sides = [fitter.of_layouts(strokes.take(half == side).matches, layouts) for side in (0, 1)]
         for i, (one, other) in enumerate(zip(*sides, strict=True)):
             moves[i] += [(one, other), (other, one)]
     joined = np.stack([np.concatenate(of) for of in losses])

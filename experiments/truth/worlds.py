@@ -22,7 +22,7 @@ from shuttle_marl.dynamics.hurried import Hurry, fit_hurry, load_hurry
 from shuttle_marl.dynamics.make import load_support
 from shuttle_marl.dynamics.models import known_outcome
 from shuttle_marl.dynamics.network import QUICK
-from shuttle_marl.game.shipped import load_game, model_folder
+from shuttle_marl.game.shipped import PROFILES, load_game, model_folder, variant_of
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities
 from shuttle_marl.policy import baselines
@@ -40,11 +40,13 @@ class World:
         bc: the average player, on the game.
         behind: ``[E]`` real strokes in the innermost cell of every edge: how much data stands behind a stroke.
         hurry: index that decides which strikers are hurried in the game, if it knows them.
+        opposite: whether the players have different hands.
     """
 
     bc: TabulatedPolicy
     behind: F64
     hurry: Hurry | None = None
+    opposite: bool = False
 
     @property
     def game(self) -> Game:
@@ -52,11 +54,13 @@ class World:
         return self.bc.game
 
 
-def shipped_world(model: str) -> World:
-    """The world of a shipped model or of a model folder."""
-    game = load_game(model)
-    folder = model_folder(model)
-    return World(bc=baselines.load(None, game), behind=load_support(folder).strokes, hurry=load_hurry(folder))
+def shipped_world(model: str, discipline: int | None, *, opposite: bool) -> World:
+    """The world of a shipped model or of a model folder, in one of its games."""
+    folder, variant = model_folder(model), variant_of(None if discipline is None else PROFILES[discipline], opposite=opposite)
+    game = load_game(model if variant is None else f"{model}:{variant}")
+    support = load_support(folder)
+    behind = (support.between_hands(game) if opposite else support).strokes
+    return World(bc=baselines.load(None, game), behind=behind, hurry=load_hurry(folder), opposite=opposite)
 
 
 class Fitter:
@@ -79,25 +83,36 @@ class Fitter:
             digest.update(name.encode() + np.ascontiguousarray(code).tobytes())
         self._version = digest.hexdigest()
 
-    def fit(self, matches: Sequence[str], layout: Sequence[str] | None = None, *, discipline: int | None = None) -> World:
+    def fit(
+        self,
+        matches: Sequence[str],
+        layout: Sequence[str] | None = None,
+        *,
+        discipline: int | None = None,
+        opposite: bool = False,
+    ) -> World:
         """Fit the models on some matches, and compile their game.
 
         Args:
             matches: names of the training matches.
-            layout: names of the matches whose strokes define the catalogue and the legal replies; None: the same.
-                Worlds that share a layout can exchange policies.
+            layout: names of the matches whose game has the same strokes and the same legal replies; None: these. Worlds that
+                share a layout can exchange policies.
             discipline: index into :data:`~shuttle_marl.dynamics.features.DISCIPLINES` of the one whose game it is; None: the
                 average of both.
+            opposite: whether the players have different hands.
         """
         names, arranged = sorted(matches), sorted(layout or matches)
-        key = hashlib.sha256(json.dumps([self._version, names, arranged, discipline]).encode()).hexdigest()[:16]
+        key = hashlib.sha256(json.dumps([self._version, names, arranged, discipline, opposite]).encode()).hexdigest()[:16]
         game_file, hurry_file, tables_file = (self._folder / f"{key}.{part}.safetensors" for part in ("game", "hurry", "tables"))
         if not tables_file.is_file():
-            fitted, hurry = self._fitted(tuple(names), tuple(arranged))
+            empty = None if arranged == names else self.fit(arranged).game
+            fitted, hurry = self._fitted(tuple(names), empty)
             if hurry is not None:
                 hurry.save(hurry_file)
             if discipline is not None:
                 fitted = fitted.profile(discipline)
+            if opposite:
+                fitted = fitted.between_hands
             game, _ = fitted.compiled()
             game.save(game_file)
             log_choice = pair_log_choices(fitted.models, game).astype(np.float64)
@@ -105,15 +120,22 @@ class Fitter:
         game, tables = Game.load(game_file), load_file(tables_file)
         weight = np.tile(np.exp(tables["log_choice"]), game.n_blocks)
         hurry = Hurry.checked(read_tensors(hurry_file)) if hurry_file.is_file() else None
-        return World(bc=from_pair_probabilities(game, game.normalized(weight)), behind=tables["behind"], hurry=hurry)
+        bc = from_pair_probabilities(game, game.normalized(weight))
+        return World(bc=bc, behind=tables["behind"], hurry=hurry, opposite=opposite)
 
-    def of_shares(self, matches: Sequence[str], layout: Sequence[str], shares: Sequence[float]) -> list[World]:
-        """Worlds of one fit with several minimum shares of a legal shot type, not cached; arguments as for :meth:`fit`."""
-        rows, found = self._strokes.rows, []
-        fitted, hurry = self._fitted(tuple(sorted(matches)), tuple(sorted(layout)))
-        train = rows.in_matches(matches) if hurry is None else hurry.marked(rows.in_matches(matches))
-        for share in shares:
-            empty = layout_of(rows.in_matches(layout), share)
+    def layouts(self, matches: Sequence[str], shares: Sequence[float]) -> list[Game]:
+        """Layouts of the game of some matches with several minimum shares of a legal shot type, not cached."""
+        names = tuple(sorted(matches))
+        rows, (fitted, _) = self._strokes.rows.in_matches(names), self._fitted(names, None)
+        return [layout_of(rows, fitted.models, share) for share in shares]
+
+    def of_layouts(self, matches: Sequence[str], layouts: Sequence[Game]) -> list[World]:
+        """Worlds of one fit with several layouts, not cached."""
+        found, names = [], tuple(sorted(matches))
+        fitted, hurry = self._fitted(names, None)
+        rows = self._strokes.rows.in_matches(names)
+        train = rows if hurry is None else hurry.marked(rows)
+        for empty in layouts:
             support, _ = supports(fitted.models, train.take(known_outcome(train)), empty)
             game, _ = dataclasses.replace(fitted, game=empty, support=support).compiled()
             weight = np.tile(np.exp(pair_log_choices(fitted.models, game).astype(np.float64)), game.n_blocks)
@@ -121,22 +143,24 @@ class Fitter:
             found.append(World(bc=bc, behind=support.strokes, hurry=hurry))
         return found
 
-    # The games of both disciplines come from one fit, one after the other.
+    # The games of both disciplines, and of equal and different hands, come from one fit, one after the other.
     @functools.lru_cache(maxsize=1)  # noqa: B019  a fitter lives as long as its program
-    def _fitted(self, names: tuple[str, ...], arranged: tuple[str, ...]) -> tuple[Fit, Hurry | None]:
-        rows = self._strokes.rows
-        layout, train = layout_of(rows.in_matches(arranged)), rows.in_matches(names)
+    def _fitted(self, names: tuple[str, ...], layout: Game | None) -> tuple[Fit, Hurry | None]:
+        train = self._strokes.rows.in_matches(names)
         hurry = fit_hurry(train, seed=self._seed)
         marked = train if hurry is None else hurry.marked(train)
         return fit(marked, None, seed=self._seed, config=QUICK, layout=layout, report=self._report), hurry
 
 
-def by_discipline(strokes: Strokes, profiles: bool) -> list[tuple[int | None, Strokes]]:
-    """The strokes of each discipline, or of all matches as they are."""
-    if not profiles:
-        return [(None, strokes)]
-    found = strokes.rows.codes["discipline"]
-    return [(int(discipline), strokes.take(found == discipline)) for discipline in np.unique(found)]
+def by_game(strokes: Strokes, profiles: bool) -> list[tuple[int | None, bool, Strokes]]:
+    """The strokes of each discipline, or of both (None), between players of equal and of different hands."""
+    codes = strokes.rows.codes
+    kind = codes["discipline"] if profiles else np.full(len(strokes), -1)
+    groups = np.unique(np.stack([kind, codes["hands"]]), axis=1).T
+    return [
+        (int(discipline) if profiles else None, bool(hands), strokes.take((kind == discipline) & (codes["hands"] == hands)))
+        for discipline, hands in groups
+    ]
 
 
 def cross_parts(
@@ -153,9 +177,9 @@ def cross_parts(
     """
     fold = folds_of(strokes, count, seed)
     return marked(
-        (fitter.fit(strokes.take(fold != k).matches, discipline=discipline), part)
+        (fitter.fit(strokes.take(fold != k).matches, discipline=discipline, opposite=opposite), part)
         for k in range(count)
-        for discipline, part in by_discipline(strokes.take(fold == k), profiles)
+        for discipline, opposite, part in by_game(strokes.take(fold == k), profiles)
     )
 
 

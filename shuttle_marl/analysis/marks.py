@@ -247,7 +247,7 @@ def judged_strokes(strokes: pa.Table, basis: Basis) -> JudgedStrokes:
     """Strokes of schema :data:`~shuttle_marl.data.schema.STROKES` with all that could be played instead."""
     game = basis.game
     rows, nearest, incoming, state = placed(strokes, game)
-    shot, area, technique = (rows.codes[part].astype(np.int64) for part in ("shot", "area", "technique"))
+    shot, area, technique = (rows.game_codes[part].astype(np.int64) for part in ("shot", "area", "technique"))
     stroke = np.where((area >= 0) & (state >= 0), nearest[shot, area, rows.codes["contact"], technique], -1)
     known = np.flatnonzero((stroke >= 0) & (rows.outcome != Outcome.FAULT))
     rank = game.rank(state[known], stroke[known])

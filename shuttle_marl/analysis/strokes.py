@@ -5,7 +5,7 @@ Positions, times and reasons, which rallies do not have, are drawn so that their
 
 import dataclasses
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Final
 
 import numpy as np
@@ -17,6 +17,7 @@ from shuttle_marl.data import schema
 from shuttle_marl.data.schema import REASONS, Outcome, outcome_of
 from shuttle_marl.data.upstream import discipline
 from shuttle_marl.game import court, draws
+from shuttle_marl.game.pairs import Looks, looks_of
 from shuttle_marl.game.policy import Policy
 from shuttle_marl.game.rally.record import Rallies
 from shuttle_marl.game.stroke import N_SERVES, Catalogue
@@ -54,7 +55,7 @@ class SimulatedStrokes:
     """n strokes of simulated rallies, in playing order, without coordinates and times.
 
     Attributes:
-        shot, area: ``[n]`` shot type and target area.
+        shot, area: ``[n]`` shot type, and target area as the receiver sees it.
         outcome: ``[n]`` index into ``schema.OUTCOMES``.
         stroke: ``[n]`` number of the stroke in its rally; the strokes of a rally are consecutive.
         new_game: ``[n]`` whether the stroke is the first of a game.
@@ -172,7 +173,13 @@ _NO_DISCIPLINE: Final = "MS"
 
 
 def stroke_table(
-    rallies: Rallies, catalogue: Catalogue, players: Sequence[str], matches: Sequence[str], rng: np.random.Generator
+    rallies: Rallies,
+    catalogue: Catalogue,
+    players: Sequence[str],
+    matches: Sequence[str],
+    rng: np.random.Generator,
+    *,
+    looks: Callable[[tuple[int, int]], Looks],
 ) -> pa.Table:
     """Strokes of rallies in the schema of the annotated matches.
 
@@ -186,6 +193,7 @@ def stroke_table(
         players: names by index, as ``rallies.policy`` counts them.
         matches: ``[R]`` name of each rally's match.
         rng: draws points and times.
+        looks: hands of the players at seats 0 and 1, by their numbers.
 
     Returns:
         A table of schema :data:`shuttle_marl.data.schema.STROKES`, source ``simulated``. ``area`` of a fault is that of its
@@ -201,12 +209,15 @@ def stroke_table(
     number = np.arange(len(rallies))
     points = rallies.score[:, :2].astype(np.int64)
     game = rallies.score[:, 2:].sum(axis=1, dtype=np.int64)
+    pairs, which = np.unique(rallies.policy, axis=0, return_inverse=True)
+    left = np.array([looks((a, b)).left for a, b in pairs.tolist()])[which.ravel()][row]
+    area = catalogue.area[stroke].astype(np.int64)
     new_match = np.diff(rallies.pairing.astype(np.int64) << 32 | rallies.match, prepend=-1) != 0
     new_game = new_match | (np.diff(game, prepend=-1) != 0)
     places, reason, frame = sample_positions(
         SimulatedStrokes(
             shot=catalogue.shot[stroke].astype(np.int64),
-            area=catalogue.area[stroke].astype(np.int64),
+            area=np.where(left[np.arange(len(stroke)), 1 - seat], court.mirrored(area), area),
             outcome=outcome,
             stroke=position + 1,
             new_game=new_game[row] & (position == 0),
@@ -229,6 +240,7 @@ def stroke_table(
         "stroke": position + 1,
         "player": names.take(rallies.policy[row, seat]),
         "opponent": names.take(rallies.policy[row, 1 - seat]),
+        "hand": left[np.arange(len(stroke)), seat],
         "shot": catalogue.shot[stroke],
         "height": catalogue.height[stroke],
         "technique": catalogue.technique[stroke],
@@ -256,7 +268,14 @@ Simulated = Floats | Policy
 """``[P]`` probability of each legal pair given its state, or a policy, which may read the score and the rally so far."""
 
 
-def simulate(game: Game, players: Mapping[str, Simulated], *, matches: int, seed: int) -> pa.Table:
+def simulate(
+    game: Game,
+    players: Mapping[str, Simulated],
+    *,
+    matches: int,
+    seed: int,
+    looks: Callable[[Game, tuple[str, str]], Looks] = looks_of,
+) -> pa.Table:
     """Play matches (best of three games to 21) and write every stroke down.
 
     Pairs of players of one discipline meet in turn; a player who is in neither list of :mod:`shuttle_marl.data.upstream`
@@ -265,6 +284,7 @@ def simulate(game: Game, players: Mapping[str, Simulated], *, matches: int, seed
     Args:
         players: how each plays: probabilities as ``TabulatedPolicy.pair_probabilities`` gives them, or a policy.
         seed: of all draws; the same arguments give the same table.
+        looks: hands of two players by name.
 
     Returns:
         A table of schema :data:`shuttle_marl.data.schema.STROKES`, see :func:`~shuttle_marl.recording.tables`; matches
@@ -279,7 +299,10 @@ def simulate(game: Game, players: Mapping[str, Simulated], *, matches: int, seed
     number = rallies.match.astype(np.int64) * len(pairs) + rallies.pairing
     titles = [f"simulated-{i + 1}-{a}-{b}" for i, (a, b) in zip(range(matches), itertools.cycle(pairs), strict=False)]
     rng = np.random.default_rng([seed, matches])
-    return stroke_table(rallies, game.catalogue, names, [titles[i] for i in number.tolist()], rng)
+    titled = [titles[i] for i in number.tolist()]
+    return stroke_table(
+        rallies, game.catalogue, names, titled, rng, looks=lambda seats: looks(game, (names[seats[0]], names[seats[1]]))
+    )
 
 
 def simulated_rallies(game: Game, players: Mapping[str, Simulated], *, matches: int, seed: int) -> tuple[LogHeader, Rallies]:

@@ -261,4 +261,4 @@ def _sample(log: RallyLog, pairing: int, wanted: int) -> list[Rallies]:
 
 def _table(log: RallyLog, rallies: Rallies, rng: np.random.Generator) -> pa.Table:
     matches = [f"{pairing}-{number}" for pairing, number in zip(rallies.pairing, rallies.match, strict=True)]
-    return stroke_table(rallies, log.catalogue, [player.name for player in log.policies], matches, rng)
+    return stroke_table(rallies, log.catalogue, [player.name for player in log.policies], matches, rng, looks=log.header.looks)

@@ -188,7 +188,7 @@ def _decisions(reference: TabulatedPolicy, rows: Rows, state: I64, nearest: I64,
         value, opponent: ``[states]`` values of the striker and of the opponent, each before a stroke of its own.
     """
     game = reference.game
-    shot, area, technique = (rows.codes[part].astype(np.int64) for part in ("shot", "area", "technique"))
+    shot, area, technique = (rows.game_codes[part].astype(np.int64) for part in ("shot", "area", "technique"))
     stroke = np.where(area >= 0, nearest[shot, area, game.contact(state), technique], _UNKNOWN)
     pair = np.where((state >= 0) & (stroke >= 0), game.pair(state, stroke), -1)
     legal = (pair >= 0) & (rows.outcome != Outcome.FAULT)

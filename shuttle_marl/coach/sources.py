@@ -148,7 +148,9 @@ def log_strokes(log: RallyLog, pairing: int = 0, match: int = 0) -> pa.Table:
     rallies = Rallies.concatenate([log.rally(number) for number in numbers])
     names = [player.name for player in log.policies]
     title = words()("match.of_log", match=match, pairing=pairing)
-    return stroke_table(rallies, log.catalogue, names, [title] * len(rallies), np.random.default_rng([0, pairing, match]))
+    return stroke_table(
+        rallies, log.catalogue, names, [title] * len(rallies), np.random.default_rng([0, pairing, match]), looks=log.header.looks
+    )
 
 
 def _players(game: Game) -> Players:

@@ -61,6 +61,7 @@ _FIELDS: Final[tuple[tuple[str, pa.DataType, bool, str], ...]] = (
     ("stroke", pa.int16(), False, "Stroke within the rally, the serve is 1. Dropped strokes leave a gap."),
     ("player", pa.string(), False, "The striker's identifier, e.g. viktor-axelsen."),
     ("opponent", pa.string(), False, "The receiver's identifier."),
+    ("hand", pa.int8(), True, "Hand of the striker: 0 right, 1 left; null: unknown."),
     ("shot", pa.int8(), False, "Shot type, index into shuttle_marl.game.stroke.SHOTS."),
     ("height", pa.int8(), False, "Contact height: 0 below, 1 above the net."),
     ("technique", pa.int8(), False, "0 forehand, 1 backhand, 2 around the head."),
@@ -99,7 +100,7 @@ STROKES: Final = pa.schema(
 )
 """Arrow schema of a stroke table."""
 
-OPTIONAL: Final = ("hurried", "forced", "confidence", "inferred")
+OPTIONAL: Final = ("hand", "hurried", "forced", "confidence", "inferred")
 """Columns that files may lack."""
 
 NAMES: Final = {

@@ -3,13 +3,15 @@
 **Catalogue.** It contains a stroke if at least 3 % of the good strokes of its shot type go to its area, and at least 20 good
 strokes equal it.
 
-**Legality.** A stroke is a legal reply where people *choose* its shot type: where it makes up at least 5 % of the strokes, and
-five of them, that are played against the incoming shot type, met in this third of the court (front, middle, back), at this
-height. What happens less often is an opportunity of few situations, such as a net kill of a short lift, whose results say nothing
-about the others. The stroke itself occurs at least eight times against the incoming shot type, or is the most frequent target of
-its shot type, height and technique there, with five strokes to any target. Where this leaves no stroke, the shot types are legal
-that make up 5 % of all strokes from this third and height, with each technique that occurs five times against any stroke; and in
-small data, where this leaves none either, all that occur five times at this height, none of the front court in the back third.
+**Legality.** A stroke is a legal reply where people *choose* its shot type: where the fitted average player plays it at this
+height in at least 2 % of the visits of the incoming stroke, its technique in at least 2 % of those, and where people have played
+the shot type five times against the incoming shot type met in this third of the court (front, middle, back) at this height. What
+happens less often is an opportunity of few situations, such as a net kill of a short lift, whose results say nothing about the
+others. The stroke itself, or its mirror image (a target is legal at either hand of the receiver), occurs at least eight times
+against the incoming shot type, or is the most frequent target of its shot type, height and technique there, with five strokes to
+any target. Where this leaves no stroke, the shot types are legal that make up 5 % of all strokes from this third and height, with
+each technique that occurs five times against any stroke; and in small data, where this leaves none either, all that occur five
+times at this height. In the back third no stroke of the front court is legal.
 
 **Extremes.** Faults and winners are counted in nested cells: shot type and area; the whole stroke; against one incoming shot
 type; against one incoming shot type and area. The rate of a cell is shrunk to that of the enclosing cell with the weight of 40
@@ -34,7 +36,7 @@ from shuttle_marl.dynamics.features import STATE, Rows, codes_of_pairs, codes_of
 from shuttle_marl.dynamics.fitted import FittedModels
 from shuttle_marl.dynamics.models import log_odds, sigmoid
 from shuttle_marl.dynamics.situations import LONG_DUEL
-from shuttle_marl.game.court import BACK, N_AREAS, N_THIRDS, third_of
+from shuttle_marl.game.court import BACK, N_AREAS, N_THIRDS, mirrored, third_of
 from shuttle_marl.game.shipped import CHOICE_UNITS
 from shuttle_marl.game.stroke import FRONT_COURT, N_SHOTS, N_TECHNIQUES, SHOTS, Catalogue
 from shuttle_marl.game.tables import Game
@@ -42,9 +44,13 @@ from shuttle_marl.game.tabulated import base_pairs, hurry_units, layout, thresho
 from shuttle_marl.game.thresholds import ONE
 
 AREA_SHARE: Final = 0.03
-SHOT_SHARE: Final = 0.05
-"""Of 1, 2, 3 and 5 %, compared by ``experiments.truth.shares``: none differs from another in the log-loss of the value or in
-transfer, and the largest one leaves the fewest strokes without real ones behind them."""
+SHOT_SHARE: Final = 0.02
+"""Minimum share of a legal shot type in the choices of the fitted average player. ``experiments.truth.shares`` compares shares: none
+differs from another in the log-loss of the value or in transfer, and this one forbids few strokes of people without making any
+legal that the average player hardly ever plays."""
+TECHNIQUE_SHARE: Final = 0.02
+"""The same for a technique among the choices of a shot type."""
+_FALLBACK_SHARE: Final = 0.05
 MIN_STROKES: Final = 20
 MIN_REPLIES: Final = 8
 MIN_STYLE: Final = 5
@@ -64,14 +70,40 @@ def catalogue_of(rows: Rows) -> Catalogue:
     return Catalogue(*(np.ascontiguousarray(column, dtype=np.int8) for column in supported.T))
 
 
-def replies_of(rows: Rows, catalogue: Catalogue, share: float = SHOT_SHARE) -> Bools:
+def average_choices(models: FittedModels, rows: Rows, catalogue: Catalogue) -> F64:
+    """``[n, 2, 13, 3]`` share of shot types and techniques in the average player's choices, by incoming stroke and height.
+
+    The mean over the contexts in which people meet this shot type at this height, with the area and technique of the incoming
+    stroke; zero where nobody met it so.
+    """
+    context = [name for name in STATE if name not in ("hands", "incoming_shot", "incoming_area", "incoming_technique", "contact")]
+    share = np.zeros((len(catalogue), 2, N_SHOTS, N_TECHNIQUES))
+    for shot, contact in np.ndindex(N_SHOTS, 2):
+        met = (rows.codes["incoming_shot"] == shot) & (rows.codes["contact"] == contact)
+        strokes = np.flatnonzero(catalogue.shot == shot)
+        if not met.any() or not len(strokes):
+            continue
+        contexts, count = np.unique(np.stack([rows.codes[name][met] for name in context]), axis=1, return_counts=True)
+        codes = {name: np.tile(column, len(strokes)) for name, column in zip(context, contexts, strict=True)}
+        fixed = {"incoming_shot": shot, "contact": contact, "hands": 0}
+        codes |= {name: np.full(codes["own_shot"].shape, value, dtype=np.int16) for name, value in fixed.items()}
+        for part in ("area", "technique"):
+            codes[f"incoming_{part}"] = np.repeat(getattr(catalogue, part)[strokes], len(count)).astype(np.int16)
+        choice = models.choice(_read(models, codes)).reshape(len(strokes), len(count), N_SHOTS, N_TECHNIQUES)
+        share[strokes, contact] = np.average(choice, axis=1, weights=count)
+    return share
+
+
+def replies_of(rows: Rows, catalogue: Catalogue, choices: F64, share: float = SHOT_SHARE) -> Bools:
     """``[n + 1, n]`` legal replies to each stroke (row n: at the serve), by the rule of this module.
 
     Args:
-        share: minimum share of a shot type among the strokes of a situation.
+        choices: the average player's, see :func:`average_choices`.
+        share: minimum share of a shot type.
     """
     n, aimed = len(catalogue), rows.take(rows.codes["area"] >= 0)
     count = aimed.count("incoming_shot", "shot", "area", "contact", "technique")
+    count = np.maximum(count, count[:, :, mirrored(np.arange(N_AREAS))])
     styled = rows.count("incoming_shot", "shot", "contact", "technique")
     style = (catalogue.shot, catalogue.height, catalogue.technique)
     # The most frequent target among the strokes of the catalogue.
@@ -81,27 +113,28 @@ def replies_of(rows: Rows, catalogue: Catalogue, share: float = SHOT_SHARE) -> B
     # Replies by incoming shot type, third of the court and height at which it is met, and own shot type.
     met = rows.count("incoming_shot", "incoming_area", "contact", "shot")[:N_SHOTS, :N_AREAS]
     situation = np.stack([met[:, third_of(np.arange(N_AREAS)) == third].sum(axis=1) for third in range(N_THIRDS)], axis=1)
-    chosen, anywhere = _chosen(situation, share), _chosen(situation.sum(axis=0), share)
+    everywhere = situation.sum(axis=0)
+    anywhere = (everywhere >= MIN_STYLE) & (everywhere >= _FALLBACK_SHARE * everywhere.sum(axis=-1, keepdims=True))
+    of_shot = choices.sum(axis=-1)
+    chosen = (of_shot >= share)[..., None] & (choices >= TECHNIQUE_SHARE * of_shot[..., None])
     front = [SHOTS.index(name) for name in FRONT_COURT]
     replies = np.zeros((n + 1, n), dtype=bool)
     replies[n] = catalogue.is_serve
-    for shot, third in np.ndindex(N_SHOTS, N_THIRDS):
+    for incoming in range(n):
+        shot, third = catalogue.shot[incoming], third_of(catalogue.area[incoming])
         times = count[shot][catalogue.shot, catalogue.area, catalogue.height, catalogue.technique]
         frequent = (times > 0) & (times == most[shot][style]) & (styled[shot][style] >= MIN_STYLE)
-        legal = ((times >= MIN_REPLIES) | frequent) & chosen[shot, third, catalogue.height, catalogue.shot]
-        enough = (styled[:N_SHOTS].sum(axis=0)[style] >= MIN_STYLE) & ~catalogue.is_serve
         within_reach = ~np.isin(catalogue.shot, front) if third == BACK else np.ones(n, dtype=bool)
+        legal = ((times >= MIN_REPLIES) | frequent) & within_reach
+        legal &= situation[shot, third, catalogue.height, catalogue.shot] >= MIN_STYLE
+        legal &= chosen[incoming, catalogue.height, catalogue.shot, catalogue.technique]
+        enough = (styled[:N_SHOTS].sum(axis=0)[style] >= MIN_STYLE) & ~catalogue.is_serve
         for contact, fallback in itertools.product((0, 1), (anywhere[third, catalogue.height, catalogue.shot], within_reach)):
             from_here = catalogue.height == contact
             if not (legal & from_here).any():
                 legal |= from_here & enough & fallback
-        replies[:n][(catalogue.shot == shot) & (third_of(catalogue.area) == third)] = legal
+        replies[incoming] = legal
     return replies & ~(catalogue.is_serve & (np.arange(n + 1) < n)[:, None])
-
-
-def _chosen(count: I64, share: float) -> Bools:
-    """``[..., 13]`` shot types with at least :data:`MIN_STYLE` strokes and a share of those of their situation."""
-    return np.asarray((count >= MIN_STYLE) & (count >= share * count.sum(axis=-1, keepdims=True)))
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -119,6 +152,10 @@ class Support:
     winners: F64
     fault_range: F64
     winner_range: F64
+
+    def between_hands(self, game: Game) -> "Support":
+        """Support where striker and receiver have different hands: that of the strokes that fly the same way."""
+        return Support(**{field.name: getattr(self, field.name)[game.mirrored_edge] for field in dataclasses.fields(self)})
 
 
 def support_of(rows: Rows, targets: F64, game: Game) -> Support:
@@ -139,7 +176,7 @@ def support_of(rows: Rows, targets: F64, game: Game) -> Support:
     of_edge += [np.append(catalogue.shot, N_SHOTS)[own], np.append(catalogue.area, N_AREAS)[own]]
     of_row = [c["shot"], area, c["contact"], c["technique"], c["incoming_shot"], c["incoming_area"]]
     # Nested cells: a shot type, with its area, the whole stroke, against a shot type, and against one to an area.
-    levels = [(_key(of_row[:parts]), _key(of_edge[:parts])) for parts in (1, 2, 4, 5, 6)]
+    levels = [(_key(of_row[:depth]), _key(of_edge[:depth])) for depth in (1, 2, 4, 5, 6)]
     ranges = []
     for events in (fault, winner):
         rate = np.full(len(stroke), events.sum() / weight.sum())
@@ -224,7 +261,7 @@ def pair_probabilities(models: FittedModels, game: Game, support: Support) -> Pa
     Args:
         game: the layout; its thresholds are ignored.
     """
-    codes = _read(models, codes_of_pairs(game))
+    codes = _read(models, codes_of_pairs(game, opposite=models.opposite))
     pairs = _both(game)
     logit = log_odds(models.averaged(models.fault, codes))[pairs]
     returned = models.averaged(models.returned, codes)[pairs]
@@ -292,7 +329,7 @@ def pair_log_choices(models: FittedModels, game: Game) -> F32:
     Whole multiples of 1 / :data:`~shuttle_marl.game.shipped.CHOICE_UNITS`.
     """
     state = np.flatnonzero(game.playable[: game.n_base_states])
-    codes = _read(models, codes_of_states(game, state))
+    codes = _read(models, codes_of_states(game, state, opposite=models.opposite))
     choice = np.full((game.n_base_states, N_SHOTS * N_TECHNIQUES), np.nan)
     pair_state, pair_stroke = game.base_pair_state, game.base_pair_stroke
     pair_style = game.catalogue.shot[pair_stroke] * np.int64(N_TECHNIQUES) + game.catalogue.technique[pair_stroke]
@@ -303,6 +340,7 @@ def pair_log_choices(models: FittedModels, game: Game) -> F32:
     target_codes = {name: code[rows] for name, code in codes.items()}
     target_codes["shot"] = (styles % (N_SHOTS * N_TECHNIQUES) // N_TECHNIQUES).astype(np.int16)
     target_codes["technique"] = (styles % N_TECHNIQUES).astype(np.int16)
+    area = mirrored(game.catalogue.area) if models.opposite else game.catalogue.area
     total = np.zeros(game.n_base_pairs)
     for discipline, share in enumerate(models.share):
         if share == 0:
@@ -312,5 +350,5 @@ def pair_log_choices(models: FittedModels, game: Game) -> F32:
         of_targets = {**target_codes, "discipline": np.full(len(styles), discipline, dtype=np.int16)}
         target = models.targets(of_targets)
         assert target.shape == (len(styles), N_AREAS)
-        total += share * choice[pair_state, pair_style] * target[position, game.catalogue.area[pair_stroke]]
+        total += share * choice[pair_state, pair_style] * target[position, area[pair_stroke]]
     return (np.rint(CHOICE_UNITS * np.log(np.maximum(total, 1e-12))) / CHOICE_UNITS).astype(np.float32)

@@ -3,7 +3,12 @@
 A stroke has attributes (shot type, area, contact height, technique). Its context consists of the attributes of the striker's
 previous stroke and of the incoming stroke, the contact height, whether the striker is hurried, and the discipline. Simulated
 strokes record who was hurried; of annotated ones, the index of :mod:`shuttle_marl.dynamics.hurried` decides. A longer history
-improves no model on unseen matches. Counts over the rally, attacks of each player and consecutive net shots, affect the
+improves no model on unseen matches.
+
+**Hands.** The strokes of a left-handed striker are mirrored, so the models know one frame, that of a right-handed striker, and
+read whether the receiver has the other hand. A game names areas as a right-handed receiver sees them (:attr:`Rows.game_codes`).
+
+Counts over the rally, attacks of each player and consecutive net shots, affect the
 probability of a fault only.
 
 **Target areas** have the same meaning for every outcome. The landing of a returned stroke is the receiver's contact point, that
@@ -32,7 +37,7 @@ import pyarrow as pa
 
 from shuttle_marl.base.arrays import F32, F64, I8, I16, I32, I64, Bools, Ints
 from shuttle_marl.data.schema import REASONS, Outcome
-from shuttle_marl.game.court import N_AREAS, area_of
+from shuttle_marl.game.court import N_AREAS, area_of, mirrored
 from shuttle_marl.game.layout import LONGEST_DUEL
 from shuttle_marl.game.stroke import ATTACKS, N_SHOTS, N_TECHNIQUES, NET_SHOTS, SHOTS
 from shuttle_marl.game.tables import Game
@@ -52,6 +57,7 @@ SLOTS: Final[dict[str, int]] = {
     **{f"{stroke}_{attribute}": size for stroke in ("own", "incoming") for attribute, size in _BEFORE.items()},
     "contact": 2,
     "hurried": 2,
+    "hands": 2,
     "discipline": len(DISCIPLINES),
     "shot": N_SHOTS,
     "technique": N_TECHNIQUES,
@@ -77,21 +83,30 @@ distance of the two; how far they moved since the opponent's hit, how far forwar
 hit, and between it and the hit before (0 for none); where striker and opponent were at that hit."""
 MAX_DEPTH_QUANTILE: Final = 0.9
 """Quantile of the depth of returned strokes that bounds the target of an out stroke."""
+_ACROSS: Final = [MOVEMENT.index(name) for name in MOVEMENT if name.endswith("_x") or name == "sideways"]
+"""Columns of :data:`MOVEMENT` that are mirrored for a left-handed striker."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Rows:
     """N strokes in context.
 
-    Attributes: codes: ``[N]`` code of each of :data:`SLOTS`; ``area`` is the target area (see the module), -1 where no landing
-        was recorded. outcome, reason: ``[N]`` indices into the schema's OUTCOMES and REASONS. next_contact: ``[N]`` contact
-        height of the next stroke, -1 without one. match: ``[N]`` index into ``matches``. matches: names of the matches.
-        striker, receiver: ``[N]`` identifiers of the players. stroke: ``[N]`` number of the stroke in its rally, from 1.
+    Attributes:
+        codes: ``[N]`` code of each of :data:`SLOTS` in the frame of a right-handed striker; ``area`` is the target area (see the
+            module), -1 where no landing was recorded; ``hands`` is 1 where the receiver has the other hand.
+        outcome, reason: ``[N]`` indices into the schema's OUTCOMES and REASONS.
+        next_contact: ``[N]`` contact height of the next stroke, -1 without one.
+        match: ``[N]`` index into ``matches``.
+        matches: names of the matches.
+        striker, receiver: ``[N]`` identifiers of the players.
+        stroke: ``[N]`` number of the stroke in its rally, from 1.
         attacks, opponent_attacks: ``[N]`` previous attacks (smashes, half-smashes) of striker and receiver in the rally; -1
-        where a dropped row may have been one. net_run: ``[N]`` consecutive net shots up to the incoming stroke; -1 where a
-        dropped row may have been the first. movement: ``[N, 15]`` :data:`MOVEMENT`; NaN where a part is unknown, and for serves.
-        hurried: ``[N]`` whether the striker was hurried, -1 where that is not known; ``codes`` then have 0. next_hurried: ``[N]``
-        that of the next stroke, -1 without one.
+            where a dropped row may have been one.
+        net_run: ``[N]`` consecutive net shots up to the incoming stroke; -1 where a dropped row may have been the first.
+        movement: ``[N, 15]`` :data:`MOVEMENT`; NaN where a part is unknown, and for serves.
+        hurried: ``[N]`` whether the striker was hurried, -1 where that is not known; ``codes`` then have 0.
+        next_hurried: ``[N]`` that of the next stroke, -1 without one.
+        hand, receiver_hand: ``[N]`` index into :data:`~shuttle_marl.game.court.HANDS`, -1 unknown, which counts as right.
 
     The first stroke of a rally is a serve, so it is neither an attack nor a net shot even where its row was dropped.
     """
@@ -111,6 +126,8 @@ class Rows:
     movement: F32
     hurried: I8
     next_hurried: I8
+    hand: I8
+    receiver_hand: I8
 
     def __len__(self) -> int:
         return len(self.outcome)
@@ -164,11 +181,25 @@ class Rows:
         return dataclasses.replace(self, codes=codes, hurried=hurried, next_hurried=following)
 
     @functools.cached_property
+    def game_codes(self) -> dict[str, I16]:
+        """The codes with areas as a game names them: as a right-handed receiver sees them."""
+        return {**self.codes, **{name: mirrored_where(self.codes["hands"] == 1, self.codes[name]) for name in _OF_RECEIVER}}
+
+    @functools.cached_property
     def cells(self) -> I64:
         """``[N]`` index of (shot, area, height, technique) of the stroke itself; negative without area."""
         c = {k: v.astype(np.int64) for k, v in self.codes.items()}
         index = ((c["shot"] * N_AREAS + c["area"]) * 2 + c["contact"]) * N_TECHNIQUES + c["technique"]
         return np.where(c["area"] < 0, -1, index)
+
+
+_OF_RECEIVER: Final = ("own_area", "area")
+"""Areas that the receiver of the striker's strokes sees."""
+
+
+def mirrored_where(left: Bools, area: I16) -> I16:
+    """``[N]`` areas with right and left exchanged in some rows; other codes than those of areas stay."""
+    return np.where(left & (area >= 0) & (area < N_AREAS), mirrored(area), area).astype(np.int16)
 
 
 def rows_from_strokes(strokes: pa.Table, hurry: "Hurry | None" = None) -> Rows:
@@ -206,6 +237,16 @@ def rows_from_strokes(strokes: pa.Table, hurry: "Hurry | None" = None) -> Rows:
     codes["area"] = area
     codes["hurried"] = np.zeros(len(match), dtype=np.int16)
     unmarked = np.full(len(match), -1, dtype=np.int8)
+    striker, receiver = (strokes[name].to_numpy(zero_copy_only=False).astype(str) for name in ("player", "opponent"))
+    hand = strokes["hand"].fill_null(-1).to_numpy().astype(np.int8)
+    hand_of = dict(zip(zip(match.tolist(), striker.tolist(), strict=True), hand.tolist(), strict=True))
+    parties = zip(match.tolist(), receiver.tolist(), strict=True)
+    receiver_hand = np.array([hand_of.get(party, -1) for party in parties], dtype=np.int8)
+    left, movement = hand == 1, _movement(strokes, key, number)
+    codes["hands"] = (left != (receiver_hand == 1)).astype(np.int16)
+    for name in ("own_area", "incoming_area", "area"):
+        codes[name] = mirrored_where(left, codes[name])
+    movement[np.ix_(left, _ACROSS)] *= -1
     rows = Rows(
         codes=codes,
         outcome=column["outcome"].astype(np.int8),
@@ -213,15 +254,17 @@ def rows_from_strokes(strokes: pa.Table, hurry: "Hurry | None" = None) -> Rows:
         next_contact=np.where(follows & returned, column["height"][after], -1).astype(np.int8),
         match=match,
         matches=tuple(encoded.dictionary.to_pylist()),
-        striker=strokes["player"].to_numpy(zero_copy_only=False).astype(str),
-        receiver=strokes["opponent"].to_numpy(zero_copy_only=False).astype(str),
+        striker=striker,
+        receiver=receiver,
         stroke=number,
         attacks=attacks,
         opponent_attacks=opponent_attacks,
         net_run=net_run,
-        movement=_movement(strokes, key, number),
+        movement=movement,
         hurried=strokes["hurried"].cast(pa.int8()).fill_null(-1).to_numpy(),
         next_hurried=unmarked,
+        hand=hand,
+        receiver_hand=receiver_hand,
     ).marked(np.where(number == 1, 0, unmarked).astype(np.int8))
     return rows if hurry is None else hurry.marked(rows)
 
@@ -357,7 +400,7 @@ def strokes_before(rows: Rows, name: str, strokes: Ints, n_strokes: int) -> I64:
         n_strokes: n, the number of strokes in the catalogue.
     """
     shot, area, height, technique = (
-        rows.codes[f"{name}_{part}"].astype(np.int64) for part in ("shot", "area", "height", "technique")
+        rows.game_codes[f"{name}_{part}"].astype(np.int64) for part in ("shot", "area", "height", "technique")
     )
     known = (shot < N_SHOTS) & (area < N_AREAS) & (height < 2) & (technique < N_TECHNIQUES)
     index = np.where(shot == N_SHOTS, n_strokes, -1)
@@ -379,8 +422,12 @@ def states_of(game: Game, rows: Rows, own: Ints, incoming: Ints) -> I64:
     return game.state_of(*parts).astype(np.int64)
 
 
-def codes_of_states(game: Game, state: Ints) -> dict[str, I16]:
-    """``[N]`` codes of the context of states, without discipline."""
+def codes_of_states(game: Game, state: Ints, *, opposite: bool) -> dict[str, I16]:
+    """``[N]`` codes of the context of states, without discipline.
+
+    Args:
+        opposite: whether striker and receiver have different hands.
+    """
     catalogue = game.catalogue
     codes: dict[str, I16] = {}
     for name, stroke in (("own", game.own(state)), ("incoming", game.incoming(state))):
@@ -389,14 +436,17 @@ def codes_of_states(game: Game, state: Ints) -> dict[str, I16]:
             codes[f"{name}_{attribute}"] = values[stroke].astype(np.int16)
     codes["contact"] = game.contact(state).astype(np.int16)
     codes["hurried"] = game.hurried(state).astype(np.int16)
+    codes["hands"] = np.full_like(codes["contact"], opposite)
+    codes["own_area"] = mirrored_where(codes["hands"] == 1, codes["own_area"])
     return codes
 
 
-def codes_of_pairs(game: Game) -> dict[str, I16]:
-    """``[base pairs]`` codes of every base pair of a game, without discipline."""
-    codes = codes_of_states(game, game.base_pair_state)
+def codes_of_pairs(game: Game, *, opposite: bool) -> dict[str, I16]:
+    """``[base pairs]`` codes of every base pair of a game, without discipline; arguments as for :func:`codes_of_states`."""
+    codes = codes_of_states(game, game.base_pair_state, opposite=opposite)
     for attribute in ("shot", "technique", "area"):
         codes[attribute] = getattr(game.catalogue, attribute)[game.base_pair_stroke].astype(np.int16)
+    codes["area"] = mirrored_where(codes["hands"] == 1, codes["area"])
     return codes
 
 

@@ -15,6 +15,7 @@ from shuttle_marl.dynamics.compiled import (
     SHOT_SHARE,
     PairProbabilities,
     Support,
+    average_choices,
     catalogue_of,
     compile_game,
     empty_game,
@@ -93,6 +94,12 @@ class Fit:
         """The fit of one discipline (index into :data:`~shuttle_marl.dynamics.features.DISCIPLINES`)."""
         models = dataclasses.replace(self.models, share=np.eye(len(DISCIPLINES))[discipline])
         return dataclasses.replace(self, models=models, support=self.profiles[discipline])
+
+    @property
+    def between_hands(self) -> "Fit":
+        """The fit of a striker and a receiver with different hands."""
+        models = dataclasses.replace(self.models, opposite=True)
+        return dataclasses.replace(self, models=models, support=self.support.between_hands(self.game))
 
     def compiled(self) -> tuple[Game, PairProbabilities]:
         """The game of the models, and its probabilities before rounding."""
@@ -193,7 +200,7 @@ def fit(
         models = dataclasses.replace(average, choices=choices)
 
     report("catalogue, legality, support")
-    game = layout or layout_of(train)
+    game = layout or layout_of(train, models)
     support, profiles = supports(models, known, game)
     return Fit(models=models, game=game, support=support, profiles=profiles, predicted=predicted, chosen=chosen)
 
@@ -206,10 +213,11 @@ def supports(models: FittedModels, known: Rows, game: Game) -> tuple[Support, tu
     return support, tuple(support_of(known.take(mask), intended[mask], game) if mask.any() else support for mask in masks)
 
 
-def layout_of(rows: Rows, share: float = SHOT_SHARE) -> Game:
+def layout_of(rows: Rows, models: FittedModels, share: float = SHOT_SHARE) -> Game:
     """Layout of the game of strokes: catalogue and legal replies, without probabilities.
 
     Args:
+        models: what the average player chooses.
         share: minimum share of a legal shot type (:mod:`shuttle_marl.dynamics.compiled`).
 
     Raises:
@@ -217,7 +225,7 @@ def layout_of(rows: Rows, share: float = SHOT_SHARE) -> Game:
     """
     catalogue = catalogue_of(rows)
     try:
-        return empty_game(catalogue, replies_of(rows, catalogue, share))
+        return empty_game(catalogue, replies_of(rows, catalogue, average_choices(models, rows, catalogue), share))
     except GameError as error:
         raise ShuttleError(
             f"these strokes make no game ({error}): every stroke of a game occurs at least {MIN_STROKES} times in the data; "

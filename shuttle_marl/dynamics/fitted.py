@@ -91,6 +91,7 @@ class FittedModels:
             and above the net.
         situations: effect of effort and long duels on the log-odds of a fault.
         share: ``[2]`` fraction of each discipline in the training strokes, the weights of the average game.
+        opposite: whether striker and receiver have different hands; both are right-handed otherwise.
     """
 
     networks: dict[str, Ensemble]
@@ -100,6 +101,7 @@ class FittedModels:
     situations: Situations
     share: F64
     choices: PlayerChoices
+    opposite: bool = False
 
     def targets(self, codes: dict[str, I16]) -> F64:
         """``[N, 9]`` probability of each intended target given state, shot type and technique."""

@@ -169,7 +169,7 @@ def make_model(
                 variants[str(number)] = refit
                 # After each refit, so that an interrupted command leaves a complete folder.
                 save_variants(out, game, variants, card)
-    if others := [variant for name, variant in variants.items() if name not in shipped.PROFILES]:
+    if others := [variant for name, variant in variants.items() if shipped.is_refit(name)]:
         report("solving the refits")
         solved = {**written.health, "refits": variety_of(others)}
         write_card(out, {**card, "health": solved, "variants": list(variants)})
@@ -198,7 +198,7 @@ class Written:
     """Result of :func:`save_fit`.
 
     Attributes:
-        variants: the games of men's and women's singles, by name; none if the fit has a single discipline.
+        variants: the games of men's and women's singles, if the fit has both, and of players with different hands, by name.
         clipped: fraction of the legal pairs that were clipped to the supported range.
         health: :func:`~shuttle_marl.dynamics.evaluate.health` of the game.
     """
@@ -236,12 +236,14 @@ def save_fit(
             f"the game of these strokes rewards what people do not play ({'; '.join(failed)}), so its best play would be no "
             "badminton; nothing was written. Add matches, or use --prior default, which corrects the shipped models instead"
         )
-    report("compiling the games of men's and women's singles")
+    report("compiling the games of men's and women's singles, and of players with different hands")
     # With a single discipline, the game is that of this discipline.
     played = np.flatnonzero(fitted.models.share).tolist()
-    profiles = {shipped.PROFILES[discipline]: fitted.profile(discipline) for discipline in played} if len(played) > 1 else {}
-    variants = {name: profile.compiled()[0] for name, profile in profiles.items()}
-    of_profiles = {name: pair_log_choices(profile.models, game) for name, profile in profiles.items()}
+    profiles = {shipped.PROFILES[k]: fitted.profile(k) for k in played} if len(played) > 1 else {}
+    equal: dict[str | None, Fit] = {None: fitted, **profiles}
+    parts = profiles | {f"{shipped.variant_of(name, opposite=True)}": part.between_hands for name, part in equal.items()}
+    variants = {name: part.compiled()[0] for name, part in parts.items()}
+    of_profiles = {name: pair_log_choices(part.models, game) for name, part in parts.items()}
     report("skill of players")
     skill = fit_skill(fitted.predicted, sources, skill_sd)
     fitted.models.save(out)
@@ -371,7 +373,7 @@ def save_clones(folder: Path, choices: PlayerChoices, log_choice: F32, profiles:
 
     Args:
         log_choice: ``[base pairs]`` log-probabilities of the average player.
-        profiles: those of the average player of each discipline.
+        profiles: those in each variant that is no refit.
     """
 
     def units(values: F32) -> I16:
@@ -379,7 +381,7 @@ def save_clones(folder: Path, choices: PlayerChoices, log_choice: F32, profiles:
 
     clones: dict[str, npt.NDArray[Any]] = {
         "choice": units(log_choice),
-        # Differences of neighbouring disciplines are small, and pack well.
+        # Differences of disciplines are small, and pack well.
         **{f"choice.{name}": units(values - log_choice) for name, values in profiles.items()},
         "style": choices.style.reshape(*choices.style.shape[:3], N_SHOTS, N_TECHNIQUES),
         "area": choices.area,
@@ -390,9 +392,7 @@ def save_clones(folder: Path, choices: PlayerChoices, log_choice: F32, profiles:
 def save_variants(folder: Path, game: Game, variants: Mapping[str, Game], card: dict[str, Any]) -> None:
     """Write the variants of a model and its card."""
     if variants:
-        replace_file(
-            folder / shipped.VARIANTS, packed(game, variants, coarse=[name for name in variants if name not in shipped.PROFILES])
-        )
+        replace_file(folder / shipped.VARIANTS, packed(game, variants, coarse=list(filter(shipped.is_refit, variants))))
     else:
         (folder / shipped.VARIANTS).unlink(missing_ok=True)  # of a replaced model
     write_card(folder, {**card, "variants": list(variants)})

@@ -63,6 +63,7 @@ _FLIGHT_CROSSES: Final = (
     ("shot", "area", "technique"),
     ("incoming_area", "area"),
     ("own_area", "area"),
+    ("hands", "area"),
 )
 SPECS: Final = {
     "choice": NetworkSpec(
@@ -84,6 +85,8 @@ SPECS: Final = {
             ("own_area", "shot"),
             ("incoming_area", "technique"),
             ("hurried", "shot"),
+            ("hands", "shot"),
+            ("hands", "incoming_area"),
         ),
         outputs=N_AREAS,
     ),

@@ -133,9 +133,10 @@ def fit_skill(predicted: Mapping[str, Predicted], sources: Mapping[str, str], sd
     struck, players = predicted["success"].rows, len(design.players)
     striker = design.index(struck.striker)
     pairs = np.unique(np.stack([striker, struck.match]), axis=1)[0]
-    discipline = np.zeros(players, dtype=np.int8)
-    for role in ROLES:
+    discipline, hand = np.zeros(players, dtype=np.int8), np.full(players, -1, dtype=np.int8)
+    for role, known in zip(ROLES, (struck.hand, struck.receiver_hand), strict=True):
         discipline[design.index(getattr(struck, role))] = struck.codes["discipline"]
+        hand[design.index(getattr(struck, role))] = known
     offset, deviation = (
         np.stack([design.offsets(x) for x in values], axis=1).astype(np.float32)
         for values in ([found.mode for found in fits], [found.deviation for found in fits])
@@ -148,6 +149,7 @@ def fit_skill(predicted: Mapping[str, Predicted], sources: Mapping[str, str], sd
         day=design.walks.day.astype(np.int32),
         group=GROUP,
         discipline=discipline,
+        hand=hand,
         strokes=np.bincount(striker, minlength=players).astype(np.int32),
         matches=np.bincount(pairs, minlength=players).astype(np.int32),
     )

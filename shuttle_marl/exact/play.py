@@ -1,4 +1,4 @@
-"""What a policy plays: shot mix, length of rallies, strokes that people hardly play there, and strokes that no body can play."""
+"""What a policy plays: shot mix, length of rallies, strokes that people hardly play there, and strokes that nobody can play."""
 
 from collections.abc import Sequence
 from typing import Any, Final
@@ -8,9 +8,9 @@ import numpy as np
 from shuttle_marl.base.arrays import Bools
 from shuttle_marl.exact.occupancy import visits
 from shuttle_marl.exact.profile import StatePolicy
-from shuttle_marl.game.court import BACK, third_of
+from shuttle_marl.game.court import BACK, FOREHAND, N_SIDES, third_of
 from shuttle_marl.game.layout import Layout
-from shuttle_marl.game.stroke import FRONT_COURT, N_SHOTS, SHOTS
+from shuttle_marl.game.stroke import AROUND_THE_HEAD, FRONT_COURT, N_SHOTS, SHOTS
 
 RARE: Final = 0.01
 """A shot type that the average player plays less often in a state is rare there."""
@@ -19,11 +19,13 @@ OFTEN: Final = 0.02
 
 
 def impossible(game: Layout) -> Bools:
-    """``[base pairs]`` whether a stroke is of the front court and its incoming stroke is met in the back third."""
-    catalogue = game.catalogue
-    back = np.append(third_of(catalogue.area) == BACK, False)[game.incoming(game.base_pair_state)]
-    front = np.isin(np.array(SHOTS)[catalogue.shot], FRONT_COURT)
-    return np.asarray(back & front[game.base_pair_stroke])
+    """``[base pairs]`` strokes of the front court met in the back third, and around the head on the striker's forehand side."""
+    catalogue, incoming = game.catalogue, game.incoming(game.base_pair_state)
+    back, forehand = (
+        np.append(part, False)[incoming] for part in (third_of(catalogue.area) == BACK, catalogue.area % N_SIDES == FOREHAND)
+    )
+    front, around = np.isin(np.array(SHOTS)[catalogue.shot], FRONT_COURT), catalogue.technique == AROUND_THE_HEAD
+    return np.asarray(back & front[game.base_pair_stroke] | forehand & around[game.base_pair_stroke])
 
 
 def unusual(bc: StatePolicy) -> list[Bools]:

@@ -55,8 +55,8 @@ AREAS: Final = (
 )
 """The nine areas of the receiver's half, right and left as the receiver sees them; index = 3 * depth + side.
 
-The strokes of a game name areas as a right-handed receiver sees them: *right* is the forehand side. Of a left-handed receiver they
-are mirrored (:func:`mirrored`)."""
+The strokes of a game name areas as a right-handed receiver sees them: *right* is the forehand side. For a left-handed receiver
+they are mirrored (:func:`mirrored`)."""
 HANDS: Final = ("right", "left")
 """Hands with which players hold the racket; their numbers are 0 and 1."""
 Hands = tuple[str, str]
@@ -65,6 +65,8 @@ N_AREAS: Final = len(AREAS)
 AreaT = TypeVar("AreaT", int, Ints)
 N_SIDES: Final = 3
 """Right, centre and left of a half, numbers 0 to 2."""
+FOREHAND: Final = 0
+"""Number of the forehand side of a right-handed receiver."""
 N_THIRDS: Final = 3
 """Front, middle and back third of a half, numbers 0 to 2 of :func:`third_of`."""
 BACK: Final = 2

@@ -21,6 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from shuttle_marl.base.arrays import F64, I16, I32, I64, Bools, Floats, Ints
+from shuttle_marl.game.court import mirrored
 from shuttle_marl.game.stroke import Catalogue, frozen
 
 LONGEST_DUEL: Final = 3
@@ -296,6 +297,15 @@ class Layout:
         """``[base states]`` index in ``reply_edge`` of the first legal stroke of a state; k more for the k-th."""
         longer = (self.edge_duel >= LONGEST_DUEL - 1).astype(np.int32)
         return frozen(np.tile(self.reply_start[self.edge_incoming, longer], (1, 2)).ravel())
+
+    @functools.cached_property
+    def mirrored_edge(self) -> I32:
+        """``[E]`` edge whose incoming stroke flies to the other side; the edge itself where the game has no such stroke."""
+        parts = self.catalogue
+        other = parts.by_parts[parts.shot, mirrored(parts.area), parts.height, parts.technique].astype(np.int64)
+        other = np.append(np.where(other < 0, np.arange(len(other)), other), self.n_strokes)
+        found = self._edge_of[self.edge_own, other[self.edge_incoming], self.edge_duel]
+        return frozen(np.where(found < 0, np.arange(len(found)), found).astype(np.int32))
 
     @functools.cached_property
     def edge_attack(self) -> Bools:

@@ -1,20 +1,32 @@
 """The game of a pair: two players with their skill, each with the tables of their own strokes, over the same states.
 
-The tables of a player's strokes are those of the average game with other odds: those of a fault, of a return and of a contact
-above the net are multiplied by the offsets of the striker and of the receiver (:mod:`shuttle_marl.game.skill`). They are computed
-in whole numbers, so the game of a pair has the same tables, and the same hash, on every machine.
+The tables of a player's strokes are those of the average game, of players with equal or with different hands, with other odds:
+those of a fault, of a return and of a contact above the net are multiplied by the offsets of the striker and of the receiver
+(:mod:`shuttle_marl.game.skill`). They are computed in whole numbers, so the game of a pair has the same tables, and the same
+hash, on every machine.
 """
 
 import dataclasses
 import datetime
 import functools
+from pathlib import Path
 from typing import Final, NamedTuple
 
 import numpy as np
 
 from shuttle_marl.base.arrays import F64, I64, U16, Ints
-from shuttle_marl.game.court import Hands
-from shuttle_marl.game.shipped import PROFILES, load_game, origin_named, origin_of, variants
+from shuttle_marl.game.court import HANDS, Hands
+from shuttle_marl.game.shipped import (
+    OPPOSITE,
+    PROFILES,
+    is_opposite,
+    is_refit,
+    load_game,
+    origin_named,
+    origin_of,
+    variant_of,
+    variants,
+)
 from shuttle_marl.game.skill import AVERAGE, Day, Skill, day_of, has_skill, load_skill
 from shuttle_marl.game.stroke import frozen
 from shuttle_marl.game.tables import Game, GameError, Origin
@@ -59,7 +71,17 @@ class People:
     @property
     def origin(self) -> Origin:
         """The model, and the discipline as the variant, for policies of the model."""
-        return Origin(origin_named(self.model).folder, self.discipline or AVERAGE)
+        return Origin(origin_named(self.model).folder, self._variant or AVERAGE)
+
+    @property
+    def hands(self) -> Hands:
+        """Their hands; an unknown one, and that of the average player, counts as right."""
+        first, second = (self.skill.hand_of(name) or HANDS[0] for name in self.players)
+        return first, second
+
+    @property
+    def _variant(self) -> str | None:
+        return variant_of(self.discipline, opposite=self.hands[0] != self.hands[1])
 
     @property
     def average(self) -> Game:
@@ -68,9 +90,8 @@ class People:
 
     @property
     def profile(self) -> Game:
-        """The game of the discipline, without skill, in which imitated players choose as they do here."""
-        folder, discipline = self.origin
-        return load_game(f"{folder}:{discipline}") if discipline in variants(str(folder)) else self.average
+        """The game of their discipline and hands, without skill, in which imitated players choose as they do here."""
+        return load_game(_nearest(self.origin.folder, self._variant))
 
     @property
     def skill(self) -> Skill:
@@ -89,7 +110,7 @@ class People:
         """
         folder, variant = origin_named(self.model)
         names = () if variant is not None else variants(str(folder))
-        return tuple(self.game(f"{self.model}:{name}") for name in names if name not in PROFILES)
+        return tuple(self.game(f"{self.model}:{name}") for name in names if is_refit(name))
 
 
 def people_of(game: Game) -> People:
@@ -118,10 +139,15 @@ def seat_names(game: Game, policies: tuple[str, str]) -> tuple[str, str]:
 class Looks(NamedTuple):
     """How the players at seats 0 and 1 look on the court."""
 
-    hands: Hands
+    hands: Hands = (HANDS[0], HANDS[0])
     """``right`` or ``left``."""
-    athletes: tuple[str, str]
+    athletes: tuple[str, str] = ("male", "male")
     """``male`` or ``female``."""
+
+    @property
+    def left(self) -> tuple[bool, bool]:
+        """Whether they are left-handed."""
+        return self.hands[0] == HANDS[1], self.hands[1] == HANDS[1]
 
 
 def looks_of(game: Game, policies: tuple[str, str]) -> Looks:
@@ -139,11 +165,12 @@ def looks_of(game: Game, policies: tuple[str, str]) -> Looks:
     known = [name if skill is not None and name in skill.players else AVERAGE for name in names]
     hands = [None if skill is None else skill.hand_of(name) for name in known]
     kinds = [None if skill is None else skill.discipline_of(name) for name in known]
-    usual = origin.variant if origin is not None and origin.variant in PROFILES else next(filter(None, kinds), "men")
+    variant = "" if origin is None or origin.variant is None else origin.variant.partition("-")[0]
+    usual = variant if variant in PROFILES else next(filter(None, kinds), PROFILES[0])
     if game.people is None:
-        hands = [next(filter(None, hands), "right")] * 2
+        hands = [next(filter(None, hands), None)] * 2
     first, second = ("female" if (kind or usual) == "women" else "male" for kind in kinds)
-    return Looks(hands=(hands[0] or "right", hands[1] or "right"), athletes=(first, second))
+    return Looks(hands=(hands[0] or HANDS[0], hands[1] or HANDS[0]), athletes=(first, second))
 
 
 def opponent_tables(game: Game, seat: int | Ints) -> Game:
@@ -191,9 +218,9 @@ def pair_game(a: str, b: str, *, date: Day = None, discipline: str | None = None
         if chosen not in (None, variant):
             raise GameError(f"{a} and {b} play {chosen}'s singles, and {game} is the game of {variant}'s")
         game, variant, chosen = game.rpartition(":")[0], None, variant
-    base = _base(game, chosen)
-    threshold = np.stack([_with_skill(base, skill.of_shots(*names, date)) for names in ((a, b), (b, a))])
     people = People(players=(a, b), model=game, date=None if date is None else day_of(date), discipline=chosen)
+    base = _base(game, people.origin.variant)
+    threshold = np.stack([_with_skill(base, skill.of_shots(*names, date)) for names in ((a, b), (b, a))])
     return dataclasses.replace(base, threshold=threshold, people=people)
 
 
@@ -209,14 +236,21 @@ def game_of_people(game: Game, people: tuple[str, str], date: Day = None) -> Gam
 
 
 @functools.lru_cache(maxsize=32)
-def _base(game: str, discipline: str | None) -> Game:
-    """The tables without skill: of a model or a refit, in one discipline if the model tells them apart."""
-    tables, (folder, variant) = load_game(game), origin_named(game)
-    if discipline not in variants(str(folder)):
-        return tables
+def _base(game: str, variant: str | None) -> Game:
+    """The tables without skill: of a model or a refit, in a variant of discipline and hands as far as the model has it."""
+    tables, (folder, refit) = load_game(game), origin_named(game)
+    profile = load_game(_nearest(folder, variant))
+    if refit is None:
+        return profile
     model = load_game(str(folder))
-    profile = load_game(f"{folder}:{discipline}")
-    return profile if variant is None else moved(tables, steps_between(model, profile), profile.fault_odds)
+    return tables if profile is model else moved(tables, steps_between(model, profile), profile.fault_odds)
+
+
+def _nearest(folder: Path, variant: str | None) -> str:
+    """Name of the variant of discipline and hands; the one without discipline where the model has a single discipline."""
+    known = variants(str(folder))
+    found = [name for name in (variant, OPPOSITE if is_opposite(variant) else None) if name in known]
+    return f"{folder}:{found[0]}" if found else str(folder)
 
 
 def _with_skill(base: Game, offset: F64) -> U16:

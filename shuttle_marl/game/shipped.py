@@ -33,7 +33,9 @@ VARIANTS: Final = "variants.safetensors"
 Profile = Literal["men", "women"]
 """Names of the games of one discipline."""
 PROFILES: Final = ("men", "women")
-"""Variants that are the games of one discipline; the others are refits, named by their number from 1."""
+"""Variants that are the games of one discipline."""
+OPPOSITE: Final = "opposite"
+"""Variant of a game between a right-hander and a left-hander; behind a discipline: that of this discipline (``men-opposite``)."""
 SKILL: Final = "skill.safetensors"
 """Skill of the players, as differences from the average player."""
 HABITS: Final = "habits.safetensors"
@@ -85,8 +87,23 @@ def load_game(name: str = "default") -> Game:
     return game
 
 
+def variant_of(discipline: str | None, *, opposite: bool) -> str | None:
+    """Name of the variant of a discipline, None for both, with equal or different hands; None: the game of the model."""
+    return "-".join(filter(None, (discipline, OPPOSITE if opposite else None))) or None
+
+
+def is_opposite(variant: str | None) -> bool:
+    """Whether a variant is that of players with different hands."""
+    return variant is not None and variant.rpartition("-")[2] == OPPOSITE
+
+
+def is_refit(variant: str) -> bool:
+    """Whether a variant is a refit on resampled matches; their names are numbers from 1."""
+    return variant.isdecimal()
+
+
 def variants(name: str = "default") -> list[str]:
-    """Names of the variants of a model: profiles by discipline, then refits.
+    """Names of the variants of a model: those of disciplines and hands, then refits.
 
     Raises:
         GameError: the model does not exist, or its file of variants is damaged.
@@ -285,7 +302,7 @@ def refits_of(game: Game) -> tuple[Game, ...]:
     origin = origin_of(game)
     if origin is None or origin.variant is not None:
         return ()
-    return tuple(load_game(f"{origin.folder}:{name}") for name in variants(str(origin.folder)) if name not in PROFILES)
+    return tuple(load_game(f"{origin.folder}:{name}") for name in variants(str(origin.folder)) if is_refit(name))
 
 
 def drawn_game(game: Game, rng: np.random.Generator, sigma: float) -> Game:
@@ -318,8 +335,10 @@ def real_strokes(game: Game) -> F64 | None:
     if folder is None or not (folder / SUPPORT).is_file():
         return None
     try:
+        opposite = is_opposite((origin_of(game) or Origin(folder, None)).variant)
         stamps = [(found.st_mtime_ns, found.st_size) for found in ((folder / name).stat() for name in (SUPPORT, CARD))]
-        return _real_strokes(folder, len(game.edge_own), tuple(stamps))
+        found = _real_strokes(folder, len(game.edge_own), tuple(stamps))
+        return found[game.mirrored_edge] if opposite else found
     except (OSError, KeyError, ValueError) as error:
         raise GameError(f"{folder / SUPPORT}: no readable support ({error}); fit or install the model again") from error
 

@@ -97,7 +97,7 @@ class Skill:
         return None if name == AVERAGE else DISCIPLINES[self.discipline[self.index(name)]]
 
     def hand_of(self, name: str) -> str | None:
-        """Hand of a player, one of :data:`~shuttle_marl.game.court.HANDS`; None for the average player and where it is unknown."""
+        """Hand of a player, ``right`` or ``left``; None for the average player and where it is unknown."""
         number = -1 if name == AVERAGE else int(self.hand[self.index(name)])
         return None if number < 0 else HANDS[number]
 
@@ -160,7 +160,8 @@ def _skill(tensors: Tensors) -> Skill:
     shape = (k, len(COMPONENTS), len(ROLES), 1 + len(GROUPS))
     wanted = {
         "offset": (np.float32, shape), "deviation": (np.float32, shape), "player": (np.int32, (k,)), "day": (np.int32, (k,)),
-        "group": (np.int8, (N_SHOTS,)), "hand": (np.int8, (m,)), "discipline": (np.int8, (m,)), "strokes": (np.int32, (m,)), "matches": (np.int32, (m,)),
+        "group": (np.int8, (N_SHOTS,)), "discipline": (np.int8, (m,)), "hand": (np.int8, (m,)), "strokes": (np.int32, (m,)),
+        "matches": (np.int32, (m,)),
     }  # fmt: skip
     arrays = {"hand": np.full(m, -1, np.int8), **tensors.arrays}  # TODO: until the refit
     skill = Skill(players=tuple(names), **{name: checked(arrays[name], *kind) for name, kind in wanted.items()})

@@ -47,6 +47,7 @@ SHOTS: Final = (
 HEIGHTS: Final = ("below", "above")
 """Height of the contact relative to the top of the net."""
 TECHNIQUES: Final = ("forehand", "backhand", "around-the-head")
+AROUND_THE_HEAD: Final = TECHNIQUES.index("around-the-head")
 
 ATTACKS: Final = ("smash", "half-smash")
 """Shot types that cost effort."""

@@ -18,10 +18,10 @@ import numpy as np
 
 from shuttle_marl.base.arrays import F32, F64, I16, I64
 from shuttle_marl.base.tensor_files import checked, parsed
-from shuttle_marl.game.court import BACK, N_AREAS, area_centre, third_of
+from shuttle_marl.game.court import BACK, N_AREAS, area_centre, mirrored, third_of
 from shuttle_marl.game.pairs import people_of
 from shuttle_marl.game.policy import PolicyError, States
-from shuttle_marl.game.shipped import BC, CHOICE_UNITS, PROFILES, folder_of, origin_of, read_model
+from shuttle_marl.game.shipped import BC, CHOICE_UNITS, folder_of, is_opposite, origin_of, read_model, variants
 from shuttle_marl.game.stroke import HEIGHTS, N_SHOTS, N_TECHNIQUES, SHOTS
 from shuttle_marl.game.tables import Game, GameError
 from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities
@@ -35,10 +35,10 @@ class BehaviourClones:
 
     Attributes:
         log_choice: ``[base pairs]`` unnormalised log-probability of each base pair for the average player.
-        profiles: the same for the average player of each discipline, by name (:data:`~shuttle_marl.game.shipped.PROFILES`).
+        profiles: the same in each variant of a discipline or of different hands, by name.
         players: M identifiers.
         style: ``[M, 15, 2, 13, 3]`` shifts by incoming shot type, contact, shot type and technique.
-        area: ``[M, 13, 3, 9]`` shifts by shot type, technique and target.
+        area: ``[M, 13, 3, 9]`` shifts by shot type, technique and target, in the frame of a right-handed striker.
     """
 
     log_choice: F32
@@ -52,13 +52,15 @@ class BehaviourClones:
 
         Args:
             player: identifier; None: the average player.
-            profile: discipline of the average player; None, or a discipline without one: the average of both.
+            profile: variant of the game; None, or one without an average player: that of the game itself.
         """
         logit = self.profiles.get(profile or "", self.log_choice).astype(np.float64)
         if player is not None:
             m = self.players.index(player)
             stroke, catalogue, state = game.base_pair_stroke, game.catalogue, game.base_pair_state
             shot, technique, area = catalogue.shot[stroke], catalogue.technique[stroke], catalogue.area[stroke]
+            if is_opposite(profile):
+                area = mirrored(area)
             # 13 means "no stroke yet", as in the models.
             incoming = np.append(catalogue.shot, len(self.area[m])).astype(np.int64)[game.incoming(state)]
             logit = logit + self.style[m, incoming, game.contact(state), shot, technique] + self.area[m, shot, technique, area]
@@ -81,7 +83,7 @@ def clones(folder: Path) -> BehaviourClones:
             raise ValueError("the players are not a list of names")
         m = len(players)
         choice, pairs = arrays["choice"], arrays["choice"].shape[:1]
-        shifts = {name: arrays[f"choice.{name}"] for name in PROFILES if f"choice.{name}" in arrays}
+        shifts = {name: arrays[f"choice.{name}"] for name in variants(str(folder)) if f"choice.{name}" in arrays}
         return BehaviourClones(
             log_choice=_log(checked(choice, np.int16, pairs)),
             profiles={name: _log(choice + checked(shift, np.int16, pairs)) for name, shift in shifts.items()},

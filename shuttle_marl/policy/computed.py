@@ -19,7 +19,7 @@ import zstandard
 from shuttle_marl.base.files import FileWriteError, cache_folder, read_file, replace_file
 from shuttle_marl.exact.version import solvers_hash
 from shuttle_marl.game.policy import Policy, PolicyError
-from shuttle_marl.game.shipped import PROFILES, origin_of, refits_of, variants
+from shuttle_marl.game.shipped import is_refit, origin_of, refits_of, variants
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities
 from shuttle_marl.policy import baselines
@@ -139,7 +139,7 @@ def load_minimax(kind: str | None, game: Game) -> Policy:
 def minimax_names(game: Game) -> tuple[str, ...]:
     """Listed names; ``minimax:robust`` if the game has refits."""
     origin = origin_of(game)
-    refitted = origin is not None and origin.variant is None and set(variants(str(origin.folder))) > set(PROFILES)
+    refitted = origin is not None and origin.variant is None and any(map(is_refit, variants(str(origin.folder))))
     return ("minimax", "minimax:robust") if refitted else ("minimax",)
 
 

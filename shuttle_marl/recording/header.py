@@ -13,9 +13,10 @@ from shuttle_marl import __version__
 from shuttle_marl.base.arrays import U64, Bools, Ints
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.game.draws import stream as draw_stream
-from shuttle_marl.game.pairs import pair_game
+from shuttle_marl.game.pairs import Looks, looks_of, pair_game
 from shuttle_marl.game.rally.record import OPTIONAL, Rallies
 from shuttle_marl.game.scoring import BWF, Rules
+from shuttle_marl.game.shipped import shipped_game
 from shuttle_marl.game.tables import Game
 
 VERSION: Final = 3
@@ -173,6 +174,16 @@ class LogHeader:
     software: str = f"shuttle_marl {__version__}"
     part: int = dataclasses.field(default=0, compare=False)
     first_rally: int = dataclasses.field(default=0, compare=False)
+
+    def looks(self, seats: tuple[int, int]) -> Looks:
+        """Hands and sexes of the policies at seats 0 and 1, by number; right-handed men where the game is of no shipped model.
+
+        Raises:
+            GameError: the model has no skill of the pair.
+        """
+        game = shipped_game(self.game) if self.pair is None else self.pair.game()
+        names = self.policies[seats[0]].name, self.policies[seats[1]].name
+        return Looks() if game is None else looks_of(game, names)
 
     def __post_init__(self) -> None:
         if self.draws not in get_args(Draws):

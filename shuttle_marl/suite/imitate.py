@@ -152,7 +152,7 @@ def human_strokes(table: pa.Table, game: Game) -> HumanStrokes:
     nearest = nearest_strokes(game.catalogue)
     own, incoming = (strokes_before(rows, name, nearest, game.n_strokes) for name in ("own", "incoming"))
     state = states_of(game, rows, own, incoming)
-    codes = rows.codes
+    codes = rows.game_codes
     stroke = nearest[codes["shot"], codes["area"], codes["contact"], codes["technique"]]
     pair = np.where((state >= 0) & (stroke >= 0), game.pair(np.maximum(state, 0), np.maximum(stroke, 0)), -1)
     kept = (pair >= 0) & (rows.outcome != Ending.FAULT)
