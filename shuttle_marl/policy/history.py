@@ -45,8 +45,8 @@ class HistoryPolicy:
 
     base: TabulatedPolicy
     shifts: dict[str, F64]
-    reads_history: Final = True
-    limits_itself: Final = True
+    reads_history = True
+    limits_itself = True
 
     @classmethod
     def of(cls, base: TabulatedPolicy, arrays: dict[str, npt.NDArray[Any]]) -> "HistoryPolicy":
