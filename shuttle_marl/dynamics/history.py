@@ -21,7 +21,7 @@ from shuttle_marl.game.stroke import N_SHOTS
 
 Arrays = dict[str, npt.NDArray[np.float16]]
 _PRECISION: Final = 100.0
-"""Of 30, 100 and 300, the precision of the prior with the lowest log-loss on the validation matches."""
+"""Of 30, 100, 200, 300 and 500, the precision of the prior with the lowest log-loss on the validation matches."""
 _NONE: Final = {name: SLOTS[f"own_{name}"] - 2 for name in ("shot", "area", "technique")}
 """Code of the attributes where there was no stroke."""
 

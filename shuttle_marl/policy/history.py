@@ -68,14 +68,15 @@ class HistoryPolicy:
         if states.history is None:
             raise ValueError("states without history")
         catalogue, p = states.game.catalogue, self.base.probabilities(states)
-        shift = self._shift(states.game, states.history[:, FIRST_LAG:])
-        style = catalogue.shot.astype(np.int64) * N_TECHNIQUES + catalogue.technique
-        in_style = np.eye(N_STYLES)[style]
+        factor = np.exp(self._shift(states.game, states.history[:, FIRST_LAG:]))
+        style, of_stroke = np.unique(catalogue.shot.astype(np.int64) * N_TECHNIQUES + catalogue.technique, return_inverse=True)
+        order = np.argsort(of_stroke, kind="stable")
+        start = np.searchsorted(of_stroke[order], np.arange(len(style)))
         # An area is chosen given shot type and technique: its shifts leave their probabilities as they are.
-        q = p * np.exp(shift[:, N_STYLES + catalogue.area])
-        before, after = p @ in_style, q @ in_style
-        factor = np.divide(before, after, out=np.zeros_like(after), where=after > 0) * np.exp(shift[:, :N_STYLES])
-        q *= factor[:, style]
+        q = p * factor.take(N_STYLES + catalogue.area, axis=1)
+        before, after = (np.add.reduceat(x.take(order, axis=1), start, axis=1) for x in (p, q))
+        factor = factor.take(style, axis=1) * np.divide(before, after, out=np.zeros_like(after), where=after > 0)
+        q *= factor.take(of_stroke, axis=1)
         return np.asarray(q / q.sum(axis=1, keepdims=True))
 
     def _shift(self, game: Game, strokes: I32) -> F64:
