@@ -17,7 +17,7 @@ from shuttle_marl.base.arrays import F64
 from shuttle_marl.base.files import replace_file
 from shuttle_marl.base.tensor_files import read_tensors
 from shuttle_marl.dynamics.compiled import pair_log_choices
-from shuttle_marl.dynamics.fit import Fit, fit, layout_of, supports
+from shuttle_marl.dynamics.fit import Fit, fit, layouts_of, supports
 from shuttle_marl.dynamics.history import Arrays, fit_history
 from shuttle_marl.dynamics.hurried import Hurry, fit_hurry, load_hurry
 from shuttle_marl.dynamics.make import load_support
@@ -62,8 +62,7 @@ def shipped_world(model: str, discipline: int | None, *, opposite: bool) -> Worl
     """The world of a shipped model or of a model folder, in one of its games."""
     folder, variant = model_folder(model), variant_of(None if discipline is None else PROFILES[discipline], opposite=opposite)
     game = load_game(model if variant is None else f"{model}:{variant}")
-    support = load_support(folder)
-    behind = (support.between_hands(game) if opposite else support).strokes
+    behind = load_support(folder, opposite=opposite).strokes
     remembers = history.load(game) if history.known_for(game) else None
     return World(bc=baselines.load(None, game), behind=behind, hurry=load_hurry(folder), opposite=opposite, history=remembers)
 
@@ -135,7 +134,7 @@ class Fitter:
         """Layouts of the game of some matches with several minimum shares of a legal shot type, not cached."""
         names = tuple(sorted(matches))
         rows, (fitted, *_) = self._strokes.rows.in_matches(names), self._fitted(names, None)
-        return [layout_of(rows, fitted.models, share) for share in shares]
+        return [layouts_of(rows, fitted.models, share)[0] for share in shares]
 
     def of_layouts(self, matches: Sequence[str], layouts: Sequence[Game]) -> list[World]:
         """Worlds of one fit with several layouts, not cached."""

@@ -17,7 +17,7 @@ from shuttle_marl import analysis as play
 from shuttle_marl.base.errors import printable
 from shuttle_marl.base.files import replace_file
 from shuttle_marl.commands import cli
-from shuttle_marl.commands.options import RallyGameOptions
+from shuttle_marl.commands.options import HandsTold, RallyGameOptions, hands_told
 from shuttle_marl.game.stroke import SHOTS
 
 if TYPE_CHECKING:
@@ -88,6 +88,7 @@ def analysis(
     reference: str = "bc",
     model: tyro.conf.OmitArgPrefixes[RallyGameOptions] = _MODEL,
     rallies: tyro.conf.OmitArgPrefixes[RallyFilter] = RallyFilter(),
+    hand: HandsTold = (),
     anonymous: bool = False,
     json: bool = False,
 ) -> None:
@@ -100,6 +101,7 @@ def analysis(
         reference: policy whose play the values assume.
         model: game on which values are computed.
         rallies: the rallies that count.
+        hand: hand of a player, such as kento-momota=left; may be repeated. Default: strokes around the head tell it.
         anonymous: replace the names of players and matches by pseudonyms.
         json: print JSON.
     """
@@ -108,7 +110,9 @@ def analysis(
     from shuttle_marl.data import anonymised, named  # noqa: PLC0415
 
     tables = model.load_for(path).seats[0].average
-    valued = rallies.of(play.add_values_of_pairs(play.strokes_of(path, rallies=rallies.rallies), reference, tables))
+    with hands_told(hand):
+        strokes = play.strokes_of(path, rallies=rallies.rallies)
+    valued = rallies.of(play.add_values_of_pairs(strokes, reference, tables))
     played = dict(zip(*valued.select(["match", "value_game"]).to_pydict().values(), strict=True))
     if anonymous:
         valued = anonymised(valued.drop_columns("value_game"))  # which names the pair

@@ -1,8 +1,9 @@
 """``python -m shuttle_marl.data``: download, convert, summarise and check annotated matches."""
 
 import sys
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Annotated, Any, Final
 
 import tyro
 from rich.console import Console
@@ -12,13 +13,16 @@ from rich.table import Table
 from shuttle_marl.base.errors import command, printable
 from shuttle_marl.base.files import replace_file
 from shuttle_marl.commands import cli
-from shuttle_marl.data import Report, anonymised, load_account, provenance_of, upstream, write_parquet
+from shuttle_marl.commands.options import HandsTold
+from shuttle_marl.data import Report, provenance_of, upstream, write_parquet
 from shuttle_marl.data import validate as check
 from shuttle_marl.data.cleaning import clean_matches
 from shuttle_marl.data.column_map import TEMPLATE_CSV, template_map
+from shuttle_marl.data.hands import hands_of, telling_hands
 from shuttle_marl.data.own import import_matches
 from shuttle_marl.data.schema import DROP_REASONS, Account
 from shuttle_marl.data.strict_csv import DataError
+from shuttle_marl.data.table import load_counted, pseudonymous
 from shuttle_marl.data.upstream import SPLITS, Split
 
 _NOTE = f"The data is not ours. {upstream.LICENCE_NOTE}\nPlease cite, where you use it:\n" + "\n".join(
@@ -50,18 +54,21 @@ def download(*, out: Path, base_url: str = upstream.BASE_URL, jobs: int = 8) -> 
     )
 
 
-def convert(root: Root, *, out: Path, overwrite: bool = False) -> None:
+def convert(root: Root, *, out: Path, hand: HandsTold = (), overwrite: bool = False) -> None:
     """Clean the raw files and write one Parquet file; prints the dropped rows by reason.
 
     Args:
         root: Folder with the raw files.
         out: Parquet file to write.
+        hand: Hand of a player, such as kento-momota=left; may be repeated. Default: strokes around the head tell it.
         overwrite: Replace an existing file.
     """
     cli.check_free(out, overwrite=overwrite)
-    cleaned = clean_matches(root)
+    with telling_hands(hand):
+        cleaned = clean_matches(root)
     write_parquet(cleaned.strokes, out, account=cleaned.account, provenance=provenance_of(root, cleaned))
     _show(cleaned.account)
+    _show_found(cleaned.provenance)
     sys.stdout.write(f"{out}: {cleaned.strokes.num_rows} strokes\n{_NOTE}\n")
 
 
@@ -70,6 +77,7 @@ def import_own(
     *,
     columns: Path | None = None,
     out: Path | None = None,
+    hand: HandsTold = (),
     anonymous: bool = False,
     overwrite: bool = False,
     json: bool = False,
@@ -81,6 +89,8 @@ def import_own(
             that recognises strokes in videos (JSON). The content tells which.
         columns: Column map, a TOML file; `data template` writes an example. None: headers and words in any of seven languages.
         out: Parquet file to write; None: only read and count.
+        hand: Hand of a player, such as "Anna Example=left"; may be repeated. Default: that of the column hand, or else strokes
+            around the head tell it.
         anonymous: Replace the names of players and matches by pseudonyms.
         overwrite: Replace an existing file.
         json: Print JSON: the format, the numbers of rows, of kept and, by reason, of dropped ones, what was inferred and what the
@@ -89,17 +99,19 @@ def import_own(
     if out is not None:
         cli.check_free(out, overwrite=overwrite)
     try:
-        cleaned = import_matches(file, columns)
+        with telling_hands(hand):
+            cleaned = import_matches(file, columns)
     except DataError as error:
         if json:
             dropped = {"file refused": error.rows} if error.rows else {}
             told = [str(problem) for problem in error.problems]
             cli.print_json({"rows": error.rows, "kept": 0, "dropped": dropped, "warnings": [], "problems": told})
         raise
+    if anonymous:
+        cleaned = pseudonymous(cleaned)
     account, about = cleaned.account, cleaned.provenance
     if out is not None:
-        strokes = anonymised(cleaned.strokes) if anonymous else cleaned.strokes
-        write_parquet(strokes, out, account=account, provenance=dict(about))
+        write_parquet(cleaned.strokes, out, account=account, provenance=dict(about))
     if json:
         counts = {"rows": account.strokes, "kept": account.strokes_kept, "dropped": account.dropped}
         found = {"inferred": about["inferred"], "lost": about["lost"], "warnings": cleaned.warnings}
@@ -107,9 +119,7 @@ def import_own(
         return
     sys.stdout.write(f"format: {about['format']}\n")
     _show(account)
-    for kind, sentences in (("inferred", about["inferred"]), ("not in the file", about["lost"])):
-        for sentence in sentences:
-            sys.stdout.write(f"{kind}: {printable(sentence)}\n")
+    _show_found(about)
     for warning in cleaned.warnings:
         sys.stdout.write(f"warning: {printable(warning)}\n")
     if out is not None:
@@ -131,17 +141,26 @@ def template(*, out: Path) -> None:
 
 
 def summary(root: Root, *, json: bool = False) -> None:
-    """Count matches, rallies and strokes, and the rows dropped by reason.
+    """Count matches, rallies and strokes, the rows dropped by reason, and the hands of the players.
 
     Args:
-        root: Folder with the raw files, or a Parquet file made by `convert`.
-        json: Print JSON.
+        root: Folder with the raw files, a Parquet file made by `convert` or `import`, or a CSV file that needs no column map.
+        json: Print JSON. `hands` has for each player the hand (right, left or unknown), the number n of overhead strokes around
+            the head on a known side, and the share of them on the striker's right, null if there are none.
     """
-    account = load_account(root)
+    strokes, account = load_counted(root)
+    players = hands_of(strokes)
     if json:
-        cli.print_json(account.as_json())
-    else:
-        _show(account)
+        hands = {name: {"hand": player.name, "n": player.n, "share": player.share} for name, player in players.items()}
+        cli.print_json({**account.as_json(), "hands": hands})
+        return
+    _show(account)
+    table = Table("player", "hand", "around the head", "on the right", title="left-handers, and players of unknown hand")
+    for name, player in players.items():
+        if player.name != "right":
+            table.add_row(printable(name), player.name, f"{player.n:,}", "" if player.share is None else f"{player.share:.0%}")
+    if table.row_count:
+        cli.console().print(table)
 
 
 def validate(root: Root, *, splits: tuple[Split, ...] = SPLITS, columns: Path | None = None, json: bool = False) -> None:
@@ -165,6 +184,12 @@ def validate(root: Root, *, splits: tuple[Split, ...] = SPLITS, columns: Path | 
         _show_report(report)
     if report.problems:
         raise DataError(root, f"{len(report.problems)} problems")
+
+
+def _show_found(about: Mapping[str, Any]) -> None:
+    for kind, sentences in (("inferred", about["inferred"]), ("not in the file", about["lost"])):
+        for sentence in sentences:
+            sys.stdout.write(f"{kind}: {printable(sentence)}\n")
 
 
 def _show_report(report: Report) -> None:

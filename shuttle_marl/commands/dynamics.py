@@ -12,6 +12,7 @@ from rich.table import Table
 from shuttle_marl.base.errors import ShuttleError, printable
 from shuttle_marl.base.files import FileReadError, read_json
 from shuttle_marl.commands.cli import Command, check_free, console, entry_point, print_json
+from shuttle_marl.commands.options import HandsTold, hands_told
 from shuttle_marl.data.upstream import Split
 from shuttle_marl.game.shipped import model_folder, read_model_card
 
@@ -45,6 +46,7 @@ def fit(
     refits: int | None = None,
     validation_share: float | None = None,
     prior: str | None = None,
+    hand: HandsTold = (),
     jobs: int | None = None,
     overwrite: bool = False,
 ) -> None:
@@ -58,6 +60,7 @@ def fit(
             default: 8, or 0 for fewer than 6 training matches. With --prior its refits are corrected too, without more fits.
         validation_share: fraction of your own matches for validation, such as 0.2; the published matches have a fixed split.
         prior: model to correct instead of a full fit, such as default; for few matches.
+        hand: hand of a player, such as kento-momota=left; may be repeated. Default: strokes around the head tell it.
         jobs: number of refits at once; default: one for each core, at most 4.
         overwrite: replace an existing model.
     """
@@ -67,9 +70,10 @@ def fit(
     jobs = min(4, os.cpu_count() or 1) if jobs is None else jobs
     if jobs < 1:
         raise ShuttleError(f"--jobs {jobs}: expected 1 or more")
-    card = make_model(
-        data, out, seed=seed, refits=refits, validation_share=validation_share, prior=prior, jobs=jobs, report=_report
-    )
+    with hands_told(hand):
+        card = make_model(
+            data, out, seed=seed, refits=refits, validation_share=validation_share, prior=prior, jobs=jobs, report=_report
+        )
     warnings = card["health"]["warnings"]
     variants = f", variants {', '.join(card['variants'])}" if card["variants"] else ""
     console().print(

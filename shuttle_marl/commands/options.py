@@ -1,13 +1,16 @@
 """Options that several commands share, as dataclasses whose fields become flags."""
 
+import contextlib
 import dataclasses
-from collections.abc import Iterable
+import itertools
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Annotated, Final, Literal
 
 import tyro
 
 from shuttle_marl.base.bounds import Seed, Within, check_bounds
+from shuttle_marl.base.errors import printable
 from shuttle_marl.commands.cli import console
 from shuttle_marl.exact.fixed_point import ExactError
 from shuttle_marl.game.shipped import Profile, resolve_game, shipped_game
@@ -21,7 +24,19 @@ Json = Annotated[bool, tyro.conf.arg(name="json")]
 File = Annotated[Path | None, tyro.conf.arg(metavar="FILE")]
 Athlete = Literal["male", "female"]
 Hand = Literal["right", "left"]
+HandsTold = Annotated[tuple[str, ...], tyro.conf.UseAppendAction, tyro.conf.arg(name="hand", metavar="NAME=HAND")]
 _MOST_MATCHES: Final = 10_000_000
+
+
+@contextlib.contextmanager
+def hands_told(hands: HandsTold) -> Iterator[None]:
+    """Within the block strokes are read with the hands that the option tells; then stderr says whose hands are unknown."""
+    from shuttle_marl.data.hands import telling_hands  # noqa: PLC0415  pyarrow
+
+    with telling_hands(hands) as unknown:
+        yield
+    for sentence in dict.fromkeys(itertools.chain(*unknown)):
+        console(stderr=True).print(printable(sentence))
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -8,7 +8,7 @@ import tyro
 
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.commands import cli
-from shuttle_marl.commands.options import Json, RallyGameOptions
+from shuttle_marl.commands.options import HandsTold, Json, RallyGameOptions, hands_told
 from shuttle_marl.commands.reports import write_report
 from shuttle_marl.pages.languages import Language, speaking
 
@@ -22,6 +22,7 @@ def report(
     match: str | None = None,
     pairing: int = 0,
     columns: Path | None = None,
+    hand: HandsTold = (),
     model: tyro.conf.OmitArgPrefixes[RallyGameOptions] = _MODEL,
     video: str | None = None,
     anonymous: bool = False,
@@ -37,6 +38,7 @@ def report(
         match: name of the match, or words of it; of a rally log the number of the match, from 0. Default: the only one.
         pairing: of a rally log, number of the pairing.
         columns: column map of a CSV file.
+        hand: hand of a player, such as kento-momota=left; may be repeated. Default: strokes around the head tell it.
         model: game in which strokes are valued.
         video: address of the video with {seconds} where the time goes, such as https://example.org/watch?t={seconds}.
         anonymous: replace the names of the players and of the match.
@@ -49,7 +51,7 @@ def report(
     from shuttle_marl.recording.reader import is_log  # noqa: PLC0415
 
     game = model.load_for(path)
-    with cli.working("analysing the match"), speaking(language):
+    with hands_told(hand), cli.working("analysing the match"), speaking(language):
         if is_log(path):
             if match is not None and not match.isdecimal():
                 raise ShuttleError(f"--match {match}: expected the number of a match of the log, from 0")

@@ -8,7 +8,7 @@ import tyro
 
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.commands import cli
-from shuttle_marl.commands.options import Json
+from shuttle_marl.commands.options import HandsTold, Json, hands_told
 from shuttle_marl.commands.reports import write_report
 from shuttle_marl.pages.languages import Language, speaking
 
@@ -20,6 +20,7 @@ def scout(
     beside: str | None = None,
     out: Path | None = None,
     data: Path | None = None,
+    hand: HandsTold = (),
     game: str = "default",
     date: str | None = None,
     anonymous: bool = False,
@@ -36,6 +37,7 @@ def scout(
         beside: another opponent, whose habits are shown beside those of the first one.
         out: HTML file; default: scout.html.
         data: annotated matches, for counted habits: a stroke table, or a folder with the raw files.
+        hand: hand of a player of the data, such as kento-momota=left; may be repeated. Default: strokes around the head tell it.
         game: model of the game: a shipped one or a folder.
         date: day of the players' skill, such as 2021-07-31; default: the last one known.
         anonymous: replace the names of the players.
@@ -62,7 +64,7 @@ def scout(
     if player is None:
         raise ShuttleError("scout: expected PLAYER OPPONENT, or one player, or --list")
     names = (player,) if opponent is None else (opponent, player)
-    with cli.working("analysing the match-up"):
+    with hands_told(hand), cli.working("analysing the match-up"):
         strokes = None if data is None else load_strokes(data)
         report = scouted(*names, beside=beside, model=game, date=date, data=strokes)
     if anonymous:

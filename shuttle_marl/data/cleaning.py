@@ -17,6 +17,7 @@ import pyarrow.compute as pc
 
 from shuttle_marl.base.arrays import I8, I64, Bools
 from shuttle_marl.base.errors import command
+from shuttle_marl.data.hands import unknown_hands, with_hands
 from shuttle_marl.data.schema import DROP_REASONS, REACH_OVER, REASONS, Account, Cleaned, Outcome, stroke_table
 from shuttle_marl.data.shuttleset import RawGame, list_matches, read_game
 from shuttle_marl.data.strict_csv import DataError
@@ -58,7 +59,7 @@ def clean_matches(root: Path, names: Iterable[str] | None = None) -> Cleaned:
         raise DataError(root, f"no files of {missing}; get them with `{command('data', 'download')}`")
     games = [read_game(match, path) for match in matches for path in match.games()]
     cleaned = [clean_game(game) for game in games]
-    strokes = pa.concat_tables([table for table, _ in cleaned])
+    strokes, inferred = with_hands(pa.concat_tables([table for table, _ in cleaned]), root)
     dropped = sum((collections.Counter(counts) for _, counts in cleaned), collections.Counter[str]())
     agrees = pc.equal(strokes["area"].fill_null(-1), strokes["label_area"]).drop_null().to_numpy()
     account = Account.of(
@@ -69,7 +70,12 @@ def clean_matches(root: Path, names: Iterable[str] | None = None) -> Cleaned:
         dropped={reason: dropped[reason] for reason in DROP_REASONS},
         area_agreement=float(agrees.mean()) if len(agrees) else None,
     )
-    return Cleaned(strokes=strokes, account=account, files=tuple(game.path for game in games))
+    return Cleaned(
+        strokes=strokes,
+        account=account,
+        files=tuple(game.path for game in games),
+        provenance={"inferred": inferred, "lost": unknown_hands(strokes)},
+    )
 
 
 def clean_game(raw: RawGame) -> tuple[pa.Table, dict[str, int]]:

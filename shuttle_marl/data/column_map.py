@@ -24,6 +24,7 @@ COLUMNS: Final[dict[str, str]] = {
     "stroke": "stroke of the rally, the serve is 1; without it strokes are counted in the order of the rows",
     "player": "the striker",
     "opponent": "the other player; without it the other name in the match",
+    "hand": "right or left, in which the striker holds the racket; without it strokes around the head tell it",
     "shot": f"one of {', '.join(SHOTS)}; serve: the reply tells which; or unknown: the row is dropped",
     "height": "above or below the net at contact; without it smashes, half smashes, clears, drops and net kills are above",
     "technique": "forehand, backhand or around-the-head; without it all are forehand",
@@ -58,6 +59,7 @@ _COORDINATES: Final = ("striker", "court")
 FAULTS: Final = ("out", "net", "short", "foul", "error", "forced-error", "unforced-error")
 WINNERS: Final = ("landed", "misjudged")
 WORDS: Final[dict[str, tuple[str, ...]]] = {
+    "hand": court.HANDS,
     "shot": (*SHOTS, "unknown", "serve"),
     "height": HEIGHTS,
     "technique": TECHNIQUES,
@@ -172,6 +174,10 @@ class ColumnMap:
                 found.setdefault(meaning, name)
         if "shot" not in found and "stroke" in found and not any(map(str.isdigit, sheet.columns[found["stroke"]])):
             found["shot"] = found.pop("stroke")
+        if "technique" not in found and "hand" in found:
+            told = set(sheet.columns[found["hand"]])
+            if any(map(Words("technique", told).meaning, told)):
+                found["technique"] = found.pop("hand")
         try:
             _check_columns(found, self.coordinates)
         except ValueError as error:

@@ -13,11 +13,13 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
+import pyarrow.compute as pc
 
 from shuttle_marl import __version__
 from shuttle_marl.base.arrays import F64, I64, Bools
 from shuttle_marl.data import inference, readers
 from shuttle_marl.data.column_map import FAULTS, PLAYERS, WINNERS, WORDS, ColumnMap, nfc, plain
+from shuttle_marl.data.hands import area_inferred, hands_of, unknown_hands, with_hands
 from shuttle_marl.data.schema import DISCIPLINES, RANGES, REASONS, Account, Cleaned, Outcome, stroke_table, violations
 from shuttle_marl.data.strict_csv import DataError, Problem, Sheet, grouped, shown
 from shuttle_marl.data.upstream import discipline as discipline_of
@@ -30,7 +32,7 @@ _ABOVE: Final = [SHOTS.index(name) for name in ("clear", "drop", "smash", "half-
 _ENDINGS: Final = WORDS["ending"]
 _FAULTS, _WINNERS = ([_ENDINGS.index(word) for word in words] for words in (FAULTS, WINNERS))
 _BARE_SERVE: Final = WORDS["shot"].index("serve")
-_MAY_BE_EMPTY: Final = ("area", "ending", "height", "technique", "forced")
+_MAY_BE_EMPTY: Final = ("area", "ending", "height", "technique", "forced", "hand")
 _MOST_HINTS: Final = 50
 """Unknown words of a column for which a similar one is looked up."""
 _MOST_MATCHES: Final = 10_000
@@ -89,6 +91,8 @@ def _imported(path: Path, columns: Path | None, given: ColumnMap, reading: reade
         told += sheet.problems
         broken += int(wrong.sum())
         sheet = sheet.without(wrong)
+    strokes, hands = with_hands(strokes, path)
+    strokes = _seen_by_left_handers(strokes)
     dropped = {
         "empty row": sheet.empty,
         "no stroke": sheet.others,
@@ -109,11 +113,20 @@ def _imported(path: Path, columns: Path | None, given: ColumnMap, reading: reade
             "format": reading.format,
             "file": path.name,
             "sha256": hashlib.sha256(sheet.content).hexdigest(),
-            "inferred": [*reading.inferred, *own.inferred(strokes)],
-            "lost": [*reading.lost, *lost],
+            "inferred": [*reading.inferred, *own.inferred(strokes), *hands],
+            "lost": [*reading.lost, *lost, *unknown_hands(strokes)],
             "imported_by": f"shuttle_marl {__version__}",
         },
     )
+
+
+def _seen_by_left_handers(strokes: pa.Table) -> pa.Table:
+    """The table with the inferred areas, which are where right-handers meet the shuttle, mirrored for left-handed receivers."""
+    left = [name for name, player in hands_of(strokes).items() if player.hand == court.HANDS.index("left")]
+    mirrored = area_inferred(strokes) & pc.is_in(strokes["opponent"], pa.array(left, pa.string())).to_numpy()
+    area, position = strokes["area"].combine_chunks(), strokes.schema.get_field_index("area")
+    filled = pa.array(court.mirrored(area.fill_null(0).to_numpy(zero_copy_only=False)))
+    return strokes.set_column(position, strokes.schema.field("area"), pc.if_else(mirrored, filled, area))
 
 
 class _Import:
@@ -238,6 +251,7 @@ class _Import:
             "stroke": self._stroke,
             "player": player,
             "opponent": opponent,
+            "hand": np.ma.masked_less(self._hands(player), 0),
             "shot": shot,
             "height": np.where(height >= 0, height, np.isin(shot, _ABOVE)),
             "technique": np.maximum(technique, 0),
@@ -348,6 +362,14 @@ class _Import:
                 )
         inference.warn_alike(self._sheet, self._alike, names, "player")
         return np.array([player_id(value) for value in names], dtype=object)
+
+    def _hands(self, player: npt.NDArray[Any]) -> I64:
+        """Hands of the column, -1 not given; a player has one."""
+        hand, of_player = self._code("hand", -1), dict[str, int]()
+        for row in np.flatnonzero(hand >= 0):
+            if of_player.setdefault(player[row], hand[row]) != hand[row]:
+                self._sheet.mark(row, f"{player[row]} is {court.HANDS[hand[row]]}-handed here, and not above; expected one hand")
+        return np.array([of_player.get(name, -1) for name in player])
 
     def _points(self) -> dict[str, F64]:
         """``[n, 2]`` points in the striker's frame, NaN missing."""

@@ -61,7 +61,8 @@ _FIELDS: Final[tuple[tuple[str, pa.DataType, bool, str], ...]] = (
     ("stroke", pa.int16(), False, "Stroke within the rally, the serve is 1. Dropped strokes leave a gap."),
     ("player", pa.string(), False, "The striker's identifier, e.g. viktor-axelsen."),
     ("opponent", pa.string(), False, "The receiver's identifier."),
-    ("hand", pa.int8(), True, "Hand of the striker: 0 right, 1 left; null: unknown."),
+    ("hand", pa.int8(), True, "Hand of the striker, index into shuttle_marl.game.court.HANDS: 0 right, 1 left; null: unknown. "
+     "Where nobody gave it, the side on which the player strikes around the head tells it."),
     ("shot", pa.int8(), False, "Shot type, index into shuttle_marl.game.stroke.SHOTS."),
     ("height", pa.int8(), False, "Contact height: 0 below, 1 above the net."),
     ("technique", pa.int8(), False, "0 forehand, 1 backhand, 2 around the head."),
@@ -104,6 +105,7 @@ OPTIONAL: Final = ("hand", "hurried", "forced", "confidence", "inferred")
 """Columns that files may lack."""
 
 NAMES: Final = {
+    "hand": court.HANDS,
     "shot": SHOTS,
     "height": HEIGHTS,
     "technique": TECHNIQUES,
@@ -336,9 +338,24 @@ def _rules(t: _Columns) -> Iterator[tuple[str, tuple[str, ...], Bools]]:
     yield f"discipline is one of {', '.join(DISCIPLINES)}", ("discipline",), ~t.one_of("discipline", DISCIPLINES)
     for name, (low, high) in RANGES.items():
         yield f"{name} lies between {low} and {high}", (name,), (t[name] < low) | (t[name] > high)
+    yield "all known hands of a player are the same", ("player", "hand"), _other_hand(t)
     yield from _order(t)
     yield from _endings(t)
     yield from _points(t)
+
+
+def _other_hand(t: _Columns) -> Bools:
+    """``[n]`` rows whose hand is not that of the first row of the player with a known one.
+
+    Simulated players may be agents, which have a hand in each match.
+    """
+    player = t["player"] + np.where(t.one_of("source", ("simulated",)), (1 + t["match"]) << 32, 0)
+    hand = t["hand"]
+    known = np.flatnonzero(~np.isnan(hand))
+    _, first, number = np.unique(player[known], return_index=True, return_inverse=True)
+    bad = np.zeros(len(hand), dtype=bool)
+    bad[known] = hand[known] != hand[known][first][number]
+    return bad
 
 
 def _order(t: _Columns) -> Iterator[tuple[str, tuple[str, ...], Bools]]:

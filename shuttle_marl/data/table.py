@@ -17,6 +17,7 @@ from shuttle_marl.base.errors import command
 from shuttle_marl.base.files import problem
 from shuttle_marl.data import upstream
 from shuttle_marl.data.cleaning import clean_matches
+from shuttle_marl.data.hands import unknown_hands, with_hands
 from shuttle_marl.data.own import import_matches
 from shuttle_marl.data.schema import OPTIONAL, STROKES, Account, Cleaned, violations
 from shuttle_marl.data.shuttleset import list_matches, read_game
@@ -38,23 +39,32 @@ def load_strokes(path: Path | str) -> pa.Table:
     Raises:
         DataError: missing or unreadable file or folder, or another schema.
     """
-    path = Path(path)
-    if path.suffix.lower() == ".csv" and path.is_file():
-        return import_matches(path).strokes
-    return clean_matches(path).strokes if path.is_dir() else read_parquet(path)
+    cleaned = _cleaned(Path(path))
+    return read_parquet(Path(path)) if cleaned is None else cleaned.strokes
 
 
 def load_account(path: Path | str) -> Account:
-    """The account of a Parquet file, or of a folder with the raw files.
+    """The account of strokes that :func:`load_strokes` loads; see :func:`load_counted`."""
+    return load_counted(path)[1]
+
+
+def load_counted(path: Path | str) -> tuple[pa.Table, Account]:
+    """Strokes as :func:`load_strokes` loads them, and their account.
 
     Raises:
         DataError: as :func:`load_strokes`; or the file has no account.
     """
-    path = Path(path)
-    if path.is_dir():
-        return clean_matches(path).account
-    strokes, account = _read(path)
-    return account or Account.of(strokes)
+    if (cleaned := _cleaned(Path(path))) is not None:
+        return cleaned.strokes, cleaned.account
+    strokes, account = _read(Path(path))
+    return strokes, account or Account.of(strokes)
+
+
+def _cleaned(path: Path) -> Cleaned | None:
+    """The strokes of a CSV file or of a folder with the raw files; None for others."""
+    if path.suffix.lower() == ".csv" and path.is_file():
+        return import_matches(path)
+    return clean_matches(path) if path.is_dir() else None
 
 
 def write_parquet(strokes: pa.Table, path: Path, *, account: Account, provenance: dict[str, Any]) -> None:
@@ -151,7 +161,7 @@ def _conforming(path: Path, table: pa.Table) -> pa.Table:
     strokes = pa.table(columns, schema=STROKES.with_metadata(metadata))
     for violation in violations(strokes) if elsewhere else ():
         raise DataError(path, str(violation))
-    return strokes
+    return with_hands(strokes, path)[0]
 
 
 def provenance_of(root: Path, cleaned: Cleaned) -> dict[str, Any]:
@@ -167,6 +177,7 @@ def provenance_of(root: Path, cleaned: Cleaned) -> dict[str, Any]:
         "cleaned_by": f"shuttle_marl {__version__}",
         "licence": upstream.LICENCE_NOTE,
         "citations": list(upstream.CITATIONS),
+        **cleaned.provenance,
     }
 
 
@@ -185,6 +196,14 @@ def anonymised(strokes: pa.Table) -> pa.Table:
             named = pa.array([pseudonym.get(name) for name in strokes[column].to_pylist()], strokes[column].type)
             strokes = strokes.set_column(strokes.schema.get_field_index(column), strokes.schema.field(column), named)
     return strokes
+
+
+def pseudonymous(cleaned: Cleaned) -> Cleaned:
+    """Imported strokes with pseudonyms (:func:`anonymised`), also in the provenance."""
+    strokes, named = anonymised(cleaned.strokes), unknown_hands(cleaned.strokes)
+    lost = [sentence for sentence in cleaned.provenance["lost"] if sentence not in named]
+    provenance = {**cleaned.provenance, "lost": [*lost, *unknown_hands(strokes)]}
+    return dataclasses.replace(cleaned, strokes=strokes, provenance=provenance)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -11,7 +11,20 @@ import pyarrow as pa
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.files import replace_sealed
 from shuttle_marl.dynamics.evaluate import criteria
-from shuttle_marl.game.shipped import BC, CARD, GAME, HABITS, HISTORY, HURRY, NETWORKS, SKILL, SUPPORT, VARIANTS, read_model_card
+from shuttle_marl.game.shipped import (
+    BC,
+    CARD,
+    GAME,
+    HABITS,
+    HISTORY,
+    HURRY,
+    NETWORKS,
+    OPPOSITE_GAME,
+    SKILL,
+    SUPPORT,
+    VARIANTS,
+    read_model_card,
+)
 from shuttle_marl.game.stroke import SHOTS
 
 _OBSERVED: Final = (
@@ -62,7 +75,11 @@ def write_card(folder: Path, card: dict[str, Any]) -> None:
         FileWriteError: it cannot be written.
     """
     optional = (HABITS, HISTORY, HURRY, SKILL, VARIANTS)
-    files = [name for name in (GAME, BC, NETWORKS, SUPPORT, *optional) if (folder / name).is_file() or name not in optional]
+    files = [
+        name
+        for name in (GAME, OPPOSITE_GAME, BC, NETWORKS, SUPPORT, *optional)
+        if (folder / name).is_file() or name not in optional
+    ]
     hashes = {name: sha256((folder / name).read_bytes()).hexdigest() for name in files}
     replace_sealed(folder / CARD, {**card, "sha256": hashes})
 

@@ -1,17 +1,18 @@
 """Compilation of fitted models to the tables of a game, within the support of the training matches.
 
 **Catalogue.** It contains a stroke if at least 3 % of the good strokes of its shot type go to its area, and at least 20 good
-strokes equal it.
+strokes equal it; and the same stroke to the other side, which players of different hands need: what flies to the forehand side of
+a right-hander flies to the backhand side of a left-hander.
 
 **Legality.** A stroke is a legal reply where people *choose* its shot type: where the fitted average player plays it at this
 height in at least 2 % of the visits of the incoming stroke, its technique in at least 2 % of those, and where people have played
 the shot type five times against the incoming shot type met in this third of the court (front, middle, back) at this height. What
 happens less often is an opportunity of few situations, such as a net kill of a short lift, whose results say nothing about the
-others. The stroke itself, or its mirror image (a target is legal at either hand of the receiver), occurs at least eight times
-against the incoming shot type, or is the most frequent target of its shot type, height and technique there, with five strokes to
-any target. Where this leaves no stroke, the shot types are legal that make up 5 % of all strokes from this third and height, with
-each technique that occurs five times against any stroke; and in small data, where this leaves none either, all that occur five
-times at this height. In the back third no stroke of the front court is legal.
+others. The stroke itself occurs at least eight times against the incoming shot type, or is the most frequent target of its shot
+type, height and technique there, with five strokes to any target. Where this leaves no stroke, the shot types are legal that make
+up 5 % of all strokes from this third and height, with each technique that occurs five times against any stroke; and in small
+data, where this leaves none either, all that occur five times at this height. No stroke of the front court is legal in the back
+third, and none around the head on the forehand side.
 
 **Extremes.** Faults and winners are counted in nested cells: shot type and area; the whole stroke; against one incoming shot
 type; against one incoming shot type and area. The rate of a cell is shrunk to that of the enclosing cell with the weight of 40
@@ -36,16 +37,16 @@ from shuttle_marl.dynamics.features import STATE, Rows, codes_of_pairs, codes_of
 from shuttle_marl.dynamics.fitted import FittedModels
 from shuttle_marl.dynamics.models import log_odds, sigmoid
 from shuttle_marl.dynamics.situations import LONG_DUEL
-from shuttle_marl.game.court import BACK, N_AREAS, N_THIRDS, mirrored, third_of
+from shuttle_marl.game.court import BACK, FOREHAND, N_AREAS, N_SIDES, N_THIRDS, mirrored, third_of
 from shuttle_marl.game.shipped import CHOICE_UNITS
-from shuttle_marl.game.stroke import FRONT_COURT, N_SHOTS, N_TECHNIQUES, SHOTS, Catalogue
+from shuttle_marl.game.stroke import AROUND_THE_HEAD, FRONT_COURT, N_SERVES, N_SHOTS, N_TECHNIQUES, SHOTS, Catalogue
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import base_pairs, hurry_units, layout, thresholds
 from shuttle_marl.game.thresholds import ONE
 
 AREA_SHARE: Final = 0.03
 SHOT_SHARE: Final = 0.02
-"""Minimum share of a legal shot type in the choices of the fitted average player. ``experiments.truth.shares`` compares shares: none
+"""Minimum share of a legal shot type among the choices of the fitted average player. ``experiments.truth.shares`` compares: none
 differs from another in the log-loss of the value or in transfer, and this one forbids few strokes of people without making any
 legal that the average player hardly ever plays."""
 TECHNIQUE_SHARE: Final = 0.02
@@ -60,14 +61,20 @@ _HURRIED: Final = 2
 """Difference of the number of a base state of a hurried striker."""
 
 
-def catalogue_of(rows: Rows) -> Catalogue:
-    """Strokes with enough support among good strokes, in the order of shot type, area, height, technique."""
+def _supported(rows: Rows) -> Bools:
+    """``[13, 9, 2, 3]`` shot type, area, height and technique of the strokes with enough support among good strokes."""
     good = rows.take((rows.outcome != Outcome.FAULT) & (rows.codes["area"] >= 0))
     count = good.count("shot", "area", "contact", "technique")
     to_area = count.sum(axis=(2, 3))
     in_area = to_area >= AREA_SHARE * np.maximum(to_area.sum(axis=1, keepdims=True), 1)
-    supported = np.argwhere((count >= MIN_STROKES) & in_area[:, :, None, None])
-    return Catalogue(*(np.ascontiguousarray(column, dtype=np.int8) for column in supported.T))
+    return np.asarray((count >= MIN_STROKES) & in_area[:, :, None, None])
+
+
+def catalogue_of(rows: Rows) -> Catalogue:
+    """Strokes with enough support and, but for serves, those to the other side; by shot type, area, height, technique."""
+    supported = _supported(rows)
+    supported[N_SERVES:] |= supported[N_SERVES:, mirrored(np.arange(N_AREAS))]
+    return Catalogue(*(np.ascontiguousarray(column, dtype=np.int8) for column in np.argwhere(supported).T))
 
 
 def average_choices(models: FittedModels, rows: Rows, catalogue: Catalogue) -> F64:
@@ -103,13 +110,11 @@ def replies_of(rows: Rows, catalogue: Catalogue, choices: F64, share: float = SH
     """
     n, aimed = len(catalogue), rows.take(rows.codes["area"] >= 0)
     count = aimed.count("incoming_shot", "shot", "area", "contact", "technique")
-    count = np.maximum(count, count[:, :, mirrored(np.arange(N_AREAS))])
     styled = rows.count("incoming_shot", "shot", "contact", "technique")
     style = (catalogue.shot, catalogue.height, catalogue.technique)
-    # The most frequent target among the strokes of the catalogue.
-    listed = np.zeros_like(count[0], dtype=bool)
-    listed[catalogue.shot, catalogue.area, catalogue.height, catalogue.technique] = True
-    most = np.where(listed, count, 0).max(axis=2)
+    # The most frequent target among the strokes with enough support.
+    count = np.where(_supported(rows), count, 0)
+    most = count.max(axis=2)
     # Replies by incoming shot type, third of the court and height at which it is met, and own shot type.
     met = rows.count("incoming_shot", "incoming_area", "contact", "shot")[:N_SHOTS, :N_AREAS]
     situation = np.stack([met[:, third_of(np.arange(N_AREAS)) == third].sum(axis=1) for third in range(N_THIRDS)], axis=1)
@@ -124,17 +129,23 @@ def replies_of(rows: Rows, catalogue: Catalogue, choices: F64, share: float = SH
         shot, third = catalogue.shot[incoming], third_of(catalogue.area[incoming])
         times = count[shot][catalogue.shot, catalogue.area, catalogue.height, catalogue.technique]
         frequent = (times > 0) & (times == most[shot][style]) & (styled[shot][style] >= MIN_STYLE)
-        within_reach = ~np.isin(catalogue.shot, front) if third == BACK else np.ones(n, dtype=bool)
+        within_reach = ~(np.isin(catalogue.shot, front) & (third == BACK))
+        within_reach &= (catalogue.technique != AROUND_THE_HEAD) | (catalogue.area[incoming] % N_SIDES != FOREHAND)
         legal = ((times >= MIN_REPLIES) | frequent) & within_reach
         legal &= situation[shot, third, catalogue.height, catalogue.shot] >= MIN_STYLE
         legal &= chosen[incoming, catalogue.height, catalogue.shot, catalogue.technique]
         enough = (styled[:N_SHOTS].sum(axis=0)[style] >= MIN_STYLE) & ~catalogue.is_serve
-        for contact, fallback in itertools.product((0, 1), (anywhere[third, catalogue.height, catalogue.shot], within_reach)):
+        for contact, fallback in itertools.product((0, 1), (anywhere[third, catalogue.height, catalogue.shot], True)):
             from_here = catalogue.height == contact
             if not (legal & from_here).any():
-                legal |= from_here & enough & fallback
+                legal |= from_here & enough & within_reach & fallback
         replies[incoming] = legal
     return replies & ~(catalogue.is_serve & (np.arange(n + 1) < n)[:, None])
+
+
+def between_hands(replies: Bools, catalogue: Catalogue) -> Bools:
+    """Legal replies between players of different hands: to every stroke those that fly to the other side."""
+    return replies[:, catalogue.other_side]
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -153,16 +164,13 @@ class Support:
     fault_range: F64
     winner_range: F64
 
-    def between_hands(self, game: Game) -> "Support":
-        """Support where striker and receiver have different hands: that of the strokes that fly the same way."""
-        return Support(**{field.name: getattr(self, field.name)[game.mirrored_edge] for field in dataclasses.fields(self)})
 
-
-def support_of(rows: Rows, targets: F64, game: Game) -> Support:
+def support_of(rows: Rows, targets: F64, game: Game, *, opposite: bool = False) -> Support:
     """Count the cells of every edge.
 
     Args:
         targets: ``[N, 9]`` probability of each target; one-hot where it is known.
+        opposite: whether the game is that of players with different hands.
     """
     which, area = np.nonzero(targets > 0)
     weight = targets[which, area]
@@ -172,7 +180,8 @@ def support_of(rows: Rows, targets: F64, game: Game) -> Support:
     catalogue, n = game.catalogue, game.n_strokes
     # The "own" end of an edge is the incoming stroke of the player who replies.
     own, stroke = game.edge_own, game.edge_incoming
-    of_edge = [np.append(getattr(catalogue, name), 0)[stroke] for name in ("shot", "area", "height", "technique")]
+    struck = np.append(catalogue.other_side, n)[stroke] if opposite else stroke
+    of_edge = [np.append(getattr(catalogue, name), 0)[struck] for name in ("shot", "area", "height", "technique")]
     of_edge += [np.append(catalogue.shot, N_SHOTS)[own], np.append(catalogue.area, N_AREAS)[own]]
     of_row = [c["shot"], area, c["contact"], c["technique"], c["incoming_shot"], c["incoming_area"]]
     # Nested cells: a shot type, with its area, the whole stroke, against a shot type, and against one to an area.

@@ -1,6 +1,7 @@
 """Fit of all models from a table of strokes: networks, calibration, single players, catalogue and support."""
 
 import dataclasses
+import functools
 from collections.abc import Callable, Iterator
 from typing import Any, Final
 
@@ -16,6 +17,7 @@ from shuttle_marl.dynamics.compiled import (
     PairProbabilities,
     Support,
     average_choices,
+    between_hands,
     catalogue_of,
     compile_game,
     empty_game,
@@ -79,6 +81,7 @@ class Fit:
         game: layout of the game, without thresholds.
         support: support in the data of every edge of the game.
         profiles: support in the strokes of each discipline.
+        opposite: layout and support of the game of players with different hands; None in fits with a given layout.
         predicted: strokes by component with the average player's predictions from models that were not fitted to the match.
         chosen: calibration, offsets, and the settings chosen on the validation matches with their scores.
     """
@@ -87,6 +90,7 @@ class Fit:
     game: Game
     support: Support
     profiles: tuple[Support, ...]
+    opposite: tuple[Game, Support] | None
     predicted: dict[str, Predicted]
     chosen: dict[str, Any]
 
@@ -97,9 +101,10 @@ class Fit:
 
     @property
     def between_hands(self) -> "Fit":
-        """The fit of a striker and a receiver with different hands."""
-        models = dataclasses.replace(self.models, opposite=True)
-        return dataclasses.replace(self, models=models, support=self.support.between_hands(self.game))
+        """The fit of players with different hands."""
+        assert self.opposite is not None
+        game, support = self.opposite
+        return dataclasses.replace(self, models=dataclasses.replace(self.models, opposite=True), game=game, support=support)
 
     def compiled(self) -> tuple[Game, PairProbabilities]:
         """The game of the models, and its probabilities before rounding."""
@@ -200,21 +205,25 @@ def fit(
         models = dataclasses.replace(average, choices=choices)
 
     report("catalogue, legality, support")
-    game = layout or layout_of(train, models)
+    game, between = (layout, None) if layout is not None else layouts_of(train, models)
     support, profiles = supports(models, known, game)
-    return Fit(models=models, game=game, support=support, profiles=profiles, predicted=predicted, chosen=chosen)
+    opposite = None if between is None else (between, supports(models, known, between, opposite=True)[0])
+    return Fit(
+        models=models, game=game, support=support, profiles=profiles, opposite=opposite, predicted=predicted, chosen=chosen
+    )  # fmt: skip
 
 
-def supports(models: FittedModels, known: Rows, game: Game) -> tuple[Support, tuple[Support, ...]]:
+def supports(models: FittedModels, known: Rows, game: Game, *, opposite: bool = False) -> tuple[Support, tuple[Support, ...]]:
     """Support of a game in strokes of known outcome, and in those of each discipline."""
     intended = intended_targets(models.networks["target"], models.networks["success"], known)
-    support = support_of(known, intended, game)
+    count = functools.partial(support_of, game=game, opposite=opposite)
     masks = [known.codes["discipline"] == discipline for discipline in range(len(DISCIPLINES))]
-    return support, tuple(support_of(known.take(mask), intended[mask], game) if mask.any() else support for mask in masks)
+    support = count(known, intended)
+    return support, tuple(count(known.take(mask), intended[mask]) if mask.any() else support for mask in masks)
 
 
-def layout_of(rows: Rows, models: FittedModels, share: float = SHOT_SHARE) -> Game:
-    """Layout of the game of strokes: catalogue and legal replies, without probabilities.
+def layouts_of(rows: Rows, models: FittedModels, share: float = SHOT_SHARE) -> tuple[Game, Game]:
+    """Layouts of the games of strokes between equal and between different hands: catalogue and legal replies, no probabilities.
 
     Args:
         models: what the average player chooses.
@@ -225,7 +234,8 @@ def layout_of(rows: Rows, models: FittedModels, share: float = SHOT_SHARE) -> Ga
     """
     catalogue = catalogue_of(rows)
     try:
-        return empty_game(catalogue, replies_of(rows, catalogue, average_choices(models, rows, catalogue), share))
+        replies = replies_of(rows, catalogue, average_choices(models, rows, catalogue), share)
+        return empty_game(catalogue, replies), empty_game(catalogue, between_hands(replies, catalogue))
     except GameError as error:
         raise ShuttleError(
             f"these strokes make no game ({error}): every stroke of a game occurs at least {MIN_STROKES} times in the data; "

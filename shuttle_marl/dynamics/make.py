@@ -202,7 +202,7 @@ class Written:
     """Result of :func:`save_fit`.
 
     Attributes:
-        variants: the games of men's and women's singles, if the fit has both, and of players with different hands, by name.
+        variants: the games of men's and women's singles, by name; none if the fit has a single discipline.
         clipped: fraction of the legal pairs that were clipped to the supported range.
         health: :func:`~shuttle_marl.dynamics.evaluate.health` of the game.
     """
@@ -244,16 +244,17 @@ def save_fit(
     # With a single discipline, the game is that of this discipline.
     played = np.flatnonzero(fitted.models.share).tolist()
     profiles = {shipped.PROFILES[k]: fitted.profile(k) for k in played} if len(played) > 1 else {}
-    equal: dict[str | None, Fit] = {None: fitted, **profiles}
-    parts = profiles | {f"{shipped.variant_of(name, opposite=True)}": part.between_hands for name, part in equal.items()}
-    variants = {name: part.compiled()[0] for name, part in parts.items()}
-    of_profiles = {name: pair_log_choices(part.models, game) for name, part in parts.items()}
+    variants = {name: profile.compiled()[0] for name, profile in profiles.items()}
+    of_profiles = {name: pair_log_choices(profile.models, game) for name, profile in profiles.items()}
+    between = fitted.between_hands
+    opposite = between.compiled()[0]
     report("skill of players")
     skill = fit_skill(fitted.predicted, sources, skill_sd)
     fitted.models.save(out)
-    save_support(out, fitted.support)
+    save_support(out, fitted.support, between.support)
     game.save(out / shipped.GAME)
-    save_clones(out, fitted.models.choices, log_choice, of_profiles)
+    opposite.save(out / shipped.OPPOSITE_GAME)
+    save_clones(out, fitted.models.choices, log_choice, of_profiles, pair_log_choices(between.models, opposite))
     skill.save(out)
     clipped = float(probabilities.clipped.mean())
     return Written(game=game, variants=variants, skill=skill, clipped=clipped, health=solved)
@@ -354,6 +355,7 @@ def _prior(name: str) -> Prior:
         models=FittedModels.load(folder),
         game=game,
         support=load_support(folder),
+        opposite=(shipped.load_game(f"{folder}:{shipped.OPPOSITE}"), load_support(folder, opposite=True)),
         hurry=load_hurry(folder),
         skill=deviations_in(shipped.read_model_card(folder)),
         refits=shipped.refits_of(game),
@@ -372,12 +374,13 @@ def resampled(rows: Rows, seed: Sequence[int]) -> Rows:
     return rows.take(np.concatenate([np.flatnonzero(rows.match == match) for match in np.sort(np.concatenate(names))]))
 
 
-def save_clones(folder: Path, choices: PlayerChoices, log_choice: F32, profiles: Mapping[str, F32]) -> None:
+def save_clones(folder: Path, choices: PlayerChoices, log_choice: F32, profiles: Mapping[str, F32], opposite: F32) -> None:
     """Write the behaviour-cloned players of a model.
 
     Args:
         log_choice: ``[base pairs]`` log-probabilities of the average player.
-        profiles: those in each variant that is no refit.
+        profiles: those of the average player of each discipline.
+        opposite: ``[base pairs]`` those in the game of players with different hands.
     """
 
     def units(values: F32) -> I16:
@@ -387,6 +390,7 @@ def save_clones(folder: Path, choices: PlayerChoices, log_choice: F32, profiles:
         "choice": units(log_choice),
         # Differences of disciplines are small, and pack well.
         **{f"choice.{name}": units(values - log_choice) for name, values in profiles.items()},
+        f"choice.{shipped.OPPOSITE}": units(opposite),
         "style": choices.style.reshape(*choices.style.shape[:3], N_SHOTS, N_TECHNIQUES),
         "area": choices.area,
     }
@@ -441,23 +445,31 @@ def evaluate_model(data: Path, folder: Path, split: Split, *, report: Callable[[
     return evaluate(FittedModels.load(folder), train, test, report=report)
 
 
-def save_support(folder: Path, support: Support) -> None:
-    """Write the support of a model."""
-    fields = ("strokes", "faults", "winners", "fault_range", "winner_range")
-    replace_file(folder / shipped.SUPPORT, tensor_bytes({name: getattr(support, name) for name in fields}, {}, pack=True))
+_SUPPORT: Final = ("strokes", "faults", "winners", "fault_range", "winner_range")
 
 
-def load_support(folder: Path) -> Support:
+def save_support(folder: Path, support: Support, opposite: Support) -> None:
+    """Write the support of a model, in its game and in that of players with different hands."""
+    arrays = {name: getattr(support, name) for name in _SUPPORT}
+    arrays |= {f"{shipped.OPPOSITE}.{name}": getattr(opposite, name) for name in _SUPPORT}
+    replace_file(folder / shipped.SUPPORT, tensor_bytes(arrays, {}, pack=True))
+
+
+def load_support(folder: Path, *, opposite: bool = False) -> Support:
     """Read the support of a model.
+
+    Args:
+        opposite: that in the game of players with different hands.
 
     Raises:
         ModelError: the file is missing, differs from the model card, or is invalid.
         GameError: the model card cannot be read.
     """
+    prefix = f"{shipped.OPPOSITE}." if opposite else ""
     try:
         arrays = shipped.read_model(folder, shipped.SUPPORT).arrays
-        edges = arrays["strokes"].shape[:1]
-        shapes = {"strokes": edges, "faults": edges, "winners": edges, "fault_range": (*edges, 2), "winner_range": (*edges, 2)}
-        return Support(**{name: checked(arrays[name], np.float64, shape) for name, shape in shapes.items()})
+        edges = arrays[f"{prefix}strokes"].shape[:1]
+        shapes = {name: (*edges, 2) if name.endswith("range") else edges for name in _SUPPORT}
+        return Support(**{name: checked(arrays[prefix + name], np.float64, shape) for name, shape in shapes.items()})
     except (OSError, KeyError, ValueError) as error:
         raise ModelError(f"{folder / shipped.SUPPORT}: no readable support ({error}); fit or install the model again") from error

@@ -37,6 +37,7 @@ class Prior:
     Attributes:
         game: the game, whose layout the fit shares.
         support: support in its data.
+        opposite: its game of players with different hands, and the support in that.
         hurry: its index of hurried strikers, if it has one.
         skill: standard deviations of its offsets of players (:attr:`~shuttle_marl.dynamics.skill.FittedSkill.sd`), if it has any.
     """
@@ -44,6 +45,7 @@ class Prior:
     models: FittedModels
     game: Game
     support: Support
+    opposite: tuple[Game, Support]
     hurry: Hurry | None
     skill: F64 | None
     refits: Sequence[Game]
@@ -86,17 +88,24 @@ def fit_from(prior: Prior, train: Rows, validation: Rows | None, *, report: Repo
         report("choices of players")
         choices, chosen["choices"] = player_choices(networks, train, validation, None)
         models = dataclasses.replace(models, choices=choices)
-    support = _moved(
-        prior.support, shifts, support_of(known, intended_targets(networks["target"], networks["success"], known), prior.game)
-    )
+    intended = intended_targets(networks["target"], networks["success"], known)
+    support = _moved(prior.support, shifts, support_of(known, intended, prior.game))
+    between, theirs = prior.opposite
+    opposite = between, _moved(theirs, shifts, support_of(known, intended, between, opposite=True))
     chosen |= {
         "calibration": calibration.tolist(),
         "situations": {"effort": models.situations.effort.tolist(), "duel": models.situations.duel},
         "prior": {"game": prior.game.hash, "shifts": shifts, "deviations": deviations},
     }
     return Fit(
-        models=models, game=prior.game, support=support, profiles=(support, support), predicted=predicted, chosen=chosen
-    )  # fmt: skip
+        models=models,
+        game=prior.game,
+        support=support,
+        profiles=(support, support),
+        opposite=opposite,
+        predicted=predicted,
+        chosen=chosen,
+    )
 
 
 def _faults(models: FittedModels, rows: Rows) -> tuple[F64, F64]:

@@ -21,7 +21,6 @@ import numpy as np
 import numpy.typing as npt
 
 from shuttle_marl.base.arrays import F64, I16, I32, I64, Bools, Floats, Ints
-from shuttle_marl.game.court import mirrored
 from shuttle_marl.game.stroke import Catalogue, frozen
 
 LONGEST_DUEL: Final = 3
@@ -299,15 +298,6 @@ class Layout:
         return frozen(np.tile(self.reply_start[self.edge_incoming, longer], (1, 2)).ravel())
 
     @functools.cached_property
-    def mirrored_edge(self) -> I32:
-        """``[E]`` edge whose incoming stroke flies to the other side; the edge itself where the game has no such stroke."""
-        parts = self.catalogue
-        other = parts.by_parts[parts.shot, mirrored(parts.area), parts.height, parts.technique].astype(np.int64)
-        other = np.append(np.where(other < 0, np.arange(len(other)), other), self.n_strokes)
-        found = self._edge_of[self.edge_own, other[self.edge_incoming], self.edge_duel]
-        return frozen(np.where(found < 0, np.arange(len(found)), found).astype(np.int32))
-
-    @functools.cached_property
     def edge_attack(self) -> Bools:
         """``[E]`` whether the incoming stroke of an edge is an attack, which costs its striker effort."""
         return frozen(np.append(self.catalogue.is_attack, False)[self.edge_incoming])
@@ -368,6 +358,22 @@ class Layout:
     def of_pairs(self, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
         """``[P]`` for each legal pair the value of its state, from ``[S]`` values."""
         return np.repeat(values, np.diff(self.pair_start))
+
+    def counterparts(self, other: "Layout") -> I64:
+        """``[base pairs]`` base pair of a game of equal hands in which the shuttle flies as in each pair of this one.
+
+        Between different hands own strokes go to the other side, the last one and this one. Where ``other`` has no such last
+        stroke, it is another one; -1 where it has no such incoming stroke.
+        """
+        state, side = self.base_pair_state, np.append(self.catalogue.other_side, self.n_strokes)
+        incoming, contact, hurried = self.incoming(state), self.contact(state), self.hurried(state)
+        found = other.state_of(side[self.own(state)], incoming, contact, self.duel(state), 0, 0, hurried).astype(np.int64)
+        first = np.full(self.n_strokes + 1, -1, dtype=np.int64)
+        first[other.edge_incoming[::-1]] = np.arange(len(other.edge_incoming))[::-1]
+        edge = first[incoming]
+        found = np.where((found < 0) & (edge >= 0), 4 * edge + 2 * hurried + contact, found)
+        rank = other.rank(np.maximum(found, 0), side[self.base_pair_stroke])
+        return np.where((found < 0) | (rank < 0), -1, other.base_pair_start[np.maximum(found, 0)] + rank)
 
     def describe(self, state: int) -> str:
         """State in words: own last stroke, incoming stroke, contact, and hurried, the duel and the efforts where they count."""

@@ -9,7 +9,6 @@ hash, on every machine.
 import dataclasses
 import datetime
 import functools
-from pathlib import Path
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -19,7 +18,7 @@ from shuttle_marl.game.court import HANDS, Hands
 from shuttle_marl.game.shipped import (
     OPPOSITE,
     PROFILES,
-    is_opposite,
+    between_hands,
     is_refit,
     load_game,
     origin_named,
@@ -71,7 +70,8 @@ class People:
     @property
     def origin(self) -> Origin:
         """The model, and the discipline as the variant, for policies of the model."""
-        return Origin(origin_named(self.model).folder, self._variant or AVERAGE)
+        variant = variant_of(self.discipline, opposite=self.opposite)
+        return Origin(origin_named(self.model).folder, variant or AVERAGE)
 
     @property
     def hands(self) -> Hands:
@@ -80,8 +80,9 @@ class People:
         return first, second
 
     @property
-    def _variant(self) -> str | None:
-        return variant_of(self.discipline, opposite=self.hands[0] != self.hands[1])
+    def opposite(self) -> bool:
+        """Whether their hands differ."""
+        return self.hands[0] != self.hands[1]
 
     @property
     def average(self) -> Game:
@@ -91,7 +92,9 @@ class People:
     @property
     def profile(self) -> Game:
         """The game of their discipline and hands, without skill, in which imitated players choose as they do here."""
-        return load_game(_nearest(self.origin.folder, self._variant))
+        folder = self.origin.folder
+        known = self.discipline if self.discipline in variants(str(folder)) else None
+        return load_game(Origin(folder, variant_of(known, opposite=self.opposite)).name_in(str(folder)))
 
     @property
     def skill(self) -> Skill:
@@ -173,6 +176,14 @@ def looks_of(game: Game, policies: tuple[str, str]) -> Looks:
     return Looks(hands=(hands[0] or HANDS[0], hands[1] or HANDS[0]), athletes=(first, second))
 
 
+def without_skill(game: Game) -> Game:
+    """The average game over the states of a game: itself, but in the game of a pair."""
+    people = game.people if game.whole is None else game.whole.people
+    if people is None or not people.opposite:
+        return game.average
+    return load_game(f"{people.origin.folder}:{OPPOSITE}")
+
+
 def opponent_tables(game: Game, seat: int | Ints) -> Game:
     """The tables with which the opponent of a learner strikes.
 
@@ -219,7 +230,7 @@ def pair_game(a: str, b: str, *, date: Day = None, discipline: str | None = None
             raise GameError(f"{a} and {b} play {chosen}'s singles, and {game} is the game of {variant}'s")
         game, variant, chosen = game.rpartition(":")[0], None, variant
     people = People(players=(a, b), model=game, date=None if date is None else day_of(date), discipline=chosen)
-    base = _base(game, people.origin.variant)
+    base = _base(game, chosen, opposite=people.opposite)
     threshold = np.stack([_with_skill(base, skill.of_shots(*names, date)) for names in ((a, b), (b, a))])
     return dataclasses.replace(base, threshold=threshold, people=people)
 
@@ -236,21 +247,13 @@ def game_of_people(game: Game, people: tuple[str, str], date: Day = None) -> Gam
 
 
 @functools.lru_cache(maxsize=32)
-def _base(game: str, variant: str | None) -> Game:
-    """The tables without skill: of a model or a refit, in a variant of discipline and hands as far as the model has it."""
-    tables, (folder, refit) = load_game(game), origin_named(game)
-    profile = load_game(_nearest(folder, variant))
-    if refit is None:
-        return profile
-    model = load_game(str(folder))
-    return tables if profile is model else moved(tables, steps_between(model, profile), profile.fault_odds)
-
-
-def _nearest(folder: Path, variant: str | None) -> str:
-    """Name of the variant of discipline and hands; the one without discipline where the model has a single discipline."""
-    known = variants(str(folder))
-    found = [name for name in (variant, OPPOSITE if is_opposite(variant) else None) if name in known]
-    return f"{folder}:{found[0]}" if found else str(folder)
+def _base(game: str, discipline: str | None, *, opposite: bool) -> Game:
+    """The tables without skill: of a model or a refit, in one discipline if the model tells them apart."""
+    tables, (folder, variant) = load_game(game), origin_named(game)
+    if discipline in variants(str(folder)):
+        model, profile = load_game(str(folder)), load_game(f"{folder}:{discipline}")
+        tables = profile if variant is None else moved(tables, steps_between(model, profile), profile.fault_odds)
+    return between_hands(tables, folder) if opposite else tables
 
 
 def _with_skill(base: Game, offset: F64) -> U16:

@@ -18,7 +18,7 @@ from shuttle_marl.base.files import FileReadError, read_sealed
 from shuttle_marl.base.tensor_files import Tensors, checked, read_tensors
 from shuttle_marl.game.tables import Game, GameError, Origin
 from shuttle_marl.game.thresholds import ONE
-from shuttle_marl.game.variants import hashes_of, unpacked
+from shuttle_marl.game.variants import hashes_of, moved, steps_between, unpacked
 
 GAME: Final = "game.safetensors"
 """The compiled game in a model folder."""
@@ -37,7 +37,9 @@ Profile = Literal["men", "women"]
 PROFILES: Final = ("men", "women")
 """Variants that are the games of one discipline."""
 OPPOSITE: Final = "opposite"
-"""Variant of a game between a right-hander and a left-hander; behind a discipline: that of this discipline (``men-opposite``)."""
+"""Variant of players with different hands; behind another variant: that of it (``men-opposite``, ``3-opposite``)."""
+OPPOSITE_GAME: Final = "opposite.safetensors"
+"""The compiled game of players with different hands in a model folder; its legal replies fly to the other side."""
 SKILL: Final = "skill.safetensors"
 """Skill of the players, as differences from the average player."""
 HABITS: Final = "habits.safetensors"
@@ -89,14 +91,15 @@ def load_game(name: str = "default") -> Game:
     return game
 
 
-def variant_of(discipline: str | None, *, opposite: bool) -> str | None:
-    """Name of the variant of a discipline, None for both, with equal or different hands; None: the game of the model."""
-    return "-".join(filter(None, (discipline, OPPOSITE if opposite else None))) or None
+def variant_of(name: str | None, *, opposite: bool) -> str | None:
+    """Name of a variant, None for the game of the model, with equal or different hands."""
+    return "-".join(filter(None, (name, OPPOSITE if opposite else None))) or None
 
 
-def is_opposite(variant: str | None) -> bool:
-    """Whether a variant is that of players with different hands."""
-    return variant is not None and variant.rpartition("-")[2] == OPPOSITE
+def hands_of_variant(variant: str | None) -> tuple[str | None, bool]:
+    """The same variant between equal hands, None for the game of the model, and whether the hands differ."""
+    equal, _, last = (variant or "").rpartition("-")
+    return (equal or None, True) if last == OPPOSITE else (variant, False)
 
 
 def is_refit(variant: str) -> bool:
@@ -132,8 +135,28 @@ def origin_named(name: str) -> Origin:
     )
 
 
+def between_hands(equal: Game, folder: Path) -> Game:
+    """A game of the layout of a model as it is between players of different hands.
+
+    Where the shuttle flies as in a pair of the model, the odds differ from those of the model's game of different hands as they
+    differ between the game and that of the model.
+    """
+    model = load_game(str(folder))
+    opposite = load_game(f"{folder}:{OPPOSITE}")
+    if equal is model:
+        return opposite
+    same = opposite.counterparts(model)
+    steps = np.where(same < 0, np.int8(0), steps_between(model, equal)[:, same])
+    return moved(opposite, steps, equal.fault_odds)
+
+
 def _load_variant(name: str, folder: Path, variant: str) -> Game:
     model, known = name.rpartition(":")[0], _variant_hashes(folder)
+    equal, opposite = hands_of_variant(variant)
+    if variant == OPPOSITE and (folder / OPPOSITE_GAME).is_file():
+        return Game.load(folder / OPPOSITE_GAME)
+    if opposite and equal in known:
+        return between_hands(load_game(f"{model}:{equal}"), folder)
     if variant not in known:
         raise GameError(f"no variant {variant!r} of the model {model!r}; there are: {', '.join(known) or 'none'}")
     game = load_game(model)
@@ -337,17 +360,17 @@ def real_strokes(game: Game) -> F64 | None:
     if folder is None or not (folder / SUPPORT).is_file():
         return None
     try:
-        opposite = is_opposite((origin_of(game) or Origin(folder, None)).variant)
         stamps = [(found.st_mtime_ns, found.st_size) for found in ((folder / name).stat() for name in (SUPPORT, CARD))]
-        found = _real_strokes(folder, len(game.edge_own), tuple(stamps))
-        return found[game.mirrored_edge] if opposite else found
+        origin = origin_of(game)
+        opposite = origin is not None and hands_of_variant(origin.variant)[1]
+        return _real_strokes(folder, len(game.edge_own), f"{OPPOSITE}.strokes" if opposite else "strokes", tuple(stamps))
     except (OSError, KeyError, ValueError) as error:
         raise GameError(f"{folder / SUPPORT}: no readable support ({error}); fit or install the model again") from error
 
 
 @functools.lru_cache(maxsize=8)
-def _real_strokes(folder: Path, edges: int, stamps: tuple[tuple[int, int], ...]) -> F64:  # noqa: ARG001  a changed file is another key
-    found = checked(read_model(folder, SUPPORT).arrays["strokes"], np.float64, (edges,)).copy()
+def _real_strokes(folder: Path, edges: int, name: str, stamps: tuple[tuple[int, int], ...]) -> F64:  # noqa: ARG001  a changed file is another key
+    found = checked(read_model(folder, SUPPORT).arrays[name], np.float64, (edges,)).copy()
     found.setflags(write=False)  # every decision that a page shows asks for it
     return found
 

@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from shuttle_marl.base.arrays import I8, I16, Bools
 from shuttle_marl.base.errors import ShuttleError
-from shuttle_marl.game.court import AREAS
+from shuttle_marl.game.court import AREAS, mirrored
 
 A = TypeVar("A", bound=np.generic)
 
@@ -127,6 +127,12 @@ class Catalogue:
     def is_net_shot(self) -> Bools:
         """``[n]`` whether a stroke is a net shot, straight or cross-court: the strokes of a duel at the net."""
         return frozen(np.isin(self.shot, [SHOTS.index(shot) for shot in NET_SHOTS]))
+
+    @functools.cached_property
+    def other_side(self) -> I16:
+        """``[n]`` index of the same stroke to the other side of the receiver; the stroke itself where there is none."""
+        other = self.by_parts[self.shot, mirrored(self.area), self.height, self.technique]
+        return frozen(np.where(other < 0, np.arange(len(other), dtype=np.int16), other))
 
     @functools.cached_property
     def version(self) -> str:

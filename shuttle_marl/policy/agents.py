@@ -14,6 +14,7 @@ from typing import Any, Final
 from shuttle_marl.base.errors import command
 from shuttle_marl.base.files import FileReadError, problem, read_sealed, replace_file, replace_sealed
 from shuttle_marl.base.tensor_files import read_tensors
+from shuttle_marl.game.pairs import without_skill
 from shuttle_marl.game.policy import Policy, PolicyError
 from shuttle_marl.game.shipped import folder_of
 from shuttle_marl.game.tables import Game
@@ -50,11 +51,11 @@ def load_agent(folder: Path, game: Game) -> TabulatedPolicy:
         PolicyError: the folder holds no agent, a damaged one, or one trained on another game.
     """
     card = read_card(folder)
-    seat, game = game, game.average
-    if card.get("game") != game.hash:
+    seat, trained, game = game, game.average, without_skill(game)
+    if card.get("game") != trained.hash:
         other = "" if card.get("catalogue") == game.catalogue.version else ", whose strokes are not these"
         raise PolicyError(
-            f"{folder}: this agent was trained on game {str(card.get('game'))[:12]}{other}; this is {game.hash[:12]}. "
+            f"{folder}: this agent was trained on game {str(card.get('game'))[:12]}{other}; this is {trained.hash[:12]}. "
             "Train it again, or play on its game with --game"
         )
     hashes, path = card.get("sha256"), folder / NETWORK  # never a file name from the card

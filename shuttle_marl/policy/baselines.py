@@ -21,7 +21,17 @@ from shuttle_marl.base.tensor_files import checked, parsed
 from shuttle_marl.game.court import BACK, N_AREAS, area_centre, mirrored, third_of
 from shuttle_marl.game.pairs import people_of
 from shuttle_marl.game.policy import PolicyError, States
-from shuttle_marl.game.shipped import BC, CHOICE_UNITS, folder_of, is_opposite, origin_of, read_model, variants
+from shuttle_marl.game.shipped import (
+    BC,
+    CHOICE_UNITS,
+    OPPOSITE,
+    PROFILES,
+    folder_of,
+    hands_of_variant,
+    load_game,
+    origin_of,
+    read_model,
+)
 from shuttle_marl.game.stroke import HEIGHTS, N_SHOTS, N_TECHNIQUES, SHOTS
 from shuttle_marl.game.tables import Game, GameError
 from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities
@@ -35,7 +45,8 @@ class BehaviourClones:
 
     Attributes:
         log_choice: ``[base pairs]`` unnormalised log-probability of each base pair for the average player.
-        profiles: the same in each variant of a discipline or of different hands, by name.
+        profiles: the same for the average player of each discipline, by name (:data:`~shuttle_marl.game.shipped.PROFILES`).
+        opposite: the same in the game of players with different hands.
         players: M identifiers.
         style: ``[M, 15, 2, 13, 3]`` shifts by incoming shot type, contact, shot type and technique.
         area: ``[M, 13, 3, 9]`` shifts by shot type, technique and target, in the frame of a right-handed striker.
@@ -43,24 +54,28 @@ class BehaviourClones:
 
     log_choice: F32
     profiles: dict[str, F32]
+    opposite: F32
     players: tuple[str, ...]
     style: F64
     area: F64
 
-    def pair_probabilities(self, game: Game, player: str | None, profile: str | None = None) -> F64:
+    def pair_probabilities(self, game: Game, player: str | None, variant: str | None = None) -> F64:
         """``[base pairs]`` probability of each base pair in its state, which does not depend on the efforts.
 
         Args:
             player: identifier; None: the average player.
-            profile: variant of the game; None, or one without an average player: that of the game itself.
+            variant: of the game; one without an average player: that of the game itself.
         """
-        logit = self.profiles.get(profile or "", self.log_choice).astype(np.float64)
+        discipline, opposite = hands_of_variant(variant)
+        logit = self.profiles.get(discipline or "", self.log_choice).astype(np.float64)
+        if opposite:
+            same = game.counterparts(load_game(str(folder_of(game))))
+            logit = self.opposite.astype(np.float64) + np.where(same < 0, 0.0, (logit - self.log_choice)[same])
         if player is not None:
             m = self.players.index(player)
             stroke, catalogue, state = game.base_pair_stroke, game.catalogue, game.base_pair_state
-            shot, technique, area = catalogue.shot[stroke], catalogue.technique[stroke], catalogue.area[stroke]
-            if is_opposite(profile):
-                area = mirrored(area)
+            shot, technique = catalogue.shot[stroke], catalogue.technique[stroke]
+            area = mirrored(catalogue.area)[stroke] if opposite else catalogue.area[stroke]
             # 13 means "no stroke yet", as in the models.
             incoming = np.append(catalogue.shot, len(self.area[m])).astype(np.int64)[game.incoming(state)]
             logit = logit + self.style[m, incoming, game.contact(state), shot, technique] + self.area[m, shot, technique, area]
@@ -83,10 +98,11 @@ def clones(folder: Path) -> BehaviourClones:
             raise ValueError("the players are not a list of names")
         m = len(players)
         choice, pairs = arrays["choice"], arrays["choice"].shape[:1]
-        shifts = {name: arrays[f"choice.{name}"] for name in variants(str(folder)) if f"choice.{name}" in arrays}
+        shifts = {name: arrays[f"choice.{name}"] for name in PROFILES if f"choice.{name}" in arrays}
         return BehaviourClones(
             log_choice=_log(checked(choice, np.int16, pairs)),
             profiles={name: _log(choice + checked(shift, np.int16, pairs)) for name, shift in shifts.items()},
+            opposite=_log(checked(arrays[f"choice.{OPPOSITE}"], np.int16, arrays[f"choice.{OPPOSITE}"].shape[:1])),
             players=tuple(players),
             style=checked(arrays["style"], np.float64, (m, N_SHOTS + 2, len(HEIGHTS), N_SHOTS, N_TECHNIQUES)),
             area=checked(arrays["area"], np.float64, (m, N_SHOTS, N_TECHNIQUES, N_AREAS)),
@@ -123,7 +139,8 @@ def probabilities(player: str | None, game: Game) -> F64:
     if origin is None:
         raise PolicyError("behaviour-cloned players belong to a model; this game was not loaded from one")
     known = clones(origin.folder)
-    if known.log_choice.shape != (game.n_base_pairs,):
+    of_game = known.opposite if hands_of_variant(origin.variant)[1] else known.log_choice
+    if of_game.shape != (game.n_base_pairs,):
         raise PolicyError(f"{origin.folder / BC}: its players are not of the game beside it; fit or install the model again")
     if player is not None and player not in known.players:
         raise PolicyError(f"no model of the player {player!r}; there are: {', '.join(known.players)}")

@@ -45,6 +45,7 @@ SUMMARY = {
     "strokes": {"total": 13, "kept": 12},
     "dropped": {"unknown shot type": 1},
     "area_agreement": 1.0,
+    "hands": {name: {"hand": "unknown", "n": 0, "share": None} for name in ("chen-long", "viktor-axelsen")},
 }
 
 
@@ -154,7 +155,7 @@ def test_damaged_parquet(file: Path) -> None:
 
 @pytest.mark.parametrize(("change", "told"), [
     (lambda t: t.drop_columns(["area"]), "column 'area' is missing"),
-    (lambda t: t.set_column(8, "shot", t["shot"].cast(pa.int64())), "column 'shot' is int64, expected int8 not null"),
+    (lambda t: t.set_column(9, "shot", t["shot"].cast(pa.int64())), "column 'shot' is int64, expected int8 not null"),
     (lambda t: t.select(t.column_names[::-1]), "in this order"),
     (lambda t: t.replace_schema_metadata({"version": "2"}), "schema version b'2', expected b'1'"),
 ])  # fmt: skip

@@ -298,8 +298,9 @@ def test_import_prints_what_became_of_every_row(tmp_path: Path, capsys: pytest.C
     flags = ["import", str(tmp_path / "own.csv"), "--columns", str(tmp_path / "map.toml")]
     assert main([*flags, "--json"]) == 0
     inferred = ["contact heights, from the shot types: 2 of 4 strokes", "techniques, taken as forehand: 4 of 4 strokes"]
+    lost = ["hand unknown, played as right-handed: ada-alpha, bea-beta (2 of 2 players)"]
     dropped = {"empty row": 1, "unknown shot type": 1}
-    expected = {"format": "CSV", "rows": 6, "kept": 4, "dropped": dropped, "inferred": inferred, "lost": [], "warnings": []}
+    expected = {"format": "CSV", "rows": 6, "kept": 4, "dropped": dropped, "inferred": inferred, "lost": lost, "warnings": []}
     assert json.loads(capsys.readouterr().out) == expected
     assert main([*flags, "--out", str(tmp_path / "o.parquet"), "--json"]) == 0
     assert json.loads(capsys.readouterr().out) == expected

@@ -10,10 +10,11 @@ import pyarrow.compute as pc
 import pytest
 
 from shuttle_marl.data import clean_matches, matches_of, split_of, validate, write_parquet
+from shuttle_marl.data.hands import hands_of
 from shuttle_marl.data.inference import MET
 from shuttle_marl.data.schema import DROP_REASONS, Cleaned
 from shuttle_marl.data.shuttleset import list_matches
-from shuttle_marl.game.court import AREAS
+from shuttle_marl.game.court import AREAS, HANDS
 from shuttle_marl.game.stroke import SHOTS
 
 ROOT = os.environ.get("SHUTTLESET")
@@ -59,6 +60,23 @@ def test_the_datasheet_tells_these_numbers(public: Cleaned) -> None:
         rallies = rows.group_by(["match", "game", "rally"]).aggregate([]).num_rows
         kept = len(rows["match"].unique())
         assert f"| {split} | {len(matches_of(split))} | {kept} | {rallies:,} | {rows.num_rows:,} |" in lines
+
+
+def test_the_datasheet_tells_the_hands(public: Cleaned) -> None:
+    lines = (Path(__file__).parents[2] / "docs" / "datasheet.md").read_text(encoding="utf-8").splitlines()
+    players = hands_of(public.strokes)
+    names = {hand: [name for name, player in players.items() if player.name == hand] for hand in (*HANDS, "unknown")}
+    shares = {hand: [players[name].share for name in found] for hand, found in names.items()}
+    right, left = (
+        f"{len(names[hand])} | {min(shares[hand]):.0%} to {max(shares[hand]):.0%} |".replace("%", " %") for hand in HANDS
+    )
+    (unknown,) = names["unknown"]
+    assert f"| right | {right}" in lines
+    assert f"| left: {', '.join(names['left'])} | {left}" in lines
+    assert f"| unknown, played as right-handed: {unknown} | 1 | {players[unknown].n} strokes |" in lines
+    rows = public.strokes.filter(pc.equal(public.strokes["hand"], HANDS.index("left")))
+    share, matches = rows.num_rows / public.strokes.num_rows, len(rows["match"].unique())
+    assert f"Left-handers play {rows.num_rows:,} strokes ({100 * share:.1f} %) in {matches} matches." in " ".join(lines)
 
 
 def test_areas_of_replies_are_those_of_the_train_matches(public: Cleaned) -> None:

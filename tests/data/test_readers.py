@@ -126,7 +126,7 @@ def test_a_pipeline_with_rallies_names_and_results(tmp_path: Path) -> None:
     assert strokes["outcome"].to_pylist() == [0, 0, Outcome.FAULT]
     assert strokes["forced"].to_pylist() == [None, None, False]
     assert strokes["points"].to_pylist() == [0, 1, 0]
-    assert cleaned.provenance["lost"] == []
+    assert cleaned.provenance["lost"] == ["hand unknown, played as right-handed: ada, bea (2 of 2 players)"]
 
 
 def test_sportscode_and_elan_by_the_words_of_their_labels_and_tiers() -> None:
