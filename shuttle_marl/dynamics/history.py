@@ -5,6 +5,7 @@ and two before are inputs of the average player's networks, whose out-of-fold pr
 four strokes predict unseen matches no better. :mod:`shuttle_marl.policy.history` plays with the shifts.
 """
 
+from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -12,11 +13,12 @@ import numpy.typing as npt
 
 from shuttle_marl.base.arrays import F64, I64
 from shuttle_marl.dynamics.features import SLOTS, Rows
-from shuttle_marl.dynamics.fitted import tilted
+from shuttle_marl.dynamics.fitted import ModelError, tilted
 from shuttle_marl.dynamics.models import labelled, labels_of, softmax
 from shuttle_marl.dynamics.network import Ensemble, unseen
 from shuttle_marl.dynamics.players import fit_shifts
 from shuttle_marl.game.court import N_AREAS, mirrored
+from shuttle_marl.game.shipped import HISTORY, read_model
 from shuttle_marl.game.stroke import N_SHOTS
 
 Arrays = dict[str, npt.NDArray[np.float16]]
@@ -53,6 +55,18 @@ def fit_history(
             scores[name] = dict(zip(("cross_entropy", "of_average"), losses, strict=True))
     arrays = (np.concatenate(both, axis=-1).astype(np.float16) for both in zip(*parts, strict=True))
     return dict(zip(_NONE, arrays, strict=True)), scores
+
+
+def load_history(folder: Path) -> Arrays:
+    """The shifts of a model folder.
+
+    Raises:
+        ModelError: the file is missing, or differs from the model card.
+    """
+    try:
+        return read_model(folder, HISTORY).arrays
+    except (OSError, KeyError, ValueError) as error:
+        raise ModelError(f"{folder / HISTORY}: no readable choices ({error}); fit or install the model again") from error
 
 
 def _choices(name: str, network: Ensemble, rows: Rows, folds: int | None) -> tuple[F64, I64, I64]:

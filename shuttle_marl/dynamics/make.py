@@ -30,7 +30,7 @@ from shuttle_marl.dynamics.features import Rows, rows_from_strokes
 from shuttle_marl.dynamics.fit import THREADS, Fit, Report, fit
 from shuttle_marl.dynamics.fitted import FittedModels, ModelError, PlayerChoices
 from shuttle_marl.dynamics.habits import save_habits
-from shuttle_marl.dynamics.history import fit_history
+from shuttle_marl.dynamics.history import fit_history, load_history
 from shuttle_marl.dynamics.hurried import Hurry, fit_hurry, load_hurry
 from shuttle_marl.dynamics.network import QUICK, EnsembleConfig
 from shuttle_marl.dynamics.prior import Prior, fit_from, refits_from
@@ -121,7 +121,12 @@ def make_model(
     else:
         hurry.save(out / shipped.HURRY)
     report("choices by the rally so far")
-    history = save_history(out, fitted, train, validation, config or EnsembleConfig(), prior)
+    history: dict[str, dict[str, float]] = {}
+    if prior is None:
+        shifts, history = fit_history(fitted.models.networks, train, validation, (config or EnsembleConfig()).folds)
+    else:
+        shifts = load_history(shipped.model_folder(prior))
+    replace_file(out / shipped.HISTORY, tensor_bytes(shifts, {}))
     save_habits(out, strokes.filter(pa.compute.is_in(strokes["match"], fitted_on)), written.skill.skill.players)
     game, variants = written.game, written.variants
     checked = check(fitted.predicted, sources, written.skill.sd)
@@ -395,23 +400,6 @@ def save_clones(folder: Path, choices: PlayerChoices, log_choice: F32, profiles:
         "area": choices.area,
     }
     replace_file(folder / shipped.BC, tensor_bytes(clones, {"players": json.dumps(choices.players)}, pack=True))
-
-
-def save_history(
-    folder: Path, fitted: Fit, train: Rows, validation: Rows, config: EnsembleConfig, prior: str | None
-) -> dict[str, dict[str, float]]:
-    """Write the choices by the rally so far, those of the prior where there is one; returns scores, none with a prior."""
-    path, scores, content = folder / shipped.HISTORY, dict[str, dict[str, float]](), b""
-    if prior is None:
-        arrays, scores = fit_history(fitted.models.networks, train, validation, config.folds)
-        content = tensor_bytes(arrays, {})
-    elif (known := shipped.model_folder(prior) / shipped.HISTORY).is_file():
-        content = known.read_bytes()
-    if content:
-        replace_file(path, content)
-    else:
-        path.unlink(missing_ok=True)  # of a replaced model
-    return scores
 
 
 def save_variants(folder: Path, game: Game, variants: Mapping[str, Game], card: dict[str, Any]) -> None:
