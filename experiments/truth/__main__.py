@@ -28,7 +28,7 @@ from shuttle_marl.commands.cli import run
 from shuttle_marl.data import Split, load_strokes
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game.pairs import Looks
-from shuttle_marl.game.policy import UniformPolicy
+from shuttle_marl.game.policy import Policy, UniformPolicy
 from shuttle_marl.game.shipped import factors_of, model_folder
 from shuttle_marl.game.tabulated import tabulate
 
@@ -113,7 +113,12 @@ def compare(parts: Sequence[tuple[World, Strokes]], real: Strokes, promised: Pro
         seed: random seed of the simulated matches and of the resampling.
     """
     known, forbidden = (np.concatenate(side) for side in zip(*(judged_strokes(w.game, s) for w, s in parts), strict=True))
-    simulated = Strokes.joined([_simulated(world, strokes, seed + i) for i, (world, strokes) in enumerate(parts)])
+    simulated = Strokes.joined([_simulated(world, world.bc, strokes, seed + i) for i, (world, strokes) in enumerate(parts)])
+    remembered = [
+        _simulated(world, world.history, strokes, seed + i)
+        for i, (world, strokes) in enumerate(parts)
+        if world.history is not None
+    ]
     return {
         "matches": len(np.unique(real.rows.match)),
         "strokes": len(real),
@@ -125,6 +130,7 @@ def compare(parts: Sequence[tuple[World, Strokes]], real: Strokes, promised: Pro
         "memory": memory(real, promised),
         "illegal": illegal(real, promised, known, forbidden),
         "two_sample_auc": likeness.two_sample_auc(simulated, real, seed),
+        "two_sample_auc_history": likeness.two_sample_auc(Strokes.joined(remembered), real, seed) if remembered else None,
         "rally_length": likeness.rally_length(simulated, real, seed),
         "divergence": likeness.divergence(simulated, real, seed),
         "random_vs_bc": float(np.mean([_random_wins(world) for world, _ in parts])),
@@ -143,11 +149,10 @@ def parts_of(parts: Sequence[tuple[World, Strokes]]) -> I64:
     return np.repeat(np.arange(len(parts)), [len(strokes) for _, strokes in parts])
 
 
-def _simulated(world: World, real: Strokes, seed: int) -> Strokes:
+def _simulated(world: World, player: Policy, real: Strokes, seed: int) -> Strokes:
     matches = _SIMULATED * len(np.unique(real.rows.match))
-    bc = world.bc.pair_probabilities()
     looks = Looks(hands=("right", "left" if world.opposite else "right"))
-    return strokes_of(simulate(world.game, {"one": bc, "other": bc}, matches=matches, seed=seed, looks=lambda *_: looks))
+    return strokes_of(simulate(world.game, {"one": player, "other": player}, matches=matches, seed=seed, looks=lambda *_: looks))
 
 
 def _random_wins(world: World) -> float:
@@ -183,7 +188,7 @@ def _print(result: dict[str, Any]) -> None:
             shot, f"{found['promised']:+.2f}", f"{brought['points']:+.2f}", f"{brought['low']:+.2f} to {brought['high']:+.2f}"
         )
     console.print(strokes)
-    auc, length = result["two_sample_auc"], result["rally_length"]
+    auc, remembering, length = (result[name] for name in ("two_sample_auc", "two_sample_auc_history", "rally_length"))
     forbidden = result["illegal"]
     error = forbidden["value_error"]
     lines = [
@@ -209,6 +214,7 @@ def _print(result: dict[str, Any]) -> None:
         f"log-loss of the value: {result['value_log_loss']:.5f}",
         f"classifying simulated and real rallies: AUC {auc['value']:.3f} (real from real {auc['real_against_real']:.3f}), by "
         + ", ".join(auc["gives_away"]),
+        *([] if remembering is None else [f"the same with players who remember the rally: AUC {remembering['value']:.3f}"]),
         f"rally length: {length['simulated']:.2f} simulated, {length['real']:.2f} real, "
         f"KS {length['ks']:.3f} (real against real {length['ks_real']:.3f})",
         *(

@@ -18,6 +18,7 @@ from shuttle_marl.base.files import replace_file
 from shuttle_marl.base.tensor_files import read_tensors
 from shuttle_marl.dynamics.compiled import pair_log_choices
 from shuttle_marl.dynamics.fit import Fit, fit, layouts_of, supports
+from shuttle_marl.dynamics.history import Arrays, fit_history
 from shuttle_marl.dynamics.hurried import Hurry, fit_hurry, load_hurry
 from shuttle_marl.dynamics.make import load_support
 from shuttle_marl.dynamics.models import known_outcome
@@ -25,7 +26,8 @@ from shuttle_marl.dynamics.network import QUICK
 from shuttle_marl.game.shipped import PROFILES, load_game, model_folder, variant_of
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities
-from shuttle_marl.policy import baselines
+from shuttle_marl.policy import baselines, history
+from shuttle_marl.policy.history import HistoryPolicy
 
 Report = Callable[[str], None]
 SOURCES: Final = Path(__file__).parents[2] / "shuttle_marl" / "dynamics"
@@ -41,12 +43,14 @@ class World:
         behind: ``[E]`` real strokes in the innermost cell of every edge: how much data stands behind a stroke.
         hurry: index that decides which strikers are hurried in the game, if it knows them.
         opposite: whether the players have different hands.
+        history: the average player who remembers the rally; None: the model has none.
     """
 
     bc: TabulatedPolicy
     behind: F64
     hurry: Hurry | None = None
     opposite: bool = False
+    history: HistoryPolicy | None = None
 
     @property
     def game(self) -> Game:
@@ -59,7 +63,8 @@ def shipped_world(model: str, discipline: int | None, *, opposite: bool) -> Worl
     folder, variant = model_folder(model), variant_of(None if discipline is None else PROFILES[discipline], opposite=opposite)
     game = load_game(model if variant is None else f"{model}:{variant}")
     behind = load_support(folder, opposite=opposite).strokes
-    return World(bc=baselines.load(None, game), behind=behind, hurry=load_hurry(folder), opposite=opposite)
+    remembers = history.load(game) if history.known_for(game) else None
+    return World(bc=baselines.load(None, game), behind=behind, hurry=load_hurry(folder), opposite=opposite, history=remembers)
 
 
 class Fitter:
@@ -102,10 +107,12 @@ class Fitter:
         """
         names, arranged = sorted(matches), sorted(layout or matches)
         key = hashlib.sha256(json.dumps([self._version, names, arranged, discipline, opposite]).encode()).hexdigest()[:16]
-        game_file, hurry_file, tables_file = (self._folder / f"{key}.{part}.safetensors" for part in ("game", "hurry", "tables"))
+        names_of_files = ("game", "hurry", "history", "tables")
+        game_file, hurry_file, history_file, tables_file = (self._folder / f"{key}.{part}.safetensors" for part in names_of_files)
         if not tables_file.is_file():
             empty = None if arranged == names else self.fit(arranged).game
-            fitted, hurry = self._fitted(tuple(names), empty)
+            fitted, hurry, shifts = self._fitted(tuple(names), empty)
+            replace_file(history_file, save(shifts))
             if hurry is not None:
                 hurry.save(hurry_file)
             if discipline is not None:
@@ -120,18 +127,19 @@ class Fitter:
         weight = np.tile(np.exp(tables["log_choice"]), game.n_blocks)
         hurry = Hurry.checked(read_tensors(hurry_file)) if hurry_file.is_file() else None
         bc = from_pair_probabilities(game, game.normalized(weight))
-        return World(bc=bc, behind=tables["behind"], hurry=hurry, opposite=opposite)
+        remembers = HistoryPolicy.of(bc, load_file(history_file))
+        return World(bc=bc, behind=tables["behind"], hurry=hurry, opposite=opposite, history=remembers)
 
     def layouts(self, matches: Sequence[str], shares: Sequence[float]) -> list[Game]:
         """Layouts of the game of some matches with several minimum shares of a legal shot type, not cached."""
         names = tuple(sorted(matches))
-        rows, (fitted, _) = self._strokes.rows.in_matches(names), self._fitted(names, None)
+        rows, (fitted, *_) = self._strokes.rows.in_matches(names), self._fitted(names, None)
         return [layouts_of(rows, fitted.models, share)[0] for share in shares]
 
     def of_layouts(self, matches: Sequence[str], layouts: Sequence[Game]) -> list[World]:
         """Worlds of one fit with several layouts, not cached."""
         found, names = [], tuple(sorted(matches))
-        fitted, hurry = self._fitted(names, None)
+        fitted, hurry, _ = self._fitted(names, None)
         rows = self._strokes.rows.in_matches(names)
         train = rows if hurry is None else hurry.marked(rows)
         for empty in layouts:
@@ -144,11 +152,12 @@ class Fitter:
 
     # The games of both disciplines, and of equal and different hands, come from one fit, one after the other.
     @functools.lru_cache(maxsize=1)  # noqa: B019  a fitter lives as long as its program
-    def _fitted(self, names: tuple[str, ...], layout: Game | None) -> tuple[Fit, Hurry | None]:
+    def _fitted(self, names: tuple[str, ...], layout: Game | None) -> tuple[Fit, Hurry | None, Arrays]:
         train = self._strokes.rows.in_matches(names)
         hurry = fit_hurry(train, seed=self._seed)
         marked = train if hurry is None else hurry.marked(train)
-        return fit(marked, None, seed=self._seed, config=QUICK, layout=layout, report=self._report), hurry
+        fitted = fit(marked, None, seed=self._seed, config=QUICK, layout=layout, report=self._report)
+        return fitted, hurry, fit_history(fitted.models.networks, marked, None, QUICK.folds)[0]
 
 
 def by_game(strokes: Strokes, profiles: bool) -> list[tuple[int | None, bool, Strokes]]:

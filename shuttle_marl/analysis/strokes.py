@@ -18,6 +18,7 @@ from shuttle_marl.data.schema import REASONS, Outcome, outcome_of
 from shuttle_marl.data.upstream import discipline
 from shuttle_marl.game import court, draws
 from shuttle_marl.game.pairs import Looks, looks_of
+from shuttle_marl.game.policy import Policy
 from shuttle_marl.game.rally.record import Rallies
 from shuttle_marl.game.stroke import N_SERVES, Catalogue
 from shuttle_marl.game.tables import Game
@@ -263,9 +264,13 @@ class SimulationError(ShuttleError):
     """Players or probabilities with which no match can be simulated."""
 
 
+Simulated = Floats | Policy
+"""``[P]`` probability of each legal pair given its state, or a policy, which may read the score and the rally so far."""
+
+
 def simulate(
     game: Game,
-    players: Mapping[str, Floats],
+    players: Mapping[str, Simulated],
     *,
     matches: int,
     seed: int,
@@ -277,8 +282,7 @@ def simulate(
     meets all others.
 
     Args:
-        players: ``[P]`` probability of each legal pair given its state, by player; as
-            ``TabulatedPolicy.pair_probabilities`` gives them.
+        players: how each plays: probabilities as ``TabulatedPolicy.pair_probabilities`` gives them, or a policy.
         seed: of all draws; the same arguments give the same table.
         looks: hands of two players by name.
 
@@ -288,6 +292,7 @@ def simulate(
 
     Raises:
         SimulationError: no two players of one discipline, or probabilities that do not fit the game.
+        PolicyError: a policy raised, or returned no distribution over the legal strokes.
     """
     _, rallies = simulated_rallies(game, players, matches=matches, seed=seed)
     names, pairs = list(players), _pairs(list(players))
@@ -300,32 +305,37 @@ def simulate(
     )
 
 
-def simulated_rallies(game: Game, players: Mapping[str, Floats], *, matches: int, seed: int) -> tuple[LogHeader, Rallies]:
+def simulated_rallies(game: Game, players: Mapping[str, Simulated], *, matches: int, seed: int) -> tuple[LogHeader, Rallies]:
     """The rallies of :func:`simulate`, and the header with which a log of them can be played again.
 
     Match m of a pair has the draws that a league with ``matches_per_draw=1`` would give it.
 
     Raises:
-        SimulationError: see :func:`simulate`.
+        SimulationError, PolicyError: see :func:`simulate`.
     """
-    from shuttle_marl.kernel import Matches, play_matches  # noqa: PLC0415  numba is slow to import
+    from shuttle_marl.kernel import Matches, lockstep, play_matches  # noqa: PLC0415  numba is slow to import
 
     if matches < 1:
         raise SimulationError(f"{matches} matches: expected at least one")
     names = list(players)
     pairs = _pairs(names)
-    tables = [_table(game, name, p) for name, p in players.items()]
+    policies = [p if isinstance(p, Policy) else _table(game, name, p) for name, p in players.items()]
+    tables = [policy for policy in policies if isinstance(policy, TabulatedPolicy)]
     keys = [draws.pairing_key(*pair) for pair in pairs]
     number = np.arange(matches)
     match, pairing = np.divmod(number, len(pairs))
     entrant = np.array([[names.index(a), names.index(b)] for a, b in pairs], np.int32)[pairing]
     key = draws.stream(seed, np.array(keys, np.uint64)[pairing], match)
-    played = play_matches(game, Matches(entrant=entrant, first_server=(number % 2).astype(np.int8), key=key), tables).rallies
+    seated = Matches(entrant=entrant, first_server=(number % 2).astype(np.int8), key=key)
+    if len(tables) == len(policies):
+        played = play_matches(game, seated, tables).rallies
+    else:
+        played = lockstep.play(game, seated, lockstep.asking(game, policies)).rallies
     header = LogHeader(
         seed=seed,
         game=game.hash,
         strokes=game.catalogue.names,
-        policies=tuple(Player(name=name, hash=table.hash) for name, table in zip(names, tables, strict=True)),
+        policies=tuple(Player(name=name, hash=getattr(policy, "hash", "")) for name, policy in zip(names, policies, strict=True)),
         pairings=tuple(keys),
         matches_per_draw=1,
     )

@@ -16,6 +16,7 @@ from shuttle_marl.game.shipped import (
     CARD,
     GAME,
     HABITS,
+    HISTORY,
     HURRY,
     NETWORKS,
     OPPOSITE_GAME,
@@ -73,7 +74,7 @@ def write_card(folder: Path, card: dict[str, Any]) -> None:
     Raises:
         FileWriteError: it cannot be written.
     """
-    optional = (HABITS, HURRY, SKILL, VARIANTS)
+    optional = (HABITS, HISTORY, HURRY, SKILL, VARIANTS)
     files = [
         name
         for name in (GAME, OPPOSITE_GAME, BC, NETWORKS, SUPPORT, *optional)
@@ -139,6 +140,8 @@ def as_markdown(card: dict[str, Any]) -> str:
             "",
         ]
     lines += _situations(card)
+    if card.get("history"):
+        lines += _history(card["history"])
     if "skill" in card:
         lines += _skill(card["skill"])
     lines += _solved(health)
@@ -172,6 +175,16 @@ def _table(*rows: Sequence[str]) -> list[str]:
     """Lines of a table in Markdown; the first row is its head."""
     lines = [f"| {' | '.join(row)} |" for row in rows]
     return [lines[0], "|---" * len(rows[0]) + "|", *lines[1:]]
+
+
+def _history(scores: dict[str, dict[str, float]]) -> list[str]:
+    kinds = {"choice": "shot types and techniques", "target": "target areas"}
+    losses = (f"{kinds[name]} {score['cross_entropy']:.4f} (`bc` {score['of_average']:.4f})" for name, score in scores.items())
+    return [
+        "`bc:history` shifts the choices of `bc` by the strokes three and four before. Cross-entropy on the validation matches "
+        f"(nats): {', '.join(losses)}. It makes simulated matches look real; it is no stronger opponent and no better forecast.",
+        "",
+    ]
 
 
 def _situations(card: dict[str, Any]) -> list[str]:

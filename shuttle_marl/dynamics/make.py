@@ -30,6 +30,7 @@ from shuttle_marl.dynamics.features import Rows, rows_from_strokes
 from shuttle_marl.dynamics.fit import THREADS, Fit, Report, fit
 from shuttle_marl.dynamics.fitted import FittedModels, ModelError, PlayerChoices
 from shuttle_marl.dynamics.habits import save_habits
+from shuttle_marl.dynamics.history import fit_history, load_history
 from shuttle_marl.dynamics.hurried import Hurry, fit_hurry, load_hurry
 from shuttle_marl.dynamics.network import QUICK, EnsembleConfig
 from shuttle_marl.dynamics.prior import Prior, fit_from, refits_from
@@ -119,6 +120,13 @@ def make_model(
         (out / shipped.HURRY).unlink(missing_ok=True)  # of a replaced model
     else:
         hurry.save(out / shipped.HURRY)
+    report("choices by the rally so far")
+    history: dict[str, dict[str, float]] = {}
+    if prior is None:
+        shifts, history = fit_history(fitted.models.networks, train, validation, (config or EnsembleConfig()).folds)
+    else:
+        shifts = load_history(shipped.model_folder(prior))
+    replace_file(out / shipped.HISTORY, tensor_bytes(shifts, {}))
     save_habits(out, strokes.filter(pa.compute.is_in(strokes["match"], fitted_on)), written.skill.skill.players)
     game, variants = written.game, written.variants
     checked = check(fitted.predicted, sources, written.skill.sd)
@@ -148,6 +156,7 @@ def make_model(
         "hurried": _hurried(train, hurry, prior),
         "players": list(fitted.models.choices.players),
         "chosen": fitted.chosen,
+        "history": history,
         "skill": summary(written.skill, checked),
         "validation": scores,
         "health": written.health,

@@ -37,23 +37,39 @@ def fit_choice_shifts(
         cell: ``[N]`` context in which a shift applies.
         player: ``[N]`` player of each row.
     """
+    rows = np.asarray(player, dtype=np.int64), np.asarray(player, dtype=np.int64) * cells + cell
+    shared, within = fit_shifts(base, label, rows, (players, players * cells), (precision, 4 * precision))
+    return np.asarray(shared[:, None] + within.reshape(players, cells, -1))
+
+
+def fit_shifts(base: F64, label: Ints, rows: Sequence[Ints], sizes: Sequence[int], precisions: Sequence[float]) -> list[F64]:
+    """Maximum a posteriori tables of shifts ``[size, C]`` that are looked up and added up, under a normal prior of mean zero.
+
+    Args:
+        base: ``[N, C]`` probabilities without shifts.
+        label: ``[N]`` observed choice.
+        rows: for each table ``[N]`` rows that apply.
+        sizes: number of rows of each table.
+        precisions: precision of the prior of each table.
+    """
     z = torch.from_numpy(np.log(np.maximum(base, 1e-9)))
-    player_index, cell_index, y = (torch.from_numpy(np.asarray(x, dtype=np.int64)) for x in (player, cell, label))
-    shared = torch.zeros(players, z.shape[1], dtype=torch.float64, requires_grad=True)
-    within = torch.zeros(players * cells, z.shape[1], dtype=torch.float64, requires_grad=True)
-    optimiser = torch.optim.LBFGS([shared, within], max_iter=80, history_size=10, line_search_fn="strong_wolfe")
+    y, *index = (torch.from_numpy(np.asarray(each, dtype=np.int64)) for each in (label, *rows))
+    tables = [torch.zeros(size, z.shape[1], dtype=torch.float64, requires_grad=True) for size in sizes]
+    optimiser = torch.optim.LBFGS(tables, max_iter=80, history_size=10, line_search_fn="strong_wolfe")
 
     def closure() -> torch.Tensor:
         optimiser.zero_grad()
-        logits = z + shared[player_index] + within[player_index * cells + cell_index]
+        logits = z
+        for table, at in zip(tables, index, strict=True):
+            logits = logits + torch.nn.functional.embedding(at, table)
         loss = torch.nn.functional.cross_entropy(logits, y, reduction="sum")
-        loss = loss + 0.5 * precision * (shared.square().sum() + 4 * within.square().sum())
+        for table, precision in zip(tables, precisions, strict=True):
+            loss = loss + 0.5 * precision * table.square().sum()
         torch.autograd.backward(loss)
         return loss
 
     optimiser.step(closure)  # type: ignore[no-untyped-call]
-    total = shared.detach()[:, None] + within.detach().view(players, cells, -1)
-    return np.asarray(total.numpy())
+    return [np.asarray(table.detach().numpy()) for table in tables]
 
 
 class Choices(NamedTuple):

@@ -151,6 +151,11 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         """State index of the agent to move in :mod:`shuttle_marl.game.tables`, for tables of policies and values."""
         return self._state
 
+    @property
+    def strokes(self) -> list[int]:
+        """Catalogue indices of the strokes of the rally so far; none before a serve."""
+        return [] if self._state == ROOT else [played.stroke for played in self._strokes]
+
     def choice_draw(self) -> int:
         """Random number in [0, 65535) for the choice of the next stroke; see :mod:`shuttle_marl.game.draws`."""
         return self._draws.choice(self._rally, 0 if self._state == ROOT else len(self._strokes))

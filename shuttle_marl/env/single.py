@@ -5,6 +5,7 @@ and random numbers are those of the wrapped environment.
 """
 
 import copy
+from collections.abc import Sequence
 from typing import Any, Literal, Self, cast
 
 import gymnasium
@@ -18,7 +19,7 @@ from shuttle_marl.env import match_v0, rally_v0
 from shuttle_marl.env.aec import AGENTS, RENDER_MODES, Observation, RenderMode, ShuttleEnv
 from shuttle_marl.env.wrappers import InfoView, MaskView, checked_views
 from shuttle_marl.game.pairs import opponent_tables
-from shuttle_marl.game.policy import Policy, called, reads_score
+from shuttle_marl.game.policy import Policy, called, reads_history, reads_score
 from shuttle_marl.game.rally.stepper import choose
 from shuttle_marl.game.rules import IllegalStrokeError
 from shuttle_marl.game.scoring import BWF, Rules
@@ -30,7 +31,7 @@ Seat = Literal[0, 1]
 
 
 class Opponent:
-    """Chooses strokes from a table, or by calling a policy that reads the score.
+    """Chooses strokes from a table, or by calling a policy that reads the score or the rally so far.
 
     Raises:
         PolicyError: the policy does not exist, or does not return a distribution over the legal strokes.
@@ -40,7 +41,8 @@ class Opponent:
         self.policy = resolve(opponent, game) if isinstance(opponent, str) else opponent
         self.reads_score = reads_score(self.policy)
         self._given, self._game = opponent, game
-        self._chooser = self.policy if self.reads_score else tabulate(self.policy, game)
+        self.reads_history = reads_history(self.policy)
+        self._chooser = self.policy if self.reads_score or self.reads_history else tabulate(self.policy, game)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Opponent, (self._given, self._game)  # by name if possible, because a table has megabytes
@@ -48,13 +50,13 @@ class Opponent:
     def __deepcopy__(self, memo: dict[int, Any]) -> "Opponent":
         return self  # read-only, and a table takes longer than a rally
 
-    def choose(self, state: int, draw: int, score: tuple[int, int, int, int] | None) -> int:
+    def choose(self, state: int, draw: int, score: tuple[int, int, int, int] | None, strokes: Sequence[int] | None = None) -> int:
         """Catalogue index of the opponent's stroke in a state; see :func:`shuttle_marl.game.rally.stepper.choose`.
 
         Raises:
-            PolicyError: a policy that reads the score raised, or returned an invalid distribution.
+            PolicyError: a policy that has no table raised, or returned an invalid distribution.
         """
-        return choose(self._chooser, self._game, state, draw, score)
+        return choose(self._chooser, self._game, state, draw, score, strokes)
 
 
 class SingleEnv(gymnasium.Env[Observation, np.int64]):
@@ -132,7 +134,7 @@ class SingleEnv(gymnasium.Env[Observation, np.int64]):
         Raises:
             ActionError: not an integer, or not in the catalogue.
             ResetNeeded: the episode is over.
-            PolicyError: an opponent that reads the score raised, or returned no distribution.
+            PolicyError: an opponent that has no table raised, or returned no distribution.
         """
         if self._over:
             raise ResetNeeded("the episode is over or has not started; call reset() first")
@@ -170,7 +172,8 @@ class SingleEnv(gymnasium.Env[Observation, np.int64]):
         self._over = True  # if the opponent fails or is interrupted, the next stroke would be played for it
         while raw.agent_selection != self._agent and not raw.terminations[self._agent]:
             draw, score = raw.choice_draw(), raw.score_of(1 - self.seat)
-            raw.step(self.opponent.choose(raw.state_number, draw, score))
+            strokes = raw.strokes if self.opponent.reads_history else None
+            raw.step(self.opponent.choose(raw.state_number, draw, score, strokes))
             reward += raw.rewards[self._agent]
         return reward
 

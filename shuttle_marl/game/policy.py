@@ -4,7 +4,7 @@ import dataclasses
 import functools
 import math
 from collections.abc import Mapping
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Final, Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -18,9 +18,16 @@ from shuttle_marl.game.scoring import scores_of
 from shuttle_marl.game.stroke import frozen
 from shuttle_marl.game.tables import Game
 
+LAGS: Final = 4
+"""Strokes of a rally that policies may read: the incoming stroke, the striker's own last one, and one more of either player."""
+
 
 class PolicyError(ShuttleError):
     """A policy that cannot be found, raises, or returns something that is no distribution over the legal strokes."""
+
+
+class HistoryError(PolicyError):
+    """A policy that reads the rally so far, where only the state is known."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -32,17 +39,21 @@ class States:
         state: ``[B]`` int32 state numbers.
         score: ``[B, 4]`` int16 points of the striker, points of the receiver, games of the striker, games of the
             receiver before this rally; None where there is no match around the rally.
+        history: ``[B, 4]`` int32 catalogue index of the last strokes of the rally, the incoming one first, n for none; None where
+            only the state is known.
     """
 
     game: Game
     state: I32
     score: I16 | None = None
+    history: I32 | None = None
 
     def __post_init__(self) -> None:
         # Copies that cannot be written to: a policy must not reach into the matches that it plays.
         object.__setattr__(self, "state", frozen(np.asarray(self.state)))
-        if self.score is not None:
-            object.__setattr__(self, "score", frozen(np.asarray(self.score)))
+        for name in ("score", "history"):
+            if (given := getattr(self, name)) is not None:
+                object.__setattr__(self, name, frozen(np.asarray(given)))
 
     def __len__(self) -> int:
         return len(self.state)
@@ -90,7 +101,11 @@ class States:
 
 @runtime_checkable
 class Policy(Protocol):
-    """Contract of every player. A policy that reads ``states.score`` must say so with ``reads_score = True``."""
+    """Contract of every player.
+
+    A policy that reads ``states.score`` must say so with ``reads_score = True``, one that reads ``states.history`` with
+    ``reads_history = True``.
+    """
 
     def probabilities(self, states: States) -> Floats:
         """``[B, n]`` probability of each stroke of the catalogue; zero for illegal strokes, each row sums to 1."""
@@ -98,17 +113,30 @@ class Policy(Protocol):
 
 
 def reads_score(policy: Policy) -> bool:
-    """Whether a policy reads more than the state of the rally, so that it cannot be tabulated.
+    """Whether a policy reads the score of the match, so that it cannot be tabulated.
 
     Raises:
         PolicyError: asking it raised.
     """
+    return _says(policy, "reads_score")
+
+
+def reads_history(policy: Policy) -> bool:
+    """Whether a policy reads the rally so far, so that it plays only where matches are played stroke by stroke.
+
+    Raises:
+        PolicyError: asking it raised.
+    """
+    return _says(policy, "reads_history")
+
+
+def _says(policy: Policy, name: str) -> bool:
     try:
-        return bool(getattr(policy, "reads_score", False))
+        return bool(getattr(policy, name, False))
     except (KeyboardInterrupt, PolicyError):
         raise
     except BaseException as error:
-        raise PolicyError(f"reads_score of {type(policy).__name__} raised {described(error)}") from error
+        raise PolicyError(f"{name} of {type(policy).__name__} raised {described(error)}") from error
 
 
 def called(policy: Policy) -> str:
@@ -121,8 +149,15 @@ def checked_probabilities(policy: Policy, states: States) -> F64:
     """Call a policy and check what it returns.
 
     Raises:
+        HistoryError: the policy reads the rally so far, which is not known here.
         PolicyError: the policy raised, or a row is no distribution over the legal strokes; says which state and stroke.
     """
+    if states.history is None and reads_history(policy):
+        raise HistoryError(
+            f"{called(policy)} reads the strokes of the rally so far, so it has no table over states and plays only where a "
+            "match is played stroke by stroke (live court, simulated matches, Gymnasium opponents); use a policy of the state "
+            "here, such as bc"
+        )
     try:
         raw = policy.probabilities(states)
     except KeyboardInterrupt:
@@ -279,6 +314,11 @@ class TemperedPolicy:
     def reads_score(self) -> bool:
         """Whether the base reads the score."""
         return reads_score(self.base)
+
+    @property
+    def reads_history(self) -> bool:
+        """Whether the base reads the rally so far."""
+        return reads_history(self.base)
 
     def probabilities(self, states: States) -> F64:
         """``[B, n]`` tempered probabilities.

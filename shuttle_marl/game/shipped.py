@@ -26,6 +26,8 @@ BC: Final = "bc.safetensors"
 """Its behaviour-cloned players."""
 CHOICE_UNITS: Final = 64
 """Log-probabilities of their strokes are whole multiples of 1/64: within .8 % of a probability, in a third of the space."""
+HISTORY: Final = "history.safetensors"
+"""Shifts of the average player's choices by earlier strokes of the rally."""
 NETWORKS: Final = "networks.safetensors"
 """The fitted models that the game was compiled from."""
 VARIANTS: Final = "variants.safetensors"

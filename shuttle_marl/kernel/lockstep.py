@@ -1,20 +1,20 @@
 """Matches in lock-step, without a compiler: every match plays its own rally, and all play their next stroke in one numpy step.
 
-For policies that read the score and therefore are evaluated at every stroke. Between tabulated policies
+For policies that read the score or the rally so far and therefore are evaluated at every stroke. Between tabulated policies
 :func:`shuttle_marl.kernel.play_matches` plays the same matches, bit for bit and much faster. The draws of a rally depend on the
 key of its match, its number and its server alone, never on the other matches of the batch. Slots are not refilled: after t steps
 every match that still runs has seen exactly t strokes.
 """
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
 
 from shuttle_marl.base.arrays import I8, I32, U8, U16, U64, Bools, Intp
 from shuttle_marl.game import draws
-from shuttle_marl.game.policy import Policy, PolicyError, States, called, checked_probabilities, drawn_strokes
+from shuttle_marl.game.policy import LAGS, Policy, PolicyError, States, called, checked_probabilities, drawn_strokes
 from shuttle_marl.game.rally.record import Rallies, stroke_dtype
 from shuttle_marl.game.rules import WINNER, strike
 from shuttle_marl.game.scoring import BWF, Rules, count_rally
@@ -63,14 +63,16 @@ class MatchResults(NamedTuple):
     rallies: Rallies
 
 
-Choose = Callable[[I32, I32, I32, I32, I32], Intp]
-"""``(entrant [B], state [B], draw [B], striker [B], score [4, B]) -> [B]``: index of the chosen stroke among the legal strokes.
+Choose = Callable[[I32, I32, I32, I32, I32, I32], Intp]
+"""``(entrant [B], state [B], draw [B], striker [B], score [4, B], history [4, B]) -> [B]``: index of the chosen stroke among the
+legal strokes.
 
-``striker`` is the seat; ``score`` holds points of seats 0 and 1 and games of seats 0 and 1.
+``striker`` is the seat; ``score`` holds points of seats 0 and 1 and games of seats 0 and 1, ``history`` the last strokes of the
+rally as :class:`~shuttle_marl.game.policy.States` does.
 """
 
-_MATCH, _STATE, _STRIKER, _STROKE, _RALLY, _SERVER, _POINTS, _GAMES = 0, 1, 2, 3, 4, 5, 6, 8
-_ROWS: Final = 10
+_MATCH, _STATE, _STRIKER, _STROKE, _RALLY, _SERVER, _POINTS, _GAMES, _HISTORY = 0, 1, 2, 3, 4, 5, 6, 8, 10
+_ROWS: Final = _HISTORY + LAGS
 _REPORT_EVERY: Final = 64
 HURRIED_BIT: Final = 15
 """Bit of a noted stroke that says whether its striker was hurried; the lower ones are the stroke."""
@@ -146,17 +148,19 @@ def play(
 
     slots = np.zeros((_ROWS, len(matches)), dtype=np.int32)
     slots[_MATCH] = np.arange(len(matches))
-    slots[_STATE] = ROOT
+    slots[_STATE], slots[_HISTORY:] = ROOT, game.n_strokes
     slots[_STRIKER] = slots[_SERVER] = matches.first_server
     key = rally_key[key_row + slots[_SERVER]]
     unreported = 0
     while alive := slots.shape[1]:
         match, state, striker, stroke = slots[: _STROKE + 1]
         bits = draws.draw(key, stroke)
-        k = choose(entrant[2 * match + striker], state, draws.choice_draw(bits), striker, slots[_POINTS:])
+        history = slots[_HISTORY:]
+        k = choose(entrant[2 * match + striker], state, draws.choice_draw(bits), striker, slots[_POINTS:_HISTORY], history)
+        history[1:], history[0] = history[:-1].copy(), game.stroke_at(state, k)
         if keep_strokes:
             steps.append(np.empty(len(matches), np.uint16))
-            steps[-1][match] = game.stroke_at(state, k) | game.hurried(state) << HURRIED_BIT
+            steps[-1][match] = history[0] | game.hurried(state) << HURRIED_BIT
         outcome, following = strike(game, state, k, draws.outcome_draw(bits), striker)
         stroke += 1
         ended = np.flatnonzero(following < 0)
@@ -165,15 +169,16 @@ def play(
             won_by = np.where(outcome[ended] == WINNER, now[_STRIKER], 1 - now[_STRIKER])
             rally = now[_MATCH], now[_RALLY]
             log.server[rally], log.winner[rally], log.reason[rally] = now[_SERVER], won_by, outcome[ended]
-            log.score[rally], log.length[rally] = now[_POINTS:].T, now[_STROKE]
+            log.score[rally], log.length[rally] = now[_POINTS:_HISTORY].T, now[_STROKE]
             over = _count_rally(now, won_by, rules)
+            now[_HISTORY:] = game.n_strokes
             slots[:, ended] = now
             key[ended] = rally_key[key_row[now[_MATCH]] + 2 * now[_RALLY] + now[_SERVER]]
         continues = following >= 0
         np.copyto(state, following, where=continues)
         striker ^= continues
         if len(ended) and over.any():
-            games[now[_MATCH, over]] = now[_GAMES:, over].T
+            games[now[_MATCH, over]] = now[_GAMES:_HISTORY, over].T
             slots, key = _without(ended[over], slots, key)
         unreported += alive
         if progress is not None and (unreported > _REPORT_EVERY * len(matches) or not slots.shape[1]):
@@ -184,7 +189,7 @@ def play(
     return MatchResults(games, rallies_of(log, matches.entrant, game.n_strokes))
 
 
-def ask(policy: Policy, game: Game, state: I32, draw: I32, striker: I32, score: I32) -> Intp:
+def ask(policy: Policy, game: Game, state: I32, draw: I32, striker: I32, score: I32, history: I32 | None = None) -> Intp:
     """Strokes of a policy that is evaluated at every stroke, as :data:`Choose` returns them.
 
     Raises:
@@ -193,11 +198,23 @@ def ask(policy: Policy, game: Game, state: I32, draw: I32, striker: I32, score: 
     # Points and games from the striker's view: own first.
     seats, column = np.stack([striker, 1 - striker]), np.arange(len(striker))
     seen = np.concatenate([score[seats, column], score[2 + seats, column]]).T.astype(np.int16)
-    states = States(game=game, state=state, score=seen)
+    states = States(game=game, state=state, score=seen, history=None if history is None else history.T)
     rank = game.rank(state, drawn_strokes(checked_probabilities(policy, states), draw))
     if (rank < 0).any():
         raise PolicyError(f"{called(policy)}: no legal stroke was drawn")
     return rank.astype(np.intp)
+
+
+def asking(game: Game, policies: Sequence[Policy]) -> Choose:
+    """The strokes of policies that are evaluated at every stroke, see :func:`ask`; entrants are indices into them."""
+
+    def choose(entrant: I32, *situation: I32) -> Intp:
+        k = np.empty(len(entrant), np.intp)
+        for i in np.unique(entrant).tolist():
+            k[entrant == i] = ask(policies[i], game, *(part[..., entrant == i] for part in situation))
+        return k
+
+    return choose
 
 
 def _count_rally(now: I32, won_by: Intp, rules: Rules) -> Bools:

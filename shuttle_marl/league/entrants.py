@@ -14,13 +14,13 @@ from shuttle_marl.base.bounds import Count, CountOrZero, Seed, Within, check_bou
 from shuttle_marl.base.errors import ShuttleError, suggesting
 from shuttle_marl.game.draws import CHOICE_ONE, chosen
 from shuttle_marl.game.pairs import pair_game
-from shuttle_marl.game.policy import Policy, PolicyError, reads_score
+from shuttle_marl.game.policy import HistoryError, Policy, PolicyError, reads_score
 from shuttle_marl.game.scoring import RulesName
 from shuttle_marl.game.shipped import Profile, resolve_game
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, hash_of, tabulate
 from shuttle_marl.kernel.lockstep import ask
-from shuttle_marl.policy import registry
+from shuttle_marl.policy import history, registry
 from shuttle_marl.policy.foreign import POLICY_TIMEOUT
 from shuttle_marl.policy.registry import UnrequestedError, resolve, resolve_recorded
 from shuttle_marl.recording import Sampling
@@ -160,7 +160,7 @@ def default_pool(game: Game) -> tuple[str, ...]:
     game enter: players of its model, and agents that were trained on it.
     """
     names = registry.names(game.seats[0])
-    bc = [name for name in names if name.partition(":")[0] == "bc"]
+    bc = [name for name in names if name.partition(":")[0] == "bc" and name != history.NAME]
     others = ("attacking", "defensive", "safe", "random", *TRAINED, *ANCHORS)
     return (*bc[: 1 + _OWN_PLAYERS], *(name for name in others if name in names))
 
@@ -194,8 +194,8 @@ def enter(name: str, game: Game, *, requested: bool = True) -> Entrant:
         requested: whether the user gave the name; names from the files of a run are untrusted.
 
     Raises:
-        PolicyError: no policy has that name, or it would run code or open files that the user did not request. A policy that
-            raises or returns an invalid distribution is entered, and forfeits.
+        PolicyError: no policy has that name, it would run code or open files that the user did not request, or it reads the rally
+            so far. A policy that raises or returns an invalid distribution is entered, and forfeits.
     """
     try:
         policies = [(resolve if requested else resolve_recorded)(name, seat) for seat in dict.fromkeys(game.seats)]
@@ -207,6 +207,8 @@ def enter(name: str, game: Game, *, requested: bool = True) -> Entrant:
             return Entrant(name=name, policy=policy)
         first, *second = (tabulate(policy, seat) for policy, seat in zip(policies, game.seats, strict=False))
         return Entrant(name=name, policy=policy, table=first, opposite=second[0] if second else None)
+    except HistoryError:
+        raise
     except PolicyError as error:
         return Entrant(name=name, policy=policy, failure=str(error))
 
@@ -242,7 +244,7 @@ class Strikers:
         for first, table in zip(self._first_row, tables, strict=True):
             self._rows[first : first + len(table), : table.shape[1]] = table
 
-    def choose(self, entrant: I32, state: I32, draw: I32, striker: I32, score: I32) -> Intp:
+    def choose(self, entrant: I32, state: I32, draw: I32, striker: I32, score: I32, *_: I32) -> Intp:
         """Index of the stroke that each striker plays among the legal ones; see :data:`shuttle_marl.kernel.lockstep.Choose`.
 
         Raises:

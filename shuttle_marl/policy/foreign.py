@@ -30,7 +30,7 @@ import numpy as np
 from shuttle_marl.base.arrays import F64, Floats
 from shuttle_marl.base.errors import described, did_you_mean
 from shuttle_marl.base.programs import Program, ProgramError, ProgramTimeoutError
-from shuttle_marl.game.policy import Policy, PolicyError, States, reads_score
+from shuttle_marl.game.policy import Policy, PolicyError, States, reads_history, reads_score
 from shuttle_marl.game.stroke import HEIGHTS
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
@@ -198,6 +198,11 @@ class TimedPolicy:
             TimeoutError: the policy timed out, now or before.
         """
         return self._call(functools.partial(reads_score, self._policy))
+
+    @property
+    def reads_history(self) -> bool:
+        """Whether the policy reads the rally so far; raises as for the score."""
+        return self._call(functools.partial(reads_history, self._policy))
 
     def probabilities(self, states: States) -> Floats:
         """``[B, n]`` probabilities of the policy.

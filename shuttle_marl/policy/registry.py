@@ -26,7 +26,7 @@ from shuttle_marl.base.errors import described, did_you_mean
 from shuttle_marl.game.policy import GamePolicy, Policy, PolicyError, TemperedPolicy, UniformPolicy
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
-from shuttle_marl.policy import agents, baselines, computed
+from shuttle_marl.policy import agents, baselines, computed, history
 from shuttle_marl.policy.baselines import STYLES, ScriptedPolicy
 from shuttle_marl.policy.foreign import ModuleMissingError, ProgramPolicy, current_limit, from_module, limited
 from shuttle_marl.policy.plain_network import from_sb3, load_weights
@@ -282,15 +282,26 @@ def _with_argument(
     register(key, checked, names, about=about, form=form, of_policies=nested, from_data=nested)
 
 
+_BC_ABOUT: Final = {
+    "bc": "the average player of the data, imitated",
+    history.NAME: "the same with a memory of the rally, for simulated matches that look real; has no table",
+}
+
+
+def _load_bc(player: str | None, game: Game) -> Policy:
+    return history.load(game) if f"bc:{player}" == history.NAME else baselines.load(player, game)
+
+
 def _bc_names(game: Game) -> list[str]:
-    return ["bc", *(f"bc:{player}" for player in baselines.players(game))] if baselines.known_for(game) else []
+    average = [name for name in _BC_ABOUT if (history if name == history.NAME else baselines).known_for(game)]
+    return [*average, *(f"bc:{player}" for player in baselines.players(game))] if baselines.known_for(game) else []
 
 
 register(
     "bc",
-    baselines.load,
+    _load_bc,
     _bc_names,
-    about=lambda name: "the average player of the data, imitated" if name == "bc" else f"{name.partition(':')[2]}, imitated",
+    about=lambda name: _BC_ABOUT.get(name) or f"{name.partition(':')[2]}, imitated",
     from_data=True,
 )
 for _key, _rules in STYLES.items():

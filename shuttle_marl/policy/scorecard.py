@@ -272,7 +272,7 @@ def sample(
         PolicyError: the policy raised, or returned no distribution over the legal strokes.
     """
 
-    def choose(entrant: I32, state: I32, draw: I32, striker: I32, score: I32) -> Intp:
+    def choose(entrant: I32, state: I32, draw: I32, striker: I32, score: I32, *_: I32) -> Intp:
         """Strokes of both; entrant 0 is the policy, entrant 1 the table."""
         strokes = opponent.choose(state, draw)
         asked = np.flatnonzero(entrant == 0)

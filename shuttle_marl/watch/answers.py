@@ -24,7 +24,7 @@ from shuttle_marl.game.draws import stream
 from shuttle_marl.game.pairs import game_of_people
 from shuttle_marl.game.policy import States, checked_probabilities
 from shuttle_marl.game.stroke import SHOTS
-from shuttle_marl.policy import registry
+from shuttle_marl.policy import history, registry
 from shuttle_marl.policy.baselines import imitation
 from shuttle_marl.watch import WatchError, messages
 from shuttle_marl.watch.facts import hall_facts, rally_facts, rounded
@@ -256,7 +256,7 @@ class Answers:
             states += rally.states(self._game)[mine].tolist()
             strokes += rally.stroke[mine].tolist()
         game = self._game.seats[seat]
-        players = [name for name in registry.names(game) if name.partition(":")[0] == ELITE.policy]
+        players = [n for n in registry.names(game) if n.partition(":")[0] == ELITE.policy and n != history.NAME]
         log_likelihood = np.zeros(len(players))
         if strokes:
             asked = States(game=game, state=np.array(states, np.int32))

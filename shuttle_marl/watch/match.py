@@ -149,7 +149,7 @@ def play_rally(
             break
         else:
             policy, tables = policies[striker], game.seats[striker]
-            stroke = choose(policy, tables, state, int(choice_draw(bits)[0]), score.seen_by(striker))
+            stroke = choose(policy, tables, state, int(choice_draw(bits)[0]), score.seen_by(striker), strokes)
         strokes.append(stroke)
         hurried.append(stepper.is_hurried(state))
         played, state = stepper.step(state, striker, stroke, int(outcome_draw(bits)[0]))

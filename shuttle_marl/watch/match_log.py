@@ -10,6 +10,7 @@ import numpy as np
 
 from shuttle_marl.game.rally.record import Rallies, stroke_dtype
 from shuttle_marl.game.tables import Game
+from shuttle_marl.policy import history
 from shuttle_marl.recording.header import LogHeader, Pair, Player
 from shuttle_marl.recording.recorder import RallyRecorder
 from shuttle_marl.watch.match import PERSON, CourtRally
@@ -66,7 +67,9 @@ class MatchLog:
             self._open.popitem(last=False)[1].close()
         sides = plan.sides_in(rally.number)
         players = tuple(
-            Player(name=name) if name == PERSON else Player(name=name, hash=self._policies.table(side, seat).hash)
+            Player(name=name)
+            if name == PERSON or side.policy == history.NAME
+            else Player(name=name, hash=self._policies.table(side, seat).hash)
             for seat, (name, side) in enumerate(zip(rally.names, sides, strict=True))
         )
         header = LogHeader(

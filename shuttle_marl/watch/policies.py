@@ -12,6 +12,7 @@ from shuttle_marl.exact import ProfileValue, Solution, Visits, evaluate, solve, 
 from shuttle_marl.game.policy import Policy, TemperedPolicy
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
+from shuttle_marl.policy import history
 from shuttle_marl.policy.registry import resolve, resolve_recorded
 from shuttle_marl.watch.plan import Side
 
@@ -58,11 +59,13 @@ class PolicyTables:
         self._values, self._visits, self._solution = OnceCache(_MAX_VALUES), OnceCache(_MAX_VALUES), OnceCache(1)
 
     def table(self, side: Side, seat: int = 0) -> TabulatedPolicy:
-        """The tabulated policy of a side at a seat.
+        """The tabulated policy of a side at a seat; for ``bc:history``, which has no table, that of ``bc``.
 
         Raises:
-            PolicyError: the policy is unknown, may not be named by a page, or reads the score.
+            PolicyError: the policy is unknown, may not be named by a page, or reads the score or the rally so far.
         """
+        if side.policy == history.NAME:
+            side = Side(policy="bc", temperature=side.temperature)
         game = self.game.seats[seat]  # the same for both, unless it is that of a pair
         return self._tables.get((side, game.hash), lambda: tabulate(self.policy(side, seat), game))
 

@@ -16,6 +16,7 @@ the cost of numpy calls on single numbers; tests hold both equal.
 import bisect
 import functools
 from array import array
+from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -24,7 +25,7 @@ import numpy.typing as npt
 from shuttle_marl.base.arrays import F32, I8, U64
 from shuttle_marl.game.draws import choice_draw, draw, first_server, outcome_draw, stream
 from shuttle_marl.game.observation import EFFORT, SWAP, features
-from shuttle_marl.game.policy import Policy, States, checked_probabilities, drawn_strokes
+from shuttle_marl.game.policy import LAGS, Policy, States, checked_probabilities, drawn_strokes
 from shuttle_marl.game.rules import HURRIED_BELOW, RETURNED_BELOW
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
@@ -146,13 +147,21 @@ def stepper_of(game: Game) -> Stepper:
     return Stepper(game)
 
 
-def choose(policy: Policy, game: Game, state: int, draw: int, score: tuple[int, int, int, int] | None = None) -> int:
+def choose(
+    policy: Policy,
+    game: Game,
+    state: int,
+    draw: int,
+    score: tuple[int, int, int, int] | None = None,
+    strokes: Sequence[int] | None = None,
+) -> int:
     """Catalogue index of the stroke that a policy plays in one state.
 
     Args:
         policy: a :class:`~shuttle_marl.game.tabulated.TabulatedPolicy` of this game, or any other policy.
         draw: uniform integer in [0, 65535); see :func:`shuttle_marl.game.draws.choice_draw`.
         score: points of the striker, of the receiver, games of the striker, of the receiver; None outside of matches.
+        strokes: catalogue indices of the rally so far; None: not known.
 
     Raises:
         PolicyError: the policy raised or returned no distribution over the legal strokes.
@@ -161,7 +170,8 @@ def choose(policy: Policy, game: Game, state: int, draw: int, score: tuple[int, 
         pairs = game.pairs_of(state)
         return int(game.stroke_at(state, bisect.bisect_right(policy.cumulative, draw, pairs.start, pairs.stop) - pairs.start))
     scores = None if score is None else np.array([score], np.int16)
-    states = States(game=game, state=np.array([state], np.int32), score=scores)
+    history = None if strokes is None else np.array([[*strokes[: -LAGS - 1 : -1], *LAGS * [game.n_strokes]][:LAGS]], np.int32)
+    states = States(game=game, state=np.array([state], np.int32), score=scores, history=history)
     return int(drawn_strokes(checked_probabilities(policy, states), np.array([draw]))[0])
 
 

@@ -1,0 +1,254 @@
+"""``bc:history``: choices by the rally so far, where they are known, and refusal everywhere else."""
+
+import dataclasses
+import shutil
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from shuttle_marl.analysis.strokes import simulate, simulated_rallies
+from shuttle_marl.base.tensor_files import tensor_bytes
+from shuttle_marl.dynamics.card import write_card
+from shuttle_marl.dynamics.features import rows_from_strokes
+from shuttle_marl.dynamics.history import fit_history
+from shuttle_marl.env.single import SingleRallyEnv
+from shuttle_marl.game.draws import stream
+from shuttle_marl.game.observation import observations
+from shuttle_marl.game.policy import (
+    HistoryError,
+    PolicyError,
+    States,
+    TemperedPolicy,
+    UniformPolicy,
+    act,
+    checked_probabilities,
+)
+from shuttle_marl.game.scoring import Score
+from shuttle_marl.game.shipped import HISTORY, load_game, read_model_card
+from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES
+from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tabulated import tabulate
+from shuttle_marl.league.entrants import default_pool, enter
+from shuttle_marl.policy import history, registry
+from shuttle_marl.policy.foreign import time_limit
+from shuttle_marl.policy.history import ATTRIBUTES, N_STYLES, HistoryPolicy
+from shuttle_marl.watch.match import play_rally
+from shuttle_marl.watch.plan import Side
+from shuttle_marl.watch.policies import PolicyTables
+from tests.reduced import reduced_game, reduced_model
+
+GAME = reduced_game()
+UNIFORM = tabulate(UniformPolicy(), GAME)
+NAMES = ("viktor-axelsen", "kento-momota")
+
+
+def shifts(scale: float = 0.0, seed: int = 0) -> dict[str, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    shapes = {name: (2, size + 1, N_STYLES + 9) for name, size in ATTRIBUTES.items()}
+    return {name: (scale * rng.normal(size=shape)).astype(np.float16) for name, shape in shapes.items()}
+
+
+def player(scale: float = 0.0) -> HistoryPolicy:
+    return HistoryPolicy.of(UNIFORM, shifts(scale))
+
+
+def some_states(seed: int = 0) -> States:
+    rng = np.random.default_rng(seed)
+    playable = np.flatnonzero(GAME.playable)
+    past = rng.integers(0, GAME.n_strokes + 1, (500, 4), dtype=np.int32)
+    return States(game=GAME, state=rng.choice(playable, 500).astype(np.int32), history=past)
+
+
+def test_shifts_move_legal_strokes_only_and_none_of_them_changes_nothing() -> None:
+    states = some_states()
+    base = UNIFORM.probabilities(states)
+    assert np.allclose(checked_probabilities(player(), states), base, rtol=0, atol=1e-12)
+    moved = checked_probabilities(player(1.0), states)
+    assert ((moved > 0) == (base > 0)).all()
+    assert np.abs(moved - base).max() > 0.2
+
+
+def test_the_two_strokes_that_the_state_holds_are_not_read_again() -> None:
+    states = some_states()
+    past = states.history.copy()
+    past[:, :2] = 0
+    assert (player(1.0).probabilities(states) == player(1.0).probabilities(dataclasses.replace(states, history=past))).all()
+
+
+def test_shifts_of_areas_leave_shot_type_and_technique_as_they_are() -> None:
+    arrays = shifts(1.0)
+    for array in arrays.values():
+        array[..., :N_STYLES] = 0
+    states = some_states()
+    of_style = np.eye(N_STYLES)[GAME.catalogue.shot.astype(int) * N_TECHNIQUES + GAME.catalogue.technique]
+    moved, base = HistoryPolicy.of(UNIFORM, arrays).probabilities(states), UNIFORM.probabilities(states)
+    assert np.allclose(moved @ of_style, base @ of_style, rtol=0, atol=1e-9)
+    assert np.abs(moved - base).max() > 0.2
+
+
+def test_simulated_matches_are_those_of_the_table_without_shifts_and_the_same_each_time_with_them() -> None:
+    table = simulate(GAME, dict.fromkeys(NAMES, UNIFORM), matches=2, seed=3)
+    assert simulate(GAME, dict.fromkeys(NAMES, player()), matches=2, seed=3) == table
+    once, again = (simulate(GAME, {NAMES[0]: player(1.0), NAMES[1]: UNIFORM}, matches=2, seed=3) for _ in range(2))
+    assert once == again != table
+    header, _ = simulated_rallies(GAME, {NAMES[0]: player(1.0), NAMES[1]: UNIFORM}, matches=1, seed=3)
+    assert [policy.hash for policy in header.policies] == ["", UNIFORM.hash]
+
+
+class Witness:
+    """Uniform, and notes the rallies that it is shown."""
+
+    reads_history = True
+
+    def __init__(self) -> None:
+        self.seen: list[list[int]] = []
+
+    def probabilities(self, states: States) -> np.ndarray:
+        self.seen += states.history.tolist()
+        return UniformPolicy().probabilities(states)
+
+
+def shown_in(rallies: Iterable[list[int]]) -> list[list[int]]:
+    """What a player of both seats is shown in rallies."""
+    return [([GAME.n_strokes] * 4 + rally[:i])[-4:][::-1] for rally in rallies for i in range(len(rally))]
+
+
+def test_simulated_matches_show_the_last_strokes_of_the_rally() -> None:
+    witness = Witness()
+    _, rallies = simulated_rallies(GAME, dict.fromkeys(NAMES, witness), matches=1, seed=0)
+    assert witness.seen == shown_in(part.tolist() for part in np.split(rallies.stroke.astype(int), rallies.first_stroke[1:-1]))
+
+
+def test_the_live_court_shows_them() -> None:
+    witness = Witness()
+    for number in range(5):
+        rally = play_rally(GAME, (witness, witness), stream(1, 0, number), (number, NAMES, Score(server=0)), {})
+        assert witness.seen == shown_in([rally.stroke.tolist()])
+        witness.seen.clear()
+
+
+def test_gymnasium_opponents_are_shown_them() -> None:
+    class Opponent(Witness):
+        def probabilities(self, states: States) -> np.ndarray:
+            self.seen.append(env.raw.strokes)
+            assert states.history.tolist() == [([GAME.n_strokes] * 4 + env.raw.strokes)[-4:][::-1]]
+            return UniformPolicy().probabilities(states)
+
+    opponent = Opponent()
+    env = SingleRallyEnv(opponent=opponent, game=GAME)
+    observation, _ = env.reset(seed=1)
+    for _ in range(60):
+        observation, _, over, _, _ = env.step(int(np.flatnonzero(observation["action_mask"])[0]))
+        if over:
+            observation, _ = env.reset()
+    assert max(map(len, opponent.seen)) > 2
+
+
+@pytest.mark.parametrize("remembering", [player(), TemperedPolicy(player(), 0.5), Witness()])
+def test_what_knows_only_the_state_refuses(remembering) -> None:
+    said = "reads the strokes of the rally so far, so it has no table.* use a policy of the state here, such as bc"
+    with pytest.raises(HistoryError, match=said):
+        tabulate(remembering, GAME)
+    with pytest.raises(HistoryError, match=said):
+        act(remembering, GAME, observations(GAME, np.array([0]))[0], None, np.random.default_rng(0))
+
+
+def test_a_player_with_a_memory_is_recovered_from_matches() -> None:
+    """They avoid the shot type of their stroke before the last, and like the area of the opponent's."""
+    truth = shifts()
+    styles = np.arange(N_STYLES) // N_TECHNIQUES
+    for shot in range(N_SHOTS):
+        truth["shot"][1, shot, :N_STYLES][styles == shot] = -1.5
+    truth["area"][0, :9, N_STYLES:] += np.eye(9)
+    remembering = HistoryPolicy.of(UNIFORM, truth)
+    matches = simulate(GAME, dict.fromkeys(NAMES, remembering), matches=40, seed=0)
+    rows = rows_from_strokes(matches)
+    half = [rows.matches[i] for i in range(0, 40, 2)]
+    others = rows.in_matches([name for name in rows.matches if name not in half])
+    networks = {name: Known(name) for name in ("choice", "target")}
+    found, scores = fit_history(networks, rows.in_matches(half), others, folds=2)
+    assert all(score["cross_entropy"] < score["of_average"] - 0.01 for score in scores.values())
+    _, rallies = simulated_rallies(GAME, dict.fromkeys(NAMES, remembering), matches=20, seed=1)
+    strokes = rallies.stroke.astype(int)
+    shown = shown_in(part.tolist() for part in np.split(strokes, rallies.first_stroke[1:-1]))
+    states = States(game=GAME, state=rallies.states(GAME), history=np.array(shown, np.int32))
+    of_truth, of_found, of_base = (
+        -np.log(policy.probabilities(states)[np.arange(len(strokes)), strokes]).mean()
+        for policy in (remembering, HistoryPolicy.of(UNIFORM, found), UNIFORM)
+    )
+    assert of_truth < of_found < of_truth + 0.4 * (of_base - of_truth)
+
+
+@dataclasses.dataclass
+class Known:
+    """Two copies of a network that knows what uniform players choose."""
+
+    name: str
+
+    def logits(self, codes: dict[str, np.ndarray]) -> np.ndarray:
+        catalogue, n = GAME.catalogue, GAME.n_strokes
+        parts = [codes[f"incoming_{part}"].astype(int) for part in ("shot", "area", "height", "technique")]
+        known = parts[0] < N_SHOTS
+        incoming = np.full(len(known), n)
+        incoming[known] = catalogue.by_parts[tuple(part[known] for part in parts)]
+        p = GAME.reply_mask[incoming, codes["contact"]] / GAME.reply_mask[incoming, codes["contact"]].sum(axis=1, keepdims=True)
+        if self.name == "choice":
+            p = p @ np.eye(N_STYLES)[catalogue.shot.astype(int) * N_TECHNIQUES + catalogue.technique]
+        else:
+            p = (p * (catalogue.shot == codes["shot"][:, None]) * (catalogue.technique == codes["technique"][:, None])) @ np.eye(
+                9
+            )[catalogue.area]
+        return np.log(np.maximum(np.stack([p, p]), 1e-12))
+
+
+def copied(folder: Path, arrays: dict[str, np.ndarray] | None = None) -> Path:
+    """A copy of the small model with other choices by the rally so far, or none."""
+    shutil.copytree(reduced_model(), folder, dirs_exist_ok=True)
+    (folder / HISTORY).unlink(missing_ok=True)
+    if arrays is not None:
+        (folder / HISTORY).write_bytes(tensor_bytes(arrays, {}))
+    write_card(folder, read_model_card(folder))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def game(tmp_path_factory: pytest.TempPathFactory) -> Game:
+    return load_game(str(copied(tmp_path_factory.mktemp("model"), shifts(0.5))))
+
+
+def test_the_name_is_listed_and_resolved_where_the_model_has_it(game: Game) -> None:
+    assert registry.names(game)[:2] == ("bc", "bc:history")
+    assert "memory of the rally" in registry.described_names(game)["bc:history"]
+    states = dataclasses.replace(some_states(), game=game)
+    policy = registry.resolve_recorded("bc:history", game)
+    assert checked_probabilities(policy, states) == pytest.approx(
+        HistoryPolicy.of(registry.resolve("bc", game), shifts(0.5)).probabilities(states)
+    )
+
+
+def test_a_model_without_it_is_named(tmp_path: Path) -> None:
+    game = load_game(str(copied(tmp_path)))
+    assert history.NAME not in registry.names(game)
+    with pytest.raises(PolicyError, match=f"no {HISTORY}; fit the model again, or use bc"):
+        registry.resolve("bc:history", game)
+
+
+def test_tournaments_refuse_it(game: Game) -> None:
+    assert history.NAME not in default_pool(game)
+    with time_limit(5):
+        for name in ("bc:history", "bc:history@0.5"):
+            with pytest.raises(HistoryError, match=f"{name!r} reads the strokes of the rally so far"):
+                enter(name, game)
+
+
+def test_a_page_of_the_live_court_values_its_strokes_by_bc(game: Game) -> None:
+    policies = PolicyTables(game)
+    assert policies.table(Side(policy="bc:history")) is policies.table(Side(policy="bc"))
+
+
+def test_a_damaged_file_is_named(tmp_path: Path) -> None:
+    folder = copied(tmp_path, {"shot": np.zeros((2, 3, 4), np.float16)})
+    with pytest.raises(PolicyError, match=f"{HISTORY}: no readable choices.*fit or install the model again"):
+        registry.resolve("bc:history", load_game(str(folder)))
