@@ -4,6 +4,7 @@ import dataclasses
 import shutil
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -31,7 +32,7 @@ from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.league.entrants import default_pool, enter
-from shuttle_marl.policy import history, registry
+from shuttle_marl.policy import baselines, history, registry
 from shuttle_marl.policy.foreign import time_limit
 from shuttle_marl.policy.history import ATTRIBUTES, N_STYLES, HistoryPolicy
 from shuttle_marl.watch.match import play_rally
@@ -167,7 +168,7 @@ def test_a_player_with_a_memory_is_recovered_from_matches() -> None:
     rows = rows_from_strokes(matches)
     half = [rows.matches[i] for i in range(0, 40, 2)]
     others = rows.in_matches([name for name in rows.matches if name not in half])
-    networks = {name: Known(name) for name in ("choice", "target")}
+    networks: dict[str, Any] = {name: Known(name) for name in ("choice", "target")}
     found, scores = fit_history(networks, rows.in_matches(half), others, folds=2)
     assert all(score["cross_entropy"] < score["of_average"] - 0.01 for score in scores.values())
     _, rallies = simulated_rallies(GAME, dict.fromkeys(NAMES, remembering), matches=20, seed=1)
@@ -224,7 +225,7 @@ def test_the_name_is_listed_and_resolved_where_the_model_has_it(game: Game) -> N
     states = dataclasses.replace(some_states(), game=game)
     policy = registry.resolve_recorded("bc:history", game)
     assert checked_probabilities(policy, states) == pytest.approx(
-        HistoryPolicy.of(registry.resolve("bc", game), shifts(0.5)).probabilities(states)
+        HistoryPolicy.of(baselines.load(None, game), shifts(0.5)).probabilities(states)
     )
 
 
