@@ -25,8 +25,11 @@ from shuttle_marl.game.shipped import (
     CARD,
     GAME,
     HABITS,
+    HISTORY,
     HURRY,
     NETWORKS,
+    OPPOSITE,
+    OPPOSITE_GAME,
     PROFILES,
     SKILL,
     SUPPORT,
@@ -60,21 +63,30 @@ def reduced_model(refits: tuple[str, ...] = REFITS) -> str:
     folder = Path(tempfile.mkdtemp(prefix="reduced-model-"))
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     shipped, source = default_game(), model_folder()
-    layout_of_it, edges, pairs = _smaller(shipped)
+    games = {"": shipped, OPPOSITE: load_game(f"default:{OPPOSITE}")}
+    smaller = {name: _smaller(game, _kept(list(games.values()))) for name, game in games.items()}
 
-    def reduced(game: Game) -> Game:
-        return Game(**layout_of_it, threshold=game.threshold[pairs], hurry=game.hurry[pairs], fault_odds=game.fault_odds)
+    def reduced(game: Game, name: str = "") -> Game:
+        tables, _, pairs = smaller[name]
+        return Game(**tables, threshold=game.threshold[pairs], hurry=game.hurry[pairs], fault_odds=game.fault_odds)
 
     game = reduced(shipped)
     game.save(folder / GAME)
+    reduced(games[OPPOSITE], OPPOSITE).save(folder / OPPOSITE_GAME)
     players = read_model(source, BC)
-    arrays = {name: array[pairs] if name.startswith("choice") else array for name, array in players.arrays.items()}
+    arrays = {
+        name: array[smaller[OPPOSITE if OPPOSITE in name else ""][2]] if name.startswith("choice") else array
+        for name, array in players.arrays.items()
+    }
     (folder / BC).write_bytes(save(arrays, metadata=dict(players.metadata)))
-    support = {name: np.ascontiguousarray(array[edges]) for name, array in read_model(source, SUPPORT).arrays.items()}
+    support = {
+        name: np.ascontiguousarray(array[smaller[OPPOSITE if OPPOSITE in name else ""][1]])
+        for name, array in read_model(source, SUPPORT).arrays.items()
+    }
     (folder / SUPPORT).write_bytes(save(support))
     others = {name: reduced(load_game(f"default:{name}")) for name in (*PROFILES, *refits)}
     (folder / VARIANTS).write_bytes(packed(game, others))
-    for name in (NETWORKS, HABITS, HURRY):
+    for name in (NETWORKS, HABITS, HISTORY, HURRY):
         shutil.copy(source / name, folder)
     (folder / SKILL).write_bytes(random_skill(json.loads(players.metadata["players"])))
     hashes = {file.name: hashlib.sha256(file.read_bytes()).hexdigest() for file in folder.iterdir()}
@@ -84,7 +96,7 @@ def reduced_model(refits: tuple[str, ...] = REFITS) -> str:
 
 
 def random_skill(players: Sequence[str], seed: int = 27) -> bytes:
-    """Content of a file of skill: random offsets of these players at two days each; every third player is a woman."""
+    """Content of a file of skill: random offsets at two days each; every third player is a woman, every fourth left-handed."""
     rng, m = np.random.default_rng(seed), len(players)
     shape = (2 * m, len(COMPONENTS), len(ROLES), 1 + len(GROUPS))
     of_shot = {"serve": "serve", "clear": "rear", "drop": "rear", "smash": "attack", "kill": "attack", "lift": "lift"}
@@ -98,6 +110,7 @@ def random_skill(players: Sequence[str], seed: int = 27) -> bytes:
         "day": np.tile(np.array([17897, 18628], np.int32), m),  # the first days of 2019 and 2021
         "group": np.array([GROUPS.index(name) for name in groups], np.int8),
         "discipline": (np.arange(m) % 3 == 2).astype(np.int8),
+        "hand": (np.arange(m) % 4 == 3).astype(np.int8),
         "strokes": rng.integers(500, 5000, m).astype(np.int32),
         "matches": rng.integers(1, 20, m).astype(np.int32),
     }
@@ -109,14 +122,21 @@ def reduced_game() -> Game:
     return load_game(reduced_model())
 
 
-def _smaller(game: Game) -> tuple[dict[str, Any], Ints, Ints]:
+def _kept(games: Sequence[Game]) -> npt.NDArray[np.bool_]:
+    """Which strokes of the catalogue stay: in each game what is played can be answered from both contacts."""
+    kept = np.arange(games[0].n_strokes) % EVERY == 0
+    while True:
+        open_ones = [
+            kept & ~(game.reply_mask[:-1] & kept).any(axis=2).all(axis=1) & game.reply_mask[:-1].any(axis=(1, 2))
+            for game in games
+        ]
+        if not np.any(open_ones):
+            return kept
+        kept &= ~np.any(open_ones, axis=0)
+
+
+def _smaller(game: Game, kept: npt.NDArray[np.bool_]) -> tuple[dict[str, Any], Ints, Ints]:
     """Catalogue and layout of a game with fewer strokes, and which edges and base pairs of the larger one its own are."""
-    kept = np.arange(game.n_strokes) % EVERY == 0
-    while True:  # until each stroke that is left can be answered from both contacts
-        answered = (game.reply_mask[:-1] & kept).any(axis=2).all(axis=1)
-        if answered[kept].all():
-            break
-        kept &= answered
     old = np.append(np.flatnonzero(kept), game.n_strokes)
     catalogue = Catalogue.from_names([game.catalogue.names[k] for k in old[:-1]])
     replies = np.asarray(game.reply_mask.any(axis=1))[np.ix_(old, old[:-1])]

@@ -19,7 +19,7 @@ from experiments.truth.matches import Strokes, of_splits, strokes_of
 from experiments.truth.memory import memory
 from experiments.truth.paired import differences, load_values, save_values
 from experiments.truth.transfer import thin_support, transfer
-from experiments.truth.worlds import Fitter, World, by_game, cross_parts, marked, shipped_world
+from experiments.truth.worlds import Fitter, World, by_discipline, cross_parts, judged_by, marked, shipped_world
 from shuttle_marl.analysis.strokes import simulate
 from shuttle_marl.base.arrays import I64
 from shuttle_marl.base.errors import ShuttleError
@@ -28,7 +28,7 @@ from shuttle_marl.commands.cli import run
 from shuttle_marl.data import Split, load_strokes
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game.pairs import Looks
-from shuttle_marl.game.policy import Policy, UniformPolicy
+from shuttle_marl.game.policy import UniformPolicy
 from shuttle_marl.game.shipped import factors_of, model_folder
 from shuttle_marl.game.tabulated import tabulate
 
@@ -82,9 +82,7 @@ def truth(
         parts = cross_parts(judged, cross, fitter, seed=seed, profiles=profiles)
     else:
         judged = of_splits(strokes, split or "validation")
-        parts = marked(
-            (shipped_world(game, discipline, opposite=opposite), part) for discipline, opposite, part in by_game(judged, profiles)
-        )
+        parts = marked((shipped_world(game, discipline), part) for discipline, part in by_discipline(judged, profiles))
     real, promised = judged_by(parts)
     factors = None if cross is not None else factors_of(model_folder(game))
     result: dict[str, Any] = {"split": split, "cross": cross, "train_only": train_only, **compare(parts, real, promised, seed)}
@@ -112,13 +110,11 @@ def compare(parts: Sequence[tuple[World, Strokes]], real: Strokes, promised: Pro
         real, promised: their strokes and promises, see :func:`judged_by`.
         seed: random seed of the simulated matches and of the resampling.
     """
-    known, forbidden = (np.concatenate(side) for side in zip(*(judged_strokes(w.game, s) for w, s in parts), strict=True))
-    simulated = Strokes.joined([_simulated(world, world.bc, strokes, seed + i) for i, (world, strokes) in enumerate(parts)])
-    remembered = [
-        _simulated(world, world.history, strokes, seed + i)
-        for i, (world, strokes) in enumerate(parts)
-        if world.history is not None
-    ]
+    legality = [world.judge(strokes, lambda w, part: judged_strokes(w.game, part)) for world, strokes in parts]
+    known, forbidden = (np.concatenate(side) for side in zip(*legality, strict=True))
+    simulated = Strokes.joined([_simulated(world, strokes, seed + i) for i, (world, strokes) in enumerate(parts)])
+    remembers = all(world.history is not None for world, _ in parts)
+    remembered = [_simulated(world, strokes, seed + i, history=True) for i, (world, strokes) in enumerate(parts) if remembers]
     return {
         "matches": len(np.unique(real.rows.match)),
         "strokes": len(real),
@@ -138,21 +134,21 @@ def compare(parts: Sequence[tuple[World, Strokes]], real: Strokes, promised: Pro
     }
 
 
-def judged_by(parts: Sequence[tuple[World, Strokes]]) -> tuple[Strokes, Promises]:
-    """The strokes of all parts, and their promises."""
-    real = Strokes.joined([strokes for _, strokes in parts])
-    return real, Promises.joined([decisions.promises(world.bc, strokes) for world, strokes in parts])
-
-
 def parts_of(parts: Sequence[tuple[World, Strokes]]) -> I64:
     """``[N]`` part of each stroke of :func:`judged_by`."""
     return np.repeat(np.arange(len(parts)), [len(strokes) for _, strokes in parts])
 
 
-def _simulated(world: World, player: Policy, real: Strokes, seed: int) -> Strokes:
-    matches = _SIMULATED * len(np.unique(real.rows.match))
-    looks = Looks(hands=("right", "left" if world.opposite else "right"))
-    return strokes_of(simulate(world.game, {"one": player, "other": player}, matches=matches, seed=seed, looks=lambda *_: looks))
+def _simulated(world: World, real: Strokes, seed: int, *, history: bool = False) -> Strokes:
+    """Simulated matches of average players, between equal and different hands as often as real ones."""
+    found = []
+    for side, which in world.parts(real):
+        matches = _SIMULATED * len(np.unique(real.rows.match[which]))
+        player = side.history if history and side.history is not None else side.bc
+        looks = Looks(hands=("right", "right" if side is world else "left"))
+        players = {"one": player, "other": player}
+        found.append(strokes_of(simulate(side.game, players, matches=matches, seed=seed, looks=lambda *_, looks=looks: looks)))
+    return Strokes.joined(found)
 
 
 def _random_wins(world: World) -> float:

@@ -28,7 +28,7 @@ LEAST_STROKES: Final = 50
 """Errors of shot types with fewer strokes are not reported."""
 
 
-@dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
+@dataclasses.dataclass(frozen=True, eq=False)
 class Promises:
     """Promises of a game for N real strokes; NaN where it knows no such state or stroke.
 

@@ -22,10 +22,10 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
-from experiments.truth.decisions import HORIZONS, Promises, decision_slope, promises, slope, worth
+from experiments.truth.decisions import HORIZONS, decision_slope, promises, slope, worth
 from experiments.truth.matches import Strokes, folds_of, of_splits, strokes_of
 from experiments.truth.memory import memory
-from experiments.truth.worlds import Fitter, World, cross_parts
+from experiments.truth.worlds import Fitter, World, cross_parts, judged_by
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.runs import describe, write_json
@@ -62,8 +62,7 @@ def limits(
     strokes = strokes_of(load_strokes(data))
     fitter = Fitter(strokes, fits, seed=seed, report=lambda line: console.print(line, markup=False))
     parts = cross_parts(of_splits(strokes, "train", "validation"), cross, fitter, seed=seed)
-    real = Strokes.joined([part for _, part in parts])
-    promised = Promises.joined([promises(world.bc, part) for world, part in parts])
+    real, promised = judged_by(parts)
     matches = len(real.matches) * (cross - 1) / cross
     result = {
         "cross": cross,

@@ -4,16 +4,18 @@ import dataclasses
 import functools
 import hashlib
 import json
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from safetensors.numpy import load_file, save
 
+from experiments.truth.decisions import Promises, promises
 from experiments.truth.matches import Strokes, folds_of
-from shuttle_marl.base.arrays import F64
+from shuttle_marl.base.arrays import F64, Bools
 from shuttle_marl.base.files import replace_file
 from shuttle_marl.base.tensor_files import read_tensors
 from shuttle_marl.dynamics.compiled import pair_log_choices
@@ -42,29 +44,55 @@ class World:
         bc: the average player, on the game.
         behind: ``[E]`` real strokes in the innermost cell of every edge: how much data stands behind a stroke.
         hurry: index that decides which strikers are hurried in the game, if it knows them.
-        opposite: whether the players have different hands.
         history: the average player who remembers the rally; None: the model has none.
+        between: the world of players with different hands; None: the same one.
     """
 
     bc: TabulatedPolicy
     behind: F64
     hurry: Hurry | None = None
-    opposite: bool = False
     history: HistoryPolicy | None = None
+    between: "World | None" = None
 
     @property
     def game(self) -> Game:
         """The tables."""
         return self.bc.game
 
+    def parts(self, strokes: Strokes) -> "Iterator[tuple[World, Bools]]":
+        """The worlds of equal and of different hands in which strokes were played, with ``[N]`` which ones."""
+        opposite = (strokes.rows.codes["hands"] == 1) & (self.between is not None)
+        for world, which in ((self, ~opposite), (self.between, opposite)):
+            if world is not None and which.any():
+                yield world, which
 
-def shipped_world(model: str, discipline: int | None, *, opposite: bool) -> World:
-    """The world of a shipped model or of a model folder, in one of its games."""
-    folder, variant = model_folder(model), variant_of(None if discipline is None else PROFILES[discipline], opposite=opposite)
-    game = load_game(model if variant is None else f"{model}:{variant}")
-    behind = load_support(folder, opposite=opposite).strokes
-    remembers = history.load(game) if history.known_for(game) else None
-    return World(bc=baselines.load(None, game), behind=behind, hurry=load_hurry(folder), opposite=opposite, history=remembers)
+    def judge(self, strokes: Strokes, of: "Callable[[World, Strokes], Sequence[NDArray[Any]]]") -> list[NDArray[Any]]:
+        """``[N]`` arrays that a function finds for strokes, each in the world of its players' hands."""
+        found: list[NDArray[Any]] = []
+        for world, which in self.parts(strokes):
+            arrays = of(world, strokes.take(which))
+            found = found or [np.zeros(len(strokes), array.dtype) for array in arrays]
+            for whole, array in zip(found, arrays, strict=True):
+                whole[which] = array
+        return found
+
+
+def shipped_world(model: str, discipline: int | None = None) -> World:
+    """The world of a shipped model or of a model folder, of both disciplines or of one."""
+    folder, name = model_folder(model), None if discipline is None else PROFILES[discipline]
+    worlds = []
+    for opposite in (True, False):
+        variant = variant_of(name, opposite=opposite)
+        game = load_game(model if variant is None else f"{model}:{variant}")
+        worlds.append(
+            World(
+                bc=baselines.load(None, game),
+                behind=load_support(folder, opposite=opposite).strokes,
+                hurry=load_hurry(folder),
+                history=history.load(game) if history.known_for(game) else None,
+            )
+        )
+    return dataclasses.replace(worlds[1], between=worlds[0])
 
 
 class Fitter:
@@ -87,48 +115,32 @@ class Fitter:
             digest.update(name.encode() + np.ascontiguousarray(code).tobytes())
         self._version = digest.hexdigest()
 
-    def fit(
-        self,
-        matches: Sequence[str],
-        layout: Sequence[str] | None = None,
-        *,
-        discipline: int | None = None,
-        opposite: bool = False,
-    ) -> World:
+    def fit(self, matches: Sequence[str], layout: Sequence[str] | None = None, *, discipline: int | None = None) -> World:
         """Fit the models on some matches, and compile their game.
 
         Args:
             matches: names of the training matches.
-            layout: names of the matches whose game has the same strokes and the same legal replies; None: these. Worlds that
-                share a layout can exchange policies.
+            layout: names of the matches whose game has the same strokes and the same legal replies, between equal hands; None:
+                these. Worlds that share a layout can exchange policies.
             discipline: index into :data:`~shuttle_marl.dynamics.features.DISCIPLINES` of the one whose game it is; None: the
                 average of both.
-            opposite: whether the players have different hands.
         """
         names, arranged = sorted(matches), sorted(layout or matches)
-        key = hashlib.sha256(json.dumps([self._version, names, arranged, discipline, opposite]).encode()).hexdigest()[:16]
-        names_of_files = ("game", "hurry", "history", "tables")
-        game_file, hurry_file, history_file, tables_file = (self._folder / f"{key}.{part}.safetensors" for part in names_of_files)
-        if not tables_file.is_file():
+        key = hashlib.sha256(json.dumps([self._version, names, arranged, discipline]).encode()).hexdigest()[:16]
+        file = {part: self._folder / f"{key}.{part}.safetensors" for part in ("history", "hurry", "between", "game")}
+        if not file["game"].is_file():
             empty = None if arranged == names else self.fit(arranged).game
             fitted, hurry, shifts = self._fitted(tuple(names), empty)
-            replace_file(history_file, save(shifts))
+            replace_file(file["history"], save(shifts))
             if hurry is not None:
-                hurry.save(hurry_file)
-            if discipline is not None:
-                fitted = fitted.profile(discipline)
-            if opposite:
-                fitted = fitted.between_hands
-            game, _ = fitted.compiled()
-            game.save(game_file)
-            log_choice = pair_log_choices(fitted.models, game).astype(np.float64)
-            replace_file(tables_file, save({"log_choice": log_choice, "behind": fitted.support.strokes}))
-        game, tables = Game.load(game_file), load_file(tables_file)
-        weight = np.tile(np.exp(tables["log_choice"]), game.n_blocks)
-        hurry = Hurry.checked(read_tensors(hurry_file)) if hurry_file.is_file() else None
-        bc = from_pair_probabilities(game, game.normalized(weight))
-        remembers = HistoryPolicy.of(bc, load_file(history_file))
-        return World(bc=bc, behind=tables["behind"], hurry=hurry, opposite=opposite, history=remembers)
+                hurry.save(file["hurry"])
+            if empty is None:
+                _save(file["between"], fitted.between_hands)
+            _save(file["game"], fitted if discipline is None else fitted.profile(discipline))
+        hurry = Hurry.checked(read_tensors(file["hurry"])) if file["hurry"].is_file() else None
+        world = _loaded(file["game"], file["history"], hurry)
+        between = _loaded(file["between"], file["history"], hurry) if file["between"].is_file() else None
+        return dataclasses.replace(world, between=between)
 
     def layouts(self, matches: Sequence[str], shares: Sequence[float]) -> list[Game]:
         """Layouts of the game of some matches with several minimum shares of a legal shot type, not cached."""
@@ -160,15 +172,27 @@ class Fitter:
         return fitted, hurry, fit_history(fitted.models.networks, marked, None, QUICK.folds)[0]
 
 
-def by_game(strokes: Strokes, profiles: bool) -> list[tuple[int | None, bool, Strokes]]:
-    """The strokes of each discipline, or of both (None), between players of equal and of different hands."""
-    codes = strokes.rows.codes
-    kind = codes["discipline"] if profiles else np.full(len(strokes), -1)
-    groups = np.unique(np.stack([kind, codes["hands"]]), axis=1).T
-    return [
-        (int(discipline) if profiles else None, bool(hands), strokes.take((kind == discipline) & (codes["hands"] == hands)))
-        for discipline, hands in groups
-    ]
+def _save(file: Path, fitted: Fit) -> None:
+    """Write a compiled game, with the average player's choices and the support beside it."""
+    game, _ = fitted.compiled()
+    log_choice = pair_log_choices(fitted.models, game).astype(np.float64)
+    replace_file(file.with_suffix(".tables"), save({"log_choice": log_choice, "behind": fitted.support.strokes}))
+    game.save(file)
+
+
+def _loaded(file: Path, history_file: Path, hurry: Hurry | None) -> World:
+    game, tables = Game.load(file), load_file(file.with_suffix(".tables"))
+    weight = np.tile(np.exp(tables["log_choice"]), game.n_blocks)
+    bc = from_pair_probabilities(game, game.normalized(weight))
+    return World(bc=bc, behind=tables["behind"], hurry=hurry, history=HistoryPolicy.of(bc, load_file(history_file)))
+
+
+def by_discipline(strokes: Strokes, profiles: bool) -> list[tuple[int | None, Strokes]]:
+    """The strokes of each discipline, or of all matches as they are."""
+    if not profiles:
+        return [(None, strokes)]
+    found = strokes.rows.codes["discipline"]
+    return [(int(discipline), strokes.take(found == discipline)) for discipline in np.unique(found)]
 
 
 def cross_parts(
@@ -185,12 +209,18 @@ def cross_parts(
     """
     fold = folds_of(strokes, count, seed)
     return marked(
-        (fitter.fit(strokes.take(fold != k).matches, discipline=discipline, opposite=opposite), part)
+        (fitter.fit(strokes.take(fold != k).matches, discipline=discipline), part)
         for k in range(count)
-        for discipline, opposite, part in by_game(strokes.take(fold == k), profiles)
+        for discipline, part in by_discipline(strokes.take(fold == k), profiles)
     )
 
 
 def marked(parts: Iterable[tuple[World, Strokes]]) -> list[tuple[World, Strokes]]:
     """Worlds with strokes, whose strikers are hurried where the index of their world says so."""
     return [(world, strokes.marked(world.hurry)) for world, strokes in parts]
+
+
+def judged_by(parts: Sequence[tuple[World, Strokes]]) -> tuple[Strokes, Promises]:
+    """The strokes of all parts, and their promises."""
+    found = [world.judge(strokes, lambda w, part: tuple(vars(promises(w.bc, part)).values())) for world, strokes in parts]
+    return Strokes.joined([strokes for _, strokes in parts]), Promises.joined([Promises(*arrays) for arrays in found])

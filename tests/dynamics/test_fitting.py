@@ -10,7 +10,7 @@ from scipy.special import expit
 from shuttle_marl.data import load_strokes
 from shuttle_marl.data.schema import REASONS, STROKES, Outcome
 from shuttle_marl.dynamics.card import strokes_hash
-from shuttle_marl.dynamics.compiled import catalogue_of, replies_of
+from shuttle_marl.dynamics.compiled import SHOT_SHARE, between_hands, catalogue_of, replies_of
 from shuttle_marl.dynamics.evaluate import area_under_curve, calibration_error, difference_by_match, top_k
 from shuttle_marl.dynamics.features import SLOTS, Rows, rows_from_strokes, target_points
 from shuttle_marl.dynamics.fit import fit
@@ -18,8 +18,8 @@ from shuttle_marl.dynamics.make import resampled
 from shuttle_marl.dynamics.models import fit_ridge, ridge_logits
 from shuttle_marl.dynamics.network import EnsembleConfig, fold_of_match, unseen
 from shuttle_marl.dynamics.players import fit_choice_shifts
-from shuttle_marl.game.court import BACK, area_of, third_of
-from shuttle_marl.game.stroke import FRONT_COURT, SHOTS
+from shuttle_marl.game.court import BACK, FOREHAND, N_SIDES, area_of, mirrored, third_of
+from shuttle_marl.game.stroke import AROUND_THE_HEAD, FRONT_COURT, N_SHOTS, N_TECHNIQUES, SHOTS
 
 SAMPLE = Path(__file__).parents[2] / "datasets" / "sample" / "strokes.parquet"
 
@@ -116,13 +116,46 @@ def test_scores_have_known_values() -> None:
     assert difference == {"mean": 0.5, "low": 0.5, "high": 0.5}
 
 
-def test_the_front_court_stays_in_front() -> None:
+def test_nobody_plays_from_the_back_what_belongs_to_the_net_or_around_the_head_on_the_forehand_side() -> None:
     rows = rows_from_strokes(load_strokes(SAMPLE))
     for part in (rows, rows.take(rows.match % 8 == 0)):
         catalogue = catalogue_of(part)
+        choices = np.full((len(catalogue), 2, N_SHOTS, N_TECHNIQUES), 0.5)  # every stroke is chosen often enough
+        replies = replies_of(part, catalogue, choices)
         back = np.flatnonzero(third_of(catalogue.area) == BACK)
+        forehand = np.flatnonzero(catalogue.area % N_SIDES == FOREHAND)
         front = np.isin(np.array(SHOTS)[catalogue.shot], FRONT_COURT)
-        assert not replies_of(part, catalogue)[back][:, front].any()
+        around = catalogue.technique == AROUND_THE_HEAD
+        assert not replies[back][:, front].any()
+        assert not replies[forehand][:, around].any()
+        assert replies[:, front].any()
+        assert replies[:, around].any()
+
+
+def test_a_legal_stroke_is_one_that_the_average_player_chooses() -> None:
+    rows = rows_from_strokes(load_strokes(SAMPLE))
+    catalogue = catalogue_of(rows)
+    choices = np.full((len(catalogue), 2, N_SHOTS, N_TECHNIQUES), 0.5)
+    drop = SHOTS.index("drop")
+    assert replies_of(rows, catalogue, choices)[:-1, catalogue.shot == drop].any()
+    choices[:, :, drop] = SHOT_SHARE / 10
+    assert not replies_of(rows, catalogue, choices)[:-1, catalogue.shot == drop].any()
+    choices[:, :, drop, 0] = 0.5
+    legal = replies_of(rows, catalogue, choices)[:-1]
+    assert legal[:, (catalogue.shot == drop) & (catalogue.technique == 0)].any()
+    assert not legal[:, (catalogue.shot == drop) & (catalogue.technique > 0)].any(), "a technique that is hardly ever chosen"
+
+
+def test_between_different_hands_strokes_fly_to_the_other_side() -> None:
+    rows = rows_from_strokes(load_strokes(SAMPLE))
+    catalogue = catalogue_of(rows)
+    side = catalogue.other_side
+    assert (side[side] == np.arange(len(catalogue))).all()
+    assert (catalogue.area[side] == mirrored(catalogue.area))[~catalogue.is_serve].all(), "the catalogue has both sides"
+    replies = np.zeros((len(catalogue) + 1, len(catalogue)), dtype=bool)
+    straight, cross = (catalogue.index(f"smash:middle-{side}:above:forehand") for side in ("left", "right"))
+    replies[0, straight] = True
+    assert np.argwhere(between_hands(replies, catalogue)).tolist() == [[0, cross]]
 
 
 N = 20_000

@@ -44,7 +44,7 @@ def test_no_probability_leaves_what_its_data_carries() -> None:
     game, support = default_game(), load_support(model_folder())
     good, returned, _ = game.stroke_probabilities(game.block_pairs(0))
     # A range bounds the mean over the situations of a stroke: efforts, duels, hurried strikers and others.
-    situations, codes = FittedModels.load(model_folder()).situations, codes_of_pairs(game)
+    situations, codes = FittedModels.load(model_folder()).situations, codes_of_pairs(game, opposite=False)
     alone = log_odds(1 - good) - situations.duel * is_long_duel_pair(game)
     weights = situations.spread(codes["own_shot"], np.full(len(good), -1), np.where(is_duel_pair(game), -1, 0))
     fault = situations.mixed(alone, weights)

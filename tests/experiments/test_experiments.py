@@ -113,7 +113,7 @@ def test_in_a_true_game_promises_come_true(tmp_path: Path) -> None:
     def is_near(found: dict[str, float], truth: float) -> bool:  # of thirty values, one is over three errors away in 2 of 5 seeds
         return abs(found["value"] - truth) < 4 * (found["high"] - found["low"]) / 3.92
 
-    world = shipped_world(reduced_model(), None, opposite=False)
+    world = shipped_world(reduced_model())
     p = world.bc.pair_probabilities()
     strokes = strokes_of(simulate(world.game, {"one": p, "other": p}, matches=150, seed=0))
     promised = promises(world.bc, strokes)
