@@ -85,15 +85,17 @@ EARLIER: Final[dict[str, str]] = {
     **dict.fromkeys(
         (
             *("advice_results", "human", "human_players", "next_stroke", "pair_results", "pair_strokes", "recipes", "self_play"),
+            *("aec", "cluster", "exact_values", "recording", "speed", "startup", "throughput", "throughput_bound"),
+            *("throughput_sizes", "time_to_win", "training_speed", "viewer"),
             *("stroke_value", "styles", "win_rates", "win_rates_matrix", "depth_play", "depth_lists", *suite_tables.BLOCKS),
             *(f"truth_{name}" for name in ("calibration", "figures", "forecasts", "legality", "limits", "memory", "shares")),
             *(f"truth_{name}" for name in ("shots", "slopes", "told_apart")),
         ),
         "d19cf2be",
     ),
-    "league_training": "be089928",
+    **dict.fromkeys(("league", "league_training", "staging"), "be089928"),
 }
-"""Tables whose results are not of the shipped game, and the hash of theirs. A result that is made again leaves this list."""
+"""Tables with results of another game than the shipped one, and its hash. A result that is made again leaves this list."""
 MODEL_CARD: Final = "docs/model_card.md"
 """The page that is made as a whole."""
 _PAGES: Final = ("README.md", "benchmarks/README.md", "docs/*.md", "docs/suite/*.md")
@@ -113,8 +115,8 @@ def replaced(text: str, name: str, table: str) -> str:
 
 
 def marked(name: str, table: str) -> str:
-    """A table, with the name of its game below if that is not the shipped one."""
-    return f"{table}\n\n*Results of the game before (`{EARLIER[name]}…`).*" if name in EARLIER else table
+    """A table, with the game of its results below if that is not the shipped one."""
+    return f"{table}\n\n*Results of an earlier game, `{EARLIER[name]}…`.*" if name in EARLIER else table
 
 
 def rendered(root: Path, run: Path) -> dict[str, str]:

@@ -119,9 +119,9 @@ def as_markdown(card: dict[str, Any]) -> str:
         _REWARDED,
         "",
         f"The game: {card['game']['strokes']} strokes, {card['game']['states']:,} states, {card['game']['legal_pairs']:,} legal "
-        f"pairs; {100 * card['game']['clipped']:.1f} % of them were clipped to the range supported by the data. Its areas are those "
-        "that a right-handed receiver sees: right is the forehand side. The variant `opposite` is the game of a right-hander "
-        "and a left-hander.",
+        f"pairs; {100 * card['game']['clipped']:.1f} % of them were clipped to the range supported by the data. Its areas are "
+        "those that a right-handed receiver sees: right is the forehand side. The variant `opposite` is the game of a "
+        "right-hander and a left-hander.",
         "",
         "## Predictions on the validation matches",
         "",
