@@ -38,8 +38,8 @@ _REWARDED: Final = (
     "because people had played such kills somewhere, and it won as often there as the few short lifts that were killed at "
     "the net. Perfect play was 75 % net shots, and a third of the strokes of trained agents were of shot types that people "
     "hardly play there, while log-loss and calibration were good. It was noticed on the live court, where such kills were "
-    "praised, and by counting these strokes. Now a stroke is legal where people choose its shot type, and the state says "
-    "whether the striker is hurried. A fit is refused if impossible strokes are legal, or if perfect play or the best "
+    "praised, and by counting these strokes. Now a stroke is legal where the average player chooses its shot type, and the "
+    "state says whether the striker is hurried. A fit is refused if impossible strokes are legal, or if perfect play or the best "
     "response rely on rare strokes or on strokes without real ones."
 )
 _NAMED: Final = (
@@ -119,7 +119,9 @@ def as_markdown(card: dict[str, Any]) -> str:
         _REWARDED,
         "",
         f"The game: {card['game']['strokes']} strokes, {card['game']['states']:,} states, {card['game']['legal_pairs']:,} legal "
-        f"pairs; {100 * card['game']['clipped']:.1f} % of them were clipped to the range supported by the data.",
+        f"pairs; {100 * card['game']['clipped']:.1f} % of them were clipped to the range supported by the data. Its areas are "
+        "those that a right-handed receiver sees: right is the forehand side. The variant `opposite` is the game of a "
+        "right-hander and a left-hander.",
         "",
         "## Predictions on the validation matches",
         "",
@@ -256,7 +258,7 @@ def _solved(health: dict[str, Any]) -> list[str]:
         *([" ".join(refits), ""] if refits else []),
         *(f"- {'' if within else '**Warning**: '}{text}" for text, within in criteria(health).values()),
         "",
-        "No fit was selected by these values.",
+        "No fit was selected by these values; rules of legality were compared by them.",
         "",
     ]
     mixes = [(who, *(f"{100 * health[who]['shot_mix'][shot]:.1f} %" for shot in SHOTS)) for who in ("minimax", "bc")]
