@@ -31,7 +31,7 @@ from shuttle_marl.league.curves import METRICS, Curve, read_curve
 from shuttle_marl.league.entrants import PAGE, PAIRINGS, RALLIES, REPORT, Entrant, LeagueConfig, LeagueError, default_pool, enter
 from shuttle_marl.league.page.tournament import page
 from shuttle_marl.league.ranking import ExactOdds, Standing, exact_odds, rank, ranking_table, results_table
-from shuttle_marl.league.report import TournamentReport, report
+from shuttle_marl.league.report import TournamentReport
 from shuttle_marl.league.style import styles
 from shuttle_marl.league.tournament import MatchOptions, Pairing, PairResult, Tournament, stages
 from shuttle_marl.policy.foreign import time_limit
@@ -393,7 +393,6 @@ class _Run:
             holes=_holes(game, {s.player: tables[s.player] for s in standings if s.player in tables}, config.holes),
         )
         replace_file(folder / PAGE, page(shown))
-        replace_file(folder / "report.md", report(shown, exact).encode())
         return standings
 
 

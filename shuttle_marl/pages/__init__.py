@@ -70,13 +70,6 @@ def table(items: Iterable[T], columns: Sequence[Column[T]], caption: str = "") -
     return Table(columns, [[column.cell(item) for column in columns] for item in items], caption)
 
 
-def markdown(shown: Table) -> list[str]:
-    """Lines of a table in Markdown."""
-    lines = [[column.heading for column in shown.columns], *([cell.text for cell in row] for row in shown.rows)]
-    rows = ["| " + " | ".join(map(escaped, line)) + " |" for line in lines]
-    return [rows[0], "| " + " | ".join(["---"] * len(shown.columns)) + " |", *rows[1:]]
-
-
 def escaped(text: str) -> str:
     """Text, escaped for Markdown."""
     return _MARKUP.sub(r"\\\g<0>", printable(text))

@@ -1,5 +1,6 @@
 """Scorecards, sampled and exact, and the league's exact figures."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -143,9 +144,9 @@ def test_a_run_shows_exact_odds_beside_the_sampled_ones(tmp_path: Path) -> None:
     assert (blank["exact_share"], blank["exploitability"], blank["normalised_score"]) == (None, None, None)
     wins = sum(row["wins"] for row in rows[:2]) / 60
     assert abs(wins - exact) < 0.2
-    report = (run.folder / "report.md").read_text()
-    assert "## Payoffs, exact" in report
-    assert f"{100 * exact:.1f} %" in report.split("## Payoffs, exact")[1]
+    payoffs = json.loads((run.folder / "report.json").read_text())["payoffs"]
+    first, second = map(payoffs["players"].index, ("safe", "random"))
+    assert payoffs["match_win"][first][second] == pytest.approx(exact, abs=1e-6)
 
 
 def test_the_normalised_score_needs_a_scale() -> None:

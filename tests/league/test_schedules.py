@@ -87,7 +87,7 @@ def test_a_gauntlet_and_a_swiss_tournament(small_model: str, tmp_path: Path) -> 
     config: dict[str, Any] = {"pool": POOL, "matches": 6, "game": small_model}
     gauntlet = play_league(LeagueConfig(**config, format="gauntlet", out=tmp_path / "gauntlet"))
     assert [found.names for found in gauntlet.results] == [("random", name) for name in POOL[1:]]
-    assert "# Gauntlet" in (tmp_path / "gauntlet" / "report.md").read_text()
+    assert "<h1>Gauntlet</h1>" in (tmp_path / "gauntlet" / "report.html").read_text()
     swiss = play_league(LeagueConfig(**config, format="swiss", rounds=3, out=tmp_path / "swiss"))
     # Three rounds of four are a round robin; every match is that of a round robin, whatever the order.
     whole = {frozenset(found.names): found for found in play_league(LeagueConfig(**config, out=tmp_path / "whole")).results}
