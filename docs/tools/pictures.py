@@ -201,7 +201,8 @@ def digest(source: str) -> str:
 
 EARLIER: Final = frozenset({
     "film.webp", "filmstrips.png", "foxglove.png", "foxglove_broadcast.png", "foxglove_follow.png", "foxglove_match.png",
-    "foxglove_side.png", "landings.png", "match_report.png", "moments.png", "rally.png", "reliability.png", "replies.png",
+    "foxglove_side.png", "landings.png", "league_report.png", "match_report.png", "moments.png", "rally.png", "reliability.png",
+    "replies.png",
     "scene.png", "scouting_report.png", "strokes.png", "tagging.jpg", "value.png", "watch_analyse_narrow.jpg",
     "watch_analyse_wide.jpg", "watch_learn_narrow.jpg", "watch_learn_wide.jpg", "watch_play_narrow.jpg", "watch_play_wide.jpg",
     "watch_players.jpg", "watch_watch_narrow.jpg", "watch_watch_wide.jpg",

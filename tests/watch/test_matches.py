@@ -443,7 +443,8 @@ def test_a_log_of_a_pair(tmp_path: Path, policies: PolicyTables, answers: Answer
 )
 def test_real_rallies_have_the_values_of_the_two_people(people: tuple[str, str], known: bool) -> None:
     """Where the model has the skill of both, in one discipline; else those of imitated elite players."""
-    rally = dataclasses.replace(Answers(PolicyTables(PAIR), PAIR_PLAN, STAGER)._played(FIRST), names=people)
+    played_in = PAIR if known else reduced_game()  # people whose hands the model does not know meet as players of equal hands
+    rally = dataclasses.replace(Answers(PolicyTables(played_in), PAIR_PLAN, STAGER)._played(FIRST), names=people)
     played = People(people, datetime.date(2020, 5, 1))
     recorded = SimpleNamespace(rally=lambda _: rally, people=lambda _: played, players=lambda _: None, count=1, title="real")
     answers = Answers(PolicyTables(reduced_game()), PAIR_PLAN, STAGER, recorded=cast(Recorded, recorded))
