@@ -30,7 +30,8 @@ from shuttle_marl.game.shipped import (
 from shuttle_marl.game.skill import AVERAGE, Day, Skill, day_of, has_skill, load_skill
 from shuttle_marl.game.stroke import frozen
 from shuttle_marl.game.tables import Game, GameError, Origin
-from shuttle_marl.game.variants import moved, odds_of_steps, steps_between, with_odds
+from shuttle_marl.game.thresholds import odds_of_steps
+from shuttle_marl.game.variants import moved, steps_between, with_odds
 
 STEP: Final = 2.0**-10
 """Difference of log-odds to which the offsets of a pair are rounded."""

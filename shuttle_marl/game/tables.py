@@ -29,6 +29,7 @@ from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.files import replace_file
 from shuttle_marl.base.tensor_files import checked, parsed, read_tensors, tensor_bytes
 from shuttle_marl.game.layout import ALL, LONGEST_DUEL, Indices, Layout
+from shuttle_marl.game.recovery import N_POSITIONS, Recovery, Waiting, waiting_of
 from shuttle_marl.game.stroke import SHOTS, Catalogue, frozen
 from shuttle_marl.game.thresholds import ONE, with_fault_odds
 
@@ -40,7 +41,7 @@ ROOT: Final = 0
 HURRY_ONE: Final = 1 << 8
 """Probability 1 of a hurried receiver in fixed point."""
 _TYPES: Final = {"threshold": np.uint16, "hurry": np.uint8}
-_NO_TABLES: Final = ("catalogue", "people", "whole", "seat")
+_NO_TABLES: Final = ("catalogue", "recovery", "people", "whole", "seat")
 _MOST_LEVELS: Final = 8
 _MOST_ODDS: Final = 1 << 20
 
@@ -75,6 +76,7 @@ class Game(Layout):
         hurry: ``[base pairs, 2]`` uint8, probability that the receiver of a return is hurried, from below and from above the net,
             in units of 1/256; 0 in games that do not know it.
         fault_odds: ``[L]`` int32, odds of a fault at each own effort, relative to those at effort 0, in units of 1/65536.
+        recovery: where receivers wait and what that changes (:mod:`shuttle_marl.game.recovery`); None: they have no choice.
         people: the players of the game of a pair; None: both seats have the same tables, or these are those of one seat.
         whole: the game of the pair that these are the tables of one seat of; None: of none.
         seat: that seat.
@@ -83,6 +85,7 @@ class Game(Layout):
     threshold: U16
     hurry: U8
     fault_odds: I32 = dataclasses.field(default_factory=lambda: np.full(1, ONE, dtype=np.int32))
+    recovery: Recovery | None = None
     people: "People | None" = None
     whole: "Game | None" = None
     seat: int = 0
@@ -112,7 +115,7 @@ class Game(Layout):
         if self.whole is not None:
             return _game_of_seat, (self.whole, self.seat)
         arrays: dict[str, Any] = self._arrays()
-        return functools.partial(Game, catalogue=self.catalogue, **arrays), ()
+        return functools.partial(Game, catalogue=self.catalogue, recovery=self.recovery, **arrays), ()
 
     def __deepcopy__(self, memo: dict[int, Any]) -> "Game":
         return self  # nothing in it can be changed
@@ -191,6 +194,22 @@ class Game(Layout):
         """Number of levels of effort L; 1 where effort does not count."""
         return len(self.fault_odds)
 
+    @property
+    def n_positions(self) -> int:
+        """Number of positions of a receiver: 9, or 1 in the game without recovery."""
+        return 1 if self.recovery is None else N_POSITIONS
+
+    @functools.cached_property
+    def waiting(self) -> Waiting:
+        """The tables by position.
+
+        Raises:
+            GameError: receivers have no choice, or each seat has tables of its own.
+        """
+        if self.recovery is None or self.people is not None:
+            raise GameError("no positions: expected the game with recovery, and in that of a pair the tables of one seat")
+        return waiting_of(self, self.recovery)
+
     @functools.cached_property
     def limits(self) -> U16:
         """``[L, base pairs, 3]`` thresholds at each own effort; those at effort 0 are ``threshold``.
@@ -258,6 +277,8 @@ class Game(Layout):
         for name, array in self._arrays().items():
             digest.update(f"{name}{array.dtype.str}{array.shape}".encode())
             digest.update(np.ascontiguousarray(array).tobytes())
+        if self.recovery is not None:
+            digest.update(f"recovery {self.recovery.hash}".encode())
         return digest.hexdigest()
 
     def _check_layout(self) -> None:

@@ -7,7 +7,6 @@ They are applied in whole numbers, with multipliers that are exact by definition
 same hash, on every machine.
 """
 
-import decimal
 import functools
 import json
 from collections.abc import Collection, Mapping
@@ -17,10 +16,10 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.base.arrays import F64, I8, I32, I64, U64, Intp
+from shuttle_marl.base.arrays import F64, I8, I32, U64, Intp
 from shuttle_marl.base.tensor_files import Tensors, packed_bytes, parsed, tensor_bytes, unpacked_bytes
 from shuttle_marl.game.tables import HURRY_ONE, Game, GameError
-from shuttle_marl.game.thresholds import ONE, moved_share
+from shuttle_marl.game.thresholds import ONE, Odds, moved_share, odds_of_steps
 
 STEP: Final = 0.0625
 """Difference of log-odds of one step."""
@@ -32,29 +31,10 @@ _RARE: Final = 0.006
 _SLACK: Final = 1e-6
 
 
-Odds = tuple[U64, U64]
-"""What odds are multiplied and divided by, in units of 1/65536."""
-
-
 @functools.cache
 def _multipliers() -> Odds:
     """``[256]`` each, by a step as an unsigned byte: what the odds are multiplied and divided by, in units of 1/65536."""
-    return odds_of_steps(np.maximum(np.arange(256, dtype=np.uint8).view(np.int8).astype(np.int64), -MOST_STEPS))
-
-
-def odds_of_steps(steps: I64, *, step: float = STEP) -> Odds:
-    """Multipliers and divisors of odds, exact by definition.
-
-    Args:
-        steps: whole numbers of any shape, at most 127 :data:`STEP` in size.
-        step: difference of log-odds of one step; a power of two.
-    """
-    sizes, place = np.unique(np.abs(steps), return_inverse=True)
-    with decimal.localcontext(decimal.Context(prec=40)):
-        odds = [(decimal.Decimal(step) * k).exp() * ONE for k in sizes.tolist()]
-        whole = np.array([int(x.to_integral_value(decimal.ROUND_HALF_EVEN)) for x in odds], dtype=np.uint64)
-    rising, none = whole[place.reshape(steps.shape)], np.uint64(ONE)
-    return np.where(steps > 0, rising, none), np.where(steps < 0, rising, none)
+    return odds_of_steps(np.maximum(np.arange(256, dtype=np.uint8).view(np.int8).astype(np.int64), -MOST_STEPS), step=STEP)
 
 
 def _shares(game: Game) -> tuple[tuple[U64, U64], ...]:

@@ -1,0 +1,219 @@
+"""The hidden recovery position: where the receiver waits while the striker strikes.
+
+In the game with recovery the receiver chooses one of nine **positions**, and the striker strikes without knowing it. Both
+choose at the same time, knowing the state of the striker. A position changes the probabilities of three outcomes of a good
+stroke: that it is a winner, that it is met above the net, and that the receiver is hurried. It decides one stroke and is not
+carried on, so the states are those of the game without.
+
+Positions are cells of the receiver's half, three in depth and three across; like areas they are named as a right-handed player
+sees them, forehand side first. A position is **feasible** in a state where people choose it there (:attr:`Recovery.people`).
+
+**Tables.** A position multiplies the odds of an outcome by a factor of the stroke's shot type and target area, and by one of
+the legal pair, which is chosen so that the mean over people's positions is the probability of the game without. So a game in
+which the receiver waits where people do is the game without recovery, up to the rounding of the tables (half a unit each). The
+factors are computed by additions, products and quotients in a fixed order, so the tables are the same on every machine.
+"""
+
+import dataclasses
+import functools
+import hashlib
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+import numpy as np
+
+from shuttle_marl.base.arrays import F64, I8, I16, I32, I64, U8, U16, Bools, Ints
+from shuttle_marl.base.errors import ShuttleError
+from shuttle_marl.base.tensor_files import Tensors, checked, tensor_bytes
+from shuttle_marl.game.court import AREAS, N_AREAS, N_SIDES
+from shuttle_marl.game.draws import CHOICE_ONE
+from shuttle_marl.game.stroke import N_SHOTS, frozen
+from shuttle_marl.game.thresholds import ONE, odds_of_steps, with_fault_odds
+
+if TYPE_CHECKING:
+    from shuttle_marl.game.tables import Game
+
+POSITIONS: Final = tuple(area.replace("right", "forehand").replace("left", "backhand") for area in AREAS)
+"""Names of the nine positions; index = 3 * depth + side, as for areas."""
+N_POSITIONS: Final = len(POSITIONS)
+ACROSS: Final = 0.55
+"""Distance from the middle line beyond which a position is a side position [m]."""
+DEPTHS: Final = (3.2, 4.4)
+"""Distances from the net that divide front, middle and back positions [m]."""
+EFFECTS: Final = ("winner", "above", "hurried")
+"""Outcomes whose odds a position changes: a winner given a good stroke, a return from above given a return, a hurried receiver
+given the contact of a return."""
+STEP: Final = 2.0**-10
+"""Difference of log-odds of one step of an effect."""
+_MOST_STEPS: Final = round(4 / STEP)
+_PARTS: Final = (N_SHOTS + 1, N_AREAS + 1, N_AREAS + 1, 2, 2)
+"""Incoming shot type, own area, incoming area (the last of each: none), contact, hurried."""
+_ROUNDS: Final = 12
+_HURRY_ONE: Final = 1 << 8
+
+
+def position_of(x: F64, y: F64) -> I64:
+    """Positions of points.
+
+    Args:
+        x: distances from the middle line towards the forehand side [m], any shape.
+        y: distances from the net [m].
+    """
+    side = np.where(x > ACROSS, 0, np.where(x < -ACROSS, 2, 1))
+    return np.asarray(N_SIDES * np.searchsorted(DEPTHS, y, side="right") + side, dtype=np.int64)
+
+
+class Waiting(NamedTuple):
+    """Probabilities of outcomes by position: R rows, those of a base pair next to each other, one for each feasible position."""
+
+    count: I32
+    """``[base states]`` number of feasible positions of the receiver."""
+    position: I8
+    """``[base states, 9]`` the feasible positions in rising order, then -1."""
+    start: I64
+    """``[base states + 1]`` first row of each state; the i-th position against the k-th stroke: ``start + k count + i``."""
+    limits: U16
+    """``[L, R, 3]`` thresholds as in :attr:`shuttle_marl.game.tables.Game.limits`."""
+    hurry: U8
+    """``[R, 2]`` chances of a hurried receiver as in :attr:`shuttle_marl.game.tables.Game.hurry`."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Recovery:
+    """Where people wait, and what a position changes.
+
+    Attributes:
+        people: ``[14, 10, 10, 2, 2, 9]`` uint16, probability of each position by incoming shot type, own area, incoming area (the
+            last of each: none), contact and hurried of the striker, in units of 1/65535; 0 where it is not feasible.
+        effect: ``[3, 13, 9, 9]`` int16, by how many :data:`STEP` a position changes the log-odds of each of :data:`EFFECTS` in a
+            stroke of a shot type and target area.
+    """
+
+    people: U16
+    effect: I16
+
+    def __post_init__(self) -> None:
+        for name in ("people", "effect"):
+            object.__setattr__(self, name, frozen(getattr(self, name)))
+        if self.people.shape != (*_PARTS, N_POSITIONS) or (self.people.sum(axis=-1, dtype=np.int64) != CHOICE_ONE).any():
+            raise ShuttleError("positions of people: expected probabilities of nine positions in every cell")
+        if self.effect.shape != (len(EFFECTS), N_SHOTS, N_AREAS, N_POSITIONS) or (np.abs(self.effect) > _MOST_STEPS).any():
+            raise ShuttleError(f"effects of positions: expected at most {_MOST_STEPS} steps by shot type, area and position")
+
+    @functools.cached_property
+    def hash(self) -> str:
+        """SHA-256 of the tables, hexadecimal."""
+        return hashlib.sha256(self.people.tobytes() + self.effect.tobytes()).hexdigest()
+
+    def to_bytes(self) -> bytes:
+        """The content of a file."""
+        return tensor_bytes({"people": self.people, "effect": self.effect}, {}, pack=True)
+
+    @classmethod
+    def checked(cls, tensors: Tensors) -> "Recovery":
+        """From the content of a file.
+
+        Raises:
+            KeyError, TypeError, ValueError, ShuttleError: a part is missing or invalid.
+        """
+        _, arrays = tensors
+        return cls(
+            checked(arrays["people"], np.uint16, (*_PARTS, N_POSITIONS)),
+            checked(arrays["effect"], np.int16, (len(EFFECTS), N_SHOTS, N_AREAS, N_POSITIONS)),
+        )
+
+    def of_states(self, game: "Game", base: Ints) -> U16:
+        """``[..., 9]`` probability of people's positions where a striker is in base states of a game, in units of 1/65535."""
+        shot, area = np.append(game.catalogue.shot, N_SHOTS), np.append(game.catalogue.area, N_AREAS)
+        own, incoming = game.own(base), game.incoming(base)
+        return np.asarray(self.people[shot[incoming], area[own], area[incoming], game.contact(base), game.hurried(base)])
+
+
+def waiting_of(game: "Game", recovery: Recovery) -> Waiting:
+    """The tables of a game by position (see the head of this module)."""
+    base = np.arange(game.n_base_states)
+    people = recovery.of_states(game, base)
+    people[:_SERVES] = 0
+    people[:_SERVES, N_POSITIONS // 2] = CHOICE_ONE  # the receiver of a serve waits for it
+    feasible = people > 0
+    count = feasible.sum(axis=1, dtype=np.int32)
+    position = np.where(np.arange(N_POSITIONS) < count[:, None], np.argsort(~feasible, axis=1, kind="stable"), -1).astype(np.int8)
+    state, stroke = game.base_pair_state, game.base_pair_stroke
+    of_pair = count[state]
+    first = np.r_[0, np.cumsum(of_pair, dtype=np.int64)]
+    pair = np.repeat(np.arange(len(state)), of_pair)
+    place = position[state[pair], np.arange(len(pair)) - first[pair]]
+    up, down = odds_of_steps(recovery.effect.astype(np.int64), step=STEP)
+    factor = up.astype(np.float64) / down.astype(np.float64)
+    shot, area = game.catalogue.shot[stroke][pair], game.catalogue.area[stroke][pair]
+    served = game.catalogue.is_serve[stroke][pair]
+    ratio = np.where(served, 1.0, factor[:, shot, area, place])
+    weight = people[state[pair], place] / np.float64(CHOICE_ONE)
+    spread = _Spread(first, pair)
+    fault, winner, below = game.threshold.astype(np.float64).T
+    old = game.threshold.astype(np.int64)
+    good, returned = ONE - fault, ONE - winner
+    with np.errstate(invalid="ignore", divide="ignore"):
+        wins = spread.shares(np.where(good > 0, (winner - fault) / good, 0.0), ratio[0], weight)
+        met = weight * (1 - wins)
+        above = spread.shares(np.where(returned > 0, (ONE - below) / returned, 0.0), ratio[1], met)
+        late = [
+            spread.shares(game.hurry[:, contact] / np.float64(_HURRY_ONE), ratio[2], met * (above if contact else 1 - above))
+            for contact in (0, 1)
+        ]
+    faults = old[pair, 0]
+    # A stroke that may end the rally in the game without recovery always may: values need a bound.
+    ends = np.maximum(faults + np.rint(wins * (ONE - faults)).astype(np.int64), np.minimum(old[pair, 1], 1))
+    ends = np.minimum(ends, ONE - 1)
+    low = np.clip(ends + np.rint((1 - above) * (ONE - ends)).astype(np.int64), ends, ONE - 1)
+    limits = np.stack([faults, ends, low], axis=1).astype(np.uint16)
+    hurry = np.stack([np.minimum(np.rint(p * _HURRY_ONE), _HURRY_ONE - 1) for p in late], axis=1).astype(np.uint8)
+    return Waiting(
+        count=frozen(count),
+        position=frozen(position),
+        start=frozen(first[game.base_pair_start]),
+        limits=frozen(np.stack([with_fault_odds(limits, odds) for odds in game.fault_odds.tolist()])),
+        hurry=frozen(hurry),
+    )
+
+
+_SERVES: Final = 4
+"""Base states of the start of a rally."""
+
+
+class _Spread(NamedTuple):
+    """Rows of base pairs by position."""
+
+    first: I64
+    pair: I64
+
+    def shares(self, p: F64, ratio: F64, weight: F64) -> F64:
+        """Probabilities by position whose odds differ by ratios and whose weighted mean is that of the pair.
+
+        Args:
+            p: ``[base pairs]`` probabilities.
+            ratio: ``[R]`` ratios of odds.
+            weight: ``[R]`` weights of the positions, not all 0.
+        """
+        odds, scale = (p / (1 - p))[self.pair] * ratio, np.ones(len(p))
+        total = self._sum(weight)
+        inside = (p > 0) & (p < 1)
+        spread = np.where(inside[self.pair], odds / (1 + odds), p[self.pair])
+        for _ in range(_ROUNDS):
+            mean = self._sum(weight * spread) / total
+            scale = np.where(inside, scale * (p * (1 - mean)) / ((1 - p) * mean), 1.0)
+            scaled = odds * scale[self.pair]
+            spread = np.where(inside[self.pair], scaled / (1 + scaled), p[self.pair])
+        return spread
+
+    def _sum(self, values: F64) -> F64:
+        """``[base pairs]`` sums of ``[R]`` values, always added in the same order."""
+        total, size = np.zeros(len(self.first) - 1), np.diff(self.first)
+        for i in range(int(size.max(initial=0))):
+            those = np.flatnonzero(size > i)
+            total[those] += values[self.first[:-1][those] + i]
+        return total
+
+
+def position_mask(waiting: Waiting, base: Ints) -> Bools:
+    """``[..., 9]`` feasible positions of the receiver in base states."""
+    return np.asarray((waiting.position[base][..., None] == np.arange(N_POSITIONS)).any(axis=-2))
