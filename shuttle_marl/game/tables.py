@@ -28,6 +28,7 @@ from shuttle_marl.base.arrays import F64, I32, U8, U16, Bools, Ints
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.files import replace_file
 from shuttle_marl.base.tensor_files import checked, parsed, read_tensors, tensor_bytes
+from shuttle_marl.game.draws import CHOICE_ONE
 from shuttle_marl.game.layout import ALL, LONGEST_DUEL, Indices, Layout
 from shuttle_marl.game.recovery import N_POSITIONS, Recovery, Waiting, waiting_of
 from shuttle_marl.game.stroke import SHOTS, Catalogue, frozen
@@ -199,6 +200,11 @@ class Game(Layout):
         """Number of positions of a receiver: 9, or 1 in the game without recovery."""
         return 1 if self.recovery is None else N_POSITIONS
 
+    def people_positions(self, state: Indices) -> F64:
+        """``[..., 9]`` probabilities of people's positions as receivers where a striker is in each state; see ``waiting``."""
+        assert self.recovery is not None
+        return self.recovery.of_states(self, self.base(state)) / np.float64(CHOICE_ONE)
+
     @functools.cached_property
     def waiting(self) -> Waiting:
         """The tables by position.
@@ -222,6 +228,19 @@ class Game(Layout):
                 f"the game of {self.people.title} has the tables of both players; take those of a seat, game.seats[0]"
             )
         return frozen(np.stack([with_fault_odds(self.threshold, odds) for odds in self.fault_odds.tolist()]))
+
+    @property
+    def tables(self) -> "Game":
+        """The game with the same layout whose tables do not depend on the positions of a receiver: itself."""
+        return self
+
+    def table_of(self, block: int) -> int:
+        """Row of ``limits`` that holds in a block."""
+        return block // self.levels
+
+    def hurry_at(self, table: int) -> U8:  # noqa: ARG002  the same in all rows
+        """``[base pairs, 2]`` chances of a hurried receiver in a row of ``limits``."""
+        return self.hurry
 
     def limits_of(self, pairs: slice | Indices = ALL) -> U16:
         """``[..., 3]`` thresholds of legal pairs, all by default."""

@@ -125,22 +125,30 @@ class TabulatedPolicy:
         game: the game it was compiled for.
         cumulative: ``[P]`` uint16, probability of the legal strokes of a state up to and including this one, in units of
             1/65535; draws choose from it by :func:`shuttle_marl.game.draws.chosen`.
+        positions: ``[S, 9]`` uint16, the same for the positions up to and including each one where the opponent is in each state;
+            None: as people (and in games without recovery).
     """
 
     game: Game
     cumulative: U16
+    positions: U16 | None = None
 
     def __repr__(self) -> str:
         return f"TabulatedPolicy(hash={self.hash[:12]!r}, game={self.game!r})"
 
     @functools.cached_property
     def hash(self) -> str:
-        """SHA-256 of the table, hexadecimal."""
-        return hashlib.sha256(self.cumulative.tobytes()).hexdigest()
+        """SHA-256 of the tables, hexadecimal."""
+        positions = b"" if self.positions is None else self.positions.tobytes()
+        return hashlib.sha256(self.cumulative.tobytes() + positions).hexdigest()
 
     def pair_probabilities(self) -> F64:
         """``[P]`` probability of each legal pair given its state, exactly as it is played from the table."""
         return np.concatenate([self.block_probabilities(block) for block in range(self.game.n_blocks)])
+
+    def position_probabilities(self) -> F64 | None:
+        """``[S, 9]`` probability of each position where the opponent is in each state; None: those of people."""
+        return None if self.positions is None else np.diff(self.positions.astype(np.float64), axis=1, prepend=0) / CHOICE_ONE
 
     def probability_of(self, pairs: Ints) -> F64:
         """Probability of each of some legal pairs given its state, of any shape."""
@@ -278,6 +286,12 @@ def tabulate(policy: Policy, game: Game) -> TabulatedPolicy:
             p[pairs] = rows[row, game.base_pair_stroke[pairs]]
         cumulative[game.block_pairs(block)] = _cumulative(game, p)
     return TabulatedPolicy(game=game, cumulative=cumulative)
+
+
+def cumulative_positions(p: F64) -> U16:
+    """``[S, 9]`` cumulative probabilities of positions in units of 1/65535, of probabilities that sum to 1 in each state."""
+    total = np.cumsum(p, axis=1)
+    return np.asarray(np.rint(total / total[:, -1:] * CHOICE_ONE).astype(np.uint16))
 
 
 def hash_of(first: TabulatedPolicy, second: TabulatedPolicy) -> str:
