@@ -153,7 +153,7 @@ def _hidden_solution(game: Game, other: Game, tolerance: float) -> Solution:
     # Each player waits in the states in which the other one strikes.
     policies = [
         dataclasses.replace(
-            from_pair_probabilities(games[k], strokes[k]), positions=cumulative_positions(positions[(k + 1) % len(found)])
+            from_pair_probabilities(games[k], strokes[k]), waits=cumulative_positions(positions[(k + 1) % len(found)])
         )
         for k in range(len(found))
     ]
@@ -287,7 +287,7 @@ class Response:
             self.opponent.positions(block, *successors(self.game, self.value.striking[0], block))[1]
             for block in range(self.game.n_blocks)
         )
-        return dataclasses.replace(strokes, positions=cumulative_positions(np.concatenate(list(blocks))))
+        return dataclasses.replace(strokes, waits=cumulative_positions(np.concatenate(list(blocks))))
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -78,6 +78,15 @@ class Waiting(NamedTuple):
     hurry: U8
     """``[R, 2]`` chances of a hurried receiver as in :attr:`shuttle_marl.game.tables.Game.hurry`."""
 
+    def row(self, base: Ints, k: Ints, position: Ints) -> I64:
+        """Row of the k-th legal stroke of base states against feasible positions, which are not checked; any shape."""
+        place = (self.position[base] == np.asarray(position)[..., None]).argmax(axis=-1)
+        return np.asarray(self.start[base] + k * self.choices[base] + place, dtype=np.int64)
+
+    def mask(self, base: Ints) -> Bools:
+        """``[..., 9]`` feasible positions of the receiver in base states."""
+        return np.asarray((self.position[base][..., None] == np.arange(N_POSITIONS)).any(axis=-2))
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Recovery:
@@ -212,8 +221,3 @@ class _Spread(NamedTuple):
             those = np.flatnonzero(size > i)
             total[those] += values[self.first[:-1][those] + i]
         return total
-
-
-def position_mask(waiting: Waiting, base: Ints) -> Bools:
-    """``[..., 9]`` feasible positions of the receiver in base states."""
-    return np.asarray((waiting.position[base][..., None] == np.arange(N_POSITIONS)).any(axis=-2))
