@@ -102,6 +102,9 @@ class Recovery:
     people: U16
     effect: I16
 
+    def __repr__(self) -> str:
+        return f"Recovery(hash={self.hash[:12]!r})"
+
     def __post_init__(self) -> None:
         for name in ("people", "effect"):
             object.__setattr__(self, name, frozen(getattr(self, name)))

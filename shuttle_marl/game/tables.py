@@ -51,6 +51,10 @@ class GameError(ShuttleError):
     """Tables that cannot be read or do not form a game."""
 
 
+RECOVERY: Final = "recovery"
+"""In names of games: the one in which receivers choose where to wait (``default:recovery``, ``default:men-recovery``)."""
+
+
 class Origin(NamedTuple):
     """The model and the variant that a game was loaded from."""
 
@@ -58,10 +62,12 @@ class Origin(NamedTuple):
     """The model folder."""
     variant: str | None
     """Name of the variant; None: the game of the model itself."""
+    recovery: bool = False
+    """Whether receivers choose where to wait."""
 
     def name_in(self, model: str) -> str:
         """Name of the game in a model of this name or folder."""
-        return model if self.variant is None else f"{model}:{self.variant}"
+        return ":".join(filter(None, (model, "-".join(filter(None, (self.variant, RECOVERY if self.recovery else None))))))
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True, repr=False)
