@@ -34,7 +34,7 @@ from shuttle_marl.exact.profile import (
     induced,
     moved,
 )
-from shuttle_marl.exact.recovery import Saddle, people_positions
+from shuttle_marl.exact.recovery import Saddle, SoftSaddle, people_positions
 from shuttle_marl.exact.solver import BlockLinear, Player, ProfileValue, solve_players, successors
 from shuttle_marl.exact.sweeps import after_block_choices, block_choices, block_mean, block_soft_values, listed
 from shuttle_marl.game.draws import CHOICE_ONE
@@ -469,11 +469,39 @@ def solve_soft(
     """
     if not 0 < tau < float("inf"):
         raise ExactError(f"tau {tau!r}: expected a finite number above 0; towards 0 is minimax, towards infinity the prior")
+    if prior.game.recovery is not None:
+        return _soft_hidden(prior, prior if opponent is None else opponent, tau, tolerance)
     other = None
     if opponent is not None and opponent is not prior:
         check_same_layout(prior.game, opponent.game)
         other = _SoftPlayer(opponent, tau)
     return SoftSolution(tau=tau, **_equilibrium(_SoftPlayer(prior, tau), other, tolerance, np.zeros(prior.game.n_states)))
+
+
+def _soft_hidden(prior: StatePolicy, opponent: StatePolicy, tau: float, tolerance: float) -> SoftSolution:
+    """:func:`solve_soft` with recovery: positions pay for the divergence from those of the priors, too."""
+    check_same_layout(prior.game, opponent.game)
+
+    def player(strikes: StatePolicy, waits: StatePolicy) -> SoftSaddle:
+        positions = waits.position_probabilities()
+        strokes = tuple(strikes.block_probabilities(block) for block in range(strikes.game.n_blocks))
+        usual = people_positions(strikes.game) if positions is None else positions
+        return SoftSaddle((strikes.game,), strokes=strokes, positions=usual, tau=tau)
+
+    own, other = player(prior, opponent), None if opponent is prior else player(opponent, prior)
+    value, sweeps = solve_players(own, other, tolerance, start=np.zeros(prior.game.n_states))
+    strokes, waited = own.all_strategies(value.striking[1])
+    others, waits = (strokes, waited) if other is None else other.all_strategies(value.striking[0])
+    first = PairPolicy(game=prior.game, probability=strokes, positions=waits)
+    return SoftSolution(
+        tau=tau,
+        value=value.striking,
+        policy=(first, first if other is None else PairPolicy(game=opponent.game, probability=others, positions=waited)),
+        sweeps=sweeps if other is None else 2 * sweeps,
+        residual=value.residual,
+        contraction=value.contraction,
+        error_bound=value.error_bound + gap_bound(value, own, other),
+    )
 
 
 class _SoftPlayer:
