@@ -46,6 +46,8 @@ HABITS: Final = "habits.safetensors"
 """Counted strokes of the players, for reports."""
 HURRY: Final = "hurry.safetensors"
 """Index that decides whether strikers were hurried, in models of strokes with positions."""
+POSITIONS: Final = "recovery.safetensors"
+"""Where people wait, and what a position changes (:mod:`shuttle_marl.game.recovery`)."""
 SUPPORT: Final = "support.safetensors"
 """Data file beside the models: the torch reference of the tables needs it."""
 RELIABLE: Final = 20
@@ -56,7 +58,7 @@ CARD: Final = "card.json"
 """The model card, which holds the hashes of the other files."""
 FILES: Final = (GAME, OPPOSITE_GAME, BC, NETWORKS, SUPPORT)
 """Files of every model, beside its card."""
-OPTIONAL_FILES: Final = (HABITS, HISTORY, HURRY, SKILL, VARIANTS)
+OPTIONAL_FILES: Final = (HABITS, HISTORY, HURRY, POSITIONS, SKILL, VARIANTS)
 """Files that some models have."""
 _MODELS: Final = Path(__file__).parent.parent / "models"
 
