@@ -20,7 +20,7 @@ import numpy as np
 from shuttle_marl.base.arrays import F64, I8, I32, U8, U16
 from shuttle_marl.base.compiling import compiled
 from shuttle_marl.exact.fixed_point import ROUNDING, TOLERANCE, solve_linear
-from shuttle_marl.exact.profile import InducedChain, StatePolicy, block_chances, check_opponents, evaluate_chains, induced
+from shuttle_marl.exact.profile import InducedChain, StatePolicy, block_chances, check_opponents, evaluate_chains, facing, induced
 from shuttle_marl.exact.solver import ProfileValue, successors
 from shuttle_marl.exact.sweeps import propagate
 from shuttle_marl.game.stroke import N_SHOTS
@@ -51,14 +51,14 @@ class Visits:
         return np.asarray(policy.pair_probabilities() * policy.game.of_pairs(self.states[player]))
 
     def base_pairs(self, player: int) -> F64:
-        """``[L, base pairs]`` expected number of times that a player plays each base pair, by own effort."""
+        """``[L, base pairs]`` expected number of times that a player plays each base pair, by row of the limits of the game."""
         policy = self.policies[player]
         game = policy.game
-        total = np.zeros((game.levels, game.n_base_pairs))
+        total = np.zeros(game.limits.shape[:2])
         for block in range(game.n_blocks):
             visits = self.states[player][game.block_states(block)]
             if visits.any():
-                total[block // game.levels] += policy.block_probabilities(block) * visits[game.base_pair_state]
+                total[game.table_of(block)] += policy.block_probabilities(block) * visits[game.base_pair_state]
         return total
 
     @property
@@ -106,6 +106,7 @@ def visits(
         ExactError: the two games have different layouts, or play may never end.
     """
     check_opponents(policy.game, opponent.game)
+    policy, opponent = facing(policy, opponent)
     chains = chains or (induced(policy), induced(opponent))
     backward = [
         functools.partial(propagate, played.game, [block_chances(played, block) for block in range(played.game.n_blocks)])
@@ -159,8 +160,8 @@ class _Strokes(NamedTuple):
         shot: ``[base pairs]`` shot type.
     """
 
-    limits: U16
-    hurry: U8
+    limits: U16 | F64
+    hurry: U8 | F64
     pair_start: I32
     edge: I32
     attack: I8
@@ -202,6 +203,7 @@ def sensitivity(policy: StatePolicy, opponent: StatePolicy, *, tolerance: float 
         ExactError: the two games have different layouts, or play may never end.
     """
     check_opponents(policy.game, opponent.game)
+    policy, opponent = facing(policy, opponent)
     chains = induced(policy), induced(opponent)
     value = evaluate_chains(*chains, tolerance=tolerance)
     seen = visits(policy, opponent, tolerance=tolerance, chains=chains)
@@ -209,12 +211,12 @@ def sensitivity(policy: StatePolicy, opponent: StatePolicy, *, tolerance: float 
     for player, played in enumerate((policy, opponent)):
         game, following = played.game, value.striking[1 - player]
         shot = game.catalogue.shot[game.base_pair_stroke]
-        tables = (game.hurry, game.base_pair_start, game.base_pair_edge, game.edge_attack.view(np.int8), shot)
+        tables = (game.base_pair_start, game.base_pair_edge, game.edge_attack.view(np.int8), shot)
         for block in range(game.n_blocks):
             _add(
                 np.ascontiguousarray(seen.states[player][game.block_states(block)]),
                 played.block_probabilities(block),
-                _Strokes(game.limits[block // game.levels], *tables),
+                _Strokes(game.limits[game.table_of(block)], game.hurry_at(game.table_of(block)), *tables),
                 *successors(game, following, block),
                 win[player],
             )

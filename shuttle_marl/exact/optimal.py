@@ -27,17 +27,20 @@ from shuttle_marl.exact.profile import (
     InducedChain,
     PairPolicy,
     StatePolicy,
+    block_chances,
     check_opponents,
     check_same_layout,
     induced,
+    met_by,
     moved,
 )
-from shuttle_marl.exact.solver import BlockLinear, ProfileValue, solve_players, successors
+from shuttle_marl.exact.recovery import Outwaited, Saddle
+from shuttle_marl.exact.solver import BlockLinear, Player, ProfileValue, solve_players, successors
 from shuttle_marl.exact.sweeps import after_block_choices, block_choices, block_mean, block_soft_values, listed
 from shuttle_marl.game.draws import CHOICE_ONE
 from shuttle_marl.game.shipped import supported
 from shuttle_marl.game.tables import ROOT, Game
-from shuttle_marl.game.tabulated import TabulatedPolicy
+from shuttle_marl.game.tabulated import TabulatedPolicy, cumulative_positions, from_pair_probabilities
 from shuttle_marl.game.thresholds import ONE
 
 P_co = TypeVar("P_co", TabulatedPolicy, PairPolicy, covariant=True)
@@ -67,7 +70,9 @@ class Equilibrium(Generic[P_co]):
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class Solution(Equilibrium[TabulatedPolicy]):
-    """The solved game; its policies play the best stroke in every state.
+    """The solved game.
+
+    Its policies play the best stroke in every state; with recovery they mix strokes and positions, rounded to 1/65535.
 
     Attributes:
         games: the tables with which player 0 and player 1 strike; the same object in the symmetric game.
@@ -128,8 +133,40 @@ def solve(game: Game, other: Game | None = None, *, tolerance: float = TOLERANCE
     elif game.people is not None:
         raise ExactError(f"the game of {game.people.title} has the tables of both players; solve it alone")
     check_opponents(game, other)
+    if game.recovery is not None:
+        return _hidden_solution(game, other, tolerance)
     theirs = None if other is game else _BestStrokes((other,))
     return Solution(games=(game, other), **_equilibrium(_BestStrokes((game,)), theirs, tolerance))
+
+
+def _hidden_solution(game: Game, other: Game, tolerance: float) -> Solution:
+    """:func:`solve` with recovery."""
+    own, theirs = Saddle(game), None if other is game else Saddle(other)
+    value, sweeps = solve_players(own, theirs, tolerance)
+    games, saddles = (game, other), (own, theirs or own)
+    found = [
+        [saddle.strategies(block, *successors(saddle.game, following, block)) for block in range(game.n_blocks)]
+        for saddle, following in zip(saddles, reversed(value.striking), strict=True)
+    ][: 1 if theirs is None else 2]
+    strokes = [np.concatenate([x for _, x, _ in blocks]) for blocks in found]
+    positions = [np.concatenate([y for *_, y in blocks]) for blocks in found]
+    # Each player waits in the states in which the other one strikes.
+    policies = [
+        dataclasses.replace(
+            from_pair_probabilities(games[k], strokes[k]), waits=cumulative_positions(positions[(k + 1) % len(found)])
+        )
+        for k in range(len(found))
+    ]
+    gap = max(own.gap, saddles[1].gap)
+    return Solution(
+        games=games,
+        value=value.striking,
+        policy=(policies[0], policies[-1]),
+        sweeps=sweeps * len(found),
+        residual=value.residual,
+        contraction=value.contraction,
+        error_bound=value.error_bound + 2 * gap / (1 - value.contraction),
+    )
 
 
 def _equilibrium(
@@ -231,17 +268,26 @@ class Response:
         player: the responder, whose strokes may be limited.
         value: of the response as player 0 against the policy as player 1.
         sweeps: number of sweeps over all legal pairs of the responder.
+        opponent: whose policy it is; with recovery, one against whom the responder chooses positions.
     """
 
     game: Game
     player: _BestStrokes
     value: ProfileValue
     sweeps: int
+    opponent: Player
 
     @functools.cached_property
     def policy(self) -> TabulatedPolicy:
         """The response as a table."""
-        return moved(self.player.policy(self.value.striking[1]), self.game)
+        strokes = moved(self.player.policy(self.value.striking[1]), self.game)
+        if not isinstance(self.opponent, Outwaited):
+            return strokes
+        blocks = (
+            self.opponent.positions(block, *successors(self.game, self.value.striking[0], block))[1]
+            for block in range(self.game.n_blocks)
+        )
+        return dataclasses.replace(strokes, waits=cumulative_positions(np.concatenate(list(blocks))))
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -280,11 +326,24 @@ def best_response(
         GameError: ``at_least`` is above 0, and the model has no counts of real strokes.
     """
     tables = game or policy.game.opposite
-    own = _BestStrokes((limited(tables, at_least),))
     check_opponents(tables, policy.game)
-    opponent = policy if isinstance(policy, InducedChain) else induced(policy)
+    opponent: Player
+    if tables.recovery is None:
+        own, opponent = (
+            _BestStrokes((limited(tables, at_least),)),
+            policy if isinstance(policy, InducedChain) else induced(policy),
+        )
+    else:
+        assert not isinstance(policy, InducedChain)
+        own = _BestStrokes((limited(met_by(tables, policy), at_least),))
+        opponent = outwaited(policy)
     value, sweeps = solve_players(own, opponent, tolerance)
-    return Response(game=tables, player=own, value=value, sweeps=sweeps)
+    return Response(game=tables, player=own, value=value, sweeps=sweeps, opponent=opponent)
+
+
+def outwaited(policy: StatePolicy) -> Outwaited:
+    """A striker who follows a policy of the game with recovery, against the best positions."""
+    return Outwaited(policy.game, tuple(block_chances(policy, block) for block in range(policy.game.n_blocks)))
 
 
 def restricted_response(policy: StatePolicy | InducedChain, p: float, *, tolerance: float = TOLERANCE) -> Response:
@@ -308,7 +367,7 @@ def restricted_response(policy: StatePolicy | InducedChain, p: float, *, toleran
     chain = policy if isinstance(policy, InducedChain) else induced(policy)
     own = _BestStrokes((chain.game,))
     value, sweeps = solve_players(own, _Restricted(chain, own, p), tolerance)
-    return Response(game=chain.game, player=own, value=value, sweeps=sweeps)
+    return Response(game=chain.game, player=own, value=value, sweeps=sweeps, opponent=chain)
 
 
 def restricted_value(policy: StatePolicy, opponent: StatePolicy, p: float, *, tolerance: float = TOLERANCE) -> ProfileValue:
@@ -372,7 +431,9 @@ def nash_conv(policy: StatePolicy, opponent: StatePolicy | None = None, *, toler
         ExactError: the layouts differ, or play may never end.
     """
     if opponent is None and policy.game.opposite is not policy.game:
-        opponent = PairPolicy(game=policy.game.opposite, probability=policy.pair_probabilities())
+        opponent = PairPolicy(
+            game=policy.game.opposite, probability=policy.pair_probabilities(), positions=policy.position_probabilities()
+        )
     answer = best_response(policy, game=opponent.game if opponent else None, tolerance=tolerance)
     other = answer if opponent is None else best_response(opponent, game=policy.game, tolerance=tolerance)
     # The game is zero-sum, so the values of the profile itself cancel.

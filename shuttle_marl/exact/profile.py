@@ -1,10 +1,11 @@
 """Exact evaluation of two fixed policies: values of all states, and cross-play of many policies."""
 
 import dataclasses
+import functools
 import itertools
 import operator
 from collections.abc import Callable, Sequence
-from typing import Final, Protocol, TypeVar
+from typing import Final, Protocol, TypeVar, cast
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from shuttle_marl.base.arrays import F64
 from shuttle_marl.base.cluster import in_threads
 from shuttle_marl.exact.fixed_point import FIRST_RALLY_STATE, TOLERANCE, ExactError
 from shuttle_marl.exact.match import Odds
+from shuttle_marl.exact.recovery import MetGame, met
 from shuttle_marl.exact.solver import BlockLinear, ProfileValue, solve_players
 from shuttle_marl.exact.sweeps import Chances, block_expected, block_mean, listed
 from shuttle_marl.game.pairs import people_of
@@ -36,6 +38,12 @@ class StatePolicy(Protocol):
         """``[base pairs]`` the same in one block of states."""
         ...
 
+    def position_probabilities(self) -> F64 | None:
+        """``[S, 9]`` probability of each position where the opponent is in each state; None: those of people."""
+        ...
+
+    def __hash__(self) -> int: ...
+
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class PairPolicy:
@@ -45,10 +53,12 @@ class PairPolicy:
         game: the tables with which the player strikes.
         probability: ``[P]`` of each legal pair, or ``[base pairs]`` if it does not depend on the efforts; they sum to 1 in each
             state.
+        positions: ``[S, 9]`` probability of each position where the opponent is in each state; None: those of people.
     """
 
     game: Game
     probability: F64
+    positions: F64 | None = None
 
     def pair_probabilities(self) -> F64:
         """``[P]`` the same; see :class:`StatePolicy`."""
@@ -59,9 +69,14 @@ class PairPolicy:
         alike = len(self.probability) == self.game.n_base_pairs
         return self.probability if alike else self.probability[self.game.block_pairs(block)]
 
+    def position_probabilities(self) -> F64 | None:
+        """``[S, 9]`` probability of each position where the opponent is in each state; None: those of people."""
+        return self.positions
+
 
 PolicyT = TypeVar("PolicyT", TabulatedPolicy, PairPolicy)
 SomeT = TypeVar("SomeT", bound=StatePolicy)
+OtherT = TypeVar("OtherT", bound=StatePolicy)
 _LAYOUT: Final = (
     "catalogue.names", "levels", "edge_own", "edge_incoming", "edge_duel", "reply_start", "reply_count", "reply_edge",
 )  # fmt: skip
@@ -113,7 +128,7 @@ def induced(policy: StatePolicy) -> InducedChain:
         chance = listed(game, block_chances(policy, block))
         # Most policies ignore the efforts, or all but their own: each table is stored once.
         chances.append(next((seen for seen in chances if np.array_equal(seen, chance)), chance))
-        reward[states], continuation = block_expected(game, block // game.levels, chance)
+        reward[states], continuation = block_expected(game, block, chance)
         continuation[:FIRST_RALLY_STATE] = 0.0
         largest = max(largest, float(continuation.max()))
         if largest >= 1:
@@ -159,6 +174,22 @@ def moved(policy: PolicyT, game: Game) -> PolicyT:
     return dataclasses.replace(policy, game=game)
 
 
+def facing(policy: SomeT, opponent: OtherT) -> tuple[SomeT, OtherT]:
+    """Two policies with the tables that hold while the receiver waits as the other policy does; as they are without recovery."""
+    if policy.game.recovery is None:
+        return policy, opponent
+    first = cast("SomeT", moved(cast("PairPolicy", policy), met_by(policy.game, opponent)))
+    if policy is opponent:
+        return first, cast("OtherT", first)
+    return first, cast("OtherT", moved(cast("PairPolicy", opponent), met_by(opponent.game, policy)))
+
+
+@functools.lru_cache(maxsize=4)
+def met_by(game: Game, policy: StatePolicy) -> MetGame:
+    """The game against a receiver who waits as a policy does."""
+    return met(game, policy.position_probabilities())
+
+
 def check_same_layout(first: Game, second: Game) -> None:
     """Check that two games have the same states and strokes; their probabilities may differ.
 
@@ -194,6 +225,7 @@ def evaluate(policy: StatePolicy, opponent: StatePolicy, *, tolerance: float = T
         ExactError: the two games have different layouts, or play may never end.
     """
     check_opponents(policy.game, opponent.game)
+    policy, opponent = facing(policy, opponent)
     first = induced(policy)
     return evaluate_chains(first, first if opponent is policy else induced(opponent), tolerance=tolerance)
 
@@ -235,10 +267,14 @@ def odds_of_pairs(
     progress: Callable[[], object] | None = None,
 ) -> list[tuple[Odds, Odds]]:
     """Odds of both policies of each pair of indices, solved on all cores; arguments and errors as for :func:`crossplay`."""
-    chains = list(in_threads(induced, policies))
+    hidden = any(policy.game.recovery is not None for policy in policies)
+    chains = [] if hidden else list(in_threads(induced, policies))
 
     def solve(pair: tuple[int, int]) -> tuple[Odds, Odds]:
-        value = evaluate_chains(chains[pair[0]], chains[pair[1]], tolerance=tolerance)
+        if hidden:  # the tables depend on both
+            value = evaluate(policies[pair[0]], policies[pair[1]], tolerance=tolerance)
+        else:
+            value = evaluate_chains(chains[pair[0]], chains[pair[1]], tolerance=tolerance)
         return value.odds(0), value.odds(1)
 
     found = []

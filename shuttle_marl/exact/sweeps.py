@@ -65,9 +65,13 @@ class Lists(NamedTuple):
     """``[lists]`` end of the replies."""
 
 
-@functools.lru_cache(maxsize=48)
 def lists_of(game: Game) -> Lists:
     """The lists of a game."""
+    return _lists_of(game.tables)
+
+
+@functools.lru_cache(maxsize=48)
+def _lists_of(game: Game) -> Lists:
     reply = game.first_reply[game.base_pair_state] + game.base_pair_rank
     count = np.diff(game.base_pair_start)
     state = np.flatnonzero(count).astype(np.int32)
@@ -97,22 +101,25 @@ class Choices(NamedTuple):
 
 
 class Outcomes(NamedTuple):
-    """Outcomes of the legal pairs at one effort in G games: the tables of the games by column, so that loops are vectorised."""
+    """Outcomes of the legal pairs of a block in G games: the tables of the games by column, so that loops are vectorised.
 
-    limits: U16
+    Means over positions (:mod:`shuttle_marl.exact.recovery`) are not rounded.
+    """
+
+    limits: U16 | F64
     """``[G, 3, base pairs]`` thresholds."""
-    hurry: U8
+    hurry: U8 | F64
     """``[G, 2, base pairs]`` chances of a hurried receiver."""
 
 
 class _Strokes(NamedTuple):
     """The K legal strokes of a state, as ``[K]`` each: thresholds, chances of a hurried receiver, and rows of :func:`_gather`."""
 
-    fault: U16
-    winner: U16
-    below: U16
-    hurry_below: U8
-    hurry_above: U8
+    fault: U16 | F64
+    winner: U16 | F64
+    below: U16 | F64
+    hurry_below: U8 | F64
+    hurry_above: U8 | F64
     low: F64
     high: F64
     low_hurried: F64
@@ -185,7 +192,7 @@ def _scatter_add(gathered: F64, replies: Replies, plain: F64, after_attack: F64)
 
 
 @inlined
-def _worth(fault: float, winner: float, below: float, hurry_below: int, hurry_above: int, after: Successors) -> float:
+def worth_of(fault: float, winner: float, below: float, hurry_below: float, hurry_above: float, after: Successors) -> float:
     """Value of a stroke to its striker, in units of 1/65536, from its outcomes and what :func:`_gather` wrote for its reply."""
     lower = (below - winner) * (after[0] + hurry_below * after[2])
     return (winner - 2.0 * fault) - (lower + (65536.0 - below) * (after[1] + hurry_above * after[3]))
@@ -220,7 +227,7 @@ def _choose(outcomes: Outcomes, lists: Lists, edges: I32, following: F64, agains
                 fault, winner, below = limits[g, 0, start:end], limits[g, 1, start:end], limits[g, 2, start:end]
                 hurry_below, hurry_above = hurry[g, 0, start:end], hurry[g, 1, start:end]
                 for i in range(n):
-                    value = _worth(float(fault[i]), float(winner[i]), float(below[i]), hurry_below[i], hurry_above[i], after)
+                    value = worth_of(float(fault[i]), float(winner[i]), float(below[i]), hurry_below[i], hurry_above[i], after)
                     values[i] = value if g == 0 else (min(values[i], value) if against else max(values[i], value))
             for i in range(n):
                 best[i] = max(best[i], values[i])
@@ -236,7 +243,7 @@ def _choose(outcomes: Outcomes, lists: Lists, edges: I32, following: F64, agains
             while True:
                 won, under = float(limits[g, 1, pair]), float(limits[g, 2, pair])
                 hurried_below, hurried_above = hurry[g, 0, pair], hurry[g, 1, pair]
-                value = _worth(float(limits[g, 0, pair]), won, under, hurried_below, hurried_above, after)
+                value = worth_of(float(limits[g, 0, pair]), won, under, hurried_below, hurried_above, after)
                 if g == games - 1 or abs(value - worth[k * n + i]) <= TIE * 65536.0:
                     break
                 g += 1
@@ -347,19 +354,19 @@ def _expect(chances: Chances, unit: float, outcomes: Outcomes, lists: Lists, rew
             reward[states[i]], continuation[states[i]] = gained[i] * unit, continued[i] * unit
 
 
-def _outcomes(game: Game, level: int) -> Outcomes:
-    """The outcomes of a game at one effort, in the order of its pairs."""
-    return Outcomes(np.ascontiguousarray(game.limits[level].T)[None], np.ascontiguousarray(game.hurry.T)[None])
+def _outcomes(game: Game, table: int) -> Outcomes:
+    """The outcomes in a row of the limits of a game, in the order of its pairs."""
+    return Outcomes(np.ascontiguousarray(game.limits[table].T)[None], np.ascontiguousarray(game.hurry_at(table).T)[None])
 
 
 _kept_outcomes = functools.lru_cache(maxsize=16)(_outcomes)
 
 
 @functools.lru_cache(maxsize=48)
-def _listed_outcomes(games: tuple[Game, ...], level: int) -> Outcomes:
-    """The outcomes of games of one layout at one effort, in the order of :attr:`Lists.order`."""
+def _listed_outcomes(games: tuple[Game, ...], table: int) -> Outcomes:
+    """The outcomes in a row of the limits of games of one layout, in the order of :attr:`Lists.order`."""
     order = lists_of(games[0]).order
-    limits, hurry = (np.concatenate(part).take(order, axis=2) for part in zip(*(_outcomes(g, level) for g in games), strict=True))
+    limits, hurry = (np.concatenate(part).take(order, axis=2) for part in zip(*(_outcomes(g, table) for g in games), strict=True))
     return Outcomes(limits, hurry)
 
 
@@ -379,7 +386,7 @@ def block_choices(games: Sequence[Game], block: int, plain: F64, after_attack: F
     game = games[0]
     size = game.n_base_states
     found = Choices(np.zeros(size), np.full(size, -1, np.int32), np.zeros(size, np.int32), np.zeros((size, 4)))
-    outcomes, following = _listed_outcomes(tuple(games), block // game.levels), _gathered(game, plain, after_attack)
+    outcomes, following = _listed_outcomes(tuple(games), game.table_of(block)), gathered(game, plain, after_attack)
     _choose(outcomes, lists_of(game), game.reply_edge, following, against, found)
     return found
 
@@ -391,7 +398,7 @@ def after_block_choices(game: Game, chosen: Choices, plain: F64, after_attack: F
     return out
 
 
-def _gathered(game: Game, plain: F64, after_attack: F64) -> F64:
+def gathered(game: Game, plain: F64, after_attack: F64) -> F64:
     """``[4, V]`` values of the successors of each reply in a block, see :func:`_gather`."""
     out = np.empty((4, len(game.reply_edge)))
     _gather(plain, after_attack, replies(game), out)
@@ -407,19 +414,19 @@ class Expected(NamedTuple):
     """``[base states]`` probability that the rally continues."""
 
 
-def _unit_of(chance: Chances) -> float:
+def unit_of(chance: Chances) -> float:
     """Probability that a chance of 1 stands for, by the type of the numbers."""
     return 1 / CHOICE_ONE if chance.dtype.kind == "u" else 1.0
 
 
-def block_expected(game: Game, level: int, chance: Chances) -> Expected:
-    """Rewards and continuations of the states of a block under a policy, at a level of own effort.
+def block_expected(game: Game, block: int, chance: Chances) -> Expected:
+    """Rewards and continuations of the states of a block under a policy.
 
     Args:
         chance: :func:`listed` chances.
     """
     found = Expected(np.zeros(game.n_base_states), np.zeros(game.n_base_states))
-    _expect(chance, _unit_of(chance) / ONE, _listed_outcomes((game,), level), lists_of(game), *found)
+    _expect(chance, unit_of(chance) / ONE, _listed_outcomes((game,), game.table_of(block)), lists_of(game), *found)
     return found
 
 
@@ -431,8 +438,8 @@ def block_mean(game: Game, block: int, chance: Chances, plain: F64, after_attack
         plain, after_attack: as for :func:`block_choices`.
     """
     out = np.zeros(game.n_base_states)
-    outcomes, following = _listed_outcomes((game,), block // game.levels), _gathered(game, plain, after_attack)
-    _mean(chance, _unit_of(chance) / ONE, outcomes, lists_of(game), following, out)
+    outcomes, following = _listed_outcomes((game,), game.table_of(block)), gathered(game, plain, after_attack)
+    _mean(chance, unit_of(chance) / ONE, outcomes, lists_of(game), following, out)
     return out
 
 
@@ -445,8 +452,8 @@ def block_soft_values(game: Game, block: int, prior: F64, tau: float, plain: F64
         plain, after_attack: as for :func:`block_choices`.
     """
     out, policy = np.empty(game.n_base_states), np.empty(game.n_base_pairs)
-    following = _gathered(game, plain, after_attack)
-    _soften(_kept_outcomes(game, block // game.levels), replies(game), prior, tau, following, out, policy)
+    following = gathered(game, plain, after_attack)
+    _soften(_kept_outcomes(game, game.table_of(block)), replies(game), prior, tau, following, out, policy)
     return out, policy
 
 
@@ -458,7 +465,7 @@ def propagate(game: Game, chances: Sequence[Chances], visits: F64) -> F64:
         if not here.any():
             continue
         values[:] = 0.0
-        _propagate(chance, _unit_of(chance) / ONE, _kept_outcomes(game, block // game.levels), replies(game), here, values)
+        _propagate(chance, unit_of(chance) / ONE, _kept_outcomes(game, game.table_of(block)), replies(game), here, values)
         plain, attack = (out[game.block_states(after)] for after in game.block_following(block))
         _scatter_add(values, replies(game), plain, attack)
     return out

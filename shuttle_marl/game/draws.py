@@ -72,6 +72,12 @@ def choice_draw(bits: U64) -> I32:
     return (((bits >> np.uint64(32)) * np.uint64(CHOICE_ONE)) >> np.uint64(32)).astype(np.int32)
 
 
+def position_draw(bits: U64) -> I32:
+    """A number that chooses a position where :func:`choice_draw` of the same bits chooses a stroke: uniform in [0, 65535)."""
+    with np.errstate(over="ignore"):
+        return choice_draw(mix(bits + GOLDEN))
+
+
 def first_server(bits: U64) -> U64:
     """Seat that serves first, 0 or 1, from the first draw of a rally, where it is random."""
     return (bits >> np.uint64(24)) & np.uint64(1)

@@ -29,7 +29,7 @@ from shuttle_marl.game.shipped import (
 )
 from shuttle_marl.game.skill import AVERAGE, Day, Skill, day_of, has_skill, load_skill
 from shuttle_marl.game.stroke import frozen
-from shuttle_marl.game.tables import Game, GameError, Origin
+from shuttle_marl.game.tables import RECOVERY, Game, GameError, Origin
 from shuttle_marl.game.thresholds import odds_of_steps
 from shuttle_marl.game.variants import moved, steps_between, with_odds
 
@@ -75,7 +75,7 @@ class People:
     def origin(self) -> Origin:
         """The model, and the discipline as the variant, for policies of the model."""
         variant = variant_of(self.discipline, opposite=self.opposite)
-        return Origin(origin_named(self.model).folder, variant or AVERAGE)
+        return origin_named(self.model)._replace(variant=variant or AVERAGE)
 
     @property
     def opposite(self) -> bool:
@@ -85,14 +85,14 @@ class People:
     @property
     def average(self) -> Game:
         """The game of the model, without skill and discipline, whose agents can play this one."""
-        return load_game(str(self.origin.folder))
+        return load_game(self.origin._replace(variant=None).name_in(str(self.origin.folder)))
 
     @property
     def profile(self) -> Game:
         """The game of their discipline and hands, without skill, in which imitated players choose as they do here."""
         folder = self.origin.folder
         known = self.discipline if self.discipline in variants(str(folder)) else None
-        return load_game(Origin(folder, variant_of(known, opposite=self.opposite)).name_in(str(folder)))
+        return load_game(self.origin._replace(variant=variant_of(known, opposite=self.opposite)).name_in(str(folder)))
 
     @property
     def skill(self) -> Skill:
@@ -109,9 +109,10 @@ class People:
         Raises:
             GameError: a file of the model is damaged.
         """
-        folder, variant = origin_named(self.model)
-        names = () if variant is not None else variants(str(folder))
-        return tuple(self.game(f"{self.model}:{name}") for name in names if is_refit(name))
+        origin = origin_named(self.model)
+        names = () if origin.variant is not None else variants(str(origin.folder))
+        model = self.model.removesuffix(f":{RECOVERY}")
+        return tuple(self.game(origin._replace(variant=name).name_in(model)) for name in names if is_refit(name))
 
 
 def people_of(game: Game) -> People:
@@ -194,7 +195,7 @@ def game_between(game: Game, policies: tuple[str, str]) -> Game:
     skill = load_skill(origin.folder)
     if set(map(skill.hand_of, _persons(skill, policies))) != set(HANDS):
         return game
-    return load_game(Origin(origin.folder, variant_of(origin.variant, opposite=True)).name_in(str(origin.folder)))
+    return load_game(origin._replace(variant=variant_of(origin.variant, opposite=True)).name_in(str(origin.folder)))
 
 
 def _persons(skill: Skill, policies: tuple[str, str]) -> list[str]:
@@ -207,7 +208,7 @@ def trained_game(game: Game) -> Game:
     """The game on which agents that play a game were trained: the average game, or a variant, of equal hands."""
     average, origin = game.average, origin_of(game.average)
     equal, opposite = (None, False) if origin is None else hands_of_variant(origin.variant)
-    return average if origin is None or not opposite else load_game(Origin(origin.folder, equal).name_in(str(origin.folder)))
+    return average if origin is None or not opposite else load_game(origin._replace(variant=equal).name_in(str(origin.folder)))
 
 
 def without_skill(game: Game) -> Game:
@@ -215,7 +216,7 @@ def without_skill(game: Game) -> Game:
     people = game.people if game.whole is None else game.whole.people
     if people is None or not people.opposite:
         return game.average
-    return load_game(f"{people.origin.folder}:{OPPOSITE}")
+    return load_game(people.origin._replace(variant=OPPOSITE).name_in(str(people.origin.folder)))
 
 
 def opponent_tables(game: Game, seat: int | Ints) -> Game:
@@ -250,10 +251,12 @@ def pair_game(a: str, b: str, *, date: Day = None, discipline: str | None = None
         GameError: the model has no skill of players, a player is unknown, the players are not of one discipline, or the date is
             none.
     """
-    folder, variant = origin_named(game)
+    folder, variant, hidden = origin_named(game)
     equal, opposite = hands_of_variant(variant)
+    model = game.rpartition(":")[0] if variant is not None or hidden else game
     if opposite:  # the hands are those of the players
-        game, variant = Origin(folder, equal).name_in(game.rpartition(":")[0]), equal
+        variant = equal
+    game = Origin(folder, variant, hidden).name_in(model)
     skill = load_skill(folder)
     of_players = {name: skill.discipline_of(name) for name in (a, b) if name != AVERAGE}
     chosen = discipline or next(iter(of_players.values()), None)
@@ -265,7 +268,7 @@ def pair_game(a: str, b: str, *, date: Day = None, discipline: str | None = None
     if variant in PROFILES:
         if chosen not in (None, variant):
             raise GameError(f"{a} and {b} play {chosen}'s singles, and {game} is the game of {variant}'s")
-        game, variant, chosen = game.rpartition(":")[0], None, variant
+        game, chosen = Origin(folder, None, hidden).name_in(model), variant
     hands = (skill.hand_of(a) or HANDS[0], skill.hand_of(b) or HANDS[0])
     day = None if date is None else day_of(date)
     people = People(players=(a, b), model=game, date=day, discipline=chosen, hands=hands)
@@ -288,11 +291,12 @@ def game_of_people(game: Game, people: tuple[str, str], date: Day = None) -> Gam
 @functools.lru_cache(maxsize=32)
 def _base(game: str, discipline: str | None, *, opposite: bool) -> Game:
     """The tables without skill: of a model or a refit, in one discipline if the model tells them apart."""
-    tables, (folder, variant) = load_game(game), origin_named(game)
+    tables, (folder, variant, _) = load_game(game), origin_named(game)
+    recovery = tables.recovery
     if discipline in variants(str(folder)):
         model, profile = load_game(str(folder)), load_game(f"{folder}:{discipline}")
         tables = profile if variant is None else moved(tables, steps_between(model, profile), profile.fault_odds)
-    return between_hands(tables, folder) if opposite else tables
+    return dataclasses.replace(between_hands(tables, folder) if opposite else tables, recovery=recovery)
 
 
 def _with_skill(base: Game, offset: F64) -> U16:

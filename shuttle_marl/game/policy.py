@@ -104,11 +104,21 @@ class Policy(Protocol):
     """Contract of every player.
 
     A policy that reads ``states.score`` must say so with ``reads_score = True``, one that reads ``states.history`` with
-    ``reads_history = True``.
+    ``reads_history = True``. In the game with recovery, a policy waits where people do unless it has a method
+    ``positions(states)``, the :class:`Waits` contract.
     """
 
     def probabilities(self, states: States) -> Floats:
         """``[B, n]`` probability of each stroke of the catalogue; zero for illegal strokes, each row sums to 1."""
+        ...
+
+
+@runtime_checkable
+class Waits(Protocol):
+    """Contract of players who choose positions in the game with recovery."""
+
+    def positions(self, states: States) -> Floats:
+        """``[B, 9]`` probability of each position where the opponent is in each state; zero where it is not feasible."""
         ...
 
 
@@ -195,6 +205,35 @@ def checked_probabilities(policy: Policy, states: States) -> F64:
     return p
 
 
+def checked_positions(policy: Policy, states: States) -> F64:
+    """``[B, 9]`` probabilities of the positions of a policy in the game with recovery; those of people if it has none.
+
+    Raises:
+        PolicyError: the policy raised, or a row is no distribution over the feasible positions.
+    """
+    game = states.game
+    people = game.people_positions(states.state)
+    if not isinstance(policy, Waits):
+        return people
+    try:
+        p = _as_numbers(policy.positions(states))
+    except (KeyboardInterrupt, PolicyError):
+        raise
+    except BaseException as error:
+        raise PolicyError(f"positions of {called(policy)} raised {described(error)}") from error
+    if p.shape != people.shape:
+        raise PolicyError(f"positions of {called(policy)} have shape {p.shape}, expected {people.shape}")
+    wrong = ~np.isfinite(p).all(axis=1) | (p < 0).any(axis=1) | ((p > 0) & (people == 0)).any(axis=1)
+    wrong |= np.abs(p.sum(axis=1) - 1) > 1e-4
+    if wrong.any():
+        row = int(wrong.argmax())
+        raise PolicyError(
+            f"{called(policy)} returned {p[row].tolist()}, no distribution over the feasible positions, in state: "
+            f"{game.describe(int(states.state[row]))}"
+        )
+    return p
+
+
 def _as_numbers(raw: object) -> F64:
     """The return value of a policy, as real numbers; nothing is dropped or made finite on the way."""
     found = np.asarray(raw)
@@ -275,6 +314,10 @@ class GamePolicy:
     def probabilities(self, states: States) -> Floats:
         """``[B, n]`` probabilities of the policy."""
         return self.policy.probabilities(states)
+
+    def positions(self, states: States) -> F64:
+        """``[B, 9]`` probabilities of the positions of the policy, those of people if it has none."""
+        return checked_positions(self.policy, states)
 
     def act(self, observation: Observation, mask: npt.ArrayLike | None = None, rng: Generator | None = None) -> int | Intp:
         """Draw a stroke for an observation, see :func:`act`; without ``rng``, from fresh entropy."""

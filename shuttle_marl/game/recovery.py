@@ -35,6 +35,8 @@ if TYPE_CHECKING:
 POSITIONS: Final = tuple(area.replace("right", "forehand").replace("left", "backhand") for area in AREAS)
 """Names of the nine positions; index = 3 * depth + side, as for areas."""
 N_POSITIONS: Final = len(POSITIONS)
+CENTRE: Final = N_POSITIONS // 2
+"""The position from which serves are received."""
 ACROSS: Final = 0.55
 """Distance from the middle line beyond which a position is a side position [m]."""
 DEPTHS: Final = (3.2, 4.4)
@@ -65,16 +67,25 @@ def position_of(x: F64, y: F64) -> I64:
 class Waiting(NamedTuple):
     """Probabilities of outcomes by position: R rows, those of a base pair next to each other, one for each feasible position."""
 
-    count: I32
+    choices: I32
     """``[base states]`` number of feasible positions of the receiver."""
     position: I8
     """``[base states, 9]`` the feasible positions in rising order, then -1."""
     start: I64
-    """``[base states + 1]`` first row of each state; the i-th position against the k-th stroke: ``start + k count + i``."""
+    """``[base states + 1]`` first row of each state; the i-th position against the k-th stroke: ``start + k choices + i``."""
     limits: U16
     """``[L, R, 3]`` thresholds as in :attr:`shuttle_marl.game.tables.Game.limits`."""
     hurry: U8
     """``[R, 2]`` chances of a hurried receiver as in :attr:`shuttle_marl.game.tables.Game.hurry`."""
+
+    def row(self, base: Ints, k: Ints, position: Ints) -> I64:
+        """Row of the k-th legal stroke of base states against feasible positions, which are not checked; any shape."""
+        place = (self.position[base] == np.asarray(position)[..., None]).argmax(axis=-1)
+        return np.asarray(self.start[base] + k * self.choices[base] + place, dtype=np.int64)
+
+    def mask(self, base: Ints) -> Bools:
+        """``[..., 9]`` feasible positions of the receiver in base states."""
+        return np.asarray((self.position[base][..., None] == np.arange(N_POSITIONS)).any(axis=-2))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -90,6 +101,9 @@ class Recovery:
 
     people: U16
     effect: I16
+
+    def __repr__(self) -> str:
+        return f"Recovery(hash={self.hash[:12]!r})"
 
     def __post_init__(self) -> None:
         for name in ("people", "effect"):
@@ -125,15 +139,17 @@ class Recovery:
         """``[..., 9]`` probability of people's positions where a striker is in base states of a game, in units of 1/65535."""
         shot, area = np.append(game.catalogue.shot, N_SHOTS), np.append(game.catalogue.area, N_AREAS)
         own, incoming = game.own(base), game.incoming(base)
-        return np.asarray(self.people[shot[incoming], area[own], area[incoming], game.contact(base), game.hurried(base)])
+        people = self.people[shot[incoming], area[own], area[incoming], game.contact(base), game.hurried(base)]
+        # The receiver of a serve waits for it.
+        return np.where((incoming < game.n_strokes)[..., None], people, CHOICE_ONE * (np.arange(N_POSITIONS) == CENTRE)).astype(
+            np.uint16
+        )
 
 
 def waiting_of(game: "Game", recovery: Recovery) -> Waiting:
     """The tables of a game by position (see the head of this module)."""
     base = np.arange(game.n_base_states)
     people = recovery.of_states(game, base)
-    people[:_SERVES] = 0
-    people[:_SERVES, N_POSITIONS // 2] = CHOICE_ONE  # the receiver of a serve waits for it
     feasible = people > 0
     count = feasible.sum(axis=1, dtype=np.int32)
     position = np.where(np.arange(N_POSITIONS) < count[:, None], np.argsort(~feasible, axis=1, kind="stable"), -1).astype(np.int8)
@@ -168,16 +184,12 @@ def waiting_of(game: "Game", recovery: Recovery) -> Waiting:
     limits = np.stack([faults, ends, low], axis=1).astype(np.uint16)
     hurry = np.stack([np.minimum(np.rint(p * _HURRY_ONE), _HURRY_ONE - 1) for p in late], axis=1).astype(np.uint8)
     return Waiting(
-        count=frozen(count),
+        choices=frozen(count),
         position=frozen(position),
         start=frozen(first[game.base_pair_start]),
         limits=frozen(np.stack([with_fault_odds(limits, odds) for odds in game.fault_odds.tolist()])),
         hurry=frozen(hurry),
     )
-
-
-_SERVES: Final = 4
-"""Base states of the start of a rally."""
 
 
 class _Spread(NamedTuple):
@@ -212,8 +224,3 @@ class _Spread(NamedTuple):
             those = np.flatnonzero(size > i)
             total[those] += values[self.first[:-1][those] + i]
         return total
-
-
-def position_mask(waiting: Waiting, base: Ints) -> Bools:
-    """``[..., 9]`` feasible positions of the receiver in base states."""
-    return np.asarray((waiting.position[base][..., None] == np.arange(N_POSITIONS)).any(axis=-2))

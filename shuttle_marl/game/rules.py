@@ -67,7 +67,9 @@ def states_of_rallies(game: Layout, stroke: Ints, position: Ints, hurried: Bools
     return game.state_of(own, incoming, game.catalogue.height[stroke], duel, effort, opponent_effort, hurry)
 
 
-def strike(game: Game, state: Ints, k: Ints, draw: Ints, striker: Ints | None = None) -> tuple[I8, I32]:
+def strike(
+    game: Game, state: Ints, k: Ints, draw: Ints, striker: Ints | None = None, position: Ints | None = None
+) -> tuple[I8, I32]:
     """Play the k-th legal stroke of each state.
 
     Args:
@@ -75,6 +77,7 @@ def strike(game: Game, state: Ints, k: Ints, draw: Ints, striker: Ints | None = 
         k: ``[B]`` which of its legal strokes, 0 <= k < legal_count(state); not checked.
         draw: ``[B]`` uniform integers in [0, 2^24), see :func:`shuttle_marl.game.draws.outcome_draw`.
         striker: ``[B]`` seat of the striker, for the game of a pair; None: ``game`` holds the tables of all strikers.
+        position: ``[B]`` position of the receiver, feasible in the state, which is not checked; None: ``game`` has no recovery.
 
     Returns:
         ``[B]`` outcome (index into :data:`OUTCOMES`) and ``[B]`` state of the receiver, who is the next striker;
@@ -84,16 +87,20 @@ def strike(game: Game, state: Ints, k: Ints, draw: Ints, striker: Ints | None = 
         ends, after = np.empty(len(state), np.int8), np.empty(len(state), np.int32)
         for seat, tables in enumerate(game.seats):
             at = striker == seat
-            ends[at], after[at] = strike(tables, state[at], k[at], draw[at])
+            ends[at], after[at] = strike(tables, state[at], k[at], draw[at], None, None if position is None else position[at])
         return ends, after
     block, base = np.divmod(state, game.n_base_states)
     own, other = np.divmod(block, game.levels)
     # Rows by `take` and three comparisons: an index array and a sum over an axis of length three cost several times as much.
-    at = own * game.n_base_pairs + game.base_pair_start[base] + k
-    limits, low = game.limits.reshape(-1, 3).take(at, axis=0), draw & (ONE - 1)
+    row: Ints = game.base_pair_start[base] + k
+    rows, hurry = game.limits, game.hurry
+    if position is not None:
+        row, rows, hurry = game.waiting.row(base, k, position), game.waiting.limits, game.waiting.hurry
+    at = own * rows.shape[1] + row
+    limits, low = rows.reshape(-1, 3).take(at, axis=0), draw & (ONE - 1)
     outcome = (low >= limits[..., 0]).view(np.int8) + (low >= limits[..., 1]) + (low >= limits[..., 2])
     above = np.maximum(outcome - RETURNED_BELOW, 0)
-    hurried = (draw >> 16) < game.hurry[game.base_pair_start[base] + k, above]
+    hurried = (draw >> 16) < hurry[row, above]
     outcome += (HURRIED_BELOW - RETURNED_BELOW) * (hurried & (outcome >= RETURNED_BELOW)).view(np.int8)
     edge = game.reply_edge[game.first_reply[base] + k]
     after = other * game.levels + np.minimum(own + game.edge_attack[edge], game.levels - 1)

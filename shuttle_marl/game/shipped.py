@@ -13,10 +13,11 @@ from typing import Any, Final, Literal, NamedTuple
 import numpy as np
 
 from shuttle_marl.base.arrays import F64, Bools
-from shuttle_marl.base.errors import command
+from shuttle_marl.base.errors import ShuttleError, command
 from shuttle_marl.base.files import FileReadError, read_sealed
 from shuttle_marl.base.tensor_files import Tensors, checked, read_tensors
-from shuttle_marl.game.tables import Game, GameError, Origin
+from shuttle_marl.game.recovery import Recovery
+from shuttle_marl.game.tables import RECOVERY, Game, GameError, Origin
 from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.game.variants import hashes_of, moved, steps_between, unpacked
 
@@ -91,10 +92,26 @@ def load_game(name: str = "default") -> Game:
         GameError: the model or variant does not exist, or its file is damaged.
     """
     origin = origin_named(name)
-    game = Game.load(origin.folder / GAME) if origin.variant is None else _load_variant(name, origin.folder, origin.variant)
+    if origin.recovery:
+        game = dataclasses.replace(
+            load_game(origin._replace(recovery=False).name_in(str(origin.folder))), recovery=_load_recovery(origin.folder)
+        )
+    elif origin.variant is None:
+        game = Game.load(origin.folder / GAME)
+    else:
+        game = _load_variant(name, origin.folder, origin.variant)
     _ORIGINS[game.hash] = origin
     object.__setattr__(game, _LOADED_FROM, origin)  # which the game does not have as a field, so that no changed copy inherits it
     return game
+
+
+def _load_recovery(folder: Path) -> Recovery:
+    if not (folder / POSITIONS).is_file():
+        raise GameError(f"{folder}: a model without positions of receivers; fit it to strokes that have them")
+    try:
+        return Recovery.checked(read_model(folder, POSITIONS))
+    except (OSError, KeyError, TypeError, ValueError, ShuttleError) as error:
+        raise GameError(f"{folder / POSITIONS}: no readable positions ({error}); fit or install the model again") from error
 
 
 def variant_of(name: str | None, *, opposite: bool) -> str | None:
@@ -133,7 +150,8 @@ def origin_named(name: str) -> Origin:
     for whole, part in ((name, None), (model, variant)):
         for folder in (_MODELS / whole, Path(whole)):
             if whole and (folder / GAME).is_file():
-                return Origin(folder, part)
+                without, _, last = (part or "").rpartition("-")
+                return Origin(folder, without or None, recovery=True) if last == RECOVERY else Origin(folder, part)
     shipped = ", ".join(sorted(p.parent.name for p in _MODELS.glob(f"*/{GAME}"))) or "none"
     raise GameError(
         f"no model {name!r}: neither shipped (there: {shipped}) nor a folder with {GAME}; "
@@ -338,7 +356,7 @@ def refits_of(game: Game) -> tuple[Game, ...]:
     if origin is None or equal is not None:
         return ()
     names = [variant_of(name, opposite=opposite) for name in variants(str(origin.folder)) if is_refit(name)]
-    return tuple(load_game(f"{origin.folder}:{name}") for name in names)
+    return tuple(load_game(origin._replace(variant=name).name_in(str(origin.folder))) for name in names)
 
 
 def drawn_game(game: Game, rng: np.random.Generator, sigma: float) -> Game:

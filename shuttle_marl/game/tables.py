@@ -28,6 +28,7 @@ from shuttle_marl.base.arrays import F64, I32, U8, U16, Bools, Ints
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.files import replace_file
 from shuttle_marl.base.tensor_files import checked, parsed, read_tensors, tensor_bytes
+from shuttle_marl.game.draws import CHOICE_ONE
 from shuttle_marl.game.layout import ALL, LONGEST_DUEL, Indices, Layout
 from shuttle_marl.game.recovery import N_POSITIONS, Recovery, Waiting, waiting_of
 from shuttle_marl.game.stroke import SHOTS, Catalogue, frozen
@@ -50,6 +51,10 @@ class GameError(ShuttleError):
     """Tables that cannot be read or do not form a game."""
 
 
+RECOVERY: Final = "recovery"
+"""In names of games: the one in which receivers choose where to wait (``default:recovery``, ``default:men-recovery``)."""
+
+
 class Origin(NamedTuple):
     """The model and the variant that a game was loaded from."""
 
@@ -57,10 +62,12 @@ class Origin(NamedTuple):
     """The model folder."""
     variant: str | None
     """Name of the variant; None: the game of the model itself."""
+    recovery: bool = False
+    """Whether receivers choose where to wait."""
 
     def name_in(self, model: str) -> str:
         """Name of the game in a model of this name or folder."""
-        return model if self.variant is None else f"{model}:{self.variant}"
+        return ":".join(filter(None, (model, "-".join(filter(None, (self.variant, RECOVERY if self.recovery else None))))))
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -199,6 +206,11 @@ class Game(Layout):
         """Number of positions of a receiver: 9, or 1 in the game without recovery."""
         return 1 if self.recovery is None else N_POSITIONS
 
+    def people_positions(self, state: Indices) -> F64:
+        """``[..., 9]`` probabilities of people's positions as receivers where a striker is in each state; see ``waiting``."""
+        assert self.recovery is not None
+        return self.recovery.of_states(self, self.base(state)) / np.float64(CHOICE_ONE)
+
     @functools.cached_property
     def waiting(self) -> Waiting:
         """The tables by position.
@@ -222,6 +234,19 @@ class Game(Layout):
                 f"the game of {self.people.title} has the tables of both players; take those of a seat, game.seats[0]"
             )
         return frozen(np.stack([with_fault_odds(self.threshold, odds) for odds in self.fault_odds.tolist()]))
+
+    @property
+    def tables(self) -> "Game":
+        """The game with the same layout whose tables do not depend on the positions of a receiver: itself."""
+        return self
+
+    def table_of(self, block: int) -> int:
+        """Row of ``limits`` that holds in a block."""
+        return block // self.levels
+
+    def hurry_at(self, table: int) -> U8:  # noqa: ARG002  the same in all rows
+        """``[base pairs, 2]`` chances of a hurried receiver in a row of ``limits``."""
+        return self.hurry
 
     def limits_of(self, pairs: slice | Indices = ALL) -> U16:
         """``[..., 3]`` thresholds of legal pairs, all by default."""

@@ -19,7 +19,18 @@ from shuttle_marl.base.files import replace_file
 from shuttle_marl.base.tensor_files import read_tensors, tensor_bytes
 from shuttle_marl.game.draws import CHOICE_ONE, chosen
 from shuttle_marl.game.layout import LONGEST_DUEL
-from shuttle_marl.game.policy import Observation, Policy, PolicyError, States, act, called, checked_probabilities, reads_score
+from shuttle_marl.game.policy import (
+    Observation,
+    Policy,
+    PolicyError,
+    States,
+    Waits,
+    act,
+    called,
+    checked_positions,
+    checked_probabilities,
+    reads_score,
+)
 from shuttle_marl.game.stroke import Catalogue
 from shuttle_marl.game.tables import HURRY_ONE, Game, GameError
 from shuttle_marl.game.thresholds import ONE
@@ -125,22 +136,30 @@ class TabulatedPolicy:
         game: the game it was compiled for.
         cumulative: ``[P]`` uint16, probability of the legal strokes of a state up to and including this one, in units of
             1/65535; draws choose from it by :func:`shuttle_marl.game.draws.chosen`.
+        waits: ``[S, 9]`` uint16, the same for the positions up to and including each one where the opponent is in each state;
+            None: as people (and in games without recovery).
     """
 
     game: Game
     cumulative: U16
+    waits: U16 | None = None
 
     def __repr__(self) -> str:
         return f"TabulatedPolicy(hash={self.hash[:12]!r}, game={self.game!r})"
 
     @functools.cached_property
     def hash(self) -> str:
-        """SHA-256 of the table, hexadecimal."""
-        return hashlib.sha256(self.cumulative.tobytes()).hexdigest()
+        """SHA-256 of the tables, hexadecimal."""
+        positions = b"" if self.waits is None else self.waits.tobytes()
+        return hashlib.sha256(self.cumulative.tobytes() + positions).hexdigest()
 
     def pair_probabilities(self) -> F64:
         """``[P]`` probability of each legal pair given its state, exactly as it is played from the table."""
         return np.concatenate([self.block_probabilities(block) for block in range(self.game.n_blocks)])
+
+    def position_probabilities(self) -> F64 | None:
+        """``[S, 9]`` probability of each position where the opponent is in each state; None: those of people."""
+        return None if self.waits is None else np.diff(self.waits.astype(np.float64), axis=1, prepend=0) / CHOICE_ONE
 
     def probability_of(self, pairs: Ints) -> F64:
         """Probability of each of some legal pairs given its state, of any shape."""
@@ -168,6 +187,27 @@ class TabulatedPolicy:
         rows, pairs = game.pairs(states.state)
         p[rows, game.base_pair_stroke[pairs % game.n_base_pairs]] = self.probability_of(pairs)
         return p
+
+    def positions(self, states: States) -> F64:
+        """``[B, 9]`` probability of each position; see :class:`shuttle_marl.game.policy.Waits`."""
+        if self.waits is None:
+            return self.game.people_positions(states.state)
+        return np.diff(self.waits[states.state].astype(np.float64), axis=1, prepend=0) / CHOICE_ONE
+
+    def choose_position(self, state: Ints, draw: Ints) -> Intp:
+        """``[B]`` position in which the policy waits where the opponent is in each state.
+
+        Args:
+            draw: ``[B]`` uniform integers in [0, 65535), see :func:`shuttle_marl.game.draws.position_draw`.
+        """
+        return chosen(self.waiting_table[state], draw)
+
+    @functools.cached_property
+    def waiting_table(self) -> U16:
+        """``[S, 9]`` cumulative probabilities of positions: ``waits``, or those of people."""
+        if self.waits is not None:
+            return self.waits
+        return cumulative_positions(self.game.people_positions(np.arange(self.game.n_states)))
 
     def act(self, observation: Observation, mask: npt.ArrayLike | None = None, rng: Generator | None = None) -> int | Intp:
         """Draw a stroke for an observation, see :func:`shuttle_marl.game.policy.act`; without ``rng``, from fresh entropy."""
@@ -277,7 +317,23 @@ def tabulate(policy: Policy, game: Game) -> TabulatedPolicy:
             row, pairs = game.pairs(chunk)
             p[pairs] = rows[row, game.base_pair_stroke[pairs]]
         cumulative[game.block_pairs(block)] = _cumulative(game, p)
-    return TabulatedPolicy(game=game, cumulative=cumulative)
+    return TabulatedPolicy(game=game, cumulative=cumulative, waits=_tabulated_positions(policy, game))
+
+
+def _tabulated_positions(policy: Policy, game: Game) -> U16 | None:
+    """``[S, 9]`` cumulative probabilities of the positions of a policy; None where it waits as people do."""
+    if game.recovery is None or not isinstance(policy, Waits):
+        return None
+    states = np.arange(game.n_states, dtype=np.int32)
+    found = np.concatenate([checked_positions(policy, States(game=game, state=part)) for part in np.array_split(states, 16)])
+    table = cumulative_positions(found)
+    return None if np.array_equal(table, cumulative_positions(game.people_positions(states))) else table
+
+
+def cumulative_positions(p: F64) -> U16:
+    """``[S, 9]`` cumulative probabilities of positions in units of 1/65535, of probabilities that sum to 1 in each state."""
+    total = np.cumsum(p, axis=1)
+    return np.asarray(np.rint(total / total[:, -1:] * CHOICE_ONE).astype(np.uint16))
 
 
 def hash_of(first: TabulatedPolicy, second: TabulatedPolicy) -> str:
