@@ -211,8 +211,8 @@ def _recovery(recovery: dict[str, Any] | None) -> list[str]:
     return [
         *lines,
         f"Fitted to {recovery['strokes']:,} strokes: {recovery['feasible']:.2f} positions are feasible on average, and "
-        f"{100 * recovery['inside']:.1f} % of people's positions are among them. Log-odds of an outcome for each metre by which a "
-        "position lies to a side of the place where such a stroke is met, behind it, or in front of it:",
+        f"{100 * recovery['inside']:.1f} % of people's positions are among them. Log-odds of an outcome for each metre by which "
+        "a position lies to a side of the place where such a stroke is met, behind it, or in front of it:",
         "",
         *_table(head, *rows),
         "",

@@ -107,8 +107,8 @@ class Rows:
         movement: ``[N, 15]`` :data:`MOVEMENT`; NaN where a part is unknown, and for serves.
         hurried: ``[N]`` whether the striker was hurried, -1 where that is not known; ``codes`` then have 0.
         next_hurried: ``[N]`` that of the next stroke, -1 without one.
-        waiting: ``[N, 2]`` where the receiver stood at the hit, and ``meeting``: where they stood when they returned the stroke:
-            distance from the middle line towards their forehand side, and from the net [m]; NaN where that is not known.
+        waiting: ``[N, 2]`` where the receiver stood at the hit, and ``meeting``: where they met the shuttle: distance from the
+            middle line towards their forehand side, and from the net [m]; NaN where that is not known.
         hand, receiver_hand: ``[N]`` index into :data:`~shuttle_marl.game.court.HANDS`, -1 unknown, which counts as right.
 
     The first stroke of a rally is a serve, so it is neither an attack nor a net shot even where its row was dropped.
@@ -312,10 +312,10 @@ def _receiver_places(strokes: pa.Table, left: Bools, after: Ints, returned: Bool
         left: ``[N]`` whether the receiver is left-handed.
         after: ``[N]`` row of the next stroke, of those that were ``returned``.
     """
-    at = {f"{who}_{axis}": strokes[f"{who}_{axis}"].to_numpy() for who in ("striker", "receiver") for axis in "xy"}
+    at = {f"{who}_{axis}": strokes[f"{who}_{axis}"].to_numpy() for who in ("contact", "receiver") for axis in "xy"}
     # The receiver looks the other way: the striker's right is their left.
     waiting = np.stack([-at["receiver_x"], at["receiver_y"]], axis=1)
-    meeting = np.where(returned[:, None], np.stack([at["striker_x"], -at["striker_y"]], axis=1)[after], np.float32("nan"))
+    meeting = np.where(returned[:, None], np.stack([at["contact_x"], -at["contact_y"]], axis=1)[after], np.float32("nan"))
     for places in (waiting, meeting):
         places[left, 0] *= -1
     return waiting, meeting

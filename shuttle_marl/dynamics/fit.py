@@ -281,7 +281,11 @@ def _unseen_logits(networks: dict[str, Ensemble], ridge: F64, parts: dict[str, t
 def _predicted(parts: dict[str, tuple[Rows, Bools]], logits: dict[str, F64], calibration: F64) -> dict[str, Predicted]:
     """Calibrated predictions of some models."""
     below = len(calibration) - len(HURRIED)
-    lines = {"return": calibration[1], "contact": calibration[2], "hurried": calibration[below + parts["hurried"][0].next_contact].T}
+    lines = {
+        "return": calibration[1],
+        "contact": calibration[2],
+        "hurried": calibration[below + parts["hurried"][0].next_contact].T,
+    }
     return {name: Predicted(*parts[name], lines[name][0] * logit + lines[name][1]) for name, logit in logits.items()}
 
 

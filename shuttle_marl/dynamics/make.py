@@ -242,13 +242,15 @@ def add_recovery(data: Path, folder: Path, *, report: Report) -> dict[str, Any]:
         The model card.
 
     Raises:
-        ShuttleError: the model was fitted to other data or with a prior, or too few strokes have positions.
+        ShuttleError: the model was fitted to other data, or with a prior, or too few strokes have positions.
         GameError: the model card cannot be read.
     """
     report("reading strokes")
     card, strokes = shipped.read_model_card(folder), load_strokes(data)
-    if strokes_hash(strokes) != card["data"]["hash"] or "prior" in card["chosen"]:
-        raise ShuttleError(f"{data}: not the strokes that {folder.name} was fitted to without a prior; name those, or fit a model")
+    if "prior" in card["chosen"]:
+        raise ShuttleError(f"{folder}: a model that corrects another one has the positions of that; fit it again")
+    if strokes_hash(strokes) != card["data"]["hash"]:
+        raise ShuttleError(f"{data}: not the strokes that the model was fitted to; name those, or fit a model to these")
     train, _ = train_and_validation(rows_from_strokes(strokes, load_hurry(folder)), card["data"]["validation_share"])
     report("out-of-fold predictions")
     predicted = unseen_predictions(FittedModels.load(folder), train, EnsembleConfig().folds)

@@ -1,7 +1,7 @@
-"""Fit of the hidden recovery position: where people wait for a stroke, and what that changes (:mod:`shuttle_marl.game.recovery`).
+"""Fit of the hidden recovery position (:mod:`shuttle_marl.game.recovery`): where people wait, and what that changes.
 
-**People's positions** are counted in nested cells: incoming shot type; own area; incoming area; contact and hurried. Each share is
-shrunk to that of the cell around it. A position is feasible where it has a least share after incoming shot type and own area.
+**People's positions** are counted in nested cells: incoming shot type; own area; incoming area; contact and hurried. Each share
+is shrunk to that of the cell around it. A position is feasible where it has a least share after incoming shot type and own area.
 
 **Effects** follow from where a position lies relative to where strokes of the shot type and area are met: how far to a side, how
 far behind it, how far in front of it. Their coefficients by group of shot types are those of ridge-penalised logistic regressions
@@ -11,8 +11,8 @@ and not how strokes differ that people await elsewhere.
 
 Positions in the regressions are cells, as in the game. With the places themselves, a coefficient is that of a metre, which a cell
 keeps only in part: people stand in different places of it in different states. In four cross fits over the training matches, the
-slope on the predicted effects is then .77 for winners, .88 for contacts and .68 for hurried receivers, and with cells 1.06, 1.00
-and .95.
+slope on the predicted effects is then .77 for winners, .88 for contacts and .68 for hurried receivers, and with cells 1.09, 1.00
+and .94.
 """
 
 from collections.abc import Mapping
@@ -84,12 +84,12 @@ class FittedRecovery(NamedTuple):
 
 
 class _Court(NamedTuple):
-    """Where receivers wait, and where they meet strokes [m]."""
+    """Where receivers wait, and where they meet the shuttle [m]."""
 
     mean: F64
     """``[9, 2]`` mean place of each position."""
     meeting: F64
-    """``[13, 9, 2]`` mean place of who returns a stroke of a shot type and area."""
+    """``[13, 9, 2]`` mean place in which returned strokes of a shot type and area are met."""
 
     @classmethod
     def of(cls, rows: Rows) -> "_Court":
@@ -134,7 +134,7 @@ def placed(rows: Rows) -> Bools:
 def people_at(recovery: Recovery, rows: Rows) -> tuple[Bools, F64]:
     """``[N]`` strokes whose context is known, and for these the probabilities ``[M, 9]`` of people's positions."""
     codes = np.stack([rows.game_codes[name] for name in _STATE]).astype(np.int64)
-    known = (codes < np.array(_SIZES)[:, None]).all(axis=0)
+    known = np.asarray((codes < np.array(_SIZES)[:, None]).all(axis=0))
     return known, recovery.people[tuple(codes[:, known])] / np.float64(CHOICE_ONE)
 
 
@@ -179,7 +179,7 @@ def _people(rows: Rows) -> U16:
         shape = _SIZES[:inner]
         around = share.repeat(int(np.prod(_SIZES[outer:inner])), axis=0)
         share = _means(np.ravel_multi_index(tuple(codes[:inner]), shape), waits, around, _PEOPLE)
-        if inner == 2:  # noqa: PLR2004  after incoming shot type and own area
+        if inner == 2:
             feasible = share >= LEAST_SHARE
     share = np.where(feasible.repeat(len(share) // len(feasible), axis=0), share, 0.0)
     return _units(share / share.sum(axis=1, keepdims=True)).reshape(*_SIZES, N_POSITIONS)
