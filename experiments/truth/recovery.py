@@ -37,7 +37,13 @@ class Judged(NamedTuple):
 
     def of(self, which: Bools) -> "Judged":
         """Some of the strokes."""
-        return Judged(*(array[which] for array in self))
+        return Judged(self.match[which], self.logit[which], self.shift[which], self.label[which])
+
+    @classmethod
+    def joined(cls, parts: Sequence["Judged"]) -> "Judged":
+        """Several lists of strokes as one."""
+        match, logit, shift, label = zip(*parts, strict=True)
+        return cls(np.concatenate(match), np.concatenate(logit), np.concatenate(shift), np.concatenate(label))
 
 
 def recovery_effects(parts: Sequence[tuple[World, Strokes]], seed: int = 0) -> dict[str, dict[str, float]] | None:
@@ -61,7 +67,7 @@ def recovery_effects(parts: Sequence[tuple[World, Strokes]], seed: int = 0) -> d
         for judged, effect in zip(found, judged_by(world.models, world.recovery, strokes.rows), strict=True):
             judged.append(effect._replace(match=effect.match + np.int32(before)))
         before += len(strokes.rows.matches)
-    joined = [Judged(*map(np.concatenate, zip(*parts_of, strict=True))) for parts_of in found]
+    joined = map(Judged.joined, found)
     return {name: _summary(judged, seed) for name, judged in zip(EFFECTS, joined, strict=True) if len(judged.label)}
 
 
