@@ -16,7 +16,7 @@ from shuttle_marl.data import load_strokes
 from shuttle_marl.data.schema import STROKES, Outcome
 from shuttle_marl.dynamics.card import as_markdown, write_card
 from shuttle_marl.dynamics.features import SLOTS, Rows, rows_from_strokes
-from shuttle_marl.dynamics.make import _save_recovery, add_recovery
+from shuttle_marl.dynamics.make import _copied_recovery, _save_recovery, add_recovery
 from shuttle_marl.dynamics.recovery import FEATURES, GROUPS, LEAST_SHARE, MIN_ROWS, FittedRecovery, fit_recovery, people_at
 from shuttle_marl.dynamics.skill import Predicted
 from shuttle_marl.game.draws import CHOICE_ONE
@@ -199,3 +199,13 @@ def test_positions_of_other_strokes_are_not_added(model: Path) -> None:
     with pytest.raises(ShuttleError, match="corrects another one"):
         add_recovery(SAMPLE, model, report=lambda line: None)
     assert (model / POSITIONS).read_bytes() == before
+
+
+def test_a_correction_takes_over_the_positions_of_its_prior(model: Path, tmp_path: Path) -> None:
+    corrected = tmp_path / "corrected"
+    corrected.mkdir()
+    assert _copied_recovery(corrected, model) == read_model_card(model)["recovery"]
+    assert (corrected / POSITIONS).read_bytes() == (model / POSITIONS).read_bytes()
+    (model / POSITIONS).unlink()
+    assert _copied_recovery(corrected, model) is None
+    assert not (corrected / POSITIONS).exists()
