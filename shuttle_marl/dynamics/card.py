@@ -126,6 +126,7 @@ def as_markdown(card: dict[str, Any]) -> str:
     lines += _situations(card)
     if card.get("history"):
         lines += _history(card["history"])
+    lines += _recovery(card.get("recovery"))
     if "skill" in card:
         lines += _skill(card["skill"])
     lines += _solved(health)
@@ -194,6 +195,28 @@ def _situations(card: dict[str, Any]) -> list[str]:
             "differences show the uncertainty of the fit."
         )
     return [*lines, ""]
+
+
+def _recovery(recovery: dict[str, Any] | None) -> list[str]:
+    """Where people wait, and the coefficients of what that changes."""
+    lines = ["## Positions of receivers", ""]
+    if recovery is None:
+        return [*lines, "The model has none: too few strokes have the position of the receiver.", ""]
+    rows = [
+        (effect, group, *(f"{value:+.2f}" for value in line.values()))
+        for effect, groups in recovery["coefficients"].items()
+        for group, line in groups.items()
+    ]
+    head = ("outcome", "stroke", *next(iter(next(iter(recovery["coefficients"].values())).values())))
+    return [
+        *lines,
+        f"Fitted to {recovery['strokes']:,} strokes: {recovery['feasible']:.2f} positions are feasible on average, and "
+        f"{100 * recovery['inside']:.1f} % of people's positions are among them. Log-odds of an outcome for each metre by which "
+        "a position lies to a side of the place where such a stroke is met, behind it, or in front of it:",
+        "",
+        *_table(head, *rows),
+        "",
+    ]
 
 
 def _skill(skill: dict[str, Any]) -> list[str]:
