@@ -134,8 +134,8 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         """Copy with fresh luck, for planning: the same situation, and other outcomes of the strokes to come.
 
         A fork depends on the seed of the episode and on its own seed alone, and none has the luck of the original, whatever the
-        seeds. It shares the action and observation spaces, and opens no window. A position that the striker does not know is drawn
-        anew, and the fork does not know those of earlier strokes.
+        seeds. It shares the action and observation spaces, and opens no window. A hidden position is drawn anew, and a fork does
+        not know those of earlier strokes.
 
         Args:
             seed: seed of the luck from here on, also in later episodes; None: random.
@@ -222,13 +222,14 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         acts = player == self._striker ^ self._choosing
         if self._hides:
             seen = np.append(seen, np.float32(acts and self._choosing))
-        return {"observation": seen, "action_mask": self._mask() if self._live and acts else np.zeros(self._stepper.n_actions, np.int8)}
+        mask = self._mask() if self._live and acts else np.zeros(self._stepper.n_actions, np.int8)
+        return {"observation": seen, "action_mask": mask}
 
     def state(self) -> F32:
         """Global state, for centralised critics: the observation of ``player_0``, and 1 if it is to strike, else 0.
 
-        In the game with recovery the last number of the observation is replaced: 1 if either player is to choose a position. Where
-        a player waits is no part of it.
+        In the game with recovery the last number of the observation is replaced: 1 if either player is to choose a position, else
+        0. Where a player waits is no part of it.
         """
         found = np.append(self.observe("player_0")["observation"], np.float32(self._striker == 0))
         if self._hides:
@@ -322,11 +323,12 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
     def snapshot(self) -> Snapshot:
         """The rally so far, or the last rally until the next serve."""
         between_rallies = self._state == ROOT and bool(self._strokes)
+        # A seed tells the luck of both players, with which hidden positions are drawn.
+        seed = "" if self._hides else f" of seed {self.last_seed}"
         return Snapshot(
             game=self.game,
             names=AGENTS if self.game.people is None else self.game.people.players,
-            # A seed tells the luck of both players, which hidden positions are drawn with.
-            title=f"{self.metadata['name'].removesuffix('_v0')} {self.episode + 1}{'' if self._hides else f' of seed {self.last_seed}'}",
+            title=f"{self.metadata['name'].removesuffix('_v0')} {self.episode + 1}{seed}",
             strokes=tuple(self._strokes),
             server=self._strokes[0].player if self._strokes else self._striker,
             striker=self._striker if self._live and not between_rallies else None,
@@ -444,8 +446,9 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         legal = np.flatnonzero(self._mask()).tolist()
         listed = ", ".join(f"{i} {names[i]}" for i in legal[:_LISTED])
         more = f" and {len(legal) - _LISTED} more" if len(legal) > _LISTED else ""
+        kind = "position" if self._choosing else "stroke"
         return IllegalStrokeError(
-            f"{self.agent_selection}: {'position' if self._choosing else 'stroke'} {stroke} ({names[stroke]}) is not legal in state: "
+            f"{self.agent_selection}: {kind} {stroke} ({names[stroke]}) is not legal in state: "
             f"{self.game.describe(self._state)}. Legal, as in action_mask: {listed}{more}",
             stroke,
         )
@@ -466,10 +469,9 @@ class _Believed(UniformPolicy):
 class CheckedEnv(OrderEnforcingWrapper[str, Observation, Any]):
     """PettingZoo's checks in one wrapper: the order of calls, actions out of bounds, illegal strokes.
 
-    An illegal action ends the episode: -1 for the agent, +1 for the other, and ``info["reason"]`` is ``illegal stroke`` or ``illegal
-    position``.
-    PettingZoo's ``TerminateIllegalWrapper`` gives the other agent no reward, so the game would not be zero-sum; and three nested
-    wrappers take three times as long as the environment.
+    An illegal stroke ends the episode: -1 for the striker, +1 for the other agent, and ``info["reason"]`` is ``illegal stroke``;
+    an illegal position likewise. PettingZoo's ``TerminateIllegalWrapper`` gives the other agent no reward, so the game would not
+    be zero-sum; and three nested wrappers take three times as long as the environment.
     """
 
     def __init__(self, env: ShuttleEnv) -> None:

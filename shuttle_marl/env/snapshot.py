@@ -26,7 +26,8 @@ class Snapshot:
     Attributes:
         striker: player to hit next; None if the rally is over.
         winner: winner of the rally; None while it continues or if it was truncated.
-        reason: reason of the end: ``fault``, ``winner``, ``illegal stroke``, ``illegal position`` or ``too many strokes``; None before.
+        reason: reason of the end: ``fault``, ``winner``, ``illegal stroke``, ``illegal position`` or ``too many strokes``; None
+            before.
         by_game: points of players 0 and 1 in each game so far; empty without a match.
         match_winner: winner of the match; None while it continues.
         hands: ``right`` or ``left``, of players 0 and 1.

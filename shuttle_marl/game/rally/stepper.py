@@ -42,8 +42,8 @@ class Stroke(NamedTuple):
         stroke: catalogue index.
         outcome: index into :data:`shuttle_marl.game.rules.OUTCOMES`.
         p_succ: probability that the stroke was good.
-        p_ret: probability that a good stroke is returned; in the game with recovery, by a receiver who waits as people do, so that
-            it tells nothing of the position.
+        p_ret: probability that a good stroke was returned; in the game with recovery by a receiver who waits as people do, so it
+            tells nothing of the position.
     """
 
     player: int
@@ -58,7 +58,7 @@ class Stepper:
 
     Attributes:
         game: the tables, or the game of a pair.
-        action_names: names of the n strokes, and in the game with recovery of the nine positions after them (``wait:front-centre``).
+        action_names: names of the n strokes and, in the game with recovery, of the nine positions (``wait:front-centre``).
         n_actions: how many these are.
         observations: ``[base states, 60]`` float32 observation of the striker in each state, efforts zero.
     """
