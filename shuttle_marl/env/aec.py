@@ -67,6 +67,7 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
     _cumulative_rewards: dict[str, float]
     terminations: dict[str, bool]
     truncations: dict[str, bool]
+    infos: dict[str, dict[str, Any]]
 
     def __init__(
         self,
@@ -394,7 +395,7 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         self._cumulative_rewards = {"player_0": 0.0, "player_1": 0.0}
         self.terminations = {"player_0": False, "player_1": False}
         self.truncations = {"player_0": False, "player_1": False}
-        self.infos: dict[str, dict[str, Any]] = {"player_0": {}, "player_1": {}}
+        self.infos = {"player_0": {}, "player_1": {}}
 
     def _clear_rally(self) -> None:
         self._strokes, self._positions = [], []

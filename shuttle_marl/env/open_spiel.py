@@ -190,8 +190,9 @@ class RallyState(pyspiel.State):
         return f"player {action} serves" if self.striker < 0 else OUTCOMES[action]
 
     def __str__(self) -> str:
-        waits = self._position is not None and not self._over and self._stepper.chooses_position(self.number)
-        return f"{self.seen()}; receiver at {POSITIONS[self._position]}" if waits else self.seen()
+        if self._position is None or self._over or not self._stepper.chooses_position(self.number):
+            return self.seen()
+        return f"{self.seen()}; receiver at {POSITIONS[self._position]}"
 
     def seen(self) -> str:
         """The name of the state as both players see it: without the position of the receiver."""

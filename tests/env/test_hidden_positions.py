@@ -14,7 +14,6 @@ from typing import Any
 
 import lightgbm
 import numpy as np
-import pyspiel
 import pytest
 
 from shuttle_marl import match_v0, rally_v0
@@ -23,9 +22,8 @@ from shuttle_marl.env.single import SingleMatchEnv, SingleRallyEnv
 from shuttle_marl.env.words import TextRallyEnv, text_env
 from shuttle_marl.exact import solve
 from shuttle_marl.game.draws import CHOICE_ONE
-from shuttle_marl.game.rally.stepper import choose, choose_position, stepper_of
+from shuttle_marl.game.rally.stepper import choose, choose_position
 from shuttle_marl.game.recovery import N_POSITIONS
-from shuttle_marl.game.rules import RETURNED_BELOW
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from tests.recovery import Prefers, small_recovery_game
 
@@ -134,8 +132,12 @@ def numbers(thing: Any) -> list[float]:
     return np.ravel(np.asarray(thing, dtype=np.float64)).tolist()
 
 
-Seen = Iterator[tuple[Any, int, int]]
-"""What a striker is given, the state, and the hidden position."""
+Seen = Iterator[tuple[Any, int, int] | None]
+"""At each step what a striker is given, the state, and the hidden position; None where no mixed position is hidden."""
+
+
+def mixes(policy: TabulatedPolicy, state: int) -> bool:
+    return bool(np.diff(policy.waiting_table[state].astype(int), prepend=0).max() < 0.99 * CHOICE_ONE)
 
 
 def of_two_agents(policy: TabulatedPolicy, make: Callable[..., Any]) -> Seen:
@@ -148,10 +150,12 @@ def of_two_agents(policy: TabulatedPolicy, make: Callable[..., Any]) -> Seen:
             continue
         if raw.chooses_position:
             raw.step(N + choose_position(policy, GAME, raw.state_number, int(rng.integers(65535))))
+            yield None
             continue
-        if raw._stepper.chooses_position(raw.state_number):
-            # Past strokes: their outcomes say something of past positions, which nobody hides.
+        if mixes(policy, raw.state_number):
             yield [env.last(), env.observe("player_0"), env.state(), env.render()], raw.state_number, raw._position
+        else:
+            yield None
         raw.step(choose(policy, GAME, raw.state_number, int(rng.integers(65535))))
 
 
@@ -163,9 +167,9 @@ def of_one_agent(policy: TabulatedPolicy, make: Callable[..., Any]) -> Seen:
         state = raw.state_number
         if raw.chooses_position:
             action = N + choose_position(policy, GAME, state, int(rng.integers(65535)))
+            yield None
         else:
-            if raw._stepper.chooses_position(state):
-                yield list(told), state, raw._position
+            yield (list(told), state, raw._position) if mixes(policy, state) else None
             action = choose(policy, GAME, state, int(rng.integers(65535)))
         told = env.step(raw._stepper.action_names[action] if make is TextRallyEnv else action)
         if told[2]:
@@ -183,12 +187,19 @@ def of_open_spiel(policy: TabulatedPolicy) -> Seen:
             elif state.choosing:
                 position = choose_position(policy, GAME, state.number, int(rng.integers(65535)))
                 state.apply_action(N + position)
+                yield None
             else:
-                if game.stepper.chooses_position(state.number):
+                if mixes(policy, state.number):
                     player = state.current_player()
                     given = [state.information_state_string(player), state.information_state_tensor(player)]
-                    given += [state.observation_string(player), state.observation_tensor(player), state.legal_actions_mask(player)]
+                    given += [
+                        state.observation_string(player),
+                        state.observation_tensor(player),
+                        state.legal_actions_mask(player),
+                    ]
                     yield given, state.number, position
+                else:
+                    yield None
                 state.apply_action(choose(policy, GAME, state.number, int(rng.integers(65535))))
 
 
@@ -199,8 +210,8 @@ def gain(rows: np.ndarray, position: np.ndarray, chance: np.ndarray) -> tuple[fl
     """
     start, half = np.log(np.maximum(chance, 1e-6)), len(rows) // 2
     data = lightgbm.Dataset(rows[:half], position[:half], init_score=start[:half].ravel(order="F"))
-    options = {"objective": "multiclass", "num_class": N_POSITIONS, "num_leaves": 15, "learning_rate": 0.1, "num_threads": 2}
-    trees = lightgbm.train({**options, "verbose": -1, "seed": 1, "min_data_in_leaf": 50}, data, 20)
+    options = {"objective": "multiclass", "num_class": N_POSITIONS, "num_leaves": 7, "learning_rate": 0.1, "num_threads": 2}
+    trees = lightgbm.train({**options, "verbose": -1, "seed": 1, "min_data_in_leaf": 100, "lambda_l2": 20}, data, 20)
     logits = trees.predict(rows[half:], raw_score=True) + start[half:]
     logits -= logits.max(axis=1, keepdims=True)
     log_p = logits - np.log(np.exp(logits).sum(axis=1, keepdims=True))
@@ -227,16 +238,17 @@ SOURCES: dict[str, Callable[[TabulatedPolicy], Seen]] = {
 }
 
 
+@pytest.mark.slow(minutes=True)
 @pytest.mark.parametrize("name", SOURCES)
 def test_trees_predict_hidden_positions_no_better_than_the_equilibrium(name: str, perfect: TabulatedPolicy) -> None:
-    size = 60_000 if name == "rally_v0" else 8_000  # strokes; 60,000 are more than 100,000 steps
-    given, states, positions = zip(*itertools.islice(SOURCES[name](perfect), size), strict=True)
+    seen = filter(None, itertools.islice(SOURCES[name](perfect), 100_000))
+    given, states, positions = zip(*seen, strict=True)
     rows = np.array([numbers(each) for each in given], dtype=np.float32)
     position = np.array(positions)
     chance = np.diff(perfect.waiting_table[np.array(states)].astype(float), axis=1, prepend=0) / CHOICE_ONE
     found, error = gain(rows, position, chance)
-    assert found < 3 * error + 1e-4, "what a striker is given tells where the receiver waits"
-    leak = np.random.default_rng(1).random(size) < 0.1
+    assert found < 3 * error, "what a striker is given tells where the receiver waits"
+    leak = np.random.default_rng(1).random(len(rows)) < 0.2
     leaking = np.c_[rows, np.where(leak, position, -1)]
     found, error = gain(leaking, position, chance)
-    assert found > 3 * error, "trees find a leak in one stroke of ten"
+    assert found > 3 * error, "trees find a leak in one stroke of five"

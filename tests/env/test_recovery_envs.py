@@ -15,7 +15,7 @@ from pettingzoo import test as conformance
 
 from shuttle_marl import match_v0, rally_v0
 from shuttle_marl.base.errors import ActionError
-from shuttle_marl.env.single import SingleMatchEnv, SingleRallyEnv
+from shuttle_marl.env.single import Seat, SingleMatchEnv, SingleRallyEnv
 from shuttle_marl.env.words import OVER, TextRallyEnv, text_env
 from shuttle_marl.env.wrappers import component_masks
 from shuttle_marl.game.draws import choice_draw, draw, outcome_draw, position_draw, stream
@@ -59,14 +59,14 @@ def test_gymnasiums_conformance(make: Any) -> None:
 
 
 def test_the_ids_name_the_shipped_game() -> None:
-    env = gymnasium.make("shuttle_marl:shuttle_marl/RallyRecovery-v0")
+    env: Any = gymnasium.make("shuttle_marl:shuttle_marl/RallyRecovery-v0")
     assert env.unwrapped.game is rally_v0.env(game="default:recovery").unwrapped.game
     assert env.action_space == gymnasium.spaces.Discrete(default_game().n_strokes + N_POSITIONS)
     assert "shuttle_marl/MatchRecovery-v0" in gymnasium.registry
 
 
 def test_without_recovery_there_is_nothing_to_choose() -> None:
-    env = rally_v0.raw_env(game=reduced_game())
+    env: Any = rally_v0.raw_env(game=reduced_game())
     assert env.action_space("player_0").n == env.game.n_strokes == stepper_of(env.game).n_actions
     env.reset(seed=1)
     assert not env.chooses_position
@@ -130,7 +130,7 @@ def test_draws_of_positions_equal_those_by_counter() -> None:
 
 
 @pytest.mark.parametrize("seat", [0, 1])
-def test_a_rally_against_an_opponent_is_the_rule_with_the_draws_of_the_rally(seat: int) -> None:
+def test_a_rally_against_an_opponent_is_the_rule_with_the_draws_of_the_rally(seat: Seat) -> None:
     env = SingleRallyEnv(opponent=FORWARD, game=GAME, seat=seat, render_mode="ansi")
     theirs, own, rng = tabulate(FORWARD, GAME), GamePolicy(FORWARD, GAME), np.random.default_rng(5)
     seen, _ = env.reset(seed=9)
@@ -229,7 +229,9 @@ def test_illegal_positions_lose_as_illegal_strokes_do(made_for: str) -> None:
         env.step(int(env.last()[0]["action_mask"].argmax()))
     loser, mask = env.agent_selection, env.last()[0]["action_mask"]
     wrong = int(np.flatnonzero(mask == 0)[-1])
-    with pytest.raises(IllegalStrokeError, match=rf"{made_for} {wrong} \(wait:[a-z-]+\) is not legal in state: .* Legal, as in act"):
+    with pytest.raises(
+        IllegalStrokeError, match=rf"{made_for} {wrong} \(wait:[a-z-]+\) is not legal in state: .* Legal, as in act"
+    ):
         raw.step(wrong)
     for action in (-1, GAME.n_strokes + N_POSITIONS, "wait:back-centre"):
         with pytest.raises(ActionError, match=f"not a stroke or position; .* {GAME.n_strokes + N_POSITIONS - 1}"):
@@ -323,19 +325,19 @@ def test_agents_act_in_both_roles_and_with_a_score() -> None:
     policy, env = GamePolicy(FORWARD, GAME), match_v0.env(game=GAME)
     rng = np.random.default_rng(8)
     env.reset(seed=2)
-    for agent in env.agent_iter(600):
+    for _ in env.agent_iter(600):
         seen, _, over, _, _ = env.last()
         action = None if over else int(policy.act(seen, rng=rng))
         assert action is None or seen["action_mask"][action]
         env.step(action)
     rows = np.stack([env.observe(agent)["observation"] for agent in env.possible_agents])
     acts = [agent == env.agent_selection for agent in env.possible_agents]
-    assert policy.act(rows[acts], rng=rng).shape == (1,)
+    assert np.shape(policy.act(rows[acts], rng=rng)) == (1,)
 
 
 def test_rallies_in_words_ask_where_to_wait() -> None:
-    env, rng = text_env(game=GAME), np.random.default_rng(3)
-    asked = set()
+    rng, asked = np.random.default_rng(3), set[bool]()
+    env: Any = text_env(game=GAME)
     for _ in range(20):
         env.reset(seed=None if asked else 1)
         for agent in env.agent_iter():
