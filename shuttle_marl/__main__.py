@@ -1,17 +1,15 @@
 """``shuttle-marl COMMAND …`` is short for ``python -m shuttle_marl.COMMAND …``."""
 
-import atexit
 import difflib
 import importlib
 import io
 import os
-import signal
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from shuttle_marl import _end_at_interrupt
+from shuttle_marl import __version__
 
 COMMANDS: Final = {
     "analysis": "summaries and pictures of recorded rallies, compared with real matches",
@@ -55,9 +53,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:  # while the command is imported
         sys.stderr.write("interrupted\n")
         return 130
-    finally:
-        atexit.register(signal.signal, signal.SIGINT, signal.SIG_IGN)  # all is written; libraries take long to unload
-        exec("")  # after an interrupt in an `exec` of a library, Python would end with a signal instead of the status
 
 
 def _prepare_output() -> None:
@@ -72,15 +67,12 @@ def _prepare_output() -> None:
 
 def _run(name: str, *arguments: str) -> int:
     if name in COMMANDS:
-        command = importlib.import_module(f"shuttle_marl.commands.{name}")
-        if signal.getsignal(signal.SIGINT) is _end_at_interrupt:
-            signal.signal(signal.SIGINT, signal.default_int_handler)
-        return int(command.main(list(arguments)))
+        return int(importlib.import_module(f"shuttle_marl.commands.{name}").main(list(arguments)))
     if name in ("--help", "-h"):
         sys.stdout.write(_usage())
         return 0
     if name == "--version":
-        sys.stdout.write(f"shuttle_marl {_version()}\n")
+        sys.stdout.write(f"shuttle_marl {__version__}\n")
         return 0
     if name == "--completion" and len(arguments) == 1 and arguments[0] in SHELLS:
         importlib.import_module("shuttle_marl.commands.cli").write_completion(arguments[0], COMMANDS)
@@ -101,12 +93,6 @@ def _usage() -> str:
         "`shuttle-marl COMMAND --help` lists the options of a command, `--version` prints the version, and "
         f"`--completion SHELL`\na completion script for {', '.join(SHELLS)}, for the start file of the shell.\n"
     )
-
-
-def _version() -> str:
-    from shuttle_marl import __version__  # noqa: PLC0415  needs nothing else
-
-    return __version__
 
 
 if __name__ == "__main__":
