@@ -94,7 +94,7 @@ def puzzles_of(game: Game) -> dict[str, Any]:
     shots: Counter[str] = Counter()
     solved = 0
     for day in range(DAYS):
-        match, asked = Match(Plan(seed=20260501 + day, sides=(elite, elite)), game, tables), set[str]()
+        match, asked = Match(Plan(seed=20260501 + day, sides=(elite, elite)), tables), set[str]()
         for number in range(_RALLIES):
             if len(asked) == PUZZLES:
                 break

@@ -48,7 +48,7 @@ from shuttle_marl.game.variants import packed
 
 Ints = npt.NDArray[np.integer[Any]]
 
-EVERY = 3
+EVERY = 2
 REFITS = ("1", "2")
 """Refits of the shipped model that the small one has too."""
 

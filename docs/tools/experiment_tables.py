@@ -255,15 +255,15 @@ def truth_figures() -> str:
     def of(figure: Callable[[dict[str, Any]], str]) -> list[str]:
         return [figure(result) for result in columns]
 
+    def auc(figure: str) -> list[str]:
+        found = [result.get(figure) for result in columns]
+        return ["" if each is None else "{value:.3f} ({real_against_real:.3f})".format(**each) for each in found]
+
     rows = [
-        [
-            "slope at the end of the rally",
-            *of(lambda r: _slope(r["decision_slope"]["end"])),
-        ],
-        [
-            "AUC, simulated from real rallies",
-            *of(lambda r: "{value:.3f} ({real_against_real:.3f})".format(**r["two_sample_auc"])),
-        ],
+        ["slope at the end of the rally", *of(lambda r: _slope(r["decision_slope"]["end"]))],
+        ["AUC, simulated from real rallies", *auc("two_sample_auc")],
+        *([["the same with `bc:history`", *remembered]] if any(remembered := auc("two_sample_auc_history")) else []),
+        ["strokes of people that are illegal", *of(lambda r: f"{100 * r['illegal']['share']:.2f} %")],
         ["rally length, KS", *of(lambda r: "{ks:.3f} ({ks_real:.3f})".format(**r["rally_length"]))],
     ]
     for name in columns[0]["divergence"]:

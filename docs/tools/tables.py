@@ -81,6 +81,21 @@ BLOCKS: Final[dict[str, Callable[[], str]]] = {
     "win_rates_matrix": experiment_tables.matrix,
 }
 """Tables of saved results by name, and what makes them."""
+EARLIER: Final[dict[str, str]] = {
+    **dict.fromkeys(
+        (
+            *("advice_results", "human", "human_players", "next_stroke", "pair_results", "pair_strokes", "recipes", "self_play"),
+            *("aec", "cluster", "exact_values", "recording", "speed", "startup", "throughput", "throughput_bound"),
+            *("throughput_sizes", "time_to_win", "training_speed", "viewer"),
+            *("stroke_value", "styles", "win_rates", "win_rates_matrix", "depth_play", "depth_lists", *suite_tables.BLOCKS),
+            *(f"truth_{name}" for name in ("calibration", "figures", "forecasts", "legality", "limits", "memory", "shares")),
+            *(f"truth_{name}" for name in ("shots", "slopes", "told_apart")),
+        ),
+        "d19cf2be",
+    ),
+    **dict.fromkeys(("league", "league_training", "staging"), "be089928"),
+}
+"""Tables with results of another game than the shipped one, and its hash. A result that is made again leaves this list."""
 MODEL_CARD: Final = "docs/model_card.md"
 """The page that is made as a whole."""
 _PAGES: Final = ("README.md", "benchmarks/README.md", "docs/*.md", "docs/suite/*.md")
@@ -97,6 +112,11 @@ def replaced(text: str, name: str, table: str) -> str:
     if text.count(begin) != 1 or text.count(end) != 1 or text.index(begin) > text.index(end):
         raise TableError(f"expected one {begin} with {end} behind it")
     return f"{text[: text.index(begin)]}{begin}\n{table}\n{text[text.index(end) :]}"
+
+
+def marked(name: str, table: str) -> str:
+    """A table, with the game of its results below if that is not the shipped one."""
+    return f"{table}\n\n*Results of an earlier game, `{EARLIER[name]}…`.*" if name in EARLIER else table
 
 
 def rendered(root: Path, run: Path) -> dict[str, str]:
@@ -118,7 +138,7 @@ def rendered(root: Path, run: Path) -> dict[str, str]:
             if name not in LEAGUE_BLOCKS and name not in BLOCKS:
                 raise TableError(f"{path}: no table is called {name!r}; there are {', '.join(sorted({*LEAGUE_BLOCKS, *BLOCKS}))}")
             if name not in made:
-                made[name] = LEAGUE_BLOCKS[name](run) if name in LEAGUE_BLOCKS else BLOCKS[name]()
+                made[name] = marked(name, LEAGUE_BLOCKS[name](run) if name in LEAGUE_BLOCKS else BLOCKS[name]())
             pages[path.relative_to(root).as_posix()] = text = replaced(text, name, made[name])
             missing.discard(name)
     if missing:

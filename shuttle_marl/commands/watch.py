@@ -185,7 +185,7 @@ def watch(
         raise WatchError(str(error)) from error
     with (
         contextlib.closing(bind(server.host, server.port)) as listener,
-        contextlib.closing(MatchLog(output.record, policies.game, policies)) as log,
+        contextlib.closing(MatchLog(output.record, policies)) as log,
     ):
         stager = Stager(appearance.athletes, appearance.hands)
         shipped = shipped_rally(first_key(policies.game, plan, stager)) if recorded is None and tags is None else None

@@ -153,8 +153,9 @@ class Looks(NamedTuple):
 def looks_of(game: Game, policies: tuple[str, str]) -> Looks:
     """Hands and sexes of the players of a match.
 
-    The players of the game of a pair have their own. In any other game both players have the same hand, that of the first one who
-    imitates a person of known hand: a rally is as true in the mirror. An agent, which is nobody, looks as the other player does.
+    The players of the game of a pair have their own. In any other game the first one who imitates a person of known hand has
+    theirs, and the other player has the same one or, in a game of different hands, the other one: a rally is as true in
+    the mirror. An agent, which is nobody, is a man or a woman as the other player is.
 
     Args:
         policies: names of the policies at seats 0 and 1; ``bc:PLAYER`` and ``PLAYER`` are persons.
@@ -166,14 +167,46 @@ def looks_of(game: Game, policies: tuple[str, str]) -> Looks:
     origin = origin_of(game)
     if origin is None or not has_skill(origin.folder):
         return Looks()
-    skill, discipline = load_skill(origin.folder), hands_of_variant(origin.variant)[0]
-    names = [policy.removeprefix("bc:").partition("@")[0] for policy in policies]
-    known = [name if name in skill.players else AVERAGE for name in names]
-    hand = next(filter(None, map(skill.hand_of, known)), HANDS[0])
+    skill, (discipline, opposite) = load_skill(origin.folder), hands_of_variant(origin.variant)
+    known = _persons(skill, policies)
+    seat, hand = next(((seat, hand) for seat, hand in enumerate(map(skill.hand_of, known)) if hand), (0, HANDS[0]))
+    other = HANDS[(HANDS.index(hand) + opposite) % 2]
     kinds = [discipline if discipline in PROFILES else skill.discipline_of(name) for name in known]
     usual = next(filter(None, kinds), PROFILES[0])
     first, second = ("female" if (kind or usual) == "women" else "male" for kind in kinds)
-    return Looks(hands=(hand, hand), athletes=(first, second))
+    return Looks(hands=(other, hand) if seat else (hand, other), athletes=(first, second))
+
+
+def game_between(game: Game, policies: tuple[str, str]) -> Game:
+    """The game in which two policies meet: that of different hands if they imitate persons whose hands differ, else ``game``.
+
+    Args:
+        game: the game of a model or a variant of it; any other, and the game of a pair, is that of all meetings.
+        policies: names of the policies at seats 0 and 1, see :func:`looks_of`.
+
+    Raises:
+        GameError: a file of the model is damaged.
+    """
+    origin = None if game.people is not None else origin_of(game)
+    if origin is None or not has_skill(origin.folder) or hands_of_variant(origin.variant)[1]:
+        return game
+    skill = load_skill(origin.folder)
+    if set(map(skill.hand_of, _persons(skill, policies))) != set(HANDS):
+        return game
+    return load_game(Origin(origin.folder, variant_of(origin.variant, opposite=True)).name_in(str(origin.folder)))
+
+
+def _persons(skill: Skill, policies: tuple[str, str]) -> list[str]:
+    """Names of the persons whom policies imitate; ``average`` for nobody."""
+    names = [policy.removeprefix("bc:").partition("@")[0] for policy in policies]
+    return [name if name in skill.players else AVERAGE for name in names]
+
+
+def trained_game(game: Game) -> Game:
+    """The game on which agents that play a game were trained: the average game, or a variant, of equal hands."""
+    average, origin = game.average, origin_of(game.average)
+    equal, opposite = (None, False) if origin is None else hands_of_variant(origin.variant)
+    return average if origin is None or not opposite else load_game(Origin(origin.folder, equal).name_in(str(origin.folder)))
 
 
 def without_skill(game: Game) -> Game:
@@ -217,6 +250,9 @@ def pair_game(a: str, b: str, *, date: Day = None, discipline: str | None = None
             none.
     """
     folder, variant = origin_named(game)
+    equal, opposite = hands_of_variant(variant)
+    if opposite:  # the hands are those of the players
+        game, variant = Origin(folder, equal).name_in(game.rpartition(":")[0]), equal
     skill = load_skill(folder)
     of_players = {name: skill.discipline_of(name) for name in (a, b) if name != AVERAGE}
     chosen = discipline or next(iter(of_players.values()), None)

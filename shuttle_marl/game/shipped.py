@@ -280,6 +280,9 @@ def origin_of(game: Game) -> Origin | None:
 
 def shipped_game(digest: str) -> Game | None:
     """The game of a shipped model or variant by its hash; None if none has it."""
+    if _origin_of_hash(digest) is None:  # those of different hands are known once they are loaded
+        for name in (None, *PROFILES):
+            load_game(f"default:{variant_of(name, opposite=True)}")
     origin = _origin_of_hash(digest)
     return None if origin is None or origin.folder.parent != _MODELS else load_game(origin.name_in(origin.folder.name))
 

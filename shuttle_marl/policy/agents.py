@@ -14,7 +14,7 @@ from typing import Any, Final
 from shuttle_marl.base.errors import command
 from shuttle_marl.base.files import FileReadError, problem, read_sealed, replace_file, replace_sealed
 from shuttle_marl.base.tensor_files import read_tensors
-from shuttle_marl.game.pairs import without_skill
+from shuttle_marl.game.pairs import trained_game, without_skill
 from shuttle_marl.game.policy import Policy, PolicyError
 from shuttle_marl.game.shipped import folder_of
 from shuttle_marl.game.tables import Game
@@ -51,7 +51,7 @@ def load_agent(folder: Path, game: Game) -> TabulatedPolicy:
         PolicyError: the folder holds no agent, a damaged one, or one trained on another game.
     """
     card = read_card(folder)
-    seat, trained, game = game, game.average, without_skill(game)
+    seat, trained, game = game, trained_game(game), without_skill(game)
     if card.get("game") != trained.hash:
         other = "" if card.get("catalogue") == game.catalogue.version else ", whose strokes are not these"
         raise PolicyError(
@@ -111,7 +111,7 @@ def installed(key: str, game: Game) -> list[str]:
     found = []
     for name, folder in _shipped(key, game).items():
         with contextlib.suppress(PolicyError):
-            found += [name] if read_card(folder).get("game") == game.average.hash else []
+            found += [name] if read_card(folder).get("game") == trained_game(game).hash else []
     return found
 
 

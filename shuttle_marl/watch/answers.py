@@ -248,33 +248,36 @@ class Answers:
         if query.person is None:
             raise WatchError("likeness is that of a person; take over a side first")
         seat = query.person.seat
-        states: list[int] = []
-        strokes: list[int] = []
+        found: dict[PolicyTables, tuple[list[int], list[int]]] = {}
         for number in range(query.person.rally, query.rally + 1):
-            rally = self._played(replace(query, rally=number))
+            one = replace(query, rally=number)
+            rally, policies = self._played(one), self._values_of(one).policies
             mine = [i for i in rally.chosen if rally.striker[i] == seat]
-            states += rally.states(self._game)[mine].tolist()
+            states, strokes = found.setdefault(policies, ([], []))
+            states += rally.states(policies.game)[mine].tolist()
             strokes += rally.stroke[mine].tolist()
-        game = self._game.seats[seat]
-        players = [n for n in registry.names(game) if n.partition(":")[0] == ELITE.policy and n != history.NAME]
+        players = [n for n in registry.names(self._game.seats[seat]) if n.partition(":")[0] == ELITE.policy and n != history.NAME]
         log_likelihood = np.zeros(len(players))
-        if strokes:
-            asked = States(game=game, state=np.array(states, np.int32))
+        for policies, (states, strokes) in found.items():
+            if not strokes:
+                continue
+            asked = States(game=policies.game.seats[seat], state=np.array(states, np.int32))
             for i, name in enumerate(players):
-                p = checked_probabilities(self._policies.policy(Side(policy=name), seat), asked)
-                log_likelihood[i] = np.log(np.maximum(p[np.arange(len(strokes)), strokes], _LEAST)).sum()
+                p = checked_probabilities(policies.policy(Side(policy=name), seat), asked)
+                log_likelihood[i] += np.log(np.maximum(p[np.arange(len(strokes)), strokes], _LEAST)).sum()
         posterior = np.exp(log_likelihood - logsumexp(log_likelihood))
         order = np.argsort(-posterior, kind="stable").tolist()
-        return messages.Likeness([players[i] for i in order], [rounded(posterior[i]) for i in order], len(strokes))
+        count = sum(len(strokes) for _, strokes in found.values())
+        return messages.Likeness([players[i] for i in order], [rounded(posterior[i]) for i in order], count)
 
     def _styles(self, query: messages.Query) -> messages.Styles:
         if query.plan is None:
             raise WatchError("styles exist for policies only; request them for a match")
-        return self._values.styles(query.plan.sides_in(query.rally))
+        return self._values_of(query).styles(query.plan.sides_in(query.rally))
 
     def _played(self, query: messages.Query) -> CourtRally:
         if (plan := query.plan) is not None:
-            match = self._matches.get(plan.key, lambda: Match(plan, self._game, self._policies))
+            match = self._matches.get(plan.key, lambda: Match(plan, self._policies))
             return self._stager.shown(match.rally(query.rally, query.person))
         if self._recorded is None:
             raise WatchError("this server shows no recorded rallies; load the page again")
@@ -293,7 +296,7 @@ class Answers:
 
     def _players(self, query: messages.Query) -> Players:
         if query.plan is not None:
-            return self._values.players(query.plan.sides_in(query.rally))
+            return self._values_of(query).players(query.plan.sides_in(query.rally))
         found = None if self._recorded is None else self._recorded.players(query.rally)
         if found is not None:
             return found
@@ -309,8 +312,15 @@ class Answers:
         return values.players((ELITE, ELITE))
 
     def _values_of(self, query: messages.Query) -> StrokeValues:
-        """Values of strokes in the game of the two people who played a real rally, if the model has their skill."""
-        people = None if query.plan is not None or self._recorded is None else self._recorded.people(query.rally)
+        """Values of strokes in the game of a rally.
+
+        It is that of the sides of a match, and of the two people who played a real rally, if the model has their skill.
+        """
+        if query.plan is not None:
+            policies = self._policies.between(query.plan.sides_in(query.rally))
+            same = policies is self._policies
+            return self._values if same else self._pairs.get(policies.game.hash, lambda: StrokeValues(policies))
+        people = None if self._recorded is None else self._recorded.people(query.rally)
         if people is None or self._game.people is not None:
             return self._values
 

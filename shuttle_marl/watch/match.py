@@ -65,8 +65,8 @@ class CourtRally(Rally):
 class Match:
     """The rallies of a plan, played as far as requested."""
 
-    def __init__(self, plan: Plan, game: Game, policies: PolicyTables) -> None:
-        self.plan, self._game, self._policies = plan, game, policies
+    def __init__(self, plan: Plan, policies: PolicyTables) -> None:
+        self.plan, self._policies = plan, policies
         self._scores = [Score(server=int(first_server(draw(stream(plan.seed, 0, 0), 0))[0]), rules=plan.rules)]
         self._lock = threading.Lock()
 
@@ -92,18 +92,19 @@ class Match:
 
     def _play(self, number: int, person: Person | None) -> CourtRally:
         sides = self.plan.sides_in(number)
+        policies = self._policies.between(sides)
         names = [side_name(side) for side in sides]
         if person is not None and number >= person.rally:
             names[person.seat] = PERSON
         rally = play_rally(
-            self._game,
-            (self._policies.policy(sides[0], 0), self._policies.policy(sides[1], 1)),
+            policies.game,
+            (policies.policy(sides[0], 0), policies.policy(sides[1], 1)),
             stream(self.plan.seed, 0, number),
             (number, (names[0], names[1]), self._scores[number]),
             self.plan.chosen_in(number),
             person,
         )
-        looks = looks_of(self._game, (sides[0].policy, sides[1].policy))
+        looks = looks_of(policies.game, (sides[0].policy, sides[1].policy))
         return dataclasses.replace(rally, **looks._asdict())
 
 

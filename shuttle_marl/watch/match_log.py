@@ -9,7 +9,6 @@ from typing import Final
 import numpy as np
 
 from shuttle_marl.game.rally.record import Rallies, stroke_dtype
-from shuttle_marl.game.tables import Game
 from shuttle_marl.policy import history
 from shuttle_marl.recording.header import LogHeader, Pair, Player
 from shuttle_marl.recording.recorder import RallyRecorder
@@ -28,8 +27,8 @@ class MatchLog:
         folder: folder of the logs, created with the first rally.
     """
 
-    def __init__(self, folder: Path, game: Game, policies: PolicyTables) -> None:
-        self._folder, self._game, self._policies = folder, game, policies
+    def __init__(self, folder: Path, policies: PolicyTables) -> None:
+        self._folder, self._policies = folder, policies
         self._open: OrderedDict[object, RallyRecorder] = OrderedDict()
         self._recorded: set[tuple[object, int]] = set()
         self._lock = threading.Lock()
@@ -66,20 +65,21 @@ class MatchLog:
         if len(self._open) == _MOST_OPEN:
             self._open.popitem(last=False)[1].close()
         sides = plan.sides_in(rally.number)
+        policies = self._policies.between(sides)
         players = tuple(
             Player(name=name)
             if name == PERSON or side.policy == history.NAME
-            else Player(name=name, hash=self._policies.table(side, seat).hash)
+            else Player(name=name, hash=policies.table(side, seat).hash)
             for seat, (name, side) in enumerate(zip(rally.names, sides, strict=True))
         )
         header = LogHeader(
             seed=plan.seed,
-            game=self._game.hash,
-            strokes=self._game.catalogue.names,
+            game=policies.game.hash,
+            strokes=rally.catalogue.names,
             policies=players,
             draws="match_v0",
             rules=plan.rules,
-            pair=Pair.of(self._game),
+            pair=Pair.of(policies.game),
         )
         self._count += 1
         self._folder.mkdir(parents=True, exist_ok=True)
@@ -87,7 +87,8 @@ class MatchLog:
         self._open[match] = recorder
         return recorder
 
-    def _row(self, rally: CourtRally, winner: int) -> Rallies:
+    @staticmethod
+    def _row(rally: CourtRally, winner: int) -> Rallies:
         return Rallies(
             pairing=np.zeros(1, np.uint32),
             match=np.zeros(1, np.uint32),
@@ -98,6 +99,6 @@ class MatchLog:
             reason=np.array([rally.ending], np.uint8),
             score=np.array([[*rally.points, *rally.games]], np.uint8),
             length=np.array([len(rally)], np.int32),
-            stroke=rally.stroke.astype(stroke_dtype(self._game.n_strokes)),
+            stroke=rally.stroke.astype(stroke_dtype(len(rally.catalogue))),
             hurried=rally.hurried.astype(np.uint8),
         )

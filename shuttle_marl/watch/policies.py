@@ -5,10 +5,11 @@ the command line.
 """
 
 import threading
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Collection, Hashable
 from typing import Any, Final, TypeVar
 
 from shuttle_marl.exact import ProfileValue, Solution, Visits, evaluate, solve, visits
+from shuttle_marl.game.pairs import game_between
 from shuttle_marl.game.policy import Policy, TemperedPolicy
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
@@ -52,11 +53,17 @@ class PolicyTables:
         trusted: names that the user gave, which may name modules and files.
     """
 
-    def __init__(self, game: Game, trusted: Sequence[str] = ()) -> None:
+    def __init__(self, game: Game, trusted: Collection[str] = ()) -> None:
         self.game = game
         self._trusted = frozenset(trusted)
         self._policies, self._tables = OnceCache(_MAX_TABLES), OnceCache(_MAX_TABLES)
         self._values, self._visits, self._solution = OnceCache(_MAX_VALUES), OnceCache(_MAX_VALUES), OnceCache(1)
+        self._opposite = OnceCache(1)
+
+    def between(self, sides: tuple[Side, Side]) -> "PolicyTables":
+        """The policies of the game in which two sides meet: these ones, but between persons whose hands differ."""
+        game = game_between(self.game, (sides[0].policy, sides[1].policy))
+        return self if game is self.game else self._opposite.get(game.hash, lambda: PolicyTables(game, self._trusted))
 
     def table(self, side: Side, seat: int = 0) -> TabulatedPolicy:
         """The tabulated policy of a side at a seat; for ``bc:history``, which has no table, that of ``bc``.

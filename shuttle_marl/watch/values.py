@@ -34,10 +34,14 @@ _GROUPS: Final = {
 
 
 class StrokeValues:
-    """Values of the strokes of one game."""
+    """Values of the strokes of one game.
+
+    Attributes:
+        policies: of that game.
+    """
 
     def __init__(self, policies: PolicyTables) -> None:
-        self._policies, self.game = policies, policies.game
+        self.policies, self.game = policies, policies.game
         self._styles = OnceCache(_MAX_STYLES)
         self._factor = factor_of(policies.game.seats[0])
 
@@ -47,8 +51,8 @@ class StrokeValues:
         Raises:
             PolicyError: a policy cannot be loaded.
         """
-        first, second = (self._policies.table(side, seat) for seat, side in enumerate(sides))
-        return Players(tables=(first, second), value=self._policies.values(sides))
+        first, second = (self.policies.table(side, seat) for seat, side in enumerate(sides))
+        return Players(tables=(first, second), value=self.policies.values(sides))
 
     def decision(self, state: int, seat: int, players: Players) -> Decision:
         """The decision of a seat in a state."""
@@ -128,7 +132,7 @@ class StrokeValues:
         Raises:
             IllegalStrokeError: a stroke of the line is not legal there.
         """
-        found = opening(self.game, line, players, self._policies.solution)
+        found = opening(self.game, line, players, self.policies.solution)
         none = np.zeros(0, np.int64)
         hands = looks_of(self.game, (ELITE.policy, ELITE.policy)).hands
         begun = Rally(catalogue=self.game.catalogue, server=0, stroke=none, hurried=none > 0, ending=RETURNED_BELOW, hands=hands)
@@ -161,8 +165,8 @@ class StrokeValues:
         return self._styles.get(sides, lambda: self._styles_of(sides))
 
     def _styles_of(self, sides: tuple[Side, Side]) -> messages.Styles:
-        visits, elite = self._policies.visits(sides), self._policies.visits((ELITE, ELITE))
-        odds, seen = self._policies.values(sides).odds(), ((visits, 0), (visits, 1), (elite, 0))
+        visits, elite = self.policies.visits(sides), self.policies.visits((ELITE, ELITE))
+        odds, seen = self.policies.values(sides).odds(), ((visits, 0), (visits, 1), (elite, 0))
         mixes = np.array([each.shot_mix(seat) for each, seat in seen])
         endings = [(each.endings(), seat, float(each.states[seat].sum())) for each, seat in seen]
 
@@ -181,8 +185,8 @@ class StrokeValues:
             ),
         ]
         order = np.argsort(-mixes[:2].max(axis=0), kind="stable")
-        first = self._policies.values((sides[0], ELITE)).odds().rally
-        second = 1 - self._policies.values((ELITE, sides[1])).odds().rally
+        first = self.policies.values((sides[0], ELITE)).odds().rally
+        second = 1 - self.policies.values((ELITE, sides[1])).odds().rally
         shots = [figure(SHOTS[k], mixes[:, k]) for k in order]
         return messages.Styles(figures=figures, shots=shots, strength=(rounded(first), rounded(second)))
 

@@ -20,8 +20,8 @@ from shuttle_marl.dynamics.habits import NONE, Plays, load_habits, plays_of_stro
 from shuttle_marl.exact import PairPolicy, evaluate
 from shuttle_marl.exact.profile import StatePolicy
 from shuttle_marl.game import court
-from shuttle_marl.game.court import AREAS
-from shuttle_marl.game.pairs import People
+from shuttle_marl.game.court import AREAS, Hands
+from shuttle_marl.game.pairs import people_of
 from shuttle_marl.game.shipped import CARD, HABITS, RELIABLE, Estimate, model_folder
 from shuttle_marl.game.skill import load_skill
 from shuttle_marl.game.stroke import SHOTS, TECHNIQUES
@@ -123,15 +123,13 @@ def test_a_straight_smash_meets_and_lands_wide_on_one_side(found: Refitted, oppo
         assert (smashes[pair], straight[pair]) == (smash, smash and (met == lands if opposite else met + lands == 2))
 
 
-def test_smashes_that_are_straight_between_equal_hands_are_cross_court_between_different_ones(
-    found: Refitted, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def share() -> float:
-        return next(effect.share for effect in effects(found) if effect.tactic == "straight_smash")
+def test_smashes_that_are_straight_between_equal_hands_are_cross_court_between_different_ones(found: Refitted) -> None:
+    def share(hands: Hands) -> float:
+        people = dataclasses.replace(people_of(found.pair), hands=hands)
+        told = dataclasses.replace(found, pair=dataclasses.replace(found.pair, people=people))
+        return next(effect.share for effect in effects(told) if effect.tactic == "straight_smash")
 
-    equal = share()
-    monkeypatch.setattr(People, "hands", ("left", "right"))
-    assert 0 < share() == pytest.approx(1 - equal)
+    assert 0 < share(("left", "right")) == pytest.approx(1 - share(("right", "right")))
 
 
 @pytest.mark.parametrize(("steady", "low", "clear"), [(LEAST_STEADY, 0.001, True), (0.5, 0.001, False), (1.0, -0.001, False)])

@@ -7,9 +7,9 @@ import pytest
 import yaml
 
 import shuttle_marl
-from docs.tools import command_reference, croissant, figures, hub, notebooks, pictures, reproduce, site, size
+from docs.tools import command_reference, croissant, figures, hub, notebooks, pictures, reproduce, site, size, tables
 from docs.tools.figures import FIGURES
-from docs.tools.markdown import ROOT
+from docs.tools.markdown import ROOT, saved
 from shuttle_marl import default_game, resolve, tabulate
 from shuttle_marl.game.shipped import model_folder
 from shuttle_marl.policy.agents import AGENTS
@@ -84,6 +84,22 @@ def test_every_result_file_is_made_by_a_command() -> None:
         saved = {path.stem for path in (ROOT / folder / "results").glob("*.json")}
         known = {name for name, result in reproduce.RESULTS.items() if result.folder == folder}
         assert saved <= known | set(reproduce.PROGRAMS)
+
+
+def test_tables_of_another_game_say_so() -> None:
+    """Results that state their game are marked if that is not the shipped one, and only then."""
+    stated = 0
+    for name, made in reproduce.RESULTS.items():
+        result = saved(made.folder, name)
+        game = (result.get("game_hash") or result.get("game")) if isinstance(result, dict) else None
+        if game is not None:
+            stated += 1
+            for table in made.tables:
+                earlier = tables.EARLIER.get(table)
+                assert game.startswith(earlier or default_game().hash), table
+                assert (earlier is None) == (game == default_game().hash), table
+    assert stated >= 4
+    assert tables.EARLIER.keys() <= tables.BLOCKS.keys()
 
 
 @pytest.mark.slow

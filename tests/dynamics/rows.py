@@ -29,6 +29,8 @@ def plain_rows(n: int, **known: Any) -> Rows:
         "movement": np.full((n, len(MOVEMENT)), np.nan, np.float32),
         "hurried": zero.astype(np.int8),
         "next_hurried": np.full(n, -1, np.int8),
+        "hand": zero.astype(np.int8),
+        "receiver_hand": zero.astype(np.int8),
     }
     codes = {name: zero.copy() for name in SLOTS} | known.pop("codes", {})
     return Rows(codes=codes, **{**columns, **known})

@@ -263,6 +263,7 @@ class Constant:
     """Models that say the same of every stroke, but for a factor of the odds of a hurried striker's fault."""
 
     knows_hurried = True
+    opposite = False
 
     def __init__(self, situations: Situations, fault: float, returned: float, late: float) -> None:
         self.situations, self.fault, self.returned, self.above, self.late = situations, fault, returned, 0.5, late

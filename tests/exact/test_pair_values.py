@@ -18,7 +18,7 @@ from shuttle_marl.exact import (
     visits,
 )
 from shuttle_marl.exact import known as cached
-from shuttle_marl.game.pairs import STEP, pair_game
+from shuttle_marl.game.pairs import STEP, pair_game, without_skill
 from shuttle_marl.game.tables import ROOT, Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.game.variants import odds_of_steps, with_odds
@@ -84,7 +84,7 @@ def test_crossplay_of_both_players(pair: Game) -> None:
 
 
 def test_tables_of_a_pair_meet_only_each_other(pair: Game, clones: tuple[TabulatedPolicy, TabulatedPolicy]) -> None:
-    average = moved(clones[0], clones[0].game.average)
+    average = moved(clones[0], without_skill(clones[0].game))
     for opponent in (clones[0], average):
         with pytest.raises(ExactError, match=f"{A} strikes with the tables of a pair, and the opponent does not strike as {B}"):
             evaluate(clones[0], opponent)

@@ -15,7 +15,7 @@ from safetensors.numpy import load as load_arrays
 from shuttle_marl.base.files import seal
 from shuttle_marl.base.tensor_files import tensor_bytes
 from shuttle_marl.game import pairs
-from shuttle_marl.game.pairs import game_of_people, pair_game
+from shuttle_marl.game.pairs import game_of_people, pair_game, trained_game
 from shuttle_marl.game.shipped import CARD, SKILL, load_game, model_folder, origin_of, read_model_card
 from shuttle_marl.game.skill import Skill, load_skill
 from shuttle_marl.game.stroke import SHOTS, Catalogue
@@ -60,7 +60,7 @@ def test_two_average_players_play_the_average_game() -> None:
 
 def test_tables_have_the_log_odds_of_both_players() -> None:
     """In numpy's floating point, for probabilities that rounding to 1/65536 hardly changes."""
-    men, both, table = load_game(f"{reduced_model()}:men"), pair(), skill()
+    men, both, table = load_game(f"{reduced_model()}:men-opposite"), pair(), skill()
     shot = men.catalogue.shot[men.base_pair_stroke]
     for seat, (striker, receiver) in enumerate(((A, B), (B, A))):
         knots = table.knot(striker), table.knot(receiver)
@@ -151,6 +151,19 @@ def test_game_of_two_people() -> None:
     assert game_of_people(reduced_game(), (A, "nobody")) is None
     assert game_of_people(fixed_game(), (A, B)) is None
     assert game_of_people(pair(), (A, B)) is None
+
+
+def test_a_pair_in_a_game_of_different_hands_has_its_own_hands() -> None:
+    for name in ("opposite", "men-opposite"):
+        assert pair_game(A, B, game=f"{reduced_model()}:{name}").hash == pair().hash
+    assert pair_game(A, B, game=f"{reduced_model()}:1-opposite").hash == pair_game(A, B, game=f"{reduced_model()}:1").hash
+
+
+def test_agents_of_a_game_play_in_that_of_different_hands() -> None:
+    for name, trained in (("opposite", ""), ("men-opposite", ":men"), ("women", ":women"), ("1-opposite", ":1")):
+        assert trained_game(load_game(f"{reduced_model()}:{name}")).hash == load_game(f"{reduced_model()}{trained}").hash
+    assert trained_game(pair()).hash == reduced_game().hash
+    assert trained_game(fixed_game()).hash == fixed_game().hash
 
 
 def test_a_model_without_skill(tmp_path: Path) -> None:

@@ -19,7 +19,17 @@ from shuttle_marl.base.tensor_files import Tensors, read_tensors
 from shuttle_marl.dynamics.card import write_card
 from shuttle_marl.env.batched import RallyEnv, VersusEnv
 from shuttle_marl.game import shipped
-from shuttle_marl.game.shipped import BC, VARIANTS, load_game, model_folder, origin_of, read_model_card, refits_of, resolve_game
+from shuttle_marl.game.shipped import (
+    BC,
+    OPPOSITE,
+    VARIANTS,
+    load_game,
+    model_folder,
+    origin_of,
+    read_model_card,
+    refits_of,
+    resolve_game,
+)
 from shuttle_marl.game.tables import Game, GameError
 from shuttle_marl.game.tabulated import thresholds
 from shuttle_marl.game.thresholds import ONE
@@ -110,7 +120,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     replace_file(folder / VARIANTS, packed(game, {name: shaken(game, i) for i, name in enumerate(["men", "1", "2"])}))
     header, arrays = read_tensors(folder / BC)
     tilted = arrays["choice"]
-    arrays = {name: array for name, array in arrays.items() if "." not in name}
+    arrays = {name: array for name, array in arrays.items() if "." not in name or name == f"choice.{OPPOSITE}"}
     save_file({**arrays, "choice.men": tilted}, folder / BC, metadata=header)
     write_card(folder, read_model_card(folder))
     return folder

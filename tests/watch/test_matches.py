@@ -3,6 +3,8 @@
 import dataclasses
 import datetime
 import json
+import subprocess
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 from typing import cast
@@ -22,6 +24,7 @@ from shuttle_marl.game.court import mirrored as mirror
 from shuttle_marl.game.draws import draw, outcome_draw, stream
 from shuttle_marl.game.pairs import pair_game
 from shuttle_marl.game.rules import RETURNED_BELOW, IllegalStrokeError, strike
+from shuttle_marl.game.shipped import load_game
 from shuttle_marl.game.skill import AVERAGE, Skill
 from shuttle_marl.game.tables import ROOT
 from shuttle_marl.game.tabulated import tabulate
@@ -38,7 +41,7 @@ from shuttle_marl.watch.match_log import MatchLog
 from shuttle_marl.watch.messages import RallyRequest, decode_request
 from shuttle_marl.watch.plan import Person, Plan, Side
 from shuttle_marl.watch.policies import PolicyTables
-from shuttle_marl.watch.recorded import People, RealRallies, Recorded
+from shuttle_marl.watch.recorded import LogRallies, People, RealRallies, Recorded
 from shuttle_marl.watch.stager import Stager
 from shuttle_marl.watch.values import ELITE, StrokeValues
 from tests.reduced import reduced_game, reduced_model
@@ -49,7 +52,7 @@ PLAN = {"seed": 3, "sides": [BC, {"policy": "attacking", "temperature": 0.5}]}
 
 
 def match(tables: PolicyTables, **fields: object) -> Match:
-    return Match(Plan.parse({**PLAN, **fields}), tables.game, tables)
+    return Match(Plan.parse({**PLAN, **fields}), tables)
 
 
 def test_rally_is_determined_by_its_random_numbers(tables: PolicyTables) -> None:
@@ -160,7 +163,59 @@ def test_players_look_as_who_they_are_from_the_rally_in_which_they_come(
     played = match(tables, changes=[comes, agent, woman])
     looks = [(rally.hands, rally.athletes) for rally in map(played.rally, range(4))]
     right, left, men = ("right", "right"), ("left", "left"), ("male", "male")
-    assert looks == [(right, men), (left, men), (left, men), (right, ("female", "male"))]
+    assert looks == [(right, men), (left, men), (left, men), (("right", "left"), ("female", "male"))]
+
+
+def test_persons_of_different_hands_meet_in_the_game_of_different_hands(tables: PolicyTables, tmp_path: Path) -> None:
+    momota, woman = {"policy": "bc:kento-momota"}, {"policy": "bc:an-se-young"}
+    plan = Plan.parse({"seed": 3, "sides": [momota, woman], "changes": [{"rally": 2, "seat": 0, "side": BC}]})
+    assert tables.between(plan.sides_in(2)) is tables
+    opposite = tables.between(plan.sides_in(0)).game
+    assert opposite.hash == load_game("default:opposite").hash != tables.game.hash
+    answers, log = Answers(tables, plan, STAGER), MatchLog(tmp_path, tables)
+    rallies = [answers._played(messages.RallyRequest(id=0, plan=plan, rally=number)) for number in range(3)]
+    assert [rally.hands for rally in rallies] == [("left", "right"), ("left", "right"), ("right", "right")]
+    assert [rally.athletes for rally in rallies] == [("male", "female")] * 2 + [("female", "female")]
+    for number, game in ((0, opposite), (2, tables.game)):
+        rally = rallies[number]
+        sides = plan.sides_in(number)
+        players = tuple(tabulate(resolve(side.policy, game), game) for side in sides)
+        odds = evaluate(players[0], players[1]).odds()
+        found = answers._analysis(messages.AnalysisRequest(id=0, plan=plan, rally=number))
+        assert found.strokes[0].win == pytest.approx(odds.serving if rally.server == 0 else odds.receiving, abs=1e-6)
+        facts = answers.rally(messages.RallyRequest(id=0, plan=plan, rally=number))[0].rally
+        assert [stroke.state for stroke in facts.strokes] == rally.states(game)[: len(rally)].tolist()
+    for rally in rallies[:2]:
+        log.add(plan, rally)
+    log.close()
+    path = next(tmp_path.glob("*.mcap"))
+    game = RallyGameOptions().load_for(path)
+    assert check(path, game).problems == ()
+    shown = LogRallies(path, game).rally(1)
+    assert (shown.hands, shown.athletes) == (rallies[1].hands, rallies[1].athletes)
+
+
+def test_a_log_of_different_hands_names_its_game_in_a_new_process() -> None:
+    digest = load_game("default:women-opposite").hash
+    script = f"from shuttle_marl.game.shipped import origin_of, shipped_game; print(origin_of(shipped_game({digest!r})).variant)"
+    done = subprocess.run([sys.executable, "-c", script], check=True, capture_output=True, text=True)
+    assert done.stdout.strip() == "women-opposite"
+
+
+def test_likeness_counts_the_strokes_of_all_games_of_a_match(tables: PolicyTables) -> None:
+    sides = [{"policy": "bc:kento-momota"}, {"policy": "bc:an-se-young"}]
+    changes = [{"rally": 1, "seat": 0, "side": BC}]
+    plan, asked = Plan.parse({"seed": 3, "sides": sides, "changes": changes}), 0
+    for number in range(2):
+        rally = Match(plan, tables).rally(number)
+        mine = {str(i): int(stroke) for i, stroke in enumerate(rally.stroke) if rally.striker[i] == 1}
+        asked += len(mine)
+        chosen = {**{str(k): {str(i): s for i, s in v.items()} for k, v in plan.chosen.items()}, str(number): mine}
+        plan = Plan.parse({"seed": 3, "sides": sides, "changes": changes, "chosen": chosen})
+    person = Person(seat=1, rally=0, stroke=0)
+    found = Answers(tables, plan, STAGER)._likeness(messages.LikenessRequest(id=0, plan=plan, rally=1, person=person))
+    assert found.strokes == asked
+    assert sum(found.probability) == pytest.approx(1, abs=1e-3)
 
 
 def test_the_appearance_that_is_asked_for_overrides_that_of_the_players(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -225,7 +280,7 @@ def test_invalid_plans_are_rejected(raw: object) -> None:
 def test_another_stroke_continues_the_motion_of_the_rally(tables: PolicyTables) -> None:
     game, plan = tables.game, Plan.parse(PLAN)
     answers = Answers(tables, plan, Stager())
-    played = Match(plan, game, tables)
+    played = Match(plan, tables)
     number = next(k for k in range(40) if len(played.rally(k)) > 2)
     rally = played.rally(number)
     other = next(int(s) for s in game.legal_strokes(int(rally.states(game)[1])) if s != rally.stroke[1])
@@ -245,13 +300,13 @@ def test_pages_cannot_load_code_or_files(tables: PolicyTables) -> None:
     for name in ("os:getcwd", "table:/etc/passwd", "agent:/tmp", "tests.watch:x"):
         plan = Plan.parse({**PLAN, "sides": [BC, {"policy": name}]})
         with pytest.raises(Exception, match="no modules and no files"):
-            Match(plan, tables.game, tables).rally(0)
+            Match(plan, tables).rally(0)
 
 
 def test_a_duel_ends_at_its_points_and_is_recorded_by_its_rules(tables: PolicyTables, tmp_path: Path) -> None:
     plan = Plan.parse({**PLAN, "points": 3})
-    duel, log = Match(plan, tables.game, tables), MatchLog(tmp_path, tables.game, tables)
-    log.add(other := Plan.parse(PLAN), Match(other, tables.game, tables).rally(0))
+    duel, log = Match(plan, tables), MatchLog(tmp_path, tables)
+    log.add(other := Plan.parse(PLAN), Match(other, tables).rally(0))
     number = 0
     while True:
         rally = duel.rally(number)
@@ -299,7 +354,7 @@ def values(tables: PolicyTables) -> StrokeValues:
 def test_an_analysis_follows_the_rally(values: StrokeValues) -> None:
     game = default_game()
     plan = Plan(seed=9, sides=SIDES)
-    match = Match(plan, game, PolicyTables(game))
+    match = Match(plan, PolicyTables(game))
     value = evaluate(*(tabulate(resolve(side.policy, game), game) for side in SIDES))
     asked = 0
     for number in range(5):
@@ -359,7 +414,7 @@ def test_the_page_shows_the_players_and_their_game(answers: Answers) -> None:
 
 
 def test_a_log_of_a_pair(tmp_path: Path, policies: PolicyTables, answers: Answers) -> None:
-    log = MatchLog(tmp_path, PAIR, policies)
+    log = MatchLog(tmp_path, policies)
     rally = answers._played(messages.RallyRequest(id=0, plan=PAIR_PLAN, rally=0))
     log.add(PAIR_PLAN, rally)
     log.close()
@@ -388,7 +443,8 @@ def test_a_log_of_a_pair(tmp_path: Path, policies: PolicyTables, answers: Answer
 )
 def test_real_rallies_have_the_values_of_the_two_people(people: tuple[str, str], known: bool) -> None:
     """Where the model has the skill of both, in one discipline; else those of imitated elite players."""
-    rally = dataclasses.replace(Answers(PolicyTables(PAIR), PAIR_PLAN, STAGER)._played(FIRST), names=people)
+    played_in = PAIR if known else reduced_game()  # people whose hands the model does not know meet as players of equal hands
+    rally = dataclasses.replace(Answers(PolicyTables(played_in), PAIR_PLAN, STAGER)._played(FIRST), names=people)
     played = People(people, datetime.date(2020, 5, 1))
     recorded = SimpleNamespace(rally=lambda _: rally, people=lambda _: played, players=lambda _: None, count=1, title="real")
     answers = Answers(PolicyTables(reduced_game()), PAIR_PLAN, STAGER, recorded=cast(Recorded, recorded))
