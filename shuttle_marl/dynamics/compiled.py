@@ -46,9 +46,8 @@ from shuttle_marl.game.thresholds import ONE
 
 AREA_SHARE: Final = 0.03
 SHOT_SHARE: Final = 0.015
-"""Minimum share of a legal shot type in the choices of the fitted average player. ``experiments.truth.shares`` compares: none
-differs from another in the log-loss of the value or in transfer, and this one forbids few strokes of people without making any
-legal that the average player hardly ever plays."""
+"""Minimum share of a legal shot type in the choices of the fitted average player, of those to supported targets. Chosen with the
+other numbers of the rule by the health of the solved game and the illegal strokes of people (``docs/truth_record.md``)."""
 TECHNIQUE_SHARE: Final = 0.02
 """The same for a technique among the choices of a shot type."""
 _FALLBACK_SHARE: Final = 0.05
