@@ -15,7 +15,7 @@ from shuttle_marl.base.files import replace_file
 from shuttle_marl.exact.fixed_point import ExactError
 from shuttle_marl.exact.optimal import Solution
 from shuttle_marl.game.court import (
-    AREAS,
+    AREA_WORDS,
     HALF_LENGTH,
     HALF_WIDTH,
     HANDS,
@@ -24,7 +24,7 @@ from shuttle_marl.game.court import (
     WIDTH,
     area_box,
     area_centre,
-    mirrored,
+    seen_by,
 )
 from shuttle_marl.game.shipped import real_strokes
 from shuttle_marl.game.stroke import HEIGHTS, N_SERVES, SHOTS, TECHNIQUES, UnknownStrokeError
@@ -109,11 +109,11 @@ def corners(area: int, *, incoming: bool = False) -> tuple[list[float], list[flo
 
 def of_hand(area: int, hand: str | None) -> int:
     """An area named as a right-handed player sees it, as a player of a hand does (None: unknown, as right-handed); -1 stays."""
-    return mirrored(area) if hand == "left" and area >= 0 else area
+    return area if area < 0 else seen_by(hand, area)
 
 
 def _sides(hand: str) -> str:
-    """Where the sides of a receiver of a hand lie in a picture with the striker at the bottom."""
+    """Label of the forehand and the backhand side of a receiver of a hand; the striker is at the bottom."""
     return Texts("en")(f"sides.{hand}")
 
 
@@ -313,7 +313,7 @@ def best_replies(solution: Solution, incoming: int, own: int | None = None) -> A
         xs, ys = corners(of_hand(area, hands[0]), incoming=True)
         axes.fill(xs, ys, facecolor=LINE, alpha=0.9, zorder=3.5)
         place = {"x": (xs[0] + xs[1]) / 2, "y": (ys[0] + ys[2]) / 2, "ha": "center", "va": "center"}
-        met = AREAS[area].replace("right", "forehand").replace("left", "backhand").replace("-", "\n")
+        met = AREA_WORDS[area].replace(" ", "\n")
         axes.text(**place, s=f"incoming\n{met}", fontsize=7.5, color=INK, zorder=5)
         for area in range(N_AREAS):
             _draw_area(axes, game, aim, area, of_hand(area, hands[1]), colours)

@@ -6,12 +6,12 @@ from typing import Final
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 
 from shuttle_marl.analysis.strokes import stroke_table
-from shuttle_marl.base.arrays import F64, I64, Bools
+from shuttle_marl.base.arrays import F64, I64
 from shuttle_marl.base.errors import ShuttleError, whole_number
 from shuttle_marl.data import load_strokes
+from shuttle_marl.data.hands import receiver_hands
 from shuttle_marl.data.schema import REASONS, STROKES, Outcome
 from shuttle_marl.game.court import HANDS, N_AREAS, mirrored
 from shuttle_marl.game.stroke import N_SHOTS
@@ -119,7 +119,7 @@ def summarise(strokes: pa.Table, player: str | None = None) -> Summary:
             f"no strokes of {player or 'any player'}; players are {', '.join(sorted(set(strokes['player'].to_pylist()))[:20])}"
         )
     decided = present & rallies["winner"].is_valid().to_numpy()
-    left = _left_handed_receivers(strokes)
+    left = receiver_hands(strokes) == HANDS.index("left")
     good = mine & (frame.outcome != Outcome.FAULT) & np.isfinite(frame.landing).all(axis=1) & frame.in_court
     ends = mine & np.isin(np.arange(len(mine)), frame.last) & (frame.outcome != Outcome.UNKNOWN)
     timed = np.flatnonzero(mine[1:] & frame.follows[1:] & np.isfinite(frame.clock[1:] - frame.clock[:-1])) + 1
@@ -148,14 +148,6 @@ def summarise(strokes: pa.Table, player: str | None = None) -> Summary:
         wins=float(won[decided].mean()) if decided.any() else float("nan"),
         value=float(np.nanmean(value)) if np.isfinite(value).any() else float("nan"),
     )
-
-
-def _left_handed_receivers(strokes: pa.Table) -> Bools:
-    """``[N]`` whether the receiver of each stroke is left-handed."""
-    left = strokes.filter(pc.equal(strokes["hand"], HANDS.index("left")))
-    found = set(zip(left["match"].to_pylist(), left["player"].to_pylist(), strict=True))
-    receivers = zip(strokes["match"].to_pylist(), strokes["opponent"].to_pylist(), strict=True)
-    return np.array([receiver in found for receiver in receivers], dtype=np.bool_)
 
 
 def players_of(strokes: pa.Table) -> list[str]:

@@ -20,6 +20,7 @@ from shuttle_marl.base.errors import printable
 from shuttle_marl.coach.match_page import Footage
 from shuttle_marl.coach.words import of_100, words
 from shuttle_marl.data import load_strokes
+from shuttle_marl.data.hands import area_inferred
 from shuttle_marl.data.own import import_matches
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.data.words import bare
@@ -89,7 +90,7 @@ def match_strokes(strokes: pa.Table, match: str | None) -> pa.Table:
 def gaps(strokes: pa.Table) -> tuple[str, ...]:
     """Sentences on the values of annotated strokes that are unknown, inferred or doubtful."""
     say, fault = words(), pc.equal(strokes["outcome"], Outcome.FAULT)
-    guessed = pc.fill_null(pc.match_substring_regex(strokes["inferred"], r"\barea\b"), fill_value=False)
+    guessed = pa.array(area_inferred(strokes))
     unknown = pc.sum(pc.and_(pc.is_null(strokes["area"]), pc.invert(fault))).as_py() or 0
     doubtful = pc.sum(pc.and_(pc.less(strokes["confidence"], _DOUBTFUL), pc.invert(guessed))).as_py() or 0
     inferred, right = pc.sum(guessed).as_py() or 0, pc.mean(strokes["confidence"].filter(guessed)).as_py()

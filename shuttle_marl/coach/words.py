@@ -68,7 +68,7 @@ class Words(Texts):
         return " · ".join(self(f"hands.{hand or 'unknown'}", name=name) for name, hand in players)
 
     def sides(self, hand: str | None) -> str:
-        """Where the sides of a receiver of a hand lie in a picture with the striker at the bottom; None: unknown, as right."""
+        """Label of the forehand and the backhand side of a receiver of a hand (None: as right); the striker is at the bottom."""
         return self(f"sides.{hand or 'right'}")
 
     def height(self, contact: int) -> str:

@@ -99,7 +99,7 @@ def with_hands(strokes: pa.Table, path: Path) -> tuple[pa.Table, list[str]]:
         The table, and sentences on what was told and inferred.
 
     Raises:
-        DataError: what is told names no player of the table or no hand, or gives a player two hands.
+        DataError: ``--hand`` names an unknown player or an unknown hand, or gives a player two hands.
     """
     players = hands_of(strokes)
     telling = _TELLING.get()
@@ -136,7 +136,7 @@ def telling_hands(words: Sequence[str]) -> Iterator[list[list[str]]]:
         :func:`unknown_hands` of each table that was read.
 
     Raises:
-        ShuttleError: hands are told, and no strokes were read.
+        ShuttleError: ``words`` is not empty, and no strokes were read within the block.
     """
     unknown: list[list[str]] = []
     token = _TELLING.set((words, unknown))
@@ -152,7 +152,7 @@ _TELLING: Final = contextvars.ContextVar[tuple[Sequence[str], list[list[str]]] |
 
 
 def _told(words: Sequence[str], players: Collection[str], path: Path) -> dict[str, int]:
-    """Numbers of the hands that are told, by player."""
+    """Map players to the hands that the words of ``--hand`` give, as numbers in :data:`shuttle_marl.game.court.HANDS`."""
     told: dict[str, int] = {}
     for word in words:
         name, _, text = word.rpartition("=")
@@ -168,6 +168,13 @@ def _told(words: Sequence[str], players: Collection[str], path: Path) -> dict[st
             continue
         raise DataError(path, f"--hand {shown(word)}: {wrong}; expected NAME=right or NAME=left, players: {', '.join(players)}")
     return told
+
+
+def receiver_hands(strokes: pa.Table) -> I8:
+    """``[n]`` hand of the receiver of each stroke, as the match has it for the strokes of that player; -1: unknown."""
+    match, player, opponent = (strokes[name].to_pylist() for name in ("match", "player", "opponent"))
+    hand_of = dict(zip(zip(match, player, strict=True), strokes["hand"].fill_null(-1).to_pylist(), strict=True))
+    return np.array([hand_of.get(receiver, -1) for receiver in zip(match, opponent, strict=True)], dtype=np.int8)
 
 
 def area_inferred(strokes: pa.Table) -> Bools:

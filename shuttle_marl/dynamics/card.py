@@ -12,20 +12,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.files import replace_sealed
 from shuttle_marl.dynamics.evaluate import criteria
-from shuttle_marl.game.shipped import (
-    BC,
-    CARD,
-    GAME,
-    HABITS,
-    HISTORY,
-    HURRY,
-    NETWORKS,
-    OPPOSITE_GAME,
-    SKILL,
-    SUPPORT,
-    VARIANTS,
-    read_model_card,
-)
+from shuttle_marl.game.shipped import CARD, FILES, NETWORKS, OPTIONAL_FILES, read_model_card
 from shuttle_marl.game.stroke import SHOTS
 
 _SCORED: Final = ("success", "return", "contact", "hurried")
@@ -47,12 +34,7 @@ def write_card(folder: Path, card: dict[str, Any]) -> None:
     Raises:
         FileWriteError: it cannot be written.
     """
-    optional = (HABITS, HISTORY, HURRY, SKILL, VARIANTS)
-    files = [
-        name
-        for name in (GAME, OPPOSITE_GAME, BC, NETWORKS, SUPPORT, *optional)
-        if (folder / name).is_file() or name not in optional
-    ]
+    files = [*FILES, *(name for name in OPTIONAL_FILES if (folder / name).is_file())]
     hashes = {name: sha256((folder / name).read_bytes()).hexdigest() for name in files}
     replace_sealed(folder / CARD, {**card, "sha256": hashes})
 

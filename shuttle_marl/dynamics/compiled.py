@@ -131,20 +131,22 @@ def replies_of(rows: Rows, catalogue: Catalogue, choices: F64, share: float = SH
     of_technique = choices >= TECHNIQUE_SHARE * choices.sum(axis=-1, keepdims=True)
     enough = (styled[:N_SHOTS].sum(axis=0)[style] >= MIN_STYLE) & ~catalogue.is_serve
     front = np.isin(catalogue.shot, [SHOTS.index(name) for name in FRONT_COURT])
+    # By incoming shot type: the replies that people play often, and where those of each shot type and technique go.
+    times = np.where(supported, count, 0)
+    commonest = (times > 0) & (times == times.max(axis=2, keepdims=True)) & (styled >= MIN_STYLE)[:, :, None]
+    frequent = (times >= MIN_REPLIES) | commonest
+    usual = count / np.maximum(count.sum(axis=2, keepdims=True), 1)
     replies = np.zeros((n + 1, n), dtype=bool)
     replies[n] = catalogue.is_serve
     for incoming, (shot, area) in enumerate(zip(catalogue.shot, catalogue.area, strict=True)):
         third, cell = third_of(area), here[shot, area]
         reach = ~(front & (third == BACK)) & ~((catalogue.technique == AROUND_THE_HEAD) & (area % N_SIDES == FOREHAND))
-        times = np.where(supported, count[shot], 0)
-        frequent = (times > 0) & (times == times.max(axis=1, keepdims=True)) & (styled[shot] >= MIN_STYLE)[:, None]
-        played = ((times >= MIN_REPLIES) | frequent)[parts] & reach & ~catalogue.is_serve
+        played = frequent[shot][parts] & reach & ~catalogue.is_serve
         played &= of_technique[incoming][catalogue.height, catalogue.shot, catalogue.technique]
         played &= situation[shot, third, catalogue.height, catalogue.shot] >= MIN_STYLE
         there = played & (cell[parts] > 0)
         # Where the strokes of each shot type and technique go: those of the cell, shrunk to those against the shot type.
-        usual = count[shot] / np.maximum(count[shot].sum(axis=1, keepdims=True), 1)
-        aim = (cell + CONTEXT_STROKES * usual) / (cell.sum(axis=1, keepdims=True) + CONTEXT_STROKES)
+        aim = (cell + CONTEXT_STROKES * usual[shot]) / (cell.sum(axis=1, keepdims=True) + CONTEXT_STROKES)
         legal_aim = np.zeros(aim.shape)
         legal_aim[parts] = np.where(there, aim[parts], 0)
         chosen = (choices[incoming] * legal_aim.sum(axis=1).transpose(1, 0, 2)).sum(axis=-1) >= share

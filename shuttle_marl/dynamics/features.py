@@ -36,6 +36,7 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from shuttle_marl.base.arrays import F32, F64, I8, I16, I32, I64, Bools, Ints
+from shuttle_marl.data.hands import receiver_hands
 from shuttle_marl.data.schema import REASONS, Outcome
 from shuttle_marl.game.court import N_AREAS, area_of, mirrored
 from shuttle_marl.game.layout import LONGEST_DUEL
@@ -239,9 +240,7 @@ def rows_from_strokes(strokes: pa.Table, hurry: "Hurry | None" = None) -> Rows:
     unmarked = np.full(len(match), -1, dtype=np.int8)
     striker, receiver = (strokes[name].to_numpy(zero_copy_only=False).astype(str) for name in ("player", "opponent"))
     hand = strokes["hand"].fill_null(-1).to_numpy().astype(np.int8)
-    hand_of = dict(zip(zip(match.tolist(), striker.tolist(), strict=True), hand.tolist(), strict=True))
-    parties = zip(match.tolist(), receiver.tolist(), strict=True)
-    receiver_hand = np.array([hand_of.get(party, -1) for party in parties], dtype=np.int8)
+    receiver_hand = receiver_hands(strokes)
     left, movement = hand == 1, _movement(strokes, key, number)
     codes["hands"] = (left != (receiver_hand == 1)).astype(np.int16)
     for name in ("own_area", "incoming_area", "area"):

@@ -433,7 +433,7 @@ def evaluate_model(data: Path, folder: Path, split: Split, *, report: Callable[[
     return evaluate(FittedModels.load(folder), train, test, report=report)
 
 
-_SUPPORT: Final = ("strokes", "faults", "winners", "fault_range", "winner_range")
+_SUPPORT: Final = tuple(field.name for field in dataclasses.fields(Support))
 
 
 def save_support(folder: Path, support: Support, opposite: Support) -> None:

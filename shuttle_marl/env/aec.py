@@ -20,7 +20,6 @@ from shuttle_marl.base.errors import ActionError, OptionError, whole_number
 from shuttle_marl.env.snapshot import Snapshot, as_text
 from shuttle_marl.game.draws import stream
 from shuttle_marl.game.observation import RALLY_WIDTH
-from shuttle_marl.game.pairs import looks_of
 from shuttle_marl.game.rally.stepper import RallyDraws, Stroke, stepper_of
 from shuttle_marl.game.rules import FAULT, OUTCOMES, RETURNED_BELOW, IllegalStrokeError
 from shuttle_marl.game.shipped import resolve_game
@@ -293,7 +292,7 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
             striker=self._striker if self._live and not between_rallies else None,
             winner=self._winner,
             reason=self._reason,
-            hands=("right", "right") if self.game.people is None else looks_of(self.game, AGENTS).hands,
+            hands=("right", "right") if self.game.people is None else self.game.people.hands,
             **self._snapshot_of_match(),
         )
 

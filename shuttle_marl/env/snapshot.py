@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from shuttle_marl.game.court import AREA_WORDS, N_SIDES, SHORT_SERVICE, Hands, area_box, area_centre, mirrored
+from shuttle_marl.game.court import AREA_WORDS, N_SIDES, SHORT_SERVICE, Hands, area_box, area_centre, seen_by
 from shuttle_marl.game.layout import Layout
 from shuttle_marl.game.rally.stepper import Stroke
 from shuttle_marl.game.rules import FAULT, HURRIED_BELOW, OUTCOMES, WINNER
@@ -45,8 +45,7 @@ class Snapshot:
 
     def target(self, played: Stroke) -> int:
         """Area at which a stroke aims, as the receiver sees it."""
-        area = int(self.game.catalogue.area[played.stroke])
-        return mirrored(area) if self.hands[1 - played.player] == "left" else area
+        return seen_by(self.hands[1 - played.player], int(self.game.catalogue.area[played.stroke]))
 
 
 def as_text(snapshot: Snapshot) -> str:

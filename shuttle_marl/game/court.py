@@ -85,6 +85,11 @@ def mirrored(area: AreaT) -> AreaT:
     return area + 2 - 2 * (area % N_SIDES)
 
 
+def seen_by(hand: str | None, area: AreaT) -> AreaT:
+    """Areas of the strokes of a game as a receiver of a hand sees them (None: unknown, as right-handed), and back, any shape."""
+    return mirrored(area) if hand == "left" else area
+
+
 def steps_between(a: Ints, b: Ints | int) -> Ints:
     """Steps across and along the court from areas to others, broadcast."""
     return np.abs(a // 3 - b // 3) + np.abs(a % 3 - b % 3)

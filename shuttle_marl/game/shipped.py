@@ -54,6 +54,10 @@ REFITS: Final = 8
 """Number of refits of a shipped model on resampled matches; their names are those of the model with :1, :2, … behind."""
 CARD: Final = "card.json"
 """The model card, which holds the hashes of the other files."""
+FILES: Final = (GAME, OPPOSITE_GAME, BC, NETWORKS, SUPPORT)
+"""Files of every model, beside its card."""
+OPTIONAL_FILES: Final = (HABITS, HISTORY, HURRY, SKILL, VARIANTS)
+"""Files that some models have."""
 _MODELS: Final = Path(__file__).parent.parent / "models"
 
 

@@ -19,7 +19,7 @@ from shuttle_marl.data.schema import Outcome
 from shuttle_marl.data.upstream import date_of
 from shuttle_marl.dynamics.features import rows_from_strokes
 from shuttle_marl.dynamics.hurried import hurry_of
-from shuttle_marl.game.court import HANDS, mirrored, steps_between
+from shuttle_marl.game.court import HANDS, seen_by, steps_between
 from shuttle_marl.game.draws import stream
 from shuttle_marl.game.pairs import looks_of
 from shuttle_marl.game.rules import FAULT, WINNER, IllegalStrokeError
@@ -153,7 +153,7 @@ def nearest_stroke(game: Game, state: int, shot: int, technique: int, area: int 
     legal, catalogue = game.legal_strokes(state), game.catalogue
     distance = _FAR * (catalogue.shot[legal] != shot) + 10.0 * (catalogue.technique[legal] != technique)
     if area is not None:
-        distance = distance + steps_between(catalogue.area[legal].astype(int), mirrored(area) if receiver == "left" else area)
+        distance = distance + steps_between(catalogue.area[legal].astype(int), seen_by(receiver, area))
     return int(legal[int(distance.argmin())])
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from shuttle_marl.base.arrays import F32, I8, I32, I64, U8, U16, U32, U64, Bools, Ints, UInts
 from shuttle_marl.base.errors import ShuttleError
-from shuttle_marl.game.court import HANDS, Hands, area_box, mirrored, service_area, service_box
+from shuttle_marl.game.court import HANDS, Hands, area_box, seen_by, service_area, service_box
 from shuttle_marl.game.draws import draw, outcome_draw
 from shuttle_marl.game.layout import Layout
 from shuttle_marl.game.rules import HURRIED_BELOW, OUTCOMES, RETURNED_BELOW, WINNER, states_of_rallies, strike
@@ -149,12 +149,11 @@ class Rally:
     def _seen(self) -> I64:
         """``[2, strokes of the catalogue]`` area of each stroke of each seat as the receiver sees it."""
         area = self.catalogue.area.astype(np.int64)
-        return np.stack([mirrored(area) if self.hands[1 - seat] == "left" else area for seat in (0, 1)])
+        return np.stack([seen_by(self.hands[1 - seat], area) for seat in (0, 1)])
 
     def target(self, seat: int, stroke: int) -> int:
         """Area at which a seat aims with a stroke of the catalogue, as a right-handed receiver sees it."""
-        area = int(self.aim[seat, stroke])
-        return mirrored(area) if self.hands[1 - seat] == "left" else area
+        return seen_by(self.hands[1 - seat], int(self.aim[seat, stroke]))
 
     def as_named(self, seat: int, stroke: int) -> bool:
         """Whether a stroke of the catalogue aims at the area of its name; the score mirrors some serves."""
