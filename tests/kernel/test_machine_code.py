@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 import tomllib
+from concurrent.futures import ThreadPoolExecutor
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ SCRIPT = """
 import logging, sys
 from shuttle_marl.base.compiling import compiled, inlined
 {definitions}
-print(twice(21), *twice._cache_hits.values(), sep=",")
+print(twice(21), *getattr(twice, "_cache_hits", {{}}).values(), sep=",")
 """
 DEFINITIONS = """
 @inlined
@@ -63,6 +64,18 @@ def test_without_a_writable_folder_functions_are_compiled_and_a_line_says_so(tmp
     assert found == "42"
     assert "set NUMBA_CACHE_DIR to a folder that is" in warned
     assert len(warned.splitlines()) == 1
+
+
+def test_functions_run_uncompiled_where_numba_is_told_so(tmp_path: Path) -> None:
+    assert run(tmp_path / "code", NUMBA_DISABLE_JIT="1") == ("42", "")
+
+
+def test_two_processes_that_start_at_once_compile_the_same(tmp_path: Path) -> None:
+    folder = tmp_path / "code"
+    assert run(folder, NUMBA_DISABLE_JIT="1")[0] == "42"  # writes the module
+    with ThreadPoolExecutor(2) as starts:
+        assert {(found.partition(",")[0], warned) for found, warned in starts.map(run, [folder, folder])} == {("42", "")}
+    assert run(folder) == ("42,1", "")
 
 
 def test_a_changed_function_is_compiled_again(filled: Path) -> None:
