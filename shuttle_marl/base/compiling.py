@@ -27,7 +27,7 @@ def cached(function: F, **options: Any) -> F:
     except RuntimeError:  # numba found no writable folder
         _warn()
         return cast(F, numba.njit(**options)(function))
-    if not numba.config.DISABLE_JIT:  # type: ignore[attr-defined]  numba sets it from the environment
+    if not numba.config.DISABLE_JIT:  # type: ignore[attr-defined]  # set from the environment
         index = dispatcher._cache._cache_file
         index._source_stamp = (index._source_stamp, _sources(Path(function.__code__.co_filename).parent))
     return cast(F, dispatcher)
