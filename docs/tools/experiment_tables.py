@@ -6,8 +6,8 @@ from typing import Any
 from docs.tools.markdown import markdown, saved
 from experiments import human as human_play
 from experiments import league_training as league_study
+from experiments import next_stroke, styles, win_rates
 from experiments import self_play as self_play_study
-from experiments import styles, win_rates
 
 
 def _made_by(result: dict[str, Any]) -> str:
@@ -54,6 +54,17 @@ def style_figures() -> str:
     return (
         f"{table}\n\n{significant} in one of the first five columns are significant (adjusted p < 0.05).{but} {_made_by(result)}."
     )
+
+
+def next_strokes() -> str:
+    """Accuracy of next-stroke prediction of the imitator, of the game's clones, and in the paper."""
+    result = saved("experiments", "next_stroke")
+    table = markdown(
+        next_stroke.HEADINGS, next_stroke.table_rows(result, next_stroke.LEAST_PLAYERS), left=next_stroke.HEADINGS[:2]
+    )
+    fit = result["fit"]
+    fitted = f"fitted on {fit['strokes']:,} strokes of {fit['matches']} training matches in {fit['seconds']} s"
+    return f"{table}\n\nThe {result['split']} matches; the imitator {fitted}. {_made_by(result)}."
 
 
 def recipes() -> str:

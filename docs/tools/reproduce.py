@@ -76,6 +76,7 @@ RESULTS: Final[dict[str, Result]] = (
             ("advice", ("advice_results",), "advice --data {data} --split validation --out {out}", 0.02, ""),
             ("human", ("human", "human_players"), "human --data {data} --json", 0.0, ""),
             ("league_training", ("league_training",), "league_training --out runs/again --json {out}", 0.5, "hours"),
+            ("next_stroke", ("next_stroke",), "next_stroke --data {data} --out {out}", 0.02, ""),
             ("pairs_cross", ("pair_results", "pair_strokes"), "pairs --data {data} --cross 4 --out {out}", 0.02, "half an hour"),
             (
                 "self_play",

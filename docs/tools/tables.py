@@ -45,6 +45,7 @@ BLOCKS: Final[dict[str, Callable[[], str]]] = {
     "layers": structure.layers,
     "league": benchmark_tables.league,
     "league_training": experiment_tables.league_training,
+    "next_stroke": experiment_tables.next_strokes,
     "pair_results": experiment_tables.pair_results,
     "pair_strokes": experiment_tables.pair_strokes,
     "paths": structure.paths,
@@ -83,7 +84,7 @@ BLOCKS: Final[dict[str, Callable[[], str]]] = {
 EARLIER: Final[dict[str, str]] = {
     **dict.fromkeys(
         (
-            *("advice_results", "human", "human_players", "pair_results", "pair_strokes", "recipes", "self_play"),
+            *("advice_results", "human", "human_players", "next_stroke", "pair_results", "pair_strokes", "recipes", "self_play"),
             *("aec", "cluster", "exact_values", "recording", "speed", "startup", "throughput", "throughput_bound"),
             *("throughput_sizes", "time_to_win", "training_speed", "viewer"),
             *("stroke_value", "styles", "win_rates", "win_rates_matrix", "depth_play", "depth_lists", *suite_tables.BLOCKS),

@@ -9,7 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from experiments import advice, human, realism, same_results, self_play, win_rates
+from experiments import advice, human, next_stroke, realism, same_results, self_play, win_rates
+from experiments.imitation.imitator import Imitator, ImitatorConfig
+from experiments.imitation.networks import NetworksConfig
+from experiments.imitation.trees import TreesConfig
 from experiments.league_training import HEADINGS, table_rows
 from experiments.league_training import main as league_training
 from experiments.pairs import strokes as of_pairs
@@ -21,11 +24,14 @@ from experiments.truth.paired import differences, load_values, save_values
 from experiments.truth.worlds import shipped_world
 from shuttle_marl.analysis import advice as analysis_advice
 from shuttle_marl.analysis.strokes import simulate
+from shuttle_marl.data import load_strokes
 from shuttle_marl.data.schema import Account
 from shuttle_marl.data.table import write_parquet
 from shuttle_marl.data.upstream import matches_of
+from shuttle_marl.dynamics.fitted import FittedModels
 from shuttle_marl.dynamics.skill import VARIANCES
 from shuttle_marl.exact import PairPolicy, solve_soft
+from shuttle_marl.game import model_folder
 from shuttle_marl.game.shipped import refits_of
 from shuttle_marl.policy import baselines
 from shuttle_marl.training import PPOConfig
@@ -48,8 +54,9 @@ def write_published(path: Path, matches: Sequence[str], seed: int) -> None:
     write_parquet(table, path, account=none, provenance={})
 
 
-def test_data_without_the_split_is_named(capsys: pytest.CaptureFixture[str]) -> None:
-    assert realism.main(["--data", str(SAMPLE)]) == 1
+@pytest.mark.parametrize("command", [next_stroke.main, realism.main])
+def test_data_without_the_split_is_named(command, capsys: pytest.CaptureFixture[str]) -> None:
+    assert command(["--data", str(SAMPLE)]) == 1
     assert "no match of the split" in capsys.readouterr().err
 
 
@@ -64,6 +71,18 @@ def test_play_is_realistic(capsys: pytest.CaptureFixture[str]) -> None:
 def test_a_checkout_equals_itself(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     same_results.main(ROOT, ROOT, out=tmp_path / "out", only=("solve",))
     assert "the same: 1 commands, 1 files" in capsys.readouterr().out
+
+
+def test_table_of_the_next_stroke() -> None:
+    networks = NetworksConfig(members=2, epochs=8, batch=128, learning_rate=0.02, width=32, layers=2)
+    config = ImitatorConfig(networks=networks, trees=TreesConfig(type_rounds=15, area_rounds=5, leaves=7, rate=0.3))
+    strokes = load_strokes(SAMPLE).slice(0, 1000)
+    part = strokes.slice(0, 300)
+    result = next_stroke.table(Imitator.fit(strokes, config=config), FittedModels.load(model_folder()), part)
+    assert list(result["rows"]) == ["all strokes", "rally strokes", "rally strokes, contact height not known"]
+    assert result["rows"]["all strokes"]["imitator"]["rows"] == len(part)
+    lines = next_stroke.table_rows(json.loads(json.dumps({**result, "paper": next_stroke.PAPER})))
+    assert {len(line) for line in lines} == {len(next_stroke.HEADINGS)}
 
 
 def test_advice(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
