@@ -189,7 +189,9 @@ def recovery_truth() -> str:
         change = f"{1e5 * of['log_loss_change']:.0f} ({1e5 * of['low']:.0f} to {1e5 * of['high']:.0f})"
         slope = f"{of['slope']:.2f} ({of['slope_low']:.2f} to {of['slope_high']:.2f})"
         rows.append((effect, change, slope, f"{of['strokes']:,}"))
-    return markdown(("effect of the position on", "log-loss, 10⁻⁵ nats", "slope", "strokes"), rows, left=("effect of the position on",))
+    return markdown(
+        ("effect of the position on", "log-loss, 10⁻⁵ nats", "slope", "strokes"), rows, left=("effect of the position on",)
+    )
 
 
 def recovery_depth() -> str:

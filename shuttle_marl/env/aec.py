@@ -38,7 +38,8 @@ METADATA: Final = {"render_modes": list(RENDER_MODES), "is_parallelizable": Fals
 Observation = dict[str, npt.NDArray[Any]]
 """Observation of an agent: ``observation`` and ``action_mask``."""
 
-ILLEGAL: Final = ("illegal stroke", "illegal position")
+ILLEGAL: Final = "illegal stroke"
+ILLEGAL_POSITION: Final = "illegal position"
 TOO_LONG: Final = "too many strokes"
 
 _INDEX: Final = {agent: i for i, agent in enumerate(AGENTS)}
@@ -289,7 +290,7 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         loser = self._striker ^ self._choosing
         if self._state == ROOT:
             self._clear_rally()
-        self._reason, self._winner = ILLEGAL[self._choosing], 1 - loser
+        self._reason, self._winner = ILLEGAL_POSITION if self._choosing else ILLEGAL, 1 - loser
         self._live, self._choosing, self._position = False, False, None
         self._cumulative_rewards[AGENTS[loser]] = 0.0
         self._end_episode(1 - loser)
