@@ -30,7 +30,7 @@ def waiting(found: Sequence[Wait], players: Sequence[str], hands: Sequence[str |
         fields = {"metres": value, "low": low, "high": high, "strokes": wait.strokes, "others": others}
         lines.append(say(f"waits.{key}", player=players[wait.player], shots=say.shots(wait.shot), **fields))
     columns: list[Column[Wait]] = [
-        Column(say("waits.player"), lambda w: name(players[w.player]), left=True, wrap=True),
+        Column(say("waits.player"), lambda w: name(players[w.player]), left=True),
         Column(say("waits.after"), lambda w: name(say.shots(w.shot)), left=True),
         Column(say("waits.strokes"), lambda w: Cell(say.number(w.strokes, ","), w.strokes)),
         Column(say("waits.distance"), lambda w: Cell(_distance(w.depth), w.depth.mean.value)),

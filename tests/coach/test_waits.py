@@ -3,15 +3,18 @@
 import dataclasses
 import json
 from collections.abc import Mapping
+from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 import pytest
+from playwright.sync_api import Browser
 
 from shuttle_marl.analysis.match import matches_in
 from shuttle_marl.analysis.scouting import plain
 from shuttle_marl.analysis.waits import LEAST_MATCHES, Wait, waits
+from shuttle_marl.coach import blocks
 from shuttle_marl.coach.waits import waiting
 from shuttle_marl.coach.words import Words
 from shuttle_marl.game.recovery import POSITIONS
@@ -156,3 +159,18 @@ def test_the_section_says_what_the_data_support(match: pa.Table, language: Langu
 
 def unclear(wait: Wait) -> Wait:
     return dataclasses.replace(wait, **{n: dataclasses.replace(getattr(wait, n), clear=False) for n in ("depth", "side")})
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_the_section_fits_a_telephone_and_paper(match: pa.Table, tmp_path: Path, browser: Browser, language: Language) -> None:
+    found = waits(placed(match, (3.5, 4.0), (0.5, -0.5)), players_of(match))
+    with speaking(language):
+        content = blocks.page("", "", waiting(found, ("Pornpawee Chochuwong", "Ratchanok Intanon"), HANDS, match=True))
+    (tmp_path / "page.html").write_bytes(content)
+    page = browser.new_page()
+    page.goto((tmp_path / "page.html").as_uri())
+    for medium, width in (("screen", 390), ("print", 688)):
+        page.emulate_media(media=medium)  # type: ignore[arg-type]
+        page.set_viewport_size({"width": width, "height": 800})
+        assert page.evaluate("document.documentElement.scrollWidth <= document.documentElement.clientWidth"), medium
+    page.close()
