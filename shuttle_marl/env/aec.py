@@ -180,7 +180,10 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         return [] if self._state == ROOT else [played.stroke for played in self._strokes]
 
     def choice_draw(self) -> int:
-        """Random number in [0, 65535) for the choice of the next stroke or position; see :mod:`shuttle_marl.game.draws`."""
+        """Random number in [0, 65535) for the next choice of a stroke or position; see :mod:`shuttle_marl.game.draws`.
+
+        It is for who plays a policy, and not for its opponent, who would know a hidden position.
+        """
         if self._choosing:
             return self._draws.position(self._rally, len(self._strokes))
         return self._draws.choice(self._rally, 0 if self._state == ROOT else len(self._strokes))
