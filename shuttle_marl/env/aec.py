@@ -181,7 +181,10 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         return [] if self._state == ROOT else [played.stroke for played in self._strokes]
 
     def choice_draw(self) -> int:
-        """Random number in [0, 65535) for the choice of the next stroke or position; see :mod:`shuttle_marl.game.draws`."""
+        """Random number in [0, 65535) for the next choice of a stroke or position; see :mod:`shuttle_marl.game.draws`.
+
+        It is for who plays a policy, and not for its opponent, who would know a hidden position.
+        """
         if self._choosing:
             return self._draws.position(self._rally, len(self._strokes))
         return self._draws.choice(self._rally, 0 if self._state == ROOT else len(self._strokes))
@@ -223,7 +226,10 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         seen = self._vector(self._stepper.observe(self._state, receiver=player != self._striker), player)
         acts = player == self._striker ^ self._choosing
         if self._hides:
-            seen = np.append(seen, np.float32(acts and self._choosing))
+            told, seen = seen, np.zeros(len(seen) + 1, np.float32)  # np.append takes longer than all the rest
+            seen[:-1] = told
+            if acts and self._choosing:
+                seen[-1] = 1.0
         mask = self._mask() if self._live and acts else np.zeros(self._stepper.n_actions, np.int8)
         return {"observation": seen, "action_mask": mask}
 

@@ -121,6 +121,8 @@ _BASE: Final = (0.0, -3.4)
 """Base position of players between strokes, in their own frame [m]."""
 _RETURNED: Final = 0.55
 """Fraction of the path to the base covered during a flight."""
+_CELLS: Final = ((1.1, 0.0, -1.1), (2.5, 3.8, 5.1))
+"""Middles of positions: distances towards the forehand side, and from the net [m]."""
 _FAULT_REACH: Final = 0.62
 """Fraction of the path to its target at which a fault is drawn to end."""
 
@@ -149,12 +151,14 @@ class Plan:
         shuttle: position of the shuttle [m].
         bodies: positions of players 0 and 1 [m].
         came_from: positions at their last contact [m]; None for the player to hit.
+        waited: where the receiver of the last stroke waited [m], the middle of a cell; None where that is hidden or no choice.
     """
 
     flights: tuple[Flight, ...]
     shuttle: Point
     bodies: tuple[Point, Point]
     came_from: tuple[Point | None, Point | None]
+    waited: Point | None = None
 
 
 def to_plan(player: int, x: float, y: float) -> Point:
@@ -197,7 +201,19 @@ def plan_of(snapshot: Snapshot) -> Plan:
         shuttle=contact,
         bodies=(stands[0], stands[1]),
         came_from=(came_from[0], came_from[1]),
+        waited=_waited(snapshot),
     )
+
+
+def _waited(snapshot: Snapshot) -> Point | None:
+    """Where the receiver of the last stroke waited."""
+    where = snapshot.positions[-1] if snapshot.positions else None
+    if where is None:
+        return None
+    receiver = 1 - snapshot.strokes[-1].player
+    depth, side = divmod(where, N_SIDES)
+    x = _CELLS[0][side] * (1 if snapshot.hands[receiver] == "right" else -1)
+    return to_plan(receiver, x, -_CELLS[1][depth])
 
 
 def _landing(player: int, area: int, number: int, stroke: int) -> Point:

@@ -16,6 +16,7 @@ from pettingzoo import test as conformance
 from shuttle_marl import match_v0, rally_v0
 from shuttle_marl.base.errors import ActionError
 from shuttle_marl.env.single import Seat, SingleMatchEnv, SingleRallyEnv
+from shuttle_marl.env.snapshot import plan_of
 from shuttle_marl.env.words import OVER, TextRallyEnv, text_env
 from shuttle_marl.env.wrappers import component_masks
 from shuttle_marl.game.draws import choice_draw, draw, outcome_draw, position_draw, stream
@@ -23,7 +24,7 @@ from shuttle_marl.game.observation import HURRIED, SWAP, observations
 from shuttle_marl.game.pairs import pair_game
 from shuttle_marl.game.policy import GamePolicy, Policy, PolicyError, States, UniformPolicy
 from shuttle_marl.game.rally.stepper import RallyDraws, choose_position, stepper_of
-from shuttle_marl.game.recovery import CENTRE, N_POSITIONS, POSITIONS
+from shuttle_marl.game.recovery import CENTRE, N_POSITIONS, POSITIONS, position_of
 from shuttle_marl.game.rules import OUTCOMES, RETURNED_BELOW, IllegalStrokeError, strike
 from shuttle_marl.game.shipped import default_game
 from shuttle_marl.game.tables import ROOT, Game
@@ -277,6 +278,24 @@ def test_exact_copies_keep_the_hidden_position() -> None:
     with pytest.warns(UserWarning, match="sees the future"):
         twins = [copy.deepcopy(env), pickle.loads(pickle.dumps(env))]
     assert [twin._position for twin in twins] == [env._position] * 2
+
+
+def test_the_picture_shows_where_the_last_receiver_waited_after_the_rally() -> None:
+    env, rng, seen = rally_v0.raw_env(game=GAME), np.random.default_rng(1), 0
+    for seed in range(20):
+        env.reset(seed=seed)
+        while not env.terminations["player_0"]:
+            assert plan_of(env.snapshot()).waited is None
+            env.step(some_action(env, rng))
+        snapshot = env.snapshot()
+        waited = plan_of(snapshot).waited
+        assert waited is not None
+        receiver, where = 1 - snapshot.strokes[-1].player, snapshot.positions[-1]
+        assert where is not None
+        x, y = (waited[1], -waited[0]) if receiver == 0 else (-waited[1], waited[0])
+        assert position_of(np.array(x), np.array(y)) == where
+        seen |= 1 << where
+    assert seen.bit_count() > 3
 
 
 def test_rallies_are_cut_off_after_strokes_not_positions() -> None:
