@@ -205,11 +205,11 @@ class _Spread(NamedTuple):
         Args:
             p: ``[base pairs]`` probabilities.
             ratio: ``[R]`` ratios of odds.
-            weight: ``[R]`` weights of the positions, not all 0.
+            weight: ``[R]`` weights of the positions; where all are 0, all positions have the probability of the pair.
         """
         odds, scale = (p / (1 - p))[self.pair] * ratio, np.ones(len(p))
         total = self._sum(weight)
-        inside = (p > 0) & (p < 1)
+        inside = (p > 0) & (p < 1) & (total > 0)
         spread = np.where(inside[self.pair], odds / (1 + odds), p[self.pair])
         for _ in range(_ROUNDS):
             mean = self._sum(weight * spread) / total

@@ -21,7 +21,7 @@ from shuttle_marl.dynamics.features import rows_from_strokes
 from shuttle_marl.dynamics.hurried import hurry_of
 from shuttle_marl.game.court import HANDS, seen_by, steps_between
 from shuttle_marl.game.draws import stream
-from shuttle_marl.game.pairs import looks_of
+from shuttle_marl.game.pairs import game_of_people, looks_of
 from shuttle_marl.game.rules import FAULT, WINNER, IllegalStrokeError
 from shuttle_marl.game.scoring import Score
 from shuttle_marl.game.stroke import N_SERVES
@@ -223,6 +223,12 @@ class RealRallies(Recorded):
         """
         return str(self._columns["match"][self._at(number).rows[0]])
 
+    def _game_of(self, number: int) -> Game:
+        """The tables in which a rally is valued: those of its two people, whose hands may differ, if the model knows them."""
+        people = self.people(number)
+        known = None if people is None else game_of_people(self._game, people.names, people.date)
+        return self._game if known is None else known.seats[0]
+
     def _at(self, number: int) -> _Annotated:
         if not 0 <= number < self.count:
             raise WatchError(f"no rally {number + 1}: there are {self.count:,}")
@@ -232,7 +238,7 @@ class RealRallies(Recorded):
         """A rally; see :class:`Recorded`."""
         found, column = self._at(number), self._columns
         strokes: list[int] = []
-        state, game = ROOT, self._game
+        state, game = ROOT, self._game_of(number)
         first, second = (self._hands.get(player, "right") for player in found.players)
         athlete = "female" if column["discipline"][found.rows[0]] == "WS" else "male"
         for row in found.rows.tolist():

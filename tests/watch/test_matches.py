@@ -14,7 +14,7 @@ import pyarrow as pa
 import pytest
 
 from shuttle_marl.analysis.marks import basis_of
-from shuttle_marl.analysis.rally import LogPlayers, Players, analyse_rally
+from shuttle_marl.analysis.rally import LogPlayers, Players, analyse_rally, legal_states
 from shuttle_marl.commands.options import RallyGameOptions
 from shuttle_marl.data import load_strokes
 from shuttle_marl.exact import evaluate
@@ -22,7 +22,7 @@ from shuttle_marl.game import default_game
 from shuttle_marl.game.court import AREAS
 from shuttle_marl.game.court import mirrored as mirror
 from shuttle_marl.game.draws import draw, outcome_draw, stream
-from shuttle_marl.game.pairs import pair_game
+from shuttle_marl.game.pairs import game_of_people, pair_game
 from shuttle_marl.game.rules import RETURNED_BELOW, IllegalStrokeError, strike
 from shuttle_marl.game.shipped import load_game
 from shuttle_marl.game.skill import AVERAGE, Skill
@@ -146,6 +146,20 @@ def test_real_rallies_have_the_hands_of_the_table_and_land_where_they_did(known:
         met = (rally.striker == found.players.index(player)) | np.isnan(area)
         same += (rally.aim[rally.striker, rally.stroke] == area)[~met & ~rally.catalogue.is_serve[rally.stroke]].tolist()
     assert np.mean(same) > 0.9, "strokes to the left-hander"
+
+
+def test_real_rallies_of_different_hands_are_legal_in_the_game_of_their_people(tables: PolicyTables) -> None:
+    strokes, people = load_strokes(SAMPLE), ("kento-momota", "viktor-axelsen")
+    for name in ("player", "opponent"):  # the average player of the sample is a left-hander here
+        renamed = pa.array([people[0] if player == "bc" else player for player in strokes[name].to_pylist()])
+        strokes = strokes.set_column(strokes.schema.get_field_index(name), strokes.schema.field(name), renamed)
+    shown = RealRallies(SAMPLE, tables.game, strokes)
+    pair = game_of_people(tables.game, people)
+    assert pair is not None
+    rallies = [shown.rally(number) for number in range(shown.count) if set(shown._rallies[number].players) == set(people)][:60]
+    assert len(rallies) > 20
+    for rally in rallies:
+        legal_states(rally, pair)  # raises if a stroke is not legal
 
 
 def left_handed(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
