@@ -402,3 +402,24 @@ def test_a_tabulated_policy_without_positions_waits_as_people_do() -> None:
     env = SingleRallyEnv(opponent=table, game=GAME)
     env.reset(seed=1)
     assert env.action_masks().shape == (GAME.n_strokes + N_POSITIONS,)
+
+
+def test_opponents_who_wait_are_told_the_score_of_the_striker_and_the_strokes() -> None:
+    class Reads(UniformPolicy):
+        reads_score = reads_history = True
+
+        def positions(self, states: States) -> np.ndarray:
+            assert states.score is not None
+            assert states.history is not None
+            assert states.score[0].tolist() == list(env.raw.score_of(0) or ())
+            assert states.history[0, 0] == env.raw.strokes[-1] == states.incoming[0]
+            asked.append(1)
+            return FORWARD.positions(states)
+
+    rng, asked = np.random.default_rng(1), list[int]()
+    env = SingleMatchEnv(opponent=Reads(), game=GAME)
+    env.reset(seed=1)
+    for _ in range(400):
+        if env.step(some_action(env.raw, rng))[2]:
+            env.reset()
+    assert len(asked) > 50
