@@ -152,6 +152,8 @@ def card(
         plot: write the reliability diagrams to this PNG file.
         truth: first store this output of `python -m experiments.truth --json` in the card.
     """
+    from jinja2 import UndefinedError  # noqa: PLC0415  these keep --help quick
+
     from shuttle_marl.dynamics.card import add_truth, as_markdown, plot_reliability  # noqa: PLC0415  scipy
 
     if truth is not None:
@@ -164,7 +166,7 @@ def card(
         sys.stdout.write(json_format.dumps(content) + "\n" if json else as_markdown(content))
         if plot is not None:
             plot_reliability(content, plot)
-    except (LookupError, TypeError, ValueError, ArithmeticError, AttributeError) as error:
+    except (UndefinedError, LookupError, TypeError, ValueError, ArithmeticError, AttributeError) as error:
         raise ShuttleError(f"{model}: its card lacks what this version writes ({error!r:.200}); fit the model again") from error
 
 
