@@ -1,7 +1,7 @@
 """Does what the position of a receiver changes hold in matches to which it was not fitted?
 
-The predictions of the models are compared with those at the position in which the receiver of the real stroke waited: odds
-multiplied by the effect of the position, calibrated as in the game with recovery, so that the mean over people's positions is the
+The predictions of the models are compared with those at the place in which the receiver of the real stroke stood: odds
+multiplied by the effect of the place, calibrated as in the game with recovery, so that the mean over people's positions is the
 prediction of the models.
 """
 
@@ -17,8 +17,8 @@ from shuttle_marl.data.schema import Outcome
 from shuttle_marl.dynamics.features import Rows
 from shuttle_marl.dynamics.fitted import FittedModels
 from shuttle_marl.dynamics.models import log_odds, sigmoid, was_good, was_met, was_timed
-from shuttle_marl.dynamics.recovery import people_at, placed
-from shuttle_marl.game.recovery import EFFECTS, STEP, Recovery, position_of
+from shuttle_marl.dynamics.recovery import FittedRecovery, people_at, placed
+from shuttle_marl.game.recovery import EFFECTS, STEP
 from shuttle_marl.game.stroke import N_SERVES
 
 _ROUNDS: Final = 12
@@ -71,13 +71,15 @@ def recovery_effects(parts: Sequence[tuple[World, Strokes]], seed: int = 0) -> d
     return {name: _summary(judged, seed) for name, judged in zip(EFFECTS, joined, strict=True) if len(judged.label)}
 
 
-def judged_by(models: FittedModels, recovery: Recovery, rows: Rows) -> tuple[Judged, ...]:
+def judged_by(models: FittedModels, fitted: FittedRecovery, rows: Rows) -> tuple[Judged, ...]:
     """Strokes whose receiver waited at a known position, by effect."""
-    known, people = people_at(recovery, rows)
+    known, people = people_at(fitted.recovery, rows)
     used = known & placed(rows) & was_good(rows) & (rows.codes["shot"] >= N_SERVES)
     rows, people = rows.take(used), people[used[known]]
     codes, row = rows.codes, np.arange(len(rows))
-    effect = recovery.effect[:, rows.game_codes["shot"], rows.game_codes["area"]] * STEP
+    shot, area = (rows.game_codes[name].astype(np.int64) for name in ("shot", "area"))
+    effect = fitted.recovery.effect[:, shot, area] * STEP
+    there = fitted.shift(shot, area, rows.waiting.astype(np.float64))
     late = models.hurried(codes)[row, np.maximum(rows.next_contact, 0)]
     logits = [log_odds(p) for p in (1 - models.returned(codes), models.above(codes), late)]
     winner = _spread(logits[0], effect[0], people)
@@ -87,10 +89,9 @@ def judged_by(models: FittedModels, recovery: Recovery, rows: Rows) -> tuple[Jud
     spread = (winner, above, _spread(logits[2], effect[2], met * from_there))
     masks = (np.ones(len(rows), dtype=np.bool_), was_met(rows), was_timed(rows) & (late > 0))
     labels = (rows.outcome == Outcome.WINNER, rows.next_contact == 1, rows.next_hurried == 1)
-    position = position_of(*rows.waiting.astype(np.float64).T)
     return tuple(
-        Judged(rows.match, logit, at[row, position] - logit, label).of(mask)
-        for logit, at, label, mask in zip(logits, spread, labels, masks, strict=True)
+        Judged(rows.match, logit, at[:, 0] - by_position[:, 0] + by_place - logit, label).of(mask)
+        for logit, at, by_position, by_place, label, mask in zip(logits, spread, effect, there, labels, masks, strict=True)
     )
 
 

@@ -26,10 +26,9 @@ from shuttle_marl.dynamics.hurried import Hurry, fit_hurry, load_hurry
 from shuttle_marl.dynamics.make import load_support
 from shuttle_marl.dynamics.models import known_outcome
 from shuttle_marl.dynamics.network import QUICK
-from shuttle_marl.dynamics.recovery import fit_recovery
-from shuttle_marl.game.recovery import Recovery
-from shuttle_marl.game.shipped import CARD, NETWORKS, POSITIONS, PROFILES, load_game, model_folder, variant_of
-from shuttle_marl.game.tables import RECOVERY, Game
+from shuttle_marl.dynamics.recovery import FittedRecovery, fit_recovery, load_recovery
+from shuttle_marl.game.shipped import CARD, NETWORKS, PROFILES, load_game, model_folder, variant_of
+from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities
 from shuttle_marl.policy import baselines, history
 from shuttle_marl.policy.history import HistoryPolicy
@@ -58,7 +57,7 @@ class World:
     bc: TabulatedPolicy
     behind: F64
     hurry: Hurry | None = None
-    recovery: Recovery | None = None
+    recovery: FittedRecovery | None = None
     models: FittedModels | None = None
     history: HistoryPolicy | None = None
     between: "World | None" = None
@@ -98,7 +97,7 @@ def shipped_world(model: str, discipline: int | None = None) -> World:
                 bc=baselines.load(None, game),
                 behind=load_support(folder, opposite=opposite).strokes,
                 hurry=load_hurry(folder),
-                recovery=load_game(f"{folder}:{RECOVERY}").recovery if (folder / POSITIONS).is_file() else None,
+                recovery=load_recovery(folder),
                 models=FittedModels.load(folder),
                 history=history.load(game) if history.known_for(game) else None,
             )
@@ -154,7 +153,7 @@ class Fitter:
                 _save(file["between"], fitted.between_hands)
             _save(file["game"], fitted if discipline is None else fitted.profile(discipline))
         hurry = Hurry.checked(read_tensors(file["hurry"])) if file["hurry"].is_file() else None
-        recovery = Recovery.checked(read_tensors(file["recovery"])) if file["recovery"].is_file() else None
+        recovery = FittedRecovery.checked(read_tensors(file["recovery"])) if file["recovery"].is_file() else None
         world = _loaded(file["game"], file["history"], hurry)
         world = dataclasses.replace(world, recovery=recovery, models=FittedModels.load(models))
         between = _loaded(file["between"], file["history"], hurry) if file["between"].is_file() else None
@@ -182,14 +181,13 @@ class Fitter:
 
     # The games of both disciplines, and of equal and different hands, come from one fit, one after the other.
     @functools.lru_cache(maxsize=1)  # noqa: B019  a fitter lives as long as its program
-    def _fitted(self, names: tuple[str, ...], layout: Game | None) -> tuple[Fit, Hurry | None, Recovery | None, Arrays]:
+    def _fitted(self, names: tuple[str, ...], layout: Game | None) -> tuple[Fit, Hurry | None, FittedRecovery | None, Arrays]:
         train = self._strokes.rows.in_matches(names)
         hurry = fit_hurry(train, seed=self._seed)
         marked = train if hurry is None else hurry.marked(train)
         fitted = fit(marked, None, seed=self._seed, config=QUICK, layout=layout, report=self._report)
         found = fit_recovery(marked, fitted.predicted)
-        recovery = None if found is None else found.recovery
-        return fitted, hurry, recovery, fit_history(fitted.models.networks, marked, None, QUICK.folds)[0]
+        return fitted, hurry, found, fit_history(fitted.models.networks, marked, None, QUICK.folds)[0]
 
 
 def _save(file: Path, fitted: Fit) -> None:

@@ -215,7 +215,7 @@ def _save_recovery(folder: Path, train: Rows, predicted: Mapping[str, Predicted]
     if fitted is None:
         (folder / shipped.POSITIONS).unlink(missing_ok=True)  # of a replaced model
         return None
-    replace_file(folder / shipped.POSITIONS, fitted.recovery.to_bytes())
+    replace_file(folder / shipped.POSITIONS, fitted.to_bytes())
     return fitted.summary(train)
 
 

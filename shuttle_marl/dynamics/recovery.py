@@ -9,25 +9,31 @@ on top of what models that were not fitted to the match predict. The features of
 played to the same area against the same shot type, so the coefficients say what a position changes beyond what people do there,
 and not how strokes differ that people await elsewhere.
 
-Positions in the regressions are cells, as in the game. With the places themselves, a coefficient is that of a metre, which a cell
-keeps only in part: people stand in different places of it in different states. In four cross fits over the training matches, the
-slope on the predicted effects is then .77 for winners, .88 for contacts and .68 for hurried receivers, and with cells 1.09, 1.00
-and .94.
+Regressions read the place in which a receiver stood. A position of the game is a place too: the mean of the places in its cell.
+People of one cell stand in different places of it in different states, so a comparison of cells of real strokes shows only a part
+of the difference between two positions: .77 of it for winners, .88 for contacts and .68 for hurried receivers, in four cross fits
+over the training matches.
 """
 
+import dataclasses
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from shuttle_marl.base.arrays import F64, I64, U16, Bools, Ints
+from shuttle_marl.base.errors import ShuttleError
+from shuttle_marl.base.tensor_files import Tensors, checked, tensor_bytes
 from shuttle_marl.dynamics.features import Rows
 from shuttle_marl.dynamics.models import sigmoid
 from shuttle_marl.dynamics.skill import Predicted
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.draws import CHOICE_ONE
 from shuttle_marl.game.recovery import EFFECTS, N_POSITIONS, STEP, Recovery, position_of
+from shuttle_marl.game.shipped import POSITIONS, read_model
 from shuttle_marl.game.stroke import N_SERVES, N_SHOTS, SHOTS
+from shuttle_marl.game.tables import GameError
 
 GROUPS: Final[dict[str, tuple[str, ...]]] = {
     "smash": ("smash", "half-smash"),
@@ -59,12 +65,61 @@ _COMPONENTS: Final = ("return", "contact", "hurried")
 """Models whose outcomes the effects change; a winner is no return."""
 
 
+class Court(NamedTuple):
+    """Where receivers wait, and where they meet the shuttle [m]."""
+
+    mean: F64
+    """``[9, 2]`` mean place of each position."""
+    meeting: F64
+    """``[13, 9, 2]`` mean place in which returned strokes of a shot type and area are met."""
+
+    @classmethod
+    def of(cls, rows: Rows) -> "Court":
+        """The court of strokes."""
+        at = rows.waiting[placed(rows)].astype(np.float64)
+        mean = _means(position_of(*at.T), at, at.mean(axis=0, keepdims=True).repeat(N_POSITIONS, axis=0), 1.0)
+        met = np.isfinite(rows.meeting).all(axis=1) & (rows.codes["area"] >= 0)
+        shot, area = (rows.game_codes[name][met].astype(np.int64) for name in ("shot", "area"))
+        where = rows.meeting[met].astype(np.float64)
+        of_area = _means(area, where, np.tile(where.mean(axis=0), (N_AREAS, 1)), _MEETING)
+        meeting = _means(shot * N_AREAS + area, where, np.tile(of_area, (N_SHOTS, 1)), _MEETING)
+        return cls(mean, meeting.reshape(N_SHOTS, N_AREAS, 2))
+
+    def features(self, shot: Ints, area: Ints, place: F64) -> F64:
+        """``[..., 3]`` :data:`FEATURES` of places ``[..., 2]`` against strokes."""
+        sideways, behind = np.moveaxis(place - self.meeting[shot, area], -1, 0)
+        return np.stack([np.abs(sideways), np.maximum(behind, 0), np.maximum(-behind, 0)], axis=-1)
+
+
 class FittedRecovery(NamedTuple):
     """Result of a fit."""
 
     recovery: Recovery
     coefficients: F64
     """``[3, 4, 3]`` log-odds per metre by :data:`~shuttle_marl.game.recovery.EFFECTS`, group and feature."""
+    court: Court
+
+    def shift(self, shot: Ints, area: Ints, place: F64) -> F64:
+        """``[3, ...]`` log-odds by which places ``[..., 2]`` change the effects, not centred."""
+        found = (self.coefficients[:, _GROUP[shot]] * self.court.features(shot, area, place)).sum(axis=-1)
+        return np.clip(np.where(_GROUP[shot] < 0, 0.0, found), -_LIMIT, _LIMIT)
+
+    def to_bytes(self) -> bytes:
+        """The content of a file, in a model folder :data:`~shuttle_marl.game.shipped.POSITIONS`."""
+        court = {name: getattr(self.court, name) for name in Court._fields}
+        return tensor_bytes({**self.recovery.arrays, "coefficients": self.coefficients, **court}, {}, pack=True)
+
+    @classmethod
+    def checked(cls, tensors: Tensors) -> "FittedRecovery":
+        """From the content of a file.
+
+        Raises:
+            KeyError, TypeError, ValueError, ShuttleError: a part is missing or invalid.
+        """
+        shapes = ((N_POSITIONS, 2), (N_SHOTS, N_AREAS, 2))
+        court = (checked(tensors.arrays[name], np.float64, shape) for name, shape in zip(Court._fields, shapes, strict=True))
+        size = (len(EFFECTS), len(GROUPS), len(FEATURES))
+        return cls(Recovery.checked(tensors), checked(tensors.arrays["coefficients"], np.float64, size), Court(*court))
 
     def summary(self, rows: Rows) -> dict[str, Any]:
         """What a model card says of it: means over strokes after the serve of the fit, and the coefficients."""
@@ -83,29 +138,18 @@ class FittedRecovery(NamedTuple):
         }
 
 
-class _Court(NamedTuple):
-    """Where receivers wait, and where they meet the shuttle [m]."""
+def load_recovery(folder: Path) -> FittedRecovery | None:
+    """The fit in a model folder; None if it has none.
 
-    mean: F64
-    """``[9, 2]`` mean place of each position."""
-    meeting: F64
-    """``[13, 9, 2]`` mean place in which returned strokes of a shot type and area are met."""
-
-    @classmethod
-    def of(cls, rows: Rows) -> "_Court":
-        at = rows.waiting[placed(rows)].astype(np.float64)
-        mean = _means(position_of(*at.T), at, at.mean(axis=0, keepdims=True).repeat(N_POSITIONS, axis=0), 1.0)
-        met = np.isfinite(rows.meeting).all(axis=1) & (rows.codes["area"] >= 0)
-        shot, area = (rows.game_codes[name][met].astype(np.int64) for name in ("shot", "area"))
-        where = rows.meeting[met].astype(np.float64)
-        of_area = _means(area, where, np.tile(where.mean(axis=0), (N_AREAS, 1)), _MEETING)
-        meeting = _means(shot * N_AREAS + area, where, np.tile(of_area, (N_SHOTS, 1)), _MEETING)
-        return cls(mean, meeting.reshape(N_SHOTS, N_AREAS, 2))
-
-    def features(self, shot: Ints, area: Ints, position: Ints) -> F64:
-        """``[..., 3]`` :data:`FEATURES` of positions against strokes."""
-        sideways, behind = np.moveaxis(self.mean[position] - self.meeting[shot, area], -1, 0)
-        return np.stack([np.abs(sideways), np.maximum(behind, 0), np.maximum(-behind, 0)], axis=-1)
+    Raises:
+        GameError: the file cannot be read.
+    """
+    if not (folder / POSITIONS).is_file():
+        return None
+    try:
+        return FittedRecovery.checked(read_model(folder, POSITIONS))
+    except (OSError, KeyError, TypeError, ValueError, ShuttleError) as error:
+        raise GameError(f"{folder / POSITIONS}: no readable positions ({error}); fit or install the model again") from error
 
 
 def fit_recovery(rows: Rows, predicted: Mapping[str, Predicted]) -> FittedRecovery | None:
@@ -117,13 +161,13 @@ def fit_recovery(rows: Rows, predicted: Mapping[str, Predicted]) -> FittedRecove
     """
     if placed(rows).sum() < MIN_ROWS:
         return None
-    court = _Court.of(rows)
+    court = Court.of(rows)
     coefficients = np.stack([_coefficients(court, predicted[name], winner=name == "return") for name in _COMPONENTS])
     shot, area, position = np.indices((N_SHOTS, N_AREAS, N_POSITIONS))
-    shift = (coefficients[:, _GROUP[shot]] * court.features(shot, area, position)).sum(axis=-1)
-    shift = np.clip(np.where(_GROUP[shot] < 0, 0.0, shift), -_LIMIT, _LIMIT)
-    recovery = Recovery(people=_people(rows), effect=np.rint(shift / STEP).astype(np.int16))
-    return FittedRecovery(recovery, coefficients)
+    nothing = Recovery(people=_people(rows), effect=np.zeros((len(EFFECTS), *shot.shape), dtype=np.int16))
+    shift = FittedRecovery(nothing, coefficients, court).shift(shot, area, court.mean[position])
+    recovery = dataclasses.replace(nothing, effect=np.rint(shift / STEP).astype(np.int16))
+    return FittedRecovery(recovery, coefficients, court)
 
 
 def placed(rows: Rows) -> Bools:
@@ -138,7 +182,7 @@ def people_at(recovery: Recovery, rows: Rows) -> tuple[Bools, F64]:
     return known, recovery.people[tuple(codes[:, known])] / np.float64(CHOICE_ONE)
 
 
-def _coefficients(court: _Court, predicted: Predicted, *, winner: bool) -> F64:
+def _coefficients(court: Court, predicted: Predicted, *, winner: bool) -> F64:
     """``[4, 3]`` coefficients of the effects on one outcome.
 
     Args:
@@ -150,7 +194,7 @@ def _coefficients(court: _Court, predicted: Predicted, *, winner: bool) -> F64:
         return np.zeros((len(GROUPS), len(FEATURES)))
     names = ("shot", "area", "own_area", "incoming_shot")
     shot, area, own, incoming = (rows.game_codes[name].astype(np.int64) for name in names)
-    x = court.features(shot, area, position_of(*rows.waiting.astype(np.float64).T))
+    x = court.features(shot, area, rows.waiting.astype(np.float64))
     stroke = shot * N_AREAS + area
     of_stroke = _means(stroke, x, np.tile(x.mean(axis=0), (N_SHOTS * N_AREAS, 1)), _USUAL)
     cells, cell = np.unique(np.stack([stroke, own, incoming]), axis=1, return_inverse=True)

@@ -23,7 +23,7 @@ import numpy as np
 
 from shuttle_marl.base.arrays import F64, I8, I16, I32, I64, U8, U16, Bools, Ints
 from shuttle_marl.base.errors import ShuttleError
-from shuttle_marl.base.tensor_files import Tensors, checked, tensor_bytes
+from shuttle_marl.base.tensor_files import Tensors, checked
 from shuttle_marl.game.court import AREAS, N_AREAS, N_SIDES
 from shuttle_marl.game.draws import CHOICE_ONE
 from shuttle_marl.game.stroke import N_SHOTS, frozen
@@ -119,9 +119,10 @@ class Recovery:
         """SHA-256 of the tables, hexadecimal."""
         return hashlib.sha256(self.people.tobytes() + self.effect.tobytes()).hexdigest()
 
-    def to_bytes(self) -> bytes:
-        """The content of a file."""
-        return tensor_bytes({"people": self.people, "effect": self.effect}, {}, pack=True)
+    @property
+    def arrays(self) -> dict[str, U16 | I16]:
+        """The tables by name, as in a file."""
+        return {"people": self.people, "effect": self.effect}
 
     @classmethod
     def checked(cls, tensors: Tensors) -> "Recovery":

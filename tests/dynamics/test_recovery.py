@@ -17,7 +17,16 @@ from shuttle_marl.data.schema import STROKES, Outcome
 from shuttle_marl.dynamics.card import as_markdown, write_card
 from shuttle_marl.dynamics.features import SLOTS, Rows, rows_from_strokes
 from shuttle_marl.dynamics.make import _copied_recovery, _save_recovery, add_recovery
-from shuttle_marl.dynamics.recovery import FEATURES, GROUPS, LEAST_SHARE, MIN_ROWS, FittedRecovery, fit_recovery, people_at
+from shuttle_marl.dynamics.recovery import (
+    FEATURES,
+    GROUPS,
+    LEAST_SHARE,
+    MIN_ROWS,
+    FittedRecovery,
+    fit_recovery,
+    load_recovery,
+    people_at,
+)
 from shuttle_marl.dynamics.skill import Predicted
 from shuttle_marl.game.draws import CHOICE_ONE
 from shuttle_marl.game.recovery import EFFECTS, N_POSITIONS, STEP, Recovery
@@ -169,6 +178,12 @@ def test_a_fit_is_the_same_after_saving(fitted: FittedRecovery, model: Path) -> 
     write_card(model, {**card, "recovery": summary})
     read = Recovery.checked(read_tensors(model / POSITIONS))
     assert read.hash == fitted.recovery.hash
+    whole = load_recovery(model)
+    assert whole is not None
+    assert np.array_equal(whole.coefficients, fitted.coefficients)
+    shot, place = np.full(9, SHOTS.index("drop")), whole.court.mean
+    steps = np.rint(whole.shift(shot, np.full(9, 2), place) / STEP)
+    assert np.array_equal(steps, read.effect[:, shot[0], 2]), "a position is the mean place of its cell"
     assert load_game(f"{model}:recovery").recovery is not None
     assert summary is not None
     assert summary["strokes"] == N

@@ -33,10 +33,11 @@ from shuttle_marl.data.table import write_parquet
 from shuttle_marl.data.upstream import matches_of
 from shuttle_marl.dynamics.features import Rows, rows_from_strokes
 from shuttle_marl.dynamics.fitted import FittedModels
+from shuttle_marl.dynamics.recovery import load_recovery
 from shuttle_marl.dynamics.skill import VARIANCES
 from shuttle_marl.exact import PairPolicy, solve_soft
 from shuttle_marl.game import model_folder
-from shuttle_marl.game.shipped import load_game, refits_of
+from shuttle_marl.game.shipped import refits_of
 from shuttle_marl.policy import baselines
 from shuttle_marl.training import PPOConfig
 from tests.reduced import REFITS, reduced_game, reduced_model
@@ -134,8 +135,8 @@ def test_in_a_true_game_promises_come_true(tmp_path: Path) -> None:
 
 
 def test_effects_of_positions_are_worth_what_they_promise() -> None:
-    """Outcomes are drawn as the game with recovery says, at the positions of the sample."""
-    recovery = load_game("default:recovery").recovery
+    """Outcomes are drawn as the game with recovery says, at the places of the sample."""
+    recovery = load_recovery(model_folder())
     assert recovery is not None
     rows = rows_from_strokes(load_strokes(SAMPLE))
     everything = Rows.joined([rows.take(np.arange(len(rows)))] * 8)
