@@ -183,7 +183,7 @@ def depth_lists() -> str:
 
 
 def recovery_truth() -> str:
-    """What positions change on unseen matches, from ``experiments/results/truth_recovery.json``."""
+    """What positions change on the validation matches, from ``experiments/results/truth_recovery.json``."""
     rows = []
     for effect, of in saved("experiments", "truth_recovery")["recovery"].items():
         change = f"{1e5 * of['log_loss_change']:.0f} ({1e5 * of['low']:.0f} to {1e5 * of['high']:.0f})"
