@@ -13,7 +13,7 @@ from shuttle_marl.base.arrays import F32, I32, I64, Bools, Intp, Ints
 from shuttle_marl.base.errors import ActionError, OptionError, suggesting
 from shuttle_marl.env.aec import ILLEGAL
 from shuttle_marl.env.wrappers import InfoView, MaskView, checked_views
-from shuttle_marl.game.observation import RALLY_WIDTH, SCORE_WIDTH, SWAP, with_efforts
+from shuttle_marl.game.observation import RALLY_WIDTH, SCORE_WIDTH, SWAP, SWAP_TOKENS, with_efforts
 from shuttle_marl.game.pairs import opponent_tables
 from shuttle_marl.game.rally.stepper import stepper_of
 from shuttle_marl.game.rules import FAULT, OUTCOMES, WINNER
@@ -25,8 +25,6 @@ from shuttle_marl.kernel.rows import ILLEGAL as LOST
 from shuttle_marl.kernel.rows import Server
 from shuttle_marl.policy.registry import Opponents, tabulated
 
-_SWAP_TOKENS: Final = np.array([1, 0, 2, 3, 5, 4, 6])
-"""Permutation that turns the striker's tokens into the receiver's."""
 _REASONS: Final = np.array([OUTCOMES[FAULT], OUTCOMES[WINNER], ILLEGAL], dtype=object)
 
 
@@ -146,7 +144,7 @@ class VersusVectorEnv(VectorEnv[Any, Ints, npt.NDArray[Any]]):
     def _vectors(self, rows: Intp, state: I32, own: Bools | None = None) -> npt.NDArray[Any]:  # noqa: ARG002
         """``[D, w]`` what the learners of some rows see in states; ``own``: whether they are the strikers, None: all are."""
         seen = self.game.observation(state) if self._features is None else with_efforts(self.game, self._features, state)
-        return seen if own is None else np.where(own[:, None], seen, seen[:, _SWAP_TOKENS if self._features is None else SWAP])
+        return seen if own is None else np.where(own[:, None], seen, seen[:, SWAP_TOKENS if self._features is None else SWAP])
 
     def _won_by_stroke(self, rows: Intp, own: Bools, rewards: F32) -> Bools:
         """``[D]`` whether the last stroke was a winner rather than a fault."""

@@ -103,10 +103,12 @@ class Tables(NamedTuple):
             the game of a pair ``[2 * L * base pairs]``: those of seat 0, then those of seat 1. With recovery the R rows by
             position (:class:`~shuttle_marl.game.recovery.Waiting`) take the place of the base pairs.
         seat: index of the first thresholds of seat 1; 0 if both seats strike with the same ones.
-        wait: ``[base states, 2]`` int32 first row of each base state by position, and number of its feasible positions;
-            ``[0, 2]`` in the game without recovery, as the next one.
-        position: ``[base states, 9]`` int8 its feasible positions in rising order, then -1.
-        rows: R.
+        recovery: 1 if receivers choose positions, else 0.
+        wait: ``[base states, 2]`` int32 of each base state the row by position that reply 0 would have, and its number of
+            feasible positions, which are the rows from one reply to the next; in the game without recovery 0 and 1.
+        position: ``[base states, 9]`` int8 its feasible positions in rising order, then -1; ``[0, 9]`` without recovery.
+        feasible: ``[base states + 1, 9]`` bool which ones are feasible; none of the last row; ``[0, 9]`` without recovery.
+        met: ``[B]`` int32 first row by position of each block.
         head: ``[base states, 4]`` int32 of each base state: first pair, number of legal strokes, index of its first reply, row of
             ``rank`` and ``mask``.
         inverse: 2^57 divided by the number of base states, rounded up: the block of a state follows by a multiplication.
@@ -124,9 +126,11 @@ class Tables(NamedTuple):
 
     limits: U64
     seat: np.int64
+    recovery: np.int64
     wait: I32
     position: I8
-    rows: np.int64
+    feasible: Bools
+    met: I32
     head: I32
     inverse: np.uint64
     first: I32
@@ -156,10 +160,13 @@ def tables_of(game: Game) -> Tables:
     met = [tables if game.recovery is None else tables.waiting for tables in seats]
     t = np.concatenate([part.limits.reshape(-1, 3) for part in met]).astype(np.uint64)
     hurry = np.concatenate([np.tile(part.hurry, (game.levels, 1)) for part in met]).astype(np.uint64)
-    wait, position = np.zeros((0, 2), np.int32), np.zeros((0, N_POSITIONS), np.int8)
+    wait, position = np.tile(np.array([0, 1], np.int32), (size, 1)), np.zeros((0, N_POSITIONS), np.int8)
+    feasible = np.zeros((0, N_POSITIONS), np.bool_)
     if game.recovery is not None:
         waiting = seats[0].waiting
-        wait, position = np.stack([waiting.start[:-1], waiting.choices], axis=1, dtype=np.int32), waiting.position
+        start = waiting.start[:-1] - game.first_reply.astype(np.int64) * waiting.choices
+        wait, position = np.stack([start, waiting.choices], axis=1, dtype=np.int32), waiting.position
+        feasible = np.pad(waiting.mask(np.arange(size)), ((0, 1), (0, 0)))
     shifts = np.array([0, 16, 32, 48, 56], np.uint64)
     base, block = np.arange(size), np.arange(game.n_blocks, dtype=np.int32)
     effort = block // game.levels
@@ -170,9 +177,11 @@ def tables_of(game: Game) -> Tables:
     return Tables(
         limits=np.bitwise_or.reduce(np.concatenate([t, hurry], axis=1) << shifts, axis=1),
         seat=np.int64(len(t) // 2 if game.people is not None else 0),
+        recovery=np.int64(game.recovery is not None),
         wait=np.ascontiguousarray(wait),
         position=np.ascontiguousarray(position),
-        rows=np.int64(len(met[0].hurry)),
+        feasible=feasible,
+        met=effort * np.int32(len(met[0].hurry)),
         head=np.ascontiguousarray(head),
         inverse=np.uint64(-(-(1 << int(_SHIFT)) // size)),
         first=np.ascontiguousarray(first),
@@ -273,7 +282,7 @@ def next_state(arrival: int, outcome: int) -> int:
 @inlined
 def with_recovery(tables: Tables) -> bool:
     """Whether the receiver has a position."""
-    return bool(tables.wait.shape[0] > 0)
+    return tables.recovery != 0
 
 
 @inlined
@@ -290,12 +299,17 @@ def choices_in(tables: Tables, s: int) -> int:
 
 
 @inlined
-def met_row(tables: Tables, s: int, k: int, place: int, seat: int) -> int:
-    """Index of the thresholds of the k-th legal stroke of a seat against the receiver in the feasible position ``place``."""
+def has_choice(tables: Tables, s: int) -> bool:
+    """Whether the receiver has more than one feasible position in a state."""
+    return choices_in(tables, s) > 1
+
+
+@inlined
+def met_row(tables: Tables, s: int, reply: int, place: int, seat: int) -> int:
+    """Index of the thresholds of a reply of a seat against the receiver in the feasible position ``place``."""
     block = block_of(tables, s)
     base = np.uint64(s - tables.first[block, 0])
-    row = tables.efforts[block, 0] * tables.rows + tables.wait[base, 0] + k * tables.wait[base, 1] + place
-    return int64(row + tables.seat * seat)
+    return int64(tables.met[block] + tables.wait[base, 0] + reply * tables.wait[base, 1] + place + tables.seat * seat)
 
 
 @inlined
@@ -312,7 +326,9 @@ def strike_one(tables: Tables, s: int, k: int, seat: int, bits: np.uint64, place
         place: number of the receiver's feasible position; read in the game with recovery alone.
     """
     legal = legal_strokes(tables, s)
-    at = met_row(tables, s, k, place, seat) if with_recovery(tables) else int64(legal.limit + k + tables.seat * seat)
+    at = (
+        met_row(tables, s, legal.reply + k, place, seat) if with_recovery(tables) else int64(legal.limit + k + tables.seat * seat)
+    )
     outcome = outcome_of(tables.limits[np.uint64(at)], bits)
     return outcome, next_state(arrival_of(tables, legal, k), outcome)
 
@@ -413,7 +429,7 @@ def choose_stroke(tables: Tables, block: Block, j: int, legal: Legal, k: int, se
 @inlined
 def meet(tables: Tables, block: Block, j: int, s: int, place: int, seat: int) -> None:
     """Set the thresholds of the stroke of row j of a block to those against the receiver in the feasible position ``place``."""
-    block.limit[j] = met_row(tables, s, block.reply[j] - tables.head[base_of(tables, s), 2], place, seat)
+    block.limit[j] = met_row(tables, s, block.reply[j], place, seat)
 
 
 @inlined

@@ -19,6 +19,8 @@ _GUIDE_SHIFT: Final = np.uint16(12)
 _MOST_LEGAL: Final = 256
 """Most legal strokes of a state: positions are stored as uint8."""
 _CHOICE_ONE: Final = np.uint64(CHOICE_ONE)
+_PLACES: Final = N_POSITIONS - 1
+"""Positions whose cumulative probability is stored: the last one always has 65535."""
 
 
 class Players(NamedTuple):
@@ -28,8 +30,8 @@ class Players(NamedTuple):
         cumulative: ``[K, P]`` uint16 cumulative probabilities, see :class:`shuttle_marl.game.tabulated.TabulatedPolicy`.
         guide: ``[K, S, GUIDES]`` uint8 position among the legal strokes at which the search of a choice starts, indexed by the
             highest four bits of the choice.
-        waits: ``[K, S, 9]`` uint16 the same as ``cumulative`` for the feasible positions of each state in rising order, filled up
-            with 65535; ``[K, 0, 9]`` in the game without recovery.
+        waits: ``[K, S, 8]`` uint16 the same as ``cumulative`` for the feasible positions of each state in rising order, but the
+            ninth, filled up with 65535; ``[K, 0, 8]`` in the game without recovery.
     """
 
     cumulative: U16
@@ -73,7 +75,7 @@ def table_choice(players: Players, player: int, s: int, start: int, bits: np.uin
 def place_choice(players: Players, player: int, s: int, bits: np.uint64) -> int:
     """Number of the feasible position in which a policy waits where the opponent is in state ``s``, by the draw of the stroke."""
     choice, row, place = choice_of(mix(bits + GOLDEN)), np.uint64(player), 0
-    for i in range(N_POSITIONS):
+    for i in range(_PLACES):
         place += players.waits[row, np.uint64(s), i] <= choice
     return int64(place)
 
@@ -104,7 +106,7 @@ def empty_players(game: Game, count: int) -> Players:
     most = int(np.diff(game.pair_start).max())
     if most > _MOST_LEGAL:
         raise KernelError(f"a state has {most} legal strokes; the kernel supports up to {_MOST_LEGAL}")
-    waits = np.full((count, 0 if game.recovery is None else game.n_states, N_POSITIONS), CHOICE_ONE, np.uint16)
+    waits = np.full((count, 0 if game.recovery is None else game.n_states, _PLACES), CHOICE_ONE, np.uint16)
     return Players(np.zeros((count, game.n_pairs), np.uint16), np.zeros((count, game.n_states, GUIDES), np.uint8), waits)
 
 
@@ -143,7 +145,7 @@ def put_player(players: Players, number: int, policy: TabulatedPolicy, game: Gam
         waits = np.where(feasible < 0, CHOICE_ONE, np.take_along_axis(waits, np.maximum(feasible, 0), axis=1))
         if (waits[_last_places(game)] != CHOICE_ONE).any():
             raise KernelError("positions of a policy: the last feasible one of each state needs the cumulative probability 65535")
-        players.waits[number] = waits
+        players.waits[number] = waits[:, :_PLACES]
 
 
 def _last_places(game: Game) -> Bools:
@@ -162,10 +164,10 @@ def check_players(players: Players, game: Game) -> None:
     cumulative = checked_array("packed policies", players.cumulative, np.uint16, (number, game.n_pairs))
     guide = checked_array("guide of packed policies", players.guide, np.uint8, (number, game.n_states, GUIDES))
     rows = 0 if game.recovery is None else game.n_states
-    waits = checked_array("positions of packed policies", players.waits, np.uint16, (number, rows, N_POSITIONS))
+    waits = checked_array("positions of packed policies", players.waits, np.uint16, (number, rows, _PLACES))
     last = np.maximum(np.diff(game.pair_start) - 1, 0).astype(np.uint8)  # fits: see empty_players()
     if cumulative is not players.cumulative or guide is not players.guide or waits is not players.waits:
         raise KernelError("packed policies: arrays are not C-contiguous; make them with pack()")
-    beyond = rows > 0 and (waits[:, _last_places(game)] != CHOICE_ONE).any()
+    beyond = rows > 0 and (waits[:, _last_places(game)[:, :_PLACES]] != CHOICE_ONE).any()
     if (cumulative[:, game.last_pairs] != CHOICE_ONE).any() or (guide > last[:, None]).any() or beyond:
         raise KernelError("packed policies: tables that choose strokes that do not exist; make them with pack()")

@@ -32,6 +32,7 @@ from shuttle_marl.kernel.core import (
     draw,
     extend,
     first_server,
+    has_choice,
     int64,
     legal_strokes,
     list_where,
@@ -156,10 +157,8 @@ def _end_rally(rows: Rows, matches: MatchRows | None, seat: int, i: int, outcome
 def _until_learner(tables: Tables, rows: Rows, matches: MatchRows | None, opponents: Opponents, i: int) -> np.float32:
     """Let the opponent play until the learner is to decide or the episode is over; returns the learner's reward."""
     seat, reward = int64(opponents.seat[i]), np.float32(0)
-    while rows.live[i] and rows.striker[i] != seat:
+    while rows.live[i] and rows.striker[i] != seat and not has_choice(tables, rows.state[i]):
         s, bits = rows.state[i], draw(rows.key[i], rows.stroke[i])
-        if with_recovery(tables) and choices_in(tables, s) > 1:
-            break  # the learner is to choose a position
         k = table_choice(opponents.players, opponents.opponent[i], s, legal_strokes(tables, s).pair, bits)
         outcome, rows.state[i] = strike_one(tables, s, k, rows.striker[i], bits, 0)
         rows.stroke[i] += 1
@@ -299,9 +298,7 @@ def _step(
     span: tuple[int, int],
 ) -> None:
     first, last = span
-    block, seat = new_block(), np.empty(0, np.int8)
-    if opponents is not None:
-        seat = opponents.seat
+    block, nobody = new_block(), np.empty(0, np.int8)
     for begin_block in range(first, last, BLOCK):
         end_block = min(begin_block + BLOCK, last)
         part = part_of(rows, begin_block, end_block)
@@ -324,7 +321,10 @@ def _step(
                 if results.done[block.listed[r]]:
                     _begin(tables, rows, matches, opponents, begin_block + block.listed[r], serving)
         if output.observed.mask.shape[0] > 0:
-            observe(tables, rows, seat, output.observed, begin_block, end_block)
+            if opponents is None:
+                observe(tables, rows, nobody, output.observed, begin_block, end_block)
+            else:
+                observe(tables, rows, opponents.seat, output.observed, begin_block, end_block)
 
 
 @compiled

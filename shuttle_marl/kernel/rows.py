@@ -11,6 +11,7 @@ import numpy as np
 
 from shuttle_marl.base.arrays import F32, I8, I16, I32, I64, U64, Bools
 from shuttle_marl.base.compiling import compiled, inlined
+from shuttle_marl.game.recovery import N_POSITIONS
 from shuttle_marl.kernel.core import (
     BLOCK,
     OPEN,
@@ -268,12 +269,15 @@ def observe(tables: Tables, rows: Rows, seat: I8, observed: Observations, first:
     for i in range(exact, last):
         flat[i * n : (i + 1) * n] = tables.mask[row_of(tables, rows.state[i]), :n]
     if recovery:
+        shown, none = seat.size == 0, tables.feasible.shape[0] - 1
         for i in range(first, last):
-            if waits(tables, rows, seat, i):
+            position = waits(tables, rows, seat, i)
+            if position:
                 flat[i * n : i * n + strokes] = False
-            if seat.size == 0 or waits(tables, rows, seat, i):
-                for place in range(choices_in(tables, rows.state[i])):
-                    flat[i * n + strokes + position_at(tables, rows.state[i], place)] = True
+            feasible = tables.feasible[base_of(tables, rows.state[i]) if position or shown else np.uint64(none)]
+            row = flat[i * n + strokes : (i + 1) * n]
+            for j in range(N_POSITIONS):
+                row[j] = feasible[j]
 
 
 @compiled

@@ -262,7 +262,7 @@ def _meet(tables: Tables, players: Players, rallies: BlockRallies, lanes: Lanes,
         place = place_choice(players, lanes.other[i], lanes.state[i], lanes.bits[i])
         rallies.place[np.uint64(lanes.rally[i]), np.uint64(t)] = place
         seat = (rallies.server[lanes.rally[i]] + t) & 1
-        lanes.limit[i] = met_row(tables, lanes.state[i], lanes.rank[i], place, seat)
+        lanes.limit[i] = met_row(tables, lanes.state[i], lanes.reply[i] + lanes.rank[i], place, seat)
     for i in range(count):
         lanes.limits[i] = tables.limits[np.uint64(lanes.limit[i])]
 
@@ -637,9 +637,11 @@ def write(tables: Tables, learned: Learned, states: I32, logits: F32, value: F32
         cumulative = learned.players.waits[0, s] if position else learned.players.cumulative[0, start : start + count]
         for k in range(count):
             part += learned.log_probability[start + k]
-            cumulative[k] = np.uint16(min(part * scale, _CHOICE_ONE) + np.float32(0.5))
+            if k < cumulative.size:
+                cumulative[k] = np.uint16(min(part * scale, _CHOICE_ONE) + np.float32(0.5))
             learned.log_probability[start + k] = logits[i, _action(tables, states[i], k)] - sum_log
-        cumulative[count - 1] = draws.CHOICE_ONE
+        if count <= cumulative.size:  # the ninth position is not stored
+            cumulative[count - 1] = draws.CHOICE_ONE
         if not position:
             write_guide(learned.players.cumulative[0], start, learned.players.guide[0, s])
         learned.value[states[i]], learned.written[states[i]] = value[i], now
