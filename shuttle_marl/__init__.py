@@ -4,27 +4,10 @@ The public API; ``docs/api.md`` has a line about each name. Everything is import
 ``import shuttle_marl`` imports neither numpy nor PettingZoo nor PyTorch.
 """
 
-import os
-import signal
-import sys
+from typing import TYPE_CHECKING, Any
 
-
-def _end_at_interrupt(*_: object) -> None:
-    os.write(2, b"interrupted\n")
-    os._exit(130)
-
-
-_program = sys.argv[0] if sys.argv else ""
-_module = sys.orig_argv[-len(sys.argv)].removeprefix("-m") if _program == "-m" else ""
-_is_command = __name__ in (_module, _module.rpartition(".")[0]) or _program.endswith(("shuttle-marl", "shuttle-marl.exe"))
-if _is_command and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-    # Libraries lose an interrupt while they are imported; `main` restores the handler after that.
-    signal.signal(signal.SIGINT, _end_at_interrupt)
-
-from typing import TYPE_CHECKING, Any  # noqa: E402
-
-from shuttle_marl.base.environment_ids import register_when_imported  # noqa: E402
-from shuttle_marl.base.lazy import lazily  # noqa: E402
+from shuttle_marl.base.environment_ids import register_when_imported
+from shuttle_marl.base.lazy import lazily
 
 if TYPE_CHECKING:
     from shuttle_marl.analysis import analyse_rally, rank_players

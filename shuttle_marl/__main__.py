@@ -11,7 +11,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from shuttle_marl import _end_at_interrupt
+from shuttle_marl import __version__
+from shuttle_marl.base.interrupts import interrupts_held
 
 COMMANDS: Final = {
     "analysis": "summaries and pictures of recorded rallies, compared with real matches",
@@ -72,15 +73,14 @@ def _prepare_output() -> None:
 
 def _run(name: str, *arguments: str) -> int:
     if name in COMMANDS:
-        command = importlib.import_module(f"shuttle_marl.commands.{name}")
-        if signal.getsignal(signal.SIGINT) is _end_at_interrupt:
-            signal.signal(signal.SIGINT, signal.default_int_handler)
+        with interrupts_held():
+            command = importlib.import_module(f"shuttle_marl.commands.{name}")
         return int(command.main(list(arguments)))
     if name in ("--help", "-h"):
         sys.stdout.write(_usage())
         return 0
     if name == "--version":
-        sys.stdout.write(f"shuttle_marl {_version()}\n")
+        sys.stdout.write(f"shuttle_marl {__version__}\n")
         return 0
     if name == "--completion" and len(arguments) == 1 and arguments[0] in SHELLS:
         importlib.import_module("shuttle_marl.commands.cli").write_completion(arguments[0], COMMANDS)
@@ -101,12 +101,6 @@ def _usage() -> str:
         "`shuttle-marl COMMAND --help` lists the options of a command, `--version` prints the version, and "
         f"`--completion SHELL`\na completion script for {', '.join(SHELLS)}, for the start file of the shell.\n"
     )
-
-
-def _version() -> str:
-    from shuttle_marl import __version__  # noqa: PLC0415  needs nothing else
-
-    return __version__
 
 
 if __name__ == "__main__":

@@ -27,6 +27,7 @@ EXAMPLES: Final = {
     "dynamics card": "dynamics card",
     "dynamics evaluate": "dynamics evaluate --data datasets/shuttleset/raw --split validation",
     "dynamics fit": "dynamics fit --data datasets/shuttleset/raw --out my_model",
+    "dynamics recovery": "dynamics recovery --data datasets/shuttleset/raw",
     "exact best-response": "exact best-response bc",
     "exact crossplay": "exact crossplay bc attacking minimax",
     "exact depth": "exact depth ppo",

@@ -182,6 +182,30 @@ def depth_lists() -> str:
     return markdown(("reads", "normalised", "exploitability", "rallies against minimax"), rows, left=("reads",))
 
 
+def recovery_truth() -> str:
+    """What positions change on unseen matches, from ``experiments/results/truth_recovery.json``."""
+    rows = []
+    for effect, of in saved("experiments", "truth_recovery")["recovery"].items():
+        change = f"{1e5 * of['log_loss_change']:.0f} ({1e5 * of['low']:.0f} to {1e5 * of['high']:.0f})"
+        slope = f"{of['slope']:.2f} ({of['slope_low']:.2f} to {of['slope_high']:.2f})"
+        rows.append((effect, change, slope, f"{of['strokes']:,}"))
+    return markdown(
+        ("effect of the position on", "log-loss, 10⁻⁵ nats", "slope", "strokes"), rows, left=("effect of the position on",)
+    )
+
+
+def recovery_depth() -> str:
+    """What the hidden position asks of players, from ``experiments/results/depth_recovery.json``."""
+    found = saved("experiments", "depth_recovery")
+    rows = [
+        ("choices of strokes that perfect play mixes", f"{found['mixed']['strokes']:.0%}"),
+        ("choices of positions that it mixes", f"{found['mixed']['positions']:.0%}"),
+        ("rallies that a best response wins against it made deterministic", f"{found['purified']:.1%}"),
+        ("and against the strokes of the other game", f"{found['ignores_position']:.1%}"),
+    ]
+    return markdown(("perfect play with recovery", ""), rows, left=("perfect play with recovery",))
+
+
 def truth_shares() -> str:
     """Minimum shares of a legal shot type, from ``experiments/results/truth_shares.json``."""
     rows = []

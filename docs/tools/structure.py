@@ -1,25 +1,18 @@
 """Structure of the package as tables and a diagram: layers from ``pyproject.toml``, paths from :mod:`docs.tools.size`."""
 
 import ast
-import functools
 import tomllib
-from typing import Any, Final
+from typing import Final
 
 from docs.tools.markdown import ROOT, markdown
-from docs.tools.size import PACKAGE, size
+from docs.tools.size import PACKAGE, modules, paths_of
 
 _PATHS: Final = {
     "stroke": "one stroke of `rally_v0`",
     "training_step": "one iteration of PPO in self-play",
     "recorded_rally": "recording the rallies of a training iteration",
     "page_frame": "one frame of the live court",
-    "league_config": "the configuration of a tournament",
 }
-
-
-@functools.cache
-def _size() -> dict[str, Any]:
-    return size(ROOT)
 
 
 def _layers() -> list[list[str]]:
@@ -62,9 +55,6 @@ def diagram() -> str:
 
 def paths() -> str:
     """Table of the files that take part in each path."""
-    figures = _size()
-    rows = []
-    for name, what in _PATHS.items():
-        files = [path.removeprefix(f"{PACKAGE}/") for path in figures["details"]["paths"][name]]
-        rows.append((what, str(figures["paths"][name]["files"]), ", ".join(f"`{file}`" for file in files)))
+    found = paths_of(ROOT, modules(ROOT))
+    rows = [(what, str(len(found[name])), ", ".join(f"`{file}`" for file in found[name])) for name, what in _PATHS.items()]
     return markdown(("path", "files", "where"), rows, left=("path", "where"))

@@ -51,6 +51,8 @@ BLOCKS: Final[dict[str, Callable[[], str]]] = {
     "paths": structure.paths,
     "recipes": experiment_tables.recipes,
     "recording": benchmark_tables.recording,
+    "recovery_depth": experiment_tables.recovery_depth,
+    "recovery_truth": experiment_tables.recovery_truth,
     "self_play": experiment_tables.self_play,
     "speed": benchmark_tables.speed,
     "staging": benchmark_tables.staging,

@@ -18,6 +18,7 @@ from experiments.truth.legality import illegal, judged_strokes
 from experiments.truth.matches import Strokes, of_splits, strokes_of
 from experiments.truth.memory import memory
 from experiments.truth.paired import differences, load_values, save_values
+from experiments.truth.recovery import recovery_effects
 from experiments.truth.transfer import thin_support, transfer
 from experiments.truth.worlds import Fitter, World, by_discipline, cross_parts, judged_by, marked, shipped_world
 from shuttle_marl.analysis.strokes import simulate
@@ -129,6 +130,7 @@ def compare(parts: Sequence[tuple[World, Strokes]], real: Strokes, promised: Pro
         "two_sample_auc_history": likeness.two_sample_auc(Strokes.joined(remembered), real, seed) if remembered else None,
         "rally_length": likeness.rally_length(simulated, real, seed),
         "divergence": likeness.divergence(simulated, real, seed),
+        "recovery": recovery_effects(parts, seed),
         "random_vs_bc": float(np.mean([_random_wins(world) for world, _ in parts])),
         "support": _mean([thin_support(world) for world, _ in parts]),
     }
@@ -206,6 +208,12 @@ def _print(result: dict[str, Any]) -> None:
             f"calibration error of the forecast, {name}: {found['ece']:.4f} (of a game without errors {found['chance']:.4f}, "
             f"at most {found['chance_high']:.4f})"
             for name, found in result["forecasts"].items()
+        ),
+        *(
+            f"position of the receiver, {name}: log-loss {1e5 * found['log_loss_change']:+.0f}e-5 "
+            f"({1e5 * found['low']:+.0f}e-5 to {1e5 * found['high']:+.0f}e-5), slope on its effect {found['slope']:.2f} "
+            f"({found['slope_low']:.2f} to {found['slope_high']:.2f})"
+            for name, found in (result["recovery"] or {}).items()
         ),
         f"log-loss of the value: {result['value_log_loss']:.5f}",
         f"classifying simulated and real rallies: AUC {auc['value']:.3f} (real from real {auc['real_against_real']:.3f}), by "

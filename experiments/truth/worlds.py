@@ -16,22 +16,27 @@ from safetensors.numpy import load_file, save
 from experiments.truth.decisions import Promises, promises
 from experiments.truth.matches import Strokes, folds_of
 from shuttle_marl.base.arrays import F64, Bools
-from shuttle_marl.base.files import replace_file
+from shuttle_marl.base.files import replace_file, replace_sealed
 from shuttle_marl.base.tensor_files import read_tensors
 from shuttle_marl.dynamics.compiled import pair_log_choices
 from shuttle_marl.dynamics.fit import Fit, fit, layouts_of, supports
+from shuttle_marl.dynamics.fitted import FittedModels
 from shuttle_marl.dynamics.history import Arrays, fit_history
 from shuttle_marl.dynamics.hurried import Hurry, fit_hurry, load_hurry
 from shuttle_marl.dynamics.make import load_support
 from shuttle_marl.dynamics.models import known_outcome
 from shuttle_marl.dynamics.network import QUICK
-from shuttle_marl.game.shipped import PROFILES, load_game, model_folder, variant_of
-from shuttle_marl.game.tables import Game
+from shuttle_marl.dynamics.recovery import fit_recovery
+from shuttle_marl.game.recovery import Recovery
+from shuttle_marl.game.shipped import CARD, NETWORKS, POSITIONS, PROFILES, load_game, model_folder, variant_of
+from shuttle_marl.game.tables import RECOVERY, Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities
 from shuttle_marl.policy import baselines, history
 from shuttle_marl.policy.history import HistoryPolicy
 
 Report = Callable[[str], None]
+_FILES: Final = ("history", "hurry", "recovery", "between", "game")
+"""Parts of a cached fit; the game is written last."""
 SOURCES: Final = Path(__file__).parents[2] / "shuttle_marl" / "dynamics"
 """Source code of the models; fits are cached by its hash."""
 
@@ -44,6 +49,8 @@ class World:
         bc: the average player, on the game.
         behind: ``[E]`` real strokes in the innermost cell of every edge: how much data stands behind a stroke.
         hurry: index that decides which strikers are hurried in the game, if it knows them.
+        recovery: where receivers wait and what that changes, if the strokes of its fit tell.
+        models: the models that the game was compiled from; None: they are not known.
         history: the average player who remembers the rally; None: the model has none.
         between: the world of players with different hands; None: the same one.
     """
@@ -51,6 +58,8 @@ class World:
     bc: TabulatedPolicy
     behind: F64
     hurry: Hurry | None = None
+    recovery: Recovery | None = None
+    models: FittedModels | None = None
     history: HistoryPolicy | None = None
     between: "World | None" = None
 
@@ -89,6 +98,8 @@ def shipped_world(model: str, discipline: int | None = None) -> World:
                 bc=baselines.load(None, game),
                 behind=load_support(folder, opposite=opposite).strokes,
                 hurry=load_hurry(folder),
+                recovery=load_game(f"{folder}:{RECOVERY}").recovery if (folder / POSITIONS).is_file() else None,
+                models=FittedModels.load(folder),
                 history=history.load(game) if history.known_for(game) else None,
             )
         )
@@ -127,18 +138,25 @@ class Fitter:
         """
         names, arranged = sorted(matches), sorted(layout or matches)
         key = hashlib.sha256(json.dumps([self._version, names, arranged, discipline]).encode()).hexdigest()[:16]
-        file = {part: self._folder / f"{key}.{part}.safetensors" for part in ("history", "hurry", "between", "game")}
+        file = {part: self._folder / f"{key}.{part}.safetensors" for part in _FILES}
+        models = self._folder / f"{key}.models"
         if not file["game"].is_file():
+            models.mkdir(parents=True, exist_ok=True)
             empty = None if arranged == names else self.fit(arranged).game
-            fitted, hurry, shifts = self._fitted(tuple(names), empty)
+            fitted, hurry, recovery, shifts = self._fitted(tuple(names), empty)
             replace_file(file["history"], save(shifts))
             if hurry is not None:
                 hurry.save(file["hurry"])
+            if recovery is not None:
+                replace_file(file["recovery"], recovery.to_bytes())
+            replace_sealed(models / CARD, {"sha256": {NETWORKS: fitted.models.save(models)}})
             if empty is None:
                 _save(file["between"], fitted.between_hands)
             _save(file["game"], fitted if discipline is None else fitted.profile(discipline))
         hurry = Hurry.checked(read_tensors(file["hurry"])) if file["hurry"].is_file() else None
+        recovery = Recovery.checked(read_tensors(file["recovery"])) if file["recovery"].is_file() else None
         world = _loaded(file["game"], file["history"], hurry)
+        world = dataclasses.replace(world, recovery=recovery, models=FittedModels.load(models))
         between = _loaded(file["between"], file["history"], hurry) if file["between"].is_file() else None
         return dataclasses.replace(world, between=between)
 
@@ -151,7 +169,7 @@ class Fitter:
     def of_layouts(self, matches: Sequence[str], layouts: Sequence[Game]) -> list[World]:
         """Worlds of one fit with several layouts, not cached."""
         found, names = [], tuple(sorted(matches))
-        fitted, hurry, _ = self._fitted(names, None)
+        fitted, hurry, *_ = self._fitted(names, None)
         rows = self._strokes.rows.in_matches(names)
         train = rows if hurry is None else hurry.marked(rows)
         for empty in layouts:
@@ -164,12 +182,14 @@ class Fitter:
 
     # The games of both disciplines, and of equal and different hands, come from one fit, one after the other.
     @functools.lru_cache(maxsize=1)  # noqa: B019  a fitter lives as long as its program
-    def _fitted(self, names: tuple[str, ...], layout: Game | None) -> tuple[Fit, Hurry | None, Arrays]:
+    def _fitted(self, names: tuple[str, ...], layout: Game | None) -> tuple[Fit, Hurry | None, Recovery | None, Arrays]:
         train = self._strokes.rows.in_matches(names)
         hurry = fit_hurry(train, seed=self._seed)
         marked = train if hurry is None else hurry.marked(train)
         fitted = fit(marked, None, seed=self._seed, config=QUICK, layout=layout, report=self._report)
-        return fitted, hurry, fit_history(fitted.models.networks, marked, None, QUICK.folds)[0]
+        found = fit_recovery(marked, fitted.predicted)
+        recovery = None if found is None else found.recovery
+        return fitted, hurry, recovery, fit_history(fitted.models.networks, marked, None, QUICK.folds)[0]
 
 
 def _save(file: Path, fitted: Fit) -> None:

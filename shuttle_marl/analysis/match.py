@@ -20,6 +20,7 @@ from shuttle_marl.analysis.outlook import prior, spread_of
 from shuttle_marl.analysis.scouting import hand_of, plain, rallies_won, with_hands_of_model
 from shuttle_marl.analysis.summary import AnalysisError, rally_table
 from shuttle_marl.analysis.values import add_values
+from shuttle_marl.analysis.waits import Wait, waits
 from shuttle_marl.base.arrays import F64, I64, Bools
 from shuttle_marl.data.upstream import date_of
 from shuttle_marl.dynamics.habits import Plays, plays_of_strokes, tally
@@ -107,6 +108,7 @@ class MatchReport:
         serving, lengths: rallies won by server and kind of serve, and by length.
         faults: by player, forced and unforced ones, where the data tell.
         changes: from game to game.
+        waits: where both wait after their most frequent strokes; empty where positions are unknown.
         game: that of both players if the model knows them, else the average one.
     """
 
@@ -129,6 +131,7 @@ class MatchReport:
     heat: Sequence[Heat]
     faults: Sequence[tuple[int, int]]
     changes: Sequence[Change]
+    waits: Sequence[Wait]
     game: Game
 
     def as_json(self) -> dict[str, Any]:
@@ -209,6 +212,7 @@ def match_report(strokes: pa.Table, *, game: Game | None = None, rules: Rules = 
         heat=[_heat(plays, seat == player, won, player) for player in (0, 1)],
         faults=[_faults(strokes, seat == player) for player in (0, 1)],
         changes=_changes(plays, seat, strokes),
+        waits=waits(strokes, players),
         game=known_game,
     )
 

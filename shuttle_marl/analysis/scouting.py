@@ -19,6 +19,7 @@ from shuttle_marl.analysis.habits import Ending, Habit, endings, habits, interva
 from shuttle_marl.analysis.outlook import Outlook, outlook
 from shuttle_marl.analysis.summary import AnalysisError, rally_table, summarise
 from shuttle_marl.analysis.tactics import Effect, effects
+from shuttle_marl.analysis.waits import Wait, waits
 from shuttle_marl.base.arrays import F64, Bools
 from shuttle_marl.data.schema import DISCIPLINES
 from shuttle_marl.data.upstream import date_of
@@ -106,6 +107,8 @@ class ScoutingReport:
         targets: ``[9]`` shares of the opponent's strokes by target area; ``targets_usual``: of the others.
         target_strokes: number of strokes behind the targets.
         seen: summary of the annotated matches; None without, where habits are counted in those that the model was fitted on.
+        waits: where both wait after their most frequent strokes, the player (0) and the opponent (1); empty without known
+            positions.
         recent: the opponent's last match in the data beside the earlier ones; empty without two matches.
         beside: name of another opponent, and the habits of this one beside that one; None: not asked for.
         advice: strokes to play against the opponent, largest gain first.
@@ -129,6 +132,7 @@ class ScoutingReport:
     targets_usual: F64
     target_strokes: float
     seen: Seen | None
+    waits: Sequence[Wait]
     recent: Sequence[Habit]
     beside: tuple[str, Sequence[Habit]] | None
     advice: Sequence[Advice]
@@ -300,6 +304,7 @@ def scout(
         targets_usual=others.targets / max(1.0, others.targets.sum()),
         target_strokes=float(own.targets.sum()),
         seen=_seen(of_data, opponent) if counted and of_data is not None else None,
+        waits=[] if of_data is None else waits(of_data, (player or "", opponent)),
         recent=[] if plays is None or of_data is None else _recent(plays.take(mine(opponent)), of_data.filter(mine(opponent))),
         beside=None if beside is None else (beside, habits(own, tallies(beside)[0])),
         advice=advised,

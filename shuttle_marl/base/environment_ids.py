@@ -5,6 +5,7 @@ for that would make ``import shuttle_marl`` ten times slower; instead registrati
 """
 
 import importlib.util
+import itertools
 import sys
 from collections.abc import Callable, Sequence
 from importlib.machinery import ModuleSpec
@@ -12,15 +13,16 @@ from types import ModuleType
 
 
 def register_for_gymnasium() -> None:
-    """Register ``shuttle_marl/Rally-v0`` and ``shuttle_marl/Match-v0``; the environments are imported on creation."""
+    """Register ``Rally-v0``, ``Match-v0``, ``RallyRecovery-v0`` and ``MatchRecovery-v0``; they are imported on creation."""
     from gymnasium.envs import registration  # noqa: PLC0415  imported on demand
 
-    for name in ("Rally", "Match"):
-        if f"shuttle_marl/{name}-v0" not in registration.registry:
+    for name, variant in itertools.product(("Rally", "Match"), ("", "Recovery")):
+        if f"shuttle_marl/{name}{variant}-v0" not in registration.registry:
             registration.register(
-                f"shuttle_marl/{name}-v0",
+                f"shuttle_marl/{name}{variant}-v0",
                 entry_point=f"shuttle_marl.env.single:Single{name}Env",
                 vector_entry_point=f"shuttle_marl.env.vector:{name}VectorEnv",
+                kwargs={"game": "default:recovery"} if variant else {},
             )
 
 

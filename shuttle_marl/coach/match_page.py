@@ -15,6 +15,7 @@ from shuttle_marl.coach.blocks import Block, Section, chart, page, shown, text
 from shuttle_marl.coach.drills import training
 from shuttle_marl.coach.examples import shared, viewer
 from shuttle_marl.coach.scout_page import habit_words
+from shuttle_marl.coach.waits import waiting
 from shuttle_marl.coach.words import between, of_100, realised, signed, words, yes_or_no
 from shuttle_marl.game.scoring import is_over, wins_game
 from shuttle_marl.game.shipped import RELIABLE
@@ -71,6 +72,7 @@ def match_page(report: MatchReport, footage: Footage) -> bytes:
         _serving(report),
         _lengths(report),
         _heat(report),
+        *waiting(report.waits, report.players, report.hands, match=True),
         _changes(report),
         _rallies(report, footage),
         _sure(report, footage.gaps),

@@ -18,6 +18,7 @@ from shuttle_marl.coach import charts
 from shuttle_marl.coach.blocks import Block, Section, chart, page, shown, text
 from shuttle_marl.coach.drills import training
 from shuttle_marl.coach.examples import shared, staged_advice, viewer
+from shuttle_marl.coach.waits import waiting
 from shuttle_marl.coach.words import between, of_100, ranged, realised, signed, words, yes_or_no
 from shuttle_marl.game.court import AREAS
 from shuttle_marl.game.scoring import BWF
@@ -42,6 +43,9 @@ def scouting_page(report: ScoutingReport, gaps: Sequence[str] = ()) -> bytes:
     opponent = report.opponent.name
     sections = [_outlook(report), _habits(report)] if report.player is not None else [_habits(report)]
     sections += [part for part in (_recent(report), _plan(report), _beside(report)) if part is not None]
+    people = [("", None) if known is None else (known.name, known.hand) for known in (report.player, report.opponent)]
+    names, hands = zip(*people, strict=True)
+    sections += waiting(report.waits, names, hands)
     if report.effects:
         sections += [_advice(report, reason), _tactics(report)]
     elif report.player is not None:
@@ -55,9 +59,9 @@ def scouting_page(report: ScoutingReport, gaps: Sequence[str] = ()) -> bytes:
         sections.append(training(report.pair.catalogue, asked, lead, hands))
     sections.append(_sure(report, gaps))
     since = report.opponent.since
-    people = [known for known in (report.player, report.opponent) if known is not None]
+    known_ones = [known for known in (report.player, report.opponent) if known is not None]
     fields = {
-        "hands": say.hands((known.name, known.hand) for known in people),
+        "hands": say.hands((known.name, known.hand) for known in known_ones),
         "discipline": say(f"disciplines.{report.discipline}"),
         "day": say("scout.undated") if since is None else say("scout.today", date=since),
     }

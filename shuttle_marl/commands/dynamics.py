@@ -122,6 +122,22 @@ def evaluate(
         out.print(f"{key}: " + ", ".join(f"top-{k + 1} {x:.3f}" for k, x in enumerate(following[key])))
 
 
+def recovery(data: Path, model: str = "default") -> None:
+    """Fit where people wait, and what that changes, and add it to an existing model; takes a minute.
+
+    Args:
+        data: folder of the download, or the Parquet file that the model was fitted to.
+        model: name of a shipped model, or a model folder.
+    """
+    from shuttle_marl.dynamics.make import add_recovery  # noqa: PLC0415  torch
+
+    found = add_recovery(data, model_folder(model), report=_report)["recovery"]
+    console().print(
+        f"{printable(model)}: {found['strokes']:,} strokes, {found['feasible']:.2f} feasible positions on average, "
+        f"{100 * found['inside']:.1f} % of people's positions are feasible"
+    )
+
+
 def card(
     model: str = "default",
     json: bool = False,
@@ -136,6 +152,8 @@ def card(
         plot: write the reliability diagrams to this PNG file.
         truth: first store this output of `python -m experiments.truth --json` in the card.
     """
+    from jinja2 import UndefinedError  # noqa: PLC0415  these keep --help quick
+
     from shuttle_marl.dynamics.card import add_truth, as_markdown, plot_reliability  # noqa: PLC0415  scipy
 
     if truth is not None:
@@ -148,11 +166,11 @@ def card(
         sys.stdout.write(json_format.dumps(content) + "\n" if json else as_markdown(content))
         if plot is not None:
             plot_reliability(content, plot)
-    except (LookupError, TypeError, ValueError, ArithmeticError, AttributeError) as error:
+    except (UndefinedError, LookupError, TypeError, ValueError, ArithmeticError, AttributeError) as error:
         raise ShuttleError(f"{model}: its card lacks what this version writes ({error!r:.200}); fit the model again") from error
 
 
-COMMANDS: Final[dict[str, Command]] = {"fit": fit, "evaluate": evaluate, "card": card}
+COMMANDS: Final[dict[str, Command]] = {"fit": fit, "evaluate": evaluate, "recovery": recovery, "card": card}
 
 
 main: Final = entry_point(COMMANDS, "python -m shuttle_marl.dynamics", __doc__ or "")

@@ -70,12 +70,16 @@ def solve(
         json_output: print JSON.
     """
     from shuttle_marl.exact.away import of_solution, over  # noqa: PLC0415
+    from shuttle_marl.exact.recovery import Saddle  # noqa: PLC0415
     from shuttle_marl.exact.sweeps import warm_up  # noqa: PLC0415
 
     tables = model.load()
     strokes = _strokes_to_plot(tables, chart)
     with cli.working("compiling"):
         warm_up(tables)
+        if tables.recovery is not None:
+            for seat in set(tables.seats):
+                Saddle((seat,)).all_strategies(np.zeros(tables.n_states))
     begun = time.perf_counter()
     with cli.working("solving"):
         solution = exact.solve(tables, tolerance=tolerance)
@@ -452,6 +456,13 @@ def depth(
         return
     output = cli.console()
     output.print(*cli.depth(found))
+    if tables.recovery is not None:
+        strokes, positions = (cli.percent(found["mixed"][name]) for name in ("strokes", "positions"))
+        output.print(
+            f"Perfect play mixes strokes in {strokes} and positions in {positions} of its choices. A best response wins "
+            f"{cli.percent(found['purified'])} against its most likely choices, and {cli.percent(found['ignores_position'])} "
+            "against perfect play of the game without recovery that waits as people do."
+        )
     output.print(
         f"{found['impossible']} legal strokes at the net are met in the back third. rare: fraction of its strokes of a shot type "
         "that bc plays there in less than 1 % of cases. shot types: those above 2 %. normalised: 0 is bc, 1 its best response."

@@ -116,22 +116,6 @@ def run(options: tyro.conf.OmitArgPrefixes[SuiteRun], *, json_output: Json = Fal
     _print_summary(folder, options.beacon, options.game, json_output=json_output)
 
 
-def score(folder: Folder, *, game: str | None = None, beacon: Beacon = None, json_output: Json = False) -> None:
-    """Aggregate the stored scores of a run, and write results.json; `verify` recomputes them.
-
-    Args:
-        folder: of the run.
-        game: model of the game; default: the shipped one that the run names.
-        beacon: randomness of the beacon round of the hidden split.
-        json_output: print JSON.
-    """
-    from shuttle_marl.base import runs  # noqa: PLC0415
-    from shuttle_marl.suite.store import RESULTS  # noqa: PLC0415  numba
-
-    runs.write_json(folder / RESULTS, suite.summarise(folder, beacon, game))
-    _print_summary(folder, beacon, game, json_output=json_output)
-
-
 def verify(
     folder: Folder, *, game: str | None = None, beacon: Beacon = None, data: Path | None = None, json_output: Json = False
 ) -> None:
@@ -328,7 +312,6 @@ COMMANDS: Final[dict[str, cli.Command]] = {
     "list": list_tasks,
     "show": show,
     "run": run,
-    "score": score,
     "verify": verify,
     "board": board,
     "frontier": frontier,

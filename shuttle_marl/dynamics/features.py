@@ -107,6 +107,8 @@ class Rows:
         movement: ``[N, 15]`` :data:`MOVEMENT`; NaN where a part is unknown, and for serves.
         hurried: ``[N]`` whether the striker was hurried, -1 where that is not known; ``codes`` then have 0.
         next_hurried: ``[N]`` that of the next stroke, -1 without one.
+        waiting: ``[N, 2]`` where the receiver stood at the hit, and ``meeting``: where they met the shuttle: distance from the
+            middle line towards their forehand side, and from the net [m]; NaN where that is not known.
         hand, receiver_hand: ``[N]`` index into :data:`~shuttle_marl.game.court.HANDS`, -1 unknown, which counts as right.
 
     The first stroke of a rally is a serve, so it is neither an attack nor a net shot even where its row was dropped.
@@ -127,6 +129,8 @@ class Rows:
     movement: F32
     hurried: I8
     next_hurried: I8
+    waiting: F32
+    meeting: F32
     hand: I8
     receiver_hand: I8
 
@@ -246,6 +250,7 @@ def rows_from_strokes(strokes: pa.Table, hurry: "Hurry | None" = None) -> Rows:
     for name in ("own_area", "incoming_area", "area"):
         codes[name] = mirrored_where(left, codes[name])
     movement[np.ix_(left, _ACROSS)] *= -1
+    waiting, meeting = _receiver_places(strokes, receiver_hand == 1, after, follows & returned)
     rows = Rows(
         codes=codes,
         outcome=column["outcome"].astype(np.int8),
@@ -262,6 +267,8 @@ def rows_from_strokes(strokes: pa.Table, hurry: "Hurry | None" = None) -> Rows:
         movement=movement,
         hurried=strokes["hurried"].cast(pa.int8()).fill_null(-1).to_numpy(),
         next_hurried=unmarked,
+        waiting=waiting,
+        meeting=meeting,
         hand=hand,
         receiver_hand=receiver_hand,
     ).marked(np.where(number == 1, 0, unmarked).astype(np.int8))
@@ -296,6 +303,22 @@ def _movement(strokes: pa.Table, key: Ints, number: I16) -> F32:
         **{f"opponent_{axis}": np.where(answers, -struck[axis][last], np.nan) for axis in "xy"},
     }
     return np.stack([parts[name] for name in MOVEMENT], axis=1).astype(np.float32)
+
+
+def _receiver_places(strokes: pa.Table, left: Bools, after: Ints, returned: Bools) -> tuple[F32, F32]:
+    """:attr:`Rows.waiting` and :attr:`Rows.meeting` of each stroke.
+
+    Args:
+        left: ``[N]`` whether the receiver is left-handed.
+        after: ``[N]`` row of the next stroke, of those that were ``returned``.
+    """
+    at = {f"{who}_{axis}": strokes[f"{who}_{axis}"].to_numpy() for who in ("contact", "receiver") for axis in "xy"}
+    # The receiver looks the other way: the striker's right is their left.
+    waiting = np.stack([-at["receiver_x"], at["receiver_y"]], axis=1)
+    meeting = np.where(returned[:, None], np.stack([at["contact_x"], -at["contact_y"]], axis=1)[after], np.float32("nan"))
+    for places in (waiting, meeting):
+        places[left, 0] *= -1
+    return waiting, meeting
 
 
 def _frame_rates(match: Ints, frame: F64, clock: F64) -> F64:

@@ -54,7 +54,6 @@ from shuttle_marl.dynamics.situations import fit_situations
 from shuttle_marl.dynamics.skill import Predicted
 from shuttle_marl.dynamics.trees import Trees, fit_trees
 from shuttle_marl.game.court import N_AREAS
-from shuttle_marl.game.skill import COMPONENTS
 from shuttle_marl.game.tables import Game, GameError
 
 Report = Callable[[str], None]
@@ -82,7 +81,8 @@ class Fit:
         support: support in the data of every edge of the game.
         profiles: support in the strokes of each discipline.
         opposite: layout and support of the game of players with different hands; None in fits with a given layout.
-        predicted: strokes by component with the average player's predictions from models that were not fitted to the match.
+        predicted: strokes by component with the average player's predictions from models that were not fitted to the match; and
+            those of ``hurried`` receivers, if they were fitted.
         chosen: calibration, offsets, and the settings chosen on the validation matches with their scores.
     """
 
@@ -156,7 +156,7 @@ def fit(
     report("contact heights")
     contact = fit_binary("contact", met, met_above, config, seed + 5)
     report("hurried receivers")
-    hurried, hurried_lines = _fit_hurried(*parts["hurried"])
+    hurried = _fit_hurried(*parts["hurried"])
     report("choices of strokes")
     choice = fit_choice(train, config, seed + 6)
 
@@ -164,13 +164,13 @@ def fit(
     # By target: logit of a fault, and probability of the target.
     fold_fault = log_odds(unseen(1 - all_targets(success, known)[..., GOOD], known.match, config.folds))
     share = unseen(softmax(target.logits(known.codes)), known.match, config.folds)
-    fold_return = _out_of_fold_blend(return_network, good, returned, config, ridge)
-    fold_above = _out_of_fold_blend(contact, met, met_above, config)
+    networks = {"choice": choice, "target": target, "success": success, "return": return_network, "contact": contact}
+    logits = _unseen_logits(networks, ridge, parts, config.folds)
     fault_line, situations = fit_situations(fold_fault, share, known)
-    calibration = np.stack([fault_line, _calibrate(fold_return, returned), _calibrate(fold_above, met_above), *hurried_lines])
+    lines = (_calibrate(logits["return"], returned), _calibrate(logits["contact"], met_above))
+    calibration = np.stack([fault_line, *lines, *_hurried_lines(logits["hurried"], *parts["hurried"])])
     mixed = situations.mixed(fault_line[0] * fold_fault + fault_line[1], situations.weights(known))
     marginal = (share * mixed).sum(axis=1)
-    networks = {"choice": choice, "target": target, "success": success, "return": return_network, "contact": contact}
     counts = np.bincount(train.codes["discipline"], minlength=len(DISCIPLINES))
     average = FittedModels(
         networks=networks,
@@ -193,11 +193,7 @@ def fit(
         "calibration": calibration.tolist(),
         "situations": {"effort": situations.effort.tolist(), "duel": situations.duel},
     }
-    logits = (
-        log_odds(marginal),
-        *(slope * logit + start for (slope, start), logit in zip(calibration[1:3], (fold_return, fold_above), strict=True)),
-    )
-    predicted = {name: Predicted(*parts[name], logit) for name, logit in zip(COMPONENTS, logits, strict=True)}
+    predicted = {"success": Predicted(known, fault, log_odds(marginal)), **_predicted(parts, logits, calibration)}
     models = average
     if validation is not None:
         report("choices of players")
@@ -262,24 +258,72 @@ def _known_targets(rows: Rows) -> F64:
     return soft
 
 
-def _fit_hurried(rows: Rows, late: Bools) -> tuple[dict[str, Trees], F64]:
-    """Trees of hurried receivers, by their contact height, and the calibration ``[2, 2]`` of their out-of-fold logits.
+def unseen_predictions(models: FittedModels, train: Rows, folds: int) -> dict[str, Predicted]:
+    """Predictions of returns, contacts and hurried receivers as in :attr:`Fit.predicted`, from the models of an earlier fit.
+
+    Args:
+        train: strokes of that fit.
+        folds: its number of folds of matches.
+    """
+    parts = judged(train)
+    return _predicted(parts, _unseen_logits(models.networks, models.ridge, parts, folds), models.calibration)
+
+
+def _unseen_logits(networks: dict[str, Ensemble], ridge: F64, parts: dict[str, tuple[Rows, Bools]], folds: int) -> dict[str, F64]:
+    """``[N]`` out-of-fold logits of returns, contacts and hurried receivers, not calibrated."""
+    return {
+        "return": _out_of_fold_blend(networks["return"], *parts["return"], folds, ridge),
+        "contact": _out_of_fold_blend(networks["contact"], *parts["contact"], folds),
+        "hurried": _out_of_fold_hurried(*parts["hurried"]),
+    }
+
+
+def _predicted(parts: dict[str, tuple[Rows, Bools]], logits: dict[str, F64], calibration: F64) -> dict[str, Predicted]:
+    """Calibrated predictions of some models."""
+    below = len(calibration) - len(HURRIED)
+    lines = {
+        "return": calibration[1],
+        "contact": calibration[2],
+        "hurried": calibration[below + parts["hurried"][0].next_contact].T,
+    }
+    return {name: Predicted(*parts[name], lines[name][0] * logit + lines[name][1]) for name, logit in logits.items()}
+
+
+def _fit_hurried(rows: Rows, late: Bools) -> dict[str, Trees]:
+    """Trees of hurried receivers, by their contact height.
 
     Args:
         rows: returned strokes of which that is known; with too few hurried receivers there are no trees.
     """
-    trees, lines = {}, np.tile([1.0, 0.0], (len(HURRIED), 1))
-    for contact, name in enumerate(HURRIED):
-        which = rows.next_contact == contact
-        those, label = rows.take(which), late[which]
+    those = {name: rows.next_contact == contact for contact, name in enumerate(HURRIED)}
+    return {
+        name: fit_trees(rows.take(which).codes, late[which], rounds=_HURRIED_ROUNDS)
+        for name, which in those.items()
+        if late[which].sum() >= _LEAST_HURRIED
+    }
+
+
+def _out_of_fold_hurried(rows: Rows, late: Bools) -> F64:
+    """``[N]`` out-of-fold logits of hurried receivers; NaN where there are no trees."""
+    logits = np.full(len(rows), np.nan)
+    for contact in range(len(HURRIED)):
+        here = np.flatnonzero(rows.next_contact == contact)
+        those, label = rows.take(here), late[here]
         if label.sum() < _LEAST_HURRIED:
             continue
-        logits = np.zeros(len(those))
         for inside, outside, held_out in _folds(those):
-            logits[inside] = fit_trees(outside, label[~inside], rounds=_HURRIED_ROUNDS).logits(held_out)
-        lines[contact] = _calibrate(logits, label)
-        trees[name] = fit_trees(those.codes, label, rounds=_HURRIED_ROUNDS)
-    return trees, lines
+            logits[here[inside]] = fit_trees(outside, label[~inside], rounds=_HURRIED_ROUNDS).logits(held_out)
+    return logits
+
+
+def _hurried_lines(logits: F64, rows: Rows, late: Bools) -> F64:
+    """Calibration ``[2, 2]`` of out-of-fold logits of hurried receivers, by their contact height."""
+    lines = np.tile([1.0, 0.0], (len(HURRIED), 1))
+    for contact in range(len(HURRIED)):
+        those = (rows.next_contact == contact) & np.isfinite(logits)
+        if those.any():
+            lines[contact] = _calibrate(logits[those], late[those])
+    return lines
 
 
 def _folds(rows: Rows) -> Iterator[tuple[Bools, dict[str, I16], dict[str, I16]]]:
@@ -289,9 +333,9 @@ def _folds(rows: Rows) -> Iterator[tuple[Bools, dict[str, I16], dict[str, I16]]]
         yield fold == k, rows.take(fold != k).codes, rows.take(fold == k).codes
 
 
-def _out_of_fold_blend(network: Ensemble, rows: Rows, label: Bools, config: EnsembleConfig, ridge: F64 | None = None) -> F64:
+def _out_of_fold_blend(network: Ensemble, rows: Rows, label: Bools, folds: int, ridge: F64 | None = None) -> F64:
     """``[N]`` out-of-fold logit of a blend: the network, trees, and the ridge regression if one is given."""
-    logits = log_odds(unseen(sigmoid(network.logits(rows.codes)[..., 0]), rows.match, config.folds))
+    logits = log_odds(unseen(sigmoid(network.logits(rows.codes)[..., 0]), rows.match, folds))
     for inside, outside, held_out in _folds(rows):
         observed = label[~inside]
         others = [fit_trees(outside, observed).logits(held_out)]

@@ -27,14 +27,15 @@ from shuttle_marl.dynamics.card import strokes_hash, write_card
 from shuttle_marl.dynamics.compiled import CREDIBLE, MIN_END, PRIOR_STROKES, Support, pair_log_choices
 from shuttle_marl.dynamics.evaluate import REQUIRED, criteria, evaluate, extremes, health, variety_of
 from shuttle_marl.dynamics.features import Rows, rows_from_strokes
-from shuttle_marl.dynamics.fit import THREADS, Fit, Report, fit
+from shuttle_marl.dynamics.fit import THREADS, Fit, Report, fit, unseen_predictions
 from shuttle_marl.dynamics.fitted import FittedModels, ModelError, PlayerChoices
 from shuttle_marl.dynamics.habits import save_habits
 from shuttle_marl.dynamics.history import fit_history, load_history
 from shuttle_marl.dynamics.hurried import Hurry, fit_hurry, load_hurry
 from shuttle_marl.dynamics.network import QUICK, EnsembleConfig
 from shuttle_marl.dynamics.prior import Prior, fit_from, refits_from
-from shuttle_marl.dynamics.skill import FittedSkill, check, deviations_in, fit_skill, summary
+from shuttle_marl.dynamics.recovery import fit_recovery
+from shuttle_marl.dynamics.skill import FittedSkill, Predicted, check, deviations_in, fit_skill, summary
 from shuttle_marl.exact.profile import PairPolicy
 from shuttle_marl.game import shipped
 from shuttle_marl.game.court import N_AREAS
@@ -120,6 +121,11 @@ def make_model(
         (out / shipped.HURRY).unlink(missing_ok=True)  # of a replaced model
     else:
         hurry.save(out / shipped.HURRY)
+    report("positions of receivers")
+    if prior is None:
+        recovery = _save_recovery(out, train, fitted.predicted)
+    else:
+        recovery = _copied_recovery(out, shipped.model_folder(prior))
     report("choices by the rally so far")
     history: dict[str, dict[str, float]] = {}
     if prior is None:
@@ -154,6 +160,7 @@ def make_model(
             "share": dict(zip(shipped.PROFILES, fitted.models.share.tolist(), strict=True)),
         },
         "hurried": _hurried(train, hurry, prior),
+        "recovery": recovery,
         "players": list(fitted.models.choices.players),
         "chosen": fitted.chosen,
         "history": history,
@@ -200,6 +207,59 @@ def _hurried(train: Rows, hurry: Hurry | None, prior: str | None) -> dict[str, A
     by = None if not known.any() else "table" if hurry is None else "index" if prior is None else "prior"
     positions = bool(np.isfinite(train.movement).all(axis=1).any())
     return {"share": float((train.hurried == 1).mean()), "known": float(known.mean()), "positions": positions, "by": by}
+
+
+def _save_recovery(folder: Path, train: Rows, predicted: Mapping[str, Predicted]) -> dict[str, Any] | None:
+    """Write the positions of receivers where strokes have enough of them; what the card says of these."""
+    fitted = fit_recovery(train, predicted)
+    if fitted is None:
+        (folder / shipped.POSITIONS).unlink(missing_ok=True)  # of a replaced model
+        return None
+    replace_file(folder / shipped.POSITIONS, fitted.recovery.to_bytes())
+    return fitted.summary(train)
+
+
+def _copied_recovery(folder: Path, prior: Path) -> dict[str, Any] | None:
+    """Take over the positions of a prior model, if it has any: a few matches do not tell them."""
+    try:
+        content = (prior / shipped.POSITIONS).read_bytes()
+    except FileNotFoundError:
+        (folder / shipped.POSITIONS).unlink(missing_ok=True)
+        return None
+    replace_file(folder / shipped.POSITIONS, content)
+    found: dict[str, Any] | None = shipped.read_model_card(prior).get("recovery")
+    return found
+
+
+@own_settings(THREADS)
+def add_recovery(data: Path, folder: Path, *, report: Report) -> dict[str, Any]:
+    """Fit the positions of receivers to the strokes of an existing model, and add them to its folder.
+
+    Args:
+        data: of the fit.
+
+    Returns:
+        The model card.
+
+    Raises:
+        ShuttleError: the model was fitted to other data, or with a prior, or too few strokes have positions.
+        GameError: the model card cannot be read.
+    """
+    report("reading strokes")
+    card, strokes = shipped.read_model_card(folder), load_strokes(data)
+    if "prior" in card["chosen"]:
+        raise ShuttleError(f"{folder}: a model that corrects another one has the positions of that; fit it again")
+    if strokes_hash(strokes) != card["data"]["hash"]:
+        raise ShuttleError(f"{data}: not the strokes that the model was fitted to; name those, or fit a model to these")
+    train, _ = train_and_validation(rows_from_strokes(strokes, load_hurry(folder)), card["data"]["validation_share"])
+    report("out-of-fold predictions")
+    predicted = unseen_predictions(FittedModels.load(folder), train, EnsembleConfig().folds)
+    report("positions of receivers")
+    recovery = _save_recovery(folder, train, predicted)
+    write_card(folder, {**card, "recovery": recovery})
+    if recovery is None:
+        raise ShuttleError(f"{data}: too few strokes with the position of the receiver; the model has none")
+    return shipped.read_model_card(folder)
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)

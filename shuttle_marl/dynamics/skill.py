@@ -166,6 +166,7 @@ def check(predicted: Mapping[str, Predicted], sources: Mapping[str, str], sd: F6
     Returns:
         What :func:`slope_on_offset` returns for each component; no component without a player of two matches.
     """
+    predicted = {name: predicted[name] for name in COMPONENTS}
     matches = np.unique(predicted["success"].rows.match)
     fold = np.zeros(int(matches[-1]) + 1, dtype=np.int64)
     fold[matches] = fold_of_match(matches, _FOLDS)

@@ -15,12 +15,13 @@ from pettingzoo import AECEnv
 from pettingzoo.utils.env_logger import EnvLogger
 from pettingzoo.utils.wrappers.order_enforcing import OrderEnforcingWrapper
 
-from shuttle_marl.base.arrays import F32, U8
+from shuttle_marl.base.arrays import F32, I8, U8
 from shuttle_marl.base.errors import ActionError, OptionError, whole_number
 from shuttle_marl.env.snapshot import Snapshot, as_text
 from shuttle_marl.game.draws import stream
 from shuttle_marl.game.observation import RALLY_WIDTH
-from shuttle_marl.game.rally.stepper import RallyDraws, Stroke, stepper_of
+from shuttle_marl.game.policy import Policy, States, UniformPolicy
+from shuttle_marl.game.rally.stepper import RallyDraws, Stroke, choose_position, stepper_of
 from shuttle_marl.game.rules import FAULT, OUTCOMES, RETURNED_BELOW, IllegalStrokeError
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.game.tables import ROOT, Game
@@ -38,6 +39,7 @@ Observation = dict[str, npt.NDArray[Any]]
 """Observation of an agent: ``observation`` and ``action_mask``."""
 
 ILLEGAL: Final = "illegal stroke"
+ILLEGAL_POSITION: Final = "illegal position"
 TOO_LONG: Final = "too many strokes"
 
 _INDEX: Final = {agent: i for i, agent in enumerate(AGENTS)}
@@ -47,9 +49,13 @@ _LISTED: Final = 20
 class ShuttleEnv(AECEnv[str, Observation, int]):
     """Turn-based environment of two players; subclasses define what happens at the end of a rally.
 
-    ``copy`` and ``pickle`` make exact copies, for checkpoints: the same strokes have the same outcomes as in the original. A
-    planner that tries strokes on such copies sees the future, so copies of a running episode warn; :meth:`fork` copies with fresh
-    luck.
+    In the game with recovery an agent whose stroke is returned acts again: it chooses where it waits, action n + position, unless
+    only one position is feasible. Then the opponent strikes without knowing it. No observation, info, state or text of a running
+    rally depends on a position that was chosen.
+
+    ``copy`` and ``pickle`` make exact copies, for checkpoints: the same strokes have the same outcomes as in the original, and a
+    hidden position is in them. A planner that tries strokes on such copies sees the future, so copies of a running episode warn;
+    :meth:`fork` copies with fresh luck.
 
     Attributes:
         game: the tables of the game, or the game of a pair.
@@ -62,6 +68,7 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
     _cumulative_rewards: dict[str, float]
     terminations: dict[str, bool]
     truncations: dict[str, bool]
+    infos: dict[str, dict[str, Any]]
 
     def __init__(
         self,
@@ -81,27 +88,31 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         self.episode = -1
         self.possible_agents = list(AGENTS)
         self.agents: list[str] = []
-        n = self.game.n_strokes
+        self._stepper = stepper_of(self.game)
+        self._hides = self.game.recovery is not None
+        n, width = self._stepper.n_actions, RALLY_WIDTH + extra_width + self._hides
         self.action_spaces = {agent: spaces.Discrete(n) for agent in AGENTS}
         self.observation_spaces = {
             agent: spaces.Dict(
                 {
-                    "observation": spaces.Box(0.0, 1.0, (RALLY_WIDTH + extra_width,), np.float32),
+                    "observation": spaces.Box(0.0, 1.0, (width,), np.float32),
                     "action_mask": spaces.Box(0, 1, (n,), np.int8),
                 }
             )
             for agent in AGENTS
         }
-        self.state_space = spaces.Box(0.0, 1.0, (RALLY_WIDTH + extra_width + 1,), np.float32)
-        self._stepper = stepper_of(self.game)
+        self.state_space = spaces.Box(0.0, 1.0, (width + 1,), np.float32)
         self.agent_selection = AGENTS[0]
         self._clear_episode()
         self._state = ROOT
         self._live = False
         self._striker = 0
+        self._choosing = False
+        self._position: int | None = None
         self._draws = RallyDraws(0)
         self._rally = 0
         self._strokes: list[Stroke] = []
+        self._positions: list[int | None] = []
         self._reason: str | None = None
         self._winner: int | None = None
         self._renderer: CourtRenderer | None = None
@@ -121,18 +132,22 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
     def _content(self) -> dict[str, Any]:
         return {**self.__dict__, "_renderer": None}  # a window belongs to one environment
 
-    def fork(self, seed: int | None = None) -> Self:
-        """Copy with fresh luck, for planning: the same position, and other outcomes of the strokes to come.
+    def fork(self, seed: int | None = None, belief: "Belief" = None) -> Self:
+        """Copy with fresh luck, for planning: the same situation, and other outcomes of the strokes to come.
 
         A fork depends on the seed of the episode and on its own seed alone, and none has the luck of the original, whatever the
-        seeds. It shares the action and observation spaces, and opens no window.
+        seeds. It shares the action and observation spaces, and opens no window. A hidden position is drawn anew, and a fork does
+        not know those of earlier strokes.
 
         Args:
             seed: seed of the luck from here on, also in later episodes; None: random.
+            belief: where the striker believes that the receiver waits, in the game with recovery: a policy, or ``[9]``
+                probabilities; None: where people do.
 
         Raises:
             ResetNeeded: no episode has started.
             OptionError: the seed is not an integer.
+            PolicyError: the belief is no distribution over the feasible positions.
         """
         self._require_begun()
         assert self.last_seed is not None
@@ -142,13 +157,23 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         drawn = secrets.randbits(63) if seed is None else whole_number("seed", seed)
         twin.last_seed = int(stream(drawn, self.last_seed % (1 << 64))[0])
         twin._draws = twin._draws_of_episode()
+        if self._position is not None and self._stepper.chooses_position(self._state):
+            policy = belief if isinstance(belief, Policy) else UniformPolicy() if belief is None else _Believed(belief)
+            tables, number = self.game.seats[1 - self._striker], twin._draws.position(self._rally, len(self._strokes))
+            twin._position = choose_position(policy, tables, self._state, number, self.score_of(self._striker), self.strokes)
+        twin._positions = [None] * len(self._positions)
         twin.render_mode = None if self.render_mode == "human" else self.render_mode
         return twin
 
     @property
     def state_number(self) -> int:
-        """State index of the agent to move in :mod:`shuttle_marl.game.tables`, for tables of policies and values."""
+        """State index of the striker in :mod:`shuttle_marl.game.tables`, for tables of policies and values."""
         return self._state
+
+    @property
+    def chooses_position(self) -> bool:
+        """Whether the agent to move is the receiver, who chooses a position, and not the striker."""
+        return self._choosing
 
     @property
     def strokes(self) -> list[int]:
@@ -156,7 +181,12 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         return [] if self._state == ROOT else [played.stroke for played in self._strokes]
 
     def choice_draw(self) -> int:
-        """Random number in [0, 65535) for the choice of the next stroke; see :mod:`shuttle_marl.game.draws`."""
+        """Random number in [0, 65535) for the next choice of a stroke or position; see :mod:`shuttle_marl.game.draws`.
+
+        It is for who plays a policy, and not for its opponent, who would know a hidden position.
+        """
+        if self._choosing:
+            return self._draws.position(self._rally, len(self._strokes))
         return self._draws.choice(self._rally, 0 if self._state == ROOT else len(self._strokes))
 
     def score_of(self, player: int) -> tuple[int, int, int, int] | None:  # noqa: ARG002
@@ -193,20 +223,32 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
     def observe(self, agent: str) -> Observation:
         """Observation and action mask of an agent; the mask is zero if it is not its turn, and before the first reset."""
         player = _INDEX[agent]
-        strikes = player == self._striker
-        row = self._stepper.observe(self._state, receiver=not strikes)
-        mask = self._stepper.legal_action_mask(self._state) if self._live and strikes else np.zeros(self.game.n_strokes, np.int8)
-        return {"observation": self._vector(row, player), "action_mask": mask}
+        seen = self._vector(self._stepper.observe(self._state, receiver=player != self._striker), player)
+        acts = player == self._striker ^ self._choosing
+        if self._hides:
+            told, seen = seen, np.zeros(len(seen) + 1, np.float32)  # np.append takes longer than all the rest
+            seen[:-1] = told
+            if acts and self._choosing:
+                seen[-1] = 1.0
+        mask = self._mask() if self._live and acts else np.zeros(self._stepper.n_actions, np.int8)
+        return {"observation": seen, "action_mask": mask}
 
     def state(self) -> F32:
-        """Global state, for centralised critics: the observation of ``player_0``, and 1 if it is to strike, else 0."""
-        return np.append(self.observe("player_0")["observation"], np.float32(self._striker == 0))
+        """Global state, for centralised critics: the observation of ``player_0``, and 1 if it is to strike, else 0.
+
+        In the game with recovery the last number of the observation is replaced: 1 if either player is to choose a position, else
+        0. Where a player waits is no part of it.
+        """
+        found = np.append(self.observe("player_0")["observation"], np.float32(self._striker == 0))
+        if self._hides:
+            found[-2] = self._choosing
+        return found
 
     def step(self, action: int | None) -> None:
-        """Play a stroke, the catalogue index ``action``; None for an agent that is done.
+        """Play a stroke, the catalogue index ``action``, or choose position ``action - n``; None for an agent that is done.
 
         Raises:
-            ActionError: not an integer, or not in the catalogue.
+            ActionError: not an integer, or not in the action space.
             IllegalStrokeError: not legal in the state; the environment is unchanged.
             ResetNeeded: no episode has started.
         """
@@ -216,12 +258,16 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
             self._was_dead_step(action)
             return
         stroke = self._checked(action)
+        if self._choosing:
+            self._wait_at(stroke - self.game.n_strokes)
+            return
         if self._state == ROOT:
             self._clear_rally()
         striker, draw = self._striker, self._draws.outcome(self._rally, len(self._strokes))
         hurried = self._stepper.is_hurried(self._state)
-        played, self._state = self._stepper.step(self._state, striker, stroke, draw)
+        played, self._state = self._stepper.step(self._state, striker, stroke, draw, self._position)
         self._strokes.append(played)
+        self._positions.append(self._position)
         outcome = played.outcome
         self._length += 1
         self._cumulative_rewards[agent] = 0.0
@@ -229,27 +275,29 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         self._striker = 1 - striker
         self.agent_selection = AGENTS[1 - striker]
         if outcome < RETURNED_BELOW:
-            self._live = False
+            self._live, self._position = False, None
             self._reason = OUTCOMES[outcome]
             self._winner = striker if outcome != FAULT else 1 - striker
             self._end_rally(self._winner)
+        elif self._hides:
+            self._select()
         if self._length == self.max_strokes and not self.terminations[agent]:
             self.truncations = {"player_0": True, "player_1": True}
             self._reason = self._reason or TOO_LONG
         self._show(striker, stroke, hurried, played)
 
     def forfeit(self, stroke: int | None = None) -> None:
-        """End the episode as a loss of the agent to move, who tried an illegal stroke; -1 for it, +1 for the other.
+        """End the episode as a loss of the agent to move, who tried an illegal action; -1 for it, +1 for the other.
 
         Args:
-            stroke: catalogue index of the illegal stroke, if it has one.
+            stroke: number of the illegal stroke or position, if it has one.
         """
         self._require_begun()
-        loser = self._striker
+        loser = self._striker ^ self._choosing
         if self._state == ROOT:
             self._clear_rally()
-        self._live = False
-        self._reason, self._winner = ILLEGAL, 1 - loser
+        self._reason, self._winner = ILLEGAL_POSITION if self._choosing else ILLEGAL, 1 - loser
+        self._live, self._choosing, self._position = False, False, None
         self._cumulative_rewards[AGENTS[loser]] = 0.0
         self._end_episode(1 - loser)
         self._show(loser, stroke, self._stepper.is_hurried(self._state))
@@ -283,16 +331,19 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
     def snapshot(self) -> Snapshot:
         """The rally so far, or the last rally until the next serve."""
         between_rallies = self._state == ROOT and bool(self._strokes)
+        # A seed tells the luck of both players, with which hidden positions are drawn.
+        seed = "" if self._hides else f" of seed {self.last_seed}"
         return Snapshot(
             game=self.game,
             names=AGENTS if self.game.people is None else self.game.people.players,
-            title=f"{self.metadata['name'].removesuffix('_v0')} {self.episode + 1} of seed {self.last_seed}",
+            title=f"{self.metadata['name'].removesuffix('_v0')} {self.episode + 1}{seed}",
             strokes=tuple(self._strokes),
             server=self._strokes[0].player if self._strokes else self._striker,
             striker=self._striker if self._live and not between_rallies else None,
             winner=self._winner,
             reason=self._reason,
             hands=("right", "right") if self.game.people is None else self.game.people.hands,
+            positions=tuple(self._positions) if self._reason is not None and self._hides else (),
             **self._snapshot_of_match(),
         )
 
@@ -326,6 +377,21 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         self._live = True
         self._striker = server
         self.agent_selection = AGENTS[server]
+        if self._hides:
+            self._select()
+
+    def _select(self) -> None:
+        """Select who acts in the state: the receiver, if there is a choice of positions, else the striker."""
+        self._choosing = self._stepper.chooses_position(self._state)
+        self._position = self._stepper.only_position(self._state)
+        self.agent_selection = AGENTS[self._striker ^ self._choosing]
+
+    def _wait_at(self, position: int) -> None:
+        self._cumulative_rewards[self.agent_selection] = 0.0
+        self.rewards = {"player_0": 0.0, "player_1": 0.0}
+        self._choosing, self._position = False, position
+        self.agent_selection = AGENTS[self._striker]
+        self.infos = {agent: info.copy() for agent, info in self.infos.items()}  # another turn, with the same facts
 
     def _require_begun(self) -> None:
         if self.last_seed is None:
@@ -336,10 +402,10 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         self._cumulative_rewards = {"player_0": 0.0, "player_1": 0.0}
         self.terminations = {"player_0": False, "player_1": False}
         self.truncations = {"player_0": False, "player_1": False}
-        self.infos: dict[str, dict[str, Any]] = {"player_0": {}, "player_1": {}}
+        self.infos = {"player_0": {}, "player_1": {}}
 
     def _clear_rally(self) -> None:
-        self._strokes = []
+        self._strokes, self._positions = [], []
         self._reason = self._winner = None
 
     def _pay(self, winner: int) -> None:
@@ -350,7 +416,7 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         """Set the infos after a stroke, and draw it in the window, if there is one."""
         info = {
             "striker": AGENTS[striker],
-            "stroke": None if stroke is None else self.game.catalogue.names[stroke],
+            "stroke": None if stroke is None else self._stepper.action_names[stroke],
             "hurried": hurried,
             "p_succ": played and played.p_succ,
             "p_ret": played and played.p_ret,
@@ -367,42 +433,63 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
             stroke = operator.index(action)
         except TypeError:
             stroke = -1
-        if self._stepper.is_legal(self._state, stroke):
+        if self._choosing:
+            if self._stepper.is_feasible(self._state, stroke - self.game.n_strokes):
+                return stroke
+        elif self._stepper.is_legal(self._state, stroke):
             return stroke
         raise self._refusal(action, stroke)
 
+    def _mask(self) -> I8:
+        """``[n_actions]`` legal actions of the agent to move."""
+        return self._stepper.position_mask(self._state) if self._choosing else self._stepper.legal_action_mask(self._state)
+
     def _refusal(self, action: Any, stroke: int) -> ActionError:
-        names = self.game.catalogue.names
+        names = self._stepper.action_names
         if not 0 <= stroke < len(names):
+            kind = "stroke or position" if self._hides else "stroke"
             return ActionError(
-                f"{self.agent_selection}: action {action!r} is not a stroke; expected an integer from 0 to {len(names) - 1}"
+                f"{self.agent_selection}: action {action!r} is not a {kind}; expected an integer from 0 to {len(names) - 1}"
             )
-        legal = self.game.legal_strokes(self._state).tolist()
+        legal = np.flatnonzero(self._mask()).tolist()
         listed = ", ".join(f"{i} {names[i]}" for i in legal[:_LISTED])
         more = f" and {len(legal) - _LISTED} more" if len(legal) > _LISTED else ""
+        kind = "position" if self._choosing else "stroke"
         return IllegalStrokeError(
-            f"{self.agent_selection}: stroke {stroke} ({names[stroke]}) is not legal in state: "
+            f"{self.agent_selection}: {kind} {stroke} ({names[stroke]}) is not legal in state: "
             f"{self.game.describe(self._state)}. Legal, as in action_mask: {listed}{more}",
             stroke,
         )
 
 
+Belief = Policy | npt.ArrayLike | None
+"""Where a striker believes that the receiver waits: a policy, ``[9]`` probabilities, or None for where people wait."""
+
+
+class _Believed(UniformPolicy):
+    def __init__(self, belief: npt.ArrayLike) -> None:
+        self._belief = np.asarray(belief, dtype=np.float64)
+
+    def positions(self, states: States) -> npt.NDArray[np.float64]:
+        return np.broadcast_to(self._belief, (len(states), self._belief.size))
+
+
 class CheckedEnv(OrderEnforcingWrapper[str, Observation, Any]):
     """PettingZoo's checks in one wrapper: the order of calls, actions out of bounds, illegal strokes.
 
-    An illegal stroke ends the episode: -1 for the striker, +1 for the other agent, and ``info["reason"]`` is ``illegal stroke``.
-    PettingZoo's ``TerminateIllegalWrapper`` gives the other agent no reward, so the game would not be zero-sum; and three nested
-    wrappers take three times as long as the environment.
+    An illegal stroke ends the episode: -1 for the striker, +1 for the other agent, and ``info["reason"]`` is ``illegal stroke``;
+    an illegal position likewise. PettingZoo's ``TerminateIllegalWrapper`` gives the other agent no reward, so the game would not
+    be zero-sum; and three nested wrappers take three times as long as the environment.
     """
 
     def __init__(self, env: ShuttleEnv) -> None:
         super().__init__(env)
         self._raw = env
 
-    def fork(self, seed: int | None = None) -> Self:
+    def fork(self, seed: int | None = None, belief: Belief = None) -> Self:
         """Copy with fresh luck; see :meth:`ShuttleEnv.fork`."""
         twin = copy.copy(self)
-        twin.env = twin._raw = self._raw.fork(seed)
+        twin.env = twin._raw = self._raw.fork(seed, belief)
         return twin
 
     def last(self, observe: bool = True) -> tuple[Observation | None, float, bool, bool, dict[str, Any]]:

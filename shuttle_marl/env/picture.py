@@ -321,13 +321,16 @@ def _paint_player(sheet: Sheet, snapshot: Snapshot, body: Point, facing: Point, 
 
 
 def _paint_floor(sheet: Sheet, plan: Plan) -> None:
-    """The straight path of the last flights, and the steps of the players since the last contact."""
+    """The path of the last flights on the floor, the steps of the players since the last contact, and where a receiver waited."""
     for age, flight in enumerate(reversed(plan.flights[-2:])):
         sheet.line(px(flight.start), px(flight.end), 2.0, INK, 70 - 35 * age)
     for player, (came_from, body) in enumerate(zip(plan.came_from, plan.bodies, strict=True)):
         if came_from is not None:
             for t in np.arange(0.0, 1.0, 0.14).tolist():
                 sheet.circle(px(came_from) + t * (px(body) - px(came_from)), 2.2, PLAYERS[player], round(50 + 110 * t))
+    if plan.waited is not None:
+        sheet.circle(px(plan.waited), 30, WHITE, 60)
+        sheet.circle(px(plan.waited), 30, WHITE, 200, width=2)
 
 
 def _paint_shuttle(sheet: Sheet, plan: Plan) -> None:

@@ -1,7 +1,8 @@
 """Gymnasium environments for one agent against an opponent: a step is the learner's stroke and the opponent's reply.
 
 ``shuttle_marl/Rally-v0`` and ``shuttle_marl/Match-v0`` wrap ``rally_v0`` and ``match_v0``: rules, observations, masks, rendering
-and random numbers are those of the wrapped environment.
+and random numbers are those of the wrapped environment. ``RallyRecovery-v0`` and ``MatchRecovery-v0`` are the same with the game
+``default:recovery``, in which the learner's steps are its strokes and its positions.
 """
 
 import copy
@@ -16,11 +17,11 @@ from gymnasium.error import ResetNeeded
 from shuttle_marl.base.arrays import U8, Bools
 from shuttle_marl.base.errors import OptionError, suggesting
 from shuttle_marl.env import match_v0, rally_v0
-from shuttle_marl.env.aec import AGENTS, RENDER_MODES, Observation, RenderMode, ShuttleEnv
+from shuttle_marl.env.aec import AGENTS, RENDER_MODES, Belief, Observation, RenderMode, ShuttleEnv
 from shuttle_marl.env.wrappers import InfoView, MaskView, checked_views
 from shuttle_marl.game.pairs import opponent_tables
 from shuttle_marl.game.policy import Policy, called, reads_history, reads_score
-from shuttle_marl.game.rally.stepper import choose
+from shuttle_marl.game.rally.stepper import choose, choose_position
 from shuttle_marl.game.rules import IllegalStrokeError
 from shuttle_marl.game.scoring import BWF, Rules
 from shuttle_marl.game.tables import Game
@@ -57,6 +58,16 @@ class Opponent:
             PolicyError: a policy that has no table raised, or returned an invalid distribution.
         """
         return choose(self._chooser, self._game, state, draw, score, strokes)
+
+    def choose_position(
+        self, state: int, draw: int, score: tuple[int, int, int, int] | None, strokes: Sequence[int] | None = None
+    ) -> int:
+        """Where the opponent waits in a state; see :func:`shuttle_marl.game.rally.stepper.choose_position`.
+
+        Raises:
+            PolicyError: as of :meth:`choose`.
+        """
+        return choose_position(self._chooser, self._game, state, draw, score, strokes)
 
 
 class SingleEnv(gymnasium.Env[Observation, np.int64]):
@@ -95,7 +106,7 @@ class SingleEnv(gymnasium.Env[Observation, np.int64]):
 
     @property
     def state_number(self) -> int:
-        """State of the learner, as in :mod:`shuttle_marl.game.tables`."""
+        """State of the striker, as in :mod:`shuttle_marl.game.tables`."""
         return self.raw.state_number
 
     @property
@@ -105,7 +116,7 @@ class SingleEnv(gymnasium.Env[Observation, np.int64]):
         return won, lost
 
     def action_masks(self) -> Bools:
-        """``[n]`` mask of legal strokes for sb3-contrib; all False before the first reset."""
+        """``[n]`` mask of legal actions for sb3-contrib; all False before the first reset."""
         return self.raw.observe(self._agent)["action_mask"].astype(bool)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, dict[str, Any]]:
@@ -123,16 +134,16 @@ class SingleEnv(gymnasium.Env[Observation, np.int64]):
             self._unseen[0 if self.raw.rewards[self._agent] > 0 else 1] += 1
 
     def step(self, action: np.int64 | int) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Play a stroke, and let the opponent reply.
+        """Play a stroke or choose a position, and let the opponent act.
 
         Args:
-            action: catalogue index of the stroke.
+            action: catalogue index of the stroke, or n + position.
 
         Returns:
             Observation, reward since the last step, whether the episode is over, False, and info.
 
         Raises:
-            ActionError: not an integer, or not in the catalogue.
+            ActionError: not an integer, or not in the action space.
             ResetNeeded: the episode is over.
             PolicyError: an opponent that has no table raised, or returned no distribution.
         """
@@ -148,13 +159,13 @@ class SingleEnv(gymnasium.Env[Observation, np.int64]):
         self._over = self.raw.terminations[self._agent]
         return self._seen(), reward, self._over, False, self._info()
 
-    def fork(self, seed: int | None = None) -> Self:
+    def fork(self, seed: int | None = None, belief: Belief = None) -> Self:
         """Copy with fresh luck, of the opponent too, for planning; see :meth:`shuttle_marl.env.aec.ShuttleEnv.fork`.
 
         With Gymnasium's wrappers around this environment, ``env.unwrapped.fork(seed)`` is a copy without them.
         """
         twin = copy.copy(self)
-        twin.raw, twin._unseen = self.raw.fork(seed), self._unseen.copy()
+        twin.raw, twin._unseen = self.raw.fork(seed, belief), self._unseen.copy()
         twin.render_mode = twin.raw.render_mode
         return twin
 
@@ -171,9 +182,13 @@ class SingleEnv(gymnasium.Env[Observation, np.int64]):
         raw, reward = self.raw, 0.0
         self._over = True  # if the opponent fails or is interrupted, the next stroke would be played for it
         while raw.agent_selection != self._agent and not raw.terminations[self._agent]:
-            draw, score = raw.choice_draw(), raw.score_of(1 - self.seat)
-            strokes = raw.strokes if self.opponent.reads_history else None
-            raw.step(self.opponent.choose(raw.state_number, draw, score, strokes))
+            draw, strokes = raw.choice_draw(), raw.strokes if self.opponent.reads_history else None
+            if raw.chooses_position:
+                score = raw.score_of(self.seat)
+                raw.step(raw.game.n_strokes + self.opponent.choose_position(raw.state_number, draw, score, strokes))
+            else:
+                score = raw.score_of(1 - self.seat)
+                raw.step(self.opponent.choose(raw.state_number, draw, score, strokes))
             reward += raw.rewards[self._agent]
         return reward
 

@@ -13,6 +13,7 @@ import numpy as np
 from shuttle_marl.game.court import AREA_WORDS, N_SIDES, SHORT_SERVICE, Hands, area_box, area_centre, seen_by
 from shuttle_marl.game.layout import Layout
 from shuttle_marl.game.rally.stepper import Stroke
+from shuttle_marl.game.recovery import POSITIONS
 from shuttle_marl.game.rules import FAULT, HURRIED_BELOW, OUTCOMES, WINNER
 from shuttle_marl.game.scoring import serves_from_right
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES, Catalogue
@@ -25,10 +26,13 @@ class Snapshot:
     Attributes:
         striker: player to hit next; None if the rally is over.
         winner: winner of the rally; None while it continues or if it was truncated.
-        reason: reason of the end: ``fault``, ``winner``, ``illegal stroke`` or ``too many strokes``; None before.
+        reason: reason of the end: ``fault``, ``winner``, ``illegal stroke``, ``illegal position`` or ``too many strokes``; None
+            before.
         by_game: points of players 0 and 1 in each game so far; empty without a match.
         match_winner: winner of the match; None while it continues.
         hands: ``right`` or ``left``, of players 0 and 1.
+        positions: where the receiver of each stroke waited, None if that is not known; empty before the rally is over, because it
+            is hidden from the opponent, and in games without recovery.
     """
 
     game: Layout
@@ -42,6 +46,7 @@ class Snapshot:
     by_game: tuple[tuple[int, int], ...] = ()
     match_winner: int | None = None
     hands: Hands = ("right", "right")
+    positions: tuple[int | None, ...] = ()
 
     def target(self, played: Stroke) -> int:
         """Area at which a stroke aims, as the receiver sees it."""
@@ -49,7 +54,7 @@ class Snapshot:
 
 
 def as_text(snapshot: Snapshot) -> str:
-    """Score, strokes with probabilities and outcomes, and state of the rally, as text."""
+    """Score, strokes with probabilities and outcomes, and state of the rally, as text; after the rally where receivers waited."""
     names = snapshot.names
     lines = [f"{snapshot.title}, {names[snapshot.server]} serves"]
     width = max(map(len, names))
@@ -60,7 +65,9 @@ def as_text(snapshot: Snapshot) -> str:
     for number, stroke in enumerate(snapshot.strokes, start=1):
         words = in_words(snapshot.game.catalogue, stroke.stroke)
         probabilities = f"good {stroke.p_succ:6.1%}, returned {stroke.p_ret:6.1%}"
-        lines.append(f"{number:3}  {names[stroke.player]}  {words:62} {probabilities}  {OUTCOMES[stroke.outcome]}")
+        waited = snapshot.positions[number - 1] if snapshot.positions else None
+        where = "" if waited is None else f", receiver waited {POSITIONS[waited]}"
+        lines.append(f"{number:3}  {names[stroke.player]}  {words:62} {probabilities}  {OUTCOMES[stroke.outcome]}{where}")
     lines.append(standing(snapshot))
     return "\n".join(lines) + "\n"
 
@@ -114,6 +121,8 @@ _BASE: Final = (0.0, -3.4)
 """Base position of players between strokes, in their own frame [m]."""
 _RETURNED: Final = 0.55
 """Fraction of the path to the base covered during a flight."""
+_CELLS: Final = ((1.1, 0.0, -1.1), (2.5, 3.8, 5.1))
+"""Middles of positions: distances towards the forehand side, and from the net [m]."""
 _FAULT_REACH: Final = 0.62
 """Fraction of the path to its target at which a fault is drawn to end."""
 
@@ -142,12 +151,14 @@ class Plan:
         shuttle: position of the shuttle [m].
         bodies: positions of players 0 and 1 [m].
         came_from: positions at their last contact [m]; None for the player to hit.
+        waited: where the receiver of the last stroke waited [m], the middle of a cell; None where that is hidden or no choice.
     """
 
     flights: tuple[Flight, ...]
     shuttle: Point
     bodies: tuple[Point, Point]
     came_from: tuple[Point | None, Point | None]
+    waited: Point | None = None
 
 
 def to_plan(player: int, x: float, y: float) -> Point:
@@ -190,7 +201,19 @@ def plan_of(snapshot: Snapshot) -> Plan:
         shuttle=contact,
         bodies=(stands[0], stands[1]),
         came_from=(came_from[0], came_from[1]),
+        waited=_waited(snapshot),
     )
+
+
+def _waited(snapshot: Snapshot) -> Point | None:
+    """Where the receiver of the last stroke waited."""
+    where = snapshot.positions[-1] if snapshot.positions else None
+    if where is None:
+        return None
+    receiver = 1 - snapshot.strokes[-1].player
+    depth, side = divmod(where, N_SIDES)
+    x = _CELLS[0][side] * (1 if snapshot.hands[receiver] == "right" else -1)
+    return to_plan(receiver, x, -_CELLS[1][depth])
 
 
 def _landing(player: int, area: int, number: int, stroke: int) -> Point:

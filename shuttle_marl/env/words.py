@@ -2,7 +2,7 @@
 
 A position is also what the task ``text-v0`` asks about. ``TextRallyEnv`` is a Gymnasium environment against an opponent,
 ``text_env()`` a PettingZoo environment of two players. An action that names no legal stroke loses the rally, as illegal strokes
-do in ``rally_v0``.
+do in ``rally_v0``. In the game with recovery, who has struck is asked where to wait, and names one of the ``wait:…``.
 """
 
 import string
@@ -13,15 +13,17 @@ import gymnasium
 from gymnasium import spaces
 
 from shuttle_marl.env import rally_v0
-from shuttle_marl.env.aec import CheckedEnv
+from shuttle_marl.env.aec import CheckedEnv, ShuttleEnv
 from shuttle_marl.env.single import SingleRallyEnv
 from shuttle_marl.env.snapshot import area_in_words
+from shuttle_marl.game.rally.stepper import stepper_of
 from shuttle_marl.game.rules import OUTCOMES
 from shuttle_marl.game.stroke import HEIGHTS
 from shuttle_marl.game.tables import Game
 
 OVER: Final = "The rally is over."
 WAIT: Final = "Your opponent strikes."
+CHOOSES: Final = "Your opponent chooses where to wait."
 WORDS: Final = spaces.Text(1 << 16, charset=string.printable)
 
 
@@ -40,16 +42,20 @@ def position(game: Game, state: int, number: int = 0) -> Position:
     return {"id": number, "text": described(game, state), "legal": legal, "observation": game.observation(state).tolist()}
 
 
-def described(game: Game, state: int) -> str:
-    """A state in words, from the view of the striker."""
+def described(game: Game, state: int, *, receiver: bool = False) -> str:
+    """A state in words, from the view of the striker, or of the receiver."""
     own, incoming, contact, duel, effort, other, hurried = game.observation(state).tolist()
     if incoming == game.n_strokes:
         return "You serve."
-    words = [f"Your opponent played: {_stroke(game, incoming)}. You reach the shuttle {HEIGHTS[contact]} the net."]
+    if receiver:
+        effort, other = other, effort
+        words = [f"You played: {_stroke(game, incoming)}. Your opponent reaches the shuttle {HEIGHTS[contact]} the net."]
+    else:
+        words = [f"Your opponent played: {_stroke(game, incoming)}. You reach the shuttle {HEIGHTS[contact]} the net."]
     if hurried:
-        words.append("You are hurried: late or stretched.")
+        words.append(f"{'Your opponent is' if receiver else 'You are'} hurried: late or stretched.")
     if own < game.n_strokes:
-        words.append(f"Your own last stroke was: {_stroke(game, own)}.")
+        words.append(f"{'The last stroke of your opponent' if receiver else 'Your own last stroke'} was: {_stroke(game, own)}.")
     if duel > 1:
         words.append(f"The last {duel} strokes were net shots.")
     if game.levels > 1:
@@ -71,6 +77,13 @@ RULES: Final = (
 )
 
 
+WAITING: Final = (
+    "You are playing a rally of badminton singles, and have struck. Choose where you wait for the stroke of your opponent, who "
+    "does not see it. Places are named wait:DEPTH-SIDE, in your own half: front is at the net, forehand your forehand side. "
+    "Choose the one that wins the rally most often. Answer with its name and nothing else."
+)
+
+
 def prompt(place: Position) -> str:
     """A position as a question to a chat model."""
     return f"{RULES}\n\n{place['text']}\n\nLegal strokes: {', '.join(place['legal'])}\n"
@@ -82,11 +95,13 @@ def read_answer(text: str, legal: Sequence[str]) -> str | None:
     return max(found)[1] if found else None
 
 
-def stroke_of(game: Game, state: int, answer: str) -> int:
-    """Catalogue index of the last legal stroke that an answer names; of an illegal stroke if it names none."""
-    legal = {game.catalogue.names[stroke]: int(stroke) for stroke in game.legal_strokes(state)}
+def action_of(game: Game, state: int, answer: str, *, receiver: bool = False) -> int:
+    """The last legal stroke, or position of the receiver, that an answer names; an illegal action if it names none."""
+    stepper = stepper_of(game)
+    mask = stepper.position_mask(state) if receiver else stepper.legal_action_mask(state)
+    legal = {stepper.action_names[action]: action for action in mask.nonzero()[0].tolist()}
     name = read_answer(answer, list(legal))
-    return int(game.mask(state).argmin()) if name is None else legal[name]
+    return int(mask.argmin()) if name is None else legal[name]
 
 
 class TextRallyEnv(gymnasium.Env[str, str]):
@@ -106,18 +121,29 @@ class TextRallyEnv(gymnasium.Env[str, str]):
         """Start the next rally, up to the first stroke of the learner."""
         super().reset(seed=seed)
         _, info = self.rally.reset(seed=seed, options=options)
-        return words(self.rally.game, self.rally.state_number), info
+        return words_to_mover(self.rally.raw), info
 
     def step(self, action: str) -> tuple[str, float, bool, bool, dict[str, Any]]:
-        """Play the stroke that an answer names; see :meth:`shuttle_marl.env.single.SingleEnv.step`."""
-        stroke = stroke_of(self.rally.game, self.rally.state_number, action)
-        _, reward, over, cut, info = self.rally.step(stroke)
-        return OVER if over else words(self.rally.game, self.rally.state_number), reward, over, cut, info
+        """Do what an answer names; see :meth:`shuttle_marl.env.single.SingleEnv.step`."""
+        raw = self.rally.raw
+        chosen = action_of(raw.game, raw.state_number, action, receiver=raw.chooses_position)
+        _, reward, over, cut, info = self.rally.step(chosen)
+        return OVER if over else words_to_mover(raw), reward, over, cut, info
 
 
 def words(game: Game, state: int) -> str:
     """A state as a question, with the legal strokes."""
     return prompt(position(game, state))
+
+
+def words_to_mover(raw: ShuttleEnv) -> str:
+    """The question to the agent to move: which stroke, or where to wait."""
+    game, state = raw.game, raw.state_number
+    if not raw.chooses_position:
+        return words(game, state)
+    stepper = stepper_of(game)
+    names = [stepper.action_names[action] for action in stepper.position_mask(state).nonzero()[0]]
+    return f"{WAITING}\n\n{described(game, state, receiver=True)}\n\nPlaces: {', '.join(names)}\n"
 
 
 def text_env(**options: Any) -> "TextEnv":
@@ -126,7 +152,7 @@ def text_env(**options: Any) -> "TextEnv":
 
 
 class TextEnv(CheckedEnv):
-    """Observations and actions in words; an agent that does not strike is told to wait."""
+    """Observations and actions in words; an agent that is not to act is told so."""
 
     def observation_space(self, agent: str) -> spaces.Text:  # noqa: ARG002
         """Any text."""
@@ -141,9 +167,10 @@ class TextEnv(CheckedEnv):
         raw = self._raw
         if raw.terminations.get(agent, True):
             return OVER
-        return words(raw.game, raw.state_number) if agent == raw.agent_selection else WAIT
+        return words_to_mover(raw) if agent == raw.agent_selection else CHOOSES if raw.chooses_position else WAIT
 
     def step(self, action: str | None) -> None:
-        """Play the stroke that an answer names; None after the end of the rally."""
-        over = action is None or not self._raw.agents or self._raw.terminations[self._raw.agent_selection]
-        super().step(None if over else stroke_of(self._raw.game, self._raw.state_number, str(action)))
+        """Do what an answer names; None after the end of the rally."""
+        raw = self._raw
+        over = action is None or not raw.agents or raw.terminations[raw.agent_selection]
+        super().step(None if over else action_of(raw.game, raw.state_number, str(action), receiver=raw.chooses_position))

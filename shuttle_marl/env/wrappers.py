@@ -11,8 +11,9 @@ from pettingzoo.utils.wrappers.order_enforcing import OrderEnforcingWrapper
 
 from shuttle_marl.base.arrays import I8
 from shuttle_marl.base.errors import ActionError, OptionError, did_you_mean
-from shuttle_marl.env.aec import CheckedEnv, Observation, ShuttleEnv
+from shuttle_marl.env.aec import Belief, CheckedEnv, Observation, ShuttleEnv
 from shuttle_marl.game.observation import PARTS, STROKE_WIDTH
+from shuttle_marl.game.recovery import N_POSITIONS
 
 ActionView = Literal["flat", "components"]
 MaskView = Literal["observation", "info", "none"]
@@ -20,15 +21,18 @@ MaskView = Literal["observation", "info", "none"]
 InfoView = Literal["full", "none"]
 """Content of the info: the last stroke, with text and None, or numbers only."""
 
-_CUTS: Final = np.cumsum(PARTS)[:-1]
+_ENDS: Final = np.cumsum([*PARTS, N_POSITIONS])
+"""Ends of the masks of the components."""
 
 
 class ComponentEnv(CheckedEnv):
-    """Actions as (shot type, area, height, technique), ``MultiDiscrete([13, 9, 2, 3])``.
+    """Actions as (shot type, area, height, technique), ``MultiDiscrete([13, 9, 2, 3])``; with recovery a position is the fifth.
 
     ``action_mask`` is the concatenation of four masks, 13 + 9 + 2 + 3 = 27 int8: the shot types, areas, heights and
     techniques of the legal strokes. It is a relaxation: four allowed components may not form a legal stroke, and an illegal
-    stroke loses the episode. :func:`component_masks` splits it into the four masks of ``MultiDiscrete.sample``.
+    stroke loses the episode. :func:`component_masks` splits it into the masks of ``MultiDiscrete.sample``. In the game with
+    recovery it has nine more numbers; components that are not asked for, those of a stroke or the position, have an empty mask
+    and are ignored.
     """
 
     def __init__(self, env: ShuttleEnv) -> None:
@@ -36,31 +40,36 @@ class ComponentEnv(CheckedEnv):
         catalogue = env.game.catalogue
         columns = np.stack([catalogue.shot, catalogue.area, catalogue.height, catalogue.technique], axis=1)
         self._by_parts = catalogue.by_parts
-        self._occurs = np.zeros((len(catalogue), STROKE_WIDTH), dtype=np.int8)
-        self._occurs[np.arange(len(catalogue))[:, None], columns + np.r_[0, _CUTS]] = 1
-        self._action_spaces = {agent: spaces.MultiDiscrete(list(PARTS)) for agent in env.possible_agents}
-        mask = spaces.Box(0, 1, (STROKE_WIDTH,), np.int8)
+        self._parts = PARTS if env.game.recovery is None else (*PARTS, N_POSITIONS)
+        n, width, positions = len(catalogue), sum(self._parts), sum(self._parts[len(PARTS) :])
+        self._occurs = np.zeros((n + positions, width), dtype=np.int8)
+        self._occurs[np.arange(n)[:, None], columns + np.r_[0, _ENDS[: len(PARTS) - 1]]] = 1
+        self._occurs[n:, STROKE_WIDTH:] = np.eye(positions, dtype=np.int8)
+        self._action_spaces = {agent: spaces.MultiDiscrete(list(self._parts)) for agent in env.possible_agents}
+        mask = spaces.Box(0, 1, (width,), np.int8)
         self._observation_spaces = {
             agent: spaces.Dict({"observation": env.observation_spaces[agent]["observation"], "action_mask": mask})
             for agent in env.possible_agents
         }
 
     def action_space(self, agent: str) -> spaces.Space[Any]:
-        """``MultiDiscrete([13, 9, 2, 3])``."""
+        """``MultiDiscrete([13, 9, 2, 3])``, or ``[13, 9, 2, 3, 9]``."""
         return self._action_spaces[agent]
 
     def observation_space(self, agent: str) -> spaces.Space[Any]:
-        """The observation of the flat view, and a mask of 27."""
+        """The observation of the flat view, and a mask of 27, or 36."""
         return self._observation_spaces[agent]
 
     def observe(self, agent: str) -> Observation:
-        """The observation of the flat view, and the concatenated masks of the four components."""
+        """The observation of the flat view, and the concatenated masks of the components."""
         seen = super().observe(agent)
         legal = self._occurs[seen["action_mask"].astype(bool)]
         return {"observation": seen["observation"], "action_mask": legal.max(axis=0, initial=0)}
 
     def step(self, action: npt.ArrayLike | None) -> None:
-        """Play the stroke of four components; a combination outside the catalogue loses like any illegal stroke.
+        """Play the stroke of four components, or choose the position that is the fifth.
+
+        A combination outside the catalogue loses like any illegal stroke.
 
         Raises:
             ActionError: the action is not in the action space.
@@ -69,8 +78,15 @@ class ComponentEnv(CheckedEnv):
             super().step(None)
             return
         if not self._action_spaces[self.agent_selection].contains(np.asarray(action)):
-            raise ActionError(f"action {action!r}: expected shot type, area, height and technique, each below {PARTS}")
-        stroke = int(self._by_parts[tuple(np.asarray(action))])
+            position = " (and position)" if len(self._parts) > len(PARTS) else ""
+            raise ActionError(
+                f"action {action!r}: expected shot type, area, height and technique{position}, each below {self._parts}"
+            )
+        parts = np.asarray(action)
+        if self._raw.chooses_position:
+            super().step(self._raw.game.n_strokes + int(parts[-1]))
+            return
+        stroke = int(self._by_parts[tuple(parts[: len(PARTS)])])
         if stroke < 0 and not (self.terminations[self.agent_selection] or self.truncations[self.agent_selection]):
             self._has_updated = True
             self._lose(None)
@@ -104,10 +120,10 @@ class PlainEnv(OrderEnforcingWrapper[str, Any, Any]):
             self._full, self._views = full, {agent: self._view_of(agent, info) for agent, info in full.items()}
         return {agent: self._views[agent] for agent in full}
 
-    def fork(self, seed: int | None = None) -> Self:
+    def fork(self, seed: int | None = None, belief: Belief = None) -> Self:
         """Copy with fresh luck; see :meth:`shuttle_marl.env.aec.ShuttleEnv.fork`."""
         twin = copy.copy(self)
-        twin.env = cast(CheckedEnv, self.env).fork(seed)
+        twin.env = cast(CheckedEnv, self.env).fork(seed, belief)
         return twin
 
     def _view_of(self, agent: str, full: dict[str, Any]) -> dict[str, Any]:
@@ -154,8 +170,8 @@ def without_parallel(module: str, known: list[str]) -> Callable[[str], Any]:
 
 
 def component_masks(mask: I8) -> tuple[I8, ...]:
-    """Split a ``[27]`` mask into the masks of shot type, area, height and technique."""
-    return tuple(np.split(mask, _CUTS))
+    """Split a ``[27]`` or ``[36]`` mask into those of shot type, area, height and technique, and of the position."""
+    return tuple(np.split(mask, _ENDS[len(mask) > _ENDS]))
 
 
 def wrapped(raw: ShuttleEnv, action: ActionView, mask: MaskView, info: InfoView | None) -> CheckedEnv | PlainEnv:

@@ -4,14 +4,15 @@ The cells say what such a policy reads. A list is improved by exact policy itera
 mean loss, the value of the best stroke minus their own, over the states of the cell that the policy visits.
 """
 
+import dataclasses
 from collections.abc import Iterator
 
 import numpy as np
 
-from shuttle_marl.base.arrays import F64, I64, Ints
+from shuttle_marl.base.arrays import F64, I64, U16, Ints
 from shuttle_marl.exact.occupancy import visits
 from shuttle_marl.exact.optimal import pure_policy
-from shuttle_marl.exact.profile import StatePolicy, evaluate
+from shuttle_marl.exact.profile import StatePolicy, evaluate, met_by
 from shuttle_marl.game.layout import Layout
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities
@@ -38,14 +39,16 @@ def cells_of(game: Layout, *parts: str) -> I64:
     return np.unique(cell, return_inverse=True)[1]
 
 
-def lists(opponent: StatePolicy, cell: Ints) -> Iterator[TabulatedPolicy]:
+def lists(opponent: StatePolicy, cell: Ints, waits: U16 | None = None) -> Iterator[TabulatedPolicy]:
     """Improving lists against an opponent, the best one last.
 
     Args:
         opponent: on the game that is played.
         cell: ``[S]`` cell of each state, see :func:`cells_of`.
+        waits: positions of the lists with recovery, see :class:`~shuttle_marl.game.tabulated.TabulatedPolicy`.
     """
     game, won = opponent.game.opposite, -1.0
+    tables = game if game.recovery is None else met_by(game, opponent)
     player: StatePolicy = opponent if opponent.game is game else from_pair_probabilities(game, opponent.pair_probabilities())
     for turn in range(_ROUNDS):
         value = evaluate(player, opponent, tolerance=_TOLERANCE)
@@ -56,10 +59,10 @@ def lists(opponent: StatePolicy, cell: Ints) -> Iterator[TabulatedPolicy]:
             assert isinstance(player, TabulatedPolicy)
             yield player
         weight = visits(player, opponent, tolerance=_TOLERANCE).states[0]
-        player = list_policy(game, cell, mean_losses(game, cell, value.striking[1], weight))
+        player = dataclasses.replace(list_policy(game, cell, mean_losses(tables, cell, value.striking[1], weight)), waits=waits)
 
 
-def averaged(policy: StatePolicy, opponent: StatePolicy, cell: Ints) -> TabulatedPolicy:
+def averaged(policy: TabulatedPolicy, opponent: StatePolicy, cell: Ints) -> TabulatedPolicy:
     """The policy that plays each stroke as often as another one does on average in the states of its cell that it visits."""
     game = policy.game
     weight = visits(policy, opponent, tolerance=_TOLERANCE).states[0] + _LITTLE
@@ -70,7 +73,7 @@ def averaged(policy: StatePolicy, opponent: StatePolicy, cell: Ints) -> Tabulate
         played += np.bincount(key, here * policy.block_probabilities(block), len(played))
         met += np.bincount(key, here, len(met))
     share = np.concatenate([(played / np.maximum(met, _LITTLE))[key] + _LITTLE for _, key in _keys(game, cell)])
-    return from_pair_probabilities(game, game.normalized(share))
+    return dataclasses.replace(from_pair_probabilities(game, game.normalized(share)), waits=policy.waits)
 
 
 def _keys(game: Game, cell: Ints) -> Iterator[tuple[int, I64]]:

@@ -30,11 +30,11 @@ from shuttle_marl.exact.profile import (
     block_chances,
     check_opponents,
     check_same_layout,
+    facing,
     induced,
-    met_by,
     moved,
 )
-from shuttle_marl.exact.recovery import Outwaited, Saddle
+from shuttle_marl.exact.recovery import Saddle, SoftSaddle, people_positions
 from shuttle_marl.exact.solver import BlockLinear, Player, ProfileValue, solve_players, successors
 from shuttle_marl.exact.sweeps import after_block_choices, block_choices, block_mean, block_soft_values, listed
 from shuttle_marl.game.draws import CHOICE_ONE
@@ -141,31 +141,37 @@ def solve(game: Game, other: Game | None = None, *, tolerance: float = TOLERANCE
 
 def _hidden_solution(game: Game, other: Game, tolerance: float) -> Solution:
     """:func:`solve` with recovery."""
-    own, theirs = Saddle(game), None if other is game else Saddle(other)
+    own, theirs = Saddle((game,)), None if other is game else Saddle((other,))
     value, sweeps = solve_players(own, theirs, tolerance)
-    games, saddles = (game, other), (own, theirs or own)
-    found = [
-        [saddle.strategies(block, *successors(saddle.game, following, block)) for block in range(game.n_blocks)]
-        for saddle, following in zip(saddles, reversed(value.striking), strict=True)
-    ][: 1 if theirs is None else 2]
-    strokes = [np.concatenate([x for _, x, _ in blocks]) for blocks in found]
-    positions = [np.concatenate([y for *_, y in blocks]) for blocks in found]
-    # Each player waits in the states in which the other one strikes.
-    policies = [
-        dataclasses.replace(
-            from_pair_probabilities(games[k], strokes[k]), waits=cumulative_positions(positions[(k + 1) % len(found)])
-        )
-        for k in range(len(found))
-    ]
-    gap = max(own.gap, saddles[1].gap)
+    policies = _waiting_policies(value, own, theirs)
     return Solution(
-        games=games,
+        games=(game, other),
         value=value.striking,
-        policy=(policies[0], policies[-1]),
-        sweeps=sweeps * len(found),
+        policy=policies,
+        sweeps=sweeps if theirs is None else 2 * sweeps,
         residual=value.residual,
         contraction=value.contraction,
-        error_bound=value.error_bound + 2 * gap / (1 - value.contraction),
+        error_bound=value.error_bound + gap_bound(value, own, theirs),
+    )
+
+
+def gap_bound(value: ProfileValue, *players: object) -> float:
+    """What the gaps of matrix games add to the error bound of values."""
+    return 2 * max((player.gap for player in players if isinstance(player, Saddle)), default=0.0) / (1 - value.contraction)
+
+
+def _waiting_policies(value: ProfileValue, own: Saddle, theirs: Saddle | None) -> tuple[TabulatedPolicy, TabulatedPolicy]:
+    """Policies of both players as tables: each strikes in its states, and waits in those of the other one."""
+    strokes, positions = own.all_strategies(value.striking[1])
+    first = from_pair_probabilities(own.game, strokes)
+    if theirs is None:
+        first = dataclasses.replace(first, waits=cumulative_positions(positions))
+        return first, first
+    others, waited = theirs.all_strategies(value.striking[0])
+    second = from_pair_probabilities(theirs.game, others)
+    return (
+        dataclasses.replace(first, waits=cumulative_positions(waited)),
+        dataclasses.replace(second, waits=cumulative_positions(positions)),
     )
 
 
@@ -211,6 +217,11 @@ def solve_robust(games: Sequence[Game], *, tolerance: float = TOLERANCE) -> Robu
         raise ExactError("robust play over no games: give one or more")
     for game in games[1:]:
         check_same_layout(games[0], game)
+    if games[0].recovery is not None:
+        first, second = Saddle(tuple(games), against=True), Saddle(tuple(games))
+        value, sweeps = solve_players(first, second, tolerance)
+        policy = _waiting_policies(value, first, second)[0]
+        return RobustSolution(games=first.games, policy=policy, value=value, sweeps=2 * sweeps)
     own = _BestStrokes(tuple(games), against=True)
     value, sweeps = solve_players(own, _BestStrokes(tuple(games)), tolerance)
     return RobustSolution(games=own.games, policy=own.policy(value.striking[1]), value=value, sweeps=2 * sweeps)
@@ -266,28 +277,24 @@ class Response:
     Attributes:
         game: the tables with which the responder strikes.
         player: the responder, whose strokes may be limited.
+        opponent: who follows the policy.
         value: of the response as player 0 against the policy as player 1.
         sweeps: number of sweeps over all legal pairs of the responder.
-        opponent: whose policy it is; with recovery, one against whom the responder chooses positions.
     """
 
     game: Game
-    player: _BestStrokes
+    player: "_BestStrokes | Saddle"
+    opponent: Player
     value: ProfileValue
     sweeps: int
-    opponent: Player
 
     @functools.cached_property
     def policy(self) -> TabulatedPolicy:
         """The response as a table."""
-        strokes = moved(self.player.policy(self.value.striking[1]), self.game)
-        if not isinstance(self.opponent, Outwaited):
-            return strokes
-        blocks = (
-            self.opponent.positions(block, *successors(self.game, self.value.striking[0], block))[1]
-            for block in range(self.game.n_blocks)
-        )
-        return dataclasses.replace(strokes, waits=cumulative_positions(np.concatenate(list(blocks))))
+        if isinstance(self.player, Saddle):
+            assert isinstance(self.opponent, Saddle)
+            return moved(_waiting_policies(self.value, self.player, self.opponent)[0], self.game)
+        return moved(self.player.policy(self.value.striking[1]), self.game)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -327,23 +334,27 @@ def best_response(
     """
     tables = game or policy.game.opposite
     check_opponents(tables, policy.game)
+    return _response(tables, policy, 1.0, at_least, tolerance)
+
+
+def _response(tables: Game, policy: StatePolicy | InducedChain, p: float, at_least: float, tolerance: float) -> Response:
+    """The best response to an opponent who follows a policy with probability ``p`` at each choice, and else chooses best."""
+    own: _BestStrokes | Saddle
     opponent: Player
-    if tables.recovery is None:
-        own, opponent = (
-            _BestStrokes((limited(tables, at_least),)),
-            policy if isinstance(policy, InducedChain) else induced(policy),
-        )
+    game = limited(tables, at_least)
+    if game.recovery is not None:
+        if isinstance(policy, InducedChain):
+            raise ExactError("a best response with recovery needs the policy, not its chain")
+        positions = policy.position_probabilities()
+        own = Saddle((game,), positions=people_positions(game) if positions is None else positions, share=p)
+        strokes = tuple(block_chances(policy, block) for block in range(game.n_blocks))
+        opponent = Saddle((policy.game,), strokes=strokes, share=p)
     else:
-        assert not isinstance(policy, InducedChain)
-        own = _BestStrokes((limited(met_by(tables, policy), at_least),))
-        opponent = outwaited(policy)
+        own, opponent = _BestStrokes((game,)), policy if isinstance(policy, InducedChain) else induced(policy)
+        opponent = opponent if p == 1 else _Restricted(opponent, own if game is policy.game else _BestStrokes((policy.game,)), p)
     value, sweeps = solve_players(own, opponent, tolerance)
-    return Response(game=tables, player=own, value=value, sweeps=sweeps, opponent=opponent)
-
-
-def outwaited(policy: StatePolicy) -> Outwaited:
-    """A striker who follows a policy of the game with recovery, against the best positions."""
-    return Outwaited(policy.game, tuple(block_chances(policy, block) for block in range(policy.game.n_blocks)))
+    value = dataclasses.replace(value, error_bound=value.error_bound + gap_bound(value, own, opponent))
+    return Response(game=tables, player=own, opponent=opponent, value=value, sweeps=sweeps)
 
 
 def restricted_response(policy: StatePolicy | InducedChain, p: float, *, tolerance: float = TOLERANCE) -> Response:
@@ -364,17 +375,14 @@ def restricted_response(policy: StatePolicy | InducedChain, p: float, *, toleran
     """
     if not 0 <= p <= 1:
         raise ExactError(f"restricted response with p = {p}: expected a number from 0 to 1")
-    chain = policy if isinstance(policy, InducedChain) else induced(policy)
-    own = _BestStrokes((chain.game,))
-    value, sweeps = solve_players(own, _Restricted(chain, own, p), tolerance)
-    return Response(game=chain.game, player=own, value=value, sweeps=sweeps, opponent=chain)
+    return _response(policy.game, policy, p, 0, tolerance)
 
 
 def restricted_value(policy: StatePolicy, opponent: StatePolicy, p: float, *, tolerance: float = TOLERANCE) -> ProfileValue:
     """The value of a policy against the opponent of :func:`restricted_response`.
 
-    No policy, not even one that remembers, is worth more than that response, because the restricted game is a zero-sum game of
-    perfect information, of which the response is an equilibrium strategy.
+    No policy, not even one that remembers, is worth more than that response, because the restricted game is a zero-sum game whose
+    state both players know, of which the response is an equilibrium strategy.
 
     Args:
         opponent: policy that player 1 plays with probability ``p`` at each stroke; else the stroke that is worst for player 0.
@@ -383,8 +391,13 @@ def restricted_value(policy: StatePolicy, opponent: StatePolicy, p: float, *, to
     Raises:
         ExactError: play may never end.
     """
-    restricted = _Restricted(induced(opponent), _BestStrokes((opponent.game,)), p)
-    return solve_players(induced(policy), restricted, tolerance)[0]
+    played, other = facing(policy, opponent)
+    restricted = _Restricted(induced(other), _BestStrokes((other.game,)), p)
+    if policy.game.recovery is None:
+        return solve_players(induced(played), restricted, tolerance)[0]
+    strokes = tuple(block_chances(policy, block) for block in range(policy.game.n_blocks))
+    waited = _Restricted(induced(played), Saddle((policy.game,), strokes=strokes), p)
+    return solve_players(waited, restricted, tolerance)[0]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -392,7 +405,7 @@ class _Restricted:
     """A player who follows a policy with probability ``p`` at each stroke, and else plays the best stroke."""
 
     chain: InducedChain
-    free: _BestStrokes
+    free: "_BestStrokes | Saddle"
     p: float
 
     @property
@@ -456,11 +469,39 @@ def solve_soft(
     """
     if not 0 < tau < float("inf"):
         raise ExactError(f"tau {tau!r}: expected a finite number above 0; towards 0 is minimax, towards infinity the prior")
+    if prior.game.recovery is not None:
+        return _soft_hidden(prior, prior if opponent is None else opponent, tau, tolerance)
     other = None
     if opponent is not None and opponent is not prior:
         check_same_layout(prior.game, opponent.game)
         other = _SoftPlayer(opponent, tau)
     return SoftSolution(tau=tau, **_equilibrium(_SoftPlayer(prior, tau), other, tolerance, np.zeros(prior.game.n_states)))
+
+
+def _soft_hidden(prior: StatePolicy, opponent: StatePolicy, tau: float, tolerance: float) -> SoftSolution:
+    """:func:`solve_soft` with recovery: positions pay for the divergence from those of the priors, too."""
+    check_same_layout(prior.game, opponent.game)
+
+    def player(strikes: StatePolicy, waits: StatePolicy) -> SoftSaddle:
+        positions = waits.position_probabilities()
+        strokes = tuple(strikes.block_probabilities(block) for block in range(strikes.game.n_blocks))
+        usual = people_positions(strikes.game) if positions is None else positions
+        return SoftSaddle((strikes.game,), strokes=strokes, positions=usual, tau=tau)
+
+    own, other = player(prior, opponent), None if opponent is prior else player(opponent, prior)
+    value, sweeps = solve_players(own, other, tolerance, start=np.zeros(prior.game.n_states))
+    strokes, waited = own.all_strategies(value.striking[1])
+    others, waits = (strokes, waited) if other is None else other.all_strategies(value.striking[0])
+    first = PairPolicy(game=prior.game, probability=strokes, positions=waits)
+    return SoftSolution(
+        tau=tau,
+        value=value.striking,
+        policy=(first, first if other is None else PairPolicy(game=opponent.game, probability=others, positions=waited)),
+        sweeps=sweeps if other is None else 2 * sweeps,
+        residual=value.residual,
+        contraction=value.contraction,
+        error_bound=value.error_bound + gap_bound(value, own, other),
+    )
 
 
 class _SoftPlayer:

@@ -19,7 +19,7 @@ from shuttle_marl.exact.sweeps import Chances, block_expected, block_mean, liste
 from shuttle_marl.game.pairs import people_of
 from shuttle_marl.game.scoring import BWF, Rules, match_win_probability
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy
+from shuttle_marl.game.tabulated import TabulatedPolicy, cumulative_positions, from_pair_probabilities
 
 
 class StatePolicy(Protocol):
@@ -72,6 +72,12 @@ class PairPolicy:
     def position_probabilities(self) -> F64 | None:
         """``[S, 9]`` probability of each position where the opponent is in each state; None: those of people."""
         return self.positions
+
+
+def tabulated_pairs(policy: PairPolicy) -> TabulatedPolicy:
+    """The table of a policy, rounded to 1/65535."""
+    waits = None if policy.positions is None else cumulative_positions(policy.positions)
+    return dataclasses.replace(from_pair_probabilities(policy.game, policy.pair_probabilities()), waits=waits)
 
 
 PolicyT = TypeVar("PolicyT", TabulatedPolicy, PairPolicy)

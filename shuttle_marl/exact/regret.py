@@ -12,6 +12,10 @@ The best response b to pi has regret wherever it leaves minimax play to win more
 
 The first sum is the loss of pi by state. A state that is rare in self-play may occur in every rally against b, so both numbers of
 visits are reported.
+
+With recovery both players choose in every state, so a loss there is that of strokes against the positions of the opponent, and of
+positions against the opponent's strokes; Q* is weighted by both. Over the states in which either strikes, these losses add up
+exactly to V* - V, against any opponent: for the best response that is the exploitability.
 """
 
 import dataclasses
@@ -23,7 +27,7 @@ from shuttle_marl.base.arrays import F64, Intp
 from shuttle_marl.exact.fixed_point import TOLERANCE
 from shuttle_marl.exact.occupancy import visits
 from shuttle_marl.exact.optimal import Response, Solution, best_response, limited, solve
-from shuttle_marl.exact.profile import StatePolicy, induced
+from shuttle_marl.exact.profile import StatePolicy, facing, induced
 from shuttle_marl.exact.solver import sweep
 from shuttle_marl.game.shipped import Estimate, factor_of, real_strokes, supported
 from shuttle_marl.game.tabulated import TabulatedPolicy
@@ -36,7 +40,9 @@ class Regret:
     Attributes:
         state: ``[S]`` loss of the stroke played in each state, on average over the policy.
         weight: ``[S]`` how often the policy strikes there in a rally, both players serving equally often.
-        per_rally: loss in a rally: the sum over both.
+        waiting: ``[S]`` the same of the position chosen where the opponent strikes; None without recovery.
+        waiting_weight: ``[S]`` how often the opponent strikes there.
+        per_rally: loss in a rally: the sum over all.
         error_bound: ``per_rally`` is within this of the true one.
     """
 
@@ -44,6 +50,8 @@ class Regret:
     weight: F64
     per_rally: float
     error_bound: float
+    waiting: F64 | None = None
+    waiting_weight: F64 | None = None
 
     def largest(self, count: int) -> Intp:
         """The states with the largest losses in a rally, largest first."""
@@ -67,12 +75,22 @@ def policy_regret(
     """
     solution = solution or solve(policy.game, tolerance=tolerance)
     value, following = solution.value
-    state = value - sweep(induced(policy), following)[0]
-    counted = visits(policy, opponent or solution.policy[1], tolerance=tolerance)
-    weight = counted.states[0]
+    played, other = facing(policy, opponent or solution.policy[1])
+    state = value - sweep(induced(played), following)[0]
+    counted = visits(played, other, tolerance=tolerance)
+    weight, theirs = counted.states
+    hidden = policy.game.recovery is not None
+    waiting = sweep(induced(other), value)[0] - following if hidden else np.zeros_like(state)
     # The regret of a state is at most 2, and its error that of two values.
-    bound = 2 * solution.error_bound * float(weight.sum()) + 2 * counted.error_bound
-    return Regret(state=state, weight=weight, per_rally=float(weight @ state), error_bound=bound)
+    bound = 2 * solution.error_bound * float(weight.sum() + hidden * theirs.sum()) + 2 * counted.error_bound * (1 + hidden)
+    return Regret(
+        state=state,
+        weight=weight,
+        per_rally=float(weight @ state) + float(theirs @ waiting),
+        error_bound=bound,
+        waiting=waiting if hidden else None,
+        waiting_weight=theirs if hidden else None,
+    )
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -167,7 +185,8 @@ def holes(
     response = response or best_response(policy, at_least=at_least, tolerance=tolerance)
     real, allowed, factor = real_strokes(game), supported(game, at_least), factor_of(game)
     mine = policy_regret(policy, response.policy, solution=solution, tolerance=tolerance)
-    theirs = policy_regret(response.policy, policy, solution=solution, tolerance=tolerance)
+    hidden = mine.waiting is not None  # then the losses add up to the exploitability
+    theirs = mine if hidden else policy_regret(response.policy, policy, solution=solution, tolerance=tolerance)
     alone = visits(policy, policy, tolerance=tolerance).states[0]
     lost = mine.state * mine.weight
     found = []
@@ -200,7 +219,7 @@ def holes(
     return Holes(
         exploitability=response.value.odds().value,
         loss=mine.per_rally,
-        given_up=theirs.per_rally,
+        given_up=0.0 if hidden else theirs.per_rally,
         states=int((lost > tolerance).sum()),
         error_bound=max(mine.error_bound, theirs.error_bound, response.value.error_bound),
         holes=tuple(found),

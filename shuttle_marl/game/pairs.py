@@ -219,6 +219,16 @@ def without_skill(game: Game) -> Game:
     return load_game(people.origin._replace(variant=OPPOSITE).name_in(str(people.origin.folder)))
 
 
+def without_recovery(game: Game) -> Game:
+    """The same game in which receivers have no choice: itself if they have none."""
+    origin = origin_of(game)
+    if game.recovery is None:
+        return game
+    if origin is None or game.people is not None or game.whole is not None:
+        return dataclasses.replace(game, recovery=None)
+    return load_game(origin._replace(recovery=False).name_in(str(origin.folder)))
+
+
 def opponent_tables(game: Game, seat: int | Ints) -> Game:
     """The tables with which the opponent of a learner strikes.
 

@@ -13,7 +13,7 @@ from numpy.random import Generator
 from shuttle_marl.base.arrays import F64, I16, I32, Bools, Floats, Intp, Ints
 from shuttle_marl.base.errors import ShuttleError, described
 from shuttle_marl.game.draws import CHOICE_ONE, chosen
-from shuttle_marl.game.observation import RALLY_WIDTH, states_of
+from shuttle_marl.game.observation import RALLY_WIDTH, SWAP, states_of
 from shuttle_marl.game.scoring import scores_of
 from shuttle_marl.game.stroke import frozen
 from shuttle_marl.game.tables import Game
@@ -259,37 +259,49 @@ Observation = npt.ArrayLike | Mapping[str, npt.ArrayLike]
 
 
 def act(policy: Policy, game: Game, observation: Observation, mask: npt.ArrayLike | None, rng: Generator) -> int | Intp:
-    """Draw a stroke for an observation of the environments.
+    """Draw an action for an observation of the environments.
 
     Args:
-        observation: ``[60]`` of ``rally_v0``, ``[66]`` of ``match_v0`` (played by BWF rules), or a batch of them.
-        mask: ``[n]`` or ``[B, n]`` allowed strokes; None: that of the dictionary, or all legal ones.
+        observation: ``[60]`` of ``rally_v0``, ``[66]`` of ``match_v0`` (played by BWF rules), or a batch of them; one number more
+            in the game with recovery.
+        mask: ``[n]`` or ``[B, n]`` allowed actions; None: that of the dictionary, or all legal ones.
 
     Returns:
-        Catalogue index, or ``[B]`` indices for a batch.
+        Catalogue index of a stroke, or n + position, or ``[B]`` of them for a batch.
 
     Raises:
-        GameError: an observation is of no state of the game in which the player is to strike.
-        PolicyError: the policy fails, or gives no probability to an allowed stroke.
+        GameError: an observation is of no state of the game in which the player is to act.
+        PolicyError: the policy fails, or gives no probability to an allowed action.
     """
     if isinstance(observation, Mapping):
         mask = observation["action_mask"] if mask is None else mask
         observation = observation["observation"]
     seen = np.asarray(observation, dtype=np.float64)
     rows = np.atleast_2d(seen)
+    waits = np.zeros(len(rows), np.bool_)
+    if game.recovery is not None:
+        # A receiver sees the state of the striker from the other side, and so the score.
+        rows, waits = rows[:, :-1], rows[:, -1] == 1
+        sides = np.r_[SWAP, np.arange(RALLY_WIDTH, rows.shape[1])]
+        if rows.shape[1] > RALLY_WIDTH:
+            sides[RALLY_WIDTH : RALLY_WIDTH + 4] = RALLY_WIDTH + np.array([1, 0, 3, 2])
+        rows = np.where(waits[:, None], rows[:, sides], rows)
     score = None
     if rows.shape[1] > RALLY_WIDTH:
         score = scores_of(rows[:, RALLY_WIDTH:])
     states = States(game=game, state=states_of(game, rows), score=score)
     p = checked_probabilities(policy, states)
+    if game.recovery is not None:
+        positions = checked_positions(policy, states) if waits.any() else np.zeros((len(rows), game.n_positions))
+        p = np.concatenate([np.where(waits[:, None], 0, p), np.where(waits[:, None], positions, 0)], axis=1)
     if mask is not None:
         p = p * np.asarray(mask, dtype=bool)
     total = np.cumsum(p, axis=1)
     if (total[:, -1] <= 0).any():
         raise PolicyError(f"{called(policy)} plays none of the allowed strokes")
     # `<=`, so that a draw of 0 does not choose a first stroke of probability 0.
-    strokes = (total <= rng.random((len(p), 1)) * total[:, -1:]).sum(axis=1)
-    return int(strokes[0]) if seen.ndim == 1 else strokes
+    actions = (total <= rng.random((len(p), 1)) * total[:, -1:]).sum(axis=1)
+    return int(actions[0]) if seen.ndim == 1 else actions
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -320,7 +332,7 @@ class GamePolicy:
         return checked_positions(self.policy, states)
 
     def act(self, observation: Observation, mask: npt.ArrayLike | None = None, rng: Generator | None = None) -> int | Intp:
-        """Draw a stroke for an observation, see :func:`act`; without ``rng``, from fresh entropy."""
+        """Draw an action for an observation, see :func:`act`; without ``rng``, from fresh entropy."""
         return act(self.policy, self.game, observation, mask, np.random.default_rng(rng))
 
 

@@ -49,7 +49,8 @@ STEP: Final = 2.0**-10
 _MOST_STEPS: Final = round(4 / STEP)
 _PARTS: Final = (N_SHOTS + 1, N_AREAS + 1, N_AREAS + 1, 2, 2)
 """Incoming shot type, own area, incoming area (the last of each: none), contact, hurried."""
-_ROUNDS: Final = 12
+_ROUNDS: Final = 6
+"""Rounds of the fixed point; more change no table of the shipped model."""
 _HURRY_ONE: Final = 1 << 8
 
 

@@ -262,10 +262,19 @@ class Game(Layout):
         block, base = np.divmod(self._numbers(pairs), self.n_base_pairs)
         return np.asarray(block // self.levels * self.n_base_pairs + base)
 
-    def outcome_probabilities(self, pairs: slice | Indices = ALL) -> F64:
-        """``[..., 6]`` probabilities of the :data:`~shuttle_marl.game.rules.OUTCOMES` of legal pairs, all by default; exact."""
-        four = np.diff(self.limits_of(pairs).astype(np.int32), axis=-1, prepend=0, append=ONE) / ONE
-        hurried = self.hurry_of(pairs)
+    def outcome_probabilities(self, pairs: slice | Indices = ALL, position: int | None = None) -> F64:
+        """``[..., 6]`` probabilities of the :data:`~shuttle_marl.game.rules.OUTCOMES` of legal pairs, all by default; exact.
+
+        Args:
+            position: of the receivers, feasible in all these states; None: without recovery.
+        """
+        if position is None:
+            limits, hurried = self.limits_of(pairs), self.hurry_of(pairs)
+        else:
+            block, pair = np.divmod(self._numbers(pairs), self.n_base_pairs)
+            row = self.waiting.row(self.base_pair_state[pair], self.base_pair_rank[pair], np.array(position))
+            limits, hurried = self.waiting.limits[block // self.levels, row], self.waiting.hurry[row] / HURRY_ONE
+        four = np.diff(limits.astype(np.int32), axis=-1, prepend=0, append=ONE) / ONE
         return np.concatenate([four[..., :2], four[..., 2:] * (1 - hurried), four[..., 2:] * hurried], axis=-1)
 
     def hurry_of(self, pairs: slice | Indices = ALL) -> F64:

@@ -31,6 +31,7 @@ from shuttle_marl.game.policy import (
     checked_probabilities,
     reads_score,
 )
+from shuttle_marl.game.recovery import N_POSITIONS
 from shuttle_marl.game.stroke import Catalogue
 from shuttle_marl.game.tables import HURRY_ONE, Game, GameError
 from shuttle_marl.game.thresholds import ONE
@@ -232,14 +233,18 @@ class TabulatedPolicy:
         table.flags.writeable = False
         return table
 
+    def _arrays(self) -> dict[str, U16]:
+        return {"cumulative": self.cumulative} | ({} if self.waits is None else {"waits": self.waits})
+
     def save(self, path: Path, metadata: dict[str, str] | None = None) -> None:
         """Write the table as safetensors, with its hash and that of the game, beside and moved into place."""
         header = {"game": self.game.hash, "hash": self.hash, **(metadata or {})}
-        replace_file(path, tensor_bytes({"cumulative": self.cumulative}, header))
+        replace_file(path, tensor_bytes(self._arrays(), header))
 
     def packed(self) -> bytes:
         """The table as its differences modulo 2^16, low bytes before high bytes, compressed by zstd with a checksum."""
-        differences = np.diff(self.cumulative, prepend=np.uint16(0)).astype("<u2")
+        numbers = np.concatenate([part.ravel() for part in self._arrays().values()])
+        differences = np.diff(numbers, prepend=np.uint16(0)).astype("<u2")
         compressor = zstandard.ZstdCompressor(level=_LEVEL, write_checksum=True)
         return compressor.compress(differences.view(np.uint8).reshape(-1, 2).T.tobytes())
 
@@ -248,23 +253,29 @@ class TabulatedPolicy:
         """Reverse :meth:`packed`.
 
         Raises:
-            ValueError: it does not have as many numbers as the game has legal pairs.
+            ValueError: it does not have as many numbers as the game has legal pairs, and states with positions.
             zstandard.ZstdError: it is not compressed by zstd, or damaged.
             PolicyError: it is no table over the legal strokes of the game; ``where`` begins the message.
         """
-        size = 2 * game.n_pairs
-        if zstandard.frame_content_size(content) != size:  # what would expand to more is never expanded
+        size, waits = game.n_pairs, game.n_states * N_POSITIONS
+        found = zstandard.frame_content_size(content) // 2
+        if found not in (size, size + waits):  # what would expand to more is never expanded
             raise ValueError(f"it is of another game; expected the {game.n_pairs:,} legal pairs of game {game.hash[:12]}")
-        numbers = zstandard.ZstdDecompressor().decompress(content, allow_extra_data=False)
-        differences = np.frombuffer(numbers, dtype=np.uint8).reshape(2, -1).T.copy().view("<u2").ravel()
-        return cls.checked(np.cumsum(differences, dtype=np.uint16), game, where)
+        unpacked = zstandard.ZstdDecompressor().decompress(content, allow_extra_data=False)
+        differences = np.frombuffer(unpacked, dtype=np.uint8).reshape(2, -1).T.copy().view("<u2").ravel()
+        numbers = np.cumsum(differences, dtype=np.uint16)
+        positions = numbers[size:].reshape(game.n_states, N_POSITIONS) if found > size else None
+        return cls.checked(numbers[:size], game, where, waits=positions)
 
     @classmethod
-    def checked(cls, cumulative: npt.NDArray[Any], game: Game, where: str) -> "TabulatedPolicy":
+    def checked(
+        cls, cumulative: npt.NDArray[Any], game: Game, where: str, *, waits: npt.NDArray[Any] | None = None
+    ) -> "TabulatedPolicy":
         """A table from untrusted numbers.
 
         Raises:
-            PolicyError: they are no cumulative probabilities over the legal pairs of the game; ``where`` begins the message.
+            PolicyError: they are no cumulative probabilities over the legal pairs of the game, or over its feasible positions;
+                ``where`` begins the message.
         """
         last = game.last_pairs
         if cumulative.shape != (game.n_pairs,) or cumulative.dtype != np.uint16 or (cumulative[last] != CHOICE_ONE).any():
@@ -273,7 +284,9 @@ class TabulatedPolicy:
         falls[last[:-1]] = False
         if falls.any():
             raise PolicyError(f"{where}: a cumulative probability falls; the file is damaged, save the policy again")
-        return cls(game=game, cumulative=cumulative)
+        if waits is not None:
+            _check_positions(waits, game, where)
+        return cls(game=game, cumulative=cumulative, waits=waits)
 
     @classmethod
     def load(cls, path: Path, game: Game) -> "TabulatedPolicy":
@@ -284,7 +297,7 @@ class TabulatedPolicy:
         """
         try:
             header, arrays = read_tensors(path)
-            cumulative = arrays["cumulative"]
+            cumulative, waits = arrays["cumulative"], arrays.get("waits")
         except (OSError, KeyError, ValueError) as error:
             raise PolicyError(f"{path}: no readable table of a policy ({error})") from error
         if header.get("game") != game.hash:
@@ -292,10 +305,26 @@ class TabulatedPolicy:
             raise PolicyError(
                 f"{path}: the policy was tabulated for game {made_for}, this is {game.hash[:12]}; tabulate it again"
             )
-        table = cls.checked(cumulative, game, str(path))
+        table = cls.checked(cumulative, game, str(path), waits=waits)
         if header.get("hash") != table.hash:
             raise PolicyError(f"{path}: the table does not match its hash; the file is damaged, save the policy again")
         return table
+
+
+def _check_positions(waits: npt.NDArray[Any], game: Game, where: str) -> None:
+    """Check untrusted cumulative probabilities of positions.
+
+    Raises:
+        PolicyError: the game has no positions, or they are no distributions over feasible ones; ``where`` begins the message.
+    """
+    if game.recovery is None:
+        raise PolicyError(f"{where}: a policy of the game with recovery; this game has none")
+    if waits.shape != (game.n_states, N_POSITIONS) or waits.dtype != np.uint16 or (waits[:, -1] != CHOICE_ONE).any():
+        raise PolicyError(f"{where}: no table of nine positions in the {game.n_states:,} states of this game")
+    steps = np.diff(waits.astype(np.int32), axis=1, prepend=0)
+    infeasible = np.tile(~game.waiting.mask(np.arange(game.n_base_states)), (game.n_blocks, 1))
+    if (steps < 0).any() or steps[infeasible].any():
+        raise PolicyError(f"{where}: a position that is not feasible, or a cumulative probability that falls")
 
 
 def tabulate(policy: Policy, game: Game) -> TabulatedPolicy:

@@ -14,10 +14,10 @@ from typing import Any, Final
 from shuttle_marl.base.errors import command
 from shuttle_marl.base.files import FileReadError, problem, read_sealed, replace_file, replace_sealed
 from shuttle_marl.base.tensor_files import read_tensors
-from shuttle_marl.game.pairs import trained_game, without_skill
+from shuttle_marl.game.pairs import trained_game, without_recovery, without_skill
 from shuttle_marl.game.policy import Policy, PolicyError
 from shuttle_marl.game.shipped import folder_of
-from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tables import RECOVERY, Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.policy.computed import cached_table
 
@@ -47,11 +47,15 @@ def save_agent(folder: Path, game: Game, network: bytes, card: dict[str, Any]) -
 def load_agent(folder: Path, game: Game) -> TabulatedPolicy:
     """The table of an agent, from the cache or computed from its network.
 
+    An agent that was trained on the game without recovery plays the one with it too, and waits as people do.
+
     Raises:
         PolicyError: the folder holds no agent, a damaged one, or one trained on another game.
     """
     card = read_card(folder)
     seat, trained, game = game, trained_game(game), without_skill(game)
+    if card.get("game") == without_recovery(trained).hash:
+        trained, game = without_recovery(trained), without_recovery(game)
     if card.get("game") != trained.hash:
         other = "" if card.get("catalogue") == game.catalogue.version else ", whose strokes are not these"
         raise PolicyError(
@@ -111,7 +115,8 @@ def installed(key: str, game: Game) -> list[str]:
     found = []
     for name, folder in _shipped(key, game).items():
         with contextlib.suppress(PolicyError):
-            found += [name] if read_card(folder).get("game") == trained_game(game).hash else []
+            trained = trained_game(game)
+            found += [name] if read_card(folder).get("game") in (trained.hash, without_recovery(trained).hash) else []
     return found
 
 
@@ -122,7 +127,10 @@ def about(name: str) -> str:
 
 
 def _shipped(key: str, game: Game) -> dict[str, Path]:
-    """Folders of the shipped agents of an algorithm, by name."""
+    """Folders of the shipped agents of an algorithm, by name; those for the game with recovery first there."""
     model = folder_of(game)
-    folders = [] if model is None else sorted(path.parent for path in (model / AGENTS).glob(f"*/{CARD}"))
+    if model is None:
+        return {}
+    places = [model / AGENTS, *([model / AGENTS / RECOVERY] if game.recovery is not None else [])]
+    folders = [path.parent for place in places for path in sorted(place.glob(f"*/{CARD}"))]
     return {folder.name.replace("-", ":", 1): folder for folder in folders if folder.name.partition("-")[0] == key}

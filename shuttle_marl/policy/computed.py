@@ -21,7 +21,7 @@ from shuttle_marl.exact.version import solvers_hash
 from shuttle_marl.game.policy import Policy, PolicyError
 from shuttle_marl.game.shipped import is_refit, origin_of, refits_of, variants
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities
+from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.policy import baselines
 
 TYPICAL_TAU: Final = 0.05
@@ -112,7 +112,7 @@ def human_policy(tau: float, player: str | None, game: Game) -> TabulatedPolicy:
         PolicyError: the player does not exist, or the game was not loaded from a model.
     """
     from shuttle_marl.exact.optimal import solve_soft  # noqa: PLC0415
-    from shuttle_marl.exact.profile import PairPolicy  # noqa: PLC0415  numba
+    from shuttle_marl.exact.profile import PairPolicy, tabulated_pairs  # noqa: PLC0415  numba
 
     average = PairPolicy(game=game.opposite, probability=baselines.probabilities(None, game.opposite))
     same = player is None and game.opposite is game
@@ -121,7 +121,7 @@ def human_policy(tau: float, player: str | None, game: Game) -> TabulatedPolicy:
     return cached_table(
         game,
         f"human {tau!r} {game.opposite.hash} {priors} {solvers_hash()}",
-        lambda: from_pair_probabilities(game, solve_soft(own, average, tau=tau).policy[0].probability),
+        lambda: tabulated_pairs(solve_soft(own, average, tau=tau).policy[0]),
     )
 
 

@@ -26,12 +26,13 @@ from shuttle_marl.exact.play import impossible, play, unusual
 from shuttle_marl.exact.profile import evaluate, moved
 from shuttle_marl.exact.regret import policy_regret
 from shuttle_marl.game import draws
-from shuttle_marl.game.policy import Policy, reads_score
+from shuttle_marl.game.policy import Policy, TemperedPolicy, reads_score
 from shuttle_marl.game.rally.record import Rallies
+from shuttle_marl.game.recovery import N_POSITIONS
 from shuttle_marl.game.shipped import real_strokes
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import ROOT, Game
-from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
+from shuttle_marl.game.tabulated import TabulatedPolicy, cumulative_positions, tabulate
 from shuttle_marl.kernel import lockstep
 from shuttle_marl.kernel.lockstep import Matches, ask, ask_position
 from shuttle_marl.policy.registry import resolve
@@ -321,6 +322,7 @@ def sample(
     )
 
 
+_SURE: Final = 0.99
 POLICIES: Final = ("minimax", "best-response:bc", "bc", "ppo", "a2c", "sac", "ppo:self-play", "human:0.05")
 _ALL: Final = ("own", "incoming", "contact", "duel", "effort", "opponent_effort", "hurried")
 LISTS: Final = {
@@ -341,7 +343,8 @@ def depth(game: Game, names: Sequence[str] = POLICIES, *, report: Callable[[str]
         for each name :func:`shuttle_marl.exact.play.play` against itself (``self``) and against ``bc``.
         ``lists``: for each class of :data:`LISTS` ``score`` (edge over ``bc``, 1 for the best response), ``exploitability`` and
         ``against_minimax`` (fraction of rallies won against perfect play), each of the best policy found in the class: improved
-        lists against ``bc`` and against perfect play, and the mean of perfect play over the cells.
+        lists against ``bc`` and against perfect play, and the mean of perfect play over the cells. With recovery, lists wait as
+        perfect play does, and :func:`hidden_depth` follows.
     """
     bc = tabulate(resolve("bc", game), game)
     rare = unusual(bc)
@@ -356,10 +359,43 @@ def depth(game: Game, names: Sequence[str] = POLICIES, *, report: Callable[[str]
     for name, parts in LISTS.items():
         report(f"lists that read {name.replace('_', ' ')}")
         cell = cells_of(game, *parts)
-        found = [*lists(bc, cell), *lists(perfect, cell), averaged(perfect, perfect, cell)]
+        found = [*lists(bc, cell, perfect.waits), *lists(perfect, cell, perfect.waits), averaged(perfect, perfect, cell)]
         classes[name] = {
             "score": max((evaluate(each, bc).odds().rally - 0.5) / (best - 0.5) for each in found),
             "exploitability": min(best_response(each).value.odds().value for each in found),
             "against_minimax": max(evaluate(each, perfect).odds().rally for each in found),
         }
-    return {"game": game.hash, "impossible": int(impossible(game).sum()) * game.n_blocks, "policies": played, "lists": classes}
+    figures = {"game": game.hash, "impossible": int(impossible(game).sum()) * game.n_blocks, "policies": played, "lists": classes}
+    return figures if game.recovery is None else {**figures, **hidden_depth(perfect)}
+
+
+def hidden_depth(perfect: TabulatedPolicy) -> dict[str, Any]:
+    """What the hidden position asks of players.
+
+    Args:
+        perfect: perfect play of a game with recovery.
+
+    Returns:
+        ``mixed``: fraction of perfect play's choices of ``strokes`` and ``positions`` in which none has a probability of .99 or
+        more. ``purified``: fraction of rallies that a best response wins against the deterministic policy of its most likely
+        choices. ``ignores_position``: the same against perfect play of the game without recovery that waits as people do.
+    """
+    game, seen = perfect.game, visits(perfect, perfect)
+    strokes, positions = np.zeros(game.n_states), perfect.position_probabilities()
+    assert positions is not None
+    np.maximum.at(strokes, game.pair_state, perfect.pair_probabilities())
+    mixed = {
+        name: float(weight[largest < _SURE].sum() / weight.sum())
+        for name, largest, weight in (
+            ("strokes", strokes, seen.states[0]),
+            ("positions", positions.max(axis=1), seen.states[1]),
+        )
+    }
+    waits = cumulative_positions(np.eye(N_POSITIONS)[positions.argmax(axis=1)])
+    pure = dataclasses.replace(tabulate(TemperedPolicy(perfect, 0.0), game), waits=waits)
+    without = solve(dataclasses.replace(game, recovery=None)).policy[0]
+    return {
+        "mixed": mixed,
+        "purified": best_response(pure).value.odds().rally,
+        "ignores_position": best_response(moved(without, game)).value.odds().rally,
+    }

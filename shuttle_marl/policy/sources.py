@@ -1,16 +1,13 @@
 """Hashes of the files of user code, so that a resumed run does not mix the results of two versions."""
 
-import ast
 import contextlib
 import hashlib
 import shlex
 import sys
-from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Final
 
 PACKAGE: Final = Path(__file__).parents[1]
-_INSTALLED: Final = ("site-packages", "dist-packages")
 
 
 def source_hashes(name: str) -> dict[str, str]:
@@ -18,63 +15,29 @@ def source_hashes(name: str) -> dict[str, str]:
 
     Args:
         name: ``module:attribute``, whose module was imported; ``program:COMMAND``; or a name with files in its parts, such as
-            ``table:FILE``. A file of Python counts with those that it imports from its folder or package, directly or not, also
-            within functions; imports by computed names, and data that the code reads, are not seen. Code of this package counts
-            as a whole.
+            ``table:FILE``. A module of a package, and code of this one, counts with the whole package, any other file alone:
+            what it imports, and data that the code reads, are not seen.
 
     Raises:
         OSError: a file cannot be read.
     """
     head, _, rest = name.partition(":")
-    path = getattr(sys.modules.get(head), "__file__", None)
+    module = getattr(sys.modules.get(head), "__file__", None)
+    if module is not None and head != "program":
+        levels = head.count(".") + (Path(module).name == "__init__.py")
+        return _hashes(Path(module).parents[levels - 1] if levels else Path(module))
+    parts = rest.split(":")
     if head == "program":
         with contextlib.suppress(ValueError):  # quotation marks that do not close
-            return _hashes((Path(part).parent, Path(part)) for part in shlex.split(rest) if Path(part).is_file())
-    elif path is not None:
-        file = Path(path)
-        return _hashes([(file.parents[head.count(".") + (file.name == "__init__.py")], file)])
-    return _hashes((Path(part).parent, Path(part)) for part in rest.split(":") if Path(part).is_file())
+            parts = shlex.split(rest)
+    return _hashes(*(Path(part) for part in parts if Path(part).is_file()))
 
 
-def _hashes(starts: Iterable[tuple[Path, Path]]) -> dict[str, str]:
-    """Of files, each with the folder of its imports, and of what they import."""
-    hashes: dict[str, hashlib._Hash] = {}
-    for root, start in starts:
-        for path in sorted(PACKAGE.rglob("*.py") if start.is_relative_to(PACKAGE) else set(_with_imports(root, start))):
-            inside = path.relative_to(root)
-            with path.open("rb") as file:
-                content = hashlib.file_digest(file, "sha256").digest()
-            hashes.setdefault(inside.parts[0], hashlib.sha256()).update(f"{inside.as_posix()}\0".encode() + content)
-    return {key: digest.hexdigest() for key, digest in hashes.items()}
-
-
-def _with_imports(root: Path, start: Path) -> Iterator[Path]:
-    """A file, and what it imports from a folder."""
-    top = start.relative_to(root).parts[0]
-    found, waiting = set[Path](), [start]
-    while waiting:
-        path = waiting.pop()
-        if path in found or not path.is_file():
-            continue
-        found.add(path)
-        yield path
-        for base, parts in _imported(path, root) if path.suffix == ".py" else ():
-            if base == root and (parts[0] == PACKAGE.name or (root.name in _INSTALLED and parts[0] != top)):
-                continue
-            for i in range(len(parts)):
-                module = base.joinpath(*parts[: i + 1])
-                waiting += [module / "__init__.py", module.with_name(f"{module.name}.py")]
-
-
-def _imported(path: Path, root: Path) -> Iterator[tuple[Path, list[str]]]:
-    """Names that a file imports, each with the folder in which it is looked for; of ``from a import b`` also ``a.b``."""
-    try:
-        tree = ast.parse(path.read_bytes())
-    except (SyntaxError, ValueError):  # of another version of Python
-        return
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Import):
-            yield from ((root, alias.name.split(".")) for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
-            base = path.parents[node.level - 1] if node.level else root
-            yield from ((base, [*filter(None, (node.module or "").split(".")), alias.name]) for alias in node.names)
+def _hashes(*paths: Path) -> dict[str, str]:
+    """Of files, and of packages by their folders."""
+    hashes = {}
+    for path in (PACKAGE if path.is_relative_to(PACKAGE) else path for path in paths):
+        files = sorted(path.rglob("*.py")) if path.is_dir() else [path]
+        content = b"".join(f"{file.relative_to(path.parent).as_posix()}\0".encode() + file.read_bytes() for file in files)
+        hashes[path.name] = hashlib.sha256(content).hexdigest()
+    return hashes

@@ -1,10 +1,10 @@
-"""Aggregates of runs: mean over cases of interquartile means over seeds, worst case, performance profile, and differences."""
+"""Aggregates of runs: mean over cases of interquartile means over seeds, worst case, and differences."""
 
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Final, NotRequired, TypedDict
+from typing import NotRequired, TypedDict
 
 import numpy as np
 
@@ -15,10 +15,6 @@ from shuttle_marl.suite.options import ACCESS, Access, Kind, Split, SuiteError
 from shuttle_marl.suite.registry import arena_of_run, find_task
 from shuttle_marl.suite.store import Entry
 from shuttle_marl.suite.task import Arena, Case, Task
-
-PROFILE_POINTS: Final = 21
-"""Number of thresholds of a performance profile."""
-
 
 Units = dict[str, dict[str, list[float]]]
 """Figures by stratum, case and seed."""
@@ -42,7 +38,6 @@ class Row(TypedDict):
         worst, worst_case: the main score of the worst case.
         objective, exploitability: if the task scores them.
         seconds, strokes: sums over all units, as they are declared.
-        profile: see :func:`profile`.
         outputs: hash of all policies and answers; runs with the same ones are the same.
         remarks: why the row is not official, or what a reader should know.
         verified: whether all scores were recomputed; None: not checked.
@@ -74,7 +69,6 @@ class Row(TypedDict):
     scores: dict[str, Bounds]
     strata: dict[str, dict[str, float]]
     units: Units
-    profile: dict[str, list[float]]
     outputs: str
     remarks: list[str]
     official: bool
@@ -149,7 +143,6 @@ def summarise(folder: Path, beacon: str | None = None, game: str | None = None) 
             for stratum in dict.fromkeys(case.stratum for case in cases)
         },
         "units": by_unit,
-        "profile": profile(by_unit),
         "outputs": hashlib.sha256(repr(sorted(map(_output, units))).encode()).hexdigest(),
         "remarks": remarks,
         "official": not remarks,
@@ -259,10 +252,3 @@ def difference(ours: Row, theirs: Row) -> Bounds:
         }
         for stratum, cases in ours["units"].items()
     })  # fmt: skip
-
-
-def profile(units: Units) -> dict[str, list[float]]:
-    """Performance profile: fraction of units whose score is above each threshold."""
-    values = np.array([value for cases in units.values() for seeds in cases.values() for value in seeds])
-    thresholds = np.linspace(min(0.0, values.min()), max(1.0, values.max()), PROFILE_POINTS)
-    return {"threshold": thresholds.tolist(), "above": (values[:, None] > thresholds).mean(axis=0).tolist()}

@@ -99,7 +99,7 @@ def verify_run(
     else:
         summary = summarise(folder, beacon, game)
         if not _aggregated(folder, summary):
-            reason = f"{store.RESULTS} holds other aggregates than those of the units; `suite score` writes them again"
+            reason = f"{store.RESULTS} holds other aggregates than those of the units; delete it if it is of an earlier version"
             refused = [Refusal(case=cases[number].name, seed=seed, reason=reason) for number, seed in units]
     return Verification(units=len(units), refused=refused, summary=None if refused or summary is None else marked(summary))
 

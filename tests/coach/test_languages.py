@@ -19,7 +19,7 @@ from shuttle_marl.pages.languages import FOLDER, LANGUAGES, Language, speaking
 PACKAGE = Path(shuttle_marl.__file__).parent
 SOURCES = (PACKAGE / "coach", PACKAGE / "commands" / "scout.py", PACKAGE / "watch" / "page" / "src")
 VOCABULARIES = {"shots": SHOTS, "areas": AREAS, "short_areas": AREAS, "techniques": TECHNIQUES, "heights": HEIGHTS}
-REPORTS = ("areas", "directions", "whose", "scout", "drills", "tactics", "habit", "match")
+REPORTS = ("areas", "directions", "whose", "scout", "drills", "tactics", "habit", "match", "waits")
 OTHERS: list[Language] = [language for language in LANGUAGES if language != "en"]
 
 

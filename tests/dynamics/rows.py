@@ -29,6 +29,7 @@ def plain_rows(n: int, **known: Any) -> Rows:
         "movement": np.full((n, len(MOVEMENT)), np.nan, np.float32),
         "hurried": zero.astype(np.int8),
         "next_hurried": np.full(n, -1, np.int8),
+        **dict.fromkeys(("waiting", "meeting"), np.full((n, 2), np.nan, np.float32)),
         "hand": zero.astype(np.int8),
         "receiver_hand": zero.astype(np.int8),
     }

@@ -23,7 +23,7 @@ from shuttle_marl.dynamics.compiled import (
     pair_probabilities,
 )
 from shuttle_marl.dynamics.features import MOVEMENT, SLOTS, Rows, rows_from_strokes, states_of
-from shuttle_marl.dynamics.fit import _fit_hurried
+from shuttle_marl.dynamics.fit import _fit_hurried, _hurried_lines, _out_of_fold_hurried
 from shuttle_marl.dynamics.hurried import SHARE, Hurry, fit_hurry
 from shuttle_marl.dynamics.models import HURRIED, sigmoid, was_timed
 from shuttle_marl.dynamics.situations import Situations, fit_situations
@@ -131,7 +131,8 @@ def test_chances_of_hurried_receivers_are_recovered() -> None:
     said = np.where(rows.next_contact >= 0, rng.random(N) < chance, -1).astype(np.int8)
     rows = dataclasses.replace(rows, next_hurried=said)
     met = rows.take(was_timed(rows))
-    trees, lines = _fit_hurried(met, met.next_hurried == 1)
+    trees, late = _fit_hurried(met, met.next_hurried == 1), met.next_hurried == 1
+    lines = _hurried_lines(_out_of_fold_hurried(met, late), met, late)
     assert set(trees) == set(HURRIED)
     for contact, name in enumerate(HURRIED):
         those = met.next_contact == contact

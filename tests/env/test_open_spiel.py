@@ -9,18 +9,19 @@ import numpy as np
 import pyspiel
 import pytest
 from open_spiel.python import rl_environment
-from open_spiel.python.algorithms import best_response, expected_game_score
+from open_spiel.python.algorithms import best_response, cfr, expected_game_score, exploitability
 
 from shuttle_marl import exact, rally_v0
-from shuttle_marl.env.open_spiel import NAME, RallyGame, open_spiel_policy
+from shuttle_marl.env.open_spiel import NAME, RECOVERY_NAME, RallyGame, open_spiel_policy
 from shuttle_marl.exact import solve
 from shuttle_marl.game import default_game
 from shuttle_marl.game.policy import UniformPolicy
 from shuttle_marl.game.stroke import Catalogue
 from shuttle_marl.game.tables import ROOT, Game
-from shuttle_marl.game.tabulated import layout
+from shuttle_marl.game.tabulated import TabulatedPolicy, cumulative_positions, layout
 from shuttle_marl.game.thresholds import ONE
 from tests.exact.exact_games import game_without_outcomes, hand_made, random_game, random_policy, with_probabilities
+from tests.recovery import with_recovery
 
 LADDER = (
     "short-serve:front-centre:below:backhand",
@@ -33,12 +34,12 @@ LADDER = (
 """Each stroke is answered only by those that stand behind it; the last two end nearly all rallies."""
 
 
-def ladder(seed: int) -> Game:
+def ladder(seed: int, strokes: tuple[str, ...] = LADDER) -> Game:
     """A game whose rallies climb the ladder; its probabilities are drawn at random."""
-    catalogue = Catalogue.from_names(LADDER)
-    order = [catalogue.names.index(name) for name in LADDER]
+    catalogue = Catalogue.from_names(strokes)
+    order = [catalogue.names.index(name) for name in strokes]
     last = order[-2:]
-    replies = np.zeros((len(LADDER) + 1, len(LADDER)), np.bool_)
+    replies = np.zeros((len(strokes) + 1, len(strokes)), np.bool_)
     for i, incoming in enumerate(order):
         replies[incoming, [*order[i + 1 :], *last]] = True
     replies[-1] = catalogue.is_serve
@@ -146,3 +147,82 @@ def test_policies_of_this_package_play_in_open_spiel() -> None:
     game = RallyGame({"server": 0}, hand_made())
     probabilities = open_spiel_policy(UniformPolicy(), game).action_probabilities(game.new_initial_state())
     assert probabilities == {0: 1.0}
+
+
+@pytest.fixture(scope="module")
+def hidden() -> tuple[Game, RallyGame]:
+    """A short ladder with hidden positions, in which perfect play mixes."""
+    tables = with_recovery(ladder(7, LADDER[:1] + LADDER[3:]), 7, 3)
+    return tables, RallyGame({"server": 0, "max_strokes": 3}, tables)
+
+
+def waiting_at_random(tables: Game, seed: int) -> TabulatedPolicy:
+    rng, people = np.random.default_rng(seed), tables.people_positions(np.arange(tables.n_states))
+    p = (people > 0) * rng.uniform(0.1, 1, people.shape)
+    return dataclasses.replace(random_policy(tables, seed), waits=cumulative_positions(p))
+
+
+@pytest.mark.parametrize(
+    ("name", "options"), [(NAME, {"max_strokes": 4}), (RECOVERY_NAME, {}), (RECOVERY_NAME, {"max_strokes": 4})]
+)
+def test_open_spiels_conformance(name: str, options: dict[str, int]) -> None:
+    game = pyspiel.load_game(name, options)
+    pyspiel.random_sim_test(game, num_sims=2, serialize=bool(options), verbose=False)
+    assert str(game.get_type().short_name) == name
+    perfect = game.get_type().information == pyspiel.GameType.Information.PERFECT_INFORMATION
+    assert perfect == (name == NAME)
+    assert game.num_distinct_actions() == default_game().n_strokes + (0 if perfect else 9)
+
+
+def test_perfect_play_with_hidden_positions_is_unexploitable_in_open_spiel(hidden: tuple[Game, RallyGame]) -> None:
+    tables, game = hidden
+    solution = solve(tables, tolerance=1e-11)
+    policy = solution.policy[0]
+    assert policy.waits is not None
+    assert ((policy.position_probabilities() > 0.01).sum(axis=1) > 1).any(), "perfect play mixes"
+    theirs = open_spiel_policy(policy, game)
+    # Rounded to 1/65535; and a rally in 65,536 goes on where the tree is cut off.
+    assert exploitability.nash_conv(game, theirs, use_cpp_br=False) == pytest.approx(0, abs=1e-5)
+    value = expected_game_score.policy_value(game.new_initial_state(), [theirs, theirs])[0]
+    assert value == pytest.approx(solution.value_at_serve, abs=1e-5)
+
+
+def test_best_responses_to_hidden_positions_equal_those_of_open_spiel(hidden: tuple[Game, RallyGame]) -> None:
+    tables, game = hidden
+    policy = waiting_at_random(tables, 3)
+    theirs, ours = open_spiel_policy(policy, game), exact.best_response(policy, tolerance=1e-12)
+    for player in (0, 1):
+        value = best_response.BestResponsePolicy(game, player, theirs).value(game.new_initial_state())
+        expected = ours.value.striking[player][ROOT] * (1 if player == 0 else -1)
+        assert value == pytest.approx(expected, abs=5e-5), player
+    other = waiting_at_random(tables, 4)
+    value = expected_game_score.policy_value(game.new_initial_state(), [theirs, open_spiel_policy(other, game)])[0]
+    assert exact.evaluate(policy, other, tolerance=1e-12).striking[0][ROOT] == pytest.approx(value, abs=5e-5)
+
+
+def test_counterfactual_regret_minimisation_finds_the_exact_value(hidden: tuple[Game, RallyGame]) -> None:
+    tables, game = hidden
+    solver = cfr.CFRPlusSolver(game)
+    for _ in range(20):
+        solver.evaluate_and_update_policy()
+    average = solver.average_policy()
+    value = expected_game_score.policy_value(game.new_initial_state(), [average, average])[0]
+    assert value == pytest.approx(solve(tables).value_at_serve, abs=1e-3)
+
+
+def test_only_the_name_of_the_node_contains_the_position(hidden: tuple[Game, RallyGame]) -> None:
+    state = hidden[1].new_initial_state()
+    while not state.choosing:
+        state.apply_action(state.legal_actions()[0] if not state.is_chance_node() else state.chance_outcomes()[-1][0])
+    waiting = state.current_player()
+    assert waiting == 1 - state.striker
+    assert state.information_state_tensor(waiting)[-2:] == [0, 1]
+    assert state.information_state_tensor(1 - waiting)[-2:] == [1, 0]
+    first, second = (state.child(action) for action in state.legal_actions()[:2])
+    for player in (0, 1):
+        for read in ("information_state_string", "observation_string", "information_state_tensor", "observation_tensor"):
+            assert getattr(first, read)(player) == getattr(second, read)(player)
+    assert first.current_player() == second.current_player() == 1 - waiting
+    assert str(first) != str(second)
+    assert first.history() != second.history()
+    assert first.legal_actions() == second.legal_actions()

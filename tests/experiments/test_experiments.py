@@ -1,5 +1,6 @@
 """Each experiment at a small size; those on the annotated matches where SHUTTLESET names their folder."""
 
+import dataclasses
 import json
 import os
 from collections.abc import Sequence
@@ -8,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.special import expit
 
 from experiments import advice, human, next_stroke, realism, same_results, self_play, win_rates
 from experiments.imitation.imitator import Imitator, ImitatorConfig
@@ -17,6 +19,7 @@ from experiments.league_training import HEADINGS, table_rows
 from experiments.league_training import main as league_training
 from experiments.pairs import strokes as of_pairs
 from experiments.pairs.__main__ import main as pairs
+from experiments.truth import recovery as truth_of_recovery
 from experiments.truth.decisions import decision_slope, promises, value_error, value_log_loss
 from experiments.truth.limits import slopes_if_true
 from experiments.truth.matches import strokes_of
@@ -28,11 +31,12 @@ from shuttle_marl.data import load_strokes
 from shuttle_marl.data.schema import Account
 from shuttle_marl.data.table import write_parquet
 from shuttle_marl.data.upstream import matches_of
+from shuttle_marl.dynamics.features import Rows, rows_from_strokes
 from shuttle_marl.dynamics.fitted import FittedModels
 from shuttle_marl.dynamics.skill import VARIANCES
 from shuttle_marl.exact import PairPolicy, solve_soft
 from shuttle_marl.game import model_folder
-from shuttle_marl.game.shipped import refits_of
+from shuttle_marl.game.shipped import load_game, refits_of
 from shuttle_marl.policy import baselines
 from shuttle_marl.training import PPOConfig
 from tests.reduced import REFITS, reduced_game, reduced_model
@@ -127,6 +131,31 @@ def test_in_a_true_game_promises_come_true(tmp_path: Path) -> None:
     save_values(tmp_path / "values", strokes, promised)
     same = differences(strokes, promised, load_values(tmp_path / "values", strokes))
     assert all(change == {"value": 0.0, "low": 0.0, "high": 0.0} for change in same.values())
+
+
+def test_effects_of_positions_are_worth_what_they_promise() -> None:
+    """Outcomes are drawn as the game with recovery says, at the positions of the sample."""
+    recovery = load_game("default:recovery").recovery
+    assert recovery is not None
+    rows = rows_from_strokes(load_strokes(SAMPLE))
+    everything = Rows.joined([rows.take(np.arange(len(rows)))] * 8)
+    judged = truth_of_recovery.judged_by(FittedModels.load(model_folder()), recovery, everything)
+    rng = np.random.default_rng(0)
+    for found in judged:
+        assert np.ptp(found.shift) > 0.1
+        drawn = found._replace(label=rng.random(len(found.label)) < expit(found.logit + found.shift))
+        summary = truth_of_recovery._summary(drawn, seed=0)
+        assert summary["slope_low"] < 1 < summary["slope_high"]
+        assert summary["low"] <= summary["log_loss_change"] < 0
+    logit, effect, weight = rng.normal(-2, 1, 50), rng.normal(0, 1, (50, 9)), rng.random((50, 9))
+    spread = truth_of_recovery._spread(logit, effect, weight)
+    assert np.ptp(spread - effect, axis=1) == pytest.approx(0, abs=1e-12)
+    assert np.average(expit(spread), weights=weight, axis=1) == pytest.approx(expit(logit), abs=1e-7)
+    known = shipped_world("default")
+    assert (
+        truth_of_recovery.recovery_effects([(dataclasses.replace(known, recovery=None), strokes_of(load_strokes(SAMPLE)))])
+        is None
+    )
 
 
 def test_a_known_tau_is_found_again() -> None:

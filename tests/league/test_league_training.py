@@ -78,7 +78,6 @@ def test_every_variant_learns(variant: Variant, model: str, tmp_path: Path) -> N
     assert len(set(hashes)) == len(hashes)
     tables = StoredPolicies(done.folder / TABLES, game)
     assert [tables.read(name).hash for name in hashes] == hashes
-    assert (done.folder / "exploitability.png").stat().st_size > 1000
     with pytest.raises(RunError, match="finished run"):
         train_league(config)
     again = train_league(dataclasses.replace(config, resume=True))

@@ -59,7 +59,6 @@ CHEAP = {
     "suite list": [""],
     "suite show": ["exploit-v0"],
     "suite run": ["exploit-v0 --method bc --quick --game {model} --out run"],
-    "suite score": ["run --game {model}"],
     "suite verify": ["run --game {model}"],
     "suite board": ["run --game {model} --no-check --out board.md"],
     "suite frontier": ["exploit-v0 --opponent bc --game {model}"],

@@ -140,7 +140,7 @@ def test_variants_are_found_by_name(model: Path) -> None:
     men = load_game(f"{model}:men")
     assert men.hash != game.hash
     assert men.catalogue.names == game.catalogue.names
-    assert origin_of(men) == (model, "men")
+    assert origin_of(men) == (model, "men", False)
     assert model_folder(f"{model}:men") == model
     assert resolve_game(str(model), "men").hash == men.hash
     assert resolve_game(men, "men") is men
@@ -187,7 +187,7 @@ def test_a_variant_of_the_shipped_model_is_known_to_another_process(model: Path,
         game = load_game("default:2")
         monkeypatch.setattr(shipped, "_ORIGINS", {})
         again = pickle.loads(pickle.dumps(game))
-        assert origin_of(again) == (model.parent / "default", "2")
+        assert origin_of(again) == (model.parent / "default", "2", False)
     finally:
         load_game.cache_clear()
 

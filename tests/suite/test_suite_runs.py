@@ -156,8 +156,8 @@ def test_forged_aggregates_and_unknown_scores_are_refused(tmp_path: Path) -> Non
     results = json.loads((folder / store.RESULTS).read_text())
     (folder / store.RESULTS).write_text(json.dumps({**results, "score": 0.99}))
     (reason,) = reasons(folder)
-    assert "suite score" in reason
-    assert main(("score", str(folder), "--game", reduced_model())) == 0
+    assert "delete it" in reason
+    (folder / store.RESULTS).unlink()
     assert reasons(folder) == []
     path, entry = first_entry(folder)
     forge(path, {**entry, "scores": {**entry["scores"], "exploitabilty": -1.0}})
@@ -209,20 +209,23 @@ def test_a_run_is_resumed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
 
 def test_units_of_two_versions_of_a_method_are_not_mixed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(str(tmp_path))
-    (tmp_path / "my_method.py").write_text("def player(setting):\n    import my_helper\n    return my_helper.NAME\n")
-    helper = tmp_path / "my_helper.py"
+    (tmp_path / "my_methods").mkdir()
+    (tmp_path / "my_methods" / "__init__.py").write_text(
+        "def player(setting):\n    from my_methods.helper import NAME\n    return NAME\n"
+    )
+    helper = tmp_path / "my_methods" / "helper.py"
     helper.write_text("NAME = 'bc'\n")
-    folder = played(tmp_path, "my_method:player", seeds=2)
-    assert set(json.loads((folder / runs.MANIFEST).read_text())["sources"]) == {"my_method.py", "my_helper.py"}
+    folder = played(tmp_path, "my_methods:player", seeds=2)
+    assert set(json.loads((folder / runs.MANIFEST).read_text())["sources"]) == {"my_methods"}
     helper.write_text("NAME = 'safe'\n")
     kept = store.entry_path(folder, 0, 1).read_bytes()
-    played(tmp_path, "my_method:player", seeds=2, resume=True)  # nothing is left to play
+    played(tmp_path, "my_methods:player", seeds=2, resume=True)  # nothing is left to play
     store.entry_path(folder, 0, 1).unlink()
     for _ in range(2):
-        with pytest.raises(SuiteError, match=r"my_helper.py changed after .* --overwrite or another --out"):
-            played(tmp_path, "my_method:player", seeds=2, resume=True)
+        with pytest.raises(SuiteError, match=r"my_methods changed after .* --overwrite or another --out"):
+            played(tmp_path, "my_methods:player", seeds=2, resume=True)
     helper.write_text("NAME = 'bc'\n")
-    played(tmp_path, "my_method:player", seeds=2, resume=True)
+    played(tmp_path, "my_methods:player", seeds=2, resume=True)
     assert {**json.loads(kept), "seconds": 0, "checksum": 0} == {
         **json.loads(store.entry_path(folder, 0, 1).read_text()),
         "seconds": 0,
@@ -232,24 +235,18 @@ def test_units_of_two_versions_of_a_method_are_not_mixed(tmp_path: Path, monkeyp
 
 def test_the_files_of_a_method(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "bot.py").write_text("from parts import first\n")
-    (tmp_path / "parts").mkdir()
-    (tmp_path / "parts" / "__init__.py").write_text("from . import second\n")
-    for name in ("first", "second", "unused"):
-        (tmp_path / "parts" / f"{name}.py").write_text("import numpy\n")
+    (tmp_path / "bot.py").write_text("import numpy\n")
     (tmp_path / "weights.bin").write_bytes(b"12")
 
     def now() -> dict[str, str]:
         return sources("exploit-v0", "program:python bot.py --weights weights.bin")
 
     before = now()
-    assert set(before) == {"bot.py", "parts", "weights.bin"}
-    (tmp_path / "parts" / "unused.py").write_text("import scipy\n")
-    assert now() == before
-    for changed in ("bot.py", "parts/second.py", "weights.bin"):
+    assert set(before) == {"bot.py", "weights.bin"}
+    for changed in ("bot.py", "weights.bin"):
         with (tmp_path / changed).open("a") as file:
             file.write("# changed\n")
-        assert {key for key, value in now().items() if value != before[key]} == {changed.partition("/")[0]}
+        assert {key for key, value in now().items() if value != before[key]} == {changed}
         before = now()
     assert set(sources("exploit-v0", "bc")) == {"shuttle_marl"}
     assert set(sources("imitate-v0", "policy:table:weights.bin")) == {"shuttle_marl", "weights.bin"}
@@ -358,7 +355,6 @@ def test_commands(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatc
     assert all(task["about"] and task["protocol"] and task["baselines"] for task in tasks)
     found = told("run", "exploit-v0", "--method", "bc", "--quick", "--game", reduced_model())
     assert (found["scores"]["score"]["value"], found["official"]) == (pytest.approx(0, abs=1e-9), False)
-    assert told("score", found["folder"], "--game", reduced_model())["score"] == found["score"]
     assert told("verify", found["folder"], "--game", reduced_model())["reproduced"] == 1
     assert main(("board", found["folder"], "--game", reduced_model(), "--out", "board.html", "--html")) == 0
     assert "exploit-v0" in (tmp_path / "board.html").read_text()

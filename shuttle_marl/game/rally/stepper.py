@@ -4,7 +4,8 @@
     state, player = ROOT, draws.first_server(rally)
     for i in itertools.count():
         stroke = choose(policies[player], game, state, draws.choice(rally, i))
-        played, state = stepper.step(state, player, stroke, draws.outcome(rally, i))
+        position = choose_position(policies[1 - player], game, state, draws.position(rally, i))  # in the game with recovery
+        played, state = stepper.step(state, player, stroke, draws.outcome(rally, i), position)
         if played.outcome < RETURNED_BELOW:
             break
         player = 1 - player
@@ -23,9 +24,10 @@ import numpy as np
 import numpy.typing as npt
 
 from shuttle_marl.base.arrays import F32, I8, U64
-from shuttle_marl.game.draws import choice_draw, draw, first_server, outcome_draw, stream
+from shuttle_marl.game.draws import choice_draw, draw, first_server, outcome_draw, position_draw, stream
 from shuttle_marl.game.observation import EFFORT, SWAP, features
-from shuttle_marl.game.policy import LAGS, Policy, States, checked_probabilities, drawn_strokes
+from shuttle_marl.game.policy import LAGS, Policy, States, checked_positions, checked_probabilities, drawn_strokes
+from shuttle_marl.game.recovery import N_POSITIONS, POSITIONS
 from shuttle_marl.game.rules import HURRIED_BELOW, RETURNED_BELOW
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
@@ -40,7 +42,8 @@ class Stroke(NamedTuple):
         stroke: catalogue index.
         outcome: index into :data:`shuttle_marl.game.rules.OUTCOMES`.
         p_succ: probability that the stroke was good.
-        p_ret: probability that a good stroke was returned.
+        p_ret: probability that a good stroke was returned; in the game with recovery by a receiver who waits as people do, so it
+            tells nothing of the position.
     """
 
     player: int
@@ -55,14 +58,20 @@ class Stepper:
 
     Attributes:
         game: the tables, or the game of a pair.
+        action_names: names of the n strokes and, in the game with recovery, of the nine positions (``wait:front-centre``).
+        n_actions: how many these are.
         observations: ``[base states, 60]`` float32 observation of the striker in each state, efforts zero.
     """
 
     def __init__(self, game: Game) -> None:
         self.game = game
         self.observations = features(game)
-        self._masks = np.ascontiguousarray(game.reply_mask.reshape(-1, game.n_strokes).astype(np.int8))
         self._n, self._one, self._swap = game.n_strokes, ONE, SWAP
+        waiting = None if game.recovery is None else [tables.waiting for tables in game.seats]
+        self.action_names = (*game.catalogue.names, *(f"wait:{name}" for name in POSITIONS if waiting))
+        self.n_actions = len(self.action_names)
+        masks = game.reply_mask.reshape(-1, self._n).astype(np.int8)
+        self._masks = np.pad(masks, ((0, 0), (0, self.n_actions - self._n)))
         # A memoryview yields Python integers four times as fast as an array, without the memory of a list.
         self._rank = _view(game.reply_rank)
         self._limits = [[_view(limits) for limits in tables.limits] for tables in game.seats]
@@ -73,6 +82,13 @@ class Stepper:
         self._incoming = _view(game.edge_incoming)
         self._size, self._levels = game.n_base_states, game.levels
         self._next_block = [tuple(b * self._size for b in game.block_following(block)) for block in range(game.n_blocks)]
+        if waiting:
+            self._met = [[_view(limits) for limits in tables.limits] for tables in waiting]
+            self._late = [_view(tables.hurry) for tables in waiting]
+            base = np.arange(self._size)
+            self._feasible = waiting[0].mask(base).astype(np.int8)
+            self._place = _view(np.where(self._feasible, self._feasible.cumsum(axis=1) - 1, -1).astype(np.int8))
+            self._choices, self._first_row = _view(waiting[0].choices), _view(waiting[0].start)
         highest = max(1, game.levels - 1)
         self._efforts = [(own / highest, other / highest) for own in range(game.levels) for other in range(game.levels)]
 
@@ -91,9 +107,29 @@ class Stepper:
         return row[self._swap] if receiver else row
 
     def legal_action_mask(self, state: int) -> I8:
-        """``[n]`` int8 legal strokes of a state, a new array."""
+        """``[n_actions]`` int8 legal strokes of a state, a new array."""
         mask: I8 = self._masks[self._reply(state)].copy()
         return mask
+
+    def position_mask(self, state: int) -> I8:
+        """``[n_actions]`` int8 feasible positions of the receiver, a new array; of the game with recovery."""
+        mask = np.zeros(self.n_actions, np.int8)
+        mask[self._n :] = self._feasible[state % self._size]
+        return mask
+
+    def chooses_position(self, state: int) -> bool:
+        """Whether the receiver can wait at more than one position."""
+        return self.n_actions > self._n and self._choices[state % self._size] > 1
+
+    def only_position(self, state: int) -> int | None:
+        """Where a receiver without a choice waits; None: they have one, or it is the game without recovery."""
+        if self.n_actions == self._n or self._choices[state % self._size] > 1:
+            return None
+        return int(self._feasible[state % self._size].argmax())
+
+    def is_feasible(self, state: int, position: int) -> bool:
+        """Whether a receiver can wait at a position; of the game with recovery."""
+        return 0 <= position < N_POSITIONS and self._place[N_POSITIONS * (state % self._size) + position] >= 0
 
     def is_legal(self, state: int, stroke: int) -> bool:
         """Whether a stroke is in the catalogue and legal in a state."""
@@ -104,12 +140,14 @@ class Stepper:
         """Whether the striker is hurried in a state."""
         return bool(state & 2)
 
-    def step(self, state: int, player: int, stroke: int, draw: int) -> tuple[Stroke, int]:
+    def step(self, state: int, player: int, stroke: int, draw: int, position: int | None = None) -> tuple[Stroke, int]:
         """Play a legal stroke.
 
         Args:
             stroke: catalogue index, legal in this state; not checked.
             draw: uniform integer in [0, 2^24), see :func:`shuttle_marl.game.draws.outcome_draw`.
+            position: where the receiver waits, feasible in this state, which is not checked; None: as people do, and in the game
+                without recovery.
 
         Returns:
             The stroke and the receiver's state; after a fault or a winner, the state after the stroke with contact below and not
@@ -117,17 +155,23 @@ class Stepper:
         """
         block, base = divmod(state, self._size)
         k = self._rank[(2 * self._incoming[base >> 2] + (base & 1)) * self._n + stroke]
-        pair = self._pair_start[base] + k
-        entry = 3 * pair
-        limits = self._limits[player][block // self._levels]
+        row = self._pair_start[base] + k
+        entry = 3 * row
+        limits, hurry = self._limits[player][block // self._levels], self._hurry[player]
         fault, winner, one = limits[entry], limits[entry + 1], self._one
+        good, returned = (one - fault) / one, (one - winner) / (one - fault)
+        if position is not None:
+            row = self._first_row[base] + k * self._choices[base] + self._place[N_POSITIONS * base + position]
+            entry = 3 * row
+            limits, hurry = self._met[player][block // self._levels], self._late[player]
+            fault, winner = limits[entry], limits[entry + 1]
         low = draw & one - 1
         outcome = (low >= fault) + (low >= winner) + (low >= limits[entry + 2])
-        if outcome >= RETURNED_BELOW and draw >> 16 < self._hurry[player][2 * pair + outcome - RETURNED_BELOW]:
+        if outcome >= RETURNED_BELOW and draw >> 16 < hurry[2 * row + outcome - RETURNED_BELOW]:
             outcome += HURRIED_BELOW - RETURNED_BELOW
         arrival = self._arrival[self._first_reply[base] + k]
         following = self._next_block[block][arrival & 1] + (arrival & ~1) + max(outcome - RETURNED_BELOW, 0)
-        return Stroke(player, stroke, outcome, (one - fault) / one, (one - winner) / (one - fault)), following
+        return Stroke(player, stroke, outcome, good, returned), following
 
     def _reply(self, state: int) -> int:
         """Row of the legal strokes: twice the incoming stroke plus the contact."""
@@ -169,10 +213,35 @@ def choose(
     if isinstance(policy, TabulatedPolicy):
         pairs = game.pairs_of(state)
         return int(game.stroke_at(state, bisect.bisect_right(policy.cumulative, draw, pairs.start, pairs.stop) - pairs.start))
+    return int(drawn_strokes(checked_probabilities(policy, _decision(game, state, score, strokes)), np.array([draw]))[0])
+
+
+def choose_position(
+    policy: Policy,
+    game: Game,
+    state: int,
+    draw: int,
+    score: tuple[int, int, int, int] | None = None,
+    strokes: Sequence[int] | None = None,
+) -> int:
+    """Position in which a policy waits where the opponent is in a state, in the game with recovery.
+
+    Args:
+        policy, score, strokes: as of :func:`choose`; the score is that of the striker, the opponent.
+        draw: uniform integer in [0, 65535); see :func:`shuttle_marl.game.draws.position_draw`.
+
+    Raises:
+        PolicyError: the policy raised or returned no distribution over the feasible positions.
+    """
+    if isinstance(policy, TabulatedPolicy):
+        return bisect.bisect_right(policy.waiting_table[state].tolist(), draw)
+    return int(drawn_strokes(checked_positions(policy, _decision(game, state, score, strokes)), np.array([draw]))[0])
+
+
+def _decision(game: Game, state: int, score: tuple[int, int, int, int] | None, strokes: Sequence[int] | None) -> States:
     scores = None if score is None else np.array([score], np.int16)
     history = None if strokes is None else np.array([[*strokes[: -LAGS - 1 : -1], *LAGS * [game.n_strokes]][:LAGS]], np.int32)
-    states = States(game=game, state=np.array([state], np.int32), score=scores, history=history)
-    return int(drawn_strokes(checked_probabilities(policy, states), np.array([draw]))[0])
+    return States(game=game, state=np.array([state], np.int32), score=scores, history=history)
 
 
 _RALLIES: Final = 32
@@ -183,7 +252,8 @@ class RallyDraws:
     """Draws of rallies 0, 1, 2, … of one stream, computed in blocks.
 
     Stroke k of rally r uses ``draw(stream(seed, *numbers, r), k)``: ``outcome_draw`` of it decides the outcome, ``choice_draw``
-    chooses the stroke where a policy plays, and ``first_server`` at k = 0 decides who serves where that is random.
+    chooses the stroke where a policy plays, ``position_draw`` where the receiver waits, and ``first_server`` at k = 0 decides who
+    serves where that is random.
     """
 
     def __init__(self, seed: int, *numbers: int) -> None:
@@ -191,7 +261,7 @@ class RallyDraws:
         self._block = -1
         self._bits: U64 = np.empty(0, np.uint64)
         self._outcomes = array("I")
-        self._choices = array("H")
+        self._choices, self._positions = array("H"), array("H")
         self._first_servers = b""
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -221,15 +291,25 @@ class RallyDraws:
             self._choices = array("H", choice_draw(self._bits).astype(np.uint16).tobytes())
         return self._choices[rally % _RALLIES * _STROKES + stroke]
 
-    def _single(self, rally: int, stroke: int) -> tuple[int, int]:
-        """Outcome and choice of a stroke beyond the block."""
+    def position(self, rally: int, stroke: int) -> int:
+        """Number in [0, 65535) by which a policy chooses where it waits for a stroke."""
+        if stroke >= _STROKES:
+            return self._single(rally, stroke)[2]
+        if rally // _RALLIES != self._block:
+            self._prepare(rally // _RALLIES)
+        if not self._positions:
+            self._positions = array("H", position_draw(self._bits).astype(np.uint16).tobytes())
+        return self._positions[rally % _RALLIES * _STROKES + stroke]
+
+    def _single(self, rally: int, stroke: int) -> tuple[int, int, int]:
+        """Outcome, choice and position of a stroke beyond the block."""
         bits = draw(stream(*self._name, rally), stroke)
-        return int(outcome_draw(bits)[0]), int(choice_draw(bits)[0])
+        return int(outcome_draw(bits)[0]), int(choice_draw(bits)[0]), int(position_draw(bits)[0])
 
     def _prepare(self, block: int) -> None:
         rallies = np.arange(block * _RALLIES, (block + 1) * _RALLIES)
         bits = draw(stream(*self._name, rallies)[:, None], np.arange(_STROKES))
         self._outcomes = array("I", outcome_draw(bits).astype(np.uint32).tobytes())
-        self._bits, self._choices = bits, array("H")
+        self._bits, self._choices, self._positions = bits, array("H"), array("H")
         self._first_servers = first_server(bits[:, 0]).astype(np.uint8).tobytes()
         self._block = block

@@ -4,7 +4,6 @@ import contextlib
 import dataclasses
 import json
 import time
-from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -12,7 +11,6 @@ import numpy as np
 from rich.console import Console
 
 from shuttle_marl import exact
-from shuttle_marl.analysis.pictures import figure, save
 from shuttle_marl.base import runs
 from shuttle_marl.base.cluster import Cluster, check_processes, open_cluster
 from shuttle_marl.base.files import replace_file
@@ -34,7 +32,6 @@ from shuttle_marl.training.run import resumable
 
 METRICS: Final = "metrics.jsonl"
 RESULTS: Final = "results.json"
-PICTURE: Final = "exploitability.png"
 MAIN: Final = "main.safetensors"
 """Table of the least exploitable main agent in the folder of a run."""
 AGENT: Final = "agent"
@@ -315,32 +312,8 @@ class _League:
             evaluation = {name: line[name] for name in _EVALUATION}
             card = {"algorithm": self.config.algorithm, "config": self.config.fixed(), "evaluation": evaluation}
             save_agent(self.folder / AGENT, self.game, network.read_bytes(), card)
-        draw_exploitability(curve, self.folder / PICTURE)
         if self.config.seconds is not None and (warning := missed(state.seconds, self.config.seconds)):
             self.console.print(f"{self.folder}: {warning}", highlight=False, markup=False, soft_wrap=True)
         replace_file(self.folder / RESULTS, (json.dumps(figures, indent=1) + "\n").encode())
         runs.write_json(self.folder / runs.MANIFEST, {**about, "status": "finished", "seconds": state.seconds})
         return LeagueTraining(folder=self.folder, figures=figures, policy=policy)
-
-
-def draw_exploitability(curve: Sequence[Mapping[str, Any]], path: Path) -> None:
-    """Draw the exact exploitability after every round, and its minimum so far.
-
-    Args:
-        curve: lines of ``metrics.jsonl``.
-
-    Raises:
-        FileWriteError: the file cannot be written.
-    """
-    seconds = [float(line["seconds"]) for line in curve]
-    exploitability = np.maximum([float(line["exploitability"]) for line in curve], 1e-6)
-    picture = figure(7.0, 4.0)
-    axes = picture.subplots()
-    axes.plot(seconds, exploitability, "o-", color="#127257", markersize=3, linewidth=1, label="after each round")
-    minimum = np.minimum.accumulate(exploitability)
-    axes.step(seconds, minimum, where="post", color="#d95f02", linewidth=1.5, label="minimum so far")
-    axes.axhline(0.02, color="0.6", linewidth=0.8, linestyle="--")
-    axes.set(xlabel="seconds", ylabel="exploitability (exact)", yscale="log")
-    axes.legend(frameon=False)
-    axes.grid(visible=True, which="both", linewidth=0.3)
-    save(picture, path)

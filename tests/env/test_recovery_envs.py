@@ -1,0 +1,404 @@
+"""The game with recovery where it is played one stroke at a time: conformance, rules, draws, forks, illegal positions."""
+
+import copy
+import itertools
+import pickle
+import warnings
+from types import ModuleType
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from pettingzoo import test as conformance
+
+from shuttle_marl import match_v0, rally_v0
+from shuttle_marl.base.errors import ActionError
+from shuttle_marl.env.single import Seat, SingleMatchEnv, SingleRallyEnv
+from shuttle_marl.env.snapshot import plan_of
+from shuttle_marl.env.words import OVER, TextRallyEnv, text_env
+from shuttle_marl.env.wrappers import component_masks
+from shuttle_marl.game.draws import choice_draw, draw, outcome_draw, position_draw, stream
+from shuttle_marl.game.observation import HURRIED, SWAP, observations
+from shuttle_marl.game.pairs import pair_game
+from shuttle_marl.game.policy import GamePolicy, Policy, PolicyError, States, UniformPolicy
+from shuttle_marl.game.rally.stepper import RallyDraws, choose_position, stepper_of
+from shuttle_marl.game.recovery import CENTRE, N_POSITIONS, POSITIONS, position_of
+from shuttle_marl.game.rules import OUTCOMES, RETURNED_BELOW, IllegalStrokeError, strike
+from shuttle_marl.game.shipped import default_game
+from shuttle_marl.game.tables import ROOT, Game
+from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
+from tests.recovery import Prefers, small_recovery_game, with_recovery
+from tests.reduced import reduced_game, reduced_model
+
+GAME = small_recovery_game()
+FORWARD = Prefers((9, 5, 9, 2, 1, 2, 1, 1, 1))
+both = pytest.mark.parametrize("module", [rally_v0, match_v0])
+
+
+def some_action(env: Any, rng: np.random.Generator) -> int:
+    raw = env.unwrapped
+    return int(rng.choice(np.flatnonzero(raw.observe(raw.agent_selection)["action_mask"])))
+
+
+@both
+@pytest.mark.parametrize("raw", [False, True])
+def test_pettingzoos_conformance(module: ModuleType, raw: bool) -> None:
+    make = module.raw_env if raw else module.env
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        conformance.api_test(make(game=GAME), num_cycles=1000)
+    conformance.seed_test(lambda: make(game=GAME), num_cycles=300)
+
+
+@pytest.mark.parametrize("make", [SingleRallyEnv, SingleMatchEnv])
+def test_gymnasiums_conformance(make: Any) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_env(make(opponent=FORWARD, game=GAME), skip_render_check=True)
+
+
+def test_the_ids_name_the_shipped_game() -> None:
+    env: Any = gymnasium.make("shuttle_marl:shuttle_marl/RallyRecovery-v0")
+    assert env.unwrapped.game is rally_v0.env(game="default:recovery").unwrapped.game
+    assert env.action_space == gymnasium.spaces.Discrete(default_game().n_strokes + N_POSITIONS)
+    assert "shuttle_marl/MatchRecovery-v0" in gymnasium.registry
+
+
+def test_without_recovery_there_is_nothing_to_choose() -> None:
+    env: Any = rally_v0.raw_env(game=reduced_game())
+    assert env.action_space("player_0").n == env.game.n_strokes == stepper_of(env.game).n_actions
+    env.reset(seed=1)
+    assert not env.chooses_position
+    assert env.snapshot().title.endswith("of seed 1")
+
+
+def pair() -> Game:
+    """Two left- and right-handed people with skill, and random effects of positions."""
+    return with_recovery(pair_game("viktor-axelsen", "kento-momota", game=reduced_model()), 3, 4)
+
+
+@pytest.mark.parametrize("game", [GAME, pair()], ids=["small", "pair"])
+def test_steps_equal_the_rule_for_batches(game: Game) -> None:
+    rng, stepper = np.random.default_rng(1), stepper_of(game)
+    tables = game.seats[0]
+    pairs = rng.integers(0, game.n_pairs, 3000)
+    state, k = tables.pair_state[pairs], tables.base_pair_rank[pairs % game.n_base_pairs]
+    position = np.array([rng.choice(np.flatnonzero(row)) for row in tables.waiting.mask(tables.base(state))])
+    draws, seat = rng.integers(0, 1 << 24, len(pairs)), rng.integers(0, 2, len(pairs))
+    outcome, following = strike(game, state, k, draws, seat, position)
+    others = 0
+    for i, where in enumerate(position.tolist()):
+        arguments = int(state[i]), int(seat[i]), int(tables.pair_stroke[pairs[i]]), int(draws[i])
+        played, after = stepper.step(*arguments, where)
+        assert played.outcome == outcome[i]
+        assert after == following[i] or played.outcome < RETURNED_BELOW
+        plain, _ = stepper.step(*arguments)
+        assert played[3:] == plain[3:], "the probabilities that are told do not depend on the position"
+        others += plain.outcome != played.outcome
+        assert [stepper.is_feasible(int(state[i]), p) for p in range(-1, 10)] == [
+            False, *tables.waiting.mask(tables.base(state[i])).tolist(), False,
+        ]  # fmt: skip
+    assert others > 20, "positions matter"
+
+
+def test_outcomes_are_as_frequent_as_their_probabilities() -> None:
+    rng, size = np.random.default_rng(3), 1 << 18
+    for number in rng.integers(0, GAME.n_pairs, 12).tolist():
+        state, k = np.full(size, GAME.pair_state[number]), np.full(size, GAME.base_pair_rank[number % GAME.n_base_pairs])
+        for position in np.flatnonzero(GAME.waiting.mask(GAME.base(state[0]))).tolist():
+            drawn = rng.integers(0, 1 << 24, size)
+            outcome, _ = strike(GAME, state, k, drawn, None, np.full(size, position))
+            expected = GAME.outcome_probabilities(np.array([number]), position)[0]
+            found = np.bincount(outcome, minlength=len(OUTCOMES)) / size
+            assert (np.abs(found - expected) < 5 * np.sqrt(expected * (1 - expected) / size) + 1e-9).all()
+
+
+@pytest.mark.parametrize("policy", [UniformPolicy(), FORWARD])
+def test_policies_wait_alike_with_and_without_a_table(policy: Policy) -> None:
+    table, rng = tabulate(policy, GAME), np.random.default_rng(4)
+    for state, number in zip(rng.integers(0, GAME.n_states, 60).tolist(), rng.integers(0, 65535, 60).tolist(), strict=True):
+        expected = int(table.choose_position(np.array([state]), np.array([number]))[0])
+        assert choose_position(policy, GAME, state, number) == choose_position(table, GAME, state, number) == expected
+
+
+def test_draws_of_positions_equal_those_by_counter() -> None:
+    draws = RallyDraws(7, 4)
+    for rally in (0, 31, 32, 5):
+        expected = position_draw(draw(stream(7, 4, rally), np.arange(40))).tolist()
+        assert [draws.position(rally, k) for k in range(40)] == expected
+
+
+@pytest.mark.parametrize("seat", [0, 1])
+def test_a_rally_against_an_opponent_is_the_rule_with_the_draws_of_the_rally(seat: Seat) -> None:
+    env = SingleRallyEnv(opponent=FORWARD, game=GAME, seat=seat, render_mode="ansi")
+    theirs, own, rng = tabulate(FORWARD, GAME), GamePolicy(FORWARD, GAME), np.random.default_rng(5)
+    seen, _ = env.reset(seed=9)
+    for _ in range(60):
+        key, actions, over = stream(9, env.raw.episode), [], False
+        while not over:
+            assert env.observation_space.contains(seen)
+            state, waits = env.state_number, env.raw.chooses_position
+            row = observations(GAME, np.array([state]))[0]
+            assert np.array_equal(seen["observation"], np.append(row[SWAP] if waits else row, np.float32(waits)))
+            feasible = np.r_[np.zeros(GAME.n_strokes, np.bool_), GAME.waiting.mask(GAME.base(state))]
+            legal = np.r_[GAME.mask(np.array(state)), np.zeros(N_POSITIONS, np.bool_)]
+            assert np.array_equal(seen["action_mask"], feasible if waits else legal)
+            actions.append(int(own.act(seen, rng=rng)))
+            seen, reward, over, _, info = env.step(actions[-1])
+        strokes, waited, state, striker = iter(actions), [], ROOT, int(draw(key, 0)[0] >> np.uint64(24)) & 1
+        for i in itertools.count():
+            bits, at = draw(key, i), np.array([state])
+            if striker == seat:
+                stroke, position = next(strokes), int(theirs.choose_position(at, position_draw(bits))[0])
+            else:
+                stroke = int(GAME.stroke_at(state, theirs.choose(at, choice_draw(bits))[0]))
+                free = GAME.waiting.choices[GAME.base(state)] > 1
+                position = next(strokes) - GAME.n_strokes if free else int(GAME.waiting.position[GAME.base(state), 0])
+            waited.append(position)
+            k = GAME.pair(at, np.array([stroke])) - GAME.pair_start[state]
+            outcome, after = strike(GAME, at, k, outcome_draw(bits), None, np.array([position]))
+            if after[0] < 0:
+                break
+            state, striker = int(after[0]), 1 - striker
+        assert next(strokes, None) is None
+        assert env.raw.snapshot().positions == tuple(waited)
+        assert waited[0] == CENTRE
+        assert f"receiver waited {POSITIONS[waited[-1]]}" in str(env.render())
+        assert info["outcome"] == OUTCOMES[outcome[0]]
+        assert reward == (1.0 if (striker == seat) == (info["outcome"] == "winner") else -1.0)
+        seen, _ = env.reset()
+
+
+def test_opponents_wait_as_often_as_they_say() -> None:
+    env, counts, expected = SingleRallyEnv(opponent=FORWARD, game=GAME), np.zeros(9), np.zeros(9)
+    rng = np.random.default_rng(6)
+    env.reset(seed=1)
+    for _ in range(6000):
+        if not env.raw.chooses_position and env.raw._stepper.chooses_position(env.state_number):
+            counts[env.raw._position] += 1
+            expected += FORWARD.positions(_states(env.state_number))[0]
+        if env.step(some_action(env.raw, rng))[2]:
+            env.reset()
+    assert (np.abs(counts - expected) < 5 * np.sqrt(expected + 1)).all()
+    assert counts.min() > 20
+
+
+def _states(state: int) -> States:
+    return States(game=GAME, state=np.array([state], np.int32))
+
+
+def to_a_choice(env: Any, seed: int) -> Any:
+    """Play until an agent is to choose a position."""
+    rng = np.random.default_rng(seed)
+    env.reset(seed=seed)
+    while not env.unwrapped.chooses_position:
+        env.step(some_action(env, rng))
+        if not env.agents or env.terminations["player_0"]:
+            env.reset()
+    return env
+
+
+@both
+def test_who_has_struck_acts_again_and_the_state_says_so(module: ModuleType) -> None:
+    env = to_a_choice(module.raw_env(game=GAME, max_strokes=500), 2)
+    waiting = env.agent_selection
+    other = next(agent for agent in env.possible_agents if agent != waiting)
+    assert env.infos[waiting]["striker"] == waiting
+    assert (env.observe(waiting)["observation"][-1], env.observe(other)["observation"][-1]) == (1, 0)
+    assert not env.observe(other)["action_mask"].any()
+    assert env.state() in env.state_space
+    assert env.state()[-2:].tolist() == [1, other == "player_0"]
+    before, length, infos = env.observe(other), env._length, env.infos
+    env.step(int(env.observe(waiting)["action_mask"].argmax()))
+    assert env.agent_selection == other
+    assert env._length == length, "positions are no strokes"
+    assert env.infos == infos
+    assert env.rewards == {"player_0": 0.0, "player_1": 0.0}
+    assert env.state()[-2:].tolist() == [0, other == "player_0"]
+    assert np.array_equal(env.observe(other)["observation"], before["observation"])
+    assert env.observe(other)["action_mask"][: GAME.n_strokes].any()
+    assert not env.observe(waiting)["action_mask"].any()
+
+
+@pytest.mark.parametrize("made_for", ["position", "stroke"])
+def test_illegal_positions_lose_as_illegal_strokes_do(made_for: str) -> None:
+    env = to_a_choice(rally_v0.env(game=GAME), 4)
+    raw = env.unwrapped
+    if made_for == "stroke":
+        env.step(int(env.last()[0]["action_mask"].argmax()))
+    loser, mask = env.agent_selection, env.last()[0]["action_mask"]
+    wrong = int(np.flatnonzero(mask == 0)[-1])
+    with pytest.raises(
+        IllegalStrokeError, match=rf"{made_for} {wrong} \(wait:[a-z-]+\) is not legal in state: .* Legal, as in act"
+    ):
+        raw.step(wrong)
+    for action in (-1, GAME.n_strokes + N_POSITIONS, "wait:back-centre"):
+        with pytest.raises(ActionError, match=f"not a stroke or position; .* {GAME.n_strokes + N_POSITIONS - 1}"):
+            raw.step(action)
+    env.step(wrong)
+    assert env.rewards[loser] == -1
+    assert sum(env.rewards.values()) == 0
+    assert env.infos[loser]["reason"] == f"illegal {made_for}"
+    assert env.infos[loser]["stroke"] == raw._stepper.action_names[wrong]
+    assert all(env.terminations.values())
+
+
+@pytest.mark.parametrize("make", [rally_v0.env, match_v0.raw_env, lambda **options: rally_v0.env(mask="info", **options)])
+def test_forks_draw_the_hidden_position_from_what_is_believed(make: Any) -> None:
+    env = to_a_choice(make(game=GAME), 3)
+    raw = env.unwrapped
+    state, n = raw.state_number, GAME.n_strokes
+    feasible = np.flatnonzero(GAME.waiting.mask(GAME.base(state)))
+    hidden = int(feasible[0])
+    raw.step(n + hidden)
+    people = np.bincount([env.fork(seed).unwrapped._position for seed in range(600)], minlength=9) / 600
+    assert np.abs(people - GAME.people_positions(np.array([state]))[0]).max() < 0.09
+    sure = np.eye(9)[feasible[-1]]
+    assert all(env.fork(seed, sure).unwrapped._position == feasible[-1] for seed in range(20))
+    by_policy = np.bincount([env.fork(seed, FORWARD).unwrapped._position for seed in range(600)], minlength=9) / 600
+    assert np.abs(by_policy - FORWARD.positions(_states(state))[0]).max() < 0.09
+    with pytest.raises(PolicyError, match="no distribution over the feasible positions"):
+        env.fork(1, np.eye(9)[np.flatnonzero(~GAME.waiting.mask(GAME.base(state)))[0]])
+    fork = env.fork(5)
+    assert fork.unwrapped._position == env.fork(5).unwrapped._position
+    assert raw._position == hidden
+    rng = np.random.default_rng(0)
+    while fork.unwrapped._reason is None:
+        fork.unwrapped.step(some_action(fork.unwrapped, rng))
+    known = fork.unwrapped.snapshot().positions
+    assert not any(position is not None for position in known[: len(raw._positions)]), "forks do not tell what was hidden"
+    assert all(position is not None for position in known[len(raw._positions) :])
+
+
+def test_exact_copies_keep_the_hidden_position() -> None:
+    env = to_a_choice(rally_v0.raw_env(game=GAME), 3)
+    env.step(int(np.flatnonzero(env.observe(env.agent_selection)["action_mask"])[1]))
+    with pytest.warns(UserWarning, match="sees the future"):
+        twins = [copy.deepcopy(env), pickle.loads(pickle.dumps(env))]
+    assert [twin._position for twin in twins] == [env._position] * 2
+
+
+def test_the_picture_shows_where_the_last_receiver_waited_after_the_rally() -> None:
+    env, rng, seen = rally_v0.raw_env(game=GAME), np.random.default_rng(1), 0
+    for seed in range(20):
+        env.reset(seed=seed)
+        while not env.terminations["player_0"]:
+            assert plan_of(env.snapshot()).waited is None
+            env.step(some_action(env, rng))
+        snapshot = env.snapshot()
+        waited = plan_of(snapshot).waited
+        assert waited is not None
+        receiver, where = 1 - snapshot.strokes[-1].player, snapshot.positions[-1]
+        assert where is not None
+        x, y = (waited[1], -waited[0]) if receiver == 0 else (-waited[1], waited[0])
+        assert position_of(np.array(x), np.array(y)) == where
+        seen |= 1 << where
+    assert seen.bit_count() > 3
+
+
+def test_rallies_are_cut_off_after_strokes_not_positions() -> None:
+    env, rng = rally_v0.raw_env(game=GAME, max_strokes=3), np.random.default_rng(0)
+    for seed in range(30):
+        env.reset(seed=seed)
+        while not (env.terminations["player_0"] or env.truncations["player_0"]):
+            env.step(some_action(env, rng))
+        assert len(env.snapshot().strokes) <= 3
+        if env.truncations["player_0"]:
+            assert len(env.snapshot().strokes) == 3
+            assert len(env.snapshot().positions) == 3
+            return
+    raise AssertionError("no rally was cut off")
+
+
+@both
+def test_positions_are_the_fifth_component(module: ModuleType) -> None:
+    flat, parts, rng = module.env(game=GAME), module.env(game=GAME, action="components"), np.random.default_rng(2)
+    c = GAME.catalogue
+    flat.reset(seed=6)
+    parts.reset(seed=6)
+    for agent, other in zip(flat.agent_iter(400), parts.agent_iter(400), strict=True):
+        assert agent == other
+        (seen, *rest), (in_parts, *others) = flat.last(), parts.last()
+        assert rest == others
+        assert parts.observation_space(agent).contains(in_parts)
+        masks = component_masks(in_parts["action_mask"])
+        assert [len(mask) for mask in masks] == [13, 9, 2, 3, 9]
+        assert np.array_equal(masks[4], seen["action_mask"][GAME.n_strokes :])
+        assert masks[0].any() == seen["action_mask"][: GAME.n_strokes].any()
+        if rest[1]:
+            flat.step(None)
+            parts.step(None)
+            if not flat.agents:
+                flat.reset()
+                parts.reset()
+            continue
+        action = int(rng.choice(np.flatnonzero(seen["action_mask"])))
+        flat.step(action)
+        stroke, position = min(action, GAME.n_strokes - 1), max(action - GAME.n_strokes, 0)
+        parts.step(np.array([c.shot[stroke], c.area[stroke], c.height[stroke], c.technique[stroke], position]))
+
+
+def test_agents_act_in_both_roles_and_with_a_score() -> None:
+    policy, env = GamePolicy(FORWARD, GAME), match_v0.env(game=GAME)
+    rng = np.random.default_rng(8)
+    env.reset(seed=2)
+    for _ in env.agent_iter(600):
+        seen, _, over, _, _ = env.last()
+        action = None if over else int(policy.act(seen, rng=rng))
+        assert action is None or seen["action_mask"][action]
+        env.step(action)
+    rows = np.stack([env.observe(agent)["observation"] for agent in env.possible_agents])
+    acts = [agent == env.agent_selection for agent in env.possible_agents]
+    assert np.shape(policy.act(rows[acts], rng=rng)) == (1,)
+
+
+def test_rallies_in_words_ask_where_to_wait() -> None:
+    rng, asked = np.random.default_rng(3), set[bool]()
+    env: Any = text_env(game=GAME)
+    for _ in range(20):
+        env.reset(seed=None if asked else 1)
+        for agent in env.agent_iter():
+            text, _, over, _, _ = env.last()
+            assert env.observation_space(agent).contains(text)
+            if over:
+                assert text == OVER
+                env.step(None)
+                continue
+            waits = env.unwrapped.chooses_position
+            names = text.rstrip("\n").rpartition("Places: " if waits else "Legal strokes: ")[2].split(", ")
+            legal = np.flatnonzero(env.unwrapped.observe(agent)["action_mask"])
+            assert names == [env.unwrapped._stepper.action_names[action] for action in legal]
+            hurried = env.unwrapped.observe(agent)["observation"][HURRIED] == 1
+            assert hurried == ("hurried:" in text)
+            if waits:
+                assert "You played: " in text
+                assert ("Your opponent is hurried" in text) == hurried
+                other = next(name for name in env.possible_agents if name != agent)
+                assert env.observe(other) == "Your opponent chooses where to wait."
+            asked.add(waits)
+            env.step(f"I choose {rng.choice(names)}.")
+    assert asked == {False, True}
+
+
+def test_words_that_name_no_place_lose() -> None:
+    env = TextRallyEnv(opponent=FORWARD, game=GAME, info="full")
+    for seed in range(50):
+        text, _ = env.reset(seed=seed)
+        over = False
+        while not over and "Places: " not in text:
+            text, _, over, _, _ = env.step(text.rstrip("\n").rpartition(", ")[2])
+        if not over:
+            break
+    text, reward, over, _, info = env.step("I stay where I am.")
+    assert (text, reward, over, info["reason"]) == (OVER, -1.0, True, "illegal position")
+
+
+def test_a_tabulated_policy_without_positions_waits_as_people_do() -> None:
+    table = tabulate(UniformPolicy(), GAME)
+    assert isinstance(table, TabulatedPolicy)
+    assert table.waits is None
+    env = SingleRallyEnv(opponent=table, game=GAME)
+    env.reset(seed=1)
+    assert env.action_masks().shape == (GAME.n_strokes + N_POSITIONS,)
