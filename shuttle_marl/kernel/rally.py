@@ -594,7 +594,8 @@ class RallyBatch:
         rank: I32 = np.where(action < n, self.game.rank(state, np.minimum(action, n - 1)), np.int32(-1))
         if self.game.recovery is None or not self.n_opponents:
             return rank
-        feasible = self._tables.position[self.game.base(state)] == (np.asarray(action) - n)[:, None]
+        position = np.where(action < n, N_POSITIONS, action - n)  # -1 fills up the table
+        feasible = self._tables.position[self.game.base(state)] == position[:, None]
         place = np.where(feasible.any(axis=1), feasible.argmax(axis=1), -1)
         return np.where(self.waits, place, rank).astype(np.int32)
 

@@ -5,14 +5,14 @@ import dataclasses
 import numpy as np
 
 from shuttle_marl.game.pairs import pair_game
-from shuttle_marl.game.shipped import load_game
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, cumulative_positions, tabulate
 from shuttle_marl.policy.registry import resolve
+from tests.recovery import small_recovery_game
 from tests.reduced import reduced_game, reduced_model
 
-RECOVERY = load_game("default:recovery").recovery
-GAME = dataclasses.replace(reduced_game(), recovery=RECOVERY)
+GAME = small_recovery_game()
+RECOVERY = GAME.recovery
 PAIR = dataclasses.replace(pair_game("viktor-axelsen", "kento-momota", game=reduced_model()), recovery=RECOVERY)
 
 
