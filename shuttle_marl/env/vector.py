@@ -192,7 +192,9 @@ class VersusVectorEnv(VectorEnv[Any, Ints, npt.NDArray[Any]]):
         reason = np.full(self.num_envs, None, dtype=object)
         for row, vector in zip(rows, vectors, strict=True):
             seen[row] = {"observation": vector, "action_mask": nothing} if self._mask == "observation" else vector
-        reason[rows] = _REASONS[np.where(lost, LOST + self._waited[rows], self._won_by_stroke(rows, own, rewards).astype(np.intp))]
+        reason[rows] = _REASONS[
+            np.where(lost, LOST + self._waited[rows], self._won_by_stroke(rows, own, rewards).astype(np.intp))
+        ]
         return {
             "final_obs": seen,
             "_final_obs": over.copy(),
