@@ -356,7 +356,7 @@ class RallyCollector(BaseCollector):
             "shaping": added_rewards(config, game) if config.shapes_rewards else None,
         }
         device = torch.device(config.device)
-        on_device = config.sampler == "torch" or (config.sampler == "auto" and device.type == "cuda")
+        on_device = config.sampler == "torch" or (config.sampler == "auto" and device.type == "cuda" and game.recovery is None)
         self.sampler = (
             TorchSampler(game, opponents, device=device, **options) if on_device else RallySampler(game, opponents, **options)
         )
