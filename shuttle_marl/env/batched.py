@@ -131,11 +131,14 @@ class _BatchedEnv(EnvBase):
         return {**self._tensors(seen), "reward": torch.from_numpy(reward).unsqueeze(-1), "done": done}, done
 
     def _tensors(self, seen: Observations) -> dict[str, torch.Tensor]:
-        mask = torch.from_numpy(seen.mask)
-        if not self._joint:
-            return {"observation": torch.from_numpy(seen.tokens), "action_mask": mask}
-        strokes, positions = (part.contiguous() for part in mask.split([self.game.n_strokes, N_POSITIONS], dim=-1))
-        return {"observation": torch.from_numpy(seen.tokens), "action_mask": strokes, "position_mask": positions}
+        n, tensors = (
+            self.game.n_strokes,
+            {"observation": torch.from_numpy(seen.tokens), "action_mask": torch.from_numpy(seen.mask)},
+        )
+        if self._joint:
+            parts = {"action_mask": seen.mask[:, :n], "position_mask": seen.mask[:, n:]}
+            tensors |= {name: torch.from_numpy(np.ascontiguousarray(part)) for name, part in parts.items()}
+        return tensors
 
 
 def _unchecked(entries: dict[str, torch.Tensor], batch_size: torch.Size) -> TensorDict:

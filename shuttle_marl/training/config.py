@@ -128,8 +128,8 @@ class TrainingConfig:
     device: str = "cpu"
     """PyTorch device of the networks, such as cuda."""
     sampler: Sampler = "auto"
-    """Sampler of the rallies: the compiled kernel on the CPU, or torch on --device (not in the game with recovery); auto: torch on
-    CUDA devices, where it can."""
+    """Sampler of the rallies: the compiled kernel on the CPU, or torch on --device (not in the game with recovery); auto: torch
+    on CUDA devices, where it can."""
     threads: Annotated[int, Within(low=1, high=1024, text="a whole number from 1 to 1,024")] = 1
     """PyTorch threads of this process; changes the result, because it changes the order of sums."""
 
