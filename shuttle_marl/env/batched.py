@@ -119,7 +119,9 @@ class _BatchedEnv(EnvBase):
         entries, done = self._play(tensordict, reset=True)
         tensordict.set("next", _unchecked({**entries, "terminated": done.clone()}, self.batch_size))
         none = torch.zeros_like(done)
-        begun = {name: entries[name] for name in ("observation", "action_mask", "position_mask") if name in entries}
+        begun: dict[str, torch.Tensor] = {
+            name: entries[name] for name in ("observation", "action_mask", "position_mask") if name in entries
+        }
         return tensordict, _unchecked({**begun, "done": none, "terminated": none.clone()}, self.batch_size)
 
     def _play(self, tensordict: TensorDictBase, *, reset: bool) -> tuple[dict[str, torch.Tensor], torch.Tensor]:
