@@ -330,7 +330,8 @@ def simulated_rallies(game: Game, players: Mapping[str, Simulated], *, matches: 
     if len(tables) == len(policies):
         played = play_matches(game, seated, tables).rallies
     else:
-        played = lockstep.play(game, seated, lockstep.asking(game, policies)).rallies
+        wait = lockstep.asking(game, policies, positions=True)
+        played = lockstep.play(game, seated, lockstep.asking(game, policies), wait).rallies
     header = LogHeader(
         seed=seed,
         game=game.hash,

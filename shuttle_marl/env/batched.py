@@ -6,10 +6,13 @@ The same seed and strokes give the rallies of ``rally_v0``: row b of B plays the
 
 from typing import Any, cast
 
+import numpy as np
+
 from shuttle_marl.base.arrays import I32
 from shuttle_marl.base.errors import suggesting, whole_number
 from shuttle_marl.base.extras import hinted
 from shuttle_marl.game.pairs import opponent_tables
+from shuttle_marl.game.recovery import N_POSITIONS
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.game.tables import Game
 from shuttle_marl.kernel import RallyBatch
@@ -36,6 +39,10 @@ class _BatchedEnv(EnvBase):
     - ``action``: ``[B]`` int64 catalogue index.
     - ``reward``: ``[B, 1]`` float32; ``done``, ``terminated``: ``[B, 1]`` bool.
 
+    In the game with recovery observations have an eighth number, 1 if the learner is to choose a position, and position p is
+    action n + p. In self-play (:class:`RallyEnv`) a step stays one stroke: ``position``, ``[B]`` int64, is chosen beside
+    ``action``, under ``position_mask``, ``[B, 9]``.
+
     ``rollout`` and the collectors reset rows in the same call as the step. So where ``("next", "terminated")`` is True, the
     other entries of ``"next"`` belong to the next rally; estimators ignore them there.
     """
@@ -49,13 +56,18 @@ class _BatchedEnv(EnvBase):
         self.game = game
         self._batch = batch
         self._next_seed: int | None = seed
-        n, highest = game.n_strokes, torch.from_numpy(game.highest_observation)
+        self._joint = game.recovery is not None and not batch.n_opponents
+        n = game.n_strokes if self._joint else game.n_actions
+        highest = torch.from_numpy(np.append(game.highest_observation, np.int32(1))[: 7 + (game.recovery is not None)])
         self.observation_spec = Composite(
             observation=Bounded(0, highest.expand(size, -1), dtype=torch.int32),
             action_mask=Binary(shape=(size, n), dtype=torch.bool),
             shape=(size,),
         )
-        self.action_spec = Categorical(n, shape=(size,), dtype=torch.int64)
+        self.full_action_spec = Composite(action=Categorical(n, shape=(size,), dtype=torch.int64), shape=(size,))
+        if self._joint:
+            self.observation_spec["position_mask"] = Binary(shape=(size, N_POSITIONS), dtype=torch.bool)
+            self.full_action_spec["position"] = Categorical(N_POSITIONS, shape=(size,), dtype=torch.int64)
         self.reward_spec = Unbounded((size, 1))
         self.full_done_spec = Composite(
             done=Categorical(2, shape=(size, 1), dtype=torch.bool),
@@ -72,7 +84,10 @@ class _BatchedEnv(EnvBase):
         """Sample a legal stroke uniformly for each row, with the random number of the next stroke."""
         if tensordict is None:
             tensordict = TensorDict(batch_size=self.batch_size)
-        return cast(TensorDictBase, tensordict.set("action", torch.from_numpy(self._batch.random_strokes())))
+        stroke, position = self._batch.random_actions()
+        if self._joint:
+            tensordict.set("position", torch.from_numpy(position))
+        return cast(TensorDictBase, tensordict.set("action", torch.from_numpy(stroke)))
 
     def _set_seed(self, seed: int | None) -> None:
         """The next reset starts with rally 0 of this seed."""
@@ -90,7 +105,7 @@ class _BatchedEnv(EnvBase):
         none = torch.zeros(len(self._batch), 1, dtype=torch.bool)
         seen = self._batch.new_observations()
         self._batch.observe(seen)
-        return TensorDict({**_tensors(seen), "done": none, "terminated": none.clone()}, self.batch_size)
+        return TensorDict({**self._tensors(seen), "done": none, "terminated": none.clone()}, self.batch_size)
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
         entries, done = self._play(tensordict, reset=False)
@@ -104,19 +119,28 @@ class _BatchedEnv(EnvBase):
         entries, done = self._play(tensordict, reset=True)
         tensordict.set("next", _unchecked({**entries, "terminated": done.clone()}, self.batch_size))
         none = torch.zeros_like(done)
-        begun = {name: entries[name] for name in ("observation", "action_mask")}
+        begun: dict[str, torch.Tensor] = {
+            name: entries[name] for name in ("observation", "action_mask", "position_mask") if name in entries
+        }
         return tensordict, _unchecked({**begun, "done": none, "terminated": none.clone()}, self.batch_size)
 
     def _play(self, tensordict: TensorDictBase, *, reset: bool) -> tuple[dict[str, torch.Tensor], torch.Tensor]:
         """Entries with observation, reward and done after a stroke in every row; and done."""
         seen = self._batch.new_observations()
-        reward, over = self._batch.step(tensordict.get("action").numpy(), reset=reset, observed=seen)
+        position = tensordict.get("position").numpy() if self._joint else None
+        reward, over = self._batch.step(tensordict.get("action").numpy(), position, reset=reset, observed=seen)
         done = torch.from_numpy(over).unsqueeze(-1)
-        return {**_tensors(seen), "reward": torch.from_numpy(reward).unsqueeze(-1), "done": done}, done
+        return {**self._tensors(seen), "reward": torch.from_numpy(reward).unsqueeze(-1), "done": done}, done
 
-
-def _tensors(seen: Observations) -> dict[str, torch.Tensor]:
-    return {"observation": torch.from_numpy(seen.tokens), "action_mask": torch.from_numpy(seen.mask)}
+    def _tensors(self, seen: Observations) -> dict[str, torch.Tensor]:
+        n, tensors = (
+            self.game.n_strokes,
+            {"observation": torch.from_numpy(seen.tokens), "action_mask": torch.from_numpy(seen.mask)},
+        )
+        if self._joint:
+            parts = {"action_mask": seen.mask[:, :n], "position_mask": seen.mask[:, n:]}
+            tensors |= {name: torch.from_numpy(np.ascontiguousarray(part)) for name, part in parts.items()}
+        return tensors
 
 
 def _unchecked(entries: dict[str, torch.Tensor], batch_size: torch.Size) -> TensorDict:

@@ -7,14 +7,20 @@ from typing import NamedTuple, Self
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
+from shuttle_marl.game.observation import SWAP_TOKENS
 from shuttle_marl.game.rules import RETURNED_BELOW, WINNER
 from shuttle_marl.game.shipped import default_game
 from shuttle_marl.game.tables import ROOT, Game
 
 
 class Tables(NamedTuple):
-    """The arrays of a game, a tree of JAX; see :class:`shuttle_marl.game.tables.Game`."""
+    """The arrays of a game, a tree of JAX; see :class:`shuttle_marl.game.tables.Game`.
+
+    In the game with recovery thresholds and chances are those by position (:class:`shuttle_marl.game.recovery.Waiting`), with
+    ``start``, ``choices``, and ``place``: ``[base states, 9]`` number of each position among the feasible ones, -1 if it is not.
+    """
 
     limits: jax.Array
     hurry: jax.Array
@@ -26,6 +32,9 @@ class Tables(NamedTuple):
     edge_incoming: jax.Array
     edge_duel: jax.Array
     edge_attack: jax.Array
+    start: jax.Array | None = None
+    choices: jax.Array | None = None
+    place: jax.Array | None = None
 
     @classmethod
     def of(cls, game: Game | None = None) -> Self:
@@ -35,7 +44,12 @@ class Tables(NamedTuple):
             GameError: it is the game of a pair, whose seats have tables of their own; take ``game.seats[0]``.
         """
         game = game or default_game()
-        return cls(*(jnp.asarray(getattr(game, name)) for name in cls._fields))
+        arrays = {name: getattr(game, name) for name in cls._fields if name not in cls._field_defaults}
+        if game.recovery is not None:
+            waiting, feasible = game.waiting, game.waiting.mask(np.arange(game.n_base_states))
+            arrays |= {"limits": waiting.limits, "hurry": waiting.hurry, "start": waiting.start.astype(np.int32)}
+            arrays |= {"choices": waiting.choices, "place": np.where(feasible, feasible.cumsum(axis=1) - 1, -1).astype(np.int8)}
+        return cls(**{name: jnp.asarray(array) for name, array in arrays.items()})
 
 
 class Step(NamedTuple):
@@ -57,19 +71,27 @@ def init() -> jax.Array:
     return jnp.asarray(ROOT, jnp.int32)
 
 
-def observe(tables: Tables, state: jax.Array) -> tuple[jax.Array, jax.Array]:
+def observe(tables: Tables, state: jax.Array, waits: jax.Array | bool = False) -> tuple[jax.Array, jax.Array]:
     """What the striker sees.
+
+    Args:
+        waits: in the game with recovery, whether the receiver looks, who is to choose a position.
 
     Returns:
         ``[7]`` int32 observation, see :meth:`shuttle_marl.game.layout.Layout.observation`, and ``[n]`` bool, which strokes are
-        legal.
+        legal; with recovery ``[8]``, the last number ``waits``, and ``[n + 9]`` legal actions.
     """
     block, base = jnp.divmod(state, len(tables.base_pair_start) - 1)
     own_effort, opponent_effort = jnp.divmod(block, len(tables.limits))
     edge, contact, hurried = base >> 2, state & 1, state >> 1 & 1
     own, incoming, duel = tables.edge_own[edge], tables.edge_incoming[edge], tables.edge_duel[edge]
     seen = jnp.stack([own, incoming, contact, duel, own_effort, opponent_effort, hurried])
-    return seen, tables.reply_rank[incoming, contact] >= 0
+    legal = tables.reply_rank[incoming, contact] >= 0
+    if tables.place is None:
+        return seen, legal
+    waits = jnp.asarray(waits)
+    seen = jnp.append(jnp.where(waits, seen[SWAP_TOKENS], seen), waits.astype(seen.dtype))
+    return seen, jnp.concatenate([legal & ~waits, (tables.place[base] >= 0) & waits])
 
 
 def draws(key: jax.Array, shape: tuple[int, ...] = ()) -> jax.Array:
@@ -77,19 +99,22 @@ def draws(key: jax.Array, shape: tuple[int, ...] = ()) -> jax.Array:
     return (jax.random.bits(key, shape, jnp.uint32) >> 8).astype(jnp.int32)
 
 
-def step(tables: Tables, state: jax.Array, stroke: jax.Array, draw: jax.Array) -> Step:
+def step(tables: Tables, state: jax.Array, stroke: jax.Array, draw: jax.Array, position: jax.Array | None = None) -> Step:
     """Play a stroke: the rule of :func:`shuttle_marl.game.rules.strike`.
 
     Args:
         state: int32, state of the striker.
         stroke: int32, catalogue index of a legal stroke; not checked.
         draw: int32, see :func:`draws`.
+        position: int32, feasible position of the receiver, which is not checked; None in the game without recovery.
     """
     levels, n_states = len(tables.limits), len(tables.base_pair_start) - 1
     block, base = jnp.divmod(state, n_states)
     own, other = jnp.divmod(block, levels)
     k = tables.reply_rank[tables.edge_incoming[base >> 2], state & 1, stroke].astype(jnp.int32)
     pair, edge = tables.base_pair_start[base] + k, tables.reply_edge[tables.first_reply[base] + k]
+    if position is not None and tables.start is not None and tables.choices is not None and tables.place is not None:
+        pair = tables.start[base] + k * tables.choices[base] + tables.place[base, position]
     outcome = (draw & 0xFFFF >= tables.limits[own, pair]).sum(dtype=jnp.int32)
     contact = outcome - RETURNED_BELOW
     over = contact < 0

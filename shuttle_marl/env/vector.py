@@ -1,4 +1,8 @@
-"""Gymnasium vector environments of rallies and matches against opponents, on the compiled kernel."""
+"""Gymnasium vector environments of rallies and matches against opponents, on the compiled kernel.
+
+In the game with recovery (``default:recovery``) the learner's steps are its strokes and its positions: action n + p is position
+p, and the last number of an observation is 1 if the learner is to choose a position.
+"""
 
 from typing import Any, Final, Literal
 
@@ -11,9 +15,9 @@ from gymnasium.vector.utils import batch_space
 
 from shuttle_marl.base.arrays import F32, I32, I64, Bools, Intp, Ints
 from shuttle_marl.base.errors import ActionError, OptionError, suggesting
-from shuttle_marl.env.aec import ILLEGAL
+from shuttle_marl.env.aec import ILLEGAL, ILLEGAL_POSITION
 from shuttle_marl.env.wrappers import InfoView, MaskView, checked_views
-from shuttle_marl.game.observation import RALLY_WIDTH, SCORE_WIDTH, SWAP, with_efforts
+from shuttle_marl.game.observation import RALLY_WIDTH, SCORE_WIDTH, SWAP, SWAP_TOKENS, with_efforts
 from shuttle_marl.game.pairs import opponent_tables
 from shuttle_marl.game.rally.stepper import stepper_of
 from shuttle_marl.game.rules import FAULT, OUTCOMES, WINNER
@@ -25,9 +29,7 @@ from shuttle_marl.kernel.rows import ILLEGAL as LOST
 from shuttle_marl.kernel.rows import Server
 from shuttle_marl.policy.registry import Opponents, tabulated
 
-_SWAP_TOKENS: Final = np.array([1, 0, 2, 3, 5, 4, 6])
-"""Permutation that turns the striker's tokens into the receiver's."""
-_REASONS: Final = np.array([OUTCOMES[FAULT], OUTCOMES[WINNER], ILLEGAL], dtype=object)
+_REASONS: Final = np.array([OUTCOMES[FAULT], OUTCOMES[WINNER], ILLEGAL, ILLEGAL_POSITION], dtype=object)
 
 
 class VersusVectorEnv(VectorEnv[Any, Ints, npt.NDArray[Any]]):
@@ -54,7 +56,10 @@ class VersusVectorEnv(VectorEnv[Any, Ints, npt.NDArray[Any]]):
     ) -> None:
         self._mask, self._info = mask, checked_views(mask, info)
         self.game, self.versus, self.num_envs = game, batch, len(batch)
-        n = game.n_strokes
+        n = game.n_actions
+        if game.recovery is not None:
+            kind = vector.low.dtype.type
+            vector = spaces.Box(np.append(vector.low, kind(0)), np.append(vector.high, kind(1)), dtype=kind)
         self.single_action_space = spaces.Discrete(n)
         self.single_observation_space = (
             spaces.Dict({"observation": vector, "action_mask": spaces.Box(0, 1, (n,), np.int8)})
@@ -64,6 +69,7 @@ class VersusVectorEnv(VectorEnv[Any, Ints, npt.NDArray[Any]]):
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self._illegal = np.zeros(self.num_envs, np.int64)
+        self._waited = np.zeros(self.num_envs, np.bool_)
         self._begun = False
 
     @property
@@ -72,11 +78,13 @@ class VersusVectorEnv(VectorEnv[Any, Ints, npt.NDArray[Any]]):
         return self.versus.unseen
 
     def action_masks(self) -> Bools:
-        """``[B, n]`` legal strokes of each row."""
-        return self.game.mask(self.versus.rows.state)
+        """``[B, n]`` legal strokes of each row; with recovery ``[B, n + 9]`` legal actions."""
+        observed = self.versus.new_observations()
+        self.versus.observe(observed)
+        return observed.mask
 
     def random_actions(self) -> I64:
-        """``[B]`` uniformly sampled legal strokes, with the random number of the next stroke of each row."""
+        """``[B]`` uniformly sampled legal actions, with the random number of the next stroke of each row."""
         return self.versus.random_strokes()
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
@@ -110,7 +118,7 @@ class VersusVectorEnv(VectorEnv[Any, Ints, npt.NDArray[Any]]):
         """Play a stroke and the opponent's reply in every row; an illegal stroke loses the episode.
 
         Args:
-            actions: ``[B]`` catalogue indices.
+            actions: ``[B]`` catalogue indices, n + p for position p where the learner is to choose one.
 
         Returns:
             Observations, ``[B]`` float32 rewards, ``[B]`` whether each episode was over, ``[B]`` False, and infos.
@@ -122,9 +130,9 @@ class VersusVectorEnv(VectorEnv[Any, Ints, npt.NDArray[Any]]):
         self._require_begun()
         actions = np.asarray(actions)
         whole = actions.dtype.kind in "iu" and actions.shape == (self.num_envs,)
-        if not whole or not ((actions >= 0) & (actions < self.game.n_strokes)).all():
-            raise ActionError(f"actions {actions!r}: expected {self.num_envs} integers from 0 to {self.game.n_strokes - 1}")
-        before = self.versus.rows.state.copy()
+        if not whole or not ((actions >= 0) & (actions < self.game.n_actions)).all():
+            raise ActionError(f"actions {actions!r}: expected {self.num_envs} integers from 0 to {self.game.n_actions - 1}")
+        before, self._waited = self.versus.rows.state.copy(), self.versus.waits
         rewards, terminated, illegal = self._play(before, actions)
         self._illegal += illegal
         final: dict[str, Any] = {}
@@ -143,10 +151,15 @@ class VersusVectorEnv(VectorEnv[Any, Ints, npt.NDArray[Any]]):
         """``[B]`` each: rewards, whether the episode is over, and whether the stroke was illegal."""
         raise NotImplementedError
 
+    def _told(self, rows: Intp, state: I32, own: Bools | None, waits: Bools) -> npt.NDArray[Any]:
+        """:meth:`_vectors`, in the game with recovery followed by whether each learner is to choose a position."""
+        seen = self._vectors(rows, state, own)
+        return seen if self.game.recovery is None else np.hstack([seen, waits[:, None]], dtype=seen.dtype, casting="unsafe")
+
     def _vectors(self, rows: Intp, state: I32, own: Bools | None = None) -> npt.NDArray[Any]:  # noqa: ARG002
         """``[D, w]`` what the learners of some rows see in states; ``own``: whether they are the strikers, None: all are."""
         seen = self.game.observation(state) if self._features is None else with_efforts(self.game, self._features, state)
-        return seen if own is None else np.where(own[:, None], seen, seen[:, _SWAP_TOKENS if self._features is None else SWAP])
+        return seen if own is None else np.where(own[:, None], seen, seen[:, SWAP_TOKENS if self._features is None else SWAP])
 
     def _won_by_stroke(self, rows: Intp, own: Bools, rewards: F32) -> Bools:
         """``[D]`` whether the last stroke was a winner rather than a fault."""
@@ -157,7 +170,9 @@ class VersusVectorEnv(VectorEnv[Any, Ints, npt.NDArray[Any]]):
         self.versus.observe(observed)
         mask, vectors = observed.mask.view(np.int8), observed.tokens
         if self._features is not None:
-            vectors = self._vectors(np.arange(self.num_envs), self.versus.rows.state)
+            waits = self.versus.waits
+            own = None if self.game.recovery is None else ~waits
+            vectors = self._told(np.arange(self.num_envs), self.versus.rows.state, own, waits)
         every = np.ones(self.num_envs, np.bool_)
         infos: dict[str, Any] = {"unseen": self.versus.opponents.unseen.copy(), "_unseen": every}
         infos |= {"illegal": self._illegal.copy(), "_illegal": every.copy()}
@@ -169,14 +184,17 @@ class VersusVectorEnv(VectorEnv[Any, Ints, npt.NDArray[Any]]):
         """Gymnasium's ``final_obs`` and ``final_info`` of finished episodes."""
         kernel, lost = self.versus, illegal[rows]
         # The learner is the receiver of the final state if the last stroke was theirs.
-        own = lost | (kernel.rows.striker[rows] == kernel.opponents.seat[rows])
-        vectors = self._vectors(rows, np.where(illegal, before, kernel.rows.state)[rows], own)
-        nothing = np.zeros(self.game.n_strokes, np.int8)
+        own = np.where(lost, ~self._waited[rows], kernel.rows.striker[rows] == kernel.opponents.seat[rows])
+        state = np.where(illegal, before, kernel.rows.state)[rows]
+        vectors = self._told(rows, state, own, np.zeros(len(rows), np.bool_))
+        nothing = np.zeros(self.game.n_actions, np.int8)
         seen = np.full(self.num_envs, None, dtype=object)
         reason = np.full(self.num_envs, None, dtype=object)
         for row, vector in zip(rows, vectors, strict=True):
             seen[row] = {"observation": vector, "action_mask": nothing} if self._mask == "observation" else vector
-        reason[rows] = _REASONS[np.where(lost, LOST, self._won_by_stroke(rows, own, rewards).astype(np.intp))]
+        reason[rows] = _REASONS[
+            np.where(lost, LOST + self._waited[rows], self._won_by_stroke(rows, own, rewards).astype(np.intp))
+        ]
         return {
             "final_obs": seen,
             "_final_obs": over.copy(),
@@ -240,11 +258,11 @@ class RallyVectorEnv(VersusVectorEnv):
         tokens = spaces.Box(np.zeros_like(highest), highest, dtype=np.int32)
         super().__init__(tables, batch, vector if observation == "features" else tokens, mask, info)
 
-    def _play(self, before: I32, actions: Ints) -> tuple[F32, Bools, Bools]:
-        illegal = self.game.rank(before, actions) < 0
+    def _play(self, before: I32, actions: Ints) -> tuple[F32, Bools, Bools]:  # noqa: ARG002
+        illegal = self.versus.ranks(actions) < 0
         if illegal.any():
-            # The rally is lost anyway, so it continues with any legal stroke.
-            actions = np.where(illegal, self.game.stroke_at(before, 0), actions)
+            # The rally is lost anyway, so it continues with any legal action.
+            actions = np.where(illegal, self.action_masks().argmax(axis=1), actions)
         rewards, terminated = self.versus.step(actions, reset=False)
         rewards[illegal], terminated[illegal] = -1, True
         return rewards, terminated, illegal

@@ -33,6 +33,9 @@ SCORE_WIDTH: Final = 6
 SWAP: Final = np.r_[STROKE_WIDTH : 2 * STROKE_WIDTH, :STROKE_WIDTH, CONTACT, SERVE, DUEL, EFFORT + 1, EFFORT, HURRIED]
 """Permutation that turns the striker's observation into the receiver's."""
 
+SWAP_TOKENS: Final = np.array([1, 0, 2, 3, 5, 4, 6])
+"""The same of the numbers of :meth:`shuttle_marl.game.layout.Layout.observation`."""
+
 
 def stroke_features(game: Layout) -> F32:
     """``[n + 1, 27]`` one-hots of shot type, area, height and technique; the last row ("none yet") is zero."""

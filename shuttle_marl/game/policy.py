@@ -350,6 +350,8 @@ class UniformPolicy:
 class TemperedPolicy:
     """Probabilities of ``base`` raised to 1 / temperature and normalised; temperature 0 plays the likeliest stroke.
 
+    Positions, in the game with recovery, stay those of ``base``.
+
     Of several likeliest strokes, temperature 0 plays the one that comes first in the catalogue. A stroke that the base
     never plays is never played.
 
@@ -374,6 +376,10 @@ class TemperedPolicy:
     def reads_history(self) -> bool:
         """Whether the base reads the rally so far."""
         return reads_history(self.base)
+
+    def positions(self, states: States) -> F64:
+        """``[B, 9]`` positions of the base."""
+        return checked_positions(self.base, states)
 
     def probabilities(self, states: States) -> F64:
         """``[B, n]`` tempered probabilities.

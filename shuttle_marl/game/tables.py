@@ -206,6 +206,11 @@ class Game(Layout):
         """Number of positions of a receiver: 9, or 1 in the game without recovery."""
         return 1 if self.recovery is None else N_POSITIONS
 
+    @property
+    def n_actions(self) -> int:
+        """Number of actions: the n strokes, and in the game with recovery the nine positions behind them."""
+        return self.n_strokes + (0 if self.recovery is None else N_POSITIONS)
+
     def people_positions(self, state: Indices) -> F64:
         """``[..., 9]`` probabilities of people's positions as receivers where a striker is in each state; see ``waiting``."""
         assert self.recovery is not None

@@ -21,6 +21,7 @@ from shuttle_marl.base.arrays import I8, I16, I32, I64, U64, Bools
 from shuttle_marl.base.compiling import inlined
 from shuttle_marl.base.errors import OptionError, ShuttleError, whole_number
 from shuttle_marl.game.draws import GOLDEN, MIX_1, MIX_2
+from shuttle_marl.game.recovery import N_POSITIONS
 from shuttle_marl.game.tables import Game
 
 int64: Final = cast("Callable[[Any], int]", np.int64)
@@ -99,8 +100,15 @@ class Tables(NamedTuple):
     Attributes:
         limits: ``[L * base pairs]`` uint64 three thresholds of a base pair in the lowest 48 bits, the fault's lowest, and above
             them the two chances of a hurried receiver, that of a return from below first; indexed by (own effort, base pair). In
-            the game of a pair ``[2 * L * base pairs]``: those of seat 0, then those of seat 1.
+            the game of a pair ``[2 * L * base pairs]``: those of seat 0, then those of seat 1. With recovery the R rows by
+            position (:class:`~shuttle_marl.game.recovery.Waiting`) take the place of the base pairs.
         seat: index of the first thresholds of seat 1; 0 if both seats strike with the same ones.
+        recovery: 1 if receivers choose positions, else 0.
+        wait: ``[base states, 2]`` int32 of each base state the row by position that reply 0 would have, and its number of
+            feasible positions, which are the rows from one reply to the next; in the game without recovery 0 and 1.
+        position: ``[base states, 9]`` int8 its feasible positions in rising order, then -1; ``[0, 9]`` without recovery.
+        feasible: ``[base states + 1, 9]`` bool which ones are feasible; none of the last row; ``[0, 9]`` without recovery.
+        met: ``[B]`` int32 first row by position of each block.
         head: ``[base states, 4]`` int32 of each base state: first pair, number of legal strokes, index of its first reply, row of
             ``rank`` and ``mask``.
         inverse: 2^57 divided by the number of base states, rounded up: the block of a state follows by a multiplication.
@@ -113,11 +121,16 @@ class Tables(NamedTuple):
         own: ``[E]`` int16 own last stroke of an edge.
         duel: ``[E]`` int8 net shots in a row that end with the incoming stroke.
         rank: ``[2 (n + 1), n]`` int16 position of a stroke among the legal strokes, -1 if it is not legal.
-        mask: ``[2 (n + 1), m]`` bool legal strokes; m is n rounded up to a multiple of 32, padded with False.
+        mask: ``[2 (n + 1), m]`` bool legal strokes; m is n (with recovery n + 9) rounded up to a multiple of 32.
     """
 
     limits: U64
     seat: np.int64
+    recovery: np.int64
+    wait: I32
+    position: I8
+    feasible: Bools
+    met: I32
     head: I32
     inverse: np.uint64
     first: I32
@@ -144,17 +157,31 @@ def tables_of(game: Game) -> Tables:
     if game.n_blocks * size * size >= 1 << 57 or game.n_pairs >= 1 << 31:
         raise KernelError(f"the game has {game.n_states:,} states and {game.n_pairs:,} legal pairs: too many for the kernel")
     seats = game.seats if game.people is not None else (game,)
-    t = np.concatenate([tables.limits.reshape(-1, 3) for tables in seats]).astype(np.uint64)
-    hurry = np.concatenate([np.tile(tables.hurry, (game.levels, 1)) for tables in seats]).astype(np.uint64)
+    met = [tables if game.recovery is None else tables.waiting for tables in seats]
+    t = np.concatenate([part.limits.reshape(-1, 3) for part in met]).astype(np.uint64)
+    hurry = np.concatenate([np.tile(part.hurry, (game.levels, 1)) for part in met]).astype(np.uint64)
+    wait, position = np.tile(np.array([0, 1], np.int32), (size, 1)), np.zeros((0, N_POSITIONS), np.int8)
+    feasible = np.zeros((0, N_POSITIONS), np.bool_)
+    if game.recovery is not None:
+        waiting = seats[0].waiting
+        start = waiting.start[:-1] - game.first_reply.astype(np.int64) * waiting.choices
+        wait, position = np.stack([start, waiting.choices], axis=1, dtype=np.int32), waiting.position
+        feasible = np.pad(waiting.mask(np.arange(size)), ((0, 1), (0, 0)))
     shifts = np.array([0, 16, 32, 48, 56], np.uint64)
     base, block = np.arange(size), np.arange(game.n_blocks, dtype=np.int32)
     effort = block // game.levels
     row = 2 * game.incoming(base) + game.contact(base)
     head = np.stack([game.base_pair_start[:-1], np.diff(game.base_pair_start), game.first_reply, row], axis=1, dtype=np.int32)
     first = np.stack([block * size, block * game.n_base_pairs, effort * game.n_base_pairs], axis=1, dtype=np.int32)
+    width = -(-game.n_actions // _VECTOR) * _VECTOR
     return Tables(
         limits=np.bitwise_or.reduce(np.concatenate([t, hurry], axis=1) << shifts, axis=1),
         seat=np.int64(len(t) // 2 if game.people is not None else 0),
+        recovery=np.int64(game.recovery is not None),
+        wait=np.ascontiguousarray(wait),
+        position=np.ascontiguousarray(position),
+        feasible=feasible,
+        met=effort * np.int32(len(met[0].hurry)),
         head=np.ascontiguousarray(head),
         inverse=np.uint64(-(-(1 << int(_SHIFT)) // size)),
         first=np.ascontiguousarray(first),
@@ -166,7 +193,7 @@ def tables_of(game: Game) -> Tables:
         own=game.edge_own.astype(np.int16),
         duel=game.edge_duel.astype(np.int8),
         rank=np.ascontiguousarray(game.reply_rank.reshape(-1, game.n_strokes)),
-        mask=np.pad(game.reply_mask.reshape(-1, game.n_strokes), ((0, 0), (0, -game.n_strokes % _VECTOR))),
+        mask=np.pad(game.reply_mask.reshape(-1, game.n_strokes), ((0, 0), (0, width - game.n_strokes))),
     )
 
 
@@ -253,10 +280,56 @@ def next_state(arrival: int, outcome: int) -> int:
 
 
 @inlined
-def strike_one(tables: Tables, s: int, k: int, seat: int, bits: np.uint64) -> tuple[int, int]:
-    """Outcome of the k-th legal stroke of a seat in a state by a draw, and the next state; see :func:`next_state`."""
+def with_recovery(tables: Tables) -> bool:
+    """Whether the receiver has a position."""
+    return tables.recovery != 0
+
+
+@inlined
+def states_of(tables: Tables) -> int:
+    """Number of states S."""
+    states: int = tables.first.shape[0] * tables.head.shape[0]
+    return states
+
+
+@inlined
+def choices_in(tables: Tables, s: int) -> int:
+    """Number of feasible positions of the receiver in a state."""
+    return int64(tables.wait[base_of(tables, s), 1])
+
+
+@inlined
+def has_choice(tables: Tables, s: int) -> bool:
+    """Whether the receiver has more than one feasible position in a state."""
+    return choices_in(tables, s) > 1
+
+
+@inlined
+def met_row(tables: Tables, s: int, reply: int, place: int, seat: int) -> int:
+    """Index of the thresholds of a reply of a seat against the receiver in the feasible position ``place``."""
+    block = block_of(tables, s)
+    base = np.uint64(s - tables.first[block, 0])
+    return int64(tables.met[block] + tables.wait[base, 0] + reply * tables.wait[base, 1] + place + tables.seat * seat)
+
+
+@inlined
+def position_at(tables: Tables, s: int, place: int) -> int:
+    """The feasible position ``place`` of the receiver in a state."""
+    return int64(tables.position[base_of(tables, s), np.uint64(place)])
+
+
+@inlined
+def strike_one(tables: Tables, s: int, k: int, seat: int, bits: np.uint64, place: int) -> tuple[int, int]:
+    """Outcome of the k-th legal stroke of a seat in a state by a draw, and the next state; see :func:`next_state`.
+
+    Args:
+        place: number of the receiver's feasible position; read in the game with recovery alone.
+    """
     legal = legal_strokes(tables, s)
-    outcome = outcome_of(limits_of(tables, legal, k, seat), bits)
+    at = (
+        met_row(tables, s, legal.reply + k, place, seat) if with_recovery(tables) else int64(legal.limit + k + tables.seat * seat)
+    )
+    outcome = outcome_of(tables.limits[np.uint64(at)], bits)
     return outcome, next_state(arrival_of(tables, legal, k), outcome)
 
 
@@ -303,6 +376,12 @@ def uniform_choice(count: int, bits: np.uint64) -> int:
     return int64(((bits >> np.uint64(32)) * np.uint64(count)) >> np.uint64(32))
 
 
+@inlined
+def uniform_place(tables: Tables, s: int, bits: np.uint64) -> int:
+    """One of the feasible positions in a state with equal probabilities, by the draw of the stroke."""
+    return uniform_choice(choices_in(tables, s), mix(bits + GOLDEN))
+
+
 class Block(NamedTuple):
     """Arrays ``[BLOCK]`` in which each pass leaves its results for the next.
 
@@ -345,6 +424,12 @@ def choose_stroke(tables: Tables, block: Block, j: int, legal: Legal, k: int, se
     block.limit[j] = legal.limit + k + tables.seat * seat
     block.reply[j] = legal.reply + k
     block.arrival[j] = arrival_of(tables, legal, k)
+
+
+@inlined
+def meet(tables: Tables, block: Block, j: int, s: int, place: int, seat: int) -> None:
+    """Set the thresholds of the stroke of row j of a block to those against the receiver in the feasible position ``place``."""
+    block.limit[j] = met_row(tables, s, block.reply[j], place, seat)
 
 
 @inlined

@@ -14,7 +14,16 @@ import numpy as np
 
 from shuttle_marl.base.arrays import I8, I32, U8, U16, U64, Bools, Intp
 from shuttle_marl.game import draws
-from shuttle_marl.game.policy import LAGS, Policy, PolicyError, States, called, checked_probabilities, drawn_strokes
+from shuttle_marl.game.policy import (
+    LAGS,
+    Policy,
+    PolicyError,
+    States,
+    called,
+    checked_positions,
+    checked_probabilities,
+    drawn_strokes,
+)
 from shuttle_marl.game.rally.record import Rallies, stroke_dtype
 from shuttle_marl.game.rules import WINNER, strike
 from shuttle_marl.game.scoring import BWF, Rules, count_rally
@@ -71,11 +80,16 @@ legal strokes.
 rally as :class:`~shuttle_marl.game.policy.States` does.
 """
 
+Wait = Callable[[I32, I32, I32, I32, I32, I32], Intp]
+"""The same of receivers, of whom entrant and seat are: ``[B]`` position of each. State, score and history are the striker's."""
+
 _MATCH, _STATE, _STRIKER, _STROKE, _RALLY, _SERVER, _POINTS, _GAMES, _HISTORY = 0, 1, 2, 3, 4, 5, 6, 8, 10
 _ROWS: Final = _HISTORY + LAGS
 _REPORT_EVERY: Final = 64
 HURRIED_BIT: Final = 15
-"""Bit of a noted stroke that says whether its striker was hurried; the lower ones are the stroke."""
+"""Bit of a noted stroke that says whether its striker was hurried."""
+POSITION_BIT: Final = 11
+"""First of the four bits of a noted stroke that are the position of the receiver; the lower ones are the stroke."""
 
 
 class Log(NamedTuple):
@@ -87,7 +101,7 @@ class Log(NamedTuple):
         reason: ``[M, R]`` uint8 outcome of its last stroke.
         score: ``[M, R, 4]`` uint8 points of the seats and games of the seats before it.
         length: ``[M, R]`` int32 its number of strokes; 0 if it was not played.
-        stroke: ``[M, N]`` uint16 every stroke, and :data:`HURRIED_BIT`; N = 0 if strokes are not recorded.
+        stroke: ``[M, N]`` uint16 every stroke, :data:`POSITION_BIT` and :data:`HURRIED_BIT`; N = 0 if strokes are not recorded.
     """
 
     server: U8
@@ -106,7 +120,7 @@ def new_log(matches: int, rules: Rules, strokes: int) -> Log:
     return Log(server, winner, reason, np.empty((*shape, 4), np.uint8), np.zeros(shape, np.int32), stroke)
 
 
-def rallies_of(log: Log, entrant: I32, n_strokes: int) -> Rallies:
+def rallies_of(log: Log, entrant: I32, n_strokes: int, recovery: bool) -> Rallies:
     """The rallies of a log in the order of match, rally."""
     played = log.length > 0
     match, rally = np.nonzero(played)
@@ -118,8 +132,9 @@ def rallies_of(log: Log, entrant: I32, n_strokes: int) -> Rallies:
         rally=rally.astype(np.uint16),
         policy=entrant[match].astype(np.uint16),
         **{name: getattr(log, name)[played] for name in ("server", "winner", "reason", "score", "length")},
-        stroke=(noted & np.uint16((1 << HURRIED_BIT) - 1)).astype(stroke_dtype(n_strokes)),
+        stroke=(noted & np.uint16((1 << POSITION_BIT) - 1)).astype(stroke_dtype(n_strokes)),
         hurried=(noted >> HURRIED_BIT).astype(np.uint8),
+        waited=(noted >> POSITION_BIT & np.uint16(15)).astype(np.int8) if recovery else None,
     )
 
 
@@ -127,6 +142,7 @@ def play(
     game: Game,
     matches: Matches,
     choose: Choose,
+    wait: Wait | None = None,
     *,
     rules: Rules = BWF,
     keep_strokes: bool = True,
@@ -135,6 +151,7 @@ def play(
     """Play all matches to their end.
 
     Args:
+        wait: positions of receivers in the game with recovery; None: those of people.
         keep_strokes: whether to return the strokes, or only their number.
         progress: called from time to time with the number of strokes played since the last call.
     """
@@ -156,12 +173,20 @@ def play(
         match, state, striker, stroke = slots[: _STROKE + 1]
         bits = draws.draw(key, stroke)
         history = slots[_HISTORY:]
-        k = choose(entrant[2 * match + striker], state, draws.choice_draw(bits), striker, slots[_POINTS:_HISTORY], history)
+        score, position = slots[_POINTS:_HISTORY], None
+        k = choose(entrant[2 * match + striker], state, draws.choice_draw(bits), striker, score, history)
+        if game.recovery is not None:
+            seat, drawn = 1 - striker, draws.position_draw(bits)
+            if wait is None:
+                position = drawn_strokes(game.people_positions(state), drawn)
+            else:
+                position = wait(entrant[2 * match + seat], state, drawn, seat, score, history)
         history[1:], history[0] = history[:-1].copy(), game.stroke_at(state, k)
         if keep_strokes:
             steps.append(np.empty(len(matches), np.uint16))
-            steps[-1][match] = history[0] | game.hurried(state) << HURRIED_BIT
-        outcome, following = strike(game, state, k, draws.outcome_draw(bits), striker)
+            noted = history[0] | game.hurried(state) << HURRIED_BIT
+            steps[-1][match] = noted if position is None else noted | position << POSITION_BIT
+        outcome, following = strike(game, state, k, draws.outcome_draw(bits), striker, position)
         stroke += 1
         ended = np.flatnonzero(following < 0)
         if len(ended):
@@ -186,7 +211,7 @@ def play(
             unreported = 0
     if steps:
         log = log._replace(stroke=np.stack(steps, axis=1))
-    return MatchResults(games, rallies_of(log, matches.entrant, game.n_strokes))
+    return MatchResults(games, rallies_of(log, matches.entrant, game.n_strokes, game.recovery is not None))
 
 
 def ask(policy: Policy, game: Game, state: I32, draw: I32, striker: I32, score: I32, history: I32 | None = None) -> Intp:
@@ -195,23 +220,39 @@ def ask(policy: Policy, game: Game, state: I32, draw: I32, striker: I32, score: 
     Raises:
         PolicyError: the policy raised, or returned no distribution over the legal strokes.
     """
-    # Points and games from the striker's view: own first.
-    seats, column = np.stack([striker, 1 - striker]), np.arange(len(striker))
-    seen = np.concatenate([score[seats, column], score[2 + seats, column]]).T.astype(np.int16)
-    states = States(game=game, state=state, score=seen, history=None if history is None else history.T)
+    states = _decisions(game, state, striker, score, history)
     rank = game.rank(state, drawn_strokes(checked_probabilities(policy, states), draw))
     if (rank < 0).any():
         raise PolicyError(f"{called(policy)}: no legal stroke was drawn")
     return rank.astype(np.intp)
 
 
-def asking(game: Game, policies: Sequence[Policy]) -> Choose:
-    """The strokes of policies that are evaluated at every stroke, see :func:`ask`; entrants are indices into them."""
+def ask_position(
+    policy: Policy, game: Game, state: I32, draw: I32, receiver: I32, score: I32, history: I32 | None = None
+) -> Intp:
+    """Positions of a policy that is evaluated at every stroke, as :data:`Wait` returns them.
+
+    Raises:
+        PolicyError: the policy raised, or returned no distribution over the feasible positions.
+    """
+    return drawn_strokes(checked_positions(policy, _decisions(game, state, 1 - receiver, score, history)), draw)
+
+
+def _decisions(game: Game, state: I32, striker: I32, score: I32, history: I32 | None) -> States:
+    # Points and games from the striker's view: own first.
+    seats, column = np.stack([striker, 1 - striker]), np.arange(len(striker))
+    seen = np.concatenate([score[seats, column], score[2 + seats, column]]).T.astype(np.int16)
+    return States(game=game, state=state, score=seen, history=None if history is None else history.T)
+
+
+def asking(game: Game, policies: Sequence[Policy], *, positions: bool = False) -> Choose:
+    """Strokes, or positions, of policies that are evaluated at every stroke, see :func:`ask`; entrants are indices into them."""
+    one = ask_position if positions else ask
 
     def choose(entrant: I32, *situation: I32) -> Intp:
         k = np.empty(len(entrant), np.intp)
         for i in np.unique(entrant).tolist():
-            k[entrant == i] = ask(policies[i], game, *(part[..., entrant == i] for part in situation))
+            k[entrant == i] = one(policies[i], game, *(part[..., entrant == i] for part in situation))
         return k
 
     return choose

@@ -28,12 +28,15 @@ from shuttle_marl.kernel.core import (
     int64,
     legal_strokes,
     list_where,
+    meet,
     new_block,
+    position_at,
     read_limits,
     tables_of,
+    with_recovery,
 )
-from shuttle_marl.kernel.lockstep import HURRIED_BIT, Log, Matches, MatchResults, new_log, rallies_of
-from shuttle_marl.kernel.players import Players, check_players, pack, table_choice
+from shuttle_marl.kernel.lockstep import HURRIED_BIT, POSITION_BIT, Log, Matches, MatchResults, new_log, rallies_of
+from shuttle_marl.kernel.players import Players, check_players, pack, place_choice, table_choice
 from shuttle_marl.kernel.rows import Rows, draw_strokes, new_rows, part_of, play
 
 _STROKES_A_MATCH: Final = 1600
@@ -90,7 +93,7 @@ def _play(tables: Tables, setup: _Setup, lanes: Rows, live: int, log: Log, count
     step n. Returns the number of lanes that are still live, and the next step.
     """
     players, entrant, keep = setup.players, setup.entrant, log.stroke.shape[1] > 0
-    block = new_block()
+    block, place = new_block(), np.empty(BLOCK, np.int64)
     while live > 0 and (not keep or step < log.stroke.shape[1]):
         part = part_of(lanes, 0, live)
         draw_strokes(part, block.bits)
@@ -99,10 +102,17 @@ def _play(tables: Tables, setup: _Setup, lanes: Rows, live: int, log: Log, count
             player = entrant[np.uint64(part.rally[j]), np.uint64(part.striker[j])]
             legal = legal_strokes(tables, s)
             choose_stroke(tables, block, j, legal, table_choice(players, player, s, legal.pair, block.bits[j]), part.striker[j])
+        if with_recovery(tables):
+            for j in range(live):
+                receiver = entrant[np.uint64(part.rally[j]), np.uint64(1 - part.striker[j])]
+                place[j] = place_choice(players, receiver, part.state[j], block.bits[j])
+                meet(tables, block, j, part.state[j], place[j], part.striker[j])
         read_limits(tables, block, live)
         if keep:
             for j in range(live):
                 noted = tables.stroke[np.uint64(block.reply[j])] | hurried_in(part.state[j]) << HURRIED_BIT
+                if with_recovery(tables):
+                    noted |= position_at(tables, part.state[j], place[j]) << POSITION_BIT
                 log.stroke[np.uint64(part.rally[j]), step] = noted
         play(part, block)
         step += 1
@@ -137,7 +147,7 @@ def _play_block(tables: Tables, players: Players, matches: Matches, rules: Rules
     while True:
         live, step = _play(tables, setup, lanes, live, log, counts, step)
         if live == 0:
-            return MatchResults(games, rallies_of(log, matches.entrant, tables.rank.shape[1]))
+            return MatchResults(games, rallies_of(log, matches.entrant, tables.rank.shape[1], bool(tables.recovery)))
         log = log._replace(stroke=np.concatenate([log.stroke, np.empty_like(log.stroke)], axis=1))
 
 

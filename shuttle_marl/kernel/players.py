@@ -5,12 +5,13 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from shuttle_marl.base.arrays import I32, U8, U16
+from shuttle_marl.base.arrays import I32, U8, U16, Bools
 from shuttle_marl.base.compiling import compiled, inlined
-from shuttle_marl.game.draws import CHOICE_ONE
+from shuttle_marl.game.draws import CHOICE_ONE, GOLDEN
+from shuttle_marl.game.recovery import N_POSITIONS
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
-from shuttle_marl.kernel.core import KernelError, checked_array, int64
+from shuttle_marl.kernel.core import KernelError, checked_array, int64, mix, tables_of
 
 GUIDES: Final = 16
 """Entries of the guide of a state: one for each value of the highest four bits of a choice."""
@@ -18,6 +19,8 @@ _GUIDE_SHIFT: Final = np.uint16(12)
 _MOST_LEGAL: Final = 256
 """Most legal strokes of a state: positions are stored as uint8."""
 _CHOICE_ONE: Final = np.uint64(CHOICE_ONE)
+_PLACES: Final = N_POSITIONS - 1
+"""Positions whose cumulative probability is stored: the last one always has 65535."""
 
 
 class Players(NamedTuple):
@@ -27,10 +30,13 @@ class Players(NamedTuple):
         cumulative: ``[K, P]`` uint16 cumulative probabilities, see :class:`shuttle_marl.game.tabulated.TabulatedPolicy`.
         guide: ``[K, S, GUIDES]`` uint8 position among the legal strokes at which the search of a choice starts, indexed by the
             highest four bits of the choice.
+        waits: ``[K, S, 8]`` uint16 the same as ``cumulative`` for the feasible positions of each state in rising order, but the
+            ninth, filled up with 65535; ``[K, 0, 8]`` in the game without recovery.
     """
 
     cumulative: U16
     guide: U8
+    waits: U16
 
 
 @inlined
@@ -66,6 +72,15 @@ def table_choice(players: Players, player: int, s: int, start: int, bits: np.uin
 
 
 @inlined
+def place_choice(players: Players, player: int, s: int, bits: np.uint64) -> int:
+    """Number of the feasible position in which a policy waits where the opponent is in state ``s``, by the draw of the stroke."""
+    choice, row, place = choice_of(mix(bits + GOLDEN)), np.uint64(player), 0
+    for i in range(_PLACES):
+        place += players.waits[row, np.uint64(s), i] <= choice
+    return int64(place)
+
+
+@inlined
 def write_guide(cumulative: U16, start: int, guide: U8) -> None:
     """Write the guide ``[GUIDES]`` of one state, whose first legal pair is ``start``."""
     k = start
@@ -91,7 +106,8 @@ def empty_players(game: Game, count: int) -> Players:
     most = int(np.diff(game.pair_start).max())
     if most > _MOST_LEGAL:
         raise KernelError(f"a state has {most} legal strokes; the kernel supports up to {_MOST_LEGAL}")
-    return Players(np.zeros((count, game.n_pairs), np.uint16), np.zeros((count, game.n_states, GUIDES), np.uint8))
+    waits = np.full((count, 0 if game.recovery is None else game.n_states, _PLACES), CHOICE_ONE, np.uint16)
+    return Players(np.zeros((count, game.n_pairs), np.uint16), np.zeros((count, game.n_states, GUIDES), np.uint8), waits)
 
 
 def pack(policies: Sequence[TabulatedPolicy], game: Game) -> Players:
@@ -123,6 +139,19 @@ def put_player(players: Players, number: int, policy: TabulatedPolicy, game: Gam
         raise KernelError("table of a policy: the last legal stroke of each state needs the cumulative probability 65535")
     players.cumulative[number] = cumulative
     _write_guides(players.cumulative[number], game.pair_start, players.guide[number])
+    if game.recovery is not None:
+        waits = checked_array("positions of a policy", policy.waiting_table, np.uint16, (game.n_states, N_POSITIONS))
+        feasible = tables_of(game).position[game.base(np.arange(game.n_states))]
+        waits = np.where(feasible < 0, CHOICE_ONE, np.take_along_axis(waits, np.maximum(feasible, 0), axis=1))
+        if (waits[_last_places(game)] != CHOICE_ONE).any():
+            raise KernelError("positions of a policy: the last feasible one of each state needs the cumulative probability 65535")
+        players.waits[number] = waits[:, :_PLACES]
+
+
+def _last_places(game: Game) -> Bools:
+    """``[S, 9]`` places from the last feasible position on."""
+    choices = tables_of(game).wait[game.base(np.arange(game.n_states)), 1]
+    return np.asarray(np.arange(N_POSITIONS) >= choices[:, None] - 1)
 
 
 def check_players(players: Players, game: Game) -> None:
@@ -134,8 +163,11 @@ def check_players(players: Players, game: Game) -> None:
     number = len(players.cumulative)
     cumulative = checked_array("packed policies", players.cumulative, np.uint16, (number, game.n_pairs))
     guide = checked_array("guide of packed policies", players.guide, np.uint8, (number, game.n_states, GUIDES))
-    if cumulative is not players.cumulative or guide is not players.guide:
-        raise KernelError("packed policies: arrays are not C-contiguous; make them with pack()")
+    rows = 0 if game.recovery is None else game.n_states
+    waits = checked_array("positions of packed policies", players.waits, np.uint16, (number, rows, _PLACES))
     last = np.maximum(np.diff(game.pair_start) - 1, 0).astype(np.uint8)  # fits: see empty_players()
-    if (cumulative[:, game.last_pairs] != CHOICE_ONE).any() or (guide > last[:, None]).any():
+    if cumulative is not players.cumulative or guide is not players.guide or waits is not players.waits:
+        raise KernelError("packed policies: arrays are not C-contiguous; make them with pack()")
+    beyond = rows > 0 and (waits[:, _last_places(game)[:, :_PLACES]] != CHOICE_ONE).any()
+    if (cumulative[:, game.last_pairs] != CHOICE_ONE).any() or (guide > last[:, None]).any() or beyond:
         raise KernelError("packed policies: tables that choose strokes that do not exist; make them with pack()")

@@ -13,6 +13,7 @@ import numpy as np
 from shuttle_marl.base.arrays import F32, I8, I16, I32, I64, U64, Bools, Ints
 from shuttle_marl.base.compiling import compiled, inlined
 from shuttle_marl.game import draws
+from shuttle_marl.game.recovery import N_POSITIONS, POSITIONS
 from shuttle_marl.game.rules import FAULT, IllegalStrokeError
 from shuttle_marl.game.scoring import BWF, Rules, RulesTuple, count_rally
 from shuttle_marl.game.tables import Game
@@ -26,13 +27,16 @@ from shuttle_marl.kernel.core import (
     check_room,
     checked_array,
     checked_number,
+    choices_in,
     choose_stroke,
     draw,
     extend,
     first_server,
+    has_choice,
     int64,
     legal_strokes,
     list_where,
+    meet,
     new_block,
     next_state,
     outcome_of,
@@ -40,8 +44,10 @@ from shuttle_marl.kernel.core import (
     strike_one,
     tables_of,
     uniform_choice,
+    uniform_place,
+    with_recovery,
 )
-from shuttle_marl.kernel.players import Players, empty_players, pack, put_player, table_choice
+from shuttle_marl.kernel.players import Players, empty_players, pack, place_choice, put_player, table_choice
 from shuttle_marl.kernel.rows import (
     DRAWN,
     ILLEGAL,
@@ -149,12 +155,12 @@ def _end_rally(rows: Rows, matches: MatchRows | None, seat: int, i: int, outcome
 
 @inlined
 def _until_learner(tables: Tables, rows: Rows, matches: MatchRows | None, opponents: Opponents, i: int) -> np.float32:
-    """Let the opponent play until the learner is to strike or the episode is over; returns the learner's reward."""
+    """Let the opponent play until the learner is to decide or the episode is over; returns the learner's reward."""
     seat, reward = int64(opponents.seat[i]), np.float32(0)
-    while rows.live[i] and rows.striker[i] != seat:
+    while rows.live[i] and rows.striker[i] != seat and not has_choice(tables, rows.state[i]):
         s, bits = rows.state[i], draw(rows.key[i], rows.stroke[i])
         k = table_choice(opponents.players, opponents.opponent[i], s, legal_strokes(tables, s).pair, bits)
-        outcome, rows.state[i] = strike_one(tables, s, k, rows.striker[i], bits)
+        outcome, rows.state[i] = strike_one(tables, s, k, rows.striker[i], bits, 0)
         rows.stroke[i] += 1
         rows.striker[i] ^= 1
         if outcome < OPEN:
@@ -240,10 +246,43 @@ def _count(
         if matches.reason[i] == ILLEGAL:
             rows.live[i], block.outcome[j] = False, FAULT  # so that a reset finds the row
             reward -= 1
-        elif output.done[j]:
-            reward += _end_rally(rows, matches, int64(opponents.seat[i]), i, block.outcome[j])
-            reward += _until_learner(tables, rows, matches, opponents, i)
+        else:
+            if output.done[j]:
+                reward += _end_rally(rows, matches, int64(opponents.seat[i]), i, block.outcome[j])
+            if output.done[j] or with_recovery(tables):
+                reward += _until_learner(tables, rows, matches, opponents, i)
+                if not rows.live[i]:
+                    block.outcome[j] = FAULT
         output.reward[j], output.done[j] = reward, not rows.live[i]
+
+
+@inlined
+def _decide(tables: Tables, opponents: Opponents, part: Rows, begin_block: int, rank: I16, place: I16, block: Block) -> None:
+    """Split the learner's actions of a block into strokes and positions, and let the opponents choose the others."""
+    draw_strokes(part, block.bits)
+    for j in range(part.state.size):
+        s, opponent = part.state[j], opponents.opponent[begin_block + j]
+        if part.striker[j] == opponents.seat[begin_block + j]:
+            place[j] = place_choice(opponents.players, opponent, s, block.bits[j])
+        else:
+            place[j] = rank[j]
+            rank[j] = table_choice(opponents.players, opponent, s, legal_strokes(tables, s).pair, block.bits[j])
+
+
+@inlined
+def _after_decisions(
+    tables: Tables, rows: Rows, matches: MatchRows | None, opponents: Opponents, block: Block, begin_block: int, output: Output
+) -> None:
+    """Rewards of the learners, who may have been receivers; rallies continue up to their next decision."""
+    for j in range(output.done.size):
+        i = begin_block + j
+        if rows.striker[i] == opponents.seat[i]:  # the striker is already the receiver of the stroke
+            output.reward[j] = -output.reward[j]
+        waits = rows.striker[i] != opponents.seat[i]
+        if matches is None and not output.done[j] and waits and choices_in(tables, rows.state[i]) == 1:
+            output.reward[j] = _until_learner(tables, rows, matches, opponents, i)
+            if not rows.live[i]:
+                output.done[j], block.outcome[j] = True, FAULT  # so that a reset finds the row
 
 
 @compiled
@@ -253,19 +292,24 @@ def _step(
     matches: MatchRows | None,
     opponents: Opponents | None,
     rank: I16,
+    place: I16,
     output: Output,
     serving: Serving,
     span: tuple[int, int],
 ) -> None:
     first, last = span
-    block = new_block()
+    block, nobody = new_block(), np.empty(0, np.int8)
     for begin_block in range(first, last, BLOCK):
         end_block = min(begin_block + BLOCK, last)
         part = part_of(rows, begin_block, end_block)
         results = Output(output.reward[begin_block:end_block], output.done[begin_block:end_block], output.observed)
-        strike(tables, part, rank[begin_block:end_block], block)
+        if opponents is not None and with_recovery(tables):
+            _decide(tables, opponents, part, begin_block, rank[begin_block:end_block], place[begin_block:end_block], block)
+        strike(tables, part, rank[begin_block:end_block], place[begin_block:end_block], block)
         reward_strikers(block, results.reward, results.done)
-        if opponents is not None:
+        if opponents is not None and with_recovery(tables):
+            _after_decisions(tables, rows, matches, opponents, block, begin_block, results)
+        elif opponents is not None:
             _reply(tables, opponents.players, opponents.opponent[begin_block:end_block], part, block, results)
         if matches is not None and opponents is not None:
             _count(tables, rows, matches, opponents, block, results, begin_block)
@@ -277,7 +321,10 @@ def _step(
                 if results.done[block.listed[r]]:
                     _begin(tables, rows, matches, opponents, begin_block + block.listed[r], serving)
         if output.observed.mask.shape[0] > 0:
-            observe(tables, rows, output.observed, begin_block, end_block)
+            if opponents is None:
+                observe(tables, rows, nobody, output.observed, begin_block, end_block)
+            else:
+                observe(tables, rows, opponents.seat, output.observed, begin_block, end_block)
 
 
 @compiled
@@ -303,6 +350,11 @@ def _run(tables: Tables, rows: Rows, players: Players, tally: I64, serving: Serv
                 for j in range(count):
                     legal = legal_strokes(tables, part.state[j])
                     choose_stroke(tables, block, j, legal, uniform_choice(legal.n, block.bits[j]), part.striker[j])
+            if with_recovery(tables):
+                for j in range(count):
+                    s, bits = part.state[j], block.bits[j]
+                    place = place_choice(players, 1 - part.striker[j], s, bits) if tabulated else uniform_place(tables, s, bits)
+                    meet(tables, block, j, s, place, part.striker[j])
             read_limits(tables, block, count)
             play(part, block)
             for i in range(list_where(block, count, over=True)):
@@ -427,16 +479,22 @@ class RallyBatch:
         which = np.ones(len(self), np.bool_) if rows is None else checked_array("rows", rows, np.bool_, (len(self),))
         _reset(*self._state, which, self._serving())
 
-    def step(self, stroke: Ints, *, reset: bool = True, observed: Observations | None = None) -> tuple[F32, Bools]:
+    def step(
+        self, stroke: Ints, position: Ints | None = None, *, reset: bool = True, observed: Observations | None = None
+    ) -> tuple[F32, Bools]:
         """Play one stroke in every row, and the opponent's until the learner is to strike again.
 
+        In the game with recovery a learner chooses strokes and positions in turn, so that each step is one stroke, and further
+        ones where they have no choice.
+
         Args:
-            stroke: ``[B]`` catalogue index of each striker's stroke.
+            stroke: ``[B]`` catalogue index of each striker's stroke; n + p for position p of a learner who is to choose one.
+            position: ``[B]`` position of each receiver, in the game with recovery without opponents; else None.
             reset: whether rows whose rally or match is over start the next one in the same step.
             observed: output arrays for the observations after the step; None: not wanted.
 
         Returns:
-            ``[B]`` float32 reward of the striker (+1 won, -1 lost, 0 the rally continues) and ``[B]`` whether it is over.
+            ``[B]`` float32 reward of the striker or learner (+1 won, -1 lost, 0 the rally continues), ``[B]`` whether it is over.
 
         Raises:
             IllegalStrokeError: an illegal stroke, or a row that is over; the batch is unchanged.
@@ -445,8 +503,8 @@ class RallyBatch:
         if observed is not None:
             self._check(observed)
         output = Output(np.empty(len(self), np.float32), np.empty(len(self), np.bool_), observed or NO_OBSERVATIONS)
-        rank, serving = self._ranks(stroke), self._serving(reset=reset)
-        in_slices(lambda a, b: _step(*self._state, rank, output, serving, (a, b)), len(self), self.threads)
+        rank, place, serving = self._ranks(stroke), self._places(position), self._serving(reset=reset)
+        in_slices(lambda a, b: _step(*self._state, rank, place, output, serving, (a, b)), len(self), self.threads)
         return output.reward, output.done
 
     def run(self, strokes: int, policies: tuple[TabulatedPolicy, TabulatedPolicy] | None = None) -> Tally:
@@ -470,7 +528,7 @@ class RallyBatch:
 
     def new_observations(self) -> Observations:
         """Allocate observations."""
-        return Observations(np.empty((len(self), TOKENS), np.int32), np.empty((len(self), self.game.n_strokes), np.bool_))
+        return Observations(*(np.empty(shape, kind) for shape, kind in self._shapes))
 
     def observe(self, observed: Observations) -> None:
         """Write the observation of each striker.
@@ -479,20 +537,36 @@ class RallyBatch:
             KernelError: arrays of wrong shape or dtype.
         """
         self._check(observed)
-        in_slices(lambda a, b: observe_rows(self._tables, self.rows, observed, a, b), len(self), self.threads)
+        in_slices(lambda a, b: observe_rows(self._tables, self.rows, self._seat, observed, a, b), len(self), self.threads)
 
     def random_strokes(self) -> I64:
-        """``[B]`` a random legal stroke of each row, by the draw of its next stroke."""
-        stroke = np.empty(len(self), np.int64)
-        in_slices(lambda a, b: choose_uniform(self._tables, self.rows, stroke, a, b), len(self), self.threads)
-        return stroke
+        """``[B]`` a random legal stroke or position of each row, by the draw of its next stroke."""
+        return self.random_actions()[0]
+
+    def random_actions(self) -> tuple[I64, I64]:
+        """:meth:`random_strokes`, and ``[B]`` a random position of each receiver, for rows without opponents."""
+        stroke, position = np.empty(len(self), np.int64), np.zeros(len(self), np.int64)
+        args = (self._tables, self.rows, self._seat, stroke, position)
+        in_slices(lambda a, b: choose_uniform(*args, a, b), len(self), self.threads)
+        return stroke, position
+
+    @property
+    def _seat(self) -> I8:
+        """``[B]`` seat of the learners; ``[0]`` without opponents."""
+        return self.opponents.seat if self.n_opponents else self.opponents.seat[:0]
+
+    @property
+    def _shapes(self) -> tuple[tuple[tuple[int, int], type], tuple[tuple[int, int], type]]:
+        """Shapes and types of :class:`Observations`."""
+        tokens = TOKENS + (self.game.recovery is not None)
+        return ((len(self), tokens), np.int32), ((len(self), self.game.n_actions), np.bool_)
 
     def _serving(self, *, reset: bool = True) -> Serving:
         return Serving(self._seed_key, self._server, reset)
 
     def _check(self, observed: Observations) -> None:
-        check_room("tokens", observed.tokens, np.int32, (len(self), TOKENS))
-        check_room("mask", observed.mask, np.bool_, (len(self), self.game.n_strokes))
+        for name, array, (shape, kind) in zip(("tokens", "mask"), observed, self._shapes, strict=True):
+            check_room(name, array, kind, shape)
 
     def _ranks(self, stroke: Ints) -> I16:
         """``[B]`` position of each stroke among the legal strokes.
@@ -506,7 +580,7 @@ class RallyBatch:
         wrong: list[int] = []
 
         def find(first: int, last: int) -> None:
-            if (row := find_ranks(self._tables, self.rows, wanted, rank, first, last)) >= 0:
+            if (row := find_ranks(self._tables, self.rows, self._seat, wanted, rank, first, last)) >= 0:
                 wrong.append(row)
 
         in_slices(find, len(self), self.threads)
@@ -514,10 +588,45 @@ class RallyBatch:
             self._refuse(min(wrong), int(wanted[min(wrong)]))
         return rank
 
+    def ranks(self, action: Ints) -> I32:
+        """``[B]`` number of each action among the legal strokes, or among the feasible positions; -1 where it is illegal."""
+        n, state = self.game.n_strokes, self.rows.state
+        rank: I32 = np.where(action < n, self.game.rank(state, np.minimum(action, n - 1)), np.int32(-1))
+        if self.game.recovery is None or not self.n_opponents:
+            return rank
+        position = np.where(action < n, N_POSITIONS, action - n)  # -1 fills up the table
+        feasible = self._tables.position[self.game.base(state)] == position[:, None]
+        place = np.where(feasible.any(axis=1), feasible.argmax(axis=1), -1)
+        return np.where(self.waits, place, rank).astype(np.int32)
+
+    @property
+    def waits(self) -> Bools:
+        """``[B]`` whether each learner is to choose a position."""
+        return np.asarray(self.rows.striker != self.opponents.seat)
+
+    def _places(self, position: Ints | None) -> I16:
+        """``[B]`` number of each position among the feasible ones; of no meaning with opponents, ``[0]`` without recovery.
+
+        Raises:
+            KernelError: wrong shape, not integers, or an infeasible position; or positions that are not needed or missing.
+        """
+        needed = self.game.recovery is not None and not self.n_opponents
+        if needed != (position is not None):
+            raise KernelError("positions are for rows without opponents in the game with recovery, and needed there")
+        if position is None:
+            return np.empty(0 if self.game.recovery is None else len(self), np.int16)
+        wanted = checked_array("positions", position, np.int64, (len(self),), 0, N_POSITIONS - 1)
+        feasible = self._tables.position[self.game.base(self.rows.state)] == wanted[:, None]
+        if not feasible.any(axis=1).all():
+            row = int(feasible.any(axis=1).argmin())
+            where = self.game.describe(int(self.rows.state[row]))
+            raise KernelError(f"row {row}: {POSITIONS[wanted[row]]} is not feasible in state: {where}")
+        return feasible.argmax(axis=1).astype(np.int16)
+
     def _refuse(self, row: int, stroke: int) -> None:
         if not self.rows.live[row]:
             raise IllegalStrokeError(f"row {row}: its rally is over; reset it first", stroke, row)
-        names = self.game.catalogue.names
+        names = (*self.game.catalogue.names, *POSITIONS[: self.game.n_actions - self.game.n_strokes])
         if not 0 <= stroke < len(names):
             raise IllegalStrokeError(f"row {row}: {stroke} is no stroke; expected 0 to {len(names) - 1}", stroke, row)
         where = self.game.describe(int(self.rows.state[row]))
@@ -568,9 +677,9 @@ class MatchBatch(RallyBatch):
 
     def _ranks(self, stroke: Ints) -> I16:
         """``[B]`` position of each stroke among the legal strokes; 0 for an illegal one, which is noted as the reason."""
-        wanted = checked_array("strokes", stroke, np.int64, (len(self),), 0, self.game.n_strokes - 1)
+        wanted = checked_array("strokes", stroke, np.int64, (len(self),), 0, self.game.n_actions - 1)
         if not self.rows.live.all():
             self._refuse(int(np.argmin(self.rows.live)), 0)
-        rank = self.game.rank(self.rows.state, wanted)
+        rank = self.ranks(wanted)
         self.matches.reason[rank < 0] = ILLEGAL
         return np.maximum(rank, 0).astype(np.int16)

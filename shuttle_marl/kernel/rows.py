@@ -11,6 +11,7 @@ import numpy as np
 
 from shuttle_marl.base.arrays import F32, I8, I16, I32, I64, U64, Bools
 from shuttle_marl.base.compiling import compiled, inlined
+from shuttle_marl.game.recovery import N_POSITIONS
 from shuttle_marl.kernel.core import (
     BLOCK,
     OPEN,
@@ -19,19 +20,24 @@ from shuttle_marl.kernel.core import (
     base_of,
     block_of,
     checked_number,
+    choices_in,
     choose_stroke,
     draw,
     extend,
     first_server,
     hurried_in,
     legal_strokes,
+    meet,
     new_block,
     next_state,
     outcome_of,
+    position_at,
     read_limits,
     row_of,
     stroke_of,
     uniform_choice,
+    uniform_place,
+    with_recovery,
 )
 
 ILLEGAL: Final = 2
@@ -143,11 +149,14 @@ def play(part: Rows, block: Block) -> None:
 
 
 @inlined
-def strike(tables: Tables, part: Rows, rank: I16, block: Block) -> None:
-    """Play the legal stroke of position ``rank`` in every row."""
+def strike(tables: Tables, part: Rows, rank: I16, place: I16, block: Block) -> None:
+    """Play the legal stroke of position ``rank`` in every row, in the game with recovery against feasible position ``place``."""
     draw_strokes(part, block.bits)
     for j in range(rank.size):
         choose_stroke(tables, block, j, legal_strokes(tables, part.state[j]), rank[j], part.striker[j])
+    if with_recovery(tables):
+        for j in range(rank.size):
+            meet(tables, block, j, part.state[j], place[j], part.striker[j])
     read_limits(tables, block, rank.size)
     play(part, block)
 
@@ -161,21 +170,37 @@ def reward_strikers(block: Block, reward: F32, over: Bools) -> None:
         reward[j] = (2 * block.outcome[j] - 1) * ends
 
 
+@inlined
+def waits(tables: Tables, rows: Rows, seat: I8, i: int) -> bool:
+    """Whether the learner of row i is to choose a position; without learners, ``seat`` is empty."""
+    return with_recovery(tables) and seat.size > 0 and rows.striker[i] != seat[i]
+
+
 @compiled
-def find_ranks(tables: Tables, rows: Rows, stroke: I64, rank: I16, first: int, last: int) -> int:
-    """Write the rank of each stroke among the legal strokes; returns the first row without a legal stroke or over, or -1."""
+def find_ranks(tables: Tables, rows: Rows, seat: I8, action: I64, rank: I16, first: int, last: int) -> int:
+    """Write the rank of each stroke among the legal strokes, and of each position n + p among the feasible positions.
+
+    Returns:
+        The first row without a legal action or over, or -1.
+    """
     n = tables.rank.shape[1]
     for i in range(first, last):
-        if not rows.live[i] or stroke[i] < 0 or stroke[i] >= n:
+        if not rows.live[i]:
             return i
-        rank[i] = tables.rank[row_of(tables, rows.state[i]), np.uint64(stroke[i])]
+        rank[i] = -1
+        if waits(tables, rows, seat, i):
+            for place in range(choices_in(tables, rows.state[i])):
+                if position_at(tables, rows.state[i], place) == action[i] - n:
+                    rank[i] = place
+        elif 0 <= action[i] < n:
+            rank[i] = tables.rank[row_of(tables, rows.state[i]), np.uint64(action[i])]
         if rank[i] < 0:
             return i
     return -1
 
 
 TOKENS: Final = 7
-"""Number of tokens of an observation."""
+"""Number of tokens of an observation; one more in the game with recovery."""
 
 
 class Observations(NamedTuple):
@@ -183,8 +208,10 @@ class Observations(NamedTuple):
 
     Attributes:
         tokens: ``[B, 7]`` int32: own last stroke, incoming stroke (n: none yet), contact offered (1: above the net), net shots
-            in a row, own effort, the opponent's effort, whether hurried.
-        mask: ``[B, n]`` bool legal strokes; ``[0, 0]`` if observations are not wanted.
+            in a row, own effort, the opponent's effort, whether hurried. With recovery ``[B, 8]``: 1 if the player is to choose
+            a position; then "own" is of that player, contact and hurried are the striker's.
+        mask: ``[B, n]`` bool legal strokes, with recovery ``[B, n + 9]``, followed by the feasible positions; without learners
+            both are set. ``[0, 0]`` if observations are not wanted.
     """
 
     tokens: I32
@@ -210,9 +237,9 @@ class Output(NamedTuple):
 
 
 @inlined
-def observe(tables: Tables, rows: Rows, observed: Observations, first: int, last: int) -> None:
+def observe(tables: Tables, rows: Rows, seat: I8, observed: Observations, first: int, last: int) -> None:
     """Write the observations of rows ``first`` up to ``last``."""
-    n = observed.mask.shape[1]
+    n, strokes, recovery = observed.mask.shape[1], tables.rank.shape[1], with_recovery(tables)
     flat = observed.mask.reshape(observed.mask.size)
     for i in range(first, last):
         block = block_of(tables, rows.state[i])
@@ -224,6 +251,13 @@ def observe(tables: Tables, rows: Rows, observed: Observations, first: int, last
         observed.tokens[i, 4] = tables.efforts[block, 0]
         observed.tokens[i, 5] = tables.efforts[block, 1]
         observed.tokens[i, 6] = hurried_in(rows.state[i])
+    if recovery:
+        for i in range(first, last):
+            position = waits(tables, rows, seat, i)
+            observed.tokens[i, 7] = position
+            if position:
+                seen = observed.tokens[i]
+                seen[0], seen[1], seen[4], seen[5] = seen[1], seen[0], seen[5], seen[4]
     # Whole vectors are copied; the next row overwrites the padding. The last rows are exact, as no row follows them.
     width = tables.mask.shape[1]
     exact = max(first, last - (width + n - 1) // n + 1)
@@ -234,17 +268,27 @@ def observe(tables: Tables, rows: Rows, observed: Observations, first: int, last
             row[j] = legal[j]
     for i in range(exact, last):
         flat[i * n : (i + 1) * n] = tables.mask[row_of(tables, rows.state[i]), :n]
+    if recovery:
+        shown, none = seat.size == 0, tables.feasible.shape[0] - 1
+        for i in range(first, last):
+            position = waits(tables, rows, seat, i)
+            if position:
+                flat[i * n : i * n + strokes] = False
+            feasible = tables.feasible[base_of(tables, rows.state[i]) if position or shown else np.uint64(none)]
+            row = flat[i * n + strokes : (i + 1) * n]
+            for j in range(N_POSITIONS):
+                row[j] = feasible[j]
 
 
 @compiled
-def observe_rows(tables: Tables, rows: Rows, observed: Observations, first: int, last: int) -> None:
+def observe_rows(tables: Tables, rows: Rows, seat: I8, observed: Observations, first: int, last: int) -> None:
     """:func:`observe`, to be called uncompiled."""
-    observe(tables, rows, observed, first, last)
+    observe(tables, rows, seat, observed, first, last)
 
 
 @compiled
-def choose_uniform(tables: Tables, rows: Rows, stroke: I64, first: int, last: int) -> None:
-    """Write a random legal stroke of each of rows ``first`` up to ``last``."""
+def choose_uniform(tables: Tables, rows: Rows, seat: I8, stroke: I64, position: I64, first: int, last: int) -> None:
+    """Write a random legal action of each of rows ``first`` up to ``last``, and without learners a random position."""
     block = new_block()
     for begin_block in range(first, last, BLOCK):
         part = part_of(rows, begin_block, min(begin_block + BLOCK, last))
@@ -253,6 +297,13 @@ def choose_uniform(tables: Tables, rows: Rows, stroke: I64, first: int, last: in
         for j in range(part.state.size):
             legal = legal_strokes(tables, part.state[j])
             chosen[j] = stroke_of(tables, legal, uniform_choice(legal.n, block.bits[j]))
+        if with_recovery(tables):
+            for j in range(part.state.size):
+                waited = position_at(tables, part.state[j], uniform_place(tables, part.state[j], block.bits[j]))
+                if seat.size == 0:
+                    position[begin_block + j] = waited
+                elif waits(tables, rows, seat, begin_block + j):
+                    chosen[j] = tables.rank.shape[1] + waited
 
 
 @lru_cache(maxsize=4)

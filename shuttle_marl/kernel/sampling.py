@@ -20,6 +20,7 @@ import numpy as np
 from shuttle_marl.base.arrays import F32, I32, I64, Bools, Floats, Ints
 from shuttle_marl.game import draws
 from shuttle_marl.game.rally.record import Rallies, stroke_dtype
+from shuttle_marl.game.recovery import N_POSITIONS
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.kernel.core import KernelError, Tables, checked_array, checked_number, tables_of
@@ -52,7 +53,11 @@ from shuttle_marl.kernel.table_play import (
 )
 
 Assess = Callable[[I32], tuple[F32, F32]]
-"""Maps states ``[U]`` to logits of all strokes ``[U, n]`` and values to the striker ``[U]``."""
+"""Maps states ``[U]`` to logits of all strokes ``[U, n]`` and values to the striker ``[U]``.
+
+With recovery it maps decisions, states or S plus the state in which the opponent strikes, to logits of all strokes and positions
+``[U, n + 9]`` and values to the player who decides.
+"""
 
 _WHOLE: Final = 1 << 16
 _GUESS: Final = 4.0
@@ -67,7 +72,8 @@ _STALE: Final = -(1 << 30)
 class Distinct:
     """N strokes of a learner as U distinct states and R rows of distinct strokes.
 
-    A stroke has one row for its positive advantages and one for its negative advantages.
+    A stroke has one row for its positive advantages and one for its negative advantages. With recovery states are decisions, see
+    :data:`Assess`, and position p is stroke n + p.
 
     Attributes:
         state: ``[U]`` int32 states.
@@ -134,7 +140,9 @@ class RallySampler:
         players = empty_players(game, 1 + len(opponents))
         for number, policy in enumerate(opponents, start=1):
             put_player(players, number, policy, game)
-        states, pairs = game.n_states, game.n_pairs
+        recovery = game.recovery is not None
+        # Numbers of decisions and of their options, see table_play.
+        states, pairs = (1 + recovery) * game.n_states, game.n_pairs + N_POSITIONS * game.n_states * recovery
         self._learned = Learned(players, np.zeros(pairs, np.float32), np.zeros(states, np.float32), np.zeros(states, np.int32))
         self._sums = Sums(
             np.zeros((pairs, 3), np.float32), np.zeros((states, 2), np.float32), np.zeros(states, np.int32), np.zeros(7)
@@ -171,7 +179,7 @@ class RallySampler:
         self._learned.written[:] = 0
         self._now = 0
         if known is not None:
-            self._known = self._playable(known)
+            self._known = self._playable(known, len(self._learned.written) - 1)
 
     def assign(self, opponents: Ints) -> None:
         """Set the opponents of the rallies.
@@ -197,11 +205,11 @@ class RallySampler:
         """
         if not 0 <= fraction <= 1:
             raise KernelError(f"fraction {fraction}: expected 0 to 1")
-        self._starts = Starts(self._playable(states), np.full(1, round(fraction * _WHOLE), np.int64))
+        self._starts = Starts(self._playable(states, self.game.n_states - 1), np.full(1, round(fraction * _WHOLE), np.int64))
 
-    def _playable(self, states: Ints) -> I32:
-        checked = checked_array("states", states, np.int32, (len(states),), 0, self.game.n_states - 1)
-        if not self.game.playable[checked].all():
+    def _playable(self, states: Ints, highest: int) -> I32:
+        checked = checked_array("states", states, np.int32, (len(states),), 0, highest)
+        if not self.game.playable[checked % self.game.n_states].all():
             raise KernelError("states: one has no legal strokes")
         return checked
 
@@ -247,8 +255,15 @@ class RallySampler:
         if self._untaken:
             visited = self._sums.visited[: int(self._sums.total[6])]
             self._sums.state[visited] = 0
-            self._sums.pair[self.game.pairs(visited)[1]] = 0
+            self._sums.pair[self._pairs(visited)] = 0
             self._untaken = False
+
+    def _pairs(self, decisions: I32) -> I64:
+        """Numbers of the options of some decisions, see table_play."""
+        states = self.game.n_states
+        own, positions = decisions[decisions < states], decisions[decisions >= states].astype(np.int64) - states
+        behind = self.game.n_pairs + N_POSITIONS * positions[:, None] + np.arange(N_POSITIONS)
+        return np.concatenate([self.game.pairs(own)[1], behind.ravel()])
 
     def _begin(self, count: int, *, keep: bool) -> None:
         """Allocate the results of an iteration of about ``count`` strokes."""
@@ -257,7 +272,7 @@ class RallySampler:
         if not self._tape_next:
             self._tape = new_tape()
         elif not len(self._tape.rally):
-            self._tape = new_tape(1024 + count // 4, 1024 + 2 * count)
+            self._tape = new_tape(1024 + count // 4, 1024 + 2 * count, recovery=self.game.recovery is not None)
         self._tape.used[:] = 0
         self._tape_next = False
 
@@ -273,7 +288,7 @@ class RallySampler:
     def _finish(self, numbers: I64, assess: Assess) -> None:
         """Play these rallies to their end and add them up."""
         while len(numbers):
-            pending = Pending(np.empty_like(numbers), np.empty(len(numbers), np.int32))
+            pending = Pending(np.empty_like(numbers), np.empty(2 * len(numbers), np.int32))
             collected = Collected(self._sums, self.strokes, self._listed, self._tape)
             credit = Credit(self._gae_lambda, self._shaping)
             args = (self._tables, self._learned, self._schedule, numbers, credit, self._workspace, collected, pending)
@@ -296,11 +311,12 @@ class RallySampler:
         for first in range(0, len(states), 1 << 13):
             part = np.ascontiguousarray(states[first : first + (1 << 13)])
             logits, value = assess(part)
-            logits = checked_array("logits", logits, np.float32, (len(part), self.game.n_strokes))
+            logits = checked_array("logits", logits, np.float32, (len(part), self.game.n_actions))
             value = checked_array("values", value, np.float32, (len(part),))
             wrong = write(self._tables, self._learned, part, logits, value, self._now)
             if wrong >= 0:
-                raise KernelError(f"outputs of the network are not finite in state: {self.game.describe(int(part[wrong]))}")
+                where = self.game.describe(int(part[wrong]) % self.game.n_states)
+                raise KernelError(f"outputs of the network are not finite in state: {where}")
 
     def take(self, order: Ints | None = None) -> Distinct:
         """Return the strokes as distinct states, and reset the sums.
@@ -310,7 +326,7 @@ class RallySampler:
         """
         known, self._untaken = self._known, False
         states = np.sort(known) if order is None else known[np.asarray(order)]
-        room = 2 * min(int(self.game.legal_count(states).sum()), int(self._sums.total[0]))
+        room = 2 * min(len(self._pairs(states)), int(self._sums.total[0]))
         out = DistinctArrays(
             start=np.empty(len(states) + 1, np.int64),
             row=np.empty(room, np.int64),
@@ -378,7 +394,7 @@ class RallySampler:
 
     def _replayed(self, numbers: I64) -> Tape:
         mean = self._sums.total[5] / max(1.0, self._sums.total[1])
-        tape = new_tape(len(numbers), 4096 + int(1.25 * len(numbers) * mean))
+        tape = new_tape(len(numbers), 4096 + int(1.25 * len(numbers) * mean), recovery=self.game.recovery is not None)
         schedule = self._schedule._replace(starts=no_starts(), oldest=_STALE)
         tape, self._workspace = _replayed(self._tables, self._learned, schedule, numbers, self._workspace, tape)
         return tape
@@ -398,9 +414,10 @@ def play_rallies(game: Game, policies: tuple[TabulatedPolicy, TabulatedPolicy], 
     """
     numbers = np.arange(checked_number("rallies", n, 1), dtype=np.int64)
     none = np.empty(0, np.float32)
-    learned = Learned(pack(policies, game), none, none, np.zeros(game.n_states, np.int32))
+    learned = Learned(pack(policies, game), none, none, np.zeros(2 * game.n_states, np.int32))
     schedule = Schedule(np.ones(1, np.int32), no_starts(), draws.stream(seed)[0], _STALE)
-    tape, _ = _replayed(tables_of(game), learned, schedule, numbers, new_workspace(_LONG), new_tape(n, 16 * n))
+    tape = new_tape(n, 16 * n, recovery=game.recovery is not None)
+    tape, _ = _replayed(tables_of(game), learned, schedule, numbers, new_workspace(_LONG), tape)
     return _rallies_of(tables_of(game), learned, schedule.opponents, tape, numbers, figures=False)
 
 
@@ -426,6 +443,9 @@ def _rallies_of(tables: Tables, learned: Learned, opponents: I32, tape: Tape, nu
     hurried, extra = np.empty(count, np.uint8), np.empty((2 if figures else 0, count), np.float32)
     read_tape(tables, learned, opponents, tape, np.stack([rows, start]), stroke, hurried, extra)
     server, winner, reason = tape.ended[:, rows]
+    waited = None
+    if tables.recovery:
+        waited = tape.waited[np.repeat(start - (np.cumsum(length) - length), length) + np.arange(count)]
     policy = np.zeros((len(number), 2), np.uint16)
     policy[:, 1] = np.maximum(opponents[number % len(opponents)], 0)
     return Rallies(
@@ -440,6 +460,7 @@ def _rallies_of(tables: Tables, learned: Learned, opponents: I32, tape: Tape, nu
         length=length,
         stroke=stroke,
         hurried=hurried,
+        waited=waited,
         log_probability=extra[0] if figures else None,
         value=extra[1] if figures else None,
     )

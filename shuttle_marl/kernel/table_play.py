@@ -3,15 +3,19 @@
 :mod:`shuttle_marl.kernel.sampling` explains their use and calls them; it checks every array from outside. Each stroke depends on
 several table reads. Therefore all rallies of a block advance by one stroke together, in passes that do one thing each, so that
 the reads of many rallies overlap.
+
+In the game with recovery the learner has **decisions** of two kinds: decision s < S is the stroke in state s, decision S + s the
+position where the opponent strikes in state s. Its i-th feasible position is numbered P + 9 s + i, behind the P legal pairs.
 """
 
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from shuttle_marl.base.arrays import F32, F64, I32, I64, U8, U64, UInts
+from shuttle_marl.base.arrays import F32, F64, I8, I32, I64, U8, U64, UInts
 from shuttle_marl.base.compiling import compiled, inlined
 from shuttle_marl.game import draws
+from shuttle_marl.game.recovery import N_POSITIONS
 from shuttle_marl.game.rules import FAULT, WINNER
 from shuttle_marl.kernel.core import (
     BLOCK,
@@ -20,6 +24,7 @@ from shuttle_marl.kernel.core import (
     Legal,
     Tables,
     arrival_of,
+    choices_in,
     draw,
     extend,
     first_server,
@@ -27,12 +32,16 @@ from shuttle_marl.kernel.core import (
     int64,
     legal_strokes,
     limits_of,
+    met_row,
     next_state,
     outcome_of,
+    position_at,
+    states_of,
     stroke_of,
     uniform_choice,
+    with_recovery,
 )
-from shuttle_marl.kernel.players import Players, find_rank, first_guess, write_guide
+from shuttle_marl.kernel.players import Players, find_rank, first_guess, place_choice, write_guide
 
 STALE, TOO_LONG, FULL = -1, -2, -3
 _CHOICE_ONE: Final = np.float32(draws.CHOICE_ONE)
@@ -45,9 +54,9 @@ class Learned(NamedTuple):
 
     Attributes:
         players: the learner, followed by its opponents.
-        log_probability: ``[P]`` of the legal pairs.
-        value: ``[S]`` value to the striker.
-        written: ``[S]`` int32 iteration in which the entry was written; 0: never, -1: requested.
+        log_probability: ``[P]`` of the legal pairs; with recovery ``[P + 9 S]``.
+        value: ``[S]`` value to the striker; with recovery ``[2 S]``, from S on to the receiver.
+        written: ``[S]`` or ``[2 S]`` int32 iteration in which the entry was written; 0: never, -1: requested.
     """
 
     players: Players
@@ -95,15 +104,17 @@ class BlockRallies(NamedTuple):
     Attributes:
         state: ``[BLOCK, T]`` states of the strokes.
         pair: ``[BLOCK, T]`` legal pairs of the strokes.
-        limit: ``[BLOCK, T]`` indices of their thresholds.
+        limit: ``[BLOCK, T]`` indices of their thresholds in the game without recovery.
+        place: ``[BLOCK, T]`` number of the receiver's feasible position; written in the game with recovery alone.
         length: ``[BLOCK]`` number of strokes; STALE if an entry of the table is missing or stale, TOO_LONG if it exceeds T.
-        server: ``[BLOCK]`` seat that serves; if ``length`` is STALE, the state of the entry.
+        server: ``[BLOCK]`` seat that serves; if ``length`` is STALE, the decision of the entry.
         outcome: ``[BLOCK]`` outcome of the last stroke.
     """
 
     state: I32
     pair: I32
     limit: I32
+    place: I32
     length: I64
     server: I64
     outcome: I64
@@ -154,9 +165,9 @@ def new_workspace(strokes: int) -> Workspace:
     """Allocate arrays for rallies of up to ``strokes`` strokes."""
     kinds = {"key": np.uint64, "bits": np.uint64, "limits": np.uint64}
     lanes: dict[str, Any] = {name: np.empty(BLOCK, kinds.get(name, np.int64)) for name in Lanes._fields}
-    lists: list[I32] = [np.empty((BLOCK, strokes), np.int32) for _ in range(3)]
+    lists: list[I32] = [np.empty((BLOCK, strokes), np.int32) for _ in range(4)]
     ends: list[I64] = [np.empty(BLOCK, np.int64) for _ in range(3)]
-    return Workspace(BlockRallies(lists[0], lists[1], lists[2], ends[0], ends[1], ends[2]), Lanes(**lanes))
+    return Workspace(BlockRallies(lists[0], lists[1], lists[2], lists[3], ends[0], ends[1], ends[2]), Lanes(**lanes))
 
 
 @inlined
@@ -173,9 +184,11 @@ def play(tables: Tables, learned: Learned, schedule: Schedule, numbers: I64, wor
         lanes.player[i], lanes.other[i] = (rival, 0) if server else (0, rival)
     count, t = numbers.size, 0
     while count:
-        count = _admit(learned, rallies, lanes, count, t, schedule.oldest)
+        count = _admit(tables, learned, rallies, lanes, count, t, schedule.oldest)
         _choose(tables, learned.players, lanes, count)
         _look_up(tables, rallies, lanes, count, t)
+        if with_recovery(tables):
+            _meet(tables, learned.players, rallies, lanes, count, t)
         t += 1
         count = _strike(rallies, lanes, count, t)
 
@@ -192,15 +205,19 @@ def _initial_state(starts: Starts, opponent: int, key: np.uint64) -> int:
 
 
 @inlined
-def _admit(learned: Learned, rallies: BlockRallies, lanes: Lanes, count: int, t: int, oldest: int) -> int:
-    """Draw stroke ``t`` of each rally whose entry is there and that fits; returns their number."""
-    full = t == rallies.state.shape[1]
+def _admit(tables: Tables, learned: Learned, rallies: BlockRallies, lanes: Lanes, count: int, t: int, oldest: int) -> int:
+    """Draw stroke ``t`` of each rally whose entries are there and that fits; returns their number."""
+    full, recovery, states = t == rallies.state.shape[1], with_recovery(tables), states_of(tables)
     admitted = 0
     for i in range(count):
         rally, s = lanes.rally[i], lanes.state[i]
+        decision = s
         missing = lanes.player[i] == 0 and learned.written[np.uint64(s)] < oldest
+        if recovery and not missing and lanes.other[i] == 0:
+            decision = states + s
+            missing = learned.written[np.uint64(decision)] < oldest
         if missing or full:
-            rallies.length[rally], rallies.server[rally] = STALE if missing else TOO_LONG, s
+            rallies.length[rally], rallies.server[rally] = STALE if missing else TOO_LONG, decision
         _move(lanes, i, admitted)
         lanes.state[admitted], lanes.bits[admitted] = s, draw(lanes.key[i], t)
         admitted += not (missing or full)
@@ -239,6 +256,18 @@ def _look_up(tables: Tables, rallies: BlockRallies, lanes: Lanes, count: int, t:
 
 
 @inlined
+def _meet(tables: Tables, players: Players, rallies: BlockRallies, lanes: Lanes, count: int, t: int) -> None:
+    """Choose where each receiver waits for stroke t, and read the thresholds of the stroke against them."""
+    for i in range(count):
+        place = place_choice(players, lanes.other[i], lanes.state[i], lanes.bits[i])
+        rallies.place[np.uint64(lanes.rally[i]), np.uint64(t)] = place
+        seat = (rallies.server[lanes.rally[i]] + t) & 1
+        lanes.limit[i] = met_row(tables, lanes.state[i], lanes.reply[i] + lanes.rank[i], place, seat)
+    for i in range(count):
+        lanes.limits[i] = tables.limits[np.uint64(lanes.limit[i])]
+
+
+@inlined
 def _strike(rallies: BlockRallies, lanes: Lanes, count: int, t: int) -> int:
     """Decide the last of t strokes of each rally; returns how many rallies continue."""
     alive = 0
@@ -254,7 +283,7 @@ def _strike(rallies: BlockRallies, lanes: Lanes, count: int, t: int) -> int:
 
 
 class Sums(NamedTuple):
-    """Sums of an iteration by state and stroke.
+    """Sums of an iteration by state and stroke; with recovery by decision, and ``[P + 9 S, 3]``, ``[2 S, 2]``, ``[2 S]``.
 
     Attributes:
         pair: ``[P, 3]`` number of strokes, sum of their positive advantages, and of their negative ones.
@@ -279,6 +308,8 @@ class StrokeList(NamedTuple):
         following: ``[N]`` next state of the learner (in self-play: of the opponent), -1 if the rally ends before.
         reward: ``[N]`` reward, including shaping.
         advantage: ``[N]`` lambda-weighted advantage with the values of the table.
+
+    With recovery states are decisions. In self-play that which follows a position is the opponent's next position.
     """
 
     state: I32
@@ -302,6 +333,7 @@ class Tape(NamedTuple):
         ended: ``[3, R]`` server, winner, and outcome of the last stroke.
         state: ``[N]`` state of every stroke of both players, rally after rally.
         pair: ``[N]`` legal pair of every stroke.
+        waited: ``[N]`` position of every receiver; N = 0 in the game without recovery.
         used: ``[2]`` number of rallies and of strokes on the tape.
     """
 
@@ -310,10 +342,11 @@ class Tape(NamedTuple):
     ended: U8
     state: I32
     pair: I32
+    waited: I8
     used: I64
 
 
-def new_tape(rallies: int = 0, strokes: int = 0) -> Tape:
+def new_tape(rallies: int = 0, strokes: int = 0, *, recovery: bool = False) -> Tape:
     """Allocate a tape of a capacity; with capacity 0 nothing is recorded."""
     return Tape(
         np.empty(rallies, np.int64),
@@ -321,6 +354,7 @@ def new_tape(rallies: int = 0, strokes: int = 0) -> Tape:
         np.empty((3, rallies), np.uint8),
         np.empty(strokes, np.int32),
         np.empty(strokes, np.int32),
+        np.empty(strokes * recovery, np.int8),
         np.zeros(2, np.int64),
     )
 
@@ -397,7 +431,7 @@ def _fits(tape: Tape, length: int) -> bool:
 
 
 @inlined
-def _write(tape: Tape, rallies: BlockRallies, i: int, number: int) -> None:
+def _write(tables: Tables, tape: Tape, rallies: BlockRallies, i: int, number: int) -> None:
     """Write rally i of a block onto the tape."""
     at, first = tape.used[0], tape.used[1]
     length, server, outcome = rallies.length[i], rallies.server[i], rallies.outcome[i]
@@ -407,6 +441,8 @@ def _write(tape: Tape, rallies: BlockRallies, i: int, number: int) -> None:
     tape.ended[2, at] = WINNER if outcome else FAULT
     for t in range(length):
         tape.state[first + t], tape.pair[first + t] = rallies.state[i, t], rallies.pair[i, t]
+        if with_recovery(tables):
+            tape.waited[first + t] = position_at(tables, rallies.state[i, t], rallies.place[i, t])
     tape.used[0] += 1
     tape.used[1] += length
 
@@ -440,34 +476,68 @@ def _advantage(reward: float, value: float, next_value: float, next_advantage: f
 
 
 @inlined
+def _place_pair(tables: Tables, learned: Learned, rallies: BlockRallies, i: int, t: int) -> int:
+    """Number of the receiver's position at stroke t of rally i, behind the legal pairs."""
+    return int64(learned.log_probability.size - N_POSITIONS * (states_of(tables) - rallies.state[i, t]) + rallies.place[i, t])
+
+
+@inlined
 def _credit_both(
-    learned: Learned, collected: Collected, first: int, rallies: BlockRallies, i: int, reward: float, credit: Credit
+    tables: Tables,
+    learned: Learned,
+    collected: Collected,
+    first: int,
+    rallies: BlockRallies,
+    i: int,
+    reward: float,
+    credit: Credit,
 ) -> None:
-    """Add all strokes of a rally of self-play, backwards; each value is that of its striker, so gamma is -1."""
+    """Add all strokes of a rally of self-play, backwards; each value is that of its striker, so gamma is -1.
+
+    What a stroke returns to the striker, the position against it returns to the receiver with the other sign.
+    """
+    recovery, states = with_recovery(tables), states_of(tables)
     a, after, following, won = 0.0, 0.0, -1, reward
     for t in range(rallies.length[i] - 1, -1, -1):
         s = rallies.state[i, t]
         a = _advantage(won, learned.value[s], after, a, -1.0, credit.gae_lambda)
-        at = first + t if first >= 0 else -1
+        at = first + (1 + recovery) * t if first >= 0 else -1
         _add(learned, collected, at, _Stroke(s, rallies.pair[i, t], following, won, a))
+        if recovery:
+            b, then = -(a + learned.value[s]) - learned.value[states + s], states + following if following >= 0 else -1
+            position = _Stroke(states + s, _place_pair(tables, learned, rallies, i, t), then, -won, b)
+            _add(learned, collected, at + 1 if first >= 0 else -1, position)
         after, following, won = learned.value[s], s, 0.0
 
 
 @inlined
 def _credit_learner(
-    learned: Learned, collected: Collected, first: int, rallies: BlockRallies, i: int, reward: float, credit: Credit
+    tables: Tables,
+    learned: Learned,
+    collected: Collected,
+    first: int,
+    rallies: BlockRallies,
+    i: int,
+    reward: float,
+    credit: Credit,
 ) -> None:
-    """Add the learner's strokes of a rally, every other one: from the second on if the opponent serves."""
+    """Add the learner's strokes of a rally, every other one: from the second on if the opponent serves.
+
+    With recovery the learner decides at every stroke: when the opponent strikes, on a position.
+    """
     a, after, following, won = 0.0, 0.0, -1, reward
-    begin = rallies.server[i]
-    for j in range((rallies.length[i] - 1 - begin) // 2, -1, -1):
-        t = begin + 2 * j
-        s = rallies.state[i, t]
-        if credit.shaping.size > 0:
+    recovery, states, server = with_recovery(tables), states_of(tables), rallies.server[i]
+    begin, step = (0, 1) if recovery else (server, 2)
+    for j in range((rallies.length[i] - 1 - begin) // step, -1, -1):
+        t = begin + step * j
+        s, pair = int64(rallies.state[i, t]), int64(rallies.pair[i, t])
+        if recovery and (server + t) & 1:
+            s, pair = states + s, _place_pair(tables, learned, rallies, i, t)
+        elif credit.shaping.size > 0:
             won += credit.shaping[rallies.limit[i, t]]
         a = _advantage(won, learned.value[s], after, a, 1.0, credit.gae_lambda)
         at = first + j if first >= 0 else -1
-        _add(learned, collected, at, _Stroke(s, rallies.pair[i, t], following, won, a))
+        _add(learned, collected, at, _Stroke(s, pair, following, won, a))
         after, following, won = learned.value[s], s, 0.0
 
 
@@ -485,6 +555,7 @@ def collect(
     """Play the rallies with these numbers and add them to ``collected``; those that cannot be added go to ``pending``."""
     waiting, states, small = 0, 0, 0
     sums, strokes, tape = collected.sums, collected.strokes, collected.tape
+    recovery = with_recovery(tables)
     listed, taped, used = strokes.state.size > 0, tape.rally.size > 0, collected.listed[0]
     rallies = workspace.rallies
     for first in range(0, numbers.size, BLOCK):
@@ -493,15 +564,18 @@ def collect(
         for i in range(block.size):
             number, length, server = block[i], rallies.length[i], rallies.server[i]
             opponent = schedule.opponents[number % schedule.opponents.size]
-            own = length if opponent < 0 else (length - server + 1) // 2
+            own = length if opponent < 0 or recovery else (length - server + 1) // 2
+            own += length if opponent < 0 and recovery else 0
             if length < 0 or (listed and used + own > strokes.state.size) or (taped and not _fits(tape, length)):
                 pending.rally[waiting] = number
                 waiting += 1
                 if length == STALE:
-                    if learned.written[server] >= 0:
-                        pending.state[states] = server
-                        states += 1
-                        learned.written[server] = -1
+                    # In self-play both decisions of a state are asked for at once.
+                    for decision in (server, (server + states_of(tables)) % learned.written.size if opponent < 0 else server):
+                        if 0 <= learned.written[decision] < schedule.oldest:
+                            pending.state[states] = decision
+                            states += 1
+                            learned.written[decision] = -1
                 else:
                     small = TOO_LONG if length == TOO_LONG else FULL
                 continue
@@ -510,45 +584,67 @@ def collect(
             sums.total[5] += length
             at = used if listed else -1
             if opponent < 0:
-                _credit_both(learned, collected, at, rallies, i, reward, credit)
+                _credit_both(tables, learned, collected, at, rallies, i, reward, credit)
             else:
                 if (server + length - 1) & 1:
                     reward = -reward
                 sums.total[2] += reward > 0
-                _credit_learner(learned, collected, at, rallies, i, reward, credit)
+                _credit_learner(tables, learned, collected, at, rallies, i, reward, credit)
             used += own if listed else 0
             if taped:
-                _write(tape, rallies, i, number)
+                _write(tables, tape, rallies, i, number)
     collected.listed[0] = used
     return Shortage(waiting, states, small)
 
 
+@inlined
+def _options(tables: Tables, decision: int, pairs: int) -> tuple[int, int, int]:
+    """Of a decision: its state, the number of its first option behind P legal pairs, and how many options it has."""
+    states = states_of(tables)
+    if decision < states:
+        legal = legal_strokes(tables, decision)
+        return decision, int64(legal.pair), int64(legal.n)
+    return decision - states, pairs + N_POSITIONS * (decision - states), choices_in(tables, decision - states)
+
+
+@inlined
+def _action(tables: Tables, decision: int, k: int) -> int:
+    """The k-th option of a decision as an action: catalogue index of a stroke, or n plus a position."""
+    states = states_of(tables)
+    if decision < states:
+        return stroke_of(tables, legal_strokes(tables, decision), k)
+    return tables.rank.shape[1] + position_at(tables, decision - states, k)
+
+
 @compiled
 def write(tables: Tables, learned: Learned, states: I32, logits: F32, value: F32, now: int) -> int:
-    """Write the entries of some states; returns the index of the first whose numbers are not finite, or -1."""
-    cumulative = learned.players.cumulative[0]
+    """Write the entries of some decisions; returns the index of the first whose numbers are not finite, or -1."""
+    pairs = learned.players.cumulative.shape[1]
     for i in range(states.size):
-        s = states[i]
-        legal = legal_strokes(tables, s)
-        start, count = legal.pair, legal.n
+        s, start, count = _options(tables, states[i], pairs)
+        position = states[i] != s
         highest = np.float32(-np.inf)
         for k in range(count):
-            highest = max(highest, logits[i, stroke_of(tables, legal, k)])
+            highest = max(highest, logits[i, _action(tables, states[i], k)])
         total = np.float32(0)
         for k in range(count):
-            weight = np.exp(logits[i, stroke_of(tables, legal, k)] - highest)
+            weight = np.exp(logits[i, _action(tables, states[i], k)] - highest)
             learned.log_probability[start + k] = weight
             total += weight
         if not (np.isfinite(total) and np.isfinite(highest) and np.isfinite(value[i])):
             return i
         part, scale, sum_log = np.float32(0), _CHOICE_ONE / total, np.log(total) + highest
+        cumulative = learned.players.waits[0, s] if position else learned.players.cumulative[0, start : start + count]
         for k in range(count):
             part += learned.log_probability[start + k]
-            cumulative[start + k] = np.uint16(min(part * scale, _CHOICE_ONE) + np.float32(0.5))
-            learned.log_probability[start + k] = logits[i, stroke_of(tables, legal, k)] - sum_log
-        cumulative[start + count - 1] = draws.CHOICE_ONE
-        write_guide(cumulative, start, learned.players.guide[0, s])
-        learned.value[s], learned.written[s] = value[i], now
+            if k < cumulative.size:
+                cumulative[k] = np.uint16(min(part * scale, _CHOICE_ONE) + np.float32(0.5))
+            learned.log_probability[start + k] = logits[i, _action(tables, states[i], k)] - sum_log
+        if count <= cumulative.size:  # the ninth position is not stored
+            cumulative[count - 1] = draws.CHOICE_ONE
+        if not position:
+            write_guide(learned.players.cumulative[0], start, learned.players.guide[0, s])
+        learned.value[states[i]], learned.written[states[i]] = value[i], now
     return -1
 
 
@@ -570,17 +666,17 @@ def take(tables: Tables, learned: Learned, sums: Sums, states: I32, out: Distinc
     rows = 0
     for i in range(states.size):
         s = states[i]
+        _, start, count = _options(tables, s, learned.players.cumulative.shape[1])
         out.start[i] = rows
         out.visits[i], out.returns[i] = sums.state[s, 0], sums.state[s, 1] / sums.state[s, 0]
         sums.state[s, :] = 0
-        legal = legal_strokes(tables, s)
-        for k in range(legal.n):
-            pair = legal.pair + k
+        for k in range(count):
+            pair = start + k
             if sums.pair[pair, 0] == 0:
                 continue
             for sign in range(1, 3):
                 if sums.pair[pair, sign] != 0:
-                    out.row[rows], out.stroke[rows] = i, stroke_of(tables, legal, k)
+                    out.row[rows], out.stroke[rows] = i, _action(tables, s, k)
                     out.log_probability[rows], out.advantage[rows] = learned.log_probability[pair], sums.pair[pair, sign]
                     rows += 1
             sums.pair[pair, :] = 0
@@ -598,7 +694,7 @@ def replay(tables: Tables, learned: Learned, schedule: Schedule, numbers: I64, w
             length = workspace.rallies.length[i]
             if length < 0 or not _fits(tape, length):
                 return first + i
-            _write(tape, workspace.rallies, i, block[i])
+            _write(tables, tape, workspace.rallies, i, block[i])
     return numbers.size
 
 

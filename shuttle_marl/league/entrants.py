@@ -19,7 +19,7 @@ from shuttle_marl.game.scoring import RulesName
 from shuttle_marl.game.shipped import Profile, resolve_game
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, hash_of, tabulate
-from shuttle_marl.kernel.lockstep import ask
+from shuttle_marl.kernel.lockstep import ask, ask_position
 from shuttle_marl.policy import history, registry
 from shuttle_marl.policy.foreign import POLICY_TIMEOUT
 from shuttle_marl.policy.registry import UnrequestedError, resolve, resolve_recorded
@@ -261,6 +261,26 @@ class Strikers:
                 at = np.flatnonzero((entrant == i) & ((striker == seat) if self._second else True))
                 k[at] = self._ask(i, tables, state[at], draw[at], striker[at], score[:, at])
         return k
+
+    def wait(self, entrant: I32, state: I32, draw: I32, receiver: I32, score: I32, *_: I32) -> Intp:
+        """Position of each receiver, of the game with recovery; see :data:`shuttle_marl.kernel.lockstep.Wait`.
+
+        Raises:
+            ForfeitError: a policy that reads the score raised, or returned no distribution.
+        """
+        positions, tables = np.empty(len(state), dtype=np.intp), seat_tables(self._game, self._entrants)
+        row = entrant + self._second * receiver
+        for i in np.unique(row).tolist():
+            at, entered, table = np.flatnonzero(row == i), self._entrants[i % len(self._entrants)], tables[i]
+            if table is not None:
+                positions[at] = table.choose_position(state[at], draw[at])
+                continue
+            try:
+                seat = self._game.seats[i // len(self._entrants)]
+                positions[at] = ask_position(entered.policy, seat, state[at], draw[at], receiver[at], score[:, at])
+            except PolicyError as error:
+                raise ForfeitError(entered.name, str(error)) from error
+        return positions
 
     def _read(self, entrant: I32, state: I32, draw: I32) -> Intp:
         return chosen(self._rows.take(self._first_row[entrant] + state, axis=0), draw)

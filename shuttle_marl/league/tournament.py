@@ -419,8 +419,8 @@ class Tournament:
         matches = join([matches_of(pairing, self._options.seed, first, last) for pairing in group])
         if any(self._reads_score(pairing) for pairing in group):  # policies are called for every stroke
             rules, keep = self._options.rules, self._options.keep_strokes
-            choose = self._strikers.choose
-            played = play(self._game, matches, choose, rules=rules, keep_strokes=keep, progress=progress).rallies
+            choose, wait = self._strikers.choose, self._strikers.wait
+            played = play(self._game, matches, choose, wait, rules=rules, keep_strokes=keep, progress=progress).rallies
         else:
             played = self._play_tables(matches, progress)
         number = np.array([pairing.number for pairing in group], dtype=np.uint32)

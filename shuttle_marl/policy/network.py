@@ -20,6 +20,7 @@ from shuttle_marl.base.tensor_files import checked
 from shuttle_marl.game.draws import CHOICE_ONE
 from shuttle_marl.game.layout import LONGEST_DUEL
 from shuttle_marl.game.policy import PolicyError
+from shuttle_marl.game.recovery import N_POSITIONS
 from shuttle_marl.game.stroke import Catalogue
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
@@ -30,6 +31,7 @@ _EXACT_BITS: Final = 53
 _LEAST_EXPONENT: Final = -900
 """Least exponent of the largest number of a factor, so that its unit is a float64."""
 _HIGHEST: Final = float(np.finfo(np.float32).max)
+_PARTS: Final = 8
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -71,7 +73,9 @@ class PolicyNetwork:
     Attributes:
         own, incoming: ``[n + 1, W]`` vector of the own last stroke and of the incoming one.
         contact, duel, effort, opponent_effort, hurried: ``[numbers, W]`` vectors of the other parts of an observation.
-        layers: weights ``[W', W]`` and biases ``[W']`` of the next layers, each after a ReLU; the last one returns n logits.
+        position: ``[2, W]`` vectors of whether the player is to choose a position, in the game with recovery; else None.
+        layers: weights ``[W', W]`` and biases ``[W']`` of the next layers, each after a ReLU; the last one returns n logits, with
+            recovery n + 9.
     """
 
     own: F64
@@ -81,6 +85,7 @@ class PolicyNetwork:
     effort: F64
     opponent_effort: F64
     hurried: F64
+    position: F64 | None
     layers: tuple[tuple[F64, F64], ...]
 
     @classmethod
@@ -108,10 +113,13 @@ class PolicyNetwork:
                 strokes.append(total)
             levels = game.levels
             sizes = {"contact": 2, "duel": LONGEST_DUEL + 1, "effort": levels, "opponent_effort": levels, "hurried": 2}
-            parts = {name: take(f"0.{name}.weight", size, width) for name, size in sizes.items()}
+            if game.recovery is not None:
+                sizes["position"] = 2
+            parts: dict[str, Any] = {"position": None}
+            parts |= {name: take(f"0.{name}.weight", size, width) for name, size in sizes.items()}
             hidden = sorted({name.rpartition(".")[0] for name in known if name.startswith("0.layers.")}, key=_number)
             layers = [(take(f"{name}.weight", width, width), take(f"{name}.bias", width)) for name in hidden]
-            layers.append((take("1.weight", game.n_strokes, width), take("1.bias", game.n_strokes)))
+            layers.append((take("1.weight", game.n_actions, width), take("1.bias", game.n_actions)))
             if known:
                 raise ValueError(f"{next(iter(known))} belongs to no layer")
         except (KeyError, IndexError, ValueError) as error:
@@ -136,19 +144,62 @@ class PolicyNetwork:
             first = int(base[group[0]])
             legal = game.legal_strokes(first)
             both = self.incoming[incoming[group[0]]] + self.contact[contact[group[0]]]
-            x = np.empty((game.n_blocks * len(group), len(both)))
-            highest = _spread(self.own[own[group]] + both + self.duel[duel[group]] + self.hurried[hurried[group]], efforts, x)
-            farthest = 0.0
-            for layer, bias in hidden:
-                x, unit = _product(x, layer, highest)
-                far, highest = _rectify(x, unit, bias)
-                farthest = max(farthest, far)
-            x, unit = _product(x, _rounded(last[legal]), highest)
+            if self.position is not None:
+                both = both + self.position[0]
+            vectors = self.own[own[group]] + both + self.duel[duel[group]] + self.hurried[hurried[group]]
+            x, farthest = _logits(vectors, efforts, hidden, (last[legal], last_bias[legal]))
             # The network was trained in float32.
-            if not max(farthest, _shift(x, unit, last_bias[legal])) <= _HIGHEST:
+            if not farthest <= _HIGHEST:
                 raise PolicyError(f"the network gives no finite numbers in state: {game.describe(first)}")
             limits(x, (blocks + game.base_pair_start[base[group]]).ravel(), cumulative.ravel())
-        return TabulatedPolicy(game=game, cumulative=cumulative.ravel())
+        return TabulatedPolicy(game=game, cumulative=cumulative.ravel(), waits=self._waits(game, hidden))
+
+    def _waits(self, game: Game, hidden: "list[_Layer]") -> U16 | None:
+        """``[S, 9]`` cumulative probabilities of positions where the opponent is in each state."""
+        if self.position is None:
+            return None
+        weight, bias = (part[game.n_strokes :] for part in self.layers[-1])
+        waits = np.empty((game.n_blocks, game.n_base_states, N_POSITIONS), np.uint16)
+        blocks = np.arange(game.n_blocks)[:, None] * waits[0].size
+        # What is the striker's own in a state is the opponent's to a receiver.
+        efforts = (self.opponent_effort[:, None] + self.effort).reshape(game.n_blocks, -1)
+        for base in np.array_split(np.arange(game.n_base_states), _PARTS):
+            own, incoming, contact, duel, *_, hurried = game.observation(base).T
+            strokes = self.own[incoming] + self.incoming[own]
+            vectors = strokes + self.contact[contact] + self.position[1] + self.duel[duel] + self.hurried[hurried]
+            x, farthest = _logits(vectors, efforts, hidden, (weight, bias))
+            if not farthest <= _HIGHEST:
+                raise PolicyError(
+                    f"the network gives no finite numbers where the opponent is in one of states {base[0]} to {base[-1]}"
+                )
+            x[np.tile(~game.waiting.mask(base), (game.n_blocks, 1))] = -np.finfo(np.float64).max
+            limits(x, (blocks + N_POSITIONS * base).ravel(), waits.ravel())
+        return waits.reshape(-1, N_POSITIONS)
+
+
+_Layer = tuple[tuple[F64, float], F64]
+"""Rounded weights of a layer and their unit, and its biases."""
+
+
+def _logits(vectors: F64, efforts: F64, hidden: "list[_Layer]", last: tuple[F64, F64]) -> tuple[F64, float]:
+    """Outputs of the layers.
+
+    Args:
+        vectors: ``[B, W]`` sums of embeddings, without those of the efforts.
+        efforts: ``[G, W]`` embeddings of both efforts.
+        last: weights and biases of the last layer.
+
+    Returns:
+        ``[G B, K]`` logits, and the largest absolute value on the way.
+    """
+    x, farthest = np.empty((len(efforts) * len(vectors), vectors.shape[1])), 0.0
+    highest = _spread(vectors, efforts, x)
+    for layer, bias in hidden:
+        x, unit = _product(x, layer, highest)
+        far, highest = _rectify(x, unit, bias)
+        farthest = max(farthest, far)
+    x, unit = _product(x, _rounded(last[0]), highest)
+    return x, max(farthest, _shift(x, unit, last[1]))
 
 
 def _number(layer: str) -> int:

@@ -34,7 +34,7 @@ from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import ROOT, Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, cumulative_positions, tabulate
 from shuttle_marl.kernel import lockstep
-from shuttle_marl.kernel.lockstep import Matches, ask
+from shuttle_marl.kernel.lockstep import Matches, ask, ask_position
 from shuttle_marl.policy.registry import resolve
 
 REFERENCE: Final = "bc"
@@ -282,6 +282,14 @@ def sample(
             strokes[asked] = ask(policy, opponent.game, *mine)
         return strokes
 
+    def wait(entrant: I32, state: I32, draw: I32, receiver: I32, score: I32, *_: I32) -> Intp:
+        """Positions of both, in the game with recovery."""
+        positions = opponent.choose_position(state, draw)
+        asked = np.flatnonzero(entrant == 0)
+        if len(asked):
+            positions[asked] = ask_position(policy, opponent.game, state[asked], draw[asked], receiver[asked], score[:, asked])
+        return positions
+
     rallies, won, strokes, wins = np.zeros(matches, dtype=np.int64), np.zeros(matches, dtype=np.int64), 0, 0
     for first in range(0, matches, _BATCH):
         number = np.arange(first, min(first + _BATCH, matches))
@@ -291,7 +299,7 @@ def sample(
             first_server=((number >> 1) & 1).astype(np.int8),
             key=draws.stream(seed, key, number),
         )
-        games, played = lockstep.play(opponent.game, seated, choose, keep_strokes=watch is not None)
+        games, played = lockstep.play(opponent.game, seated, choose, wait, keep_strokes=watch is not None)
         match = first + played.match
         if watch is not None:
             watch(dataclasses.replace(played, match=match))

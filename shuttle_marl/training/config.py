@@ -76,7 +76,7 @@ class TrainingConfig:
     opponent: tuple[str, ...] = ("bc",)
     """Names of one or more opponents (see `docs/league.md`), or `self` for self-play."""
     strokes: Count = 2_000_000
-    """Strokes of the learner in the whole run."""
+    """Strokes of the learner in the whole run; in the game with recovery its positions count too."""
     budget: str | None = None
     """Time limit of the run, as in 90s, 5m or 1h, instead of the default --strokes; the result then depends on the machine."""
     seed: Seed = 0
@@ -128,7 +128,8 @@ class TrainingConfig:
     device: str = "cpu"
     """PyTorch device of the networks, such as cuda."""
     sampler: Sampler = "auto"
-    """Sampler of the rallies: the compiled kernel on the CPU, or torch on --device; auto: torch on CUDA devices."""
+    """Sampler of the rallies: the compiled kernel on the CPU, or torch on --device (not in the game with recovery); auto: torch
+    on CUDA devices, where it can."""
     threads: Annotated[int, Within(low=1, high=1024, text="a whole number from 1 to 1,024")] = 1
     """PyTorch threads of this process; changes the result, because it changes the order of sums."""
 

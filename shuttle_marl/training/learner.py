@@ -32,13 +32,14 @@ from torchrl.modules import ProbabilisticActor
 from torchrl.objectives import LossModule
 
 from shuttle_marl.base.arrays import F32, I32
+from shuttle_marl.game.recovery import N_POSITIONS
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.kernel import RallySampler
 from shuttle_marl.training.config import A2CConfig, PPOConfig, TrainingConfig
-from shuttle_marl.training.networks import DivergedError, logit_network, make_actor, make_critic
+from shuttle_marl.training.networks import DivergedError, decision_observations, logit_network, make_actor, make_critic
 from shuttle_marl.training.torch_sampler import TorchSampler
 
 
@@ -298,15 +299,23 @@ class Mean:
 
 
 class Observer:
-    """Network inputs of states, as tensors on a device."""
+    """Network inputs of states, or with recovery of decisions, as tensors on a device."""
 
     def __init__(self, game: Game, device: str) -> None:
         self.device = torch.device(device)
         states = np.arange(game.n_states)
-        self._observation = torch.from_numpy(game.observation(states)).to(self.device)
-        self._masks = torch.from_numpy(game.reply_mask.reshape(-1, game.n_strokes).copy()).to(self.device)
-        self._mask_row = torch.from_numpy((2 * game.incoming(states) + game.contact(states)).astype(np.int64)).to(self.device)
+        masks, row = game.reply_mask.reshape(-1, game.n_strokes), 2 * game.incoming(states) + game.contact(states)
+        if game.recovery is not None:
+            masks = np.pad(masks, ((0, game.n_base_states), (0, N_POSITIONS)))
+            masks[-game.n_base_states :, game.n_strokes :] = game.waiting.mask(np.arange(game.n_base_states))
+            row, states = np.r_[row, len(masks) - game.n_base_states + game.base(states)], np.arange(2 * game.n_states)
+        self._observation = torch.from_numpy(decision_observations(game, states)).to(self.device)
+        self._masks = torch.from_numpy(masks.copy()).to(self.device)
+        self._mask_row = torch.from_numpy(row.astype(np.int64)).to(self.device)
         self._stroke = torch.from_numpy(game.base_pair_stroke.astype(np.int64)).to(self.device)
+        self._game, self._position = game, None
+        if game.recovery is not None:
+            self._position = torch.from_numpy(np.maximum(game.waiting.position, 0).astype(np.int64).ravel()).to(self.device)
 
     def observations(self, states: torch.Tensor) -> torch.Tensor:
         """``[U, 7]`` observations of ``[U]`` states."""
@@ -318,8 +327,13 @@ class Observer:
         return {"observation": self._observation[states], "action_mask": self._masks[self._mask_row[states]]}
 
     def strokes(self, pairs: torch.Tensor) -> torch.Tensor:
-        """``[R]`` catalogue indices of ``[R]`` legal pairs."""
-        return self._stroke[pairs.long().to(self.device) % len(self._stroke)]
+        """``[R]`` catalogue indices of ``[R]`` legal pairs; n + p of positions, see :mod:`shuttle_marl.kernel.table_play`."""
+        pairs = pairs.long().to(self.device)
+        stroke = self._stroke[pairs % len(self._stroke)]
+        if self._position is None:
+            return stroke
+        positions = self._position[(pairs - self._game.n_pairs) % len(self._position)]
+        return torch.where(pairs < self._game.n_pairs, stroke, self._game.n_strokes + positions)
 
 
 class RallyCollector(BaseCollector):
@@ -342,7 +356,7 @@ class RallyCollector(BaseCollector):
             "shaping": added_rewards(config, game) if config.shapes_rewards else None,
         }
         device = torch.device(config.device)
-        on_device = config.sampler == "torch" or (config.sampler == "auto" and device.type == "cuda")
+        on_device = config.sampler == "torch" or (config.sampler == "auto" and device.type == "cuda" and game.recovery is None)
         self.sampler = (
             TorchSampler(game, opponents, device=device, **options) if on_device else RallySampler(game, opponents, **options)
         )
@@ -369,7 +383,8 @@ class RallyCollector(BaseCollector):
         Returns:
             Distinct states:
 
-            - ``observation`` ``[U, 6]``, ``action_mask`` ``[U, n]``: the states, in random order;
+            - ``observation`` ``[U, 7]``, ``action_mask`` ``[U, n]``: the states, in random order; with recovery decisions on
+              strokes and positions, ``[U, 8]`` and ``[U, n + 9]``;
             - ``visits`` ``[U]``: number N(s) of strokes in each state;
             - ``value_target`` ``[U, 1]``: mean of A + V(s) over the strokes in each state;
             - ``start`` ``[U + 1]``: first row of each state;

@@ -16,9 +16,10 @@ from torch.distributions import Categorical, Distribution
 from torch.nn import functional
 from torchrl.modules import ProbabilisticActor, ValueOperator
 
-from shuttle_marl.base.arrays import F32, F64
+from shuttle_marl.base.arrays import F32, F64, I32, Bools, Ints
 from shuttle_marl.base.interrupts import check_interrupt
 from shuttle_marl.game.layout import LONGEST_DUEL
+from shuttle_marl.game.observation import SWAP_TOKENS
 from shuttle_marl.game.policy import PolicyError, States
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
@@ -36,6 +37,26 @@ _LAST_LAYER: Final = ("1.weight", "1.bias")
 
 class DivergedError(TrainingError):
     """Learning diverged: a loss, a weight or a probability is not finite."""
+
+
+def decision_observations(game: Game, decisions: Ints) -> I32:
+    """``[U, 7]`` observations of states; with recovery ``[U, 8]`` of decisions, see :data:`shuttle_marl.kernel.Assess`.
+
+    A player who is to choose a position sees the strokes and efforts with their own first, and 1 as the last number.
+    """
+    own = game.observation(decisions % game.n_states)
+    if game.recovery is None:
+        return own
+    position = (decisions >= game.n_states)[:, None]
+    return np.hstack([np.where(position, own[:, SWAP_TOKENS], own), position]).astype(np.int32)
+
+
+def decision_masks(game: Game, decisions: Ints) -> Bools:
+    """``[U, n]`` legal strokes of states; with recovery ``[U, n + 9]`` legal actions of decisions."""
+    if game.recovery is None:
+        return game.mask(decisions)
+    position, states = (decisions >= game.n_states)[:, None], decisions % game.n_states
+    return np.hstack([game.mask(states) & ~position, game.waiting.mask(game.base(states)) & position])
 
 
 class LegalStrokes(Categorical):
@@ -100,7 +121,7 @@ class DistinctStrokes(LegalStrokes):
 
 
 class StateEncoder(nn.Module):
-    """Embedding of ``[..., 7]`` observations, followed by hidden layers, with ``[..., width]`` outputs."""
+    """Embedding of ``[..., 7]`` observations, ``[..., 8]`` with recovery; then hidden layers, with ``[..., width]`` outputs."""
 
     attributes: torch.Tensor
 
@@ -116,11 +137,14 @@ class StateEncoder(nn.Module):
         self.effort = nn.Embedding(game.levels, width)
         self.opponent_effort = nn.Embedding(game.levels, width)
         self.hurried = nn.Embedding(2, width)
+        self.position = None if game.recovery is None else nn.Embedding(2, width)
         for table in (self.own, self.incoming, self.contact):
             nn.init.normal_(table.weight, std=0.4)
         for table in (self.duel, self.effort, self.opponent_effort, self.hurried):
             # These attributes change values little, so their effect is learned from zero.
             nn.init.zeros_(table.weight)
+        if self.position is not None:
+            nn.init.normal_(self.position.weight, std=0.4)
         layers: list[nn.Module] = [nn.ReLU()]
         for _ in range(hidden):
             layers += [nn.Linear(width, width), nn.ReLU()]
@@ -140,6 +164,8 @@ class StateEncoder(nn.Module):
         first = first + functional.embedding(2 * duel + of[..., 6], offered)
         if len(efforts) > 1:
             first = first + functional.embedding(len(self.opponent_effort.weight) * of[..., 4] + of[..., 5], efforts)
+        if self.position is not None:
+            first = first + self.position(of[..., 7])
         encoded: torch.Tensor = self.layers(first)
         return encoded
 
@@ -174,7 +200,7 @@ def make_actor(game: Game, *, width: int, hidden: int, log_prob: bool = True, di
     Args:
         distinct: whether it uses :class:`DistinctStrokes`, with the entry ``row``.
     """
-    network = head(game, game.n_strokes, width=width, hidden=hidden, scale=0.01, layer=Logits)
+    network = head(game, game.n_actions, width=width, hidden=hidden, scale=0.01, layer=Logits)
     keywords: dict[str, Any] = {"return_log_prob": True} if log_prob else {}
     return ProbabilisticActor(
         TensorDictModule(network, in_keys=["observation"], out_keys=["logits"]),
@@ -192,7 +218,7 @@ def make_critic(game: Game, *, width: int, hidden: int) -> ValueOperator:
 
 def make_q_network(game: Game, *, width: int, hidden: int) -> "StrokeValues":
     """Values Q(s, a) of strokes, see :class:`StrokeValues`."""
-    return StrokeValues(head(game, game.n_strokes, width=width, hidden=hidden, scale=0.1))
+    return StrokeValues(head(game, game.n_actions, width=width, hidden=hidden, scale=0.1))
 
 
 class StrokeValues(TensorDictModuleBase):
@@ -275,10 +301,15 @@ def imitate(
         optimizer.param_groups[0]["lr"] = 3e-3 * (1 - step / steps)
         drawn = torch.rand(1024, dtype=torch.float64, generator=generator) * cumulative[-1]
         drawn = torch.searchsorted(cumulative, drawn).clamp_max(len(cumulative) - 1)
-        states = drawn.numpy()
-        target = torch.from_numpy(policy.probabilities(States(game=game, state=states.astype(np.int32)))).float().to(device)
-        mask = torch.from_numpy(game.mask(states)).to(device)
-        observation = torch.from_numpy(game.observation(states)).to(device)
+        decisions, states = drawn.numpy(), States(game=game, state=drawn.numpy().astype(np.int32))
+        p = policy.probabilities(states)
+        if game.recovery is not None:  # strokes in half of the states, positions in the others
+            position = np.arange(len(p))[:, None] % 2 == 1
+            p = np.hstack([np.where(position, 0, p), np.where(position, policy.positions(states), 0)])
+            decisions = decisions + game.n_states * position[:, 0]
+        target = torch.from_numpy(p).float().to(device)
+        mask = torch.from_numpy(decision_masks(game, decisions)).to(device)
+        observation = torch.from_numpy(decision_observations(game, decisions)).to(device)
         logits = functional.log_softmax(torch.where(mask, network(observation), ILLEGAL), dim=-1)
         gap = (torch.special.xlogy(target, target) - target * logits).sum(-1).mean()
         optimizer.zero_grad()

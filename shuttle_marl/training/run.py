@@ -35,7 +35,7 @@ from shuttle_marl.base.pytorch import InitialWeights, own_settings
 from shuttle_marl.exact.known import best_odds, pair_odds
 from shuttle_marl.exact.match import Odds, normalised_score
 from shuttle_marl.exact.optimal import best_response
-from shuttle_marl.exact.profile import InducedChain, evaluate_chains, induced
+from shuttle_marl.exact.profile import InducedChain, evaluate, evaluate_chains, induced
 from shuttle_marl.game import draws
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.game.tables import Game
@@ -103,8 +103,12 @@ class Evaluator:
 
     def evaluate(self, policy: TabulatedPolicy, *, exploitability: bool = True) -> Evaluation:
         """Evaluate a policy of the same game; ``exploitability`` takes half of the time."""
-        own = induced(policy)
-        odds = [evaluate_chains(own, chain, tolerance=_TOLERANCE).odds() for chain in self._chains]
+        known: TabulatedPolicy | InducedChain
+        if policy.game.recovery is None:
+            known = own = induced(policy)
+            odds = [evaluate_chains(own, chain, tolerance=_TOLERANCE).odds() for chain in self._chains]
+        else:  # where the opponent waits changes the chain
+            known, odds = policy, [evaluate(policy, opponent, tolerance=_TOLERANCE).odds() for opponent in self._opponents]
         normalised = [
             normalised_score(o.rally, bc.rally, best.rally, error_bound=bc.error_bound + best.error_bound)
             for o, (bc, best) in zip(odds, self._scales, strict=True)
@@ -114,7 +118,7 @@ class Evaluator:
             rally_win=float(np.mean([o.rally for o in odds])),
             match_win=float(np.mean([o.match() for o in odds])),
             normalised_score=float(np.mean(scores)) if scores else None,
-            exploitability=best_response(own, tolerance=_TOLERANCE).value.odds().value if exploitability else None,
+            exploitability=best_response(known, tolerance=_TOLERANCE).value.odds().value if exploitability else None,
         )
 
 
@@ -230,7 +234,7 @@ def _check_machine(config: TrainingConfig, game: Game) -> None:
     """Check the device and the memory of this machine, before anything is allocated or written."""
     check_device(config.device)
     available = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    for flags, required in config.memory(game.n_strokes).items():
+    for flags, required in config.memory(game.n_actions).items():
         if required > available:
             raise TrainingError(
                 f"{flags}: such a run needs {required / 1e9:,.0f} GB of memory or more, and this machine has "

@@ -44,7 +44,7 @@ class SAC(Learner):
             self.actor,
             make_q_network(game, width=config.width, hidden=config.hidden).to(config.device),
             action_space="categorical",
-            num_actions=game.n_strokes,
+            num_actions=game.n_actions,
             alpha_init=config.alpha,
             target_entropy=config.target_entropy,
             loss_function="l2",
@@ -66,6 +66,8 @@ class SAC(Learner):
         self.collected = 0
         self.observer = Observer(game, config.device)
         counts = game.legal_count(np.arange(game.n_states))
+        if game.recovery is not None:
+            counts = np.r_[counts, game.waiting.choices]
         self.uniform_entropy = float(np.log(counts[counts > 0]).mean())
 
     def draw_from(self, generator: torch.Generator) -> None:

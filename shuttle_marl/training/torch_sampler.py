@@ -20,7 +20,7 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.kernel import Assess, Distinct, RallySampler
-from shuttle_marl.kernel.core import tables_of
+from shuttle_marl.kernel.core import KernelError, tables_of
 from shuttle_marl.kernel.table_play import START, StrokeList, new_stroke_list
 
 _WAITS: Final = 0
@@ -108,7 +108,7 @@ class TorchSampler(RallySampler):
         shaping: ``[L * base pairs]`` what a stroke adds to the learner's reward, by own effort and base pair; None: nothing.
 
     Raises:
-        KernelError: an opponent of another game, or a number out of range.
+        KernelError: an opponent of another game, a number out of range, or the game with recovery.
     """
 
     def __init__(
@@ -121,6 +121,8 @@ class TorchSampler(RallySampler):
         cache_iterations: int = 1,
         shaping: Floats | None = None,
     ) -> None:
+        if game.recovery is not None:
+            raise KernelError("the sampler on a device does not know positions; take the kernel in the game with recovery")
         self._device = torch.device(device)
         self._limits = self._there(tables_of(game).limits.view(np.int64))
         self._limit_row = torch.empty(game.n_pairs, dtype=torch.int32, device=self._device)

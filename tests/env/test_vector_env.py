@@ -1,5 +1,6 @@
 """The native vector environments against single ones, bit for bit, and under Gymnasium's own wrappers."""
 
+import dataclasses
 import warnings
 from typing import Any
 
@@ -15,12 +16,27 @@ from shuttle_marl.env.vector import MatchVectorEnv, RallyVectorEnv
 from shuttle_marl.game import default_game
 from shuttle_marl.game.scoring import BWF, Rules
 from shuttle_marl.game.tables import Game
+from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.kernel import MatchBatch
 from shuttle_marl.kernel.rally import MatchRows
 from tests.exact.exact_games import random_game, random_policy, tiring_game
+from tests.kernel.recovery import with_positions
+from tests.recovery import small_recovery_game, with_recovery
 
 GAME = default_game()
 NAME = "shuttle_marl/Rally-v0"
+GAMES = {
+    "short": random_game(3, 8, 0.5),
+    "tiring": tiring_game(),
+    "recovery": with_recovery(random_game(3, 8, 0.5), 3, 3),
+    "people's positions": dataclasses.replace(random_game(4, 8, 0.5), recovery=small_recovery_game().recovery),
+}
+
+
+def player(game: Game, seed: int) -> TabulatedPolicy:
+    """A random policy, which waits at random too."""
+    policy = random_policy(game, seed)
+    return policy if game.recovery is None else with_positions(policy, seed)
 
 
 def make(num_envs: int, **kwargs: Any) -> RallyVectorEnv:
@@ -59,9 +75,9 @@ def test_spaces_are_those_of_the_single_environment_in_batches() -> None:
 
 @pytest.mark.parametrize("seat", [0, 1])
 @pytest.mark.parametrize("illegal", [0.0, 0.1])
-@pytest.mark.parametrize("game", [random_game(3, 8, 0.5), tiring_game()], ids=["short", "tiring"])
+@pytest.mark.parametrize("game", GAMES.values(), ids=GAMES)
 def test_one_row_is_the_single_environment(seat: int, illegal: float, game: Game) -> None:
-    opponent = random_policy(game, 1)
+    opponent = player(game, 1)
     single = SingleRallyEnv(opponent=opponent, seat=seat, game=game)  # type: ignore[arg-type]
     vector = RallyVectorEnv(1, opponent=opponent, seat=seat, game=game)
     rng = np.random.default_rng(2)
@@ -127,18 +143,22 @@ TIRING = tiring_game()
 
 
 @pytest.mark.parametrize(
-    ("rules", "first_server", "reward", "seat"),
+    ("rules", "first_server", "reward", "seat", "game"),
     [
-        (SHORT, None, "match", 0),
-        (SHORT, 0, "rally", 1),
-        (ONE, None, "rally", 0),
-        (ONE, None, "match", 1),
-        (Rules(), 1, "match", 1),
+        (SHORT, None, "match", 0, TIRING),
+        (SHORT, 0, "rally", 1, TIRING),
+        (ONE, None, "rally", 0, TIRING),
+        (ONE, None, "match", 1, TIRING),
+        (Rules(), 1, "match", 1, TIRING),
+        (SHORT, None, "rally", 0, GAMES["recovery"]),
+        (SHORT, 1, "match", 1, GAMES["people's positions"]),
     ],
 )
-def test_rows_play_the_matches_of_the_environment_of_one(reward: str, seat: int, rules: Rules, first_server: int | None) -> None:
-    rows, options = 3, {"rules": rules, "reward": reward, "first_server": first_server, "game": TIRING}
-    opponent = random_policy(TIRING, 3)
+def test_rows_play_the_matches_of_the_environment_of_one(
+    reward: str, seat: int, rules: Rules, first_server: int | None, game: Game
+) -> None:
+    rows, options = 3, {"rules": rules, "reward": reward, "first_server": first_server, "game": game}
+    opponent = player(game, 3)
     vector = MatchVectorEnv(rows, opponent=opponent, seat=seat, **options)  # type: ignore[arg-type]
     alone = [SingleMatchEnv(opponent=opponent, seat=seat, **options) for _ in range(rows)]  # type: ignore[arg-type]
     assert vector.single_observation_space == alone[0].observation_space

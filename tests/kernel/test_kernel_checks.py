@@ -80,7 +80,7 @@ def test_assigned_opponents_are_checked(batch: RallyBatch, opponents: np.ndarray
 
 
 def changed(name: str, at: Any, value: int) -> Players:
-    players = Players(PLAYERS.cumulative.copy(), PLAYERS.guide.copy())
+    players = Players(PLAYERS.cumulative.copy(), PLAYERS.guide.copy(), PLAYERS.waits)
     getattr(players, name)[at] = value
     return players
 
@@ -88,10 +88,10 @@ def changed(name: str, at: Any, value: int) -> Players:
 @pytest.mark.parametrize(
     "players",
     [
-        Players(PLAYERS.cumulative[:, :-1], PLAYERS.guide),
-        Players(PLAYERS.cumulative.astype(np.int64), PLAYERS.guide),
-        Players(PLAYERS.cumulative[:, ::-1], PLAYERS.guide),
-        Players(PLAYERS.cumulative, PLAYERS.guide[:1]),
+        PLAYERS._replace(cumulative=PLAYERS.cumulative[:, :-1]),
+        PLAYERS._replace(cumulative=PLAYERS.cumulative.astype(np.int64)),
+        PLAYERS._replace(cumulative=PLAYERS.cumulative[:, ::-1]),
+        PLAYERS._replace(guide=PLAYERS.guide[:1]),
         changed("cumulative", (1, -1), 65534),
         changed("guide", (1, 7, 3), 255),
         changed("guide", (0, 1, 0), 1),

@@ -159,7 +159,7 @@ def test_rallies_that_were_noted_are_those_that_are_played_again(
     from shuttle_marl.kernel.table_play import new_tape, replay
 
     found = []
-    for room in (None, new_tape, lambda rallies=0, strokes=0: new_tape(min(rallies, 7), min(strokes, 50))):
+    for room in (None, new_tape, lambda rallies=0, strokes=0, **_: new_tape(min(rallies, 7), min(strokes, 50))):
         sampler = RallySampler(GAME, opponents)
         for iteration in range(2):
             if room is not None:

@@ -17,7 +17,7 @@ from shuttle_marl.game.scoring import BWF, Rules, Score, serves_from_right
 from shuttle_marl.game.stroke import Catalogue
 from shuttle_marl.game.tables import Game
 
-PER_STROKE: Final = ("stroke", "hurried", "log_probability", "value")
+PER_STROKE: Final = ("stroke", "hurried", "waited", "log_probability", "value")
 """Columns of :class:`Rallies` with one entry for each stroke; the others have one for each rally."""
 OPTIONAL: Final = ("update", "log_probability", "value")
 """Columns of :class:`Rallies` that may be missing."""
@@ -196,6 +196,7 @@ class Rallies:
         stroke: ``[N]`` uint8 or uint16 catalogue index of every stroke, rally after rally; empty if strokes were not recorded.
         hurried: ``[N]`` uint8 whether the striker of every stroke was hurried, 0 or 1, never at a serve; empty if strokes
             were not recorded.
+        waited: ``[N]`` int8 position of the receiver of every stroke; None: in the game without recovery, or not recorded.
         update: ``[R]`` uint32 number of updates of the learner before the end of the rally; None: not recorded.
         log_probability: ``[N]`` float32 log-probability of the stroke under the striker's policy, NaN if unknown; None: not
             were not recorded.
@@ -213,6 +214,7 @@ class Rallies:
     length: I32
     stroke: UInts
     hurried: U8
+    waited: I8 | None = None
     update: U32 | None = None
     log_probability: F32 | None = None
     value: F32 | None = None
@@ -305,7 +307,8 @@ class Rallies:
         wrong: Bools = state < 0
         legal = np.flatnonzero(~wrong)
         drawn = outcome_draw(draw(key[self.row_of_stroke[legal]], self.position[legal]))
-        outcome, _ = strike(game, state[legal], k[legal], drawn, self.striker[legal])
+        position = None if self.waited is None else self.waited[legal]
+        outcome, _ = strike(game, state[legal], k[legal], drawn, self.striker[legal], position)
         wrong[legal] = outcome != self.outcome(game.catalogue)[legal]
         return wrong
 

@@ -9,6 +9,7 @@ With the exact best response as oracle and a Nash equilibrium as meta-strategy, 
 & Blum, ICML 2003): iterated best responses, the baseline of a league.
 """
 
+import dataclasses
 from collections.abc import Callable, Sequence
 from typing import Final
 
@@ -19,7 +20,8 @@ from shuttle_marl import exact
 from shuttle_marl.base.arrays import F64, Floats
 from shuttle_marl.exact.meta_games import alpha_rank, nash, uniform
 from shuttle_marl.game.policy import TemperedPolicy
-from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities, tabulate
+from shuttle_marl.game.recovery import N_POSITIONS
+from shuttle_marl.game.tabulated import TabulatedPolicy, cumulative_positions, from_pair_probabilities, tabulate
 from shuttle_marl.training.league.config import MetaSolver
 from shuttle_marl.training.league.population import TOLERANCE
 
@@ -46,8 +48,8 @@ def merged(
     mixed = [(policy, float(p)) for policy, p in zip(policies, probabilities, strict=True) if p > 0]
     if len(mixed) == 1:
         return mixed[0][0]
-    opponent = opponent or _mean(mixed, [np.full(policy.game.n_states, p) for policy, p in mixed])
-    weights = [p * (exact.visits(policy, opponent, tolerance=TOLERANCE).states[0] + _MIN_PRIOR) for policy, p in mixed]
+    opponent = opponent or _mean(mixed, [np.full((2, policy.game.n_states), p) for policy, p in mixed])
+    weights = [p * (np.stack(exact.visits(policy, opponent, tolerance=TOLERANCE).states) + _MIN_PRIOR) for policy, p in mixed]
     return _mean(mixed, weights)
 
 
@@ -60,16 +62,20 @@ def sharpened(policy: TabulatedPolicy, temperature: float) -> TabulatedPolicy:
 
 
 def _mean(mixed: Sequence[tuple[TabulatedPolicy, float]], weights: Sequence[Floats]) -> TabulatedPolicy:
-    """The mean of policies, weighted in every state."""
+    """The mean of policies, weighted ``[2, S]`` in every state in which they strike, and in which they wait."""
     game = mixed[0][0].game
     total = np.sum(weights, axis=0)
-    out = np.zeros(game.n_pairs)
+    out, waits, waiting = np.zeros(game.n_pairs), np.zeros((game.n_states, N_POSITIONS)), game.recovery is not None
     for (policy, _), weight in zip(mixed, weights, strict=True):
-        posterior = weight / np.maximum(total, 1e-300)
+        posterior, receiving = weight / np.maximum(total, 1e-300)
+        if waiting:
+            own = policy.position_probabilities()
+            waits += receiving[:, None] * (game.people_positions(np.arange(game.n_states)) if own is None else own)
         for block in range(game.n_blocks):
             part = posterior[game.block_states(block)][game.base_pair_state]
             out[game.block_pairs(block)] += part * policy.block_probabilities(block)
-    return from_pair_probabilities(game, out)
+    mean = from_pair_probabilities(game, out)
+    return dataclasses.replace(mean, waits=cumulative_positions(waits)) if waiting else mean
 
 
 def meta_strategy(solver: MetaSolver, values: npt.ArrayLike) -> F64:
