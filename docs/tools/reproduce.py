@@ -107,6 +107,7 @@ RESULTS: Final[dict[str, Result]] = (
                 0.02,
                 "half an hour",
             ),
+            ("truth_recovery", ("recovery_truth",), "truth --data {data} --split validation --halvings 0 --out {out}", 0.02, ""),
             ("win_rates", ("win_rates", "win_rates_matrix"), "win_rates --out runs/again --json {out}", 0.1, "15 minutes"),
         )
     }
@@ -129,6 +130,13 @@ RESULTS: Final[dict[str, Result]] = (
             folder="experiments",
             tables=("depth_play", "depth_lists"),
             command="shuttle_marl.exact depth --json",
+            tolerance=0.02,
+            estimate="2 minutes",
+        ),
+        "depth_recovery": Result(
+            folder="experiments",
+            tables=("recovery_depth",),
+            command="shuttle_marl.exact depth --game default:recovery --json",
             tolerance=0.02,
             estimate="2 minutes",
         ),

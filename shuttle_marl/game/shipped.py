@@ -321,7 +321,7 @@ def _origin_of_hash(digest: str) -> Origin | None:
 
 def _reduced(game: Game) -> tuple[Any, ...]:
     """Pickle a shipped game by its name and its hash instead of its tables, which are megabytes."""
-    origin = None if game.whole else _ORIGINS.get(game.hash)
+    origin = None if game.whole else getattr(game, _LOADED_FROM, None) or _ORIGINS.get(game.hash)
     if origin is None or origin.folder.parent != _MODELS:
         return game.__reduce__()
     return _of_hash, (origin.name_in(origin.folder.name), game.hash)

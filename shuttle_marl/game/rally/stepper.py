@@ -27,7 +27,7 @@ from shuttle_marl.base.arrays import F32, I8, U64
 from shuttle_marl.game.draws import choice_draw, draw, first_server, outcome_draw, position_draw, stream
 from shuttle_marl.game.observation import EFFORT, SWAP, features
 from shuttle_marl.game.policy import LAGS, Policy, States, checked_positions, checked_probabilities, drawn_strokes
-from shuttle_marl.game.recovery import N_POSITIONS, POSITIONS
+from shuttle_marl.game.recovery import POSITIONS
 from shuttle_marl.game.rules import HURRIED_BELOW, RETURNED_BELOW
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
@@ -66,7 +66,7 @@ class Stepper:
     def __init__(self, game: Game) -> None:
         self.game = game
         self.observations = features(game)
-        self._n, self._one, self._swap = game.n_strokes, ONE, SWAP
+        self._n, self._one, self._swap, self._positions = game.n_strokes, ONE, SWAP, game.n_positions
         waiting = None if game.recovery is None else [tables.waiting for tables in game.seats]
         self.action_names = (*game.catalogue.names, *(f"wait:{name}" for name in POSITIONS if waiting))
         self.n_actions = len(self.action_names)
@@ -129,7 +129,7 @@ class Stepper:
 
     def is_feasible(self, state: int, position: int) -> bool:
         """Whether a receiver can wait at a position; of the game with recovery."""
-        return 0 <= position < N_POSITIONS and self._place[N_POSITIONS * (state % self._size) + position] >= 0
+        return 0 <= position < self._positions and self._place[self._positions * (state % self._size) + position] >= 0
 
     def is_legal(self, state: int, stroke: int) -> bool:
         """Whether a stroke is in the catalogue and legal in a state."""
@@ -161,7 +161,7 @@ class Stepper:
         fault, winner, one = limits[entry], limits[entry + 1], self._one
         good, returned = (one - fault) / one, (one - winner) / (one - fault)
         if position is not None:
-            row = self._first_row[base] + k * self._choices[base] + self._place[N_POSITIONS * base + position]
+            row = self._first_row[base] + k * self._choices[base] + self._place[self._positions * base + position]
             entry = 3 * row
             limits, hurry = self._met[player][block // self._levels], self._late[player]
             fault, winner = limits[entry], limits[entry + 1]
