@@ -10,7 +10,7 @@ import shuttle_marl
 from docs.tools import command_reference, croissant, figures, hub, notebooks, pictures, reproduce, site, size, tables
 from docs.tools.figures import FIGURES
 from docs.tools.markdown import ROOT, saved
-from shuttle_marl import default_game, resolve, tabulate
+from shuttle_marl import default_game, load_game, resolve, tabulate
 from shuttle_marl.game.shipped import model_folder
 from shuttle_marl.policy.agents import AGENTS
 
