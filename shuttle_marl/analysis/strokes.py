@@ -19,7 +19,7 @@ from shuttle_marl.data.upstream import discipline
 from shuttle_marl.game import court, draws
 from shuttle_marl.game.pairs import Looks, looks_of
 from shuttle_marl.game.policy import Policy
-from shuttle_marl.game.rally.record import Rallies
+from shuttle_marl.game.rally.record import Rallies, columns_of
 from shuttle_marl.game.stroke import N_SERVES, Catalogue
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities
@@ -339,6 +339,7 @@ def simulated_rallies(game: Game, players: Mapping[str, Simulated], *, matches: 
         policies=tuple(Player(name=name, hash=getattr(policy, "hash", "")) for name, policy in zip(names, policies, strict=True)),
         pairings=tuple(keys),
         matches_per_draw=1,
+        columns=columns_of(game),
     )
     number_in_log, pairing_in_log = (column[played.match].astype(np.uint32) for column in (match, pairing))
     return header, dataclasses.replace(played, pairing=pairing_in_log, match=number_in_log)

@@ -22,6 +22,7 @@ from shuttle_marl.base.cluster import Cluster, open_cluster
 from shuttle_marl.base.errors import printable
 from shuttle_marl.base.files import replace_file
 from shuttle_marl.base.table_files import csv_bytes, write_parquet
+from shuttle_marl.game.rally.record import columns_of
 from shuttle_marl.game.scoring import RULES
 from shuttle_marl.game.shipped import least_support, refits_of
 from shuttle_marl.game.tables import Game
@@ -348,6 +349,7 @@ class _Run:
             pairings=tuple(pairing.key for pairings in known for pairing in pairings),
             rules=RULES[config.rules],
             record=config.record,
+            columns=columns_of(self.game),
             pair=Pair.of(self.game),
         )
         if every == 1:

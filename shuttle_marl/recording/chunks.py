@@ -23,6 +23,7 @@ from mcap.writer import CompressionType
 
 from shuttle_marl.base.arrays import Array
 from shuttle_marl.game.rally.record import OPTIONAL, PER_STROKE, Rallies, stroke_dtype
+from shuttle_marl.game.recovery import N_POSITIONS
 from shuttle_marl.recording.header import VERSION, DamagedLogError, LogHeader
 
 FRAME: Final = struct.Struct("<BQ")
@@ -78,7 +79,8 @@ def arrow_schema(n_strokes: int, columns: tuple[str, ...] = ()) -> pa.Schema:
         fields.append(pa.field("update", pa.uint32(), nullable=False))
     fields.append(_list("strokes", "stroke", pa.from_numpy_dtype(stroke_dtype(n_strokes))))
     fields.append(_list("hurried", "hurried", pa.bool_()))
-    fields += [_list(name, name, pa.float32()) for name in OPTIONAL if name in PER_STROKE and name in columns]
+    kinds = {"waited": pa.int8()}
+    fields += [_list(name, name, kinds.get(name, pa.float32())) for name in OPTIONAL if name in PER_STROKE and name in columns]
     return pa.schema(fields)
 
 
@@ -207,17 +209,20 @@ def _field(metadata: bytes, table: int, number: int) -> int:
 
 
 def _check_numbers(rallies: Rallies, header: LogHeader) -> None:
-    for what, numbers, limit in (
+    ranges: list[tuple[str, Array, int]] = [
         ("seat", rallies.server, 2),
         ("seat", rallies.winner, 2),
         ("reason", rallies.reason, 2),
         ("policy", rallies.policy, len(header.policies)),
         ("pairing", rallies.pairing, len(header.pairings)),
         ("stroke", rallies.stroke, len(header.strokes)),
-    ):
-        most = int(np.max(numbers))
-        if most >= limit:
-            raise DamagedLogError(f"{what} {most} in a batch, expected less than {limit}")
+    ]
+    if rallies.waited is not None:
+        ranges.append(("position", rallies.waited, N_POSITIONS))
+    for what, numbers, limit in ranges:
+        most, least = int(np.max(numbers)), int(np.min(numbers))
+        if least < 0 or most >= limit:
+            raise DamagedLogError(f"{what} {most if most >= limit else least} in a batch, expected less than {limit}")
     if int(rallies.length.min()) < 1 or int(rallies.length.sum(dtype=np.int64)) != len(rallies.stroke):
         raise DamagedLogError("a rally without strokes")
     if rallies.hurried[rallies.first_stroke[:-1]].any():
@@ -227,9 +232,9 @@ def _check_numbers(rallies: Rallies, header: LogHeader) -> None:
 def compression(header: LogHeader) -> CompressionType:
     """Compression of the chunks of a log.
 
-    LZ4 if there are columns per stroke, which training writes at millions of strokes a second: it takes half the time of zstd.
+    LZ4 if there are figures per stroke, which training writes at millions of strokes a second: it takes half the time of zstd.
     """
-    return CompressionType.LZ4 if set(PER_STROKE) & set(header.columns) else CompressionType.ZSTD
+    return CompressionType.LZ4 if {"log_probability", "value"} & set(header.columns) else CompressionType.ZSTD
 
 
 _SIZE_OF_FRAME: Final[dict[str, Callable[[bytes], int]]] = {

@@ -15,6 +15,7 @@ import pyarrow as pa
 from shuttle_marl.base.arrays import I64, Ints, UInts
 from shuttle_marl.base.files import problem
 from shuttle_marl.game.rally.record import PER_STROKE, Rallies
+from shuttle_marl.game.recovery import POSITIONS
 from shuttle_marl.game.rules import OUTCOMES
 from shuttle_marl.game.stroke import Catalogue, UnknownStrokeError
 from shuttle_marl.recording.chunks import arrow_schema, from_arrow, to_arrow
@@ -282,10 +283,12 @@ def stroke_rows(log: "RallyLog", first: int, rallies: Rallies, derive: Derive | 
     Returns:
         Columns ``number`` (uint64, of the rally), ``position`` (int32, from 0), ``seat`` (uint8), and as dictionaries
         ``policy`` and ``stroke`` (its name), ``hurried`` (bool, the striker), and ``outcome``, a dictionary; then those that the
-        log has of ``log_probability`` and ``value``.
+        log has of ``waited`` (the position of the receiver), ``log_probability`` and ``value``.
     """
     row, seat = rallies.row_of_stroke, rallies.striker
     further = {name: getattr(rallies, name) for name in rallies.optional_columns if name in PER_STROKE}
+    if rallies.waited is not None:
+        further["waited"] = _words(rallies.waited, POSITIONS)
     if derive is not None:
         further |= derive(rallies)
     return pa.table(

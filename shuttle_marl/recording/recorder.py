@@ -18,7 +18,7 @@ from typing import Any, Final, Self, TypeVar
 import numpy as np
 
 from shuttle_marl.game.draws import pairing_key
-from shuttle_marl.game.rally.record import Rallies
+from shuttle_marl.game.rally.record import Rallies, columns_of
 from shuttle_marl.game.tables import Game
 from shuttle_marl.recording.chunks import encode
 from shuttle_marl.recording.file_writer import LogFileWriter
@@ -315,6 +315,7 @@ def sampled_log(
         policies=(opponent, *(Player(name=name) for name in policies)),
         pairings=tuple(pairing_key(name, opponent.name) for name in policies),
         matches_per_draw=1,
+        columns=columns_of(game),
     )
     with RallyRecorder.create(path, header, record) as recorder:
 

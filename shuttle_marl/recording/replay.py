@@ -90,6 +90,10 @@ def _wrong_strokes(header: LogHeader, game: Game, rallies: Rallies, policies: Ma
         mine = np.flatnonzero((rallies.policy[row, striker] == i) & (state >= 0))
         u = draws.choice_draw(draws.draw(key[row[mine]], rallies.position[mine]))
         wrong[mine] |= table.choose(state[mine], u) != k[mine]
+        if rallies.waited is not None and game.recovery is not None:
+            theirs = np.flatnonzero((rallies.policy[row, 1 - striker] == i) & (state >= 0))
+            u = draws.position_draw(draws.draw(key[row[theirs]], rallies.position[theirs]))
+            wrong[theirs] |= table.choose_position(state[theirs], u) != rallies.waited[theirs]
     return wrong
 
 

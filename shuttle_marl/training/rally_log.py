@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from shuttle_marl.base.arrays import I64
-from shuttle_marl.game.rally.record import OPTIONAL
+from shuttle_marl.game.rally.record import columns_of
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.kernel import RallySampler
@@ -19,7 +19,8 @@ from shuttle_marl.training.config import TrainingConfig
 
 RALLIES: Final = "rallies.mcap"
 """The rally log in the folder of a run."""
-_COLUMNS: Final = {"ppo": OPTIONAL, "a2c": OPTIONAL, "sac": ("update",)}
+_COLUMNS: Final = {"sac": ("update",)}
+_FIGURES: Final = ("update", "log_probability", "value")
 
 
 class RunLog:
@@ -127,6 +128,6 @@ def open_log(
         rules=SINGLE_RALLY,
         draws="training",
         record=config.record,
-        columns=_COLUMNS[config.algorithm],
+        columns=columns_of(game, *_COLUMNS.get(config.algorithm, _FIGURES)),
     )
     return RunLog(RallyRecorder(resume(folder / RALLIES, header, rallies)), header)

@@ -11,9 +11,13 @@ import pyarrow.csv
 import pyarrow.parquet
 import pytest
 
+from shuttle_marl.commands.league import main as league
 from shuttle_marl.commands.recording import main
 from shuttle_marl.game import default_game
+from shuttle_marl.game.shipped import load_game
 from shuttle_marl.game.stroke import parse
+from shuttle_marl.game.tabulated import tabulate
+from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording import LogHeader, Rallies, RallyLog, RallyLogWriter, RecordingError, replay
 from shuttle_marl.recording.replay import check
 from tests.recording.conftest import read_rallies
@@ -44,6 +48,32 @@ def test_a_log_plays_again_bit_for_bit(played: Path) -> None:
         found = replay(log, GAME)
         assert (found.rallies, found.strokes, found.wrong) == (log.n_rallies, log.n_strokes, ())
     assert check(played, GAME).problems == ()
+
+
+def test_positions_of_receivers_are_recorded_and_replayed(tmp_path: Path, written: Callable[[LogHeader, Rallies], Path]) -> None:
+    """One that was changed is found by the choice of its policy; one that is not feasible, without the policies too."""
+    played = ["--pool", "bc", "minimax", "--matches", "2", "--game", "default:recovery", "--out", str(tmp_path / "run")]
+    assert league(played) == 0
+    path, game = tmp_path / "run" / "rallies.mcap", load_game("default:recovery")
+    assert check(path, game).problems == ()
+    with RallyLog(path) as log:
+        header, rallies = log.header, read_rallies(path)
+        policies = {player.name: tabulate(resolve(player.name, game), game) for player in log.policies}
+        assert replay(log, game, policies).wrong == ()
+    assert rallies.waited is not None
+    assert len(np.unique(rallies.waited)) > 4
+    feasible = game.waiting.mask(game.base(rallies.states(game)))
+    free = np.flatnonzero(feasible.sum(axis=1) > 1)
+    other = rallies.waited.copy()
+    other[free[5]] = np.flatnonzero(feasible[free[5]] & (np.arange(9) != other[free[5]]))[0]
+    with RallyLog(written(header, dataclasses.replace(rallies, waited=other))) as log:
+        assert replay(log, game, policies).wrong == (rallies.row_of_stroke[free[5]],)
+    other = rallies.waited.copy()
+    other[free[7]] = np.flatnonzero(~feasible[free[7]])[0]
+    assert check(written(header, dataclasses.replace(rallies, waited=other)), game).problems
+    other[free[7]] = 9
+    with pytest.raises(RecordingError, match="position 9"):
+        check(written(header, dataclasses.replace(rallies, waited=other)), game)
 
 
 @pytest.mark.parametrize("column", ["winner", "server", "reason", "rally", "match", "pairing"])

@@ -19,8 +19,13 @@ from shuttle_marl.game.tables import Game
 
 PER_STROKE: Final = ("stroke", "hurried", "waited", "log_probability", "value")
 """Columns of :class:`Rallies` with one entry for each stroke; the others have one for each rally."""
-OPTIONAL: Final = ("update", "log_probability", "value")
+OPTIONAL: Final = ("update", "waited", "log_probability", "value")
 """Columns of :class:`Rallies` that may be missing."""
+
+
+def columns_of(game: Game, *others: str) -> tuple[str, ...]:
+    """The columns of :data:`OPTIONAL` that a record of a game has: some, and the positions in the game with recovery."""
+    return tuple(name for name in OPTIONAL if name in others or (name == "waited" and game.recovery is not None))
 
 
 def stroke_dtype(n_strokes: int) -> np.dtype[np.unsignedinteger]:
@@ -307,9 +312,12 @@ class Rallies:
         wrong: Bools = state < 0
         legal = np.flatnonzero(~wrong)
         drawn = outcome_draw(draw(key[self.row_of_stroke[legal]], self.position[legal]))
-        position = None if self.waited is None else self.waited[legal]
+        position = None if self.waited is None or game.recovery is None else self.waited[legal]
         outcome, _ = strike(game, state[legal], k[legal], drawn, self.striker[legal], position)
         wrong[legal] = outcome != self.outcome(game.catalogue)[legal]
+        if position is not None:
+            feasible = game.seats[0].waiting.mask(game.base(state[legal]))
+            wrong[legal] |= ~feasible[np.arange(len(legal)), position]
         return wrong
 
     def slice(self, first: int, last: int) -> "Rallies":
