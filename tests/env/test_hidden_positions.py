@@ -239,13 +239,13 @@ SOURCES: dict[str, Callable[[TabulatedPolicy], Seen]] = {
 
 
 STEPS: Final = 100_000
-"""Steps of one interface; a quarter of the others, which were looked at with as many once."""
+"""Steps of each interface."""
 
 
 @pytest.mark.slow(minutes=True)
 @pytest.mark.parametrize("name", SOURCES)
 def test_trees_predict_hidden_positions_no_better_than_the_equilibrium(name: str, perfect: TabulatedPolicy) -> None:
-    seen = filter(None, itertools.islice(SOURCES[name](perfect), STEPS if name == "rally_v0" else STEPS // 4))
+    seen = filter(None, itertools.islice(SOURCES[name](perfect), STEPS))
     given, states, positions = zip(*seen, strict=True)
     # At the beginning of an episode there is less to tell.
     columns = itertools.zip_longest(*map(numbers, given), fillvalue=-2.0)
