@@ -204,16 +204,7 @@ def check_same_layout(first: Game, second: Game) -> None:
     """
     if first is second:
         return
-    for part in (
-        "catalogue.names",
-        "levels",
-        "edge_own",
-        "edge_incoming",
-        "edge_duel",
-        "reply_start",
-        "reply_count",
-        "reply_edge",
-    ):
+    for part in _LAYOUT:
         if not np.array_equal(*map(operator.attrgetter(part), (first, second))):
             raise ExactError(
                 f"the two players' games differ in {part}, so their states are not the same; "

@@ -117,8 +117,9 @@ def met(game: Game, positions: F64 | None) -> MetGame:
     table: list[int] = []
     known: list[tuple[int, F64]] = []
     limits, hurry = [], []
+    usual = np.empty(0) if positions is not None else game.people_positions(np.arange(size))
     for block in range(game.n_blocks):
-        here = people_positions(game)[:size] if positions is None else positions[game.block_states(block)]
+        here = usual if positions is None else positions[game.block_states(block)]
         level = block // game.levels
         found = next((k for k, (other, before) in enumerate(known) if other == level and np.array_equal(before, here)), None)
         if found is None:
@@ -320,6 +321,22 @@ class Fixed(NamedTuple):
     """``[base states, 9]`` probabilities of positions; empty: none."""
 
 
+@inlined
+def _fill(rows: Rows, replies: Replies, following: F64, s: int, against: bool, matrix: F64, picked: U8) -> None:
+    """Write the values of the strokes of a state against its positions, stroke after stroke, and the games that nature picks."""
+    row, m, a = rows.start[s], rows.choices[s], 0
+    for v in range(replies.first_reply[s], replies.first_reply[s] + replies.pair_start[s + 1] - replies.pair_start[s]):
+        after = following[0, v], following[1, v], following[2, v], following[3, v]
+        for _ in range(m):
+            for g in range(rows.limits.shape[0]):
+                fault, winner, below = rows.limits[g, row, 0], rows.limits[g, row, 1], rows.limits[g, row, 2]
+                low, high = rows.hurry[g, row, 0], rows.hurry[g, row, 1]
+                entry = worth_of(float(fault), float(winner), float(below), low, high, after) / 65536.0
+                if g == 0 or (entry < matrix[a] if against else entry > matrix[a]):
+                    matrix[a], picked[row] = entry, g
+            row, a = row + 1, a + 1
+
+
 @compiled
 def _saddles(
     rows: Rows, replies: Replies, following: F64, fixed: Fixed, against: bool, value: F64, x: F64, y: F64, picked: U8
@@ -335,7 +352,7 @@ def _saddles(
     Returns:
         The largest gap between what the strategies of a state guarantee.
     """
-    largest, most, games = 0.0, 1, rows.limits.shape[0]
+    largest, most = 0.0, 1
     share, bound = fixed.share, fixed.strokes.size > 0
     for s in range(value.size):
         most = max(most, replies.pair_start[s + 1] - replies.pair_start[s])
@@ -349,18 +366,7 @@ def _saddles(
         if k == 0:
             y[s, rows.position[s, 0]] = 1.0
             continue
-        row = rows.start[s]
-        for a in range(k):
-            v = replies.first_reply[s] + a
-            after = following[0, v], following[1, v], following[2, v], following[3, v]
-            for b in range(m):
-                for g in range(games):
-                    fault, winner, below = rows.limits[g, row, 0], rows.limits[g, row, 1], rows.limits[g, row, 2]
-                    low, high = rows.hurry[g, row, 0], rows.hurry[g, row, 1]
-                    entry = worth_of(float(fault), float(winner), float(below), low, high, after) / 65536.0
-                    if g == 0 or (entry < matrix[a * m + b] if against else entry > matrix[a * m + b]):
-                        matrix[a * m + b], picked[row] = entry, g
-                row += 1
+        _fill(rows, replies, following, s, against, matrix, picked)
         if share > 0.0:
             # The fixed player's mean, which the free choices of both only add to.
             for a in range(k if not bound else 1):
@@ -479,7 +485,7 @@ class Saddle:
 
 @compiled
 def _soft_saddles(
-    rows: Rows, replies: Replies, following: F64, prior: F64, people: F64, tau: float, value: F64, x: F64, y: F64
+    rows: Rows, replies: Replies, following: F64, prior: F64, people: F64, tau: float, value: F64, x: F64, y: F64, picked: U8
 ) -> float:
     """Values of the KL-regularised matrix games of all states of a block (:mod:`shuttle_marl.exact.optimal`), and the strategies.
 
@@ -496,7 +502,7 @@ def _soft_saddles(
     largest, most = 0.0, 1
     for s in range(value.size):
         most = max(most, replies.pair_start[s + 1] - replies.pair_start[s])
-    matrix, mean, trial = np.empty((most, 9)), np.empty(most), np.empty(9)
+    entries, mean, trial = np.empty(most * 9), np.empty(most), np.empty(9)
     hessian, step = np.empty((10, 10)), np.empty(10)
     for s in range(value.size):
         first, m = replies.pair_start[s], rows.choices[s]
@@ -506,15 +512,9 @@ def _soft_saddles(
         if k == 0:
             y[s, rows.position[s, 0]] = 1.0
             continue
-        row, played, before = rows.start[s], x[first : first + k], prior[first : first + k]
-        for a in range(k):
-            v = replies.first_reply[s] + a
-            after = following[0, v], following[1, v], following[2, v], following[3, v]
-            for b in range(m):
-                fault, winner, below = rows.limits[0, row, 0], rows.limits[0, row, 1], rows.limits[0, row, 2]
-                low, high = rows.hurry[0, row, 0], rows.hurry[0, row, 1]
-                matrix[a, b] = worth_of(float(fault), float(winner), float(below), low, high, after) / 65536.0
-                row += 1
+        played, before = x[first : first + k], prior[first : first + k]
+        _fill(rows, replies, following, s, False, entries, picked)
+        matrix = entries[: k * m].reshape(k, m)
         usual, waits = np.empty(m), np.empty(m)
         for b in range(m):
             usual[b] = people[s, rows.position[s, b]]
@@ -637,9 +637,10 @@ class SoftSaddle(Saddle):
         value, x, y = np.empty(game.n_base_states), np.empty(game.n_base_pairs), np.empty((game.n_base_states, N_POSITIONS))
         following, rows = gathered(game, plain, after_attack), rows_of(self.games, block)
         strokes = np.asarray(prior.strokes, dtype=np.float64) * prior.unit
-        gap = _soft_saddles(rows, replies(game), following, strokes, prior.positions, self.tau, value, x, y)
+        picked = np.zeros(game.waiting.start[-1], np.uint8)
+        gap = _soft_saddles(rows, replies(game), following, strokes, prior.positions, self.tau, value, x, y, picked)
         self.gap = max(self.gap, gap)
-        return value, x, y, np.zeros(game.waiting.start[-1], np.uint8)
+        return value, x, y, picked
 
     def block_sweep(self, block: int, plain: F64, after_attack: F64) -> tuple[F64, BlockLinear]:
         """Values of one block and their linear part; see :class:`~shuttle_marl.exact.solver.Player`."""

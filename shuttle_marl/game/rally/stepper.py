@@ -69,7 +69,7 @@ class Stepper:
         self._n, self._one, self._swap, self._positions = game.n_strokes, ONE, SWAP, game.n_positions
         waiting = None if game.recovery is None else [tables.waiting for tables in game.seats]
         self.action_names = (*game.catalogue.names, *(f"wait:{name}" for name in POSITIONS if waiting))
-        self.n_actions = len(self.action_names)
+        self.n_actions = game.n_actions
         masks = game.reply_mask.reshape(-1, self._n).astype(np.int8)
         self._masks = np.pad(masks, ((0, 0), (0, self.n_actions - self._n)))
         # A memoryview yields Python integers four times as fast as an array, without the memory of a list.
