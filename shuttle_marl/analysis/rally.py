@@ -15,6 +15,7 @@ import numpy as np
 from shuttle_marl.base.arrays import F64, I32, I64
 from shuttle_marl.base.errors import printable
 from shuttle_marl.exact import ProfileValue, Solution, evaluate
+from shuttle_marl.exact.profile import met_by
 from shuttle_marl.game.layout import Layout
 from shuttle_marl.game.policy import Policy, PolicyError
 from shuttle_marl.game.rally.record import Rally
@@ -107,9 +108,16 @@ def decision(game: Game, state: int, seat: int, players: Players, solution: Solu
         support=unknown if real is None else real[game.base_pair_edge[pair % game.n_base_pairs]],
         probability=unknown if table is None else table.probability_of(pair),
         value=_UNKNOWN if value is None else (1 + float(value.striking[seat][state])) / 2,
-        win=unknown if value is None else (1 + game.stroke_values(value.striking[1 - seat], pair)) / 2,
-        optimal=unknown if solution is None else (1 + game.stroke_values(solution.value[1 - seat], pair)) / 2,
+        win=unknown if value is None else (1 + _met(game, players.tables[1 - seat]).stroke_values(value.striking[1 - seat], pair)) / 2,
+        optimal=unknown
+        if solution is None
+        else (1 + _met(game, solution.policy[1 - seat]).stroke_values(solution.value[1 - seat], pair)) / 2,
     )
+
+
+def _met(game: Game, opponent: TabulatedPolicy | None) -> Game:
+    """The tables against an opponent, which in the game with recovery depend on where they wait; None: as people do."""
+    return game if game.recovery is None or opponent is None else met_by(game, opponent)
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
