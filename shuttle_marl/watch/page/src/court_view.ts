@@ -4,8 +4,9 @@ import { type Child, capitalised, h, percent, replaceChildren, sideColour } from
 import { hurriedTag } from "./glossary";
 import { displayName, handTag } from "./names";
 import { breakWords } from "./narration";
+import { positionWords } from "./recover";
 import { CAMERAS, type Camera, type Stage } from "./stage";
-import type { RallyFacts, Stroke } from "./wire.gen";
+import type { HallFacts, RallyFacts } from "./wire.gen";
 import { type Key, listed, say, words } from "./words";
 
 export class ScoreBug {
@@ -48,14 +49,17 @@ function fact(name: string, value: Child | Child[], kind = "", style = ""): HTML
 export class Chip {
   readonly element = h("div", { class: "chip", "aria-hidden": "true" });
   readonly speed = h("div", { class: "speed", "aria-hidden": "true" });
-  private shown: Stroke | null | undefined;
+  private shown: unknown[] = [];
 
-  show(rally: RallyFacts, index: number): void {
+  constructor(private readonly hall: HallFacts) {}
+
+  /** @param perfect probabilities of the positions of the receiver under perfect play; null: none are shown. */
+  show(rally: RallyFacts, index: number, perfect: number[] | null): void {
     const stroke = rally.strokes[index] ?? null;
-    if (stroke === this.shown) {
+    if (this.shown[0] === stroke && this.shown[1] === perfect && this.shown.length) {
       return;
     }
-    this.shown = stroke;
+    this.shown = [stroke, perfect];
     this.element.classList.toggle("hidden", stroke === null);
     this.speed.classList.toggle("hidden", stroke === null);
     if (!stroke) {
@@ -64,6 +68,7 @@ export class Chip {
     this.element.style.setProperty("--mine", sideColour(stroke.seat));
     const effort =
       stroke.effort === null ? null : fact(say("page.attacks"), `${stroke.effort} : ${stroke.opponent_effort}`, "minor");
+    const likeliest = perfect?.indexOf(Math.max(...perfect));
     replaceChildren(
       this.element,
       h("div", { class: "shot" }, words(stroke.shot)),
@@ -73,6 +78,9 @@ export class Chip {
       fact(say("page.technique"), words(stroke.technique), "technique"),
       fact(say("page.contact"), [say(`at_net.${stroke.height}` as Key), hurriedTag(stroke.hurried)], "minor"),
       effort,
+      stroke.waited !== null && fact(`◯ ${say("recover.waited")}`, positionWords(this.hall, stroke.waited), "minor"),
+      likeliest !== undefined &&
+        fact(`● ${say("recover.best")}`, `${positionWords(this.hall, likeliest)} ${percent(perfect![likeliest]!)}`, "minor"),
     );
     replaceChildren(
       this.speed,
