@@ -8,7 +8,7 @@ from shuttle_marl import staging
 from shuttle_marl.game import court
 from shuttle_marl.game.pairs import seat_names
 from shuttle_marl.game.rally.record import Rally
-from shuttle_marl.game.rally.stepper import stepper_of
+from shuttle_marl.game.rally.stepper import waited_at
 from shuttle_marl.game.recovery import position_box
 from shuttle_marl.game.rules import OUTCOMES
 from shuttle_marl.game.shipped import real_strokes, waiting_places
@@ -137,7 +137,7 @@ def _stroke(game: Game, rally: CourtRally, motion: staging.Motion, i: int, state
         p_ret=returned,
         person=i in rally.chosen,
         hurried=bool(rally.hurried[i]),
-        waited=None if rally.waited is None or not stepper_of(game).chooses_position(state) else int(rally.waited[i]),
+        waited=waited_at(rally, game, i, state),
         effort=int(game.effort(state)) if game.levels > 1 else None,
         opponent_effort=int(game.opponent_effort(state)) if game.levels > 1 else None,
         duel=int(game.duel(state)) if game.counts_duels else None,

@@ -6,7 +6,7 @@ import { displayName, handTag } from "./names";
 import { breakWords } from "./narration";
 import { positionWords } from "./recover";
 import { CAMERAS, type Camera, type Stage } from "./stage";
-import type { HallFacts, RallyFacts } from "./wire.gen";
+import type { HallFacts, RallyFacts, Stroke } from "./wire.gen";
 import { type Key, listed, say, words } from "./words";
 
 export class ScoreBug {
@@ -49,6 +49,8 @@ function fact(name: string, value: Child | Child[], kind = "", style = ""): HTML
 export class Chip {
   readonly element = h("div", { class: "chip", "aria-hidden": "true" });
   readonly speed = h("div", { class: "speed", "aria-hidden": "true" });
+  /** What the ring and the dots on the court say. */
+  readonly waits = h("div", { class: "waits", "aria-hidden": "true" });
   private shown: unknown[] = [];
 
   constructor(private readonly hall: HallFacts) {}
@@ -62,13 +64,13 @@ export class Chip {
     this.shown = [stroke, perfect];
     this.element.classList.toggle("hidden", stroke === null);
     this.speed.classList.toggle("hidden", stroke === null);
+    this.showWaits(rally, stroke, perfect);
     if (!stroke) {
       return;
     }
     this.element.style.setProperty("--mine", sideColour(stroke.seat));
     const effort =
       stroke.effort === null ? null : fact(say("page.attacks"), `${stroke.effort} : ${stroke.opponent_effort}`, "minor");
-    const likeliest = perfect?.indexOf(Math.max(...perfect));
     replaceChildren(
       this.element,
       h("div", { class: "shot" }, words(stroke.shot)),
@@ -78,9 +80,6 @@ export class Chip {
       fact(say("page.technique"), words(stroke.technique), "technique"),
       fact(say("page.contact"), [say(`at_net.${stroke.height}` as Key), hurriedTag(stroke.hurried)], "minor"),
       effort,
-      stroke.waited !== null && fact(`◯ ${say("recover.waited")}`, positionWords(this.hall, stroke.waited), "minor"),
-      likeliest !== undefined &&
-        fact(`● ${say("recover.best")}`, `${positionWords(this.hall, likeliest)} ${percent(perfect![likeliest]!)}`, "minor"),
     );
     replaceChildren(
       this.speed,
@@ -88,6 +87,20 @@ export class Chip {
       say("page.kmh", { speed: "" }),
       h("div", {}, say("page.stroke_of", { number: index + 1, count: rally.strokes.length })),
     );
+  }
+
+  private showWaits(rally: RallyFacts, stroke: Stroke | null, perfect: number[] | null): void {
+    const likeliest = perfect ? perfect.indexOf(Math.max(...perfect)) : -1;
+    const line = (mark: string, who: string, where: string) =>
+      h("p", {}, h("i", { class: mark }), `${who}: `, h("b", {}, where));
+    this.waits.classList.toggle("hidden", stroke?.waited == null && !perfect);
+    replaceChildren(
+      this.waits,
+      stroke?.waited != null &&
+        line("ring", say("recover.waits", { name: displayName(rally.names[1 - stroke.seat]!) }), positionWords(this.hall, stroke.waited)),
+      perfect && line("spot", say("recover.best"), `${positionWords(this.hall, likeliest)} ${percent(perfect[likeliest]!)}`),
+    );
+    this.waits.style.setProperty("--mine", sideColour(1 - (stroke?.seat ?? 0)));
   }
 }
 

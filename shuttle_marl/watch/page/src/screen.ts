@@ -167,7 +167,14 @@ export class Screen {
     this.layout = new Layout(
       {
         canvas: stage?.canvas ?? null,
-        overlays: [this.bug.element, this.cameras.element, this.chip.element, this.chip.speed, this.speed.element],
+        overlays: [
+          this.bug.element,
+          this.cameras.element,
+          this.chip.element,
+          this.chip.waits,
+          this.chip.speed,
+          this.speed.element,
+        ],
         left: [
           ...(match && live ? this.sides.map((side) => side.element) : []),
           match ? this.styles.element : null,
