@@ -132,9 +132,7 @@ def waits(rows: Sequence[tuple[str, Sequence[float]]], title: str, hand: str | N
             (x0, x1), (y0, y1) = position_box(position)
             x0, x1 = (-x1, -x0) if hand == "left" else (x0, x1)
             colour = to_hex(colours(min(1.0, 2 * share)))
-            axes.fill(
-                [middle + x for x in (x0, x1, x1, x0)], [y1, y1, y0, y0], facecolor=colour, edgecolor=_DARK, linewidth=0.6
-            )
+            axes.fill([middle + x for x in (x0, x1, x1, x0)], [y1, y1, y0, y0], facecolor=colour, edgecolor=_DARK, linewidth=0.6)
             at = middle + (x0 + x1) / 2, (y0 + y1) / 2
             axes.text(*at, f"{100 * share:.0f}", ha="center", va="center", color=_DARK, fontsize=14)
     return chart.svg(title)

@@ -17,8 +17,8 @@ from shuttle_marl.base.errors import ShuttleError, command
 from shuttle_marl.base.files import FileReadError, read_sealed
 from shuttle_marl.base.tensor_files import Tensors, checked, read_tensors
 from shuttle_marl.game.recovery import N_POSITIONS, Recovery
-from shuttle_marl.game.tables import RECOVERY, Game, GameError, Origin
 from shuttle_marl.game.stroke import frozen
+from shuttle_marl.game.tables import RECOVERY, Game, GameError, Origin
 from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.game.variants import hashes_of, moved, steps_between, unpacked
 

@@ -463,7 +463,7 @@ class Analysis(Struct):
 
 
 class OptionsReply(Struct):
-    """Reply to :class:`OptionsRequest`: the strokes, or probabilities of the positions under perfect play; the other one is empty."""
+    """Reply to :class:`OptionsRequest`: strokes, or probabilities of positions under perfect play; the other is empty."""
 
     options: list[Option]
     positions: list[float]

@@ -135,7 +135,8 @@ class Plan(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
         """The plan without what was chosen in a rally from a stroke on, and in later rallies."""
 
         def before(choices: dict[RallyNumber, dict[StrokeNumber, int]]) -> dict[RallyNumber, dict[StrokeNumber, int]]:
-            kept = {number: {k: choice for k, choice in of.items() if (number, k) < (rally, stroke)} for number, of in choices.items()}
-            return {number: of for number, of in kept.items() if of}
+            kept = {number: of for number, of in choices.items() if number < rally}
+            first = {k: choice for k, choice in sorted(choices.get(rally, {}).items()) if k < stroke}
+            return {**kept, rally: first} if first else kept
 
         return msgspec.structs.replace(self, chosen=before(self.chosen), waited=before(self.waited))

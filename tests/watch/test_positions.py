@@ -77,24 +77,26 @@ def played(policies: PolicyTables, seed: int, rallies: int = 8) -> Iterator[tupl
 
 def test_no_message_depends_on_what_is_hidden_at_a_turn(policies: PolicyTables, monkeypatch: pytest.MonkeyPatch) -> None:
     """Whatever the opponent draws for the stroke of a turn, every message is the same; after the choice the page is told."""
-    seen, told = {False: 0, True: 0}, {False: 0, True: 0}
-    for plan, rally in played(policies, seed=0, rallies=3):
-        if rally.turn is None:
-            continue
+
+    def told_with(number: int, plan: Plan, rally: CourtRally) -> tuple[list[bytes], int]:
+        """The messages with a draw of what is hidden, and what it was, as the rally tells after a choice."""
         name = "choice_draw" if rally.receives else "position_draw"
         real, hidden = getattr(match, name), draw(stream(plan.seed, 0, rally.number), len(rally))
+        monkeypatch.setattr(match, name, lambda bits: np.array([number]) if (bits == hidden).all() else real(bits))
+        before = sent(Answers(policies, plan, STAGER), plan, rally.number)
         chosen = with_choice(plan, rally, policies.game, np.random.default_rng(1))
-        before, after = [], []
-        for number in (0, CHOICE_ONE - 1):
-            monkeypatch.setattr(match, name, lambda bits, n=number: np.array([n]) if (bits == hidden).all() else real(bits))
-            before.append(sent(Answers(policies, plan, STAGER), plan, rally.number))
-            following = Match(chosen, policies).rally(rally.number, PERSON)
-            assert following.waited is not None
-            after.append(int((following.stroke if rally.receives else following.waited)[len(rally)]))
-            monkeypatch.undo()
-        assert before[0] == before[1]
-        seen[rally.receives] += 1
-        told[rally.receives] += after[0] != after[1]
+        following = Match(chosen, policies).rally(rally.number, PERSON)
+        monkeypatch.undo()
+        assert following.waited is not None
+        return before, int((following.stroke if rally.receives else following.waited)[len(rally)])
+
+    seen, told = {False: 0, True: 0}, {False: 0, True: 0}
+    for plan, rally in played(policies, seed=0, rallies=3):
+        if rally.turn is not None:
+            (before, after), (same, other) = (told_with(number, plan, rally) for number in (0, CHOICE_ONE - 1))
+            assert before == same
+            seen[rally.receives] += 1
+            told[rally.receives] += after != other
     assert min(seen.values()) > 2
     assert min(told.values()) > 1, "the draw decides what is hidden"
 

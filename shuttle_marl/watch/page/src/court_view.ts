@@ -97,7 +97,11 @@ export class Chip {
     replaceChildren(
       this.waits,
       stroke?.waited != null &&
-        line("ring", say("recover.waits", { name: displayName(rally.names[1 - stroke.seat]!) }), positionWords(this.hall, stroke.waited)),
+        line(
+          "ring",
+          say("recover.waits", { name: displayName(rally.names[1 - stroke.seat]!) }),
+          positionWords(this.hall, stroke.waited),
+        ),
       perfect && line("spot", say("recover.best"), `${positionWords(this.hall, likeliest)} ${percent(perfect[likeliest]!)}`),
     );
     this.waits.style.setProperty("--mine", sideColour(1 - (stroke?.seat ?? 0)));

@@ -307,7 +307,7 @@ export interface OptionsRequest {
   tried?: Record<string, number>;
 }
 
-/** Reply to OptionsRequest: the strokes, or probabilities of the positions under perfect play; the other one is empty. */
+/** Reply to OptionsRequest: strokes, or probabilities of positions under perfect play; the other is empty. */
 export interface OptionsReply {
   options: Option[];
   positions: number[];
