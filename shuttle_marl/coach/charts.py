@@ -13,7 +13,7 @@ from shuttle_marl.analysis.waits import Wait
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.coach.words import words
 from shuttle_marl.game.court import HALF_LENGTH, HALF_WIDTH, N_AREAS, SHORT_SERVICE, area_centre
-from shuttle_marl.game.recovery import ACROSS, DEPTHS
+from shuttle_marl.game.recovery import position_box
 from shuttle_marl.pages.charts import DIM, INK, PLAYERS, Chart, label, styled
 
 _WIDTH: Final = 460.0
@@ -125,20 +125,16 @@ def waits(rows: Sequence[Wait], title: str, hand: str | None) -> Markup:
     axes.set_aspect("equal")
     axes.set_axis_off()
     axes.set(xlim=(-HALF_WIDTH - 0.2, HALF_WIDTH + 0.2 + step * (len(rows) - 1)), ylim=(-HALF_LENGTH - 0.2, 1.5))
-    across, along = (-HALF_WIDTH, -ACROSS, ACROSS, HALF_WIDTH), (0.0, *DEPTHS, HALF_LENGTH)
     for number, wait in enumerate(rows):
         middle, name = number * step, words().shots(wait.shot)
         axes.text(middle, 0.3, fill(label(name, 2 * _LINE), _LINE // 2), ha="center", va="bottom", color=INK, fontsize=13)
         axes.plot([middle - HALF_WIDTH, middle + HALF_WIDTH], [0, 0], color=INK, linewidth=3, zorder=4)
         for position, share in enumerate(wait.positions):
-            depth, side = divmod(position, 3)
-            side = side if hand == "left" else 2 - side
-            (x0, x1), (y0, y1) = across[side : side + 2], along[depth : depth + 2]
+            (x0, x1), (y0, y1) = position_box(position)
+            x0, x1 = (-x1, -x0) if hand == "left" else (x0, x1)
             colour = to_hex(colours(min(1.0, 2 * share)))
-            axes.fill(
-                [middle + x for x in (x0, x1, x1, x0)], [-y0, -y0, -y1, -y1], facecolor=colour, edgecolor=_DARK, linewidth=0.6
-            )
-            at = middle + (x0 + x1) / 2, -(y0 + y1) / 2
+            axes.fill([middle + x for x in (x0, x1, x1, x0)], [y1, y1, y0, y0], facecolor=colour, edgecolor=_DARK, linewidth=0.6)
+            at = middle + (x0 + x1) / 2, (y0 + y1) / 2
             axes.text(*at, f"{100 * share:.0f}", ha="center", va="center", color=_DARK, fontsize=14)
     return chart.svg(title)
 
