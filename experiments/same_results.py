@@ -49,7 +49,7 @@ _PRINTED: Final = "printed.txt"
 _INTERPRETER: Final = re.compile(r"\S*python -m")
 _SECONDS: Final = "seconds "
 """Beginning of a printed line with a time."""
-_TIMES: Final = ("second", "time", "per_s", "checksum", "crc32")
+_TIMES: Final = ("second", "time", "per_s", "checksum")
 
 
 class SameResultsError(ShuttleError):

@@ -4,10 +4,10 @@ The public API; ``docs/api.md`` has a line about each name. Everything is import
 ``import shuttle_marl`` imports neither numpy nor PettingZoo nor PyTorch.
 """
 
+import importlib
 from typing import TYPE_CHECKING, Any
 
 from shuttle_marl.base.environment_ids import register_when_imported
-from shuttle_marl.base.lazy import lazily
 
 if TYPE_CHECKING:
     from shuttle_marl.analysis import analyse_rally, rank_players
@@ -58,17 +58,30 @@ __all__ = [
     "train",
 ]
 
-_load, _ = lazily(__name__)
+_NAMES = {
+    "analysis": ("analyse_rally", "rank_players"),
+    "env": ("match_v0", "rally_v0"),
+    "env.batched": ("RallyEnv", "VersusEnv"),
+    "exact": ("best_response", "crossplay", "evaluate", "nash_conv", "solve"),
+    "game": ("Game", "Policy", "Rules", "Score", "States", "default_game", "load_game", "pair_game", "tabulate"),
+    "kernel": ("play_matches",),
+    "league": ("LeagueConfig", "run_league"),
+    "policy": ("register", "resolve"),
+    "recording": ("RallyLog", "RallyLogWriter"),
+    "training": ("A2CConfig", "PPOConfig", "SACConfig", "train"),
+}
+"""Names by the package that they are imported from."""
 
 
 def __getattr__(name: str) -> Any:
     from shuttle_marl.base.errors import did_you_mean  # noqa: PLC0415
     from shuttle_marl.base.extras import hinted  # noqa: PLC0415
 
-    if name not in __all__:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}{did_you_mean(name, __all__)}")
-    with hinted():
-        return _load(name)
+    for module, names in _NAMES.items():
+        if name in names:
+            with hinted():
+                return getattr(importlib.import_module(f"{__name__}.{module}"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}{did_you_mean(name, __all__)}")
 
 
 def __dir__() -> list[str]:

@@ -1,18 +1,15 @@
 """``shuttle-marl COMMAND …`` is short for ``python -m shuttle_marl.COMMAND …``."""
 
-import atexit
 import difflib
 import importlib
 import io
 import os
-import signal
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
 from shuttle_marl import __version__
-from shuttle_marl.base.interrupts import interrupts_held
 
 COMMANDS: Final = {
     "analysis": "summaries and pictures of recorded rallies, compared with real matches",
@@ -56,9 +53,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:  # while the command is imported
         sys.stderr.write("interrupted\n")
         return 130
-    finally:
-        atexit.register(signal.signal, signal.SIGINT, signal.SIG_IGN)  # all is written; libraries take long to unload
-        exec("")  # after an interrupt in an `exec` of a library, Python would end with a signal instead of the status
 
 
 def _prepare_output() -> None:
@@ -73,8 +67,7 @@ def _prepare_output() -> None:
 
 def _run(name: str, *arguments: str) -> int:
     if name in COMMANDS:
-        with interrupts_held():
-            command = importlib.import_module(f"shuttle_marl.commands.{name}")
+        command = importlib.import_module(f"shuttle_marl.commands.{name}")
         return int(command.main(list(arguments)))
     if name in ("--help", "-h"):
         sys.stdout.write(_usage())

@@ -1,4 +1,4 @@
-"""Atomic writes through temporary files, checksums of JSON files, safe opening of regular files, and the folder of caches."""
+"""Atomic writes through temporary files, hashes of content, safe opening of regular files, and the folder of caches."""
 
 import collections
 import contextlib
@@ -32,6 +32,8 @@ _BINARY: Final = getattr(os, "O_BINARY", 0)  # Windows only
 _KINDS: Final = {stat.S_IFDIR: "a folder", stat.S_IFLNK: "a symbolic link", stat.S_IFIFO: "a FIFO", stat.S_IFSOCK: "a socket"}
 _SEAL: Final = "checksum"
 """Entry of a sealed JSON object."""
+_HASHES: Final = "sha256"
+"""Entry of a card with the hashes of the files beside it."""
 
 
 class FileWriteError(ShuttleError):
@@ -133,9 +135,29 @@ class FileReadError(ShuttleError):
     """A file cannot be read, or was changed."""
 
 
-def seal(fields: dict[str, Any]) -> bytes:
-    """A JSON object with the SHA-256 of its other entries, which :func:`read_sealed` verifies."""
-    return (json.dumps({**fields, _SEAL: _digest(fields)}, indent=2, ensure_ascii=False) + "\n").encode(errors="backslashreplace")
+def content_hash(content: bytes) -> str:
+    """The SHA-256 by which content is known to be unchanged, hexadecimal."""
+    return hashlib.sha256(content).hexdigest()
+
+
+def seal(fields: dict[str, Any], indent: int | None = 2) -> bytes:
+    """A JSON object with the hash of its other entries, which :func:`unsealed` verifies."""
+    content = json.dumps({**fields, _SEAL: _digest(fields)}, indent=indent, ensure_ascii=False)
+    return (content + "\n").encode(errors="backslashreplace")
+
+
+def unsealed(content: bytes) -> dict[str, Any]:
+    """The fields of :func:`seal`.
+
+    Raises:
+        ValueError: not a JSON object, or changed after it was written.
+    """
+    fields = parsed(content.decode())
+    if not isinstance(fields, dict):
+        raise ValueError("not a JSON object")
+    if fields.pop(_SEAL, None) != _digest(fields):
+        raise ValueError("it was changed after it was written: its checksum does not match")
+    return fields
 
 
 def replace_sealed(path: Path, fields: dict[str, Any]) -> None:
@@ -145,6 +167,51 @@ def replace_sealed(path: Path, fields: dict[str, Any]) -> None:
         FileWriteError: as :func:`replace_file`.
     """
     replace_file(path, seal(fields))
+
+
+def replace_with_card(card: Path, fields: dict[str, Any], content: dict[str, bytes]) -> None:
+    """Write files, and then a card beside them with their hashes, so that a folder with a card is complete.
+
+    Args:
+        content: of the files, by name.
+
+    Raises:
+        FileWriteError: as :func:`replace_file`.
+    """
+    for name, part in content.items():
+        replace_file(card.parent / name, part)
+    replace_sealed(card, with_hashes(fields, content))
+
+
+def with_hashes(fields: dict[str, Any], content: dict[str, bytes]) -> dict[str, Any]:
+    """The fields of a card with the hashes of files."""
+    return {**fields, _HASHES: {name: content_hash(part) for name, part in content.items()}}
+
+
+def hash_in(card: dict[str, Any], name: str) -> str:
+    """The hash of a file in its card.
+
+    Raises:
+        ValueError: the card does not hold it.
+    """
+    hashes = card.get(_HASHES)
+    found = hashes.get(name) if isinstance(hashes, dict) else None
+    if not isinstance(found, str):
+        raise ValueError(f"the card does not hold the hash of {name}")
+    return found
+
+
+def read_hashed(path: Path, known: str, limit: int | None = None) -> bytes:
+    """Content of a regular file whose hash is known.
+
+    Raises:
+        OSError: as :func:`read_file`.
+        ValueError: it has another hash.
+    """
+    content = read_file(path, limit)
+    if content_hash(content) != known:
+        raise ValueError("it was changed after it was written: its checksum does not match")
+    return content
 
 
 def read_json(path: Path, kind: type[T], *, sealed: bool = False, limit: int = MAX_JSON) -> T:
@@ -160,13 +227,8 @@ def read_json(path: Path, kind: type[T], *, sealed: bool = False, limit: int = M
             reason.
     """
     try:
-        fields = parsed(read_file(path, limit).decode())
-        if sealed:
-            if not isinstance(fields, dict):
-                raise FileReadError("not a JSON object")
-            if fields.pop(_SEAL, None) != _digest(fields):
-                raise FileReadError("it was changed after it was written: its checksum does not match")
-        return msgspec.convert(fields, kind)
+        content = read_file(path, limit)
+        return msgspec.convert(unsealed(content) if sealed else parsed(content.decode()), kind)
     except (OSError, ValueError, msgspec.ValidationError) as error:
         raise FileReadError(problem(error)) from error
 
@@ -210,4 +272,4 @@ def read_sealed(path: Path) -> dict[str, Any]:
 
 
 def _digest(fields: dict[str, Any]) -> str:
-    return hashlib.sha256(json.dumps(fields, sort_keys=True).encode()).hexdigest()
+    return content_hash(json.dumps(fields, sort_keys=True).encode())

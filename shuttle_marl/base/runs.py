@@ -9,7 +9,6 @@ import re
 import shutil
 import subprocess
 import sys
-import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -23,7 +22,6 @@ CONFIG: Final = "config.json"
 MANIFEST: Final = "manifest.json"
 LOCK: Final = ".lock"
 """Lock file of a folder; never replaced or removed, so that all processes lock the same file."""
-_CHECKSUM: Final = "crc32"
 _ADVICE: Final = "restore it from a backup, or start the run again with --overwrite"
 _LEFTOVER: Final = re.compile(rf"\.{re.escape(CONFIG)}\..*\.part")
 """File that remains if a process is killed before it wrote the configuration."""
@@ -196,7 +194,7 @@ def write_json(path: Path, fields: Mapping[str, object]) -> None:
 
 
 class Journal:
-    """File of JSON objects, one a line, that a run appends to; each holds a CRC-32 of its other fields."""
+    """File of JSON objects, one a line, that a run appends to; each sealed."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -207,10 +205,10 @@ class Journal:
         Raises:
             RunError: the file cannot be written.
         """
-        content = "".join(json.dumps({**line, _CHECKSUM: _checksum(line)}, ensure_ascii=False) + "\n" for line in lines)
+        content = b"".join(files.seal(line, indent=None) for line in lines)
         try:
             with self._path.open("ab") as file:
-                file.write(content.encode())
+                file.write(content)
                 file.flush()
                 os.fsync(file.fileno())
         except OSError as error:
@@ -257,21 +255,9 @@ class Journal:
 
     def _parsed(self, number: int, line: bytes) -> dict[str, Any]:
         try:
-            fields = files.parsed(line.decode())
-            if not isinstance(fields, dict):
-                reason = "not a JSON object"
-            elif fields.pop(_CHECKSUM, None) != _checksum(fields):
-                reason = f"its {_CHECKSUM} does not match"
-            else:
-                return fields
+            return files.unsealed(line)
         except ValueError as error:
-            reason = str(error)
-        raise RunError(f"{self._path}: line {number} is damaged ({reason}); {_ADVICE}")
-
-
-def _checksum(fields: dict[str, Any]) -> str:
-    """CRC-32 of the fields as JSON with sorted keys, in ASCII and without spaces; 8 hexadecimal digits."""
-    return f"{zlib.crc32(json.dumps(fields, sort_keys=True, separators=(',', ':')).encode()):08x}"
+            raise RunError(f"{self._path}: line {number} is damaged ({error}); {_ADVICE}") from error
 
 
 def describe(packages: Sequence[str]) -> dict[str, Any]:

@@ -4,7 +4,6 @@ Large arrays may be stored **packed**: as one byte array that holds the first by
 on, compressed with LZMA. The entry ``packed`` of the metadata is a JSON object with the dtype and the shape of each.
 """
 
-import hashlib
 import json
 import lzma
 import math
@@ -18,7 +17,7 @@ from safetensors import SafetensorError
 from safetensors.numpy import load, save
 
 from shuttle_marl.base.files import parsed as parsed  # noqa: PLC0414  exported, as the readers of metadata need both
-from shuttle_marl.base.files import read_file
+from shuttle_marl.base.files import read_file, read_hashed
 
 _PACKED: Final = "packed"
 _LARGE: Final = 1 << 16
@@ -109,9 +108,7 @@ def read_tensors(path: Path, sha256: str | None = None) -> Tensors:
         ValueError: it is not a safetensors file, has arrays of a type unknown to numpy or of more than 128 MB together, or does
             not match the hash.
     """
-    content = read_file(path, _MOST)
-    if sha256 is not None and hashlib.sha256(content).hexdigest() != sha256:
-        raise ValueError("it was changed after it was written: its checksum does not match")
+    content = read_file(path, _MOST) if sha256 is None else read_hashed(path, sha256, _MOST)
     length = int.from_bytes(content[:8], "little")
     if length > _MOST_HEADER:
         raise ValueError(f"not a safetensors file: a header of {length} bytes, expected at most {_MOST_HEADER}")

@@ -16,7 +16,7 @@ from shuttle_marl import exact
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.base.errors import printable
 from shuttle_marl.commands import cli
-from shuttle_marl.commands.options import File, GameOptions, Json, Policies, Policy, PolicyOptions, SampleOptions
+from shuttle_marl.commands.options import File, GameOptions, Json, Policies, Policy, SampleOptions, tables_of
 from shuttle_marl.exact.fixed_point import ExactError
 from shuttle_marl.game.policy import reads_score
 from shuttle_marl.game.shipped import RELIABLE, Estimate, factor_of, least_support, real_strokes, refits_of
@@ -42,12 +42,10 @@ class PlotOptions:
 
 
 Model = tyro.conf.OmitArgPrefixes[GameOptions]
-PlayedModel = tyro.conf.OmitArgPrefixes[PolicyOptions]
 AtLeast = Annotated[int | None, tyro.conf.arg(metavar="INT")]
 _AT_LEAST: Final = "--at-least N sets the number"
 _EXPECTED: Final = "the part of the edge over 50 % that unseen matches realise, docs/truth.md"
 _GAME: Final = GameOptions()
-_PLAYED: Final = PolicyOptions()
 _NO_PLOT: Final = PlotOptions()
 _SAMPLES: Final = SampleOptions()
 
@@ -122,7 +120,7 @@ def solve(
 def evaluate(
     policies: Policies,
     *,
-    model: PlayedModel = _PLAYED,
+    model: Model = _GAME,
     away: bool = True,
     samples: tyro.conf.OmitArgPrefixes[SampleOptions] = _SAMPLES,
     json_output: Json = False,
@@ -143,7 +141,7 @@ def evaluate(
 
     _check_some(policies)
     tables = model.load()
-    with cli.working("preparing the policies"), time_limit(model.policy_timeout):
+    with cli.working("preparing the policies"), time_limit(samples.policy_timeout):
         scorer = Scorer(tables, refits=refits_of(tables) if away else ())
         found = [(name, resolve(name, scorer.game)) for name in policies]
     sampled = list(dict.fromkeys(name for name, policy in found if reads_score(policy)))
@@ -179,7 +177,7 @@ def evaluate(
 def best_response(
     policy: Policy,
     *,
-    model: PlayedModel = _PLAYED,
+    model: Model = _GAME,
     at_least: AtLeast = None,
     away: bool = True,
     save: File = None,
@@ -201,7 +199,7 @@ def best_response(
     tables = model.load()
     least = least_support(tables) if at_least is None else at_least
     with cli.working("solving"):
-        (opponent,) = model.tabulate([policy], tables)
+        (opponent,) = tables_of([policy], tables)
         answer = exact.best_response(opponent, at_least=least)
         odds, seen = answer.value.odds(), exact.visits(answer.policy, opponent)
     factor = factor_of(tables)
@@ -257,7 +255,7 @@ def best_response(
 def holes(
     policy: Policy,
     *,
-    model: PlayedModel = _PLAYED,
+    model: Model = _GAME,
     top: int = 10,
     at_least: AtLeast = None,
     json_output: Json = False,
@@ -277,7 +275,7 @@ def holes(
     tables = model.load()
     least = least_support(tables) if at_least is None else at_least
     with cli.working("solving"):
-        found = exact.holes(*model.tabulate([policy], tables), top=top, at_least=least)
+        found = exact.holes(*tables_of([policy], tables), top=top, at_least=least)
     if json_output:
         cli.print_json({"policy": policy, "at_least": least, **found.as_json()})
         return
@@ -301,7 +299,7 @@ def holes(
 def crossplay(
     policies: Policies,
     *,
-    model: PlayedModel = _PLAYED,
+    model: Model = _GAME,
     away: bool = False,
     json_output: Json = False,
 ) -> None:
@@ -317,7 +315,7 @@ def crossplay(
 
     _check_some(policies)
     tables = model.load()
-    entrants = model.tabulate(_progress(policies, "tables"), tables)
+    entrants = tables_of(_progress(policies, "tables"), tables)
     pairs = iter(_progress(range(len(policies) * (len(policies) + 1) // 2), "pairs"))
     begun = time.perf_counter()
     odds = exact.crossplay(entrants, progress=lambda: next(pairs))
@@ -435,7 +433,7 @@ def _progress(things: Any, what: str) -> Any:
 def depth(
     policies: Annotated[tuple[str, ...], tyro.conf.Positional] = (),
     *,
-    model: PlayedModel = _PLAYED,
+    model: Model = _GAME,
     json_output: Json = False,
 ) -> None:
     """Describe the play of policies, how rare it is among people, and how far policies get that read little of the state.
@@ -449,8 +447,7 @@ def depth(
     from shuttle_marl.policy.scorecard import POLICIES, depth  # noqa: PLC0415  numba
 
     tables, console = model.load(), cli.console(stderr=True)
-    with time_limit(model.policy_timeout):
-        found = depth(tables, policies or POLICIES, report=lambda line: console.print(line, markup=False))
+    found = depth(tables, policies or POLICIES, report=lambda line: console.print(line, markup=False))
     if json_output:
         cli.print_json(found)
         return

@@ -16,7 +16,7 @@ from shuttle_marl.exact.fixed_point import ExactError
 from shuttle_marl.game.shipped import Profile, resolve_game, shipped_game
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
-from shuttle_marl.policy.foreign import POLICY_TIMEOUT, time_limit
+from shuttle_marl.policy.foreign import POLICY_TIMEOUT
 
 Policies = Annotated[tuple[str, ...], tyro.conf.Positional]
 Policy = Annotated[str, tyro.conf.Positional]
@@ -91,19 +91,11 @@ class RallyGameOptions:
         return game
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class PolicyOptions(GameOptions):
-    """The game that policies play."""
+def tables_of(names: Iterable[str], game: Game) -> list[TabulatedPolicy]:
+    """The tables of policies by name."""
+    from shuttle_marl.policy.registry import resolve  # noqa: PLC0415
 
-    policy_timeout: float = POLICY_TIMEOUT
-    """Seconds that a policy may take for one answer; 0 for no limit."""
-
-    def tabulate(self, names: Iterable[str], game: Game) -> list[TabulatedPolicy]:
-        """The tables of policies by name."""
-        from shuttle_marl.policy.registry import resolve  # noqa: PLC0415
-
-        with time_limit(self.policy_timeout):
-            return [tabulate(resolve(name, game), game) for name in names]
+    return [tabulate(resolve(name, game), game) for name in names]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -128,6 +120,8 @@ class SampleOptions:
     """Which of their rallies are recorded: all, sample:N (those of one match in N) or none."""
     log: File = None
     """Rally log of these matches; default: runs/evaluate-SEED.mcap, or the next such name that is free."""
+    policy_timeout: float = POLICY_TIMEOUT
+    """Seconds that a program may take for one stroke; 0 for no limit."""
 
     def __post_init__(self) -> None:
         check_bounds(self, ExactError)

@@ -1,7 +1,6 @@
 """Model cards: data, scores, and properties of the game."""
 
 import math
-from hashlib import sha256
 from pathlib import Path
 from typing import Any, Final
 
@@ -10,7 +9,7 @@ import pyarrow as pa
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from shuttle_marl.base.errors import ShuttleError
-from shuttle_marl.base.files import replace_sealed
+from shuttle_marl.base.files import content_hash, replace_sealed, with_hashes
 from shuttle_marl.dynamics.evaluate import criteria
 from shuttle_marl.game.shipped import CARD, FILES, NETWORKS, OPTIONAL_FILES, read_model_card
 from shuttle_marl.game.stroke import SHOTS
@@ -25,7 +24,7 @@ def strokes_hash(strokes: pa.Table) -> str:
     table = strokes.cast(pa.schema([field.remove_metadata() for field in strokes.schema])).combine_chunks()
     with pa.ipc.new_stream(sink, table.schema) as writer:
         writer.write_table(table)
-    return sha256(sink.getvalue()).hexdigest()
+    return content_hash(sink.getvalue())
 
 
 def write_card(folder: Path, card: dict[str, Any]) -> None:
@@ -35,8 +34,7 @@ def write_card(folder: Path, card: dict[str, Any]) -> None:
         FileWriteError: it cannot be written.
     """
     files = [*FILES, *(name for name in OPTIONAL_FILES if (folder / name).is_file())]
-    hashes = {name: sha256((folder / name).read_bytes()).hexdigest() for name in files}
-    replace_sealed(folder / CARD, {**card, "sha256": hashes})
+    replace_sealed(folder / CARD, with_hashes(card, {name: (folder / name).read_bytes() for name in files}))
 
 
 def add_truth(folder: Path, truth: dict[str, Any]) -> None:

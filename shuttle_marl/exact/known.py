@@ -1,23 +1,16 @@
-"""Cache of exact odds in the user's cache folder.
+"""Exact odds from the cache, or solved.
 
 A tournament of 17 solves 153 pairs, most of which the last tournament solved too. The key of a result is a hash of the game, both
-policies, the tolerance, and the source code of the solvers. A damaged or unwritable cache only costs time.
+policies, the tolerance, and the source code of the solvers.
 """
 
-import contextlib
 import dataclasses
-import functools
-import hashlib
-import logging
-import sqlite3
 import struct
-import zlib
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from pathlib import Path
+from collections.abc import Callable, Iterable, Sequence
 from typing import Final, TypeVar
 
+from shuttle_marl.base.cache import Cache, key_of
 from shuttle_marl.base.cluster import in_threads
-from shuttle_marl.base.files import cache_folder
 from shuttle_marl.exact.fixed_point import TOLERANCE
 from shuttle_marl.exact.match import Odds
 from shuttle_marl.exact.optimal import best_response, restricted_response, restricted_value
@@ -28,12 +21,9 @@ from shuttle_marl.game.tabulated import TabulatedPolicy
 Pair = tuple[TabulatedPolicy, TabulatedPolicy]
 T = TypeVar("T")
 
-_MOST_RESULTS: Final = 200_000
-"""Capacity of the cache, about 20 MB; the oldest results are evicted."""
-_WAIT_S: Final = 20.0
-"""Timeout while another process writes [s]."""
+_CACHE: Final = Cache("odds", 200_000)
+"""About 30 MB."""
 _NUMBERS: Final = struct.Struct("<3d")
-_LOG: Final = logging.getLogger(__name__)
 
 
 def pair_odds(pairs: Sequence[Pair], *, tolerance: float = TOLERANCE) -> list[Odds]:
@@ -119,75 +109,21 @@ def restricted_odds(
     return _cached(keys, pairs, lambda missing: in_threads(solve, missing))
 
 
+def _odds(serving: float, receiving: float, error_bound: float) -> Odds:
+    return Odds(serving=serving, receiving=receiving, error_bound=error_bound)
+
+
 def _key(*parts: str) -> bytes:
-    return hashlib.sha256(" ".join([*parts, solvers_hash()]).encode()).digest()
+    return key_of(*parts, solvers_hash())
 
 
 def _cached(keys: Sequence[bytes], problems: Sequence[T], solve: Callable[[list[T]], Iterable[Odds]]) -> list[Odds]:
     """Odds of problems by their keys: from the cache, or solved and stored there."""
     by_key = dict(zip(keys, problems, strict=True))
-    found = dict(_read(by_key))
+    found = {key: _odds(*_NUMBERS.unpack(content)) for key, content in _CACHE.read(by_key).items()}
     missing = {key: problem for key, problem in by_key.items() if key not in found}
     if missing:
         solved = dict(zip(missing, solve(list(missing.values())), strict=True))
-        _store(solved)
+        _CACHE.store({key: _NUMBERS.pack(*dataclasses.astuple(odds)) for key, odds in solved.items()})
         found |= solved
     return [found[key] for key in keys]
-
-
-def _path() -> Path | None:
-    folder = cache_folder()
-    return None if folder is None else folder / "odds.sqlite"
-
-
-@contextlib.contextmanager
-def _opened(path: Path) -> Iterator[sqlite3.Connection]:
-    with contextlib.closing(sqlite3.connect(path, timeout=_WAIT_S)) as database:
-        database.execute("CREATE TABLE IF NOT EXISTS result (key BLOB PRIMARY KEY, numbers BLOB NOT NULL)")
-        yield database
-
-
-def _read(keys: Iterable[bytes]) -> Iterator[tuple[bytes, Odds]]:
-    path = _path()
-    if path is None:
-        return
-    try:
-        if not path.is_file():
-            return
-        with _opened(path) as database:
-            for key in keys:
-                row = database.execute("SELECT numbers FROM result WHERE key = ?", (key,)).fetchone()
-                # What is damaged is solved again.
-                if row and isinstance(row[0], bytes) and row[0][-4:] == _checksum(key + row[0][:-4]):
-                    serving, receiving, bound = _NUMBERS.unpack(row[0][:-4])
-                    yield key, Odds(serving=serving, receiving=receiving, error_bound=bound)
-    except (sqlite3.OperationalError, OSError) as error:
-        _warn_once(f"{path}: {error}. Exact odds are recomputed")
-    except sqlite3.DatabaseError:  # damaged: created again
-        with contextlib.suppress(OSError):
-            path.unlink()
-
-
-def _store(solved: dict[bytes, Odds]) -> None:
-    path = _path()
-    if path is None:
-        _warn_once("the user has no home folder. Exact odds are recomputed by every command; set XDG_CACHE_HOME to keep them")
-        return
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with _opened(path) as database, database:
-            numbers = [(key, _NUMBERS.pack(*dataclasses.astuple(odds))) for key, odds in solved.items()]
-            rows = [(key, body + _checksum(key + body)) for key, body in numbers]
-            database.executemany("INSERT OR REPLACE INTO result VALUES (?, ?)", rows)
-            database.execute("DELETE FROM result WHERE rowid <= (SELECT MAX(rowid) FROM result) - ?", (_MOST_RESULTS,))
-    except (sqlite3.Error, OSError) as error:
-        _warn_once(f"{path}: {error}. Exact odds are recomputed by every command")
-
-
-def _checksum(content: bytes) -> bytes:
-    return zlib.crc32(content).to_bytes(4, "little")
-
-
-@functools.cache
-def _warn_once(message: str) -> None:
-    _LOG.warning(message)

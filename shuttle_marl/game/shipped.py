@@ -14,7 +14,7 @@ import numpy as np
 
 from shuttle_marl.base.arrays import F64, Bools
 from shuttle_marl.base.errors import ShuttleError, command
-from shuttle_marl.base.files import FileReadError, read_sealed
+from shuttle_marl.base.files import FileReadError, hash_in, read_sealed
 from shuttle_marl.base.tensor_files import Tensors, checked, read_tensors
 from shuttle_marl.game.recovery import N_POSITIONS, Recovery
 from shuttle_marl.game.stroke import frozen
@@ -235,11 +235,7 @@ def read_model(folder: Path, name: str) -> Tensors:
         GameError: the model card cannot be read.
         OSError, ValueError: the file cannot be read, or is not the one of the model card.
     """
-    hashes = read_model_card(folder).get("sha256")
-    known = hashes.get(name) if isinstance(hashes, dict) else None
-    if not isinstance(known, str):
-        raise ValueError(f"{CARD} does not hold its hash")
-    return read_tensors(folder / name, known)
+    return read_tensors(folder / name, hash_in(read_model_card(folder), name))
 
 
 class Estimate(NamedTuple):

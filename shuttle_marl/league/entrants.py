@@ -106,7 +106,7 @@ class LeagueConfig:
     batch: Count = 8192
     """Matches played in lockstep; affects speed and memory; results do not depend on it."""
     policy_timeout: float = POLICY_TIMEOUT
-    """Seconds that a policy may take for one answer before it forfeits; 0 for no limit."""
+    """Seconds that a program may take for one stroke before it forfeits; 0 for no limit."""
     grown: tyro.conf.Suppress[tuple[int, ...]] = ()
     """Numbers of entrants before entrants were added; set when a run is continued."""
 

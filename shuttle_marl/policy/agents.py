@@ -7,12 +7,11 @@ folder; :mod:`shuttle_marl.policy.network` computes the same table on every mach
 
 import contextlib
 import dataclasses
-import hashlib
 from pathlib import Path
 from typing import Any, Final
 
 from shuttle_marl.base.errors import command
-from shuttle_marl.base.files import FileReadError, problem, read_sealed, replace_file, replace_sealed
+from shuttle_marl.base.files import FileReadError, hash_in, problem, read_sealed, replace_with_card
 from shuttle_marl.base.tensor_files import read_tensors
 from shuttle_marl.game.pairs import trained_game, without_recovery, without_skill
 from shuttle_marl.game.policy import Policy, PolicyError
@@ -32,16 +31,14 @@ _EVALUATION: Final = "1"
 
 
 def save_agent(folder: Path, game: Game, network: bytes, card: dict[str, Any]) -> None:
-    """Write the folder of an agent; the card last, so that a folder with a card is complete.
+    """Write the folder of an agent.
 
     Args:
         network: content of ``network.safetensors``.
         card: its fields; the hashes are added.
     """
-    replace_file(folder / NETWORK, network)
-    hashes = {NETWORK: hashlib.sha256(network).hexdigest()}
-    content = {"game": game.hash, "catalogue": game.catalogue.version, "sha256": hashes, **card}
-    replace_sealed(folder / CARD, content)
+    fields = {"game": game.hash, "catalogue": game.catalogue.version, **card}
+    replace_with_card(folder / CARD, fields, {NETWORK: network})
 
 
 def load_agent(folder: Path, game: Game) -> TabulatedPolicy:
@@ -62,11 +59,9 @@ def load_agent(folder: Path, game: Game) -> TabulatedPolicy:
             f"{folder}: this agent was trained on game {str(card.get('game'))[:12]}{other}; this is {trained.hash[:12]}. "
             "Train it again, or play on its game with --game"
         )
-    hashes, path = card.get("sha256"), folder / NETWORK  # never a file name from the card
-    digest = hashes.get(NETWORK) if isinstance(hashes, dict) else None
-    if not isinstance(digest, str):
-        raise PolicyError(f"{path}: {CARD} does not hold its hash; the agent is damaged")
+    path = folder / NETWORK  # never a file name from the card
     try:
+        digest = hash_in(card, NETWORK)
         weights = read_tensors(path, digest).arrays
     except (OSError, ValueError) as error:
         raise PolicyError(f"{path}: cannot be used ({problem(error)}); the file is damaged or was replaced") from error

@@ -1,22 +1,18 @@
 """Policies that take seconds to compute, and the cache of their tables: perfect, robust and human-like play, best responses.
 
-Tables of solved policies and of trained agents are cached in the user's cache folder. The name of a file is a hash of everything
-that its content depends on. Damaged files are replaced; a cache that cannot be written only costs time. Numba is imported when a
-policy is solved.
+Tables of solved policies and of trained agents are cached by everything that they depend on. Numba is imported when a policy is
+solved.
 """
 
 import contextlib
 import functools
 import hashlib
-import logging
-import os
 from collections.abc import Callable
-from pathlib import Path
 from typing import Final
 
 import zstandard
 
-from shuttle_marl.base.files import FileWriteError, cache_folder, read_file, replace_file
+from shuttle_marl.base.cache import Cache, key_of
 from shuttle_marl.exact.version import solvers_hash
 from shuttle_marl.game.policy import Policy, PolicyError
 from shuttle_marl.game.shipped import is_refit, origin_of, refits_of, variants
@@ -26,9 +22,8 @@ from shuttle_marl.policy import baselines
 
 TYPICAL_TAU: Final = 0.05
 """Cost of the listed KL-regularised equilibrium, which wins about as often as perfect play in refits of the game."""
-_MOST_TABLES: Final = 256
-"""Capacity of the cache; the least recently used tables are evicted."""
-_LOG: Final = logging.getLogger(__name__)
+_CACHE: Final = Cache("tables", 256)
+"""Some hundred MB."""
 
 
 def cached_table(game: Game, key: str, compute: Callable[[], TabulatedPolicy]) -> TabulatedPolicy:
@@ -37,35 +32,13 @@ def cached_table(game: Game, key: str, compute: Callable[[], TabulatedPolicy]) -
     Args:
         key: everything that the result depends on besides the game.
     """
-    folder = cache_folder()
-    if folder is None:
-        return compute()
-    path = folder / "policies" / f"{hashlib.sha256(f'{game.hash} {key}'.encode()).hexdigest()[:32]}.zst"
-    with contextlib.suppress(OSError, ValueError, zstandard.ZstdError, PolicyError):  # missing or damaged
-        table = TabulatedPolicy.unpacked(read_file(path), game, str(path))
-        with contextlib.suppress(OSError):
-            os.utime(path)
-        return table
+    name = key_of(game.hash, key)
+    for content in _CACHE.read([name]).values():
+        with contextlib.suppress(ValueError, zstandard.ZstdError, PolicyError):  # written by another version
+            return TabulatedPolicy.unpacked(content, game, key)
     table = compute()
-    _store(table, path)
+    _CACHE.store({name: table.packed()})
     return table
-
-
-def _store(table: TabulatedPolicy, path: Path) -> None:
-    try:
-        replace_file(path, table.packed())
-    except FileWriteError as error:
-        _warn_once(f"{error}. Tables of trained and solved policies are computed again in every process, which takes seconds")
-        return
-    with contextlib.suppress(OSError):
-        tables = sorted(path.parent.glob("*.zst"), key=lambda found: found.stat().st_mtime, reverse=True)
-        for old in tables[_MOST_TABLES:]:
-            old.unlink()
-
-
-@functools.cache
-def _warn_once(message: str) -> None:
-    _LOG.warning(message)
 
 
 @functools.lru_cache(maxsize=4)

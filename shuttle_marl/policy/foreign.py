@@ -1,39 +1,31 @@
-"""User policies: Python code ``module:attribute`` and programs ``program:COMMAND``, called under a time limit.
+"""User policies: Python code ``module:attribute``, and programs ``program:COMMAND`` under a time limit.
 
-Within :func:`time_limit`, a policy without a table is called in a daemon thread and abandoned after a timeout. A thread cannot be
-killed safely: an exception is raised in it, which stops Python loops but not compiled code. The limit does not cover code that
-holds or ends the whole interpreter (compiled code that never releases the lock, ``os._exit``, a crash), nor loading the policy
-(its import and its constructor).
+Code in this process cannot be stopped safely, so a policy that may hang plays as a program.
 """
 
 import contextlib
 import contextvars
-import ctypes
 import dataclasses
-import functools
 import importlib
 import inspect
 import json
 import math
 import operator
-import queue
 import sys
 import threading
-import weakref
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType
-from typing import Any, Final, TypeVar
+from typing import Any, Final
 
 import numpy as np
 
 from shuttle_marl.base.arrays import F64, Floats
 from shuttle_marl.base.errors import described, did_you_mean
 from shuttle_marl.base.programs import Program, ProgramError, ProgramTimeoutError
-from shuttle_marl.game.policy import Policy, PolicyError, States, reads_history, reads_score
+from shuttle_marl.game.policy import Policy, PolicyError, States
 from shuttle_marl.game.stroke import HEIGHTS
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy
 
 PROTOCOL: Final = 1
 """Version of the messages to programs."""
@@ -137,14 +129,11 @@ POLICY_TIMEOUT: Final = 10.0
 """Default time limit of the command lines [s]."""
 
 _seconds: Final = contextvars.ContextVar("seconds", default=0.0)
-_T = TypeVar("_T")
-_Call = Callable[[], Any]
-_Answer = tuple[Any, BaseException | None]
 
 
 @contextlib.contextmanager
 def time_limit(seconds: float) -> Iterator[None]:
-    """Limit the time of each call of policies that are resolved within this context, even after it ended.
+    """Limit the time of each stroke of programs that are resolved within this context, even after it ended.
 
     Args:
         seconds: time limit [s]; 0 for no limit.
@@ -161,86 +150,9 @@ def time_limit(seconds: float) -> Iterator[None]:
         _seconds.reset(token)
 
 
-def limited(policy: Policy) -> Policy:
-    """The policy under the time limit of the current context; unchanged without a limit, for tables, and for policies that limit
-    themselves."""
-    seconds = _seconds.get()
-    if not seconds or isinstance(policy, TabulatedPolicy) or getattr(policy, "limits_itself", False):
-        return policy
-    return TimedPolicy(policy, seconds)
-
-
 def current_limit() -> float:
     """Time limit of the current context [s]; 0 without one."""
     return _seconds.get()
-
-
-class TimedPolicy:
-    """A policy that is called in a thread, and never again after a timeout.
-
-    Args:
-        seconds: time limit of a call, above 0.
-    """
-
-    def __init__(self, policy: Policy, seconds: float) -> None:
-        self._policy, self._limit = policy, seconds
-        self._calls: queue.SimpleQueue[_Call | None] = queue.SimpleQueue()
-        self._answers: queue.SimpleQueue[_Answer] = queue.SimpleQueue()
-        self._thread: threading.Thread | None = None
-        self._hangs = False
-        weakref.finalize(self, self._calls.put, None)
-
-    @property
-    def reads_score(self) -> bool:
-        """Whether the policy reads the score.
-
-        Raises:
-            TimeoutError: the policy timed out, now or before.
-        """
-        return self._call(functools.partial(reads_score, self._policy))
-
-    @property
-    def reads_history(self) -> bool:
-        """Whether the policy reads the rally so far; raises as for the score."""
-        return self._call(functools.partial(reads_history, self._policy))
-
-    def probabilities(self, states: States) -> Floats:
-        """``[B, n]`` probabilities of the policy.
-
-        Raises:
-            TimeoutError: the policy timed out, now or before.
-        """
-        return self._call(functools.partial(self._policy.probabilities, states))
-
-    def _call(self, call: Callable[[], _T]) -> _T:
-        if self._hangs:
-            raise TimeoutError(f"it did not answer within {self._limit:g} s before, and is not asked again")
-        if self._thread is None:
-            self._thread = threading.Thread(target=_work, args=(self._calls, self._answers), daemon=True)
-            self._thread.start()
-        self._calls.put(call)
-        try:
-            answer, error = self._answers.get(timeout=self._limit)
-        except queue.Empty:
-            self._hangs = True
-            # SystemExit is raised in the thread when it next runs Python code.
-            ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(self._thread.ident or 0), ctypes.py_object(SystemExit))
-            raise TimeoutError(f"no answer within {self._limit:g} s; --policy-timeout gives more time") from None
-        if isinstance(error, KeyboardInterrupt):
-            # Users interrupt the main thread; an interrupt from a policy must not look like theirs.
-            raise RuntimeError("KeyboardInterrupt") from error
-        if error is not None:
-            raise error
-        return answer
-
-
-def _work(calls: "queue.SimpleQueue[_Call | None]", answers: "queue.SimpleQueue[_Answer]") -> None:
-    while (call := calls.get()) is not None:
-        try:
-            answers.put((call(), None))
-        except BaseException as error:
-            answers.put((None, error))
-        del call
 
 
 class ProgramPolicy:
@@ -270,7 +182,6 @@ class ProgramPolicy:
     """
 
     reads_score: Final = True
-    limits_itself: Final = True
 
     def __init__(self, command: str, game: Game, seconds: float) -> None:
         try:

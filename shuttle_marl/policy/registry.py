@@ -28,7 +28,7 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy import agents, baselines, computed, history
 from shuttle_marl.policy.baselines import STYLES, ScriptedPolicy
-from shuttle_marl.policy.foreign import ModuleMissingError, ProgramPolicy, current_limit, from_module, limited
+from shuttle_marl.policy.foreign import ModuleMissingError, ProgramPolicy, current_limit, from_module
 from shuttle_marl.policy.plain_network import from_sb3, load_weights
 
 Load = Callable[[str | None, Game], Policy]
@@ -165,7 +165,7 @@ def resolve(name: str, game: Game) -> TabulatedPolicy | GamePolicy:
         name: see the description of this module; for ``module:attribute`` see :func:`shuttle_marl.policy.foreign.from_module`.
 
     Returns:
-        The policy, under the time limit of :func:`shuttle_marl.policy.foreign.time_limit` within that context.
+        The policy; a program under the time limit of :func:`shuttle_marl.policy.foreign.time_limit` within that context.
 
     Raises:
         PolicyError: the policy does not exist (the message suggests names), or it cannot be loaded.
@@ -173,7 +173,7 @@ def resolve(name: str, game: Game) -> TabulatedPolicy | GamePolicy:
     _check_depth(name)
     base, temperature = _split(name)
     policy = _resolve_plain(base, game)
-    policy = limited(policy if temperature is None else TemperedPolicy(policy, temperature))
+    policy = policy if temperature is None else TemperedPolicy(policy, temperature)
     return policy if isinstance(policy, TabulatedPolicy | GamePolicy) else GamePolicy(policy, game, name)
 
 

@@ -7,7 +7,6 @@ on: tensors in ``state.safetensors``, the rest in ``about.json``, which also hol
 import contextlib
 import dataclasses
 import functools
-import hashlib
 import os
 import shutil
 import time
@@ -29,7 +28,7 @@ from torch.utils.tensorboard import SummaryWriter
 from shuttle_marl import exact
 from shuttle_marl.base import runs
 from shuttle_marl.base.errors import ShuttleError
-from shuttle_marl.base.files import Count, FileReadError, problem, read_file, read_sealed, replace_file, replace_sealed
+from shuttle_marl.base.files import Count, FileReadError, hash_in, problem, read_hashed, read_sealed, replace_with_card
 from shuttle_marl.base.interrupts import check_interrupt, interrupts_held, was_interrupted
 from shuttle_marl.base.pytorch import InitialWeights, own_settings
 from shuttle_marl.exact.known import best_odds, pair_odds
@@ -280,9 +279,7 @@ def last_checkpoint(run: Path) -> tuple[dict[str, Any], dict[str, torch.Tensor]]
 def write_state(path: Path, about_path: Path, state: dict[str, torch.Tensor], about: dict[str, Any]) -> None:
     """Write tensors, and then a description with their hash."""
     # Some tensors share their memory, which safetensors refuses.
-    content = save({name: tensor.clone() for name, tensor in state.items()})
-    replace_file(path, content)
-    replace_sealed(about_path, {"sha256": {path.name: hashlib.sha256(content).hexdigest()}, **about})
+    replace_with_card(about_path, about, {path.name: save({name: tensor.clone() for name, tensor in state.items()})})
 
 
 def read_state(path: Path, about_path: Path) -> tuple[dict[str, Any], dict[str, torch.Tensor]]:
@@ -293,14 +290,9 @@ def read_state(path: Path, about_path: Path) -> tuple[dict[str, Any], dict[str, 
     """
     try:
         about = read_sealed(about_path)
-        content = read_file(path)
-        if about.get("sha256") != {path.name: hashlib.sha256(content).hexdigest()}:
-            raise FileReadError(f"{path.name} does not match its hash in {about_path.name}")
-        return about, load(content)
-    except OSError as error:
-        raise FileReadError(problem(error)) from error
-    except SafetensorError as error:
-        raise FileReadError(str(error)) from error
+        return about, load(read_hashed(path, hash_in(about, path.name)))
+    except (OSError, ValueError, SafetensorError) as error:
+        raise FileReadError(f"{path.name}: {problem(error)}") from error
 
 
 def _complete(run: Path) -> list[Path]:

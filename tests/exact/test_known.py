@@ -7,17 +7,17 @@ import numpy as np
 import pytest
 
 from shuttle_marl import exact
+from shuttle_marl.base import cache
 from shuttle_marl.exact import known
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from tests.exact.exact_games import random_game, random_policy
 
 
 @pytest.fixture
-def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    path = tmp_path / "odds.sqlite"
-    monkeypatch.setattr(known, "_path", lambda: path)
-    known._warn_once.cache_clear()
-    return path
+def stored(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setattr(cache, "cache_folder", lambda: tmp_path)
+    cache._warn_once.cache_clear()
+    return tmp_path / cache.NAME
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +30,7 @@ def no_solver(*_: object, **__: object) -> None:
     raise AssertionError("solved again")
 
 
-def test_known_odds_are_the_solved_ones(cache: Path, policies: list[TabulatedPolicy], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_known_odds_are_the_solved_ones(stored: Path, policies: list[TabulatedPolicy], monkeypatch: pytest.MonkeyPatch) -> None:
     solved = exact.crossplay(policies)
     for _ in range(2):
         found = known.crossplay(policies)
@@ -49,21 +49,21 @@ def test_known_odds_are_the_solved_ones(cache: Path, policies: list[TabulatedPol
         known.pair_odds([(policies[0], other)])
 
 
-def test_damage_is_noticed(cache: Path, policies: list[TabulatedPolicy]) -> None:
+def test_damage_is_noticed(stored: Path, policies: list[TabulatedPolicy]) -> None:
     right = known.crossplay(policies).serving
-    with sqlite3.connect(cache) as database:
-        for key, numbers in database.execute("SELECT key, numbers FROM result").fetchall():
+    with sqlite3.connect(stored) as database:
+        for key, numbers in database.execute("SELECT key, content FROM odds").fetchall():
             flipped = bytes([numbers[0], *numbers[1:-1], numbers[-1] ^ 1])
-            database.execute("UPDATE result SET numbers = ? WHERE key = ?", (flipped, key))
+            database.execute("UPDATE odds SET content = ? WHERE key = ?", (flipped, key))
     np.testing.assert_array_equal(known.crossplay(policies).serving, right)
     rng = np.random.default_rng(0)
-    content = cache.read_bytes()
+    content = stored.read_bytes()
     for position in rng.integers(0, 8 * len(content), 40):
         damaged = bytearray(content)
         damaged[position // 8] ^= 1 << position % 8
-        cache.write_bytes(damaged)
+        stored.write_bytes(damaged)
         np.testing.assert_array_equal(known.crossplay(policies).serving, right)
-    cache.write_bytes(b"not a database")
+    stored.write_bytes(b"not a database")
     np.testing.assert_array_equal(known.crossplay(policies).serving, right)
     assert known.pair_odds([]) == []
 
@@ -76,15 +76,11 @@ def test_a_cache_that_cannot_be_used_only_costs_time_and_is_said_once(
     def locked(_: Path) -> bool:
         raise PermissionError(13, "Permission denied")
 
-    for path, patch in (
-        (tmp_path / "odds.sqlite", locked),
-        (None, Path.is_file),
-        (tmp_path / "file" / "odds.sqlite", Path.is_file),
-    ):
-        (tmp_path / "file").write_text("no folder")
-        monkeypatch.setattr(known, "_path", lambda path=path: path)
+    (tmp_path / "file").write_text("no folder")
+    for folder, patch in ((tmp_path, locked), (None, Path.is_file), (tmp_path / "file", Path.is_file)):
+        monkeypatch.setattr(cache, "cache_folder", lambda folder=folder: folder)
         monkeypatch.setattr(Path, "is_file", patch)
-        known._warn_once.cache_clear()
+        cache._warn_once.cache_clear()
         for _ in range(2):
             np.testing.assert_allclose(known.crossplay(policies).serving, right, atol=1e-12)
         assert caplog.text.count("recomputed") == 1

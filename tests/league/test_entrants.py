@@ -2,7 +2,6 @@
 
 import dataclasses
 import sys
-import time
 from collections.abc import Callable
 from typing import Any
 
@@ -15,8 +14,7 @@ from shuttle_marl.kernel.lockstep import play
 from shuttle_marl.league.entrants import Entrant, Strikers, enter
 from shuttle_marl.league.ranking import rank, results_table
 from shuttle_marl.league.tournament import MatchOptions, Tournament, matches_of, round_robin
-from shuttle_marl.policy import registry
-from shuttle_marl.policy.foreign import FunctionPolicy, time_limit
+from shuttle_marl.policy.foreign import FunctionPolicy
 from shuttle_marl.policy.registry import resolve
 from tests.reduced import reduced_game
 
@@ -105,34 +103,6 @@ def test_one_that_reads_the_score_forfeits_while_it_plays(function: Callable[[St
     assert [result.forfeit for result in results] == [("broken",), (), ("broken",)]
     assert results[0].seats[0]["matches"] == 0
     assert FAILURES.get(function, "raised TimeoutError: legs") in results[0].reason
-
-
-def test_one_that_hangs_forfeits_and_changes_nothing_for_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
-    def hangs(states: States) -> np.ndarray:
-        time.sleep(60)
-        return uniform(states)
-
-    def hangs_late(states: States) -> np.ndarray:
-        if (states.score[:, 0] > 5).any():
-            time.sleep(60)
-        return uniform(states)
-
-    def end(states: States) -> np.ndarray:
-        sys.exit(0)
-
-    vars(hangs_late)["reads_score"] = True
-    own = {"hangs": hangs, "hangs_late": hangs_late, "end": end}
-    monkeypatch.setattr(registry, "from_module", lambda name, game: FunctionPolicy(own[name.partition(":")[2]]))
-    names = ["random", "mine:hangs", "safe", "mine:hangs_late", "mine:end"]
-    with time_limit(1.0):
-        pool = [enter(name, GAME) for name in names]
-    assert "no answer within 1 s" in pool[1].failure
-    results = [result for group in tournament(pool).play(round_robin(names)) for result, _ in group]
-    assert {r.names for r in results if not r.forfeit} == {("random", "safe")}
-    assert {f for r in results for f in r.forfeit if "safe" in r.names} == set(names[1::2]) | {"mine:end"}
-    good = [enter(name, GAME) for name in ("random", "safe")]
-    ((alone, _),) = next(iter(tournament(good).play(round_robin(["random", "safe"]))))
-    assert alone == dataclasses.replace(next(r for r in results if not r.forfeit), pairing=0)
 
 
 def test_both_fail() -> None:

@@ -215,7 +215,7 @@ def test_a_torn_last_line_is_played_again(finished: Path, tmp_path: Path) -> Non
     ("line", "says"),
     [
         (b"[]", "not a JSON object"),
-        (b"{}", "crc32 does not match"),
+        (b"{}", "its checksum does not match"),
         (b"[" * 100_000, "nested too deeply"),
     ],
 )

@@ -93,10 +93,13 @@ def test_answers_that_are_no_play(failure: str, small_model: str, tmp_path: Path
         asked()
 
 
-def test_a_program_that_dies_forfeits_and_all_others_play(small_model: str, tmp_path: Path) -> None:
-    body, says = FAILS["dies"]
-    name = program(tmp_path, "dies", body)
-    options: dict[str, Any] = {"matches": 4, "game": small_model, "record": "none"}
+@pytest.mark.parametrize(("failure", "seconds"), [("dies", 10.0), ("hangs", 0.5)])
+def test_a_program_that_fails_forfeits_and_all_others_play(
+    failure: str, seconds: float, small_model: str, tmp_path: Path
+) -> None:
+    body, says = FAILS[failure]
+    name = program(tmp_path, failure, body)
+    options: dict[str, Any] = {"matches": 4, "game": small_model, "record": "none", "policy_timeout": seconds}
     results = play_league(LeagueConfig(pool=("random", name, "safe"), out=tmp_path / "run", **options)).results
     assert [result.forfeit for result in results] == [(name,), (), (name,)]
     assert [bool(result.reason) for result in results] == [True, False, True]

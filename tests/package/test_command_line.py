@@ -57,18 +57,6 @@ def test_an_error_that_users_can_fix_is_a_message(capsys: pytest.CaptureFixture[
             status_of(raising(defect))
 
 
-@pytest.mark.parametrize(
-    ("when", "status"), [("exec('raise KeyboardInterrupt')", 130), ("atexit.register(signal.raise_signal, signal.SIGINT)", 0)]
-)
-def test_an_interrupt_elsewhere_ends_no_process_by_a_signal(when: str, status: int, tmp_path: Path) -> None:
-    code = "import atexit, signal, sys\nfrom shuttle_marl import __main__ as own\n"
-    (tmp_path / "interrupted.py").write_text(f"{code}own._run = lambda *_: {when} and 0\nsys.exit(own.main())\n")
-    environment = {**os.environ, "PYTHONPATH": f"{tmp_path}{os.pathsep}{ROOT}"}
-    command = [sys.executable, "-m", "interrupted"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60, env=environment)
-    assert (done.returncode, done.stderr) == (status, "interrupted\n" if status else "")
-
-
 @pytest.mark.parametrize("started", ["-m shuttle_marl.league", "-m shuttle_marl", "script"])
 @pytest.mark.parametrize("imported", ["numpy", "tyro"])
 def test_an_interrupt_while_a_command_is_imported_is_one_line(started: str, imported: str, tmp_path: Path) -> None:

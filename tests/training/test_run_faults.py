@@ -234,7 +234,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
         ("ppo", Mean, "add", 5, "iteration [024]"),
         ("sac", Mean, "add", 5, "iteration [024]"),
         ("sac", Evaluator, "evaluate", 1, "iteration 2 of 6"),
-        ("ppo", training_run, "replace_file", 1, "iteration 2 of 6"),
+        ("ppo", training_run, "replace_with_card", 1, "iteration 2 of 6"),
     ],
 )
 def test_an_interrupt_waits_for_the_end_of_the_iteration(

@@ -1,8 +1,8 @@
 """The trained agents that come with the package: played from tables made of their networks, as good as their cards say."""
 
 import logging
-import os
 import shutil
+import sqlite3
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -14,7 +14,8 @@ import pytest
 import torch
 from safetensors.numpy import save
 
-from shuttle_marl.base import tensor_files
+from shuttle_marl.base import cache as base_cache
+from shuttle_marl.base import files
 from shuttle_marl.base.files import read_file, seal
 from shuttle_marl.game import default_game, model_folder
 from shuttle_marl.game.policy import PolicyError
@@ -52,11 +53,11 @@ def test_figures_of_the_cards_are_true() -> None:
 
 @pytest.fixture
 def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """An empty cache folder."""
-    monkeypatch.setattr(computed, "cache_folder", lambda: tmp_path)
-    computed._warn_once.cache_clear()
-    yield tmp_path / "policies"
-    computed._warn_once.cache_clear()
+    """A cache that does not exist yet."""
+    monkeypatch.setattr(base_cache, "cache_folder", lambda: tmp_path)
+    base_cache._warn_once.cache_clear()
+    yield tmp_path / base_cache.NAME
+    base_cache._warn_once.cache_clear()
 
 
 @pytest.fixture
@@ -146,43 +147,45 @@ def test_weights_that_are_no_network_of_the_game_are_refused(tmp_path: Path, cac
     assert not cache.exists()
 
 
+def tables(cache: Path) -> list[bytes]:
+    with sqlite3.connect(cache) as database:
+        return [content for [content] in database.execute("SELECT content FROM tables")]
+
+
 def test_a_table_is_made_once_and_again_where_it_is_damaged(cache: Path, counted: list[str]) -> None:
     folder = shipped_folder("ppo", model_folder())
     first = load_agent(folder, GAME)
-    (kept,) = cache.iterdir()
-    whole = kept.read_bytes()
+    [whole] = tables(cache)
     assert load_agent(folder, GAME).hash == first.hash
     assert len(counted) == 1
     for number, damaged in enumerate((whole[:-1], whole[:-3] + bytes([whole[-3] ^ 1]) + whole[-2:], b"")):
-        kept.write_bytes(damaged)
+        with sqlite3.connect(cache) as database:
+            database.execute("UPDATE tables SET content = ?", (damaged,))
         for _ in range(2):
             assert load_agent(folder, GAME).hash == first.hash
             assert len(counted) == 2 + number
     load_agent(shipped_folder("a2c", model_folder()), GAME)
-    assert len(list(cache.iterdir())) == 2
+    assert len(tables(cache)) == 2
 
 
-def test_the_cache_keeps_what_was_played_last(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(computed, "_MOST_TABLES", 2)
-    names = ("ppo", "a2c", "sac", "ppo")
-    for number, name in enumerate(names):
+def test_the_cache_keeps_what_was_computed_last(cache: Path, counted: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(computed, "_CACHE", base_cache.Cache("tables", 2))
+    for name, computations in (("ppo", 1), ("a2c", 2), ("sac", 3), ("a2c", 3), ("ppo", 4)):
         load_agent(shipped_folder(name, model_folder()), GAME)
-        for path in cache.iterdir():
-            if path.stat().st_mtime > 1000:
-                os.utime(path, (number, number))
-    assert len(list(cache.iterdir())) == 2
+        assert len(counted) == computations
+    assert len(tables(cache)) == 2
 
 
 def test_without_a_cache_agents_play_and_it_is_said_once(
     cache: Path, counted: list[str], caplog: pytest.LogCaptureFixture
 ) -> None:
-    cache.write_text("no folder")
+    cache.mkdir()
     with caplog.at_level(logging.WARNING):
         for _ in range(2):
             load_agent(shipped_folder("ppo", model_folder()), GAME)
     assert len(counted) == 2
     assert len(caplog.records) == 1
-    assert "computed again in every process" in caplog.text
+    assert "recomputed by every command" in caplog.text
 
 
 def test_without_a_home_agents_play(counted: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
@@ -239,12 +242,11 @@ def test_a_card_names_no_file(tmp_path: Path, cache: Path, monkeypatch: pytest.M
         opened.append(path)
         return read_file(path, *arguments)
 
-    monkeypatch.setattr(tensor_files, "read_file", noted)
-    monkeypatch.setattr(computed, "read_file", noted)
+    monkeypatch.setattr(files, "read_file", noted)
     load_agent(folder, GAME)
-    assert {path.parent for path in opened} == {folder, cache}
+    assert set(opened) == {folder / CARD, folder / NETWORK}
     wrong: tuple[Any, ...] = ([], "x", None, {NETWORK: 1})
     for hashes in wrong:
         (folder / CARD).write_bytes(seal({**card, "sha256": hashes}))
-        with pytest.raises(PolicyError, match="does not hold its hash"):
+        with pytest.raises(PolicyError, match="does not hold the hash"):
             load_agent(folder, GAME)

@@ -1,0 +1,92 @@
+"""The cache of computed things, a database in the user's cache folder; one that is damaged or not writable only costs time."""
+
+import contextlib
+import functools
+import hashlib
+import logging
+import sqlite3
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Final
+
+from shuttle_marl.base.files import cache_folder
+
+NAME: Final = "computed.sqlite"
+_WAIT_S: Final = 20.0
+"""Timeout while another process writes [s]."""
+_HASH: Final = hashlib.sha256().digest_size
+_LOG: Final = logging.getLogger(__name__)
+
+
+def key_of(*parts: str) -> bytes:
+    """The key of a result.
+
+    Args:
+        parts: everything that the result depends on.
+    """
+    return hashlib.sha256(" ".join(parts).encode()).digest()
+
+
+class Cache:
+    """Results of one kind.
+
+    Args:
+        kind: name of their table.
+        most: capacity; the oldest results are evicted.
+    """
+
+    def __init__(self, kind: str, most: int) -> None:
+        self._kind, self._most = kind, most
+
+    def read(self, keys: Iterable[bytes]) -> dict[bytes, bytes]:
+        """The results that are stored undamaged, by key."""
+        folder = cache_folder()
+        if folder is None:
+            return {}
+        path, found = folder / NAME, {}
+        try:
+            if path.is_file():
+                with self._opened(path) as database:
+                    for key in keys:
+                        row = database.execute(f"SELECT content FROM {self._kind} WHERE key = ?", (key,)).fetchone()
+                        content = row[0] if row and isinstance(row[0], bytes) else b""
+                        if content[:_HASH] == _hash(key, content[_HASH:]):
+                            found[key] = content[_HASH:]
+        except (sqlite3.OperationalError, OSError) as error:
+            _warn_once(f"{path}: {error}. Results are recomputed")
+        except sqlite3.DatabaseError:  # damaged: created again
+            with contextlib.suppress(OSError):
+                path.unlink()
+        return found
+
+    def store(self, results: Mapping[bytes, bytes]) -> None:
+        """Store results by key."""
+        folder = cache_folder()
+        if folder is None:
+            _warn_once("the user has no home folder. Results are recomputed by every command; set XDG_CACHE_HOME to keep them")
+            return
+        path = folder / NAME
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            with self._opened(path) as database, database:
+                rows = [(key, _hash(key, content) + content) for key, content in results.items()]
+                database.executemany(f"INSERT OR REPLACE INTO {self._kind} VALUES (?, ?)", rows)
+                last = f"(SELECT MAX(rowid) FROM {self._kind})"
+                database.execute(f"DELETE FROM {self._kind} WHERE rowid <= {last} - ?", (self._most,))
+        except (sqlite3.Error, OSError) as error:
+            _warn_once(f"{path}: {error}. Results are recomputed by every command")
+
+    @contextlib.contextmanager
+    def _opened(self, path: Path) -> Iterator[sqlite3.Connection]:
+        with contextlib.closing(sqlite3.connect(path, timeout=_WAIT_S)) as database:
+            database.execute(f"CREATE TABLE IF NOT EXISTS {self._kind} (key BLOB PRIMARY KEY, content BLOB NOT NULL)")
+            yield database
+
+
+def _hash(key: bytes, content: bytes) -> bytes:
+    return hashlib.sha256(key + content).digest()
+
+
+@functools.cache
+def _warn_once(message: str) -> None:
+    _LOG.warning(message)
