@@ -5,10 +5,10 @@ strokes equal it; and the same stroke to the other side, which players of differ
 a right-hander flies to the backhand side of a left-hander.
 
 **Legality.** A stroke is a legal reply where people *choose* it. People have played the stroke against the incoming shot type in
-the area where it is met, or, where fewer than 20 such strokes at its height are known, in this third of the court (front, middle,
+the area where it is met, or, where fewer than 50 such strokes at its height are known, in this third of the court (front, middle,
 back); and twice against the incoming shot type, or it is the most frequent target of its shot type, height and technique there,
 with five strokes to any target; and its shot type five times in this third at this height. Of the strokes with which the fitted
-average player meets the incoming stroke at this height, at least 1.95 % are such strokes of its shot type, and at least 1 % of
+average player meets the incoming stroke at this height, at least 2 % are such strokes of its shot type, and at least 1 % of
 those of its shot type have its technique. What happens less often is an opportunity of few situations, such as a net kill of a
 short lift, whose results say nothing about the others. Where this leaves no stroke, areas do not count; then the shot types are
 legal that make up 5 % of all strokes from this third and height, with each technique that occurs five times against any stroke;
@@ -45,7 +45,7 @@ from shuttle_marl.game.tabulated import base_pairs, hurry_units, layout, thresho
 from shuttle_marl.game.thresholds import ONE
 
 AREA_SHARE: Final = 0.03
-SHOT_SHARE: Final = 0.0195
+SHOT_SHARE: Final = 0.02
 """Minimum share of a legal shot type in the choices of the fitted average player, of those to supported targets. Chosen with the
 other numbers of the rule by the health of the solved game and the illegal strokes of people (``docs/truth_record.md``)."""
 TECHNIQUE_SHARE: Final = 0.01
@@ -55,7 +55,7 @@ CONTEXT_STROKES: Final = 20.0
 """Weight of the contexts of a shot type in those of an incoming stroke, in strokes."""
 MIN_STROKES: Final = 20
 MIN_REPLIES: Final = 2
-SMALL_CELL: Final = 20
+SMALL_CELL: Final = 50
 """Where people met an incoming shot type in an area less often, at a height, what they play in its third of the court counts."""
 MIN_STYLE: Final = 5
 PRIOR_STROKES: Final = 40.0
