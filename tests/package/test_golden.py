@@ -18,7 +18,7 @@ from shuttle_marl.recording import RallyLog
 from shuttle_marl.training import A2CConfig, PPOConfig, SACConfig, TrainingConfig, train
 from tests.tournaments import play_league
 
-GAME_HASH = "a068e2b3469900e4ca9fef5169002e25621720df4ed27144a6fdfa35253814d7"
+GAME_HASH = "50b4bf8319a7b09be56999f26ca06b9632394088d55377d069019c5a7e0f1161"
 VALUE_AT_SERVE = -0.0077292
 TOURNAMENT = "8c2fc505f2a4e325"
 WINS = {"minimax": 19, "ppo": 14, "safe@greedy": 13, "attacking": 8, "bc": 3, "random": 3}
