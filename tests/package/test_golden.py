@@ -18,8 +18,8 @@ from shuttle_marl.recording import RallyLog
 from shuttle_marl.training import A2CConfig, PPOConfig, SACConfig, TrainingConfig, train
 from tests.tournaments import play_league
 
-GAME_HASH = "50b4bf8319a7b09be56999f26ca06b9632394088d55377d069019c5a7e0f1161"
-VALUE_AT_SERVE = -0.0077292
+GAME_HASH = "f5bfad73759ef07b3baf0ce30558d1848927849a08306ecd878235ab90564244"
+VALUE_AT_SERVE = -0.0098196
 TOURNAMENT = "8c2fc505f2a4e325"
 WINS = {"minimax": 19, "ppo": 14, "safe@greedy": 13, "attacking": 8, "bc": 3, "random": 3}
 SMALL: dict[str, Any] = {"batch": 512, "strokes": 1536, "width": 16, "threads": 1, "record": "all"}
