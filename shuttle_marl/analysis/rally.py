@@ -15,6 +15,7 @@ import numpy as np
 from shuttle_marl.base.arrays import F64, I32, I64
 from shuttle_marl.base.errors import printable
 from shuttle_marl.exact import ProfileValue, Solution, evaluate
+from shuttle_marl.exact.profile import met_by
 from shuttle_marl.game.layout import Layout
 from shuttle_marl.game.policy import Policy, PolicyError
 from shuttle_marl.game.rally.record import Rally
@@ -97,6 +98,12 @@ def decision(game: Game, state: int, seat: int, players: Players, solution: Solu
     good, returned, _ = game.stroke_probabilities(pair)
     unknown = np.full(len(stroke), _UNKNOWN)
     table, value, real = players.tables[seat], players.value, real_strokes(game)
+
+    def win(following: F64, opponent: TabulatedPolicy | None) -> F64:
+        # In the game with recovery, strokes are worth what they are against the positions of the opponent.
+        met = game if game.recovery is None or opponent is None else met_by(game, opponent)
+        return np.asarray((1 + met.stroke_values(following, pair)) / 2)
+
     return Decision(
         state=state,
         seat=seat,
@@ -107,8 +114,8 @@ def decision(game: Game, state: int, seat: int, players: Players, solution: Solu
         support=unknown if real is None else real[game.base_pair_edge[pair % game.n_base_pairs]],
         probability=unknown if table is None else table.probability_of(pair),
         value=_UNKNOWN if value is None else (1 + float(value.striking[seat][state])) / 2,
-        win=unknown if value is None else (1 + game.stroke_values(value.striking[1 - seat], pair)) / 2,
-        optimal=unknown if solution is None else (1 + game.stroke_values(solution.value[1 - seat], pair)) / 2,
+        win=unknown if value is None else win(value.striking[1 - seat], players.tables[1 - seat]),
+        optimal=unknown if solution is None else win(solution.value[1 - seat], solution.policy[1 - seat]),
     )
 
 

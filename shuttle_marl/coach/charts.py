@@ -9,10 +9,11 @@ import numpy as np
 from markupsafe import Markup
 
 from shuttle_marl.analysis.pictures import corners, draw_court, of_hand
+from shuttle_marl.analysis.waits import Wait
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.coach.words import words
 from shuttle_marl.game.court import HALF_LENGTH, HALF_WIDTH, N_AREAS, SHORT_SERVICE, area_centre
-from shuttle_marl.game.recovery import ACROSS, DEPTHS
+from shuttle_marl.game.recovery import position_box
 from shuttle_marl.pages.charts import DIM, INK, PLAYERS, Chart, label, styled
 
 _WIDTH: Final = 460.0
@@ -109,11 +110,11 @@ def court(shares: F64, reference: F64, title: str, hand: str | None, clear: Sequ
 
 
 @styled
-def waits(rows: Sequence[tuple[str, Sequence[float]]], title: str, hand: str | None) -> Markup:
+def waits(rows: Sequence[Wait], title: str, hand: str | None) -> Markup:
     """Half courts with the shares of the nine positions, the net at the top, as the player who waits there sees them.
 
     Args:
-        rows: name of each court, and its ``[9]`` shares.
+        rows: a court for each.
         hand: of the player; None: unknown.
     """
     from matplotlib.colors import LinearSegmentedColormap, to_hex  # noqa: PLC0415  slow to import
@@ -124,32 +125,30 @@ def waits(rows: Sequence[tuple[str, Sequence[float]]], title: str, hand: str | N
     axes.set_aspect("equal")
     axes.set_axis_off()
     axes.set(xlim=(-HALF_WIDTH - 0.2, HALF_WIDTH + 0.2 + step * (len(rows) - 1)), ylim=(-HALF_LENGTH - 0.2, 1.5))
-    across, along = (-HALF_WIDTH, -ACROSS, ACROSS, HALF_WIDTH), (0.0, *DEPTHS, HALF_LENGTH)
-    for number, (name, shares) in enumerate(rows):
-        middle = number * step
+    for number, wait in enumerate(rows):
+        middle, name = number * step, words().shots(wait.shot)
         axes.text(middle, 0.3, fill(label(name, 2 * _LINE), _LINE // 2), ha="center", va="bottom", color=INK, fontsize=13)
         axes.plot([middle - HALF_WIDTH, middle + HALF_WIDTH], [0, 0], color=INK, linewidth=3, zorder=4)
-        for position, share in enumerate(shares):
-            depth, side = divmod(position, 3)
-            side = side if hand == "left" else 2 - side
-            (x0, x1), (y0, y1) = across[side : side + 2], along[depth : depth + 2]
+        for position, share in enumerate(wait.positions):
+            (x0, x1), (y0, y1) = position_box(position)
+            x0, x1 = (-x1, -x0) if hand == "left" else (x0, x1)
             colour = to_hex(colours(min(1.0, 2 * share)))
-            axes.fill(
-                [middle + x for x in (x0, x1, x1, x0)], [-y0, -y0, -y1, -y1], facecolor=colour, edgecolor=_DARK, linewidth=0.6
-            )
-            at = middle + (x0 + x1) / 2, -(y0 + y1) / 2
+            axes.fill([middle + x for x in (x0, x1, x1, x0)], [y1, y1, y0, y0], facecolor=colour, edgecolor=_DARK, linewidth=0.6)
+            at = middle + (x0 + x1) / 2, (y0 + y1) / 2
             axes.text(*at, f"{100 * share:.0f}", ha="center", va="center", color=_DARK, fontsize=14)
     return chart.svg(title)
 
 
 @styled
-def drill(met: int, target: int, title: str) -> Markup:
+def drill(met: int, target: int, hands: tuple[str | None, str | None], title: str) -> Markup:
     """A whole court with the area where the player meets the shuttle, at the bottom, and the target of the answer.
 
     Args:
-        met: area of the player's half, right and left as the player sees them; -1: the player serves.
-        target: area of the other half, right and left as the receiver sees them.
+        met: area of the player's half, as a right-handed player sees it; -1: the player serves.
+        target: area of the other half, as a right-handed receiver sees it.
+        hands: of the player and of the receiver; None: unknown.
     """
+    met, target = of_hand(met, hands[0]), of_hand(target, hands[1])
     chart = Chart(220.0, 420.0)
     axes = chart.axes
     draw_court(axes)

@@ -7,11 +7,12 @@ from typing import Final
 
 import numpy as np
 
+from shuttle_marl.analysis.course import RallyRow
+from shuttle_marl.analysis.habits import Habit
 from shuttle_marl.dynamics.habits import DIRECTED, DIRECTIONS, straight
 from shuttle_marl.game.court import AREAS, N_SIDES
 from shuttle_marl.game.shipped import Estimate
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES, Catalogue
-from shuttle_marl.pages import Cell, name
 from shuttle_marl.pages.languages import Language, Texts, current
 
 _CENTRE: Final = 1
@@ -63,9 +64,9 @@ class Words(Texts):
             "stroke.directed", shot=self.shot(shot, 0), direction=self(f"directions.{DIRECTIONS[0 if along else 2]}"), **fields
         )
 
-    def hands(self, players: Iterable[tuple[str, str | None]]) -> str:
+    def hands(self, players: Iterable[str], hands: Iterable[str | None]) -> str:
         """Players with their hands, such as ``Kento Momota, left-handed``; None: unknown."""
-        return " · ".join(self(f"hands.{hand or 'unknown'}", name=name) for name, hand in players)
+        return " · ".join(self(f"hands.{hand or 'unknown'}", name=name) for name, hand in zip(players, hands, strict=True))
 
     def sides(self, hand: str | None) -> str:
         """Label of the forehand and the backhand side of a receiver of a hand (None: as right); the striker is at the bottom."""
@@ -74,6 +75,25 @@ class Words(Texts):
     def height(self, contact: int) -> str:
         """The height of a contact."""
         return self(f"heights.{HEIGHTS[contact]}")
+
+    def ending(self, row: RallyRow) -> str:
+        """How a rally ended, and with which stroke."""
+        return self(f"endings.{row.ending}", shot=self.shot(row.last_shot, 0))
+
+    def habit(self, habit: Habit) -> str:
+        """A habit, such as ``smashes after lifts``."""
+        fields = dict.fromkeys(("direction", "shots", "area", "about", "height"), "")
+        if habit.answer in SHOTS:
+            fields["shots"] = self.shots(habit.answer)
+        elif habit.kind == "targets":
+            fields["area"] = self.area(AREAS.index(habit.answer), "receiver")
+        else:
+            fields["direction"] = self(f"directions.{habit.answer}")
+        if habit.about:
+            fields["about"] = self.shots(habit.about[0])
+        if len(habit.about) > 1:
+            fields["height"] = self(f"heights.{habit.about[1]}")
+        return self(f"habit.{habit.kind}", **fields)
 
 
 @functools.cache
@@ -91,9 +111,14 @@ def of_100(share: float, digits: int = 0) -> str:
     return words().number(round(100 * share, digits) + 0.0, f".{digits}f")  # adding 0 turns a rounded -0.0 into 0.0
 
 
+def parts(share: Estimate, digits: int = 0) -> dict[str, str]:
+    """Value, low and high end of a share as numbers of 100."""
+    return {name: of_100(part, digits) for name, part in share._asdict().items()}
+
+
 def ranged(share: Estimate, digits: int = 0) -> str:
     """A share as a number of 100 with its interval."""
-    return words()("report.interval", **_parts(share, digits))
+    return words()("report.interval", **parts(share, digits))
 
 
 def between(low: float, high: float) -> str:
@@ -101,21 +126,9 @@ def between(low: float, high: float) -> str:
     return words()("report.range", low=of_100(low), high=of_100(high))
 
 
-def realised(factor: Estimate | None) -> str:
-    """A sentence on the share of predicted advantages that real matches realise; None: unknown."""
-    say = words()
-    return (
-        say("scout.sure_no_factor") if factor is None else say("scout.sure_factor", share=of_100(factor.value), **_parts(factor))
-    )
-
-
-def _parts(share: Estimate, digits: int = 0) -> dict[str, str]:
-    return {name: of_100(part, digits) for name, part in share._asdict().items()}
-
-
-def yes_or_no(clear: bool) -> Cell:
-    """A cell of a table."""
-    return name(words()("report.yes" if clear else "report.no"))
+def metres(value: float, digits: int = 2) -> str:
+    """A distance [m] without its sign."""
+    return words().number(abs(value), f".{digits}f")
 
 
 def signed(share: float, digits: int = 1) -> str:

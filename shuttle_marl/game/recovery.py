@@ -24,7 +24,7 @@ import numpy as np
 from shuttle_marl.base.arrays import F64, I8, I16, I32, I64, U8, U16, Bools, Ints
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.tensor_files import Tensors, checked
-from shuttle_marl.game.court import AREAS, N_AREAS, N_SIDES
+from shuttle_marl.game.court import AREAS, HALF_LENGTH, HALF_WIDTH, N_AREAS, N_SIDES
 from shuttle_marl.game.draws import CHOICE_ONE
 from shuttle_marl.game.stroke import N_SHOTS, frozen
 from shuttle_marl.game.thresholds import ONE, odds_of_steps, with_fault_odds
@@ -63,6 +63,13 @@ def position_of(x: F64, y: F64) -> I64:
     """
     side = np.where(x > ACROSS, 0, np.where(x < -ACROSS, 2, 1))
     return np.asarray(N_SIDES * np.searchsorted(DEPTHS, y, side="right") + side, dtype=np.int64)
+
+
+def position_box(position: int) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Extent of a position in the frame of a right-handed player, who looks along y with the net at 0 [m]."""
+    depth, side = divmod(position, N_SIDES)
+    across, along = (HALF_WIDTH, ACROSS, -ACROSS, -HALF_WIDTH), (0.0, *DEPTHS, HALF_LENGTH)
+    return (across[side + 1], across[side]), (-along[depth + 1], -along[depth])
 
 
 class Waiting(NamedTuple):

@@ -16,7 +16,8 @@ from shuttle_marl.base.arrays import F64, Bools
 from shuttle_marl.base.errors import ShuttleError, command
 from shuttle_marl.base.files import FileReadError, read_sealed
 from shuttle_marl.base.tensor_files import Tensors, checked, read_tensors
-from shuttle_marl.game.recovery import Recovery
+from shuttle_marl.game.recovery import N_POSITIONS, Recovery
+from shuttle_marl.game.stroke import frozen
 from shuttle_marl.game.tables import RECOVERY, Game, GameError, Origin
 from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.game.variants import hashes_of, moved, steps_between, unpacked
@@ -112,6 +113,16 @@ def _load_recovery(folder: Path) -> Recovery:
         return Recovery.checked(read_model(folder, POSITIONS))
     except (OSError, KeyError, TypeError, ValueError, ShuttleError) as error:
         raise GameError(f"{folder / POSITIONS}: no readable positions ({error}); fit or install the model again") from error
+
+
+@functools.cache
+def waiting_places() -> F64:
+    """``[9, 2]`` place of each position, the mean of people's in the shipped model: towards the forehand side, from the net [m].
+
+    Raises:
+        OSError, ValueError: the model cannot be read.
+    """
+    return frozen(checked(read_model(_MODELS / "default", POSITIONS).arrays["mean"], np.float64, (N_POSITIONS, 2)))
 
 
 def variant_of(name: str | None, *, opposite: bool) -> str | None:

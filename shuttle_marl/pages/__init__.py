@@ -35,24 +35,39 @@ class Cell:
 
 
 @dataclasses.dataclass(frozen=True)
-class Column(Generic[T]):
-    """A column of a table.
+class Heading:
+    """The heading of a column of a table.
 
     Attributes:
         about: tooltip of the heading.
-        left: whether it is aligned to the left, as text is.
+        left: whether the column is aligned to the left, as text is.
         wrap: whether lines in it may break.
         ascending: whether the first click puts the smallest key on top.
-        brief: whether a short form of the table has it.
     """
 
     heading: str
-    cell: Callable[[T], Cell]
     _: dataclasses.KW_ONLY
     about: str = ""
     left: bool = False
     wrap: bool = False
     ascending: bool = False
+
+    @property
+    def kind(self) -> str:
+        """Class of its cells in the style sheet."""
+        return "words" if self.wrap else "left" if self.left else ""
+
+
+@dataclasses.dataclass(frozen=True)
+class Column(Heading, Generic[T]):
+    """A column of a table.
+
+    Attributes:
+        brief: whether a short form of the table has it.
+    """
+
+    cell: Callable[[T], Cell]
+    _: dataclasses.KW_ONLY
     brief: bool = True
 
 

@@ -12,6 +12,7 @@ from shuttle_marl.game.court import AREA_WORDS, Hands
 from shuttle_marl.game.draws import stream
 from shuttle_marl.game.pairs import looks_of, seat_names
 from shuttle_marl.game.rally.record import Rallies, Rally
+from shuttle_marl.game.rally.stepper import waited_at
 from shuttle_marl.game.rules import OUTCOMES, IllegalStrokeError
 from shuttle_marl.game.scoring import Score
 from shuttle_marl.game.tables import Game
@@ -66,6 +67,10 @@ class RallyReport:
         """Attacking strokes of striker and opponent before a stroke, up to the game's limit; None: the game has no effort."""
         state = self.analysis.decisions[stroke].state
         return (int(self.game.effort(state)), int(self.game.opponent_effort(state))) if self.game.levels > 1 else None
+
+    def waited(self, stroke: int) -> int | None:
+        """Position that the receiver of a stroke chose; None: they had no choice, or the log has none."""
+        return waited_at(self.played, self.game, stroke, self.analysis.decisions[stroke].state)
 
     def duel(self, stroke: int) -> int | None:
         """Consecutive net shots before a stroke, 3 for three or more; None: the game does not count them."""

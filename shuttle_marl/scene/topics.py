@@ -117,7 +117,7 @@ _STROKE: Final = _object(
     hurried={"type": "boolean"},
     **_fields("integer", "effort", "opponent_effort", "duel"),
     **_fields("number", "contact_height", "speed_kmh", "flight_time"),
-    **_fields("string", "end"),
+    **_fields("string", "end", "waited"),
 )
 SCHEMAS: Final[dict[str, dict[str, Any]]] = {
     SCORE: _object(

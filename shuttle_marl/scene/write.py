@@ -18,6 +18,7 @@ from shuttle_marl.analysis.rally import Resolve
 from shuttle_marl.base.errors import printable
 from shuttle_marl.game.court import Hands
 from shuttle_marl.game.layout import LONGEST_DUEL
+from shuttle_marl.game.recovery import POSITIONS
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
 from shuttle_marl.game.tables import Game
 from shuttle_marl.policy.registry import resolve_recorded
@@ -36,6 +37,7 @@ TOP: Final = 5
 _PATH_POINTS: Final = 32
 _PATH: Final = colour(1.0, 1.0, 1.0, 0.35)
 _TARGET: Final = colour(1.0, 0.80, 0.10, 0.30)
+_WAITED: Final = colour(1.0, 1.0, 1.0, 0.45)
 _LANDED: Final = (colour(0.95, 0.25, 0.20, 0.9), colour(0.20, 0.90, 0.35, 0.9))
 
 
@@ -54,6 +56,8 @@ def commentary(staged: StagedRally) -> Iterator[Timed]:
             f"#{i + 1} {content['shot']} to {content['area']} ({content['technique']}, {content['speed_kmh']:.0f} km/h"
             f"{chosen}): good {percent(content['p_succ'])}, returned {percent(content['p_ret'])}"
         )
+        if "waited" in content:
+            sentence += f"; {report.names[1 - seat]} waits {content['waited']}"
         yield log_line(time, sentence, report.names[seat])
         yield from _probabilities(report, i, time)
     over = staged.at(float(trajectory.end_time[-1]))
@@ -93,6 +97,7 @@ def stroke_message(staged: StagedRally, i: int) -> dict[str, Any]:
     decision, rank = report.analysis.decisions[i], report.analysis.rank[i]
     catalogue, stroke, seat = report.played.catalogue, report.played.stroke[i], decision.seat
     effort, opponent_effort = report.efforts(i) or (None, None)
+    waited = report.waited(i)
     content = {
         "number": i + 1,
         "seat": seat,
@@ -114,6 +119,7 @@ def stroke_message(staged: StagedRally, i: int) -> dict[str, Any]:
         "speed_kmh": round(3.6 * float(trajectory.flight.launch_speed[i]), 1),
         "flight_time": round(float(trajectory.end_time[i] - trajectory.time[i]), 3),
         "end": ENDS[trajectory.end[i]],
+        "waited": None if waited is None else POSITIONS[waited],
     }
     return topics.known(content)
 
@@ -193,21 +199,28 @@ def _flight(staged: StagedRally, i: int, time: int) -> list[SceneEntity]:
     sign = played.facing(seat)
     (x0, x1), (y0, y1) = played.aim_box(seat, int(played.stroke[i]))
     target = box((sign * (x0 + x1) / 2, sign * (y0 + y1) / 2, 0.006), (x1 - x0, y1 - y0, 0.004), _TARGET)
-    return [
+    marks = [
         SceneEntity(id="path", timestamp=stamp(time), frame_id=WORLD, lines=[strip(path, [_PATH], 1.5)]),
         SceneEntity(id="target", timestamp=stamp(time), frame_id=WORLD, cubes=[target]),
     ]
+    if staged.report.waited(i) is not None:
+        x, y = -sign * trajectory.base[i, 1 - seat]
+        marks.append(_disc("waited", time, (x, y), 0.9, _WAITED))
+    return marks
 
 
 def _landing(staged: StagedRally, time: int) -> SceneEntity:
     """Disc where the last shuttle landed: green for a winner, red for a fault."""
     trajectory = staged.motion.trajectory
     x, y, _ = trajectory.end_point[-1]
-    shade: Color = _LANDED[int(ENDS[trajectory.end[-1]] == "winner")]
+    return _disc("landing", time, (x, y), 0.30, _LANDED[int(ENDS[trajectory.end[-1]] == "winner")])
+
+
+def _disc(name: str, time: int, place: tuple[float, float], width: float, shade: Color) -> SceneEntity:
     disc = CylinderPrimitive(
-        pose=at((x, y, 0.008)), size=Vector3(x=0.30, y=0.30, z=0.006), bottom_scale=1.0, top_scale=1.0, color=shade
+        pose=at((*place, 0.008)), size=Vector3(x=width, y=width, z=0.006), bottom_scale=1.0, top_scale=1.0, color=shade
     )
-    return SceneEntity(id="landing", timestamp=stamp(time), frame_id=WORLD, cylinders=[disc])
+    return SceneEntity(id=name, timestamp=stamp(time), frame_id=WORLD, cylinders=[disc])
 
 
 EPOCH: Final = 1_735_689_600 * SECOND

@@ -20,6 +20,7 @@ from shuttle_marl.game import draws
 from shuttle_marl.game.court import AREAS, HALF_LENGTH, HALF_WIDTH, N_SIDES, SHORT_SERVICE, third_of
 from shuttle_marl.game.rally.record import Rally
 from shuttle_marl.game.rules import FAULT, HURRIED_BELOW, RETURNED_BELOW, WINNER
+from shuttle_marl.game.shipped import waiting_places
 from shuttle_marl.game.stroke import HEIGHTS, N_SERVES, SHOTS, TECHNIQUES
 from shuttle_marl.staging.flight import Flights, fall, shoot
 from shuttle_marl.staging.library import Athlete
@@ -241,7 +242,7 @@ class TrajectoryBuilder:
         return contact, dataclasses.replace(probe, root=hips)
 
     def _bases(self, i: int) -> F64:
-        """``[2, 2]`` base positions of both players at stroke i, by the last stroke of each."""
+        """``[2, 2]`` base positions of both players at stroke i, by the last stroke of each; of a receiver where they wait."""
         out = np.zeros((2, 2))
         for seat in (0, 1):
             last = i - 1 if self._striker(i - 1) == seat else i - 2
@@ -249,6 +250,10 @@ class TrajectoryBuilder:
                 out[seat] = self.measured.base[self.shot[i], 4]
             else:
                 out[seat] = self.measured.base[self.shot[last], self.area[last]]
+        if self.rally.waited is not None:
+            receiver = 1 - self._striker(i)
+            forehand = 1.0 if self.players[receiver].right_handed else -1.0
+            out[receiver] = waiting_places()[self.rally.waited[i]] * (forehand, -1.0)
         return out
 
     def _end(self, i: int) -> int:

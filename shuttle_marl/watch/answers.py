@@ -187,8 +187,10 @@ class Answers:
         if rally.turn is None:
             raise WatchError("the rally is over; there is nothing to choose")
         values = self._values_of(query)
-        choice = values.decision(rally.turn, (rally.server + len(rally)) % 2, self._players(query))
-        return messages.OptionsReply(values.options(rally, choice, limit=len(choice.stroke)))
+        if rally.receives:
+            return messages.OptionsReply([], values.positions(rally.turn, rally.chooser))
+        choice = values.decision(rally.turn, rally.chooser, self._players(query))
+        return messages.OptionsReply(values.options(rally, choice, limit=len(choice.stroke)), [])
 
     def _overview(self, query: messages.MatchRequest) -> messages.MatchReply:
         """The overview of a match, with the costliest of the strokes that are marked as mistakes.
@@ -344,7 +346,7 @@ class Answers:
 
         # Where a person chose strokes, the motion depends on when they did, because frames that were shown do not change.
         since = query.person.stroke if query.person is not None and query.person.rally == rally.number else 0
-        strokes = rally.stroke.tobytes(), rally.hurried.tobytes()
+        strokes = rally.stroke.tobytes(), rally.hurried.tobytes(), None if rally.waited is None else rally.waited.tobytes()
         court = rally.server, rally.from_right, rally.ends_changed, rally.hands, rally.athletes
         key = (rally.key, court, strokes, rally.ending, rally.turn, rally.chosen, query.person is not None, since)
         return self._motions.get(key, compute)
@@ -370,8 +372,8 @@ def _branch(query: messages.Query, rally: CourtRally) -> tuple[messages.Query, i
             return None
         last = max(query.tried)
         return replace(query, tried={k: stroke for k, stroke in query.tried.items() if k != last}), last
-    if rally.chosen:
-        return replace(query, plan=plan.without(query.rally, rally.chosen[-1])), rally.chosen[-1]
+    if choices := [k for k in (*rally.chosen, *plan.waited_in(query.rally)) if k < len(rally)]:
+        return replace(query, plan=plan.without(query.rally, max(choices))), max(choices)
     if person is not None and person.rally == query.rally and rally.turn is not None and person.stroke:
         return replace(query, person=None), len(rally)
     return None

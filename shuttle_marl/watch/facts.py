@@ -8,8 +8,10 @@ from shuttle_marl import staging
 from shuttle_marl.game import court
 from shuttle_marl.game.pairs import seat_names
 from shuttle_marl.game.rally.record import Rally
+from shuttle_marl.game.rally.stepper import waited_at
+from shuttle_marl.game.recovery import position_box
 from shuttle_marl.game.rules import OUTCOMES
-from shuttle_marl.game.shipped import real_strokes
+from shuttle_marl.game.shipped import real_strokes, waiting_places
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
 from shuttle_marl.game.tables import Game
 from shuttle_marl.watch import messages
@@ -21,6 +23,10 @@ def hall_facts() -> messages.HallFacts:
     return messages.HallFacts(
         court=messages.CourtFacts(*(getattr(court, name.upper()) for name in messages.CourtFacts.__struct_fields__)),
         areas=[messages.AreaFacts(name=name, box=court.area_box(i)) for i, name in enumerate(court.AREAS)],
+        positions=[
+            messages.PositionFacts(box=position_box(i), place=(round(x, 4), round(-y, 4)))
+            for i, (x, y) in enumerate(waiting_places().tolist())
+        ],
         racket=messages.RacketFacts(
             length=staging.RACKET_LENGTH, sweet_spot=staging.SWEET_SPOT, butt=staging.RACKET_BUTT, head=staging.RACKET_HEAD
         ),
@@ -103,7 +109,11 @@ def _player(motion: staging.Motion, seat: int) -> messages.PlayerFacts:
 
 
 def _turn(game: Game, rally: CourtRally, state: int) -> messages.Turn:
-    seat = (rally.server + len(rally)) % 2
+    height, hurried = HEIGHTS[int(game.contact(state))], bool(game.hurried(state))
+    seat, number = rally.chooser, len(rally)
+    if rally.receives:
+        positions = [rounded(p) for p in game.people_positions(state)]
+        return messages.Turn(seat=seat, number=number, height=height, hurried=hurried, strokes=[], positions=positions)
     game = game.seats[seat]
     strokes = game.legal_strokes(state).tolist()
     good, returned, _ = game.stroke_probabilities(game.pair_at(state, np.arange(len(strokes))))
@@ -112,8 +122,7 @@ def _turn(game: Game, rally: CourtRally, state: int) -> messages.Turn:
         for k, stroke in enumerate(strokes)
         if rally.as_named(seat, stroke)
     ]
-    height, hurried = HEIGHTS[int(game.contact(state))], bool(game.hurried(state))
-    return messages.Turn(seat=seat, number=len(rally), height=height, hurried=hurried, strokes=legal)
+    return messages.Turn(seat=seat, number=number, height=height, hurried=hurried, strokes=legal, positions=[])
 
 
 def _stroke(game: Game, rally: CourtRally, motion: staging.Motion, i: int, state: int) -> messages.Stroke:
@@ -128,6 +137,7 @@ def _stroke(game: Game, rally: CourtRally, motion: staging.Motion, i: int, state
         p_ret=returned,
         person=i in rally.chosen,
         hurried=bool(rally.hurried[i]),
+        waited=waited_at(rally, game, i, state),
         effort=int(game.effort(state)) if game.levels > 1 else None,
         opponent_effort=int(game.opponent_effort(state)) if game.levels > 1 else None,
         duel=int(game.duel(state)) if game.counts_duels else None,

@@ -14,11 +14,11 @@ import numpy as np
 
 from shuttle_marl.base.arrays import U64
 from shuttle_marl.base.errors import printable
-from shuttle_marl.game.draws import choice_draw, draw, first_server, outcome_draw, stream
+from shuttle_marl.game.draws import choice_draw, draw, first_server, outcome_draw, position_draw, stream
 from shuttle_marl.game.pairs import looks_of
 from shuttle_marl.game.policy import Policy
 from shuttle_marl.game.rally.record import Rally
-from shuttle_marl.game.rally.stepper import choose, stepper_of
+from shuttle_marl.game.rally.stepper import choose, choose_position, stepper_of
 from shuttle_marl.game.rules import RETURNED_BELOW
 from shuttle_marl.game.scoring import Score
 from shuttle_marl.game.tables import ROOT, Game
@@ -33,12 +33,13 @@ _SEEDS: Final = 4096
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class CourtRally(Rally):
-    """A rally as the page shows it; one that continues waits for the stroke of a person.
+    """A rally as the page shows it; one that continues waits for the choice of a person.
 
     Attributes:
         names: printable names of the players at seats 0 and 1.
         athletes: ``male`` or ``female``, of seats 0 and 1.
         turn: state in which a person has to choose; None: the rally is over.
+        receives: whether they choose a position there, as the receiver of a stroke that is not told.
         chosen: numbers of the strokes that no policy chose.
         key: random seed of the staging.
     """
@@ -47,8 +48,14 @@ class CourtRally(Rally):
     athletes: tuple[str, str] = ("male", "male")
     score: Score
     turn: int | None = None
+    receives: bool = False
     chosen: tuple[int, ...] = ()
     key: int
+
+    @property
+    def chooser(self) -> int:
+        """Seat that has to choose at ``turn``."""
+        return (self.server + len(self) + self.receives) % 2
 
     @classmethod
     def at(cls, score: Score, **fields: Any) -> "CourtRally":
@@ -77,14 +84,14 @@ class Match:
             person: person who plays instead of a policy; a rally in which they have to choose ends with their turn.
 
         Raises:
-            WatchError: the match was over before, an earlier rally is not finished, or a chosen stroke is not legal.
+            WatchError: the match was over before, an earlier rally is not finished, or a chosen stroke or position is not legal.
             PolicyError: a policy cannot be loaded.
         """
         with self._lock:
             while len(self._scores) <= number and not self._scores[-1].over:
                 before = self._play(len(self._scores) - 1, person)
                 if before.winner is None:
-                    raise WatchError(f"rally {before.number + 1} is not finished; choose a stroke there")
+                    raise WatchError(f"rally {before.number + 1} is not finished; choose there")
                 self._scores.append(before.score.after(before.winner))
         if number >= len(self._scores) or self._scores[number].over:
             raise WatchError(f"rally {number + 1}: the match was over before")
@@ -103,6 +110,7 @@ class Match:
             (number, (names[0], names[1]), self._scores[number]),
             self.plan.chosen_in(number),
             person,
+            waited=self.plan.waited_in(number),
         )
         looks = looks_of(policies.game, (sides[0].policy, sides[1].policy))
         return dataclasses.replace(rally, **looks._asdict())
@@ -116,6 +124,7 @@ def play_rally(
     chosen: Mapping[int, int],
     person: Person | None = None,
     begun: tuple[Rally, int] | None = None,
+    waited: Mapping[int, int] | None = None,
 ) -> CourtRally:
     """Play a rally to its end, or to the turn of a person.
 
@@ -124,22 +133,26 @@ def play_rally(
         about: number of the rally, names of the players, score before the rally.
         chosen: catalogue index of the strokes that no policy chooses, by their number.
         begun: a rally, and the number of its strokes that are kept.
+        waited: positions of the receivers that no policy places, by the number of the stroke.
 
     Raises:
-        WatchError: a chosen stroke is not legal.
+        WatchError: a chosen stroke is not legal, or a position not feasible.
     """
     number, names, score = about
     stepper = stepper_of(game)
     strokes: list[int] = []
     hurried: list[bool] = []
+    positions: list[int] = []
     state, ending = ROOT, RETURNED_BELOW
-    turn: int | None = None
+    turn, receives = None, False
     if begun is not None:
         rally, kept = begun
         strokes, hurried = rally.stroke[:kept].tolist(), rally.hurried[:kept].tolist()
+        positions = [] if rally.waited is None else rally.waited[:kept].tolist()
         state = int(rally.states(game)[kept])
     for i in itertools.count(len(strokes)):
         striker = (score.server + i) % 2
+        receiver = 1 - striker
         bits = draw(key, i)
         if i in chosen:
             stroke = chosen[i]
@@ -151,9 +164,23 @@ def play_rally(
         else:
             policy, tables = policies[striker], game.seats[striker]
             stroke = choose(policy, tables, state, int(choice_draw(bits)[0]), score.seen_by(striker), strokes)
+        position = stepper.only_position(state)
+        if stepper.chooses_position(state):
+            if waited and i in waited:
+                position = waited[i]
+                if not stepper.is_feasible(state, position):
+                    raise WatchError(f"rally {number + 1}: the position chosen for stroke {i + 1} is not feasible there")
+            elif person is not None and person.chooses(number, i, receiver):
+                turn, receives = state, True
+                break
+            else:
+                policy, tables = policies[receiver], game.seats[receiver]
+                position = choose_position(policy, tables, state, int(position_draw(bits)[0]), score.seen_by(striker), strokes)
+        if position is not None:
+            positions.append(position)
         strokes.append(stroke)
         hurried.append(stepper.is_hurried(state))
-        played, state = stepper.step(state, striker, stroke, int(outcome_draw(bits)[0]))
+        played, state = stepper.step(state, striker, stroke, int(outcome_draw(bits)[0]), position)
         ending = played.outcome
         if ending < RETURNED_BELOW:
             break
@@ -166,6 +193,9 @@ def play_rally(
         number=number,
         names=names,
         turn=turn,
+        receives=receives,
+        # Positions of the kept strokes are unknown if the log has none.
+        waited=np.array(positions, np.int64) if game.recovery is not None and len(positions) == len(strokes) else None,
         chosen=tuple(i for i in sorted(chosen) if i < len(strokes)),
         key=int(key[0] >> np.uint64(1)),
     )

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from shuttle_marl.game.rally.record import Rallies, stroke_dtype
+from shuttle_marl.game.rally.record import Rallies, columns_of, stroke_dtype
 from shuttle_marl.policy import history
 from shuttle_marl.recording.header import LogHeader, Pair, Player
 from shuttle_marl.recording.recorder import RallyRecorder
@@ -80,6 +80,7 @@ class MatchLog:
             draws="match_v0",
             rules=plan.rules,
             pair=Pair.of(policies.game),
+            columns=columns_of(policies.game),
         )
         self._count += 1
         self._folder.mkdir(parents=True, exist_ok=True)
@@ -101,4 +102,5 @@ class MatchLog:
             length=np.array([len(rally)], np.int32),
             stroke=rally.stroke.astype(stroke_dtype(len(rally.catalogue))),
             hurried=rally.hurried.astype(np.uint8),
+            waited=None if rally.waited is None else rally.waited.astype(np.int8),
         )

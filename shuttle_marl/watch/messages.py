@@ -70,7 +70,7 @@ class AnalysisRequest(Query, kw_only=True, tag="analysis", frozen=True):
 
 
 class OptionsRequest(Query, kw_only=True, tag="options", frozen=True):
-    """Values of the strokes between which a person chooses."""
+    """Values of the strokes between which a person chooses, or where perfect play waits."""
 
 
 class StylesRequest(Query, kw_only=True, tag="styles", frozen=True):
@@ -192,6 +192,13 @@ class AreaFacts(Struct):
     box: tuple[tuple[float, float], tuple[float, float]]
 
 
+class PositionFacts(Struct):
+    """A position as a right-handed player sees it, in their own frame, and the place where they stand in it [m]."""
+
+    box: tuple[tuple[float, float], tuple[float, float]]
+    place: tuple[float, float]
+
+
 class RacketFacts(Struct):
     """Dimensions of a racket [m]."""
 
@@ -226,6 +233,7 @@ class HallFacts(Struct):
 
     court: CourtFacts
     areas: list[AreaFacts]
+    positions: list[PositionFacts]
     racket: RacketFacts
     shuttle: ShuttleFacts
     bones: list[str]
@@ -293,13 +301,19 @@ class StrokeFacts(Struct, kw_only=True):
 
 
 class Stroke(StrokeFacts, kw_only=True):
-    """A stroke of a rally; ``hurried``: whether its striker was late or stretched."""
+    """A stroke of a rally.
+
+    Attributes:
+        hurried: whether its striker was late or stretched.
+        waited: position of its receiver; None: they had no choice, or it is not known.
+    """
 
     state: int
     p_succ: float
     p_ret: float
     person: bool
     hurried: bool
+    waited: int | None
     effort: int | None
     opponent_effort: int | None
     duel: int | None
@@ -321,13 +335,21 @@ class TurnStroke(StrokeFacts, kw_only=True):
 
 
 class Turn(Struct):
-    """A choice of a person; ``hurried``: whether they are late or stretched."""
+    """A choice of a person: of a stroke, or of the position in which they wait for one of the opponent.
+
+    Attributes:
+        number: number of the stroke.
+        height, hurried: whether who strikes meets the shuttle above the net, and is late or stretched.
+        strokes: the legal strokes; empty where a position is chosen.
+        positions: probabilities of people's positions, 0 where they are not feasible; empty where a stroke is chosen.
+    """
 
     seat: int
     number: int
     height: str
     hurried: bool
     strokes: list[TurnStroke]
+    positions: list[float]
 
 
 class ScoreFacts(Struct):
@@ -411,7 +433,8 @@ class StrokeValue(Struct, kw_only=True):
 
     ``change`` and ``loss`` compare the stroke with what elite players choose and with the better one
     (:mod:`shuttle_marl.analysis.marks`); ``change`` is None where too few real strokes stand behind it. ``support``
-    is the number of real strokes behind the rarer of both; None: unknown.
+    is the number of real strokes behind the rarer of both; None: unknown. ``positions`` are the probabilities with which
+    perfect play waits for the stroke; None: the receiver has no choice.
     """
 
     win: float
@@ -425,6 +448,7 @@ class StrokeValue(Struct, kw_only=True):
     question: Question | None
     options: list[Option]
     support: int | None
+    positions: list[float] | None
 
 
 class Analysis(Struct):
@@ -439,9 +463,10 @@ class Analysis(Struct):
 
 
 class OptionsReply(Struct):
-    """Reply to :class:`OptionsRequest`."""
+    """Reply to :class:`OptionsRequest`: strokes, or probabilities of positions under perfect play; the other is empty."""
 
     options: list[Option]
+    positions: list[float]
 
 
 class StyleFigure(Struct):

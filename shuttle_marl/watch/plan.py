@@ -8,6 +8,7 @@ from typing import Annotated, Any, Final
 import msgspec
 from msgspec import Meta, Struct
 
+from shuttle_marl.game.recovery import N_POSITIONS
 from shuttle_marl.game.scoring import BWF, Rules
 from shuttle_marl.watch import WatchError
 
@@ -24,6 +25,8 @@ StrokeNumber = Annotated[int, Meta(ge=0, lt=MAX_CHOSEN)]
 CatalogueIndex = Annotated[int, Meta(ge=0, lt=1 << 16)]
 Chosen = dict[StrokeNumber, CatalogueIndex]
 """Catalogue index of the strokes of a rally that no policy chose, by their number."""
+Waited = dict[StrokeNumber, Annotated[int, Meta(ge=0, lt=N_POSITIONS)]]
+"""Positions of the receivers of a rally that no policy chose, by the number of the stroke."""
 
 
 class Side(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -54,16 +57,16 @@ class Person(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
     Attributes:
         rally: the rally in which they take over.
-        stroke: the first stroke of that rally that they may choose.
+        stroke: the first stroke of that rally that they may choose, or for which they may wait.
     """
 
     seat: Seat
     rally: RallyNumber
     stroke: StrokeNumber
 
-    def chooses(self, rally: int, stroke: int, striker: int) -> bool:
-        """Whether they choose a stroke."""
-        return striker == self.seat and (rally, stroke) >= (self.rally, self.stroke)
+    def chooses(self, rally: int, stroke: int, seat: int) -> bool:
+        """Whether they choose for a seat: as the striker a stroke, as the receiver a position."""
+        return seat == self.seat and (rally, stroke) >= (self.rally, self.stroke)
 
 
 class Plan(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -73,6 +76,7 @@ class Plan(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
         seed: random seed; JavaScript represents integers up to 2^53.
         sides: players of seats 0 and 1 in the first rally.
         chosen: by rally, the strokes that no policy chose: a person's, or strokes that were tried.
+        waited: by rally, the positions that a person chose.
         points: points that win a duel, a match of one game; None: a match by the rules of the sport.
     """
 
@@ -80,11 +84,12 @@ class Plan(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     sides: tuple[Side, Side]
     changes: Annotated[tuple[Change, ...], Meta(max_length=MAX_CHANGES)] = ()
     chosen: dict[RallyNumber, Chosen] = {}
+    waited: dict[RallyNumber, Waited] = {}
     points: Annotated[int, Meta(ge=1, le=21)] | None = None
 
     def __post_init__(self) -> None:
-        if sum(map(len, self.chosen.values())) > MAX_CHOSEN:
-            raise ValueError(f"a match with more than {MAX_CHOSEN:,} strokes that no policy chose")
+        if sum(map(len, (*self.chosen.values(), *self.waited.values()))) > MAX_CHOSEN:
+            raise ValueError(f"a match with more than {MAX_CHOSEN:,} strokes and positions that no policy chose")
 
     @classmethod
     def parse(cls, raw: Any) -> "Plan":
@@ -107,7 +112,8 @@ class Plan(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     def key(self) -> bytes:
         """Equal for equal plans; hashable."""
         chosen = {rally: self.chosen_in(rally) for rally in sorted(self.chosen)}
-        return msgspec.json.encode(msgspec.structs.replace(self, chosen=chosen))
+        waited = {rally: self.waited_in(rally) for rally in sorted(self.waited)}
+        return msgspec.json.encode(msgspec.structs.replace(self, chosen=chosen, waited=waited))
 
     def sides_in(self, rally: int) -> tuple[Side, Side]:
         """Players of a rally, seats 0 and 1."""
@@ -121,8 +127,16 @@ class Plan(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
         """Strokes of a rally that no policy chose, in order of their number."""
         return dict(sorted(self.chosen.get(rally, {}).items()))
 
+    def waited_in(self, rally: int) -> Waited:
+        """Positions of a rally that a person chose, in order of the number of the stroke."""
+        return dict(sorted(self.waited.get(rally, {}).items()))
+
     def without(self, rally: int, stroke: int) -> "Plan":
-        """The plan without the strokes chosen in a rally from a stroke on, and in later rallies."""
-        earlier = {number: strokes for number, strokes in self.chosen.items() if number < rally}
-        kept = {number: index for number, index in self.chosen_in(rally).items() if number < stroke}
-        return msgspec.structs.replace(self, chosen={**earlier, rally: kept} if kept else earlier)
+        """The plan without what was chosen in a rally from a stroke on, and in later rallies."""
+
+        def before(choices: dict[RallyNumber, dict[StrokeNumber, int]]) -> dict[RallyNumber, dict[StrokeNumber, int]]:
+            kept = {number: of for number, of in choices.items() if number < rally}
+            first = {k: choice for k, choice in sorted(choices.get(rally, {}).items()) if k < stroke}
+            return {**kept, rally: first} if first else kept
+
+        return msgspec.structs.replace(self, chosen=before(self.chosen), waited=before(self.waited))

@@ -22,6 +22,7 @@ from shuttle_marl.dynamics.hurried import hurry_of
 from shuttle_marl.game.court import HANDS, seen_by, steps_between
 from shuttle_marl.game.draws import stream
 from shuttle_marl.game.pairs import game_of_people, looks_of
+from shuttle_marl.game.recovery import position_of
 from shuttle_marl.game.rules import FAULT, WINNER, IllegalStrokeError
 from shuttle_marl.game.scoring import Score
 from shuttle_marl.game.stroke import N_SERVES
@@ -116,6 +117,7 @@ class LogRallies(Recorded):
             catalogue=self._game.catalogue,
             stroke=rally.stroke,
             hurried=rally.hurried,
+            waited=rally.waited,
             ending=rally.ending,
             number=number,
             names=(printable(first.name), printable(second.name)),
@@ -177,7 +179,9 @@ class RealRallies(Recorded):
         table = load_strokes(path) if strokes is None else strokes
         self._game = game
         self._columns = {name: table[name].combine_chunks().to_numpy(zero_copy_only=False) for name in table.column_names}
-        self._columns["hurried"] = rows_from_strokes(table, hurry_of(game.seats[0])).hurried > 0
+        rows = rows_from_strokes(table, hurry_of(game.seats[0]))
+        self._columns["hurried"] = rows.hurried > 0
+        self._columns["waited"] = np.where(np.isfinite(rows.waiting).all(axis=1), position_of(*rows.waiting.T), -1)
         hand = self._columns["hand"]
         self._hands = {str(self._columns["player"][row]): HANDS[int(hand[row])] for row in np.flatnonzero(~np.isnan(hand))}
         self._rallies = list(self._found())
@@ -240,6 +244,7 @@ class RealRallies(Recorded):
         strokes: list[int] = []
         state, game = ROOT, self._game_of(number)
         first, second = (self._hands.get(player, "right") for player in found.players)
+        waited = column["waited"][found.rows]
         athlete = "female" if column["discipline"][found.rows[0]] == "WS" else "male"
         for row in found.rows.tolist():
             if strokes:
@@ -255,6 +260,7 @@ class RealRallies(Recorded):
             catalogue=game.catalogue,
             stroke=np.array(strokes, dtype=np.int64),
             hurried=column["hurried"][found.rows],
+            waited=None if game.recovery is None or (waited < 0).any() else waited,
             ending=FAULT if column["outcome"][found.rows[-1]] == Outcome.FAULT else WINNER,
             number=number,
             names=(printable(found.players[0]), printable(found.players[1])),

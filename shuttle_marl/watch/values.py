@@ -10,8 +10,10 @@ from shuttle_marl.analysis.rally import Decision, Opening, Players, analyse_rall
 from shuttle_marl.analysis.rally import decision as analyse_decision
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.game import court
+from shuttle_marl.game.draws import CHOICE_ONE
 from shuttle_marl.game.pairs import looks_of
 from shuttle_marl.game.rally.record import Rally
+from shuttle_marl.game.rally.stepper import stepper_of
 from shuttle_marl.game.rules import RETURNED_BELOW
 from shuttle_marl.game.shipped import factor_of
 from shuttle_marl.game.stroke import SHOTS
@@ -99,7 +101,15 @@ class StrokeValues:
             question=question,
             options=self.options(rally, choice, judged, always=tuple(dict.fromkeys(always))),
             support=_least(choice.support[[rank, better]]),
+            positions=self.positions(choice.state, 1 - choice.seat) or None,
         )
+
+    def positions(self, state: int, receiver: int) -> list[float]:
+        """Probabilities with which perfect play waits where the opponent is in a state; empty: a receiver has no choice there."""
+        if not stepper_of(self.game).chooses_position(state):
+            return []
+        found = self.policies.solution.policy[receiver].waiting_table[state]
+        return [rounded(p) for p in np.diff(found.astype(np.int64), prepend=0) / CHOICE_ONE]
 
     def options(
         self, rally: Rally, choice: Decision, judged: Judged | None = None, *, always: tuple[int, ...] = (), limit: int = SHOWN

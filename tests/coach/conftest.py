@@ -1,15 +1,22 @@
-"""A small model with all refits, two imitated players in it, and the shipped sample."""
+"""A small model with all refits, two imitated players in it, the shipped sample, and the report of a match of it."""
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import pyarrow as pa
+import pyarrow.compute as pc
 import pytest
 
 from shuttle_marl.analysis.advice import Refitted, refitted
+from shuttle_marl.analysis.match import MatchReport, match_report, matches_in
+from shuttle_marl.coach import match_page as match_pages
+from shuttle_marl.coach import scout_page as scout_pages
 from shuttle_marl.data import load_strokes
 from shuttle_marl.game.pairs import pair_game
-from shuttle_marl.game.shipped import REFITS
+from shuttle_marl.game.shipped import REFITS, resolve_game
+from shuttle_marl.watch.building import BuildError
+from tests.pages import Tags, parsed
 from tests.reduced import reduced_model
 
 SAMPLE = Path(__file__).parents[2] / "datasets" / "sample" / "strokes.parquet"
@@ -36,3 +43,32 @@ def found(model: str) -> Refitted:
 @pytest.fixture(scope="session")
 def sample() -> pa.Table:
     return load_strokes(SAMPLE)
+
+
+@pytest.fixture(scope="session")
+def reported(sample: pa.Table, model: str) -> MatchReport:
+    match = sample.filter(pc.equal(sample["match"], matches_in(sample)[1]))
+    return match_report(match, game=resolve_game(model))
+
+
+@pytest.fixture
+def unbuilt(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No program that plays rallies, which takes Node to build."""
+
+    def missing() -> None:
+        raise BuildError("Node is missing")
+
+    for module in (scout_pages, match_pages):
+        monkeypatch.setattr(module, "viewer", missing)
+
+
+def footage(report: MatchReport) -> Any:
+    """Of a report without staged rallies."""
+    nobody: Any = None
+    return match_pages.Footage(staged={}, game=report.game, players=nobody, command="watch", numbers={})
+
+
+def read(content: bytes) -> tuple[Tags, str]:
+    """Tags and text of a page."""
+    tags = parsed(content)
+    return tags, " ".join(" ".join(tags.words).split())

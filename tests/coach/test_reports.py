@@ -4,7 +4,6 @@ import dataclasses
 import json
 import re
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -24,7 +23,6 @@ from shuttle_marl.base.table_files import write_parquet
 from shuttle_marl.coach import charts, sources
 from shuttle_marl.coach import match_page as match_pages
 from shuttle_marl.coach import scout_page as scout_pages
-from shuttle_marl.coach.drills import training
 from shuttle_marl.coach.words import Words
 from shuttle_marl.commands.report import main as report_command
 from shuttle_marl.commands.reports import write_report
@@ -40,11 +38,9 @@ from shuttle_marl.game.skill import load_skill
 from shuttle_marl.game.stroke import Catalogue
 from shuttle_marl.pages.languages import LANGUAGES, Language, speaking
 from shuttle_marl.watch import WatchError
-from shuttle_marl.watch.building import BuildError
 from shuttle_marl.watch.recorded import LogRallies, RealRallies
 from tests import golden
-from tests.coach.conftest import SAMPLE, A, B, with_hand
-from tests.pages import Tags, parsed
+from tests.coach.conftest import SAMPLE, A, B, footage, read, with_hand
 
 EVIL = "</script><script>alert(1)</script><img src=http://example.org/x>"
 TURNED = "\u202eanaid-nairam"
@@ -59,34 +55,6 @@ def scouted(model: str) -> ScoutingReport:
 @pytest.fixture(scope="session")
 def match(sample: pa.Table) -> pa.Table:
     return sample.filter(pc.equal(sample["match"], matches_in(sample)[1]))
-
-
-@pytest.fixture(scope="session")
-def reported(match: pa.Table, model: str) -> MatchReport:
-    return match_report(match, game=resolve_game(model))
-
-
-@pytest.fixture
-def unbuilt(monkeypatch: pytest.MonkeyPatch) -> None:
-    """No program that plays rallies, which takes Node to build."""
-
-    def missing() -> None:
-        raise BuildError("Node is missing")
-
-    for module in (scout_pages, match_pages):
-        monkeypatch.setattr(module, "viewer", missing)
-
-
-def footage(report: MatchReport) -> Any:
-    """Of a report without staged rallies."""
-    nobody: Any = None
-    return match_pages.Footage(staged={}, game=report.game, players=nobody, command="watch", numbers={})
-
-
-def read(content: bytes) -> tuple[Tags, str]:
-    """Tags and text of a page."""
-    tags = parsed(content)
-    return tags, " ".join(" ".join(tags.words).split())
 
 
 def test_a_report_counts_forced_and_unforced_errors(match: pa.Table, model: str, unbuilt: None) -> None:
@@ -183,17 +151,25 @@ def test_a_stroke_between_two_sides_is_straight_or_cross_court() -> None:
     assert Words("id").stroke(catalogue, 0, "their", met=6) == "smes silang forehand ke sisi forehand lawan"
 
 
-def test_a_drill_is_drawn_as_both_players_stand(model: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    catalogue = resolve_game(model).catalogue
+def test_a_drill_is_drawn_as_both_players_stand() -> None:
+    drawn = {hands: str(charts.drill(0, 6, hands, "drill")) for hands in (("right", "right"), ("left", "right"), (None, "left"))}
+    assert len({*drawn.values()}) == 3
+    assert drawn["left", "right"] == str(charts.drill(2, 6, ("right", "right"), "drill"))
+    assert drawn[None, "left"] == str(charts.drill(0, 8, ("right", "right"), "drill"))
+    serves = {str(charts.drill(-1, 6, (hand, "right"), "drill")) for hand in ("right", "left", None)}
+    assert len(serves) == 1
+
+
+def test_drills_name_areas_as_the_player_sees_them(reported: MatchReport, unbuilt: None) -> None:
+    catalogue, choice = reported.game.catalogue, reported.choices[0]
     stroke = next(k for k in range(len(catalogue)) if catalogue.area[k] == 6 and not catalogue.is_serve[k])
-    places: list[tuple[int, int]] = []
-    monkeypatch.setattr(charts, "drill", lambda met, target, _: places.append((met, target)))
-    for hands in (("right", "right"), ("left", "right"), (None, "left")):
-        (block,) = training(catalogue, [(5, 0, stroke), (-1, -1, 0)], "", hands).blocks
-        assert "to your front forehand corner (blue)" in block.items[0][1]
-        assert "to their rear forehand corner (orange)" in block.items[0][1]
-    assert places[::2] == [(0, 6), (2, 6), (0, 8)]
-    assert {met for met, _ in places[1::2]} == {-1}
+    met = next(k for k in range(len(catalogue)) if catalogue.area[k] == 0 and not catalogue.is_serve[k])
+    choice = dataclasses.replace(choice, incoming=met, better=stroke)
+    serve = dataclasses.replace(choice, incoming=len(catalogue), better=0)
+    _, text = read(match_pages.match_page(dataclasses.replace(reported, choices=[choice, serve]), footage(reported)))
+    assert "to your front forehand corner (blue)" in text
+    assert "to their rear forehand corner (orange)" in text
+    assert Words("en")("drills.serve", number=2, stroke="a")[:12] in text
 
 
 def test_a_profile_alone_has_no_advice(model: str, unbuilt: None) -> None:

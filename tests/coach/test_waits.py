@@ -1,7 +1,9 @@
 """Where players wait: known positions come back, at both ends of the court and for both hands, and no difference is made up."""
 
 import dataclasses
+import html
 import json
+import re
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -11,16 +13,15 @@ import pyarrow.compute as pc
 import pytest
 from playwright.sync_api import Browser
 
-from shuttle_marl.analysis.match import matches_in
+from shuttle_marl.analysis.match import MatchReport, matches_in
 from shuttle_marl.analysis.scouting import plain
 from shuttle_marl.analysis.waits import LEAST_MATCHES, Wait, waits
-from shuttle_marl.coach import blocks
-from shuttle_marl.coach.waits import waiting
+from shuttle_marl.coach.match_page import match_page
 from shuttle_marl.coach.words import Words
 from shuttle_marl.game.recovery import POSITIONS
 from shuttle_marl.game.stroke import SHOTS
-from shuttle_marl.pages.languages import LANGUAGES, Language, speaking
-from tests.coach.conftest import with_hand
+from shuttle_marl.pages.languages import LANGUAGES, Language, current, speaking
+from tests.coach.conftest import footage, with_hand
 
 HANDS = ("right", None)
 
@@ -105,7 +106,6 @@ def test_unknown_and_simulated_positions_are_none(match: pa.Table) -> None:
     none = dict.fromkeys(("receiver_x", "receiver_y"), [None] * len(match))
     assert waits(match, players) == []
     assert waits(replaced(placed(match, (3.0, 4.0), (0, 0)), none), players) == []
-    assert waiting([], players, HANDS) == []
 
 
 def test_differences_that_chance_makes_are_not_named(match: pa.Table) -> None:
@@ -135,26 +135,36 @@ def test_intervals_resample_matches_where_there_are_enough(match: pa.Table) -> N
     assert many.high - many.low > 2 * (few.high - few.low)
 
 
+def section(report: MatchReport, found: list[Wait], names: tuple[str, str]) -> str:
+    """The section of the page of a match report."""
+    page = match_page(dataclasses.replace(report, waits=found, players=names, hands=HANDS), footage(report)).decode()
+    heading = Words(current())("waits.heading").lower().replace(" ", "-")
+    (found_section,) = re.findall(rf'<section id="{heading}">.*?</section>', page, re.DOTALL)
+    return str(found_section)
+
+
 @pytest.mark.parametrize("language", LANGUAGES)
-def test_the_section_says_what_the_data_support(match: pa.Table, language: Language) -> None:
+def test_the_section_says_what_the_data_support(
+    match: pa.Table, reported: MatchReport, unbuilt: None, language: Language
+) -> None:
     players, names = players_of(match), ("<b>Ann", "Bea")
     found = waits(placed(match, (3.5, 4.0), (0, 0)), players)
     assert waits(placed(match, (3.5, 4.0), (0, 0)), players) == found
     assert json.loads(json.dumps(plain(found)))[0]["positions"] == list(found[0].positions)
     say = Words(language)
     with speaking(language):
-        (section,) = waiting(found, names, HANDS, match=True)
-        (alone,) = waiting([unclear(wait) for wait in found], names, HANDS)
-    assert section.lead.count("Ann") == section.lead.count("Bea") == 1
-    courts = next(block for block in section.blocks if block.kind == "courts").items
-    assert len(courts) == 2
-    assert all("<b>" not in drawn for drawn, _ in courts)
-    assert say("sides.behind_right") in courts[1][1]
-    for who, (_, caption) in zip(zip(names, HANDS, strict=True), courts, strict=True):
-        assert caption.startswith(say.hands([who]))
-    assert alone.lead == say("waits.none")
-    table = next(block for block in alone.blocks if block.kind == "table").content
-    assert str(table).count(f"text='{say('waits.same')}'") == len(found)
+        told = section(reported, found, names)
+        alone = section(reported, [unclear(wait) for wait in found], names)
+    (lead,) = re.findall(r'<p class="lead">(.*?)</p>', told)
+    assert lead.count("Ann") == lead.count("Bea") == 1
+    assert "<b>" not in told
+    captions = re.findall(r"<figcaption>(.*?)</figcaption>", told)
+    assert len(captions) == 2
+    assert say("sides.behind_right") in captions[1]
+    for name, hand, caption in zip(names, HANDS, captions, strict=True):
+        assert html.unescape(caption).startswith(say.hands([name], [hand]))
+    assert f'<p class="lead">{say("waits.none")}</p>' in alone
+    assert alone.count(f">{say('waits.same')}</td>") == len(found)
 
 
 def unclear(wait: Wait) -> Wait:
@@ -162,10 +172,13 @@ def unclear(wait: Wait) -> Wait:
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
-def test_the_section_fits_a_telephone_and_paper(match: pa.Table, tmp_path: Path, browser: Browser, language: Language) -> None:
+def test_the_section_fits_a_telephone_and_paper(
+    match: pa.Table, reported: MatchReport, unbuilt: None, tmp_path: Path, browser: Browser, language: Language
+) -> None:
     found = waits(placed(match, (3.5, 4.0), (0.5, -0.5)), players_of(match))
+    report = dataclasses.replace(reported, waits=found, players=("Pornpawee Chochuwong", "Ratchanok Intanon"))
     with speaking(language):
-        content = blocks.page("", "", waiting(found, ("Pornpawee Chochuwong", "Ratchanok Intanon"), HANDS, match=True))
+        content = match_page(report, footage(report))
     (tmp_path / "page.html").write_bytes(content)
     page = browser.new_page()
     page.goto((tmp_path / "page.html").as_uri())

@@ -57,6 +57,28 @@ def test_a_rally_takes_place_as_it_was_played(motions: list[Motion]) -> None:
         assert (trajectory.end[-1] in (OUT, NET)) == (trajectory.rally.ending == FAULT)
 
 
+def test_receivers_wait_where_they_chose(played: list[Rally]) -> None:
+    """The front and the back corner on the forehand side, which for a left-hander is on the left; 2.6 m apart."""
+    for rally, hand in zip((rally for rally in played if len(rally) > 4), ("right", "left"), strict=False):
+        front, back = (
+            np.median(
+                [
+                    motion.position[frame, 1 - seat, 0, :2] * rally.facing(1 - seat) * (1 if hand == "right" else -1, -1)
+                    for frame, seat in zip(motion.contact_frame[1:], rally.striker[1:].tolist(), strict=True)
+                ],
+                axis=0,
+            )
+            for motion in (
+                stage(dataclasses.replace(rally, hands=(hand, hand), waited=np.full(len(rally), position)).checked(), seed=2)
+                for position in (0, 6)
+            )
+        )
+        assert min(front[0], back[0]) > 0.55, "beyond the middle positions"
+        assert back[1] - front[1] > 1.2, "as far as the time allows"
+    with pytest.raises(RallyError, match=r"positions .*: expected 0 to 8 for each"):
+        dataclasses.replace(played[1], waited=np.full(len(played[1]), 9)).checked()
+
+
 def test_players_stay_on_their_half(motions: list[Motion]) -> None:
     for motion in motions:
         for seat in (0, 1):

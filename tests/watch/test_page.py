@@ -204,6 +204,41 @@ def test_keys_of_areas_lie_as_the_striker_sees_the_other_half(hand: str, viewer:
             assert ((x0 + x1) * (1 if y0 >= 0 else -1) > 0) == column, "their right on the right"
 
 
+def test_a_person_recovers_to_a_position_that_nobody_sees_before_the_hit(viewer: Any, page_folder: Any) -> None:
+    with serving("--game", "default:recovery", "--a", "bc", "--b", "bc") as server:
+        viewer.page.set_viewport_size({"width": 480, "height": 700})
+        viewer.open(f"{server.address}#seed=5&a=bc&b=bc&rally=1").analysed()
+        viewer.seek(viewer.state("contacts")[-1])
+        assert re.search(r"waits: .*perfect play would wait: .* \d+ %", viewer.page.locator(".waits").inner_text(), re.DOTALL)
+        viewer.press("w").enter("play")
+        waits = 0
+        while waits < 3:
+            turn, winner, rally = viewer.state("turn", "winner", "rally")
+            if turn is None:
+                viewer.seek(1e3)
+                if winner is not None:
+                    viewer.press("ArrowDown")
+                    viewer.until(lambda known=rally: viewer.state("rally") != known)
+                viewer.page.wait_for_timeout(20)
+                continue
+            assert len(viewer.state("waited")) == turn["number"], "nobody's position is told before the hit"
+            if not turn["positions"]:
+                choose(viewer, max(turn["strokes"], key=lambda stroke: stroke["p_succ"] * stroke["p_ret"]))
+            else:
+                people = turn["positions"]
+                assert viewer.state("position") == people.index(max(people)), "that of most people is selected"
+                wanted = max(p for p, share in enumerate(people) if share)
+                for position in (people.index(0), wanted):  # the first is not feasible
+                    viewer.press(str([9, 8, 7, 6, 5, 4, 3, 2, 1][position]))
+                assert viewer.state("position") == wanted
+            viewer.press("Enter")
+            viewer.until(lambda known=turn: viewer.state("turn") != known and len(viewer.state("waited")) > known["number"])
+            if turn["positions"]:
+                waits += 1
+                assert viewer.state("waited")[turn["number"]] == wanted
+                assert viewer.state("plan")["waited"][str(rally)][str(turn["number"])] == wanted
+
+
 def test_a_log_is_replayed(viewer: Any, page_folder: Any, tmp_path: Any) -> None:
     run_league(LeagueConfig(pool=("attacking", "safe"), matches=2, out=tmp_path / "run"))
     path = tmp_path / "run" / "rallies.mcap"

@@ -248,10 +248,10 @@ def test_text_that_is_not_a_request_is_refused(text: str) -> None:
 
 
 def test_a_reply_is_aligned_and_has_the_number_of_its_request() -> None:
-    content = encode_reply(7, OptionsReply([]), [b"abc", b"d"])
+    content = encode_reply(7, OptionsReply([], []), [b"abc", b"d"])
     length = int.from_bytes(content[:4], "little")
     assert length % 4 == 0
-    assert json.loads(content[4 : 4 + length]) == {"id": 7, "options": []}
+    assert json.loads(content[4 : 4 + length]) == {"id": 7, "options": [], "positions": []}
     assert content[4 + length :] == b"abcd"
     assert json.loads(encode_reply(None, "<b>")[4:]) == {"id": None, "error": "<b>"}
 

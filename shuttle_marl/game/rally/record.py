@@ -12,6 +12,7 @@ from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.game.court import HANDS, Hands, area_box, seen_by, service_area, service_box
 from shuttle_marl.game.draws import draw, outcome_draw
 from shuttle_marl.game.layout import Layout
+from shuttle_marl.game.recovery import N_POSITIONS
 from shuttle_marl.game.rules import HURRIED_BELOW, OUTCOMES, RETURNED_BELOW, WINNER, states_of_rallies, strike
 from shuttle_marl.game.scoring import BWF, Rules, Score, serves_from_right
 from shuttle_marl.game.stroke import Catalogue
@@ -54,6 +55,7 @@ class Rally:
         number: number of the rally within its match.
         ends_changed: whether the players are at other ends of the court than in the first rally of the match.
         hands: ``right`` or ``left``, of seats 0 and 1.
+        waited: ``[n]`` position of the receiver of every stroke; None: in the game without recovery, or not known.
     """
 
     catalogue: Catalogue
@@ -67,6 +69,7 @@ class Rally:
     number: int = 0
     ends_changed: bool = False
     hands: Hands = ("right", "right")
+    waited: I64 | None = None
 
     @classmethod
     def from_strokes(cls, catalogue: Catalogue, strokes: Iterable[tuple[int, int, int]]) -> "Rally":
@@ -95,8 +98,8 @@ class Rally:
         """Return this rally.
 
         Raises:
-            RallyError: no strokes, an unknown seat, stroke, ending or hand, a serve that is not the first stroke, or a hurried
-                server.
+            RallyError: no strokes, an unknown seat, stroke, ending, hand or position, a serve that is not the first stroke, or a
+                hurried server.
         """
         if not set(self.hands) <= set(HANDS):
             raise RallyError(f"hands {self.hands}: expected {' or '.join(HANDS)} for each player")
@@ -115,6 +118,8 @@ class Rally:
             raise RallyError("a rally starts with a serve and has no other; check the order of its strokes")
         if self.hurried.shape != self.stroke.shape or self.hurried[0]:
             raise RallyError(f"hurried {self.hurried.tolist()}: expected one for each of {len(self)} strokes, none for the serve")
+        if self.waited is not None and (self.waited.shape != self.stroke.shape or set(self.waited) - set(range(N_POSITIONS))):
+            raise RallyError(f"positions {self.waited.tolist()}: expected 0 to {N_POSITIONS - 1} for each of {len(self)} strokes")
         return self
 
     def __len__(self) -> int:
@@ -287,6 +292,7 @@ class Rallies:
             number=int(self.rally[i]),
             ends_changed=score.ends_changed,
             hands=hands,
+            waited=None if self.waited is None else self.waited[first:last].astype(np.int64),
         )
 
     def states(self, game: Layout) -> I32:

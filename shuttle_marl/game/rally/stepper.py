@@ -27,6 +27,7 @@ from shuttle_marl.base.arrays import F32, I8, U64
 from shuttle_marl.game.draws import choice_draw, draw, first_server, outcome_draw, position_draw, stream
 from shuttle_marl.game.observation import EFFORT, SWAP, features
 from shuttle_marl.game.policy import LAGS, Policy, States, checked_positions, checked_probabilities, drawn_strokes
+from shuttle_marl.game.rally.record import Rally
 from shuttle_marl.game.recovery import POSITIONS
 from shuttle_marl.game.rules import HURRIED_BELOW, RETURNED_BELOW
 from shuttle_marl.game.tables import Game
@@ -189,6 +190,11 @@ def _view(table: npt.NDArray[Any]) -> memoryview:
 def stepper_of(game: Game) -> Stepper:
     """The stepper of a game, built once."""
     return Stepper(game)
+
+
+def waited_at(rally: Rally, game: Game, stroke: int, state: int) -> int | None:
+    """Position that the receiver of a stroke chose, which is struck in a state; None: they had no choice, or it is not known."""
+    return None if rally.waited is None or not stepper_of(game).chooses_position(state) else int(rally.waited[stroke])
 
 
 def choose(

@@ -142,7 +142,7 @@ export class App {
       },
       changeSide: (seat, side) => this.changeSide(seat, side),
       takeOver: (seat) => void this.takeOver(seat),
-      hit: (stroke) => void this.hit(stroke),
+      choose: (choice) => void this.choose(choice),
       nextQuestion: () => void this.go(this.screen.learn.following(this.course.number)),
       isLast: () => this.isLast,
       daily: this.source.opening ? () => void this.challenges.daily().catch(failed) : null, // not on a page of single rallies
@@ -374,7 +374,8 @@ export class App {
     }
   }
 
-  private async hit(stroke: number): Promise<void> {
+  /** Plays the stroke, or waits in the position, that a person chose. */
+  private async choose(choice: number): Promise<void> {
     const { course, player, screen, shown } = this;
     const turn = shown?.rally.turn;
     if (!turn || !course.plan) {
@@ -382,7 +383,7 @@ export class App {
     }
     const chosen = performance.now();
     const undo = course.mark();
-    course.choose(turn.number, stroke);
+    course.choose(turn, choice);
     screen.board.show(null);
     screen.answered = turn;
     player.finish(); // while the rest is staged

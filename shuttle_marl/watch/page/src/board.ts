@@ -2,7 +2,8 @@
 
 import { h, percent, replaceChildren, sideColour } from "./dom";
 import { term } from "./glossary";
-import type { HallFacts, Option, Turn, TurnStroke } from "./wire.gen";
+import { Pad } from "./recover";
+import type { HallFacts, Option, OptionsReply, RallyFacts, Turn, TurnStroke } from "./wire.gen";
 import { type Key, listed, say, words } from "./words";
 
 const KEYS: Record<string, string> = {
@@ -25,8 +26,9 @@ const KEYS: Record<string, string> = {
 const GRID = { right: [6, 7, 8, 3, 4, 5, 0, 1, 2], left: [8, 7, 6, 5, 4, 3, 2, 1, 0] } as const;
 
 export interface BoardHooks {
-  hit(stroke: number): void;
-  hints(): Promise<Option[]>;
+  /** Plays a stroke, or waits in a position, as the turn asks. */
+  choose(choice: number): void;
+  hints(): Promise<OptionsReply>;
   aim(box: [number, number, number, number] | null): void;
 }
 
@@ -39,22 +41,31 @@ export class Board {
   /** Areas as the striker sees the other half: far ones above, their own left on the left. */
   private order: readonly number[] = GRID.right;
   private values = new Map<number, Option>();
+  private readonly pad: Pad;
 
   constructor(
     private readonly hall: HallFacts,
     private readonly hooks: BoardHooks,
-  ) {}
+  ) {
+    this.pad = new Pad(this.element, hall, {
+      wait: (position) => hooks.choose(position),
+      perfect: async () => (await hooks.hints()).positions,
+      aim: (box) => hooks.aim(box),
+    });
+  }
 
-  /** @param receiver hand of the opponent. */
-  show(turn: Turn | null, receiver = "right"): void {
+  /** Offers the choices of a turn of a rally; null: none. */
+  show(turn: Turn | null, rally: RallyFacts | null = null): void {
     if (turn === this.turn) {
       return;
     }
     this.turn = turn;
-    this.order = GRID[receiver as keyof typeof GRID];
     this.values.clear();
     document.body.classList.toggle("choosing", turn !== null);
-    if (turn) {
+    if (turn?.positions.length) {
+      this.pad.show(turn, rally!);
+    } else if (turn) {
+      this.order = GRID[rally!.players[1 - turn.seat]!.hand as keyof typeof GRID];
       this.shot = this.area = this.technique = "";
       this.draw();
       (this.element.querySelector(".shots button:not(:disabled)") as HTMLElement | null)?.focus({ preventScroll: true });
@@ -82,6 +93,11 @@ export class Board {
 
   private say(text: string): void {
     replaceChildren(this.element, h("h2", {}, h("span", {}, say("board.label"))), h("p", { class: "quiet" }, text));
+  }
+
+  /** The selected position; null while none is chosen. */
+  get position(): number | null {
+    return this.turn?.positions.length ? this.pad.position : null;
   }
 
   get selected(): TurnStroke | undefined {
@@ -223,7 +239,7 @@ export class Board {
 
   private async askHints(): Promise<void> {
     const { turn } = this;
-    const options = await this.hooks.hints();
+    const { options } = await this.hooks.hints();
     if (turn === this.turn && turn) {
       this.values = new Map(options.map((option) => [option.stroke, option]));
       this.draw();
@@ -233,12 +249,16 @@ export class Board {
   hit(): void {
     const stroke = this.selected;
     if (stroke) {
-      this.hooks.hit(stroke.stroke);
+      this.hooks.choose(stroke.stroke);
     }
   }
 
   /** Selects the area that contains a point of the court. */
   aimAt(x: number, y: number): void {
+    if (this.turn?.positions.length) {
+      this.pad.aimAt(x, y);
+      return;
+    }
     const found = this.turn?.strokes.find(
       ({ shot, box: [x0, x1, y0, y1] }) => shot === this.shot && x0 <= x && x <= x1 && y0 <= y && y <= y1,
     );
@@ -250,6 +270,9 @@ export class Board {
   key(key: string): boolean {
     if (!this.turn) {
       return false;
+    }
+    if (this.turn.positions.length) {
+      return this.pad.key(key);
     }
     const { strokes } = this.turn;
     if (key === "Enter") {

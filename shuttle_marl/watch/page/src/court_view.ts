@@ -4,8 +4,9 @@ import { type Child, capitalised, h, percent, replaceChildren, sideColour } from
 import { hurriedTag } from "./glossary";
 import { displayName, handTag } from "./names";
 import { breakWords } from "./narration";
+import { positionWords } from "./recover";
 import { CAMERAS, type Camera, type Stage } from "./stage";
-import type { RallyFacts, Stroke } from "./wire.gen";
+import type { HallFacts, RallyFacts, Stroke } from "./wire.gen";
 import { type Key, listed, say, words } from "./words";
 
 export class ScoreBug {
@@ -48,16 +49,22 @@ function fact(name: string, value: Child | Child[], kind = "", style = ""): HTML
 export class Chip {
   readonly element = h("div", { class: "chip", "aria-hidden": "true" });
   readonly speed = h("div", { class: "speed", "aria-hidden": "true" });
-  private shown: Stroke | null | undefined;
+  /** What the ring and the dots on the court say. */
+  readonly waits = h("div", { class: "waits", "aria-hidden": "true" });
+  private shown: unknown[] = [];
 
-  show(rally: RallyFacts, index: number): void {
+  constructor(private readonly hall: HallFacts) {}
+
+  /** @param perfect probabilities of the positions of the receiver under perfect play; null: none are shown. */
+  show(rally: RallyFacts, index: number, perfect: number[] | null): void {
     const stroke = rally.strokes[index] ?? null;
-    if (stroke === this.shown) {
+    if (this.shown[0] === stroke && this.shown[1] === perfect && this.shown.length) {
       return;
     }
-    this.shown = stroke;
+    this.shown = [stroke, perfect];
     this.element.classList.toggle("hidden", stroke === null);
     this.speed.classList.toggle("hidden", stroke === null);
+    this.showWaits(rally, stroke, perfect);
     if (!stroke) {
       return;
     }
@@ -80,6 +87,24 @@ export class Chip {
       say("page.kmh", { speed: "" }),
       h("div", {}, say("page.stroke_of", { number: index + 1, count: rally.strokes.length })),
     );
+  }
+
+  private showWaits(rally: RallyFacts, stroke: Stroke | null, perfect: number[] | null): void {
+    const likeliest = perfect ? perfect.indexOf(Math.max(...perfect)) : -1;
+    const line = (mark: string, who: string, where: string) =>
+      h("p", {}, h("i", { class: mark }), `${who}: `, h("b", {}, where));
+    this.waits.classList.toggle("hidden", stroke?.waited == null && !perfect);
+    replaceChildren(
+      this.waits,
+      stroke?.waited != null &&
+        line(
+          "ring",
+          say("recover.waits", { name: displayName(rally.names[1 - stroke.seat]!) }),
+          positionWords(this.hall, stroke.waited),
+        ),
+      perfect && line("spot", say("recover.best"), `${positionWords(this.hall, likeliest)} ${percent(perfect[likeliest]!)}`),
+    );
+    this.waits.style.setProperty("--mine", sideColour(1 - (stroke?.seat ?? 0)));
   }
 }
 

@@ -29,6 +29,8 @@ export class Frames {
   aim: [number, number, number, number] | null = null;
   /** Flight of a stroke that is pointed at. */
   flight: Flight | null = null;
+  /** Probabilities of the positions of the receiver under perfect play; null: none are shown. */
+  perfect: number[] | null = null;
   /** Whether frames are drawn on demand only, for a video. */
   onDemand = false;
   private shown: { rally: RallyFacts; motion: Motion } | null = null;
@@ -125,6 +127,7 @@ export class Frames {
       stage.flipped,
       this.aim,
       this.flight?.shot,
+      this.perfect,
       player.playing,
     ].join();
     if (seen !== this.seen) {
@@ -134,7 +137,7 @@ export class Frames {
     if (this.unsettled > 0 || stage.camera === "free") {
       this.unsettled--;
       [this.drawnAt, this.drawnTime] = [now, player.time];
-      stage.draw(rally, motion, player.time, this.aim, this.flight, !player.playing && !player.waits);
+      stage.draw(rally, motion, player.time, this.aim, this.flight, this.perfect, !player.playing && !player.waits);
     }
   }
 }

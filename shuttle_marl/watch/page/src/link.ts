@@ -59,8 +59,10 @@ export function writeLink({ plan, rally, stroke, tried }: Place): string {
     if (plan.changes?.length) {
       more.changes = plan.changes;
     }
-    if (plan.chosen && Object.keys(plan.chosen).length) {
-      more.chosen = plan.chosen;
+    for (const kind of ["chosen", "waited"] as const) {
+      if (Object.keys(plan[kind] ?? {}).length) {
+        more[kind] = plan[kind]!;
+      }
     }
     if (Object.keys(more).length) {
       out.set("more", JSON.stringify(more));

@@ -45,7 +45,7 @@ async function served(): Promise<Opened> {
     walk: async (wanted, motion) =>
       (await unpacked(await server.ask("rally", { ...query(wanted), have: false, walk: true }), motion)).motion,
     analysis: async (wanted) => (await server.ask("analysis", query(wanted))).facts,
-    options: async (wanted) => (await server.ask("options", query(wanted))).facts.options,
+    options: async (wanted) => (await server.ask("options", query(wanted))).facts,
     styles: async (wanted) => (await server.ask("styles", query(wanted))).facts,
     match: async (wanted) => (await server.ask("match", { ...query(wanted), partial: false })).facts,
     likeness: async (wanted) => (await server.ask("likeness", query(wanted))).facts,

@@ -2,11 +2,12 @@
 
 import { capitalised, percent } from "./dom";
 import { displayName, does } from "./names";
-import type { RallyFacts } from "./wire.gen";
+import { positionWords } from "./recover";
+import type { HallFacts, RallyFacts } from "./wire.gen";
 import { type Key, say, words } from "./words";
 
 /** One stroke as a sentence. */
-export function strokeSentence(rally: RallyFacts, i: number): string {
+export function strokeSentence(hall: HallFacts, rally: RallyFacts, i: number): string {
   const stroke = rally.strokes[i]!;
   const count = stroke.effort ?? 0;
   return say("stroke.sentence", {
@@ -21,6 +22,13 @@ export function strokeSentence(rally: RallyFacts, i: number): string {
     good: percent(stroke.p_succ),
     back: percent(stroke.p_ret),
     effort: count ? say(count > 1 ? "stroke.effort" : "stroke.effort_one", { count }) : "",
+    waited:
+      stroke.waited === null
+        ? ""
+        : say("stroke.waited", {
+            name: displayName(rally.names[1 - stroke.seat]!),
+            position: positionWords(hall, stroke.waited),
+          }),
   });
 }
 

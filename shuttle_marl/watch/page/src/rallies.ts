@@ -1,7 +1,7 @@
 // Cache of requested rallies; replies that a later request supersedes are dropped.
 
 import type { Motion } from "./motion";
-import type { Analysis, Likeness, MatchReply, OpeningReply, Option, Person, Plan, RallyFacts, Styles } from "./wire.gen";
+import type { Analysis, Likeness, MatchReply, OpeningReply, OptionsReply, Person, Plan, RallyFacts, Styles } from "./wire.gen";
 
 /** A requested rally: of a match by its plan, or a recorded one. */
 export interface Wanted {
@@ -22,7 +22,7 @@ export interface Source {
   /** The motion of a rally, followed by the walk to the next one; null: this page has no walks. */
   walk: ((wanted: Wanted, motion: Motion) => Promise<Motion>) | null;
   analysis(wanted: Wanted): Promise<Analysis>;
-  options(wanted: Wanted): Promise<Option[]>;
+  options(wanted: Wanted): Promise<OptionsReply>;
   styles(wanted: Wanted): Promise<Styles>;
   match(wanted: Wanted): Promise<MatchReply>;
   /** Players whose choices are like those of the person, up to a rally. */

@@ -19,7 +19,18 @@ import { SideCard, StylePanel } from "./sides";
 import { Sound } from "./sound";
 import type { Camera, Stage } from "./stage";
 import { Chances, LandingMap } from "./stroke_panels";
-import type { Analysis, Hello, OpeningReply, Option, RallyFacts, Side, Styles, Turn } from "./wire.gen";
+import type {
+  Analysis,
+  HallFacts,
+  Hello,
+  OpeningReply,
+  Option,
+  OptionsReply,
+  RallyFacts,
+  Side,
+  Styles,
+  Turn,
+} from "./wire.gen";
 import { decimal, say } from "./words";
 
 export interface Acts extends Hooks {
@@ -34,8 +45,8 @@ export interface Acts extends Hooks {
   playFrom(stroke: number): void;
   changeSide(seat: number, side: Side): void;
   takeOver(seat: number): void;
-  hit(stroke: number): void;
-  hints(): Promise<Option[]>;
+  choose(choice: number): void;
+  hints(): Promise<OptionsReply>;
   /** Shows the rally of the next question. */
   nextQuestion(): void;
   /** Whether the page has no rally after this one. */
@@ -67,7 +78,7 @@ export class Screen {
   private readonly sound = new Sound();
   private readonly modes: readonly Mode[];
   private readonly bug = new ScoreBug();
-  private readonly chip = new Chip();
+  private readonly chip: Chip;
   private readonly speed = new SpeedLabel();
   private readonly cameras;
   private readonly curve: Curve;
@@ -86,6 +97,8 @@ export class Screen {
   private readonly player: Player;
   private readonly stage: Stage | null;
 
+  private readonly hall: HallFacts;
+
   /** @param live whether the page has a server. */
   constructor(
     hello: Hello,
@@ -94,10 +107,12 @@ export class Screen {
     private readonly live: boolean,
   ) {
     const { player, stage } = frames;
+    this.hall = hello.hall;
     this.player = player;
     this.stage = stage;
     const match = hello.recorded === null;
     this.modes = match && live ? MODES : MODES.slice(0, 3);
+    this.chip = new Chip(hello.hall);
     this.cameras = cameraButtons((camera) => acts.camera(camera));
     this.moves = new MoveList((stroke) => acts.seekStroke(stroke));
     this.options = new OptionTable(live ? (stroke) => acts.whatIf(stroke) : null);
@@ -134,7 +149,7 @@ export class Screen {
       back: () => acts.backToPlayed(),
     });
     this.board = new Board(hello.hall, {
-      hit: (stroke) => acts.hit(stroke),
+      choose: (choice) => acts.choose(choice),
       hints: () => acts.hints(),
       aim: (box) => (frames.aim = box),
     });
@@ -152,7 +167,14 @@ export class Screen {
     this.layout = new Layout(
       {
         canvas: stage?.canvas ?? null,
-        overlays: [this.bug.element, this.cameras.element, this.chip.element, this.chip.speed, this.speed.element],
+        overlays: [
+          this.bug.element,
+          this.cameras.element,
+          this.chip.element,
+          this.chip.waits,
+          this.chip.speed,
+          this.speed.element,
+        ],
         left: [
           ...(match && live ? this.sides.map((side) => side.element) : []),
           match ? this.styles.element : null,
@@ -325,7 +347,7 @@ export class Screen {
     this.moves.keepInView();
     const over = this.isOver(rally);
     this.bug.show(rally, player.stroke >= 0, over);
-    this.chip.show(rally, player.stroke);
+    this.chip.show(rally, player.stroke, this.frames.perfect);
     this.curve.move(player.time);
     if (this.stage) {
       this.cameras.show(this.stage.camera);
@@ -344,7 +366,7 @@ export class Screen {
     }
     this.layout.banner.classList.toggle("hidden", !over); // the viewer may go back
     if (rally.turn && rally.turn !== this.answered && player.stroke === rally.turn.number - 1) {
-      this.board.show(rally.turn, rally.players[1 - rally.turn.seat]!.hand);
+      this.board.show(rally.turn, rally);
     }
     const question = this.learn.current;
     if (question !== null && !player.playing && Math.abs(player.time - (rally.strokes[question]!.time - BEFORE)) < 0.05) {
@@ -362,13 +384,14 @@ export class Screen {
     this.shownStroke = stroke;
     const at = Math.max(stroke, 0);
     const known = this.hidden === null ? this.mode !== "play" || rally.winner !== null : at < this.hidden;
+    this.frames.perfect = known ? (this.analysis?.strokes[at]?.positions ?? null) : null;
     this.moves.mark(stroke);
     this.options.show(rally, at, known ? this.analysis : null, this.mode === "learn");
     this.chances.show(rally, at);
     const landing = known ? (this.analysis?.landings[at]?.[rally.strokes[at]?.seat ?? 0] ?? null) : null;
     this.landing.show(rally, at, landing);
     for (let i = Math.max(this.saidStroke + 1, 0); i <= stroke; i++) {
-      this.layout.tell(strokeSentence(rally, i));
+      this.layout.tell(strokeSentence(this.hall, rally, i));
     }
     this.saidStroke = Math.max(this.saidStroke, stroke);
   }

@@ -177,7 +177,11 @@ function sketch({ from: [x, y, z], box: [x0, x1, y0, y1], shot }: Flight): THREE
   });
 }
 
-/** Markers of the target area of a stroke and of the point where a rally ended. */
+const DOT = 0.5; // radius of the dot of a position that perfect play always chooses [m]
+const FAINT = 0.02; // probability below which a position has no dot
+const POSITIONS = 9;
+
+/** Markers of the target area of a stroke, of the positions of its receiver, and of the point where a rally ended. */
 export class Marks {
   readonly area: THREE.Group;
   readonly landing: THREE.Mesh;
@@ -185,6 +189,9 @@ export class Marks {
     new THREE.BufferGeometry(),
     new THREE.LineDashedMaterial({ color: 0xfbbf24, dashSize: 0.25, gapSize: 0.15, fog: false }),
   );
+  /** A ring where the receiver waits, and dots where perfect play does; their areas are its probabilities. */
+  readonly waits = new THREE.Group();
+  private readonly ring: THREE.Mesh<THREE.RingGeometry, THREE.MeshBasicMaterial>;
   private readonly fill: THREE.Mesh<THREE.PlaneGeometry, THREE.MeshBasicMaterial>;
   private readonly edge: THREE.LineLoop<THREE.BufferGeometry, THREE.LineBasicMaterial>;
 
@@ -202,6 +209,31 @@ export class Marks {
       new THREE.MeshBasicMaterial({ transparent: true, opacity: 0.95, depthWrite: false }),
     );
     this.landing.visible = false;
+    this.ring = new THREE.Mesh(
+      new THREE.RingGeometry(0.5, 0.56, 48).rotateX(-Math.PI / 2),
+      new THREE.MeshBasicMaterial({ transparent: true, opacity: 0.95, depthWrite: false }),
+    );
+    const [disc, paint] = [
+      new THREE.CircleGeometry(DOT, 40).rotateX(-Math.PI / 2),
+      new THREE.MeshBasicMaterial({ color: 0xffffff, transparent: true, opacity: 0.4, depthWrite: false }),
+    ];
+    this.waits.add(this.ring, ...Array.from({ length: POSITIONS }, () => new THREE.Mesh(disc, paint)));
+  }
+
+  /** Shows where a receiver waits, and `[x, y, probability]` of perfect play in each position. */
+  showWaits(stood: [number, number] | null, perfect: [number, number, number][], colour: THREE.Color): void {
+    const [ring, ...dots] = this.waits.children as THREE.Mesh[];
+    ring!.visible = stood !== null;
+    if (stood) {
+      ring!.position.copy(at(...stood, 0.014));
+      this.ring.material.color.copy(colour);
+    }
+    dots.forEach((dot, i) => {
+      const [x, y, share] = perfect[i] ?? [0, 0, 0];
+      dot.visible = share >= FAINT;
+      dot.position.copy(at(x, y, 0.013));
+      dot.scale.setScalar(Math.sqrt(share) || 1);
+    });
   }
 
   /** Shows an area `[x0, x1, y0, y1]` of the court, or none. */

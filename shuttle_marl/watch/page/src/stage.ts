@@ -7,6 +7,7 @@ import { clone } from "three/addons/utils/SkeletonUtils.js";
 import { Athlete, type Kit } from "./athlete";
 import { at, Backdrop, BEHIND, buildHall, DARK, facing, simplify } from "./hall";
 import type { Motion } from "./motion";
+import { placeOf } from "./recover";
 import { type Flight, Marks, Shuttle } from "./shuttle";
 import type { HallFacts, RallyFacts, Vec3 } from "./wire.gen";
 
@@ -112,6 +113,7 @@ export class Stage {
       this.marks.area,
       this.marks.landing,
       this.marks.flight,
+      this.marks.waits,
     );
     this.controls = new OrbitControls(this.eye, this.canvas);
     this.controls.enabled = false;
@@ -190,6 +192,7 @@ export class Stage {
    * Draws a rally at a time [s].
    * @param target replaces the target area of the stroke unless it is null.
    * @param flight flight that is sketched; null: none.
+   * @param perfect probabilities of the positions of the receiver; null: none are shown.
    * @param paused whether the whole flight of the shuttle is drawn.
    */
   draw(
@@ -198,6 +201,7 @@ export class Stage {
     time: number,
     target: [number, number, number, number] | null,
     flight: Flight | null,
+    perfect: number[] | null,
     paused: boolean,
   ): void {
     if (!this.athletes) {
@@ -228,6 +232,10 @@ export class Stage {
     this.area = target ?? (flying ? stroke.box : null);
     this.marks.showFlight(flight);
     this.marks.showArea(this.area, target ? new THREE.Color("#fbbf24") : colour);
+    const receiver = 1 - (stroke?.seat ?? 0);
+    const place = (position: number) => placeOf(this.facts, rally, receiver, position);
+    const stood = flying && stroke.waited !== null ? place(stroke.waited) : null;
+    this.marks.showWaits(stood, flying ? (perfect ?? []).map((p, i) => [...place(i), p]) : [], this.colours[receiver]!);
     const last = rally.strokes.at(-1);
     const over = last !== undefined && rally.winner !== null && time >= last.end_time;
     this.excitement.value = over

@@ -38,6 +38,8 @@ export function state(
     speed: player.speed,
     turn: screen.board.turn,
     selected: screen.board.selected ?? null,
+    position: screen.board.position,
+    waited: rally?.strokes.map((stroke) => stroke.waited),
     person: course.person,
     asked: screen.learn.current,
     camera: stage?.camera,

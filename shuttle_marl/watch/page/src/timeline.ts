@@ -2,7 +2,7 @@
 
 import { type Place, writeLink } from "./link";
 import type { Wanted } from "./rallies";
-import type { Person, Plan, Side } from "./wire.gen";
+import type { Person, Plan, Side, Turn } from "./wire.gen";
 
 /** Snapshot for undo. */
 type Mark = Pick<Timeline, "plan" | "number" | "tried" | "person" | "original">;
@@ -75,25 +75,29 @@ export class Timeline {
     }
   }
 
-  /** Adds a stroke chosen by a person. */
-  choose(at: number, stroke: number): void {
+  /** Adds what a person chose in a turn: a stroke, or a position. */
+  choose(turn: Turn, choice: number): void {
     const plan = this.plan!;
-    const chosen = { ...plan.chosen?.[this.number], [at]: stroke };
-    this.plan = { ...plan, chosen: { ...plan.chosen, [this.number]: chosen } };
+    const kind = turn.positions.length ? "waited" : "chosen";
+    const choices = { ...plan[kind]?.[this.number], [turn.number]: choice };
+    this.plan = { ...plan, [kind]: { ...plan[kind], [this.number]: choices } };
   }
 
-  /** Replaces a played stroke; drops strokes chosen after it. */
+  /** Replaces a played stroke; drops what was chosen after it. The receiver waits where they waited. */
   try(at: number, stroke: number): void {
-    const { plan } = this;
-    const earlier = (chosen: Record<string, number>) =>
-      Object.fromEntries(Object.entries(chosen).filter(([k]) => Number(k) < at));
+    const { plan, number } = this;
+    const before = <T>(choices: Record<string, T>, end: number): Record<string, T> =>
+      Object.fromEntries(Object.entries(choices).filter(([k]) => Number(k) < end));
     if (plan) {
       this.original ??= plan;
-      const before = Object.entries(plan.chosen ?? {}).filter(([rally]) => Number(rally) < this.number);
-      const chosen = { ...earlier(plan.chosen?.[this.number] ?? {}), [at]: stroke };
-      this.plan = { ...plan, chosen: { ...Object.fromEntries(before), [this.number]: chosen } };
+      const { chosen = {}, waited = {} } = plan;
+      this.plan = {
+        ...plan,
+        chosen: { ...before(chosen, number), [number]: { ...before(chosen[number] ?? {}, at), [at]: stroke } },
+        waited: { ...before(waited, number), [number]: before(waited[number] ?? {}, at + 1) },
+      };
     } else {
-      this.tried = { ...earlier(this.tried), [at]: stroke };
+      this.tried = { ...before(this.tried, at), [at]: stroke };
     }
   }
 

@@ -22,6 +22,7 @@ export interface Hello {
 export interface HallFacts {
   court: CourtFacts;
   areas: AreaFacts[];
+  positions: PositionFacts[];
   racket: RacketFacts;
   shuttle: ShuttleFacts;
   bones: string[];
@@ -50,6 +51,12 @@ export interface CourtFacts {
 export interface AreaFacts {
   name: string;
   box: [[number, number], [number, number]];
+}
+
+/** A position as a right-handed player sees it, in their own frame, and the place where they stand in it [m]. */
+export interface PositionFacts {
+  box: [[number, number], [number, number]];
+  place: [number, number];
 }
 
 /** Dimensions of a racket [m]. */
@@ -84,6 +91,7 @@ export interface Plan {
   sides: [Side, Side];
   changes?: Change[];
   chosen?: Record<string, Record<string, number>>;
+  waited?: Record<string, Record<string, number>>;
   points?: number | null;
 }
 
@@ -176,7 +184,7 @@ export interface ScoreFacts {
   changes_ends: boolean;
 }
 
-/** A stroke of a rally; ``hurried``: whether its striker was late or stretched. */
+/** A stroke of a rally. */
 export interface Stroke {
   stroke: number;
   seat: number;
@@ -190,6 +198,7 @@ export interface Stroke {
   p_ret: number;
   person: boolean;
   hurried: boolean;
+  waited: number | null;
   effort: number | null;
   opponent_effort: number | null;
   duel: number | null;
@@ -203,13 +212,14 @@ export interface Stroke {
   speed: number;
 }
 
-/** A choice of a person; ``hurried``: whether they are late or stretched. */
+/** A choice of a person: of a stroke, or of the position in which they wait for one of the opponent. */
 export interface Turn {
   seat: number;
   number: number;
   height: string;
   hurried: boolean;
   strokes: TurnStroke[];
+  positions: number[];
 }
 
 /** A stroke that a person may choose. */
@@ -262,6 +272,7 @@ export interface StrokeValue {
   question: Question | null;
   options: Option[];
   support: number | null;
+  positions: number[] | null;
 }
 
 /** The right answer and wrong ones, the stroke played first; ``share`` of elite players who choose the right shot type. */
@@ -288,7 +299,7 @@ export interface Option {
   probability: number;
 }
 
-/** Values of the strokes between which a person chooses. */
+/** Values of the strokes between which a person chooses, or where perfect play waits. */
 export interface OptionsRequest {
   rally: number;
   plan?: Plan | null;
@@ -296,9 +307,10 @@ export interface OptionsRequest {
   tried?: Record<string, number>;
 }
 
-/** Reply to OptionsRequest. */
+/** Reply to OptionsRequest: strokes, or probabilities of positions under perfect play; the other is empty. */
 export interface OptionsReply {
   options: Option[];
+  positions: number[];
 }
 
 /** Styles of both players of a rally. */
