@@ -1,6 +1,6 @@
 """Comparison of the variants of self-play: exploitability of PPO after several training budgets, with several seeds each.
 
-    python -m experiments.self_play [--seeds N] [--variants NAME ...] [--strokes N ...] [--out FOLDER] [--resume] [--json]
+    python -m experiments.self_play [--game NAME] [--seeds N] [--variants NAME ...] [--strokes N ...] [--out FOLDER] [--resume] [--json]
 
 Learning rate and entropy decay over the budget of each run, so a short run is no prefix of a long one. Exploitability is exact,
 of the last policy and of the best evaluated one. Seconds include evaluations and depend on the machine. Runs are trained in
@@ -59,6 +59,8 @@ class SelfPlayStudy:
     """Continue the run in --out."""
     overwrite: bool = False
     """Replace the run in --out."""
+    game: str = "default"
+    """The game."""
 
     def __post_init__(self) -> None:
         if not self.variants or not self.strokes or min(self.strokes) < 1:
@@ -84,6 +86,7 @@ class SelfPlayStudy:
             (variant, strokes): [
                 PPOConfig(
                     opponent=("self",),
+                    game=self.game,
                     variant=variant,
                     strokes=strokes,
                     seed=seed,
@@ -147,7 +150,7 @@ def self_play(
         settings = {
             name: value for name, value in next(iter(training.values()))[0].fixed().items() if name not in ("seed", "variant")
         }
-        result = {"game": load_game("default").hash, **config.compared(), "config": settings, "rows": measure(training)}
+        result = {"game": load_game(config.game).hash, **config.compared(), "config": settings, "rows": measure(training)}
         result = save_results(folder, result, None)
     if as_json:
         sys.stdout.write(json.dumps(result, indent=1) + "\n")

@@ -183,9 +183,9 @@ def depth_lists() -> str:
 
 
 def recovery_truth() -> str:
-    """What positions change on the validation matches, from ``experiments/results/truth_recovery.json``."""
+    """What positions change on matches that no fit saw, from ``experiments/results/truth_cross.json``."""
     rows = []
-    for effect, of in saved("experiments", "truth_recovery")["recovery"].items():
+    for effect, of in saved("experiments", "truth_cross")["recovery"].items():
         change = f"{1e5 * of['log_loss_change']:.0f} ({1e5 * of['low']:.0f} to {1e5 * of['high']:.0f})"
         slope = f"{of['slope']:.2f} ({of['slope_low']:.2f} to {of['slope_high']:.2f})"
         rows.append((effect, change, slope, f"{of['strokes']:,}"))

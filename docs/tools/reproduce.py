@@ -89,8 +89,12 @@ RESULTS: Final[dict[str, Result]] = (
             ("styles", ("styles",), "styles --seeds 10 --out runs/again --json {out}", 0.2, "an hour"),
             (
                 "truth_cross",
-                tuple(
-                    f"truth_{name}" for name in ("calibration", "figures", "forecasts", "memory", "shots", "slopes", "told_apart")
+                (
+                    "recovery_truth",
+                    *(
+                        f"truth_{name}"
+                        for name in ("calibration", "figures", "forecasts", "memory", "shots", "slopes", "told_apart")
+                    ),
                 ),
                 "truth --data {data} --cross 4 --out {out}",
                 0.02,
@@ -107,7 +111,6 @@ RESULTS: Final[dict[str, Result]] = (
                 0.02,
                 "half an hour",
             ),
-            ("truth_recovery", ("recovery_truth",), "truth --data {data} --split validation --halvings 0 --out {out}", 0.02, ""),
             ("win_rates", ("win_rates", "win_rates_matrix"), "win_rates --out runs/again --json {out}", 0.1, "15 minutes"),
         )
     }

@@ -5,15 +5,15 @@ strokes equal it; and the same stroke to the other side, which players of differ
 a right-hander flies to the backhand side of a left-hander.
 
 **Legality.** A stroke is a legal reply where people *choose* it. People have played the stroke against the incoming shot type in
-the area where it is met, and eight times against the incoming shot type, or it is the most frequent target of its shot type,
-height and technique there, with five strokes to any target; and its shot type five times in this third of the court (front,
-middle, back) at this height. Of the strokes with which the fitted average player meets the incoming stroke at this height, at
-least 1.5 % are such strokes of its shot type, and at least 2 % of those of its shot type have its technique. What happens less
-often is an opportunity of few situations, such as a net kill of a short lift, whose results say nothing about the others. Where
-this leaves no stroke, areas do not count; then the shot types are legal that make up 5 % of all strokes from this third and
-height, with each technique that occurs five times against any stroke; and in small data, where this leaves none either, all that
-occur five times at this height. No stroke of the front court is legal in the back third, and none around the head on the forehand
-side.
+the area where it is met, or, where fewer than 50 such strokes at its height are known, in this third of the court (front, middle,
+back); and twice against the incoming shot type, or it is the most frequent target of its shot type, height and technique there,
+with five strokes to any target; and its shot type five times in this third at this height. Of the strokes with which the fitted
+average player meets the incoming stroke at this height, at least 2 % are such strokes of its shot type, and at least 1 % of
+those of its shot type have its technique. What happens less often is an opportunity of few situations, such as a net kill of a
+short lift, whose results say nothing about the others. Where this leaves no stroke, areas do not count; then the shot types are
+legal that make up 5 % of all strokes from this third and height, with each technique that occurs five times against any stroke;
+and in small data, where this leaves none either, all that occur five times at this height. No stroke of the front court is legal
+in the back third, and none around the head on the forehand side.
 
 **Extremes.** Faults and winners are counted in nested cells: shot type and area; the whole stroke; against one incoming shot
 type; against one incoming shot type and area. The rate of a cell is shrunk to that of the enclosing cell with the weight of 40
@@ -45,16 +45,18 @@ from shuttle_marl.game.tabulated import base_pairs, hurry_units, layout, thresho
 from shuttle_marl.game.thresholds import ONE
 
 AREA_SHARE: Final = 0.03
-SHOT_SHARE: Final = 0.015
+SHOT_SHARE: Final = 0.02
 """Minimum share of a legal shot type in the choices of the fitted average player, of those to supported targets. Chosen with the
 other numbers of the rule by the health of the solved game and the illegal strokes of people (``docs/truth_record.md``)."""
-TECHNIQUE_SHARE: Final = 0.02
+TECHNIQUE_SHARE: Final = 0.01
 """The same for a technique among the choices of a shot type."""
 _FALLBACK_SHARE: Final = 0.05
 CONTEXT_STROKES: Final = 20.0
 """Weight of the contexts of a shot type in those of an incoming stroke, in strokes."""
 MIN_STROKES: Final = 20
-MIN_REPLIES: Final = 8
+MIN_REPLIES: Final = 2
+SMALL_CELL: Final = 50
+"""Where people met an incoming shot type in an area less often, at a height, what they play in its third of the court counts."""
 MIN_STYLE: Final = 5
 PRIOR_STROKES: Final = 40.0
 CREDIBLE: Final = 0.90
@@ -124,8 +126,13 @@ def replies_of(rows: Rows, catalogue: Catalogue, choices: F64, share: float = SH
     styled = rows.count("incoming_shot", "shot", "contact", "technique")
     supported = _supported(rows)
     # Replies by incoming shot type, third of the court and height at which it is met, and own shot type.
-    met = rows.count("incoming_shot", "incoming_area", "contact", "shot")[:N_SHOTS, :N_AREAS]
-    situation = np.stack([met[:, third_of(np.arange(N_AREAS)) == third].sum(axis=1) for third in range(N_THIRDS)], axis=1)
+    met = rows.count("incoming_shot", "incoming_area", "contact", "shot")
+    situation, in_third = (
+        np.stack(
+            [cells[:N_SHOTS, :N_AREAS][:, third_of(np.arange(N_AREAS)) == third].sum(axis=1) for third in range(N_THIRDS)], axis=1
+        )
+        for cells in (met, here)
+    )
     everywhere = situation.sum(axis=0)
     anywhere = (everywhere >= MIN_STYLE) & (everywhere >= _FALLBACK_SHARE * everywhere.sum(axis=-1, keepdims=True))
     of_technique = choices >= TECHNIQUE_SHARE * choices.sum(axis=-1, keepdims=True)
@@ -144,7 +151,8 @@ def replies_of(rows: Rows, catalogue: Catalogue, choices: F64, share: float = SH
         played = frequent[shot][parts] & reach & ~catalogue.is_serve
         played &= of_technique[incoming][catalogue.height, catalogue.shot, catalogue.technique]
         played &= situation[shot, third, catalogue.height, catalogue.shot] >= MIN_STYLE
-        there = played & (cell[parts] > 0)
+        small = cell.sum(axis=(0, 1, 3)) < SMALL_CELL
+        there = played & ((cell[parts] > 0) | (small[catalogue.height] & (in_third[shot, third][parts] > 0)))
         # Where the strokes of each shot type and technique go: those of the cell, shrunk to those against the shot type.
         aim = (cell + CONTEXT_STROKES * usual[shot]) / (cell.sum(axis=1, keepdims=True) + CONTEXT_STROKES)
         legal_aim = np.zeros(aim.shape)

@@ -221,7 +221,7 @@ def test_baselines_of_offline(method: str, tmp_path: Path, monkeypatch: pytest.M
     folder = run("offline-v0", method, tmp_path / "run")
     found = summary(folder)
     # In rallies: the edge of the best response, the unit of the score, depends on the game. Networks have learned for 100 steps.
-    assert found["scores"]["rally_win"]["value"] > 0.4
+    assert found["scores"]["rally_win"]["value"] > 0.3
     assert found["score"] < 1
     assert verified(folder).refused == []
     if method in TABULAR:

