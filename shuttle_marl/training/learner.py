@@ -93,7 +93,7 @@ class Learner(abc.ABC):
 
     @abc.abstractmethod
     def predict(self, observation: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """``[U, n]`` logits and ``[U]`` values for ``[U, 7]`` observations, with recovery ``[U, n + 9]`` logits for ``[U, 8]``."""
+        """``[U, n]`` logits, ``[U]`` values for ``[U, 7]`` observations; with recovery ``[U, n + 9]`` logits for ``[U, 8]``."""
 
     def prepare(self, remaining: float) -> None:  # noqa: B027
         """Prepare the actor for a rollout.
