@@ -21,9 +21,7 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from benchmarks.court_rules import Breaches, Umpire
 from benchmarks.machine import this_machine
-from benchmarks.motion_metrics import measure, summary
 from shuttle_marl.game import default_game, draws
 from shuttle_marl.game.rally.record import Rally
 from shuttle_marl.game.rules import RETURNED_BELOW
@@ -31,6 +29,8 @@ from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.kernel import Matches, play_matches, play_rallies
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.staging import ATHLETES, Motion, continue_motion, stage
+from tests.staging.court_rules import Breaches, Umpire
+from tests.staging.motion_metrics import measure, summary
 
 _HANDS: Final = ("right", "right", "left")
 _QUICK: Final = 40

@@ -1,6 +1,6 @@
 """Takes ``docs/images/foxglove.png`` and pictures of every camera: ``python -m docs.tools.foxglove_picture``.
 
-Foxglove Studio (:mod:`experiments.studio`) opens the scene of a varied rally of two imitated players at its last stroke, a smash,
+Foxglove Studio (:mod:`docs.tools.studio`) opens the scene of a varied rally of two imitated players at its last stroke, a smash,
 and the scene of the whole match at a smash in its middle (``foxglove_match.png``).
 """
 
@@ -11,7 +11,7 @@ from typing import Final
 
 from docs.tools.markdown import IMAGES
 from docs.tools.scene_picture import PLAYERS, lively, strokes
-from experiments.studio import NO_PROBLEMS, install, visit
+from docs.tools.studio import NO_PROBLEMS, install, visit
 from shuttle_marl.commands.recording import main as recording
 from shuttle_marl.league import LeagueConfig, run_league
 from shuttle_marl.recording import RallyLog

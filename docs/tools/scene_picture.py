@@ -1,7 +1,7 @@
 """Draws ``docs/images/scene.png``, ``moments.png`` and ``film.webp``: ``python -m docs.tools.scene_picture``.
 
 Two imitated players play ten matches. The first varied rally of a deciding game that ends with a smash becomes a scene file, and
-``experiments.pictures`` draws it without a viewer.
+:mod:`docs.tools.scene_file` draws it without a viewer.
 """
 
 import json
@@ -15,8 +15,8 @@ from mcap.reader import make_reader
 from PIL import Image
 
 from docs.tools.markdown import IMAGES
-from experiments.pictures.raster import Camera
-from experiments.pictures.scene_file import SceneFile
+from docs.tools.raster import Camera
+from docs.tools.scene_file import SceneFile
 from shuttle_marl.commands.recording import main as recording
 from shuttle_marl.game.rules import WINNER
 from shuttle_marl.game.stroke import SHOTS

@@ -1,14 +1,12 @@
-"""The size of the package, imports in a loop, and the files that take part in one step.
+"""The size of the repository, imports in a loop, and the files whose functions run in one step.
 
-    python -m docs.tools.size [ROOT] [--json]
+    python -m docs.tools.size [--json]
 
-ROOT is the root of a checkout, by default this one. A Python file takes part in a step if one of its functions runs, or if a
-function that runs uses a name from it. A step is traced when it is executed for the second time, so preparation does not count.
-A stroke runs uncompiled. Training is too slow for that: of compiled files it shows those whose functions Python code uses.
+Lines with code are those without blank lines, comments and docstrings; lines of other strings count. A step is traced uncompiled
+and when it is executed for the second time, so preparation does not count.
 """
 
 import ast
-import dataclasses
 import io
 import json
 import os
@@ -20,18 +18,18 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, Final
 
+import grimp
 import tyro
-from rich.console import Console
 
 from docs.tools.markdown import ROOT, markdown
-from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.commands import cli
 
 PACKAGE: Final = "shuttle_marl"
-STROKE: Final = """
+_OUTSIDE: Final = ("benchmarks", "datasets", "docs", "experiments")
+_STROKE: Final = """
 from shuttle_marl import rally_v0
 env = rally_v0.env()
-def play():
+while True:
     env.reset(seed=1)
     traced(lambda: env.step(env.action_space(env.agent_selection).sample(env.last()[0]["action_mask"])))
 """
@@ -41,165 +39,84 @@ from pathlib import Path
 from shuttle_marl.training import PPOConfig, train
 from {module} import {owner}
 step = {owner}.{method}
-{owner}.{method} = lambda *arguments: traced(lambda: step(*arguments))
-def play():
-    with tempfile.TemporaryDirectory() as folder:
-        sizes = dict(strokes=32, batch=32, width=4, checkpoint_every=1)
-        train(PPOConfig(opponent=("self",), record="{record}", out=Path(folder) / "run", **sizes))
+{owner}.{method} = lambda *arguments: traced(lambda: {call})
+with tempfile.TemporaryDirectory() as folder:
+    train(PPOConfig(strokes=1000, batch=32, width=4, checkpoint_every=1, record="{record}", out=Path(folder) / "run"))
 """
+_ITERATE: Final = {"module": "shuttle_marl.training.learner", "owner": "Trainer", "method": "iterate", "record": "none"}
+_RECORD: Final = {"module": "shuttle_marl.training.rally_log", "owner": "RunLog", "method": "record", "record": "all"}
 _STEPS: Final = {
-    "training_step": _TRAINING.format(module="shuttle_marl.training.learner", owner="Trainer", method="iterate", record="none"),
-    "recorded_rally": _TRAINING.format(module="shuttle_marl.training.rally_log", owner="RunLog", method="record", record="all"),
+    "stroke": _STROKE,
+    "training_step": _TRAINING.format(**_ITERATE, call="step(*arguments)"),
+    "recorded_rally": _TRAINING.format(**_RECORD, call="[step(*arguments), arguments[0].flush()]"),
 }
-"""Steps that are methods called in training."""
-FRAME: Final = "watch/page/src/frame.ts"
-"""Module of the page that draws one frame, relative to the package."""
+"""Code that calls ``traced(call)`` with the step, at least twice."""
+_FRAME: Final = ROOT / PACKAGE / "watch/page/src/frame.ts"
+"""Module of the page that draws one frame."""
 _TRACE: Final = """
 import json, sys, threading
-files = {{}}
+files, calls = set(), 0
 def note(frame, event, _):
     if event == "call":
-        files.setdefault(frame.f_code.co_filename, set()).update(frame.f_code.co_names)
+        files.add(frame.f_code.co_filename)
 def traced(call):
+    global calls
+    calls += 1
     files.clear()
     sys.setprofile(note)
     try:
-        return call()
+        result = call()
     finally:
         sys.setprofile(None)
-{setup}
+    if calls == 2:
+        raise SystemExit
+    return result
 threading.setprofile(note)  # what a step leaves to threads is a part of it
-play()
-play()
-print("\\n" + json.dumps({{file: sorted(names) for file, names in files.items()}}))
+try:
+    exec({setup!r})
+finally:
+    print("\\n" + json.dumps(sorted(files)))
 """
 _IMPORT: Final = re.compile(r'^(?:import|export)\b[^"\';]*["\'](\.[^"\']*)["\']', re.MULTILINE)
 
 
-class SizeError(ShuttleError):
-    """A folder without the package, or a step that cannot be executed."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Module:
-    """A Python file of the package.
-
-    Attributes:
-        name: dotted name.
-        lines: number of lines.
-        code: number of those with code: no blank lines, comments and docstrings; lines of other strings count.
-        origins: module of the package from which each name is imported; imports for type checking are left out.
-    """
-
-    name: str
-    lines: int
-    code: int
-    origins: dict[str, str]
-
-
-def modules(root: Path) -> dict[Path, Module]:
-    """All modules of the package of a checkout, by path.
-
-    Raises:
-        SizeError: there is no package.
-    """
-    paths = sorted((root / PACKAGE).rglob("*.py"))
-    if not paths:
-        raise SizeError(f"{root}: no package {PACKAGE} here; give the root of a checkout")
-    names = {path: ".".join(path.relative_to(root).with_suffix("").parts).removesuffix(".__init__") for path in paths}
-    known = frozenset(names.values())
-    found = {}
-    for path, name in names.items():
-        text = path.read_text(encoding="utf-8")
-        tree = ast.parse(text)
-        found[path] = Module(name, len(text.splitlines()), _code(text, tree), dict(_imports(tree, known)))
-    return found
-
-
-def _code(text: str, tree: ast.Module) -> int:
+def lines_of(text: str) -> int:
+    """Number of lines with code of a Python file."""
     left_out = {tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER}
-    lines: set[int] = set()
-    for token in tokenize.generate_tokens(io.StringIO(text).readline):
-        if token.type not in left_out:
-            lines.update(range(token.start[0], token.end[0] + 1))
-    for node in ast.walk(tree):
+    tokens = tokenize.generate_tokens(io.StringIO(text).readline)
+    lines = {line for token in tokens if token.type not in left_out for line in range(token.start[0], token.end[0] + 1)}
+    for node in ast.walk(ast.parse(text)):
         if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str):
             lines.difference_update(range(node.lineno, (node.end_lineno or node.lineno) + 1))
     return len(lines)
 
 
-def _imports(node: ast.AST, known: frozenset[str]) -> Iterator[tuple[str, str]]:
-    """Every imported name, and the module of the package that it comes from."""
-    for child in ast.iter_child_nodes(node):
-        if isinstance(child, ast.If) and ast.unparse(child.test) == "TYPE_CHECKING":
-            continue
-        if isinstance(child, ast.Import):
-            yield from ((alias.asname or alias.name, alias.name) for alias in child.names if alias.name in known)
-        elif isinstance(child, ast.ImportFrom) and child.module in known:
-            for alias in child.names:
-                part = f"{child.module}.{alias.name}"
-                yield alias.asname or alias.name, part if part in known else str(child.module)
-        yield from _imports(child, known)
+def circles(*, types: bool = False) -> list[str]:
+    """Imports within the package, and files of the page, without which nothing would import itself in a loop.
 
-
-def circles(found: dict[Path, Module], root: Path) -> list[str]:
-    """Parts of a package, and files of the page, that import each other in a loop; a line for each.
-
-    Parts are files, and folders as one part; ``__init__.py`` is left out. For the page, imports of types count.
-    """
-    edges: dict[str, dict[str, set[str]]] = {}
-    for path, module in found.items():
-        for target in set(module.origins.values()) if path.name != "__init__.py" else ():
-            here, there = module.name.split("."), target.split(".")
-            shared = next((i for i, (a, b) in enumerate(zip(here, there, strict=False)) if a != b), None)
-            if shared is not None:
-                parts = edges.setdefault(".".join(here[:shared]), {})
-                parts.setdefault(here[shared], set()).add(there[shared])
-    scripts = (root / PACKAGE / FRAME).parent
-    edges["page"] = {path.stem: {source.stem for source in _imported(path)} for path in scripts.glob("*.ts")}
-    return [f"{name}: {', '.join(sorted(loop))}" for name, parts in edges.items() for loop in _loops(parts)]
-
-
-def _loops(edges: dict[str, set[str]]) -> list[set[str]]:
-    """Largest sets of nodes that reach each other."""
-    reached = {node: set(following) for node, following in edges.items()}
-    while any(more - reached[a] for a in reached for b in reached[a] if (more := reached.get(b, set()))):
-        for direct in reached.values():
-            direct.update(*(reached.get(node, ()) for node in list(direct)))
-    found = []
-    for node in sorted(reached):
-        loop = {other for other in reached[node] if node in reached.get(other, ())}
-        if len(loop) > 1 and loop not in found:
-            found.append(loop)
-    return found
-
-
-def files_of(root: Path, found: dict[Path, Module], setup: str, *, compiled: bool = False) -> set[Path]:
-    """Files of the package that take part in a step.
+    The parts of a package are files, and folders as one part. For the page, imports of types count.
 
     Args:
-        root: of the checkout.
-        found: its modules.
-        setup: code that defines ``play``, in which ``traced(call)`` is called with the step, see :data:`STROKE`.
-        compiled: compile the kernel; its functions are not traced then.
-
-    Raises:
-        SizeError: the code fails.
+        types: imports for type checking count in the package too.
     """
-    environment = {**os.environ, "PYTHONPATH": str(root), "NUMBA_DISABLE_JIT": "0" if compiled else "1"}
-    command = [sys.executable, "-W", "ignore", "-c", _TRACE.format(setup=setup)]
-    done = subprocess.run(command, cwd=root, env=environment, capture_output=True, text=True, check=False)
-    if done.returncode != 0:
-        raise SizeError(f"{root}: cannot be executed:\n{done.stderr[-2000:]}")
-    ran = {Path(file): names for file, names in json.loads(done.stdout.splitlines()[-1]).items() if Path(file) in found}
-    paths = {module.name: path for path, module in found.items()}
-    named = {paths[found[file].origins[name]] for file, names in ran.items() for name in names if name in found[file].origins}
-    return ran.keys() | {path for path in named if path.name != "__init__.py"}
+    graph = grimp.build_graph(PACKAGE, exclude_type_checking_imports=not types, cache_dir=None)
+    found = {pair for module in graph.modules for pair in graph.nominate_cycle_breakers(module)}
+    scripts = [path for path in _FRAME.parent.glob("*.ts") if path in _reached(*_imported(path))]
+    return [*(f"{here} -> {there}" for here, there in sorted(found)), *(path.name for path in sorted(scripts))]
 
 
-def imported_scripts(entry: Path) -> set[Path]:
-    """A TypeScript module and all modules that it imports, directly or not."""
-    reached, waiting = set[Path](), [entry.resolve()]
+def files_of(step: str) -> set[str]:
+    """Python files of the package whose functions run in a step, relative to the package."""
+    command = [sys.executable, "-W", "ignore", "-c", _TRACE.format(setup=_STEPS[step])]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "NUMBA_DISABLE_JIT": "1"}
+    done = subprocess.run(command, cwd=ROOT, env=environment, stdout=subprocess.PIPE, text=True, check=True)
+    package = f"{ROOT / PACKAGE}{os.sep}"
+    return {file.removeprefix(package) for file in json.loads(done.stdout.splitlines()[-1]) if file.startswith(package)}
+
+
+def _reached(*scripts: Path) -> set[Path]:
+    """TypeScript modules and all modules that they import, directly or not."""
+    reached, waiting = set[Path](), list(scripts)
     while waiting:
         path = waiting.pop()
         if path not in reached:
@@ -209,42 +126,44 @@ def imported_scripts(entry: Path) -> set[Path]:
 
 
 def _imported(script: Path) -> Iterator[Path]:
-    for source in _IMPORT.findall(script.read_text(encoding="utf-8")):
-        target = script.parent / (source if source.endswith(".ts") else f"{source}.ts")
-        if target.is_file():
-            yield target.resolve()
+    named = (script.parent / f"{source.removesuffix('.ts')}.ts" for source in _IMPORT.findall(script.read_text(encoding="utf-8")))
+    return (path for path in named if path.is_file())
 
 
-def paths_of(root: Path, found: dict[Path, Module]) -> dict[str, list[str]]:
+def paths() -> dict[str, list[str]]:
     """Files that take part in each step, relative to the package."""
-    steps = {
-        "stroke": files_of(root, found, STROKE),
-        **{name: files_of(root, found, setup, compiled=True) for name, setup in _STEPS.items()},
-        "page_frame": imported_scripts(root / PACKAGE / FRAME),
+    frame = {path.relative_to(ROOT / PACKAGE).as_posix() for path in _reached(_FRAME)}
+    return {**{step: sorted(files_of(step)) for step in _STEPS}, "page_frame": sorted(frame)}
+
+
+def size() -> dict[str, Any]:
+    """Lines and files of the package, lines with code by folder, imports in a loop, and the files of each step."""
+    texts = {name: [p.read_text(encoding="utf-8") for p in (ROOT / name).rglob("*.py")] for name in (PACKAGE, *_OUTSIDE, "tests")}
+    code = {name: sum(map(lines_of, found)) for name, found in texts.items()}
+    return {
+        "code": code[PACKAGE],
+        "lines": sum(len(text.splitlines()) for text in texts[PACKAGE]),
+        "files": len(texts[PACKAGE]),
+        "outside": {"code": sum(code[name] for name in _OUTSIDE), **{name: code[name] for name in _OUTSIDE}},
+        "tests": {"code": code["tests"], "lines": sum(len(text.splitlines()) for text in texts["tests"])},
+        "circles": circles(),
+        "circles_with_types": circles(types=True),
+        "paths": paths(),
     }
-    return {name: sorted(file.relative_to(root / PACKAGE).as_posix() for file in files) for name, files in steps.items()}
 
 
-def size(root: Path) -> dict[str, Any]:
-    """Lines of the package, lines with code, files, imports in a loop, and the files of each step."""
-    found = modules(root)
-    sums = {what: sum(getattr(module, what) for module in found.values()) for what in ("code", "lines")}
-    return {**sums, "files": len(found), "circles": circles(found, root), "paths": paths_of(root, found)}
-
-
-def main(root: tyro.conf.Positional[Path] = ROOT, *, as_json: Annotated[bool, tyro.conf.arg(name="json")] = False) -> None:
-    """Measure the package.
+def main(*, as_json: Annotated[bool, tyro.conf.arg(name="json")] = False) -> None:
+    """Measure the repository.
 
     Args:
-        root: Root of a checkout.
         as_json: Print JSON.
     """
-    result = size(root.resolve())
-    figures = [(name, f"{result[name]:,}") for name in ("code", "lines", "files")] + [("circles", str(len(result["circles"])))]
-    figures += [(name, f"{len(files)} files") for name, files in result["paths"].items()]
-    text = json.dumps(result, indent=1) if as_json else markdown(("figure", "number"), figures, left=("figure",))
-    Console(soft_wrap=True).print(text, markup=False, highlight=False)
+    found = size()
+    figures = [(name, f"{found[name]:,}") for name in ("code", "lines", "files")]
+    figures += [(f"code, {name}", f"{found[name]['code']:,}") for name in ("outside", "tests")]
+    figures += [(f"files, {name}", str(len(files))) for name, files in found["paths"].items()]
+    sys.stdout.write(json.dumps(found, indent=1) if as_json else markdown(("figure", "number"), figures, left=("figure",)))
 
 
 if __name__ == "__main__":
-    sys.exit(cli.run(main, prog="python -m docs.tools.size", description="Measure the size of the package."))
+    sys.exit(cli.run(main, prog="python -m docs.tools.size", description="Measure the repository."))

@@ -16,7 +16,7 @@ from PIL import Image
 
 from benchmarks.staging import self_play_rallies
 from docs.tools.markdown import IMAGES
-from experiments.pictures.raster import Camera, Canvas
+from docs.tools.raster import Camera, Canvas
 from shuttle_marl.game import default_game
 from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES, SHOTS, TECHNIQUES
 from shuttle_marl.scene import models

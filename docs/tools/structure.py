@@ -4,12 +4,13 @@ import ast
 import tomllib
 from typing import Final
 
+from docs.tools import size
 from docs.tools.markdown import ROOT, markdown
-from docs.tools.size import PACKAGE, modules, paths_of
+from docs.tools.size import PACKAGE
 
 _PATHS: Final = {
     "stroke": "one stroke of `rally_v0`",
-    "training_step": "one iteration of PPO in self-play",
+    "training_step": "one iteration of `train(PPOConfig())`",
     "recorded_rally": "recording the rallies of a training iteration",
     "page_frame": "one frame of the live court",
 }
@@ -55,6 +56,6 @@ def diagram() -> str:
 
 def paths() -> str:
     """Table of the files that take part in each path."""
-    found = paths_of(ROOT, modules(ROOT))
+    found = size.paths()
     rows = [(what, str(len(found[name])), ", ".join(f"`{file}`" for file in found[name])) for name, what in _PATHS.items()]
     return markdown(("path", "files", "where"), rows, left=("path", "where"))

@@ -190,7 +190,8 @@ def write_completion(shell: str, commands: Mapping[str, str]) -> None:
     """
     app = SubcommandApp()
     for name, description in commands.items():
-        command = importlib.import_module(f"shuttle_marl.commands.{name}").COMMANDS
+        module = importlib.import_module(f"shuttle_marl.commands.{name}")
+        command = getattr(module, "completed", module.COMMANDS)
         if not isinstance(command, dict):
             app.command(command, name=name, help=description)
             continue

@@ -133,6 +133,22 @@ REPORT: Final = "report"
 PAIRS: Final = "--pairs"
 
 
+def completed(
+    config: tyro.conf.OmitArgPrefixes[LeagueConfig],
+    form: tyro.conf.OmitArgPrefixes[
+        Annotated[object, tyro.conf.subcommand(TRAIN, prefix_name=False, constructor=train)]
+        | Annotated[object, tyro.conf.subcommand(REPORT, prefix_name=False, constructor=report)]
+    ],
+    *,
+    pairs: Profile,
+    date: str,
+    policy: str,
+    data: Path,
+    json_output: Annotated[bool, tyro.conf.arg(name="json")] = False,
+) -> None:
+    """What the shell completes: options of a tournament and of pairs, and the other forms."""
+
+
 _PROG: Final = "python -m shuttle_marl.league"
 _PLAY: Final = (
     "A round robin between policies: every pair plays the same number of matches, seats and first serve balanced. "

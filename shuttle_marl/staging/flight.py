@@ -23,7 +23,7 @@ TERMINAL: Final = 6.8
 LENGTH: Final = TERMINAL**2 / GRAVITY
 """Length over which drag slows a fast shuttle by a factor e [m]."""
 _TIME: Final = TERMINAL / GRAVITY
-_STEPS: Final = 16
+STEPS: Final = 16
 _TOLERANCE: Final = 5e-4 / LENGTH
 
 
@@ -111,7 +111,7 @@ def shoot(start: F64, end: F64, time: F64) -> Flights:
         # Finite differences: the flight itself and two perturbed launches, integrated together.
         e = 1e-5
         speed, aim = np.exp(np.concatenate([u, u + e, u])), np.concatenate([a, a, a + e])
-        _, px, py, _, _ = _integrate(speed * np.cos(aim), speed * np.sin(aim), np.tile(t[todo], 3), _STEPS)
+        _, px, py, _, _ = _integrate(speed * np.cos(aim), speed * np.sin(aim), np.tile(t[todo], 3), STEPS)
         end_x, end_y = px[:, -1].reshape(3, -1), py[:, -1].reshape(3, -1)
         mx, my = end_x[0] - x[todo], end_y[0] - y[todo]
         (xs, xa), (ys, ya) = (end_x[1:] - end_x[0]) / e, (end_y[1:] - end_y[0]) / e
@@ -124,10 +124,10 @@ def shoot(start: F64, end: F64, time: F64) -> Flights:
         angle[todo] = a + np.where(far, np.clip((ys * mx - xs * my) / det, -0.5, 0.5), 0)
         todo = todo[far]
     speed = np.exp(log_speed)
-    return _flown(start, heading, _integrate(speed * np.cos(angle), speed * np.sin(angle), t, _STEPS))
+    return _flown(start, heading, _integrate(speed * np.cos(angle), speed * np.sin(angle), t, STEPS))
 
 
-def fall(start: F64, velocity: F64, time: F64, steps: int = _STEPS) -> Flights:
+def fall(start: F64, velocity: F64, time: F64, steps: int = STEPS) -> Flights:
     """Flights with a given launch, for ``time`` seconds.
 
     Args:

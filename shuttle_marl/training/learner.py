@@ -63,7 +63,7 @@ def added_rewards(config: TrainingConfig, game: Game) -> F32:
 
 Tensors = dict[str, torch.Tensor]
 Predict = Callable[[torch.Tensor], tuple[torch.Tensor, torch.Tensor]]
-"""``[U, 6]`` observations to ``[U, n]`` logits and ``[U]`` values."""
+"""``[U, 7]`` observations, with recovery ``[U, 8]``, to ``[U, n]`` logits and ``[U]`` values."""
 
 SEEDS: Final = 1 << 31
 """Seeds of generators are below this."""
@@ -93,7 +93,7 @@ class Learner(abc.ABC):
 
     @abc.abstractmethod
     def predict(self, observation: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """``[U, n]`` logits of the actor and ``[U]`` values of the critic for ``[U, 6]`` observations."""
+        """``[U, n]`` logits, ``[U]`` values for ``[U, 7]`` observations; with recovery ``[U, n + 9]`` logits for ``[U, 8]``."""
 
     def prepare(self, remaining: float) -> None:  # noqa: B027
         """Prepare the actor for a rollout.
@@ -318,11 +318,11 @@ class Observer:
             self._position = torch.from_numpy(np.maximum(game.waiting.position, 0).astype(np.int64).ravel()).to(self.device)
 
     def observations(self, states: torch.Tensor) -> torch.Tensor:
-        """``[U, 7]`` observations of ``[U]`` states."""
+        """``[U, 7]`` observations of ``[U]`` states, with recovery ``[U, 8]`` of decisions."""
         return self._observation[states.long().to(self.device)]
 
     def inputs(self, states: torch.Tensor) -> Tensors:
-        """``[U, 7]`` observations and ``[U, n]`` action masks of ``[U]`` states."""
+        """``[U, 7]`` observations and ``[U, n]`` masks of ``[U]`` states; with recovery ``[U, 8]``, ``[U, n + 9]``."""
         states = states.long().to(self.device)
         return {"observation": self._observation[states], "action_mask": self._masks[self._mask_row[states]]}
 

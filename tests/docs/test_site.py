@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 import shuttle_marl
-from docs.tools import command_reference, croissant, figures, hub, notebooks, pictures, reproduce, site, size, tables
+from docs.tools import command_reference, croissant, figures, hub, notebooks, pictures, reproduce, site, size, structure, tables
 from docs.tools.figures import FIGURES
 from docs.tools.markdown import ROOT, saved
 from shuttle_marl import default_game, load_game, resolve, tabulate
@@ -59,12 +59,14 @@ def test_tutorials_are_notebooks(name: str) -> None:
     assert all((ROOT / "docs/notebooks" / link).resolve().is_file() for link in links if not link.startswith("http"))
 
 
-def test_files_of_a_stroke_and_no_imports_in_a_loop() -> None:
-    found = size.modules(ROOT)
-    parts = size.files_of(ROOT, found, size.STROKE)
-    assert size.circles(found, ROOT) == []
-    assert "tables.py" in {path.name for path in parts}
-    assert len(parts) <= 4, sorted(path.name for path in parts)
+@pytest.mark.slow
+def test_the_page_names_the_files_that_run() -> None:
+    page = (ROOT / "docs/architecture.md").read_text(encoding="utf-8")
+    assert structure.paths() in page
+
+
+def test_nothing_imports_itself_in_a_loop() -> None:
+    assert size.circles() == []
 
 
 PAGES = {figure.page: (ROOT / figure.page).read_text(encoding="utf-8") for figure in FIGURES}

@@ -1,10 +1,12 @@
 """Shared parts of all command lines: exit statuses, messages instead of tracebacks, the console script, and the public names."""
 
+import ast
 import errno
 import importlib
 import importlib.metadata
 import json
 import os
+import re
 import subprocess
 import sys
 import sysconfig
@@ -14,7 +16,8 @@ from pathlib import Path
 import pytest
 
 import shuttle_marl
-from shuttle_marl.__main__ import main
+from docs.tools import command_reference
+from shuttle_marl.__main__ import COMMANDS, main
 from shuttle_marl.base import extras
 from shuttle_marl.base.errors import ShuttleError, command
 from shuttle_marl.commands import cli
@@ -232,6 +235,22 @@ def test_help_lists_every_command(launcher: list[str]) -> None:
 def test_a_command_that_is_nearly_one(typed: str, meant: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main([typed]) == 2
     assert f"no command '{typed}'; did you mean {meant}" in capsys.readouterr().err
+
+
+def test_completion_knows_every_form_and_option(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--completion", "bash"]) == 0
+    found = re.search(r"^COMPLETION_SPEC = (.*)$", capsys.readouterr().out, re.MULTILINE)
+    assert found
+    known = ast.literal_eval(found[1])["subcommands"]
+    for name in COMMANDS:
+        for form, words in command_reference.parts(name):
+            at = known[name]
+            for word in words:
+                at = at if word.startswith("--") or word == "men" else at["subcommands"][word]
+            flags = {flag for option in at["options"] for flag in option["flags"]}
+            options = re.findall(r"^ *(?:-h, )?(--[a-z][\w-]*)", command_reference.help_of(name, words), re.MULTILINE)
+            assert options
+            assert set(options) <= flags, form
 
 
 @pytest.mark.parametrize("words", [["--help"], ["--version"], ["--completion", "bash"]], ids=str)

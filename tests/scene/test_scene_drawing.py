@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from experiments.pictures.scene_file import SceneFile, read_glb
+from docs.tools.scene_file import SceneFile, read_glb
 from shuttle_marl.scene.mesh import Mesh, glb, lathe, tube
 from shuttle_marl.scene.write import percent
 

@@ -2,6 +2,8 @@
 
 import dataclasses
 import functools
+import json
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,7 +13,9 @@ from hypothesis import strategies as st
 
 from shuttle_marl.game.scoring import (
     BWF,
+    RULES,
     Rules,
+    RulesName,
     Score,
     ScoringError,
     game_win_probability,
@@ -33,16 +37,19 @@ def line(score: Score) -> str:
     return " ".join(f"{a}-{b}" for a, b in score.by_game)
 
 
-@pytest.mark.parametrize(
-    ("own", "other", "won"),
-    [
-        *[(20, 0, False), (21, 0, True), (21, 19, True), (21, 20, False), (22, 20, True), (23, 22, False)],
-        *[(29, 28, False), (29, 27, True), (30, 29, True), (30, 28, True), (19, 21, False), (29, 30, False)],
-    ],
-)
+SCORES = json.loads((Path(__file__).parent / "scores.json").read_text(encoding="utf-8"))
+"""Scores that the page has to judge alike, see ``tests/watch/test_tagging.py``."""
+
+
+@pytest.mark.parametrize(("own", "other", "won"), SCORES["games"])
 def test_when_a_game_is_won(own: int, other: int, won: bool) -> None:
     assert wins_game(own, other) is won
     assert wins_game(np.array([own], np.int8), np.array([other], np.int8)).tolist() == [won]
+
+
+@pytest.mark.parametrize(("serving", "receiving", "rules", "probability"), SCORES["matches"])
+def test_how_likely_a_match_is_won(serving: float, receiving: float, rules: RulesName, probability: float) -> None:
+    assert match_win_probability(serving, receiving, rules=RULES[rules]) == pytest.approx(probability, abs=1e-10)
 
 
 def test_open_scores_come_after_all_that_can_follow() -> None:

@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.motion_metrics import measure
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.game import default_game
 from shuttle_marl.game.court import AREAS, MIDDLE_CUT, SHORT_SERVICE, SIDE_CUT
@@ -16,6 +15,7 @@ from shuttle_marl.game.stroke import TECHNIQUES
 from shuttle_marl.staging import ENDS, Motion, StagingError, continue_motion, stage
 from shuttle_marl.staging.rotation import matrix
 from shuttle_marl.staging.trajectory import NET, OUT, RETURN, WIN, net_height
+from tests.staging.motion_metrics import measure
 
 
 def test_motions_keep_all_limits(motions: list[Motion]) -> None:

@@ -1,7 +1,7 @@
 // Motion of a rally: unpacking (docs/motion_format.md) and interpolation between frames. Axes are those of the
 // court: x along the net, y along the court, z up, metres. Rotations are quaternions (x, y, z, w) relative to the parent bone.
 
-import type { Vec3 } from "./wire.gen";
+import { FLIGHT, type Vec3 } from "./wire.gen";
 
 export const BONES = 23;
 const SCALE = ((1 << 14) - 1) * Math.SQRT2;
@@ -10,11 +10,9 @@ const SHUTTLE_STEP = 5e-4;
 const FLIP = 0.06; // time in which the shuttle flips after a contact [s]
 
 // The flight of a shuttle from its launch, integrated as staging/flight.py does.
-const TERMINAL = 6.8; // [m/s]
-const GRAVITY = 9.81; // [m/s²]
+const { terminal: TERMINAL, gravity: GRAVITY, steps: STEPS } = FLIGHT;
 const TIME = TERMINAL / GRAVITY;
 const LENGTH = TERMINAL * TIME;
-const STEPS = 16;
 
 type State = [number, number, number, number]; // along, rise, and their speeds, scaled
 

@@ -1,6 +1,6 @@
 // Tagging a video: the state that follows from a person's inputs, as a pure reducer, and the rows of the table.
 
-import type { HallFacts, TagRow, TagStroke } from "./wire.gen";
+import { type HallFacts, RULES, type TagRow, type TagStroke } from "./wire.gen";
 import { say, words } from "./words";
 
 export const ENDINGS = ["out", "net", "short", "foul", "let", "landed", "misjudged"] as const;
@@ -252,6 +252,11 @@ function singlesWidth(hall: HallFacts): number {
   return Math.max(...hall.areas.flatMap(({ box }) => box[0]));
 }
 
+/** Whether the first of two point scores has won the game. */
+export function winsGame(own: number, other: number): boolean {
+  return own >= RULES.cap || (own >= RULES.points && own - other >= RULES.clear);
+}
+
 /** The next rally: its score, server and ends (Laws of Badminton, 7, 8 and 14). */
 function afterRally(state: State): State {
   const rally = current(state);
@@ -261,15 +266,14 @@ function afterRally(state: State): State {
   }
   const points: Point = [rally.points[0], rally.points[1]];
   points[winner] += 1;
-  const [most, least] = [Math.max(...points), Math.min(...points)];
   const next = { game: rally.game, number: rally.number + 1, server: winner, points, strokes: [], ending: null };
-  if (most < 30 && (most < 21 || most - least < 2)) {
+  if (!winsGame(points[winner]!, points[1 - winner]!)) {
     const interval = rally.game === 3 && points[winner] === 11 && points[1 - winner]! < 11;
     return { ...state, near: interval ? other(state.near) : state.near, rallies: [...state.rallies, next] };
   }
   const games: Point = [state.games[0], state.games[1]];
   games[winner] += 1;
-  if (games[winner] === 2) {
+  if (games[winner] === RULES.games) {
     return { ...state, games, phase: "over" };
   }
   const fresh = { ...next, game: rally.game + 1, number: 1, points: [0, 0] as Point };

@@ -18,7 +18,7 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 from scipy.spatial.transform import Rotation
 
-from experiments.pictures.raster import Camera, Canvas, linear
+from docs.tools.raster import Camera, Canvas, linear
 from shuttle_marl.base.arrays import F64, U8
 from shuttle_marl.scene import SceneError
 from shuttle_marl.scene.mesh import Mesh, lathe, read_array

@@ -1,6 +1,6 @@
 """Opens a scene file in Foxglove Studio and prints the viewer's report.
 
-    python -m experiments.studio SCENE [--picture FILE] [--seconds S] [--scale X]
+    python -m docs.tools.studio SCENE [--picture FILE] [--seconds S] [--scale X]
 
 The exit status is 1 if the viewer reports problems.
 """
@@ -13,7 +13,7 @@ from typing import Annotated, Final
 
 import tyro
 
-from experiments.studio import NO_PROBLEMS, StudioError, install, visit
+from docs.tools.studio import NO_PROBLEMS, StudioError, install, visit
 from shuttle_marl.commands.cli import run
 
 _FOLDER: Final = Path("runs") / "studio"
@@ -38,14 +38,14 @@ def studio(
     """
     install(folder)
     seen = visit(folder, scene, picture, seconds, scale=scale)
-    print(json.dumps(seen, indent=1, ensure_ascii=False))
+    sys.stdout.write(f"{json.dumps(seen, indent=1, ensure_ascii=False)}\n")
     if seen["problems"] != NO_PROBLEMS or seen["errors"]:
         raise StudioError(f"{scene}: {seen['problems']}; errors of the page: {seen['errors'] or 'none'}")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit status."""
-    return run(studio, prog="python -m experiments.studio", description=studio.__doc__ or "", argv=argv)
+    return run(studio, prog="python -m docs.tools.studio", description=studio.__doc__ or "", argv=argv)
 
 
 if __name__ == "__main__":

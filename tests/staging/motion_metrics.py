@@ -10,7 +10,6 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from benchmarks.motion_life import Life, measure_life, summary_of_life
 from shuttle_marl.base.arrays import F64, Bools
 from shuttle_marl.game.court import HALF_LENGTH, HALF_WIDTH, SHORT_SERVICE, area_of
 from shuttle_marl.game.stroke import SHOTS
@@ -38,6 +37,7 @@ from shuttle_marl.staging.motion import Motion
 from shuttle_marl.staging.rotation import cross, exponential, matrix, to_yaw_pitch_roll, unit
 from shuttle_marl.staging.skeleton import BONE, MIRROR, SPINE_LIMITS, Skeleton
 from shuttle_marl.staging.trajectory import NET, OPEN, OUT, RETURN, WIN, net_height, own_frame
+from tests.staging.motion_life import Life, measure_life, summary_of_life
 
 _FLIP: Final = np.diag([-1.0, 1.0, 1.0])
 _FINE: float = 2000.0
@@ -290,7 +290,7 @@ def summary(found: Sequence[Metrics]) -> dict[str, Any]:
         jumped smashes) [m], ``airborne`` (share by shot type). Of feet: ``step_length`` (median) [m], ``steps_per_second`` of a
         player. Shares: ``still_share`` of the time before the serve and after the rally, ``wrist_speed`` of frames beyond
         2,000°/s, ``net_shot_high_elbow`` and ``net_shot_hanging_racket`` of the net shots met above 1.2 m; see
-        :class:`~benchmarks.motion_life.Life`. Figures without data (no stroke crosses the net, none is returned) are left out.
+        :class:`~tests.staging.motion_life.Life`. Figures without data (no stroke crosses the net, none is returned) are left out.
     """
 
     def every(name: str) -> npt.NDArray[Any]:
