@@ -1,6 +1,6 @@
 """Comparison of the variants of self-play: exploitability of PPO after several training budgets, with several seeds each.
 
-    python -m experiments.self_play [--game NAME] [--seeds N] [--variants NAME ...] [--strokes N ...] [--out FOLDER] [--resume] [--json]
+    python -m experiments.self_play [--game NAME] [--seeds N] [--variants NAME ...] [--strokes N ...] [--out FOLDER] [--json]
 
 Learning rate and entropy decay over the budget of each run, so a short run is no prefix of a long one. Exploitability is exact,
 of the last policy and of the best evaluated one. Seconds include evaluations and depend on the machine. Runs are trained in
