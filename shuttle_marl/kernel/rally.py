@@ -36,7 +36,6 @@ from shuttle_marl.kernel.core import (
     int64,
     legal_strokes,
     list_where,
-    meet,
     new_block,
     next_state,
     outcome_of,
@@ -61,6 +60,7 @@ from shuttle_marl.kernel.rows import (
     begin,
     choose_uniform,
     draw_strokes,
+    find_places,
     find_ranks,
     in_slices,
     new_rows,
@@ -159,8 +159,9 @@ def _until_learner(tables: Tables, rows: Rows, matches: MatchRows | None, oppone
     seat, reward = int64(opponents.seat[i]), np.float32(0)
     while rows.live[i] and rows.striker[i] != seat and not has_choice(tables, rows.state[i]):
         s, bits = rows.state[i], draw(rows.key[i], rows.stroke[i])
-        k = table_choice(opponents.players, opponents.opponent[i], s, legal_strokes(tables, s).pair, bits)
-        outcome, rows.state[i] = strike_one(tables, s, k, rows.striker[i], bits, 0)
+        legal = legal_strokes(tables, s)
+        k = table_choice(opponents.players, opponents.opponent[i], s, legal.pair, bits)
+        outcome, rows.state[i] = strike_one(tables, legal, k, rows.striker[i], bits)
         rows.stroke[i] += 1
         rows.striker[i] ^= 1
         if outcome < OPEN:
@@ -350,11 +351,10 @@ def _run(tables: Tables, rows: Rows, players: Players, tally: I64, serving: Serv
                 for j in range(count):
                     legal = legal_strokes(tables, part.state[j])
                     choose_stroke(tables, block, j, legal, uniform_choice(legal.n, block.bits[j]), part.striker[j])
-            if with_recovery(tables):
+                    block.limit[j] += uniform_place(legal, block.bits[j])
+            if tabulated and with_recovery(tables):
                 for j in range(count):
-                    s, bits = part.state[j], block.bits[j]
-                    place = place_choice(players, 1 - part.striker[j], s, bits) if tabulated else uniform_place(tables, s, bits)
-                    meet(tables, block, j, s, place, part.striker[j])
+                    block.limit[j] += place_choice(players, 1 - part.striker[j], part.state[j], block.bits[j])
             read_limits(tables, block, count)
             play(part, block)
             for i in range(list_where(block, count, over=True)):
@@ -575,29 +575,21 @@ class RallyBatch:
             KernelError: wrong shape, or not integers.
             IllegalStrokeError: an illegal stroke.
         """
-        wanted = checked_array("strokes", stroke, np.int64, (len(self),))
-        rank = np.empty(len(self), np.int16)
-        wrong: list[int] = []
-
-        def find(first: int, last: int) -> None:
-            if (row := find_ranks(self._tables, self.rows, self._seat, wanted, rank, first, last)) >= 0:
-                wrong.append(row)
-
-        in_slices(find, len(self), self.threads)
-        if wrong:
-            self._refuse(min(wrong), int(wanted[min(wrong)]))
+        rank = self.ranks(stroke)
+        if (rank < 0).any():
+            row = int((rank < 0).argmax())
+            self._refuse(row, int(stroke[row]))
         return rank
 
-    def ranks(self, action: Ints) -> I32:
-        """``[B]`` number of each action among the legal strokes, or among the feasible positions; -1 where it is illegal."""
-        n, state = self.game.n_strokes, self.rows.state
-        rank: I32 = np.where(action < n, self.game.rank(state, np.minimum(action, n - 1)), np.int32(-1))
-        if self.game.recovery is None or not self.n_opponents:
-            return rank
-        position = np.where(action < n, N_POSITIONS, action - n)  # -1 fills up the table
-        feasible = self._tables.position[self.game.base(state)] == position[:, None]
-        place = np.where(feasible.any(axis=1), feasible.argmax(axis=1), -1)
-        return np.where(self.waits, place, rank).astype(np.int32)
+    def ranks(self, action: Ints) -> I16:
+        """``[B]`` number of each action among the legal strokes, or among the feasible positions; -1 where it is illegal.
+
+        Raises:
+            KernelError: wrong shape, or not integers.
+        """
+        wanted, rank = checked_array("strokes", action, np.int64, (len(self),)), np.empty(len(self), np.int16)
+        in_slices(lambda a, b: find_ranks(self._tables, self.rows, self._seat, wanted, rank, a, b), len(self), self.threads)
+        return rank
 
     @property
     def waits(self) -> Bools:
@@ -616,12 +608,13 @@ class RallyBatch:
         if position is None:
             return np.empty(0 if self.game.recovery is None else len(self), np.int16)
         wanted = checked_array("positions", position, np.int64, (len(self),), 0, N_POSITIONS - 1)
-        feasible = self._tables.position[self.game.base(self.rows.state)] == wanted[:, None]
-        if not feasible.any(axis=1).all():
-            row = int(feasible.any(axis=1).argmin())
+        place = np.empty(len(self), np.int16)
+        in_slices(lambda a, b: find_places(self._tables, self.rows, wanted, place, a, b), len(self), self.threads)
+        if (place < 0).any():
+            row = int((place < 0).argmax())
             where = self.game.describe(int(self.rows.state[row]))
             raise KernelError(f"row {row}: {POSITIONS[wanted[row]]} is not feasible in state: {where}")
-        return feasible.argmax(axis=1).astype(np.int16)
+        return place
 
     def _refuse(self, row: int, stroke: int) -> None:
         if not self.rows.live[row]:
@@ -682,4 +675,4 @@ class MatchBatch(RallyBatch):
             self._refuse(int(np.argmin(self.rows.live)), 0)
         rank = self.ranks(wanted)
         self.matches.reason[rank < 0] = ILLEGAL
-        return np.maximum(rank, 0).astype(np.int16)
+        return np.maximum(rank, 0)

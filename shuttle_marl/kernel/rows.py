@@ -20,14 +20,12 @@ from shuttle_marl.kernel.core import (
     base_of,
     block_of,
     checked_number,
-    choices_in,
     choose_stroke,
     draw,
     extend,
     first_server,
     hurried_in,
     legal_strokes,
-    meet,
     new_block,
     next_state,
     outcome_of,
@@ -154,9 +152,8 @@ def strike(tables: Tables, part: Rows, rank: I16, place: I16, block: Block) -> N
     draw_strokes(part, block.bits)
     for j in range(rank.size):
         choose_stroke(tables, block, j, legal_strokes(tables, part.state[j]), rank[j], part.striker[j])
-    if with_recovery(tables):
-        for j in range(rank.size):
-            meet(tables, block, j, part.state[j], place[j], part.striker[j])
+        if with_recovery(tables):
+            block.limit[j] += place[j]
     read_limits(tables, block, rank.size)
     play(part, block)
 
@@ -177,26 +174,28 @@ def waits(tables: Tables, rows: Rows, seat: I8, i: int) -> bool:
 
 
 @compiled
-def find_ranks(tables: Tables, rows: Rows, seat: I8, action: I64, rank: I16, first: int, last: int) -> int:
+def find_ranks(tables: Tables, rows: Rows, seat: I8, action: I64, rank: I16, first: int, last: int) -> None:
     """Write the rank of each stroke among the legal strokes, and of each position n + p among the feasible positions.
 
-    Returns:
-        The first row without a legal action or over, or -1.
+    It is -1 where the action is not legal or the row is over.
     """
     n = tables.rank.shape[1]
     for i in range(first, last):
-        if not rows.live[i]:
-            return i
         rank[i] = -1
+        if not rows.live[i]:
+            continue
         if waits(tables, rows, seat, i):
-            for place in range(choices_in(tables, rows.state[i])):
-                if position_at(tables, rows.state[i], place) == action[i] - n:
-                    rank[i] = place
+            if n <= action[i] < n + N_POSITIONS:
+                rank[i] = tables.place[base_of(tables, rows.state[i]), np.uint64(action[i] - n)]
         elif 0 <= action[i] < n:
             rank[i] = tables.rank[row_of(tables, rows.state[i]), np.uint64(action[i])]
-        if rank[i] < 0:
-            return i
-    return -1
+
+
+@compiled
+def find_places(tables: Tables, rows: Rows, position: I64, place: I16, first: int, last: int) -> None:
+    """Write the number of each position among the feasible ones, -1 if it is none of them."""
+    for i in range(first, last):
+        place[i] = tables.place[base_of(tables, rows.state[i]), np.uint64(position[i])]
 
 
 TOKENS: Final = 7
@@ -269,15 +268,14 @@ def observe(tables: Tables, rows: Rows, seat: I8, observed: Observations, first:
     for i in range(exact, last):
         flat[i * n : (i + 1) * n] = tables.mask[row_of(tables, rows.state[i]), :n]
     if recovery:
-        shown, none = seat.size == 0, tables.feasible.shape[0] - 1
         for i in range(first, last):
             position = waits(tables, rows, seat, i)
             if position:
                 flat[i * n : i * n + strokes] = False
-            feasible = tables.feasible[base_of(tables, rows.state[i]) if position or shown else np.uint64(none)]
+            place, shown = tables.place[base_of(tables, rows.state[i])], position or seat.size == 0
             row = flat[i * n + strokes : (i + 1) * n]
             for j in range(N_POSITIONS):
-                row[j] = feasible[j]
+                row[j] = shown and place[j] >= 0
 
 
 @compiled
@@ -299,7 +297,8 @@ def choose_uniform(tables: Tables, rows: Rows, seat: I8, stroke: I64, position: 
             chosen[j] = stroke_of(tables, legal, uniform_choice(legal.n, block.bits[j]))
         if with_recovery(tables):
             for j in range(part.state.size):
-                waited = position_at(tables, part.state[j], uniform_place(tables, part.state[j], block.bits[j]))
+                legal = legal_strokes(tables, part.state[j])
+                waited = position_at(tables, part.state[j], uniform_place(legal, block.bits[j]))
                 if seat.size == 0:
                     position[begin_block + j] = waited
                 elif waits(tables, rows, seat, begin_block + j):
