@@ -103,7 +103,7 @@ class Tables(NamedTuple):
             the game of a pair ``[2 * L * base pairs]``: those of seat 0, then those of seat 1. With recovery the R rows by
             position (:class:`~shuttle_marl.game.recovery.Waiting`) take the place of the base pairs.
         seat: index of the first thresholds of seat 1; 0 if both seats strike with the same ones.
-        recovery: 1 if receivers choose positions, else 0.
+        recovery: 1 if receivers choose positions, else None: types differ, so each game has machine code without the other's branches.
         wait: ``[base states, 2]`` int32 of each base state its first row by position, and its number of feasible positions, which
             are the rows from one stroke to the next; ``[0, 2]`` without recovery.
         position: ``[base states, 9]`` int8 its feasible positions in rising order, then -1; ``[0, 9]`` without recovery.
@@ -125,7 +125,7 @@ class Tables(NamedTuple):
 
     limits: U64
     seat: np.int64
-    recovery: np.int64
+    recovery: np.int64 | None
     wait: I32
     position: I8
     place: I8
@@ -173,7 +173,7 @@ def tables_of(game: Game) -> Tables:
     return Tables(
         limits=np.bitwise_or.reduce(np.concatenate([t, hurry], axis=1) << shifts, axis=1),
         seat=np.int64(len(t) // 2 if game.people is not None else 0),
-        recovery=np.int64(game.recovery is not None),
+        recovery=None if game.recovery is None else np.int64(1),
         wait=np.ascontiguousarray(wait),
         position=np.ascontiguousarray(position),
         place=place,
@@ -283,7 +283,7 @@ def next_state(arrival: int, outcome: int) -> int:
 @inlined
 def with_recovery(tables: Tables) -> bool:
     """Whether the receiver has a position."""
-    return tables.recovery != 0
+    return tables.recovery is not None
 
 
 @inlined

@@ -146,7 +146,7 @@ def _play_block(tables: Tables, players: Players, matches: Matches, rules: Rules
     while True:
         live, step = _play(tables, setup, lanes, live, log, counts, step)
         if live == 0:
-            return MatchResults(games, rallies_of(log, matches.entrant, tables.rank.shape[1], bool(tables.recovery)))
+            return MatchResults(games, rallies_of(log, matches.entrant, tables.rank.shape[1], tables.recovery is not None))
         log = log._replace(stroke=np.concatenate([log.stroke, np.empty_like(log.stroke)], axis=1))
 
 

@@ -445,7 +445,7 @@ def _rallies_of(tables: Tables, learned: Learned, opponents: I32, tape: Tape, nu
     read_tape(tables, learned, opponents, tape, np.stack([rows, start]), stroke, hurried, extra)
     server, winner, reason = tape.ended[:, rows]
     waited = None
-    if tables.recovery:
+    if tables.recovery is not None:
         waited = tape.waited[np.repeat(start - (np.cumsum(length) - length), length) + np.arange(count)]
     policy = np.zeros((len(number), 2), np.uint16)
     policy[:, 1] = np.maximum(opponents[number % len(opponents)], 0)
