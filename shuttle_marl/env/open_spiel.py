@@ -141,7 +141,7 @@ class RallyState(pyspiel.State):
     def _enter(self, number: int) -> None:
         self.number, self._pair = number, _STROKE
         self.choosing = self._stepper.chooses_position(number)
-        self._position = self._stepper.only_position(number)
+        self._position = self._stepper.only_position(number) if game.tables.recovery is not None else None
 
     def current_player(self) -> int:
         """0, 1, or the number of chance or of the end."""
@@ -230,7 +230,7 @@ class RallyObserver:
 
     def set_from(self, state: RallyState, player: int) -> None:
         """Write what a player sees."""
-        self.tensor[:RALLY_WIDTH] = self._stepper.observe(state.number, receiver=player != state.striker)
+        self.tensor[:RALLY_WIDTH] = self._stepper.observe(state.number, receiver=player != state.striker)[:RALLY_WIDTH]
         self.tensor[RALLY_WIDTH] = player == state.striker
         self.tensor[RALLY_WIDTH + 1 :] = state.choosing and player != state.striker
 

@@ -120,7 +120,8 @@ class Tables(NamedTuple):
         own: ``[E]`` int16 own last stroke of an edge.
         duel: ``[E]`` int8 net shots in a row that end with the incoming stroke.
         rank: ``[2 (n + 1), n]`` int16 position of a stroke among the legal strokes, -1 if it is not legal.
-        mask: ``[2 (n + 1), m]`` bool legal strokes; m is n (with recovery n + 9) rounded up to a multiple of 32.
+        mask: ``[2 (n + 1) + 1, m]`` bool legal strokes, none of the last row; m is n (with recovery n + 9) rounded up to a multiple
+            of 32.
     """
 
     limits: U64
@@ -188,7 +189,7 @@ def tables_of(game: Game) -> Tables:
         own=game.edge_own.astype(np.int16),
         duel=game.edge_duel.astype(np.int8),
         rank=np.ascontiguousarray(game.reply_rank.reshape(-1, game.n_strokes)),
-        mask=np.pad(game.reply_mask.reshape(-1, game.n_strokes), ((0, 0), (0, width - game.n_strokes))),
+        mask=np.pad(game.reply_mask.reshape(-1, game.n_strokes), ((0, 1), (0, width - game.n_strokes))),
     )
 
 

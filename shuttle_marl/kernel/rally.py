@@ -260,14 +260,23 @@ def _count(
 @inlined
 def _decide(tables: Tables, opponents: Opponents, part: Rows, begin_block: int, rank: I16, place: I16, block: Block) -> None:
     """Split the learner's actions of a block into strokes and positions, and let the opponents choose the others."""
-    draw_strokes(part, block.bits)
+    for r in range(_list_deciding(opponents, part, begin_block, block, strikes=True)):
+        j = block.listed[r]
+        place[j] = place_choice(opponents.players, opponents.opponent[begin_block + j], part.state[j], block.bits[j])
+    for r in range(_list_deciding(opponents, part, begin_block, block, strikes=False)):
+        j = block.listed[r]
+        s, opponent, place[j] = part.state[j], opponents.opponent[begin_block + j], rank[j]
+        rank[j] = table_choice(opponents.players, opponent, s, legal_strokes(tables, s).pair, block.bits[j])
+
+
+@inlined
+def _list_deciding(opponents: Opponents, part: Rows, begin_block: int, block: Block, strikes: bool) -> int:
+    """List the rows whose learner is to strike, or those whose learner is to choose a position; returns their number."""
+    listed = 0
     for j in range(part.state.size):
-        s, opponent = part.state[j], opponents.opponent[begin_block + j]
-        if part.striker[j] == opponents.seat[begin_block + j]:
-            place[j] = place_choice(opponents.players, opponent, s, block.bits[j])
-        else:
-            place[j] = rank[j]
-            rank[j] = table_choice(opponents.players, opponent, s, legal_strokes(tables, s).pair, block.bits[j])
+        block.listed[listed] = j
+        listed += (part.striker[j] == opponents.seat[begin_block + j]) == strikes
+    return listed
 
 
 @inlined
@@ -275,14 +284,18 @@ def _after_decisions(
     tables: Tables, rows: Rows, matches: MatchRows | None, opponents: Opponents, block: Block, begin_block: int, output: Output
 ) -> None:
     """Rewards of the learners, who may have been receivers; rallies continue up to their next decision."""
+    listed = 0
     for j in range(output.done.size):
         i = begin_block + j
-        if rows.striker[i] == opponents.seat[i]:  # the striker is already the receiver of the stroke
-            output.reward[j] = -output.reward[j]
-        waits = rows.striker[i] != opponents.seat[i]
-        if matches is None and not output.done[j] and waits and choices_in(tables, rows.state[i]) == 1:
-            output.reward[j] = _until_learner(tables, rows, matches, opponents, i)
-            if not rows.live[i]:
+        waits = rows.striker[i] != opponents.seat[i]  # the striker is already the receiver of the stroke
+        output.reward[j] *= 2 * waits - 1
+        block.listed[listed] = j
+        listed += waits & (not output.done[j]) & (choices_in(tables, rows.state[i]) == 1)
+    if matches is None:
+        for r in range(listed):
+            j = block.listed[r]
+            output.reward[j] = _until_learner(tables, rows, matches, opponents, begin_block + j)
+            if not rows.live[begin_block + j]:
                 output.done[j], block.outcome[j] = True, FAULT  # so that a reset finds the row
 
 
@@ -292,6 +305,7 @@ def _step(
     rows: Rows,
     matches: MatchRows | None,
     opponents: Opponents | None,
+    other: I8,
     rank: I16,
     place: I16,
     output: Output,
@@ -299,11 +313,12 @@ def _step(
     span: tuple[int, int],
 ) -> None:
     first, last = span
-    block, nobody = new_block(), np.empty(0, np.int8)
+    block = new_block()
     for begin_block in range(first, last, BLOCK):
         end_block = min(begin_block + BLOCK, last)
         part = part_of(rows, begin_block, end_block)
         results = Output(output.reward[begin_block:end_block], output.done[begin_block:end_block], output.observed)
+        draw_strokes(part, block.bits)
         if opponents is not None and with_recovery(tables):
             _decide(tables, opponents, part, begin_block, rank[begin_block:end_block], place[begin_block:end_block], block)
         strike(tables, part, rank[begin_block:end_block], place[begin_block:end_block], block)
@@ -322,10 +337,7 @@ def _step(
                 if results.done[block.listed[r]]:
                     _begin(tables, rows, matches, opponents, begin_block + block.listed[r], serving)
         if output.observed.mask.shape[0] > 0:
-            if opponents is None:
-                observe(tables, rows, nobody, output.observed, begin_block, end_block)
-            else:
-                observe(tables, rows, opponents.seat, output.observed, begin_block, end_block)
+            observe(tables, rows, other, output.observed, begin_block, end_block)
 
 
 @compiled
@@ -429,6 +441,7 @@ class RallyBatch:
             following=assigned,
             unseen=np.zeros((batch, 2), np.int64),
         )
+        self._other = (1 - self.opponents.seat) if self.n_opponents else np.full(batch, -1, np.int8)
         self._state = (self._tables, self.rows, self.matches, None if opponents is None else self.opponents)
         self.reset(seed)
 
@@ -504,7 +517,7 @@ class RallyBatch:
             self._check(observed)
         output = Output(np.empty(len(self), np.float32), np.empty(len(self), np.bool_), observed or NO_OBSERVATIONS)
         rank, place, serving = self._ranks(stroke), self._places(position), self._serving(reset=reset)
-        in_slices(lambda a, b: _step(*self._state, rank, place, output, serving, (a, b)), len(self), self.threads)
+        in_slices(lambda a, b: _step(*self._state, self._other, rank, place, output, serving, (a, b)), len(self), self.threads)
         return output.reward, output.done
 
     def run(self, strokes: int, policies: tuple[TabulatedPolicy, TabulatedPolicy] | None = None) -> Tally:
@@ -537,7 +550,7 @@ class RallyBatch:
             KernelError: arrays of wrong shape or dtype.
         """
         self._check(observed)
-        in_slices(lambda a, b: observe_rows(self._tables, self.rows, self._seat, observed, a, b), len(self), self.threads)
+        in_slices(lambda a, b: observe_rows(self._tables, self.rows, self._other, observed, a, b), len(self), self.threads)
 
     def random_strokes(self) -> I64:
         """``[B]`` a random legal stroke or position of each row, by the draw of its next stroke."""
@@ -546,14 +559,9 @@ class RallyBatch:
     def random_actions(self) -> tuple[I64, I64]:
         """:meth:`random_strokes`, and ``[B]`` a random position of each receiver, for rows without opponents."""
         stroke, position = np.empty(len(self), np.int64), np.zeros(len(self), np.int64)
-        args = (self._tables, self.rows, self._seat, stroke, position)
+        args = (self._tables, self.rows, self._other, stroke, position)
         in_slices(lambda a, b: choose_uniform(*args, a, b), len(self), self.threads)
         return stroke, position
-
-    @property
-    def _seat(self) -> I8:
-        """``[B]`` seat of the learners; ``[0]`` without opponents."""
-        return self.opponents.seat if self.n_opponents else self.opponents.seat[:0]
 
     @property
     def _shapes(self) -> tuple[tuple[tuple[int, int], type], tuple[tuple[int, int], type]]:
@@ -588,13 +596,13 @@ class RallyBatch:
             KernelError: wrong shape, or not integers.
         """
         wanted, rank = checked_array("strokes", action, np.int64, (len(self),)), np.empty(len(self), np.int16)
-        in_slices(lambda a, b: find_ranks(self._tables, self.rows, self._seat, wanted, rank, a, b), len(self), self.threads)
+        in_slices(lambda a, b: find_ranks(self._tables, self.rows, self._other, wanted, rank, a, b), len(self), self.threads)
         return rank
 
     @property
     def waits(self) -> Bools:
         """``[B]`` whether each learner is to choose a position."""
-        return np.asarray(self.rows.striker != self.opponents.seat)
+        return np.asarray(self.rows.striker == self._other)
 
     def _places(self, position: Ints | None) -> I16:
         """``[B]`` number of each position among the feasible ones; of no meaning with opponents, ``[0]`` without recovery.
