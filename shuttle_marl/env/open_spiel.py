@@ -141,7 +141,7 @@ class RallyState(pyspiel.State):
     def _enter(self, number: int) -> None:
         self.number, self._pair = number, _STROKE
         self.choosing = self._stepper.chooses_position(number)
-        self._position = self._stepper.only_position(number) if game.tables.recovery is not None else None
+        self._position = self._stepper.only_position(number)
 
     def current_player(self) -> int:
         """0, 1, or the number of chance or of the end."""

@@ -84,6 +84,7 @@ class Stepper:
         self._incoming = _view(game.edge_incoming)
         self._size, self._levels = game.n_base_states, game.levels
         self._next_block = [tuple(b * self._size for b in game.block_following(block)) for block in range(game.n_blocks)]
+        self._only = _view(np.full(self._size, -1, np.int8))
         if waiting:
             self._met = [[_view(limits) for limits in tables.limits] for tables in waiting]
             self._late = [_view(tables.hurry) for tables in waiting]
@@ -124,7 +125,7 @@ class Stepper:
         return self.n_actions > self._n and self.only_position(state) is None
 
     def only_position(self, state: int) -> int | None:
-        """Where a receiver without a choice waits, None if they have one; of the game with recovery."""
+        """Where a receiver without a choice waits; None: they have one, or it is the game without recovery."""
         only: int = self._only[state % self._size]
         return None if only < 0 else only
 
