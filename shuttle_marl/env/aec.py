@@ -223,15 +223,12 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
     def observe(self, agent: str) -> Observation:
         """Observation and action mask of an agent; the mask is zero if it is not its turn, and before the first reset."""
         player = _INDEX[agent]
-        seen = self._vector(self._stepper.observe(self._state, receiver=player != self._striker), player)
+        seen = self._stepper.observe(self._state, receiver=player != self._striker)
         acts = player == self._striker ^ self._choosing
-        if self._hides:
-            told, seen = seen, np.zeros(len(seen) + 1, np.float32)  # np.append takes longer than all the rest
-            seen[:-1] = told
-            if acts and self._choosing:
-                seen[-1] = 1.0
+        if acts and self._choosing:
+            seen[-1] = 1.0
         mask = self._mask() if self._live and acts else np.zeros(self._stepper.n_actions, np.int8)
-        return {"observation": seen, "action_mask": mask}
+        return {"observation": self._vector(seen, player), "action_mask": mask}
 
     def state(self) -> F32:
         """Global state, for centralised critics: the observation of ``player_0``, and 1 if it is to strike, else 0.
@@ -363,8 +360,8 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         self.terminations = {"player_0": True, "player_1": True}
 
     def _vector(self, row: F32, player: int) -> F32:  # noqa: ARG002
-        """A new array for the observation of a player."""
-        return row.copy()
+        """The observation of a player, from that of a rally."""
+        return row
 
     def _match_info(self) -> dict[str, Any]:
         return {}
@@ -382,8 +379,8 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
 
     def _select(self) -> None:
         """Select who acts in the state: the receiver, if there is a choice of positions, else the striker."""
-        self._choosing = self._stepper.chooses_position(self._state)
         self._position = self._stepper.only_position(self._state)
+        self._choosing = self._position is None
         self.agent_selection = AGENTS[self._striker ^ self._choosing]
 
     def _wait_at(self, position: int) -> None:

@@ -133,14 +133,9 @@ class _BatchedEnv(EnvBase):
         return {**self._tensors(seen), "reward": torch.from_numpy(reward).unsqueeze(-1), "done": done}, done
 
     def _tensors(self, seen: Observations) -> dict[str, torch.Tensor]:
-        n, tensors = (
-            self.game.n_strokes,
-            {"observation": torch.from_numpy(seen.tokens), "action_mask": torch.from_numpy(seen.mask)},
-        )
-        if self._joint:
-            parts = {"action_mask": seen.mask[:, :n], "position_mask": seen.mask[:, n:]}
-            tensors |= {name: torch.from_numpy(np.ascontiguousarray(part)) for name, part in parts.items()}
-        return tensors
+        mask, n = torch.from_numpy(seen.mask), self.game.n_strokes
+        masks = {"action_mask": mask[:, :n], "position_mask": mask[:, n:]} if self._joint else {"action_mask": mask}
+        return {"observation": torch.from_numpy(seen.tokens), **masks}
 
 
 def _unchecked(entries: dict[str, torch.Tensor], batch_size: torch.Size) -> TensorDict:

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from shuttle_marl.game.observation import SWAP_TOKENS
+from shuttle_marl.game.recovery import N_POSITIONS
 from shuttle_marl.game.rules import RETURNED_BELOW, WINNER
 from shuttle_marl.game.shipped import default_game
 from shuttle_marl.game.tables import ROOT, Game
@@ -19,7 +20,8 @@ class Tables(NamedTuple):
     """The arrays of a game, a tree of JAX; see :class:`shuttle_marl.game.tables.Game`.
 
     In the game with recovery thresholds and chances are those by position (:class:`shuttle_marl.game.recovery.Waiting`), with
-    ``start``, ``choices``, and ``place``: ``[base states, 9]`` number of each position among the feasible ones, -1 if it is not.
+    ``start``, ``choices``, and ``place``: ``[base states, n + 9]`` number of the position of each action among the feasible ones, -1
+    if it is none of them. Then ``reply_rank`` has n + 9 columns too, so that a mask is one row of either: XLA joins parts slowly.
     """
 
     limits: jax.Array
@@ -46,9 +48,10 @@ class Tables(NamedTuple):
         game = game or default_game()
         arrays = {name: getattr(game, name) for name in cls._fields if name not in cls._field_defaults}
         if game.recovery is not None:
-            waiting, feasible = game.waiting, game.waiting.mask(np.arange(game.n_base_states))
+            waiting, none = game.waiting, {"constant_values": -1}
             arrays |= {"limits": waiting.limits, "hurry": waiting.hurry, "start": waiting.start.astype(np.int32)}
-            arrays |= {"choices": waiting.choices, "place": np.where(feasible, feasible.cumsum(axis=1) - 1, -1).astype(np.int8)}
+            arrays |= {"choices": waiting.choices, "place": np.pad(waiting.place, ((0, 0), (game.n_strokes, 0)), **none)}
+            arrays["reply_rank"] = np.pad(game.reply_rank, ((0, 0), (0, 0), (0, game.n_positions)), **none)
         return cls(**{name: jnp.asarray(array) for name, array in arrays.items()})
 
 
@@ -86,12 +89,12 @@ def observe(tables: Tables, state: jax.Array, waits: jax.Array | bool = False) -
     edge, contact, hurried = base >> 2, state & 1, state >> 1 & 1
     own, incoming, duel = tables.edge_own[edge], tables.edge_incoming[edge], tables.edge_duel[edge]
     seen = jnp.stack([own, incoming, contact, duel, own_effort, opponent_effort, hurried])
-    legal = tables.reply_rank[incoming, contact] >= 0
+    rank = tables.reply_rank[incoming, contact]
     if tables.place is None:
-        return seen, legal
+        return seen, rank >= 0
     waits = jnp.asarray(waits)
     seen = jnp.append(jnp.where(waits, seen[SWAP_TOKENS], seen), waits.astype(seen.dtype))
-    return seen, jnp.concatenate([legal & ~waits, (tables.place[base] >= 0) & waits])
+    return seen, jnp.where(waits, tables.place[base], rank) >= 0
 
 
 def draws(key: jax.Array, shape: tuple[int, ...] = ()) -> jax.Array:
@@ -114,7 +117,7 @@ def step(tables: Tables, state: jax.Array, stroke: jax.Array, draw: jax.Array, p
     k = tables.reply_rank[tables.edge_incoming[base >> 2], state & 1, stroke].astype(jnp.int32)
     pair, edge = tables.base_pair_start[base] + k, tables.reply_edge[tables.first_reply[base] + k]
     if position is not None and tables.start is not None and tables.choices is not None and tables.place is not None:
-        pair = tables.start[base] + k * tables.choices[base] + tables.place[base, position]
+        pair = tables.start[base] + k * tables.choices[base] + tables.place[base, position - N_POSITIONS]
     outcome = (draw & 0xFFFF >= tables.limits[own, pair]).sum(dtype=jnp.int32)
     contact = outcome - RETURNED_BELOW
     over = contact < 0

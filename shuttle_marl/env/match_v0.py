@@ -8,7 +8,7 @@ from shuttle_marl.base.arrays import F32
 from shuttle_marl.base.errors import OptionError, suggesting
 from shuttle_marl.env.aec import AGENTS, METADATA, CheckedEnv, RenderMode, ShuttleEnv
 from shuttle_marl.env.wrappers import ActionView, InfoView, MaskView, PlainEnv, without_parallel, wrapped
-from shuttle_marl.game.observation import SCORE_WIDTH
+from shuttle_marl.game.observation import RALLY_WIDTH, SCORE_WIDTH
 from shuttle_marl.game.rally.stepper import RallyDraws
 from shuttle_marl.game.scoring import BWF, Rules, Score, score_fractions
 from shuttle_marl.game.tables import Game
@@ -108,7 +108,7 @@ class raw_env(ShuttleEnv):
         self._scores = np.array(first, np.float32)[[[0, 1, 2, 3, 4, 5], [1, 0, 3, 2, 5, 4]]]
 
     def _vector(self, row: F32, player: int) -> F32:
-        return np.concatenate([row, self._scores[player]])
+        return np.concatenate([row[:RALLY_WIDTH], self._scores[player], row[RALLY_WIDTH:]])
 
     def _match_info(self) -> dict[str, Any]:
         return {"points": self._score.by_game[-1], "games": self._score.games, "server": AGENTS[self._score.server]}

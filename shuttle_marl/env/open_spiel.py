@@ -230,7 +230,7 @@ class RallyObserver:
 
     def set_from(self, state: RallyState, player: int) -> None:
         """Write what a player sees."""
-        self.tensor[:RALLY_WIDTH] = self._stepper.observe(state.number, receiver=player != state.striker)
+        self.tensor[:RALLY_WIDTH] = self._stepper.observe(state.number, receiver=player != state.striker)[:RALLY_WIDTH]
         self.tensor[RALLY_WIDTH] = player == state.striker
         self.tensor[RALLY_WIDTH + 1 :] = state.choosing and player != state.striker
 

@@ -17,7 +17,7 @@ from shuttle_marl.base.arrays import F32, I32, I64, Bools, Intp, Ints
 from shuttle_marl.base.errors import ActionError, OptionError, suggesting
 from shuttle_marl.env.aec import ILLEGAL, ILLEGAL_POSITION
 from shuttle_marl.env.wrappers import InfoView, MaskView, checked_views
-from shuttle_marl.game.observation import RALLY_WIDTH, SCORE_WIDTH, SWAP, SWAP_TOKENS, with_efforts
+from shuttle_marl.game.observation import RALLY_WIDTH, SCORE_WIDTH, SWAP_TOKENS, with_efforts
 from shuttle_marl.game.pairs import opponent_tables
 from shuttle_marl.game.rally.stepper import stepper_of
 from shuttle_marl.game.rules import FAULT, OUTCOMES, WINNER
@@ -151,15 +151,20 @@ class VersusVectorEnv(VectorEnv[Any, Ints, npt.NDArray[Any]]):
         """``[B]`` each: rewards, whether the episode is over, and whether the stroke was illegal."""
         raise NotImplementedError
 
-    def _told(self, rows: Intp, state: I32, own: Bools | None, waits: Bools) -> npt.NDArray[Any]:
-        """:meth:`_vectors`, in the game with recovery followed by whether each learner is to choose a position."""
-        seen = self._vectors(rows, state, own)
-        return seen if self.game.recovery is None else np.hstack([seen, waits[:, None]], dtype=seen.dtype, casting="unsafe")
+    def _vectors(self, rows: Intp, state: I32, own: Bools, waits: Bools) -> npt.NDArray[Any]:  # noqa: ARG002
+        """``[D, w]`` what the learners of some rows see in states.
 
-    def _vectors(self, rows: Intp, state: I32, own: Bools | None = None) -> npt.NDArray[Any]:  # noqa: ARG002
-        """``[D, w]`` what the learners of some rows see in states; ``own``: whether they are the strikers, None: all are."""
-        seen = self.game.observation(state) if self._features is None else with_efforts(self.game, self._features, state)
-        return seen if own is None else np.where(own[:, None], seen, seen[:, SWAP_TOKENS if self._features is None else SWAP])
+        Args:
+            own: ``[D]`` whether they are the strikers.
+            waits: ``[D]`` whether they are to choose a position.
+        """
+        if self._features is None:
+            found = self.game.observation(state)
+            found = np.where(own[:, None], found, found[:, SWAP_TOKENS])
+            return found if self.game.recovery is None else np.hstack([found, waits[:, None]], dtype=np.int32, casting="unsafe")
+        seen = with_efforts(self.game, self._features, state, ~own)
+        seen[:, RALLY_WIDTH:] = waits[:, None]
+        return seen
 
     def _won_by_stroke(self, rows: Intp, own: Bools, rewards: F32) -> Bools:
         """``[D]`` whether the last stroke was a winner rather than a fault."""
@@ -171,8 +176,7 @@ class VersusVectorEnv(VectorEnv[Any, Ints, npt.NDArray[Any]]):
         mask, vectors = observed.mask.view(np.int8), observed.tokens
         if self._features is not None:
             waits = self.versus.waits
-            own = None if self.game.recovery is None else ~waits
-            vectors = self._told(np.arange(self.num_envs), self.versus.rows.state, own, waits)
+            vectors = self._vectors(np.arange(self.num_envs), self.versus.rows.state, ~waits, waits)
         every = np.ones(self.num_envs, np.bool_)
         infos: dict[str, Any] = {"unseen": self.versus.opponents.unseen.copy(), "_unseen": every}
         infos |= {"illegal": self._illegal.copy(), "_illegal": every.copy()}
@@ -186,7 +190,7 @@ class VersusVectorEnv(VectorEnv[Any, Ints, npt.NDArray[Any]]):
         # The learner is the receiver of the final state if the last stroke was theirs.
         own = np.where(lost, ~self._waited[rows], kernel.rows.striker[rows] == kernel.opponents.seat[rows])
         state = np.where(illegal, before, kernel.rows.state)[rows]
-        vectors = self._told(rows, state, own, np.zeros(len(rows), np.bool_))
+        vectors = self._vectors(rows, state, own, np.zeros(len(rows), np.bool_))
         nothing = np.zeros(self.game.n_actions, np.int8)
         seen = np.full(self.num_envs, None, dtype=object)
         reason = np.full(self.num_envs, None, dtype=object)
@@ -325,8 +329,9 @@ class MatchVectorEnv(VersusVectorEnv):
         rewards, terminated = self.versus.step(actions, reset=False)
         return rewards, terminated, self._matches.reason == LOST
 
-    def _vectors(self, rows: Intp, state: I32, own: Bools | None = None) -> npt.NDArray[Any]:
-        return np.concatenate([super()._vectors(rows, state, own), self._scores(rows)], axis=1)
+    def _vectors(self, rows: Intp, state: I32, own: Bools, waits: Bools) -> npt.NDArray[Any]:
+        seen = super()._vectors(rows, state, own, waits)
+        return np.concatenate([seen[:, :RALLY_WIDTH], self._scores(rows), seen[:, RALLY_WIDTH:]], axis=1)
 
     def _won_by_stroke(self, rows: Intp, own: Bools, rewards: F32) -> Bools:  # noqa: ARG002
         return self._matches.reason[rows] == 1

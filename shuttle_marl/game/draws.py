@@ -15,6 +15,9 @@ from shuttle_marl.base.errors import whole_number
 CHOICE_ONE: Final = 65535
 """Draws that choose a stroke lie in [0, 65535), so that a 16-bit cumulative probability can also say "certainly"."""
 
+POSITION_SHIFT: Final = np.uint64(16)
+"""Bits by which a draw is shifted to choose a position instead of a stroke."""
+
 GOLDEN: Final = np.uint64(0x9E3779B97F4A7C15)
 MIX_1: Final = np.uint64(0xBF58476D1CE4E5B9)
 MIX_2: Final = np.uint64(0x94D049BB133111EB)
@@ -73,9 +76,12 @@ def choice_draw(bits: U64) -> I32:
 
 
 def position_draw(bits: U64) -> I32:
-    """A number that chooses a position where :func:`choice_draw` of the same bits chooses a stroke: uniform in [0, 65535)."""
-    with np.errstate(over="ignore"):
-        return choice_draw(mix(bits + GOLDEN))
+    """The part of a draw that chooses a position: uniform in [0, 65535).
+
+    Other parts tell nothing of it: a choice is an interval of the upper half, which leaves its lower 16 bits uniform, and a
+    position an interval of bits 16 to 47, which leaves those of the outcome uniform.
+    """
+    return choice_draw(bits << POSITION_SHIFT)
 
 
 def first_server(bits: U64) -> U64:

@@ -5,7 +5,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from shuttle_marl.base.arrays import F32, I32, Ints
+from shuttle_marl.base.arrays import F32, I32, Bools, Ints
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.layout import LONGEST_DUEL, Layout
 from shuttle_marl.game.stroke import HEIGHTS, N_SHOTS, N_TECHNIQUES
@@ -61,12 +61,18 @@ def features(game: Layout) -> F32:
     return np.concatenate([strokes[own], strokes[incoming], rest], axis=1, dtype=np.float32)
 
 
-def with_efforts(game: Layout, rows: F32, state: Ints) -> F32:
-    """``[B, 60]`` observations of ``[B]`` states, from the rows of :func:`features`."""
-    found: F32 = rows.take(game.base(state), axis=0)
+def with_efforts(game: Layout, rows: F32, state: Ints, receives: Bools | None = None) -> F32:
+    """``[B, 60]`` observations of ``[B]`` states, from the rows of :func:`features`.
+
+    Args:
+        receives: ``[B]`` whether the receiver looks, whose rows follow all those of the striker; None: the striker always does.
+    """
+    base, own, other = game.base(state), game.effort(state), game.opponent_effort(state)
+    if receives is not None:
+        base, own, other = base + game.n_base_states * receives, np.where(receives, other, own), np.where(receives, own, other)
+    found: F32 = rows.take(base, axis=0)
     highest = max(1, game.levels - 1)
-    found[:, EFFORT] = game.effort(state) / highest
-    found[:, EFFORT + 1] = game.opponent_effort(state) / highest
+    found[:, EFFORT], found[:, EFFORT + 1] = own / highest, other / highest
     return found
 
 

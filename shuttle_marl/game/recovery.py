@@ -86,14 +86,16 @@ class Waiting(NamedTuple):
     hurry: U8
     """``[R, 2]`` chances of a hurried receiver as in :attr:`shuttle_marl.game.tables.Game.hurry`."""
 
+    place: I8
+    """``[base states, 9]`` number of each position among the feasible ones, else -1."""
+
     def row(self, base: Ints, k: Ints, position: Ints) -> I64:
         """Row of the k-th legal stroke of base states against feasible positions, which are not checked; any shape."""
-        place = (self.position[base] == np.asarray(position)[..., None]).argmax(axis=-1)
-        return np.asarray(self.start[base] + k * self.choices[base] + place, dtype=np.int64)
+        return np.asarray(self.start[base] + k * self.choices[base] + self.place[base, position], dtype=np.int64)
 
     def mask(self, base: Ints) -> Bools:
         """``[..., 9]`` feasible positions of the receiver in base states."""
-        return np.asarray((self.position[base][..., None] == np.arange(N_POSITIONS)).any(axis=-2))
+        return np.asarray(self.place[base] >= 0)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -198,6 +200,7 @@ def waiting_of(game: "Game", recovery: Recovery) -> Waiting:
         start=frozen(first[game.base_pair_start]),
         limits=frozen(np.stack([with_fault_odds(limits, odds) for odds in game.fault_odds.tolist()])),
         hurry=frozen(hurry),
+        place=frozen(np.where(feasible, feasible.cumsum(axis=1) - 1, -1).astype(np.int8)),
     )
 
 

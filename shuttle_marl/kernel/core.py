@@ -20,7 +20,7 @@ import numpy.typing as npt
 from shuttle_marl.base.arrays import I8, I16, I32, I64, U64, Bools
 from shuttle_marl.base.compiling import inlined
 from shuttle_marl.base.errors import OptionError, ShuttleError, whole_number
-from shuttle_marl.game.draws import GOLDEN, MIX_1, MIX_2
+from shuttle_marl.game.draws import GOLDEN, MIX_1, MIX_2, POSITION_SHIFT
 from shuttle_marl.game.recovery import N_POSITIONS
 from shuttle_marl.game.tables import Game
 
@@ -103,12 +103,11 @@ class Tables(NamedTuple):
             the game of a pair ``[2 * L * base pairs]``: those of seat 0, then those of seat 1. With recovery the R rows by
             position (:class:`~shuttle_marl.game.recovery.Waiting`) take the place of the base pairs.
         seat: index of the first thresholds of seat 1; 0 if both seats strike with the same ones.
-        recovery: 1 if receivers choose positions, else 0.
-        wait: ``[base states, 2]`` int32 of each base state the row by position that reply 0 would have, and its number of
-            feasible positions, which are the rows from one reply to the next; in the game without recovery 0 and 1.
+        recovery: 1 if receivers choose positions, else None: types differ, so each game has machine code without the other's branches.
+        wait: ``[base states, 2]`` int32 of each base state its first row by position, and its number of feasible positions, which
+            are the rows from one stroke to the next; ``[0, 2]`` without recovery.
         position: ``[base states, 9]`` int8 its feasible positions in rising order, then -1; ``[0, 9]`` without recovery.
-        feasible: ``[base states + 1, 9]`` bool which ones are feasible; none of the last row; ``[0, 9]`` without recovery.
-        met: ``[B]`` int32 first row by position of each block.
+        place: ``[base states, 9]`` int8 number of each position among the feasible ones, else -1; ``[0, 9]`` without recovery.
         head: ``[base states, 4]`` int32 of each base state: first pair, number of legal strokes, index of its first reply, row of
             ``rank`` and ``mask``.
         inverse: 2^57 divided by the number of base states, rounded up: the block of a state follows by a multiplication.
@@ -121,16 +120,16 @@ class Tables(NamedTuple):
         own: ``[E]`` int16 own last stroke of an edge.
         duel: ``[E]`` int8 net shots in a row that end with the incoming stroke.
         rank: ``[2 (n + 1), n]`` int16 position of a stroke among the legal strokes, -1 if it is not legal.
-        mask: ``[2 (n + 1), m]`` bool legal strokes; m is n (with recovery n + 9) rounded up to a multiple of 32.
+        mask: ``[2 (n + 1) + 1, m]`` bool legal strokes, none of the last row; m is n (with recovery n + 9) rounded up to a multiple
+            of 32.
     """
 
     limits: U64
     seat: np.int64
-    recovery: np.int64
+    recovery: np.int64 | None
     wait: I32
     position: I8
-    feasible: Bools
-    met: I32
+    place: I8
     head: I32
     inverse: np.uint64
     first: I32
@@ -160,28 +159,25 @@ def tables_of(game: Game) -> Tables:
     met = [tables if game.recovery is None else tables.waiting for tables in seats]
     t = np.concatenate([part.limits.reshape(-1, 3) for part in met]).astype(np.uint64)
     hurry = np.concatenate([np.tile(part.hurry, (game.levels, 1)) for part in met]).astype(np.uint64)
-    wait, position = np.tile(np.array([0, 1], np.int32), (size, 1)), np.zeros((0, N_POSITIONS), np.int8)
-    feasible = np.zeros((0, N_POSITIONS), np.bool_)
+    wait, position, place = np.zeros((0, 2), np.int32), *np.zeros((2, 0, N_POSITIONS), np.int8)
     if game.recovery is not None:
         waiting = seats[0].waiting
-        start = waiting.start[:-1] - game.first_reply.astype(np.int64) * waiting.choices
-        wait, position = np.stack([start, waiting.choices], axis=1, dtype=np.int32), waiting.position
-        feasible = np.pad(waiting.mask(np.arange(size)), ((0, 1), (0, 0)))
+        wait, position = np.stack([waiting.start[:-1], waiting.choices], axis=1, dtype=np.int32), waiting.position
+        place = waiting.place
     shifts = np.array([0, 16, 32, 48, 56], np.uint64)
     base, block = np.arange(size), np.arange(game.n_blocks, dtype=np.int32)
     effort = block // game.levels
     row = 2 * game.incoming(base) + game.contact(base)
     head = np.stack([game.base_pair_start[:-1], np.diff(game.base_pair_start), game.first_reply, row], axis=1, dtype=np.int32)
-    first = np.stack([block * size, block * game.n_base_pairs, effort * game.n_base_pairs], axis=1, dtype=np.int32)
+    first = np.stack([block * size, block * game.n_base_pairs, effort * len(met[0].hurry)], axis=1, dtype=np.int32)
     width = -(-game.n_actions // _VECTOR) * _VECTOR
     return Tables(
         limits=np.bitwise_or.reduce(np.concatenate([t, hurry], axis=1) << shifts, axis=1),
         seat=np.int64(len(t) // 2 if game.people is not None else 0),
-        recovery=np.int64(game.recovery is not None),
+        recovery=None if game.recovery is None else np.int64(1),
         wait=np.ascontiguousarray(wait),
         position=np.ascontiguousarray(position),
-        feasible=feasible,
-        met=effort * np.int32(len(met[0].hurry)),
+        place=place,
         head=np.ascontiguousarray(head),
         inverse=np.uint64(-(-(1 << int(_SHIFT)) // size)),
         first=np.ascontiguousarray(first),
@@ -193,7 +189,7 @@ def tables_of(game: Game) -> Tables:
         own=game.edge_own.astype(np.int16),
         duel=game.edge_duel.astype(np.int8),
         rank=np.ascontiguousarray(game.reply_rank.reshape(-1, game.n_strokes)),
-        mask=np.pad(game.reply_mask.reshape(-1, game.n_strokes), ((0, 0), (0, width - game.n_strokes))),
+        mask=np.pad(game.reply_mask.reshape(-1, game.n_strokes), ((0, 1), (0, width - game.n_strokes))),
     )
 
 
@@ -206,6 +202,7 @@ class Legal(NamedTuple):
         pair: first legal pair.
         reply: index of the first reply.
         limit: index of the first thresholds.
+        choices: number of thresholds of a stroke, one for each feasible position of the receiver; 1 without recovery.
     """
 
     block: np.uint64
@@ -213,6 +210,7 @@ class Legal(NamedTuple):
     pair: int
     reply: int
     limit: int
+    choices: int
 
 
 # Unsigned indices need no check for counting from the end.
@@ -248,7 +246,11 @@ def legal_strokes(tables: Tables, s: int) -> Legal:
     block = block_of(tables, s)
     base = np.uint64(s - tables.first[block, 0])
     pair = tables.head[base, 0]
-    return Legal(block, tables.head[base, 1], pair + tables.first[block, 1], tables.head[base, 2], pair + tables.first[block, 2])
+    row, choices = int64(pair), int64(1)
+    if with_recovery(tables):
+        row, choices = int64(tables.wait[base, 0]), int64(tables.wait[base, 1])
+    first = tables.first[block]
+    return Legal(block, tables.head[base, 1], pair + first[1], tables.head[base, 2], row + first[2], choices)
 
 
 @inlined
@@ -259,9 +261,9 @@ def stroke_of(tables: Tables, legal: Legal, k: int) -> int:
 
 
 @inlined
-def limits_of(tables: Tables, legal: Legal, k: int, seat: int) -> np.uint64:
-    """Thresholds of the k-th legal stroke of a seat."""
-    limits: np.uint64 = tables.limits[np.uint64(legal.limit + k + tables.seat * seat)]
+def limits_of(tables: Tables, legal: Legal, k: int, seat: int, place: int) -> np.uint64:
+    """Thresholds of the k-th legal stroke of a seat, in the game with recovery against feasible position ``place``, else 0."""
+    limits: np.uint64 = tables.limits[np.uint64(legal.limit + k * legal.choices + place + tables.seat * seat)]
     return limits
 
 
@@ -282,7 +284,7 @@ def next_state(arrival: int, outcome: int) -> int:
 @inlined
 def with_recovery(tables: Tables) -> bool:
     """Whether the receiver has a position."""
-    return tables.recovery != 0
+    return tables.recovery is not None
 
 
 @inlined
@@ -301,15 +303,7 @@ def choices_in(tables: Tables, s: int) -> int:
 @inlined
 def has_choice(tables: Tables, s: int) -> bool:
     """Whether the receiver has more than one feasible position in a state."""
-    return choices_in(tables, s) > 1
-
-
-@inlined
-def met_row(tables: Tables, s: int, reply: int, place: int, seat: int) -> int:
-    """Index of the thresholds of a reply of a seat against the receiver in the feasible position ``place``."""
-    block = block_of(tables, s)
-    base = np.uint64(s - tables.first[block, 0])
-    return int64(tables.met[block] + tables.wait[base, 0] + reply * tables.wait[base, 1] + place + tables.seat * seat)
+    return with_recovery(tables) and choices_in(tables, s) > 1
 
 
 @inlined
@@ -319,17 +313,9 @@ def position_at(tables: Tables, s: int, place: int) -> int:
 
 
 @inlined
-def strike_one(tables: Tables, s: int, k: int, seat: int, bits: np.uint64, place: int) -> tuple[int, int]:
-    """Outcome of the k-th legal stroke of a seat in a state by a draw, and the next state; see :func:`next_state`.
-
-    Args:
-        place: number of the receiver's feasible position; read in the game with recovery alone.
-    """
-    legal = legal_strokes(tables, s)
-    at = (
-        met_row(tables, s, legal.reply + k, place, seat) if with_recovery(tables) else int64(legal.limit + k + tables.seat * seat)
-    )
-    outcome = outcome_of(tables.limits[np.uint64(at)], bits)
+def strike_one(tables: Tables, legal: Legal, k: int, seat: int, bits: np.uint64) -> tuple[int, int]:
+    """Outcome of the k-th legal stroke of a seat by a draw, of a receiver without a choice, and the :func:`next_state`."""
+    outcome = outcome_of(limits_of(tables, legal, k, seat, 0), bits)
     return outcome, next_state(arrival_of(tables, legal, k), outcome)
 
 
@@ -377,9 +363,9 @@ def uniform_choice(count: int, bits: np.uint64) -> int:
 
 
 @inlined
-def uniform_place(tables: Tables, s: int, bits: np.uint64) -> int:
-    """One of the feasible positions in a state with equal probabilities, by the draw of the stroke."""
-    return uniform_choice(choices_in(tables, s), mix(bits + GOLDEN))
+def uniform_place(legal: Legal, bits: np.uint64) -> int:
+    """One of the feasible positions of the receiver with equal probabilities, by the draw of the stroke."""
+    return uniform_choice(legal.choices, bits << POSITION_SHIFT)
 
 
 class Block(NamedTuple):
@@ -387,7 +373,7 @@ class Block(NamedTuple):
 
     Attributes:
         bits: uint64 draw of the stroke.
-        limit: int32 index of the thresholds of the stroke.
+        limit: int32 index of the thresholds of the stroke, against the first feasible position; that of the receiver is added.
         reply: int32 index of the stroke among the replies.
         arrival: int32 state of the next striker, contact below and not hurried.
         limits: uint64 thresholds of the stroke.
@@ -421,15 +407,9 @@ def new_block() -> Block:
 @inlined
 def choose_stroke(tables: Tables, block: Block, j: int, legal: Legal, k: int, seat: int) -> None:
     """Set the stroke of row j of a block, struck by a seat, to the k-th of its legal strokes."""
-    block.limit[j] = legal.limit + k + tables.seat * seat
+    block.limit[j] = legal.limit + k * legal.choices + tables.seat * seat
     block.reply[j] = legal.reply + k
     block.arrival[j] = arrival_of(tables, legal, k)
-
-
-@inlined
-def meet(tables: Tables, block: Block, j: int, s: int, place: int, seat: int) -> None:
-    """Set the thresholds of the stroke of row j of a block to those against the receiver in the feasible position ``place``."""
-    block.limit[j] = met_row(tables, s, block.reply[j], place, seat)
 
 
 @inlined

@@ -28,7 +28,6 @@ from shuttle_marl.kernel.core import (
     int64,
     legal_strokes,
     list_where,
-    meet,
     new_block,
     position_at,
     read_limits,
@@ -106,7 +105,7 @@ def _play(tables: Tables, setup: _Setup, lanes: Rows, live: int, log: Log, count
             for j in range(live):
                 receiver = entrant[np.uint64(part.rally[j]), np.uint64(1 - part.striker[j])]
                 place[j] = place_choice(players, receiver, part.state[j], block.bits[j])
-                meet(tables, block, j, part.state[j], place[j], part.striker[j])
+                block.limit[j] += place[j]
         read_limits(tables, block, live)
         if keep:
             for j in range(live):
@@ -147,7 +146,7 @@ def _play_block(tables: Tables, players: Players, matches: Matches, rules: Rules
     while True:
         live, step = _play(tables, setup, lanes, live, log, counts, step)
         if live == 0:
-            return MatchResults(games, rallies_of(log, matches.entrant, tables.rank.shape[1], bool(tables.recovery)))
+            return MatchResults(games, rallies_of(log, matches.entrant, tables.rank.shape[1], tables.recovery is not None))
         log = log._replace(stroke=np.concatenate([log.stroke, np.empty_like(log.stroke)], axis=1))
 
 

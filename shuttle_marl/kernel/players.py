@@ -7,11 +7,11 @@ import numpy as np
 
 from shuttle_marl.base.arrays import I32, U8, U16, Bools
 from shuttle_marl.base.compiling import compiled, inlined
-from shuttle_marl.game.draws import CHOICE_ONE, GOLDEN
+from shuttle_marl.game.draws import CHOICE_ONE, POSITION_SHIFT
 from shuttle_marl.game.recovery import N_POSITIONS
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
-from shuttle_marl.kernel.core import KernelError, checked_array, int64, mix, tables_of
+from shuttle_marl.kernel.core import KernelError, checked_array, int64, tables_of
 
 GUIDES: Final = 16
 """Entries of the guide of a state: one for each value of the highest four bits of a choice."""
@@ -74,7 +74,7 @@ def table_choice(players: Players, player: int, s: int, start: int, bits: np.uin
 @inlined
 def place_choice(players: Players, player: int, s: int, bits: np.uint64) -> int:
     """Number of the feasible position in which a policy waits where the opponent is in state ``s``, by the draw of the stroke."""
-    choice, row, place = choice_of(mix(bits + GOLDEN)), np.uint64(player), 0
+    choice, row, place = choice_of(bits << POSITION_SHIFT), np.uint64(player), 0
     for i in range(_PLACES):
         place += players.waits[row, np.uint64(s), i] <= choice
     return int64(place)

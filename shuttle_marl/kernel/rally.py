@@ -36,7 +36,6 @@ from shuttle_marl.kernel.core import (
     int64,
     legal_strokes,
     list_where,
-    meet,
     new_block,
     next_state,
     outcome_of,
@@ -61,6 +60,7 @@ from shuttle_marl.kernel.rows import (
     begin,
     choose_uniform,
     draw_strokes,
+    find_places,
     find_ranks,
     in_slices,
     new_rows,
@@ -159,8 +159,9 @@ def _until_learner(tables: Tables, rows: Rows, matches: MatchRows | None, oppone
     seat, reward = int64(opponents.seat[i]), np.float32(0)
     while rows.live[i] and rows.striker[i] != seat and not has_choice(tables, rows.state[i]):
         s, bits = rows.state[i], draw(rows.key[i], rows.stroke[i])
-        k = table_choice(opponents.players, opponents.opponent[i], s, legal_strokes(tables, s).pair, bits)
-        outcome, rows.state[i] = strike_one(tables, s, k, rows.striker[i], bits, 0)
+        legal = legal_strokes(tables, s)
+        k = table_choice(opponents.players, opponents.opponent[i], s, legal.pair, bits)
+        outcome, rows.state[i] = strike_one(tables, legal, k, rows.striker[i], bits)
         rows.stroke[i] += 1
         rows.striker[i] ^= 1
         if outcome < OPEN:
@@ -259,14 +260,23 @@ def _count(
 @inlined
 def _decide(tables: Tables, opponents: Opponents, part: Rows, begin_block: int, rank: I16, place: I16, block: Block) -> None:
     """Split the learner's actions of a block into strokes and positions, and let the opponents choose the others."""
-    draw_strokes(part, block.bits)
+    for r in range(_list_deciding(opponents, part, begin_block, block, strikes=True)):
+        j = block.listed[r]
+        place[j] = place_choice(opponents.players, opponents.opponent[begin_block + j], part.state[j], block.bits[j])
+    for r in range(_list_deciding(opponents, part, begin_block, block, strikes=False)):
+        j = block.listed[r]
+        s, opponent, place[j] = part.state[j], opponents.opponent[begin_block + j], rank[j]
+        rank[j] = table_choice(opponents.players, opponent, s, legal_strokes(tables, s).pair, block.bits[j])
+
+
+@inlined
+def _list_deciding(opponents: Opponents, part: Rows, begin_block: int, block: Block, strikes: bool) -> int:
+    """List the rows whose learner is to strike, or those whose learner is to choose a position; returns their number."""
+    listed = 0
     for j in range(part.state.size):
-        s, opponent = part.state[j], opponents.opponent[begin_block + j]
-        if part.striker[j] == opponents.seat[begin_block + j]:
-            place[j] = place_choice(opponents.players, opponent, s, block.bits[j])
-        else:
-            place[j] = rank[j]
-            rank[j] = table_choice(opponents.players, opponent, s, legal_strokes(tables, s).pair, block.bits[j])
+        block.listed[listed] = j
+        listed += (part.striker[j] == opponents.seat[begin_block + j]) == strikes
+    return listed
 
 
 @inlined
@@ -274,14 +284,18 @@ def _after_decisions(
     tables: Tables, rows: Rows, matches: MatchRows | None, opponents: Opponents, block: Block, begin_block: int, output: Output
 ) -> None:
     """Rewards of the learners, who may have been receivers; rallies continue up to their next decision."""
+    listed = 0
     for j in range(output.done.size):
         i = begin_block + j
-        if rows.striker[i] == opponents.seat[i]:  # the striker is already the receiver of the stroke
-            output.reward[j] = -output.reward[j]
-        waits = rows.striker[i] != opponents.seat[i]
-        if matches is None and not output.done[j] and waits and choices_in(tables, rows.state[i]) == 1:
-            output.reward[j] = _until_learner(tables, rows, matches, opponents, i)
-            if not rows.live[i]:
+        waits = rows.striker[i] != opponents.seat[i]  # the striker is already the receiver of the stroke
+        output.reward[j] *= 2 * waits - 1
+        block.listed[listed] = j
+        listed += waits & (not output.done[j]) & (choices_in(tables, rows.state[i]) == 1)
+    if matches is None:
+        for r in range(listed):
+            j = block.listed[r]
+            output.reward[j] = _until_learner(tables, rows, matches, opponents, begin_block + j)
+            if not rows.live[begin_block + j]:
                 output.done[j], block.outcome[j] = True, FAULT  # so that a reset finds the row
 
 
@@ -291,6 +305,7 @@ def _step(
     rows: Rows,
     matches: MatchRows | None,
     opponents: Opponents | None,
+    other: I8,
     rank: I16,
     place: I16,
     output: Output,
@@ -298,11 +313,12 @@ def _step(
     span: tuple[int, int],
 ) -> None:
     first, last = span
-    block, nobody = new_block(), np.empty(0, np.int8)
+    block = new_block()
     for begin_block in range(first, last, BLOCK):
         end_block = min(begin_block + BLOCK, last)
         part = part_of(rows, begin_block, end_block)
         results = Output(output.reward[begin_block:end_block], output.done[begin_block:end_block], output.observed)
+        draw_strokes(part, block.bits)
         if opponents is not None and with_recovery(tables):
             _decide(tables, opponents, part, begin_block, rank[begin_block:end_block], place[begin_block:end_block], block)
         strike(tables, part, rank[begin_block:end_block], place[begin_block:end_block], block)
@@ -321,10 +337,7 @@ def _step(
                 if results.done[block.listed[r]]:
                     _begin(tables, rows, matches, opponents, begin_block + block.listed[r], serving)
         if output.observed.mask.shape[0] > 0:
-            if opponents is None:
-                observe(tables, rows, nobody, output.observed, begin_block, end_block)
-            else:
-                observe(tables, rows, opponents.seat, output.observed, begin_block, end_block)
+            observe(tables, rows, other, output.observed, begin_block, end_block)
 
 
 @compiled
@@ -350,11 +363,10 @@ def _run(tables: Tables, rows: Rows, players: Players, tally: I64, serving: Serv
                 for j in range(count):
                     legal = legal_strokes(tables, part.state[j])
                     choose_stroke(tables, block, j, legal, uniform_choice(legal.n, block.bits[j]), part.striker[j])
-            if with_recovery(tables):
+                    block.limit[j] += uniform_place(legal, block.bits[j])
+            if tabulated and with_recovery(tables):
                 for j in range(count):
-                    s, bits = part.state[j], block.bits[j]
-                    place = place_choice(players, 1 - part.striker[j], s, bits) if tabulated else uniform_place(tables, s, bits)
-                    meet(tables, block, j, s, place, part.striker[j])
+                    block.limit[j] += place_choice(players, 1 - part.striker[j], part.state[j], block.bits[j])
             read_limits(tables, block, count)
             play(part, block)
             for i in range(list_where(block, count, over=True)):
@@ -429,6 +441,7 @@ class RallyBatch:
             following=assigned,
             unseen=np.zeros((batch, 2), np.int64),
         )
+        self._other = (1 - self.opponents.seat) if self.n_opponents else np.full(batch, -1, np.int8)
         self._state = (self._tables, self.rows, self.matches, None if opponents is None else self.opponents)
         self.reset(seed)
 
@@ -504,7 +517,7 @@ class RallyBatch:
             self._check(observed)
         output = Output(np.empty(len(self), np.float32), np.empty(len(self), np.bool_), observed or NO_OBSERVATIONS)
         rank, place, serving = self._ranks(stroke), self._places(position), self._serving(reset=reset)
-        in_slices(lambda a, b: _step(*self._state, rank, place, output, serving, (a, b)), len(self), self.threads)
+        in_slices(lambda a, b: _step(*self._state, self._other, rank, place, output, serving, (a, b)), len(self), self.threads)
         return output.reward, output.done
 
     def run(self, strokes: int, policies: tuple[TabulatedPolicy, TabulatedPolicy] | None = None) -> Tally:
@@ -537,7 +550,7 @@ class RallyBatch:
             KernelError: arrays of wrong shape or dtype.
         """
         self._check(observed)
-        in_slices(lambda a, b: observe_rows(self._tables, self.rows, self._seat, observed, a, b), len(self), self.threads)
+        in_slices(lambda a, b: observe_rows(self._tables, self.rows, self._other, observed, a, b), len(self), self.threads)
 
     def random_strokes(self) -> I64:
         """``[B]`` a random legal stroke or position of each row, by the draw of its next stroke."""
@@ -546,14 +559,9 @@ class RallyBatch:
     def random_actions(self) -> tuple[I64, I64]:
         """:meth:`random_strokes`, and ``[B]`` a random position of each receiver, for rows without opponents."""
         stroke, position = np.empty(len(self), np.int64), np.zeros(len(self), np.int64)
-        args = (self._tables, self.rows, self._seat, stroke, position)
+        args = (self._tables, self.rows, self._other, stroke, position)
         in_slices(lambda a, b: choose_uniform(*args, a, b), len(self), self.threads)
         return stroke, position
-
-    @property
-    def _seat(self) -> I8:
-        """``[B]`` seat of the learners; ``[0]`` without opponents."""
-        return self.opponents.seat if self.n_opponents else self.opponents.seat[:0]
 
     @property
     def _shapes(self) -> tuple[tuple[tuple[int, int], type], tuple[tuple[int, int], type]]:
@@ -575,34 +583,26 @@ class RallyBatch:
             KernelError: wrong shape, or not integers.
             IllegalStrokeError: an illegal stroke.
         """
-        wanted = checked_array("strokes", stroke, np.int64, (len(self),))
-        rank = np.empty(len(self), np.int16)
-        wrong: list[int] = []
-
-        def find(first: int, last: int) -> None:
-            if (row := find_ranks(self._tables, self.rows, self._seat, wanted, rank, first, last)) >= 0:
-                wrong.append(row)
-
-        in_slices(find, len(self), self.threads)
-        if wrong:
-            self._refuse(min(wrong), int(wanted[min(wrong)]))
+        rank = self.ranks(stroke)
+        if (rank < 0).any():
+            row = int((rank < 0).argmax())
+            self._refuse(row, int(stroke[row]))
         return rank
 
-    def ranks(self, action: Ints) -> I32:
-        """``[B]`` number of each action among the legal strokes, or among the feasible positions; -1 where it is illegal."""
-        n, state = self.game.n_strokes, self.rows.state
-        rank: I32 = np.where(action < n, self.game.rank(state, np.minimum(action, n - 1)), np.int32(-1))
-        if self.game.recovery is None or not self.n_opponents:
-            return rank
-        position = np.where(action < n, N_POSITIONS, action - n)  # -1 fills up the table
-        feasible = self._tables.position[self.game.base(state)] == position[:, None]
-        place = np.where(feasible.any(axis=1), feasible.argmax(axis=1), -1)
-        return np.where(self.waits, place, rank).astype(np.int32)
+    def ranks(self, action: Ints) -> I16:
+        """``[B]`` number of each action among the legal strokes, or among the feasible positions; -1 where it is illegal.
+
+        Raises:
+            KernelError: wrong shape, or not integers.
+        """
+        wanted, rank = checked_array("strokes", action, np.int64, (len(self),)), np.empty(len(self), np.int16)
+        in_slices(lambda a, b: find_ranks(self._tables, self.rows, self._other, wanted, rank, a, b), len(self), self.threads)
+        return rank
 
     @property
     def waits(self) -> Bools:
         """``[B]`` whether each learner is to choose a position."""
-        return np.asarray(self.rows.striker != self.opponents.seat)
+        return np.asarray(self.rows.striker == self._other)
 
     def _places(self, position: Ints | None) -> I16:
         """``[B]`` number of each position among the feasible ones; of no meaning with opponents, ``[0]`` without recovery.
@@ -616,12 +616,13 @@ class RallyBatch:
         if position is None:
             return np.empty(0 if self.game.recovery is None else len(self), np.int16)
         wanted = checked_array("positions", position, np.int64, (len(self),), 0, N_POSITIONS - 1)
-        feasible = self._tables.position[self.game.base(self.rows.state)] == wanted[:, None]
-        if not feasible.any(axis=1).all():
-            row = int(feasible.any(axis=1).argmin())
+        place = np.empty(len(self), np.int16)
+        in_slices(lambda a, b: find_places(self._tables, self.rows, wanted, place, a, b), len(self), self.threads)
+        if (place < 0).any():
+            row = int((place < 0).argmax())
             where = self.game.describe(int(self.rows.state[row]))
             raise KernelError(f"row {row}: {POSITIONS[wanted[row]]} is not feasible in state: {where}")
-        return feasible.argmax(axis=1).astype(np.int16)
+        return place
 
     def _refuse(self, row: int, stroke: int) -> None:
         if not self.rows.live[row]:
@@ -682,4 +683,4 @@ class MatchBatch(RallyBatch):
             self._refuse(int(np.argmin(self.rows.live)), 0)
         rank = self.ranks(wanted)
         self.matches.reason[rank < 0] = ILLEGAL
-        return np.maximum(rank, 0).astype(np.int16)
+        return np.maximum(rank, 0)

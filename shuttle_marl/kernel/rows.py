@@ -20,14 +20,12 @@ from shuttle_marl.kernel.core import (
     base_of,
     block_of,
     checked_number,
-    choices_in,
     choose_stroke,
     draw,
     extend,
     first_server,
     hurried_in,
     legal_strokes,
-    meet,
     new_block,
     next_state,
     outcome_of,
@@ -150,13 +148,11 @@ def play(part: Rows, block: Block) -> None:
 
 @inlined
 def strike(tables: Tables, part: Rows, rank: I16, place: I16, block: Block) -> None:
-    """Play the legal stroke of position ``rank`` in every row, in the game with recovery against feasible position ``place``."""
-    draw_strokes(part, block.bits)
+    """Play the legal stroke of position ``rank`` in every row by its draw, with recovery against feasible position ``place``."""
     for j in range(rank.size):
         choose_stroke(tables, block, j, legal_strokes(tables, part.state[j]), rank[j], part.striker[j])
-    if with_recovery(tables):
-        for j in range(rank.size):
-            meet(tables, block, j, part.state[j], place[j], part.striker[j])
+        if with_recovery(tables):
+            block.limit[j] += place[j]
     read_limits(tables, block, rank.size)
     play(part, block)
 
@@ -171,32 +167,39 @@ def reward_strikers(block: Block, reward: F32, over: Bools) -> None:
 
 
 @inlined
-def waits(tables: Tables, rows: Rows, seat: I8, i: int) -> bool:
-    """Whether the learner of row i is to choose a position; without learners, ``seat`` is empty."""
-    return with_recovery(tables) and seat.size > 0 and rows.striker[i] != seat[i]
+def waits(tables: Tables, rows: Rows, other: I8, i: int) -> bool:
+    """Whether the learner of row i is to choose a position.
+
+    Args:
+        other: ``[B]`` seats of the learners' opponents; -1 without learners.
+    """
+    # Without a branch: one that holds tuples of arrays costs counts of their references, more than all the rest.
+    return with_recovery(tables) & (rows.striker[i] == other[i])
 
 
 @compiled
-def find_ranks(tables: Tables, rows: Rows, seat: I8, action: I64, rank: I16, first: int, last: int) -> int:
+def find_ranks(tables: Tables, rows: Rows, other: I8, action: I64, rank: I16, first: int, last: int) -> None:
     """Write the rank of each stroke among the legal strokes, and of each position n + p among the feasible positions.
 
-    Returns:
-        The first row without a legal action or over, or -1.
+    It is -1 where the action is not legal or the row is over.
     """
     n = tables.rank.shape[1]
     for i in range(first, last):
-        if not rows.live[i]:
-            return i
         rank[i] = -1
-        if waits(tables, rows, seat, i):
-            for place in range(choices_in(tables, rows.state[i])):
-                if position_at(tables, rows.state[i], place) == action[i] - n:
-                    rank[i] = place
+        if not rows.live[i]:
+            continue
+        if waits(tables, rows, other, i):
+            if n <= action[i] < n + N_POSITIONS:
+                rank[i] = tables.place[base_of(tables, rows.state[i]), np.uint64(action[i] - n)]
         elif 0 <= action[i] < n:
             rank[i] = tables.rank[row_of(tables, rows.state[i]), np.uint64(action[i])]
-        if rank[i] < 0:
-            return i
-    return -1
+
+
+@compiled
+def find_places(tables: Tables, rows: Rows, position: I64, place: I16, first: int, last: int) -> None:
+    """Write the number of each position among the feasible ones, -1 if it is none of them."""
+    for i in range(first, last):
+        place[i] = tables.place[base_of(tables, rows.state[i]), np.uint64(position[i])]
 
 
 TOKENS: Final = 7
@@ -237,73 +240,71 @@ class Output(NamedTuple):
 
 
 @inlined
-def observe(tables: Tables, rows: Rows, seat: I8, observed: Observations, first: int, last: int) -> None:
+def observe(tables: Tables, rows: Rows, other: I8, observed: Observations, first: int, last: int) -> None:
     """Write the observations of rows ``first`` up to ``last``."""
     n, strokes, recovery = observed.mask.shape[1], tables.rank.shape[1], with_recovery(tables)
     flat = observed.mask.reshape(observed.mask.size)
     for i in range(first, last):
-        block = block_of(tables, rows.state[i])
+        block, position, seen = block_of(tables, rows.state[i]), np.uint64(waits(tables, rows, other, i)), observed.tokens[i]
         edge = base_of(tables, rows.state[i]) >> np.uint64(2)
-        observed.tokens[i, 0] = tables.own[edge]
-        observed.tokens[i, 1] = tables.incoming[edge]
-        observed.tokens[i, 2] = rows.state[i] & 1
-        observed.tokens[i, 3] = tables.duel[edge]
-        observed.tokens[i, 4] = tables.efforts[block, 0]
-        observed.tokens[i, 5] = tables.efforts[block, 1]
-        observed.tokens[i, 6] = hurried_in(rows.state[i])
-    if recovery:
-        for i in range(first, last):
-            position = waits(tables, rows, seat, i)
-            observed.tokens[i, 7] = position
-            if position:
-                seen = observed.tokens[i]
-                seen[0], seen[1], seen[4], seen[5] = seen[1], seen[0], seen[5], seen[4]
+        # A receiver sees the state from the other side.
+        seen[position] = tables.own[edge]
+        seen[np.uint64(1) - position] = tables.incoming[edge]
+        seen[2] = rows.state[i] & 1
+        seen[3] = tables.duel[edge]
+        seen[np.uint64(4) + position] = tables.efforts[block, 0]
+        seen[np.uint64(5) - position] = tables.efforts[block, 1]
+        seen[6] = hurried_in(rows.state[i])
+        if recovery:
+            seen[7] = position
     # Whole vectors are copied; the next row overwrites the padding. The last rows are exact, as no row follows them.
     width = tables.mask.shape[1]
-    exact = max(first, last - (width + n - 1) // n + 1)
+    exact, nothing = max(first, last - (width + n - 1) // n + 1), np.uint64(tables.mask.shape[0] - 1)
     for i in range(first, exact):
-        legal = tables.mask[row_of(tables, rows.state[i])]
+        shown = row_of(tables, rows.state[i])
+        legal = tables.mask[nothing if waits(tables, rows, other, i) else shown]
         row = flat[i * n : i * n + width]
         for j in range(width):
             row[j] = legal[j]
+        if recovery:
+            _show_positions(tables, rows, other, i, flat[i * n + strokes : (i + 1) * n])
     for i in range(exact, last):
-        flat[i * n : (i + 1) * n] = tables.mask[row_of(tables, rows.state[i]), :n]
-    if recovery:
-        shown, none = seat.size == 0, tables.feasible.shape[0] - 1
-        for i in range(first, last):
-            position = waits(tables, rows, seat, i)
-            if position:
-                flat[i * n : i * n + strokes] = False
-            feasible = tables.feasible[base_of(tables, rows.state[i]) if position or shown else np.uint64(none)]
-            row = flat[i * n + strokes : (i + 1) * n]
-            for j in range(N_POSITIONS):
-                row[j] = feasible[j]
+        shown = row_of(tables, rows.state[i])
+        flat[i * n : (i + 1) * n] = tables.mask[nothing if waits(tables, rows, other, i) else shown, :n]
+        if recovery:
+            _show_positions(tables, rows, other, i, flat[i * n + strokes : (i + 1) * n])
+
+
+@inlined
+def _show_positions(tables: Tables, rows: Rows, other: I8, i: int, mask: Bools) -> None:
+    """Write the feasible positions of row i, none if its learner is to strike."""
+    place, shown = tables.place[base_of(tables, rows.state[i])], (other[i] < 0) | waits(tables, rows, other, i)
+    for j in range(N_POSITIONS - 1):  # eight are a vector
+        mask[j] = shown & (place[j] >= 0)
+    mask[N_POSITIONS - 1] = shown & (place[N_POSITIONS - 1] >= 0)
 
 
 @compiled
-def observe_rows(tables: Tables, rows: Rows, seat: I8, observed: Observations, first: int, last: int) -> None:
+def observe_rows(tables: Tables, rows: Rows, other: I8, observed: Observations, first: int, last: int) -> None:
     """:func:`observe`, to be called uncompiled."""
-    observe(tables, rows, seat, observed, first, last)
+    observe(tables, rows, other, observed, first, last)
 
 
 @compiled
-def choose_uniform(tables: Tables, rows: Rows, seat: I8, stroke: I64, position: I64, first: int, last: int) -> None:
-    """Write a random legal action of each of rows ``first`` up to ``last``, and without learners a random position."""
+def choose_uniform(tables: Tables, rows: Rows, other: I8, action: I64, position: I64, first: int, last: int) -> None:
+    """Write a random legal action and, with recovery, a random position of each of rows ``first`` up to ``last``."""
     block = new_block()
     for begin_block in range(first, last, BLOCK):
         part = part_of(rows, begin_block, min(begin_block + BLOCK, last))
-        chosen = stroke[begin_block : begin_block + part.state.size]
         draw_strokes(part, block.bits)
         for j in range(part.state.size):
             legal = legal_strokes(tables, part.state[j])
-            chosen[j] = stroke_of(tables, legal, uniform_choice(legal.n, block.bits[j]))
-        if with_recovery(tables):
-            for j in range(part.state.size):
-                waited = position_at(tables, part.state[j], uniform_place(tables, part.state[j], block.bits[j]))
-                if seat.size == 0:
-                    position[begin_block + j] = waited
-                elif waits(tables, rows, seat, begin_block + j):
-                    chosen[j] = tables.rank.shape[1] + waited
+            action[begin_block + j] = stroke_of(tables, legal, uniform_choice(legal.n, block.bits[j]))
+            if with_recovery(tables):
+                waited = position_at(tables, part.state[j], uniform_place(legal, block.bits[j]))
+                position[begin_block + j] = waited
+                if waits(tables, rows, other, begin_block + j):
+                    action[begin_block + j] = tables.rank.shape[1] + waited
 
 
 @lru_cache(maxsize=4)

@@ -147,8 +147,9 @@ class RallySampler:
         self._sums = Sums(
             np.zeros((pairs, 3), np.float32), np.zeros((states, 2), np.float32), np.zeros(states, np.int32), np.zeros(7)
         )
-        none = np.zeros(0, np.float32)
-        self._shaping = none if shaping is None else checked_array("shaping", shaping, np.float32, (game.limits[..., 0].size,))
+        self._shaping = np.zeros(0, np.float32)
+        if shaping is not None:
+            self._shaping = checked_array("shaping", shaping, np.float32, (game.limits[..., 0].size,))[game.limit_row()]
         self._workspace = new_workspace(_LONG)
         self._opponents = np.arange(1, len(opponents) + 1, dtype=np.int32) if opponents else np.full(1, -1, np.int32)
         self._starts = no_starts()
@@ -444,7 +445,7 @@ def _rallies_of(tables: Tables, learned: Learned, opponents: I32, tape: Tape, nu
     read_tape(tables, learned, opponents, tape, np.stack([rows, start]), stroke, hurried, extra)
     server, winner, reason = tape.ended[:, rows]
     waited = None
-    if tables.recovery:
+    if tables.recovery is not None:
         waited = tape.waited[np.repeat(start - (np.cumsum(length) - length), length) + np.arange(count)]
     policy = np.zeros((len(number), 2), np.uint16)
     policy[:, 1] = np.maximum(opponents[number % len(opponents)], 0)

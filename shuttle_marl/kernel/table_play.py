@@ -32,7 +32,6 @@ from shuttle_marl.kernel.core import (
     int64,
     legal_strokes,
     limits_of,
-    met_row,
     next_state,
     outcome_of,
     position_at,
@@ -104,7 +103,6 @@ class BlockRallies(NamedTuple):
     Attributes:
         state: ``[BLOCK, T]`` states of the strokes.
         pair: ``[BLOCK, T]`` legal pairs of the strokes.
-        limit: ``[BLOCK, T]`` indices of their thresholds in the game without recovery.
         place: ``[BLOCK, T]`` number of the receiver's feasible position; written in the game with recovery alone.
         length: ``[BLOCK]`` number of strokes; STALE if an entry of the table is missing or stale, TOO_LONG if it exceeds T.
         server: ``[BLOCK]`` seat that serves; if ``length`` is STALE, the decision of the entry.
@@ -113,7 +111,6 @@ class BlockRallies(NamedTuple):
 
     state: I32
     pair: I32
-    limit: I32
     place: I32
     length: I64
     server: I64
@@ -134,7 +131,9 @@ class Lanes(NamedTuple):
         first: first legal pair of the state.
         reply: index of its first reply.
         limit: index of its first thresholds.
+        choices: number of thresholds of a stroke.
         rank: position of the stroke among the legal strokes.
+        place: number of the receiver's feasible position; 0 without recovery.
         limits: its thresholds.
         arrival: state of the next striker, contact below and not hurried.
     """
@@ -149,7 +148,9 @@ class Lanes(NamedTuple):
     first: I64
     reply: I64
     limit: I64
+    choices: I64
     rank: I64
+    place: I64
     limits: U64
     arrival: I64
 
@@ -164,10 +165,10 @@ class Workspace(NamedTuple):
 def new_workspace(strokes: int) -> Workspace:
     """Allocate arrays for rallies of up to ``strokes`` strokes."""
     kinds = {"key": np.uint64, "bits": np.uint64, "limits": np.uint64}
-    lanes: dict[str, Any] = {name: np.empty(BLOCK, kinds.get(name, np.int64)) for name in Lanes._fields}
-    lists: list[I32] = [np.empty((BLOCK, strokes), np.int32) for _ in range(4)]
+    lanes: dict[str, Any] = {name: np.zeros(BLOCK, kinds.get(name, np.int64)) for name in Lanes._fields}
+    lists: list[I32] = [np.empty((BLOCK, strokes), np.int32) for _ in range(3)]
     ends: list[I64] = [np.empty(BLOCK, np.int64) for _ in range(3)]
-    return Workspace(BlockRallies(lists[0], lists[1], lists[2], lists[3], ends[0], ends[1], ends[2]), Lanes(**lanes))
+    return Workspace(BlockRallies(lists[0], lists[1], lists[2], ends[0], ends[1], ends[2]), Lanes(**lanes))
 
 
 @inlined
@@ -187,8 +188,6 @@ def play(tables: Tables, learned: Learned, schedule: Schedule, numbers: I64, wor
         count = _admit(tables, learned, rallies, lanes, count, t, schedule.oldest)
         _choose(tables, learned.players, lanes, count)
         _look_up(tables, rallies, lanes, count, t)
-        if with_recovery(tables):
-            _meet(tables, learned.players, rallies, lanes, count, t)
         t += 1
         count = _strike(rallies, lanes, count, t)
 
@@ -233,12 +232,16 @@ def _move(lanes: Lanes, i: int, to: int) -> None:
 
 @inlined
 def _choose(tables: Tables, players: Players, lanes: Lanes, count: int) -> None:
-    """Choose a stroke in each lane."""
+    """Choose a stroke and a position in each lane."""
     for i in range(count):
         s = lanes.state[i]
         legal = legal_strokes(tables, s)
         lanes.block[i], lanes.first[i], lanes.reply[i], lanes.limit[i] = legal.block, legal.pair, legal.reply, legal.limit
         lanes.rank[i] = first_guess(players, lanes.player[i], s, lanes.bits[i])
+        lanes.choices[i] = legal.choices
+    if with_recovery(tables):
+        for i in range(count):
+            lanes.place[i] = place_choice(players, lanes.other[i], lanes.state[i], lanes.bits[i])
     for i in range(count):
         lanes.rank[i] = find_rank(players, lanes.player[i], lanes.first[i], lanes.rank[i], lanes.bits[i])
 
@@ -247,24 +250,12 @@ def _choose(tables: Tables, players: Players, lanes: Lanes, count: int) -> None:
 def _look_up(tables: Tables, rallies: BlockRallies, lanes: Lanes, count: int, t: int) -> None:
     """Store stroke t of each rally, and read its thresholds and the state that follows."""
     for i in range(count):
-        legal = Legal(np.uint64(lanes.block[i]), 0, lanes.first[i], lanes.reply[i], lanes.limit[i])
-        k = lanes.rank[i]
+        legal = Legal(np.uint64(lanes.block[i]), 0, lanes.first[i], lanes.reply[i], lanes.limit[i], lanes.choices[i])
+        k, place = lanes.rank[i], lanes.place[i]
         at = np.uint64(lanes.rally[i]), np.uint64(t)
-        rallies.state[at], rallies.pair[at], rallies.limit[at] = lanes.state[i], legal.pair + k, legal.limit + k
-        lanes.limits[i] = limits_of(tables, legal, k, (rallies.server[lanes.rally[i]] + t) & 1)
+        rallies.state[at], rallies.pair[at], rallies.place[at] = lanes.state[i], legal.pair + k, place
+        lanes.limits[i] = limits_of(tables, legal, k, (rallies.server[lanes.rally[i]] + t) & 1, place)
         lanes.arrival[i] = arrival_of(tables, legal, k)
-
-
-@inlined
-def _meet(tables: Tables, players: Players, rallies: BlockRallies, lanes: Lanes, count: int, t: int) -> None:
-    """Choose where each receiver waits for stroke t, and read the thresholds of the stroke against them."""
-    for i in range(count):
-        place = place_choice(players, lanes.other[i], lanes.state[i], lanes.bits[i])
-        rallies.place[np.uint64(lanes.rally[i]), np.uint64(t)] = place
-        seat = (rallies.server[lanes.rally[i]] + t) & 1
-        lanes.limit[i] = met_row(tables, lanes.state[i], lanes.reply[i] + lanes.rank[i], place, seat)
-    for i in range(count):
-        lanes.limits[i] = tables.limits[np.uint64(lanes.limit[i])]
 
 
 @inlined
@@ -370,7 +361,7 @@ class Credit(NamedTuple):
 
     Attributes:
         gae_lambda: lambda of the advantages.
-        shaping: ``[L * base pairs]`` addition to the reward of a stroke, or ``[0]``.
+        shaping: ``[P]`` addition to the reward of a stroke, or ``[0]``.
     """
 
     gae_lambda: float
@@ -534,7 +525,7 @@ def _credit_learner(
         if recovery and (server + t) & 1:
             s, pair = states + s, _place_pair(tables, learned, rallies, i, t)
         elif credit.shaping.size > 0:
-            won += credit.shaping[rallies.limit[i, t]]
+            won += credit.shaping[pair]
         a = _advantage(won, learned.value[s], after, a, 1.0, credit.gae_lambda)
         at = first + j if first >= 0 else -1
         _add(learned, collected, at, _Stroke(s, pair, following, won, a))

@@ -271,7 +271,7 @@ class TorchSampler(RallySampler):
         last = place == own[row] - 1
         gain = torch.where(last, reward[row], 0).double()
         if len(self._added):
-            gain = torch.where(both[row], gain, gain + self._added[self._limit_row[pair].long()].double())
+            gain = torch.where(both[row], gain, gain + self._added[pair.long()].double())
         # gamma = -1 in self-play, where the next state belongs to the opponent, and 0 at the end of a rally.
         sign = torch.where(last, 0.0, torch.where(both[row], -1.0, 1.0)).double()
         advantage = self._advantages(gain, sign, state, t)

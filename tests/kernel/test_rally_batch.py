@@ -134,7 +134,7 @@ def test_what_is_seen_is_written_for_its_rows_alone(rallies: int, first: int, la
     batch.run(7)
     for before in (False, True):
         seen = Observations(np.full((50, TOKENS), -1, np.int32), np.full((50, game.n_strokes), before))
-        observe_rows(batch._tables, batch.rows, batch._seat, seen, first, last)
+        observe_rows(batch._tables, batch.rows, batch._other, seen, first, last)
         inside = np.zeros(50, np.bool_)
         inside[first:last] = True
         assert np.array_equal(seen.mask[inside], game.mask(batch.rows.state)[inside])

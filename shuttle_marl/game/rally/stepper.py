@@ -61,13 +61,15 @@ class Stepper:
         game: the tables, or the game of a pair.
         action_names: names of the n strokes and, in the game with recovery, of the nine positions (``wait:front-centre``).
         n_actions: how many these are.
-        observations: ``[base states, 60]`` float32 observation of the striker in each state, efforts zero.
+        observations: ``[2 base states, 60]`` float32 observation of the striker in each state, then of the receiver, efforts zero;
+            with recovery ``[2 base states, 61]``, the last number zero.
     """
 
     def __init__(self, game: Game) -> None:
         self.game = game
-        self.observations = features(game)
-        self._n, self._one, self._swap, self._positions = game.n_strokes, ONE, SWAP, game.n_positions
+        seen, hides = features(game), game.recovery is not None
+        self.observations = np.pad(np.concatenate([seen, seen[:, SWAP]]), ((0, 0), (0, hides)))
+        self._n, self._one, self._positions = game.n_strokes, ONE, game.n_positions
         waiting = None if game.recovery is None else [tables.waiting for tables in game.seats]
         self.action_names = (*game.catalogue.names, *(f"wait:{name}" for name in POSITIONS if waiting))
         self.n_actions = game.n_actions
@@ -83,13 +85,14 @@ class Stepper:
         self._incoming = _view(game.edge_incoming)
         self._size, self._levels = game.n_base_states, game.levels
         self._next_block = [tuple(b * self._size for b in game.block_following(block)) for block in range(game.n_blocks)]
+        self._only = _view(np.full(self._size, -1, np.int8))
         if waiting:
             self._met = [[_view(limits) for limits in tables.limits] for tables in waiting]
             self._late = [_view(tables.hurry) for tables in waiting]
-            base = np.arange(self._size)
-            self._feasible = waiting[0].mask(base).astype(np.int8)
-            self._place = _view(np.where(self._feasible, self._feasible.cumsum(axis=1) - 1, -1).astype(np.int8))
-            self._choices, self._first_row = _view(waiting[0].choices), _view(waiting[0].start)
+            feasible = waiting[0].mask(np.arange(self._size)).astype(np.int8)
+            self._position_masks = np.pad(feasible, ((0, 0), (self._n, 0)))
+            self._place, self._choices, self._first_row = map(_view, (waiting[0].place, waiting[0].choices, waiting[0].start))
+            self._only = _view(np.where(waiting[0].choices > 1, -1, waiting[0].position[:, 0]))
         highest = max(1, game.levels - 1)
         self._efforts = [(own / highest, other / highest) for own in range(game.levels) for other in range(game.levels)]
 
@@ -100,12 +103,13 @@ class Stepper:
         return stepper_of, (self.game,)
 
     def observe(self, state: int, *, receiver: bool = False) -> F32:
-        """``[60]`` observation of the striker in a state, or of the receiver; a new array."""
+        """``[60]`` observation of the striker in a state, or of the receiver; with recovery ``[61]``. A new array."""
         block, base = divmod(state, self._size)
-        row: F32 = self.observations[base].copy()
+        row: F32 = self.observations[base + self._size * receiver].copy()
         if block:
-            row[_EFFORTS] = self._efforts[block]
-        return row[self._swap] if receiver else row
+            efforts = self._efforts[block]
+            row[_EFFORTS] = efforts[::-1] if receiver else efforts
+        return row
 
     def legal_action_mask(self, state: int) -> I8:
         """``[n_actions]`` int8 legal strokes of a state, a new array."""
@@ -114,19 +118,17 @@ class Stepper:
 
     def position_mask(self, state: int) -> I8:
         """``[n_actions]`` int8 feasible positions of the receiver, a new array; of the game with recovery."""
-        mask = np.zeros(self.n_actions, np.int8)
-        mask[self._n :] = self._feasible[state % self._size]
+        mask: I8 = self._position_masks[state % self._size].copy()
         return mask
 
     def chooses_position(self, state: int) -> bool:
         """Whether the receiver can wait at more than one position."""
-        return self.n_actions > self._n and self._choices[state % self._size] > 1
+        return self.n_actions > self._n and self.only_position(state) is None
 
     def only_position(self, state: int) -> int | None:
         """Where a receiver without a choice waits; None: they have one, or it is the game without recovery."""
-        if self.n_actions == self._n or self._choices[state % self._size] > 1:
-            return None
-        return int(self._feasible[state % self._size].argmax())
+        only: int = self._only[state % self._size]
+        return None if only < 0 else only
 
     def is_feasible(self, state: int, position: int) -> bool:
         """Whether a receiver can wait at a position; of the game with recovery."""
