@@ -7,6 +7,7 @@ such as ``default:men`` means one of its variants: the game of one discipline, o
 import copyreg
 import dataclasses
 import functools
+import itertools
 from pathlib import Path
 from typing import Any, Final, Literal, NamedTuple
 
@@ -311,9 +312,9 @@ def origin_of(game: Game) -> Origin | None:
 
 def shipped_game(digest: str) -> Game | None:
     """The game of a shipped model or variant by its hash; None if none has it."""
-    if _origin_of_hash(digest) is None:  # those of different hands are known once they are loaded
-        for name in (None, *PROFILES):
-            load_game(f"default:{variant_of(name, opposite=True)}")
+    if _origin_of_hash(digest) is None:  # those of different hands and with recovery are known once they are loaded
+        for name, opposite in itertools.product((None, *PROFILES), (False, True)):
+            load_game(Origin(_MODELS / "default", variant_of(name, opposite=opposite), recovery=True).name_in("default"))
     origin = _origin_of_hash(digest)
     return None if origin is None or origin.folder.parent != _MODELS else load_game(origin.name_in(origin.folder.name))
 

@@ -122,7 +122,7 @@ class TorchSampler(RallySampler):
         shaping: Floats | None = None,
     ) -> None:
         if game.recovery is not None:
-            raise KernelError("the sampler on a device does not know positions; take the kernel in the game with recovery")
+            raise KernelError("the sampler torch does not play the game with recovery; choose kernel (--sampler kernel) or auto")
         self._device = torch.device(device)
         self._limits = self._there(tables_of(game).limits.view(np.int64))
         self._limit_row = torch.empty(game.n_pairs, dtype=torch.int32, device=self._device)

@@ -5,6 +5,7 @@ import dataclasses
 import json
 import multiprocessing
 import os
+import shutil
 import signal
 import sys
 from pathlib import Path
@@ -20,8 +21,8 @@ from shuttle_marl import exact
 from shuttle_marl.base.runs import RunError
 from shuttle_marl.commands.league import main
 from shuttle_marl.game.policy import PolicyError
-from shuttle_marl.game.shipped import load_game
-from shuttle_marl.game.tabulated import from_pair_probabilities
+from shuttle_marl.game.shipped import CARD, POSITIONS, load_game, model_folder
+from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities
 from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.policy.stored import StoredPolicies
 from shuttle_marl.training.league.config import VARIANTS, LeagueTrainingConfig, LeagueTrainingError, MetaSolver, Variant
@@ -82,6 +83,20 @@ def test_every_variant_learns(variant: Variant, model: str, tmp_path: Path) -> N
         train_league(config)
     again = train_league(dataclasses.replace(config, resume=True))
     assert again.figures["curve"] == done.figures["curve"]
+
+
+@pytest.mark.parametrize(("variant", "learner"), [("prioritised", "ppo"), ("plain", "a2c"), ("fictitious", "sac"), ("psro", "ppo")])
+def test_leagues_learn_where_to_wait(variant: Variant, learner: Any, model: str, tmp_path: Path) -> None:
+    shutil.copytree(model, tmp_path / "model")
+    for file in (CARD, POSITIONS):
+        shutil.copy(model_folder() / file, tmp_path / "model")
+    name = f"{tmp_path / 'model'}:recovery"
+    config = LeagueTrainingConfig(**SMALL, variant=variant, learner=learner, game=name, out=tmp_path / "run")
+    done = train_league(config)
+    assert done.policy.waits is not None, "positions of its own, not those of people"
+    assert exact.best_response(done.policy).value.odds().value == pytest.approx(done.figures["exploitability"], abs=2e-5)
+    assert TabulatedPolicy.load(tmp_path / "run" / MAIN, load_game(name)).hash == done.policy.hash
+
 
 
 @pytest.mark.parametrize("meta_solver", ["nash", "uniform", "alpha-rank"])

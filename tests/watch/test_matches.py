@@ -209,11 +209,12 @@ def test_persons_of_different_hands_meet_in_the_game_of_different_hands(tables: 
     assert (shown.hands, shown.athletes) == (rallies[1].hands, rallies[1].athletes)
 
 
-def test_a_log_of_different_hands_names_its_game_in_a_new_process() -> None:
-    digest = load_game("default:women-opposite").hash
-    script = f"from shuttle_marl.game.shipped import origin_of, shipped_game; print(origin_of(shipped_game({digest!r})).variant)"
+@pytest.mark.parametrize("name", ["default:women-opposite", "default:recovery", "default:men-opposite-recovery"])
+def test_a_log_of_a_variant_names_its_game_in_a_new_process(name: str) -> None:
+    found = f"origin_of(shipped_game({load_game(name).hash!r})).name_in('default')"
+    script = f"from shuttle_marl.game.shipped import origin_of, shipped_game; print({found})"
     done = subprocess.run([sys.executable, "-c", script], check=True, capture_output=True, text=True)
-    assert done.stdout.strip() == "women-opposite"
+    assert done.stdout.strip() == name
 
 
 def test_likeness_counts_the_strokes_of_all_games_of_a_match(tables: PolicyTables) -> None:
