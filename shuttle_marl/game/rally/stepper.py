@@ -61,8 +61,8 @@ class Stepper:
         game: the tables, or the game of a pair.
         action_names: names of the n strokes and, in the game with recovery, of the nine positions (``wait:front-centre``).
         n_actions: how many these are.
-        observations: ``[2 base states, 60]`` float32 observation of the striker in each state, then of the receiver, efforts zero;
-            with recovery ``[2 base states, 61]``, the last number zero.
+        observations: ``[2 base states, 60]`` float32 observation of the striker in each state, then of the receiver, efforts
+            zero; with recovery ``[2 base states, 61]``, the last number zero.
     """
 
     def __init__(self, game: Game) -> None:
@@ -91,7 +91,9 @@ class Stepper:
             self._late = [_view(tables.hurry) for tables in waiting]
             feasible = waiting[0].mask(np.arange(self._size)).astype(np.int8)
             self._position_masks = np.pad(feasible, ((0, 0), (self._n, 0)))
-            self._place, self._choices, self._first_row = map(_view, (waiting[0].place, waiting[0].choices, waiting[0].start))
+            self._place, self._choices, self._first_row = (
+                _view(table) for table in (waiting[0].place, waiting[0].choices, waiting[0].start)
+            )
             self._only = _view(np.where(waiting[0].choices > 1, -1, waiting[0].position[:, 0]))
         highest = max(1, game.levels - 1)
         self._efforts = [(own / highest, other / highest) for own in range(game.levels) for other in range(game.levels)]
