@@ -21,8 +21,8 @@ class Tables(NamedTuple):
 
     In the game with recovery thresholds and chances are those by position (:class:`shuttle_marl.game.recovery.Waiting`), with
     ``start``, ``choices``, and ``place``: ``[base states, n + 9]`` number of the position of each action among the feasible
-    ones, -1 if it is none of them. Then ``reply_rank`` has n + 9 columns too, so that a mask is one row of either: XLA joins parts
-    slowly.
+    ones, -1 if it is none of them. Then ``reply_rank`` has n + 9 columns too, so that a mask is one row of either: XLA joins
+    parts slowly.
     """
 
     limits: jax.Array
