@@ -31,9 +31,9 @@ def matrix() -> str:
     return markdown(("agent", *opponents), rows, left=("agent",))
 
 
-def self_play() -> str:
-    """Exploitability by variant of self-play, from ``experiments/results/self_play.json``."""
-    result = saved("experiments", "self_play")
+def self_play(name: str = "self_play") -> str:
+    """Exploitability by variant of self-play, from ``experiments/results/NAME.json``."""
+    result = saved("experiments", name)
     rows = [(f"`{variant}`", *figures) for variant, *figures in self_play_study.table_rows(result)]
     table = markdown(self_play_study.HEADINGS, rows, left=("variant",))
     return f"{table}\n\nMeans of {result['seeds']} seeds, exact, game `{result['game'][:12]}`: {_made_by(result)}."

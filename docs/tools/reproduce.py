@@ -85,6 +85,14 @@ RESULTS: Final[dict[str, Result]] = (
                 0.5,
                 "8 minutes",
             ),
+            (
+                "self_play_recovery",
+                ("self_play_recovery",),
+                "self_play --game default:recovery --variants magnet plain pool nash --seeds 2 --strokes 40000000 --out runs/again "
+                "--json",
+                0.5,
+                "5 minutes",
+            ),
             ("stroke_value", ("stroke_value",), "stroke_value --data {data} --json", 0.0, ""),
             ("styles", ("styles",), "styles --seeds 10 --out runs/again --json {out}", 0.2, "an hour"),
             (

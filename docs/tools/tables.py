@@ -10,6 +10,7 @@ page does not show what the results say.
 """
 
 import difflib
+import functools
 import re
 import sys
 import tempfile
@@ -54,6 +55,7 @@ BLOCKS: Final[dict[str, Callable[[], str]]] = {
     "recovery_depth": experiment_tables.recovery_depth,
     "recovery_truth": experiment_tables.recovery_truth,
     "self_play": experiment_tables.self_play,
+    "self_play_recovery": functools.partial(experiment_tables.self_play, "self_play_recovery"),
     "speed": benchmark_tables.speed,
     "staging": benchmark_tables.staging,
     **suite_tables.BLOCKS,
