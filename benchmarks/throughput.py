@@ -7,7 +7,8 @@ alternate. Seconds are CPU seconds of the process for one thread, so that other 
 seconds for several threads. The fastest turn is reported, because other load can only slow a turn down, and the median as well.
 
 ``--json`` prints a list of ``{"what", "batch", "threads", "strokes_per_s", ...}``, with games of other sizes (``strokes``,
-``states``, ``legal_pairs``) at the end. ``bound_per_s`` is the limit from the reads of a stroke alone
+``states``, ``legal_pairs``) and with recovery at the end: ``recovery_ratio`` is the median ratio to the game without, which
+alternates with it. ``bound_per_s`` is the limit from the reads of a stroke alone
 (:mod:`benchmarks.lower_bound`), ``load`` the load average at the start of a measurement.
 
 For ``vector``, ``match_vector`` and ``gymnasium``, the learner's stroke and the reply count as one stroke; in environments of
@@ -30,9 +31,19 @@ from rich.progress import track
 from rich.table import Table
 
 from benchmarks.machine import machine, this_machine
-from benchmarks.throughput_cases import BATCHED, ONE_THREAD, SINGLE, Play, game_of_size, kernel, kernel_observed, lower_bound
+from benchmarks.throughput_cases import (
+    BATCHED,
+    ONE_THREAD,
+    RECOVERY,
+    SINGLE,
+    Play,
+    game_of_size,
+    kernel,
+    kernel_observed,
+    lower_bound,
+)
 from shuttle_marl.base.errors import ShuttleError
-from shuttle_marl.game import default_game
+from shuttle_marl.game import default_game, load_game
 
 Row = dict[str, Any]
 
@@ -117,6 +128,14 @@ def measure_size(size: tuple[int, int] | None, seconds: float, turns: int) -> li
     return [row(what, _SIZE_BATCH, 1, measured, **about) for what, measured in zip(SIZED, found, strict=True)]
 
 
+def measure_recovery(what: str, seconds: float, turns: int) -> list[Row]:
+    """A case in the game with recovery, and how fast it is beside the game without."""
+    games, batch = (default_game(), load_game("default:recovery")), _FLOOR_BATCH if what in BATCHED else 1
+    without, found = speeds([RECOVERY[what](batch, 1, game) for game in games], seconds, turns, threads=1)
+    ratio = statistics.median(one / other for one, other in zip(found, without, strict=True))
+    return [row(what, batch, 1, found, recovery_ratio=ratio)]
+
+
 def measure(
     only: Sequence[str],
     batches: Sequence[int],
@@ -135,6 +154,7 @@ def measure(
         jobs.append((measure_single, (singles, seconds, turns)))
     if sizes:
         jobs += [(measure_size, (size, seconds, turns)) for size in (None, *sizes)]
+    jobs += [(measure_recovery, (name, seconds, turns)) for name in RECOVERY if name in only]
     rows: list[Row] = []
     for job, arguments in track(jobs, "measuring", console=Console(stderr=True)):
         with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as fresh:
@@ -146,6 +166,7 @@ def measure(
 
 def show(rows: Sequence[Row], console: Console) -> None:
     """Print the measurements as tables."""
+    hidden, rows = [r for r in rows if "recovery_ratio" in r], [r for r in rows if "recovery_ratio" not in r]
     batches = sorted({r["batch"] for r in rows if "states" not in r})
     table = Table("", "threads", *(f"B = {batch:,}" for batch in batches), "peak MB", title="million strokes a second")
     for key in dict.fromkeys((r["what"], r["threads"]) for r in rows if "states" not in r):
@@ -162,6 +183,8 @@ def show(rows: Sequence[Row], console: Console) -> None:
     speed = {r["what"]: r["strokes_per_s"] for r in rows if r["what"] in SINGLE}
     if {"aec", "connect_four_v3"} <= set(speed):
         console.print(f"aec: {speed['aec'] / speed['connect_four_v3']:.1f} times connect_four_v3")
+    for r in hidden:
+        console.print(f"{r['what']} with recovery: {r['recovery_ratio']:.2f} times the speed of the game without")
     sizes = [r for r in rows if "states" in r]
     if sizes:
         table = Table(

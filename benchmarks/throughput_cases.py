@@ -65,11 +65,12 @@ def kernel_observed(batch: int, threads: int, game: Game | None = None) -> Play:
     from shuttle_marl.kernel import RallyBatch
 
     rows = RallyBatch(game or default_game(), batch, threads=threads)
-    seen, steps = rows.new_observations(), _steps(batch)
+    seen, steps, hides = rows.new_observations(), _steps(batch), rows.game.recovery is not None
 
     def play() -> int:
         for _ in range(steps):
-            rows.step(rows.random_strokes(), observed=seen)
+            stroke, position = rows.random_actions()
+            rows.step(stroke, position if hides else None, observed=seen)
         return steps * batch
 
     return play
@@ -92,11 +93,11 @@ def tournament(batch: int, threads: int) -> Play:
     return lambda: len(play_matches(game, matches, players, threads=threads).rallies.stroke)
 
 
-def torchrl(batch: int, threads: int) -> Play:
+def torchrl(batch: int, threads: int, game: Game | None = None) -> Play:
     """``RallyEnv`` with TorchRL's loop, resetting in the same call as the step; random legal strokes."""
     from shuttle_marl.env.batched import RallyEnv
 
-    return _rolled_out(RallyEnv(batch, threads=threads), batch, threads)
+    return _rolled_out(RallyEnv(batch, threads=threads, game=game), batch, threads)
 
 
 def torchrl_stock(batch: int, threads: int) -> Play:
@@ -126,23 +127,32 @@ def _rolled_out(env: Any, batch: int, threads: int) -> Play:
     return play
 
 
-def jax(batch: int, _: int) -> Play:
-    """``shuttle_marl.env.jax``, many strokes in one compiled call; random legal strokes, observations and masks."""
+def jax(batch: int, _: int, game: Game | None = None) -> Play:
+    """``shuttle_marl.env.jax``, many strokes in one compiled call; random legal strokes, observations and masks.
+
+    With recovery the receiver takes a random feasible position.
+    """
     import jax as jax_library
     import jax.numpy as jnp
     from jax import random
 
     from shuttle_marl.env import jax as rally
 
-    steps = _steps(batch)
+    game = game or default_game()
+    steps, positions = _steps(batch), None if game.recovery is None else jnp.asarray(game.waiting.position)
 
     def stroke(tables: rally.Tables, now: Any, key: Any) -> tuple[Any, Any]:
         state, seen = now
-        base = state % (len(tables.base_pair_start) - 1)
-        one, two = random.split(key)
+        base, position = state % (len(tables.base_pair_start) - 1), None
+        if positions is None:
+            one, two = random.split(key)
+        else:
+            one, two, three = random.split(key, 3)
+            position = positions[base, rally.draws(three, state.shape) * tables.choices[base] >> 24]
         k = random.randint(one, state.shape, 0, tables.base_pair_start[base + 1] - tables.base_pair_start[base])
         chosen = tables.edge_incoming[tables.reply_edge[tables.first_reply[base] + k]]
-        after = jax_library.vmap(rally.step, (None, 0, 0, 0))(tables, state, chosen, rally.draws(two, state.shape))
+        arguments = tables, state, chosen, rally.draws(two, state.shape), position
+        after = jax_library.vmap(rally.step, (None, 0, 0, 0, None if position is None else 0))(*arguments)
         tokens, mask = jax_library.vmap(rally.observe, (None, 0))(tables, after.state)
         # XLA removes what is not used.
         return (after.state, seen + tokens.sum(axis=1) + mask.sum(axis=1)), None
@@ -153,7 +163,7 @@ def jax(batch: int, _: int) -> Play:
         now, _ = jax_library.lax.scan(lambda n, k: stroke(tables, n, k), now, keys[1:])
         return now, keys[0]
 
-    tables = rally.Tables.of()
+    tables = rally.Tables.of(game)
     now, key = (jnp.tile(rally.init(), batch), jnp.zeros(batch, jnp.int32)), random.key(0)
 
     def play() -> int:
@@ -165,11 +175,11 @@ def jax(batch: int, _: int) -> Play:
     return play
 
 
-def vector(batch: int, threads: int) -> Play:
-    """``RallyVectorEnv`` against ``bc``, random legal strokes; a stroke and the reply to it count once."""
+def vector(batch: int, threads: int, game: Game | None = None) -> Play:
+    """``RallyVectorEnv`` against ``bc``, random legal actions; a step, which holds one action of the learner, counts once."""
     from shuttle_marl.env.vector import RallyVectorEnv
 
-    return _stepped(RallyVectorEnv(batch, opponent="bc", threads=threads), batch)
+    return _stepped(RallyVectorEnv(batch, opponent="bc", threads=threads, game=game), batch)
 
 
 def match_vector(batch: int, threads: int) -> Play:
@@ -253,6 +263,21 @@ def _classic(name: str) -> Callable[[], Any]:
     return make
 
 
+def aec_strokes(batch: int, threads: int, game: Game | None = None) -> Play:  # noqa: ARG001
+    """PettingZoo's loop with random legal actions, of which strokes alone count."""
+    from benchmarks.aec import steps_of_an_episode
+    from shuttle_marl import rally_v0
+
+    env, rng = rally_v0.env(game=game), random.Random(0)
+    env.reset(seed=0)
+
+    def play() -> int:
+        steps_of_an_episode(env, rng)
+        return len(env.unwrapped.strokes)
+
+    return play
+
+
 BATCHED: Final[dict[str, Maker]] = {
     "kernel": kernel,
     "kernel_observed": kernel_observed,
@@ -272,5 +297,14 @@ SINGLE: Final[dict[str, Maker]] = {
     "tictactoe_v3": _loop(_classic("tictactoe_v3")),
 }
 """Environments without batches, which alternate in one process."""
+RECOVERY: Final[dict[str, Callable[[int, int, Game], Play]]] = {
+    "kernel": kernel,
+    "kernel_observed": kernel_observed,
+    "torchrl": torchrl,
+    "vector": vector,
+    "aec": aec_strokes,
+    "jax": jax,
+}
+"""Cases that are also measured in the game with recovery, in alternation with the game without."""
 ONE_THREAD: Final = ("cartpole_vector", "jax", *SINGLE)
 """Cases that are not told the number of their threads."""

@@ -166,7 +166,7 @@ def training_speed() -> str:
 
 def throughput() -> str:
     """Million strokes a second by batch, from ``benchmarks/results/throughput.json``."""
-    rows = [row for row in saved("benchmarks", "throughput") if "states" not in row]
+    rows = [row for row in saved("benchmarks", "throughput") if not {"states", "recovery_ratio"} & set(row)]
     batches = sorted({row["batch"] for row in rows})
     lines = []
     for what, threads in dict.fromkeys((row["what"], row["threads"]) for row in rows):
@@ -183,7 +183,7 @@ def speed() -> str:
     """The main figures, from ``benchmarks/results/throughput.json`` and ``exact_values.json``."""
     best: dict[str, float] = {}
     for row in saved("benchmarks", "throughput"):
-        if "states" not in row and row["threads"] == 1 and row["batch"] in (1, 8192):
+        if not {"states", "recovery_ratio"} & set(row) and row["threads"] == 1 and row["batch"] in (1, 8192):
             best[row["what"]] = row["strokes_per_s"]
     solvers = {row["what"].partition(",")[0]: row["cpu_s"] for row in saved("benchmarks", "exact_values")["solvers"]}
     strokes = (

@@ -108,7 +108,8 @@ class Tables(NamedTuple):
         wait: ``[base states, 2]`` int32 of each base state its first row by position, and its number of feasible positions, which
             are the rows from one stroke to the next; ``[0, 2]`` without recovery.
         position: ``[base states, 9]`` int8 its feasible positions in rising order, then -1; ``[0, 9]`` without recovery.
-        place: ``[base states, 9]`` int8 number of each position among the feasible ones, else -1; ``[0, 9]`` without recovery.
+        place: ``[base states + 1, 9]`` int8 number of each position among the feasible ones, else -1, as in the whole last row;
+            ``[0, 9]`` without recovery.
         head: ``[base states, 4]`` int32 of each base state: first pair, number of legal strokes, index of its first reply, row of
             ``rank`` and ``mask``.
         inverse: 2^57 divided by the number of base states, rounded up: the block of a state follows by a multiplication.
@@ -164,7 +165,7 @@ def tables_of(game: Game) -> Tables:
     if game.recovery is not None:
         waiting = seats[0].waiting
         wait, position = np.stack([waiting.start[:-1], waiting.choices], axis=1, dtype=np.int32), waiting.position
-        place = waiting.place
+        place = np.pad(waiting.place, ((0, 1), (0, 0)), constant_values=-1)
     shifts = np.array([0, 16, 32, 48, 56], np.uint64)
     base, block = np.arange(size), np.arange(game.n_blocks, dtype=np.int32)
     effort = block // game.levels

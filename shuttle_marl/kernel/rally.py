@@ -318,8 +318,8 @@ def _step(
         end_block = min(begin_block + BLOCK, last)
         part = part_of(rows, begin_block, end_block)
         results = Output(output.reward[begin_block:end_block], output.done[begin_block:end_block], output.observed)
-        draw_strokes(part, block.bits)
         if opponents is not None and with_recovery(tables):
+            draw_strokes(part, block.bits)
             _decide(tables, opponents, part, begin_block, rank[begin_block:end_block], place[begin_block:end_block], block)
         strike(tables, part, rank[begin_block:end_block], place[begin_block:end_block], block)
         reward_strikers(block, results.reward, results.done)
@@ -615,13 +615,14 @@ class RallyBatch:
             raise KernelError("positions are for rows without opponents in the game with recovery, and needed there")
         if position is None:
             return np.empty(0 if self.game.recovery is None else len(self), np.int16)
-        wanted = checked_array("positions", position, np.int64, (len(self),), 0, N_POSITIONS - 1)
+        wanted = checked_array("positions", position, np.int64, (len(self),))
         place = np.empty(len(self), np.int16)
         in_slices(lambda a, b: find_places(self._tables, self.rows, wanted, place, a, b), len(self), self.threads)
         if (place < 0).any():
             row = int((place < 0).argmax())
             where = self.game.describe(int(self.rows.state[row]))
-            raise KernelError(f"row {row}: {POSITIONS[wanted[row]]} is not feasible in state: {where}")
+            name = f" ({POSITIONS[wanted[row]]})" if 0 <= wanted[row] < N_POSITIONS else ""
+            raise KernelError(f"row {row}: position {wanted[row]}{name} is not feasible in state: {where}")
         return place
 
     def _refuse(self, row: int, stroke: int) -> None:

@@ -149,6 +149,7 @@ def play(part: Rows, block: Block) -> None:
 @inlined
 def strike(tables: Tables, part: Rows, rank: I16, place: I16, block: Block) -> None:
     """Play the legal stroke of position ``rank`` in every row by its draw, with recovery against feasible position ``place``."""
+    draw_strokes(part, block.bits)
     for j in range(rank.size):
         choose_stroke(tables, block, j, legal_strokes(tables, part.state[j]), rank[j], part.striker[j])
         if with_recovery(tables):
@@ -199,7 +200,8 @@ def find_ranks(tables: Tables, rows: Rows, other: I8, action: I64, rank: I16, fi
 def find_places(tables: Tables, rows: Rows, position: I64, place: I16, first: int, last: int) -> None:
     """Write the number of each position among the feasible ones, -1 if it is none of them."""
     for i in range(first, last):
-        place[i] = tables.place[base_of(tables, rows.state[i]), np.uint64(position[i])]
+        base, found = base_of(tables, rows.state[i]), 0 <= position[i] < N_POSITIONS
+        place[i] = tables.place[base, np.uint64(position[i])] if found else -1
 
 
 TOKENS: Final = 7
@@ -245,18 +247,18 @@ def observe(tables: Tables, rows: Rows, other: I8, observed: Observations, first
     n, strokes, recovery = observed.mask.shape[1], tables.rank.shape[1], with_recovery(tables)
     flat = observed.mask.reshape(observed.mask.size)
     for i in range(first, last):
-        block, position, seen = block_of(tables, rows.state[i]), np.uint64(waits(tables, rows, other, i)), observed.tokens[i]
+        block, position = block_of(tables, rows.state[i]), np.uint64(waits(tables, rows, other, i))
         edge = base_of(tables, rows.state[i]) >> np.uint64(2)
         # A receiver sees the state from the other side.
-        seen[position] = tables.own[edge]
-        seen[np.uint64(1) - position] = tables.incoming[edge]
-        seen[2] = rows.state[i] & 1
-        seen[3] = tables.duel[edge]
-        seen[np.uint64(4) + position] = tables.efforts[block, 0]
-        seen[np.uint64(5) - position] = tables.efforts[block, 1]
-        seen[6] = hurried_in(rows.state[i])
+        observed.tokens[i, position] = tables.own[edge]
+        observed.tokens[i, np.uint64(1) - position] = tables.incoming[edge]
+        observed.tokens[i, 2] = rows.state[i] & 1
+        observed.tokens[i, 3] = tables.duel[edge]
+        observed.tokens[i, np.uint64(4) + position] = tables.efforts[block, 0]
+        observed.tokens[i, np.uint64(5) - position] = tables.efforts[block, 1]
+        observed.tokens[i, 6] = hurried_in(rows.state[i])
         if recovery:
-            seen[7] = position
+            observed.tokens[i, 7] = position
     # Whole vectors are copied; the next row overwrites the padding. The last rows are exact, as no row follows them.
     width = tables.mask.shape[1]
     exact, nothing = max(first, last - (width + n - 1) // n + 1), np.uint64(tables.mask.shape[0] - 1)
@@ -278,10 +280,11 @@ def observe(tables: Tables, rows: Rows, other: I8, observed: Observations, first
 @inlined
 def _show_positions(tables: Tables, rows: Rows, other: I8, i: int, mask: Bools) -> None:
     """Write the feasible positions of row i, none if its learner is to strike."""
-    place, shown = tables.place[base_of(tables, rows.state[i])], (other[i] < 0) | waits(tables, rows, other, i)
+    base, none = base_of(tables, rows.state[i]), np.uint64(tables.place.shape[0] - 1)
+    place = tables.place[base if (other[i] < 0) | waits(tables, rows, other, i) else none]
     for j in range(N_POSITIONS - 1):  # eight are a vector
-        mask[j] = shown & (place[j] >= 0)
-    mask[N_POSITIONS - 1] = shown & (place[N_POSITIONS - 1] >= 0)
+        mask[j] = place[j] >= 0
+    mask[N_POSITIONS - 1] = place[N_POSITIONS - 1] >= 0
 
 
 @compiled

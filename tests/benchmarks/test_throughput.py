@@ -8,7 +8,8 @@ pytest.importorskip("pygame")
 
 from benchmarks import aec, recording
 from benchmarks.league import benchmark
-from benchmarks.throughput_cases import BATCHED, SINGLE
+from benchmarks.throughput import measure_recovery
+from benchmarks.throughput_cases import BATCHED, RECOVERY, SINGLE
 
 
 @pytest.mark.parametrize("what", [*BATCHED, *SINGLE])
@@ -19,6 +20,12 @@ def test_every_maker_plays(what: str) -> None:
         played = play()
         assert played > 0
         assert played % batch == 0 or what == "tournament"
+
+
+@pytest.mark.parametrize("what", RECOVERY)
+def test_games_with_recovery_are_measured_beside_the_game_without(what: str) -> None:
+    (measured,) = measure_recovery(what, 0.0, 1)
+    assert measured["recovery_ratio"] > 0
 
 
 @pytest.mark.slow
