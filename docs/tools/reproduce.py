@@ -88,8 +88,8 @@ RESULTS: Final[dict[str, Result]] = (
             (
                 "self_play_recovery",
                 ("self_play_recovery",),
-                "self_play --game default:recovery --variants magnet plain pool nash --seeds 2 --strokes 40000000 --out runs/again "
-                "--json",
+                "self_play --game default:recovery --variants magnet plain pool nash --seeds 2 --strokes 40000000 "
+                "--out runs/again --json",
                 0.5,
                 "5 minutes",
             ),

@@ -59,7 +59,7 @@ def test_a_rally_takes_place_as_it_was_played(motions: list[Motion]) -> None:
 
 def test_receivers_wait_where_they_chose(played: list[Rally]) -> None:
     """The front and the back corner on the forehand side, which for a left-hander is on the left; 2.6 m apart."""
-    for rally, hand in zip((rally for rally in played if len(rally) > 4), ("right", "left"), strict=False):
+    for rally, hand in zip(sorted(played, key=len)[-2:], ("right", "left"), strict=True):
         front, back = (
             np.median(
                 [
