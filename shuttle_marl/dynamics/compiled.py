@@ -56,7 +56,7 @@ CONTEXT_STROKES: Final = 20.0
 MIN_STROKES: Final = 20
 MIN_REPLIES: Final = 2
 SMALL_CELL: Final = 50
-"""Where people met an incoming shot type in an area less often, at a height, what they play in its third of the court counts."""
+"""Number of strokes against an incoming shot type in an area, at a height, below which those in its third of the court count."""
 MIN_STYLE: Final = 5
 PRIOR_STROKES: Final = 40.0
 CREDIBLE: Final = 0.90

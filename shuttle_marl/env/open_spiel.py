@@ -25,7 +25,6 @@ from open_spiel.python import policy as spiel_policy
 
 from shuttle_marl.base.arrays import F32
 from shuttle_marl.base.errors import OptionError
-from shuttle_marl.game.draws import CHOICE_ONE
 from shuttle_marl.game.observation import RALLY_WIDTH
 from shuttle_marl.game.policy import Policy
 from shuttle_marl.game.rally.stepper import stepper_of
@@ -33,7 +32,7 @@ from shuttle_marl.game.recovery import POSITIONS
 from shuttle_marl.game.rules import FAULT, OUTCOMES, RETURNED_BELOW, WINNER
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.game.tables import RECOVERY, ROOT, Game
-from shuttle_marl.game.tabulated import tabulate
+from shuttle_marl.game.tabulated import position_shares, tabulate
 
 __all__ = ["NAME", "RECOVERY_NAME", "RallyGame", "RallyState", "open_spiel_policy"]
 
@@ -258,7 +257,7 @@ class _TablePolicy(spiel_policy.Policy):
 
     def action_probabilities(self, state: RallyState, player_id: int | None = None) -> dict[int, float]:  # noqa: ARG002
         if state.choosing:
-            shares = np.diff(self._table.waiting_table[state.number].astype(np.int64), prepend=0) / CHOICE_ONE
+            shares = position_shares(self._table.waiting_table[state.number])
             return {action: float(shares[action - self._table.game.n_strokes]) for action in state.legal_actions()}
         pairs = self._table.game.pairs_of(state.number)
         probabilities = self._table.probability_of(np.arange(pairs.start, pairs.stop))

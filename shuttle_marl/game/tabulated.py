@@ -160,7 +160,7 @@ class TabulatedPolicy:
 
     def position_probabilities(self) -> F64 | None:
         """``[S, 9]`` probability of each position where the opponent is in each state; None: those of people."""
-        return None if self.waits is None else np.diff(self.waits.astype(np.float64), axis=1, prepend=0) / CHOICE_ONE
+        return None if self.waits is None else position_shares(self.waits)
 
     def probability_of(self, pairs: Ints) -> F64:
         """Probability of each of some legal pairs given its state, of any shape."""
@@ -193,7 +193,7 @@ class TabulatedPolicy:
         """``[B, 9]`` probability of each position; see :class:`shuttle_marl.game.policy.Waits`."""
         if self.waits is None:
             return self.game.people_positions(states.state)
-        return np.diff(self.waits[states.state].astype(np.float64), axis=1, prepend=0) / CHOICE_ONE
+        return position_shares(self.waits[states.state])
 
     def choose_position(self, state: Ints, draw: Ints) -> Intp:
         """``[B]`` position in which the policy waits where the opponent is in each state.
@@ -363,6 +363,11 @@ def cumulative_positions(p: F64) -> U16:
     """``[S, 9]`` cumulative probabilities of positions in units of 1/65535, of probabilities that sum to 1 in each state."""
     total = np.cumsum(p, axis=1)
     return np.asarray(np.rint(total / total[:, -1:] * CHOICE_ONE).astype(np.uint16))
+
+
+def position_shares(cumulative: U16) -> F64:
+    """``[..., 9]`` probabilities of positions from those of :func:`cumulative_positions`."""
+    return np.asarray(np.diff(cumulative.astype(np.float64), axis=-1, prepend=0) / CHOICE_ONE)
 
 
 def hash_of(first: TabulatedPolicy, second: TabulatedPolicy) -> str:

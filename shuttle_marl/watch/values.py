@@ -10,13 +10,13 @@ from shuttle_marl.analysis.rally import Decision, Opening, Players, analyse_rall
 from shuttle_marl.analysis.rally import decision as analyse_decision
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.game import court
-from shuttle_marl.game.draws import CHOICE_ONE
 from shuttle_marl.game.pairs import looks_of
 from shuttle_marl.game.rally.record import Rally
 from shuttle_marl.game.rally.stepper import stepper_of
 from shuttle_marl.game.rules import RETURNED_BELOW
 from shuttle_marl.game.shipped import factor_of
 from shuttle_marl.game.stroke import SHOTS
+from shuttle_marl.game.tabulated import position_shares
 from shuttle_marl.watch import messages
 from shuttle_marl.watch.facts import rounded, stroke_facts
 from shuttle_marl.watch.match import CourtRally, seed_of_line
@@ -108,8 +108,7 @@ class StrokeValues:
         """Probabilities with which perfect play waits where the opponent is in a state; empty: a receiver has no choice there."""
         if not stepper_of(self.game).chooses_position(state):
             return []
-        found = self.policies.solution.policy[receiver].waiting_table[state]
-        return [rounded(p) for p in np.diff(found.astype(np.int64), prepend=0) / CHOICE_ONE]
+        return [rounded(p) for p in position_shares(self.policies.solution.policy[receiver].waiting_table[state])]
 
     def options(
         self, rally: Rally, choice: Decision, judged: Judged | None = None, *, always: tuple[int, ...] = (), limit: int = SHOWN
