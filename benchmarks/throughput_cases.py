@@ -148,6 +148,7 @@ def jax(batch: int, _: int, game: Game | None = None) -> Play:
             one, two = random.split(key)
         else:
             one, two, three = random.split(key, 3)
+            assert tables.choices is not None
             position = positions[base, rally.draws(three, state.shape) * tables.choices[base] >> 24]
         k = random.randint(one, state.shape, 0, tables.base_pair_start[base + 1] - tables.base_pair_start[base])
         chosen = tables.edge_incoming[tables.reply_edge[tables.first_reply[base] + k]]

@@ -85,7 +85,9 @@ def test_every_variant_learns(variant: Variant, model: str, tmp_path: Path) -> N
     assert again.figures["curve"] == done.figures["curve"]
 
 
-@pytest.mark.parametrize(("variant", "learner"), [("prioritised", "ppo"), ("plain", "a2c"), ("fictitious", "sac"), ("psro", "ppo")])
+@pytest.mark.parametrize(
+    ("variant", "learner"), [("prioritised", "ppo"), ("plain", "a2c"), ("fictitious", "sac"), ("psro", "ppo")]
+)
 def test_leagues_learn_where_to_wait(variant: Variant, learner: Any, model: str, tmp_path: Path) -> None:
     shutil.copytree(model, tmp_path / "model")
     for file in (CARD, POSITIONS):
@@ -96,7 +98,6 @@ def test_leagues_learn_where_to_wait(variant: Variant, learner: Any, model: str,
     assert done.policy.waits is not None, "positions of its own, not those of people"
     assert exact.best_response(done.policy).value.odds().value == pytest.approx(done.figures["exploitability"], abs=2e-5)
     assert TabulatedPolicy.load(tmp_path / "run" / MAIN, load_game(name)).hash == done.policy.hash
-
 
 
 @pytest.mark.parametrize("meta_solver", ["nash", "uniform", "alpha-rank"])
