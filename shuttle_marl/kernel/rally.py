@@ -583,7 +583,7 @@ class RallyBatch:
             IllegalStrokeError: an illegal stroke.
         """
         rank = self.ranks(stroke)
-        if (rank < 0).any():
+        if rank.min() < 0:
             row = int((rank < 0).argmax())
             self._refuse(row, int(stroke[row]))
         return rank
@@ -617,7 +617,7 @@ class RallyBatch:
         wanted = checked_array("positions", position, np.int64, (len(self),))
         place = np.empty(len(self), np.int16)
         in_slices(lambda a, b: find_places(self._tables, self.rows, wanted, place, a, b), len(self), self.threads)
-        if (place < 0).any():
+        if place.min() < 0:
             row = int((place < 0).argmax())
             where = self.game.describe(int(self.rows.state[row]))
             raise KernelError(f"row {row}: position {wanted[row]} is not feasible in state: {where}")
