@@ -9,8 +9,7 @@
             break
         player = 1 - player
 
-In the game with recovery ``step`` takes the position too, which the receiver chooses: ``choose(…, waits=True)`` by
-``draws.position`` is n plus it.
+With recovery ``step`` also takes the receiver's position: ``choose(…, waits=True) - n``, by ``draws.position``.
 
 The rule is that of :func:`shuttle_marl.game.rules.strike` and the draws are those of :mod:`shuttle_marl.game.draws`, without
 the cost of numpy calls on single numbers; tests hold both equal.
