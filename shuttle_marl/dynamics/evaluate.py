@@ -247,14 +247,17 @@ def play_statistics(policy: StatePolicy) -> dict[str, Any]:
 
 REQUIRED: Final[dict[str, tuple[float, float]]] = {
     "impossible": (0, 0),
-    "minimax_rare": (0.0, 0.02),
-    "best_response_rare": (0.0, 0.02),
+    "minimax_rare": (0.0, 0.1),
+    "best_response_rare": (0.0, 0.1),
     "minimax_unsupported": (0.0, 0.1),
     "best_response_unsupported": (0.0, 0.1),
 }
 """Limits of the values of :func:`health` that every fit keeps: a game outside of them rewards strokes that nobody plays."""
 LIMITS: Final[dict[str, tuple[float, float]]] = {
     **REQUIRED,
+    # Closer than what a fit must keep: a near tie between strokes of .9 and 30 % moves some points with every few matches.
+    "minimax_rare": (0.0, 0.02),
+    "best_response_rare": (0.0, 0.02),
     "largest_shot_share": (0.0, 0.5),
     "shot_types_above_2_percent": (7, N_SHOTS),
     "minimax_mean_rally": (5.0, 20.0),

@@ -21,7 +21,7 @@ from shuttle_marl.env.snapshot import Snapshot, as_text
 from shuttle_marl.game.draws import stream
 from shuttle_marl.game.observation import RALLY_WIDTH
 from shuttle_marl.game.policy import Policy, States, UniformPolicy
-from shuttle_marl.game.rally.stepper import RallyDraws, Stroke, choose_position, stepper_of
+from shuttle_marl.game.rally.stepper import RallyDraws, Stroke, choose, stepper_of
 from shuttle_marl.game.rules import FAULT, OUTCOMES, RETURNED_BELOW, IllegalStrokeError
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.game.tables import ROOT, Game
@@ -160,7 +160,8 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         if self._position is not None and self._stepper.chooses_position(self._state):
             policy = belief if isinstance(belief, Policy) else UniformPolicy() if belief is None else _Believed(belief)
             tables, number = self.game.seats[1 - self._striker], twin._draws.position(self._rally, len(self._strokes))
-            twin._position = choose_position(policy, tables, self._state, number, self.score_of(self._striker), self.strokes)
+            score, n = self.score_of(self._striker), self.game.n_strokes
+            twin._position = choose(policy, tables, self._state, number, score, self.strokes, waits=True) - n
         twin._positions = [None] * len(self._positions)
         twin.render_mode = None if self.render_mode == "human" else self.render_mode
         return twin
@@ -413,7 +414,7 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         """Set the infos after a stroke, and draw it in the window, if there is one."""
         info = {
             "striker": AGENTS[striker],
-            "stroke": None if stroke is None else self._stepper.action_names[stroke],
+            "stroke": None if stroke is None else self.game.action_names[stroke],
             "hurried": hurried,
             "p_succ": played and played.p_succ,
             "p_ret": played and played.p_ret,
@@ -442,7 +443,7 @@ class ShuttleEnv(AECEnv[str, Observation, int]):
         return self._stepper.position_mask(self._state) if self._choosing else self._stepper.legal_action_mask(self._state)
 
     def _refusal(self, action: Any, stroke: int) -> ActionError:
-        names = self._stepper.action_names
+        names = self.game.action_names
         if not 0 <= stroke < len(names):
             kind = "stroke or position" if self._hides else "stroke"
             return ActionError(

@@ -20,9 +20,8 @@ class Tables(NamedTuple):
     """The arrays of a game, a tree of JAX; see :class:`shuttle_marl.game.tables.Game`.
 
     In the game with recovery thresholds and chances are those by position (:class:`shuttle_marl.game.recovery.Waiting`), with
-    ``start``, ``choices``, and ``place``: ``[base states, n + 9]`` number of the position of each action among the feasible
-    ones, -1 if it is none of them. Then ``reply_rank`` has n + 9 columns too, so that a mask is one row of either: XLA joins
-    parts slowly.
+    ``start``, ``choices``, and ``place``: ``[base states, n + 9]`` number of each action among the feasible positions, else -1.
+    Then ``reply_rank`` has n + 9 columns too, so that a mask is one row of either: XLA joins parts slowly.
     """
 
     limits: jax.Array
@@ -55,7 +54,7 @@ class Tables(NamedTuple):
                 "choices": waiting.choices,
                 "place": np.pad(waiting.place, ((0, 0), (game.n_strokes, 0)), constant_values=-1),
             }
-            arrays["reply_rank"] = np.pad(game.reply_rank, ((0, 0), (0, 0), (0, game.n_positions)), constant_values=-1)
+            arrays["reply_rank"] = np.pad(game.reply_rank, ((0, 0), (0, 0), (0, N_POSITIONS)), constant_values=-1)
         return cls(**{name: jnp.asarray(array) for name, array in arrays.items()})
 
 

@@ -185,7 +185,7 @@ class RallyState(pyspiel.State):
 
     def _action_to_string(self, player: int, action: int) -> str:
         if player >= 0:
-            return self._stepper.action_names[action]
+            return self._stepper.game.action_names[action]
         return f"player {action} serves" if self.striker < 0 else OUTCOMES[action]
 
     def __str__(self) -> str:

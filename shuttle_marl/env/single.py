@@ -21,7 +21,7 @@ from shuttle_marl.env.aec import AGENTS, RENDER_MODES, Belief, Observation, Rend
 from shuttle_marl.env.wrappers import InfoView, MaskView, checked_views
 from shuttle_marl.game.pairs import opponent_tables
 from shuttle_marl.game.policy import Policy, called, reads_history, reads_score
-from shuttle_marl.game.rally.stepper import choose, choose_position
+from shuttle_marl.game.rally.stepper import choose
 from shuttle_marl.game.rules import IllegalStrokeError
 from shuttle_marl.game.scoring import BWF, Rules
 from shuttle_marl.game.tables import Game
@@ -51,23 +51,21 @@ class Opponent:
     def __deepcopy__(self, memo: dict[int, Any]) -> "Opponent":
         return self  # read-only, and a table takes longer than a rally
 
-    def choose(self, state: int, draw: int, score: tuple[int, int, int, int] | None, strokes: Sequence[int] | None = None) -> int:
-        """Catalogue index of the opponent's stroke in a state; see :func:`shuttle_marl.game.rally.stepper.choose`.
+    def choose(
+        self,
+        state: int,
+        draw: int,
+        score: tuple[int, int, int, int] | None,
+        strokes: Sequence[int] | None = None,
+        *,
+        waits: bool = False,
+    ) -> int:
+        """The opponent's action in a state; see :func:`shuttle_marl.game.rally.stepper.choose`.
 
         Raises:
             PolicyError: a policy that has no table raised, or returned an invalid distribution.
         """
-        return choose(self._chooser, self._game, state, draw, score, strokes)
-
-    def choose_position(
-        self, state: int, draw: int, score: tuple[int, int, int, int] | None, strokes: Sequence[int] | None = None
-    ) -> int:
-        """Where the opponent waits in a state; see :func:`shuttle_marl.game.rally.stepper.choose_position`.
-
-        Raises:
-            PolicyError: as of :meth:`choose`.
-        """
-        return choose_position(self._chooser, self._game, state, draw, score, strokes)
+        return choose(self._chooser, self._game, state, draw, score, strokes, waits=waits)
 
 
 class SingleEnv(gymnasium.Env[Observation, np.int64]):
@@ -183,12 +181,9 @@ class SingleEnv(gymnasium.Env[Observation, np.int64]):
         self._over = True  # if the opponent fails or is interrupted, the next stroke would be played for it
         while raw.agent_selection != self._agent and not raw.terminations[self._agent]:
             draw, strokes = raw.choice_draw(), raw.strokes if self.opponent.reads_history else None
-            if raw.chooses_position:
-                score = raw.score_of(self.seat)
-                raw.step(raw.game.n_strokes + self.opponent.choose_position(raw.state_number, draw, score, strokes))
-            else:
-                score = raw.score_of(1 - self.seat)
-                raw.step(self.opponent.choose(raw.state_number, draw, score, strokes))
+            waits = raw.chooses_position
+            score = raw.score_of(self.seat if waits else 1 - self.seat)
+            raw.step(self.opponent.choose(raw.state_number, draw, score, strokes, waits=waits))
             reward += raw.rewards[self._agent]
         return reward
 

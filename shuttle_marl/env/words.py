@@ -99,7 +99,7 @@ def action_of(game: Game, state: int, answer: str, *, receiver: bool = False) ->
     """The last legal stroke, or position of the receiver, that an answer names; an illegal action if it names none."""
     stepper = stepper_of(game)
     mask = stepper.position_mask(state) if receiver else stepper.legal_action_mask(state)
-    legal = {stepper.action_names[action]: action for action in mask.nonzero()[0].tolist()}
+    legal = {stepper.game.action_names[action]: action for action in mask.nonzero()[0].tolist()}
     name = read_answer(answer, list(legal))
     return int(mask.argmin()) if name is None else legal[name]
 
@@ -142,7 +142,7 @@ def words_to_mover(raw: ShuttleEnv) -> str:
     if not raw.chooses_position:
         return words(game, state)
     stepper = stepper_of(game)
-    names = [stepper.action_names[action] for action in stepper.position_mask(state).nonzero()[0]]
+    names = [stepper.game.action_names[action] for action in stepper.position_mask(state).nonzero()[0]]
     return f"{WAITING}\n\n{described(game, state, receiver=True)}\n\nPlaces: {', '.join(names)}\n"
 
 

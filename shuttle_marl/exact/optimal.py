@@ -23,6 +23,7 @@ import numpy as np
 from shuttle_marl.base.arrays import F64, I32
 from shuttle_marl.exact.fixed_point import TOLERANCE, ExactError, largest_continuation
 from shuttle_marl.exact.match import Odds
+from shuttle_marl.exact.met import people_positions
 from shuttle_marl.exact.profile import (
     InducedChain,
     PairPolicy,
@@ -34,7 +35,8 @@ from shuttle_marl.exact.profile import (
     induced,
     moved,
 )
-from shuttle_marl.exact.recovery import Saddle, SoftSaddle, people_positions
+from shuttle_marl.exact.recovery import Saddle
+from shuttle_marl.exact.soft_recovery import SoftSaddle
 from shuttle_marl.exact.solver import BlockLinear, Player, ProfileValue, solve_players, successors
 from shuttle_marl.exact.sweeps import after_block_choices, block_choices, block_mean, block_soft_values, listed
 from shuttle_marl.game.draws import CHOICE_ONE

@@ -13,7 +13,7 @@ from shuttle_marl.base.arrays import F64
 from shuttle_marl.base.cluster import in_threads
 from shuttle_marl.exact.fixed_point import FIRST_RALLY_STATE, TOLERANCE, ExactError
 from shuttle_marl.exact.match import Odds
-from shuttle_marl.exact.recovery import MetGame, met
+from shuttle_marl.exact.met import MetGame, met
 from shuttle_marl.exact.solver import BlockLinear, ProfileValue, solve_players
 from shuttle_marl.exact.sweeps import Chances, block_expected, block_mean, listed
 from shuttle_marl.game.pairs import people_of

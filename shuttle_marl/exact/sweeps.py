@@ -103,7 +103,7 @@ class Choices(NamedTuple):
 class Outcomes(NamedTuple):
     """Outcomes of the legal pairs of a block in G games: the tables of the games by column, so that loops are vectorised.
 
-    Means over positions (:mod:`shuttle_marl.exact.recovery`) are not rounded.
+    Means over positions (:mod:`shuttle_marl.exact.met`) are not rounded.
     """
 
     limits: U16 | F64

@@ -78,8 +78,7 @@ def choice_draw(bits: U64) -> I32:
 def position_draw(bits: U64) -> I32:
     """The part of a draw that chooses a position: uniform in [0, 65535).
 
-    Other parts tell nothing of it: a choice is an interval of the upper half, which leaves its lower 16 bits uniform, and a
-    position an interval of bits 16 to 47, which leaves those of the outcome uniform.
+    A choice leaves the lower 16 bits of its half uniform, and a position those of the outcome: each is an interval of 32 bits.
     """
     return choice_draw(bits << POSITION_SHIFT)
 

@@ -3,7 +3,7 @@
 import dataclasses
 import functools
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, Final, Protocol, runtime_checkable
 
 import numpy as np
@@ -14,6 +14,7 @@ from shuttle_marl.base.arrays import F64, I16, I32, Bools, Floats, Intp, Ints
 from shuttle_marl.base.errors import ShuttleError, described
 from shuttle_marl.game.draws import CHOICE_ONE, chosen
 from shuttle_marl.game.observation import RALLY_WIDTH, SWAP, states_of
+from shuttle_marl.game.recovery import POSITIONS
 from shuttle_marl.game.scoring import scores_of
 from shuttle_marl.game.stroke import frozen
 from shuttle_marl.game.tables import Game
@@ -168,41 +169,7 @@ def checked_probabilities(policy: Policy, states: States) -> F64:
             "match is played stroke by stroke (live court, simulated matches, Gymnasium opponents); use a policy of the state "
             "here, such as bc"
         )
-    try:
-        raw = policy.probabilities(states)
-    except KeyboardInterrupt:
-        raise
-    except BaseException as error:  # sys.exit too: no policy ends the program
-        raise PolicyError(f"{called(policy)} raised {described(error)}") from error
-    try:
-        p = _as_numbers(raw)
-    except KeyboardInterrupt:
-        raise
-    except BaseException as error:
-        raise PolicyError(f"{called(policy)} returned {type(raw).__name__}, no array of real numbers") from error
-    expected = (len(states), states.game.n_strokes)
-    if p.shape != expected:
-        raise PolicyError(f"{called(policy)} returned shape {p.shape}, expected {expected}")
-    describe = states.game.describe
-    bad = ~np.isfinite(p).all(axis=1)
-    if bad.any():
-        row = int(bad.argmax())
-        raise PolicyError(f"{called(policy)} returned NaN or infinity in state: {describe(int(states.state[row]))}")
-    illegal = (p != 0) & ~states.game.mask(states.state)
-    if illegal.any():
-        row, stroke = map(int, np.argwhere(illegal)[0])
-        raise PolicyError(
-            f"{called(policy)} plays the illegal stroke {states.game.catalogue.names[stroke]} with probability "
-            f"{p[row, stroke]:g} in state: {describe(int(states.state[row]))}"
-        )
-    wrong = (p < 0).any(axis=1) | (np.abs(p.sum(axis=1) - 1) > 1e-4)
-    if wrong.any():
-        row = int(wrong.argmax())
-        raise PolicyError(
-            f"{called(policy)} returned no distribution (sum {p[row].sum():g}, least {p[row].min():g}) in state: "
-            f"{describe(int(states.state[row]))}"
-        )
-    return p
+    return _checked(policy.probabilities, called(policy), states, states.game.mask(states.state), "stroke")
 
 
 def checked_positions(policy: Policy, states: States) -> F64:
@@ -211,25 +178,44 @@ def checked_positions(policy: Policy, states: States) -> F64:
     Raises:
         PolicyError: the policy raised, or a row is no distribution over the feasible positions.
     """
-    game = states.game
-    people = game.people_positions(states.state)
-    if not isinstance(policy, Waits):
-        return people
+    people = states.game.people_positions(states.state)
+    return _checked(policy.positions, called(policy), states, people > 0, "position") if isinstance(policy, Waits) else people
+
+
+def _checked(ask: Callable[[States], object], who: str, states: States, legal: Bools, what: str) -> F64:
+    """Ask a policy and check that its answer is a distribution over legal strokes, or positions, in every row."""
     try:
-        p = _as_numbers(policy.positions(states))
-    except (KeyboardInterrupt, PolicyError):
+        raw = ask(states)
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # sys.exit too: no policy ends the program
+        raise PolicyError(f"{who} raised {described(error)}") from error
+    try:
+        p = _as_numbers(raw)
+    except KeyboardInterrupt:
         raise
     except BaseException as error:
-        raise PolicyError(f"positions of {called(policy)} raised {described(error)}") from error
-    if p.shape != people.shape:
-        raise PolicyError(f"positions of {called(policy)} have shape {p.shape}, expected {people.shape}")
-    wrong = ~np.isfinite(p).all(axis=1) | (p < 0).any(axis=1) | ((p > 0) & (people == 0)).any(axis=1)
-    wrong |= np.abs(p.sum(axis=1) - 1) > 1e-4
+        raise PolicyError(f"{who} returned {type(raw).__name__}, no array of real numbers") from error
+    if p.shape != legal.shape:
+        raise PolicyError(f"{who} returned shape {p.shape}, expected {legal.shape}")
+    describe = states.game.describe
+    bad = ~np.isfinite(p).all(axis=1)
+    if bad.any():
+        row = int(bad.argmax())
+        raise PolicyError(f"{who} returned NaN or infinity in state: {describe(int(states.state[row]))}")
+    illegal = (p != 0) & ~legal
+    if illegal.any():
+        row, k = map(int, np.argwhere(illegal)[0])
+        name = (states.game.catalogue.names if what == "stroke" else POSITIONS)[k]
+        raise PolicyError(
+            f"{who} plays the illegal {what} {name} with probability {p[row, k]:g} in state: {describe(int(states.state[row]))}"
+        )
+    wrong = (p < 0).any(axis=1) | (np.abs(p.sum(axis=1) - 1) > 1e-4)
     if wrong.any():
         row = int(wrong.argmax())
         raise PolicyError(
-            f"{called(policy)} returned {p[row].tolist()}, no distribution over the feasible positions, in state: "
-            f"{game.describe(int(states.state[row]))}"
+            f"{who} returned no distribution (sum {p[row].sum():g}, least {p[row].min():g}) in state: "
+            f"{describe(int(states.state[row]))}"
         )
     return p
 

@@ -30,7 +30,7 @@ from shuttle_marl.base.files import replace_file
 from shuttle_marl.base.tensor_files import checked, parsed, read_tensors, tensor_bytes
 from shuttle_marl.game.draws import CHOICE_ONE
 from shuttle_marl.game.layout import ALL, LONGEST_DUEL, Indices, Layout
-from shuttle_marl.game.recovery import N_POSITIONS, Recovery, Waiting, waiting_of
+from shuttle_marl.game.recovery import N_POSITIONS, POSITIONS, Recovery, Waiting, waiting_of
 from shuttle_marl.game.stroke import SHOTS, Catalogue, frozen
 from shuttle_marl.game.thresholds import ONE, with_fault_odds
 
@@ -210,6 +210,11 @@ class Game(Layout):
     def n_actions(self) -> int:
         """Number of actions: the n strokes, and in the game with recovery the nine positions behind them."""
         return self.n_strokes + (0 if self.recovery is None else N_POSITIONS)
+
+    @functools.cached_property
+    def action_names(self) -> tuple[str, ...]:
+        """Names of the strokes and, in the game with recovery, of the nine positions (``wait:front-centre``)."""
+        return (*self.catalogue.names, *(f"wait:{name}" for name in POSITIONS if self.recovery is not None))
 
     def people_positions(self, state: Indices) -> F64:
         """``[..., 9]`` probabilities of people's positions as receivers where a striker is in each state; see ``waiting``."""

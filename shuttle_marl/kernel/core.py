@@ -103,8 +103,8 @@ class Tables(NamedTuple):
             the game of a pair ``[2 * L * base pairs]``: those of seat 0, then those of seat 1. With recovery the R rows by
             position (:class:`~shuttle_marl.game.recovery.Waiting`) take the place of the base pairs.
         seat: index of the first thresholds of seat 1; 0 if both seats strike with the same ones.
-        recovery: 1 if receivers choose positions, else None: types differ, so each game has machine code without the branches of
-            the other.
+        recovery: 1 if receivers choose positions, else None, a type of its own: code is compiled for each game, without the
+            branches of the other one.
         wait: ``[base states, 2]`` int32 of each base state its first row by position, and its number of feasible positions, which
             are the rows from one stroke to the next; ``[0, 2]`` without recovery.
         position: ``[base states, 9]`` int8 its feasible positions in rising order, then -1; ``[0, 9]`` without recovery.

@@ -13,7 +13,6 @@ import numpy as np
 from shuttle_marl.base.arrays import F32, I8, I16, I32, I64, U64, Bools, Ints
 from shuttle_marl.base.compiling import compiled, inlined
 from shuttle_marl.game import draws
-from shuttle_marl.game.recovery import N_POSITIONS, POSITIONS
 from shuttle_marl.game.rules import FAULT, IllegalStrokeError
 from shuttle_marl.game.scoring import BWF, Rules, RulesTuple, count_rally
 from shuttle_marl.game.tables import Game
@@ -584,7 +583,7 @@ class RallyBatch:
             IllegalStrokeError: an illegal stroke.
         """
         rank = self.ranks(stroke)
-        if (rank < 0).any():
+        if rank.min() < 0:
             row = int((rank < 0).argmax())
             self._refuse(row, int(stroke[row]))
         return rank
@@ -618,17 +617,16 @@ class RallyBatch:
         wanted = checked_array("positions", position, np.int64, (len(self),))
         place = np.empty(len(self), np.int16)
         in_slices(lambda a, b: find_places(self._tables, self.rows, wanted, place, a, b), len(self), self.threads)
-        if (place < 0).any():
+        if place.min() < 0:
             row = int((place < 0).argmax())
             where = self.game.describe(int(self.rows.state[row]))
-            name = f" ({POSITIONS[wanted[row]]})" if 0 <= wanted[row] < N_POSITIONS else ""
-            raise KernelError(f"row {row}: position {wanted[row]}{name} is not feasible in state: {where}")
+            raise KernelError(f"row {row}: position {wanted[row]} is not feasible in state: {where}")
         return place
 
     def _refuse(self, row: int, stroke: int) -> None:
         if not self.rows.live[row]:
             raise IllegalStrokeError(f"row {row}: its rally is over; reset it first", stroke, row)
-        names = (*self.game.catalogue.names, *POSITIONS[: self.game.n_actions - self.game.n_strokes])
+        names = self.game.action_names
         if not 0 <= stroke < len(names):
             raise IllegalStrokeError(f"row {row}: {stroke} is no stroke; expected 0 to {len(names) - 1}", stroke, row)
         where = self.game.describe(int(self.rows.state[row]))

@@ -299,15 +299,16 @@ def choose_uniform(tables: Tables, rows: Rows, other: I8, action: I64, position:
     block = new_block()
     for begin_block in range(first, last, BLOCK):
         part = part_of(rows, begin_block, min(begin_block + BLOCK, last))
+        chosen = action[begin_block : begin_block + part.state.size]
         draw_strokes(part, block.bits)
         for j in range(part.state.size):
             legal = legal_strokes(tables, part.state[j])
-            action[begin_block + j] = stroke_of(tables, legal, uniform_choice(legal.n, block.bits[j]))
+            chosen[j] = stroke_of(tables, legal, uniform_choice(legal.n, block.bits[j]))
             if with_recovery(tables):
                 waited = position_at(tables, part.state[j], uniform_place(legal, block.bits[j]))
                 position[begin_block + j] = waited
                 if waits(tables, rows, other, begin_block + j):
-                    action[begin_block + j] = tables.rank.shape[1] + waited
+                    chosen[j] = tables.rank.shape[1] + waited
 
 
 @lru_cache(maxsize=4)

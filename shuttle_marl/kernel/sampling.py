@@ -109,8 +109,7 @@ class Distinct:
 class RallySampler:
     """Plays a learner's rallies against tabulated opponents, or against itself.
 
-    Rally k of a seed has the draws of rally k in :class:`~shuttle_marl.kernel.RallyBatch` and
-    :class:`~shuttle_marl.kernel.RallyBatch`; the learner plays at seat 0.
+    Rally k of a seed has the draws of rally k in :class:`~shuttle_marl.kernel.RallyBatch`; the learner plays at seat 0.
 
     Args:
         opponents: tabulated opponents; none: self-play.

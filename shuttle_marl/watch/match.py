@@ -18,7 +18,7 @@ from shuttle_marl.game.draws import choice_draw, draw, first_server, outcome_dra
 from shuttle_marl.game.pairs import looks_of
 from shuttle_marl.game.policy import Policy
 from shuttle_marl.game.rally.record import Rally
-from shuttle_marl.game.rally.stepper import choose, choose_position, stepper_of
+from shuttle_marl.game.rally.stepper import choose, stepper_of
 from shuttle_marl.game.rules import RETURNED_BELOW
 from shuttle_marl.game.scoring import Score
 from shuttle_marl.game.tables import ROOT, Game
@@ -175,7 +175,8 @@ def play_rally(
                 break
             else:
                 policy, tables = policies[receiver], game.seats[receiver]
-                position = choose_position(policy, tables, state, int(position_draw(bits)[0]), score.seen_by(striker), strokes)
+                drawn = int(position_draw(bits)[0])
+                position = choose(policy, tables, state, drawn, score.seen_by(striker), strokes, waits=True) - tables.n_strokes
         if position is not None:
             positions.append(position)
         strokes.append(stroke)

@@ -22,7 +22,7 @@ from shuttle_marl.env.single import SingleMatchEnv, SingleRallyEnv
 from shuttle_marl.env.words import TextRallyEnv, text_env
 from shuttle_marl.exact import solve
 from shuttle_marl.game.draws import CHOICE_ONE
-from shuttle_marl.game.rally.stepper import choose, choose_position
+from shuttle_marl.game.rally.stepper import choose
 from shuttle_marl.game.recovery import N_POSITIONS
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from tests.recovery import Prefers, small_recovery_game
@@ -109,7 +109,7 @@ def test_against_an_opponent_only_the_outcome_tells(make: Callable[..., Any]) ->
                 break
             legal = np.flatnonzero(raws[0].observe(raws[0].agent_selection)["action_mask"])
             action = int(rng.choice(legal))
-            sent = raws[0]._stepper.action_names[action] if make is TextRallyEnv else action
+            sent = raws[0].game.action_names[action] if make is TextRallyEnv else action
             told = [env.step(sent) for env in envs]
             if [(played.stroke, played.outcome) for played in raws[0]._strokes] != [
                 (played.stroke, played.outcome) for played in raws[1]._strokes
@@ -149,7 +149,7 @@ def of_two_agents(policy: TabulatedPolicy, make: Callable[..., Any]) -> Seen:
             env.reset()
             continue
         if raw.chooses_position:
-            raw.step(N + choose_position(policy, GAME, raw.state_number, int(rng.integers(65535))))
+            raw.step(choose(policy, GAME, raw.state_number, int(rng.integers(65535)), waits=True))
             yield None
             continue
         if mixes(policy, raw.state_number):
@@ -166,12 +166,12 @@ def of_one_agent(policy: TabulatedPolicy, make: Callable[..., Any]) -> Seen:
         raw = env.unwrapped.rally.raw if make is TextRallyEnv else env.unwrapped.raw
         state = raw.state_number
         if raw.chooses_position:
-            action = N + choose_position(policy, GAME, state, int(rng.integers(65535)))
+            action = choose(policy, GAME, state, int(rng.integers(65535)), waits=True)
             yield None
         else:
             yield (list(told), state, raw._position) if mixes(policy, state) else None
             action = choose(policy, GAME, state, int(rng.integers(65535)))
-        told = env.step(raw._stepper.action_names[action] if make is TextRallyEnv else action)
+        told = env.step(raw.game.action_names[action] if make is TextRallyEnv else action)
         if told[2]:
             told = env.reset()
 
@@ -185,7 +185,7 @@ def of_open_spiel(policy: TabulatedPolicy) -> Seen:
                 actions, p = zip(*state.chance_outcomes(), strict=True)
                 state.apply_action(int(rng.choice(actions, p=p)))
             elif state.choosing:
-                position = choose_position(policy, GAME, state.number, int(rng.integers(65535)))
+                position = choose(policy, GAME, state.number, int(rng.integers(65535)), waits=True) - N
                 state.apply_action(N + position)
                 yield None
             else:

@@ -23,7 +23,7 @@ from shuttle_marl.game.draws import choice_draw, draw, outcome_draw, position_dr
 from shuttle_marl.game.observation import HURRIED, SWAP, observations
 from shuttle_marl.game.pairs import pair_game
 from shuttle_marl.game.policy import GamePolicy, Policy, PolicyError, States, UniformPolicy
-from shuttle_marl.game.rally.stepper import RallyDraws, choose_position, stepper_of
+from shuttle_marl.game.rally.stepper import RallyDraws, choose, stepper_of
 from shuttle_marl.game.recovery import CENTRE, N_POSITIONS, POSITIONS, position_of
 from shuttle_marl.game.rules import OUTCOMES, RETURNED_BELOW, IllegalStrokeError, strike
 from shuttle_marl.game.shipped import default_game
@@ -120,7 +120,8 @@ def test_policies_wait_alike_with_and_without_a_table(policy: Policy) -> None:
     table, rng = tabulate(policy, GAME), np.random.default_rng(4)
     for state, number in zip(rng.integers(0, GAME.n_states, 60).tolist(), rng.integers(0, 65535, 60).tolist(), strict=True):
         expected = int(table.choose_position(np.array([state]), np.array([number]))[0])
-        assert choose_position(policy, GAME, state, number) == choose_position(table, GAME, state, number) == expected
+        found = [choose(each, GAME, state, number, waits=True) - GAME.n_strokes for each in (policy, table)]
+        assert found == [expected, expected]
 
 
 def test_draws_of_positions_equal_those_by_counter() -> None:
@@ -241,7 +242,7 @@ def test_illegal_positions_lose_as_illegal_strokes_do(made_for: str) -> None:
     assert env.rewards[loser] == -1
     assert sum(env.rewards.values()) == 0
     assert env.infos[loser]["reason"] == f"illegal {made_for}"
-    assert env.infos[loser]["stroke"] == raw._stepper.action_names[wrong]
+    assert env.infos[loser]["stroke"] == raw.game.action_names[wrong]
     assert all(env.terminations.values())
 
 
@@ -259,7 +260,7 @@ def test_forks_draw_the_hidden_position_from_what_is_believed(make: Any) -> None
     assert all(env.fork(seed, sure).unwrapped._position == feasible[-1] for seed in range(20))
     by_policy = np.bincount([env.fork(seed, FORWARD).unwrapped._position for seed in range(600)], minlength=9) / 600
     assert np.abs(by_policy - FORWARD.positions(_states(state))[0]).max() < 0.09
-    with pytest.raises(PolicyError, match="no distribution over the feasible positions"):
+    with pytest.raises(PolicyError, match="illegal position"):
         env.fork(1, np.eye(9)[np.flatnonzero(~GAME.waiting.mask(GAME.base(state)))[0]])
     fork = env.fork(5)
     assert fork.unwrapped._position == env.fork(5).unwrapped._position
@@ -369,7 +370,7 @@ def test_rallies_in_words_ask_where_to_wait() -> None:
             waits = env.unwrapped.chooses_position
             names = text.rstrip("\n").rpartition("Places: " if waits else "Legal strokes: ")[2].split(", ")
             legal = np.flatnonzero(env.unwrapped.observe(agent)["action_mask"])
-            assert names == [env.unwrapped._stepper.action_names[action] for action in legal]
+            assert names == [env.unwrapped.game.action_names[action] for action in legal]
             hurried = env.unwrapped.observe(agent)["observation"][HURRIED] == 1
             assert hurried == ("hurried:" in text)
             if waits:

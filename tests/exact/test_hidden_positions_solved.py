@@ -8,9 +8,9 @@ import pytest
 from scipy.optimize import linprog
 
 from shuttle_marl.exact import best_response, evaluate, nash_conv, policy_regret, solve, solve_robust, solve_soft, visits
+from shuttle_marl.exact.matrix_games import matrix_game
 from shuttle_marl.exact.optimal import restricted_response, restricted_value
 from shuttle_marl.exact.profile import moved, tabulated_pairs
-from shuttle_marl.exact.recovery import matrix_game
 from shuttle_marl.game.draws import CHOICE_ONE
 from shuttle_marl.game.policy import PolicyError
 from shuttle_marl.game.recovery import EFFECTS, N_POSITIONS, STEP, Recovery

@@ -12,7 +12,7 @@ from shuttle_marl.game import draws
 from shuttle_marl.game.rules import WINNER, strike
 from shuttle_marl.game.tables import ROOT, Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, cumulative_positions
-from shuttle_marl.kernel import KernelError, Matches, lockstep, pack, play_matches, play_rallies
+from shuttle_marl.kernel import KernelError, Matches, RallyBatch, lockstep, pack, play_matches, play_rallies
 from tests.exact.exact_games import random_game, random_policy
 from tests.kernel.recovery import GAME, PAIR, RECOVERY, TABLES, people, with_positions
 from tests.kernel.test_matches_kernel import RULES, assert_same, some_matches
@@ -120,3 +120,18 @@ def test_people_wait_where_their_table_says() -> None:
     explicit = [dataclasses.replace(TABLES[0], waits=waits), TABLES[1]]
     one, other = (play_rallies(GAME, (tables[0], tables[1]), 200, seed=2) for tables in (explicit, TABLES))
     assert np.array_equal(one.stroke, other.stroke)
+
+
+@pytest.mark.parametrize("wrong", [-1, 9, None])
+def test_positions_from_outside_are_checked(wrong: int | None) -> None:
+    batch = RallyBatch(GAME, 8, seed=1)
+    batch.run(3)
+    stroke, position = batch.random_actions()
+    infeasible = int((~GAME.waiting.mask(GAME.base(batch.rows.state))[5]).argmax())
+    position[5] = infeasible if wrong is None else wrong
+    before = batch.rows.state.copy()
+    with pytest.raises(KernelError, match=f"row 5: position {position[5]} is not feasible"):
+        batch.step(stroke, position)
+    with pytest.raises(KernelError, match="needed there"):
+        batch.step(stroke)
+    assert np.array_equal(batch.rows.state, before)

@@ -4,11 +4,12 @@
     state, player = ROOT, draws.first_server(rally)
     for i in itertools.count():
         stroke = choose(policies[player], game, state, draws.choice(rally, i))
-        position = choose_position(policies[1 - player], game, state, draws.position(rally, i))  # in the game with recovery
-        played, state = stepper.step(state, player, stroke, draws.outcome(rally, i), position)
+        played, state = stepper.step(state, player, stroke, draws.outcome(rally, i))
         if played.outcome < RETURNED_BELOW:
             break
         player = 1 - player
+
+With recovery ``step`` also takes the receiver's position: ``choose(…, waits=True) - n``, by ``draws.position``.
 
 The rule is that of :func:`shuttle_marl.game.rules.strike` and the draws are those of :mod:`shuttle_marl.game.draws`, without
 the cost of numpy calls on single numbers; tests hold both equal.
@@ -28,7 +29,6 @@ from shuttle_marl.game.draws import choice_draw, draw, first_server, outcome_dra
 from shuttle_marl.game.observation import EFFORT, SWAP, features
 from shuttle_marl.game.policy import LAGS, Policy, States, checked_positions, checked_probabilities, drawn_strokes
 from shuttle_marl.game.rally.record import Rally
-from shuttle_marl.game.recovery import POSITIONS
 from shuttle_marl.game.rules import HURRIED_BELOW, RETURNED_BELOW
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
@@ -59,8 +59,7 @@ class Stepper:
 
     Attributes:
         game: the tables, or the game of a pair.
-        action_names: names of the n strokes and, in the game with recovery, of the nine positions (``wait:front-centre``).
-        n_actions: how many these are.
+        n_actions: number of strokes and positions.
         observations: ``[2 base states, 60]`` float32 observation of the striker in each state, then of the receiver, efforts
             zero; with recovery ``[2 base states, 61]``, the last number zero.
     """
@@ -71,7 +70,6 @@ class Stepper:
         self.observations = np.pad(np.concatenate([seen, seen[:, SWAP]]), ((0, 0), (0, hides)))
         self._n, self._one, self._positions = game.n_strokes, ONE, game.n_positions
         waiting = None if game.recovery is None else [tables.waiting for tables in game.seats]
-        self.action_names = (*game.catalogue.names, *(f"wait:{name}" for name in POSITIONS if waiting))
         self.n_actions = game.n_actions
         masks = game.reply_mask.reshape(-1, self._n).astype(np.int8)
         self._masks = np.pad(masks, ((0, 0), (0, self.n_actions - self._n)))
@@ -91,9 +89,8 @@ class Stepper:
             self._late = [_view(tables.hurry) for tables in waiting]
             feasible = waiting[0].mask(np.arange(self._size)).astype(np.int8)
             self._position_masks = np.pad(feasible, ((0, 0), (self._n, 0)))
-            self._place, self._choices, self._first_row = (
-                _view(table) for table in (waiting[0].place, waiting[0].choices, waiting[0].start)
-            )
+            self._place, self._choices = _view(waiting[0].place), _view(waiting[0].choices)
+            self._first_row = _view(waiting[0].start)
             self._only = _view(np.where(waiting[0].choices > 1, -1, waiting[0].position[:, 0]))
         highest = max(1, game.levels - 1)
         self._efforts = [(own / highest, other / highest) for own in range(game.levels) for other in range(game.levels)]
@@ -208,50 +205,33 @@ def choose(
     draw: int,
     score: tuple[int, int, int, int] | None = None,
     strokes: Sequence[int] | None = None,
+    *,
+    waits: bool = False,
 ) -> int:
-    """Catalogue index of the stroke that a policy plays in one state.
+    """What a policy plays in one state: catalogue index of a stroke, or n plus the position in which it waits.
 
     Args:
         policy: a :class:`~shuttle_marl.game.tabulated.TabulatedPolicy` of this game, or any other policy.
-        draw: uniform integer in [0, 65535); see :func:`shuttle_marl.game.draws.choice_draw`.
+        draw: uniform integer in [0, 65535); see :func:`shuttle_marl.game.draws.choice_draw`, and for positions
+            :func:`~shuttle_marl.game.draws.position_draw`.
         score: points of the striker, of the receiver, games of the striker, of the receiver; None outside of matches.
         strokes: catalogue indices of the rally so far; None: not known.
+        waits: whether the policy chooses a position, as the receiver, in the game with recovery.
 
     Raises:
-        PolicyError: the policy raised or returned no distribution over the legal strokes.
+        PolicyError: the policy raised or returned no distribution over the legal strokes or feasible positions.
     """
+    first = game.n_strokes if waits else 0
     if isinstance(policy, TabulatedPolicy):
+        if waits:
+            return first + bisect.bisect_right(policy.waiting_table[state].tolist(), draw)
         pairs = game.pairs_of(state)
         return int(game.stroke_at(state, bisect.bisect_right(policy.cumulative, draw, pairs.start, pairs.stop) - pairs.start))
-    return int(drawn_strokes(checked_probabilities(policy, _decision(game, state, score, strokes)), np.array([draw]))[0])
-
-
-def choose_position(
-    policy: Policy,
-    game: Game,
-    state: int,
-    draw: int,
-    score: tuple[int, int, int, int] | None = None,
-    strokes: Sequence[int] | None = None,
-) -> int:
-    """Position in which a policy waits where the opponent is in a state, in the game with recovery.
-
-    Args:
-        policy, score, strokes: as of :func:`choose`; the score is that of the striker, the opponent.
-        draw: uniform integer in [0, 65535); see :func:`shuttle_marl.game.draws.position_draw`.
-
-    Raises:
-        PolicyError: the policy raised or returned no distribution over the feasible positions.
-    """
-    if isinstance(policy, TabulatedPolicy):
-        return bisect.bisect_right(policy.waiting_table[state].tolist(), draw)
-    return int(drawn_strokes(checked_positions(policy, _decision(game, state, score, strokes)), np.array([draw]))[0])
-
-
-def _decision(game: Game, state: int, score: tuple[int, int, int, int] | None, strokes: Sequence[int] | None) -> States:
     scores = None if score is None else np.array([score], np.int16)
     history = None if strokes is None else np.array([[*strokes[: -LAGS - 1 : -1], *LAGS * [game.n_strokes]][:LAGS]], np.int32)
-    return States(game=game, state=np.array([state], np.int32), score=scores, history=history)
+    states = States(game=game, state=np.array([state], np.int32), score=scores, history=history)
+    p = checked_positions(policy, states) if waits else checked_probabilities(policy, states)
+    return first + int(drawn_strokes(p, np.array([draw]))[0])
 
 
 _RALLIES: Final = 32
