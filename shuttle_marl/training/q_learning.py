@@ -1,7 +1,6 @@
-"""Q-learning with networks: DQN by play, and conservative and implicit Q-learning from a log.
+"""Q-learning with networks: DQN by play, and implicit Q-learning from a log.
 
 - DQN (Mnih et al. 2015) with the double estimator (van Hasselt et al. 2016, arXiv 1509.06461);
-- CQL (Kumar et al. 2020, arXiv 2006.04779), whose loss has ``alpha (log sum_a exp Q(s, a) - Q(s, a_t))`` over the legal strokes;
 - IQL (Kostrikov et al. 2022, arXiv 2110.06169): V is an expectile of Q, and the policy is regressed with weights
   ``exp(beta (Q - V))``.
 
@@ -50,7 +49,6 @@ class QConfig:
     rows: int = 64
     buffer: int = 100_000
     epsilon: float = 0.05
-    alpha: float = 5.0
     expectile: float = 0.7
     beta: float = 10.0
 
@@ -127,19 +125,6 @@ class _Learner:
         game = self.game
         values = network(torch.from_numpy(game.observation(np.arange(game.n_base_states)))).numpy()
         return np.asarray(values[game.base_pair_state, game.base_pair_stroke], dtype=np.float64)
-
-
-@own_settings(1)
-def conservative_q(game: Game, data: Transitions, config: QConfig, seed: int) -> F64:
-    """``[base pairs]`` Q-values of CQL."""
-    learner, rng = _Learner(game, config, seed), np.random.default_rng(seed)
-    optimiser = learner.optimiser(learner.q)
-    for _ in range(config.steps):
-        batch = _batch(game, data, rng.integers(len(data.state), size=config.batch))
-        q, loss = learner.bellman(batch)
-        penalty = (torch.logsumexp(q, 1) - q.gather(1, batch.stroke)[:, 0]).mean()
-        learner.step(optimiser, loss + config.alpha * penalty)
-    return learner.table(learner.q)
 
 
 @own_settings(1)
