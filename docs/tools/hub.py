@@ -47,14 +47,14 @@ _LOG_COLUMNS: Final = {
 }
 _RESULT_COLUMNS: Final = {
     "task": (pa.string(), "Name of the task."),
-    "split": (pa.string(), "Part of the task: dev, test or hidden."),
+    "split": (pa.string(), "Part of the task: dev, test or round."),
     "budget": (pa.int64(), "Strokes of the learner, if the task has a budget."),
     "method": (pa.string(), "Name of the method."),
     "metric": (pa.string(), "Name of the score that orders methods."),
     "score": (pa.float64(), "Aggregate of the score over seeds and cases."),
     "low": (pa.float64(), "Lower end of the 95 % bootstrap interval of the score."),
     "high": (pa.float64(), "Upper end of the 95 % bootstrap interval of the score."),
-    "exploitability": (pa.float64(), "Gain of the best response, from 0 to 1."),
+    "exploitability": (pa.float64(), "Rallies that the best response wins above half, in points."),
     "seeds": (pa.int64(), "Number of seeds."),
     "strokes": (pa.int64(), "Strokes that the method declared, over all seeds and cases."),
     "seconds": (pa.float64(), "Time of all seeds and cases."),
@@ -183,7 +183,7 @@ def write_suite(out: Path, *, quick: bool = False) -> None:
     )
     body = f"""# Logs and results of the shuttle_marl suite
 
-Logs of `offline-v0` ({len(logs)}): strokes of one policy against `bc`. A file is named by the policy, its number of own strokes,
+Logs of `offline-v0` ({len(logs)}): strokes of one policy against `human:0.05`. A file is named by the policy, its number of own strokes,
 and the seed. `results.parquet` has the aggregated scores of the methods that were run.
 
 {shown}

@@ -75,24 +75,20 @@ def _truth() -> None:
 
 
 def _frontier() -> None:
-    """Score against exploitability of the restricted responses to each opponent, and of the methods at 10^6 strokes."""
+    """Points above perfect play against exploitability of the restricted responses to each opponent of ``exploit``."""
     from matplotlib.figure import Figure  # noqa: PLC0415  slow to import
 
-    suite = saved("experiments", "suite")
+    tasks = saved("experiments", "suite")["frontiers"]
     figure = Figure(figsize=(9, 3.4), layout="constrained")
-    panels = figure.subplots(1, len(suite["frontiers"]), sharey=True)
-    for axes, (opponent, points) in zip(panels, suite["frontiers"].items(), strict=True):
-        axes.plot([p["exploitability"] for p in points], [p["score"] for p in points], "-", color="#0b6e4f", label="frontier")
-        best = max(points, key=lambda point: point["objective"])
-        axes.plot(best["exploitability"], best["score"], "*", color="#0b6e4f", markersize=10, label="objective 1")
-        for name, marker in (("ppo", "o"), ("sac", "s"), ("a2c", "^")):
-            rows = [row for row in suite["rows"] if (row["task"], row["method"], row["budget"]) == ("exploit-v0", name, 10**6)]
-            found = rows[0]["strata"][f"{opponent}/1,000,000"]
-            axes.plot(found["exploitability"], found["score"], marker, color="#b8520a", label=f"{name}, 10⁶ strokes")
-        axes.set(title=opponent, xlabel="exploitability", xlim=(0, 0.45))
+    for axes, (task, opponents) in zip(figure.subplots(1, len(tasks), sharey=True, squeeze=False)[0], tasks.items(), strict=True):
+        for number, (opponent, points) in enumerate(opponents.items()):
+            x, y = ([point[name] for point in points] for name in ("exploitability", "score"))
+            axes.plot(x, y, ".-", color=f"C{number}", label=opponent)
+            best = max(points, key=lambda point: point["gain"])
+            axes.plot(best["exploitability"], best["score"], "*", color=f"C{number}", markersize=10)
+        axes.set(title=task, xlabel="exploitability, points", ylabel="rallies above perfect play, points")
         axes.title.set_fontsize(9)
-    panels[0].set_ylabel("score")
-    panels[-1].legend(frameon=False, fontsize=7, loc="lower right")
+        axes.legend(frameon=False, fontsize=7, loc="lower right")
     figure.savefig(IMAGES / "frontier.png", dpi=120)
 
 

@@ -91,7 +91,7 @@ EARLIER: Final[dict[str, str]] = {
             *("advice_results", "human", "human_players", "next_stroke", "pair_results", "pair_strokes", "recipes", "self_play"),
             *("aec", "cluster", "exact_values", "recording", "speed", "startup", "throughput", "throughput_bound"),
             *("throughput_sizes", "time_to_win", "training_speed", "viewer"),
-            *("stroke_value", "styles", "win_rates", "win_rates_matrix", *suite_tables.BLOCKS),
+            *("stroke_value", "styles", "win_rates", "win_rates_matrix"),
             *(f"truth_{name}" for name in ("legality", "limits", "shares")),
         ),
         "d19cf2be",

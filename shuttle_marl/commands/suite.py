@@ -217,13 +217,13 @@ def frontier(task: Task, *, opponent: str, game: str = "default", json_output: J
     cli.console().print(cli.facts(rows))
 
 
-def new_submission(task: Task, *, out: Path = Path(), language: Literal["python", "perl"] = "python") -> None:
+def new_submission(task: Task, *, out: Path = Path(), language: Literal["python", "perl", "apart"] = "python") -> None:
     """Write a template of a method, at most 40 lines that run as they are, and a card.
 
     Args:
         task: name of the task.
         out: folder.
-        language: of the template.
+        language: of the template; apart: Python for a round, which runs without this package.
     """
     from shuttle_marl.suite.registry import new_submission as write  # noqa: PLC0415  numba
 

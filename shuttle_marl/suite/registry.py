@@ -106,7 +106,7 @@ def arena_of_run(
     )
 
 
-Language = Literal["python", "perl"]
+Language = Literal["python", "perl", "apart"]
 _TEMPLATES: Final = Path(__file__).parent / "templates" / "submission"
 _PYTHON: Final = {
     "exploit": "player:train",
@@ -184,9 +184,9 @@ def new_submission(task: str, out: Path, language: Language = "python") -> str:
         SuiteError: there is no such task or template, or a file exists.
     """
     kind = kind_of(find_task(task).name)
-    if language == "perl" and kind not in _PERL:
-        raise SuiteError(f"there is no template in Perl for {task}; there is one for {', '.join(_PERL)}")
-    module, _, attribute = _PYTHON[kind].partition(":")
+    if language != "python" and kind not in _PERL:
+        raise SuiteError(f"there is no such template for {task}; there is one for {', '.join(_PERL)}")
+    module, _, attribute = (_PYTHON[kind] if language != "apart" else "apart:train").partition(":")
     source = "player.pl" if language == "perl" else f"{module}.py"
     # Modules of the user are found by name, so that of the template must be free.
     target = out / (source if language == "perl" else f"my_{module}.py")
@@ -196,6 +196,8 @@ def new_submission(task: str, out: Path, language: Language = "python") -> str:
     replace_file(target, (_TEMPLATES / source).read_bytes())
     write_card(out, Card(method=target.stem, tuning_strokes=0))
     method = "program:perl player.pl" if language == "perl" else f"my_{module}:{attribute}"
+    if language == "apart":
+        return command("suite", "commit", ".", "--task", task, "--method", method, "--author", "NAME")
     return command("suite", "run", task, "--method", method, "--quick")
 
 

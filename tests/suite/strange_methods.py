@@ -1,9 +1,10 @@
 """Methods as a stranger writes them, in a file without this package."""
 
-import importlib.util
-import multiprocessing
+# ruff: noqa: PTH123, PTH208
+
 import os
 import pathlib
+import socket
 import subprocess
 import sys
 from typing import Any
@@ -13,24 +14,33 @@ import pytest
 
 
 class First:
-    """Plays a legal stroke, the first or, with a sign, the last one."""
+    """Plays the first legal stroke, and waits in the first feasible position."""
 
     def act(self, observation: Any, mask: Any) -> Any:
         return int(np.flatnonzero(mask)[0])
 
+    def positions(self, observation: Any, feasible: Any) -> Any:
+        return np.eye(9)[feasible.argmax(axis=1)]
+
 
 def learner(setting: Any) -> Any:
-    """Plays the budget, and counts which stroke wins."""
+    """Plays the budget, and counts which stroke wins; positions are the first feasible ones."""
+    n, rng = setting.mask.shape[1], np.random.default_rng(setting.seed)
     state = setting.reset(64)
     assert setting.observation[state].shape == (64, 60)
-    worth = np.zeros(setting.mask.shape[1])
-    rng = np.random.default_rng(setting.seed)
+    if setting.opponents:
+        assert (setting.reset(64) != state).any(), "each reset has other luck"
+    worth, state = np.zeros(n), setting.reset(64)
     for _ in range(setting.budget // 64):
+        places = setting.feasible[state].argmax(axis=1)
         strokes = np.array([rng.choice(np.flatnonzero(mask)) for mask in setting.mask[state]])
-        state, reward, _ = setting.step(strokes)
-        np.add.at(worth, strokes, reward)
+        actions = np.where(setting.waits, n + places, strokes)
+        alone = () if setting.opponents else (places,)
+        waits = setting.waits
+        state, reward, _ = setting.step(actions, *alone)
+        np.add.at(worth, strokes[~waits], reward[~waits])
     with pytest.raises(RuntimeError, match="used up"):
-        setting.step(strokes)
+        setting.step(actions, *alone)
     return Best(worth)
 
 
@@ -60,17 +70,27 @@ class Estimator:
         return [float(log.won.mean())] * len(policies)
 
 
-class Text:
-    def answer(self, position: Any) -> Any:
-        return position["legal"][0]
-
-
 class Adapter:
+    def __init__(self, setting: Any) -> None:
+        assert setting.opponents > 10
+        assert len(setting.reset(8, opponent=3)) == 8
+
     def policy_for_next_rally(self) -> Any:
         return First()
 
     def observe_rally(self, rally: Any) -> None:
-        assert len(rally.state) == len(rally.own)
+        assert len(rally.state) == len(rally.own) == len(rally.position)
+
+
+class Wrong(First):
+    """Waits where nobody can."""
+
+    def positions(self, observation: Any, feasible: Any) -> Any:
+        return np.eye(9)[feasible.argmin(axis=1)]
+
+
+def wrong(setting: Any) -> Any:
+    return Wrong()
 
 
 def named(setting: Any) -> Any:
@@ -78,51 +98,88 @@ def named(setting: Any) -> Any:
 
 
 def imports(setting: Any) -> Any:
-    from shuttle_marl.exact import solve
+    import shuttle_marl
 
-    return solve
+    return shuttle_marl
 
 
 def opens(setting: Any) -> Any:
-    return pathlib.Path(os.environ["PACKAGE"], "__init__.py").read_text(encoding="utf-8")
-
-
-def starts(setting: Any) -> Any:
-    return subprocess.check_output([sys.executable, "-c", "import shuttle_marl"])
+    return pathlib.Path("PACKAGE", "__init__.py").read_text(encoding="utf-8")
 
 
 def through_a_folder(setting: Any) -> Any:
-    package = pathlib.Path(os.environ["PACKAGE"])
-    handle = os.open(package.parent, os.O_RDONLY)
-    return os.open(f"{package.name}/__init__.py", os.O_RDONLY, dir_fd=handle)
+    handle = os.open("/", os.O_RDONLY)
+    return os.open("PACKAGE/__init__.py".lstrip("/"), os.O_RDONLY, dir_fd=handle)
 
 
-def renames(setting: Any) -> Any:
-    return (parent := pathlib.Path(os.environ["PACKAGE"]).parent).rename(parent)
+def through_a_link(setting: Any) -> Any:
+    link = setting.folder / "link"
+    link.symlink_to("PACKAGE")
+    return (link / "__init__.py").read_text(encoding="utf-8")
+
+
+def searches(setting: Any) -> Any:
+    """Another copy of the package, wherever it is."""
+    found = subprocess.run(["find", "/", "-name", "shuttle_marl", "-type", "d"], capture_output=True, text=True, check=False)
+    copies = [path for path in found.stdout.split() if any(pathlib.Path(path).iterdir())]
+    return copies[0]
 
 
 def reads_the_memory(setting: Any) -> Any:
-    return pathlib.Path(f"/proc/{os.getppid()}/maps").read_text(encoding="utf-8")
+    others = [int(name) for name in os.listdir("/proc") if name.isdigit() and int(name) != os.getpid()]
+    return open(f"/proc/{others[0]}/mem", "rb").read(1)
 
 
-def spawns(setting: Any) -> Any:
-    multiprocessing.get_context("spawn").Process(target=print).start()
+def reads_the_frame(setting: Any) -> Any:
+    """The opponent in the frames of whoever called, if they are in this process."""
+    frame = sys._getframe()
+    while frame is not None:
+        for value in frame.f_locals.values():
+            if hasattr(value, "cumulative"):
+                return value
+        frame = frame.f_back
+    raise LookupError("no table in any frame")
 
 
-def interprets(setting: Any) -> Any:
-    names = [name for name in ("_interpreters", "_xxsubinterpreters") if importlib.util.find_spec(name) is not None]
-    return importlib.import_module(names[0]).create()
+def calls_out(setting: Any) -> Any:
+    return socket.create_connection(("192.0.2.1", 80), timeout=5)
 
 
-def drawn(setting: Any) -> Any:
-    """Works alone, and leaves what it finds in its folder."""
-    state = setting.reset(8)
-    found = [path.name for path in setting.folder.iterdir()]
-    (setting.folder / "found.txt").write_text(" ".join(found), encoding="utf-8")
-    assert len(state) == 8
-    return First()
+def reads_the_folder(setting: Any) -> Any:
+    """What the folder of the unit and the command line tell of the opponent."""
+    return pathlib.Path(setting.folder, os.listdir(setting.folder)[0]).read_text(encoding="utf-8")
+
+
+class Text(str):
+    """A text that says it is another one."""
+
+    def __eq__(self, other: object) -> bool:
+        return True
+
+    __hash__ = str.__hash__
+
+    def __fspath__(self) -> str:
+        return "PACKAGE/__init__.py"
+
+
+def subclass(setting: Any) -> Any:
+    return open(Text("/tmp/x"), encoding="utf-8").read()
+
+
+def writes(setting: Any) -> Any:
+    return pathlib.Path(__file__).write_text("", encoding="utf-8")
 
 
 def prints(setting: Any) -> Any:
     sys.stdout.write("words on the standard output\n")
     raise SystemExit(3)
+
+
+def floods(setting: Any) -> Any:
+    os.write(3, b"\xff" * 64)
+    for descriptor in range(3, 10):
+        try:
+            os.write(descriptor, b"\xff" * 64)
+        except OSError:
+            continue
+    return First()

@@ -24,9 +24,12 @@ from shuttle_marl.suite.population import mixture
 
 _COUNTED: Final = 300_000
 """Strokes from which on more counts of an opponent change little."""
-_FITTED: Final = 1_000_000
+_FITTED: Final = 400_000
 """The same for trees."""
+_STROKES: Final = 5
+"""More own strokes than rallies have on average."""
 _EXPLORE: Final = 0.2
+"""Fraction of random strokes in the second half of the play."""
 _MARGIN: Final = 200
 """Strokes that are left for the end of the last rally."""
 
@@ -38,7 +41,9 @@ def restricted_counts(setting: PlayerSetting, argument: str = str(WEIGHT)) -> Tr
     """
     game, opponent = setting.game, _opponent(setting)
     bc = tabulate(resolve("bc", game), game)
-    rallies = play_rallies(game, (minimax_policy(game), opponent), max(1, min(setting.budget, _COUNTED) // 8), seed=setting.seed)
+    rallies = play_rallies(
+        game, (minimax_policy(game), opponent), max(1, min(setting.budget, _COUNTED) // _STROKES), seed=setting.seed
+    )
     state, theirs = rallies.states(game), rallies.striker == 1
     pair = game.pair(state, rallies.stroke.astype(np.int32)).astype(np.int64)
     probability, places = cloned(game, pair[theirs], shrink=8.0, prior=bc.block_probabilities(0)), positions(bc)

@@ -19,10 +19,10 @@ from shuttle_marl.suite.options import SuiteError
 from shuttle_marl.suite.population import mixture
 from shuttle_marl.training.league.config import LeagueTrainingConfig
 
-_SHARE: Final = 0.97
-"""Fraction of the budget that is planned; the rest is for the ends of rallies."""
-_SHARE_OF_VARIANT: Final = 0.94
-"""The same of a variant of self-play, in which the learner strikes more or less often against its other opponents."""
+_SHARE: Final = 0.94
+"""Fraction of the budget that is planned; the rest is for the ends of rallies, and for choices that are not the learner's."""
+_LESS: Final = 0.97
+"""Factor of the planned strokes until they fit."""
 _SMALL: Final = 100_000
 _SHARE_OF_SMALL: Final = 0.85
 """The same of a smaller budget, as in quick runs, whose few batches vary more."""
@@ -132,9 +132,9 @@ def _train(algorithm: str, setting: PlayerSetting, **options: Any) -> Trained:
         **options,
     )
     # Rallies are played to their end, so iterations are a little longer than their batches.
-    share = _SHARE_OF_SMALL if setting.budget < _SMALL else _SHARE_OF_VARIANT if options else _SHARE
+    share = _SHARE_OF_SMALL if setting.budget < _SMALL else _SHARE
     while sum(map(config.batch_of, range(config.iterations))) > share * setting.budget:
-        config = dataclasses.replace(config, strokes=int(config.strokes * _SHARE))
+        config = dataclasses.replace(config, strokes=int(config.strokes * _LESS))
     done = train(config)
     lines = (done.folder / "metrics.jsonl").read_text(encoding="utf-8").splitlines()
     points = [json.loads(line) for line in lines]
