@@ -44,8 +44,6 @@ VARIANTS: Final = {
 }
 """Baselines with arguments, besides those without, by kind of task."""
 LEFT_OUT: Final = {
-    "exploit-v0": ("dqn", "maskable-ppo"),
-    "exploit-entrance-v0": ("maskable-ppo",),
     "text-v0": ("policy", "chat"),
     "imitate-v0": ("policy",),
     "adapt-v0": ("restricted-nash",),
@@ -71,7 +69,7 @@ METHOD: Final = {
     "restricted-counts": 8.0,
 }  # fmt: skip
 """Seconds of a method in a unit, if more than half of one; a name also stands for those that begin with it and a hyphen."""
-SPEED: Final = {"ppo": 2.5e5, "a2c": 2.5e5, "sac": 1e5, "psro": 1e5, "dqn": 1.3e4, "maskable-ppo": 2e3}
+SPEED: Final = {"ppo": 2.5e5, "a2c": 2.5e5, "sac": 1e5, "psro": 1e5}
 """Strokes of the budget trained in a second, on the same machine; methods that are not listed do not train."""
 ROW: Final = "row.json"
 

@@ -183,8 +183,8 @@ def write_suite(out: Path, *, quick: bool = False) -> None:
     )
     body = f"""# Logs and results of the shuttle_marl suite
 
-Logs of `offline-v0` ({len(logs)}): strokes of one policy against `human:0.05`. A file is named by the policy, its number of own strokes,
-and the seed. `results.parquet` has the aggregated scores of the methods that were run.
+Logs of `offline-v0` ({len(logs)}): strokes of one policy against `human:0.05`. A file is named by the policy, its number of own
+strokes, and the seed. `results.parquet` has the aggregated scores of the methods that were run.
 
 {shown}
 

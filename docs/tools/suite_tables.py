@@ -26,8 +26,8 @@ def _table(board: Board) -> str:
         scores = (number(row["scores"][name]["value"]) if name in row["scores"] else "" for name in columns)
         apart = with_interval(row["behind"]) if "behind" in row else ""
         place = str(row.get("rank", row["kind"]))
-        figures = (with_interval(row["scores"][metric]), number(row["worst"]), apart, *scores, row["seeds"], f"{row['seconds']:.0f}")
-        rows.append((row["access"], place, f"`{called(row)}`", *map(str, figures)))
+        figures = (with_interval(row["scores"][metric]), number(row["worst"]), apart, *scores)
+        rows.append((row["access"], place, f"`{called(row)}`", *figures, str(row["seeds"]), f"{row['seconds']:.0f}"))
     headings = ("access", "rank", "method", f"{metric} (95 %)", "worst", "behind the best", *columns, "seeds", "seconds")
     table = markdown(headings, rows, left=("access", "rank", "method"))
     gap = "" if board["gap"] is None else f", open gap {number(board['gap'])}"

@@ -79,7 +79,6 @@ class Adapt(Task):
     recovery = True
     hidden: ClassVar[tuple[str, ...]] = ("position of the receiver", "opponent")
     roles = tuple(map(str, CHANGES))
-    seeds = 3
     splits: ClassVar[tuple[Split, ...]] = ("dev", "test", "round")
     protocol = "method(setting: AdaptSetting) -> object with observe_rally(rally) and policy_for_next_rally() -> player"
 

@@ -48,8 +48,6 @@ BASELINES: Final[dict[str, dict[str, Baseline]]] = {
         "ppo-restricted": Baseline("training:ppo_restricted", "tables"),
         "restricted-counts": Baseline("modelled:restricted_counts", "tables"),
         "model-boosted": Baseline("modelled:boosted_model"),
-        "dqn": Baseline("deep:dqn"),
-        "maskable-ppo": Baseline("sb3:maskable_ppo"),
         "constant": Baseline("constant:constant", "opponent", "reference"),
         "constant-by-incoming": Baseline("constant:by_incoming", "opponent", "reference"),
         **_KNOWN,

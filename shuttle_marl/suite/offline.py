@@ -163,7 +163,6 @@ class Evaluate(LogTask):
     roles = ()
     answers = ("estimates",)
     metric = "error"
-    seeds = 1
     higher_is_better = False
     optimum = 0.0
     protocol = "method(setting: LogSetting) -> object with estimate(log, policies) -> one number from 0 to 1 for each policy"

@@ -146,7 +146,7 @@ class Task(abc.ABC):
     """Whether methods have ranks; else the board is a table of references."""
     budgets: ClassVar[tuple[int, ...]] = ()
     """Strokes that a learner may play, which methods declare; each has a board of its own."""
-    seeds: ClassVar[int] = 5
+    seeds: ClassVar[int] = 3
     """Default number of seeds."""
     splits: ClassVar[tuple[Split, ...]] = ("dev", "test")
     variants: ClassVar[Mapping[str, str]] = {}

@@ -1,13 +1,11 @@
 """Verification of a run: every score is recomputed from the stored policies and answers, and nothing else is proved."""
 
 import dataclasses
-import json
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Final
 
 from shuttle_marl.base.errors import ShuttleError, printable
-from shuttle_marl.base.files import FileReadError, read_json
 from shuttle_marl.suite import store
 from shuttle_marl.suite.options import SuiteError
 from shuttle_marl.suite.registry import arena_of_run, find_task
@@ -96,9 +94,6 @@ def verify_run(
             break
     else:
         summary = summarise(folder, beacon, game)
-        if not _aggregated(folder, summary):
-            reason = f"{store.RESULTS} holds other aggregates than those of the units; delete it if it is of an earlier version"
-            refused = [Refusal(case=cases[number].name, seed=seed, reason=reason) for number, seed in units]
     return Verification(units=len(units), refused=refused, summary=None if refused else summary)
 
 
@@ -108,26 +103,3 @@ def _compare(stored: Mapping[str, float], found: Mapping[str, float]) -> None:
     for name, value in found.items():
         if not abs(value - stored.get(name, float("nan"))) <= TOLERANCE:
             raise SuiteError(f"{name} is {value:.9f}, not {stored.get(name)}")
-
-
-def _aggregated(folder: Path, summary: Row) -> bool:
-    """Whether the stored aggregates, if there are any, are those of the units."""
-    path = folder / store.RESULTS
-    try:
-        stored = read_json(path, dict[str, Any]) if path.exists() else summary
-    except FileReadError:
-        return False
-    expected = json.loads(json.dumps(summary))
-    return all(_close(stored.get(name), value) for name, value in expected.items())
-
-
-def _close(stored: Any, expected: Any) -> bool:
-    if isinstance(expected, float):
-        return isinstance(stored, int | float) and abs(stored - expected) <= TOLERANCE * max(1.0, abs(expected))
-    if type(stored) is not type(expected):
-        return False
-    if isinstance(expected, dict):
-        return stored.keys() == expected.keys() and all(_close(stored[name], value) for name, value in expected.items())
-    if isinstance(expected, list):
-        return len(stored) == len(expected) and all(map(_close, stored, expected))
-    return bool(stored == expected)

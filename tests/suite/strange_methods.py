@@ -32,10 +32,10 @@ def learner(setting: Any) -> Any:
         assert (setting.reset(64) != state).any(), "each reset has other luck"
     worth, state = np.zeros(n), setting.reset(64)
     for _ in range(setting.budget // 64):
-        places = setting.feasible[state].argmax(axis=1)
+        places = setting.feasible[state].argmax(axis=1) if len(setting.feasible) else np.zeros(64, np.int64)
         strokes = np.array([rng.choice(np.flatnonzero(mask)) for mask in setting.mask[state]])
         actions = np.where(setting.waits, n + places, strokes)
-        alone = () if setting.opponents else (places,)
+        alone = (places,) if len(setting.feasible) and not setting.opponents else ()
         waits = setting.waits
         state, reward, _ = setting.step(actions, *alone)
         np.add.at(worth, strokes[~waits], reward[~waits])

@@ -179,7 +179,7 @@ def test_an_answer_table_fails_its_rerun(tmp_path: Path) -> None:
         reran(tmp_path / "again", path, folder)
     # A folder with better policies than the code gives is left out.
     forged = tmp_path / "forged"
-    shutil.copytree(made, forged, ignore=shutil.ignore_patterns(store.RESULTS))
+    shutil.copytree(made, forged)
     better = small.run(TASK, "minimax", tmp_path / "minimax", split="round", beacon=RANDOM)
     for part in (store.ENTRIES, store.POLICIES):
         shutil.rmtree(forged / part)
@@ -296,7 +296,6 @@ def test_what_was_not_rerun_is_self_reported(tmp_path: Path) -> None:
     folder = small.run("equilibrium-entrance-v0", f"{__name__}:player", tmp_path / "run", split="test")
     (folder / store.CARD).write_text(json.dumps({"authors": "ppo", "access": "samples", "kind": "method"}))
     (folder / store.RERUN).write_text(json.dumps({"by": "bob", "boundary": "unshare", "round": "0" * 64}))
-    (folder / store.RESULTS).unlink()
     path = folder / runs.CONFIG
     path.write_text(json.dumps({**json.loads(path.read_text()), "method": "ppo", "commitment": "0" * 64}))
     left: list[str] = []
@@ -314,7 +313,7 @@ def test_a_machine_without_a_boundary_says_so(tmp_path: Path, monkeypatch: pytes
     monkeypatch.setattr(shutil, "which", lambda name: None)
     with pytest.raises(SuiteError, match="cannot be rerun here: no unshare"):
         find_boundary(tmp_path)
-    with pytest.raises(SuiteError, match="cannot be rerun here: no podman"):
+    with pytest.raises(SuiteError, match="cannot be rerun here: neither podman nor docker"):
         find_boundary(tmp_path, "image")
 
 

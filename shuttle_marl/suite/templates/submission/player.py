@@ -9,10 +9,9 @@ from shuttle_marl.suite import Trained
 
 
 def train(setting: Any) -> Any:
-    """Learn within the budget of strokes; returns a policy and the strokes that it took."""
+    """Learn within the budget of strokes and, with recovery, positions; returns a policy and the strokes that it took."""
     game, rng = setting.game, np.random.default_rng(setting.seed)
     env = gymnasium.make("shuttle_marl:shuttle_marl/Rally-v0", opponent=setting.opponent or "bc", game=game)
-    # Positions, which follow the strokes in the game with recovery, are chosen at random, and as people do at the end.
     won, tried, strokes = np.ones((14, game.n_actions)), np.full((14, game.n_actions), 2.0), 0
     while strokes < min(setting.budget, 10_000) - 200:
         (seen, _), played, over = env.reset(seed=None if strokes else setting.seed), [], False
