@@ -65,7 +65,7 @@ class Session:
             self._opponents = list(setting.known.values())
         self._budget = getattr(setting, "budget", 0)
         arguments = [f"{CODE}/apart.py", method.name, f"{CODE}/entry", "/tmp"]
-        self._program = Program(method.boundary.command(method.folder, arguments), _SECONDS, shown=True)
+        self._program = Program(method.boundary.command(method.folder, arguments), _SECONDS)
         states = np.arange(self.game.n_states)
         waiting = None if self.game.recovery is None else self.game.waiting.mask(self.game.base(states))
         self._send(
