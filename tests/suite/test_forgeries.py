@@ -157,9 +157,9 @@ def test_one_seed_as_two_is_marked(folder: Path) -> None:
 
 
 def test_fewer_seeds_than_due_are_marked(folder: Path) -> None:
-    assert "2 of 5 seeds" in remarks(folder)
+    assert "2 of 3 seeds" in remarks(folder)
     config(folder, seeds=1)
-    assert "1 of 5 seeds" in remarks(folder)
+    assert "1 of 3 seeds" in remarks(folder)
 
 
 def test_strokes_that_fit_a_smaller_budget_are_marked(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
