@@ -74,24 +74,6 @@ def _truth() -> None:
     figure.savefig(IMAGES / "truth.png", dpi=120)
 
 
-def _frontier() -> None:
-    """Points above perfect play against exploitability of the restricted responses to each opponent of ``exploit``."""
-    from matplotlib.figure import Figure  # noqa: PLC0415  slow to import
-
-    tasks = saved("experiments", "suite")["frontiers"]
-    figure = Figure(figsize=(9, 3.4), layout="constrained")
-    for axes, (task, opponents) in zip(figure.subplots(1, len(tasks), sharey=True, squeeze=False)[0], tasks.items(), strict=True):
-        for number, (opponent, points) in enumerate(opponents.items()):
-            x, y = ([point[name] for point in points] for name in ("exploitability", "score"))
-            axes.plot(x, y, ".-", color=f"C{number}", label=opponent)
-            best = max(points, key=lambda point: point["gain"])
-            axes.plot(best["exploitability"], best["score"], "*", color=f"C{number}", markersize=10)
-        axes.set(title=task, xlabel="exploitability, points", ylabel="rallies above perfect play, points")
-        axes.title.set_fontsize(9)
-        axes.legend(frameon=False, fontsize=7, loc="lower right")
-    figure.savefig(IMAGES / "frontier.png", dpi=120)
-
-
 def _analysis() -> None:
     with tempfile.TemporaryDirectory() as folder:
         run = Path(folder) / "run"
@@ -159,7 +141,6 @@ _COURT: Final = {
     ): "watch_pictures",
 }
 PICTURES: Final[dict[tuple[str, ...], tuple[Callable[[], None], str]]] = {
-    ("frontier.png",): (_frontier, "experiments/results/suite.json"),
     ("human.png",): (_human, "experiments/results/human.json"),
     ("landings.png", "replies.png"): (_analysis, _GAME),
     ("league_report.png",): (_league_report, _RANKING),

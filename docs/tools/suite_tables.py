@@ -72,7 +72,7 @@ def frontiers() -> str:
         for point in points
     ]
     headings = ("task", "opponent", "restriction", "score", "exploitability", "gain")
-    return markdown(headings, rows, left=("task", "opponent"))
+    return markdown(headings, rows, left=("task", "opponent")) if rows else _NONE.format(task="exploit-v0")
 
 
 BLOCKS: Final[dict[str, Callable[[], str]]] = {
