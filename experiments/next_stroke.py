@@ -74,9 +74,8 @@ def next_stroke(
     """
     strokes = load_strokes(data)
     scored, train = _of_split(strokes, split), _of_split(strokes, "train")
-    report = Console(stderr=True, highlight=False)
     began = time.monotonic()
-    imitator = Imitator.fit(train, seed=seed, report=lambda line: report.print(f"{line} …", style="dim"))
+    imitator = Imitator.fit(train, seed=seed)
     fit = {
         "strokes": train.num_rows,
         "matches": len(train["match"].unique()),

@@ -4,23 +4,49 @@ Foxglove Studio (:mod:`docs.tools.studio`) opens the scene of a varied rally of 
 and the scene of the whole match at a smash in its middle (``foxglove_match.png``).
 """
 
+import json
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
+from mcap.reader import make_reader
+
 from docs.tools.markdown import IMAGES
-from docs.tools.scene_picture import PLAYERS, lively, strokes
 from docs.tools.studio import NO_PROBLEMS, install, visit
 from shuttle_marl.commands.recording import main as recording
+from shuttle_marl.game.rules import WINNER
+from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.league import LeagueConfig, run_league
 from shuttle_marl.recording import RallyLog
 from shuttle_marl.scene.board import CAMERAS
+from shuttle_marl.scene.write import EPOCH
 
+PLAYERS: Final = ("bc:viktor-axelsen", "bc:kento-momota")
 PICTURE: Final = IMAGES / "foxglove.png"
 MATCH: Final = IMAGES / "foxglove_match.png"
 AFTER: Final = 0.06
 """Time from the contact to the picture [s]."""
+_SMASH: Final = SHOTS.index("smash")
+
+
+def lively(log: RallyLog) -> int:
+    """Number of the first varied rally that a smash wins in a close deciding game."""
+    for first, rallies in log.batches():
+        for row in range(len(rallies)):
+            rally = rallies.slice(row, row + 1)
+            shots = log.catalogue.shot[rally.stroke]
+            close = rally.score[0, :2].min() >= 8 and (rally.score[0, 2:] == 1).all()
+            if close and rally.reason[0] == WINNER and shots[-1] == _SMASH and len(set(shots.tolist())) >= 8:
+                return first + row
+    raise SystemExit("no lively rally: play more matches")
+
+
+def strokes(path: Path) -> list[tuple[float, str]]:
+    """Time from the start [s] and shot of every stroke of a scene."""
+    with path.open("rb") as file:
+        messages = make_reader(file).iter_messages(topics=["/rally/stroke"])
+        return [((message.log_time - EPOCH) / 1e9, json.loads(message.data)["shot"]) for _, _, message in messages]
 
 
 def main() -> None:

@@ -153,14 +153,9 @@ _COURT: Final = {
         "foxglove_match.png",
         "foxglove_side.png",
     ): "foxglove_picture",
-    ("film.webp", "moments.png", "scene.png"): "scene_picture",
     ("rally.png",): "rally_picture",
-    ("strokes.png",): "strokes_picture",
     ("tagging.jpg",): "tagging_picture",
-    (
-        "watch_players.jpg",
-        *(f"watch_{mode}_{size}.jpg" for mode in ("analyse", "learn", "play", "watch") for size in ("narrow", "wide")),
-    ): "watch_pictures",
+    ("film.webp", "watch_learn_wide.jpg", "watch_play_narrow.jpg", "watch_players.jpg", "watch_watch_wide.jpg"): "watch_pictures",
 }
 PICTURES: Final[dict[tuple[str, ...], tuple[Callable[[], None], str]]] = {
     ("frontier.png",): (_frontier, "experiments/results/suite.json"),
@@ -181,7 +176,6 @@ PICTURES: Final[dict[tuple[str, ...], tuple[Callable[[], None], str]]] = {
         ),
         _GAME,
     ),
-    ("filmstrips.png",): (_module("docs.tools.strokes_picture", "--film"), _GAME),
     **{names: (_module(f"docs.tools.{tool}"), _GAME) for names, tool in _COURT.items()},
 }
 """Pictures, what draws them, and the data they show."""
@@ -200,14 +194,14 @@ def digest(source: str) -> str:
 
 
 EARLIER: Final = frozenset({
-    "film.webp", "filmstrips.png", "foxglove.png", "foxglove_broadcast.png", "foxglove_follow.png", "foxglove_match.png",
-    "foxglove_side.png", "landings.png", "league_report.png", "match_report.png", "moments.png", "rally.png", "reliability.png",
-    "replies.png",
-    "scene.png", "scouting_report.png", "strokes.png", "tagging.jpg", "value.png", "watch_analyse_narrow.jpg",
-    "watch_analyse_wide.jpg", "watch_learn_narrow.jpg", "watch_learn_wide.jpg", "watch_play_narrow.jpg", "watch_play_wide.jpg",
-    "watch_players.jpg", "watch_watch_narrow.jpg", "watch_watch_wide.jpg",
+    "foxglove.png", "foxglove_broadcast.png", "foxglove_follow.png", "foxglove_match.png",
+    "foxglove_side.png", "landings.png", "league_report.png", "match_report.png", "rally.png", "reliability.png",
+    "replies.png", "scouting_report.png", "tagging.jpg", "value.png", "watch_learn_wide.jpg", "watch_play_narrow.jpg",
+    "watch_players.jpg", "watch_watch_wide.jpg",
 })  # fmt: skip
 """Pictures of an earlier game; a name goes when its picture is drawn again."""
+KEPT: Final = frozenset({"strokes.png"})
+"""Pictures whose program ended; CONTRIBUTING.md names it."""
 
 
 def outdated() -> list[str]:
@@ -216,7 +210,7 @@ def outdated() -> list[str]:
     current = {name: digest(source) for names, (_, source) in PICTURES.items() for name in names}
     shown = {path.name for path in IMAGES.iterdir() if path != SOURCES}
     return sorted(
-        name for name in (shown | set(current)) - EARLIER if name not in shown or current.get(name) != recorded.get(name)
+        name for name in (shown | set(current)) - EARLIER - KEPT if name not in shown or current.get(name) != recorded.get(name)
     )
 
 
