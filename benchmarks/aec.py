@@ -9,7 +9,6 @@ are done. Seconds are CPU seconds of the process, which has one thread.
 """
 
 import dataclasses
-import json
 import os
 import random
 import statistics
@@ -22,10 +21,9 @@ import numpy as np
 import tyro
 from pettingzoo import AECEnv
 from pettingzoo.utils import wrappers
-from rich.console import Console
-from rich.table import Table
 
 from benchmarks.machine import this_machine
+from docs.tools.results import show
 from shuttle_marl import match_v0, rally_v0
 
 os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
@@ -127,13 +125,7 @@ def main(*, seconds: float = 1.0, repeat: int = 5, as_json: Annotated[bool, tyro
         as_json: print JSON instead of a table.
     """
     speeds = measure(seconds, repeat)
-    if as_json:
-        print(json.dumps({**this_machine(), "environments": [dataclasses.asdict(s) for s in speeds]}, indent=2))
-        return
-    table = Table("environment", "steps/s", "slowest to fastest turn", f"times {_REFERENCE}")
-    for s in speeds:
-        table.add_row(s.environment, f"{s.steps_per_second:,.0f}", f"{s.slowest:,.0f} to {s.fastest:,.0f}", f"{s.ratio:.1f}")
-    Console().print(table)
+    show({**this_machine(), "environments": [dataclasses.asdict(s) for s in speeds]}, "aec", as_json=as_json)
 
 
 if __name__ == "__main__":

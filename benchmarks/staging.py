@@ -10,7 +10,6 @@ process, which has one thread (set OMP_NUM_THREADS=1).
 
 import dataclasses
 import itertools
-import json
 import time
 from collections.abc import Iterator
 from typing import Annotated, Any, Final
@@ -19,9 +18,9 @@ import numpy as np
 import tyro
 from rich.console import Console
 from rich.progress import track
-from rich.table import Table
 
 from benchmarks.machine import this_machine
+from docs.tools.results import show
 from shuttle_marl.game import default_game, draws
 from shuttle_marl.game.rally.record import Rally
 from shuttle_marl.game.rules import RETURNED_BELOW
@@ -146,16 +145,7 @@ def main(
         as_json: print JSON instead of a table.
     """
     result = run(_QUICK if quick else rallies, seed, Console(stderr=True))
-    if as_json:
-        print(json.dumps(result, indent=2))
-        return
-    table = Table("", "measured")
-    for name, value in result.items():
-        rows = value.items() if isinstance(value, dict) else [("", value)]
-        for part, number in rows:
-            text = f"{number:,.4f}" if isinstance(number, float) else str(number)
-            table.add_row(f"{name.replace('_', ' ')} {part}".strip(), text)
-    Console().print(table)
+    show(result, "staging", as_json=as_json)
 
 
 if __name__ == "__main__":

@@ -21,27 +21,6 @@ _AT_ONCE: Final = 16_384
 """Approximate number of strokes per call."""
 
 
-def game_of_size(catalogue: int, replies: int) -> Game:
-    """A synthetic game; see :func:`benchmarks.synthetic.synthetic_game`."""
-    from benchmarks.synthetic import synthetic_game
-
-    return synthetic_game(catalogue, replies)
-
-
-def lower_bound(threads: int, *, observed: bool) -> tuple[Play, int]:
-    """The memory reads of the kernel alone, and the bytes of a stroke."""
-    from benchmarks.lower_bound import lower_bound_of
-
-    least = lower_bound_of(default_game(), threads)
-    read = least.show if observed else least.play
-
-    def play() -> int:
-        read()
-        return least.strokes
-
-    return play, least.read_bytes + observed * least.shown_bytes
-
-
 def _steps(batch: int) -> int:
     return max(1, _AT_ONCE // batch)
 

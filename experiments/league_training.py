@@ -19,8 +19,8 @@ from typing import Annotated, Any, Final, Literal, get_args
 import numpy as np
 import tyro
 from rich.console import Console
-from rich.table import Table
 
+from docs.tools.results import show
 from experiments.saving import save_results
 from experiments.spread import IQM
 from shuttle_marl.base import runs
@@ -30,15 +30,6 @@ from shuttle_marl.game import load_game
 from shuttle_marl.training.league.config import LeagueTrainingConfig
 
 Variant = Literal["plain", "fictitious", "prioritised", "psro-ppo", "psro-exact"]
-HEADINGS: Final = (
-    "variant",
-    "exploitability",
-    "95 %",
-    "after the last round",
-    "matches won against bc, %",
-    "M strokes",
-    "rounds",
-)
 _MILESTONES: Final = (0.25, 0.5, 0.75, 1.0)
 """Fractions of the time at which the least exploitability so far is reported."""
 
@@ -153,17 +144,6 @@ def _least(result: dict[str, Any], share: float) -> float:
     return float(min(before, default=result["curve"][0]["exploitability"]))
 
 
-def table_rows(result: dict[str, Any]) -> list[tuple[str, ...]]:
-    """Cells of the table of results, under :data:`HEADINGS`."""
-    rows: list[tuple[str, ...]] = []
-    for row in result["rows"]:
-        iqm = row["exploitability"]["iqm"]
-        figures = (f"{row['exploitability']['mean']:.5f}", f"{iqm['low']:.5f} to {iqm['high']:.5f}" if iqm else "deterministic")
-        last, won = f"{row['last_exploitability']:.5f}", f"{100 * row['match_win']:.2f}"
-        rows.append((row["variant"], *figures, last, won, f"{row['strokes'] / 1e6:.0f}", f"{row['rounds']:.0f}"))
-    return rows
-
-
 def league_training(
     config: tyro.conf.OmitArgPrefixes[LeagueStudy], save: Annotated[Path | None, tyro.conf.arg(name="json")] = None
 ) -> None:
@@ -184,12 +164,8 @@ def league_training(
         side_by_side(train_one, ordered, config.jobs, console)
         result = {"game_hash": load_game(config.game).hash, **config.fixed(), "rows": measure(training)}
         result = save_results(folder, json.loads(json.dumps(result)), save)
-    table = Table(*HEADINGS, title=f"Exploitability after {config.budget}, exact")
-    for row in table_rows(result):
-        table.add_row(*row)
-    out = Console(highlight=False, width=None if sys.stdout.isatty() else 130)
-    out.print(table)
-    out.print(f"everything is in {folder}", markup=False)
+    show(result, "league_training")
+    console.print(f"everything is in {folder}")
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -1,6 +1,7 @@
 """Pictures and the film of the live court in the documentation: ``python -m docs.tools.watch_pictures [--film]``.
 
-``--film`` makes the film only. Needs the extra ``video`` and Chromium. The page is served and drawn on this machine, in full quality.
+``--film`` makes the film only. Needs the extra ``video`` and Chromium. The page is served and drawn on this machine, in full
+quality.
 """
 
 import contextlib

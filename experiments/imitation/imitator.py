@@ -23,7 +23,7 @@ from experiments.imitation.context import CODES, UNSEEN_HEIGHT, HitContexts, cut
 from shuttle_marl.base.arrays import F32, F64, I16, I64
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.data.schema import Outcome
-from shuttle_marl.dynamics.features import rows_from_strokes
+from shuttle_marl.dynamics.features import mirrored_where, rows_from_strokes
 from shuttle_marl.dynamics.trees import PARAMETERS
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.stroke import N_SHOTS
@@ -80,7 +80,7 @@ class Imitator:
 
     @classmethod
     def fit(cls, strokes: pa.Table, *, config: ImitatorConfig | None = None, seed: int = 0) -> Self:
-        """Fit an imitator; about two minutes of CPU time for 50,000 strokes.
+        """Fit an imitator; half a minute of CPU time for 50,000 strokes.
 
         The intended area of a fault is unknown, so faults only teach the shot type. The area of a winner is the one in which a
         receiver would have met the shuttle (:mod:`shuttle_marl.dynamics.features`).
@@ -114,7 +114,7 @@ class Imitator:
             data = lightgbm.Dataset(inputs.astype(np.int32), label.astype(np.int64))
             return lightgbm.train({**parameters, "num_class": classes}, data, num_boost_round=rounds)
 
-        shot, area = rows.codes["shot"], rows.codes["area"]
+        shot, area = rows.codes["shot"], mirrored_where(rows.hand == 1, rows.codes["area"])  # as the receiver's positions are
         return cls(
             players=players,
             config=config,
@@ -124,7 +124,7 @@ class Imitator:
         )
 
     def predict(self, strokes: pa.Table, *, height_known: bool = True, striker: str | None = None) -> F64:
-        """``[N, 13, 9]`` probability of each shot type and area, for every stroke of a table.
+        """``[N, 13, 9]`` probability of each shot type and area, for every stroke of a table; areas are those of its column.
 
         A prediction depends on nothing after the hit: neither on the stroke, its outcome and its landing, nor on later rows.
 

@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from experiments.imitation.networks import NetworksConfig
+from experiments.imitation.trees import TreesConfig
 from scipy.special import expit
 
 from experiments import advice, human, next_stroke, realism, same_results, self_play, win_rates
 from experiments.imitation.imitator import Imitator, ImitatorConfig
-from experiments.imitation.networks import NetworksConfig
-from experiments.imitation.trees import TreesConfig
 from experiments.league_training import HEADINGS, table_rows
 from experiments.league_training import main as league_training
 from experiments.pairs import strokes as of_pairs
