@@ -25,7 +25,7 @@ from shuttle_marl.game import default_game, draws
 from shuttle_marl.game.rally.record import Rally
 from shuttle_marl.game.rules import RETURNED_BELOW
 from shuttle_marl.game.tabulated import tabulate
-from shuttle_marl.kernel import Matches, play_matches, play_rallies
+from shuttle_marl.kernel import Matches, play_matches
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.staging import ATHLETES, Motion, continue_motion, stage
 from tests.staging.court_rules import Breaches, Umpire
@@ -87,20 +87,6 @@ def match_rallies(policy: str, *, seed: int) -> Iterator[Rally]:
         entrants, server = np.zeros((1, 2), np.int32), np.array([match % 2], np.int8)
         rallies = play_matches(game, Matches(entrant=entrants, first_server=server, key=key), [table]).rallies
         yield from (dataclasses.replace(rallies.row(k, game.catalogue), match=match) for k in range(len(rallies)))
-
-
-def self_play_rallies(policy: str, n: int, *, seed: int) -> list[Rally]:
-    """The first ``n`` episodes of ``rally_v0`` on the default game, both seats playing the same policy.
-
-    Args:
-        policy: name in the registry; the policy does not read the score.
-        n: number of rallies, at least 1.
-        seed: random seed.
-    """
-    game = default_game()
-    table = tabulate(resolve(policy, game), game)
-    rallies = play_rallies(game, (table, table), n, seed=seed)
-    return [rallies.row(k, game.catalogue) for k in range(n)]
 
 
 def pack_error(motion: Motion, again: Motion) -> float:

@@ -10,7 +10,7 @@ import sys
 import tomllib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, get_args
 
 import jinja2
 
@@ -41,11 +41,11 @@ class Result:
 
 
 _HERE: Final = Path(__file__).parent
-_LISTED: Final[dict[Folder, dict[str, Any]]] = tomllib.loads((_HERE / "results.toml").read_text(encoding="utf-8"))
+_LISTED: Final = tomllib.loads((_HERE / "results.toml").read_text(encoding="utf-8"))
 RESULTS: Final = {
     name: Result(**{**about, "folder": folder, "tables": tuple(about["tables"])})
-    for folder, files in _LISTED.items()
-    for name, about in files.items()
+    for folder in get_args(Folder)
+    for name, about in _LISTED[folder].items()
 }
 """Result files by name."""
 _UNITS: Final = {"s": ((3600, "h"), (60, "min"), (1, "s")), "B": ((1e12, "TB"), (1e9, "GB"), (1e6, "MB"))}

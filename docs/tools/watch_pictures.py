@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Final
 
 import av
+from PIL import Image
 from playwright.sync_api import Browser, Page, sync_playwright
 
 from docs.tools.markdown import IMAGES
@@ -56,7 +57,7 @@ def take_film(address: str, picture: Path) -> None:
         film = Path(folder) / "rally.webm"
         write_video(address, film, size=_FILM, fps=_FPS)
         with av.open(str(film)) as video:
-            first, *others = (frame.to_image() for frame in video.decode(video=0))
+            first, *others = (Image.fromarray(frame.to_ndarray(format="rgb24")) for frame in video.decode(video=0))
         first.save(picture, save_all=True, append_images=others, duration=1000 // _FPS, loop=0, quality=_QUALITY, method=4)
 
 

@@ -13,7 +13,7 @@ from shuttle_marl.game import UniformPolicy, default_game, model_folder, tabulat
 from shuttle_marl.game.draws import stream
 from shuttle_marl.game.stroke import Catalogue, UnknownStrokeError
 from shuttle_marl.game.tables import Game, GameError
-from tests.rally.test_rally_layout import random_game
+from tests.game.test_rally_layout import random_game
 
 
 @pytest.fixture(scope="module")

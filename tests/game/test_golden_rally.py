@@ -1,6 +1,6 @@
 """A rally of the shipped game in words and numbers, as a person can check it with ``docs/concepts.md`` at hand.
 
-Digests say that something changed; this says what. After a wanted change of the game, ``python -m tests.rally.test_golden_rally``
+Digests say that something changed; this says what. After a wanted change of the game, ``python -m tests.game.test_golden_rally``
 writes the file again.
 """
 

@@ -13,7 +13,7 @@ from shuttle_marl.game import default_game
 from shuttle_marl.game.rules import FAULT, OUTCOMES, WINNER, states_of_rallies, strike
 from shuttle_marl.game.tables import HURRY_ONE, Game
 from shuttle_marl.game.thresholds import ONE
-from tests.rally.test_rally_layout import games
+from tests.game.test_rally_layout import games
 
 GAME = default_game()
 STATES = np.arange(GAME.n_states)
