@@ -202,7 +202,12 @@ def _reports() -> None:
 
 _COURT: Final = {
     ("tagging.jpg",): "tagging_picture",
-    ("film.webp", "watch_learn_wide.jpg", "watch_play_narrow.jpg", "watch_players.jpg", "watch_watch_wide.jpg"): "watch_pictures",
+    (
+        "film.webp",
+        "watch_players.jpg",
+        *(f"watch_{mode}_wide.jpg" for mode in ("analyse", "learn", "play", "watch")),
+        "watch_play_narrow.jpg",
+    ): "watch_pictures",
 }
 PICTURES: Final[dict[tuple[str, ...], tuple[Callable[[], None], str]]] = {
     ("frontier.png",): (_frontier, "experiments/results/suite.json"),
@@ -242,8 +247,8 @@ def digest(source: str) -> str:
 
 
 EARLIER: Final = frozenset({
-    "landings.png", "league_report.png", "match_report.png", "reliability.png",
-    "replies.png", "scouting_report.png", "tagging.jpg", "value.png", "watch_learn_wide.jpg", "watch_play_narrow.jpg",
+    "landings.png", "league_report.png", "match_report.png", "reliability.png", "replies.png", "scouting_report.png",
+    "tagging.jpg", "value.png", "watch_analyse_wide.jpg", "watch_learn_wide.jpg", "watch_play_narrow.jpg", "watch_play_wide.jpg",
     "watch_players.jpg", "watch_watch_wide.jpg",
 })  # fmt: skip
 """Pictures of an earlier game; a name goes when its picture is drawn again."""

@@ -58,7 +58,7 @@ def render(table: str, result: Any) -> str:
         table: name of a template.
         result: JSON value that it shows.
     """
-    return _environment().get_template(f"{table}.md").render(result=result).strip("\n")
+    return _environment().get_template(f"{table}.jinja").render(result=result).strip("\n")
 
 
 def saved_table(table: str, name: str) -> str:

@@ -24,7 +24,7 @@ from shuttle_marl.base.files import replace_file
 from shuttle_marl.watch.server import browser_flags, browser_program, write_video
 
 SIZES: Final = {"wide": (1680, 980), "narrow": (390, 844)}
-SHOWN: Final = (("watch", "wide"), ("learn", "wide"), ("play", "narrow"))
+SHOWN: Final = (("watch", "wide"), ("analyse", "wide"), ("learn", "wide"), ("play", "wide"), ("play", "narrow"))
 """Modes of the page, and the sizes in which the documentation shows them."""
 _PLACE: Final = "#seed=11&a=ppo&b=bc&rally=4&stroke=5"
 _RALLY: Final = "#seed=0&a=bc:viktor-axelsen&b=bc:kento-momota&rally=1&stroke=9"
@@ -105,6 +105,13 @@ def _show(page: Page, mode: str) -> None:
         page.locator(".quiz button").first.wait_for()
         page.locator(".quiz button").first.click()
         page.wait_for_timeout(1500)
+    elif mode == "analyse":
+        page.get_by_role("tab", name="Analyse").click()
+        _until(page, "s.mode === 'analyse' && s.analysis")
+        page.keyboard.press("3")
+        page.locator(".openings summary").click()
+        page.locator(".openings tbody button").first.wait_for()
+        page.evaluate("scrollTo(0, 0)")
     page.wait_for_timeout(1000)
 
 
