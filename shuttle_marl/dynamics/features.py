@@ -29,7 +29,7 @@ import dataclasses
 import functools
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -42,9 +42,6 @@ from shuttle_marl.game.court import N_AREAS, area_of, mirrored
 from shuttle_marl.game.layout import LONGEST_DUEL
 from shuttle_marl.game.stroke import ATTACKS, N_SHOTS, N_TECHNIQUES, NET_SHOTS, SHOTS
 from shuttle_marl.game.tables import Game
-
-if TYPE_CHECKING:
-    from shuttle_marl.dynamics.hurried import Hurry
 
 DISCIPLINES: Final = ("MS", "WS")
 _RATES: Final = (10.0, 130.0)
@@ -207,13 +204,11 @@ def mirrored_where(left: Bools, area: I16) -> I16:
     return np.where(left & (area >= 0) & (area < N_AREAS), mirrored(area), area).astype(np.int16)
 
 
-def rows_from_strokes(strokes: pa.Table, hurry: "Hurry | None" = None) -> Rows:
+def rows_from_strokes(strokes: pa.Table) -> Rows:
     """Rows of a cleaned table, in its order (schema: :mod:`shuttle_marl.data.schema`).
 
-    The target areas of annotated winners and out strokes depend on the other strokes of the table.
-
-    Args:
-        hurry: index that decides whether strikers were hurried where the table does not know it; None: that stays unknown.
+    The target areas of annotated winners and out strokes depend on the other strokes of the table. Whether strikers were hurried
+    stays unknown where the table does not know it; see :func:`shuttle_marl.dynamics.hurried.marked_rows`.
     """
     column = {
         name: strokes[name].to_numpy(zero_copy_only=False)
@@ -251,7 +246,7 @@ def rows_from_strokes(strokes: pa.Table, hurry: "Hurry | None" = None) -> Rows:
         codes[name] = mirrored_where(left, codes[name])
     movement[np.ix_(left, _ACROSS)] *= -1
     waiting, meeting = _receiver_places(strokes, receiver_hand == 1, after, follows & returned)
-    rows = Rows(
+    return Rows(
         codes=codes,
         outcome=column["outcome"].astype(np.int8),
         reason=column["reason"].astype(np.int8),
@@ -272,7 +267,6 @@ def rows_from_strokes(strokes: pa.Table, hurry: "Hurry | None" = None) -> Rows:
         hand=hand,
         receiver_hand=receiver_hand,
     ).marked(np.where(number == 1, 0, unmarked).astype(np.int8))
-    return rows if hurry is None else hurry.marked(rows)
 
 
 def _movement(strokes: pa.Table, key: Ints, number: I16) -> F32:
