@@ -62,11 +62,11 @@ def test_tutorials_are_notebooks(name: str) -> None:
 @pytest.mark.slow
 def test_the_page_names_the_files_that_run() -> None:
     page = (ROOT / "docs/architecture.md").read_text(encoding="utf-8")
-    assert structure.paths() in page
+    assert structure.path_table() in page
 
 
 def test_nothing_imports_itself_in_a_loop() -> None:
-    assert size.circles() == []
+    assert size.names()["circles"] == []
 
 
 PAGES = {figure.page: (ROOT / figure.page).read_text(encoding="utf-8") for figure in FIGURES}
