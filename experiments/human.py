@@ -15,7 +15,6 @@ import dataclasses
 import functools
 import math
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -28,7 +27,7 @@ from experiments.truth.matches import RESAMPLES, Strokes, ratio_by_match, states
 from shuttle_marl.analysis import pictures
 from shuttle_marl.base.arrays import F64, I64, Bools
 from shuttle_marl.base.errors import ShuttleError
-from shuttle_marl.commands.cli import run
+from shuttle_marl.commands.cli import entry_point
 from shuttle_marl.data import Outcome, Split, load_strokes, matches_of
 from shuttle_marl.dynamics.hurried import load_hurry
 from shuttle_marl.exact import PairPolicy, solve_soft
@@ -236,9 +235,7 @@ def human(
     show(result, "human", "human_players", as_json=json)
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line."""
-    return run(human, prog="experiments.human", description=__doc__ or "", argv=argv)
+main = entry_point(human, "python -m experiments.human", __doc__ or "")
 
 
 if __name__ == "__main__":

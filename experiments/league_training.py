@@ -12,7 +12,6 @@ import dataclasses
 import json
 import os
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal, get_args
 
@@ -22,10 +21,10 @@ from rich.console import Console
 
 from docs.tools.results import show
 from experiments.saving import save_results
-from experiments.spread import IQM
+from experiments.spread import iqm
 from shuttle_marl.base import runs
 from shuttle_marl.base.errors import ShuttleError
-from shuttle_marl.commands.cli import run as run_command
+from shuttle_marl.commands.cli import entry_point
 from shuttle_marl.game import load_game
 from shuttle_marl.training.league.config import LeagueTrainingConfig
 
@@ -129,7 +128,7 @@ def measure(training: dict[Variant, list[LeagueTrainingConfig]]) -> list[dict[st
 
 
 def _interval(values: list[float]) -> dict[str, Any] | None:
-    return IQM.of([values]).as_json() if len(values) > 1 else None
+    return iqm([values]) if len(values) > 1 else None
 
 
 def _line(result: dict[str, Any]) -> dict[str, Any]:
@@ -168,9 +167,7 @@ def league_training(
     console.print(f"everything is in {folder}")
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line."""
-    return run_command(league_training, prog="experiments.league_training", description=__doc__ or "", argv=argv)
+main = entry_point(league_training, "python -m experiments.league_training", __doc__ or "")
 
 
 if __name__ == "__main__":

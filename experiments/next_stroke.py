@@ -17,7 +17,6 @@ type is scored on all strokes, the area on strokes that are no faults (the targe
 import dataclasses
 import sys
 import time
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -31,7 +30,7 @@ from experiments.imitation.match_adaptation import adapt_to_match
 from shuttle_marl.base.arrays import F64, Bools
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.runs import describe, write_json
-from shuttle_marl.commands.cli import run
+from shuttle_marl.commands.cli import entry_point
 from shuttle_marl.data import load_strokes
 from shuttle_marl.data.upstream import Split, matches_of
 from shuttle_marl.dynamics.evaluate import next_stroke_probabilities, prediction_scores
@@ -187,9 +186,7 @@ def _most_strokes(rows: Rows) -> list[str]:
     return [str(names[i]) for place, i in enumerate(ranked) if place < LEAST_PLAYERS or counts[i] >= LEAST_ROWS]
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line."""
-    return run(next_stroke, prog="experiments.next_stroke", description=__doc__ or "", argv=argv)
+main = entry_point(next_stroke, "python -m experiments.next_stroke", __doc__ or "")
 
 
 if __name__ == "__main__":

@@ -10,7 +10,6 @@ parallel, in folders of their own, so a study can be resumed with additional var
 import dataclasses
 import os
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Final, get_args
 
@@ -20,10 +19,10 @@ from rich.console import Console
 
 from docs.tools.results import show
 from experiments.saving import save_results
-from experiments.spread import IQM
+from experiments.spread import iqm
 from shuttle_marl.base import runs
 from shuttle_marl.base.errors import ShuttleError
-from shuttle_marl.commands.cli import run as run_command
+from shuttle_marl.commands.cli import entry_point
 from shuttle_marl.game import load_game
 from shuttle_marl.policy.agents import read_card
 from shuttle_marl.training import PPOConfig
@@ -113,7 +112,7 @@ def measure(training: dict[tuple[SelfPlayVariant, int], list[PPOConfig]]) -> lis
                 "strokes": strokes,
                 "seconds": float(np.median([card[0]["seconds"] for card in cards])),
                 "seeds": len(configs),
-                "exploitability": {"mean": float(np.mean(last)), "worst": max(last), "iqm": IQM.of([last]).as_json()},
+                "exploitability": {"mean": float(np.mean(last)), "worst": max(last), "iqm": iqm([last])},
                 "exploitability_of_the_best": {"mean": float(np.mean(best)), "worst": max(best)},
                 "each": last,
             }
@@ -145,9 +144,7 @@ def self_play(
     console.print(f"everything is in {folder}")
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line."""
-    return run_command(self_play, prog="experiments.self_play", description=__doc__ or "", argv=argv)
+main = entry_point(self_play, "python -m experiments.self_play", __doc__ or "")
 
 
 if __name__ == "__main__":

@@ -29,7 +29,7 @@ from shuttle_marl.analysis import (
 )
 from shuttle_marl.analysis.pictures import COLOURS, INK
 from shuttle_marl.analysis.values import LEAST_MATCHES, LEAST_STROKES
-from shuttle_marl.commands.cli import run
+from shuttle_marl.commands.cli import entry_point
 from shuttle_marl.data import anonymised
 from shuttle_marl.exact.away import Values, over
 from shuttle_marl.exact.profile import moved
@@ -132,9 +132,7 @@ def draw_ranking(groups: Mapping[str, Sequence[PlayerValue]], title: str) -> Any
     return drawn
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line."""
-    return run(stroke_value, prog="experiments.stroke_value", description=__doc__ or "", argv=argv)
+main = entry_point(stroke_value, "python -m experiments.stroke_value", __doc__ or "")
 
 
 if __name__ == "__main__":

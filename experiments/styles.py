@@ -11,7 +11,6 @@ multiple comparisons (Benjamini & Yekutieli 2001, which allows for dependence).
 import dataclasses
 import itertools
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -27,7 +26,7 @@ from shuttle_marl import exact
 from shuttle_marl.base import runs
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.base.errors import ShuttleError
-from shuttle_marl.commands.cli import run as run_command
+from shuttle_marl.commands.cli import entry_point
 from shuttle_marl.game import load_game
 from shuttle_marl.game.court import area_centre
 from shuttle_marl.game.stroke import SHOTS
@@ -199,9 +198,7 @@ def styles(config: tyro.conf.OmitArgPrefixes[Styles], json: Path | None = None) 
     Console(highlight=False, soft_wrap=True).print(f"everything is in {folder}")
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line."""
-    return run_command(styles, prog="experiments.styles", description=__doc__ or "", argv=argv)
+main = entry_point(styles, "python -m experiments.styles", __doc__ or "")
 
 
 if __name__ == "__main__":

@@ -26,10 +26,10 @@ from rich.progress import track
 
 from docs.tools.results import show
 from experiments.saving import save_results
-from experiments.spread import IQM, mean_and_deviation
+from experiments.spread import iqm, mean_and_deviation
 from shuttle_marl.base import runs
 from shuttle_marl.base.errors import ShuttleError
-from shuttle_marl.commands.cli import run as run_command
+from shuttle_marl.commands.cli import entry_point
 from shuttle_marl.exact.away import Values, of_pair, over
 from shuttle_marl.exact.known import best_odds, pair_odds
 from shuttle_marl.game import load_game
@@ -186,7 +186,7 @@ def _row(agent: str, found: list[dict[str, float]], training: list[TrainingConfi
     spread = {name: mean_and_deviation([seed[name] for seed in found]) for name in columns}
     row: dict[str, Any] = {"agent": agent, **spread, "seeds": found}
     if training:
-        row["normalised_score"]["iqm"] = IQM.of([[seed["normalised_score"] for seed in found]]).as_json()
+        row["normalised_score"]["iqm"] = iqm([[seed["normalised_score"] for seed in found]])
         cards = [read_card(_out(run) / "agent") for run in training]
         row["strokes"] = cards[0]["strokes"]
         row["seconds"] = mean_and_deviation([card["seconds"] for card in cards])
@@ -241,9 +241,7 @@ def win_rates(config: tyro.conf.OmitArgPrefixes[WinRates], json: Path | None = N
     Console(highlight=False, soft_wrap=True).print(f"everything is in {folder}")
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line."""
-    return run_command(win_rates, prog="experiments.win_rates", description=__doc__ or "", argv=argv)
+main = entry_point(win_rates, "python -m experiments.win_rates", __doc__ or "")
 
 
 if __name__ == "__main__":

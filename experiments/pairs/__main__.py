@@ -1,7 +1,6 @@
 """``python -m experiments.pairs --data DATA (--cross 4 | --split test) [--json]``"""
 
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -17,7 +16,7 @@ from experiments.pairs.strokes import components
 from experiments.truth.matches import strokes_of
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.runs import describe, write_json
-from shuttle_marl.commands.cli import run
+from shuttle_marl.commands.cli import entry_point
 from shuttle_marl.data import Split, load_strokes, matches_of
 from shuttle_marl.game.shipped import model_folder
 
@@ -81,9 +80,7 @@ def _of_splits(every: AnnotatedStrokes, *splits: Split) -> AnnotatedStrokes:
     return every.take(np.logical_or.reduce(which))
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line; returns the exit status."""
-    return run(pairs, prog="experiments.pairs", description=__doc__ or "", argv=argv)
+main = entry_point(pairs, "python -m experiments.pairs", __doc__ or "")
 
 
 if __name__ == "__main__":

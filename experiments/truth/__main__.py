@@ -24,7 +24,7 @@ from shuttle_marl.analysis.strokes import simulate
 from shuttle_marl.base.arrays import I64
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.runs import describe, write_json
-from shuttle_marl.commands.cli import run
+from shuttle_marl.commands.cli import entry_point
 from shuttle_marl.data import Split, load_strokes
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game.pairs import Looks
@@ -158,9 +158,7 @@ def _mean(dictionaries: Sequence[dict[str, float]]) -> dict[str, float]:
     return {name: float(np.mean([one[name] for one in dictionaries])) for name in dictionaries[0]}
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line; returns the exit status."""
-    return run(truth, prog="experiments.truth", description=__doc__ or "", argv=argv)
+main = entry_point(truth, "python -m experiments.truth", __doc__ or "")
 
 
 if __name__ == "__main__":

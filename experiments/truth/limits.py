@@ -12,7 +12,6 @@ separates:
 """
 
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -28,7 +27,7 @@ from experiments.truth.worlds import Fitter, World, cross_parts, judged_by
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.runs import describe, write_json
-from shuttle_marl.commands.cli import run
+from shuttle_marl.commands.cli import entry_point
 from shuttle_marl.data import load_strokes
 from shuttle_marl.exact import evaluate
 
@@ -119,9 +118,7 @@ def slopes_if_true(said: World, true: World, strokes: Strokes) -> dict[str, floa
     return {horizon: slope(strokes, promised, happens)["value"] for horizon, happens in expected.items()}
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line; returns the exit status."""
-    return run(limits, prog="experiments.truth.limits", description=__doc__ or "", argv=argv)
+main = entry_point(limits, "python -m experiments.truth.limits", __doc__ or "")
 
 
 if __name__ == "__main__":

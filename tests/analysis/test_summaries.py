@@ -20,7 +20,7 @@ from shuttle_marl.commands.recording import main as recording
 from shuttle_marl.data.schema import REASONS, STROKES, Outcome, violations
 from shuttle_marl.exact import solve
 from shuttle_marl.game import court
-from shuttle_marl.game.pairs import pair_game
+from shuttle_marl.game.pairs import pair_game, people_of
 from shuttle_marl.game.shipped import load_game
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.recording import Rallies, RallyLog, RecordingError
@@ -174,8 +174,7 @@ def test_pictures(valued: pa.Table, tmp_path: Path) -> None:
 @pytest.mark.parametrize("hands", [("right", "right"), ("left", "right"), ("right", "left")])
 def test_best_replies_are_drawn_where_players_of_the_hands_see_them(monkeypatch: pytest.MonkeyPatch, hands: court.Hands) -> None:
     pair = pair_game("viktor-axelsen", "kento-momota", game=reduced_model())
-    assert pair.people is not None
-    solution = solve(dataclasses.replace(pair, people=dataclasses.replace(pair.people, hands=hands)))
+    solution = solve(dataclasses.replace(pair, people=dataclasses.replace(people_of(pair), hands=hands)))
     catalogue = solution.games[0].catalogue
     incoming = next(k for k in range(1, len(catalogue)) if catalogue.area[k] == 0 and k in solution.games[0].edge_incoming)
     monkeypatch.setattr(pictures, "real_strokes", lambda _: None)  # those of the pair's own hands

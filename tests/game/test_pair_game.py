@@ -15,7 +15,7 @@ from safetensors.numpy import load as load_arrays
 from shuttle_marl.base.files import seal
 from shuttle_marl.base.tensor_files import tensor_bytes
 from shuttle_marl.game import pairs
-from shuttle_marl.game.pairs import game_of_people, pair_game, trained_game
+from shuttle_marl.game.pairs import game_of_people, pair_game, people_of, trained_game
 from shuttle_marl.game.shipped import CARD, SKILL, load_game, model_folder, origin_of, read_model_card
 from shuttle_marl.game.skill import Skill, load_skill
 from shuttle_marl.game.stroke import SHOTS, Catalogue
@@ -138,7 +138,7 @@ def test_players_of_one_discipline() -> None:
 
 def test_the_pair_in_refits() -> None:
     refits = pair().people.refits()
-    assert [refit.people.model for refit in refits] == [f"{reduced_model()}:{name}" for name in "12"]
+    assert [people_of(refit).model for refit in refits] == [f"{reduced_model()}:{name}" for name in "12"]
     assert len({pair().hash, *(refit.hash for refit in refits)}) == 3
     assert all(refit.people.players == (A, B) and refit.people.refits() == () for refit in refits)
     plain = pair_game("average", "average", game=f"{reduced_model()}:1")
