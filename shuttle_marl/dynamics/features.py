@@ -76,9 +76,17 @@ MOVEMENT: Final = (
     "contact_x", "contact_y", "striker_x", "striker_y", "reach", "moved", "forward", "sideways", "speed", "since", "before",
     "own_x", "own_y", "opponent_x", "opponent_y",
 )  # fmt: skip
-"""Positions and times before a stroke, in the striker's frame [m, s]: where they meet the shuttle, where they stand, and the
-distance of the two; how far they moved since the opponent's hit, how far forwards and to the right, and how fast; time since that
-hit, and between it and the hit before (0 for none); where striker and opponent were at that hit."""
+"""Positions and times before a stroke, in the striker's frame [m, s].
+
+- ``contact_x``, ``contact_y``: where the striker meets the shuttle.
+- ``striker_x``, ``striker_y``: where they stand.
+- ``reach``: distance of the two.
+- ``moved``, ``forward``, ``sideways``: how far they moved since the opponent's hit, of it forwards, and to the right.
+- ``speed``: how fast they moved.
+- ``since``: time since the opponent's hit.
+- ``before``: time between that hit and the one before it; 0 without one.
+- ``own_x``, ``own_y``, ``opponent_x``, ``opponent_y``: where striker and opponent were at the opponent's hit.
+"""
 MAX_DEPTH_QUANTILE: Final = 0.9
 """Quantile of the depth of returned strokes that bounds the target of an out stroke."""
 _ACROSS: Final = [MOVEMENT.index(name) for name in MOVEMENT if name.endswith("_x") or name == "sideways"]

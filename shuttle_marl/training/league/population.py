@@ -104,7 +104,7 @@ def _pair(a: str, b: str) -> tuple[str, str]:
     return (a, b) if a < b else (b, a)
 
 
-def _solve(chains: tuple[InducedChain, InducedChain]) -> tuple[float, float]:
+def _serving_odds(chains: tuple[InducedChain, InducedChain]) -> tuple[float, float]:
     value = evaluate_chains(*chains, tolerance=TOLERANCE)
     return value.odds(0).serving, value.odds(1).serving
 
