@@ -49,7 +49,7 @@ def summary(folder: str) -> str:
     """
     rows = []
     for name, task in TASKS.items():
-        question = (task.__doc__ or "").split("\n", 1)[0].rstrip(".")
+        question = (task.__doc__ or "").split("\n", 1)[0].rstrip(".").replace("``", "`")
         found, best = _boards(name), ("", "", "", "")
         if found and (row := found[-1]["best"]):
             last = found[-1]

@@ -5,11 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from experiments import suite_settings
-from experiments.suite import main
 from shuttle_marl.commands.suite import main as suite
 from shuttle_marl.suite import TASKS, SuiteRun, run_method, summarise
 from shuttle_marl.suite.registry import arena_of
+from tests.experiments.commands import run
 from tests.reduced import reduced_model
 
 RESULTS = Path(__file__).parents[2] / "experiments" / "results" / "suite.json"
@@ -19,13 +18,13 @@ def test_the_board_is_made_from_the_results(tmp_path: Path, capsys: pytest.Captu
     out, results = tmp_path / "runs", tmp_path / "suite.json"
     tasks = ("exploit-entrance-v0", "equilibrium-entrance-v0", "text-v0")
     flags = ["--quick", "--game", reduced_model(), "--workers", "1", "--out", str(out), "--json", str(results)]
-    assert main([*flags, "--tasks", *tasks, "--split", "test"]) == 0, capsys.readouterr().err
+    run("experiments.suite", *flags, "--tasks", *tasks, "--split", "test")
     rows = json.loads(results.read_text())["rows"]
     assert [row["task"] for row in rows] == list(tasks)
     for row in rows:
         assert {"task", "method", "split", "score", "low", "high", "seeds", "exploitability", "seconds"} <= set(row)
         assert row["recomputed"] is True
-    assert main([*flags, "--tasks", *tasks, "--split", "test", "--resume"]) == 0
+    run("experiments.suite", *flags, "--tasks", *tasks, "--split", "test", "--resume")
     assert [row["score"] for row in json.loads(results.read_text())["rows"]] == [row["score"] for row in rows]
     capsys.readouterr()
     assert suite(("board", "--results", str(results))) == 0
@@ -45,6 +44,6 @@ def test_committed_results_are_of_this_game_and_reproduced(tmp_path: Path) -> No
     assert again["cases"] == committed["cases"]
 
 
-def test_figures_of_the_settings(capsys: pytest.CaptureFixture[str]) -> None:
-    assert suite_settings.main(["--game", reduced_model(), "--tasks", "exploit-entrance-v0", "--opponents", "1"]) == 0
-    assert "gain of constant, bc/100,000, as a share" in capsys.readouterr().out
+def test_figures_of_the_settings() -> None:
+    flags = ("--game", reduced_model(), "--tasks", "exploit-entrance-v0", "--opponents", "1")
+    assert "gain of constant, bc/100,000, as a share" in run("experiments.suite_settings", *flags)
