@@ -7,7 +7,8 @@ the sum of its advantages over the states, each weighted by the expected visits 
 always played there.
 
 Advice is given only where it can be trusted: enough real strokes behind the stroke and behind the situation, and a positive
-gain in most of the refits of the game on resampled matches. The best of many gains is an overestimate, so the gain that is
+gain in most of the refits of the game on resampled matches. It keeps the technique that the player uses most in a state, because
+where the shuttle is met decides that. The best of many gains is an overestimate, so the gain that is
 reported is the mean over the refits, times the share of predicted advantages that real matches realise
 (:func:`~shuttle_marl.game.shipped.factor_of`).
 """
@@ -26,7 +27,7 @@ from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.layout import Layout
 from shuttle_marl.game.pairs import people_of
 from shuttle_marl.game.shipped import RELIABLE, Estimate, factor_of, real_strokes
-from shuttle_marl.game.stroke import N_SHOTS
+from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.policy import baselines
@@ -238,6 +239,7 @@ def advise(
     of_state, of_pair = situations(game), game.base_pair_state
     situation_behind = real[np.arange(game.n_base_states) >> 2]
     allowed, key = _reliable(game, real, at_least)
+    allowed = allowed & _technique_kept(home.policies[seat])
     size = N_SITUATIONS * game.n_strokes
     weight = home.visits(seat)
     often = np.bincount(key[allowed], weight[of_pair][allowed], size)
@@ -299,6 +301,15 @@ def _reliable(game: Game, real: F64, at_least: float) -> tuple[Bools, I64]:
     situation = (real[np.arange(game.n_base_states) >> 2] >= at_least) | (of_state == SERVE)
     key = of_state[of_pair] * game.n_strokes + game.base_pair_stroke.astype(np.int64)
     return (real[game.base_pair_edge] >= at_least) & situation[of_pair], key
+
+
+def _technique_kept(policy: TabulatedPolicy) -> Bools:
+    """``[base pairs]`` whether a stroke has the technique that its striker uses most in the state."""
+    game = policy.game
+    technique = game.catalogue.technique[game.base_pair_stroke].astype(np.int64)
+    kind = game.base_pair_state.astype(np.int64) * N_TECHNIQUES + technique
+    share = np.bincount(kind, policy.block_probabilities(0), game.n_base_states * N_TECHNIQUES)
+    return np.asarray(share.reshape(-1, N_TECHNIQUES).argmax(axis=1)[game.base_pair_state] == technique)
 
 
 def _usual(home: Meeting, seat: int, states: I64, weight: F64) -> tuple[int, float]:

@@ -9,6 +9,7 @@ import numpy as np
 
 from shuttle_marl.analysis.course import RallyRow
 from shuttle_marl.analysis.habits import Habit
+from shuttle_marl.data.words import bare
 from shuttle_marl.dynamics.habits import DIRECTED, DIRECTIONS, straight
 from shuttle_marl.game.court import AREAS, N_SIDES
 from shuttle_marl.game.shipped import Estimate
@@ -16,6 +17,8 @@ from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES, Catalogue
 from shuttle_marl.pages.languages import Language, Texts, current
 
 _CENTRE: Final = 1
+AT_BODY: Final = ("smash", "half-smash", "drive", "push", "net-kill")
+"""Shot types that are played at the body of the opponent when they go to the middle of the court."""
 
 
 class Words(Texts):
@@ -37,10 +40,27 @@ class Words(Texts):
         """A shot type in the plural."""
         return self.shot(shot, 2)
 
-    @staticmethod
-    def player(name: str) -> str:
-        """A player as people write the name: ``Viktor Axelsen`` for ``viktor-axelsen``; other names stay as they are."""
+    def player(self, name: str) -> str:
+        """A player as people write the name: ``Viktor Axelsen`` for ``viktor-axelsen``; names of others stay as they are."""
+        if name in self.groups["players"]:
+            return str(self.groups["players"][name])
         return name.replace("-", " ").title() if name.islower() and re.fullmatch(r"[^\W\d_]+(-[^\W\d_]+)+", name) else name
+
+    def event(self, match: str, players: Iterable[str]) -> str:
+        """The name of a match without those of its players, which stand beside it: ``Malaysia Masters 2020 Finals``."""
+        names = [bare(name) for name in players]
+        parts = match.replace("_", " ").split()
+        return " ".join(part for part in parts if not any(bare(part).strip(".") in name for name in names))
+
+    def target(self, shot: str, area: int, whose: str) -> str:
+        """A shot type in the plural, to an area: ``smashes at their body``; either may be empty or -1, for any."""
+        if area < 0:
+            return self.shots(shot)
+        if not shot:
+            return self("stroke.place", area=self.area(area, whose))
+        if shot in AT_BODY and AREAS[area] == "middle-centre":
+            return self("stroke.body", shot=self.shots(shot), whose=self(f"whose.{whose}"))
+        return self("stroke.to", shot=self.shots(shot), area=self.area(area, whose))
 
     def area(self, area: int, whose: str) -> str:
         """An area, named as a right-handed player at that place sees it, such as ``your front backhand corner``."""
@@ -56,7 +76,13 @@ class Words(Texts):
             hands: of striker and receiver; None: unknown.
         """
         shot, target = SHOTS[catalogue.shot[stroke]], int(catalogue.area[stroke])
+        if catalogue.is_serve[stroke]:  # it flies diagonally into one service court, of which only the side is a choice
+            flick = "flick_serve" if (shot, catalogue.technique[stroke]) == ("long-serve", TECHNIQUES.index("backhand")) else "served"
+            return self(f"stroke.{flick}", shot=self.shot(shot), direction=self(f"directions.{AREAS[target].split('-')[1]}"))
         fields = {"technique": self.technique(TECHNIQUES[catalogue.technique[stroke]]), "area": self.area(target, whose)}
+        if shot in AT_BODY and AREAS[target] == "middle-centre":
+            fields.pop("area")
+            return self("stroke.at_body", shot=self.shot(shot), whose=self(f"whose.{whose}"), **fields)
         if shot not in DIRECTED or met < 0 or _CENTRE in (met % N_SIDES, target % N_SIDES):
             return self("stroke.aimed", shot=self.shot(shot), **fields)
         along = straight(np.array(met), np.array(target), opposite=(hands[0] == "left") != (hands[1] == "left"))
