@@ -78,9 +78,9 @@ def results(parts: Sequence[Part]) -> dict[str, Any]:
 
     Returns:
         ``results``: log-loss of each prediction; ``difference``: from the coin, with intervals by match; ``calibration``: slope
-        of the results on the log-odds of the game of the pair; ``forecast``: log-loss of the share of rallies that reports print, and
-        that of a coin, and the slope of the results on its log-odds, below 1 if it is larger than earned; ``correlation``: of its shares of rallies and the real ones, over
-        matches, about one half; ``seconds`` for each pair.
+        of the results on the log-odds of the game of the pair; ``forecast``: log-loss of the share of rallies that reports print,
+        that of a coin, and the slope of the results on its log-odds, below 1 if it is larger than earned; ``correlation``: of
+        the pair's shares of rallies and the real ones, over matches, about one half; ``seconds`` for each pair.
     """
     won, match = [], []
     predicted: dict[str, list[F64]] = {name: [] for name in PREDICTIONS}

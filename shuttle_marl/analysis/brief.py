@@ -101,7 +101,7 @@ def options(plays: Plays, won: F64, mine: Bools, others: Bools | None = None) ->
     Args:
         won: ``[N]`` :func:`won_or_lost`.
         mine: ``[N]`` strokes that count.
-        others: ``[N]`` strokes of others, compared where they are of the same kind; None: compared with all other ones of ``mine``.
+        others: ``[N]`` strokes of others, compared where they are of the same kind; None: all other ones of ``mine``.
     """
     rally = np.isfinite(won) & (plays.shot >= N_SERVES)
 
@@ -162,7 +162,12 @@ def expected_of(own: Tally, kind: str, *about: str) -> Expected:
     counts = np.sum([own.answers(number) for number in asked], axis=0)
     names, total = QUESTIONS[asked[0]].answers, counts.sum()
     order = [k for k in np.argsort(-counts, kind="stable").tolist()[:MAIN] if counts[k]]
-    return Expected(kind, QUESTIONS[asked[0]].about[0] if QUESTIONS[asked[0]].about else "", tuple((names[k], float(counts[k] / total)) for k in order), int(total))
+    return Expected(
+        kind,
+        QUESTIONS[asked[0]].about[0] if QUESTIONS[asked[0]].about else "",
+        tuple((names[k], float(counts[k] / total)) for k in order),
+        int(total),
+    )
 
 
 def brief(

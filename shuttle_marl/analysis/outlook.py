@@ -54,8 +54,8 @@ def _moved(odds: Odds, by: float) -> Odds:
 
 
 EARNED: Final = 0.4
-"""Share of the log-odds of a rally that a forecast keeps: the most with which it is no worse than a coin both on cross fits and on
-the validation matches (``forecast`` of ``python -m experiments.pairs``). Matches cannot be foretold by them."""
+"""Share of the log-odds of a rally that a forecast keeps: the most with which it is no worse than a coin on cross fits and on the
+validation matches (``forecast`` of ``python -m experiments.pairs``). No share of them foretells matches better than a coin."""
 
 
 def earned(rally: F64) -> F64:
@@ -225,12 +225,11 @@ def met(rallies: pa.Table, first: str, second: str) -> Met:
     A game goes to the player who won more of its recorded rallies, and a match to the one who won more games, because some
     rallies are not in the data.
     """
-    sides = [
-        pc.and_(pc.equal(rallies["server"], a), pc.equal(rallies["receiver"], b)) for a, b in ((first, second), (second, first))
-    ]
+    both = pa.array([first, second])
+    sides = [pc.is_in(rallies[name], value_set=both) for name in ("server", "receiver")]
     games: dict[str, dict[int, int]] = {}
     won = played = 0
-    for row in rallies.filter(pc.and_(pc.or_(*sides), pc.is_valid(rallies["winner"]))).to_pylist():
+    for row in rallies.filter(pc.and_(pc.and_(*sides), pc.is_valid(rallies["winner"]))).to_pylist():
         ahead = games.setdefault(row["match"], {})
         ahead[row["game"]] = ahead.get(row["game"], 0) + (1 if row["winner"] == first else -1)
         played, won = played + 1, won + (row["winner"] == first)

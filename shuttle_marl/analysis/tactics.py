@@ -1,9 +1,9 @@
-"""What if a player used a tactic more or less: exact effects on winning.
+"""What if a player used a tactic more: effects on winning.
 
 A tactic is a set of strokes within a set of alternatives, such as straight smashes within all smashes to a side. *Ten more of
 a hundred* moves the probability of the set within its alternatives by 0.1 in every state, up to 0 or 1, and leaves the
-proportions within both sets, and all other strokes, as they are. The effect is solved exactly in the game; its interval is
-that of its first derivative in the refits, sum over pairs of (changed minus usual probability) times advantage times visits.
+proportions within both sets, and all other strokes, as they are. The effect is its first derivative in the refits: the sum over
+pairs of (changed minus usual probability) times advantage times visits.
 """
 
 import dataclasses
@@ -11,12 +11,9 @@ from typing import Final
 
 import numpy as np
 
-from shuttle_marl.analysis.advice import LEAST_STEADY, TOLERANCE, Refitted, calibrated
+from shuttle_marl.analysis.advice import LEAST_STEADY, Refitted, calibrated
 from shuttle_marl.base.arrays import F64, Bools
-from shuttle_marl.base.cluster import in_threads
 from shuttle_marl.dynamics.habits import straight
-from shuttle_marl.exact import PairPolicy
-from shuttle_marl.exact.profile import evaluate_chains, induced
 from shuttle_marl.game.pairs import people_of
 from shuttle_marl.game.shipped import Estimate
 from shuttle_marl.game.stroke import SHOTS
@@ -24,8 +21,8 @@ from shuttle_marl.game.tables import Game
 
 TACTICS: Final = ("short_serve", "straight_smash", "net_shot", "attack", "risk")
 """Keys of the tactics."""
-STEPS: Final = (-0.2, -0.1, 0.0, 0.1, 0.2)
-"""Changes of the probability of a tactic within its alternatives."""
+STEP: Final = 0.1
+"""Change of the probability of a tactic within its alternatives."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -36,16 +33,13 @@ class Effect:
         tactic: one of :data:`TACTICS`.
         share: share of the tactic within its alternatives, as the player plays now.
         often: strokes among the alternatives in a rally.
-        serving, receiving: ``[5]`` probability of winning a rally served and received, at each of :data:`STEPS`.
-        more: expected effect on rallies won of a step of +0.1, calibrated, with its 90 % interval.
+        more: expected effect on rallies won of one :data:`STEP`, calibrated, with its 90 % interval.
         steady: share of the refits in which the effect has the sign of the mean.
     """
 
     tactic: str
     share: float
     often: float
-    serving: F64
-    receiving: F64
     more: Estimate
     steady: float
 
@@ -110,34 +104,20 @@ def effects(found: Refitted) -> list[Effect]:
     hands = people_of(found.pair).hands
     sets = _sets(game, usual, opposite=hands[0] != hands[1])
     weight = (found.home.visits(0)[game.base_pair_state] * usual).astype(np.float64)
-    advantages = [each.advantages(0) for each in found.refits]
-    other = induced(found.home.policies[1])
-
-    def odds(job: tuple[str, float]) -> tuple[float, float]:
-        name, change = job
-        own = induced(PairPolicy(game=game, probability=changed(game, usual, *sets[name], change)))
-        solved = evaluate_chains(own, other, tolerance=TOLERANCE).odds()
-        return solved.serving, solved.receiving
-
-    home = found.home.odds
-    jobs = [(name, step) for name in TACTICS for step in STEPS if step]
-    solved = dict(zip(jobs, in_threads(odds, jobs), strict=True))
+    advantages = [each.advantages(0) for each in found.refits or (found.home,)]
     out = []
     for name in TACTICS:
         tactic, among = sets[name]
-        table = np.array([solved[name, step] if step else (home.serving, home.receiving) for step in STEPS])
-        slope = changed(game, usual, tactic, among, 0.1) - usual
-        more = np.array([float(slope @ each) for each in advantages] or [float(table[3].mean() - table[2].mean())])
+        slope = changed(game, usual, tactic, among, STEP) - usual
+        more = np.array([float(slope @ each) for each in advantages])
         often = float(weight[among].sum())
         out.append(
             Effect(
                 tactic=name,
                 share=float(weight[tactic].sum()) / often if often else float("nan"),
                 often=often,
-                serving=table[:, 0],
-                receiving=table[:, 1],
                 more=calibrated(more, found.factor),
-                steady=float((np.sign(more) == np.sign(more.mean())).mean()) if advantages else 0.0,
+                steady=float((np.sign(more) == np.sign(more.mean())).mean()) if found.refits else 0.0,
             )
         )
     return out

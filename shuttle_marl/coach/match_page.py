@@ -53,7 +53,7 @@ class Footage:
 def match_page(report: MatchReport, footage: Footage) -> bytes:
     """The page as the content of a file."""
     named = report.players
-    report = dataclasses.replace(report, players=tuple(map(words().player, named)))
+    report = dataclasses.replace(report, players=(words().player(named[0]), words().player(named[1])))
     moments = [i for i in report.moments if i in footage.staged]
     rallies, program, reason, count = "", None, "", 0
     try:
@@ -68,7 +68,7 @@ def match_page(report: MatchReport, footage: Footage) -> bytes:
         "reason": reason,
         "score": lambda winner=0: _score(report.score, winner),
         "event": words().event(report.match, named),
-        "number": lambda i: footage.numbers.get(i, i) + 1,
+        "number": lambda i: 1 + footage.numbers.get(i, i),  # type: ignore[operator]
         "reasons": lambda i: _reasons(report, i),
         "points": lambda value: {part: signed(share / 100) for part, share in value._asdict().items()},
         "enough_refits": report.refits >= LEAST_REFITS,

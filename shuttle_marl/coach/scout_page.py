@@ -1,6 +1,5 @@
 """The scouting report as a page: figures for the template ``scout.html.j2``."""
 
-import dataclasses
 import math
 from collections.abc import Iterator, Sequence
 from typing import Any

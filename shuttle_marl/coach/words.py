@@ -52,15 +52,20 @@ class Words(Texts):
         parts = match.replace("_", " ").split()
         return " ".join(part for part in parts if not any(bare(part).strip(".") in name for name in names))
 
-    def target(self, shot: str, area: int, whose: str) -> str:
-        """A shot type in the plural, to an area: ``smashes at their body``; either may be empty or -1, for any."""
+    @staticmethod
+    def capital(text: str) -> str:
+        """A text that begins a sentence."""
+        return text[:1].upper() + text[1:]
+
+    def target(self, shot: str, area: int, whose: str, form: int = 2) -> str:
+        """A shot type in a form, to an area: ``smashes at their body``; either may be empty or -1, for any."""
         if area < 0:
-            return self.shots(shot)
+            return self.shot(shot, form)
         if not shot:
             return self("stroke.place", area=self.area(area, whose))
         if shot in AT_BODY and AREAS[area] == "middle-centre":
-            return self("stroke.body", shot=self.shots(shot), whose=self(f"whose.{whose}"))
-        return self("stroke.to", shot=self.shots(shot), area=self.area(area, whose))
+            return self("stroke.body", shot=self.shot(shot, form), whose=self(f"whose.{whose}"))
+        return self("stroke.to", shot=self.shot(shot, form), area=self.area(area, whose))
 
     def area(self, area: int, whose: str) -> str:
         """An area, named as a right-handed player at that place sees it, such as ``your front backhand corner``."""
@@ -77,7 +82,9 @@ class Words(Texts):
         """
         shot, target = SHOTS[catalogue.shot[stroke]], int(catalogue.area[stroke])
         if catalogue.is_serve[stroke]:  # it flies diagonally into one service court, of which only the side is a choice
-            flick = "flick_serve" if (shot, catalogue.technique[stroke]) == ("long-serve", TECHNIQUES.index("backhand")) else "served"
+            flick = (
+                "flick_serve" if (shot, catalogue.technique[stroke]) == ("long-serve", TECHNIQUES.index("backhand")) else "served"
+            )
             return self(f"stroke.{flick}", shot=self.shot(shot), direction=self(f"directions.{AREAS[target].split('-')[1]}"))
         fields = {"technique": self.technique(TECHNIQUES[catalogue.technique[stroke]]), "area": self.area(target, whose)}
         if shot in AT_BODY and AREAS[target] == "middle-centre":

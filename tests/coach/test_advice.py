@@ -11,10 +11,11 @@ import pytest
 from scipy import stats
 
 from shuttle_marl.analysis.advice import LEAST_STEADY, Refitted, advise, calibrated, error_of, followed
+from shuttle_marl.analysis.brief import options
 from shuttle_marl.analysis.habits import discoveries, endings, habits, interval
-from shuttle_marl.analysis.outlook import outlook
+from shuttle_marl.analysis.outlook import EARNED, earned
 from shuttle_marl.analysis.scouting import scout
-from shuttle_marl.analysis.tactics import STEPS, TACTICS, Effect, _sets, changed, effects
+from shuttle_marl.analysis.tactics import STEP, TACTICS, Effect, _sets, changed, effects
 from shuttle_marl.base.files import seal
 from shuttle_marl.dynamics.habits import NONE, Plays, load_habits, plays_of_strokes, questions, save_habits, tally
 from shuttle_marl.exact import PairPolicy, evaluate
@@ -98,17 +99,19 @@ def test_a_tactic_moves_its_share_and_nothing_else(found: Refitted) -> None:
     assert changed(game, usual, smash & above, above, 0.0) == pytest.approx(usual)
 
 
-def test_effects_of_tactics_are_exact(found: Refitted) -> None:
-    listed = effects(found)
+def test_effects_of_tactics_are_those_of_the_changed_policy(found: Refitted) -> None:
+    alone = dataclasses.replace(found, refits=(), factor=None)
+    listed = effects(alone)
     assert [effect.tactic for effect in listed] == [*TACTICS]
-    odds, middle = found.home.odds, STEPS.index(0.0)
-    for effect in listed:
-        assert effect.serving[middle] == odds.serving
-    serve = listed[0]
-    # A rally has one serve, so the result is linear in its probability as long as none reaches 0 or 1.
-    rally = (serve.serving + serve.receiving) / 2
-    assert np.diff(rally)[1] == pytest.approx(np.diff(rally)[2], abs=1e-7)
-    assert serve.receiving == pytest.approx(odds.receiving)
+    first, second = found.home.policies
+    game, usual = first.game, first.block_probabilities(0)
+    sets = _sets(game, usual, opposite=False)
+    for effect in listed[:2]:
+        # A rally has one serve, so the result is linear in its probability; other tactics occur more often afterwards.
+        after = changed(game, usual, *sets[effect.tactic], STEP)
+        exact = evaluate(PairPolicy(game=game, probability=after), second, tolerance=1e-9).odds().rally - found.home.odds.rally
+        assert effect.more.value == pytest.approx(exact, rel=1e-3 if effect.tactic == "short_serve" else 0.3)
+        assert effect.steady == 0.0
 
 
 @pytest.mark.parametrize("opposite", [False, True])
@@ -134,20 +137,43 @@ def test_smashes_that_are_straight_between_equal_hands_are_cross_court_between_d
 
 @pytest.mark.parametrize(("steady", "low", "clear"), [(LEAST_STEADY, 0.001, True), (0.5, 0.001, False), (1.0, -0.001, False)])
 def test_the_direction_of_a_tactic_is_clear(steady: float, low: float, clear: bool) -> None:
-    flat = np.full(len(STEPS), 0.5)
     more = Estimate(0.01, low, 0.02)
-    effect = Effect(tactic=TACTICS[0], share=0.5, often=1, serving=flat, receiving=flat, more=more, steady=steady)
+    effect = Effect(tactic=TACTICS[0], share=0.5, often=1, more=more, steady=steady)
     assert effect.clear == clear
 
 
-def test_the_outlook_contains_both_uncertainties(found: Refitted) -> None:
-    seen = outlook(found)
-    odds = found.home.odds
-    assert seen.rally.value == pytest.approx(odds.rally)
-    # The mean over what is not known is less certain than the match of known odds.
-    assert abs(seen.match.value - 0.5) < abs(odds.match() - 0.5)
-    alone = outlook(dataclasses.replace(found, refits=()))
-    assert alone.rally.high - alone.rally.low < seen.rally.high - seen.rally.low
+def test_a_forecast_is_no_larger_than_it_has_earned() -> None:
+    p = np.array([0.2, 0.5, 0.6])
+    assert earned(p) == pytest.approx(1 / (1 + (p / (1 - p)) ** -EARNED))
+    assert (np.abs(earned(p) - 0.5) <= np.abs(p - 0.5)).all()
+
+
+def test_advice_keeps_the_technique_that_is_used_there(found: Refitted) -> None:
+    policy = found.home.policies[0]
+    game, chance = policy.game, policy.block_probabilities(0)
+    for advice in advise(found):
+        row, pairs = game.pairs(advice.states)
+        technique = game.catalogue.technique[game.base_pair_stroke[pairs]].astype(np.int64)
+        share = np.zeros((len(advice.states), len(TECHNIQUES)))
+        np.add.at(share, (row, technique), chance[pairs])
+        assert (share.argmax(axis=1) == game.catalogue.technique[advice.stroke]).all()
+
+
+def test_options_are_counted_beside_others() -> None:
+    serve, lift, clear = (SHOTS.index(name) for name in ("short-serve", "lift", "clear"))
+    some = plays([(serve, lift, 6, 1, clear, 6)] * 3 + [(serve, lift, 6, 1, clear, -1)] + [(serve, lift, 6, 1, lift, 8)] * 4, 10)
+    won = np.array([1.0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0] * 10)
+    mine = np.ones(len(won), bool)
+    found = {option[:2]: option for option in options(some, won, mine)}
+    assert (found[clear, 6].strokes, found[clear, 6].won) == (30, 20)
+    assert (found[clear, 6].others, found[clear, 6].others_won) == (40, 10)  # only what landed in
+    assert (found[clear, -1].strokes, found[clear, -1].won) == (40, 20)  # a fault is one of the strokes
+    assert found[-1, 6][2:6] == found[clear, 6][2:6]
+    assert max(option.won / option.strokes for option in options(some, won, mine)) == pytest.approx(2 / 3)
+    half = np.arange(len(won)) < 40
+    beside = {option[:2]: option for option in options(some, won, half, ~half)}
+    assert beside[clear, -1][2:6] == (20, 10, 20, 10)
+    assert (clear, 6) not in beside  # fifteen strokes are too few
 
 
 def plays(rows: list[tuple[int, int, int, int, int, int]], copies: int = 1, *, opposite: bool = False) -> Plays:
