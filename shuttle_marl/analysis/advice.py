@@ -15,13 +15,13 @@ reported is the mean over the refits, times the share of predicted advantages th
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from shuttle_marl.base.arrays import F64, I64, Bools
 from shuttle_marl.base.cluster import in_threads
-from shuttle_marl.exact import Odds, PairPolicy, ProfileValue, Visits, moved, visits
+from shuttle_marl.exact import Odds, ProfileValue, Visits, moved, visits
 from shuttle_marl.exact.profile import evaluate_chains, induced
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.layout import Layout
@@ -192,8 +192,6 @@ class Advice:
             strokes of players with these hands.
         behind: least number of real strokes behind the advised stroke, over the incoming strokes of the situation.
         situation_behind: number of real strokes of the kind that makes the situation.
-        before, before_share, before_average: stroke of the player (shot type and area) that most often leads to the situation;
-            the probability that the opponent then answers so, and that of the average player.
         states: base states of the situation in which the stroke is legal and has enough real strokes behind it.
     """
 
@@ -209,9 +207,6 @@ class Advice:
     against_average: float
     behind: float
     situation_behind: float
-    before: tuple[int, int] | None
-    before_share: float
-    before_average: float
     states: I64
 
 
@@ -288,7 +283,6 @@ def advise(
                 against_average=float(compared[chosen]),
                 behind=float(real[game.base_pair_edge[pairs[visited]]].min()),
                 situation_behind=float("nan") if number == SERVE else float(situation_behind[states[visited]].min()),
-                **_before(home, seat, number, states, weight[states]),
                 states=states,
             )
         )
@@ -319,42 +313,3 @@ def _usual(home: Meeting, seat: int, states: I64, weight: F64) -> tuple[int, flo
     row, pairs = game.pairs(states)
     total = np.bincount(game.base_pair_stroke[pairs], weight[row] * chance[pairs], game.n_strokes)
     return int(total.argmax()), float(total.max() / weight.sum())
-
-
-def _before(home: Meeting, seat: int, number: int, states: I64, weight: F64) -> dict[str, Any]:
-    """The stroke that most often leads to a situation, and how often the opponent then answers so."""
-    game = home.policies[seat].game
-    own = game.own(states)
-    nothing: dict[str, Any] = {"before": None, "before_share": float("nan"), "before_average": float("nan")}
-    if number == SERVE or (own == game.n_strokes).all():
-        return nothing
-    catalogue, known = game.catalogue, own < game.n_strokes
-    kind = catalogue.shot.astype(np.int64) * N_AREAS + catalogue.area
-    led = int(np.bincount(kind[own[known]], weight[known]).argmax())
-    # The decision of the opponent against all strokes of that shot type and area.
-    theirs = home.policies[1 - seat]
-    state = np.flatnonzero(np.append(kind, -1)[theirs.game.incoming(np.arange(theirs.game.n_base_states))] == led)
-    row, pairs = theirs.game.pairs(state)
-    visited = home.visits(1 - seat)[state]
-    answer = kind[theirs.game.base_pair_stroke[pairs]] == number // 2
-    usual = baselines.load(None, theirs.game)
-    shares = [
-        float((visited[row] * policy.block_probabilities(0)[pairs])[answer].sum() / visited.sum()) for policy in (theirs, usual)
-    ]
-    return {"before": divmod(led, N_AREAS), "before_share": shares[0], "before_average": shares[1]}
-
-
-def followed(found: Refitted, advised: Sequence[Advice]) -> tuple[Odds, list[Odds]]:
-    """Exact odds of the player at seat 0 who always follows some advice, at home and in the refits."""
-    game = found.pair.seats[0]
-    chance = found.home.policies[0].block_probabilities(0).copy()
-    for advice in advised:
-        pairs = game.pairs(advice.states)[1]
-        chance[pairs] = game.base_pair_stroke[pairs] == advice.stroke
-
-    def odds(meeting: Meeting) -> Odds:
-        own = PairPolicy(game=meeting.policies[0].game, probability=chance)
-        return evaluate_chains(induced(own), induced(meeting.policies[1]), tolerance=TOLERANCE).odds()
-
-    first, *others = in_threads(odds, (found.home, *found.refits))
-    return first, others

@@ -14,12 +14,11 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import pyarrow as pa
 
-from shuttle_marl.analysis.advice import Advice, Meeting, Refitted, advise, calibrated, followed, imitated, meet, refitted
+from shuttle_marl.analysis.advice import Advice, Meeting, advise, imitated, meet, refitted
 from shuttle_marl.analysis.brief import Brief, brief, won_or_lost
 from shuttle_marl.analysis.habits import Ending, Habit, endings, habits, interval
 from shuttle_marl.analysis.outlook import Met, earned, met
 from shuttle_marl.analysis.summary import AnalysisError, rally_table, summarise
-from shuttle_marl.analysis.tactics import Effect, effects
 from shuttle_marl.analysis.waits import Wait, waits
 from shuttle_marl.base.arrays import F64, Bools
 from shuttle_marl.data.schema import DISCIPLINES
@@ -132,8 +131,6 @@ class ScoutingReport:
         beside: name of another opponent, and the habits of this one beside that one; None: not asked for.
         advice: strokes to play against the opponent, largest gain first.
         realised: their results in annotated matches, in the same order; empty without data.
-        with_advice: gain in rallies won per rally of a player who follows all of it, calibrated.
-        effects: of using tactics more or less.
         pair: the game, for staging examples.
         home: both players imitated in it.
     """
@@ -159,8 +156,6 @@ class ScoutingReport:
     beside: tuple[str, Sequence[Habit]] | None
     advice: Sequence[Advice]
     realised: Sequence[Realised | None]
-    with_advice: Estimate | None
-    effects: Sequence[Effect]
     pair: Game | None
     home: Meeting | None
 
@@ -187,8 +182,7 @@ class ScoutingReport:
                 "above": bool(contact),
             }
             own = {"stroke": names[advice.stroke], "usual": names[advice.usual], "situation": incoming}
-            before = None if advice.before is None else [SHOTS[advice.before[0]], AREAS[advice.before[1]]]
-            listed.append({**plain(dataclasses.replace(advice, states=np.zeros(0, np.int64))), **own, "before": before})
+            listed.append({**plain(dataclasses.replace(advice, states=np.zeros(0, np.int64))), **own})
         return {**figures, "advice": listed}
 
 
@@ -352,8 +346,6 @@ def scout(
         beside=None if beside is None else (beside, habits(own, tallies(beside)[0])),
         advice=advised,
         realised=evidence,
-        with_advice=None if both is None else _with_advice(both, advised),
-        effects=[] if both is None else effects(both),
         pair=None if found is None else found.pair,
         home=None if found is None else found.home,
     )
@@ -381,14 +373,6 @@ def _recent(plays: Plays, strokes: pa.Table) -> list[Habit]:
     last = max(enumerate(names), key=lambda each: (date_of(each[1]) or datetime.date.min, each[0]))[1]
     which = strokes["match"].to_numpy(zero_copy_only=False) == last
     return habits(tally(plays.take(which)), tally(plays.take(~which)))
-
-
-def _with_advice(found: Refitted, advised: Sequence[Advice]) -> Estimate | None:
-    if not advised:
-        return None
-    _, refits = followed(found, advised)
-    gains = np.array([after.rally - before.odds.rally for after, before in zip(refits, found.refits, strict=True)])
-    return calibrated(gains, found.factor)
 
 
 def _as_known(name: str, known: Sequence[str]) -> str:

@@ -68,7 +68,7 @@ def match_page(report: MatchReport, footage: Footage) -> bytes:
         "reason": reason,
         "score": lambda winner=0: _score(report.score, winner),
         "event": words().event(report.match, named),
-        "number": lambda i: 1 + footage.numbers.get(i, i),  # type: ignore[operator]
+        "number": lambda i: footage.numbers[i] + 1 if i in footage.numbers else "\N{EN DASH}" if footage.numbers else i + 1,
         "reasons": lambda i: _reasons(report, i),
         "points": lambda value: {part: signed(share / 100) for part, share in value._asdict().items()},
         "enough_refits": report.refits >= LEAST_REFITS,

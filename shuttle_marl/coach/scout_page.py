@@ -10,7 +10,6 @@ from shuttle_marl.analysis import Players
 from shuttle_marl.analysis.advice import LEAST_REFITS, LEAST_STEADY
 from shuttle_marl.analysis.habits import Ending, Habit
 from shuttle_marl.analysis.scouting import ScoutingReport
-from shuttle_marl.analysis.tactics import Effect
 from shuttle_marl.base.errors import printable
 from shuttle_marl.coach import charts
 from shuttle_marl.coach.examples import shared, staged_advice, viewer
@@ -50,7 +49,6 @@ def scouting_page(report: ScoutingReport, gaps: Sequence[str] = ()) -> bytes:
             for end in _ENDS
         ],
         "beside": _beside(report),
-        "tactics": _tactics(report) if report.effects else None,
         "drills": _drills(report),
     }
     return page("scout.html.j2", content, rallies=rallies, viewer=program)
@@ -101,20 +99,6 @@ def _beside(report: ScoutingReport) -> dict[str, Any] | None:
     differ = sum(habit.clear for habit in found)
     name = words().player(report.beside[0])
     return {"name": name, "differ": differ, "tested": len(found), "habits": list(filter(_listed, found))}
-
-
-def _tactics(report: ScoutingReport) -> dict[str, Any]:
-    """Effects that are clear, and the bars of all."""
-
-    def bar(effect: Effect) -> charts.Bar:
-        value, low, high = (100 * part for part in effect.more)
-        return charts.Bar(words()(f"tactics.{effect.tactic}"), value, low, high, clear=effect.clear)
-
-    found = report.effects
-    return {
-        "largest": sorted((effect for effect in found if effect.clear), key=lambda effect: -abs(effect.more.value)),
-        "bars": [bar(effect) for effect in found],
-    }
 
 
 def _drills(report: ScoutingReport) -> list[Drill]:

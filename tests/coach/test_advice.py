@@ -1,4 +1,4 @@
-"""Advice and tactics against exact values of changed policies; habits are said only where they are more than chance."""
+"""Advice against exact values of changed policies; habits are said only where they are more than chance."""
 
 import dataclasses
 import hashlib
@@ -10,19 +10,17 @@ import pyarrow.compute as pc
 import pytest
 from scipy import stats
 
-from shuttle_marl.analysis.advice import LEAST_STEADY, Refitted, advise, calibrated, error_of, followed
+from shuttle_marl.analysis.advice import LEAST_STEADY, Refitted, advise, calibrated, error_of
 from shuttle_marl.analysis.brief import options
 from shuttle_marl.analysis.habits import discoveries, endings, habits, interval
 from shuttle_marl.analysis.outlook import EARNED, earned
 from shuttle_marl.analysis.scouting import scout
-from shuttle_marl.analysis.tactics import STEP, TACTICS, Effect, _sets, changed, effects
 from shuttle_marl.base.files import seal
 from shuttle_marl.dynamics.habits import NONE, Plays, load_habits, plays_of_strokes, questions, save_habits, tally
 from shuttle_marl.exact import PairPolicy, evaluate
 from shuttle_marl.exact.profile import StatePolicy
 from shuttle_marl.game import court
-from shuttle_marl.game.court import AREAS, Hands
-from shuttle_marl.game.pairs import people_of
+from shuttle_marl.game.court import AREAS
 from shuttle_marl.game.shipped import CARD, HABITS, RELIABLE, Estimate, model_folder
 from shuttle_marl.game.skill import load_skill
 from shuttle_marl.game.stroke import SHOTS, TECHNIQUES
@@ -65,10 +63,13 @@ def test_advice_has_real_strokes_behind_it_and_gains_in_the_refits(found: Refitt
 
 def test_the_gain_of_one_advice_is_that_of_the_changed_policy(found: Refitted) -> None:
     (best, *_) = advise(found)
-    home, refits = followed(found, [best])
+    first, second = found.home.policies
+    game, chance = first.game, first.block_probabilities(0).copy()
+    pairs = game.pairs(best.states)[1]
+    chance[pairs] = game.base_pair_stroke[pairs] == best.stroke
+    odds = evaluate(PairPolicy(game=game, probability=chance), second, tolerance=1e-9).odds()
     # To first order: with the advice, the situation occurs about as often.
-    assert home.rally - found.home.odds.rally == pytest.approx(best.home, rel=0.35)
-    assert len(refits) == len(found.refits)
+    assert odds.rally - found.home.odds.rally == pytest.approx(best.home, rel=0.35)
 
 
 def test_a_gain_is_reduced_to_what_matches_realise() -> None:
@@ -82,64 +83,6 @@ def test_a_gain_is_reduced_to_what_matches_realise() -> None:
     part = calibrated(gains, Estimate(0.75, 0.75 - 0.196, 0.75 + 0.196))
     assert part.value == pytest.approx(0.0075)
     assert part.high - part.value == pytest.approx(np.hypot(0.75 * spread, 0.01 * 0.1 * 1.6448536), rel=1e-4)
-
-
-def test_a_tactic_moves_its_share_and_nothing_else(found: Refitted) -> None:
-    policy = found.home.policies[0]
-    game, usual = policy.game, policy.block_probabilities(0)
-    shot = game.catalogue.shot[game.base_pair_stroke]
-    smash, above = shot == SHOTS.index("smash"), game.contact(game.base_pair_state) == 1
-    after = changed(game, usual, smash & above, above, 0.1)
-    state, n = game.base_pair_state, game.n_base_states
-    assert np.bincount(state, after, n)[game.legal_count(np.arange(n)) > 0] == pytest.approx(1.0)
-    before, later = (np.bincount(state[smash], part[smash], n) for part in (usual, after))
-    inside = (before > 0) & (before < 0.9)
-    assert later[inside] - before[inside] == pytest.approx(0.1)
-    assert after[~above] == pytest.approx(usual[~above])
-    assert changed(game, usual, smash & above, above, 0.0) == pytest.approx(usual)
-
-
-def test_effects_of_tactics_are_those_of_the_changed_policy(found: Refitted) -> None:
-    alone = dataclasses.replace(found, refits=(), factor=None)
-    listed = effects(alone)
-    assert [effect.tactic for effect in listed] == [*TACTICS]
-    first, second = found.home.policies
-    game, usual = first.game, first.block_probabilities(0)
-    sets = _sets(game, usual, opposite=False)
-    for effect in listed[:2]:
-        # A rally has one serve, so the result is linear in its probability; other tactics occur more often afterwards.
-        after = changed(game, usual, *sets[effect.tactic], STEP)
-        exact = evaluate(PairPolicy(game=game, probability=after), second, tolerance=1e-9).odds().rally - found.home.odds.rally
-        assert effect.more.value == pytest.approx(exact, rel=1e-3 if effect.tactic == "short_serve" else 0.3)
-        assert effect.steady == 0.0
-
-
-@pytest.mark.parametrize("opposite", [False, True])
-def test_a_straight_smash_meets_and_lands_wide_on_one_side(found: Refitted, opposite: bool) -> None:
-    game = found.home.policies[0].game
-    straight, smashes = _sets(game, found.home.policies[0].block_probabilities(0), opposite=opposite)["straight_smash"]
-    area, shot, incoming = game.catalogue.area, game.catalogue.shot, game.incoming(game.base_pair_state)
-    for pair, (k, j) in enumerate(zip(game.base_pair_stroke.tolist(), incoming.tolist(), strict=True)):
-        met, lands = (1 if j == game.n_strokes else int(area[j]) % 3), int(area[k]) % 3
-        smash = SHOTS[shot[k]] in ("smash", "half-smash") and 1 not in (met, lands)
-        # The forehand side of one player is opposite the backhand side of another with the same hand.
-        assert (smashes[pair], straight[pair]) == (smash, smash and (met == lands if opposite else met + lands == 2))
-
-
-def test_smashes_that_are_straight_between_equal_hands_are_cross_court_between_different_ones(found: Refitted) -> None:
-    def share(hands: Hands) -> float:
-        people = dataclasses.replace(people_of(found.pair), hands=hands)
-        told = dataclasses.replace(found, pair=dataclasses.replace(found.pair, people=people))
-        return next(effect.share for effect in effects(told) if effect.tactic == "straight_smash")
-
-    assert 0 < share(("left", "right")) == pytest.approx(1 - share(("right", "right")))
-
-
-@pytest.mark.parametrize(("steady", "low", "clear"), [(LEAST_STEADY, 0.001, True), (0.5, 0.001, False), (1.0, -0.001, False)])
-def test_the_direction_of_a_tactic_is_clear(steady: float, low: float, clear: bool) -> None:
-    more = Estimate(0.01, low, 0.02)
-    effect = Effect(tactic=TACTICS[0], share=0.5, often=1, more=more, steady=steady)
-    assert effect.clear == clear
 
 
 def test_a_forecast_is_no_larger_than_it_has_earned() -> None:

@@ -9,7 +9,6 @@ from string import Formatter
 import pytest
 
 import shuttle_marl
-from shuttle_marl.analysis.tactics import TACTICS
 from shuttle_marl.coach.words import Words, of_100, signed
 from shuttle_marl.data.words import bare, table
 from shuttle_marl.game.court import AREA_WORDS, AREAS
@@ -19,7 +18,7 @@ from shuttle_marl.pages.languages import FOLDER, LANGUAGES, Language, speaking
 PACKAGE = Path(shuttle_marl.__file__).parent
 SOURCES = (PACKAGE / "coach", PACKAGE / "commands" / "scout.py", PACKAGE / "watch" / "page" / "src")
 VOCABULARIES = {"shots": SHOTS, "areas": AREAS, "short_areas": AREAS, "techniques": TECHNIQUES, "heights": HEIGHTS}
-REPORTS = ("brief", "areas", "directions", "whose", "scout", "drills", "tactics", "habit", "match", "waits")
+REPORTS = ("brief", "areas", "directions", "whose", "scout", "drills", "habit", "match", "waits")
 OTHERS: list[Language] = [language for language in LANGUAGES if language != "en"]
 
 
@@ -72,8 +71,7 @@ def test_every_text_that_is_used_exists_and_every_text_is_used() -> None:
     assert [key for key in partial if not any(fnmatchcase(name, key) for name in keys)] == []
     for group, vocabulary in VOCABULARIES.items():
         assert [*Words("en").groups[group]] == [*vocabulary]
-    assert [*Words("en").groups["tactics"]] == [*TACTICS]
-    own = {key for key in keys if key.startswith("language.") or key.partition(".")[0] in {*VOCABULARIES, "tactics", "players"}}
+    own = {key for key in keys if key.startswith("language.") or key.partition(".")[0] in {*VOCABULARIES, "players"}}
     # What is computed is a word of the code: its whole name, or the part that varies.
     words = set(re.findall(r"[\w?!]+", code + source(PACKAGE / "analysis", PACKAGE / "game")))
     patterns = [re.compile(re.escape(key).replace(r"\*", "(.+)")) for key in partial]

@@ -20,7 +20,7 @@ from shuttle_marl.analysis.match import MatchReport, _heat, match_report, matche
 from shuttle_marl.analysis.scouting import ScoutingReport, players_of, scout
 from shuttle_marl.analysis.summary import AnalysisError, rally_table
 from shuttle_marl.base.errors import printable
-from shuttle_marl.base.table_files import write_parquet
+from shuttle_marl.base.table_files import read_parquet, write_parquet
 from shuttle_marl.coach import charts, sources
 from shuttle_marl.coach import match_page as match_pages
 from shuttle_marl.coach import scout_page as scout_pages
@@ -75,7 +75,7 @@ def test_a_scouting_report_has_its_seven_parts(scouted: ScoutingReport, unbuilt:
     tags, text = read(scout_pages.scouting_page(scouted))
     assert [name for tag, a in tags.tags if tag == "section" and (name := a["id"])] == [
         "brief", "how-kento-momota-plays", "serve,-return-and-defence:-what-to-expect", "where-kento-momota-can-be-hurt",
-        "what-if-you-play-more-of-it?", "what-to-train-this-week", "how-sure-is-this?",
+        "what-to-train-this-week", "how-sure-is-this?",
     ]  # fmt: skip
     assert [text.count(f"Drill {number}.") for number in (1, 2, 3, 4)] == [1, 1, 1, 0]
     assert "By skill alone, Viktor Axelsen wins about" in text
@@ -174,7 +174,7 @@ def test_drills_name_areas_as_the_player_sees_them(reported: MatchReport, unbuil
 
 def test_a_profile_alone_has_no_advice(model: str, unbuilt: None) -> None:
     report = scout(B, model=model)
-    assert (report.rally, report.player, [*report.advice], [*report.effects]) == (None, None, [], [])
+    assert (report.rally, report.player, [*report.advice]) == (None, None, [])
     _, text = read(scout_pages.scouting_page(report))
     assert "How Kento Momota plays" in text
     assert "All strokes of Kento Momota after the serve" in text
@@ -199,10 +199,9 @@ def test_a_player_with_fifty_strokes(model: str, sample: pa.Table, unbuilt: None
     assert "The data have no strokes of Club Player" in text
     # Nor is an average player advised, or described, under this name.
     for unknown in (whole, scout(whole.player.name if whole.player else "", "club-player", model=model, data=few)):
-        assert not [*unknown.advice, *unknown.effects]
+        assert not [*unknown.advice]
         _, text = read(scout_pages.scouting_page(unknown))
         assert "The model has no strokes of Club Player" in text
-        assert "What if you play more of it?" not in text
 
 
 def test_names_of_players(model: str) -> None:
@@ -406,6 +405,14 @@ def test_commands(tmp_path: Path, model: str, unbuilt: None, capsys: pytest.Capt
     assert report_command([str(SAMPLE), "--match", "SIMULATED 2", "--game", model, "--out", str(out), "--video", video]) == 0
     content = out.read_text(encoding="utf-8")
     assert 'href="https://example.org/v?t=' in content
+    for name in ("figures.csv", "figures.parquet"):
+        table_of = ["--out", str(out), "--figures", str(tmp_path / name)]
+        assert report_command([str(SAMPLE), "--match", "SIMULATED 2", "--game", model, *table_of]) == 0
+    table = read_parquet(tmp_path / "figures.parquet")
+    numbers = dict(zip(table["figure"].to_pylist(), table["number"].to_pylist(), strict=True))
+    assert numbers["briefs.0.dos.0.strokes"] >= RELIABLE
+    assert len((tmp_path / "figures.csv").read_text().splitlines()) == len(table) + 1
+    assert report_command([str(SAMPLE), "--match", "SIMULATED 2", "--game", model, "--figures", str(tmp_path / "f.txt")]) == 1
     assert "Watch the rallies on the live court" in content
 
 
