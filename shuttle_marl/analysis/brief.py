@@ -192,7 +192,8 @@ def brief(
         dos = _chosen(better, DOS)
         donts = _chosen(worse, DONTS, dos)
         served = towards & (plays.incoming < N_SERVES)
-        returns = next((each for each in options(plays, won, served) if each.area < 0), None)
+        answered = (each for each in options(plays, won, served) if each.area < 0)
+        returns = next((each for each in answered if each.won * each.others > each.others_won * each.strokes), None)
         mix = np.bincount(plays.shot[towards], minlength=N_SHOTS).astype(np.float64)
     if player is not None:
         mix = player.answers(next(i for i, each in enumerate(QUESTIONS) if each.kind == "shots"))

@@ -7,6 +7,7 @@ from typing import Final
 
 import numpy as np
 
+from shuttle_marl.analysis.brief import Expected
 from shuttle_marl.analysis.course import RallyRow
 from shuttle_marl.analysis.habits import Habit
 from shuttle_marl.data.words import bare
@@ -66,6 +67,11 @@ class Words(Texts):
         if shot in AT_BODY and AREAS[area] == "middle-centre":
             return self("stroke.body", shot=self.shot(shot, form), whose=self(f"whose.{whose}"))
         return self("stroke.to", shot=self.shot(shot, form), area=self.area(area, whose))
+
+    def most(self, found: Expected) -> str:
+        """Answers with their shares of 100: ``lifts 36, net shots 32``."""
+        own: dict[str, str] = self.groups["directions"] if found.kind in ("serve_side", "direction") else {}
+        return self.listed(f"{own[name] if own else self.shots(name)} {of_100(share)}" for name, share in found.most)
 
     def area(self, area: int, whose: str) -> str:
         """An area, named as a right-handed player at that place sees it, such as ``your front backhand corner``."""
