@@ -45,6 +45,15 @@ class Option(NamedTuple):
     others_won: int
     clear: bool
 
+    @property
+    def gain(self) -> float:
+        """Difference of the shares of rallies won."""
+        return self.won / self.strokes - self.others_won / self.others
+
+    def covers(self, shot: int, area: int) -> bool:
+        """Whether a stroke is one of the kind."""
+        return self.shot in (-1, shot) and self.area in (-1, area)
+
 
 class Expected(NamedTuple):
     """Most frequent answers to a question, as names and shares, among a number of strokes."""
@@ -146,14 +155,9 @@ def _chosen(ordered: Sequence[Option], most: int, before: Sequence[Option] = ())
     """The first ones that say something else than those before them."""
     taken = [*before]
     for option in ordered:
-        if len(taken) < len(before) + most and not any(_overlap(option, other) for other in taken):
+        if len(taken) < len(before) + most and not any(a.covers(*b[:2]) or b.covers(*a[:2]) for a in taken for b in [option]):
             taken.append(option)
     return tuple(taken[len(before) :])
-
-
-def _overlap(one: Option, other: Option) -> bool:
-    same = [a == b >= 0 or -1 in (a, b) for a, b in zip(one[:2], other[:2], strict=True)]
-    return all(same) and (one.shot == other.shot >= 0 or one.area == other.area >= 0)
 
 
 def expected_of(own: Tally, kind: str, *about: str) -> Expected:
@@ -187,13 +191,13 @@ def brief(
     donts, returns, mix = dos, None, np.zeros(N_SHOTS)
     if plays is not None:
         found = options(plays, won, towards, others)
-        better = [each for each in found if each.won * each.others > each.others_won * each.strokes]
-        worse = [each for each in found[::-1] if each.won * each.others < each.others_won * each.strokes]
+        better = [each for each in found if each.gain > 0]
+        worse = [each for each in found[::-1] if each.gain < 0]
         dos = _chosen(better, DOS)
         donts = _chosen(worse, DONTS, dos)
         served = towards & (plays.incoming < N_SERVES)
         answered = (each for each in options(plays, won, served) if each.area < 0)
-        returns = next((each for each in answered if each.won * each.others > each.others_won * each.strokes), None)
+        returns = next((each for each in answered if each.gain > 0), None)
         mix = np.bincount(plays.shot[towards], minlength=N_SHOTS).astype(np.float64)
     if player is not None:
         mix = player.answers(next(i for i, each in enumerate(QUESTIONS) if each.kind == "shots"))

@@ -92,6 +92,11 @@ class Realised:
     others: int
     others_won: int
 
+    @property
+    def confirms(self) -> bool:
+        """Whether it won at least as often as the others."""
+        return self.won * self.others >= self.others_won * self.strokes
+
 
 class Form(NamedTuple):
     """Figures of a player in one dated match: shares of rallies won, and of strokes that were faults, winners and attacks."""
@@ -304,14 +309,6 @@ def scout(
             return load_habits(folder)[name]
         return tally(plays.take(which)), tally(plays.take(~which))
 
-    advised: list[Advice] = []
-    evidence: list[Realised | None] = []
-    if both is not None and player is not None:
-        advised = advise(both, most=2 * PIECES, average=meet(*imitated(pair(player, AVERAGE))))
-        if plays is not None and of_data is not None:
-            evidence = realised(plays, of_data, advised, both.pair)
-            advised, evidence = _supported(advised, evidence)
-        advised, evidence = advised[:PIECES], evidence[:PIECES]
     own, others = tallies(opponent)
     counted = of_data is not None and mine(opponent).any()
     theirs = np.zeros(0, np.bool_) if of_data is None else of_data["opponent"].to_numpy(zero_copy_only=False) == opponent
@@ -324,6 +321,21 @@ def scout(
         mine(opponent),
         ~theirs,
     )
+    advised: list[Advice] = []
+    evidence: list[Realised | None] = []
+    if both is not None and player is not None:
+        advised = advise(both, most=2 * PIECES, average=meet(*imitated(pair(player, AVERAGE))))
+        evidence = [None] * len(advised)
+        if plays is not None and of_data is not None:
+            found_there = realised(plays, of_data, advised, both.pair)
+            kinds = [(int(kind[a.stroke]) for kind in (both.pair.catalogue.shot, both.pair.catalogue.area)) for a in advised]
+            kept = [
+                (advice, real)
+                for advice, real, (shot, area) in zip(advised, found_there, kinds, strict=True)
+                if real is not None and real.confirms and not any(each.covers(shot, area) for each in page.donts)
+            ]
+            advised, evidence = [advice for advice, _ in kept], [real for _, real in kept]
+        advised, evidence = advised[:PIECES], evidence[:PIECES]
     return ScoutingReport(
         player=None if player is None else known(player),
         opponent=known(opponent),
@@ -345,7 +357,7 @@ def scout(
         recent=[] if plays is None or of_data is None else _recent(plays.take(mine(opponent)), of_data.filter(mine(opponent))),
         beside=None if beside is None else (beside, habits(own, tallies(beside)[0])),
         advice=advised,
-        realised=evidence,
+        realised=evidence if plays is not None else [],
         pair=None if found is None else found.pair,
         home=None if found is None else found.home,
     )
@@ -419,16 +431,6 @@ def _seen(data: pa.Table, player: str) -> Seen:
         length=one.length,
         length_usual=all_of.length,
     )
-
-
-def _supported(advised: Sequence[Advice], found: Sequence[Realised | None]) -> tuple[list[Advice], list[Realised | None]]:
-    """Advice that matches do not contradict: its strokes won at least as often as the others in their situation."""
-    kept = [
-        (advice, real)
-        for advice, real in zip(advised, found, strict=True)
-        if real is not None and real.won * real.others >= real.others_won * real.strokes
-    ]
-    return [advice for advice, _ in kept], [real for _, real in kept]
 
 
 def season(strokes: pa.Table, plays: Plays, player: str) -> list[Form]:

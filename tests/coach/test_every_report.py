@@ -86,7 +86,7 @@ def check_brief(found: Brief) -> None:
     for better, options in ((True, found.dos), (False, found.donts)):
         for each in options:
             assert min(each.strokes, each.others) >= RELIABLE
-            assert (each.won / each.strokes > each.others_won / each.others) == better
+            assert (each.gain > 0) == better
     assert not {each[:2] for each in found.dos} & {each[:2] for each in found.donts}
 
 
@@ -155,5 +155,7 @@ def test_the_pairs_with_most_strokes(strokes: pa.Table, paper: Page, file: Path,
             assert real is not None
             assert min(real.strokes, advice.behind) >= RELIABLE
             assert real.won / real.strokes >= real.others_won / real.others
+            kind = (int(code[advice.stroke]) for code in (report.pair.catalogue.shot, report.pair.catalogue.area))
+            assert not any(each.covers(*kind) for each in report.brief.donts)
     assert not wrong
     assert float(np.median(seconds)) <= 60

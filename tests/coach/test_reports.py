@@ -81,7 +81,7 @@ def test_a_scouting_report_has_its_seven_parts(scouted: ScoutingReport, unbuilt:
     assert "By skill alone, Viktor Axelsen wins about" in text
     assert text.count("Behind the advice") == len(scouted.advice) >= 3
     assert "left out: Node is missing" in text
-    assert text.count("Gain:") == len(scouted.advice)
+    assert text.count("By the model it gains") == len(scouted.advice)
     assert text.count(f"of {scouted.refits} variations of the model.") == len(scouted.advice)
     assert "100 variations" not in text
 
@@ -179,7 +179,7 @@ def test_a_profile_alone_has_no_advice(model: str, unbuilt: None) -> None:
     assert "How Kento Momota plays" in text
     assert "All strokes of Kento Momota after the serve" in text
     assert "How the strokes end" in text
-    assert "Gain:" not in text
+    assert "By the model it gains" not in text
     assert "Drill" not in text
 
 
