@@ -188,8 +188,6 @@ class Advice:
         home: gain in rallies won per rally in the game; of the refits: ``steady``, the share with a positive gain, and
             ``refits``, the gain in each.
         expected: calibrated gain per rally.
-        against_average: the same gain at home against the average player of the discipline; NaN: not compared, or too few real
-            strokes of players with these hands.
         behind: least number of real strokes behind the advised stroke, over the incoming strokes of the situation.
         situation_behind: number of real strokes of the kind that makes the situation.
         states: base states of the situation in which the stroke is legal and has enough real strokes behind it.
@@ -204,7 +202,6 @@ class Advice:
     steady: float
     refits: F64
     expected: Estimate
-    against_average: float
     behind: float
     situation_behind: float
     states: I64
@@ -214,18 +211,15 @@ def _gains(meeting: Meeting, seat: int, allowed: Bools, key: I64, size: int) -> 
     return np.bincount(key[allowed], meeting.advantages(seat)[allowed], size).astype(np.float64)
 
 
-def advise(
-    found: Refitted, seat: int = 0, *, most: int = 5, at_least: float = RELIABLE, average: Meeting | None = None
-) -> list[Advice]:
+def advise(found: Refitted, seat: int = 0, *, most: int = 5, at_least: float = RELIABLE) -> list[Advice]:
     """Strokes that a player should play against the other one, one for each situation, and of a shot type no more than two.
 
-    The first ones gain most, what they gain more than against the average player counted twice.
+    The first ones gain most.
 
     Args:
         found: the pair, at home and in refits.
         most: largest number of situations.
         at_least: least number of real strokes behind a stroke and behind a situation.
-        average: the player, at the same seat, against the average player; None: not compared.
     """
     game, home = found.pair.seats[seat], found.home
     real = real_strokes(game)
@@ -246,17 +240,7 @@ def advise(
         (gain > 0) & (steady >= LEAST_STEADY) & (mean >= LEAST_GAIN) & (often >= _LEAST_COVERED * whole), mean, -np.inf
     ).reshape(N_SITUATIONS, game.n_strokes)
     best = score.argmax(axis=1)
-    compared = np.full(size, np.nan)
-    if average is not None:
-        # The average player may have another hand, and the game other states.
-        other = average.policies[seat].game
-        behind = real_strokes(other)
-        assert behind is not None
-        there, same = _reliable(other, behind, at_least)
-        known = np.bincount(same[there], minlength=size) > 0
-        compared[known] = _gains(average, seat, there, same, size)[known]
-    special = np.nan_to_num(gain - compared).reshape(score.shape)[np.arange(N_SITUATIONS), best]
-    value = score[np.arange(N_SITUATIONS), best] + special
+    value = score[np.arange(N_SITUATIONS), best]
     advised: list[Advice] = []
     shots = game.catalogue.shot[best]
     for number in np.argsort(-value, kind="stable").tolist():
@@ -280,7 +264,6 @@ def advise(
                 steady=float(steady[chosen]),
                 refits=refits[:, chosen],
                 expected=calibrated(refits[:, chosen], found.factor),
-                against_average=float(compared[chosen]),
                 behind=float(real[game.base_pair_edge[pairs[visited]]].min()),
                 situation_behind=float("nan") if number == SERVE else float(situation_behind[states[visited]].min()),
                 states=states,

@@ -14,11 +14,11 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import pyarrow as pa
 
-from shuttle_marl.analysis.advice import Advice, Meeting, advise, imitated, meet, refitted
+from shuttle_marl.analysis.advice import Advice, Meeting, advise, refitted
 from shuttle_marl.analysis.brief import Brief, brief, won_or_lost
 from shuttle_marl.analysis.habits import Ending, Habit, endings, habits, interval
 from shuttle_marl.analysis.outlook import Met, earned, met
-from shuttle_marl.analysis.summary import AnalysisError, rally_table, summarise
+from shuttle_marl.analysis.summary import AnalysisError, rally_table
 from shuttle_marl.analysis.waits import Wait, waits
 from shuttle_marl.base.arrays import F64, Bools
 from shuttle_marl.data.schema import DISCIPLINES
@@ -54,25 +54,6 @@ class Known:
     since: datetime.date | None
     hand: str | None
     imitated: bool
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Seen:
-    """Statistics of a player in annotated matches.
-
-    Attributes:
-        strokes, rallies, matches: of the player.
-        first, last: days of the matches; None: unknown.
-        length, length_usual: mean strokes of a rally with the player, and of all rallies of the discipline.
-    """
-
-    strokes: int
-    rallies: int
-    matches: int
-    first: datetime.date | None
-    last: datetime.date | None
-    length: float
-    length_usual: float
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -129,7 +110,7 @@ class ScoutingReport:
         habits, endings: how the opponent plays beside other players of the discipline.
         targets: ``[9]`` shares of the opponent's strokes by target area; ``targets_usual``: of the others.
         target_strokes: number of strokes behind the targets.
-        seen: summary of the annotated matches; None without, where habits are counted in those that the model was fitted on.
+        seen: strokes and matches of the opponent in the annotated matches; None: habits are those of the model's matches.
         waits: where both wait after their most frequent strokes, the player (0) and the opponent (1); empty without known
             positions.
         recent: the opponent's last match in the data beside the earlier ones; empty without two matches.
@@ -155,7 +136,7 @@ class ScoutingReport:
     targets: F64
     targets_usual: F64
     target_strokes: float
-    seen: Seen | None
+    seen: tuple[int, int] | None
     waits: Sequence[Wait]
     recent: Sequence[Habit]
     beside: tuple[str, Sequence[Habit]] | None
@@ -310,7 +291,9 @@ def scout(
         return tally(plays.take(which)), tally(plays.take(~which))
 
     own, others = tallies(opponent)
-    counted = of_data is not None and mine(opponent).any()
+    seen = None
+    if of_data is not None and mine(opponent).any():
+        seen = int(mine(opponent).sum()), len(of_data.filter(mine(opponent))["match"].unique())
     theirs = np.zeros(0, np.bool_) if of_data is None else of_data["opponent"].to_numpy(zero_copy_only=False) == opponent
     page = brief(
         own,
@@ -324,7 +307,7 @@ def scout(
     advised: list[Advice] = []
     evidence: list[Realised | None] = []
     if both is not None and player is not None:
-        advised = advise(both, most=2 * PIECES, average=meet(*imitated(pair(player, AVERAGE))))
+        advised = advise(both, most=2 * PIECES)
         evidence = [None] * len(advised)
         if plays is not None and of_data is not None:
             found_there = realised(plays, of_data, advised, both.pair)
@@ -352,7 +335,7 @@ def scout(
         targets=own.targets / max(1.0, own.targets.sum()),
         targets_usual=others.targets / max(1.0, others.targets.sum()),
         target_strokes=float(own.targets.sum()),
-        seen=_seen(of_data, opponent) if counted and of_data is not None else None,
+        seen=seen,
         waits=[] if of_data is None else waits(of_data, (player or "", opponent)),
         recent=[] if plays is None or of_data is None else _recent(plays.take(mine(opponent)), of_data.filter(mine(opponent))),
         beside=None if beside is None else (beside, habits(own, tallies(beside)[0])),
@@ -416,21 +399,6 @@ def _discipline(skill: Skill, names: Sequence[str], data: pa.Table | None) -> st
     if len(set(kinds.values())) != 1:
         raise AnalysisError(f"{' and '.join(f'{name} plays {kind}' for name, kind in kinds.items())}: expected one discipline")
     return str(next(iter(kinds.values())))
-
-
-def _seen(data: pa.Table, player: str) -> Seen:
-    one, all_of = summarise(data, player), summarise(data)
-    mine = data.filter(pa.compute.equal(data["player"], player))
-    days = sorted(day for name in mine["match"].unique().to_pylist() if (day := date_of(name)) is not None)
-    return Seen(
-        strokes=one.strokes,
-        rallies=one.rallies,
-        matches=one.matches,
-        first=days[0] if days else None,
-        last=days[-1] if days else None,
-        length=one.length,
-        length_usual=all_of.length,
-    )
 
 
 def season(strokes: pa.Table, plays: Plays, player: str) -> list[Form]:

@@ -1,6 +1,5 @@
 """The scouting report as a page: figures for the template ``scout.html.j2``."""
 
-import math
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -38,7 +37,6 @@ def scouting_page(report: ScoutingReport, gaps: Sequence[str] = ()) -> bytes:
         "enough_refits": report.refits >= LEAST_REFITS,
         "least_steady": LEAST_STEADY,
         "catalogue": None if report.pair is None else report.pair.catalogue,
-        "isfinite": math.isfinite,
         "habit_bars": lambda habits: [_bar(habit) for habit in habits[:_SHOWN]],
         "answers": lambda kinds: _answers(report, kinds),
         "ending_share": lambda share, digits=0: ranged(Estimate(*share[:3]), digits),

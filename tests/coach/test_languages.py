@@ -101,8 +101,8 @@ def test_numbers_and_dates() -> None:
     with speaking("id"):
         assert [of_100(0.1234, 1), signed(-0.012), signed(0.0001)] == ["12,3", "-1,2", "0,0"]
     assert "(1.234 pukulan)" in Words("id")("scout.fault_line", shots="x", share=1, usual=2, strokes=1234)
-    assert Words("en")("scout.tempo", opponent="x", length=9.25, usual=1000) == (
-        "A rally with x lasts 9.2 strokes on average; rallies of all players last 1000.0."
+    assert (
+        Words("en")("match.lengths_lead", mean=9.25, longest=1000) == "Rallies lasted 9.2 strokes on average, the longest 1000."
     )
     day = datetime.date(2021, 7, 3)
     assert [Words(language)("scout.today", date=day) for language in LANGUAGES] == [

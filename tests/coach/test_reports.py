@@ -191,9 +191,9 @@ def test_a_player_with_fifty_strokes(model: str, sample: pa.Table, unbuilt: None
         few = few.set_column(few.schema.get_field_index(column), few.schema.field(column), new)
     report = scout("club-player", model=model, data=few)
     assert report.opponent.since is None
-    assert report.seen.strokes <= 60
+    assert report.seen[0] <= 60
     _, text = read(scout_pages.scouting_page(report))
-    assert f"There are only {report.seen.strokes} strokes of Club Player" in text
+    assert f"There are only {report.seen[0]} strokes of Club Player" in text
     whole = scout("club-player", A if report.discipline == "men" else "an-se-young", model=model, data=few)
     _, text = read(scout_pages.scouting_page(whole))
     assert "The data have no strokes of Club Player" in text
