@@ -79,7 +79,7 @@ def scout(
             people = dataclasses.replace(people_of(pair), players=(hidden[names[-1]], hidden[names[0]]))
             pair = dataclasses.replace(pair, people=people)
         other = None if other is None else (letters[2], other[1])
-        report = dataclasses.replace(report.renamed(hidden.__getitem__), pair=pair, beside=other)
+        report = dataclasses.replace(report.renamed(lambda name: hidden.get(name, letters[2])), pair=pair, beside=other)
     if figures is not None:
         write_figures(report.as_json(), figures)
     if json_output:
