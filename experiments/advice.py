@@ -21,7 +21,7 @@ import numpy as np
 
 from docs.tools.results import show
 from experiments.truth.matches import Strokes, of_splits, ratio_by_match, states_of, strokes_of
-from shuttle_marl.analysis.advice import Advice, Refitted, advise, imitated, meet, refitted
+from shuttle_marl.analysis.advice import Advice, Refitted, advise, refitted
 from shuttle_marl.base.arrays import F64, I64, Bools
 from shuttle_marl.base.runs import describe, write_json
 from shuttle_marl.commands import cli
@@ -138,11 +138,9 @@ def advice(
         names = [each if each in skill.players else AVERAGE for each in people]
         asked: dict[str, Any] = {"date": date_of(name), "discipline": discipline, "game": model}
         found = refitted(pair_game(names[0], names[1], **asked))
-        # As in the report: advice is ordered by what it gains, and by what it gains more than against an average player.
-        against = [pair_game(names[0], AVERAGE, **asked), pair_game(AVERAGE, names[1], **asked)]
         found = named(found, (people[0], people[1]))
         for seat in (0, 1):
-            advised = advise(found, seat, average=meet(*imitated(against[seat])))
+            advised = advise(found, seat)
             shots.update(SHOTS[found.pair.catalogue.shot[one.stroke]] for one in advised)
             parts.append(judged(match, found, seat, advised, number))
         cli.console(stderr=True).print(f"{number + 1} of {len(every.matches)}: {name}", soft_wrap=True)
