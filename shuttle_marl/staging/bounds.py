@@ -30,32 +30,36 @@ class Bounds:
     Attributes:
         over: height above the net of shuttles met below it, or that land [m].
         over_high: the same of shuttles met above the net: loose ones, for shots that are meant to be met below it [m].
+        varied: share of the range of ``over`` by which its upper end is lowered at most, as drawn for each stroke.
         kmh: launch speed [km/h].
         apex: greatest height above the floor [m].
     """
 
     over: tuple[float, float] = (CLEARANCE, np.inf)
     over_high: tuple[float, float] = (CLEARANCE, np.inf)
+    varied: float = 0.0
     kmh: tuple[float, float] = _ANY
     apex: tuple[float, float] = _ANY
 
-    def excess(self, flights: Flights, met: int, *, crosses: bool) -> F64:
+    def excess(self, flights: Flights, met: int, u: float, *, crosses: bool) -> F64:
         """``[N]`` distance from the bounds, 0 inside them [m].
 
         Args:
             met: 0: below the net or on the floor; 1: above the net.
+            u: how much the range of ``over`` is lowered, 0 to 1.
             crosses: whether the flights pass the net; otherwise only their speed is bounded.
         """
         out = _KMH * _outside(3.6 * flights.launch_speed, self.kmh)
         if crosses:
-            over = height_over_net(flights)
-            out += _outside(over, self.over_high if met else self.over) + _outside(flights.apex, self.apex)
+            over, (low, high) = height_over_net(flights), self.over
+            lowered = low, high - u * self.varied * (high - low) if self.varied else high
+            out += _outside(over, self.over_high if met else lowered) + _outside(flights.apex, self.apex)
             out += _TOUCHES * np.maximum(CLEARANCE - over, 0.0)
         return out
 
 
 _OF: Final[dict[str, Bounds]] = {
-    "short-serve": Bounds(over=(CLEARANCE, 0.24), over_high=(CLEARANCE, 0.50), kmh=(0, 75)),
+    "short-serve": Bounds(over=(CLEARANCE, 0.24), over_high=(CLEARANCE, 0.50), varied=0.6, kmh=(0, 75)),
     "long-serve": Bounds(apex=(0, 7)),
     "clear": Bounds(kmh=(0, 230), apex=(4, 7)),
     "lift": Bounds(kmh=(0, 150), apex=(4, 7)),
@@ -65,9 +69,9 @@ _OF: Final[dict[str, Bounds]] = {
     "drive": Bounds(over=(CLEARANCE, 0.40), over_high=(CLEARANCE, 0.38), kmh=(80, 220)),
     "push": Bounds(kmh=(0, 110), apex=(0, 3.6)),
     "net-kill": Bounds(over=(CLEARANCE, 0.35), over_high=(CLEARANCE, 0.45), kmh=(60, 200)),
-    "net-shot": Bounds(over=(CLEARANCE, 0.23), over_high=(0.40, 0.90), kmh=(0, 70)),
-    "block": Bounds(over=(CLEARANCE, 0.35), over_high=(0.40, 0.90), kmh=(0, 85)),
-    "cross-court-net-shot": Bounds(over=(CLEARANCE, 0.23), over_high=(0.40, 0.90), kmh=(0, 75)),
+    "net-shot": Bounds(over=(CLEARANCE, 0.23), over_high=(0.40, 0.90), varied=0.7, kmh=(0, 70)),
+    "block": Bounds(over=(CLEARANCE, 0.35), over_high=(0.40, 0.90), varied=0.5, kmh=(0, 85)),
+    "cross-court-net-shot": Bounds(over=(CLEARANCE, 0.23), over_high=(0.40, 0.90), varied=0.7, kmh=(0, 75)),
 }
 BOUNDS: Final = tuple(_OF[shot] for shot in SHOTS)
 """Bounds of each shot type. Half smashes are slower than every smash."""

@@ -362,7 +362,7 @@ class TrajectoryBuilder:
             ticks = np.unique(np.maximum(np.rint(tried.ticks * scale), 2))
             seconds = ticks / self.fps
             flights = shoot(np.tile(contact, (len(ticks), 1)), np.tile(tried.point, (len(ticks), 1)), seconds)
-            cost = _STRICT * BOUNDS[self.shot[i]].excess(flights, tried.met, crosses=end != NET) + tried.aside
+            cost = _STRICT * BOUNDS[self.shot[i]].excess(flights, tried.met, self.uniform(i, 7), crosses=end != NET) + tried.aside
             cost += np.maximum(self._late(tried.stance, base, seconds), 0.0)
             cost += _UNTIMELY * (np.maximum(ticks - tried.most, 0) + np.maximum(tried.least - ticks, 0)) / self.fps
             k = int(np.argmin(cost + _FITS * np.abs(ticks - tried.ticks)))
