@@ -11,7 +11,6 @@ seconds of the process, which has one thread (set OMP_NUM_THREADS=1).
 
 import dataclasses
 import itertools
-import json
 import os
 import time
 from collections.abc import Iterator
@@ -22,14 +21,14 @@ import numpy as np
 import tyro
 from rich.console import Console
 from rich.progress import track
-from rich.table import Table
 
 from benchmarks.machine import this_machine
+from docs.tools.results import show
 from shuttle_marl.game import default_game, draws
 from shuttle_marl.game.rally.record import Rally
 from shuttle_marl.game.rules import RETURNED_BELOW
 from shuttle_marl.game.tabulated import tabulate
-from shuttle_marl.kernel import Matches, play_matches, play_rallies
+from shuttle_marl.kernel import Matches, play_matches
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.staging import ATHLETES, Motion, continue_motion, stage
 from shuttle_marl.watch.recorded import RealRallies
@@ -117,20 +116,6 @@ def real_rallies(data: Path | None) -> Iterator[tuple[str, Rally]]:
         yield from ((real.match(k), real.rally(k)) for k in range(0, real.count, -(-real.count // _REAL)))
 
 
-def self_play_rallies(policy: str, n: int, *, seed: int) -> list[Rally]:
-    """The first ``n`` episodes of ``rally_v0`` on the default game, both seats playing the same policy.
-
-    Args:
-        policy: name in the registry; the policy does not read the score.
-        n: number of rallies, at least 1.
-        seed: random seed.
-    """
-    game = default_game()
-    table = tabulate(resolve(policy, game), game)
-    rallies = play_rallies(game, (table, table), n, seed=seed)
-    return [rallies.row(k, game.catalogue) for k in range(n)]
-
-
 def pack_error(motion: Motion, again: Motion) -> float:
     """Maximum distance between strings, bones and shuttles of two motions [m]."""
     names = ("sweet_spot", "position", "shuttle")
@@ -177,16 +162,7 @@ def main(
     named = os.environ.get("SHUTTLESET")
     data = data or (Path(named) if named else None)
     result = run(_QUICK if quick else rallies, seed, Console(stderr=True), data)
-    if as_json:
-        print(json.dumps(result, indent=2))
-        return
-    table = Table("", "measured")
-    for name, value in result.items():
-        rows = value.items() if isinstance(value, dict) else [("", value)]
-        for part, number in rows:
-            text = f"{number:,.4f}" if isinstance(number, float) else str(number)
-            table.add_row(f"{name.replace('_', ' ')} {part}".strip(), text)
-    Console().print(table)
+    show(result, "staging", as_json=as_json)
 
 
 if __name__ == "__main__":

@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from docs.tools.results import show
 from experiments.truth.matches import Strokes, of_splits, ratio_by_match, states_of, strokes_of
 from shuttle_marl.analysis.advice import Advice, Refitted, advise, imitated, meet, refitted
 from shuttle_marl.base.arrays import F64, I64, Bools
@@ -146,16 +147,10 @@ def advice(
             parts.append(judged(match, found, seat, advised, number))
         cli.console(stderr=True).print(f"{number + 1} of {len(every.matches)}: {name}", soft_wrap=True)
     about = {"split": split, "matches": len(every.matches), "advice": shots.total(), "shots": dict(shots.most_common())}
-    result: dict[str, Any] = {**about, **Judged.joined(parts).summary()}
+    result = {**describe(("numpy",)), **about, **Judged.joined(parts).summary()}
     if out is not None:
-        write_json(out, {**describe(("numpy",)), **result})
-    if json_output:
-        cli.print_json(result)
-        return
-    for name in ("advised", "not_advised"):
-        figures = {key: f"{value:,}" if key == "n" else f"{100 * value:+.2f} of 100" for key, value in result[name].items()}
-        cli.console().print(cli.facts({"": name.replace("_", " "), **figures}))
-    cli.console().print(f"advised: {', '.join(f'{name} {count}' for name, count in shots.most_common())}", soft_wrap=True)
+        write_json(out, result)
+    show(result, "advice_results", as_json=json_output)
 
 
 main = cli.entry_point(advice, "python -m experiments.advice", __doc__ or "")

@@ -25,6 +25,7 @@ from shuttle_marl.data.own import import_matches
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.data.words import bare
 from shuttle_marl.exact import evaluate
+from shuttle_marl.game.pairs import people_of
 from shuttle_marl.game.rally.record import Rallies
 from shuttle_marl.game.shipped import folder_of, is_shipped
 from shuttle_marl.game.tables import Game
@@ -182,7 +183,7 @@ def anonymous(report: MatchReport, footage: Footage) -> tuple[MatchReport, Foota
     game = footage.game
     if game.people is not None:
         hidden = names if game.people.players == report.players else names[::-1]
-        game = dataclasses.replace(game, people=dataclasses.replace(game.people, players=hidden))
+        game = dataclasses.replace(game, people=dataclasses.replace(people_of(game), players=hidden))
     staged = {i: dataclasses.replace(rally, names=names) for i, rally in footage.staged.items()}
     return (
         dataclasses.replace(report, players=names, match="", game=game),

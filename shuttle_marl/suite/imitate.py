@@ -145,10 +145,10 @@ def parts(arena: Arena) -> tuple[HumanStrokes, HumanStrokes]:
 def human_strokes(table: pa.Table, game: Game) -> HumanStrokes:
     """The strokes of a table of :data:`shuttle_marl.data.schema.STROKES` in the states of a game."""
     from shuttle_marl.analysis.values import nearest_strokes  # noqa: PLC0415
-    from shuttle_marl.dynamics.features import rows_from_strokes, states_of, strokes_before  # noqa: PLC0415
-    from shuttle_marl.dynamics.hurried import hurry_of  # noqa: PLC0415
+    from shuttle_marl.dynamics.features import states_of, strokes_before  # noqa: PLC0415
+    from shuttle_marl.dynamics.hurried import hurry_of, marked_rows  # noqa: PLC0415
 
-    rows = rows_from_strokes(table, hurry_of(game))
+    rows = marked_rows(table, hurry_of(game))
     nearest = nearest_strokes(game.catalogue)
     own, incoming = (strokes_before(rows, name, nearest, game.n_strokes) for name in ("own", "incoming"))
     state = states_of(game, rows, own, incoming)

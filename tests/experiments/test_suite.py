@@ -6,12 +6,11 @@ from pathlib import Path
 import pytest
 
 from docs.tools.suite_tables import task_boards
-from experiments import suite_settings
-from experiments.suite import main
 from shuttle_marl.commands.suite import main as suite
 from shuttle_marl.game import default_game, load_game
 from shuttle_marl.game.shipped import variants
 from shuttle_marl.suite import SuiteRun, run_method, summarise
+from tests.experiments.commands import run
 from tests.reduced import reduced_model
 
 RESULTS = Path(__file__).parents[2] / "experiments" / "results" / "suite.json"
@@ -21,13 +20,13 @@ def test_the_board_is_made_from_the_results(tmp_path: Path, capsys: pytest.Captu
     out, results = tmp_path / "runs", tmp_path / "suite.json"
     tasks = ("exploit-v0", "robust-v0", "text-v0")
     flags = ["--quick", "--game", reduced_model(), "--workers", "1", "--out", str(out), "--json", str(results)]
-    assert main([*flags, "--tasks", *tasks, "--split", "test"]) == 0, capsys.readouterr().err
+    run("experiments.suite", *flags, "--tasks", *tasks, "--split", "test")
     rows = json.loads(results.read_text())["rows"]
     assert [row["task"] for row in rows] == list(tasks)
     for row in rows:
         assert {"task", "method", "split", "score", "low", "high", "seeds", "exploitability", "seconds"} <= set(row)
         assert row["verified"] is True
-    assert main([*flags, "--tasks", *tasks, "--split", "test", "--resume"]) == 0
+    run("experiments.suite", *flags, "--tasks", *tasks, "--split", "test", "--resume")
     assert [row["score"] for row in json.loads(results.read_text())["rows"]] == [row["score"] for row in rows]
     capsys.readouterr()
     assert suite(("board", "--results", str(results))) == 0
@@ -56,6 +55,6 @@ def test_committed_results_are_of_this_game_and_reproduced(tmp_path: Path) -> No
     )
 
 
-def test_figures_of_the_settings(capsys: pytest.CaptureFixture[str]) -> None:
-    assert suite_settings.main(["--game", reduced_model(), "--tasks", "exploit-v0", "--opponents", "1"]) == 0
-    assert "objective of constant, bc/100,000" in capsys.readouterr().out
+def test_figures_of_the_settings() -> None:
+    flags = ("--game", reduced_model(), "--tasks", "exploit-v0", "--opponents", "1")
+    assert "objective of constant, bc/100,000" in run("experiments.suite_settings", *flags)
