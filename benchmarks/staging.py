@@ -1,17 +1,20 @@
 """Quality of staged rallies, and speed of the staging.
 
-    python -m benchmarks.staging [--rallies N] [--quick] [--json]
+    python -m benchmarks.staging [--rallies N] [--data FOLDER] [--quick] [--json]
 
 Matches between two behaviour-cloned players are staged rally by rally, right- and left-handers, male and female athletes in
 turn, and measured as motion: positions, rotations, and the path of the shuttle; an umpire counts breaches of the rules. Each
-is packed and unpacked again, and every tenth one is staged stroke by stroke as in live play. Seconds are CPU seconds of the
-process, which has one thread (set OMP_NUM_THREADS=1).
+is packed and unpacked again, and every tenth one is staged stroke by stroke as in live play. Flights by shot type are measured
+in up to 300 of these rallies, as many of perfect play, and 20 annotated ones, where a folder of them is named. Seconds are CPU
+seconds of the process, which has one thread (set OMP_NUM_THREADS=1).
 """
 
 import dataclasses
 import itertools
+import os
 import time
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Annotated, Any, Final
 
 import numpy as np
@@ -28,21 +31,32 @@ from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.kernel import Matches, play_matches
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.staging import ATHLETES, Motion, continue_motion, stage
+from shuttle_marl.watch.recorded import RealRallies
 from tests.staging.court_rules import Breaches, Umpire
+from tests.staging.flight_metrics import Flight, flights_of, summary_of_flights
 from tests.staging.motion_metrics import measure, summary
 
 _HANDS: Final = ("right", "right", "left")
 _QUICK: Final = 40
+_FLIGHTS: Final = 300
+"""Greatest number of rallies of a policy whose flights are measured."""
+_REAL: Final = 20
+"""Number of annotated rallies whose flights are measured."""
 _CONTINUED: Final = 10
 """Interval of the rallies that are also continued stroke by stroke."""
 
 
-def run(rallies: int, seed: int, console: Console) -> dict[str, Any]:
-    """Stage rallies and measure them; lengths are in metres unless the key names another unit."""
+def run(rallies: int, seed: int, console: Console, data: Path | None = None) -> dict[str, Any]:
+    """Stage rallies and measure them; lengths are in metres unless the key names another unit.
+
+    Args:
+        data: annotated matches; None: their flights are not measured.
+    """
     played = list(itertools.islice(match_rallies("bc", seed=seed), rallies))
     stage(played[0], seed=0, athletes=ATHLETES)  # solves the libraries of poses, which are cached
     cpu, size, error, found = 0.0, 0, 0.0, []
     extensions: list[float] = []
+    flights: list[Flight] = []
     umpire, breaches = Umpire(server=played[0].server), Breaches()
     for i, right in enumerate(track(played, "staging", console=console)):
         rally = dataclasses.replace(right, hands=(_HANDS[i % 3], _HANDS[i // 3 % 3]))
@@ -51,6 +65,8 @@ def run(rallies: int, seed: int, console: Console) -> dict[str, Any]:
         motion = stage(rally, seed=i, athletes=athletes)
         cpu += time.process_time() - begun
         found.append(measure(motion))
+        if i < _FLIGHTS:
+            flights += flights_of(motion, ("bc", rally.match))
         if rally.number == 0:
             umpire = Umpire(server=rally.server)
         breaches.look(motion, umpire)
@@ -62,9 +78,13 @@ def run(rallies: int, seed: int, console: Console) -> dict[str, Any]:
         if i % _CONTINUED == 0:
             extensions += continued(rally, i, athletes)
     figures = summary(found)
+    perfect = itertools.islice(match_rallies("minimax", seed=seed), min(rallies, _FLIGHTS))
+    for i, (match, rally) in enumerate([*((("minimax", one.match), one) for one in perfect), *real_rallies(data)]):
+        flights += flights_of(stage(rally, seed=i), match)
     return {
         **this_machine(),
         **figures,
+        **summary_of_flights(flights),
         "rules": dataclasses.asdict(breaches),
         "pack_kb_per_s": size / 1024 / figures["seconds"],
         "pack_error_mm": 1000 * error,
@@ -87,6 +107,13 @@ def match_rallies(policy: str, *, seed: int) -> Iterator[Rally]:
         entrants, server = np.zeros((1, 2), np.int32), np.array([match % 2], np.int8)
         rallies = play_matches(game, Matches(entrant=entrants, first_server=server, key=key), [table]).rallies
         yield from (dataclasses.replace(rallies.row(k, game.catalogue), match=match) for k in range(len(rallies)))
+
+
+def real_rallies(data: Path | None) -> Iterator[tuple[str, Rally]]:
+    """Rallies at equal distances in annotated matches, with the names of their matches; none without a folder."""
+    if data is not None:
+        real = RealRallies(data, default_game())
+        yield from ((real.match(k), real.rally(k)) for k in range(0, real.count, -(-real.count // _REAL)))
 
 
 def pack_error(motion: Motion, again: Motion) -> float:
@@ -119,6 +146,7 @@ def main(
     *,
     rallies: int = 1000,
     seed: int = 0,
+    data: Path | None = None,
     quick: bool = False,
     as_json: Annotated[bool, tyro.conf.arg(name="json")] = False,
 ) -> None:
@@ -127,10 +155,13 @@ def main(
     Args:
         rallies: number of staged rallies.
         seed: random seed of the rallies.
+        data: folder of the annotated matches; default: that of the environment variable SHUTTLESET, if it is set.
         quick: stage 40 rallies.
         as_json: print JSON instead of a table.
     """
-    result = run(_QUICK if quick else rallies, seed, Console(stderr=True))
+    named = os.environ.get("SHUTTLESET")
+    data = data or (Path(named) if named else None)
+    result = run(_QUICK if quick else rallies, seed, Console(stderr=True), data)
     show(result, "staging", as_json=as_json)
 
 

@@ -53,7 +53,7 @@ def commentary(staged: StagedRally) -> Iterator[Timed]:
         yield from boards(report, time, _action(report, i), marked=seat)
         chosen = f", chosen with {percent(content['probability'])}" if "probability" in content else ""
         sentence = (
-            f"#{i + 1} {content['shot']} to {content['area']} ({content['technique']}, {content['speed_kmh']:.0f} km/h"
+            f"#{i + 1} {content['shot']} to {content['area']} ({content['technique']}"
             f"{chosen}): good {percent(content['p_succ'])}, returned {percent(content['p_ret'])}"
         )
         if "waited" in content:

@@ -1,15 +1,15 @@
 """Random trajectory of a rally: place and time of every contact, and the flights in between.
 
 Each number is drawn from the measured tables by a counter, so that the k-th stroke of a rally depends only on the seed and
-the strokes up to it. Several points and times are drawn for each stroke. The first one that clears the net and that the
-receiver can reach is used; otherwise the closest one, with a longer flight that clears the net. A hurried receiver gets the one
-that leaves them the least time, from a quick and low flight, and strikes before their hips are where they are for a calm stroke.
+the strokes up to it. Several points and times are drawn for each stroke. The first one within the bounds of its shot type that
+the receiver can reach is used; otherwise the closest one. Where a flight would leave the bounds, its time gives way. A hurried
+receiver gets the one that leaves them the least time, from a quick and low flight, and strikes before their hips are where they
+are for a calm stroke.
 """
 
 import dataclasses
 import functools
 import json
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Final
 
@@ -17,15 +17,26 @@ import numpy as np
 
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.game import draws
-from shuttle_marl.game.court import AREAS, HALF_LENGTH, HALF_WIDTH, N_SIDES, SHORT_SERVICE, third_of
+from shuttle_marl.game.court import AREAS, HALF_LENGTH, HALF_WIDTH, N_SIDES, NET_HEIGHT, SHORT_SERVICE, third_of
 from shuttle_marl.game.rally.record import Rally
 from shuttle_marl.game.rules import FAULT, HURRIED_BELOW, RETURNED_BELOW, WINNER
 from shuttle_marl.game.shipped import waiting_places
 from shuttle_marl.game.stroke import HEIGHTS, N_SERVES, SHOTS, TECHNIQUES
+from shuttle_marl.staging.bounds import BOUNDS
 from shuttle_marl.staging.flight import Flights, fall, shoot
 from shuttle_marl.staging.library import Athlete
 from shuttle_marl.staging.motion import Branch
-from shuttle_marl.staging.motions import OVERHEAD_FROM, OVERHEADS, Stance, height_range, motion_of, stance_of
+from shuttle_marl.staging.motions import (
+    BACKHANDS,
+    DEFENCE,
+    DEFENCE_BACKHAND,
+    OVERHEAD_FROM,
+    OVERHEADS,
+    Stance,
+    height_range,
+    motion_of,
+    stance_of,
+)
 from shuttle_marl.staging.trajectory import NET, OPEN, OUT, RESTING, RETURN, WIN, Trajectory, behind, net_height, own_frame
 
 FILE: Final = Path(__file__).parent / "measured.json"
@@ -35,11 +46,11 @@ DISTANCES: Final = tuple(float(d) for d in range(14))
 QUARTILES: Final = (0.25, 0.5, 0.75)
 QUANTILES: Final = (0.05, 0.25, 0.5, 0.75, 0.95)
 """Quantiles of places."""
-_CLEARANCE: Final = 0.035
-"""Least height of the shuttle above the net [m]."""
-_TRIES: Final = 8
+_TRIES: Final = 10
+_AS_DRAWN: Final = 5
+"""Number of the tries whose points are as drawn; those of later ones are nearer to the receiver."""
 _ACCELERATION: Final = 10.0
-_REACTION: Final = 0.10
+_REACTION: Final = 0.06
 _CLEAR: Final = SHOTS.index("clear")
 _FURTHER_BACK: Final = 0.3
 """Contact of a clear: distance behind the contact of a smash [m]."""
@@ -57,6 +68,24 @@ _SHORT: Final = 0.08
 cannot swing at the shuttle."""
 _STRETCH: Final = 0.35
 """Additional reach of a hurried player; 1 is the widest."""
+_STEEP: Final = 1.3
+_STEEPEST: Final = {"push": 0.7, "drive": 0.35}
+"""Slope from a contact below the net to its top, at most: of most shot types, and of flat ones."""
+_FLAT: Final = frozenset(map(SHOTS.index, ("smash", "half-smash", "drive")))
+_BODY: Final = 0.3
+"""Distance beside the middle of a defender within which a fast shuttle is at the body, and met with the backhand [m]."""
+_TIMES: Final = (np.ones(1), np.linspace(0.55, 1.6, 36), np.linspace(1.6, 4.0, 25))
+"""Times of flight that are tried one after the other, relative to the drawn one."""
+_UNTIMELY: Final = 0.2
+"""Cost of a time outside the quartiles of the matches [m/s]."""
+_STRICT: Final = 4.0
+"""Weight of a distance from the bounds of the shot type, beside that by which the receiver is late."""
+_FITS: Final = 1e-6
+"""Cost below which all fits."""
+_GOOD: Final = 0.02
+"""Cost below which no other point is tried: a tenth of a second outside the quartiles."""
+_POOR: Final = 1.0
+"""Cost above which even a much longer flight is tried."""
 _SLOT: Final = 8
 """Number of draws reserved for each try of a stroke."""
 
@@ -125,12 +154,24 @@ class _Choice:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Try:
-    """A random point and time of a stroke, in the striker's frame, and the distance by which the receiver misses it [m]."""
+    """A random point and time of a stroke, in the striker's frame.
+
+    Attributes:
+        ticks: drawn time of flight [frames].
+        least: shortest time of flight in the matches [frames].
+        most: longest one.
+        met: height at which the shuttle is met: 0: below the net or on the floor, 1: above the net.
+        aside: how far a fast shuttle passes a defender on the other side than that of their racket [m].
+        late: distance by which the receiver misses the shuttle at the drawn time [m].
+    """
 
     point: F64
     ticks: int
+    least: int
     most: int
+    met: int
     stance: Stance | None
+    aside: float
     late: float
 
 
@@ -269,27 +310,27 @@ class TrajectoryBuilder:
         return NET if into_net or self.uniform(i, 6) < self.measured.net_share[self.shot[i]] else OUT
 
     def _choose(self, i: int, contact: F64, base: F64) -> _Choice:
-        """First try that clears the net and can be reached; otherwise the cheapest one."""
-        end, flown, late = self._end(i), list[_Choice](), list[_Try]()
-        tries: Iterable[_Try] = (self._try(i, end, contact, base, k) for k in range(_TRIES))
-        if self._hurries(i, end):
-            tries = sorted(tries, key=lambda t: -t.late)
-        for tried in tries:
-            if tried.late > 0:
-                late.append(tried)
-                continue
-            flown.append(self._flown(contact, tried, end))
-            if flown[-1].cost <= 0:
-                return flown[-1]
-        # Nearly reachable tries first.
-        for tried in sorted(late, key=lambda t: t.late):
-            if any(choice.cost <= tried.late for choice in flown):
+        """First try within all bounds that can be reached; otherwise the cheapest one."""
+        end = self._end(i)
+        hurries = self._hurries(i, end)
+        tries = [self._try(i, end, contact, base, k) for k in range(_TRIES)]
+        best: _Choice | None = None
+        for tried in sorted(tries, key=lambda t: (max(t.late, 0.0), -t.late * hurries)):
+            if best and best.cost <= max(tried.late, _GOOD):
                 break
-            flown.append(self._flown(contact, tried, end))
-        return min(flown, key=lambda choice: choice.cost)
+            choice = self._flown(i, contact, base, tried, end)
+            if best is None or choice.cost < best.cost:
+                best = choice
+        assert best is not None
+        return best
 
     def _try(self, i: int, end: int, contact: F64, base: F64, k: int) -> _Try:
         point, met = self._point(i, end, k)
+        stance = None
+        if end in (RETURN, OPEN):
+            if k >= _AS_DRAWN:
+                point = self._nearer(i, point, base, (k + 1 - _AS_DRAWN) / (_TRIES - _AS_DRAWN))
+            stance = self._stance(i + 1, point, base)
         length = np.hypot(*(point[:2] - contact[:2]))
         u = self.uniform(i, _SLOT * (k + 1)) * (_QUICK if self._hurries(i, end) else 1.0)
         seconds, least, most = self.measured.seconds(self.shot[i], met, length, u), 1, 9 * self.fps
@@ -304,40 +345,60 @@ class TrajectoryBuilder:
             # The tables end at the receiver's racket; the floor is a little further away.
             seconds = 1.12 * seconds + 0.10
         ticks = min(max(round(seconds * self.fps), least), max(least, most))
-        stance = self._stance(i + 1, point, base) if end in (RETURN, OPEN) else None
-        return _Try(point, ticks, most, stance, self._late(stance, base, ticks / self.fps))
+        aside = self._aside(i, stance, point, base)
+        late = float(self._late(stance, base, np.array(ticks / self.fps)))
+        return _Try(point, ticks, least, most, met, stance, aside, late)
 
-    def _flown(self, contact: F64, tried: _Try, end: int) -> _Choice:
-        """Flight of a try, longer where needed to clear the net; its cost is 0 if it is feasible."""
-        ticks = tried.ticks
-        while True:
-            flight = shoot(contact[None], tried.point[None], np.array([ticks / self.fps]))
-            short = _CLEARANCE - _over_net(flight)
-            if end == NET or short <= 0 or ticks > tried.most + 3 * self.fps:
+    def _nearer(self, i: int, point: F64, base: F64, share: float) -> F64:
+        """Point of a stroke moved by a share of the receiver's way towards them, among the places of the matches."""
+        way = share * (self._stance(i + 1, point, base).root - base)
+        low, high = self.measured.places[self.shot[i], self._met_in(i)][:, [0, -1]].T
+        return np.array([*np.clip(point[:2] + way, np.minimum(low, point[:2]), np.maximum(high, point[:2])), point[2]])
+
+    def _flown(self, i: int, contact: F64, base: F64, tried: _Try, end: int) -> _Choice:
+        """Flight of a try, at the time nearest to the drawn one that fits; its cost is 0 if all fits."""
+        best: _Choice | None = None
+        for scale in _TIMES:
+            ticks = np.unique(np.maximum(np.rint(tried.ticks * scale), 2))
+            seconds = ticks / self.fps
+            flights = shoot(np.tile(contact, (len(ticks), 1)), np.tile(tried.point, (len(ticks), 1)), seconds)
+            cost = _STRICT * BOUNDS[self.shot[i]].excess(flights, tried.met, self.uniform(i, 7), crosses=end != NET) + tried.aside
+            cost += np.maximum(self._late(tried.stance, base, seconds), 0.0)
+            cost += _UNTIMELY * (np.maximum(ticks - tried.most, 0) + np.maximum(tried.least - ticks, 0)) / self.fps
+            k = int(np.argmin(cost + _FITS * np.abs(ticks - tried.ticks)))
+            if best is None or cost[k] < best.cost:
+                flight = Flights(*(part[k : k + 1] for part in flights))
+                best = _Choice(tried.point, float(seconds[k]), flight, tried.stance, float(cost[k]))
+            if best.cost - tried.aside <= (_FITS if len(ticks) == 1 else _POOR):
                 break
-            ticks += 1 if short < 0.1 else 2
-        cost = max(tried.late, 0.0) + 0.1 * max(0, ticks - tried.most)
-        return _Choice(tried.point, ticks / self.fps, flight, tried.stance, cost)
+        assert best is not None
+        return best
 
     def _point(self, i: int, end: int, k: int) -> tuple[F64, int]:
         first = _SLOT * (k + 1)
         u = [self.uniform(i, first + 1 + j) for j in range(4)]
-        area = self.area[i]
-        if end in (RETURN, OPEN) and self.shot[i + 1] == _KILL:
-            # Who kills a shuttle at the net steps in before it has dropped, wherever it was meant for.
-            area, u[1] = area % N_SIDES, _QUICK * u[1]
+        area = self.area[i] if end not in (RETURN, OPEN) else self._met_in(i)
+        if area != self.area[i]:
+            u[1] *= _QUICK
         places = self.measured.places[self.shot[i], area]
         x, y = (quantile(places[axis], u[axis]) for axis in (0, 1))
         if self.shot[i] < N_SERVES:
             # The service court diagonally opposite to the server.
             x, y = (-1.0 if self.rally.from_right else 1.0) * max(abs(x), 0.04), max(y, SHORT_SERVICE + 0.04)
         if end in (RETURN, OPEN):
-            # Close to the net there is no way over it from further down.
             low = self.hurried[i + 1] and y > _LOW_FROM
-            return np.array([x, max(y, 0.25), self._height(i + 1, u[2] * (_QUICK if low else 1.0))]), int(self.height[i + 1])
+            z = self._height(i + 1, u[2] * (_QUICK if low else 1.0), flat=self.shot[i] in _FLAT)
+            # Close to the net there is no way over it from further down.
+            y = max(y, 0.25, (NET_HEIGHT - z) / _STEEPEST.get(SHOTS[self.shot[i + 1]], _STEEP))
+            return np.array([x, y, z]), int(self.height[i + 1])
         if end == OUT:
             x, y = self._outside(i, x, y, u[2], u[3])
         return np.array([x, max(y, 0.12), RESTING]), 0
+
+    def _met_in(self, i: int) -> int:
+        """Area where the receiver meets a stroke: one who kills it steps in before it has dropped where it was meant for."""
+        area = int(self.area[i])
+        return area % N_SIDES if self.shot[i + 1] == _KILL else area
 
     def _outside(self, i: int, x: float, y: float, which: float, u: float) -> tuple[float, float]:
         by_side, by_back = (quantile(self.measured.out_by[k], u) for k in (0, 1))
@@ -372,31 +433,28 @@ class TrajectoryBuilder:
         root = stance.root + back * min(1.0, _SHORT / max(float(np.hypot(*back)), 1e-6))
         return dataclasses.replace(stance, root=root, reach=min(stance.reach + _STRETCH, 1.0))
 
-    def _height(self, i: int, u: float) -> float:
-        """Contact height of stroke i [m]; overhead contacts scale with the player."""
-        low, high = height_range(self.shot[i], self.height[i], self.technique[i])
+    def _height(self, i: int, u: float, *, flat: bool = False) -> float:
+        """Contact height of stroke i [m], in reply to a flat one or not; overhead contacts scale with the player."""
+        low, high = height_range(self.shot[i], self.height[i], self.technique[i], flat=flat)
         z = low + (high - low) * u
         return z * self.players[self._striker(i)].skeleton.scale if z > OVERHEAD_FROM else z
 
-    def _late(self, stance: Stance | None, base: F64, seconds: float) -> float:
+    def _late(self, stance: Stance | None, base: F64, seconds: F64) -> F64:
         """Distance by which a player who starts from rest at ``base`` misses a stance, negative if they have time [m]."""
         if stance is None:
-            return 0.0
-        run = 0.36 * _ACCELERATION * max(seconds - _REACTION, 0.0) ** 2
+            return np.zeros_like(seconds)
+        run = 0.45 * _ACCELERATION * np.maximum(seconds - _REACTION, 0.0) ** 2
         return float(np.hypot(*(stance.root - base))) - run - 0.15
+
+    def _aside(self, i: int, stance: Stance | None, point: F64, base: F64) -> float:
+        """How far a fast shuttle that a defender meets is on the other side than that of the racket [m]."""
+        if stance is None or self.shot[i] not in _FLAT or stance.motion not in (DEFENCE, DEFENCE_BACKHAND):
+            return 0.0
+        forehand = (-point[0] - base[0]) * (1.0 if self.players[1 - self._striker(i)].right_handed else -1.0)
+        return float(max(0.0, forehand - _BODY if stance.motion in BACKHANDS else _BODY - forehand))
 
     def _hurries(self, i: int, end: int) -> bool:
         return end in (RETURN, OPEN) and bool(self.hurried[i + 1])
-
-
-def _over_net(flight: Flights) -> float:
-    """Height of one flight over the top of the net [m]; infinite if it begins beyond it."""
-    ahead = flight.heading[0, 1]
-    if ahead <= 1e-6:
-        return np.inf
-    return float(
-        flight.height_over(0, 0.0) - net_height(flight.start[0, 0] + flight.heading[0, 0] * (-flight.start[0, 1] / ahead))
-    )
 
 
 def _joined(flights: list[Flights], turn: F64) -> Flights:

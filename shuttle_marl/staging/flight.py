@@ -70,18 +70,26 @@ class Flights(NamedTuple):
         """``[N]`` speed off the racket [m/s]."""
         return np.hypot(self.speed_along[:, 0], self.speed_up[:, 0])
 
-    def height_over(self, flight: int, y: float) -> float:
-        """Height at which one flight crosses the plane of constant ``y`` [m]; infinite if it does not."""
-        along, rise, share = self.along[flight], self.rise[flight], self.heading[flight, 1]
-        distance = (y - self.start[flight, 1]) / share if share else np.inf
-        if not 0 <= distance <= along[-1]:
-            return np.inf
-        k = int(np.clip((along < distance).sum() - 1, 0, len(along) - 2))
+    @property
+    def apex(self) -> F64:
+        """``[N]`` greatest height, at one of the known instants [m]."""
+        return self.start[:, 2] + self.rise.max(axis=1)
+
+    def height_over(self, y: float) -> F64:
+        """``[N]`` height at which each flight crosses the plane of constant ``y`` [m]; infinite if it does not."""
+        share = self.heading[:, 1]
+        distance = np.where(share != 0, (y - self.start[:, 1]) / np.where(share != 0, share, 1.0), np.inf)[:, None]
+        k = np.clip((self.along < distance).sum(axis=1) - 1, 0, self.along.shape[1] - 2)[:, None]
+        along, rise, up, ahead = (
+            np.take_along_axis(part, k + np.arange(2), axis=1)
+            for part in (self.along, self.rise, self.speed_up, self.speed_along)
+        )
         # Height as a cubic of the distance between two instants; its slope is the ratio of the speeds.
-        h = max(along[k + 1] - along[k], 1e-9)
-        slope = self.speed_up[flight] / np.maximum(self.speed_along[flight], 1e-6)
-        u = np.clip(np.array([distance - along[k]]) / h, 0, 1)
-        return float(self.start[flight, 2] + _cubic(rise[k], rise[k + 1], slope[k] * h, slope[k + 1] * h, u)[0])
+        h = np.maximum(along[:, 1] - along[:, 0], 1e-9)
+        slope = h[:, None] * up / np.maximum(ahead, 1e-6)
+        u = np.clip((distance[:, 0] - along[:, 0]) / h, 0, 1)
+        z = self.start[:, 2] + _cubic(rise[:, 0], rise[:, 1], slope[:, 0], slope[:, 1], u)
+        return np.where((distance[:, 0] >= 0) & (distance[:, 0] <= self.along[:, -1]), z, np.inf)
 
 
 def shoot(start: F64, end: F64, time: F64) -> Flights:

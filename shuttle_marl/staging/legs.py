@@ -47,6 +47,10 @@ _FOLDED: Final = 0.45
 """Least share of the length of a leg between hip and ankle."""
 _ROUNDS: Final = 4
 """Maximum number of solutions of a leg in a frame."""
+_LIFTS: Final = 12
+"""Maximum number of further solutions for toes under the floor."""
+_UNDER: Final = 1e-3
+"""Depth of the joint of the toes under its height on the floor above which a leg is drawn up [m]."""
 _DROP: Final = 8
 """Half width of the window over which the hips sink towards a distant foot [frames]."""
 _STRETCH: Final = 0.985
@@ -198,9 +202,9 @@ def _solve(joint: F64, root: F64, ball: F64, yaw: F64, pitch: F64, leg: _Leg, ro
     heel = (0.0, -leg.rest[2, 1], -leg.rest[2, 2])
     for f in range(len(joint)):
         floor = from_yaw_pitch_roll(yaw[f], pitch[f], 0.0)
-        sole = floor
-        for step in range(_ROUNDS):
-            target = _ankle(ball[f], sole, heel, leg.toe_height)
+        sole, raised = floor, 0.0
+        for step in range(_ROUNDS + _LIFTS):
+            target = add(_ankle(ball[f], sole, heel, leg.toe_height), (0.0, 0.0, raised))
             thigh, shank, knee, ankle = _solve_leg(joint[f], root[f], floor, target, leg)
             limited = _limited_sole(shank, floor, leg)
             change = 0.0
@@ -208,12 +212,17 @@ def _solve(joint: F64, root: F64, ball: F64, yaw: F64, pitch: F64, leg: _Leg, ro
                 for j in range(3):
                     change = max(change, abs(limited[i][j] - sole[i][j]))
             sole = limited
-            # Where the ankle does not let the sole follow the floor, the leg is solved again.
-            if change <= (1e-4 if step else 1e-6):
-                break
+            toe = add(ankle, mat_vec(sole, leg.rest[2]))
+            # Where the ankle does not let the sole follow the floor, the leg is solved again; where the hip presses the toes
+            # under the floor, it is drawn up.
+            if change <= (1e-4 if step else 1e-6) or step >= _ROUNDS - 1:
+                under = leg.toe_height - toe[2]
+                if under <= _UNDER:
+                    break
+                raised += 1.5 * under
         bend = _clip(-math.asin(min(max(sole[2][1], -1.0), 1.0)), TOE_LIMITS)
         toes = mat_mul(sole, from_yaw_pitch_roll(0.0, -bend, 0.0))
-        places = (add(joint[f], (0.0, 0.0, 0.0)), knee, ankle, add(ankle, mat_vec(sole, leg.rest[2])))
+        places = (add(joint[f], (0.0, 0.0, 0.0)), knee, ankle, toe)
         turns = (thigh, shank, sole, toes)
         for k in range(4):
             put_mat(turns[k], rotation[k, f])

@@ -53,6 +53,10 @@ _HEIGHTS: Final[dict[str, tuple[tuple[float, float], tuple[float, float]]]] = {
 }
 """Range of the contact height [m] below and above the net."""
 
+_FLAT: Final = (1.58, 1.70)
+_FLAT_OVERHEAD: Final = (2.12, 2.22)
+"""Range of the contact height above the net for flat shuttles, which do not rise far over it [m]: at the shoulder, overhead."""
+
 _LOWER: Final = (0.0, 0.14, 0.05)
 """Contact height of overhead strokes below that of the forehand [m], by technique."""
 
@@ -91,9 +95,11 @@ class Stance:
     reach: float
 
 
-def height_range(shot: int, height: int, technique: int) -> tuple[float, float]:
-    """Least and greatest contact height of a kind of stroke [m]."""
+def height_range(shot: int, height: int, technique: int, *, flat: bool = False) -> tuple[float, float]:
+    """Least and greatest contact height of a kind of stroke, in reply to a flat one or not [m]."""
     low, high = _HEIGHTS[SHOTS[shot]][height]
+    if flat and height:
+        return _FLAT_OVERHEAD if low > OVERHEAD_FROM else _FLAT
     if SHOTS[shot] == "long-serve" and TECHNIQUES[technique] == "backhand":
         low, high = _HEIGHTS["short-serve"][height]
     if low > OVERHEAD_FROM:

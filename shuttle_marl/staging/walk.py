@@ -44,6 +44,8 @@ _STRINGS: Final = 0.10
 """Height of the middle of the strings when the frame of the racket touches a shuttle on the floor [m]."""
 _EXACT: Final = 0.03
 """Distance from the places of the feet in the next rally below which a foot stays [m]."""
+_SHORTER: Final = 0.35
+"""Shortening of the lunge that picks up the shuttle, as for a contact that is so much higher [m]."""
 _BOW: Final = np.radians(10)
 """Additional bow of hips and spine in the pick-up [rad]: with deeper hips instead, the hip joint lets no foot stand in front."""
 _OWN_FLICK, _FLICK = 0.60, 1.15
@@ -224,7 +226,7 @@ class _WalkBuilder:
             for k, share in ((CONTACT - 1, 0.7), (CONTACT, 1.0), (CONTACT + 1, 0.7)):
                 poses[k, TRUNK] += share * low
             keys |= dict(zip(frames, poses, strict=True))
-            place, yaw, landing = feet_at(LUNGE, root, heading, 0.0)
+            place, yaw, landing = feet_at(LUNGE, root, heading, 0.0, _SHORTER)
             begin, end = self.pick - round(0.06 * fps), frames[CONTACT + 1]
             stands.append(Stand(begin=begin, end=end, place=place, yaw=yaw, last=landing, stride=_STRIDE))
             hits, here = (self._hit(athlete, heading),), root

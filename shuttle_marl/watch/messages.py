@@ -306,6 +306,7 @@ class Stroke(StrokeFacts, kw_only=True):
     Attributes:
         hurried: whether its striker was late or stretched.
         waited: position of its receiver; None: they had no choice, or it is not known.
+        speed: launch speed of the staged flight, which the annotations of matches do not tell [m/s].
     """
 
     state: int

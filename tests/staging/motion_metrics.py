@@ -265,7 +265,7 @@ def measure(motion: Motion) -> Metrics:
         acceleration=np.linalg.norm(np.diff(velocity, axis=0), axis=2).max(axis=0) * motion.fps,
         joint_excess=float(np.degrees(worst.excess)) if worst.excess > _ROUNDING else 0.0,
         joint=worst.name,
-        clearance=np.array([_clearance(motion, int(i)) for i in np.flatnonzero(trajectory.end != NET)]),
+        clearance=np.array([clearance(motion, int(i)) for i in np.flatnonzero(trajectory.end != NET)]),
         landing=np.linalg.norm(motion.shuttle[ends] - trajectory.chosen_point, axis=1),
         timely=((duration >= low - 1e-6) & (duration <= high + 1e-6))[returned],
         true_end=np.array([_ends_truly(motion, i, int(ends[i])) for i in range(len(frames))]),
@@ -330,7 +330,7 @@ def _feet(motion: Motion) -> tuple[F64, float]:
     return np.array(slides), sunk
 
 
-def _clearance(motion: Motion, i: int) -> float:
+def clearance(motion: Motion, i: int) -> float:
     """Height over the net of a stroke that crosses it [m]."""
     trajectory = motion.trajectory
     since = np.arange(0, trajectory.end_time[i] - trajectory.time[i], 1 / _FINE)

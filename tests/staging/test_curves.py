@@ -218,8 +218,7 @@ def test_players_walk_and_their_feet_do_not_slide(walks) -> None:
         for seat in (0, 1):
             toes = whole.position[part, seat][:, [BONES.index("LeftToeBase"), BONES.index("RightToeBase")], 2]
             under = rally.skeletons[seat].at("RightToeBase")[2] - toes
-            assert under[whole.planted[part, seat]].max() < 5e-3, "no foot stands under the floor"
-            assert under.max() < 15e-3, "toes of a deep lunge hardly dip into it on the way"
+            assert under.max() < 5e-3, "no foot is under the floor"
             knees = whole.position[part, seat][:, [BONES.index("LeftLeg"), BONES.index("RightLeg")], 2]
             assert knees.min() > 0.1
         assert whole.position[part, :, 0, 2].min() > 0.4, "the hips are lowest in the pick-up"

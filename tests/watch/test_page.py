@@ -444,7 +444,7 @@ def test_nothing_overflows_and_nothing_is_covered(viewer: Any, served: Any) -> N
         court = box(viewer, ".court")
         covers = [box(viewer, ".bug"), box(viewer, ".cameras"), *boxes(viewer, ".targets button, .shots button, .hit")]
         assert len(covers) >= 2 + 9 + 1 + 1
-        assert viewer.page.locator(".chip:visible, .speed:visible, .pop:visible").count() == 0
+        assert viewer.page.locator(".chip:visible, .count:visible").count() == 0
         assert inside(court, window), window
         for outline in viewer.state("outlines"):
             assert inside(outline, court), (window, outline, court)

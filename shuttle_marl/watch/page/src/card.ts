@@ -113,7 +113,6 @@ function drawStroke(pen: Pen, { rally, stroke: index }: Moment, width: number, h
     [say("page.target"), words(stroke.area), TEXT],
     [say("term.in"), percent(stroke.p_succ), GREEN],
     [say("term.comes back"), percent(stroke.p_ret), GOLD],
-    [say("page.speed"), say("page.kmh", { speed: Math.round(3.6 * stroke.speed) }), TEXT],
   ];
   pen.font(34, 750);
   const shot = words(stroke.shot).toUpperCase();

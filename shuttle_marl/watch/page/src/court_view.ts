@@ -1,13 +1,13 @@
-// Overlays of the court: score, shot, speed, cameras.
+// Overlays of the court: score, shot, cameras.
 
 import { type Child, capitalised, h, percent, replaceChildren, sideColour } from "./dom";
 import { hurriedTag } from "./glossary";
 import { displayName, handTag } from "./names";
 import { breakWords } from "./narration";
 import { positionWords } from "./recover";
-import { CAMERAS, type Camera, type Stage } from "./stage";
+import { CAMERAS, type Camera } from "./stage";
 import type { HallFacts, RallyFacts, Stroke } from "./wire.gen";
-import { type Key, listed, say, words } from "./words";
+import { type Key, say, words } from "./words";
 
 export class ScoreBug {
   readonly element = h("div", { class: "bug", role: "group", "aria-label": say("page.score") });
@@ -48,7 +48,7 @@ function fact(name: string, value: Child | Child[], kind = "", style = ""): HTML
 /** The current stroke. */
 export class Chip {
   readonly element = h("div", { class: "chip", "aria-hidden": "true" });
-  readonly speed = h("div", { class: "speed", "aria-hidden": "true" });
+  readonly count = h("div", { class: "count", "aria-hidden": "true" });
   /** What the ring and the dots on the court say. */
   readonly waits = h("div", { class: "waits", "aria-hidden": "true" });
   private shown: unknown[] = [];
@@ -63,7 +63,7 @@ export class Chip {
     }
     this.shown = [stroke, perfect];
     this.element.classList.toggle("hidden", stroke === null);
-    this.speed.classList.toggle("hidden", stroke === null);
+    this.count.classList.toggle("hidden", stroke === null);
     this.showWaits(rally, stroke, perfect);
     if (!stroke) {
       return;
@@ -81,12 +81,7 @@ export class Chip {
       fact(say("page.contact"), [say(`at_net.${stroke.height}` as Key), hurriedTag(stroke.hurried)], "minor"),
       effort,
     );
-    replaceChildren(
-      this.speed,
-      h("b", {}, String(Math.round(3.6 * stroke.speed))),
-      say("page.kmh", { speed: "" }),
-      h("div", {}, say("page.stroke_of", { number: index + 1, count: rally.strokes.length })),
-    );
+    this.count.textContent = say("page.stroke_of", { number: index + 1, count: rally.strokes.length });
   }
 
   private showWaits(rally: RallyFacts, stroke: Stroke | null, perfect: number[] | null): void {
@@ -105,32 +100,6 @@ export class Chip {
       perfect && line("spot", say("recover.best"), `${positionWords(this.hall, likeliest)} ${percent(perfect[likeliest]!)}`),
     );
     this.waits.style.setProperty("--mine", sideColour(1 - (stroke?.seat ?? 0)));
-  }
-}
-
-const SPEED_SHOWN = 0.6; // time for which the speed stays at the racket [s]
-
-/** The speed of the shuttle, at the racket. */
-export class SpeedLabel {
-  readonly element = h("div", { class: "pop hidden", "aria-hidden": "true" });
-  private shown = -1;
-
-  show(rally: RallyFacts, index: number, time: number, stage: Stage): void {
-    const stroke = rally.strokes[index];
-    const place = stroke && time < stroke.time + SPEED_SHOWN ? stage.placeOf(stroke.contact) : null;
-    this.element.classList.toggle("hidden", !place);
-    if (place && stroke) {
-      if (this.shown !== index) {
-        this.element.textContent = listed([
-          say("page.kmh", { speed: Math.round(3.6 * stroke.speed) }),
-          ...(stroke.hurried ? [say("term.hurried")] : []),
-        ]);
-      }
-      this.shown = index;
-      this.element.style.transform = `translate(${Math.round(place[0] + 24)}px, ${Math.round(place[1] - 40)}px)`;
-    } else {
-      this.shown = -1;
-    }
   }
 }
 

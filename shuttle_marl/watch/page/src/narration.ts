@@ -18,7 +18,6 @@ export function strokeSentence(hall: HallFacts, rally: RallyFacts, i: number): s
     technique: words(stroke.technique),
     from: say(`from_net.${stroke.height}` as Key),
     hurried: stroke.hurried ? say("language.comma") + say("term.hurried") : "",
-    speed: Math.round(3.6 * stroke.speed),
     good: percent(stroke.p_succ),
     back: percent(stroke.p_ret),
     effort: count ? say(count > 1 ? "stroke.effort" : "stroke.effort_one", { count }) : "",

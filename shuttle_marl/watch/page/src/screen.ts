@@ -3,7 +3,7 @@
 import { Curve, MoveList, OptionTable, winAt } from "./analysis";
 import { Board } from "./board";
 import type { Moment } from "./card";
-import { Chip, cameraButtons, ScoreBug, SpeedLabel } from "./court_view";
+import { Chip, cameraButtons, ScoreBug } from "./court_view";
 import { h, replaceChildren } from "./dom";
 import type { Frames } from "./frame";
 import { facing } from "./hall";
@@ -79,7 +79,6 @@ export class Screen {
   private readonly modes: readonly Mode[];
   private readonly bug = new ScoreBug();
   private readonly chip: Chip;
-  private readonly speed = new SpeedLabel();
   private readonly cameras;
   private readonly curve: Curve;
   private readonly moves: MoveList;
@@ -167,14 +166,7 @@ export class Screen {
     this.layout = new Layout(
       {
         canvas: stage?.canvas ?? null,
-        overlays: [
-          this.bug.element,
-          this.cameras.element,
-          this.chip.element,
-          this.chip.waits,
-          this.chip.speed,
-          this.speed.element,
-        ],
+        overlays: [this.bug.element, this.cameras.element, this.chip.element, this.chip.waits, this.chip.count],
         left: [
           ...(match && live ? this.sides.map((side) => side.element) : []),
           match ? this.styles.element : null,
@@ -351,7 +343,6 @@ export class Screen {
     this.curve.move(player.time);
     if (this.stage) {
       this.cameras.show(this.stage.camera);
-      this.speed.show(rally, player.stroke, player.time, this.stage);
     }
     const time = player.waits ? player.choice : player.time;
     this.layout.scrubber.value = String(time);

@@ -362,13 +362,6 @@ export class Stage {
     return [-v.x, v.z, v.y];
   }
 
-  /** Place of a point of the court within the canvas [px]; null before the first rally or behind the camera. */
-  placeOf(point: Vec3): [number, number] | null {
-    const { x, y, z } = at(...point).project(this.eye);
-    const { clientWidth, clientHeight } = this.canvas;
-    return z < 1 ? [((x + 1) / 2) * clientWidth, ((1 - y) / 2) * clientHeight] : null;
-  }
-
   /** Smallest rectangle of the window that contains the joints of a player: left, top, right, bottom; null before the first. */
   outline(seat: number): [number, number, number, number] | null {
     const athlete = this.athletes?.[seat];
