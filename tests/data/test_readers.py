@@ -261,10 +261,10 @@ def test_scores_are_read_in_any_convention(won: list[int], order: int, before: b
         after.append(tuple(points))
         server = winner
     told = [*won[:-1], won[-1]]
-    fresh = np.arange(len(won)) == 0
-    found, winners, reading = winners_by_score(scores, fresh, servers, told)
+    fresh, zero = np.arange(len(won)) == 0, np.zeros(len(won), np.int64)
+    found, winners, reading = winners_by_score(scores, fresh, np.array(servers), np.array(told), zero, zero)
     assert found == after, reading
-    assert winners == ([*won[:-1], -1] if before else won)
+    assert winners.tolist() == ([*won[:-1], -1] if before else won)
     assert read_score("5\u20133") == read_score(" 5 : 3 ") == (5, 3)
     assert read_score("05-Mar") is None
 
