@@ -43,6 +43,17 @@ def whole_number(name: str, value: Any, least: int | None = None) -> int:
     return number
 
 
+def seed_number(value: Any) -> int:
+    """Check a seed: seeds that are equal in their last 64 bits would be one.
+
+    Raises:
+        OptionError: it is no whole number from 0 up to 2^64.
+    """
+    if not 0 <= (number := whole_number("seed", value)) < 1 << 64:
+        raise OptionError(f"seed {number}: expected a whole number from 0 up to 2^64; of a longer one take the last 63 bits")
+    return number
+
+
 def did_you_mean(name: str, known: Iterable[str], cutoff: float = 0.6) -> str:
     """A hint at the names that are most like a misspelt one, for the end of a message; empty if none is."""
     import difflib  # noqa: PLC0415  `import shuttle_marl` needs none
