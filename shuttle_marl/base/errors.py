@@ -62,6 +62,10 @@ def did_you_mean(name: str, known: Iterable[str], cutoff: float = 0.6) -> str:
     return f"; did you mean {' or '.join(close)}?" if close else ""
 
 
+_KNOWN: Final = {"autoreset_mode": '; rows are reset in the same step, and in another mode with vectorization_mode="sync"'}
+"""Advice on options that other libraries have."""
+
+
 def suggesting(cls: type[T]) -> type[T]:
     """Class decorator: a keyword argument that the constructor lacks is a TypeError that says which one is like it."""
     init = cls.__init__
@@ -71,7 +75,7 @@ def suggesting(cls: type[T]) -> type[T]:
     def checked(self: T, *args: Any, **options: Any) -> None:
         for name in options:
             if name not in names:
-                hint = did_you_mean(name, names) or f"; there are {', '.join(names)}"
+                hint = _KNOWN.get(name) or did_you_mean(name, names) or f"; there are {', '.join(names)}"
                 # In the words of Python, on which wrappers of other libraries rely.
                 raise TypeError(f"{cls.__name__}() got an unexpected keyword argument {name!r}{hint}")
         init(self, *args, **options)

@@ -109,6 +109,9 @@ def analysis(
     from shuttle_marl.base import table_files  # noqa: PLC0415
     from shuttle_marl.data import anonymised, named  # noqa: PLC0415
 
+    if out is not None:
+        written = (out / f"{kind}.{suffix}" for kind in ("strokes", "rallies") for suffix in ("parquet", "csv"))
+        cli.check_apart(written, [path] if against is None else [path, against])
     tables = model.load_for(path).seats[0].average
     with hands_told(hand):
         strokes = play.strokes_of(path, rallies=rallies.rallies)

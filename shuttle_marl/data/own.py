@@ -19,6 +19,8 @@ from shuttle_marl.base.arrays import I64
 from shuttle_marl.data import inference, readers
 from shuttle_marl.data.column_map import ColumnMap
 from shuttle_marl.data.columns import Columns
+from shuttle_marl.data.copies import copies
+from shuttle_marl.data.ends import end_of
 from shuttle_marl.data.hands import area_inferred, hands_of, unknown_hands, with_hands
 from shuttle_marl.data.people import People
 from shuttle_marl.data.rallies import Rallies
@@ -97,6 +99,9 @@ def _imported(path: Path, map_file: Path | None, given: ColumnMap, reading: read
     }
     unknown = int((strokes["area"].is_null().to_numpy() & (strokes["outcome"].to_numpy() != Outcome.FAULT)).sum())
     lost = [f"areas of strokes without a known reply: {unknown:,} of {strokes.num_rows:,}"] if unknown else []
+    if all(end_of(name) for name in strokes["player"].unique().to_pylist()):
+        lost.append("names of the players: those of the ends, which they change between games and at 11 points of a third one")
+    told += [Problem(path, copy) for copy in copies(strokes)]
     found = sorted([*told, *sheet.warnings], key=lambda problem: problem.line or 0)
     return Cleaned(
         strokes=strokes,
