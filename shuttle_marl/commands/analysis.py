@@ -119,15 +119,16 @@ def analysis(
     played = dict(zip(*valued.select(["match", "value_game"]).to_pydict().values(), strict=True))
     if anonymous:
         valued = anonymised(valued.drop_columns("value_game"))  # which names the pair
+    other = "others" if anonymous or against is None else against.resolve().name
     summaries = {name: play.summarise(valued, name) for name in players_of(valued)[:_SHOWN]}
     if against is not None:
         others = play.add_values_of_pairs(play.strokes_of(against, rallies=rallies.rallies), reference, tables)
-        summaries[against.resolve().name] = play.summarise(others)
+        summaries[other] = play.summarise(others)
     if out is not None:
         for kind, table in (("strokes", valued), ("rallies", play.rally_table(valued))):
             table_files.write_parquet(out / f"{kind}.parquet", table)
             replace_file(out / f"{kind}.csv", table_files.csv_bytes(named(table) if kind == "strokes" else table))
-        name = "all together" if against is None else against.resolve().name
+        name = "all together" if against is None else other
         _draw(out, summaries, name, play.summarise(valued) if against is None else summaries[name])
     if json:
         _print_json(summaries, _ratings(path))

@@ -12,6 +12,7 @@ _DECIDER: Final = 3
 """Game within which the players change ends."""
 _PLACE: Final = re.compile("player|court|side|half|end")
 EXCHANGED: Final = "names of the ends: those of the first game of a match, exchanged in the second, because the players change"
+OF_ONE_GAME: Final = "names of the ends: the same in all rallies, because they are of one game by their numbers"
 UNKNOWN: Final = "the players change ends in the third game, and with one name nobody knows the other; name them in each row"
 
 

@@ -205,9 +205,9 @@ def check_tempo(sheet: Sheet, passed: F64) -> None:
     passed = passed[~np.isnan(passed)]
     middle = float(np.median(passed)) if len(passed) else 1.0
     if not _TEMPO[0] <= middle <= _TEMPO[1]:
-        certain = len(passed) >= _FEW and (middle > _TEMPO[1] or 0 < middle < _SHORTEST)
+        certain = middle > _TEMPO[1] or 0 < middle < _SHORTEST
         advice = "; write seconds, or leave the times out" if certain else ""
-        text = f"half of the strokes follow the one before after {middle:g} s or less: are these seconds?{advice}"
+        text = f"half of the strokes follow the one before after {middle:g} s: are these seconds?{advice}"
         found = Problem(sheet.path, text)
         if found not in (*sheet.problems, *sheet.warnings):
             (sheet.problems if certain else sheet.warnings).append(found)

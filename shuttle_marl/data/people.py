@@ -10,7 +10,7 @@ from shuttle_marl.base.arrays import I64
 from shuttle_marl.data import inference
 from shuttle_marl.data.column_map import PLAYERS, nfc, plain, whole
 from shuttle_marl.data.columns import Columns
-from shuttle_marl.data.ends import EXCHANGED, UNKNOWN, at_ends, end_of, ends_in
+from shuttle_marl.data.ends import EXCHANGED, OF_ONE_GAME, UNKNOWN, at_ends, end_of, ends_in
 from shuttle_marl.data.schema import DISCIPLINES
 from shuttle_marl.data.strict_csv import shown
 from shuttle_marl.data.upstream import discipline as discipline_of
@@ -60,8 +60,8 @@ def spelled(columns: Columns, name: str, game: I64 | None = None, match: Names |
             if not person:
                 columns.sheet.mark(row, f"{columns.header(name)} {shown(texts[row])}: {UNKNOWN}")
             values[row] = person or values[row]
-        if len(games) > 1 and EXCHANGED not in columns.notes:
-            columns.notes.append(EXCHANGED)
+        told = EXCHANGED if len(games) > 1 else OF_ONE_GAME
+        columns.notes += [told] if told not in columns.notes else []
     return values
 
 

@@ -94,7 +94,7 @@ class Rallies:
         columns, begins, pause = self._columns, np.isin(shot, _SERVES), ""
         if "seconds" in columns:
             passed = np.diff(columns.numbers("seconds"), prepend=np.nan)
-            inference.check_tempo(columns.sheet, passed[~self.fresh])
+            inference.check_tempo(columns.sheet, passed[~(self.fresh | begins)])
             begins |= passed > inference.PAUSE
             pause = f", or after a pause of {inference.PAUSE:g} s"
         columns.notes.append(f"where rallies begin: with each serve{pause}")

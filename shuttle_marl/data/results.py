@@ -8,6 +8,7 @@ from shuttle_marl.base.arrays import I64, Bools
 from shuttle_marl.data import inference
 from shuttle_marl.data.column_map import FAULTS, WINNERS, WORDS
 from shuttle_marl.data.columns import Columns
+from shuttle_marl.data.ends import end_of
 from shuttle_marl.data.people import People
 from shuttle_marl.data.rallies import Rallies
 from shuttle_marl.data.schema import REASONS, Outcome
@@ -54,6 +55,8 @@ class Results:
             known = people.winners(rallies.group)[last]
             told = np.select([known == 1, known == 0], [side[last], 1 - side[last]], told)
             began = (people.player[of_match] != people.player[start])[first].astype(np.int64)
+            if all(end_of(name) for name in np.unique(people.player)):  # another person in the next game
+                began = (began + rallies.game[first] - rallies.game[of_match][first]) % 2
             match = np.unique(rallies.match[first], return_inverse=True)[1]
             points, winner, reading = inference.winners_by_score(self._scores(), fresh, server, told, began, match)
             if reading:

@@ -185,7 +185,7 @@ def provenance_of(root: Path, cleaned: Cleaned) -> dict[str, Any]:
 
 
 def anonymised(strokes: pa.Table) -> pa.Table:
-    """Strokes with pseudonyms for players (``player-01``) and matches (``match-001``).
+    """Strokes with pseudonyms for players (``player-01``) and matches (``match-001``), without provenance.
 
     The numbers follow the SHA-256 of the names, so they reveal no order; the same names give the same pseudonyms.
     """
@@ -198,7 +198,8 @@ def anonymised(strokes: pa.Table) -> pa.Table:
         for column in columns:
             named = pa.array([pseudonym.get(name) for name in strokes[column].to_pylist()], strokes[column].type)
             strokes = strokes.set_column(strokes.schema.get_field_index(column), strokes.schema.field(column), named)
-    return strokes
+    told = strokes.schema.metadata or {}
+    return strokes.replace_schema_metadata({key: value for key, value in told.items() if key != _PROVENANCE})
 
 
 def pseudonymous(cleaned: Cleaned) -> Cleaned:

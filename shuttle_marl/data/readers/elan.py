@@ -148,7 +148,7 @@ def _aligned(tier: ET.Element, slots: dict[str, float], found: dict[str, Annotat
         if not (known[0] and known[-1] and (np.diff(times[known]) >= 0).all()):
             raise ValueError(f"tier {tier.attrib['TIER_ID']!r:.50} has a time slot without a time")
         times = np.where(known, times, np.interp(place, place[known], times[known]))
-        inferred.append(f"times of {tier.attrib['TIER_ID']!r}: {missing:,} of {len(times):,} lie evenly between those around them")
+        inferred.append(f"times of {tier.attrib['TIER_ID']!r}: {missing:,} of {len(times):,} lie evenly between others")
     return [_annotation(each, *span, found) for each, span in zip(elements, times.reshape(-1, 2).tolist(), strict=True)]
 
 

@@ -14,7 +14,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final
 
-from shuttle_marl.data.ends import EXCHANGED, UNKNOWN, at_ends, end_of, ends_in
+from shuttle_marl.data.ends import EXCHANGED, OF_ONE_GAME, UNKNOWN, at_ends, end_of, ends_in
 from shuttle_marl.data.readers.reading import Reading, sheet_of
 from shuttle_marl.data.readers.tree import text
 from shuttle_marl.data.strict_csv import DataError, Problem
@@ -94,7 +94,7 @@ class _Named:
     strokes: list[Entry]
 
     def name(self, path: Path) -> list[str]:
-        """Replace ends by names; a sentence on it, if they are exchanged.
+        """Replace ends by names; a sentence on it.
 
         Raises:
             DataError: the players change ends within the strokes, nobody knows when.
@@ -107,7 +107,7 @@ class _Named:
                 if not name:
                     raise DataError(path, f"{column} {self.strokes[k][column]!r} of game {games[k]}: {UNKNOWN}")
                 self.strokes[k][column] = name
-        return [EXCHANGED] if len(set(games)) > 1 else []
+        return [EXCHANGED if len(set(games)) > 1 else OF_ONE_GAME]
 
 
 class _Strokes:
