@@ -82,7 +82,8 @@ def _imported(path: Path, map_file: Path | None, given: ColumnMap, reading: read
         if not sheet.problems:
             break
         wrong = rallies.wrong()
-        if reading.strict or wrong.all() or not wrong.any():
+        of_file = any(problem.line is None for problem in sheet.problems)
+        if reading.strict or of_file or wrong.all() or not wrong.any():
             advice = (str(path),) if map_file is None else (str(path), "--columns", str(map_file))
             raise DataError.of(sorted(sheet.problems, key=lambda found: found.line or 0), advice=advice)
         told += sheet.problems
