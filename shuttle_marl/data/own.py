@@ -31,6 +31,7 @@ from shuttle_marl.game import court
 from shuttle_marl.game.stroke import N_SERVES, SHOTS
 
 _ABOVE: Final = [SHOTS.index(name) for name in ("clear", "drop", "smash", "half-smash", "net-kill")]
+_COUNTED: Final = "rally (counted)"
 INFERRED: Final = {
     "shot": "whether serves are short, from the replies",
     "height": "contact heights, from the shot types",
@@ -68,7 +69,7 @@ def _imported(path: Path, map_file: Path | None, given: ColumnMap, reading: read
     sheet.warnings.clear()
     if unread := [repr(name) for name in sheet.header if name and name not in mapped.columns.values()]:
         told.append(Problem(path, f"columns that the map does not name are not read: {', '.join(unread)}"))
-    broken, most, lets = 0, 0, 0
+    broken, most, lets, notes = 0, 0, 0, list[str]()
     while True:
         columns = Columns(sheet, mapped, strict=reading.strict)
         rallies = Rallies(columns)
@@ -88,7 +89,11 @@ def _imported(path: Path, map_file: Path | None, given: ColumnMap, reading: read
             raise DataError.of(sorted(sheet.problems, key=lambda found: found.line or 0), advice=advice)
         told += sheet.problems
         broken += int(wrong.sum())
+        if "rally" not in mapped.columns:  # the others keep their numbers
+            sheet.add_column(_COUNTED, rallies.rally)
+            mapped, notes = dataclasses.replace(mapped, columns={**mapped.columns, "rally": _COUNTED}), columns.notes
         sheet = sheet.without(wrong)
+    columns.notes[:0] = notes
     strokes, hands = with_hands(strokes, path)
     strokes = _seen_by_left_handers(strokes)
     dropped = {

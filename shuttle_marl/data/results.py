@@ -47,7 +47,8 @@ class Results:
         of_match = np.flatnonzero(inference.changes(rallies.match))[np.cumsum(inference.changes(rallies.match)) - 1]
         side = (people.player != people.player[start]).astype(np.int64)
         server = np.where(rallies.stroke[first] % 2 == 1, side[first], 1 - side[first])
-        following = np.where(np.r_[fresh[1:], True], -1, np.r_[server[1:], -1])  # who won serves next
+        followed = np.r_[~fresh[1:] & (np.diff(rallies.rally[first]) == 1), False]
+        following = np.where(followed, np.r_[server[1:], -1], -1)  # who won serves next
         winner = np.full(len(first), -1)
         if "score" in columns:
             fault, won_by = (np.isin(self._ending[last], group) for group in (_FAULTS, _WINNERS))

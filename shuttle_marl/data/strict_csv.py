@@ -153,6 +153,11 @@ class Sheet:
         other.empty, other.others = self.empty, self.others
         return other
 
+    def add_column(self, name: str, values: Ints) -> None:
+        """Add a column of numbers."""
+        self.header += (name,)
+        self.columns[name] = tuple(map(str, values.tolist()))
+
     def __len__(self) -> int:
         return len(self.line)
 

@@ -101,8 +101,11 @@ class OpeningRequest(Request, tag="opening", frozen=True):
     line: Annotated[tuple[CatalogueIndex, ...], Meta(max_length=3)] = ()
 
 
-Name = Annotated[str, Meta(min_length=1, max_length=100, pattern=r"^[^\x00-\x1f\x7f=+\-@][^\x00-\x1f\x7f]*$")]
-"""Text of a cell, which no spreadsheet takes for a formula."""
+_HIDDEN: Final = r"\x00-\x1f\x7f-\x9f\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff"
+NAME: Final = rf"^[^{_HIDDEN}\s=+\-@][^{_HIDDEN}]*$"
+"""Pattern of a text of a cell, which no spreadsheet takes for a formula, in Python and in the page."""
+LONGEST_NAME: Final = 100
+Name = Annotated[str, Meta(min_length=1, max_length=LONGEST_NAME, pattern=NAME)]
 Count = Annotated[int, Meta(ge=0, le=100_000)]
 Hand = Literal["right", "left"]
 Metres = Annotated[float, Meta(ge=-30, le=30)]
@@ -144,14 +147,14 @@ class TagRequest(Request, kw_only=True, tag="tag", frozen=True):
     """An input of a person who tags a video, and the rows that it changed.
 
     Attributes:
-        at: number of inputs before it.
+        after: hash of the inputs before it, which the last reply gave.
         input: the input as JSON; None: the last one is undone.
         only_rows: whether no input is added, only rows.
         first: number of the first row that changed; those from there on are replaced.
         rows: the new ones.
     """
 
-    at: Count
+    after: Annotated[str, Meta(max_length=64)]
     input: Annotated[str, Meta(max_length=1000)] | None
     first: Count
     rows: Annotated[tuple[TagRow, ...], Meta(max_length=400)]
@@ -267,12 +270,23 @@ class RecordedFacts(Struct):
 
 
 class TagFacts(Struct):
-    """The video that is tagged: name, name of the table, inputs so far as JSON, and number of saved rows."""
+    """The video that is tagged.
+
+    Attributes:
+        out: name of the table.
+        inputs: inputs so far, as JSON.
+        rows: number of saved rows.
+        after: hash of the inputs.
+        name, longest_name: pattern and length of the names that the table takes.
+    """
 
     video: str
     out: str
     inputs: list[str]
     rows: int
+    after: str
+    name: str
+    longest_name: int
 
 
 class Hello(Struct):
@@ -566,10 +580,11 @@ class Openings(Struct):
 
 
 class Saved(Struct):
-    """Reply to :class:`TagRequest`: numbers of inputs and rows that are saved."""
+    """Reply to :class:`TagRequest`: numbers of inputs and rows that are saved, and the hash of the inputs."""
 
     inputs: int
     rows: int
+    after: str
 
 
 class Suggestion(Struct):

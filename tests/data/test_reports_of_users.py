@@ -475,7 +475,7 @@ def badminton_db(seed: int, nulls: int) -> str:
     return json.dumps(points)
 
 
-@pytest.mark.parametrize(("seed", "nulls"), enumerate((2, 4, 6, 8, 10, 12, 14, 16, 18)))
+@pytest.mark.parametrize(("seed", "nulls"), list(enumerate((2, 4, 6, 8, 10, 12, 14, 16, 18))))
 def test_strokes_without_a_time_in_badminton_db(
     seed: int, nulls: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

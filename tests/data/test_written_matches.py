@@ -102,6 +102,8 @@ def test_any_table_of_two_games_is_read_as_it_was_written_or_refused(
     columns = (*(("match",) if matches > 1 else ()), *numbers, "player", "shot", *told, *(("seconds",) if timed else ()))
     if form == "json by game" and not (ends and named and "game" in numbers):
         form = "json"
+    if form == "json by game":
+        strokes.sort(key=lambda stroke: stroke.game)
     rows = written.entries(strokes, columns, ends=ends, unit=unit)
     names = names_of_ends(strokes, ends) if ends and named else {}
     fields = 'discipline = "WS"\n'
