@@ -5,6 +5,7 @@ operation ``op``. A reply is binary: the length of its JSON as 32 bits, little-e
 padded to a multiple of four bytes, then a body, such as a packed motion. See ``docs/watch.md``.
 """
 
+import contextvars
 import functools
 import operator
 import struct
@@ -102,6 +103,8 @@ class OpeningRequest(Request, tag="opening", frozen=True):
 
 
 _HIDDEN: Final = r"\x00-\x1f\x7f-\x9f\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff"
+SHOWN: Final = contextvars.ContextVar[list[str]]("shown")
+"""Of a connection: the hash of the inputs that its last reply gave, if there was one."""
 NAME: Final = rf"^[^{_HIDDEN}\s=+\-@][^{_HIDDEN}]*$"
 """Pattern of a text of a cell, which no spreadsheet takes for a formula, in Python and in the page."""
 LONGEST_NAME: Final = 100
@@ -147,18 +150,20 @@ class TagRequest(Request, kw_only=True, tag="tag", frozen=True):
     """An input of a person who tags a video, and the rows that it changed.
 
     Attributes:
-        after: hash of the inputs before it, which the last reply gave.
+        at: number of inputs before it.
+        after: hash of these, which the last reply gave; None: of those that the last reply of this connection gave.
         input: the input as JSON; None: the last one is undone.
         only_rows: whether no input is added, only rows.
         first: number of the first row that changed; those from there on are replaced.
         rows: the new ones.
     """
 
-    after: Annotated[str, Meta(max_length=64)]
+    at: Count
     input: Annotated[str, Meta(max_length=1000)] | None
     first: Count
     rows: Annotated[tuple[TagRow, ...], Meta(max_length=400)]
     only_rows: bool = False
+    after: Annotated[str, Meta(max_length=64)] | None = None
 
 
 class SuggestRequest(Request, tag="suggest", frozen=True):

@@ -25,7 +25,7 @@ from shuttle_marl.game.rules import RETURNED_BELOW
 from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
 from shuttle_marl.game.tables import ROOT, Game
 from shuttle_marl.watch import WatchError
-from shuttle_marl.watch.messages import LONGEST_NAME, NAME, Saved, Suggestion, TagFacts, TagRequest, TagRow, TagStroke
+from shuttle_marl.watch.messages import LONGEST_NAME, NAME, SHOWN, Saved, Suggestion, TagFacts, TagRequest, TagRow, TagStroke
 from shuttle_marl.watch.recorded import nearest_stroke
 
 _MOST_STATES: Final = 16
@@ -90,7 +90,7 @@ class TagFile:
                 out=printable(self._out.name),
                 inputs=[*self._inputs],
                 rows=len(self._rows),
-                after=content_hash(self._inputs),
+                after=self._shown(),
                 name=NAME,
                 longest_name=LONGEST_NAME,
             )
@@ -103,12 +103,11 @@ class TagFile:
             RunError, FileWriteError: a file cannot be written.
         """
         with self._lock:
-            now = content_hash(self._inputs)
+            now, told = content_hash(self._inputs), SHOWN.get([])
+            after = request.after or (told[0] if told else content_hash(self._inputs[: request.at]))
             # A page repeats what was not answered.
-            repeated = (
-                not request.only_rows and (request.after, request.input) == (self._before, self._last) and self._before != now
-            )
-            if not (repeated or request.after == now) or request.first > len(self._rows):
+            repeated = not request.only_rows and (after, request.input) == (self._before, self._last) and after != now
+            if not (repeated or after == now) or request.first > len(self._rows):
                 raise WatchError("another page has changed the strokes; load this page again")
             if not repeated and not request.only_rows:
                 self._journal.append([{"input": request.input}])
@@ -116,7 +115,14 @@ class TagFile:
             if request.rows or request.first < len(self._rows):
                 self._rows[request.first :] = map(_line, request.rows)
                 replace_file(self._out, "\n".join((_HEADER, *self._rows, "")).encode())
-            return Saved(inputs=len(self._inputs), rows=len(self._rows), after=content_hash(self._inputs))
+            return Saved(inputs=len(self._inputs), rows=len(self._rows), after=self._shown())
+
+    def _shown(self) -> str:
+        """The hash of the inputs, which the connection keeps."""
+        now = content_hash(self._inputs)
+        with contextlib.suppress(LookupError):
+            SHOWN.get()[:] = [now]
+        return now
 
 
 def content_hash(inputs: Sequence[str]) -> str:

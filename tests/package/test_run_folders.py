@@ -89,7 +89,7 @@ def test_a_new_run_takes_a_name_of_its_own_while_another_holds_the_first(tmp_pat
         assert opened(None, name="race") == Path("runs/race-2")
         with pytest.raises(RunError, match=r"another process \(\d+\) runs there"):
             opened(first, overwrite=True)
-        with pytest.raises(RunError, match="another process runs there"):
+        with pytest.raises(RunError, match=r"another process \(\d+\) runs there"):
             opened(first, resume=True)
     assert opened(first, overwrite=True) == first
 

@@ -1,5 +1,6 @@
 """Tagging of a video: the reducer of the page, suggestions, what is saved, and what the reports read."""
 
+import contextvars
 import dataclasses
 import errno
 import json
@@ -30,7 +31,7 @@ from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.watch import WatchError
 from shuttle_marl.watch.facts import hall_facts
-from shuttle_marl.watch.messages import Saved, TagRequest, TagRow, TagStroke
+from shuttle_marl.watch.messages import SHOWN, Saved, TagRequest, TagRow, TagStroke
 from shuttle_marl.watch.tagging import TagFile, suggestions
 from tests.watch.conftest import Viewer, get, run_script, running, serving
 
@@ -193,8 +194,9 @@ def test_suggestions_are_shares_of_the_policy() -> None:
 
 def save(file: TagFile, entered: str | None, rows: Sequence[TagRow] = (), first: int = 0, **options: Any) -> Saved:
     """Save an input as a page does that shows what is saved."""
-    after = options.pop("after", file.facts().after)
-    return file.save(TagRequest(id=1, after=after, input=entered, first=first, rows=tuple(rows), **options))
+    if "at" not in options:
+        options = {"after": file.facts().after, "at": len(file.facts().inputs)} | options
+    return file.save(TagRequest(id=1, input=entered, first=first, rows=tuple(rows), **options))
 
 
 def requests(rows: list[dict[str, Any]]) -> list[TagRow]:
@@ -265,6 +267,22 @@ def test_pages_compare_what_is_entered_and_not_how_much(tmp_path: Path) -> None:
     with pytest.raises(WatchError, match="another page"):
         save(file, None, after=first)  # not repeated: the last change was an input
     assert file.facts().inputs == ["[0]", "[2]", "[4]"]
+
+
+def test_a_connection_remembers_what_its_page_shows(tmp_path: Path) -> None:
+    file = tag_file(tmp_path)
+    one, other = contextvars.Context(), contextvars.Context()
+    for page in (one, other):
+        page.run(SHOWN.set, [])
+    for number in range(2):
+        one.run(save, file, f"[{number}]", at=number)
+    other.run(file.facts)
+    one.run(save, file, None, at=2)
+    one.run(save, file, "[2]", at=1)
+    with pytest.raises(WatchError, match="another page"):
+        other.run(save, file, "[3]", at=2)
+    other.run(file.facts)
+    assert other.run(save, file, "[3]", at=2).inputs == 3
 
 
 def test_a_second_server_is_refused_with_the_number_of_the_first(tmp_path: Path) -> None:

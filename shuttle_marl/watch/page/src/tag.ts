@@ -348,7 +348,8 @@ export class Tagging {
     const input = act === "undo" || act === "rows" ? null : JSON.stringify(act);
     for (let from = first; from === first || from < table.length; from += CHUNK) {
       const only_rows = act === "rows" || from > first;
-      const request = { input: only_rows ? null : input, only_rows, first: from, rows: table.slice(from, from + CHUNK) };
+      const at = only_rows ? inputs : act === "undo" ? inputs + 1 : inputs - 1;
+      const request = { at, input: only_rows ? null : input, only_rows, first: from, rows: table.slice(from, from + CHUNK) };
       this.unsaved.push({ request, inputs, strokes: table.length, begun });
     }
     void this.send();

@@ -432,11 +432,12 @@ export interface OpeningStroke {
 
 /** An input of a person who tags a video, and the rows that it changed. */
 export interface TagRequest {
-  after: string;
+  at: number;
   input: string | null;
   first: number;
   rows: TagRow[];
   only_rows: boolean;
+  after?: string | null;
 }
 
 /** A tagged stroke, a row of the table; the fields are columns of ``data import``. */
