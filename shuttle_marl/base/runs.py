@@ -24,8 +24,6 @@ MANIFEST: Final = "manifest.json"
 LOCK: Final = ".lock"
 """Lock file of a folder; never replaced or removed, so that all processes lock the same file."""
 _ADVICE: Final = "restore it from a backup, or start the run again with --overwrite"
-_MOST_BYTES: Final = 1 << 25
-"""Limit of a journal."""
 _LEFTOVER: Final = re.compile(rf"\.{re.escape(CONFIG)}\..*\.part")
 """File that remains if a process is killed before it wrote the configuration."""
 
@@ -175,7 +173,7 @@ def locked(path: Path, file: Path | None = None) -> Iterator[None]:
         try:
             lock.acquire()
         except Timeout as error:
-            told = file.read_text() if file.is_file() else ""
+            told = files.read_file(file, 20).decode(errors="replace")
             which = f"another process ({told})" if told.isdecimal() else "another process"
             raise _BusyError(f"{path}: {which} runs there; wait for it, end it, or name another with --out") from error
         with contextlib.suppress(OSError):
@@ -271,7 +269,7 @@ class Journal:
 
     def _content(self) -> bytes:
         try:
-            return files.read_file(self._path, _MOST_BYTES)
+            return files.read_file(self._path, files.MAX_LINES)
         except FileNotFoundError:
             return b""
         except OSError as error:

@@ -15,7 +15,7 @@ from rich.table import Table
 
 from shuttle_marl import analysis as play
 from shuttle_marl.base.errors import printable
-from shuttle_marl.base.files import replace_file
+from shuttle_marl.base.files import MAX_JSON, read_file, replace_file
 from shuttle_marl.commands import cli
 from shuttle_marl.commands.options import HandsTold, RallyGameOptions, hands_told
 from shuttle_marl.game.stroke import SHOTS
@@ -147,7 +147,7 @@ def _ratings(path: Path) -> dict[str, float]:
     from shuttle_marl.league.entrants import REPORT  # noqa: PLC0415
 
     try:
-        ranking = json_format.loads(((path if path.is_dir() else path.parent) / REPORT).read_text(encoding="utf-8"))["ranking"]
+        ranking = json_format.loads(read_file((path if path.is_dir() else path.parent) / REPORT, MAX_JSON))["ranking"]
         return {str(row["player"]): float(row["rating"]) for row in ranking if row["rating"] is not None}
     except (OSError, ValueError, LookupError, TypeError):
         return {}

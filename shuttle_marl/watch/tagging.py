@@ -133,8 +133,8 @@ def content_hash(inputs: Sequence[str]) -> str:
 def _rows_of(out: Path) -> list[str]:
     """Rows of the table, in which a spreadsheet may have corrected names."""
     try:
-        header, *rows = read_file(out).decode("utf-8-sig").replace("\r\n", "\n").split("\n")
-    except UnicodeDecodeError:
+        header, *rows = read_file(out, files.MAX_LINES).decode("utf-8-sig").replace("\r\n", "\n").split("\n")
+    except (OSError, UnicodeDecodeError):
         header, rows = "", []
     if header != _HEADER:
         raise WatchError(
