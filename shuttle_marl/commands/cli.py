@@ -51,7 +51,7 @@ _WIDTH: Final = 160
 _SHOWN_SHOTS: Final = 5
 _WRITTEN: Final = ("out", "pdf")
 """Options that name what a command writes."""
-_PAGES: Final = (".html", ".pdf")
+_PAGES: Final = (".html", ".md", ".pdf")
 _FIGURES: Final = {
     "rally_win_vs_bc": "rallies won against bc",
     "match_win_vs_bc": "matches won against bc",

@@ -1,5 +1,6 @@
 """Who won each rally of a file, and how: from endings, winners, scores, and who serves next."""
 
+import itertools
 from typing import Final
 
 import numpy as np
@@ -59,11 +60,16 @@ class Results:
             if all(end_of(name) for name in np.unique(people.player)):  # another person in the next game
                 began = (began + rallies.game[first] - rallies.game[of_match][first]) % 2
             match = np.unique(rallies.match[first], return_inverse=True)[1]
-            points, winner, reading = inference.winners_by_score(self._scores(), fresh, server, told, began, match)
+            scores = self._scores()
+            points, winner, reading = inference.winners_by_score(scores, fresh, server, told, began, match)
             if reading:
                 columns.notes.append(reading)
             else:
                 text = "the score does not tell whose points are first, or whether it is that before the rally; add a winner"
+                columns.sheet.problems.append(Problem(columns.sheet.path, text))
+            totals = [(rallies.start[first[r]], sum(score)) for r, score in enumerate(scores) if score is not None]
+            if "game" not in columns and any(a == b and later < now for (a, now), (b, later) in itertools.pairwise(totals)):
+                text = "the score falls, so there are several games: number them in a column"
                 columns.sheet.problems.append(Problem(columns.sheet.path, text))
             both = np.array([(np.nan, np.nan) if pair is None else pair for pair in points])[rallies.group]
             rows = np.arange(len(columns))
