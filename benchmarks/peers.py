@@ -26,10 +26,10 @@ from shuttle_marl.game.observation import features, with_efforts
 from shuttle_marl.game.policy import States
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
-from shuttle_marl.training import PPOConfig
+from shuttle_marl.training.config import SHARP
 
 OPPONENT: Final = "bc"
-TEMPERATURE: Final = PPOConfig().eval_temperature
+TEMPERATURE: Final = SHARP
 _FOREVER: Final = 1_000_000_000
 Scores = Callable[[torch.Tensor, torch.Tensor], torch.Tensor]
 """Probabilities of all strokes from a batch of observations and masks."""

@@ -189,7 +189,7 @@ RALLIES = 20_000
 """Default approximate number of rallies sampled from a log."""
 
 
-def strokes_of(path: Path, *, rallies: int = RALLIES, seed: int = 0) -> pa.Table:
+def strokes_of(path: Path | str, *, rallies: int = RALLIES, seed: int = 0) -> pa.Table:
     """Strokes of a rally log (a file or a folder of logs), of a Parquet file, or of a folder with annotated matches.
 
     Args:
@@ -206,7 +206,7 @@ def strokes_of(path: Path, *, rallies: int = RALLIES, seed: int = 0) -> pa.Table
         AnalysisError: there are no strokes.
         OptionError: ``rallies`` is less than 1.
     """
-    rallies = whole_number("rallies", rallies, 1)
+    path, rallies = Path(path), whole_number("rallies", rallies, 1)
     if is_log(path):
         with RallyLog(path) as log:
             strokes = strokes_of_log(log, rallies=rallies, seed=seed)

@@ -2,7 +2,9 @@
 
 import dataclasses
 import math
-from typing import Annotated, Any, get_args, get_type_hints
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any, Final, get_args, get_type_hints
 
 from shuttle_marl.base.errors import ShuttleError
 
@@ -33,14 +35,21 @@ Growth = Annotated[float, Within(low=0, high=1000, text="a number from 0 to 1,00
 Seed = Annotated[int, Within(low=0, high=(1 << 63) - 1, text="a whole number from 0 up to 2^63")]
 
 
+_FROM_TEXT: Final[dict[Any, Callable[[str], Any]]] = {Path: Path, tuple[str, ...]: lambda text: (text,)}
+
+
 def check_bounds(config: Any, error: type[ShuttleError]) -> None:
     """Check the fields of a dataclass that are annotated with :class:`Within`; None is always allowed.
+
+    A string becomes a path where a path is expected, and the only item where a tuple of strings is.
 
     Raises:
         error: a field is out of its bounds, or not a whole number.
     """
     for name, hint in get_type_hints(type(config), include_extras=True).items():
         value: Any = getattr(config, name, None)
+        if isinstance(value, str) and (alike := [_FROM_TEXT[part] for part in (hint, *get_args(hint)) if part in _FROM_TEXT]):
+            object.__setattr__(config, name, alike[0](value))
         for part in (hint, *get_args(hint)) if value is not None else ():  # of `Annotated[…] | None` the first argument
             for bounds in get_args(part):
                 if not isinstance(bounds, Within):

@@ -26,6 +26,25 @@ with hinted():
     from torchrl.envs import EnvBase
 
 
+class _Choices(Categorical):
+    """Choices with a mask of the present state, from which collectors sample if they have no policy.
+
+    They sample from copies of the specification, which share the mask.
+    """
+
+    def update_mask(self, mask: torch.Tensor | None) -> None:
+        super().update_mask(torch.ones(*self.shape, self.n, dtype=torch.bool) if mask is None else mask)
+
+    def clone(self) -> "_Choices":
+        copied = super().clone()
+        copied.mask = self.mask
+        return cast(_Choices, copied)
+
+    def is_in(self, val: torch.Tensor) -> bool:
+        """Whether these are choices of any state, as those of a rollout."""
+        return bool(((val >= 0) & (val < self.n)).all())
+
+
 class _BatchedEnv(EnvBase):
     """TorchRL environment of a batch of the kernel.
 
@@ -62,10 +81,10 @@ class _BatchedEnv(EnvBase):
             action_mask=Binary(shape=(size, n), dtype=torch.bool),
             shape=(size,),
         )
-        self.full_action_spec = Composite(action=Categorical(n, shape=(size,), dtype=torch.int64), shape=(size,))
+        self.full_action_spec = Composite(action=_Choices(n, shape=(size,), dtype=torch.int64), shape=(size,))
         if self._joint:
             self.observation_spec["position_mask"] = Binary(shape=(size, N_POSITIONS), dtype=torch.bool)
-            self.full_action_spec["position"] = Categorical(N_POSITIONS, shape=(size,), dtype=torch.int64)
+            self.full_action_spec["position"] = _Choices(N_POSITIONS, shape=(size,), dtype=torch.int64)
         self.reward_spec = Unbounded((size, 1))
         self.full_done_spec = Composite(
             done=Categorical(2, shape=(size, 1), dtype=torch.bool),
@@ -133,6 +152,8 @@ class _BatchedEnv(EnvBase):
     def _tensors(self, seen: Observations) -> dict[str, torch.Tensor]:
         mask, n = torch.from_numpy(seen.mask), self.game.n_strokes
         masks = {"action_mask": mask[:, :n], "position_mask": mask[:, n:]} if self._joint else {"action_mask": mask}
+        for spec, legal in zip(self.full_action_spec.values(), masks.values(), strict=True):
+            spec.mask.copy_(legal)
         return {"observation": torch.from_numpy(seen.tokens), **masks}
 
 

@@ -78,12 +78,6 @@ def _maximin(a: F64) -> F64:
     return _normalised(found.x[:rows])
 
 
-def uniform(payoff: npt.ArrayLike) -> F64:
-    """``[N]`` uniform strategy."""
-    count = len(_matrix(payoff))
-    return np.full(count, 1 / count)
-
-
 def nash_average(payoff: npt.ArrayLike) -> F64:
     """``[N]`` maximum-entropy equilibrium of a symmetric zero-sum game.
 

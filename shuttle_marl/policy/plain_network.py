@@ -178,7 +178,7 @@ class Layers:
         return x
 
 
-def save_network(module: Any, path: Path) -> None:
+def save_network(module: Any, path: Path | str) -> None:
     """Write a network to a safetensors file, which is played as ``torch:FILE``.
 
     The modules that compute the output are recorded in a call, and the policy of the file is compared with that of the network on
@@ -192,6 +192,7 @@ def save_network(module: Any, path: Path) -> None:
         PolicyError: the network computes something else, which the message names.
         FileWriteError: the file cannot be written.
     """
+    path = Path(path)
     linear = [part for part in module.modules() if type(part).__name__ == "Linear"]
     # Of an observation, or of one behind a mask of the strokes.
     widths = {RALLY_WIDTH, *(RALLY_WIDTH + part.out_features for part in linear)}

@@ -50,7 +50,7 @@ class RallyLog:
         strokes: ``[B]`` number of strokes in each batch.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path | str) -> None:
         """Open a log.
 
         Raises:
@@ -58,7 +58,7 @@ class RallyLog:
                 different games.
             DamagedLogError: a file is truncated or damaged.
         """
-        self.path = path
+        self.path = path = Path(path)
         with contextlib.ExitStack() as opened:
             try:
                 logs = _open_folder(path, opened) if path.is_dir() else [_open_parts(path, opened)]

@@ -65,7 +65,7 @@ class RallyLogWriter(_Log):
 
     def __init__(
         self,
-        path: Path,
+        path: Path | str,
         header: LogHeader,
         *,
         batch_rallies: int = BATCH_RALLIES,
@@ -87,7 +87,8 @@ class RallyLogWriter(_Log):
         """
         if batch_rallies < 1 or max_bytes < 1:
             raise RecordingError(f"batch_rallies {batch_rallies}, max_bytes {max_bytes}: expected 1 or more")
-        self.path, self.header = path, header
+        self.path = path = Path(path)
+        self.header = header
         later = [number for number in existing_parts(path) if number > header.part]
         if later and not leave_later:
             raise RecordingError(

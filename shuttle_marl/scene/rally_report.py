@@ -7,6 +7,7 @@ from typing import Final
 import numpy as np
 
 from shuttle_marl.analysis import LogPlayers, RallyAnalysis, analyse_rally
+from shuttle_marl.base.arrays import F64
 from shuttle_marl.base.errors import printable
 from shuttle_marl.game.court import AREA_WORDS, Hands
 from shuttle_marl.game.draws import stream
@@ -36,6 +37,8 @@ class RallyReport:
         analysis: values of the strokes; NaN where a policy is not known.
         key: random seed of the staging.
         athletes: ``male`` or ``female``, of seats 0 and 1.
+        logged: ``[2, T]`` what the log of a training run has of each stroke, else NaN: the probability with which the learner
+            chose it, and the value of the state that it estimated before, from -1 to 1.
     """
 
     number: int
@@ -48,6 +51,7 @@ class RallyReport:
     analysis: RallyAnalysis
     key: int
     athletes: tuple[str, str]
+    logged: F64
 
     @property
     def points_after(self) -> tuple[int, int]:
@@ -119,6 +123,7 @@ def report_rally(log: RallyLog, number: int, game: Game, players: LogPlayers, ha
         analysis = analyse_rally(played, game, players.of_rally(number), rules=header.rules)
     except IllegalStrokeError as error:
         raise SceneError(f"rally {number}: {error}") from error
+    chosen = None if row.log_probability is None else np.exp(row.log_probability.astype(np.float64))
     return RallyReport(
         number=number,
         names=seat_names(game, (printable(first), printable(second))),
@@ -130,6 +135,7 @@ def report_rally(log: RallyLog, number: int, game: Game, players: LogPlayers, ha
         analysis=analysis,
         key=staging_key(header, row),
         athletes=looks.athletes,
+        logged=np.stack([np.full(len(played), np.nan) if part is None else part for part in (chosen, row.value)]),
     )
 
 

@@ -113,7 +113,7 @@ _STROKE: Final = _object(
     "shuttle_marl.Stroke",
     **_fields("integer", "number", "seat"),
     **_fields("string", "player", "stroke", "shot", "area", "height", "technique"),
-    **_fields("number", "p_succ", "p_ret", "probability", "win_probability"),
+    **_fields("number", "p_succ", "p_ret", "probability", "estimate", "win_probability"),
     hurried={"type": "boolean"},
     **_fields("integer", "effort", "opponent_effort", "duel"),
     **_fields("number", "contact_height", "speed_kmh", "flight_time"),

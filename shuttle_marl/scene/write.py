@@ -98,6 +98,7 @@ def stroke_message(staged: StagedRally, i: int) -> dict[str, Any]:
     catalogue, stroke, seat = report.played.catalogue, report.played.stroke[i], decision.seat
     effort, opponent_effort = report.efforts(i) or (None, None)
     waited = report.waited(i)
+    chosen, estimate = report.logged[:, i].tolist()
     content = {
         "number": i + 1,
         "seat": seat,
@@ -109,7 +110,8 @@ def stroke_message(staged: StagedRally, i: int) -> dict[str, Any]:
         "technique": TECHNIQUES[catalogue.technique[stroke]],
         "p_succ": float(decision.p_succ[rank]),
         "p_ret": float(decision.p_ret[rank]),
-        "probability": float(decision.probability[rank]),
+        "probability": chosen if np.isnan(decision.probability[rank]) else float(decision.probability[rank]),
+        "estimate": estimate,
         "win_probability": float(decision.win[rank]),
         "hurried": bool(report.played.hurried[i]),
         "effort": effort,

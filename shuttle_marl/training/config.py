@@ -33,6 +33,8 @@ SelfPlayVariant = Literal["plain", "best-response", "restarts", "pool", "magnet"
 
 SELF: Final = "self"
 """Name of the learner itself as opponent."""
+SHARP: Final = 0.1
+"""Softmax temperature of an agent that is to play the best stroke it knows."""
 _NO_EFFECT: Final = ("out", "resume", "overwrite")
 _SECONDS: Final = {"s": 1, "m": 60, "h": 3600}
 _LONGEST: Final = 1e6
@@ -123,8 +125,9 @@ class TrainingConfig:
     """Compute the exploitability in evaluations, which takes half of their time; always computed in self-play."""
     checkpoint_every: Count = 20
     """Iterations between checkpoints; the generator is reseeded at each checkpoint, so this changes the result."""
-    eval_temperature: Fraction = 0.1
-    """Softmax temperature of the trained agent, in evaluations and when it is saved; it learns at temperature 1."""
+    eval_temperature: Fraction | None = None
+    """Softmax temperature of the trained agent, in evaluations and when it is saved; it learns at temperature 1. Default: 0.1; in
+    self-play in the game with recovery, where perfect play mixes, that of the last rollouts."""
     device: str = "cpu"
     """PyTorch device of the networks, such as cuda."""
     sampler: Sampler = "auto"
@@ -152,6 +155,11 @@ class TrainingConfig:
             raise TrainingError("--bonus and --fault-cost: not available in self-play, which is a zero-sum game")
         if self.resume and self.overwrite:
             raise TrainingError("--resume continues a run and --overwrite replaces it; give one of them")
+
+    @property
+    def temperature(self) -> float:
+        """Softmax temperature of the trained agent."""
+        return SHARP if self.eval_temperature is None else self.eval_temperature
 
     @property
     def seconds(self) -> float | None:

@@ -178,6 +178,7 @@ def train(config: TrainingConfig, console: Console | None = None) -> TrainingRun
     game = resolve_game(config.game, config.profile)
     names = () if config.self_play else config.opponent
     opponents = [tabulate(resolve(name, game), game) for name in names]
+    config = tempered(config, game)
     _check_machine(config, game)
     name = f"{config.algorithm}-{config.seed}"
     opened = runs.open_run(config.out, name, config.fixed(), resume=config.resume, overwrite=config.overwrite)
@@ -195,6 +196,13 @@ def train(config: TrainingConfig, console: Console | None = None) -> TrainingRun
                 f"--device {config.device}: its memory is too small for this run ({_first_line(error)}); the last checkpoint is "
                 "intact; train with smaller --batch, --growth or --width, or with --device cpu"
             ) from error
+
+
+def tempered(config: TrainingConfig, game: Game) -> TrainingConfig:
+    """Settings with the temperature of the agent: where perfect play mixes, sharper play than that of rollouts is exploitable."""
+    if config.eval_temperature is not None or not config.self_play or game.recovery is None:
+        return config
+    return dataclasses.replace(config, eval_temperature=getattr(config, "final_temperature", 1.0))
 
 
 @contextlib.contextmanager
@@ -469,7 +477,7 @@ class _Run:
         return evaluation
 
     def _evaluated(self) -> tuple[TabulatedPolicy, Evaluation]:
-        policy = tabulated(self.learner.eval_actor, self.game, self.config.eval_temperature)
+        policy = tabulated(self.learner.eval_actor, self.game, self.config.temperature)
         exploitability = self.config.exploitability or self.config.self_play
         return policy, self.evaluator.evaluate(policy, exploitability=exploitability)
 
@@ -537,7 +545,7 @@ class _Run:
             "evaluation": dataclasses.asdict(evaluation),
             "made_with": self.about["packages"],
         }
-        weights = weights_of(self.learner.eval_actor, self.config.eval_temperature)
+        weights = weights_of(self.learner.eval_actor, self.config.temperature)
         save_agent(self.folder / name, self.game, weights_file.save(weights), card)
 
     def _segment_seed(self, segment: int) -> int:

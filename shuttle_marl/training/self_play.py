@@ -59,10 +59,10 @@ class SelfPlayOpponents:
         config, first, self._first = self._config, self._first, False
         due = iteration % config.update_interval == 0
         if config.variant == "pool" and due:
-            weights = weights_of(self._learner.actor, config.eval_temperature)
+            weights = weights_of(self._learner.actor, config.temperature)
             self._join(iteration // config.update_interval % config.pool_size, weights)
         elif config.variant in ("best-response", "restarts") and (due or first):
-            policy = tabulated(self._learner.actor, self._game, config.eval_temperature)
+            policy = tabulated(self._learner.actor, self._game, config.temperature)
             response = exact.best_response(policy, tolerance=_TOLERANCE).policy
             if config.variant == "best-response":
                 self._sampler.replace_opponent(0, response)

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from torchrl.collectors import Collector
 from torchrl.envs.utils import check_env_specs
 
 from shuttle_marl.env.batched import RallyEnv, VersusEnv
@@ -39,6 +40,16 @@ def test_specs(make: type[Env], batch: int) -> None:
     env = make(batch)
     check_env_specs(env, seed=0)
     assert env.batch_size == torch.Size([batch])
+
+
+@EITHER
+@pytest.mark.parametrize("game", ["default", "default:recovery"])
+def test_a_collector_without_a_policy_plays_legal_strokes(make: type[Env], game: str) -> None:
+    collector = Collector(make(64, game=game), None, frames_per_batch=64 * 20, total_frames=64 * 40)
+    strokes = torch.cat([batch["action"].ravel() for batch in collector])
+    collector.shutdown()
+    assert len(strokes) == 64 * 40
+    assert len(strokes.unique()) > 100, "an illegal stroke is an error, so many different ones were legal"
 
 
 @pytest.mark.parametrize("game", [GAME, tiring_game()], ids=["default", "tiring"])

@@ -21,8 +21,9 @@ from shuttle_marl import exact
 from shuttle_marl.base.runs import RunError
 from shuttle_marl.commands.league import main
 from shuttle_marl.game.policy import PolicyError
+from shuttle_marl.game.recovery import N_POSITIONS
 from shuttle_marl.game.shipped import CARD, POSITIONS, load_game, model_folder
-from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities
+from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities, tabulate
 from shuttle_marl.game.thresholds import ONE
 from shuttle_marl.policy.stored import StoredPolicies
 from shuttle_marl.training.league.config import VARIANTS, LeagueTrainingConfig, LeagueTrainingError, MetaSolver, Variant
@@ -32,6 +33,7 @@ from shuttle_marl.training.league.run import MAIN, train_league
 from shuttle_marl.training.league.schedule import FLOOR, MIN_SECONDS, Schedule, chosen, order, prioritised, uniform
 from shuttle_marl.training.league.state import LEAGUE, LeagueState
 from tests.exact.exact_games import random_policy, tiring_game
+from tests.recovery import Prefers, small_recovery_game
 from tests.stops import Killed, stop
 from tests.waiting import wait_until
 
@@ -100,18 +102,30 @@ def test_leagues_learn_where_to_wait(variant: Variant, learner: Any, model: str,
     assert TabulatedPolicy.load(tmp_path / "run" / MAIN, load_game(name)).hash == done.policy.hash
 
 
-@pytest.mark.parametrize("meta_solver", ["nash", "uniform", "alpha-rank"])
+@pytest.mark.parametrize("meta_solver", ["nash", "linear", "alpha-rank"])
 def test_exact_oracles_find_the_equilibrium(meta_solver: MetaSolver, model: str, tmp_path: Path) -> None:
     config = LeagueTrainingConfig(
         variant="psro", meta_solver=meta_solver, rounds=12, game=model, pool=("attacking",), out=tmp_path / "run"
     )
     done = train_league(config)
-    # Only with Nash equilibria is it sure to end there; the mean of all best responses draws nearer.
-    assert done.figures["exploitability"] < {"nash": 1e-4, "uniform": 0.03}.get(meta_solver, 0.05)
-    assert done.figures["converged"] == (meta_solver != "uniform")
+    # Only with Nash equilibria is it sure to end there; the linear average draws nearer.
+    assert done.figures["exploitability"] < {"nash": 1e-4, "linear": 0.03}.get(meta_solver, 0.05)
+    assert done.figures["exhausted"] == (meta_solver != "linear")
     solved = exact.solve(load_game(model))
     value = exact.evaluate(done.policy, solved.policy[1]).odds().value
     assert value == pytest.approx(0, abs=done.figures["exploitability"] + 1e-5)
+
+
+def test_best_responses_are_averaged_where_equilibria_mix(model: str, tmp_path: Path) -> None:
+    shutil.copytree(model, tmp_path / "model")
+    for file in (CARD, POSITIONS):
+        shutil.copy(model_folder() / file, tmp_path / "model")
+    config = LeagueTrainingConfig(
+        variant="psro", rounds=20, game=f"{tmp_path / 'model'}:recovery", pool=("attacking",), out=tmp_path / "run"
+    )
+    curve = [line["exploitability"] for line in train_league(config).figures["curve"]]
+    assert curve[-1] < 0.02 < curve[4]
+    assert json.loads((tmp_path / "run" / "config.json").read_text())["meta_solver"] == "linear"
 
 
 def test_sac_plays_in_a_league(model: str, tmp_path: Path) -> None:
@@ -123,13 +137,18 @@ def test_sac_plays_in_a_league(model: str, tmp_path: Path) -> None:
     assert done.figures["strokes"] >= 1500
 
 
-def test_a_mixture_as_one_policy_wins_what_the_mixture_wins(model: str) -> None:
-    game = load_game(model)
-    *policies, opponent = (random_policy(game, seed, 2.0) for seed in range(4))
+def test_a_mixture_plays_the_mean_of_its_policies_in_every_state() -> None:
+    game = small_recovery_game()
+    weights = np.random.default_rng(0).gamma(1.0, size=(3, N_POSITIONS))
+    policies = [tabulate(Prefers(tuple(each)), game) for each in weights]
+    policies = [dataclasses.replace(random_policy(game, i, 2.0), waits=each.waits) for i, each in enumerate(policies)]
     shares = np.array([0.5, 0.3, 0.2])
-    expected = shares @ [exact.evaluate(policy, opponent).odds().value for policy in policies]
+    mixture = merged(policies, shares)
     # A table holds probabilities in units of 1/65535.
-    assert exact.evaluate(merged(policies, shares, opponent), opponent).odds().value == pytest.approx(expected, abs=1e-4)
+    strokes = shares @ [policy.pair_probabilities() for policy in policies]
+    assert np.allclose(mixture.pair_probabilities(), strokes, atol=2e-5)
+    positions = np.tensordot(shares, [policy.position_probabilities() for policy in policies], 1)
+    assert np.allclose(mixture.position_probabilities(), positions, atol=2e-5)
     assert merged(policies, np.array([0, 1.0, 0])) is policies[1]
 
 

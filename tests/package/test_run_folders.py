@@ -14,6 +14,9 @@ import pytest
 
 from shuttle_marl.base import runs
 from shuttle_marl.base.runs import CONFIG, MANIFEST, RunError, locked, open_run
+from shuttle_marl.league.entrants import LeagueConfig
+from shuttle_marl.training.config import PPOConfig
+from shuttle_marl.training.league.config import LeagueTrainingConfig
 
 FIXED = {"seed": 0}
 ROUNDS = 100
@@ -27,6 +30,15 @@ def opened(out: Path | None, *, name: str = "league-1", resume: bool = False, ov
 def unfinished(folder: Path) -> None:
     folder.mkdir(parents=True)
     (folder / CONFIG).write_text(json.dumps(FIXED))
+
+
+@pytest.mark.parametrize("config", [PPOConfig, LeagueConfig, LeagueTrainingConfig])
+def test_settings_take_a_path_as_text(config: Any) -> None:
+    assert config(out="runs/mine").out == Path("runs/mine")
+
+
+def test_settings_take_one_name_in_place_of_several() -> None:
+    assert PPOConfig(opponent="bc").opponent == ("bc",)  # type: ignore[arg-type]
 
 
 def test_resume_finds_no_run_whose_name_only_begins_alike(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

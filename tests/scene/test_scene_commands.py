@@ -21,6 +21,7 @@ from shuttle_marl.policy.registry import resolve, resolve_recorded
 from shuttle_marl.recording import SINGLE_RALLY, LogHeader, Player, RallyLog, RallyLogWriter
 from shuttle_marl.scene import topics
 from shuttle_marl.scene.rally_report import report_rally
+from shuttle_marl.training import PPOConfig, train
 from tests.scene.conftest import read
 
 
@@ -83,6 +84,23 @@ def test_probabilities_of_an_unknown_policy_are_omitted(
     for stroke in found["/rally/stroke"]:
         assert 0 <= stroke["p_succ"] <= 1
         assert ("probability" in stroke) == (stroke["player"] == "bc")
+
+
+def test_a_training_run_shows_what_its_learner_thought(tmp_path: Path) -> None:
+    config = PPOConfig(strokes=600, batch=256, width=8, record="all", exploitability=False, out=tmp_path / "run")
+    train(config)
+    path = tmp_path / "run" / "rallies.mcap"
+    found = shown(path)
+    with RallyLog(path) as log:
+        rally = log.rally(0)
+    assert rally.log_probability is not None
+    assert rally.value is not None
+    mine = np.isfinite(rally.value)
+    assert mine.any()
+    for stroke, own, chosen, value in zip(found["/rally/stroke"], mine, np.exp(rally.log_probability), rally.value, strict=True):
+        assert ("estimate" in stroke) == own
+        if own:
+            assert (stroke["probability"], stroke["estimate"]) == (pytest.approx(chosen), pytest.approx(value))
 
 
 @pytest.fixture

@@ -8,14 +8,16 @@ import torch
 from torchrl.envs.utils import check_env_specs
 
 from shuttle_marl.env.batched import RallyEnv, VersusEnv
+from shuttle_marl.game import default_game
 from shuttle_marl.game.policy import States
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.kernel import RallyBatch, RallySampler
 from shuttle_marl.policy.network import PolicyNetwork
-from shuttle_marl.training.config import PPOConfig
+from shuttle_marl.training.config import SHARP, A2CConfig, PPOConfig
 from shuttle_marl.training.learner import Observer
 from shuttle_marl.training.networks import LegalStrokes, decision_masks, logit_network, make_actor, weights_of
 from shuttle_marl.training.ppo import PPO
+from shuttle_marl.training.run import tempered
 from tests.kernel.recovery import GAME, TABLES
 
 SIZE = 2 * GAME.n_states
@@ -53,6 +55,14 @@ def test_decisions_are_credited_as_the_recursion_says(opponents: tuple[Tabulated
     taken = sampler.take()
     assert taken.strokes == len(state)
     assert np.isclose(taken.advantage.sum(), strokes.advantage.sum(), rtol=1e-3, atol=0.05)
+
+
+def test_agents_of_self_play_stay_mixed_where_perfect_play_mixes() -> None:
+    against, itself = PPOConfig(), PPOConfig(opponent=("self",))
+    assert tempered(against, GAME).temperature == tempered(itself, default_game()).temperature == SHARP
+    assert tempered(itself, GAME).temperature == itself.final_temperature > SHARP
+    assert tempered(PPOConfig(opponent=("self",), eval_temperature=1.0), GAME).temperature == 1
+    assert tempered(A2CConfig(opponent=("self",)), GAME).temperature == 1
 
 
 def test_a_network_waits_as_its_table() -> None:

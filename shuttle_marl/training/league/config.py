@@ -13,7 +13,7 @@ from shuttle_marl.training.config import TrainingError, seconds_of
 Variant = Literal["plain", "fictitious", "prioritised", "psro"]
 Algorithm = Literal["ppo", "a2c", "sac"]
 Oracle = Literal["exact", "ppo", "a2c", "sac"]
-MetaSolver = Literal["nash", "uniform", "alpha-rank"]
+MetaSolver = Literal["nash", "linear", "alpha-rank"]
 
 VARIANTS: Final[tuple[Variant, ...]] = get_args(Variant)
 POOL: Final = ("bc", "attacking", "defensive", "safe")
@@ -44,8 +44,9 @@ class LeagueTrainingConfig:
     """Algorithm of the learners."""
     oracle: Oracle = "exact"
     """Oracle of psro: the exact best response, or a learner that trains against the meta-strategy."""
-    meta_solver: MetaSolver = "nash"
-    """Meta-strategy of psro over the population: Nash equilibrium, uniform, or alpha-rank."""
+    meta_solver: MetaSolver | None = None
+    """Meta-strategy of psro over the population: Nash equilibrium, linear (the k-th policy counts k times), or alpha-rank.
+    Default: nash, and linear in the game with recovery, whose equilibria mix in the states."""
     main_agents: Annotated[int, Within(low=1, high=16, text="a whole number from 1 to 16")] = 1
     """Number of main agents; the first is evaluated."""
     main_exploiters: Annotated[int, Within(low=0, high=16, text="a whole number from 0 to 16")] = 1

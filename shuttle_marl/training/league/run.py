@@ -76,6 +76,7 @@ def train_league(config: LeagueTrainingConfig, console: Console | None = None) -
     check_processes(1 if config.ray is not None else config.workers)
     begun = time.monotonic()
     game = resolve_game(config.game, config.profile)
+    config = dataclasses.replace(config, meta_solver=config.meta_solver or ("nash" if game.recovery is None else "linear"))
     names = config.pool or tuple(name for name in POOL if name in registry.names(game)) or ("random",)
     given = {name: tabulate(registry.resolve(name, game), game) for name in names}
     with contextlib.ExitStack() as stack:
@@ -147,7 +148,7 @@ class _League:
 
     def _over(self) -> bool:
         config, state = self.config, self.state
-        if state.converged:
+        if state.exhausted:
             return True
         if config.seconds is None:
             assert config.n_rounds is not None
@@ -162,9 +163,9 @@ class _League:
         number = self.state.round + 1
         answer = self._measure_mixture(number)
         response = Frozen(name=f"oracle@{number}", role="best-response", round=number, hash=self.tables.save(answer.policy))
-        # The mean of all best responses counts repeated ones (fictitious play); other meta-strategies do not change.
-        joined = self._join(response, again=self.config.meta_solver == "uniform")
-        self._commit(converged=not joined)
+        # The linear average counts repeated best responses (fictitious play); other meta-strategies do not change.
+        joined = self._join(response, again=self.config.meta_solver == "linear")
+        self._commit(exhausted=not joined)
 
     def _learning_round(self, workers: Workers) -> None:
         state, number = self.state, self.state.round + 1
@@ -268,10 +269,10 @@ class _League:
             markup=False,
         )
 
-    def _commit(self, *, converged: bool = False) -> None:
+    def _commit(self, *, exhausted: bool = False) -> None:
         state = self.state
         state.round += 1
-        state.converged = converged
+        state.exhausted = exhausted
         retained = {each.hash for each in state.population} | {member.hash for member in state.members.values()}
         retained |= set() if state.best is None else {state.best.hash}
         state.cells = self.payoffs.as_json(retained)
@@ -300,7 +301,7 @@ class _League:
             "error_bound": TOLERANCE,
             "last_exploitability": curve[-1]["exploitability"],
             "rounds": state.round,
-            "converged": state.converged,
+            "exhausted": state.exhausted,
             "seconds": state.seconds,
             "strokes": sum(each.strokes for each in state.members.values()),
             "policies": [dataclasses.asdict(each) for each in state.population],

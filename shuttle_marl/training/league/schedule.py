@@ -210,7 +210,9 @@ class Schedule:
 
     def meta_strategy(self) -> F64:
         """``[N]`` probabilities of the population in psro."""
-        return meta_strategy(self.config.meta_solver, self.payoffs.values([each.hash for each in self.state.population]))
+        solver, hashes = self.config.meta_solver or "nash", [each.hash for each in self.state.population]
+        values = np.zeros(2 * (len(hashes),)) if solver == "linear" else self.payoffs.values(hashes)
+        return meta_strategy(solver, values)
 
 
 def _number(name: str) -> int:

@@ -88,7 +88,7 @@ class LeagueState:
         population: frozen policies, in the order in which they joined.
         cells: solved payoffs, see :class:`~shuttle_marl.training.league.population.Payoffs`.
         best: least exploitable main agent; None before the first round.
-        converged: whether the last best response of psro was in the population already.
+        exhausted: whether the last best response of psro was in the population already, so that nothing changes any more.
         overhead: seconds of the last round in which its main agent did not learn.
     """
 
@@ -98,7 +98,7 @@ class LeagueState:
     members: dict[str, Member] = dataclasses.field(default_factory=dict)
     cells: dict[str, tuple[Fraction, Fraction]] = dataclasses.field(default_factory=dict)
     best: Best | None = None
-    converged: bool = False
+    exhausted: bool = False
     seconds: float = 0.0
     overhead: float = 0.0
     metrics: Count = 0
