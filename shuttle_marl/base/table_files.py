@@ -90,16 +90,13 @@ def open_parquet(path: Path) -> pq.ParquetFile:
         if seal.startswith(_MARK) and seal[len(_MARK) :] != _digest(file, (0, start - _SEAL), (start, size)):
             raise pa.ArrowInvalid("it was changed after it was written: its checksum does not match")
     file = pq.ParquetFile(path, page_checksum_verification=True, pre_buffer=False)
+    about = file.metadata
     with open_file(path) as pages:
-        size = sum(_unpacked(pages, file.metadata.row_group(i).column(j)) for i, j in np.ndindex(*_chunks(file.metadata)))
+        size = sum(_unpacked(pages, about.row_group(i).column(j)) for i, j in np.ndindex(about.num_row_groups, about.num_columns))
     if size > _MOST:
         file.close()
         raise pa.ArrowInvalid(f"columns of {size >> 20} MB, expected at most {_MOST >> 20}; divide the file")
     return file
-
-
-def _chunks(about: pq.FileMetaData) -> tuple[int, int]:
-    return about.num_row_groups, about.num_columns
 
 
 def _unpacked(file: BinaryIO, chunk: pq.ColumnChunkMetaData) -> int:
@@ -127,7 +124,7 @@ def _unpacked(file: BinaryIO, chunk: pq.ColumnChunkMetaData) -> int:
 def _thrift(data: BinaryIO, kind: int) -> Any:
     """Read a value of Thrift's compact protocol: a struct as numbers by field, a number, or nothing of other kinds."""
     if kind == _STRUCT:
-        fields, number = {}, 0
+        fields, number = dict[int, Any](), 0
         while step := data.read(1)[0]:
             number = number + (step >> 4) if step >> 4 else _thrift(data, _NUMBERS[0])
             fields[number] = _thrift(data, step & 15)

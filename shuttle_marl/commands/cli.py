@@ -258,29 +258,29 @@ def _apart(command: Command) -> Command:
 
     @functools.wraps(command)
     def checked(*args: Any, **options: Any) -> object:
-        given = inspect.signature(command).bind(*args, **options).arguments
-        check_apart(_paths(given, written=True), _paths(given, written=False))
+        given = list(_texts(inspect.signature(command).bind(*args, **options).arguments))
+        read = [text for name, text in given if name not in _WRITTEN and not text.startswith("default")]  # shipped models
+        check_apart(
+            (Path(text) for name, text in given if name in _WRITTEN),
+            (Path(part) for text in read for part in (text, text.partition(":")[2]) if part),
+        )
         return command(*args, **options)
 
     return checked
 
 
-def _paths(value: Any, *, written: bool, name: str = "") -> Iterator[Path]:
-    """Paths in the arguments of a command that it writes, or reads; texts may be paths too, or end with one."""
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        value = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
+def _texts(value: Any, name: str = "") -> Iterator[tuple[str, str]]:
+    """Texts and paths in the arguments of a command, with the names of their options."""
+    if dataclasses.is_dataclass(value):
+        value = vars(value)
     if isinstance(value, dict):
         for key, part in value.items():
-            yield from _paths(part, written=written, name=str(key))
+            yield from _texts(part, str(key))
     elif isinstance(value, list | tuple):
         for part in value:
-            yield from _paths(part, written=written, name=name)
-    elif isinstance(value, str | Path) and (name in _WRITTEN) == written:
-        text = str(value)
-        if not text.startswith("default"):  # a model that is shipped
-            yield Path(text)
-            if not written and ":" in text:
-                yield Path(text.partition(":")[2])
+            yield from _texts(part, name)
+    elif isinstance(value, str | Path):
+        yield name, str(value)
 
 
 def _table(title: str | Text, *left: str, right: Sequence[str] = ()) -> Table:

@@ -166,13 +166,14 @@ def test_tables_of_any_type_are_bounded_before_they_are_read(tmp_path: Path) -> 
         with pytest.raises(pa.ArrowInvalid, match=f"column 'x' holds values of type {kind}"):
             table_files.read_parquet(path)
     fine = pa.table({"x": ["a", None, "b" * 5000], "y": [1.5, None, 2.5], "z": [True, False, None], "n": pa.nulls(3)})
-    for options in (
+    several: list[dict[str, Any]] = [
         {},
         {"use_dictionary": False},
         {"compression": "none"},
         {"data_page_version": "2.0"},
         {"write_statistics": False},
-    ):
+    ]
+    for options in several:
         table_files.write_parquet(path, fine, **options)
         assert table_files.read_parquet(path).equals(fine)
 

@@ -310,9 +310,12 @@ def test_after_a_full_disk_tagging_continues(tmp_path: Path, written: int, monke
                 os.ftruncate(handle, len(whole) + written)
                 raise OSError(errno.ENOSPC, "No space left on device")
 
+            def fails_too(*_: object) -> None:
+                raise OSError(errno.ENOSPC, "No space left on device")
+
             full.setattr(os, "fsync", fails)
             if not truncated:
-                full.setattr(os, "truncate", lambda *_: fails(-1))
+                full.setattr(os, "truncate", fails_too)
             with pytest.raises(RunError, match=r"No space left on device.; free disk space and enter the next input"):
                 save(file, "[3]")
         assert file.facts().inputs == ["[0]", "[1]", "[2]"]

@@ -5,7 +5,6 @@ are those of columns, in any language. Scalars of the objects around, such as a 
 strokes; ``"players": {"top": "Ada", "bottom": "Bea"}`` names the players in the first game of the strokes below.
 """
 
-import dataclasses
 import fractions
 import math
 import re
@@ -47,8 +46,7 @@ def read(path: Path, content: bytes, value: Any) -> Reading:
         for entry in entries:
             if sided := _SIDE.fullmatch(entry["shot"]):
                 entry["player"], entry["shot"] = sided.groups()
-    for part in found.named:
-        inferred += part.name(path)
+    inferred += [_name(path, *named) for named in found.named]
     for entry in entries:
         rate = _rate(path, entry.pop("fps", ""))
         if "seconds" not in entry and entry.get("frame", "").isdigit():
@@ -86,28 +84,21 @@ def _rate(path: Path, told: str) -> float:
     return rate
 
 
-@dataclasses.dataclass(frozen=True)
-class _Named:
-    """Strokes below an object that names the players by their ends."""
+def _name(path: Path, ends: Mapping[str, str], strokes: list[Entry]) -> str:
+    """Replace the ends of the strokes below an object that names them; a sentence on it.
 
-    ends: Mapping[str, str]
-    strokes: list[Entry]
-
-    def name(self, path: Path) -> list[str]:
-        """Replace ends by names; a sentence on it.
-
-        Raises:
-            DataError: the players change ends within the strokes, nobody knows when.
-        """
-        games = [int(entry["game"]) if entry.get("game", "").isdigit() else 1 for entry in self.strokes]
-        for column in ("player", "opponent", "winner"):
-            at = [k for k, entry in enumerate(self.strokes) if ends_in({entry.get(column, ""): ""})]
-            words = [self.strokes[k][column] for k in at]
-            for k, name in zip(at, at_ends(self.ends, words, [games[k] for k in at], min(games)), strict=True):
-                if not name:
-                    raise DataError(path, f"{column} {self.strokes[k][column]!r} of game {games[k]}: {UNKNOWN}")
-                self.strokes[k][column] = name
-        return [EXCHANGED if len(set(games)) > 1 else OF_ONE_GAME]
+    Raises:
+        DataError: the players change ends within the strokes, nobody knows when.
+    """
+    games = [int(entry["game"]) if entry.get("game", "").isdigit() else 1 for entry in strokes]
+    for column in ("player", "opponent", "winner"):
+        at = [k for k, entry in enumerate(strokes) if end_of(entry.get(column, ""))]
+        words = [strokes[k][column] for k in at]
+        for k, name in zip(at, at_ends(ends, words, [games[k] for k in at], min(games)), strict=True):
+            if not name:
+                raise DataError(path, f"{column} {strokes[k][column]!r} of game {games[k]}: {UNKNOWN}")
+            strokes[k][column] = name
+    return EXCHANGED if len(set(games)) > 1 else OF_ONE_GAME
 
 
 class _Strokes:
@@ -115,7 +106,7 @@ class _Strokes:
 
     def __init__(self) -> None:
         self._words = Words("column", ())
-        self.named: list[_Named] = []
+        self.named: list[tuple[Mapping[str, str], list[Entry]]] = []
         self.others = 0
         self.twice: set[str] = set()
         self.unread: set[str] = set()
@@ -164,4 +155,4 @@ class _Strokes:
         for names in (*inside, node):
             ends = ends_in({key: name for key, name in names.items() if isinstance(name, str) and name.strip()})
             if {"near", "far"} <= ends.keys() or {"left", "right"} <= ends.keys():
-                self.named.append(_Named(ends, strokes))
+                self.named.append((ends, strokes))
