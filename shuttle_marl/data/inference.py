@@ -113,7 +113,7 @@ def winners_by_score(
         other, tied = zero.copy(), False  # whether the first number is of who did not begin the match
         for number in np.unique(match):
             rows = np.flatnonzero(match == number)
-            of_match = [scores[row] for row in rows]
+            of_match = [scores[row] for row in rows.tolist()]
             one, two = (_read(of_match, fresh[rows], told[rows], began[rows] ^ who, before=before) for who in (0, 1))
             other[rows] = two[:2] < one[:2]
             tied |= two[:2] == one[:2] and not np.array_equal(one[3], two[3])

@@ -64,7 +64,8 @@ class TagFile:
         lines = self._journal.read()
         self._journal.keep(len(lines))  # without the half line of a process that was killed
         self._inputs: list[str] = []
-        self._before, self._last = "", ""
+        self._before = ""
+        self._last: str | None = ""
         for line in lines:
             if not isinstance(entered := line.get("input"), str | None):
                 raise WatchError(f"{journal}: {entered!r:.50} is no input; move it away, and {out.name} too, and begin again")

@@ -76,7 +76,7 @@ def read(path: Path, content: bytes, root: ET.Element) -> Reading:
         if meaning in names
     }
     unread = ", ".join([repr(name) for name, annotations in tiers.items() if annotations and name not in used][:20])
-    lost = (f"tiers that are no columns here, or another one of the same meaning: {unread}",) if unread else ()
+    lost: tuple[str, ...] = (f"tiers that are no columns here, or another one of the same meaning: {unread}",) if unread else ()
     if of_badminton_db:
         points = _points(path, columns["score"], strokes, columns.get("service", []))
         lost += () if columns.get("service") else ("who served first: the first player of the file",)
@@ -149,7 +149,9 @@ def _aligned(tier: ET.Element, slots: dict[str, float], found: dict[str, Annotat
             raise ValueError(f"tier {tier.attrib['TIER_ID']!r:.50} has a time slot without a time")
         times = np.where(known, times, np.interp(place, place[known], times[known]))
         inferred.append(f"times of {tier.attrib['TIER_ID']!r}: {missing:,} of {len(times):,} lie evenly between others")
-    return [_annotation(each, *span, found) for each, span in zip(elements, times.reshape(-1, 2).tolist(), strict=True)]
+    return [
+        _annotation(each, start, end, found) for each, (start, end) in zip(elements, times.reshape(-1, 2).tolist(), strict=True)
+    ]
 
 
 def _dependent(tier: ET.Element, found: dict[str, Annotation], inferred: list[str]) -> Tier:
