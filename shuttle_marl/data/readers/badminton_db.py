@@ -80,7 +80,7 @@ def read(path: Path, content: bytes, value: Any) -> Reading:
                 if number == 1 and seat is not None:
                     wrong = [at for at in (0, 1) if seats[at].get("Status", _STATUS[at == seat]) != _STATUS[at == seat]]
                     told += [(place, f"{player} serves, and {SEATS[at]} is a {seats[at]['Status']!r:.50}") for at in wrong]
-        except (KeyError, TypeError, ValueError, AttributeError) as error:
+        except (KeyError, TypeError, ValueError, OverflowError, AttributeError) as error:
             raise DataError(path, f"{name}: no point of BadmintonDB ({type(error).__name__}: {error})") from error
         points.append(found)
     reading = reading_of(path, content, points, "BadmintonDB JSON", "stroke")

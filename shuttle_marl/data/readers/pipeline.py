@@ -49,7 +49,7 @@ def read(path: Path, content: bytes, value: Any) -> Reading:
     inferred += [_name(path, *named) for named in found.named]
     for entry in entries:
         rate = _rate(path, entry.pop("fps", ""))
-        if "seconds" not in entry and entry.get("frame", "").isdigit():
+        if "seconds" not in entry and entry.get("frame", "").isdecimal() and len(entry["frame"]) < _MOST_KEYS:
             entry["seconds"] = f"{int(entry['frame']) / (rate or _RATE):.3f}"
             if not rate:
                 inferred.append(f"times from frames, at {_RATE:g} frames a second, because the file has no fps")
@@ -90,7 +90,7 @@ def _name(path: Path, ends: Mapping[str, str], strokes: list[Entry]) -> str:
     Raises:
         DataError: the players change ends within the strokes, nobody knows when.
     """
-    games = [int(entry["game"]) if entry.get("game", "").isdigit() else 1 for entry in strokes]
+    games = [int(entry["game"]) if entry.get("game", "").isdecimal() else 1 for entry in strokes]
     for column in ("player", "opponent", "winner"):
         at = [k for k, entry in enumerate(strokes) if end_of(entry.get(column, ""))]
         words = [strokes[k][column] for k in at]
