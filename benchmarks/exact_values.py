@@ -7,7 +7,6 @@ cores. On an idle machine, CPU and wall-clock seconds of a solver are equal; the
 of cores. The time to compile is the time of the first sweep in a fresh interpreter with an empty cache.
 """
 
-import json
 import os
 import statistics
 import subprocess
@@ -18,10 +17,9 @@ from collections.abc import Callable
 from typing import Annotated, Any
 
 import tyro
-from rich.console import Console
-from rich.table import Table
 
 from benchmarks.machine import this_machine
+from docs.tools.results import show
 from shuttle_marl.analysis.outlook import players_of, predict
 from shuttle_marl.exact import best_response, crossplay, evaluate, policy_regret, solve, solve_robust, solve_soft, visits
 from shuttle_marl.exact.sweeps import warm_up
@@ -126,14 +124,7 @@ def main(*, repeat: int = 5, as_json: Annotated[bool, tyro.conf.arg(name="json")
         repeat: calls of each solver.
         as_json: print JSON instead of a table.
     """
-    found = measure(repeat)
-    if as_json:
-        print(json.dumps({**this_machine(), "solvers": found}, indent=2))
-        return
-    table = Table("solver", "seconds", "CPU seconds")
-    for row in found:
-        table.add_row(row["what"], f"{row['seconds']:.2f}", f"{row['cpu_s']:.2f}")
-    Console().print(table)
+    show({**this_machine(), "solvers": measure(repeat)}, "exact_values", as_json=as_json)
 
 
 if __name__ == "__main__":

@@ -8,18 +8,15 @@ peak of the process so far, so pools are measured in increasing size.
 """
 
 import itertools
-import json
 import resource
-import sys
 import time
 from typing import Annotated, Any, Final
 
 import numpy as np
 import tyro
-from rich.console import Console
-from rich.table import Table
 
 from benchmarks.machine import this_machine
+from docs.tools.results import show
 from shuttle_marl.exact import crossplay
 from shuttle_marl.game import default_game
 from shuttle_marl.league.entrants import Entrant, enter
@@ -101,16 +98,7 @@ def benchmark(
         json_output: print JSON.
     """
     found = measure((3, 6), (1, 2), 10) if quick else measure(pools, workers, matches)
-    if json_output:
-        sys.stdout.write(json.dumps(found, indent=2) + "\n")
-        return
-    table = Table("pool", "workers", "matches a second", "rating [s]", "memory [MiB]", title="Tournaments")
-    for case in found["sampled"]:
-        figures = (f"{case['matches_per_s']:,.0f}", f"{case['rating_s']:.2f}", f"{case['memory_mib']:,.0f}")
-        table.add_row(str(case["pool"]), str(case["workers"]), *figures)
-    console = Console()
-    console.print(table)
-    console.print(f"exact: {found['exact']['pairs_per_s']:.1f} pairs a second")
+    show(found, "league", as_json=json_output)
 
 
 if __name__ == "__main__":

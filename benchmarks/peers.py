@@ -14,7 +14,6 @@ import numpy as np
 import numpy.typing as npt
 import torch
 from sb3_contrib import MaskablePPO
-from stable_baselines3 import DQN
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.env_util import make_vec_env
@@ -143,37 +142,6 @@ def maskable_ppo(seed: int, watch: Watch, game: Game, *, tuned: bool) -> None:
     _learn(model, masked_scores(model), watch, game)
 
 
-def dqn(seed: int, watch: Watch, game: Game, *, tuned: bool) -> None:
-    """DQN of Stable-Baselines3, without action masks: an illegal stroke loses the rally. The best legal stroke is evaluated."""
-    settings: dict[str, Any] = {}
-    if tuned:
-        settings = {
-            "learning_rate": 1e-3,
-            "buffer_size": 200_000,
-            "learning_starts": 4096,
-            "batch_size": 1024,
-            "gamma": 1.0,
-            "train_freq": 4,
-            "gradient_steps": 8,
-            "target_update_interval": 4096,
-            # A fraction of its training strokes, whose rallies it does not see to the end.
-            "exploration_fraction": 200_000 / _FOREVER,
-            "policy_kwargs": {"net_arch": [128]},
-        }
-    else:
-        settings = {"exploration_fraction": 0.1 * 1_000_000 / _FOREVER}
-    env = make_vec_env(
-        "shuttle_marl/Rally-v0", n_envs=64 if tuned else 1, seed=seed, env_kwargs={"opponent": OPPONENT, "mask": "none"}
-    )
-    model = DQN("MlpPolicy", env, seed=seed, device="cpu", **settings)
-
-    def scores(seen: torch.Tensor, mask: torch.Tensor) -> torch.Tensor:
-        values = cast(torch.Tensor, cast(Any, model.policy).q_net(seen)).masked_fill(~mask, -torch.inf)
-        return nn.functional.one_hot(values.argmax(dim=1), values.shape[1])
-
-    _learn(model, scores, watch, game)
-
-
 def single_file_ppo(seed: int, watch: Watch, game: Game, *, tuned: bool) -> None:
     """PPO in the style of CleanRL, one loop in one function, on the vector environment, with masked logits."""
     rows, steps, rate, discount, decay, epochs, parts, entropy, width, layer = (
@@ -240,5 +208,4 @@ Peer = Callable[..., None]
 PEERS: Final[dict[str, Peer]] = {
     "sb3-contrib MaskablePPO": maskable_ppo,
     "CleanRL-style PPO": single_file_ppo,
-    "SB3 DQN": dqn,
 }

@@ -21,10 +21,9 @@ from unittest import mock
 
 import numpy as np
 import tyro
-from rich.console import Console
-from rich.table import Table
 
 from benchmarks.machine import this_machine
+from docs.tools.results import show
 from shuttle_marl.game import default_game
 from shuttle_marl.league import LeagueConfig, run_league
 from shuttle_marl.recording import RallyLog, RallyLogWriter, replay
@@ -169,13 +168,7 @@ def main(*, quick: bool = False, as_json: Annotated[bool, tyro.conf.arg(name="js
         as_json: print JSON instead of a table.
     """
     result = measure(_MATCHES, 200_000 if quick else 1_000_000, 1 if quick else 3)
-    if as_json:
-        print(json.dumps(result, indent=2))
-        return
-    table = Table("", "measured")
-    for name, value in result.items():
-        table.add_row(name.replace("_", " "), f"{value:,.3f}" if isinstance(value, float) else str(value))
-    Console().print(table)
+    show(result, "recording", as_json=as_json)
 
 
 if __name__ == "__main__":

@@ -10,7 +10,6 @@ process, which has one thread (set OMP_NUM_THREADS=1).
 
 import dataclasses
 import itertools
-import json
 import time
 from collections.abc import Iterator
 from typing import Annotated, Any, Final
@@ -19,14 +18,14 @@ import numpy as np
 import tyro
 from rich.console import Console
 from rich.progress import track
-from rich.table import Table
 
 from benchmarks.machine import this_machine
+from docs.tools.results import show
 from shuttle_marl.game import default_game, draws
 from shuttle_marl.game.rally.record import Rally
 from shuttle_marl.game.rules import RETURNED_BELOW
 from shuttle_marl.game.tabulated import tabulate
-from shuttle_marl.kernel import Matches, play_matches, play_rallies
+from shuttle_marl.kernel import Matches, play_matches
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.staging import ATHLETES, Motion, continue_motion, stage
 from tests.staging.court_rules import Breaches, Umpire
@@ -90,20 +89,6 @@ def match_rallies(policy: str, *, seed: int) -> Iterator[Rally]:
         yield from (dataclasses.replace(rallies.row(k, game.catalogue), match=match) for k in range(len(rallies)))
 
 
-def self_play_rallies(policy: str, n: int, *, seed: int) -> list[Rally]:
-    """The first ``n`` episodes of ``rally_v0`` on the default game, both seats playing the same policy.
-
-    Args:
-        policy: name in the registry; the policy does not read the score.
-        n: number of rallies, at least 1.
-        seed: random seed.
-    """
-    game = default_game()
-    table = tabulate(resolve(policy, game), game)
-    rallies = play_rallies(game, (table, table), n, seed=seed)
-    return [rallies.row(k, game.catalogue) for k in range(n)]
-
-
 def pack_error(motion: Motion, again: Motion) -> float:
     """Maximum distance between strings, bones and shuttles of two motions [m]."""
     names = ("sweet_spot", "position", "shuttle")
@@ -146,16 +131,7 @@ def main(
         as_json: print JSON instead of a table.
     """
     result = run(_QUICK if quick else rallies, seed, Console(stderr=True))
-    if as_json:
-        print(json.dumps(result, indent=2))
-        return
-    table = Table("", "measured")
-    for name, value in result.items():
-        rows = value.items() if isinstance(value, dict) else [("", value)]
-        for part, number in rows:
-            text = f"{number:,.4f}" if isinstance(number, float) else str(number)
-            table.add_row(f"{name.replace('_', ' ')} {part}".strip(), text)
-    Console().print(table)
+    show(result, "staging", as_json=as_json)
 
 
 if __name__ == "__main__":

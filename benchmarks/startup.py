@@ -7,7 +7,6 @@ that fills the bytecode caches.
 """
 
 import dataclasses
-import json
 import resource
 import subprocess
 import sys
@@ -15,11 +14,10 @@ from pathlib import Path
 from typing import Annotated, Final
 
 import tyro
-from rich.console import Console
-from rich.table import Table
 
 import shuttle_marl
 from benchmarks.machine import this_machine
+from docs.tools.results import show
 
 _IMPORTS: Final = ("import shuttle_marl", "from shuttle_marl import rally_v0", "import shuttle_marl.dynamics")
 
@@ -62,14 +60,8 @@ def main(*, repeat: int = 5, as_json: Annotated[bool, tyro.conf.arg(name="json")
         repeat: runs of each command; the fastest counts.
         as_json: print JSON instead of a table.
     """
-    timings = measure(repeat)
-    if as_json:
-        print(json.dumps({**this_machine(), "commands": [dataclasses.asdict(t) for t in timings]}, indent=2))
-        return
-    table = Table("command", "CPU s")
-    for timing in timings:
-        table.add_row(timing.command, f"{timing.cpu_s:.2f}")
-    Console().print(table)
+    timings = [dataclasses.asdict(timing) for timing in measure(repeat)]
+    show({**this_machine(), "commands": timings}, "startup", as_json=as_json)
 
 
 if __name__ == "__main__":

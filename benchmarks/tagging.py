@@ -30,6 +30,7 @@ from rich.console import Console
 from rich.progress import track
 
 from benchmarks.machine import this_machine
+from docs.tools.results import show
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.data.own import import_matches
 from shuttle_marl.data.schema import REASONS
@@ -376,11 +377,7 @@ def main(
         filmed = time.monotonic()
         result = tag(played, Path(name) / "match.csv", kills, seed, console)
         result |= {"film_s": filmed - begun, "tag_s": time.monotonic() - filmed}
-    if json_output:
-        sys.stdout.write(json.dumps({**this_machine(), **result}, indent=2) + "\n")
-    else:
-        for key, value in result.items():
-            Console().print(f"{key:20} {value:.4g}")
+    show({**this_machine(), **result}, "tagging", as_json=json_output)
 
 
 if __name__ == "__main__":

@@ -6,16 +6,14 @@ Every name is measured in a fresh process, so that its peak memory is separate; 
 alternate. Seconds are CPU seconds of the process for one thread, so that other programs hardly affect them, and wall-clock
 seconds for several threads. The fastest turn is reported, because other load can only slow a turn down, and the median as well.
 
-``--json`` prints a list of ``{"what", "batch", "threads", "strokes_per_s", ...}``, with games of other sizes (``strokes``,
-``states``, ``legal_pairs``) and with recovery at the end: ``recovery_ratio`` is the median ratio to the game without, which
-alternates with it. ``bound_per_s`` is the limit from the reads of a stroke alone
-(:mod:`benchmarks.lower_bound`), ``load`` the load average at the start of a measurement.
+``--json`` prints a list of ``{"what", "batch", "threads", "strokes_per_s", ...}``, with the game with recovery at the end:
+``recovery_ratio`` is the median ratio to the game without, which alternates with it; ``load`` is the load average at the start of
+a measurement.
 
 For ``vector``, ``match_vector`` and ``gymnasium``, the learner's stroke and the reply count as one stroke; in environments of
 other libraries, an action counts.
 """
 
-import json
 import multiprocessing
 import os
 import resource
@@ -28,7 +26,6 @@ from typing import Annotated, Any, Final
 import tyro
 from rich.console import Console
 from rich.progress import track
-from rich.table import Table
 
 from benchmarks.machine import machine, this_machine
 from benchmarks.throughput_cases import (
@@ -37,11 +34,8 @@ from benchmarks.throughput_cases import (
     RECOVERY,
     SINGLE,
     Play,
-    game_of_size,
-    kernel,
-    kernel_observed,
-    lower_bound,
 )
+from docs.tools.results import show
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.game import default_game, load_game
 
@@ -49,13 +43,7 @@ Row = dict[str, Any]
 
 BATCHES: Final = (1, 64, 1024, 8192, 65_536)
 THREADS: Final = (1, 2)
-SIZES: Final = ((40, 14), (80, 28), (160, 28), (320, 28), (590, 28), (320, 100))
-"""Catalogue and legal strokes of a state of the synthetic games."""
-_QUICK_SIZES: Final = SIZES[:3]
-_SIZE_BATCH: Final = 4096
-_FLOOR_BATCH: Final = 8192
-SIZED: Final = {"kernel": kernel, "kernel_observed": kernel_observed}
-"""Cases that are also measured in games of other sizes, and compared with their lower bound."""
+_HIDDEN_BATCH: Final = 8192
 _NAMES: Final = (*BATCHED, *SINGLE)
 
 
@@ -106,11 +94,7 @@ def measure_batched(what: str, batches: Sequence[int], threads: Sequence[int], s
     for batch in sorted(batches):
         for count in threads if what not in ONE_THREAD else (1,):
             (measured,) = speeds([BATCHED[what](batch, count)], seconds, turns, count)
-            more: Row = {}
-            if what in SIZED and batch == _FLOOR_BATCH:
-                least, more["bytes_per_stroke"] = lower_bound(count, observed=what == "kernel_observed")
-                more["bound_per_s"] = max(speeds([least], seconds, turns, count)[0])
-            found.append(row(what, batch, count, measured, **more))
+            found.append(row(what, batch, count, measured))
     return found
 
 
@@ -120,17 +104,9 @@ def measure_single(names: Sequence[str], seconds: float, turns: int) -> list[Row
     return [row(name, 1, 1, measured) for name, measured in zip(names, found, strict=True)]
 
 
-def measure_size(size: tuple[int, int] | None, seconds: float, turns: int) -> list[Row]:
-    """The kernel in a synthetic game with a given catalogue size and number of legal strokes; None: the shipped game."""
-    game = game_of_size(*size) if size else default_game()
-    about = {"strokes": game.n_strokes, "states": game.n_states, "legal_pairs": game.n_pairs, "synthetic": size is not None}
-    found = speeds([make(_SIZE_BATCH, 1, game) for make in SIZED.values()], seconds, turns, threads=1)
-    return [row(what, _SIZE_BATCH, 1, measured, **about) for what, measured in zip(SIZED, found, strict=True)]
-
-
 def measure_recovery(what: str, seconds: float, turns: int) -> list[Row]:
     """A case in the game with recovery, and how fast it is beside the game without."""
-    games, batch = (default_game(), load_game("default:recovery")), _FLOOR_BATCH if what in BATCHED else 1
+    games, batch = (default_game(), load_game("default:recovery")), _HIDDEN_BATCH if what in BATCHED else 1
     without, found = speeds([RECOVERY[what](batch, 1, game) for game in games], seconds, turns, threads=1)
     ratio = statistics.median(one / other for one, other in zip(found, without, strict=True))
     return [row(what, batch, 1, found, recovery_ratio=ratio)]
@@ -142,8 +118,6 @@ def measure(
     threads: Sequence[int],
     seconds: float,
     turns: int,
-    *,
-    sizes: Sequence[tuple[int, int]],
 ) -> list[Row]:
     """Run the requested cases, each in a fresh process."""
     jobs: list[tuple[Callable[..., list[Row]], tuple[Any, ...]]] = [
@@ -152,8 +126,6 @@ def measure(
     singles = [name for name in SINGLE if name in only]
     if singles:
         jobs.append((measure_single, (singles, seconds, turns)))
-    if sizes:
-        jobs += [(measure_size, (size, seconds, turns)) for size in (None, *sizes)]
     jobs += [(measure_recovery, (name, seconds, turns)) for name in RECOVERY if name in only]
     rows: list[Row] = []
     for job, arguments in track(jobs, "measuring", console=Console(stderr=True)):
@@ -164,38 +136,6 @@ def measure(
     return [{**measured, "machine": where} for measured in rows]
 
 
-def show(rows: Sequence[Row], console: Console) -> None:
-    """Print the measurements as tables."""
-    hidden, rows = [r for r in rows if "recovery_ratio" in r], [r for r in rows if "recovery_ratio" not in r]
-    batches = sorted({r["batch"] for r in rows if "states" not in r})
-    table = Table("", "threads", *(f"B = {batch:,}" for batch in batches), "peak MB", title="million strokes a second")
-    for key in dict.fromkeys((r["what"], r["threads"]) for r in rows if "states" not in r):
-        mine = {r["batch"]: r for r in rows if (r["what"], r["threads"]) == key and "states" not in r}
-        cells = [f"{mine[batch]['strokes_per_s'] / 1e6:,.3f}" if batch in mine else "" for batch in batches]
-        table.add_row(key[0], str(key[1]), *cells, f"{mine[max(mine)]['peak_mb']:,.0f}")
-    console.print(table)
-    for r in rows:
-        if "bound_per_s" in r:
-            console.print(
-                f"{r['what']}, {r['threads']} threads, B = {r['batch']:,}: {1e9 / r['strokes_per_s']:.1f} ns a stroke; the "
-                f"{r['bytes_per_stroke']} bytes that it has to move alone take {1e9 / r['bound_per_s']:.1f} ns (the lower bound)"
-            )
-    speed = {r["what"]: r["strokes_per_s"] for r in rows if r["what"] in SINGLE}
-    if {"aec", "connect_four_v3"} <= set(speed):
-        console.print(f"aec: {speed['aec'] / speed['connect_four_v3']:.1f} times connect_four_v3")
-    for r in hidden:
-        console.print(f"{r['what']} with recovery: {r['recovery_ratio']:.2f} times the speed of the game without")
-    sizes = [r for r in rows if "states" in r]
-    if sizes:
-        table = Table(
-            "", "catalogue", "states", "legal pairs", "ns a stroke", title=f"other games, 1 thread, B = {_SIZE_BATCH:,}"
-        )
-        for r in sizes:
-            name = r["what"] if r["synthetic"] else f"{r['what']}, shipped"
-            table.add_row(name, str(r["strokes"]), f"{r['states']:,}", f"{r['legal_pairs']:,}", f"{1e9 / r['strokes_per_s']:.1f}")
-        console.print(table)
-
-
 def main(
     *,
     quick: bool = False,
@@ -204,19 +144,17 @@ def main(
     threads: tuple[int, ...] = THREADS,
     seconds: float = 0.02,
     turns: int = 50,
-    sizes: bool = True,
     as_json: Annotated[bool, tyro.conf.arg(name="json")] = False,
 ) -> None:
     """Measure and print.
 
     Args:
-        quick: ten turns of 0.01 seconds each, and no large games.
+        quick: ten turns of 0.01 seconds each.
         only: what to measure; all of it by default.
         batches: rallies, matches or environments at once.
         threads: threads that share a batch.
         seconds: length of a turn.
         turns: turns of each measurement.
-        sizes: measure synthetic games of other sizes too.
         as_json: print JSON instead of tables.
     """
     unknown = sorted(set(only) - set(_NAMES))
@@ -224,11 +162,8 @@ def main(
         raise ShuttleError(f"no such measurement: {', '.join(unknown)}; there are {', '.join(_NAMES)}")
     if quick:
         seconds, turns = 0.01, 10
-    rows = measure(only, batches, threads, seconds, turns, sizes=_QUICK_SIZES if quick and sizes else SIZES if sizes else ())
-    if as_json:
-        print(json.dumps(rows, indent=2))
-    else:
-        show(rows, Console())
+    rows = measure(only, batches, threads, seconds, turns)
+    show(rows, "throughput", *(["throughput_recovery"] if any("recovery_ratio" in row for row in rows) else []), as_json=as_json)
 
 
 if __name__ == "__main__":

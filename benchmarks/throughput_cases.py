@@ -5,7 +5,10 @@ strokes (in other environments: actions). Libraries are imported in the factory,
 """
 # ruff: noqa: PLC0415  see above
 
+import importlib
+import os
 import random
+import warnings
 from collections.abc import Callable
 from typing import Any, Final
 
@@ -19,27 +22,6 @@ Maker = Callable[[int, int], Play]
 
 _AT_ONCE: Final = 16_384
 """Approximate number of strokes per call."""
-
-
-def game_of_size(catalogue: int, replies: int) -> Game:
-    """A synthetic game; see :func:`benchmarks.synthetic.synthetic_game`."""
-    from benchmarks.synthetic import synthetic_game
-
-    return synthetic_game(catalogue, replies)
-
-
-def lower_bound(threads: int, *, observed: bool) -> tuple[Play, int]:
-    """The memory reads of the kernel alone, and the bytes of a stroke."""
-    from benchmarks.lower_bound import lower_bound_of
-
-    least = lower_bound_of(default_game(), threads)
-    read = least.show if observed else least.play
-
-    def play() -> int:
-        read()
-        return least.strokes
-
-    return play, least.read_bytes + observed * least.shown_bytes
 
 
 def _steps(batch: int) -> int:
@@ -236,15 +218,27 @@ def gymnasium_env(batch: int, threads: int) -> Play:  # noqa: ARG001
     return play
 
 
+def _steps_of_an_episode(env: Any, rng: random.Random) -> int:
+    """Play an episode with random legal actions; returns how many that were."""
+    steps = 0
+    env.reset()
+    for _ in env.agent_iter():
+        observation, _, terminated, truncated, _ = env.last()
+        if terminated or truncated:
+            env.step(None)
+        else:
+            env.step(rng.choice(np.flatnonzero(observation["action_mask"]).tolist()))
+            steps += 1
+    return steps
+
+
 def _loop(make: Callable[[], Any]) -> Maker:
     """PettingZoo's loop with random legal actions, one episode a call."""
 
     def maker(batch: int, threads: int) -> Play:  # noqa: ARG001
-        from benchmarks.aec import steps_of_an_episode
-
         env, rng = make(), random.Random(0)
         env.reset(seed=0)
-        return lambda: steps_of_an_episode(env, rng)
+        return lambda: _steps_of_an_episode(env, rng)
 
     return maker
 
@@ -257,23 +251,23 @@ def _rally() -> Any:
 
 def _classic(name: str) -> Callable[[], Any]:
     def make() -> Any:
-        from benchmarks import aec
-
-        return getattr(aec, name).env()
+        os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DeprecationWarning)  # the modules will move to a registry
+            return importlib.import_module(f"pettingzoo.classic.{name}").env()
 
     return make
 
 
 def aec_strokes(batch: int, threads: int, game: Game | None = None) -> Play:  # noqa: ARG001
     """PettingZoo's loop with random legal actions, of which strokes alone count."""
-    from benchmarks.aec import steps_of_an_episode
     from shuttle_marl import rally_v0
 
     env, rng = rally_v0.env(game=game), random.Random(0)
     env.reset(seed=0)
 
     def play() -> int:
-        steps_of_an_episode(env, rng)
+        _steps_of_an_episode(env, rng)
         return len(env.unwrapped.strokes)
 
     return play

@@ -11,8 +11,6 @@ until they reach all targets or a time limit.
 
 import dataclasses
 import functools
-import json
-import sys
 import tempfile
 import time
 from collections.abc import Callable
@@ -24,10 +22,10 @@ import torch
 import tyro
 from rich.console import Console
 from rich.progress import track
-from rich.table import Table
 
 from benchmarks.machine import machine, this_machine
 from benchmarks.peers import OPPONENT, PEERS, Watch
+from docs.tools.results import show
 from shuttle_marl.game import default_game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy.registry import resolve
@@ -197,22 +195,7 @@ def main(
     console = Console(stderr=True)
     found = [each for job in track(jobs, "learning", console=console, transient=True) for each in job()]
     rows = [{**row, "limit": limit, "machine": machine(this_machine())} for row in summary(found)]
-    if as_json:
-        print(json.dumps(rows, indent=2))
-        return
-    table = Table("learner", "target", "seconds", "slowest", "strokes", "reached")
-    for row in rows:
-        sign = "" if row["reached"] == row["seeds"] else "> "
-        table.add_row(
-            row["learner"],
-            row["target"],
-            f"{sign}{row['seconds_median']:.1f}",
-            f"{sign}{row['seconds_worst']:.1f}",
-            f"{row['strokes']:,}",
-            f"{row['reached']} of {row['seeds']}",
-        )
-    Console(width=None if sys.stdout.isatty() else 120).print(table)
-    print(json.dumps(this_machine()))
+    show(rows, "time_to_win", as_json=as_json)
 
 
 if __name__ == "__main__":

@@ -8,7 +8,6 @@ updates, and for the overhead recording of all rallies. `strokes_trained_per_s` 
 """
 
 import dataclasses
-import json
 import sys
 import tempfile
 import time
@@ -18,10 +17,9 @@ from typing import Annotated, Any, Final
 import numpy as np
 import torch
 import tyro
-from rich.console import Console
-from rich.table import Table
 
 from benchmarks.machine import this_machine
+from docs.tools.results import show
 from shuttle_marl.game import default_game
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
@@ -128,17 +126,9 @@ def main(
         sys.exit(f"error: {error}")
     torch.set_num_threads(1)
     config = PPOConfig(strokes=strokes, record="all", device=device, sampler=sampler)
-    found = rows(config, repeats)
-    if as_json:
-        against = found[0]
-        result = {**this_machine(), "device": _name(device), "strokes": strokes, **against, "self_play": found[1]}
-        print(json.dumps(result, indent=2))
-        return
-    table = Table("opponent", "strokes a second", "a CPU second", "recording all costs", "distinct states")
-    for row in found:
-        speeds = (f"{row[name] / 1e6:.2f} M" for name in ("strokes_trained_per_s", "strokes_trained_per_cpu_s"))
-        table.add_row(row["opponent"], *speeds, f"{row['recording_overhead']:.0%}", f"{row['distinct_states']:,}")
-    Console(width=None if sys.stdout.isatty() else 100).print(table)
+    against, self_play = rows(config, repeats)
+    result = {**this_machine(), "device": _name(device), "strokes": strokes, **against, "self_play": self_play}
+    show(result, "training_speed", as_json=as_json)
 
 
 if __name__ == "__main__":

@@ -25,11 +25,10 @@ from typing import Annotated, Any, Final
 
 import tyro
 from playwright.sync_api import Page, sync_playwright
-from rich.console import Console
-from rich.table import Table
 from websockets.sync.client import connect
 
 from benchmarks.machine import this_machine
+from docs.tools.results import show
 from shuttle_marl.watch.building import FILES, build
 from shuttle_marl.watch.server import browser_flags, browser_program
 
@@ -202,14 +201,7 @@ def main(*, quick: bool = False, as_json: Annotated[bool, tyro.conf.arg(name="js
         quick: fewer turns and matches.
         as_json: print JSON instead of a table.
     """
-    found = run(quick=quick)
-    if as_json:
-        print(json.dumps(found))
-        return
-    table = Table("figure", "measured")
-    for name, value in found.items():
-        table.add_row(name, str(value))
-    Console().print(table)
+    show(run(quick=quick), "viewer", as_json=as_json)
 
 
 if __name__ == "__main__":

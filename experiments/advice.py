@@ -19,8 +19,9 @@ from typing import Any
 
 import numpy as np
 
+from docs.tools.results import show
 from experiments.truth.matches import Strokes, of_splits, ratio_by_match, states_of, strokes_of
-from shuttle_marl.analysis.advice import Advice, Refitted, advise, imitated, meet, refitted
+from shuttle_marl.analysis.advice import Advice, Refitted, advise, refitted
 from shuttle_marl.base.arrays import F64, I64, Bools
 from shuttle_marl.base.runs import describe, write_json
 from shuttle_marl.commands import cli
@@ -137,25 +138,17 @@ def advice(
         names = [each if each in skill.players else AVERAGE for each in people]
         asked: dict[str, Any] = {"date": date_of(name), "discipline": discipline, "game": model}
         found = refitted(pair_game(names[0], names[1], **asked))
-        # As in the report: advice is ordered by what it gains, and by what it gains more than against an average player.
-        against = [pair_game(names[0], AVERAGE, **asked), pair_game(AVERAGE, names[1], **asked)]
         found = named(found, (people[0], people[1]))
         for seat in (0, 1):
-            advised = advise(found, seat, average=meet(*imitated(against[seat])))
+            advised = advise(found, seat)
             shots.update(SHOTS[found.pair.catalogue.shot[one.stroke]] for one in advised)
             parts.append(judged(match, found, seat, advised, number))
         cli.console(stderr=True).print(f"{number + 1} of {len(every.matches)}: {name}", soft_wrap=True)
     about = {"split": split, "matches": len(every.matches), "advice": shots.total(), "shots": dict(shots.most_common())}
-    result: dict[str, Any] = {**about, **Judged.joined(parts).summary()}
+    result = {**describe(("numpy",)), **about, **Judged.joined(parts).summary()}
     if out is not None:
-        write_json(out, {**describe(("numpy",)), **result})
-    if json_output:
-        cli.print_json(result)
-        return
-    for name in ("advised", "not_advised"):
-        figures = {key: f"{value:,}" if key == "n" else f"{100 * value:+.2f} of 100" for key, value in result[name].items()}
-        cli.console().print(cli.facts({"": name.replace("_", " "), **figures}))
-    cli.console().print(f"advised: {', '.join(f'{name} {count}' for name, count in shots.most_common())}", soft_wrap=True)
+        write_json(out, result)
+    show(result, "advice_results", as_json=json_output)
 
 
 main = cli.entry_point(advice, "python -m experiments.advice", __doc__ or "")

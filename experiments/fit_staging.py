@@ -9,7 +9,6 @@ The height of a contact is known only as above or below the net; see
 
 import json
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -20,7 +19,7 @@ import pyarrow.compute as pc
 
 from shuttle_marl.base.arrays import F64, I64, Bools
 from shuttle_marl.base.files import replace_file
-from shuttle_marl.commands.cli import run
+from shuttle_marl.commands.cli import entry_point
 from shuttle_marl.data import clean_matches, matches_of
 from shuttle_marl.data.schema import REASONS, Outcome
 from shuttle_marl.data.table import provenance_of
@@ -203,9 +202,7 @@ def fit_staging(*, data: Path, out: Path | None = None) -> None:
     sys.stdout.write(f"{table['timed']:,} timed strokes of {table['matches']} matches written to {out or FILE}\n")
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line."""
-    return run(fit_staging, prog="experiments.fit_staging", description=__doc__ or "", argv=argv)
+main = entry_point(fit_staging, "python -m experiments.fit_staging", __doc__ or "")
 
 
 if __name__ == "__main__":

@@ -13,23 +13,21 @@ The target of a fault is unknown: faults are scored by shot type and technique, 
 
 import dataclasses
 import functools
-import json as json_format
 import math
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 from rich.console import Console
 from rich.progress import track
-from rich.table import Table
 
+from docs.tools.results import show
 from experiments.truth.matches import RESAMPLES, Strokes, ratio_by_match, states_of, strokes_of
 from shuttle_marl.analysis import pictures
 from shuttle_marl.base.arrays import F64, I64, Bools
 from shuttle_marl.base.errors import ShuttleError
-from shuttle_marl.commands.cli import run
+from shuttle_marl.commands.cli import entry_point
 from shuttle_marl.data import Outcome, Split, load_strokes, matches_of
 from shuttle_marl.dynamics.hurried import load_hurry
 from shuttle_marl.exact import PairPolicy, solve_soft
@@ -202,47 +200,6 @@ def draw(result: dict[str, Any], path: Path) -> None:
     pictures.save(drawn, path)
 
 
-HEADINGS: Final = ("TAU", "rallies against bc, %", "in refits, %", "exploitability", "nats a stroke")
-PLAYER_HEADINGS: Final = ("player", "matches", "strokes", "TAU (95 %)", "nats gained on the clone (95 %)")
-
-
-def curve_rows(result: dict[str, Any]) -> list[tuple[str, ...]]:
-    """Cells of the table under :data:`HEADINGS`."""
-    rows: list[tuple[str, ...]] = []
-    for point in result["curve"]:
-        home, away = point["home"], point["away"]
-        there = away and away["rally_win_vs_bc"]
-        nats = point["cross_entropy"]
-        rows.append(
-            (
-                _tau(point["tau"]),
-                f"{100 * home['rally_win_vs_bc']:.1f}",
-                f"{100 * there['value']:.1f} ({100 * there['low']:.1f} to {100 * there['high']:.1f})" if there else "",
-                f"{home['exploitability']:.3f}",
-                f"{nats['value']:.3f} ({nats['low']:.3f} to {nats['high']:.3f})",
-            )
-        )
-    return rows
-
-
-def player_rows(result: dict[str, Any]) -> list[tuple[str, ...]]:
-    """Cells of the table under :data:`PLAYER_HEADINGS`."""
-    return [
-        (
-            row["player"],
-            str(row["matches"]),
-            f"{row['strokes']:,}",
-            f"{_tau(row['tau'])} ({_tau(row['low'])} to {_tau(row['high'])})",
-            f"{row['gain']['value']:.4f} ({row['gain']['low']:.4f} to {row['gain']['high']:.4f})",
-        )
-        for row in result["players"]
-    ]
-
-
-def _tau(tau: float | None) -> str:
-    return "∞" if tau is None else f"{tau:g}"
-
-
 def measure(game: Game, strokes: Strokes, console: Console) -> dict[str, Any]:
     """All figures of a game on real strokes of unseen matches."""
     real = answers(game, strokes)
@@ -275,26 +232,10 @@ def human(
     result = {"split": split, **measure(load_game(model), strokes.take(inside), Console(stderr=True))}
     if picture is not None:
         draw(result, picture)
-    if json:
-        sys.stdout.write(json_format.dumps(result) + "\n")
-        return
-    console = Console(highlight=False, width=None if sys.stdout.isatty() else 130)
-    for title, headings, rows in (
-        ("Strength and likeness of human:TAU; infinity is bc", HEADINGS, curve_rows(result)),
-        ("TAU of single players", PLAYER_HEADINGS, player_rows(result)),
-    ):
-        table = Table(title=title)
-        for heading in headings:
-            table.add_column(heading, justify="left" if heading == "player" else "right")
-        for row in rows:
-            table.add_row(*row)
-        console.print(table)
-    console.print(f"{result['known']:,} of {result['strokes']:,} strokes of {result['matches']} matches, split {split}.")
+    show(result, "human", "human_players", as_json=json)
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line."""
-    return run(human, prog="experiments.human", description=__doc__ or "", argv=argv)
+main = entry_point(human, "python -m experiments.human", __doc__ or "")
 
 
 if __name__ == "__main__":

@@ -12,33 +12,23 @@ import dataclasses
 import json
 import os
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal, get_args
 
 import numpy as np
 import tyro
 from rich.console import Console
-from rich.table import Table
 
+from docs.tools.results import show
 from experiments.saving import save_results
-from experiments.spread import IQM
+from experiments.spread import iqm
 from shuttle_marl.base import runs
 from shuttle_marl.base.errors import ShuttleError
-from shuttle_marl.commands.cli import run as run_command
+from shuttle_marl.commands.cli import entry_point
 from shuttle_marl.game import load_game
 from shuttle_marl.training.league.config import LeagueTrainingConfig
 
 Variant = Literal["plain", "fictitious", "prioritised", "psro-ppo", "psro-exact"]
-HEADINGS: Final = (
-    "variant",
-    "exploitability",
-    "95 %",
-    "after the last round",
-    "matches won against bc, %",
-    "M strokes",
-    "rounds",
-)
 _MILESTONES: Final = (0.25, 0.5, 0.75, 1.0)
 """Fractions of the time at which the least exploitability so far is reported."""
 
@@ -138,7 +128,7 @@ def measure(training: dict[Variant, list[LeagueTrainingConfig]]) -> list[dict[st
 
 
 def _interval(values: list[float]) -> dict[str, Any] | None:
-    return IQM.of([values]).as_json() if len(values) > 1 else None
+    return iqm([values]) if len(values) > 1 else None
 
 
 def _line(result: dict[str, Any]) -> dict[str, Any]:
@@ -151,17 +141,6 @@ def _least(result: dict[str, Any], share: float) -> float:
     """Least exploitability up to a fraction of the time of a run; before the first round, the value of the first round."""
     before = [line["exploitability"] for line in result["curve"] if line["seconds"] <= share * result["seconds"]]
     return float(min(before, default=result["curve"][0]["exploitability"]))
-
-
-def table_rows(result: dict[str, Any]) -> list[tuple[str, ...]]:
-    """Cells of the table of results, under :data:`HEADINGS`."""
-    rows: list[tuple[str, ...]] = []
-    for row in result["rows"]:
-        iqm = row["exploitability"]["iqm"]
-        figures = (f"{row['exploitability']['mean']:.5f}", f"{iqm['low']:.5f} to {iqm['high']:.5f}" if iqm else "deterministic")
-        last, won = f"{row['last_exploitability']:.5f}", f"{100 * row['match_win']:.2f}"
-        rows.append((row["variant"], *figures, last, won, f"{row['strokes'] / 1e6:.0f}", f"{row['rounds']:.0f}"))
-    return rows
 
 
 def league_training(
@@ -184,17 +163,11 @@ def league_training(
         side_by_side(train_one, ordered, config.jobs, console)
         result = {"game_hash": load_game(config.game).hash, **config.fixed(), "rows": measure(training)}
         result = save_results(folder, json.loads(json.dumps(result)), save)
-    table = Table(*HEADINGS, title=f"Exploitability after {config.budget}, exact")
-    for row in table_rows(result):
-        table.add_row(*row)
-    out = Console(highlight=False, width=None if sys.stdout.isatty() else 130)
-    out.print(table)
-    out.print(f"everything is in {folder}", markup=False)
+    show(result, "league_training")
+    console.print(f"everything is in {folder}")
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line."""
-    return run_command(league_training, prog="experiments.league_training", description=__doc__ or "", argv=argv)
+main = entry_point(league_training, "python -m experiments.league_training", __doc__ or "")
 
 
 if __name__ == "__main__":

@@ -15,25 +15,22 @@ type is scored on all strokes, the area on strokes that are no faults (the targe
 """
 
 import dataclasses
-import json as json_format
 import sys
 import time
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
-from rich.console import Console
-from rich.table import Table
 
+from docs.tools.results import show
 from experiments.imitation.imitator import Imitator
 from experiments.imitation.match_adaptation import adapt_to_match
 from shuttle_marl.base.arrays import F64, Bools
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.runs import describe, write_json
-from shuttle_marl.commands.cli import run
+from shuttle_marl.commands.cli import entry_point
 from shuttle_marl.data import load_strokes
 from shuttle_marl.data.upstream import Split, matches_of
 from shuttle_marl.dynamics.evaluate import next_stroke_probabilities, prediction_scores
@@ -41,6 +38,7 @@ from shuttle_marl.dynamics.features import Rows, rows_from_strokes
 from shuttle_marl.dynamics.fitted import FittedModels
 from shuttle_marl.dynamics.hurried import Hurry, load_hurry
 from shuttle_marl.game import model_folder
+from shuttle_marl.game.court import N_AREAS, mirrored
 from shuttle_marl.game.stroke import N_SHOTS
 
 PAPER: Final = {
@@ -52,8 +50,6 @@ LEAST_ROWS: Final = 200
 """Minimum number of strokes of a player for a row."""
 LEAST_PLAYERS: Final = 4
 """Minimum number of players with a row."""
-HEADINGS: Final = ("strokes scored", "predicted by", "number", "shot type", "area", "area, shot type known")
-COLUMNS: Final = ("shot_type", "area", "area_given_type")
 
 Prediction = tuple[F64, F64, F64]
 """``[N, 13]`` shot type; ``[N, 9]`` area; ``[N, 9]`` area given the shot type that was played."""
@@ -74,9 +70,8 @@ def next_stroke(
     """
     strokes = load_strokes(data)
     scored, train = _of_split(strokes, split), _of_split(strokes, "train")
-    report = Console(stderr=True, highlight=False)
     began = time.monotonic()
-    imitator = Imitator.fit(train, seed=seed, report=lambda line: report.print(f"{line} …", style="dim"))
+    imitator = Imitator.fit(train, seed=seed)
     fit = {
         "strokes": train.num_rows,
         "matches": len(train["match"].unique()),
@@ -85,13 +80,11 @@ def next_stroke(
         "config": dataclasses.asdict(imitator.config),
     }
     models, hurry = FittedModels.load(model_folder(model)), load_hurry(model_folder(model))
-    result = {"split": split, "fit": fit, **table(imitator, models, scored, hurry), "paper": PAPER}
+    scores = table(imitator, models, scored, hurry)
+    result = {**describe(("lightgbm", "numpy")), "split": split, "fit": fit, **scores, "paper": PAPER}
     if out is not None:
-        write_json(out, {**describe(("lightgbm", "numpy", "torch")), **result})
-    if json:
-        sys.stdout.write(json_format.dumps(result) + "\n")
-        return
-    _print(result)
+        write_json(out, result)
+    show(result, "next_stroke", as_json=json)
 
 
 def table(imitator: Imitator, models: FittedModels, strokes: pa.Table, hurry: Hurry | None = None) -> dict[str, Any]:
@@ -167,24 +160,6 @@ def without_height(models: FittedModels, rows: Rows, *, own: bool = True) -> Pre
     return shot, area, given / given.sum(axis=1, keepdims=True)
 
 
-def table_rows(result: dict[str, Any], players: int | None = None) -> list[tuple[str, ...]]:
-    """Cells of the table by row, with columns :data:`HEADINGS`, for a number of players (default: all)."""
-    lines = [(name, by, scores) for name, group in result["rows"].items() for by, scores in group.items()]
-    for name, group in list(result["players"].items())[:players]:
-        clone = "own clone" if group["own_model"] else "average clone"
-        lines += [(name, "imitator", group["imitator"]), (name, clone, group["own clone"])]
-    return [
-        (name, by, f"{scores['rows']:,}", *(_figures(scores[column]) for column in COLUMNS)) for name, by, scores in lines
-    ] + [
-        (f"the paper's {name}", "the paper", "private", _figures(paper["shot_type"]), _figures(paper["area"]), "")
-        for name, paper in result["paper"].items()
-    ]
-
-
-def _figures(top: Sequence[float]) -> str:
-    return " ".join(f"{share:.3f}"[1:] for share in top)
-
-
 def _of_split(strokes: pa.Table, split: Split) -> pa.Table:
     chosen = strokes.filter(pc.is_in(strokes["match"], pa.array(matches_of(split), pa.string())))
     if not chosen.num_rows:
@@ -193,6 +168,8 @@ def _of_split(strokes: pa.Table, split: Split) -> pa.Table:
 
 
 def _of_joint(joint: F64, rows: Rows) -> Prediction:
+    """A prediction in the frame of the rows, that of a right-handed striker."""
+    joint = np.where((rows.hand == 1)[:, None, None], joint[:, :, mirrored(np.arange(N_AREAS))], joint)
     given = joint[np.arange(len(rows)), rows.codes["shot"]]
     return joint.sum(axis=2), joint.sum(axis=1), given / given.sum(axis=1, keepdims=True)
 
@@ -209,20 +186,7 @@ def _most_strokes(rows: Rows) -> list[str]:
     return [str(names[i]) for place, i in enumerate(ranked) if place < LEAST_PLAYERS or counts[i] >= LEAST_ROWS]
 
 
-def _print(result: dict[str, Any]) -> None:
-    shown = Table(title=f"Next stroke, {result['split']} matches: top-1 to top-4")
-    for heading in HEADINGS:
-        shown.add_column(heading, justify="left" if heading in HEADINGS[:2] else "right")
-    for cells in table_rows(result):
-        shown.add_row(*cells)
-    console = Console(highlight=False)
-    console.print(shown)
-    console.print("The paper's rows are of its own private matches; the data differ, so the rows cannot be ranked.")
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line."""
-    return run(next_stroke, prog="experiments.next_stroke", description=__doc__ or "", argv=argv)
+main = entry_point(next_stroke, "python -m experiments.next_stroke", __doc__ or "")
 
 
 if __name__ == "__main__":

@@ -39,9 +39,8 @@ COMMANDS: Final[dict[str, tuple[str, ...]]] = {
     "a2c": ("training", "a2c", *_TRAIN),
     "sac": ("training", "sac", *_TRAIN),
     "self-play": ("training", "ppo", "--opponent", "self", *_TRAIN),
-    "exploit": ("suite", "run", "exploit-v0", "--method", "constant", *_SUITE),
+    "exploit": ("suite", "run", "exploit-entrance-v0", "--method", "constant", *_SUITE),
     "offline": ("suite", "run", "offline-v0", "--method", "model", *_SUITE),
-    "robust": ("suite", "run", "robust-v0", "--method", "mean-game", *_SUITE),
 }
 """Arguments after ``python -m shuttle_marl``, by name; ``{out}`` is a separate folder for each command."""
 _LEFT_OUT: Final = ("manifest.json", "tensorboard")

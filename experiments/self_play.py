@@ -8,23 +8,21 @@ parallel, in folders of their own, so a study can be resumed with additional var
 """
 
 import dataclasses
-import json
 import os
 import sys
-from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Final, get_args
 
 import numpy as np
 import tyro
 from rich.console import Console
-from rich.table import Table
 
+from docs.tools.results import show
 from experiments.saving import save_results
-from experiments.spread import IQM
+from experiments.spread import iqm
 from shuttle_marl.base import runs
 from shuttle_marl.base.errors import ShuttleError
-from shuttle_marl.commands.cli import run as run_command
+from shuttle_marl.commands.cli import entry_point
 from shuttle_marl.game import load_game
 from shuttle_marl.policy.agents import read_card
 from shuttle_marl.training import PPOConfig
@@ -35,8 +33,6 @@ STROKES: Final = (40_000_000, 200_000_000, 1_000_000_000)
 """Budgets: about 15 s, 1 min and 3 min on one core, including evaluations."""
 _EVALUATE_EVERY: Final = 100
 """Iterations between evaluations, which take about half a second each."""
-HEADINGS: Final = ("variant", "strokes", "seconds", "exploitability", "worst seed", "best checkpoint")
-_WIDTH: Final = 110
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -116,20 +112,12 @@ def measure(training: dict[tuple[SelfPlayVariant, int], list[PPOConfig]]) -> lis
                 "strokes": strokes,
                 "seconds": float(np.median([card[0]["seconds"] for card in cards])),
                 "seeds": len(configs),
-                "exploitability": {"mean": float(np.mean(last)), "worst": max(last), "iqm": IQM.of([last]).as_json()},
+                "exploitability": {"mean": float(np.mean(last)), "worst": max(last), "iqm": iqm([last])},
                 "exploitability_of_the_best": {"mean": float(np.mean(best)), "worst": max(best)},
                 "each": last,
             }
         )
     return rows
-
-
-def table_rows(result: dict[str, Any]) -> Iterator[tuple[str, ...]]:
-    """Cells of the table, below :data:`HEADINGS`."""
-    for row in result["rows"]:
-        found, best = row["exploitability"], row["exploitability_of_the_best"]
-        figures = (f"{row['seconds']:.0f}", f"{found['mean']:.5f}", f"{found['worst']:.5f}", f"{best['mean']:.5f}")
-        yield row["variant"], f"{row['strokes'] / 1e6:,.0f} M", *figures
 
 
 def self_play(
@@ -152,20 +140,11 @@ def self_play(
         }
         result = {"game": load_game(config.game).hash, **config.compared(), "config": settings, "rows": measure(training)}
         result = save_results(folder, result, None)
-    if as_json:
-        sys.stdout.write(json.dumps(result, indent=1) + "\n")
-        return
-    out = Console(highlight=False, width=None if sys.stdout.isatty() else _WIDTH)
-    table = Table(*HEADINGS, title="Exploitability, exact")
-    for cells in table_rows(result):
-        table.add_row(*cells)
-    out.print(table)
-    out.print(f"everything is in {folder}")
+    show(result, "self_play", as_json=as_json)
+    console.print(f"everything is in {folder}")
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line."""
-    return run_command(self_play, prog="experiments.self_play", description=__doc__ or "", argv=argv)
+main = entry_point(self_play, "python -m experiments.self_play", __doc__ or "")
 
 
 if __name__ == "__main__":

@@ -8,11 +8,10 @@ again needs new agents.
 
 import shutil
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from shuttle_marl.commands.cli import run
+from shuttle_marl.commands.cli import entry_point
 from shuttle_marl.game import load_game, model_folder
 from shuttle_marl.policy.agents import load_agent, shipped_folder
 
@@ -42,9 +41,7 @@ def ship_agents(win_rates: Path | None = None, styles: Path | None = None) -> No
         sys.stdout.write(f"{name}: {target}\n")
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line."""
-    return run(ship_agents, prog="experiments.ship_agents", description=__doc__ or "", argv=argv)
+main = entry_point(ship_agents, "python -m experiments.ship_agents", __doc__ or "")
 
 
 if __name__ == "__main__":

@@ -11,23 +11,22 @@ multiple comparisons (Benjamini & Yekutieli 2001, which allows for dependence).
 import dataclasses
 import itertools
 import sys
-from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 import tyro
 from rich.console import Console
-from rich.table import Table
 from scipy.stats import false_discovery_control, ttest_1samp, ttest_ind
 
+from docs.tools.results import show
 from experiments.saving import save_results
 from experiments.spread import mean_and_deviation
 from shuttle_marl import exact
 from shuttle_marl.base import runs
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.base.errors import ShuttleError
-from shuttle_marl.commands.cli import run as run_command
+from shuttle_marl.commands.cli import entry_point
 from shuttle_marl.game import load_game
 from shuttle_marl.game.court import area_centre
 from shuttle_marl.game.stroke import SHOTS
@@ -176,30 +175,6 @@ def differences(found: dict[str, list[dict[str, float]]]) -> list[dict[str, Any]
     return [{**test, "adjusted_p": float(p)} for test, p in zip(tests, adjusted, strict=True)]
 
 
-HEADINGS: Final = ("style", "attack, %", "net, %", "tempo, 1/s", "faults, %", "movement, m", "rallies, %", "matches, %")
-_SCALES: Final = {"attack": 100, "net": 100, "tempo": 1, "faults": 100, "movement": 1, "rally_win": 100, "match_win": 100}
-
-
-def table_rows(result: dict[str, Any]) -> Iterator[tuple[str, ...]]:
-    """Cells of the table under :data:`HEADINGS`."""
-    for row in result["rows"]:
-        cells = []
-        for name, scale in _SCALES.items():
-            spread = row[name]
-            text = f"{scale * spread['mean']:.{1 if scale > 1 and name != 'faults' else 2}f}"
-            cells.append(text + (f" ± {scale * spread['deviation']:.2f}" if "deviation" in spread else ""))
-        yield (row["style"], *cells)
-
-
-def alike(result: dict[str, Any], level: float = 0.05) -> list[str]:
-    """Pairs of styles and figures that do not differ significantly."""
-    return [
-        f"{test['styles'][0]} and {test['styles'][1]} in {test['figure']} (p = {test['adjusted_p']:.2g})"
-        for test in result["different"]
-        if not test["adjusted_p"] < level
-    ]
-
-
 def styles(config: tyro.conf.OmitArgPrefixes[Styles], json: Path | None = None) -> None:
     """Train the styles, measure their play, and print the table.
 
@@ -219,22 +194,11 @@ def styles(config: tyro.conf.OmitArgPrefixes[Styles], json: Path | None = None) 
             for style, run in training.items()
         }
         result = save_results(folder, {**fixed, "objectives": objectives, **measure(training)}, json)
-    out = Console(highlight=False, width=None if sys.stdout.isatty() else 130)
-    table = Table(title=f"Against {OPPONENT}, exact; mean ± standard deviation of {config.seeds} seeds")
-    for heading in HEADINGS:
-        table.add_column(heading, justify="left" if heading == "style" else "right")
-    for cells in table_rows(result):
-        table.add_row(*cells)
-    out.print(table)
-    for name, meaning in FIGURES.items():
-        out.print(f"{name}: {meaning}")
-    same = alike(result)
-    out.print("not significantly different: " + ("; ".join(same) or "none") + f". Everything is in {folder}")
+    show(result, "styles")
+    Console(highlight=False, soft_wrap=True).print(f"everything is in {folder}")
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line."""
-    return run_command(styles, prog="experiments.styles", description=__doc__ or "", argv=argv)
+main = entry_point(styles, "python -m experiments.styles", __doc__ or "")
 
 
 if __name__ == "__main__":

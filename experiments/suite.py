@@ -37,41 +37,39 @@ from shuttle_marl.suite.registry import arena_of
 from shuttle_marl.suite.results import Row
 
 VARIANTS: Final = {
-    "adapt-v0": (
-        "restricted-nash:0.25",
-        "restricted-nash:0.5",
-        "restricted-nash:0.75",
-        "restricted-nash:0.9",
-        "counts:0.8",
-    ),
-    "offline-v0": ("fitted-q:8", "model:8"),
-    "robust-v0": ("human:0.1",),
-    "text-v0": tuple(f"policy:{name}" for name in ("bc", "safe", "human:0.05", "best-response:bc", "minimax")),
-    "imitate-v0": ("counts:8", "policy:human:0.05", "policy:minimax"),
+    "adapt": ("restricted-nash:0.25", "restricted-nash:0.5", "restricted-nash:0.75", "counts:0.5", "mixture:0.9"),
+    "offline": ("fitted-q:8", "model:8"),
+    "text": tuple(f"policy:{name}" for name in ("bc", "safe", "human:0.05", "best-response:bc", "minimax")),
+    "imitate": ("counts:8", "policy:human:0.05", "policy:minimax"),
 }
-"""Baselines with arguments, besides those without."""
-LEFT_OUT: Final = {"text-v0": ("policy", "chat"), "imitate-v0": ("policy",), "adapt-v0": ("restricted-nash",)}
-"""Methods that need an argument, or equal another one without."""
+"""Baselines with arguments, besides those without, by kind of task."""
+LEFT_OUT: Final = {
+    "text-v0": ("policy", "chat"),
+    "imitate-v0": ("policy",),
+    "adapt-v0": ("restricted-nash",),
+    "adapt-entrance-v0": ("restricted-nash",),
+}
+"""Methods that need an argument, equal another one without, or do not play the task."""
 QUICK: Final = {
-    "exploit-v0": "constant",
-    "equilibrium-v0": "minimax",
-    "adapt-v0": "minimax",
-    "offline-v0": "clone",
-    "evaluate-v0": "weighted-importance-sampling",
-    "imitate-v0": "bc",
-    "robust-v0": "minimax",
-    "text-v0": "random",
+    "exploit": "minimax",
+    "equilibrium": "minimax",
+    "adapt": "minimax",
+    "offline": "clone",
+    "evaluate": "weighted-importance-sampling",
+    "imitate": "bc",
+    "text": "random",
 }
-"""Cheapest baseline of each task."""
-UNIT: Final = {"exploit-v0": 2.0, "equilibrium-v0": 1.5, "adapt-v0": 11.0, "offline-v0": 1.5, "evaluate-v0": 3.0}
-"""Seconds of a unit besides the method, on one core of the machine of the committed results; of other tasks: 10."""
+"""Cheapest baseline of each kind of task."""
+UNIT: Final = {"exploit-v0": 12.0, "equilibrium-v0": 4.0, "adapt-v0": 20.0, "adapt-entrance-v0": 6.0, "evaluate-v0": 3.0}
+"""Seconds of a unit besides the method, on one core of the machine of the committed results; of other tasks: 2."""
 METHOD: Final = {
-    "tilted-mixture": 8.0, "posterior-mean": 5.0, "counts": 5.0, "bandit": 2.0, "bayes": 2.0, "thompson": 2.0, "constant": 5.0,
-    "constant-by-incoming": 5.0, "fictitious-play": 20.0, "psro-exact": 40.0, "cql": 6.0, "iql": 8.0, "fitted-q-boosted": 15.0,
-    "model-boosted": 15.0, "doubly-robust": 5.0, "fitted-q-evaluation": 5.0,
+    "mixture": 15.0, "posterior-mean": 12.0, "counts": 12.0, "bandit": 2.0, "bayes": 2.0, "thompson": 2.0, "constant": 6.0,
+    "constant-by-incoming": 8.0, "fictitious-play": 60.0, "psro-exact": 300.0, "iql": 8.0, "fitted-q-boosted": 15.0,
+    "model-boosted": 30.0, "doubly-robust": 5.0, "weighted-doubly-robust": 5.0, "fitted-q-evaluation": 5.0,
+    "restricted-counts": 8.0,
 }  # fmt: skip
 """Seconds of a method in a unit, if more than half of one; a name also stands for those that begin with it and a hyphen."""
-SPEED: Final = {"ppo": 1e6, "a2c": 1e6, "sac": 1e5, "psro": 5e5, "dqn": 1.3e4, "maskable-ppo": 2e3}
+SPEED: Final = {"ppo": 2.5e5, "a2c": 2.5e5, "sac": 1e5, "psro": 1e5}
 """Strokes of the budget trained in a second, on the same machine; methods that are not listed do not train."""
 ROW: Final = "row.json"
 
@@ -142,8 +140,9 @@ def jobs_of(config: Suite, folder: Path) -> list[Job]:
     for name in config.tasks or [name for name in TASKS if config.data is not None or name != "imitate-v0"]:
         task = TASKS[name]
         arena = arena_of(task, config.game, config.split, quick=config.quick, data=config.data)
-        plain = [method for method in BASELINES[kind_of(name)] if method not in LEFT_OUT.get(name, ())]
-        methods = config.methods or ([QUICK[name]] if config.quick else [*plain, *VARIANTS.get(name, ())])
+        kind = kind_of(name)
+        plain = [method for method in BASELINES[kind] if method not in LEFT_OUT.get(name, ())]
+        methods = config.methods or ([QUICK[kind]] if config.quick else [*plain, *VARIANTS.get(kind, ())])
         cases = task.cases(arena)
         for budget in sorted({case.budget for case in cases}):
             units = sum(case.budget == budget for case in cases)
@@ -153,7 +152,7 @@ def jobs_of(config: Suite, folder: Path) -> list[Job]:
                 baseline = baseline_of(name, method)
                 fixed = baseline is not None and baseline.kind == "reference"
                 seeds = 1 if config.quick or fixed else task.seeds
-                seconds = UNIT.get(name, 10.0) + _of(METHOD, method, 0.5)
+                seconds = UNIT.get(name, 2.0) + _of(METHOD, method, 0.5)
                 if _of(SPEED, method, 0) and not fixed:
                     seconds += budget / _of(SPEED, method, 0)
                 options = SuiteRun(
@@ -183,8 +182,8 @@ def run_job(job: Job) -> tuple[Job, float]:
     begun, options = time.monotonic(), job.options
     assert options.out is not None
     run_method(dataclasses.replace(options, resume=(options.out / runs.CONFIG).exists()))
-    verified = not verify_run(options.out, game=options.game, data=options.data).refused if job.verify else None
-    runs.write_json(options.out / ROW, {**summarise(options.out, game=options.game), "verified": verified})
+    same = not verify_run(options.out, game=options.game, data=options.data).refused if job.verify else None
+    runs.write_json(options.out / ROW, {**summarise(options.out, game=options.game), "recomputed": same})
     return job, time.monotonic() - begun
 
 
@@ -200,26 +199,26 @@ def rows_of(folder: Path) -> list[Row]:
 
 
 def kept_rows(path: Path | None, rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Rows in a file of results that stay: of the game of the rows, and of boards that have none of them."""
+    """Rows in a file of results that stay: of boards that have none of the rows."""
     if path is None or not path.exists() or not rows:
         return []
 
     def board(row: Mapping[str, Any]) -> tuple[Any, ...]:
         return row["task"], row["split"], row["budget"]
 
-    replaced, game = {board(row) for row in rows}, rows[0]["game"]
-    return [row for row in json_format.loads(path.read_text())["rows"] if row["game"] == game and board(row) not in replaced]
+    replaced = {board(row) for row in rows}
+    return [row for row in json_format.loads(path.read_text())["rows"] if board(row) not in replaced]
 
 
-def frontiers(config: Suite, path: Path | None, rows: Sequence[Row]) -> dict[str, list[Point]]:
-    """The frontier of every opponent of ``exploit``, if the rows have it; else those in the file of results."""
-    if config.quick or not any(row["task"] == "exploit-v0" for row in rows):
-        before = json_format.loads(path.read_text()) if path is not None and path.exists() else {}
-        return dict(before.get("frontiers", {}))
-    task = TASKS["exploit-v0"]
-    arena = arena_of(task, config.game, config.split)
-    opponents = {case.options["opponent"]: opponent_of(arena, case) for case in task.cases(arena)}
-    return {name: frontier(arena, opponent, tolerance=1e-6) for name, opponent in opponents.items()}
+def frontiers(config: Suite, path: Path | None, rows: Sequence[Row]) -> dict[str, dict[str, list[Point]]]:
+    """The frontier of every opponent of the tasks of ``exploit`` that the rows have; of others those in the file of results."""
+    before = json_format.loads(path.read_text()) if path is not None and path.exists() else {}
+    found = dict(before.get("frontiers", {}))
+    for name in {row["task"] for row in rows if kind_of(row["task"]) == "exploit" and not config.quick}:
+        arena = arena_of(TASKS[name], config.game, config.split)
+        opponents = {case.options["opponent"]: opponent_of(arena, case) for case in TASKS[name].cases(arena)}
+        found[name] = {each: frontier(arena, opponent, tolerance=1e-5) for each, opponent in opponents.items()}
+    return found
 
 
 def suite(config: tyro.conf.OmitArgPrefixes[Suite], json: Path | None = None) -> None:

@@ -15,7 +15,7 @@ import functools
 import json as json_format
 import os
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -23,13 +23,13 @@ import numpy as np
 import tyro
 from rich.console import Console
 from rich.progress import track
-from rich.table import Table
 
+from docs.tools.results import show
 from experiments.saving import save_results
-from experiments.spread import IQM, mean_and_deviation
+from experiments.spread import iqm, mean_and_deviation
 from shuttle_marl.base import runs
 from shuttle_marl.base.errors import ShuttleError
-from shuttle_marl.commands.cli import run as run_command
+from shuttle_marl.commands.cli import entry_point
 from shuttle_marl.exact.away import Values, of_pair, over
 from shuttle_marl.exact.known import best_odds, pair_odds
 from shuttle_marl.game import load_game
@@ -43,8 +43,6 @@ from shuttle_marl.policy.registry import resolve
 from shuttle_marl.training import A2CConfig, Evaluator, PPOConfig, SACConfig, TrainingConfig
 from shuttle_marl.training.study import train_all
 
-PAPER: Final = {"bc": (33.2, 1.2), "a2c": (65.8, 2.0), "ppo": (98.3, 2.5), "sac": (90.5, 7.7)}
-"""Matches won in per cent, mean and standard deviation, in ShuttleEnv (arXiv 2603.17324): its own models and opponent."""
 AGENTS: Final[dict[str, TrainingConfig]] = {
     "a2c": A2CConfig(),
     "ppo": PPOConfig(),
@@ -56,8 +54,6 @@ FIXED: Final = {"bc": "bc@1", "best response": "best-response:{opponent}", "mini
 each match is played twice with the seats swapped and the same draws."""
 OPPONENTS: Final = ("bc", "attacking", "defensive", "safe", "random", "minimax")
 QUICK_STROKES: Final = {"a2c": 100_000, "ppo": 100_000, "sac": 40_000, "ppo, self-play": 100_000}
-_WIDTH: Final = 130
-"""Width of the output in a file or a pipe."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -190,7 +186,7 @@ def _row(agent: str, found: list[dict[str, float]], training: list[TrainingConfi
     spread = {name: mean_and_deviation([seed[name] for seed in found]) for name in columns}
     row: dict[str, Any] = {"agent": agent, **spread, "seeds": found}
     if training:
-        row["normalised_score"]["iqm"] = IQM.of([[seed["normalised_score"] for seed in found]]).as_json()
+        row["normalised_score"]["iqm"] = iqm([[seed["normalised_score"] for seed in found]])
         cards = [read_card(_out(run) / "agent") for run in training]
         row["strokes"] = cards[0]["strokes"]
         row["seconds"] = mean_and_deviation([card["seconds"] for card in cards])
@@ -229,48 +225,6 @@ def _curves(training: dict[tuple[str, int], TrainingConfig]) -> dict[str, list[l
     return curves
 
 
-def table_rows(result: dict[str, Any]) -> Iterator[tuple[str, ...]]:
-    """Cells of the table: agent, matches won, the paper's figure, exact probabilities, at home and in the refits of the game,
-    score, exploitability, training."""
-    for row in result["rows"]:
-        paper = PAPER.get(row["agent"]) if result["opponent"] == "bc" else None
-        iqm = row["normalised_score"].get("iqm")
-        yield (
-            row["agent"],
-            _percent(row["matches_won"]),
-            f"{paper[0]:.1f} ± {paper[1]:.1f}" if paper else "",
-            _percent(row["match_win"], 2),
-            _percent(row["rally_win"], 2),
-            "{value:.1f} ({low:.1f} to {high:.1f})".format(
-                **{part: 100 * figure for part, figure in row["away"]["rally_win"].items()}
-            )
-            if row["away"]
-            else "",
-            f"{row['normalised_score']['mean']:z.3f} ± {row['normalised_score']['deviation']:.3f}",
-            f"{iqm['value']:.3f} ({iqm['low']:.3f} to {iqm['high']:.3f})" if iqm else "",
-            f"{row['exploitability']['mean']:z.3f}",
-            f"{row['strokes'] / 1e6:.1f} M" if "strokes" in row else "",
-        )
-
-
-HEADINGS: Final = (
-    "agent",
-    "matches won, %",
-    "paper, %",
-    "exact match, %",
-    "exact rally, %",
-    "in refits (95 %)",
-    "normalised score",
-    "its IQM (95 %)",
-    "exploitability",
-    "strokes",
-)
-
-
-def _percent(spread: dict[str, float], digits: int = 1) -> str:
-    return f"{100 * spread['mean']:.{digits}f} ± {100 * spread['deviation']:.{digits}f}"
-
-
 def win_rates(config: tyro.conf.OmitArgPrefixes[WinRates], json: Path | None = None) -> None:
     """Train, play, and print the table.
 
@@ -283,31 +237,11 @@ def win_rates(config: tyro.conf.OmitArgPrefixes[WinRates], json: Path | None = N
     with runs.open_run(config.out, "win_rates", config.fixed(), resume=config.resume, overwrite=config.overwrite) as folder:
         train_all(list(config.training(folder).values()), config.jobs, console)
         result = save_results(folder, measure(config, folder, console), json)
-    _print(result, config)
+    show(result, "win_rates", "win_rates_matrix")
     Console(highlight=False, soft_wrap=True).print(f"everything is in {folder}")
 
 
-def _print(result: dict[str, Any], config: WinRates) -> None:
-    out = Console(highlight=False, width=None if sys.stdout.isatty() else _WIDTH)
-    table = Table(title=f"{config.matches:,} matches against {config.opponent}, {config.seeds} seeds: mean ± standard deviation")
-    for heading in HEADINGS:
-        table.add_column(heading, justify="left" if heading == "agent" else "right")
-    for cells in table_rows(result):
-        table.add_row(*cells)
-    out.print(table)
-    against = result["exact_match_win_against"]
-    matrix = Table(title="Exact probability of winning a match, %, mean of the seeds; agents were trained against the first")
-    for heading in ("agent", *next(iter(against.values()))):
-        matrix.add_column(heading, justify="left" if heading == "agent" else "right")
-    for agent, odds in against.items():
-        matrix.add_row(agent, *(f"{100 * probability:.1f}" for probability in odds.values()))
-    out.print(matrix)
-    out.print("The paper's agents played its own models and opponent, so its column is not directly comparable.")
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line."""
-    return run_command(win_rates, prog="experiments.win_rates", description=__doc__ or "", argv=argv)
+main = entry_point(win_rates, "python -m experiments.win_rates", __doc__ or "")
 
 
 if __name__ == "__main__":

@@ -48,7 +48,7 @@ TESTS: Final[dict[str, tuple[str, ...]]] = {
     ),
     "exact": ("exact", "suite/test_adapt.py"),
     "game": (
-        *("rally", "scoring", "policy", "exact/test_lists.py", "exact/test_minimax.py", "kernel/test_kernel_draws.py"),
+        *("game", "policy", "exact/test_lists.py", "exact/test_minimax.py", "kernel/test_kernel_draws.py"),
         *("kernel/test_matches_kernel.py", "env/test_rally_env.py", "suite/test_targets.py"),
     ),
     "league": ("league",),

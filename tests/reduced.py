@@ -30,6 +30,7 @@ from shuttle_marl.game.shipped import (
     NETWORKS,
     OPPOSITE,
     OPPOSITE_GAME,
+    POSITIONS,
     PROFILES,
     SKILL,
     SUPPORT,
@@ -86,7 +87,7 @@ def reduced_model(refits: tuple[str, ...] = REFITS) -> str:
     (folder / SUPPORT).write_bytes(save(support))
     others = {name: reduced(load_game(f"default:{name}")) for name in (*PROFILES, *refits)}
     (folder / VARIANTS).write_bytes(packed(game, others))
-    for name in (NETWORKS, HABITS, HISTORY, HURRY):
+    for name in (NETWORKS, HABITS, HISTORY, HURRY, POSITIONS):
         shutil.copy(source / name, folder)
     (folder / SKILL).write_bytes(random_skill(json.loads(players.metadata["players"])))
     hashes = {file.name: hashlib.sha256(file.read_bytes()).hexdigest() for file in folder.iterdir()}

@@ -5,6 +5,7 @@ import importlib
 import io
 import os
 import sys
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
@@ -16,40 +17,7 @@ from shuttle_marl.commands import cli
 
 PAGE: Final = ROOT / "docs" / "commands.md"
 """The list of all commands; each has a page of its own in the folder ``commands`` beside it."""
-EXAMPLES: Final = {
-    "analysis": "analysis runs/demo --pictures runs/pictures",
-    "data convert": "data convert datasets/shuttleset/raw --out strokes.parquet",
-    "data download": "data download --out datasets/shuttleset/raw",
-    "data import": "data import my_matches.csv --out mine.parquet",
-    "data summary": "data summary datasets/sample/strokes.parquet",
-    "data template": "data template --out my_matches.csv",
-    "data validate": "data validate datasets/sample/strokes.parquet",
-    "dynamics card": "dynamics card",
-    "dynamics evaluate": "dynamics evaluate --data datasets/shuttleset/raw --split validation",
-    "dynamics fit": "dynamics fit --data datasets/shuttleset/raw --out my_model",
-    "dynamics recovery": "dynamics recovery --data datasets/shuttleset/raw",
-    "exact best-response": "exact best-response bc",
-    "exact crossplay": "exact crossplay bc attacking minimax",
-    "exact depth": "exact depth ppo",
-    "exact evaluate": "exact evaluate ppo bc minimax",
-    "exact holes": "exact holes ppo",
-    "exact solve": "exact solve",
-    "league": "league --matches 20 --out runs/cup",
-    "league report": "league report runs/cup runs/other --out report.html",
-    "league train": "league train --out runs/league",
-    "policies": "policies",
-    "recording check": "recording check runs/cup/rallies.mcap",
-    "recording show": "recording show runs/cup/rallies.mcap --rally 3",
-    "report": "report club/strokes.parquet --out report.html",
-    "scout": "scout viktor-axelsen kento-momota --out scout.html",
-    "suite board": "suite board runs/mine",
-    "suite list": "suite list",
-    "suite run": "suite run exploit-v0 --method ppo --split dev --seeds 2 --quick --out runs/mine",
-    "suite verify": "suite verify runs/mine",
-    "training ppo": "training ppo --opponent bc --strokes 2m --seed 7 --out runs/mine",
-    "watch": "watch --a ppo --b bc",
-}
-"""One example by command, without the name of the program."""
+EXAMPLES: Final = tomllib.loads(Path(__file__).with_name("command_examples.toml").read_text(encoding="utf-8"))
 _WIDTH: Final = 110
 _LEAGUE: Final = {"train": ["train"], "report": ["report"], "--pairs": ["--pairs", "men"]}
 """Forms of the command ``league`` with options of their own, and the arguments that choose them."""

@@ -13,16 +13,23 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
+
 from docs.tools.markdown import IMAGES, ROOT, saved
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.files import replace_file
 from shuttle_marl.commands import cli
 from shuttle_marl.game import model_folder
+from shuttle_marl.game.policy import States
 from shuttle_marl.game.shipped import read_model_card
+from shuttle_marl.game.stroke import SHOTS
+from shuttle_marl.policy.registry import resolve
 
 SOURCES: Final = IMAGES / "sources.json"
 _RANKING: Final = "ranking of docs/league.md"
 _GAME: Final = "game"
+_COLOURS: Final = ("#4477aa", "#ee6677", "#228833", "#aa3377")
+"""Of Paul Tol's palette for colour-blind readers."""
 _REPORT: Final = (1240, 2300)
 """Width of the page and height of the picture of a report [px]."""
 _COACH: Final = (900, 2400)
@@ -74,26 +81,52 @@ def _truth() -> None:
     figure.savefig(IMAGES / "truth.png", dpi=120)
 
 
-def _frontier() -> None:
-    """Score against exploitability of the restricted responses to each opponent, and of the methods at 10^6 strokes."""
-    from matplotlib.figure import Figure  # noqa: PLC0415  slow to import
+def _learning_curves() -> None:
+    """A panel per figure, a line per agent, and a band over the seeds."""
+    import matplotlib as mpl  # noqa: PLC0415  slow to import
+    from matplotlib.figure import Figure  # noqa: PLC0415
 
-    suite = saved("experiments", "suite")
-    figure = Figure(figsize=(9, 3.4), layout="constrained")
-    panels = figure.subplots(1, len(suite["frontiers"]), sharey=True)
-    for axes, (opponent, points) in zip(panels, suite["frontiers"].items(), strict=True):
-        axes.plot([p["exploitability"] for p in points], [p["score"] for p in points], "-", color="#0b6e4f", label="frontier")
-        best = max(points, key=lambda point: point["objective"])
-        axes.plot(best["exploitability"], best["score"], "*", color="#0b6e4f", markersize=10, label="objective 1")
-        for name, marker in (("ppo", "o"), ("sac", "s"), ("a2c", "^")):
-            rows = [row for row in suite["rows"] if (row["task"], row["method"], row["budget"]) == ("exploit-v0", name, 10**6)]
-            found = rows[0]["strata"][f"{opponent}/1,000,000"]
-            axes.plot(found["exploitability"], found["score"], marker, color="#b8520a", label=f"{name}, 10⁶ strokes")
-        axes.set(title=opponent, xlabel="exploitability", xlim=(0, 0.45))
-        axes.title.set_fontsize(9)
-    panels[0].set_ylabel("score")
-    panels[-1].legend(frameon=False, fontsize=7, loc="lower right")
-    figure.savefig(IMAGES / "frontier.png", dpi=120)
+    result = saved("experiments", "win_rates")
+    panels = {
+        "match_win": ("probability of winning a match against bc", 0.5),
+        "normalised_score": ("normalised score", 0.0),
+        "exploitability": ("exploitability", result["exploitability_of_bc"]),
+    }
+    with mpl.rc_context({"font.size": 9, "axes.spines.top": False, "axes.spines.right": False}):
+        figure = Figure(figsize=(10, 3.2), layout="constrained")
+        for axes, (name, (title, level)) in zip(figure.subplots(1, len(panels)), panels.items(), strict=True):
+            for (agent, seeds), colour in zip(result["curves"].items(), _COLOURS, strict=False):
+                strokes = np.array([point["strokes"] for point in seeds[0]]) / 1e6
+                values = np.array([[point[name] for point in seed] for seed in seeds])
+                axes.plot(strokes, values.mean(axis=0), color=colour, label=agent)
+                axes.fill_between(strokes, values.min(axis=0), values.max(axis=0), color=colour, alpha=0.2, lw=0)
+            axes.axhline(level, color="0.4", lw=1, ls="--")
+            axes.annotate("bc", (1, level), xycoords=("axes fraction", "data"), ha="right", va="bottom", color="0.4")
+            axes.set(title=title, xlabel="million strokes of the learner", xlim=(0, None), ylim=(min(0, level), None))
+        figure.axes[1].legend(frameon=False, loc="lower right")
+        figure.savefig(IMAGES / "learning_curves.png", dpi=150)
+
+
+def _rally() -> None:
+    """The first smash that ends a long rally of a match between two scripted players."""
+    from PIL import Image  # noqa: PLC0415  an extra
+
+    from shuttle_marl import match_v0  # noqa: PLC0415
+
+    env = match_v0.env(render_mode="rgb_array")
+    game = env.unwrapped.game
+    policies = dict(zip(env.possible_agents, (resolve(name, game) for name in ("defensive", "attacking")), strict=True))
+    rng = np.random.default_rng(0)
+    env.reset(seed=0)
+    for agent in env.agent_iter():
+        states = States(game=game, state=np.array([env.unwrapped.state_number], dtype=np.int32))
+        chance = policies[agent].probabilities(states)[0]
+        stroke = rng.choice(len(chance), p=chance)
+        env.step(stroke)
+        moment = env.unwrapped.snapshot()
+        if len(moment.strokes) >= 9 and SHOTS[game.catalogue.shot[stroke]] == "smash" and moment.reason is None:
+            Image.fromarray(env.render()).save(IMAGES / "rally.png")
+            return
 
 
 def _analysis() -> None:
@@ -146,33 +179,25 @@ def _reports() -> None:
 
 
 _COURT: Final = {
-    (
-        "foxglove.png",
-        "foxglove_broadcast.png",
-        "foxglove_follow.png",
-        "foxglove_match.png",
-        "foxglove_side.png",
-    ): "foxglove_picture",
-    ("film.webp", "moments.png", "scene.png"): "scene_picture",
-    ("rally.png",): "rally_picture",
-    ("strokes.png",): "strokes_picture",
     ("tagging.jpg",): "tagging_picture",
     (
+        "film.webp",
         "watch_players.jpg",
-        *(f"watch_{mode}_{size}.jpg" for mode in ("analyse", "learn", "play", "watch") for size in ("narrow", "wide")),
+        *(f"watch_{mode}_wide.jpg" for mode in ("analyse", "learn", "play", "watch")),
+        "watch_play_narrow.jpg",
     ): "watch_pictures",
 }
 PICTURES: Final[dict[tuple[str, ...], tuple[Callable[[], None], str]]] = {
-    ("frontier.png",): (_frontier, "experiments/results/suite.json"),
     ("human.png",): (_human, "experiments/results/human.json"),
     ("landings.png", "replies.png"): (_analysis, _GAME),
     ("league_report.png",): (_league_report, _RANKING),
     ("match_report.png", "scouting_report.png"): (_reports, _GAME),
-    ("learning_curves.png",): (_module("experiments.learning_curves"), "experiments/results/win_rates.json"),
+    ("learning_curves.png",): (_learning_curves, "experiments/results/win_rates.json"),
     ("reliability.png",): (
         _module("shuttle_marl.dynamics", "card", "--plot", str(IMAGES / "reliability.png")),
         "shuttle_marl/models/default/card.json",
     ),
+    ("rally.png",): (_rally, _GAME),
     ("stroke_value.png",): (_stroke_value, "experiments/results/stroke_value.json"),
     ("truth.png",): (_truth, "experiments/results/truth_cross.json"),
     ("value.png",): (
@@ -181,7 +206,6 @@ PICTURES: Final[dict[tuple[str, ...], tuple[Callable[[], None], str]]] = {
         ),
         _GAME,
     ),
-    ("filmstrips.png",): (_module("docs.tools.strokes_picture", "--film"), _GAME),
     **{names: (_module(f"docs.tools.{tool}"), _GAME) for names, tool in _COURT.items()},
 }
 """Pictures, what draws them, and the data they show."""
@@ -200,14 +224,15 @@ def digest(source: str) -> str:
 
 
 EARLIER: Final = frozenset({
-    "film.webp", "filmstrips.png", "foxglove.png", "foxglove_broadcast.png", "foxglove_follow.png", "foxglove_match.png",
-    "foxglove_side.png", "landings.png", "league_report.png", "match_report.png", "moments.png", "rally.png", "reliability.png",
-    "replies.png",
-    "scene.png", "scouting_report.png", "strokes.png", "tagging.jpg", "value.png", "watch_analyse_narrow.jpg",
-    "watch_analyse_wide.jpg", "watch_learn_narrow.jpg", "watch_learn_wide.jpg", "watch_play_narrow.jpg", "watch_play_wide.jpg",
-    "watch_players.jpg", "watch_watch_narrow.jpg", "watch_watch_wide.jpg",
+    "landings.png", "league_report.png", "match_report.png", "reliability.png", "replies.png", "scouting_report.png",
+    "tagging.jpg", "value.png", "watch_analyse_wide.jpg", "watch_learn_wide.jpg", "watch_play_narrow.jpg", "watch_play_wide.jpg",
+    "watch_players.jpg", "watch_watch_wide.jpg",
 })  # fmt: skip
 """Pictures of an earlier game; a name goes when its picture is drawn again."""
+KEPT: Final = frozenset({
+    "foxglove.png", "foxglove_broadcast.png", "foxglove_follow.png", "foxglove_match.png", "foxglove_side.png", "strokes.png"
+})  # fmt: skip
+"""Pictures whose program ended; CONTRIBUTING.md names it."""
 
 
 def outdated() -> list[str]:
@@ -216,7 +241,7 @@ def outdated() -> list[str]:
     current = {name: digest(source) for names, (_, source) in PICTURES.items() for name in names}
     shown = {path.name for path in IMAGES.iterdir() if path != SOURCES}
     return sorted(
-        name for name in (shown | set(current)) - EARLIER if name not in shown or current.get(name) != recorded.get(name)
+        name for name in (shown | set(current)) - EARLIER - KEPT if name not in shown or current.get(name) != recorded.get(name)
     )
 
 

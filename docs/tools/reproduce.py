@@ -7,7 +7,6 @@ more between machines. ``--save`` keeps the time, the greatest difference and th
 differs. A time in words is an estimate.
 """
 
-import dataclasses
 import json
 import math
 import os
@@ -19,12 +18,14 @@ import tempfile
 import time
 from collections.abc import Collection, Iterator
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Final
 
 from rich.console import Console
 
-from docs.tools import league_tables, suite_tables, tables
+from docs.tools import league_tables, tables
 from docs.tools.markdown import ROOT, saved
+from docs.tools.results import Result
+from docs.tools.tables import COMPUTED, RESULTS
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.files import replace_file
 from shuttle_marl.commands import cli
@@ -37,7 +38,7 @@ _PROVENANCE: Final = frozenset(
 """Keys of result files that differ between two runs."""
 _DATA: Final = "{data}"
 _OUT: Final = "{out}"
-_SPEED: Final = 1.0
+_SPEED: Final = Result.tolerance
 """Relative tolerance of measured speeds: a factor of two."""
 _AGAIN: Final = Path(__file__).with_name("reproduced.json")
 """Seconds, greatest relative difference and game of reproduced tables, by name."""
@@ -45,134 +46,6 @@ _AGAIN: Final = Path(__file__).with_name("reproduced.json")
 
 class ReproduceError(ShuttleError):
     """An unknown table, a command that fails, or another result."""
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Result:
-    """A result file and the tables that show it.
-
-    Attributes:
-        folder: the folder whose subfolder ``results`` holds it.
-        tables: names of the tables in :data:`docs.tools.tables.BLOCKS`.
-        command: arguments of ``python -m``. ``{out}`` is the file that it writes; without it, it prints JSON. ``{data}`` is
-            the folder of the annotated matches, ``$SHUTTLESET``.
-        tolerance: greatest relative difference of a number.
-        estimate: how long it takes on two cores, where no second run was measured.
-        speeds: names of numbers that are speeds, if others are not.
-    """
-
-    folder: Literal["benchmarks", "experiments"]
-    tables: tuple[str, ...]
-    command: str
-    tolerance: float
-    estimate: str = ""
-    speeds: tuple[str, ...] = ()
-
-
-RESULTS: Final[dict[str, Result]] = (
-    {
-        name: Result(folder="experiments", tables=shown, command=f"experiments.{command}", tolerance=tolerance, estimate=estimate)
-        for name, shown, command, tolerance, estimate in (
-            ("advice", ("advice_results",), "advice --data {data} --split validation --out {out}", 0.02, ""),
-            ("human", ("human", "human_players"), "human --data {data} --json", 0.0, ""),
-            ("league_training", ("league_training",), "league_training --out runs/again --json {out}", 0.5, "hours"),
-            ("next_stroke", ("next_stroke",), "next_stroke --data {data} --out {out}", 0.02, ""),
-            ("pairs_cross", ("pair_results", "pair_strokes"), "pairs --data {data} --cross 4 --out {out}", 0.02, "half an hour"),
-            (
-                "self_play",
-                ("self_play",),
-                "self_play --seeds 3 --strokes 40000000 200000000 --jobs 2 --out runs/again --json",
-                0.5,
-                "8 minutes",
-            ),
-            (
-                "self_play_recovery",
-                ("self_play_recovery",),
-                "self_play --game default:recovery --variants magnet plain pool nash --seeds 2 --strokes 40000000 "
-                "--out runs/again --json",
-                0.5,
-                "5 minutes",
-            ),
-            ("stroke_value", ("stroke_value",), "stroke_value --data {data} --json", 0.0, ""),
-            ("styles", ("styles",), "styles --seeds 10 --out runs/again --json {out}", 0.2, "an hour"),
-            (
-                "truth_cross",
-                (
-                    "recovery_truth",
-                    *(
-                        f"truth_{name}"
-                        for name in ("calibration", "figures", "forecasts", "memory", "shots", "slopes", "told_apart")
-                    ),
-                ),
-                "truth --data {data} --cross 4 --out {out}",
-                0.02,
-                "half an hour",
-            ),
-            ("truth_shares", ("truth_shares",), "truth.shares --data {data} --out {out}", 0.02, "half an hour"),
-            ("truth_limits", ("truth_limits", "truth_legality"), "truth.limits --data {data} --out {out}", 0.02, "half an hour"),
-            ("suite", tuple(suite_tables.BLOCKS), "suite --data {data} --out runs/again --json {out}", 0.2, "hours"),
-            ("truth_profiles", (), "truth --data {data} --cross 4 --profiles --halvings 0 --out {out}", 0.02, "half an hour"),
-            (
-                "truth_validation",
-                (),
-                "truth --data {data} --split validation --profiles --halvings 0 --out {out}",
-                0.02,
-                "half an hour",
-            ),
-            ("win_rates", ("win_rates", "win_rates_matrix"), "win_rates --out runs/again --json {out}", 0.1, "15 minutes"),
-        )
-    }
-    | {
-        name: Result(folder="benchmarks", tables=shown, command=f"benchmarks.{name} --json", tolerance=_SPEED, estimate=estimate)
-        for name, shown, estimate in (
-            ("aec", ("aec",), ""),
-            ("exact_values", ("exact_values",), ""),
-            ("league", ("league",), "4 minutes"),
-            ("recording", ("recording",), ""),
-            ("startup", ("startup",), ""),
-            ("throughput", ("speed", "throughput", "throughput_bound", "throughput_sizes", "cluster"), "4 minutes"),
-            ("time_to_win", ("time_to_win",), "minutes"),
-            ("training", ("training_speed",), ""),
-            ("viewer", ("viewer",), ""),
-        )
-    }
-    | {
-        "depth": Result(
-            folder="experiments",
-            tables=("depth_play", "depth_lists"),
-            command="shuttle_marl.exact depth --json",
-            tolerance=0.02,
-            estimate="2 minutes",
-        ),
-        "depth_recovery": Result(
-            folder="experiments",
-            tables=("recovery_depth",),
-            command="shuttle_marl.exact depth --game default:recovery --json",
-            tolerance=0.02,
-            estimate="2 minutes",
-        ),
-        "staging": Result(
-            folder="benchmarks",
-            tables=("staging",),
-            command="benchmarks.staging --json",
-            tolerance=0.02,
-            speeds=("continue_ms", "realtime"),
-        ),
-        "tagging": Result(
-            folder="benchmarks",
-            tables=("tagging",),
-            command="benchmarks.tagging --json",
-            tolerance=0.0,
-            speeds=("autosave_ms", "autosave_ms_95", "film_s", "tag_s"),
-            estimate="20 minutes",
-        ),
-    }
-)
-"""Result files by name."""
-COMPUTED: Final = ("layer_diagram", "layers", "paths", "ranking", "ranking_short")
-"""Tables without a result file: of the code and of the default tournament, the same on every machine."""
-PROGRAMS: Final = {"recipes": "docs.tools.recipes --save"}
-"""Tables of programs that need other libraries, whose results are only replaced, not compared."""
 
 
 def listed() -> Iterator[tuple[str, str, str, str, str, str]]:
@@ -190,14 +63,13 @@ def listed() -> Iterator[tuple[str, str, str, str, str, str]]:
 
     for name, result in RESULTS.items():
         duration, found, game = times(name, result.estimate)
+        command = f"python -m {result.command}{result.ended and f', at commit {result.ended}'}"
+        tolerance = f"{result.tolerance:g}" if result.compared else "not compared"
         for table in result.tables or (name,):
-            yield table, f"python -m {result.command}", duration, f"{result.tolerance:g}", found, game
+            yield table, command, duration, tolerance, found, game
     for table in COMPUTED:
         duration, found, game = times(table)
         yield table, f"python -m docs.tools.reproduce {table}", duration, "0", found, game
-    for table, command in PROGRAMS.items():
-        seconds = sum(kept["cpu_seconds"] for kept in saved("experiments", table)[table].values())
-        yield table, f"python -m {command}", f"{seconds:.0f} CPU s", "not compared", "", ""
 
 
 def measured() -> dict[str, dict[str, Any]]:
@@ -317,6 +189,9 @@ def check(table: str, *, save: bool = False) -> list[str]:
     begun = time.perf_counter()
     name = next((name for name, result in RESULTS.items() if table in (name, *result.tables)), table)
     greatest = 0.0
+    if name in RESULTS and (RESULTS[name].ended or not RESULTS[name].compared):
+        at = RESULTS[name].ended and f" at commit {RESULTS[name].ended}"
+        raise ReproduceError(f"{name} is not compared; run python -m {RESULTS[name].command}{at}")
     if name in RESULTS:
         result = RESULTS[name]
         new = remake(name, result)
@@ -325,8 +200,6 @@ def check(table: str, *, save: bool = False) -> list[str]:
             replace_file(ROOT / result.folder / "results" / f"{name}.json", f"{new.rstrip()}\n".encode())
     elif name in COMPUTED:
         found = [] if _computed(name) == _shown(name) else [f"{name}: another table than the page shows"]
-    elif name in PROGRAMS:
-        raise ReproduceError(f"{name} is not compared; run python -m {PROGRAMS[name]}")
     else:
         raise ReproduceError(f"no table {name!r}; python -m docs.tools.reproduce lists them")
     if save:

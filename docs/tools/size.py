@@ -1,19 +1,17 @@
-"""The size of the repository, imports in a loop, and the files whose functions run in one step.
+"""The size of the repository, imports in a loop, counts of ideas, and the files whose functions run in one step.
 
     python -m docs.tools.size [--json]
 
-Lines with code are those without blank lines, comments and docstrings; lines of other strings count. A step is traced uncompiled
-and when it is executed for the second time, so preparation does not count.
+Lines with code are those without blank lines, comments and docstrings; lines of other strings count. :data:`RULES` says how the
+other figures are counted, :mod:`docs.tools.structure` how the files of a step are found.
 """
 
 import ast
 import io
 import json
-import os
-import re
-import subprocess
 import sys
 import tokenize
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, Final
@@ -22,62 +20,21 @@ import grimp
 import tyro
 
 from docs.tools.markdown import ROOT, markdown
+from docs.tools.structure import FRAME, PACKAGE, imported, paths, reached
 from shuttle_marl.commands import cli
 
-PACKAGE: Final = "shuttle_marl"
 _OUTSIDE: Final = ("benchmarks", "datasets", "docs", "experiments")
-_STROKE: Final = """
-from shuttle_marl import rally_v0
-env = rally_v0.env()
-while True:
-    env.reset(seed=1)
-    traced(lambda: env.step(env.action_space(env.agent_selection).sample(env.last()[0]["action_mask"])))
-"""
-_TRAINING: Final = """
-import tempfile
-from pathlib import Path
-from shuttle_marl.training import PPOConfig, train
-from {module} import {owner}
-step = {owner}.{method}
-{owner}.{method} = lambda *arguments: traced(lambda: {call})
-with tempfile.TemporaryDirectory() as folder:
-    train(PPOConfig(strokes=1000, batch=32, width=4, checkpoint_every=1, record="{record}", out=Path(folder) / "run"))
-"""
-_ITERATE: Final = {"module": "shuttle_marl.training.learner", "owner": "Trainer", "method": "iterate", "record": "none"}
-_RECORD: Final = {"module": "shuttle_marl.training.rally_log", "owner": "RunLog", "method": "record", "record": "all"}
-_STEPS: Final = {
-    "stroke": _STROKE,
-    "training_step": _TRAINING.format(**_ITERATE, call="step(*arguments)"),
-    "recorded_rally": _TRAINING.format(**_RECORD, call="[step(*arguments), arguments[0].flush()]"),
+RULES: Final = {
+    "circles": "imports, those for type checking too, and files of the page without which nothing imports itself in a loop",
+    "stroke_values": "modules of analysis, coach and watch that call Game.stroke_values, which says what strokes are worth",
+    "integrity_schemes": "modules that compare a SHA-256 of bytes with a stored one, in a function that computes it or by a "
+    "function of theirs; all that compare CRCs count once, as the checksums of MCAP",
+    "caches": "modules that write files into the user's cache folder, or into a database",
+    "single_importers": "modules that exactly one other module imports, imports for type checking not counted",
+    "wide_functions": "functions with more than 8 parameters, self and cls not counted",
+    "same_names": "names of modules used more than twice; __init__.py and __main__.py not counted",
 }
-"""Code that calls ``traced(call)`` with the step, at least twice."""
-_FRAME: Final = ROOT / PACKAGE / "watch/page/src/frame.ts"
-"""Module of the page that draws one frame."""
-_TRACE: Final = """
-import json, sys, threading
-files, calls = set(), 0
-def note(frame, event, _):
-    if event == "call":
-        files.add(frame.f_code.co_filename)
-def traced(call):
-    global calls
-    calls += 1
-    files.clear()
-    sys.setprofile(note)
-    try:
-        result = call()
-    finally:
-        sys.setprofile(None)
-    if calls == 2:
-        raise SystemExit
-    return result
-threading.setprofile(note)  # what a step leaves to threads is a part of it
-try:
-    exec({setup!r})
-finally:
-    print("\\n" + json.dumps(sorted(files)))
-"""
-_IMPORT: Final = re.compile(r'^(?:import|export)\b[^"\';]*["\'](\.[^"\']*)["\']', re.MULTILINE)
+"""How each list of names is counted."""
 
 
 def lines_of(text: str) -> int:
@@ -91,63 +48,69 @@ def lines_of(text: str) -> int:
     return len(lines)
 
 
-def circles(*, types: bool = False) -> list[str]:
-    """Imports within the package, and files of the page, without which nothing would import itself in a loop.
-
-    The parts of a package are files, and folders as one part. For the page, imports of types count.
-
-    Args:
-        types: imports for type checking count in the package too.
-    """
-    graph = grimp.build_graph(PACKAGE, exclude_type_checking_imports=not types, cache_dir=None)
-    found = {pair for module in graph.modules for pair in graph.nominate_cycle_breakers(module)}
-    scripts = [path for path in _FRAME.parent.glob("*.ts") if path in _reached(*_imported(path))]
-    return [*(f"{here} -> {there}" for here, there in sorted(found)), *(path.name for path in sorted(scripts))]
-
-
-def files_of(step: str) -> set[str]:
-    """Python files of the package whose functions run in a step, relative to the package."""
-    command = [sys.executable, "-W", "ignore", "-c", _TRACE.format(setup=_STEPS[step])]
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "NUMBA_DISABLE_JIT": "1"}
-    done = subprocess.run(command, cwd=ROOT, env=environment, stdout=subprocess.PIPE, text=True, check=True)
-    package = f"{ROOT / PACKAGE}{os.sep}"
-    return {file.removeprefix(package) for file in json.loads(done.stdout.splitlines()[-1]) if file.startswith(package)}
-
-
-def _reached(*scripts: Path) -> set[Path]:
-    """TypeScript modules and all modules that they import, directly or not."""
-    reached, waiting = set[Path](), list(scripts)
-    while waiting:
-        path = waiting.pop()
-        if path not in reached:
-            reached.add(path)
-            waiting.extend(_imported(path))
-    return reached
+def names() -> dict[str, list[str]]:
+    """The names behind each figure of :data:`RULES`."""
+    graph = grimp.build_graph(PACKAGE, cache_dir=None)
+    loops = {pair for module in graph.modules for pair in graph.nominate_cycle_breakers(module)}
+    scripts = [path for path in FRAME.parent.glob("*.ts") if path in reached(*imported(path))]
+    trees = {path.relative_to(ROOT / PACKAGE): ast.parse(path.read_text("utf-8")) for path in (ROOT / PACKAGE).rglob("*.py")}
+    run = grimp.build_graph(PACKAGE, exclude_type_checking_imports=True, cache_dir=None)
+    own = {name: path for path in trees if (name := ".".join((PACKAGE, *path.with_suffix("").parts))) in graph.modules}
+    calls = {str(path): _calls(tree) for path, tree in trees.items()}
+    stems = Counter(path.stem for path in own.values() if path.stem != "__main__")
+    wide = {str(path): [node.name for node in ast.walk(tree) if _parameters(node) > 8] for path, tree in trees.items()}  # type: ignore[attr-defined]
+    checked = {str(path): set().union(*_compared(tree)) for path, tree in trees.items()}
+    return {
+        "circles": [*(f"{here} -> {there}" for here, there in sorted(loops)), *(path.name for path in sorted(scripts))],
+        "stroke_values": [f for f in calls if f.startswith(("analysis", "coach", "watch")) and "stroke_values" in calls[f]],
+        "integrity_schemes": [
+            *(f for f in calls if checked[f] & {"sha256", *_that_call(trees[Path(f)], "sha256")}),
+            *["MCAP"] * any("crc32" in found for found in checked.values()),
+        ],
+        "caches": [f for f in calls if "connect" in calls[f] or {"cache_folder", "replace_file"} <= calls[f]],
+        "single_importers": sorted(module for module in own if len(run.find_modules_that_directly_import(module)) == 1),
+        "wide_functions": [f"{path}: {name}" for path, found in wide.items() for name in found],
+        "same_names": sorted(name for name, times in stems.items() if times > 2),
+    }
 
 
-def _imported(script: Path) -> Iterator[Path]:
-    named = (script.parent / f"{source.removesuffix('.ts')}.ts" for source in _IMPORT.findall(script.read_text(encoding="utf-8")))
-    return (path for path in named if path.is_file())
+def _calls(tree: ast.AST) -> set[str]:
+    called = (node.func for node in ast.walk(tree) if isinstance(node, ast.Call))
+    return {f.id if isinstance(f, ast.Name) else f.attr for f in called if isinstance(f, ast.Name | ast.Attribute)}
 
 
-def paths() -> dict[str, list[str]]:
-    """Files that take part in each step, relative to the package."""
-    frame = {path.relative_to(ROOT / PACKAGE).as_posix() for path in _reached(_FRAME)}
-    return {**{step: sorted(files_of(step)) for step in _STEPS}, "page_frame": sorted(frame)}
+def _that_call(tree: ast.AST, name: str) -> set[str]:
+    return {node.name for node in ast.walk(tree) if isinstance(node, ast.FunctionDef) and name in _calls(node)}
+
+
+def _compared(tree: ast.AST) -> Iterator[set[str]]:
+    """Names of the functions whose results each equation compares."""
+    return (
+        _calls(node) for node in ast.walk(tree) if isinstance(node, ast.Compare) and isinstance(node.ops[0], ast.Eq | ast.NotEq)
+    )
+
+
+def _parameters(node: ast.AST) -> int:
+    if not isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+        return 0
+    found = [argument.arg for argument in (*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs)]
+    return len(found) - (found[:1] in (["self"], ["cls"]))
 
 
 def size() -> dict[str, Any]:
-    """Lines and files of the package, lines with code by folder, imports in a loop, and the files of each step."""
+    """Lines and files of the package, lines with code by folder, names by rule, and the files of each step."""
     texts = {name: [p.read_text(encoding="utf-8") for p in (ROOT / name).rglob("*.py")] for name in (PACKAGE, *_OUTSIDE, "tests")}
     code = {name: sum(map(lines_of, found)) for name, found in texts.items()}
+    found = names()
     return {
         "code": code[PACKAGE],
         "lines": sum(len(text.splitlines()) for text in texts[PACKAGE]),
         "files": len(texts[PACKAGE]),
         "outside": {"code": sum(code[name] for name in _OUTSIDE), **{name: code[name] for name in _OUTSIDE}},
         "tests": {"code": code["tests"], "lines": sum(len(text.splitlines()) for text in texts["tests"])},
-        "circles": circles(),
-        "circles_with_types": circles(types=True),
+        **{name: len(counted) for name, counted in found.items()},
+        "names": found,
+        "rules": RULES,
         "paths": paths(),
     }
 
@@ -159,10 +122,11 @@ def main(*, as_json: Annotated[bool, tyro.conf.arg(name="json")] = False) -> Non
         as_json: Print JSON.
     """
     found = size()
-    figures = [(name, f"{found[name]:,}") for name in ("code", "lines", "files")]
-    figures += [(f"code, {name}", f"{found[name]['code']:,}") for name in ("outside", "tests")]
-    figures += [(f"files, {name}", str(len(files))) for name, files in found["paths"].items()]
-    sys.stdout.write(json.dumps(found, indent=1) if as_json else markdown(("figure", "number"), figures, left=("figure",)))
+    figures = [(name, f"{found[name]:,}", RULES.get(name, "")) for name in ("code", "lines", "files", *RULES)]
+    figures += [(f"code, {name}", f"{found[name]['code']:,}", "") for name in ("outside", "tests")]
+    figures += [(f"files, {name}", str(len(files)), "") for name, files in found["paths"].items()]
+    shown = markdown(("figure", "number", "rule"), figures, left=("figure", "rule"))
+    sys.stdout.write(json.dumps(found, indent=1) if as_json else f"{shown}\n")
 
 
 if __name__ == "__main__":

@@ -4,67 +4,41 @@ import functools
 from collections.abc import Callable
 from typing import Final
 
-from docs.tools.markdown import ROOT, markdown, saved
-from shuttle_marl.suite.board import Board, boards, number, rating, with_interval
+from docs.tools.markdown import markdown, saved
+from shuttle_marl.suite.board import Board, boards, called, number, with_interval
 from shuttle_marl.suite.method import kind_of
 from shuttle_marl.suite.registry import TASKS
 
-_NONE: Final = "There are no results yet: `python -m experiments.suite --json experiments/results/suite.json` makes them."
-_BY_CASE: Final = ("exploit-v0", "offline-v0")
-"""Tasks with a table of each case."""
-_PRELIMINARY: Final = "**Preliminary**: measured on another game than the frozen one."
+_NONE: Final = "Not run in this game yet: `python -m experiments.suite --tasks {task} --json experiments/results/suite.json`."
 _SHOWN: Final = 4
 """Number of further scores in a table."""
 
 
 def _boards(name: str) -> list[Board]:
     """Boards of a task; empty as long as there are no results."""
-    if not (ROOT / "experiments" / "results" / "suite.json").is_file():
-        return []
     return [board for board in boards(saved("experiments", "suite")["rows"]) if board["task"] == name]
 
 
-def _best(board: Board) -> str:
-    """The optimum, the best method and the open gap."""
-    metric, best = board["metric"], board["best"]
-    text = "" if best is None else f"Best: `{best['method']}`, {with_interval(best['scores'][metric], metric)}. "
-    if board["gap"] is not None:
-        text += f"Optimum {number(board['optimum'], metric)}, open gap {number(board['gap'], metric)}. "
-    return f"{text}Hard: {board['target']}." if board["target"] else text.strip()
-
-
 def _table(board: Board) -> str:
-    metric, columns = board["metric"], [name for name in board["columns"] if name != "worst"][:_SHOWN]
+    metric, columns = board["metric"], board["columns"][:_SHOWN]
     rows = []
     for row in board["rows"]:
-        scores = (number(row["scores"][name]["value"], name) if name in row["scores"] else "" for name in columns)
-        checked = "yes" if row["verified"] else "no"
-        apart = with_interval(row["behind"], metric) if "behind" in row else ""
+        scores = (number(row["scores"][name]["value"]) if name in row["scores"] else "" for name in columns)
+        apart = with_interval(row["behind"]) if "behind" in row else ""
         place = str(row.get("rank", row["kind"]))
-        worst = number(row["worst"], metric)
-        access = row["access"] + (", isolated" if row["isolated"] else "")
-        figures = (with_interval(row["scores"][metric], metric), worst, apart, *scores, f"{row['seconds']:.0f}", checked)
-        rows.append((access, place, f"`{row['method']}`", *figures))
-    headings = ("access", "rank", "method", f"{metric} (95 %)", "worst", "behind the best", *columns, "seconds", "verified")
+        figures = (with_interval(row["scores"][metric]), number(row["worst"]), apart, *scores)
+        rows.append((row["access"], place, f"`{called(row)}`", *figures, str(row["seeds"]), f"{row['seconds']:.0f}"))
+    headings = ("access", "rank", "method", f"{metric} (95 %)", "worst", "behind the best", *columns, "seeds", "seconds")
     table = markdown(headings, rows, left=("access", "rank", "method"))
-    state = "" if board["frozen"] else f" {_PRELIMINARY}"
-    return f"**{board['title']}**\n\n{table}\n\n{_best(board)}{state}"
+    gap = "" if board["gap"] is None else f", open gap {number(board['gap'])}"
+    best = "" if board["best"] is None else f" Best: `{called(board['best'])}`{gap}."
+    return f"**{board['title']}** (`{metric}` in {board['unit']}; 0: {board['zero']})\n\n{table}\n\nSelf-reported.{best}"
 
 
-def task_boards(name: str) -> str:
-    """All boards of a task."""
-    shown = [_table(board) + (_by_case(board) if name in _BY_CASE else "") for board in _boards(name)]
-    return "\n\n".join(shown) or _NONE
-
-
-def _by_case(board: Board) -> str:
-    """Mean score of each method in each case, if there are several."""
-    metric, first = board["metric"], board["rows"][0]["strata"]
-    if len(first) < 2:
-        return ""
-    names = {case: f"`{case.partition('/')[0]}`" for case in first}
-    rows = [(f"`{row['method']}`", *(number(row["strata"][case][metric], metric) for case in names)) for row in board["rows"]]
-    return f"\n\nMean {metric} by case:\n\n" + markdown(("method", *names.values()), rows, left=("method",))
+def task_boards(kind: str) -> str:
+    """All boards of the tasks of a kind: the task and its entrance."""
+    names = [name for name in TASKS if kind_of(name) == kind]
+    return "\n\n".join(text for name in names for text in [*map(_table, _boards(name))] or [_NONE.format(task=name)])
 
 
 def summary(folder: str) -> str:
@@ -75,44 +49,36 @@ def summary(folder: str) -> str:
     """
     rows = []
     for name, task in TASKS.items():
-        question = (task.__doc__ or "").split("\n", 1)[0].rstrip(".")
-        found = _boards(name)
-        best = ("", "", "", "")
+        question = (task.__doc__ or "").split("\n", 1)[0].rstrip(".").replace("``", "`")
+        found, best = _boards(name), ("", "", "", "")
         if found and (row := found[-1]["best"]):
-            last, metric = found[-1], task.metric
-            gap = "" if last["gap"] is None else number(last["gap"], metric)
+            last = found[-1]
+            gap = "" if last["gap"] is None else number(last["gap"])
             budget = f"{last['budget']:,}" if last["budget"] else ""
-            state = "" if last["frozen"] else ", preliminary"
-            best = (budget, f"`{row['method']}`", f"{with_interval(row['scores'][metric], metric)}{state}", gap)
-        rows.append((f"[`{name}`]({folder}{kind_of(name)}.md)", question, task.metric, *best))
-    headings = ("task", "question", "score", "strokes", "best", "result", "open gap")
-    return markdown(headings, rows, left=("task", "question", "score", "best"))
+            best = (budget, f"`{called(row)}`", with_interval(row["scores"][task.metric]), gap)
+        kind = "entrance" if task.entrance else "" if task.ranked else "references"
+        score = f"{task.metric}, {task.unit}"
+        rows.append((f"[`{name}`]({folder}{kind_of(name)}.md)", question, ", ".join(task.hidden), kind, score, *best))
+    headings = ("task", "question", "hidden", "", "score", "strokes", "best", "result", "open gap")
+    return markdown(headings, rows, left=("task", "question", "hidden", "", "score", "best"))
 
 
 def frontiers() -> str:
-    """Score against exploitability of the restricted responses, for each opponent of ``exploit``."""
-    found = saved("experiments", "suite").get("frontiers", {})
+    """Score against exploitability of the restricted responses, for each opponent of the tasks of ``exploit``."""
     rows = [
-        (f"`{name}`", f"{point['p']:g}", *(number(point[figure], figure) for figure in ("score", "exploitability", "objective")))
-        for name, points in found.items()
+        (f"`{task}`", f"`{name}`", f"{point['p']:g}", *(number(point[figure]) for figure in ("score", "exploitability", "gain")))
+        for task, opponents in saved("experiments", "suite")["frontiers"].items()
+        for name, points in opponents.items()
         for point in points
     ]
-    headings = ("opponent", "restriction", "score", "exploitability", "objective")
-    return markdown(headings, rows, left=("opponent",)) if rows else _NONE
-
-
-def ratings() -> str:
-    """The rating of each method over all tasks."""
-    found = [board for name in TASKS for board in _boards(name)]
-    rows = [(f"`{name}`", f"{points:.0f}") for name, points in rating(found).items()]
-    return markdown(("method", "rating"), rows, left=("method",)) if rows else _NONE
+    headings = ("task", "opponent", "restriction", "score", "exploitability", "gain")
+    return markdown(headings, rows, left=("task", "opponent")) if rows else _NONE.format(task="exploit-v0")
 
 
 BLOCKS: Final[dict[str, Callable[[], str]]] = {
     "suite_summary": functools.partial(summary, ""),
-    "suite_rating": ratings,
     "suite_frontier": frontiers,
     "suite_board": functools.partial(summary, "docs/suite/"),
-    **{f"suite_{kind_of(name)}": functools.partial(task_boards, name) for name in TASKS},
+    **{f"suite_{kind}": functools.partial(task_boards, kind) for kind in dict.fromkeys(map(kind_of, TASKS))},
 }
 """Tables by name."""

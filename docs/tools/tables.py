@@ -9,6 +9,7 @@ Figures in sentences are those of :mod:`docs.tools.figures`, each with a toleran
 page does not show what the results say.
 """
 
+import dataclasses
 import difflib
 import functools
 import re
@@ -20,7 +21,7 @@ from typing import Final
 
 from rich.console import Console
 
-from docs.tools import benchmark_tables, experiment_tables, figures, league_tables, structure, suite_tables
+from docs.tools import figures, league_tables, results, structure, suite_tables
 from docs.tools.league_tables import TableError
 from docs.tools.markdown import ROOT
 from shuttle_marl.base.files import replace_file
@@ -35,70 +36,19 @@ LEAGUE_BLOCKS: Final[dict[str, Callable[[Path], str]]] = {
     "ranking_short": league_tables.ranking_short,
 }
 """Tables of a tournament by name, and what makes them from its run folder."""
+_OF_THE_CODE: Final = {"layer_diagram": structure.diagram, "layers": structure.layers, "paths": structure.path_table}
+RESULTS: Final = {**results.RESULTS, "suite": dataclasses.replace(results.RESULTS["suite"], tables=tuple(suite_tables.BLOCKS))}
+"""Result files by name."""
 BLOCKS: Final[dict[str, Callable[[], str]]] = {
-    "advice_results": experiment_tables.advice_results,
-    "aec": benchmark_tables.aec,
-    "cluster": benchmark_tables.cluster,
-    "exact_values": benchmark_tables.exact_values,
-    "human": experiment_tables.human,
-    "human_players": experiment_tables.human_players,
-    "layer_diagram": structure.diagram,
-    "layers": structure.layers,
-    "league": benchmark_tables.league,
-    "league_training": experiment_tables.league_training,
-    "next_stroke": experiment_tables.next_strokes,
-    "pair_results": experiment_tables.pair_results,
-    "pair_strokes": experiment_tables.pair_strokes,
-    "paths": structure.paths,
-    "recipes": experiment_tables.recipes,
-    "recording": benchmark_tables.recording,
-    "recovery_depth": experiment_tables.recovery_depth,
-    "recovery_truth": experiment_tables.recovery_truth,
-    "self_play": experiment_tables.self_play,
-    "self_play_recovery": functools.partial(experiment_tables.self_play, "self_play_recovery"),
-    "speed": benchmark_tables.speed,
-    "staging": benchmark_tables.staging,
+    **_OF_THE_CODE,
+    **{table: functools.partial(results.saved_table, table, name) for name, of in results.RESULTS.items() for table in of.tables},
     **suite_tables.BLOCKS,
-    "startup": benchmark_tables.startup,
-    "stroke_value": experiment_tables.stroke_value,
-    "styles": experiment_tables.style_figures,
-    "tagging": benchmark_tables.tagging,
-    "throughput": benchmark_tables.throughput,
-    "throughput_bound": benchmark_tables.throughput_bound,
-    "throughput_sizes": benchmark_tables.throughput_sizes,
-    "time_to_win": benchmark_tables.time_to_win,
-    "training_speed": benchmark_tables.training_speed,
-    "truth_calibration": experiment_tables.truth_calibration,
-    "truth_figures": experiment_tables.truth_figures,
-    "truth_legality": experiment_tables.truth_legality,
-    "truth_shares": experiment_tables.truth_shares,
-    "depth_play": experiment_tables.depth_play,
-    "depth_lists": experiment_tables.depth_lists,
-    "truth_limits": experiment_tables.truth_limits,
-    "truth_forecasts": experiment_tables.truth_forecasts,
-    "truth_memory": experiment_tables.truth_memory,
-    "truth_shots": experiment_tables.truth_shots,
-    "truth_slopes": experiment_tables.truth_slopes,
-    "truth_told_apart": experiment_tables.truth_told_apart,
-    "viewer": benchmark_tables.viewer,
-    "win_rates": experiment_tables.agents,
-    "win_rates_matrix": experiment_tables.matrix,
 }
-"""Tables of saved results by name, and what makes them."""
-EARLIER: Final[dict[str, str]] = {
-    **dict.fromkeys(
-        (
-            *("advice_results", "human", "human_players", "next_stroke", "pair_results", "pair_strokes", "recipes", "self_play"),
-            *("aec", "cluster", "exact_values", "recording", "speed", "startup", "throughput", "throughput_bound"),
-            *("throughput_sizes", "time_to_win", "training_speed", "viewer"),
-            *("stroke_value", "styles", "win_rates", "win_rates_matrix", *suite_tables.BLOCKS),
-            *(f"truth_{name}" for name in ("legality", "limits", "shares")),
-        ),
-        "d19cf2be",
-    ),
-    **dict.fromkeys(("league", "league_training", "staging"), "be089928"),
-}
-"""Tables with results of another game than the shipped one, and its hash. A result that is made again leaves this list."""
+"""Tables of the code and of saved results by name, and what makes them."""
+EARLIER: Final = {table: of.earlier for of in RESULTS.values() if of.earlier for table in of.tables}
+"""Tables with results of another game than the shipped one, and its hash. A result that is made again loses its ``earlier``."""
+COMPUTED: Final = (*_OF_THE_CODE, *LEAGUE_BLOCKS)
+"""Tables without a result file: of the code and of the default tournament, the same on every machine."""
 MODEL_CARD: Final = "docs/model_card.md"
 """The page that is made as a whole."""
 _PAGES: Final = ("README.md", "benchmarks/README.md", "docs/*.md", "docs/suite/*.md")

@@ -1,48 +1,64 @@
-"""Pictures of the live court in the documentation: ``python -m docs.tools.watch_pictures``.
+"""Pictures and the film of the live court in the documentation: ``python -m docs.tools.watch_pictures [--film]``.
 
-Needs the extra ``video`` and Chromium. The page is served and drawn on this machine, in full quality.
+``--film`` makes the film only. Needs the extra ``video`` and Chromium. The page is served and drawn on this machine, in full
+quality.
 """
 
 import contextlib
-import itertools
 import re
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
+import av
+from PIL import Image
 from playwright.sync_api import Browser, Page, sync_playwright
 
+from docs.tools.markdown import IMAGES
 from shuttle_marl.base.files import replace_file
-from shuttle_marl.watch.server import browser_flags, browser_program
+from shuttle_marl.watch.server import browser_flags, browser_program, write_video
 
-FOLDER: Final = Path(__file__).parents[1] / "images"
 SIZES: Final = {"wide": (1680, 980), "narrow": (390, 844)}
-MODES: Final = ("watch", "analyse", "learn", "play")
+SHOWN: Final = (("watch", "wide"), ("analyse", "wide"), ("learn", "wide"), ("play", "wide"), ("play", "narrow"))
+"""Modes of the page, and the sizes in which the documentation shows them."""
 _PLACE: Final = "#seed=11&a=ppo&b=bc&rally=4&stroke=5"
 _RALLY: Final = "#seed=0&a=bc:viktor-axelsen&b=bc:kento-momota&rally=1&stroke=9"
 PLAYERS: Final = ("viktor-axelsen", "kento-momota")
 _LIMIT: Final = 240_000
+_FILM: Final = (640, 360)
+_FPS: Final = 12
+_QUALITY: Final = 55
 
 
 def main() -> None:
-    """Take a picture of every mode in both sizes, and one of two players with their own skill."""
+    """Take the pictures of the modes, of two players with their own skill, and the film of a rally of theirs."""
+    with _served("--players", *PLAYERS) as address:
+        take_film(f"{address}{_RALLY.partition('&stroke')[0]}", IMAGES / "film.webp")
+    if "--film" in sys.argv:
+        return
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=browser_program(), args=browser_flags())
         with _served() as address:
-            for size, mode in itertools.product(SIZES, MODES):
-                _take(browser, address, mode, size, FOLDER / f"watch_{mode}_{size}.jpg")
-        take_players(browser)
+            for mode, size in SHOWN:
+                _take(browser, address, mode, size, IMAGES / f"watch_{mode}_{size}.jpg")
+        with _served("--players", *PLAYERS) as address:
+            _take(browser, address, "watch", "wide", IMAGES / "watch_players.jpg", place=_RALLY)
         browser.close()
 
 
-def take_players(browser: Browser) -> None:
-    """Take the picture of two players with their own skill."""
-    with _served("--players", *PLAYERS) as address:
-        _take(browser, address, "watch", "wide", FOLDER / "watch_players.jpg", place=_RALLY)
+def take_film(address: str, picture: Path) -> None:
+    """Film a whole rally of the page as an animated picture."""
+    with tempfile.TemporaryDirectory() as folder:
+        film = Path(folder) / "rally.webm"
+        write_video(address, film, size=_FILM, fps=_FPS)
+        with av.open(str(film)) as video:
+            first, *others = (Image.fromarray(frame.to_ndarray(format="rgb24")) for frame in video.decode(video=0))
+        first.save(picture, save_all=True, append_images=others, duration=1000 // _FPS, loop=0, quality=_QUALITY, method=4)
 
 
 @contextlib.contextmanager

@@ -1,49 +1,63 @@
 """The imitator: predicts the next stroke of a player from everything that is visible at the hit.
 
 The behaviour-cloned players of the game (``bc``) know the state of the game only. The imitator also reads positions, tempo, four
-previous strokes and the players (:mod:`experiments.imitation.context`); it predicts people better and cannot play the game. The
-prediction is the mean of networks (:mod:`experiments.imitation.networks`) and boosted trees (:mod:`experiments.imitation.trees`),
-whose errors differ. Contact heights and players are hidden in part of the training strokes, so one model predicts with and
-without them, and treats unknown players as an average player.
+previous strokes and the players (:mod:`experiments.imitation.context`); it predicts people better and cannot play the game. It
+consists of boosted trees (LightGBM, Ke et al., NIPS 2017). All their inputs are small integers with an order: codes, and each
+number as its step on a quantile scale. One model predicts the shot type, another the area given the shot type. Contact heights
+and players are hidden in part of the training strokes, so the same trees predict with and without them, and treat unknown players
+as an average player.
 
     imitator = Imitator.fit(load_strokes("train.parquet"))
     probability = imitator.predict(load_strokes("new.parquet"))  # [N, 13, 9]
 """
 
 import dataclasses
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
-from typing import Final
+from typing import Final, Self
 
+import lightgbm
 import numpy as np
 import pyarrow as pa
-import torch
+from scipy.special import softmax
 
-from experiments.imitation.context import HitContexts, hit_contexts
-from experiments.imitation.networks import ImitatorNetworks, NetworksConfig, TrainingStrokes, one_thread
-from experiments.imitation.trees import ImitatorTrees, TreesConfig
-from shuttle_marl.base.arrays import F64, I64
+from experiments.imitation.context import CODES, UNSEEN_HEIGHT, HitContexts, cuts_of, hit_contexts, steps_of
+from shuttle_marl.base.arrays import F32, F64, I16, I64
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.data.schema import Outcome
-from shuttle_marl.dynamics.features import rows_from_strokes
+from shuttle_marl.dynamics.features import mirrored_where, rows_from_strokes
+from shuttle_marl.dynamics.trees import PARAMETERS
+from shuttle_marl.game.court import N_AREAS
+from shuttle_marl.game.stroke import N_SHOTS
 
-WORKERS: Final = 2
-"""Parts fitted at the same time, each in one thread: another order of summation would give other weights."""
-TREES_WEIGHT: Final = 0.5
-"""Weight of the trees in the mean. On held-out matches of the training split, weights of .4 to .6 are equally good."""
+STEPS: Final = 64
+"""Steps of the quantile scale of each number."""
+_HEIGHT: Final = list(CODES).index("height")
+_PLAYERS: Final = len(CODES)
+"""Column of the striker; followed by the receiver and the steps."""
+_MIN_ROWS_PER_LEAF: Final = 40
+_CHUNK: Final = 4096
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ImitatorConfig:
-    """Settings of the fit.
+    """Settings of the fit; chosen on held-out matches of the training split.
 
     Attributes:
-        networks: of the networks.
-        trees: of the trees.
+        type_rounds: boosting rounds of the shot type.
+        area_rounds: boosting rounds of the area.
+        leaves: maximum number of leaves of a tree.
+        rate: learning rate.
+        columns: fraction of the columns sampled for each tree.
+        hide_height: fraction of strokes whose contact height is hidden during the fit.
+        hide_player: fraction of strokes whose striker is hidden during the fit, and of those whose receiver is.
     """
 
-    networks: NetworksConfig = dataclasses.field(default_factory=NetworksConfig)
-    trees: TreesConfig = dataclasses.field(default_factory=TreesConfig)
+    type_rounds: int = 130
+    area_rounds: int = 130
+    leaves: int = 15
+    rate: float = 0.08
+    columns: float = 0.5
+    hide_height: float = 0.5
+    hide_player: float = 0.1
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -53,24 +67,20 @@ class Imitator:
     Attributes:
         players: identifiers of the known players; all others are treated as the average player.
         config: settings of the fit.
-        networks, trees: the two models whose predictions are averaged.
+        cuts: ``[F, 63]`` increasing cuts between the steps of the quantile scale of each number.
+        types: predicts the shot type.
+        areas: predicts the area; its last input is the shot type.
     """
 
     players: tuple[str, ...]
     config: ImitatorConfig
-    networks: ImitatorNetworks
-    trees: ImitatorTrees
+    cuts: F32
+    types: lightgbm.Booster
+    areas: lightgbm.Booster
 
     @classmethod
-    def fit(
-        cls,
-        strokes: pa.Table,
-        *,
-        config: ImitatorConfig | None = None,
-        seed: int = 0,
-        report: Callable[[str], None] = lambda _: None,
-    ) -> "Imitator":
-        """Fit an imitator; two to three minutes of CPU time for 50,000 strokes, on up to two cores.
+    def fit(cls, strokes: pa.Table, *, config: ImitatorConfig | None = None, seed: int = 0) -> Self:
+        """Fit an imitator; half a minute of CPU time for 50,000 strokes.
 
         The intended area of a fault is unknown, so faults only teach the shot type. The area of a winner is the one in which a
         receiver would have met the shuttle (:mod:`shuttle_marl.dynamics.features`).
@@ -78,41 +88,43 @@ class Imitator:
         Args:
             strokes: table of schema :data:`shuttle_marl.data.schema.STROKES`.
             config: settings.
-            seed: random seed; equal seeds give equal weights and trees.
-            report: called with a line before each part.
+            seed: random seed; equal seeds give equal trees.
 
         Raises:
             ShuttleError: no stroke in the table has a known area.
         """
-        if not strokes.num_rows:
-            raise ShuttleError("no stroke to learn from; is the data complete?")
         config = config or ImitatorConfig()
-        contexts, rows = hit_contexts(strokes), rows_from_strokes(strokes)
-        players = tuple(sorted({*contexts.striker.tolist(), *contexts.receiver.tolist()}))
-        codes = _player_codes(players, contexts)
-        shot = rows.codes["shot"].astype(np.int64)
-        area = np.where(rows.outcome == Outcome.FAULT, -1, rows.codes["area"]).astype(np.int64)
-        if (area < 0).all():
+        rows = rows_from_strokes(strokes)
+        known = (rows.outcome != Outcome.FAULT) & (rows.codes["area"] >= 0)
+        if not known.any():
             raise ShuttleError("no stroke whose area is known to learn from; is the data complete?")
-        networks = ImitatorNetworks.untrained(contexts, len(players), config.networks, seed)
-        training = TrainingStrokes(*networks.inputs(contexts, codes), torch.from_numpy(shot), torch.from_numpy(area))
+        contexts = hit_contexts(strokes)
+        players = tuple(sorted({*contexts.striker.tolist(), *contexts.receiver.tolist()}))
+        cuts = cuts_of(contexts.numbers, STEPS)
+        columns = _columns(contexts, players, cuts)
+        draws = np.random.default_rng(seed).random((len(columns), 3))
+        columns[draws[:, 0] < config.hide_height, _HEIGHT] = UNSEEN_HEIGHT
+        columns[:, _PLAYERS : _PLAYERS + 2][draws[:, 1:] < config.hide_player] = 0
+        parameters = {
+            **PARAMETERS, "objective": "multiclass", "num_leaves": config.leaves, "learning_rate": config.rate,
+            "min_data_in_leaf": _MIN_ROWS_PER_LEAF, "feature_fraction": config.columns, "seed": seed,
+        }  # fmt: skip
 
-        def fit_trees() -> ImitatorTrees:
-            report("imitator, trees")
-            return ImitatorTrees.fit(contexts, codes, shot, area, config=config.trees, seed=seed)
+        def booster(inputs: I16, label: I16, classes: int, rounds: int) -> lightgbm.Booster:
+            data = lightgbm.Dataset(inputs.astype(np.int32), label.astype(np.int64))
+            return lightgbm.train({**parameters, "num_class": classes}, data, num_boost_round=rounds)
 
-        def train(member: int) -> None:
-            report(f"imitator, network {member + 1} of {config.networks.members}")
-            networks.train(member, 1000 * seed + member, training)
-
-        with one_thread(), ThreadPoolExecutor(WORKERS) as pool:
-            trees = pool.submit(fit_trees)
-            list(pool.map(train, range(config.networks.members)))
-        networks.members.requires_grad_(False).eval()
-        return cls(players=players, config=config, networks=networks, trees=trees.result())
+        shot, area = rows.codes["shot"], mirrored_where(rows.hand == 1, rows.codes["area"])  # as the receiver's positions are
+        return cls(
+            players=players,
+            config=config,
+            cuts=cuts,
+            types=booster(columns, shot, N_SHOTS, config.type_rounds),
+            areas=booster(np.column_stack([columns, shot])[known], area[known], N_AREAS, config.area_rounds),
+        )
 
     def predict(self, strokes: pa.Table, *, height_known: bool = True, striker: str | None = None) -> F64:
-        """``[N, 13, 9]`` probability of each shot type and area, for every stroke of a table.
+        """``[N, 13, 9]`` probability of each shot type and area, for every stroke of a table; areas are those of its column.
 
         A prediction depends on nothing after the hit: neither on the stroke, its outcome and its landing, nor on later rows.
 
@@ -126,13 +138,22 @@ class Imitator:
             contexts = contexts.without_height()
         if striker is not None:
             contexts = dataclasses.replace(contexts, striker=np.full(len(contexts), striker))
-        codes = _player_codes(self.players, contexts)
-        of_trees, of_networks = self.trees.predict(contexts, codes), self.networks.predict(contexts, codes)
-        return TREES_WEIGHT * of_trees + (1 - TREES_WEIGHT) * of_networks
+        columns = _columns(contexts, self.players, self.cuts)
+        out = np.empty((len(columns), N_SHOTS, N_AREAS))
+        for start in range(0, len(columns), _CHUNK):
+            part = columns[start : start + _CHUNK]
+            every_shot = np.tile(np.arange(N_SHOTS, dtype=np.int16), len(part))
+            areas = _probabilities(self.areas, np.column_stack([np.repeat(part, N_SHOTS, axis=0), every_shot]))
+            out[start : start + _CHUNK] = _probabilities(self.types, part)[:, :, None] * areas.reshape(-1, N_SHOTS, N_AREAS)
+        return out
 
 
-def _player_codes(players: tuple[str, ...], contexts: HitContexts) -> I64:
-    """``[N, 2]`` code of striker and receiver: position among the players, from 1; 0 for unknown players."""
+def _probabilities(booster: lightgbm.Booster, columns: I16) -> F64:
+    return softmax(np.asarray(booster.predict(columns, raw_score=True, num_threads=1)), axis=1)
+
+
+def _columns(contexts: HitContexts, players: tuple[str, ...], cuts: F32) -> I16:
+    """``[N, 20 + F]`` ordered codes; that of a player is the position among the players, from 1, and 0 for unknown players."""
     code = {player: i for i, player in enumerate(players, start=1)}
-    codes = [[code.get(name, 0) for name in names.tolist()] for names in (contexts.striker, contexts.receiver)]
-    return np.array(codes, dtype=np.int64).reshape(2, -1).T
+    known: I64 = np.array([[code.get(name, 0) for name in names] for names in (contexts.striker, contexts.receiver)])
+    return np.concatenate([contexts.codes, known.reshape(2, -1).T, steps_of(contexts.numbers, cuts)], axis=1).astype(np.int16)

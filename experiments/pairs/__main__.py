@@ -1,16 +1,14 @@
 """``python -m experiments.pairs --data DATA (--cross 4 | --split test) [--json]``"""
 
-import json as json_format
 import sys
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 import tyro
 from rich.console import Console
-from rich.table import Table
 
+from docs.tools.results import show
 from experiments.pairs.parts import Annotated as AnnotatedStrokes
 from experiments.pairs.parts import Part, crossed
 from experiments.pairs.results import results
@@ -18,7 +16,7 @@ from experiments.pairs.strokes import components
 from experiments.truth.matches import strokes_of
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.runs import describe, write_json
-from shuttle_marl.commands.cli import run
+from shuttle_marl.commands.cli import entry_point
 from shuttle_marl.data import Split, load_strokes, matches_of
 from shuttle_marl.game.shipped import model_folder
 
@@ -62,13 +60,11 @@ def pairs(
         parts = [
             Part(folder=model_folder(model), seen=_of_splits(every, "train"), unseen=_of_splits(every, split or "validation"))
         ]
-    result = {"split": split, "cross": cross, **results(parts), "components": components(parts)}
+    about = {**describe(("numpy", "torch")), "split": split, "cross": cross}
+    result = {**about, **results(parts), "components": components(parts)}
     if out is not None:
-        write_json(out, {**describe(("numpy", "torch")), **result})
-    if json_output:
-        sys.stdout.write(json_format.dumps(result) + "\n")
-    else:
-        _print(result)
+        write_json(out, result)
+    show(result, "pair_results", "pair_strokes", as_json=json_output)
 
 
 def _of_splits(every: AnnotatedStrokes, *splits: Split) -> AnnotatedStrokes:
@@ -84,36 +80,7 @@ def _of_splits(every: AnnotatedStrokes, *splits: Split) -> AnnotatedStrokes:
     return every.take(np.logical_or.reduce(which))
 
 
-def _print(result: dict[str, Any]) -> None:
-    console = Console(highlight=False)
-    losses = Table("prediction", "log-loss", "difference from a coin, e-5", "95 % interval", title="Results of unseen rallies")
-    for name, loss in result["results"].items():
-        found = result["difference"].get(name)
-        cells = ["", ""] if found is None else [f"{1e5 * found['mean']:+.0f}", _interval(found)]
-        losses.add_row(name.replace("_", " "), f"{loss:.5f}", *cells)
-    console.print(losses)
-    slope = result["calibration"]
-    console.print(
-        f"slope of results on the pair's log-odds {slope['slope']:.2f} ({slope['low']:.2f} to {slope['high']:.2f}); correlation "
-        f"of predicted and real shares {result['correlation']:.2f}; {result['seconds']:.1f} s a pair"
-    )
-    strokes = Table("component", "strokes of", "log-loss", "difference, e-5", "95 % interval", title="Strokes of unseen matches")
-    for name, found in result["components"].items():
-        subsets = {"all": found, **{key: found[key] for key in ("both_seen", "one_unseen", "update")}}
-        for key, one in subsets.items():
-            strokes.add_row(
-                name, key.replace("_", " "), f"{one['average']:.5f}", f"{1e5 * one['difference']:+.0f}", _interval(one)
-            )
-    console.print(strokes)
-
-
-def _interval(found: dict[str, float]) -> str:
-    return f"{1e5 * found['low']:+.0f} to {1e5 * found['high']:+.0f}"
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line; returns the exit status."""
-    return run(pairs, prog="experiments.pairs", description=__doc__ or "", argv=argv)
+main = entry_point(pairs, "python -m experiments.pairs", __doc__ or "")
 
 
 if __name__ == "__main__":

@@ -19,6 +19,7 @@ from scipy.sparse import block_diag, csr_matrix, identity
 
 from experiments.pairs.parts import Part
 from experiments.truth.matches import Strokes
+from shuttle_marl.analysis.outlook import EARNED, earned
 from shuttle_marl.base.arrays import F64, I64, Bools
 from shuttle_marl.data.upstream import date_of
 from shuttle_marl.dynamics.evaluate import difference_by_match, log_losses
@@ -77,8 +78,9 @@ def results(parts: Sequence[Part]) -> dict[str, Any]:
 
     Returns:
         ``results``: log-loss of each prediction; ``difference``: from the coin, with intervals by match; ``calibration``: slope
-        of the results on the log-odds of the game of the pair; ``correlation``: of its shares of rallies and the real ones, over
-        matches, about one half; ``seconds`` for each pair.
+        of the results on the log-odds of the game of the pair; ``forecast``: log-loss of the share of rallies that reports print,
+        that of a coin, and the slope of the results on its log-odds, below 1 if it is larger than earned; ``correlation``: of
+        the pair's shares of rallies and the real ones, over matches, about one half; ``seconds`` for each pair.
     """
     won, match = [], []
     predicted: dict[str, list[F64]] = {name: [] for name in PREDICTIONS}
@@ -103,12 +105,19 @@ def results(parts: Sequence[Part]) -> dict[str, Any]:
     shares = [
         np.bincount(games, side * (values - 0.5)) / np.bincount(games) for values in (joined["pair"], label.astype(np.float64))
     ]
+    printed = log_losses(label, earned(joined["pair"]))
+    slope = slope_on_offset(np.zeros(len(label)), log_odds(joined["pair"]), label, index)
     return {
         "rallies": len(label),
         "matches": int(games.max()) + 1,
         "results": {name: float(values.mean()) for name, values in losses.items()},
         "difference": {name: difference_by_match(losses[name], losses["coin"], index) for name in PREDICTIONS[1:]},
-        "calibration": slope_on_offset(np.zeros(len(label)), log_odds(joined["pair"]), label, index),
+        "calibration": slope,
+        "forecast": {
+            "log_loss": float(printed.mean()),
+            "coin": float(losses["coin"].mean()),
+            "calibration": {end: slope[end] / EARNED for end in ("low", "high")},
+        },
         "correlation": float(shares[0] @ shares[1] / np.sqrt((shares[0] @ shares[0]) * (shares[1] @ shares[1]))),
         "seconds": seconds / max(1, pairs),
     }

@@ -1,6 +1,5 @@
 """``python -m experiments.truth --data DATA (--split validation | --cross 4) [--json]``"""
 
-import json as json_format
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -9,8 +8,8 @@ from typing import Annotated, Any, Final
 import numpy as np
 import tyro
 from rich.console import Console
-from rich.table import Table
 
+from docs.tools.results import show
 from experiments.truth import decisions, likeness
 from experiments.truth.calibration import calibration
 from experiments.truth.decisions import Promises
@@ -25,7 +24,7 @@ from shuttle_marl.analysis.strokes import simulate
 from shuttle_marl.base.arrays import I64
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.runs import describe, write_json
-from shuttle_marl.commands.cli import run
+from shuttle_marl.commands.cli import entry_point
 from shuttle_marl.data import Split, load_strokes
 from shuttle_marl.exact import evaluate
 from shuttle_marl.game.pairs import Looks
@@ -86,7 +85,8 @@ def truth(
         parts = marked((shipped_world(game, discipline), part) for discipline, part in by_discipline(judged, profiles))
     real, promised = judged_by(parts)
     factors = None if cross is not None else factors_of(model_folder(game))
-    result: dict[str, Any] = {"split": split, "cross": cross, "train_only": train_only, **compare(parts, real, promised, seed)}
+    about = {**describe(("numpy", "torch")), "split": split, "cross": cross, "train_only": train_only}
+    result: dict[str, Any] = {**about, **compare(parts, real, promised, seed)}
     if cross is not None or factors is not None:
         result["calibration"] = calibration(real, promised, parts_of(parts), factors, seed)
     if values is not None:
@@ -96,11 +96,8 @@ def truth(
     if halvings:
         result["transfer"] = transfer(of_splits(strokes, "train"), fitter, halvings=halvings, seed=seed)
     if out is not None:
-        write_json(out, {**describe(("numpy", "torch")), **result})
-    if json_output:
-        sys.stdout.write(json_format.dumps(result) + "\n")
-    else:
-        _print(result)
+        write_json(out, result)
+    show(result, "truth", "truth_shots", "truth_memory", "truth_forecasts", "truth_told_apart", as_json=json_output)
 
 
 def compare(parts: Sequence[tuple[World, Strokes]], real: Strokes, promised: Promises, seed: int) -> dict[str, Any]:
@@ -161,86 +158,7 @@ def _mean(dictionaries: Sequence[dict[str, float]]) -> dict[str, float]:
     return {name: float(np.mean([one[name] for one in dictionaries])) for name in dictionaries[0]}
 
 
-def _print(result: dict[str, Any]) -> None:
-    console = Console(highlight=False)
-    slopes = Table(
-        "strokes later", "slope", "95 % interval", title="Regression of outcomes on predicted advantages (1 in a correct game)"
-    )
-    for horizon, slope in result["decision_slope"].items():
-        slopes.add_row(horizon, f"{slope['value']:.2f}", f"{slope['low']:.2f} to {slope['high']:.2f}")
-    console.print(slopes)
-    errors = Table(
-        "shot", "after own", "95 % interval", "after incoming", "95 % interval", title="Points won above the predicted value"
-    )
-    for shot, roles in result["value_error"].items():
-        cells = [shot]
-        for role in ("own", "incoming"):
-            found = roles.get(role)
-            cells += ["", ""] if found is None else [f"{found['points']:+.1f}", f"{found['low']:+.1f} to {found['high']:+.1f}"]
-        errors.add_row(*cells)
-    console.print(errors)
-    strokes = Table("shot", "promised", "realised", "95 % interval", title="Points that choosing a shot type adds")
-    for shot, found in result["promised_realised"].items():
-        brought = found["realised"]
-        strokes.add_row(
-            shot, f"{found['promised']:+.2f}", f"{brought['points']:+.2f}", f"{brought['low']:+.2f} to {brought['high']:+.2f}"
-        )
-    console.print(strokes)
-    auc, remembering, length = (result[name] for name in ("two_sample_auc", "two_sample_auc_history", "rally_length"))
-    forbidden = result["illegal"]
-    error = forbidden["value_error"]
-    lines = [
-        *(
-            f"slope on calibrated advantages, {name}: {found['slope']:.2f} ({found['low']:.2f} to {found['high']:.2f}), "
-            f"factor {found['factor']:.2f}"
-            for name, found in result.get("calibration", {}).items()
-        ),
-        f"illegal strokes: {100 * forbidden['share']:.2f} %, after a drop met above the net "
-        f"{100 * forbidden['after_drop_above']:.1f} %, where the value errs by {error['points']:+.1f} points "
-        f"({error['low']:+.1f} to {error['high']:+.1f})",
-        "memory of an advantage 1 to 8 strokes ago: "
-        + ", ".join(f"{lag}: {found['value']:+.2f}" for lag, found in result["memory"].items()),
-        *(
-            f"against the other game, {name}: {found['value']:+.5f} ({found['low']:+.5f} to {found['high']:+.5f})"
-            for name, found in result.get("against", {}).items()
-        ),
-        *(
-            f"calibration error of the forecast, {name}: {found['ece']:.4f} (of a game without errors {found['chance']:.4f}, "
-            f"at most {found['chance_high']:.4f})"
-            for name, found in result["forecasts"].items()
-        ),
-        *(
-            f"position of the receiver, {name}: log-loss {1e5 * found['log_loss_change']:+.0f}e-5 "
-            f"({1e5 * found['low']:+.0f}e-5 to {1e5 * found['high']:+.0f}e-5), slope on its effect {found['slope']:.2f} "
-            f"({found['slope_low']:.2f} to {found['slope_high']:.2f})"
-            for name, found in (result["recovery"] or {}).items()
-        ),
-        f"log-loss of the value: {result['value_log_loss']:.5f}",
-        f"classifying simulated and real rallies: AUC {auc['value']:.3f} (real from real {auc['real_against_real']:.3f}), by "
-        + ", ".join(auc["gives_away"]),
-        *([] if remembering is None else [f"the same with players who remember the rally: AUC {remembering['value']:.3f}"]),
-        f"rally length: {length['simulated']:.2f} simulated, {length['real']:.2f} real, "
-        f"KS {length['ks']:.3f} (real against real {length['ks_real']:.3f})",
-        *(
-            f"divergence of {name}: {found['value']:.5f} bits (real against real {found['real_against_real']:.5f})"
-            for name, found in result["divergence"].items()
-        ),
-        f"random against bc: {100 * result['random_vs_bc']:.1f} % of rallies",
-        "strokes with fewer than five examples in the data: "
-        + ", ".join(f"{name} {100 * share:.0f} %" for name, share in result["support"].items()),
-        *(
-            f"{name}: wins {100 * found['home']:.1f} % at home, {100 * found['away']:.1f} % away; "
-            f"{found['kept']:.2f} of the advantage over 50 % is retained ({found['low']:.2f} to {found['high']:.2f})"
-            for name, found in result.get("transfer", {}).items()
-        ),
-    ]
-    for line in lines:
-        console.print(line, markup=False)
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line; returns the exit status."""
-    return run(truth, prog="experiments.truth", description=__doc__ or "", argv=argv)
+main = entry_point(truth, "python -m experiments.truth", __doc__ or "")
 
 
 if __name__ == "__main__":

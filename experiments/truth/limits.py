@@ -11,17 +11,15 @@ separates:
   correlated within a rally. A negative slope means that the result depends on history that is not in the state.
 """
 
-import json as json_format
 import sys
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 import tyro
 from rich.console import Console
-from rich.table import Table
 
+from docs.tools.results import show
 from experiments.truth.decisions import HORIZONS, decision_slope, promises, slope, worth
 from experiments.truth.matches import Strokes, folds_of, of_splits, strokes_of
 from experiments.truth.memory import memory
@@ -29,7 +27,7 @@ from experiments.truth.worlds import Fitter, World, cross_parts, judged_by
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.runs import describe, write_json
-from shuttle_marl.commands.cli import run
+from shuttle_marl.commands.cli import entry_point
 from shuttle_marl.data import load_strokes
 from shuttle_marl.exact import evaluate
 
@@ -65,6 +63,7 @@ def limits(
     real, promised = judged_by(parts)
     matches = len(real.matches) * (cross - 1) / cross
     result = {
+        **describe(("numpy", "torch")),
         "cross": cross,
         "matches": len(real.matches),
         "decision_slope": decision_slope(real, promised),
@@ -72,11 +71,8 @@ def limits(
         "memory": memory(real, promised),
     }
     if out is not None:
-        write_json(out, {**describe(("numpy", "torch")), **result})
-    if json_output:
-        sys.stdout.write(json_format.dumps(result) + "\n")
-    else:
-        _print(result)
+        write_json(out, result)
+    show(result, "truth_limits", "truth_memory", as_json=json_output)
 
 
 def attainable(strokes: Strokes, fitter: Fitter, *, halvings: int, seed: int, matches: float) -> dict[str, dict[str, float]]:
@@ -122,26 +118,7 @@ def slopes_if_true(said: World, true: World, strokes: Strokes) -> dict[str, floa
     return {horizon: slope(strokes, promised, happens)["value"] for horizon, happens in expected.items()}
 
 
-def _print(result: dict[str, Any]) -> None:
-    console = Console(highlight=False)
-    slopes = Table(
-        "strokes later", "slope", "95 % interval", "expected of a fit", title="Regression of outcomes on predicted advantages"
-    )
-    for horizon, found in result["decision_slope"].items():
-        expected = f"{result['attainable'][horizon]['value']:.2f}"
-        slopes.add_row(horizon, f"{found['value']:.2f}", f"{found['low']:.2f} to {found['high']:.2f}", expected)
-    console.print(slopes)
-    remembered = Table(
-        "strokes ago", "slope", "95 % interval", title="Result above V, on an earlier advantage (0 if the state says all)"
-    )
-    for lag, found in result["memory"].items():
-        remembered.add_row(lag, f"{found['value']:+.2f}", f"{found['low']:+.2f} to {found['high']:+.2f}")
-    console.print(remembered)
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line; returns the exit status."""
-    return run(limits, prog="experiments.truth.limits", description=__doc__ or "", argv=argv)
+main = entry_point(limits, "python -m experiments.truth.limits", __doc__ or "")
 
 
 if __name__ == "__main__":

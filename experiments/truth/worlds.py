@@ -19,12 +19,11 @@ from shuttle_marl.base.arrays import F64, Bools
 from shuttle_marl.base.files import replace_file, replace_sealed
 from shuttle_marl.base.tensor_files import read_tensors
 from shuttle_marl.dynamics.compiled import pair_log_choices
-from shuttle_marl.dynamics.fit import Fit, fit, layouts_of, supports
+from shuttle_marl.dynamics.fit import Fit, fit
 from shuttle_marl.dynamics.fitted import FittedModels
 from shuttle_marl.dynamics.history import Arrays, fit_history
 from shuttle_marl.dynamics.hurried import Hurry, fit_hurry, load_hurry
 from shuttle_marl.dynamics.make import load_support
-from shuttle_marl.dynamics.models import known_outcome
 from shuttle_marl.dynamics.network import QUICK
 from shuttle_marl.dynamics.recovery import FittedRecovery, fit_recovery, load_recovery
 from shuttle_marl.game.shipped import CARD, NETWORKS, PROFILES, load_game, model_folder, variant_of
@@ -158,26 +157,6 @@ class Fitter:
         world = dataclasses.replace(world, recovery=recovery, models=FittedModels.load(models))
         between = _loaded(file["between"], file["history"], hurry) if file["between"].is_file() else None
         return dataclasses.replace(world, between=between)
-
-    def layouts(self, matches: Sequence[str], shares: Sequence[float]) -> list[Game]:
-        """Layouts of the game of some matches with several minimum shares of a legal shot type, not cached."""
-        names = tuple(sorted(matches))
-        rows, (fitted, *_) = self._strokes.rows.in_matches(names), self._fitted(names, None)
-        return [layouts_of(rows, fitted.models, share)[0] for share in shares]
-
-    def of_layouts(self, matches: Sequence[str], layouts: Sequence[Game]) -> list[World]:
-        """Worlds of one fit with several layouts, not cached."""
-        found, names = [], tuple(sorted(matches))
-        fitted, hurry, *_ = self._fitted(names, None)
-        rows = self._strokes.rows.in_matches(names)
-        train = rows if hurry is None else hurry.marked(rows)
-        for empty in layouts:
-            support, _ = supports(fitted.models, train.take(known_outcome(train)), empty)
-            game, _ = dataclasses.replace(fitted, game=empty, support=support).compiled()
-            weight = np.tile(np.exp(pair_log_choices(fitted.models, game).astype(np.float64)), game.n_blocks)
-            bc = from_pair_probabilities(game, game.normalized(weight))
-            found.append(World(bc=bc, behind=support.strokes, hurry=hurry))
-        return found
 
     # The games of both disciplines, and of equal and different hands, come from one fit, one after the other.
     @functools.lru_cache(maxsize=1)  # noqa: B019  a fitter lives as long as its program

@@ -7,26 +7,27 @@ the sum of its advantages over the states, each weighted by the expected visits 
 always played there.
 
 Advice is given only where it can be trusted: enough real strokes behind the stroke and behind the situation, and a positive
-gain in most of the refits of the game on resampled matches. The best of many gains is an overestimate, so the gain that is
+gain in most of the refits of the game on resampled matches. It keeps the technique that the player uses most in a state, because
+where the shuttle is met decides that. The best of many gains is an overestimate, so the gain that is
 reported is the mean over the refits, times the share of predicted advantages that real matches realise
 (:func:`~shuttle_marl.game.shipped.factor_of`).
 """
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from shuttle_marl.base.arrays import F64, I64, Bools
 from shuttle_marl.base.cluster import in_threads
-from shuttle_marl.exact import Odds, PairPolicy, ProfileValue, Visits, moved, visits
+from shuttle_marl.exact import Odds, ProfileValue, Visits, moved, visits
 from shuttle_marl.exact.profile import evaluate_chains, induced
 from shuttle_marl.game.court import N_AREAS
 from shuttle_marl.game.layout import Layout
 from shuttle_marl.game.pairs import people_of
 from shuttle_marl.game.shipped import RELIABLE, Estimate, factor_of, real_strokes
-from shuttle_marl.game.stroke import N_SHOTS
+from shuttle_marl.game.stroke import N_SHOTS, N_TECHNIQUES
 from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.policy import baselines
@@ -187,12 +188,8 @@ class Advice:
         home: gain in rallies won per rally in the game; of the refits: ``steady``, the share with a positive gain, and
             ``refits``, the gain in each.
         expected: calibrated gain per rally.
-        against_average: the same gain at home against the average player of the discipline; NaN: not compared, or too few real
-            strokes of players with these hands.
         behind: least number of real strokes behind the advised stroke, over the incoming strokes of the situation.
         situation_behind: number of real strokes of the kind that makes the situation.
-        before, before_share, before_average: stroke of the player (shot type and area) that most often leads to the situation;
-            the probability that the opponent then answers so, and that of the average player.
         states: base states of the situation in which the stroke is legal and has enough real strokes behind it.
     """
 
@@ -205,12 +202,8 @@ class Advice:
     steady: float
     refits: F64
     expected: Estimate
-    against_average: float
     behind: float
     situation_behind: float
-    before: tuple[int, int] | None
-    before_share: float
-    before_average: float
     states: I64
 
 
@@ -218,18 +211,15 @@ def _gains(meeting: Meeting, seat: int, allowed: Bools, key: I64, size: int) -> 
     return np.bincount(key[allowed], meeting.advantages(seat)[allowed], size).astype(np.float64)
 
 
-def advise(
-    found: Refitted, seat: int = 0, *, most: int = 5, at_least: float = RELIABLE, average: Meeting | None = None
-) -> list[Advice]:
+def advise(found: Refitted, seat: int = 0, *, most: int = 5, at_least: float = RELIABLE) -> list[Advice]:
     """Strokes that a player should play against the other one, one for each situation, and of a shot type no more than two.
 
-    The first ones gain most, what they gain more than against the average player counted twice.
+    The first ones gain most.
 
     Args:
         found: the pair, at home and in refits.
         most: largest number of situations.
         at_least: least number of real strokes behind a stroke and behind a situation.
-        average: the player, at the same seat, against the average player; None: not compared.
     """
     game, home = found.pair.seats[seat], found.home
     real = real_strokes(game)
@@ -238,6 +228,7 @@ def advise(
     of_state, of_pair = situations(game), game.base_pair_state
     situation_behind = real[np.arange(game.n_base_states) >> 2]
     allowed, key = _reliable(game, real, at_least)
+    allowed = allowed & _technique_kept(home.policies[seat])
     size = N_SITUATIONS * game.n_strokes
     weight = home.visits(seat)
     often = np.bincount(key[allowed], weight[of_pair][allowed], size)
@@ -249,17 +240,7 @@ def advise(
         (gain > 0) & (steady >= LEAST_STEADY) & (mean >= LEAST_GAIN) & (often >= _LEAST_COVERED * whole), mean, -np.inf
     ).reshape(N_SITUATIONS, game.n_strokes)
     best = score.argmax(axis=1)
-    compared = np.full(size, np.nan)
-    if average is not None:
-        # The average player may have another hand, and the game other states.
-        other = average.policies[seat].game
-        behind = real_strokes(other)
-        assert behind is not None
-        there, same = _reliable(other, behind, at_least)
-        known = np.bincount(same[there], minlength=size) > 0
-        compared[known] = _gains(average, seat, there, same, size)[known]
-    special = np.nan_to_num(gain - compared).reshape(score.shape)[np.arange(N_SITUATIONS), best]
-    value = score[np.arange(N_SITUATIONS), best] + special
+    value = score[np.arange(N_SITUATIONS), best]
     advised: list[Advice] = []
     shots = game.catalogue.shot[best]
     for number in np.argsort(-value, kind="stable").tolist():
@@ -283,10 +264,8 @@ def advise(
                 steady=float(steady[chosen]),
                 refits=refits[:, chosen],
                 expected=calibrated(refits[:, chosen], found.factor),
-                against_average=float(compared[chosen]),
                 behind=float(real[game.base_pair_edge[pairs[visited]]].min()),
                 situation_behind=float("nan") if number == SERVE else float(situation_behind[states[visited]].min()),
-                **_before(home, seat, number, states, weight[states]),
                 states=states,
             )
         )
@@ -301,6 +280,15 @@ def _reliable(game: Game, real: F64, at_least: float) -> tuple[Bools, I64]:
     return (real[game.base_pair_edge] >= at_least) & situation[of_pair], key
 
 
+def _technique_kept(policy: TabulatedPolicy) -> Bools:
+    """``[base pairs]`` whether a stroke has the technique that its striker uses most in the state."""
+    game = policy.game
+    technique = game.catalogue.technique[game.base_pair_stroke].astype(np.int64)
+    kind = game.base_pair_state.astype(np.int64) * N_TECHNIQUES + technique
+    share = np.bincount(kind, policy.block_probabilities(0), game.n_base_states * N_TECHNIQUES)
+    return np.asarray(share.reshape(-1, N_TECHNIQUES).argmax(axis=1)[game.base_pair_state] == technique)
+
+
 def _usual(home: Meeting, seat: int, states: I64, weight: F64) -> tuple[int, float]:
     """Stroke that a player plays most in some states, and its probability there."""
     policy = home.policies[seat]
@@ -308,42 +296,3 @@ def _usual(home: Meeting, seat: int, states: I64, weight: F64) -> tuple[int, flo
     row, pairs = game.pairs(states)
     total = np.bincount(game.base_pair_stroke[pairs], weight[row] * chance[pairs], game.n_strokes)
     return int(total.argmax()), float(total.max() / weight.sum())
-
-
-def _before(home: Meeting, seat: int, number: int, states: I64, weight: F64) -> dict[str, Any]:
-    """The stroke that most often leads to a situation, and how often the opponent then answers so."""
-    game = home.policies[seat].game
-    own = game.own(states)
-    nothing: dict[str, Any] = {"before": None, "before_share": float("nan"), "before_average": float("nan")}
-    if number == SERVE or (own == game.n_strokes).all():
-        return nothing
-    catalogue, known = game.catalogue, own < game.n_strokes
-    kind = catalogue.shot.astype(np.int64) * N_AREAS + catalogue.area
-    led = int(np.bincount(kind[own[known]], weight[known]).argmax())
-    # The decision of the opponent against all strokes of that shot type and area.
-    theirs = home.policies[1 - seat]
-    state = np.flatnonzero(np.append(kind, -1)[theirs.game.incoming(np.arange(theirs.game.n_base_states))] == led)
-    row, pairs = theirs.game.pairs(state)
-    visited = home.visits(1 - seat)[state]
-    answer = kind[theirs.game.base_pair_stroke[pairs]] == number // 2
-    usual = baselines.load(None, theirs.game)
-    shares = [
-        float((visited[row] * policy.block_probabilities(0)[pairs])[answer].sum() / visited.sum()) for policy in (theirs, usual)
-    ]
-    return {"before": divmod(led, N_AREAS), "before_share": shares[0], "before_average": shares[1]}
-
-
-def followed(found: Refitted, advised: Sequence[Advice]) -> tuple[Odds, list[Odds]]:
-    """Exact odds of the player at seat 0 who always follows some advice, at home and in the refits."""
-    game = found.pair.seats[0]
-    chance = found.home.policies[0].block_probabilities(0).copy()
-    for advice in advised:
-        pairs = game.pairs(advice.states)[1]
-        chance[pairs] = game.base_pair_stroke[pairs] == advice.stroke
-
-    def odds(meeting: Meeting) -> Odds:
-        own = PairPolicy(game=meeting.policies[0].game, probability=chance)
-        return evaluate_chains(induced(own), induced(meeting.policies[1]), tolerance=TOLERANCE).odds()
-
-    first, *others = in_threads(odds, (found.home, *found.refits))
-    return first, others

@@ -1,6 +1,8 @@
 """The course of a match: score, probabilities of winning, and the strokes that decided rallies."""
 
 import dataclasses
+import itertools
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
@@ -8,9 +10,9 @@ import numpy as np
 import pyarrow as pa
 
 from shuttle_marl.analysis.summary import rally_table
-from shuttle_marl.base.arrays import F64, I64
+from shuttle_marl.base.arrays import I64
 from shuttle_marl.exact.match import Odds, match_table
-from shuttle_marl.game.scoring import Rules, Score
+from shuttle_marl.game.scoring import Rules, Score, wins_game
 from shuttle_marl.game.stroke import SHOTS
 
 _TURN: Final = 0.1
@@ -26,7 +28,8 @@ class RallyRow:
         points, games: score before it.
         server, winner: numbers of the players; winner None: not recorded.
         ending: one of :data:`~shuttle_marl.analysis.summary.ENDINGS`.
-        last_shot: shot type of the last stroke.
+        last_shot, last_area: shot type and target area of the last stroke; area -1: not known, as that of a fault.
+        given: shot type and target area of the stroke before it; None: there was none.
         before, after: probability that player 0 wins the match, before and after it.
         decided: number of the stroke before the last one that changed the probability of winning the rally most, from 1, with the
             player who struck it, its shot type, and the change for that player; None: not known, or less than a tenth.
@@ -41,6 +44,8 @@ class RallyRow:
     strokes: int
     ending: str
     last_shot: str
+    last_area: int
+    given: tuple[str, int] | None
     before: float
     after: float
     decided: tuple[int, int, str, float] | None
@@ -52,8 +57,10 @@ class RallyRow:
         return self.after - self.before
 
 
-def rallies_of(valued: pa.Table, players: tuple[str, str], rules: Rules, chances_of: "Chances") -> list[RallyRow]:
-    """Rallies with the score and the probabilities of winning the match."""
+def rallies_of(
+    valued: pa.Table, area: I64, players: tuple[str, str], rules: Rules, chances_of: "Chances"
+) -> list[RallyRow]:  # fmt: skip
+    """Rallies with the score and the probabilities of winning the match; ``area``: target of each stroke, -1 unknown."""
     frame = rally_table(valued)
     rows = frame.to_pylist()
     starts = frame["first"].to_pylist()
@@ -73,8 +80,6 @@ def rallies_of(valued: pa.Table, players: tuple[str, str], rules: Rules, chances
         score = _as_recorded(score, column, start, players, winner)
         after = score.after(winner) if winner is not None else score
         chance = chances_of.of(score, server)
-        if winner is not None:
-            chances_of.learn(server, winner)
         chances = (chance, chances_of.of(after, server if winner is None else winner))
         added = column["value_added"][start:end]
         decided = None
@@ -95,6 +100,8 @@ def rallies_of(valued: pa.Table, players: tuple[str, str], rules: Rules, chances
                 strokes=row["length"],
                 ending=str(row["ending"]),
                 last_shot=SHOTS[row["last_shot"]],
+                last_area=int(area[end - 1]),
+                given=(SHOTS[int(column["shot"][end - 2])], int(area[end - 2])) if end - start > 1 else None,
                 before=chances[0],
                 after=chances[1],
                 decided=decided,
@@ -116,48 +123,46 @@ def _as_recorded(score: Score, column: Mapping[str, Any], row: int, players: tup
 
 
 class Chances:
-    """Probabilities that player 0 wins the match, while its rallies tell how well both play on the day.
-
-    The odds are one of several, each with a weight, which every rally multiplies by the probability of its result (Bayes).
+    """Probabilities that player 0 wins the match.
 
     Args:
-        odds: of player 0.
-        weights: ``[K]`` their probabilities before the match.
+        odds: of player 0, in every rally.
     """
 
-    def __init__(self, odds: Sequence[Odds], weights: F64, rules: Rules) -> None:
-        self._odds, self._weights = odds, weights
-        self._tables = [match_table(each.serving, each.receiving, rules) for each in odds]
-
-    def _rally(self, server: int) -> F64:
-        return np.array([each.receiving if server else each.serving for each in self._odds])
+    def __init__(self, odds: Odds, rules: Rules) -> None:
+        self._odds, self._table = odds, match_table(odds.serving, odds.receiving, rules)
 
     def of(self, score: Score, server: int) -> float:
         """At a score; NaN at one that the rules do not allow."""
         if score.over:
             return float(score.winner == 0)
-        situation = (*score.games, *score.points, server)
-        if situation not in self._tables[0]:
-            return float("nan")
-        won, lost = np.array([table[situation] for table in self._tables]).T
-        return float(self._weights @ (lost + (won - lost) * self._rally(server)))
-
-    def learn(self, server: int, winner: int) -> None:
-        """Take the result of a rally into account."""
-        won = self._rally(server)
-        weights = self._weights * (1 - won if winner else won)
-        self._weights = weights / weights.sum() if weights.sum() > 0 else self._weights
+        won, lost = self._table.get((*score.games, *score.points, server), (math.nan, math.nan))
+        return lost + (won - lost) * (self._odds.receiving if server else self._odds.serving)
 
 
-def score_of(rallies: Sequence[RallyRow]) -> tuple[tuple[int, int], ...]:
-    """Points of both players at the end of each game."""
-    ends: dict[int, tuple[int, int]] = {}
+def score_of(rallies: Sequence[RallyRow], rules: Rules) -> tuple[tuple[tuple[int, int], ...], tuple[int, ...]]:
+    """Points of both players at the end of each game, and the numbers of the games whose last rally was inferred.
+
+    A last rally that the data lack is added where the rules leave one end: the leader was one rally away from the game, and did
+    win it, because the leader served first in the next game, or because there is none.
+    """
+    ends: dict[int, tuple[list[int], int | None]] = {}
     for row in rallies:
         points = list(row.points)
         if row.winner is not None:
             points[row.winner] += 1
-        ends[row.key[0]] = (points[0], points[1])
-    return tuple(ends[game] for game in sorted(ends))
+        ends[row.key[0]] = points, None
+    for before, row in itertools.pairwise(rallies):
+        if row.key[0] != before.key[0] and row.key[1] == 1:
+            ends[before.key[0]] = ends[before.key[0]][0], row.server
+    inferred = []
+    for game, (points, served) in ends.items():
+        leader = int(points[1] > points[0])
+        over = wins_game(max(points), min(points), rules)
+        if not over and served in (leader, None) and wins_game(max(points) + 1, min(points), rules):
+            points[leader] += 1
+            inferred.append(game)
+    return tuple((points[0], points[1]) for _, (points, _) in sorted(ends.items())), tuple(inferred)
 
 
 def rally_numbers(strokes: pa.Table) -> I64:

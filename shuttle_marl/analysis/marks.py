@@ -196,6 +196,8 @@ def _computed(game: Game) -> Basis:
 
 MOST: Final = 5
 """Number of decisions."""
+_LATE: Final = 30
+"""Number of the stroke in a rally after which players tire."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -264,24 +266,34 @@ def judged_strokes(strokes: pa.Table, basis: Basis) -> JudgedStrokes:
     )
 
 
-def costly_choices(strokes: pa.Table, game: Game, seat: I64) -> tuple[list[Choice], int]:
-    """The strokes of a match that are marked ``?!``, ``?`` or ``??`` and lose most, one of a kind, and the number of refits."""
+def costly_choices(strokes: pa.Table, game: Game, seat: I64, stakes: F64) -> tuple[list[Choice], int]:
+    """The strokes of a match that are marked ``?!``, ``?`` or ``??`` and lose most, one of a kind, and the number of refits.
+
+    The better stroke has the technique of the stroke played, which follows from where the striker stands. Strokes late in a rally
+    are left out: the game knows no fatigue.
+
+    Args:
+        stakes: ``[2, rallies]`` what each rally is worth to each player, by which costs are ordered; 0: not costly.
+    """
     basis = basis_of(game)
     found = judged_strokes(strokes, basis)
     judged, position = found.judged, found.position
     bad = np.array(["?" in mark for mark in judged.marks])[position]
-    # Who won the rally by a stroke is not told that it was costly.
-    bad &= strokes["outcome"].to_numpy()[found.row] != Outcome.WINNER
     rally, number, who = rally_numbers(strokes), strokes["stroke"].to_numpy().astype(np.int64), seat[found.row]
+    stake = stakes[who, rally[found.row]]
+    technique = game.seats[0].catalogue.technique[judged.stroke]
+    alike = np.where((technique == technique[position][judged.row]) & (judged.behind >= RELIABLE), judged.change, -np.inf)
+    better = np.array([s + part.argmax() for s, part in zip(judged.start, np.split(alike, judged.start[1:]), strict=True)])
+    bad &= (stake > 0) & (number[found.row] <= _LATE) & (alike[better] > judged.change[position])
     seen: set[tuple[int, int, int]] = set()
     out: list[Choice] = []
-    for k in np.flatnonzero(bad)[np.argsort(judged.change[position[bad]], kind="stable")].tolist():
-        place, best = int(position[k]), int(judged.best[k])
+    for k in np.flatnonzero(bad)[np.argsort((judged.change[position] * stake)[bad], kind="stable")].tolist():
+        place, best = int(position[k]), int(better[k])
         what = (int(who[k]), int(judged.shot[place]), int(judged.shot[best]))
         if what in seen or len(out) == MOST:
             continue
         seen.add(what)
-        alike = (who == who[k]) & (found.incoming == found.incoming[k]) & (found.stroke == found.stroke[k])
+        same = (who == who[k]) & (found.incoming == found.incoming[k]) & (found.stroke == found.stroke[k])
         out.append(
             Choice(
                 player=what[0],
@@ -294,7 +306,7 @@ def costly_choices(strokes: pa.Table, game: Game, seat: I64) -> tuple[list[Choic
                 cost=calibrated(-judged.refits[:, place], basis.factor),
                 played_behind=float(judged.behind[place]),
                 better_behind=float(judged.behind[best]),
-                times=int((alike & (found.contact == found.contact[k])).sum()),
+                times=int((same & (found.contact == found.contact[k])).sum()),
             )
         )
     return out, basis.refits

@@ -12,19 +12,18 @@ import numpy as np
 import pyarrow as pa
 from scipy import stats
 
-from shuttle_marl.analysis.advice import NORMAL, TOLERANCE, imitated
+from shuttle_marl.analysis.advice import NORMAL
+from shuttle_marl.analysis.brief import Brief, brief, won_or_lost
 from shuttle_marl.analysis.course import Chances, RallyRow, rallies_of, rally_numbers, score_of
 from shuttle_marl.analysis.habits import Habit, discoveries, habits, interval, with_discoveries
 from shuttle_marl.analysis.marks import Choice, costly_choices
-from shuttle_marl.analysis.outlook import prior, spread_of
-from shuttle_marl.analysis.scouting import hand_of, plain, rallies_won, with_hands_of_model
+from shuttle_marl.analysis.scouting import hand_of, plain, with_hands_of_model
 from shuttle_marl.analysis.summary import AnalysisError, rally_table
 from shuttle_marl.analysis.values import add_values
 from shuttle_marl.analysis.waits import Wait, waits
 from shuttle_marl.base.arrays import F64, I64, Bools
 from shuttle_marl.data.upstream import date_of
 from shuttle_marl.dynamics.habits import Plays, plays_of_strokes, tally
-from shuttle_marl.exact import evaluate
 from shuttle_marl.exact.match import Odds
 from shuttle_marl.game.pairs import game_of_people, people_of, without_skill
 from shuttle_marl.game.scoring import BWF, Rules
@@ -36,6 +35,8 @@ from shuttle_marl.policy import baselines
 LENGTHS: Final = ((1, 3), (4, 7), (8, 12), (13, 9999))
 """Classes of rallies by number of strokes."""
 MOMENTS: Final = 5
+_OF_GAME: Final = 2
+"""Most key moments of a game."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -99,8 +100,8 @@ class MatchReport:
         players: names of players 0 and 1; 0 strikes first.
         hands: of both, each one of :data:`~shuttle_marl.game.court.HANDS`; None: not known, played as right-handed.
         score: points of both in each game.
-        skilled: whether the probabilities of winning are those of these two players; else of two alike.
-        before: probability that player 0 wins the match before its first rally.
+        inferred: games whose last rally is not in the data, and added by the rules.
+        briefs: page 1 for each player.
         moments: indices of the rallies with the largest swings, largest first.
         values: value of the strokes by player and shot type.
         choices: costly decisions, most costly first.
@@ -116,10 +117,10 @@ class MatchReport:
     players: tuple[str, str]
     hands: tuple[str | None, str | None]
     score: tuple[tuple[int, int], ...]
+    inferred: tuple[int, ...]
+    briefs: Sequence[Brief]
     rules: Rules
     strokes: int
-    skilled: bool
-    before: float
     rallies: Sequence[RallyRow]
     moments: Sequence[int]
     values: Sequence[ShotValue]
@@ -154,8 +155,8 @@ def match_report(strokes: pa.Table, *, game: Game | None = None, rules: Rules = 
     Args:
         strokes: one match, of schema :data:`shuttle_marl.data.schema.STROKES`.
         game: game of the values; None: the shipped one.
-        odds: of the first striker against the other player; None: those of both players as they are imitated, and of equal
-            players if the model does not know them.
+        odds: of the first striker against the other player, for the course of the match; None: those of equal players, because
+            what a model says of people has not foretold matches better than a coin.
 
     Raises:
         AnalysisError: the table does not have one match of two players.
@@ -180,29 +181,28 @@ def match_report(strokes: pa.Table, *, game: Game | None = None, rules: Rules = 
     known_game = base if played is None else played
     average = baselines.load(None, without_skill(known_game))
     valued = add_values(strokes, average)
-    known = odds is not None or played is not None
-    if odds is None and played is not None:
-        sides = imitated(played)
-        before = prior(played, *sides, evaluate(*sides, tolerance=TOLERANCE).odds())
-    else:
-        before = spread_of(odds or Odds(serving=0.5, receiving=0.5, error_bound=0.0), 0.0)
-    rallies = rallies_of(valued, players, rules, Chances(*before, rules))
     plays = plays_of_strokes(strokes)
+    rallies = rallies_of(
+        valued, plays.area, players, rules, Chances(odds or Odds(serving=0.5, receiving=0.5, error_bound=0.0), rules)
+    )
+    score, inferred = score_of(rallies, rules)
     seat = (strokes["player"].to_numpy(zero_copy_only=False) == players[1]).astype(np.int64)
-    won = rallies_won(strokes)
-    choices, refits = costly_choices(strokes, known_game, seat)
-    decided = [i for i, row in enumerate(rallies) if row.winner is not None]
+    won = won_or_lost(strokes)
+    # What a rally that the striker won had cost is nobody's concern, and the more a rally decided, the more so is the other.
+    stakes = np.array([[abs(row.swing) * (row.winner == 1 - player) for row in rallies] for player in (0, 1)])
+    choices, refits = costly_choices(strokes, known_game, seat, stakes)
+    tallies = [tally(plays.take(seat == player)) for player in (0, 1)]
     return MatchReport(
         match=match,
         players=players,
         hands=(hand_of(strokes, players[0]), hand_of(strokes, players[1])),
-        score=score_of(rallies),
+        score=score,
+        inferred=inferred,
+        briefs=[brief(tallies[1 - player], tallies[player], plays, won, seat == player, seat != player) for player in (0, 1)],
         rules=rules,
         strokes=strokes.num_rows,
-        skilled=known,
-        before=rallies[0].before,
         rallies=rallies,
-        moments=sorted(decided, key=lambda i: -abs(rallies[i].swing))[:MOMENTS],
+        moments=_moments(rallies),
         values=_values(valued, seat),
         choices=choices,
         refits=refits,
@@ -215,6 +215,15 @@ def match_report(strokes: pa.Table, *, game: Game | None = None, rules: Rules = 
         waits=waits(strokes, players),
         game=known_game,
     )
+
+
+def _moments(rallies: Sequence[RallyRow]) -> list[int]:
+    """The rallies with the largest swings, no more than two of a game: else the end of a close one would take all places."""
+    found: list[int] = []
+    for i in sorted((i for i, row in enumerate(rallies) if row.winner is not None), key=lambda i: -abs(rallies[i].swing)):
+        if len(found) < MOMENTS and sum(rallies[other].key[0] == rallies[i].key[0] for other in found) < _OF_GAME:
+            found.append(i)
+    return found
 
 
 def _faults(strokes: pa.Table, own: Bools) -> tuple[int, int]:

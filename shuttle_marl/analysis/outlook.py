@@ -1,5 +1,5 @@
-"""Outlook of a match between two players: probabilities of winning rallies, games and the match, with their uncertainty;
-and of the matches between all players of a discipline, each pair in its own game, with imitated policies, solved exactly.
+"""Predictions of the rallies and matches between all players of a discipline, each pair in its own game, with imitated policies,
+solved exactly; beside real results.
 
 The interval of a prediction contains the uncertainty of the players' skill: the posterior deviations of the offsets, by the
 derivatives of the result (:mod:`shuttle_marl.exact.occupancy`). It does not contain that of the average game, nor the form of
@@ -10,22 +10,22 @@ import dataclasses
 import itertools
 import math
 from collections.abc import Callable, Sequence
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
+from scipy.special import expit, logit
 
-from shuttle_marl.analysis.advice import NORMAL, TOLERANCE, Refitted, error_of
 from shuttle_marl.analysis.summary import AnalysisError, rally_table
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.base.cluster import in_threads
 from shuttle_marl.exact import Odds, Sensitivity, sensitivity
 from shuttle_marl.game.pairs import pair_game, people_of
-from shuttle_marl.game.scoring import game_win_probability
-from shuttle_marl.game.shipped import Estimate, Profile, model_folder, read_model_card
+from shuttle_marl.game.shipped import Profile, model_folder
 from shuttle_marl.game.skill import COMPONENTS, GROUPS, Day, Skill, load_skill
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
+from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.baselines import imitation
 from shuttle_marl.policy.registry import resolve
 
@@ -48,91 +48,19 @@ def skill_error(pair: Game, slopes: Sequence[F64]) -> float:
     return math.sqrt(sum(float((slope**2 * each).sum()) for slope, each in zip(slopes, variances, strict=True)))
 
 
-def form_error(pair: Game, slopes: Sequence[F64]) -> float:
-    """Standard deviation of the probability of winning a rally by the form of both players on a day.
-
-    The model card has it as the effect of each side of a match on each component; 0 in models whose card does not.
-    """
-    card = read_model_card(people_of(pair).origin.folder)
-    sides = [card.get("skill", {}).get("deviations", {}).get(name, {}).get("side", 0.0) for name in COMPONENTS]
-    return math.sqrt(sum(float((slope[:, 0] ** 2 * np.square(sides)).sum()) for slope in slopes))
-
-
-_NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(15)
-
-
-def spread_of(odds: Odds, deviation: float) -> tuple[list[Odds], F64]:
-    """Odds that differ by a normal deviation of both probabilities, as points with weights."""
-    points, weights = spread(deviation)
-    return [_moved(odds, by) for by in points.tolist()], weights
-
-
 def _moved(odds: Odds, by: float) -> Odds:
     serving, receiving = (min(1.0, max(0.0, p + by)) for p in (odds.serving, odds.receiving))
     return dataclasses.replace(odds, serving=serving, receiving=receiving)
 
 
-def spread(deviation: float) -> tuple[F64, F64]:
-    """Points and weights of a normal deviation (Gauss-Hermite)."""
-    if not deviation:
-        return np.zeros(1), np.ones(1)
-    return deviation * _NODES, np.asarray(_WEIGHTS / _WEIGHTS.sum())
+EARNED: Final = 0.4
+"""Share of the log-odds of a rally that a forecast keeps: the most with which it is no worse than a coin on cross fits and on the
+validation matches (``forecast`` of ``python -m experiments.pairs``). No share of them foretells matches better than a coin."""
 
 
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Outlook:
-    """Probabilities that the first player wins, each with its 90 % interval.
-
-    Attributes:
-        serving, receiving: a rally that the player serves, and receives.
-        game, match: a game, and the match.
-        deviation: standard deviation of the probability of winning a rally, over which all of them are means.
-    """
-
-    serving: Estimate
-    receiving: Estimate
-    rally: Estimate
-    game: Estimate
-    match: Estimate
-    deviation: float
-
-
-def prior(pair: Game, first: TabulatedPolicy, second: TabulatedPolicy, odds: Odds) -> tuple[list[Odds], F64]:
-    """Prior of the odds of two players before a match, with the uncertainty of skill and form."""
-    slopes = slopes_by_group(sensitivity(first, second, tolerance=TOLERANCE), people_of(pair).skill)
-    return spread_of(odds, math.hypot(skill_error(pair, slopes), form_error(pair, slopes)))
-
-
-def outlook(found: Refitted) -> Outlook:
-    """Outlook of a pair.
-
-    Probabilities are means over the form of the day; the intervals contain the uncertainty of the skill and of the game.
-    """
-    odds, refits = found.home.odds, [meeting.odds for meeting in found.refits]
-    slopes = slopes_by_group(sensitivity(*found.home.policies, tolerance=TOLERANCE), people_of(found.pair).skill)
-    skill, form = skill_error(found.pair, slopes), form_error(found.pair, slopes)
-    of_game = error_of([each.rally for each in refits]) if len(refits) > 1 else 0.0
-    width, deviation = NORMAL * math.hypot(skill, of_game), math.hypot(form, skill, of_game)
-
-    def estimate(figure: Callable[[Odds], float]) -> Estimate:
-        def mean(about: Odds, deviation: float) -> float:
-            points, weights = spread_of(about, deviation)
-            return float(weights @ [figure(each) for each in points])
-
-        def shifted(by: float) -> float:
-            moved = dataclasses.replace(odds, serving=odds.serving + by, receiving=odds.receiving + by)
-            return mean(moved, form)
-
-        return Estimate(mean(odds, deviation), max(0.0, shifted(-width)), min(1.0, shifted(width)))
-
-    return Outlook(
-        serving=estimate(lambda o: o.serving),
-        receiving=estimate(lambda o: o.receiving),
-        rally=estimate(lambda o: o.rally),
-        game=estimate(lambda o: float(game_win_probability(o.serving, o.receiving))),
-        match=estimate(Odds.match),
-        deviation=deviation,
-    )
+def earned(rally: F64) -> F64:
+    """Probabilities of winning a rally, reduced to what they were worth in matches that nobody fitted; any shape."""
+    return np.asarray(expit(EARNED * logit(rally)))
 
 
 _NORMAL: Final = 1.959964
@@ -282,35 +210,37 @@ def _reasons(pair: Game, slopes: Sequence[F64]) -> dict[str, float]:
     return dict(sorted(found.items(), key=lambda each: -abs(each[1]))[:_REASONS])
 
 
-def with_results(predictions: Sequence[Prediction], strokes: pa.Table) -> list[Prediction]:
-    """Predictions beside the real results of a table of strokes.
+class Met(NamedTuple):
+    """Real results of a player against another: rallies and matches of both, and those that the first one won."""
+
+    rallies: int
+    rallies_won: int
+    matches: int
+    matches_won: int
+
+
+def met(rallies: pa.Table, first: str, second: str) -> Met:
+    """Results of two players in a table of rallies (:func:`~shuttle_marl.analysis.summary.rally_table`).
 
     A game goes to the player who won more of its recorded rallies, and a match to the one who won more games, because some
     rallies are not in the data.
-
-    Args:
-        strokes: table of schema :data:`shuttle_marl.data.schema.STROKES`.
     """
-    rallies = rally_table(strokes).select(["match", "game", "server", "receiver", "winner"])
-    frame = rallies.filter(pa.compute.is_valid(rallies["winner"])).to_pylist()
-    wins: dict[tuple[frozenset[str], str], dict[int, dict[str, int]]] = {}
-    for row in frame:
-        names = frozenset((row["server"], row["receiver"]))
-        game = wins.setdefault((names, row["match"]), {}).setdefault(row["game"], dict.fromkeys(names, 0))
-        game[row["winner"]] += 1
-    found = []
-    for prediction in predictions:
-        first, second = prediction.players
-        met = [games for (names, _), games in wins.items() if names == {first, second}]
-        won = [sum(game[first] for game in games.values()) for games in met]
-        played = [sum(sum(game.values()) for game in games.values()) for games in met]
-        ahead = [sum(np.sign(game[first] - game[second]) for game in games.values()) > 0 for games in met]
-        found.append(
-            dataclasses.replace(
-                prediction, rallies=sum(played), rallies_won=sum(won), matches=len(met), matches_won=int(sum(ahead))
-            )
-        )
-    return found
+    both = pa.array([first, second])
+    sides = [pc.is_in(rallies[name], value_set=both) for name in ("server", "receiver")]
+    games: dict[str, dict[int, int]] = {}
+    won = played = 0
+    for row in rallies.filter(pc.and_(pc.and_(*sides), pc.is_valid(rallies["winner"]))).to_pylist():
+        ahead = games.setdefault(row["match"], {})
+        ahead[row["game"]] = ahead.get(row["game"], 0) + (1 if row["winner"] == first else -1)
+        played, won = played + 1, won + (row["winner"] == first)
+    ahead_in = sum(sum(np.sign([*ahead.values()])) > 0 for ahead in games.values())
+    return Met(played, won, len(games), int(ahead_in))
+
+
+def with_results(predictions: Sequence[Prediction], strokes: pa.Table) -> list[Prediction]:
+    """Predictions beside the real results of a table of strokes of schema :data:`shuttle_marl.data.schema.STROKES`."""
+    rallies = rally_table(strokes)
+    return [dataclasses.replace(each, **met(rallies, *each.players)._asdict()) for each in predictions]
 
 
 def ranked(players: Sequence[str], predictions: Sequence[Prediction], game: str = "default", date: Day = None) -> list[PlayerRow]:

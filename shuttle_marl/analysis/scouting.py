@@ -9,16 +9,16 @@ import datetime
 import difflib
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import pyarrow as pa
 
-from shuttle_marl.analysis.advice import Advice, Meeting, Refitted, advise, calibrated, followed, imitated, meet, refitted
+from shuttle_marl.analysis.advice import Advice, Meeting, advise, refitted
+from shuttle_marl.analysis.brief import Brief, brief, won_or_lost
 from shuttle_marl.analysis.habits import Ending, Habit, endings, habits, interval
-from shuttle_marl.analysis.outlook import Outlook, outlook
-from shuttle_marl.analysis.summary import AnalysisError, rally_table, summarise
-from shuttle_marl.analysis.tactics import Effect, effects
+from shuttle_marl.analysis.outlook import Met, earned, met
+from shuttle_marl.analysis.summary import AnalysisError, rally_table
 from shuttle_marl.analysis.waits import Wait, waits
 from shuttle_marl.base.arrays import F64, Bools
 from shuttle_marl.data.schema import DISCIPLINES
@@ -31,6 +31,10 @@ from shuttle_marl.game.skill import AVERAGE, Day, Skill, load_skill
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.game.tables import Game
 from shuttle_marl.policy import baselines
+
+PIECES: Final = 5
+"""Number of pieces of advice."""
+ATTACKS: Final = ("smash", "half-smash", "net-kill")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -53,28 +57,6 @@ class Known:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Seen:
-    """Statistics of a player in annotated matches.
-
-    Attributes:
-        strokes, rallies, matches: of the player.
-        first, last: days of the matches; None: unknown.
-        length, length_usual: mean strokes of a rally with the player, and of all rallies of the discipline.
-        seconds, seconds_usual: mean time from the opponent's stroke to the player's, and of all players [s]; NaN without times.
-    """
-
-    strokes: int
-    rallies: int
-    matches: int
-    first: datetime.date | None
-    last: datetime.date | None
-    length: float
-    length_usual: float
-    seconds: float
-    seconds_usual: float
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
 class Realised:
     """Results of an advised shot type in annotated matches of the discipline.
 
@@ -91,6 +73,24 @@ class Realised:
     others: int
     others_won: int
 
+    @property
+    def confirms(self) -> bool:
+        """Whether it won at least as often as the others."""
+        return self.won * self.others >= self.others_won * self.strokes
+
+
+class Form(NamedTuple):
+    """Figures of a player in one dated match: shares of rallies won, and of strokes that were faults, winners and attacks."""
+
+    day: datetime.date
+    against: str
+    rallies: int
+    won: Estimate
+    strokes: int
+    fault: Estimate
+    winner: Estimate
+    attack: Estimate
+
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
 class ScoutingReport:
@@ -103,18 +103,20 @@ class ScoutingReport:
         model: name or folder of the model, and hash of the game.
         refits: number of refits behind the intervals.
         factor: share of predicted advantages that real matches realise; None: not known for this model.
+        brief: page 1.
+        rally: share of rallies that the player wins by the skill of both, no larger than such forecasts have earned.
+        met: results of the two in the annotated matches; None without.
+        season: figures of the opponent over dated matches.
         habits, endings: how the opponent plays beside other players of the discipline.
         targets: ``[9]`` shares of the opponent's strokes by target area; ``targets_usual``: of the others.
         target_strokes: number of strokes behind the targets.
-        seen: summary of the annotated matches; None without, where habits are counted in those that the model was fitted on.
+        seen: strokes and matches of the opponent in the annotated matches; None: habits are those of the model's matches.
         waits: where both wait after their most frequent strokes, the player (0) and the opponent (1); empty without known
             positions.
         recent: the opponent's last match in the data beside the earlier ones; empty without two matches.
         beside: name of another opponent, and the habits of this one beside that one; None: not asked for.
         advice: strokes to play against the opponent, largest gain first.
         realised: their results in annotated matches, in the same order; empty without data.
-        with_advice: probability of winning a rally for a player who follows all of it, calibrated.
-        effects: of using tactics more or less.
         pair: the game, for staging examples.
         home: both players imitated in it.
     """
@@ -125,28 +127,30 @@ class ScoutingReport:
     model: tuple[str, str]
     refits: int
     factor: Estimate | None
-    outlook: Outlook | None
+    brief: Brief
+    rally: float | None
+    met: Met | None
+    season: Sequence[Form]
     habits: Sequence[Habit]
     endings: Sequence[Ending]
     targets: F64
     targets_usual: F64
     target_strokes: float
-    seen: Seen | None
+    seen: tuple[int, int] | None
     waits: Sequence[Wait]
     recent: Sequence[Habit]
     beside: tuple[str, Sequence[Habit]] | None
     advice: Sequence[Advice]
     realised: Sequence[Realised | None]
-    with_advice: Estimate | None
-    effects: Sequence[Effect]
     pair: Game | None
     home: Meeting | None
 
     def renamed(self, name_of: Callable[[str], str]) -> "ScoutingReport":
-        """The report with other names of player and opponent."""
+        """The report with other names of player and opponents."""
         player = None if self.player is None else dataclasses.replace(self.player, name=name_of(self.player.name))
         opponent = dataclasses.replace(self.opponent, name=name_of(self.opponent.name))
-        return dataclasses.replace(self, player=player, opponent=opponent)
+        season = [form._replace(against=name_of(form.against)) for form in self.season]
+        return dataclasses.replace(self, player=player, opponent=opponent, season=season)
 
     def as_json(self) -> dict[str, Any]:
         """The figures as JSON."""
@@ -164,14 +168,13 @@ class ScoutingReport:
                 "above": bool(contact),
             }
             own = {"stroke": names[advice.stroke], "usual": names[advice.usual], "situation": incoming}
-            before = None if advice.before is None else [SHOTS[advice.before[0]], AREAS[advice.before[1]]]
-            listed.append({**plain(dataclasses.replace(advice, states=np.zeros(0, np.int64))), **own, "before": before})
+            listed.append({**plain(dataclasses.replace(advice, states=np.zeros(0, np.int64))), **own})
         return {**figures, "advice": listed}
 
 
 def plain(value: Any) -> Any:
     """Dataclasses, tuples and arrays as values of JSON; NaN as None."""
-    if isinstance(value, Estimate):
+    if isinstance(value, tuple) and hasattr(value, "_asdict"):
         return {name: plain(part) for name, part in value._asdict().items()}
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
@@ -272,7 +275,6 @@ def scout(
     found = None if player is None else refitted(pair(player, opponent))
     # A player whom the model does not know is an average one there, whom no advice would concern.
     both = found if player is not None and {opponent, player} <= set(skill.players) else None
-    advised = [] if both is None or player is None else advise(both, average=meet(*imitated(pair(player, AVERAGE))))
     of_data = None
     if data is not None:
         of_data = data.filter(pa.compute.equal(data["discipline"], DISCIPLINES[PROFILES.index(discipline)]))
@@ -289,7 +291,34 @@ def scout(
         return tally(plays.take(which)), tally(plays.take(~which))
 
     own, others = tallies(opponent)
-    counted = of_data is not None and mine(opponent).any()
+    seen = None
+    if of_data is not None and mine(opponent).any():
+        seen = int(mine(opponent).sum()), len(of_data.filter(mine(opponent))["match"].unique())
+    theirs = np.zeros(0, np.bool_) if of_data is None else of_data["opponent"].to_numpy(zero_copy_only=False) == opponent
+    page = brief(
+        own,
+        None if player is None else tallies(player)[0],
+        plays,
+        np.zeros(0) if of_data is None else won_or_lost(of_data),
+        theirs,
+        mine(opponent),
+        ~theirs,
+    )
+    advised: list[Advice] = []
+    evidence: list[Realised | None] = []
+    if both is not None and player is not None:
+        advised = advise(both, most=2 * PIECES)
+        evidence = [None] * len(advised)
+        if plays is not None and of_data is not None:
+            found_there = realised(plays, of_data, advised, both.pair)
+            kinds = [(int(kind[a.stroke]) for kind in (both.pair.catalogue.shot, both.pair.catalogue.area)) for a in advised]
+            kept = [
+                (advice, real)
+                for advice, real, (shot, area) in zip(advised, found_there, kinds, strict=True)
+                if real is not None and real.confirms and not any(each.covers(shot, area) for each in page.donts)
+            ]
+            advised, evidence = [advice for advice, _ in kept], [real for _, real in kept]
+        advised, evidence = advised[:PIECES], evidence[:PIECES]
     return ScoutingReport(
         player=None if player is None else known(player),
         opponent=known(opponent),
@@ -297,20 +326,21 @@ def scout(
         model=(model, pair(opponent, AVERAGE).hash if found is None else found.pair.hash),
         refits=0 if found is None else len(found.refits),
         factor=factor_of(resolve_game(model)),
-        outlook=None if found is None else outlook(found),
+        brief=page,
+        rally=None if found is None else float(earned(np.array(found.home.odds.rally))),
+        met=None if of_data is None or player is None else met(rally_table(of_data), player, opponent),
+        season=[] if of_data is None or plays is None else season(of_data, plays, opponent),
         habits=habits(own, others),
         endings=endings(own, others),
         targets=own.targets / max(1.0, own.targets.sum()),
         targets_usual=others.targets / max(1.0, others.targets.sum()),
         target_strokes=float(own.targets.sum()),
-        seen=_seen(of_data, opponent) if counted and of_data is not None else None,
+        seen=seen,
         waits=[] if of_data is None else waits(of_data, (player or "", opponent)),
         recent=[] if plays is None or of_data is None else _recent(plays.take(mine(opponent)), of_data.filter(mine(opponent))),
         beside=None if beside is None else (beside, habits(own, tallies(beside)[0])),
         advice=advised,
-        realised=[] if both is None or plays is None or of_data is None else realised(plays, of_data, advised, both.pair),
-        with_advice=None if both is None else _with_advice(both, advised),
-        effects=[] if both is None else effects(both),
+        realised=evidence if plays is not None else [],
         pair=None if found is None else found.pair,
         home=None if found is None else found.home,
     )
@@ -338,15 +368,6 @@ def _recent(plays: Plays, strokes: pa.Table) -> list[Habit]:
     last = max(enumerate(names), key=lambda each: (date_of(each[1]) or datetime.date.min, each[0]))[1]
     which = strokes["match"].to_numpy(zero_copy_only=False) == last
     return habits(tally(plays.take(which)), tally(plays.take(~which)))
-
-
-def _with_advice(found: Refitted, advised: Sequence[Advice]) -> Estimate | None:
-    if not advised:
-        return None
-    _, refits = followed(found, advised)
-    gains = np.array([after.rally - before.odds.rally for after, before in zip(refits, found.refits, strict=True)])
-    gain, before = calibrated(gains, found.factor), found.home.odds.rally
-    return Estimate(before + gain.value, before + gain.low, before + gain.high)
 
 
 def _as_known(name: str, known: Sequence[str]) -> str:
@@ -380,28 +401,33 @@ def _discipline(skill: Skill, names: Sequence[str], data: pa.Table | None) -> st
     return str(next(iter(kinds.values())))
 
 
-def _seen(data: pa.Table, player: str) -> Seen:
-    one, all_of = summarise(data, player), summarise(data)
-    mine = data.filter(pa.compute.equal(data["player"], player))
-    days = sorted(day for name in mine["match"].unique().to_pylist() if (day := date_of(name)) is not None)
-    return Seen(
-        strokes=one.strokes,
-        rallies=one.rallies,
-        matches=one.matches,
-        first=days[0] if days else None,
-        last=days[-1] if days else None,
-        length=one.length,
-        length_usual=all_of.length,
-        seconds=one.seconds,
-        seconds_usual=all_of.seconds,
-    )
+def season(strokes: pa.Table, plays: Plays, player: str) -> list[Form]:
+    """Figures of a player in each dated match, in their order."""
+    rallies = rally_table(strokes)
+    match, who = (strokes[name].to_numpy(zero_copy_only=False).astype(object) for name in ("match", "player"))
+    attack = np.isin(plays.shot, [SHOTS.index(name) for name in ATTACKS]).astype(np.float64)
+    found = []
+    for name in strokes["match"].unique().to_pylist():
+        mine, day = (match == name) & (who == player), date_of(name)
+        if day is None or not mine.any():
+            continue
+        against = strokes["opponent"][int(mine.argmax())].as_py()
+        result = met(rallies.filter(pa.compute.equal(rallies["match"], name)), player, against)
+
+        def share(count: float, n: int) -> Estimate:
+            return Estimate(count / n, *interval(count / n, n)) if n else Estimate(math.nan, math.nan, math.nan)
+
+        n = int(mine.sum())
+        ends = (share(float(each[mine].sum()), n) for each in (plays.fault, plays.winner, attack))
+        found.append(Form(day, against, result.rallies, share(result.rallies_won, result.rallies), n, *ends))
+    return sorted(found)
 
 
 def realised(plays: Plays, data: pa.Table, advised: Sequence[Advice], pair: Game) -> list[Realised | None]:
     """Results of advised strokes in annotated matches; None with too few strokes."""
     catalogue = pair.catalogue
     out: list[Realised | None] = []
-    won = rallies_won(data)
+    won = won_or_lost(data)
     for advice in advised:
         shot, area, contact = advice.situation
         if shot < 0:
@@ -420,13 +446,3 @@ def realised(plays: Plays, data: pa.Table, advised: Sequence[Advice], pair: Game
         low, high = interval(wins / n, n)
         out.append(Realised(strokes=n, won=wins, low=low, high=high, others=int(others.sum()), others_won=int(won[others].sum())))
     return out
-
-
-def rallies_won(strokes: pa.Table) -> F64:
-    """``[N]`` whether the striker won the rally of each stroke, 1 or 0; NaN where that is not known."""
-    rallies = rally_table(strokes)
-    first = rallies["first"].to_numpy()
-    rally = np.repeat(np.arange(len(first)), np.diff([*first, strokes.num_rows]))
-    winner = rallies["winner"].to_numpy(zero_copy_only=False).astype(object)[rally]
-    player = strokes["player"].to_numpy(zero_copy_only=False).astype(object)
-    return np.where(winner == None, np.nan, (winner == player).astype(np.float64))  # noqa: E711  an array of objects

@@ -1,4 +1,4 @@
-"""Summaries of play (shot mix, tempo, endings, landings, transitions, rally lengths) the strokes that they count."""
+"""Summarises play: shot mix, tempo, endings, landings, transitions and rally lengths, with the numbers of strokes behind them."""
 
 import dataclasses
 from pathlib import Path

@@ -16,8 +16,8 @@ from shuttle_marl.analysis.summary import AnalysisError
 from shuttle_marl.base.arrays import F64, I64, Intp
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.data.upstream import date_of
-from shuttle_marl.dynamics.features import Rows, rows_from_strokes, states_of, strokes_before
-from shuttle_marl.dynamics.hurried import hurry_of
+from shuttle_marl.dynamics.features import Rows, states_of, strokes_before
+from shuttle_marl.dynamics.hurried import hurry_of, marked_rows
 from shuttle_marl.exact import evaluate, visits
 from shuttle_marl.game import rules
 from shuttle_marl.game.court import N_AREAS, steps_between
@@ -143,7 +143,7 @@ def placed(strokes: pa.Table, game: Game) -> tuple[Rows, I64, I64, I64]:
         The strokes in context; :func:`nearest_strokes`; ``[N]`` catalogue index of the incoming stroke
         (:func:`~shuttle_marl.dynamics.features.strokes_before`) and ``[N]`` state, -1: unknown.
     """
-    rows, nearest = rows_from_strokes(strokes, hurry_of(game)), nearest_strokes(game.catalogue)
+    rows, nearest = marked_rows(strokes, hurry_of(game)), nearest_strokes(game.catalogue)
     own, incoming = (strokes_before(rows, name, nearest, game.n_strokes) for name in ("own", "incoming"))
     return rows, nearest, incoming, states_of(game, rows, own, incoming)
 

@@ -39,7 +39,7 @@ def interquartile_mean(tasks: Sequence[Sequence[float]], seed: int = 0) -> Inter
     return _interval(float(middle(*samples)), samples, middle, seed)
 
 
-class Estimate(NamedTuple):
+class Moments(NamedTuple):
     """A mean with the variance of its error, and the degrees of freedom of that; without a variance it is NaN."""
 
     value: float
@@ -47,7 +47,7 @@ class Estimate(NamedTuple):
     freedom: int
 
 
-def estimate(sample: Sequence[float] | F64, *, trimmed: bool) -> Estimate:
+def estimate(sample: Sequence[float] | F64, *, trimmed: bool) -> Moments:
     """The mean of a sample, or its interquartile mean.
 
     The variance is that of a trimmed mean, from the winsorised sample (Tukey & McLaughlin, Sankhya A 25, 1963; Yuen, Biometrika
@@ -62,10 +62,10 @@ def estimate(sample: Sequence[float] | F64, *, trimmed: bool) -> Estimate:
     kept = ordered[cut : len(ordered) - cut]
     n, freedom = len(ordered), len(kept) - 1
     spread = np.clip(ordered, kept[0], kept[-1]).var(ddof=1) if n > 1 else np.nan
-    return Estimate(float(kept.mean()), float(spread * (n - 1) / (len(kept) * freedom)) if freedom else np.nan, freedom)
+    return Moments(float(kept.mean()), float(spread * (n - 1) / (len(kept) * freedom)) if freedom else np.nan, freedom)
 
 
-def combined(estimates: Sequence[Estimate], weights: Sequence[float]) -> Interval:
+def combined(estimates: Sequence[Moments], weights: Sequence[float]) -> Interval:
     """Weighted mean of independent estimates, with an interval of Student's t that holds for few runs, as a bootstrap does not.
 
     Degrees of freedom are those of Welch and Satterthwaite (Biometrics Bulletin 2, 1946).

@@ -37,20 +37,19 @@ class Program:
     Args:
         command: program and arguments, in shell syntax or as a list.
         seconds: time limit for each message and each answer; 0 for no limit.
-        shown: whether its standard error is that of this process; if not, errors quote the end of it.
 
     Raises:
         ProgramError: the command is empty or has an unclosed quote.
     """
 
-    def __init__(self, command: str | Sequence[str], seconds: float = 0.0, *, shown: bool = False) -> None:
+    def __init__(self, command: str | Sequence[str], seconds: float = 0.0) -> None:
         try:
             self._command = shlex.split(command) if isinstance(command, str) else list(command)
         except ValueError as error:
             raise ProgramError(str(error)) from error
         if not self._command:
             raise ProgramError("expected a command")
-        self._seconds, self._shown, self._failure = seconds, shown, ""
+        self._seconds, self._failure = seconds, ""
         self._process: subprocess.Popen[bytes] | None = None
         self._unread = bytearray()
 
@@ -137,7 +136,7 @@ class Program:
             self._finalize()
 
     def _start(self) -> None:
-        self._errors: IO[bytes] | None = None if self._shown else tempfile.TemporaryFile()  # noqa: SIM115  open while it runs
+        self._errors: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115  open while it runs
         pipe = subprocess.PIPE
         try:
             process = subprocess.Popen(
@@ -185,8 +184,6 @@ class Program:
         """Message about a program that closed a pipe."""
         status = self._status()
         how = "it closed its output" if status is None else f"it exited with status {status}"
-        if self._errors is None:
-            return how
         self._errors.seek(max(0, self._errors.seek(0, os.SEEK_END) - _STDERR_SHOWN))
         said = printable(self._errors.read().decode(errors="backslashreplace").strip(), keep="\n")
         return f"{how}: …{said}" if said else how

@@ -1,7 +1,7 @@
 """The match report as a page: figures for the template ``match.html.j2``."""
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -9,10 +9,10 @@ import numpy as np
 from shuttle_marl.analysis import Players
 from shuttle_marl.analysis.advice import LEAST_REFITS
 from shuttle_marl.analysis.match import MatchReport, ShotValue
+from shuttle_marl.analysis.outlook import Met
 from shuttle_marl.coach import charts
-from shuttle_marl.coach.drills import Drill, drills
 from shuttle_marl.coach.examples import shared, viewer
-from shuttle_marl.coach.rendering import page
+from shuttle_marl.coach.rendering import Drill, drills, page
 from shuttle_marl.coach.words import signed, words
 from shuttle_marl.game.scoring import is_over, wins_game
 from shuttle_marl.game.stroke import SHOTS
@@ -20,6 +20,8 @@ from shuttle_marl.game.tables import Game
 from shuttle_marl.watch.building import BuildError
 from shuttle_marl.watch.match import CourtRally
 
+_RUN = 3
+"""Points in a row that are mentioned."""
 _LEAST_HEAT = 60
 """Strokes in won and in lost rallies from which a map is drawn."""
 
@@ -31,8 +33,9 @@ class Footage:
     Attributes:
         staged: rallies of the report that can be staged, by their index.
         game, players: in which they are valued.
-        command: that shows rallies on the live court, up to the number.
-        numbers: of the rallies for that command, by their index; empty: they cannot be shown.
+        command: that opens the live court with the rallies.
+        numbers: of the rallies there, from 0, by their index; empty: they cannot be shown.
+        met: results of the two in all matches of the data; None: of this match alone.
         video: address of the video at a time in seconds; None: no video.
         gaps: sentences on what the data lack.
     """
@@ -42,14 +45,15 @@ class Footage:
     players: Players
     command: str
     numbers: dict[int, int]
+    met: Met | None = None
     video: Callable[[float], str] | None = None
     gaps: tuple[str, ...] = ()
 
 
 def match_page(report: MatchReport, footage: Footage) -> bytes:
     """The page as the content of a file."""
-    first, second = map(words().player, report.players)
-    report = dataclasses.replace(report, players=(first, second))
+    named = report.players
+    report = dataclasses.replace(report, players=(words().player(named[0]), words().player(named[1])))
     moments = [i for i in report.moments if i in footage.staged]
     rallies, program, reason, count = "", None, "", 0
     try:
@@ -63,6 +67,9 @@ def match_page(report: MatchReport, footage: Footage) -> bytes:
         "examples": {rally: number for number, rally in enumerate(moments[:count])},
         "reason": reason,
         "score": lambda winner=0: _score(report.score, winner),
+        "event": words().event(report.match, named),
+        "number": lambda i: footage.numbers[i] + 1 if i in footage.numbers else "\N{EN DASH}" if footage.numbers else i + 1,
+        "reasons": lambda i: _reasons(report, i),
         "points": lambda value: {part: signed(share / 100) for part, share in value._asdict().items()},
         "enough_refits": report.refits >= LEAST_REFITS,
         "course": _course(report),
@@ -96,6 +103,20 @@ def _course(report: MatchReport) -> dict[str, Any]:
         "played": sum(map(sum, report.score)),
         "cut": [n for n, points in enumerate(ended, 1) if not wins_game(max(points), min(points), report.rules)],
     }
+
+
+def _reasons(report: MatchReport, i: int) -> Iterator[str]:
+    """Why a rally counted."""
+    rows, row = report.rallies, report.rallies[i]
+    assert row.winner is not None
+    rules, own, other = report.rules, row.points[row.winner], row.points[1 - row.winner]
+    if wins_game(other + 1, own, rules):
+        yield words()("match.moment_saved", player=report.players[row.winner])
+    if wins_game(own + 1, other, rules):
+        yield words()("match.moment_game", game=row.key[0])
+    run = next((n for n in range(i + 1) if rows[i - n].winner != row.winner or rows[i - n].key[0] != row.key[0]), i + 1)
+    if run >= _RUN:
+        yield words()("match.moment_run", player=report.players[row.winner], points=run)
 
 
 def _bar(report: MatchReport, each: ShotValue) -> charts.Bar:

@@ -14,8 +14,9 @@ import pyarrow.compute as pc
 from shuttle_marl.analysis import Players
 from shuttle_marl.analysis.advice import imitated, meet
 from shuttle_marl.analysis.match import MatchReport, match_report, matches_in
+from shuttle_marl.analysis.outlook import met
 from shuttle_marl.analysis.strokes import stroke_table
-from shuttle_marl.analysis.summary import AnalysisError
+from shuttle_marl.analysis.summary import AnalysisError, rally_table
 from shuttle_marl.base.errors import printable
 from shuttle_marl.coach.match_page import Footage
 from shuttle_marl.coach.words import of_100, words
@@ -25,6 +26,7 @@ from shuttle_marl.data.own import import_matches
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.data.words import bare
 from shuttle_marl.exact import evaluate
+from shuttle_marl.game.pairs import people_of
 from shuttle_marl.game.rally.record import Rallies
 from shuttle_marl.game.shipped import folder_of, is_shipped
 from shuttle_marl.game.tables import Game
@@ -55,7 +57,7 @@ def of_strokes(path: Path, game: Game, match: str | None = None, columns: Path |
     report = match_report(played, game=game)
     staged = RealRallies(path, game.seats[0], strokes)
     folder = folder_of(game.seats[0])
-    model = () if folder is None or is_shipped(folder.name) else ("--game", str(folder))
+    model = () if folder is None or is_shipped(folder.name) else ("--game", folder.name)
     numbers = staged.numbers(name)
     found = {i: numbers[row.key] for i, row in enumerate(report.rallies) if row.key in numbers}
     rallies = {i: staged.rally(found[i]) for i in report.moments if i in found}
@@ -64,8 +66,9 @@ def of_strokes(path: Path, game: Game, match: str | None = None, columns: Path |
         staged=rallies,
         game=report.game,
         players=_players(report.game),
-        command=_watch("--real", str(path), *model, "--rally"),
+        command=_watch("--real", path.name, *model),
         numbers=shown,
+        met=met(rally_table(strokes), *report.players),
         gaps=gaps(played),
     )
 
@@ -130,7 +133,7 @@ def of_log(path: Path, game: Game, pairing: int = 0, match: int = 0) -> tuple[Ma
         staged=shown,
         game=report.game if known is None else game,
         players=_players(report.game) if known is None else known,
-        command=_watch("--replay", str(path), "--rally"),
+        command=_watch("--replay", path.name),
         numbers=dict(enumerate(numbers)),
     )
 
@@ -182,7 +185,7 @@ def anonymous(report: MatchReport, footage: Footage) -> tuple[MatchReport, Foota
     game = footage.game
     if game.people is not None:
         hidden = names if game.people.players == report.players else names[::-1]
-        game = dataclasses.replace(game, people=dataclasses.replace(game.people, players=hidden))
+        game = dataclasses.replace(game, people=dataclasses.replace(people_of(game), players=hidden))
     staged = {i: dataclasses.replace(rally, names=names) for i, rally in footage.staged.items()}
     return (
         dataclasses.replace(report, players=names, match="", game=game),

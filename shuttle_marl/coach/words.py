@@ -7,8 +7,10 @@ from typing import Final
 
 import numpy as np
 
+from shuttle_marl.analysis.brief import Expected
 from shuttle_marl.analysis.course import RallyRow
 from shuttle_marl.analysis.habits import Habit
+from shuttle_marl.data.words import bare
 from shuttle_marl.dynamics.habits import DIRECTED, DIRECTIONS, straight
 from shuttle_marl.game.court import AREAS, N_SIDES
 from shuttle_marl.game.shipped import Estimate
@@ -16,6 +18,8 @@ from shuttle_marl.game.stroke import HEIGHTS, SHOTS, TECHNIQUES, Catalogue
 from shuttle_marl.pages.languages import Language, Texts, current
 
 _CENTRE: Final = 1
+AT_BODY: Final = ("smash", "half-smash", "drive", "push", "net-kill")
+"""Shot types that are played at the body of the opponent when they go to the middle of the court."""
 
 
 class Words(Texts):
@@ -37,10 +41,37 @@ class Words(Texts):
         """A shot type in the plural."""
         return self.shot(shot, 2)
 
-    @staticmethod
-    def player(name: str) -> str:
-        """A player as people write the name: ``Viktor Axelsen`` for ``viktor-axelsen``; other names stay as they are."""
+    def player(self, name: str) -> str:
+        """A player as people write the name: ``Viktor Axelsen`` for ``viktor-axelsen``; names of others stay as they are."""
+        if name in self.groups["players"]:
+            return str(self.groups["players"][name])
         return name.replace("-", " ").title() if name.islower() and re.fullmatch(r"[^\W\d_]+(-[^\W\d_]+)+", name) else name
+
+    def event(self, match: str, players: Iterable[str]) -> str:
+        """The name of a match without those of its players, which stand beside it: ``Malaysia Masters 2020 Finals``."""
+        names = [bare(name) for name in players]
+        parts = match.replace("_", " ").split()
+        return " ".join(part for part in parts if not any(bare(part).strip(".") in name for name in names))
+
+    @staticmethod
+    def capital(text: str) -> str:
+        """A text that begins a sentence."""
+        return text[:1].upper() + text[1:]
+
+    def target(self, shot: str, area: int, whose: str, form: int = 2) -> str:
+        """A shot type in a form, to an area: ``smashes at their body``; either may be empty or -1, for any."""
+        if area < 0:
+            return self.shot(shot, form)
+        if not shot:
+            return self("stroke.place", area=self.area(area, whose))
+        if shot in AT_BODY and AREAS[area] == "middle-centre":
+            return self("stroke.body", shot=self.shot(shot, form), whose=self(f"whose.{whose}"))
+        return self("stroke.to", shot=self.shot(shot, form), area=self.area(area, whose))
+
+    def most(self, found: Expected) -> str:
+        """Answers with their shares of 100: ``lifts 36, net shots 32``."""
+        own: dict[str, str] = self.groups["directions"] if found.kind in ("serve_side", "direction") else {}
+        return self.listed(f"{own[name] if own else self.shots(name)} {of_100(share)}" for name, share in found.most)
 
     def area(self, area: int, whose: str) -> str:
         """An area, named as a right-handed player at that place sees it, such as ``your front backhand corner``."""
@@ -56,7 +87,15 @@ class Words(Texts):
             hands: of striker and receiver; None: unknown.
         """
         shot, target = SHOTS[catalogue.shot[stroke]], int(catalogue.area[stroke])
+        if catalogue.is_serve[stroke]:  # it flies diagonally into one service court, of which only the side is a choice
+            flick = (
+                "flick_serve" if (shot, catalogue.technique[stroke]) == ("long-serve", TECHNIQUES.index("backhand")) else "served"
+            )
+            return self(f"stroke.{flick}", shot=self.shot(shot), direction=self(f"directions.{AREAS[target].split('-')[1]}"))
         fields = {"technique": self.technique(TECHNIQUES[catalogue.technique[stroke]]), "area": self.area(target, whose)}
+        if shot in AT_BODY and AREAS[target] == "middle-centre":
+            fields.pop("area")
+            return self("stroke.at_body", shot=self.shot(shot), whose=self(f"whose.{whose}"), **fields)
         if shot not in DIRECTED or met < 0 or _CENTRE in (met % N_SIDES, target % N_SIDES):
             return self("stroke.aimed", shot=self.shot(shot), **fields)
         along = straight(np.array(met), np.array(target), opposite=(hands[0] == "left") != (hands[1] == "left"))

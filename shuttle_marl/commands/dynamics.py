@@ -24,7 +24,7 @@ def _report(line: str) -> None:
 _BEST: Final = "the strongest play of this game"
 _REPLY: Final = "the strongest play against the average player of this game"
 _WARNINGS: Final = {
-    "impossible": "this game has strokes that no body can play",
+    "impossible": "this game has strokes that nobody can play",
     "minimax rare": f"{_BEST} often chooses a shot that hardly anybody plays there",
     "best response rare": f"{_REPLY} often chooses a shot that hardly anybody plays there",
     "minimax unsupported": f"{_BEST} often chooses a stroke that nobody played there in the matches",

@@ -9,7 +9,7 @@ import tyro
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.commands import cli
 from shuttle_marl.commands.options import HandsTold, Json, RallyGameOptions, hands_told
-from shuttle_marl.commands.reports import write_report
+from shuttle_marl.commands.reports import write_figures, write_report
 from shuttle_marl.pages.languages import Language, speaking
 
 _MODEL: Final = RallyGameOptions()
@@ -27,6 +27,7 @@ def report(
     video: str | None = None,
     anonymous: bool = False,
     pdf: Path | None = None,
+    figures: Path | None = None,
     language: Language = "en",
     json_output: Json = False,
 ) -> None:
@@ -42,7 +43,8 @@ def report(
         model: game in which strokes are valued.
         video: address of the video with {seconds} where the time goes, such as https://example.org/watch?t={seconds}.
         anonymous: replace the names of the players and of the match.
-        pdf: PDF file, written by Chromium.
+        pdf: PDF file, written by Chromium; its first page is one side for the player.
+        figures: CSV or Parquet file for a table of all figures.
         language: language of the page: English, Chinese (simplified) or Indonesian.
         json_output: print the figures as JSON, and write no page.
     """
@@ -57,22 +59,24 @@ def report(
                 raise ShuttleError(f"--columns {columns}: {path} is a rally log, which has no columns to map; omit it")
             if match is not None and not match.isdecimal():
                 raise ShuttleError(f"--match {match}: expected the number of a match of the log, from 0")
-            figures, footage = sources.of_log(path, game, pairing, int(match or 0))
+            found, footage = sources.of_log(path, game, pairing, int(match or 0))
         elif pairing:
             raise ShuttleError(f"--pairing {pairing}: only rally logs have pairings; name the match with --match")
         else:
-            figures, footage = sources.of_strokes(path, game, match, columns)
+            found, footage = sources.of_strokes(path, game, match, columns)
     if video is not None:
         footage = dataclasses.replace(footage, video=sources.video_of(video))
     with speaking(language):
         if anonymous:
-            figures, footage = sources.anonymous(figures, footage)
+            found, footage = sources.anonymous(found, footage)
+    if figures is not None:
+        write_figures(found.as_json(), figures)
     if json_output:
-        cli.print_json(figures.as_json())
+        cli.print_json(found.as_json())
         if pdf is None:
             return
     with speaking(language):
-        page = match_page(figures, footage)
+        page = match_page(found, footage)
     write_report(page, out, pdf, quiet=json_output)
 
 

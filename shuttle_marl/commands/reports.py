@@ -1,10 +1,15 @@
-"""Files of reports: HTML pages, and PDF files where there is Chromium."""
+"""Files of reports: HTML pages, tables of figures, and PDF files where there is Chromium."""
 
 import tempfile
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
-from shuttle_marl.base.errors import printable
+import pyarrow as pa
+
+from shuttle_marl.base.errors import OptionError, printable
 from shuttle_marl.base.files import replace_file
+from shuttle_marl.base.table_files import csv_bytes, parquet_bytes
 from shuttle_marl.commands import cli
 from shuttle_marl.watch import WatchError
 
@@ -30,6 +35,31 @@ def write_report(page: bytes, out: Path, pdf: Path | None, *, quiet: bool = Fals
     if not quiet:
         for path in written:
             cli.console().print(f"report: {printable(str(path))}", soft_wrap=True)
+
+
+def write_figures(figures: Mapping[str, Any], path: Path) -> None:
+    """Write all figures of a report as a table: the name of each, such as ``briefs.0.dos.1.won``, and its number or text.
+
+    Raises:
+        OptionError: the name of the file does not end in ``.csv`` or ``.parquet``.
+        FileWriteError: it cannot be written.
+    """
+    if path.suffix not in (".csv", ".parquet"):
+        raise OptionError(f"--figures {path}: expected a file name that ends in .csv or .parquet")
+
+    def parts(value: Any, name: str) -> Iterator[tuple[str, Any]]:
+        inner = value.items() if isinstance(value, Mapping) else enumerate(value) if isinstance(value, list) else None
+        if inner is None:
+            yield name, value
+        else:
+            for key, part in inner:
+                yield from parts(part, f"{name}.{key}" if name else f"{key}")
+
+    names, values = zip(*parts(figures, ""), strict=True)
+    numbers = [float(value) if isinstance(value, int | float) else None for value in values]
+    texts = [value if isinstance(value, str) else None for value in values]
+    table = pa.table({"figure": names, "number": pa.array(numbers, pa.float64()), "text": pa.array(texts, pa.string())})
+    replace_file(path, csv_bytes(table) if path.suffix == ".csv" else parquet_bytes(table))
 
 
 def _printed(page: bytes, out: Path) -> bytes:

@@ -9,7 +9,7 @@ import tyro
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.commands import cli
 from shuttle_marl.commands.options import HandsTold, Json, hands_told
-from shuttle_marl.commands.reports import write_report
+from shuttle_marl.commands.reports import write_figures, write_report
 from shuttle_marl.pages.languages import Language, speaking
 
 
@@ -25,11 +25,12 @@ def scout(
     date: str | None = None,
     anonymous: bool = False,
     pdf: Path | None = None,
+    figures: Path | None = None,
     language: Language = "en",
     list_players: Annotated[bool, tyro.conf.arg(name="list")] = False,
     json_output: Json = False,
 ) -> None:
-    """Write a scouting report: the match-up, how the opponent plays, where the opponent can be hurt, and what tactics do.
+    """Write a scouting report: a page for the player, how the opponent plays, and where the opponent can be hurt.
 
     Args:
         player: who is to win; alone: whose profile is written.
@@ -41,7 +42,8 @@ def scout(
         game: model of the game: a shipped one or a folder.
         date: day of the players' skill, such as 2021-07-31; default: the last one known.
         anonymous: replace the names of the players.
-        pdf: PDF file, written by Chromium.
+        pdf: PDF file, written by Chromium; its first page is one side for the player.
+        figures: CSV or Parquet file for a table of all figures.
         language: language of the page: English, Chinese (simplified) or Indonesian.
         list_players: list the players of the model instead.
         json_output: print the figures as JSON, and write no page unless --out or --pdf is given.
@@ -77,7 +79,9 @@ def scout(
             people = dataclasses.replace(people_of(pair), players=(hidden[names[-1]], hidden[names[0]]))
             pair = dataclasses.replace(pair, people=people)
         other = None if other is None else (letters[2], other[1])
-        report = dataclasses.replace(report.renamed(hidden.__getitem__), pair=pair, beside=other)
+        report = dataclasses.replace(report.renamed(lambda name: hidden.get(name, letters[2])), pair=pair, beside=other)
+    if figures is not None:
+        write_figures(report.as_json(), figures)
     if json_output:
         cli.print_json(report.as_json())
     if not json_output or out is not None or pdf is not None:

@@ -1,4 +1,4 @@
-"""The benchmark suite: tasks with exact scores, runs of methods, verification, and the leaderboard (docs/suite)."""
+"""The benchmark suite: tasks with exact scores, runs of methods, rounds of committed code, and the leaderboard (docs/suite)."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -19,10 +19,9 @@ from shuttle_marl.suite.options import Beacon, Split, SuiteError, SuiteRun
 Task = Annotated[str, tyro.conf.Positional]
 Folder = Annotated[Path, tyro.conf.Positional]
 Folders = Annotated[tuple[Path, ...], tyro.conf.Positional]
-_FRONTIER: Final[tuple[Literal["score", "exploitability", "objective"], ...]] = ("score", "exploitability", "objective")
+_FRONTIER: Final[tuple[Literal["score", "exploitability", "gain"], ...]] = ("score", "exploitability", "gain")
 _SHOWN: Final = 20
 """Refused units that are printed."""
-_PRELIMINARY: Final = "The game of the suite is not frozen yet: tasks take the installed one, and scores are preliminary."
 
 
 def list_tasks(*, json_output: Json = False) -> None:
@@ -31,16 +30,15 @@ def list_tasks(*, json_output: Json = False) -> None:
     Args:
         json_output: print JSON.
     """
-    from shuttle_marl.suite.frozen import load  # noqa: PLC0415  numba
-    from shuttle_marl.suite.method import BASELINES, kind_of  # noqa: PLC0415
+    from shuttle_marl.suite.method import BASELINES, kind_of  # noqa: PLC0415  numba
+    from shuttle_marl.suite.registry import arena_of  # noqa: PLC0415
 
-    frozen = load()
     rows: list[dict[str, Any]] = [
         {
             **_described(task),
             "higher_is_better": task.higher_is_better,
             "optimum": task.optimum,
-            "target": task.target,
+            "game": arena_of(task, "default", "test").base,
             "splits": list(task.splits),
             "seeds": task.seeds,
             "baselines": list(BASELINES[kind_of(name)]),
@@ -48,19 +46,17 @@ def list_tasks(*, json_output: Json = False) -> None:
         for name, task in suite.TASKS.items()
     ]
     if json_output:
-        cli.print_json({"game": frozen.game, "tasks": rows})
+        cli.print_json({"tasks": rows})
         return
     out = cli.console()
     for row in rows:
         out.print(f"{row['task']}: {row['about']}", soft_wrap=True)
         out.print(f"  baselines: {', '.join(row['baselines'])}\n", soft_wrap=True)
-    if frozen.game is None:
-        out.print(_PRELIMINARY)
 
 
 def _described(task: "suite.Task") -> dict[str, Any]:
-    parts = {name: getattr(task, name) for name in ("protocol", "access", "entrance", "metric")}
-    return {"task": task.name, "about": " ".join((task.__doc__ or "").split()), **parts}
+    parts = {name: getattr(task, name) for name in ("protocol", "access", "entrance", "metric", "unit", "zero")}
+    return {"task": task.name, "about": " ".join((task.__doc__ or "").split()), **parts, "hidden": list(task.hidden)}
 
 
 def show(
@@ -79,11 +75,10 @@ def show(
         split: part of the task.
         quick: the cases of a quick run.
         game: model of the game.
-        beacon: randomness of the beacon round of the hidden split.
+        beacon: randomness of the beacon of a round, for the split round.
         json_output: print JSON.
     """
-    from shuttle_marl.suite.frozen import load  # noqa: PLC0415  numba
-    from shuttle_marl.suite.registry import arena_of  # noqa: PLC0415
+    from shuttle_marl.suite.registry import arena_of  # noqa: PLC0415  numba
 
     found = suite.find_task(task)
     arena = arena_of(found, game, split, quick=quick, beacon=beacon)
@@ -91,16 +86,15 @@ def show(
     fields: dict[str, Any] = {
         **_described(found),
         "optimum": found.optimum,
-        "target": found.target,
         "seeds": found.seeds,
         "game": arena.game.hash,
-        "official": load().official(arena.game.hash),
         "split": split,
         "cases": [case.name for case in cases],
     }
     if json_output:
         cli.print_json(fields)
         return
+    fields["hidden"] = ", ".join(fields["hidden"])
     rows = {name: str(value) for name, value in fields.items() if name != "cases" and value not in (None, "")}
     cli.console().print(cli.facts({**rows, f"{len(cases)} cases": ", ".join(fields["cases"])}))
 
@@ -124,7 +118,7 @@ def verify(
     Args:
         folder: of the run.
         game: model of the game; default: the shipped one that the run names. Folders that a run names are not opened.
-        beacon: randomness of the beacon round of the hidden split.
+        beacon: randomness of the beacon of a round, for the split round.
         data: annotated matches, for imitate.
         json_output: print JSON.
     """
@@ -150,7 +144,7 @@ def verify(
         if not found.refused:
             out.print(f"{found.units} units reproduced. Not verified: {', '.join(NOT_VERIFIED)}.", soft_wrap=True)
         if remarks:
-            out.print(f"not official: {'; '.join(remarks)}", soft_wrap=True)
+            out.print(f"remarks: {'; '.join(remarks)}", soft_wrap=True)
     if found.refused:
         raise SuiteError(f"{folder}: {len(found.refused)} of {found.units} units are refused")
 
@@ -158,6 +152,7 @@ def verify(
 def board(
     folders: Folders = (),
     *,
+    reran: tuple[Path, ...] = (),
     results: File = None,
     check: bool = True,
     game: str | None = None,
@@ -166,26 +161,28 @@ def board(
     out: File = None,
     html: bool = False,
 ) -> None:
-    """Write the leaderboard from run folders, best method first, with the optimum and the open gap.
+    """Write the leaderboard from run folders in two classes, rerun and self-reported, best method first, with the open gap.
 
-    Folders that are refused are left out, with the reason; the command then exits with 1.
+    Folders that are refused, or differ from a rerun of the same code, are left out with the reason; the exit status is then 1.
 
     Args:
         folders: run folders.
+        reran: folders of `suite rerun` that you trust, such as your own.
         results: a file of `python -m experiments.suite`, whose rows are added as they are.
         check: verify the folders; entries that are not verified are marked.
         game: model of the game; default: the shipped one that a run names.
-        beacon: randomness of the beacon round of the hidden split.
+        beacon: randomness of the beacon of a round, for the split round.
         data: annotated matches, for imitate.
         out: write the board here; default: print it.
         html: write HTML instead of Markdown.
     """
     from shuttle_marl.suite.board import render, rows_of  # noqa: PLC0415  numba
 
-    if not folders and results is None:
+    if not (folders or reran) and results is None:
         raise SuiteError("nothing to show: name run folders, or a file of results with --results")
     left: list[str] = []
-    rows = rows_of(folders, results, check=check, game=game, beacon=beacon, data=data, progress=_progress, failed=left.append)
+    options = {"check": check, "game": game, "beacon": beacon, "data": data, "progress": _progress}
+    rows = rows_of(folders, results, reran=reran, failed=left.append, **options)  # type: ignore[arg-type]
     text = render(rows, "html" if html else "md")
     if out is None:
         print(text, end="")  # noqa: T201
@@ -196,10 +193,10 @@ def board(
 
 
 def frontier(task: Task, *, opponent: str, game: str = "default", json_output: Json = False) -> None:
-    """Show what the best can reach against an opponent: score against exploitability, by the restriction of the opponent.
+    """Show what the best can reach against an opponent: score against exploitability in points, by the restriction.
 
     Args:
-        task: exploit-v0.
+        task: exploit-v0 or exploit-entrance-v0.
         opponent: name of a policy, such as bc.
         game: model of the game.
         json_output: print JSON.
@@ -220,13 +217,13 @@ def frontier(task: Task, *, opponent: str, game: str = "default", json_output: J
     cli.console().print(cli.facts(rows))
 
 
-def new_submission(task: Task, *, out: Path = Path(), language: Literal["python", "perl"] = "python") -> None:
+def new_submission(task: Task, *, out: Path = Path(), language: Literal["python", "perl", "apart"] = "python") -> None:
     """Write a template of a method, at most 40 lines that run as they are, and a card.
 
     Args:
         task: name of the task.
         out: folder.
-        language: of the template.
+        language: of the template; apart: Python for a round, which runs without this package.
     """
     from shuttle_marl.suite.registry import new_submission as write  # noqa: PLC0415  numba
 
@@ -265,26 +262,104 @@ def data(
         cli.console().print(cli.facts(hashes))
 
 
-def freeze(
-    *,
-    tasks: tuple[str, ...] = (),
-    data: Path | None = None,
-    game: str = "default",
-    out: File = None,
+def commit(
+    folder: Folder, *, task: str, method: str, author: str, out: Path = Path("commitment.json"), json_output: Json = False
 ) -> None:
-    """For maintainers: freeze the game and all cases in the settings of the package.
+    """Commit to code before a round is drawn: its hash, which the author publishes.
 
     Args:
-        tasks: names of tasks; default: all, without imitate-v0 if there is no --data.
-        data: annotated matches, for imitate-v0.
-        game: model of the game.
-        out: file to write; default: that of the package.
+        folder: of the code, with everything that it needs beside Python and installed libraries.
+        task: name of the task.
+        method: MODULE:ATTRIBUTE in that folder.
+        author: name on the board.
+        out: file of the commitment.
+        json_output: print JSON.
     """
-    from shuttle_marl.suite.frozen import FROZEN  # noqa: PLC0415  numba
-    from shuttle_marl.suite.registry import freeze as write  # noqa: PLC0415
+    from shuttle_marl.suite.rounds import commit as made  # noqa: PLC0415  numba
+    from shuttle_marl.suite.rounds import write_commitment  # noqa: PLC0415
 
-    done = write(out or FROZEN, tasks, model=game, data=data, progress=_progress)
-    cli.console().print(cli.facts({"game": str(done.game), "cases": f"{len(done.cases):,}"}))
+    found = made(folder, task=task, method=method, author=author)
+    write_commitment(out, found)
+    fields = {"file": str(out), "hash": found.hash, "files": str(len(found.files))}
+    cli.print_json(fields) if json_output else cli.console().print(cli.facts(fields))
+
+
+def draw(
+    commitments: Folders, *, beacon: int, randomness: str, out: Path = Path("round.json"), json_output: Json = False
+) -> None:
+    """Draw a round after commitments, from a public beacon that appeared after them.
+
+    Args:
+        commitments: files of `suite commit`.
+        beacon: number of the round of the chain quicknet of https://drand.love, announced before.
+        randomness: what it published, 64 hexadecimal digits.
+        out: file of the round.
+        json_output: print JSON.
+    """
+    from shuttle_marl.suite.rounds import BEACON, write_round  # noqa: PLC0415  numba
+
+    found = suite.draw_round(commitments, beacon=beacon, randomness=randomness)
+    write_round(out, found)
+    fields = {"file": str(out), "beacon": f"{BEACON}/{beacon}", "entries": str(len(found.commitments))}
+    cli.print_json(fields) if json_output else cli.console().print(cli.facts(fields))
+
+
+def rerun(
+    round_file: Annotated[Path, tyro.conf.Positional],
+    folder: Folder,
+    *,
+    task: str,
+    author: str,
+    randomness: str,
+    by: str,
+    image: str | None = None,
+    budget: int | None = None,
+    seeds: int | None = None,
+    quick: bool = False,
+    workers: int = 1,
+    game: str = "default",
+    out: Path | None = None,
+    resume: bool = False,
+    overwrite: bool = False,
+    json_output: Json = False,
+) -> None:
+    """Rerun committed code on a round: apart from this package, without a network, as another user, in a container or namespaces.
+
+    Args:
+        round_file: of `suite round`.
+        folder: of the code.
+        task: name of the task.
+        author: whose entry.
+        randomness: that of the beacon, as you have read it there.
+        by: your name.
+        image: of a container with Python and NumPy, for podman or docker; default: namespaces of Linux.
+        budget: in strokes; default: the smallest one of the task.
+        seeds: number of seeds, from 0; default: that of the task.
+        quick: the smallest cases and budgets only.
+        workers: parallel processes.
+        game: model of the game.
+        out: run folder.
+        resume: continue the run in --out.
+        overwrite: replace the run in --out.
+        json_output: print JSON.
+    """
+    from shuttle_marl.suite.rounds import rerun as again  # noqa: PLC0415  numba
+
+    options = SuiteRun(
+        task=task,
+        method=author,
+        budget=budget,
+        seeds=seeds,
+        quick=quick,
+        workers=workers,
+        game=game,
+        out=out,
+        resume=resume,
+        overwrite=overwrite,
+    )
+    names = {"task": task, "author": author, "randomness": randomness, "by": by, "image": image}
+    made = again(round_file, folder, **names, options=options, console=cli.console(stderr=True))  # type: ignore[arg-type]
+    _print_summary(made, randomness, game, json_output=json_output)
 
 
 def _print_summary(folder: Path, beacon: str | None, game: str | None, *, json_output: bool) -> None:
@@ -296,12 +371,12 @@ def _print_summary(folder: Path, beacon: str | None, game: str | None, *, json_o
         return
     rows = {"task": f"{found['task']}, {found['split']}", "method": found["method"], "seeds": str(found["seeds"])}
     for name, each in found["scores"].items():
-        rows[name] = with_interval(each, name)
+        rows[name] = with_interval(each)
     rows["seconds"] = f"{found['seconds']:.1f}"
     rows["folder"] = str(folder)
     cli.console().print(cli.facts(rows))
     if found["remarks"]:
-        cli.console().print(f"not official: {'; '.join(found['remarks'])}", soft_wrap=True)
+        cli.console().print(f"remarks: {'; '.join(found['remarks'])}", soft_wrap=True)
 
 
 def _progress(units: Sequence[Any]) -> Any:
@@ -317,7 +392,9 @@ COMMANDS: Final[dict[str, cli.Command]] = {
     "frontier": frontier,
     "new-submission": new_submission,
     "data": data,
-    "freeze": freeze,
+    "commit": commit,
+    "round": draw,
+    "rerun": rerun,
 }
 
 

@@ -279,7 +279,7 @@ def health(bc: StatePolicy, strokes: F64) -> dict[str, Any]:
         bc: the behaviour-cloned average player of the game.
         strokes: ``[E]`` real strokes in the innermost cell of each edge.
 
-    Returns: The statistics; ``impossible``: number of base pairs that no body can play; ``rare``, ``unsupported`` and ``thin``:
+    Returns: The statistics; ``impossible``: number of base pairs that nobody can play; ``rare``, ``unsupported`` and ``thin``:
         fractions of the strokes of BC, of the best response to BC and of minimax that people hardly play there
         (:func:`shuttle_marl.exact.play.unusual`), without any and with few real strokes behind them; ``warnings``: a line for
         each value outside of :data:`LIMITS`.

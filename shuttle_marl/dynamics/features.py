@@ -29,7 +29,7 @@ import dataclasses
 import functools
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -42,9 +42,6 @@ from shuttle_marl.game.court import N_AREAS, area_of, mirrored
 from shuttle_marl.game.layout import LONGEST_DUEL
 from shuttle_marl.game.stroke import ATTACKS, N_SHOTS, N_TECHNIQUES, NET_SHOTS, SHOTS
 from shuttle_marl.game.tables import Game
-
-if TYPE_CHECKING:
-    from shuttle_marl.dynamics.hurried import Hurry
 
 DISCIPLINES: Final = ("MS", "WS")
 _RATES: Final = (10.0, 130.0)
@@ -79,9 +76,17 @@ MOVEMENT: Final = (
     "contact_x", "contact_y", "striker_x", "striker_y", "reach", "moved", "forward", "sideways", "speed", "since", "before",
     "own_x", "own_y", "opponent_x", "opponent_y",
 )  # fmt: skip
-"""Positions and times before a stroke, in the striker's frame [m, s]: where they meet the shuttle, where they stand, and the
-distance of the two; how far they moved since the opponent's hit, how far forwards and to the right, and how fast; time since that
-hit, and between it and the hit before (0 for none); where striker and opponent were at that hit."""
+"""Positions and times before a stroke, in the striker's frame [m, s].
+
+- ``contact_x``, ``contact_y``: where the striker meets the shuttle.
+- ``striker_x``, ``striker_y``: where they stand.
+- ``reach``: distance of the two.
+- ``moved``, ``forward``, ``sideways``: how far they moved since the opponent's hit, of it forwards, and to the right.
+- ``speed``: how fast they moved.
+- ``since``: time since the opponent's hit.
+- ``before``: time between that hit and the one before it; 0 without one.
+- ``own_x``, ``own_y``, ``opponent_x``, ``opponent_y``: where striker and opponent were at the opponent's hit.
+"""
 MAX_DEPTH_QUANTILE: Final = 0.9
 """Quantile of the depth of returned strokes that bounds the target of an out stroke."""
 _ACROSS: Final = [MOVEMENT.index(name) for name in MOVEMENT if name.endswith("_x") or name == "sideways"]
@@ -207,13 +212,11 @@ def mirrored_where(left: Bools, area: I16) -> I16:
     return np.where(left & (area >= 0) & (area < N_AREAS), mirrored(area), area).astype(np.int16)
 
 
-def rows_from_strokes(strokes: pa.Table, hurry: "Hurry | None" = None) -> Rows:
+def rows_from_strokes(strokes: pa.Table) -> Rows:
     """Rows of a cleaned table, in its order (schema: :mod:`shuttle_marl.data.schema`).
 
-    The target areas of annotated winners and out strokes depend on the other strokes of the table.
-
-    Args:
-        hurry: index that decides whether strikers were hurried where the table does not know it; None: that stays unknown.
+    The target areas of annotated winners and out strokes depend on the other strokes of the table. Whether strikers were hurried
+    stays unknown where the table does not know it; see :func:`shuttle_marl.dynamics.hurried.marked_rows`.
     """
     column = {
         name: strokes[name].to_numpy(zero_copy_only=False)
@@ -251,7 +254,7 @@ def rows_from_strokes(strokes: pa.Table, hurry: "Hurry | None" = None) -> Rows:
         codes[name] = mirrored_where(left, codes[name])
     movement[np.ix_(left, _ACROSS)] *= -1
     waiting, meeting = _receiver_places(strokes, receiver_hand == 1, after, follows & returned)
-    rows = Rows(
+    return Rows(
         codes=codes,
         outcome=column["outcome"].astype(np.int8),
         reason=column["reason"].astype(np.int8),
@@ -272,7 +275,6 @@ def rows_from_strokes(strokes: pa.Table, hurry: "Hurry | None" = None) -> Rows:
         hand=hand,
         receiver_hand=receiver_hand,
     ).marked(np.where(number == 1, 0, unmarked).astype(np.int8))
-    return rows if hurry is None else hurry.marked(rows)
 
 
 def _movement(strokes: pa.Table, key: Ints, number: I16) -> F32:

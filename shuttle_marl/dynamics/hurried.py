@@ -26,6 +26,7 @@ from pathlib import Path
 from typing import Final, Self
 
 import numpy as np
+import pyarrow as pa
 
 from shuttle_marl.base.arrays import F64, I8, I32, Bools
 from shuttle_marl.base.compiling import compiled
@@ -33,7 +34,7 @@ from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.files import replace_file
 from shuttle_marl.base.tensor_files import Tensors, checked, parsed, tensor_bytes
 from shuttle_marl.data.schema import Outcome
-from shuttle_marl.dynamics.features import MOVEMENT, SLOTS, Rows
+from shuttle_marl.dynamics.features import MOVEMENT, SLOTS, Rows, rows_from_strokes
 from shuttle_marl.dynamics.trees import PARAMETERS, check_nodes, lightgbm, stored_trees
 from shuttle_marl.game.shipped import HURRY, folder_of, read_model
 from shuttle_marl.game.tables import Game
@@ -154,6 +155,17 @@ def hurry_of(game: Game) -> Hurry | None:
     """
     folder = folder_of(game)
     return None if folder is None else load_hurry(folder)
+
+
+def marked_rows(strokes: pa.Table, hurry: Hurry | None) -> Rows:
+    """Rows of a cleaned table, in its order (:func:`~shuttle_marl.dynamics.features.rows_from_strokes`).
+
+    Args:
+        strokes: table of schema :data:`shuttle_marl.data.schema.STROKES`.
+        hurry: index that decides whether strikers were hurried where the table does not know it; None: that stays unknown.
+    """
+    rows = rows_from_strokes(strokes)
+    return rows if hurry is None else hurry.marked(rows)
 
 
 def fit_hurry(rows: Rows, *, seed: int = 0) -> Hurry | None:

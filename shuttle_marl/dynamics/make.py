@@ -32,7 +32,7 @@ from shuttle_marl.dynamics.fit import THREADS, Fit, Report, fit, unseen_predicti
 from shuttle_marl.dynamics.fitted import FittedModels, ModelError, PlayerChoices
 from shuttle_marl.dynamics.habits import save_habits
 from shuttle_marl.dynamics.history import fit_history, load_history
-from shuttle_marl.dynamics.hurried import Hurry, fit_hurry, load_hurry
+from shuttle_marl.dynamics.hurried import Hurry, fit_hurry, load_hurry, marked_rows
 from shuttle_marl.dynamics.network import QUICK, EnsembleConfig
 from shuttle_marl.dynamics.prior import Prior, fit_from, refits_from
 from shuttle_marl.dynamics.recovery import fit_recovery
@@ -254,7 +254,7 @@ def add_recovery(data: Path, folder: Path, *, report: Report) -> dict[str, Any]:
         raise ShuttleError(f"{folder}: a model that corrects another one has the positions of that; fit it again")
     if strokes_hash(strokes) != card["data"]["hash"]:
         raise ShuttleError(f"{data}: not the strokes that the model was fitted to; name those, or fit a model to these")
-    train, _ = train_and_validation(rows_from_strokes(strokes, load_hurry(folder)), card["data"]["validation_share"])
+    train, _ = train_and_validation(marked_rows(strokes, load_hurry(folder)), card["data"]["validation_share"])
     report("out-of-fold predictions")
     predicted = unseen_predictions(FittedModels.load(folder), train, EnsembleConfig().folds)
     report("positions of receivers")
@@ -484,7 +484,7 @@ def evaluate_model(data: Path, folder: Path, split: Split, *, report: Callable[[
         ShuttleError: the data contain no match of the split.
     """
     report("reading strokes")
-    rows = rows_from_strokes(load_strokes(data), load_hurry(folder))
+    rows = marked_rows(load_strokes(data), load_hurry(folder))
     share = shipped.read_model_card(folder)["data"].get("validation_share")
     if share is None:
         train, test = rows_of(rows, "train"), rows_of(rows, split)

@@ -122,7 +122,7 @@ def people_of(game: Game) -> People:
         GameError: both seats have the same tables.
     """
     people = game.people if game.whole is None else game.whole.people
-    if people is None:
+    if not isinstance(people, People):
         raise GameError("this is not the game of two players; make one with pair_game")
     return people
 
@@ -162,8 +162,8 @@ def looks_of(game: Game, policies: tuple[str, str]) -> Looks:
     Args:
         policies: names of the policies at seats 0 and 1; ``bc:PLAYER`` and ``PLAYER`` are persons.
     """
-    people = game.people
-    if people is not None:
+    if game.people is not None:
+        people = people_of(game)
         athlete = "female" if people.discipline == "women" else "male"
         return Looks(hands=people.hands, athletes=(athlete, athlete))
     origin = origin_of(game)
@@ -213,8 +213,10 @@ def trained_game(game: Game) -> Game:
 
 def without_skill(game: Game) -> Game:
     """The average game over the states of a game: itself, but in the game of a pair."""
-    people = game.people if game.whole is None else game.whole.people
-    if people is None or not people.opposite:
+    if game.people is None and game.whole is None:
+        return game.average
+    people = people_of(game)
+    if not people.opposite:
         return game.average
     return load_game(people.origin._replace(variant=OPPOSITE).name_in(str(people.origin.folder)))
 

@@ -17,7 +17,7 @@ factors are computed by additions, products and quotients in a fixed order, so t
 import dataclasses
 import functools
 import hashlib
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -26,11 +26,9 @@ from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.tensor_files import Tensors, checked
 from shuttle_marl.game.court import AREAS, HALF_LENGTH, HALF_WIDTH, N_AREAS, N_SIDES
 from shuttle_marl.game.draws import CHOICE_ONE
+from shuttle_marl.game.layout import Layout
 from shuttle_marl.game.stroke import N_SHOTS, frozen
 from shuttle_marl.game.thresholds import ONE, odds_of_steps, with_fault_odds
-
-if TYPE_CHECKING:
-    from shuttle_marl.game.tables import Game
 
 POSITIONS: Final = tuple(area.replace("right", "forehand").replace("left", "backhand") for area in AREAS)
 """Names of the nine positions; index = 3 * depth + side, as for areas."""
@@ -146,7 +144,7 @@ class Recovery:
             checked(arrays["effect"], np.int16, (len(EFFECTS), N_SHOTS, N_AREAS, N_POSITIONS)),
         )
 
-    def of_states(self, game: "Game", base: Ints) -> U16:
+    def of_states(self, game: Layout, base: Ints) -> U16:
         """``[..., 9]`` probability of people's positions where a striker is in base states of a game, in units of 1/65535."""
         shot, area = np.append(game.catalogue.shot, N_SHOTS), np.append(game.catalogue.area, N_AREAS)
         own, incoming = game.own(base), game.incoming(base)
@@ -157,8 +155,8 @@ class Recovery:
         )
 
 
-def waiting_of(game: "Game", recovery: Recovery) -> Waiting:
-    """The tables of a game by position (see the head of this module)."""
+def waiting_of(game: Layout, threshold: U16, hurry: U8, fault_odds: I32, recovery: Recovery) -> Waiting:
+    """The tables of a game by position (see the head of this module); arguments as those of the game."""
     base = np.arange(game.n_base_states)
     people = recovery.of_states(game, base)
     feasible = people > 0
@@ -176,15 +174,15 @@ def waiting_of(game: "Game", recovery: Recovery) -> Waiting:
     ratio = np.where(served, 1.0, factor[:, shot, area, place])
     weight = people[state[pair], place] / np.float64(CHOICE_ONE)
     spread = _Spread(first, pair)
-    fault, winner, below = game.threshold.astype(np.float64).T
-    old = game.threshold.astype(np.int64)
+    fault, winner, below = threshold.astype(np.float64).T
+    old = threshold.astype(np.int64)
     good, returned = ONE - fault, ONE - winner
     with np.errstate(invalid="ignore", divide="ignore"):
         wins = spread.shares(np.where(good > 0, (winner - fault) / good, 0.0), ratio[0], weight)
         met = weight * (1 - wins)
         above = spread.shares(np.where(returned > 0, (ONE - below) / returned, 0.0), ratio[1], met)
         late = [
-            spread.shares(game.hurry[:, contact] / np.float64(_HURRY_ONE), ratio[2], met * (above if contact else 1 - above))
+            spread.shares(hurry[:, contact] / np.float64(_HURRY_ONE), ratio[2], met * (above if contact else 1 - above))
             for contact in (0, 1)
         ]
     faults = old[pair, 0]
@@ -193,13 +191,13 @@ def waiting_of(game: "Game", recovery: Recovery) -> Waiting:
     ends = np.minimum(ends, ONE - 1)
     low = np.clip(ends + np.rint((1 - above) * (ONE - ends)).astype(np.int64), ends, ONE - 1)
     limits = np.stack([faults, ends, low], axis=1).astype(np.uint16)
-    hurry = np.stack([np.minimum(np.rint(p * _HURRY_ONE), _HURRY_ONE - 1) for p in late], axis=1).astype(np.uint8)
+    late_draw = np.stack([np.minimum(np.rint(p * _HURRY_ONE), _HURRY_ONE - 1) for p in late], axis=1).astype(np.uint8)
     return Waiting(
         choices=frozen(count),
         position=frozen(position),
         start=frozen(first[game.base_pair_start]),
-        limits=frozen(np.stack([with_fault_odds(limits, odds) for odds in game.fault_odds.tolist()])),
-        hurry=frozen(hurry),
+        limits=frozen(np.stack([with_fault_odds(limits, odds) for odds in fault_odds.tolist()])),
+        hurry=frozen(late_draw),
         place=frozen(np.where(feasible, feasible.cumsum(axis=1) - 1, -1).astype(np.int8)),
     )
 

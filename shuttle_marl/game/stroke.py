@@ -52,7 +52,7 @@ AROUND_THE_HEAD: Final = TECHNIQUES.index("around-the-head")
 ATTACKS: Final = ("smash", "half-smash")
 """Shot types that cost effort."""
 FRONT_COURT: Final = ("net-kill", "net-shot", "cross-court-net-shot")
-"""Shot types that no body can play from the back third of the court."""
+"""Shot types that nobody can play from the back third of the court."""
 NET_SHOTS: Final = ("net-shot", "cross-court-net-shot")
 """Shot types of a duel at the net."""
 

@@ -15,11 +15,12 @@ receiver's changes nothing until the roles swap.
 """
 
 import dataclasses
+import datetime
 import functools
 import hashlib
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -28,14 +29,12 @@ from shuttle_marl.base.arrays import F64, I32, U8, U16, Bools, Ints
 from shuttle_marl.base.errors import ShuttleError
 from shuttle_marl.base.files import replace_file
 from shuttle_marl.base.tensor_files import checked, parsed, read_tensors, tensor_bytes
+from shuttle_marl.game.court import Hands
 from shuttle_marl.game.draws import CHOICE_ONE
 from shuttle_marl.game.layout import ALL, LONGEST_DUEL, Indices, Layout
 from shuttle_marl.game.recovery import N_POSITIONS, POSITIONS, Recovery, Waiting, waiting_of
 from shuttle_marl.game.stroke import SHOTS, Catalogue, frozen
 from shuttle_marl.game.thresholds import ONE, with_fault_odds
-
-if TYPE_CHECKING:
-    from shuttle_marl.game.pairs import People
 
 ROOT: Final = 0
 """The state in which every rally starts: the serve, struck from below the net."""
@@ -70,6 +69,48 @@ class Origin(NamedTuple):
         return ":".join(filter(None, (model, "-".join(filter(None, (self.variant, RECOVERY if self.recovery else None))))))
 
 
+class Seated(Protocol):
+    """Players whose skill the seats of a game have, :class:`shuttle_marl.game.pairs.People`."""
+
+    @property
+    def players(self) -> tuple[str, str]:
+        """Their names."""
+
+    @property
+    def date(self) -> datetime.date | None:
+        """Day of the skill."""
+
+    @property
+    def discipline(self) -> str | None:
+        """``men`` or ``women``; None: the average of both."""
+
+    @property
+    def hands(self) -> Hands:
+        """Their hands."""
+
+    @property
+    def title(self) -> str:
+        """The players in words."""
+
+    @property
+    def origin(self) -> Origin:
+        """Where their game comes from."""
+
+    @property
+    def average(self) -> "Game":
+        """The game without their skill."""
+
+    @property
+    def swapped(self) -> "Seated":
+        """The same players at the other seats."""
+
+    def game(self) -> "Game":
+        """Their game."""
+
+    def refits(self) -> "tuple[Game, ...]":
+        """Their game in the refits of the model."""
+
+
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Game(Layout):
     """A compiled game: its layout and the probabilities of outcomes.
@@ -93,7 +134,7 @@ class Game(Layout):
     hurry: U8
     fault_odds: I32 = dataclasses.field(default_factory=lambda: np.full(1, ONE, dtype=np.int32))
     recovery: Recovery | None = None
-    people: "People | None" = None
+    people: "Seated | None" = None
     whole: "Game | None" = None
     seat: int = 0
 
@@ -230,7 +271,7 @@ class Game(Layout):
         """
         if self.recovery is None or self.people is not None:
             raise GameError("no positions: expected the game with recovery, and in that of a pair the tables of one seat")
-        return waiting_of(self, self.recovery)
+        return waiting_of(self, self.threshold, self.hurry, self.fault_odds, self.recovery)
 
     @functools.cached_property
     def limits(self) -> U16:
@@ -436,7 +477,7 @@ class Game(Layout):
         return game
 
 
-def _game_of_people(people: "People", value: str) -> Game:
+def _game_of_people(people: Seated, value: str) -> Game:
     """The game of a pair that was pickled by its names.
 
     Raises:

@@ -339,7 +339,7 @@ def depth(game: Game, names: Sequence[str] = POLICIES, *, report: Callable[[str]
     """The depth table of a game.
 
     Returns:
-        ``impossible``: number of legal pairs that no body can play (:func:`shuttle_marl.exact.play.impossible`). ``policies``:
+        ``impossible``: number of legal pairs that nobody can play (:func:`shuttle_marl.exact.play.impossible`). ``policies``:
         for each name :func:`shuttle_marl.exact.play.play` against itself (``self``) and against ``bc``.
         ``lists``: for each class of :data:`LISTS` ``score`` (edge over ``bc``, 1 for the best response), ``exploitability`` and
         ``against_minimax`` (fraction of rallies won against perfect play), each of the best policy found in the class: improved

@@ -1,4 +1,4 @@
-"""The benchmark suite: frozen tasks with exact scores, methods, runs that can be verified, and the leaderboard.
+"""The benchmark suite: tasks with exact scores, methods, runs whose scores anyone recomputes, rounds that rerun committed code.
 
 Names are imported when first used, because the solvers need numba.
 """
@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from shuttle_marl.suite.options import SuiteError, SuiteRun
     from shuttle_marl.suite.registry import TASKS, find_task
     from shuttle_marl.suite.results import difference, summarise
+    from shuttle_marl.suite.rounds import commit, draw_round, rerun
     from shuttle_marl.suite.run import run_method
     from shuttle_marl.suite.task import Task
     from shuttle_marl.suite.verify import verify_run
@@ -23,8 +24,11 @@ __all__ = [
     "SuiteRun",
     "Task",
     "Trained",
+    "commit",
     "difference",
+    "draw_round",
     "find_task",
+    "rerun",
     "run_method",
     "summarise",
     "verify_run",

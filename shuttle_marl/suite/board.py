@@ -1,28 +1,28 @@
-"""The leaderboard as Markdown and HTML, from the rows of runs."""
+"""The leaderboard as Markdown and HTML, from the rows of runs, in two classes.
+
+*Rerun*: who makes the board has a rerun of the committed code in a round, with these scores. *Self-reported*: all others; their
+scores are recomputed from stored policies and answers, and the rest is what their authors say.
+"""
 
 import dataclasses
-import itertools
+import unicodedata
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Final, Literal, TypedDict
 
 import jinja2
-import numpy as np
 
 from shuttle_marl.base.errors import ShuttleError, described, printable
 from shuttle_marl.pages import escaped
-from shuttle_marl.suite import frozen, store
+from shuttle_marl.suite import store
 from shuttle_marl.suite.options import ACCESS, Split, SuiteError
 from shuttle_marl.suite.registry import TASKS
 from shuttle_marl.suite.results import Bounds, Row, summarise
-from shuttle_marl.suite.verify import marked, verify_run
+from shuttle_marl.suite.task import Task
+from shuttle_marl.suite.verify import TOLERANCE, verify_run
 
 _TEMPLATES: Final = Path(__file__).parent / "templates"
-_PERCENT: Final = ("regret", "rally_win", "error", "bias", "legal", "away")
-"""Beginnings of the names of scores that are printed in per cent."""
-_SWEEPS: Final = 2000
-"""Iterations of the ratings."""
-_CHECKED: Final = {True: "yes", False: "no", None: "not checked"}
+_CHECKED: Final = {True: "recomputed", False: "not recomputed", None: "not recomputed"}
 _LONGEST: Final = 60
 """Characters of a name that are shown."""
 
@@ -34,13 +34,20 @@ def render(rows: Sequence[Row], kind: Literal["md", "html"]) -> str:
     )
     environment.filters["text"] = printable if kind == "html" else escaped
     environment.filters["name"] = shown if kind == "html" else code
-    environment.filters |= {"number": number, "interval": with_interval, "stated": _stated, "checked": _CHECKED.get}
-    return environment.get_template(f"board.{kind}").render(boards=(found := boards(rows)), ratings=rating(found)) + "\n"
+    environment.filters |= {
+        "number": number,
+        "interval": with_interval,
+        "stated": _stated,
+        "called": called,
+        "standing": standing,
+    }
+    return environment.get_template(f"board.{kind}").render(boards=boards(rows)) + "\n"
 
 
 def shown(name: str, longest: int = _LONGEST) -> str:
     """A stranger's name in ASCII, so that it looks like no other one, and short."""
-    text = " ".join(printable(name).encode("ascii", "backslashreplace").decode().split()) or "(no name)"
+    plain = unicodedata.normalize("NFKC", printable(name))
+    text = " ".join(plain.encode("ascii", "backslashreplace").decode().split()) or "(no name)"
     return text if len(text) <= longest else f"{text[:longest]}..."
 
 
@@ -49,10 +56,23 @@ def code(name: str, longest: int = _LONGEST) -> str:
     return "`" + shown(name, longest).replace("`", "'").replace("|", "\\|") + "`"
 
 
+def called(row: Row) -> str:
+    """Name of a method; that of a stranger's has the author before it, so that none is called like one of this package."""
+    return f"{row['author']}/{row['method']}" if row["author"] else row["method"]
+
+
+def standing(row: Row) -> str:
+    """The class of a row, and what supports it."""
+    if reran := row.get("reran_by"):
+        return f"rerun by {', '.join(reran)}"
+    return f"self-reported, {_CHECKED[row.get('recomputed')]}"
+
+
 def rows_of(
     folders: Sequence[Path],
     results: Path | None = None,
     *,
+    reran: Sequence[Path] = (),
     check: bool = True,
     game: str | None = None,
     beacon: str | None = None,
@@ -64,50 +84,63 @@ def rows_of(
 
     Args:
         folders: run folders, which may be those of strangers.
-        results: JSON file with ``rows``, which are taken as they are; None: none.
+        results: JSON file with ``rows`` of this package, which are taken as they are; None: none.
+        reran: run folders of ``suite rerun`` whose makers the user trusts, such as the user's own.
         game: model of the game; None: the shipped model that a run names.
-        beacon: randomness of the beacon round of the hidden split.
+        beacon: randomness of the beacon of a round.
         data: annotated matches, for ``imitate``.
-        failed: receives the reason why a folder is left out: it is refused, is no finished run, or stands there twice.
+        failed: receives the reason why a folder is left out: it is refused, is no finished run, stands there twice, or differs
+            from a rerun.
 
     Raises:
         SuiteError: the file cannot be read.
     """
     rows: list[Row] = []
-    for folder in folders:
+    for folder in (*reran, *folders):
         try:
-            if not check:
-                row = marked(summarise(folder, beacon, game))
-            else:
+            if check:
                 found = verify_run(folder, game=game, beacon=beacon, data=data, progress=progress)
                 if found.summary is None:
                     raise SuiteError(f"{len(found.refused)} of {found.units} units are refused: {found.refused[0].reason}")
                 row = found.summary
-            row["verified"] = True if check else None
-            _compare(row, rows)
+            else:
+                row = summarise(folder, beacon, game)
+            row["recomputed"] = True if check else None
+            row["reran_by"] = []
+            if folder in reran:
+                if row["commitment"] is None:
+                    raise SuiteError("is no rerun of a round; name it as a folder")
+                row["reran_by"] = [store.read_rerun(folder).by]
+            if _is_new(row, rows):
+                rows.append(row)
         except Exception as error:
             failed(f"{folder}: {error if isinstance(error, ShuttleError) else described(error)}")
-        else:
-            rows.append(row)
     if results is not None:
         rows += store.read(results, _Results).rows
     return rows
 
 
-def _compare(row: Row, rows: Sequence[Row]) -> None:
-    """Find another row with the same policies and answers; references have them for several budgets.
+def _is_new(row: Row, rows: Sequence[Row]) -> bool:
+    """Whether a run belongs on the board beside others; another rerun of the same code is added to its row.
 
     Raises:
-        SuiteError: it is the same run.
+        SuiteError: it is the same run as another one, or differs from a rerun of the same code.
     """
     for other in rows:
-        if (other["task"], other["outputs"]) == (row["task"], row["outputs"]):
-            if all(other[key] == row[key] for key in ("method", "split", "budget")):
-                raise SuiteError("the same run as another one of the board")
-            if row["kind"] != "reference":
-                budget = "" if other["budget"] is None else f" at {other['budget']:,} strokes"
-                row["remarks"] = [*row["remarks"], f"the same policies as {shown(other['method'])}{budget}"]
-                row["official"] = False
+        if any(other[key] != row[key] for key in ("task", "split", "budget", "cases")):
+            continue
+        same = other["outputs"] == row["outputs"]
+        if row["commitment"] is not None and row["commitment"] == other["commitment"]:
+            if abs(row["score"] - other["score"]) > TOLERANCE or not same:
+                raise SuiteError(f"says {row['score']:.4f}; the code gave {other['score']:.4f} when it was rerun")
+            other["reran_by"] = sorted({*other.get("reran_by", ()), *row.get("reran_by", ())})
+            return False
+        if same and called(row) == called(other):
+            raise SuiteError("the same run as another one of the board")
+        if same and row["kind"] != "reference":
+            for one, two in ((row, other), (other, row)):  # the order of folders proves nothing
+                one["remarks"] = [*one["remarks"], f"the same policies as {shown(called(two))}"]
+    return True
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -116,9 +149,9 @@ class _Results:
 
 
 class Board(TypedDict):
-    """A board: rows of a task, split and budget, best first; methods of each access are ranked apart.
+    """A board: rows of a task, split and budget with the same cases, best first; ranks are of a class and an access.
 
-    ``best`` is the first official method of the least access, ``gap`` its distance to the optimum.
+    ``best`` is the first method of the first class and least access, ``gap`` its distance to the optimum.
     """
 
     task: str
@@ -127,71 +160,62 @@ class Board(TypedDict):
     title: str
     about: str
     metric: str
+    unit: str
+    zero: str
     optimum: float | None
-    target: str
     best: Row | None
     gap: float | None
     columns: list[str]
     rows: list[Row]
-    frozen: bool
 
 
 def boards(rows: Sequence[Row]) -> list[Board]:
-    """Boards of all tasks, splits and budgets."""
+    """Boards of all tasks, splits, budgets and cases."""
     found: list[Board] = []
     for name, task in TASKS.items():
-        of_task = [row for row in rows if row["task"] == name and row["split"] in task.splits]
-        for number, budget in sorted({(task.splits.index(row["split"]), row["budget"] or 0) for row in of_task}):
-            split = task.splits[number]
-            shown = [row for row in of_task if (row["split"], row["budget"] or 0) == (split, budget)]
-            sign = -1 if task.higher_is_better else 1
-            shown.sort(key=lambda row: (ACCESS.index(row["access"]), sign * row["score"]))
-            ranked = [row for row in shown if row["kind"] == "method" and row.get("verified") is not False]
-            best = next((row for row in ranked if row["official"]), ranked[0] if ranked else None)
-            places = [row["access"] for row in ranked]
-            for place, row in enumerate(ranked):
-                row["rank"] = place - places.index(row["access"]) + 1
-            found.append({
-                "task": name,
-                "split": split,
-                "budget": budget,
-                "title": f"{name}, {split}" + (f", {budget:,} strokes" if budget else ""),
-                "about": " ".join((task.__doc__ or "").split()),
-                "metric": task.metric,
-                "optimum": task.optimum,
-                "target": task.target,
-                "best": best,
-                "gap": abs(task.optimum - best["score"]) if best and task.optimum is not None else None,
-                "columns": list(dict.fromkeys(score for row in shown for score in row["scores"] if score != task.metric)),
-                "rows": shown,
-                "frozen": all(frozen.load().official(row["game"]) and not row["quick"] for row in shown),
-            })  # fmt: skip
+        groups: dict[tuple[int, int, str, str], list[Row]] = {}
+        for row in rows:
+            if row["task"] == name and row["split"] in task.splits:
+                key = task.splits.index(row["split"]), row["budget"] or 0, row["game"], row["cases"]
+                groups.setdefault(key, []).append(row)
+        for (number, budget, game, cases), those in sorted(groups.items()):
+            several = sum(key[:2] == (number, budget) for key in groups) > 1
+            title = f"{name}, {task.splits[number]}" + (f", {budget:,} strokes" if budget else "")
+            found.append(_board(task, those, title + (f", game {game[:8]}, cases {cases[:8]}" if several else "")))
     return found
 
 
-def rating(found: Sequence[Board]) -> dict[str, float]:
-    """Bradley-Terry ratings of all methods in Elo points, best first (MM algorithm: Hunter, Annals of Statistics 32, 2004).
+def _board(task: Task, rows: list[Row], title: str) -> Board:
+    """Rows in their order, with ranks, and the best one."""
+    sign = -1 if task.higher_is_better else 1
+    rows.sort(key=lambda row: (*_class(row), sign * row["score"]))
+    ranked = [row for row in rows if task.ranked and row["kind"] == "method" and row.get("recomputed") is not False]
+    classes = [*map(_class, ranked)]
+    for place, row in enumerate(ranked):
+        row["rank"] = place - classes.index(_class(row)) + 1
+    best, optimum = ranked[0] if ranked else None, task.optimum
+    if optimum is None and best is not None and "best" in best["scores"]:
+        optimum = best["scores"]["best"]["value"]
+    return {
+        "task": task.name,
+        "split": rows[0]["split"],
+        "budget": rows[0]["budget"] or 0,
+        "title": title,
+        "about": " ".join((task.__doc__ or "").split()),
+        "metric": task.metric,
+        "unit": task.unit,
+        "zero": task.zero,
+        "optimum": optimum,
+        "best": best,
+        "gap": abs(optimum - best["score"]) if best and optimum is not None else None,
+        "columns": list(dict.fromkeys(score for row in rows for score in row["scores"] if score != task.metric)),
+        "rows": rows,
+    }
 
-    A game is a pair of rows of a board with the same units, and its result the fraction of units in which a row is the better
-    one. Everyone also draws once with a player of 1500 points, so that ratings are finite, and boards without common methods
-    comparable.
-    """
-    names = list(dict.fromkeys(row["method"] for board in found for row in board["rows"] if row["kind"] != "ablation"))
-    won = np.zeros((len(names), len(names)))
-    for board in found:
-        sign = 1 if TASKS[board["task"]].higher_is_better else -1
-        middle = {row["method"]: {case: np.mean(seeds) for part in row["units"].values() for case, seeds in part.items()}
-                  for row in board["rows"] if row["kind"] != "ablation"}  # fmt: skip
-        for (ours, mine), (theirs, other) in itertools.permutations(middle.items(), 2):
-            if mine.keys() == other.keys():
-                better = [0.5 + 0.5 * np.sign(sign * (mine[case] - other[case])) for case in mine]
-                won[names.index(ours), names.index(theirs)] += np.mean(better)
-    strength, games = np.ones(len(names)), won + won.T
-    for _ in range(_SWEEPS):
-        expected = (games / (strength[:, None] + strength)).sum(axis=1) + 1 / (1 + strength)
-        strength = (won.sum(axis=1) + 0.5) / expected
-    points = 1500 + 400 * np.log10(strength)
-    return {names[i]: float(points[i]) for i in np.argsort(-points, kind="stable").tolist()}
+
+def _class(row: Row) -> tuple[bool, int]:
+    """Order of the classes: rerun first, and what is read, from little to much."""
+    return not row.get("reran_by"), ACCESS.index(row["access"])
 
 
 def _stated(strokes: int | str | None) -> str:
@@ -199,17 +223,13 @@ def _stated(strokes: int | str | None) -> str:
     return "not stated" if strokes is None else f"{strokes:,}" if isinstance(strokes, int) else shown(strokes)
 
 
-def with_interval(score: Bounds, name: str) -> str:
+def with_interval(score: Bounds) -> str:
     """A score with its interval, if it has one."""
     low, high = score["low"], score["high"]
-    text = number(score["value"], name)
-    return text if low is None or high is None else f"{text} ({number(low, name)} to {number(high, name)})"
+    text = number(score["value"])
+    return text if low is None or high is None else f"{text} ({number(low)} to {number(high)})"
 
 
-def number(value: float | None, name: str = "") -> str:
-    """A score as text, in per cent if its name says so."""
-    if value is None:
-        return ""
-    if name.startswith(_PERCENT):
-        return f"{100 * value:z.2f} %"
-    return f"{value:z.4f}" if name.startswith("exploitability") else f"{value:z.3f}"
+def number(value: float | None) -> str:
+    """A score as text."""
+    return "" if value is None else f"{value:z.3f}"

@@ -1,8 +1,9 @@
-"""The restricted Nash objective, and the frontier between beating an opponent and being beaten (Johanson et al., NeurIPS 2007).
+"""Points of rallies, the restricted Nash objective, and the frontier between beating an opponent and being beaten.
 
-What is played is worth the rallies that it wins against an opponent who is restricted to a policy with probability ``p`` at each
-stroke, and else plays the stroke that is worst for it. The restricted response to the policy is the best play of any kind, see
-:func:`shuttle_marl.exact.optimal.restricted_value`.
+A point is one rally in a hundred. What is played is worth the rallies that it wins against an opponent who is restricted to a
+policy with probability :data:`WEIGHT` at each choice, and else makes the choice that is worst for it (Johanson et al., NeurIPS
+2007). The **gain** is that worth above the one of perfect play. The restricted response has the largest gain of any kind of play,
+see :func:`shuttle_marl.exact.optimal.restricted_value`.
 """
 
 from collections.abc import Sequence
@@ -12,88 +13,74 @@ import numpy as np
 
 from shuttle_marl.exact import restricted_response
 from shuttle_marl.exact.known import best_odds, pair_odds, restricted_odds
-from shuttle_marl.exact.match import normalised_score
 from shuttle_marl.game.tabulated import TabulatedPolicy
-from shuttle_marl.suite.options import SuiteError
 from shuttle_marl.suite.task import Arena
 
+POINTS: Final = 100.0
+"""Points of certainty."""
 WEIGHT: Final = 0.75
 """Restriction of the opponent in the objective."""
 STEPS: Final = (0.0, 0.25, 0.5, WEIGHT, 0.9, 1.0)
 """Restrictions of the points of a frontier."""
-_DIGITS: Final = 7
+_DIGITS: Final = 5
 """Decimal places of a frontier, which are exact; + 0.0 makes 0.0 of -0.0."""
 
 
 class Point(TypedDict):
-    """A point of a frontier: the restricted response for ``p``; its figures are those of ``exploit``."""
+    """The restricted response for ``p``, in points of rallies.
+
+    Attributes:
+        score: rallies won against the opponent, above those that perfect play wins.
+        exploitability: see :func:`exploitabilities`.
+        gain: see :func:`gains`.
+    """
 
     p: float
     score: float
     exploitability: float
-    objective: float
+    gain: float
 
 
-def normalised(worth: float, zero: float, one: float) -> float:
-    """A figure on the scale from ``zero`` to ``one``.
-
-    Raises:
-        SuiteError: these are equal.
-    """
-    score = normalised_score(worth, zero, one)
-    if score is None:
-        raise SuiteError("the opponent has no weakness, so there is nothing to score")
-    return score
+def exploitabilities(policies: Sequence[TabulatedPolicy], *, tolerance: float) -> list[float]:
+    """Points above half of the rallies that the best response to each policy wins, at least 0."""
+    return [POINTS * max(0.0, odds.rally - 0.5) for odds in best_odds(policies, tolerance=tolerance)]
 
 
-def objective(
+def gains(
     arena: Arena,
     played: Sequence[tuple[TabulatedPolicy, TabulatedPolicy]],
     *,
     rallies: Sequence[int] | None = None,
     tolerance: float,
-) -> float:
-    """The objective: 0 for perfect play, which makes use of no weakness, and 1 for the restricted response.
+) -> tuple[float, float]:
+    """The gain of what was played, and the largest possible one, in points; 0 is perfect play.
 
     Args:
         arena: has perfect play.
         played: a policy and its opponent, one pair after the other.
         rallies: for how many rallies each pair played; None: equally many.
         tolerance: largest acceptable error bound of a value.
-
-    Raises:
-        SuiteError: perfect play is the restricted response.
     """
     opponents = [opponent for _, opponent in played]
     perfect = [arena.policy("minimax")] * len(played)
-    worth, zero, one = (
-        float(np.average([odds.rally for odds in restricted_odds(pairs, WEIGHT, tolerance=tolerance)], weights=rallies))
+    worth, zero, most = (
+        POINTS * float(np.average([odds.rally for odds in restricted_odds(pairs, WEIGHT, tolerance=tolerance)], weights=rallies))
         for pairs in (played, [*zip(perfect, opponents, strict=True)], [(None, each) for each in opponents])
     )
-    return normalised(worth, zero, one)
-
-
-def score(arena: Arena, won: float, opponent: TabulatedPolicy, *, tolerance: float) -> float:
-    """Rallies won against an opponent: 0 for bc, and 1 for the best response.
-
-    Raises:
-        SuiteError: bc is a best response.
-    """
-    (zero,) = pair_odds([(arena.policy("bc"), opponent)], tolerance=tolerance)
-    return normalised(won, zero.rally, best_odds([opponent], tolerance=tolerance)[0].rally)
+    return worth - zero, most - zero
 
 
 def frontier(arena: Arena, opponent: TabulatedPolicy, *, tolerance: float) -> list[Point]:
     """The points of an opponent for :data:`STEPS`."""
     players = [restricted_response(opponent, p, tolerance=tolerance).policy for p in STEPS]
-    won = pair_odds([(player, opponent) for player in players], tolerance=tolerance)
-    enemies = best_odds(players, tolerance=tolerance)
+    perfect, *won = (odds.rally for odds in pair_odds([(each, opponent) for each in (arena.policy("minimax"), *players)]))
+    risks = exploitabilities(players, tolerance=tolerance)
     return [
         {
             "p": p,
-            "score": round(score(arena, odds.rally, opponent, tolerance=tolerance), _DIGITS),
-            "exploitability": round(enemy.value, _DIGITS) + 0.0,
-            "objective": round(objective(arena, [(player, opponent)], tolerance=tolerance), _DIGITS) + 0.0,
+            "score": round(POINTS * (rally - perfect), _DIGITS) + 0.0,
+            "exploitability": round(risk, _DIGITS) + 0.0,
+            "gain": round(gains(arena, [(player, opponent)], tolerance=tolerance)[0], _DIGITS) + 0.0,
         }
-        for p, player, odds, enemy in zip(STEPS, players, won, enemies, strict=True)
+        for p, player, rally, risk in zip(STEPS, players, won, risks, strict=True)
     ]

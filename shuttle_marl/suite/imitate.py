@@ -15,10 +15,13 @@ import pyarrow as pa
 
 from shuttle_marl.base.arrays import F64, I64, Bools
 from shuttle_marl.data.schema import Outcome as Ending
+from shuttle_marl.exact.fixed_point import TOLERANCE
+from shuttle_marl.exact.known import pair_odds
 from shuttle_marl.game.tables import Game
+from shuttle_marl.suite.frontier import POINTS, exploitabilities
 from shuttle_marl.suite.method import Method, called, made
 from shuttle_marl.suite.options import SuiteError
-from shuttle_marl.suite.task import Arena, Case, Outcome, Setting, Task, exploitability, odds_against, required, table_of
+from shuttle_marl.suite.task import Arena, Case, Outcome, Setting, Task, required, table_of
 
 _FOLDS = 5
 _FLOOR = 1e-6
@@ -56,7 +59,7 @@ class ImitateSetting(Setting):
 
 
 class Imitate(Task):
-    """Predict the next stroke of people, and play like them at a given strength.
+    """Predict the next stroke of people: a table of references, because public matches can be memorised.
 
     Given: the strokes of the training matches. Score: log-loss of the whole stroke (type, area, contact, technique) in unseen
     matches, in nats, mean over matches; also how often the stroke is among the one or three likeliest, and what the policy loses
@@ -66,10 +69,12 @@ class Imitate(Task):
     name = "imitate-v0"
     access = "samples"
     metric = "log_loss"
+    unit = "nats"
+    zero = "certainty"
+    ranked = False
     higher_is_better = False
     seeds = 1
     protocol: ClassVar[str] = "method(setting: ImitateSetting) -> object with fit(strokes: HumanStrokes) -> player"
-    target = "a log-loss below that of bc"
 
     def all_cases(self, arena: Arena) -> list[Case]:  # noqa: ARG002
         """One."""
@@ -78,7 +83,7 @@ class Imitate(Task):
     def play(self, arena: Arena, case: Case, method: Method, seed: int, folder: Path) -> Outcome:  # noqa: ARG002
         """Fit the method to the training matches."""
         train, _ = parts(arena)
-        learner = made(method, ImitateSetting(game=arena.game, seed=seed, folder=folder), self.name, "fit")
+        learner = made(method, ImitateSetting(game=arena.game, model=arena.model, seed=seed, folder=folder), self.name, "fit")
         return Outcome(policies={"player": table_of(called(self.name, learner.fit, train), arena.game, self.name)})
 
     def given(self, arena: Arena, case: Case, seed: int) -> Iterable[str]:  # noqa: ARG002
@@ -86,15 +91,15 @@ class Imitate(Task):
         return [hashlib.sha256(part.pair.tobytes()).hexdigest() for part in parts(arena)]
 
     def score(self, arena: Arena, case: Case, seed: int, outcome: Outcome) -> dict[str, float]:  # noqa: ARG002
-        """Log-loss, top-1 and top-3, and rallies lost to perfect play."""
+        """Log-loss, top-1 and top-3, rallies lost to perfect play and exploitability in points."""
         player, unseen = required(outcome), parts(arena)[1]
         probability = player.pair_probabilities()
         return {
             "log_loss": float(np.mean(list(self.parts(arena, case, outcome).values()))),
             "top_1": top(1, probability, unseen),
             "top_3": top(3, probability, unseen),
-            "regret": 0.5 - odds_against(player, arena.policy("minimax")).rally,
-            "exploitability": exploitability(player),
+            "regret": POINTS * (0.5 - pair_odds([(player, arena.policy("minimax"))])[0].rally),
+            "exploitability": exploitabilities([player], tolerance=TOLERANCE)[0],
         }
 
     def parts(self, arena: Arena, case: Case, outcome: Outcome) -> dict[str, float]:  # noqa: ARG002
@@ -145,10 +150,10 @@ def parts(arena: Arena) -> tuple[HumanStrokes, HumanStrokes]:
 def human_strokes(table: pa.Table, game: Game) -> HumanStrokes:
     """The strokes of a table of :data:`shuttle_marl.data.schema.STROKES` in the states of a game."""
     from shuttle_marl.analysis.values import nearest_strokes  # noqa: PLC0415
-    from shuttle_marl.dynamics.features import rows_from_strokes, states_of, strokes_before  # noqa: PLC0415
-    from shuttle_marl.dynamics.hurried import hurry_of  # noqa: PLC0415
+    from shuttle_marl.dynamics.features import states_of, strokes_before  # noqa: PLC0415
+    from shuttle_marl.dynamics.hurried import hurry_of, marked_rows  # noqa: PLC0415
 
-    rows = rows_from_strokes(table, hurry_of(game))
+    rows = marked_rows(table, hurry_of(game))
     nearest = nearest_strokes(game.catalogue)
     own, incoming = (strokes_before(rows, name, nearest, game.n_strokes) for name in ("own", "incoming"))
     state = states_of(game, rows, own, incoming)

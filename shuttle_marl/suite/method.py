@@ -9,7 +9,6 @@ import functools
 import importlib
 import inspect
 import traceback
-import unicodedata
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
@@ -45,21 +44,26 @@ _RANDOM: Final = Baseline("references:random", "samples", "reference")
 BASELINES: Final[dict[str, dict[str, Baseline]]] = {
     "exploit": {
         **_LEARNERS,
-        "dqn": Baseline("deep:dqn"),
-        "maskable-ppo": Baseline("sb3:maskable_ppo"),
+        "ppo-self-play": Baseline("training:ppo_blind"),
+        "ppo-restricted": Baseline("training:ppo_restricted", "tables"),
+        "restricted-counts": Baseline("modelled:restricted_counts", "tables"),
+        "model-boosted": Baseline("modelled:boosted_model"),
         "constant": Baseline("constant:constant", "opponent", "reference"),
         "constant-by-incoming": Baseline("constant:by_incoming", "opponent", "reference"),
         **_KNOWN,
         "best-response": Baseline("references:best_response", "opponent", "reference"),
+        "restricted": Baseline("references:restricted", "opponent", "reference"),
         "random": _RANDOM,
     },
     "equilibrium": {
         **_LEARNERS,
+        "ppo-deterministic": Baseline("training:ppo_deterministic"),
         **{f"ppo-{name}": Baseline("training:ppo_variant", "tables", argument=name) for name in ("best-response", "restarts")},
         **{f"ppo-{name}": Baseline("training:ppo_variant", argument=name) for name in ("pool", "magnet", "nash")},
         "psro": Baseline("training:psro", "tables"),
         "psro-exact": Baseline("training:psro_exact", "tables", "reference"),
         "fictitious-play": Baseline("references:fictitious_play", "tables", "reference"),
+        "minimax-deterministic": Baseline("references:minimax_deterministic", "tables", "reference"),
         **_KNOWN,
         "random": _RANDOM,
     },
@@ -72,10 +76,10 @@ BASELINES: Final[dict[str, dict[str, Baseline]]] = {
         "thompson": Baseline("adapters:Thompson", "tables"),
         "posterior-mean": Baseline("adapters:PosteriorMean", "tables"),
         "counts": Baseline("adapters:Counts", "tables"),
-        "tilted-mixture": Baseline("adapters:TiltedMixture", "tables"),
+        "mixture": Baseline("adapters:Mixture", "tables"),
         **{
-            f"tilted-mixture-without-{part}": Baseline(f"adapters:Without{part.title()}", "tables", "ablation")
-            for part in ("levels", "mixture", "tilt", "change")
+            f"mixture-without-{part}": Baseline(f"adapters:Without{part.title()}", "tables", "ablation")
+            for part in ("levels", "weights", "places", "change")
         },
     },
     "offline": {
@@ -83,30 +87,27 @@ BASELINES: Final[dict[str, dict[str, Baseline]]] = {
         "one-step": Baseline("learned:OneStep"),
         "fitted-q": Baseline("learned:FittedQ"),
         "bcq": Baseline("learned:ConstrainedQ"),
-        "cql": Baseline("deep:ConservativeQ"),
         "iql": Baseline("deep:ImplicitQ"),
         "model": Baseline("learned:Model"),
         "model-pessimistic": Baseline("learned:PessimisticModel"),
         "fitted-q-boosted": Baseline("learned:BoostedQ"),
         "model-boosted": Baseline("learned:BoostedModel"),
+        "shipped-minimax": Baseline("learned:Shipped", "tables", "reference"),
+        "shipped-best-response": Baseline("learned:Shipped", "tables", "reference", "best-response:human:0.05"),
     },
     "evaluate": {
         "importance-sampling": Baseline("estimators:ImportanceSampling"),
         "weighted-importance-sampling": Baseline("estimators:WeightedImportanceSampling"),
         "doubly-robust": Baseline("estimators:DoublyRobust"),
+        "weighted-doubly-robust": Baseline("estimators:WeightedDoublyRobust"),
         "fitted-q-evaluation": Baseline("estimators:FittedQEvaluation"),
         "model": Baseline("estimators:ModelBased"),
+        "model-boosted": Baseline("estimators:BoostedModel"),
     },
     "imitate": {
         "bc": Baseline("imitation:Named", "tables", "reference"),
         "policy": Baseline("imitation:Named", "tables", "reference"),
         "counts": Baseline("imitation:Counts"),
-    },
-    "robust": {
-        **_KNOWN,
-        "minimax-robust": Baseline("robust:minimax_robust", "tables"),
-        "mean-game": Baseline("robust:mean_game", "tables"),
-        "human": Baseline("robust:human", "tables", "reference"),
     },
     "text": {
         "random": Baseline("chat:RandomLegal", "samples", "reference"),
@@ -119,27 +120,18 @@ BASELINES: Final[dict[str, dict[str, Baseline]]] = {
 """Baselines by kind of task."""
 
 
-PROGRAMS: Final = ("exploit", "equilibrium", "robust", "text")
+PROGRAMS: Final = ("exploit", "equilibrium", "text")
 """Kinds of tasks whose methods may be programs."""
 
 
 def kind_of(task: str) -> str:
-    """Kind of a task: its name without the version."""
-    return task.rpartition("-")[0]
+    """Kind of a task: the first word of its name, which it shares with its entrance."""
+    return task.partition("-")[0]
 
 
 def baseline_of(task: str, name: str) -> Baseline | None:
     """The baseline of this package that a name means; None for methods of others."""
     return BASELINES[kind_of(task)].get(name.partition(":")[0])
-
-
-def resembles(task: str, name: str) -> bool:
-    """Whether a name reads like that of a method of this package."""
-
-    def plain(name: str) -> str:
-        return "".join(filter(str.isalnum, unicodedata.normalize("NFKC", name).casefold().partition(":")[0]))
-
-    return plain(name) in map(plain, BASELINES[kind_of(task)])
 
 
 def find(task: str, name: str) -> Method:
@@ -173,11 +165,9 @@ def find(task: str, name: str) -> Method:
     return thing
 
 
-def sources(task: str, name: str, *, isolated: bool = False) -> dict[str, str]:
-    """Hashes of the files of a method that :func:`find` found, or of an isolated one, by file or package."""
+def sources(task: str, name: str) -> dict[str, str]:
+    """Hashes of the files of a method that :func:`find` found, by file or package."""
     key, _, argument = name.partition(":")
-    if isolated:  # its module is not imported here
-        return source_hashes(f":{key.replace('.', '/')}.py")
     if key not in BASELINES[kind_of(task)]:
         return source_hashes(name)
     return {**source_hashes(f"{__name__}:"), **source_hashes(f":{argument}")}

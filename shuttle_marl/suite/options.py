@@ -9,10 +9,10 @@ import tyro
 from shuttle_marl.base.bounds import Count, Within, check_bounds
 from shuttle_marl.base.errors import ShuttleError
 
-Split = Literal["dev", "test", "hidden"]
-"""Part of a task: for tuning, for scores, and from a seed that nobody knows yet."""
+Split = Literal["dev", "test", "round"]
+"""Part of a task: for tuning, for scores that are reported, and drawn for one round after methods were committed to."""
 Access = Literal["samples", "tables", "opponent"]
-"""What a method reads: what it plays, logs or texts alone; or the tables of the game; or also those of its opponent."""
+"""What a method says that it reads: what it plays, logs or texts alone; or tables of the game; or those of its opponent too."""
 ACCESS: Final[tuple[Access, ...]] = get_args(Access)
 """From little to much."""
 Kind = Literal["method", "ablation", "reference"]
@@ -34,15 +34,13 @@ class SuiteRun:
     method: str
     """Baseline of the task, program:COMMAND, or MODULE:ATTRIBUTE."""
     split: Split = "dev"
-    """Part of the task: dev for tuning, test for the scores that are reported."""
+    """Part of the task: dev for tuning, test for scores that are reported, round for one round (`suite rerun`)."""
     budget: int | None = None
     """Budget, in strokes; default: the smallest one of the task."""
     seeds: Count | None = None
     """Number of seeds, from 0; default: that of the task."""
     quick: bool = False
     """The smallest cases and budgets only, to test a method; not a score."""
-    isolated: bool = False
-    """Run MODULE:ATTRIBUTE as a program that gets episodes only and cannot import this package."""
     workers: Annotated[int, Within(low=1, high=_MOST_WORKERS, text=f"1 to {_MOST_WORKERS}")] = 1
     """Parallel processes; results do not depend on it."""
     ray: str | None = None
@@ -50,7 +48,7 @@ class SuiteRun:
     game: str = "default"
     """Model of the game: a shipped one or a folder."""
     beacon: Beacon = None
-    """Randomness of the beacon round of the hidden split."""
+    """Randomness of the beacon of a round, for the split round."""
     data: Path | None = None
     """Annotated matches, for imitate: the folder of `data download`, or a file of `data convert`."""
     out: Path | None = None

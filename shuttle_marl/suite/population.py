@@ -1,11 +1,11 @@
-"""Opponents of ``adapt``: a known population, which methods are given, and hidden ones, generated from a seed.
+"""Opponents of ``adapt`` and ``exploit``: a known population, which methods are given, and others, generated from a seed.
 
-Players are divided into three parts: clones of the first are known, the others belong to the dev and to the test population. Each
-opponent is drawn from the seed of its split, its family and its number alone. The seed of the test split is public, so that
-everyone can verify; that of the hidden splits, of this task and of others, is drawn by a public beacon later, because a public
-seed can be enumerated.
+Players are divided into three parts: clones of the first are known, the others belong to the dev and to the other populations.
+Each opponent is drawn from the seed of its split, its family and its number alone. The seeds of dev and test are public, so that
+everyone can recompute scores, and so can be enumerated; that of a round is the randomness of a beacon (:mod:`.rounds`).
 """
 
+import dataclasses
 import functools
 import hashlib
 import re
@@ -18,71 +18,84 @@ from shuttle_marl.base.arrays import F64
 from shuttle_marl.exact import best_response
 from shuttle_marl.game.court import BACK, third_of
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities
+from shuttle_marl.game.tabulated import TabulatedPolicy, cumulative_positions, from_pair_probabilities
 from shuttle_marl.policy import baselines
+from shuttle_marl.policy.computed import best_response_policy
 from shuttle_marl.suite.options import Split, SuiteError
 from shuttle_marl.suite.task import Arena
 
-FAMILIES: Final = ("synthetic", "human", "counter", "mixture", "switcher")
-"""Families of opponents; all but ``control`` count in the score."""
+FAMILIES: Final = ("synthetic", "waiting", "human", "counter", "mixture", "switcher", "learner")
+"""Families of opponents; all but ``control`` count in the score, and ``waiting`` is of the game with recovery."""
 CONTROL: Final = "control"
 """Clones of players, against whom a best response to bc is almost optimal already."""
 ADAPT_RALLIES: Final = 500
-BEACON: Final = "https://api.drand.sh/52db9ba70e0cc0f6eaf7803dd07447a1f5477735fd3f661792ba94600c84e971/public"
-"""Public beacon of randomness: the chain ``quicknet`` of drand, a round every 3 seconds."""
-HIDDEN_ROUND: Final = 39_668_212
-"""Round whose randomness is the seed of the hidden split: that of 1 June 2027, 00:00 UTC."""
 _STYLES: Final = ("attacking", "defensive", "safe", "bc@0.5", "random")
 _TILTS: Final = (-1.0, 1.0)
 _TOLERANCE: Final = 1e-6
 
 
-def checked_beacon(randomness: str | None) -> str:
-    """The seed of the hidden split.
+def families(game: Game) -> tuple[str, ...]:
+    """Families of opponents that a game has."""
+    return tuple(name for name in FAMILIES if game.recovery is not None or name != "waiting")
 
-    The package cannot check it, because it opens no connection. Scores depend on it, so a wrong one is found by verification.
+
+def checked_beacon(randomness: str | None) -> str:
+    """The seed of a round.
 
     Raises:
         SuiteError: it is missing, or is not 64 hexadecimal digits.
     """
     if randomness is None or re.fullmatch("[0-9a-f]{64}", randomness) is None:
-        raise SuiteError(
-            f"the hidden split needs --beacon with the 64 hexadecimal digits of `randomness` in {BEACON}/{HIDDEN_ROUND}, "
-            "which appears on 1 June 2027"
-        )
+        raise SuiteError("a round needs its 64 hexadecimal digits of randomness; see `suite round`")
     return randomness
 
 
 class Opponent(NamedTuple):
-    """An opponent: policies and the rallies in which they start, from 0."""
+    """An opponent: policies and the rallies in which they start, from 0.
+
+    Attributes:
+        learns: probability with which each choice is that of the best response to what it met before the last change.
+    """
 
     policies: tuple[TabulatedPolicy, ...]
     starts: tuple[int, ...] = (0,)
+    learns: float = 0.0
 
-    def at(self, rally: int) -> TabulatedPolicy:
-        """What is played in a rally."""
-        return [policy for policy, start in zip(self.policies, self.starts, strict=True) if start <= rally][-1]
+    def at(self, rally: int, met: TabulatedPolicy | None = None) -> TabulatedPolicy:
+        """What is played in a rally, after ``met`` was played before the last change; None: before any change."""
+        policy = [policy for policy, start in zip(self.policies, self.starts, strict=True) if start <= rally][-1]
+        if not self.learns or met is None:
+            return policy
+        return mixture(policy.game, [policy, best_response_policy(met)], [1 - self.learns, self.learns])
 
 
 @functools.lru_cache(maxsize=2)
 def known(arena: Arena) -> dict[str, TabulatedPolicy]:
-    """The known population by name: bc, a third of the clones, styles, human-like play, and tilts of bc."""
+    """The known population by name: bc, a third of the clones, styles, human-like play, tilts of bc, and habits of position."""
     names = ["bc", *(f"bc:{player}" for player in _players(arena, 0)), "attacking", "defensive", "safe", "bc@0.5", "human:0.05"]
     found = {name: arena.policy(name) for name in names}
     for kind, feature in _features(arena.game).items():
         for size in _TILTS:
             found[f"{kind}{size:+g}"] = tilted(arena, size * feature)
+    if arena.game.recovery is not None:
+        place = np.arange(9)
+        for kind, side in {"front": 1.0 - place // 3, "forehand": 1.0 - place % 3}.items():
+            for size in _TILTS:
+                found[f"{kind}{size:+g}"] = waiting(found["bc"], np.broadcast_to(size * side, (14, 9)))
     return found
 
 
 def opponent(arena: Arena, family: str, number: int) -> Opponent:
     """An opponent of the split."""
+    if family == "learner":
+        rng = _rng(arena, family, number)
+        # Numbers from 1000 on are of no other opponent.
+        return Opponent((_policy(arena, "mixture", 1500 + number),), learns=float(rng.uniform(0.3, 0.7)))
     if family != "switcher":
         return Opponent((_policy(arena, family, number),))
     rng = _rng(arena, family, number)
-    first, second = rng.choice(len(FAMILIES) - 1, 2, replace=False)
-    # Numbers from 1000 on are of no other opponent.
-    pieces = tuple(_policy(arena, FAMILIES[kind], 1000 + number) for kind in (first, second))
+    kinds = [name for name in families(arena.game) if name not in ("switcher", "learner")]
+    pieces = tuple(_policy(arena, kinds[kind], 1000 + number) for kind in rng.choice(len(kinds), 2, replace=False))
     return Opponent(pieces, (0, int(rng.integers(100, 401))))
 
 
@@ -92,6 +105,10 @@ def _policy(arena: Arena, family: str, number: int) -> TabulatedPolicy:
     players = _players(arena, 1 if arena.split == "dev" else 2)
     if family == "synthetic":
         return tilted(arena, _shift(arena, rng))
+    if family == "waiting":
+        return waiting(
+            arena.policy(f"bc:{players[number % len(players)]}"), rng.normal(scale=rng.uniform(1.5, 2.5), size=(14, 9))
+        )
     if family == "human":
         return arena.policy(f"human:{np.exp(rng.uniform(np.log(0.03), np.log(0.15))):.4f}:{players[rng.integers(len(players))]}")
     if family == "counter":
@@ -114,16 +131,38 @@ def _rng(arena: Arena, family: str, number: int) -> np.random.Generator:
 
 
 def rng_of(name: str, split: Split, beacon: str | None, words: str) -> np.random.Generator:
-    """Random numbers of a split: those of the hidden one follow from the beacon."""
-    seed = beacon if split == "hidden" else f"{name} {split}"
+    """Random numbers of a split: those of a round follow from the beacon."""
+    seed = beacon if split == "round" else f"{name} {split}"
     digest = hashlib.sha256(f"{seed} {words}".encode()).digest()
     return np.random.default_rng(int.from_bytes(digest[:16], "big"))
 
 
 def mixture(game: Game, policies: Sequence[TabulatedPolicy], weights: Sequence[float] | F64) -> TabulatedPolicy:
-    """The policy that draws one of several for every stroke."""
+    """The policy that draws one of several for every choice."""
     parts = [weight * policy.pair_probabilities() for weight, policy in zip(weights, policies, strict=True)]
-    return from_pair_probabilities(game, np.sum(parts, axis=0))
+    mixed = from_pair_probabilities(game, np.sum(parts, axis=0))
+    if all(policy.waits is None for policy in policies):
+        return mixed
+    places = [weight * positions_of(policy) for weight, policy in zip(weights, policies, strict=True)]
+    return dataclasses.replace(mixed, waits=cumulative_positions(np.sum(places, axis=0)))
+
+
+def positions_of(policy: TabulatedPolicy) -> F64:
+    """``[S, 9]`` probabilities of positions of a policy of the game with recovery."""
+    own = policy.position_probabilities()
+    return policy.game.people_positions(np.arange(policy.game.n_states)) if own is None else own
+
+
+def waiting(policy: TabulatedPolicy, shift: F64) -> TabulatedPolicy:
+    """A policy with ``shift`` added to the log-probabilities of its positions.
+
+    Args:
+        shift: ``[14, 9]`` by the shot type that it has played (the last one: none) and position.
+    """
+    game = policy.game
+    shot = np.append(game.catalogue.shot, len(shift) - 1)[game.incoming(np.arange(game.n_states))]
+    weight = positions_of(policy) * np.exp(shift)[shot]
+    return dataclasses.replace(policy, waits=cumulative_positions(weight / weight.sum(axis=1, keepdims=True)))
 
 
 def tilted(arena: Arena, shift: F64) -> TabulatedPolicy:

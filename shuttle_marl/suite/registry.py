@@ -1,4 +1,4 @@
-"""The tasks by name, and files around them: templates of submissions, data of cases, and the frozen settings.
+"""The tasks by name, and files around them: templates of submissions, and data of cases.
 
 Data of logs may be Minari data sets (extra ``minari``): the single-agent view, one episode for each rally with an own stroke.
 Observations are those of ``shuttle_marl/Rally-v0``, with the mask of legal strokes. A reward is 1 for the last own stroke of a
@@ -6,11 +6,10 @@ rally that was won. Infos hold the state of the game and the probability of the 
 observation after the last stroke is zero, because the rally is over.
 """
 
-import dataclasses
 import functools
 import os
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final, Literal
 from unittest import mock
@@ -20,27 +19,29 @@ import numpy as np
 
 from shuttle_marl.base.errors import ShuttleError, command, did_you_mean, printable
 from shuttle_marl.base.extras import install_hint
-from shuttle_marl.base.files import replace_file, replace_sealed
+from shuttle_marl.base.files import replace_file
 from shuttle_marl.base.table_files import write_parquet
 from shuttle_marl.game.observation import observations
 from shuttle_marl.game.shipped import drawn_game, is_shipped, resolve_game
+from shuttle_marl.game.tables import RECOVERY
 from shuttle_marl.recording.logs import Transitions
-from shuttle_marl.suite import frozen
-from shuttle_marl.suite.adapt import Adapt
-from shuttle_marl.suite.exploit import Equilibrium, Exploit
-from shuttle_marl.suite.frozen import Frozen
+from shuttle_marl.suite.adapt import Adapt, AdaptEntrance
+from shuttle_marl.suite.exploit import Equilibrium, EquilibriumEntrance, Exploit, ExploitEntrance
 from shuttle_marl.suite.imitate import Imitate
 from shuttle_marl.suite.method import kind_of
 from shuttle_marl.suite.offline import OPPONENT, Evaluate, LogTask, Offline, log_of_unit
 from shuttle_marl.suite.options import Split, SuiteError
 from shuttle_marl.suite.population import checked_beacon, rng_of
-from shuttle_marl.suite.robust import Robust
 from shuttle_marl.suite.store import CARD, Card, RunConfig, write_card
 from shuttle_marl.suite.task import Arena, Task
 from shuttle_marl.suite.text import Text, json_lines, positions
 
 TASKS: Final[dict[str, Task]] = {
-    task.name: task for task in (Exploit(), Equilibrium(), Adapt(), Offline(), Evaluate(), Imitate(), Robust(), Text())
+    task.name: task
+    for task in (
+        *(Exploit(), Equilibrium(), Adapt(), Offline(), Evaluate(), Imitate()),
+        *(ExploitEntrance(), EquilibriumEntrance(), AdaptEntrance(), Text()),
+    )
 }
 
 
@@ -74,10 +75,10 @@ def arena_of(
     """
     if split not in task.splits:
         raise SuiteError(f"{task.name} has no split {split!r}; there are: {', '.join(task.splits)}")
-    if split == "hidden":
+    if split == "round":
         beacon = checked_beacon(beacon)
-    variant = task.variants.get(split)
-    name = model if variant is None else f"{model}:{variant}"
+    variant = "-".join(filter(None, (task.variants.get(split), RECOVERY if task.recovery else None)))
+    name = f"{model}:{variant}" if variant else model
     game, base = resolve_game(name), resolve_game(name).hash
     if sigma := task.drawn.get(split):
         game = drawn_game(game, rng_of("drawn game", split, beacon, "game"), sigma)
@@ -92,7 +93,7 @@ def arena_of_run(
     Args:
         model: name or folder of the game that the user named; None: the shipped model of this name. A folder that the
             configuration names is never opened.
-        beacon: randomness of the beacon round of the hidden split.
+        beacon: randomness of the beacon of a round.
         data: annotated matches, for ``imitate``.
 
     Raises:
@@ -105,12 +106,11 @@ def arena_of_run(
     )
 
 
-Language = Literal["python", "perl"]
+Language = Literal["python", "perl", "apart"]
 _TEMPLATES: Final = Path(__file__).parent / "templates" / "submission"
 _PYTHON: Final = {
     "exploit": "player:train",
     "equilibrium": "player:train",
-    "robust": "robust_player:train",
     "adapt": "adapter:Adapter",
     "offline": "offline:Learner",
     "evaluate": "estimator:Estimator",
@@ -118,7 +118,7 @@ _PYTHON: Final = {
     "text": "text:Player",
 }
 """Template and method of each kind of task."""
-_PERL: Final = ("exploit", "equilibrium", "robust")
+_PERL: Final = ("exploit", "equilibrium")
 
 
 ENVIRONMENT: Final = "shuttle_marl:shuttle_marl/Rally-v0"
@@ -184,9 +184,9 @@ def new_submission(task: str, out: Path, language: Language = "python") -> str:
         SuiteError: there is no such task or template, or a file exists.
     """
     kind = kind_of(find_task(task).name)
-    if language == "perl" and kind not in _PERL:
-        raise SuiteError(f"there is no template in Perl for {task}; there is one for {', '.join(_PERL)}")
-    module, _, attribute = _PYTHON[kind].partition(":")
+    if language != "python" and kind not in _PERL:
+        raise SuiteError(f"there is no such template for {task}; there is one for {', '.join(_PERL)}")
+    module, _, attribute = (_PYTHON[kind] if language != "apart" else "apart:train").partition(":")
     source = "player.pl" if language == "perl" else f"{module}.py"
     # Modules of the user are found by name, so that of the template must be free.
     target = out / (source if language == "perl" else f"my_{module}.py")
@@ -196,6 +196,8 @@ def new_submission(task: str, out: Path, language: Language = "python") -> str:
     replace_file(target, (_TEMPLATES / source).read_bytes())
     write_card(out, Card(method=target.stem, tuning_strokes=0))
     method = "program:perl player.pl" if language == "perl" else f"my_{module}:{attribute}"
+    if language == "apart":
+        return command("suite", "commit", ".", "--task", task, "--method", method, "--author", "NAME")
     return command("suite", "run", task, "--method", method, "--quick")
 
 
@@ -233,38 +235,3 @@ def write_data(
                 write_parquet(out / name, log.table())
             hashes[name] = log.hash
     return hashes
-
-
-def freeze(
-    path: Path,
-    tasks: Sequence[str],
-    *,
-    model: str = "default",
-    data: Path | None = None,
-    progress: Callable[[Sequence[Any]], Any] = lambda units: units,
-) -> Frozen:
-    """Write the frozen settings: hash of the game, and fingerprint of every case of the public splits.
-
-    Fingerprints of other tasks are kept if they are of the same game.
-
-    Args:
-        tasks: names of tasks; empty: all that need no annotated matches, or all if ``data`` are named.
-    """
-    game = arena_of(TASKS["exploit-v0"], model, "test").game
-    before = frozen.load(path)
-    kept = before if before.official(game.hash) else Frozen()
-    cases, variants = dict(kept.cases), set(kept.variants)
-    names = tasks or [name for name in TASKS if data is not None or name != "imitate-v0"]
-    units = []
-    for name in names:
-        task = find_task(name)
-        for split in task.splits:
-            if split != "hidden":
-                arena = arena_of(task, model, split, data=data)
-                variants |= {arena.base} - {game.hash}
-                units += [(task, split, arena, case, seed) for case in task.cases(arena) for seed in range(task.seeds)]
-    for task, split, arena, case, seed in progress(units):
-        cases[f"{task.name}/{split}/{case.name}/{seed}"] = task.fingerprint(arena, case, seed)
-    done = Frozen(game=game.hash, variants=sorted(variants), cases=dict(sorted(cases.items())))
-    replace_sealed(path, dataclasses.asdict(done))
-    return done

@@ -9,7 +9,7 @@ from typing import NotRequired, TypedDict
 import numpy as np
 
 from shuttle_marl.base.intervals import combined, estimate
-from shuttle_marl.suite import frozen, store
+from shuttle_marl.suite import store
 from shuttle_marl.suite.method import baseline_of
 from shuttle_marl.suite.options import ACCESS, Access, Kind, Split, SuiteError
 from shuttle_marl.suite.registry import arena_of_run, find_task
@@ -32,21 +32,26 @@ class Row(TypedDict):
     """Aggregates of a run: a row of a board.
 
     Attributes:
-        access: see :func:`access_of`.
-        isolated: whether the method ran as a program of its own.
+        author: from the card, or empty: the package.
+        cases: hash of the fingerprints of all units; rows of a board have the same ones.
+        access: what the method says that it reads; methods that were rerun get samples alone.
+        commitment: hash of the code of an entry of a round.
         metric, score, low, high: the main score with its interval.
         worst, worst_case: the main score of the worst case.
-        objective, exploitability: if the task scores them.
+        exploitability: if the task scores it.
         seconds, strokes: sums over all units, as they are declared.
         outputs: hash of all policies and answers; runs with the same ones are the same.
-        remarks: why the row is not official, or what a reader should know.
-        verified: whether all scores were recomputed; None: not checked.
-        rank: among the methods of a board with this access.
+        remarks: what a reader should know.
+        recomputed: whether all scores were recomputed; None: not checked.
+        reran_by: who reran the code to these scores; none: the row is self-reported.
+        rank: among the methods of a board of this class and access.
         behind: paired difference to the best method.
     """
 
     task: str
+    author: str
     method: str
+    cases: str
     split: Split
     quick: bool
     budget: int | None
@@ -54,7 +59,7 @@ class Row(TypedDict):
     game: str
     kind: Kind
     access: Access
-    isolated: bool
+    commitment: str | None
     tuning_strokes: int | str | None
     metric: str
     score: float
@@ -62,7 +67,6 @@ class Row(TypedDict):
     high: float | None
     worst: float
     worst_case: str
-    objective: float | None
     exploitability: float | None
     seconds: float
     strokes: int
@@ -71,8 +75,8 @@ class Row(TypedDict):
     units: Units
     outputs: str
     remarks: list[str]
-    official: bool
-    verified: NotRequired[bool | None]
+    recomputed: NotRequired[bool | None]
+    reran_by: NotRequired[list[str]]
     rank: NotRequired[int]
     behind: NotRequired[Bounds]
 
@@ -81,7 +85,7 @@ def summarise(folder: Path, beacon: str | None = None, game: str | None = None) 
     """Aggregates of a run, from its entries as they are stored; :func:`shuttle_marl.suite.verify.verify_run` recomputes those.
 
     Args:
-        beacon: randomness of the beacon round of the hidden split.
+        beacon: randomness of the beacon of a round.
         game: model of the game; None: the shipped model that the run names.
 
     Raises:
@@ -101,20 +105,22 @@ def summarise(folder: Path, beacon: str | None = None, game: str | None = None) 
         raise SuiteError(f"{folder}: the units have different scores, or none named {task.metric}; `suite verify` says more")
     counting = [case for case in cases if case.counts]
     scores = {name: aggregate(units_of(counting, entries, name, task.metric)) for name in names}
+    if (risk := scores.get("exploitability")) and risk["low"] is not None:
+        risk["low"] = max(0.0, risk["low"])
     different = min(
         len({seen(entries[case.name, seed]) for seed in range(config.seeds)}) for case in cases for seen in (_output, _scores)
     )
     if different < config.seeds:  # copies are no sample
         scores = {name: {"value": each["value"], "low": None, "high": None} for name, each in scores.items()}
     main, remarks = scores[task.metric], _remarks(task, config, card, units, different)
-    if config.game.hash != arena.game.hash or not frozen.load().official(arena.base):
-        remarks = ["another game than the frozen one", *remarks]
     by_unit = units_of(counting, entries, task.metric, task.metric)
     middles = {case: _middles({case: seeds})[0] for parts in by_unit.values() for case, seeds in parts.items()}
     worst = (min if task.higher_is_better else max)(middles, key=lambda case: middles[case])
     return {
         "task": task.name,
+        "author": author_of(config, card),
         "method": config.method,
+        "cases": hashlib.sha256("".join(entry.fingerprint for entry in units).encode()).hexdigest(),
         "split": config.split,
         "quick": config.quick,
         "budget": config.budget,
@@ -122,7 +128,7 @@ def summarise(folder: Path, beacon: str | None = None, game: str | None = None) 
         "game": arena.base,
         "kind": card.kind,
         "access": access_of(task, config, card),
-        "isolated": config.isolated,
+        "commitment": config.commitment,
         "tuning_strokes": card.tuning_strokes,
         "metric": task.metric,
         "score": main["value"],
@@ -130,7 +136,6 @@ def summarise(folder: Path, beacon: str | None = None, game: str | None = None) 
         "high": main["high"],
         "worst": middles[worst],
         "worst_case": worst,
-        "objective": scores["objective"]["value"] if "objective" in scores else None,
         "exploitability": scores["exploitability"]["value"] if "exploitability" in scores else None,
         "seconds": float(sum(entry.seconds for entry in units)),
         "strokes": sum(entry.strokes or 0 for entry in units),
@@ -145,20 +150,23 @@ def summarise(folder: Path, beacon: str | None = None, game: str | None = None) 
         "units": by_unit,
         "outputs": hashlib.sha256(repr(sorted(map(_output, units))).encode()).hexdigest(),
         "remarks": remarks,
-        "official": not remarks,
     }
 
 
-def access_of(task: Task, config: store.RunConfig, card: store.Card) -> Access:
-    """What the method of a run may have read.
+def author_of(config: store.RunConfig, card: store.Card) -> str:
+    """Author of a run, from its card; empty for a method of this package."""
+    if config.commitment is None and baseline_of(config.task, config.method) is not None and card.authors is None:
+        return ""
+    authors = card.authors or "anonymous"
+    return authors if isinstance(authors, str) else ", ".join(authors)
 
-    Methods of this package declare it. Another one has read samples alone if it ran isolated; else at least the tables, which it
-    can import, and all that its task offers if its card does not say.
-    """
+
+def access_of(task: Task, config: store.RunConfig, card: store.Card) -> Access:
+    """What a method says that it reads: methods of this package declare it, those of others on their card, or all there is."""
+    if config.commitment is not None:
+        return "samples"
     baseline = baseline_of(task.name, config.method)
-    if baseline is not None or config.isolated:
-        return "samples" if baseline is None else baseline.access
-    return max(card.access or task.offers, "tables", key=ACCESS.index)
+    return baseline.access if baseline is not None else card.access or ACCESS[-1]
 
 
 def _output(entry: Entry) -> str:
@@ -168,11 +176,11 @@ def _output(entry: Entry) -> str:
 
 def _scores(entry: Entry) -> tuple[float, ...]:
     """Scores, to the digits to which they are verified: a table that was changed where it is never used is a copy."""
-    return tuple(round(score, 9) for score in entry.scores.values())
+    return tuple(round(score, 7) for score in entry.scores.values())
 
 
 def _remarks(task: Task, config: store.RunConfig, card: store.Card, units: Sequence[Entry], different: int) -> list[str]:
-    """Why results of a run are not official; ``different``: number of seeds that differ in every case."""
+    """What a reader should know; ``different``: number of seeds that differ in every case."""
     found = []
     if config.quick:
         found.append("a quick run")

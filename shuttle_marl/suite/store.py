@@ -6,7 +6,8 @@
   checksum;
 - ``policies/HASH.zst``: one table of a policy, compressed; HASH is the SHA-256 of its numbers;
 - ``work/FINGERPRINT-SEED/``: files of the method, which nothing reads;
-- ``results.json``: aggregates, recomputed by ``score``.
+- ``results.json``: aggregates, recomputed by ``score``;
+- ``rerun.json``: who reran code of a round, see :class:`Rerun`.
 """
 
 import dataclasses
@@ -27,6 +28,7 @@ ENTRIES: Final = "entries"
 POLICIES: Final = "policies"
 CARD: Final = "card.json"
 RESULTS: Final = "results.json"
+RERUN: Final = "rerun.json"
 Name = Annotated[str, msgspec.Meta(min_length=1, max_length=1000)]
 """A name in a file of a stranger."""
 Figure = Annotated[float, msgspec.Meta(ge=-1e9, le=1e9)]
@@ -47,7 +49,7 @@ class RunConfig:
 
     Attributes:
         seeds: seeds from 0.
-        isolated: whether the method ran as a program that gets episodes only.
+        commitment: hash of the code that was rerun in a round; None: it was not.
     """
 
     task: Name
@@ -57,7 +59,7 @@ class RunConfig:
     budget: Count | None = None
     seeds: Annotated[int, msgspec.Meta(ge=1, le=100)]
     game: GameOf
-    isolated: bool = False
+    commitment: Sha256 | None = None
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -66,7 +68,7 @@ class Card:
 
     Attributes:
         tuning_strokes: strokes or runs that were used for tuning; None: not stated.
-        access: what it reads; None: all that its task offers.
+        access: what it reads; None: not stated.
     """
 
     method: Name | None = None
@@ -98,6 +100,21 @@ class Entry:
     parts: Annotated[Mapping[str, Figure], msgspec.Meta(max_length=1000)] = dataclasses.field(default_factory=dict)
     strokes: Count | None = None
     curve: Annotated[Sequence[tuple[Count, Figure]], msgspec.Meta(max_length=10_000)] = ()
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Rerun:
+    """Content of ``rerun.json``.
+
+    Attributes:
+        by: who reran the code.
+        boundary: between the code and everything else, such as ``unshare``.
+        round: hash of the file of the round.
+    """
+
+    by: Name
+    boundary: Name
+    round: Sha256
 
 
 def read(path: Path, kind: type[T], advice: str = "", *, sealed: bool = False, limit: int = MAX_JSON) -> T:
@@ -156,6 +173,11 @@ def write_card(folder: Path, card: Card) -> None:
 def read_card(folder: Path) -> Card:
     """The card of a run; an empty one if there is none."""
     return read(folder / CARD, Card) if (folder / CARD).exists() else Card()
+
+
+def read_rerun(folder: Path) -> Rerun:
+    """Who reran the code of a run."""
+    return read(folder / RERUN, Rerun, "; `suite rerun` writes it")
 
 
 def read_unit(folder: Path, number: int, case: Case, seed: int) -> Entry:

@@ -16,13 +16,11 @@ from typing import Any, ClassVar, Final
 import numpy as np
 
 from shuttle_marl.base.arrays import F64
-from shuttle_marl.exact.known import best_odds, pair_odds
-from shuttle_marl.exact.match import Odds
-from shuttle_marl.exact.profile import PairPolicy
+from shuttle_marl.exact.profile import PairPolicy, tabulated_pairs
 from shuttle_marl.game.observation import observations
 from shuttle_marl.game.policy import GamePolicy, States
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy, from_pair_probabilities, tabulate
+from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
 from shuttle_marl.policy import baselines
 from shuttle_marl.policy.foreign import FunctionPolicy
 from shuttle_marl.policy.registry import resolve
@@ -80,7 +78,7 @@ class Arena:
         model: name or folder of the model of the game.
         base: hash of the game of the model; that of ``game``, unless the split has a game drawn at random.
         budget: cases of this budget only; None: all.
-        beacon: randomness of the beacon round of the hidden split, hexadecimal.
+        beacon: randomness of the beacon of a round, hexadecimal, for the split round.
         data: folder with annotated matches, for ``imitate``.
     """
 
@@ -113,10 +111,12 @@ class Setting:
     """The argument of a method.
 
     Attributes:
+        model: name or folder of the model; the game of the setting differs from its game where that is drawn.
         folder: folder for files of the method; it may hold those of an interrupted call.
     """
 
     game: Game
+    model: str
     seed: int
     folder: Path
 
@@ -127,34 +127,38 @@ class Task(abc.ABC):
     name: ClassVar[str]
     protocol: ClassVar[str]
     """What a method is called with and returns, in one line."""
-    metric: ClassVar[str] = "score"
+    metric: ClassVar[str]
     """Entry of the scores that ranks methods."""
+    unit: ClassVar[str] = "points"
+    """Unit of the metric; a point is one rally in a hundred."""
+    zero: ClassVar[str]
+    """What 0 of the metric is."""
     higher_is_better: ClassVar[bool] = True
+    recovery: ClassVar[bool] = False
+    """Whether the game is the one with recovery, in which the receiver's position is hidden."""
+    hidden: ClassVar[tuple[str, ...]] = ()
+    """What a player of the task does not know."""
     access: ClassVar[Access] = "tables"
-    """The least that a method has to read; methods of *samples* can be isolated."""
-    offers: ClassVar[Access] = "tables"
-    """The most that a method can read."""
+    """The least that a method has to read."""
     entrance: ClassVar[bool] = False
-    """Whether a list of strokes by incoming shot scores above .90 of the metric: an entrance to the suite, no hard task."""
+    """Whether simple rules come near the optimum: an entrance to the suite, scored apart from the other tasks."""
+    ranked: ClassVar[bool] = True
+    """Whether methods have ranks; else the board is a table of references."""
     budgets: ClassVar[tuple[int, ...]] = ()
     """Strokes that a learner may play, which methods declare; each has a board of its own."""
-    seeds: ClassVar[int] = 5
+    seeds: ClassVar[int] = 3
     """Default number of seeds."""
     splits: ClassVar[tuple[Split, ...]] = ("dev", "test")
     variants: ClassVar[Mapping[str, str]] = {}
     """Variant of the model that a split is played on, such as the game of one discipline."""
-    drawn: ClassVar[Mapping[str, float]] = {}
+    drawn: ClassVar[Mapping[str, float]] = {"round": 0.5}
     """Splits whose game does not ship: it is drawn with this standard deviation, see :func:`drawn_game`."""
     roles: ClassVar[tuple[str, ...]] = ("player",)
     """Roles of the policies of an outcome."""
     answers: ClassVar[tuple[str, ...]] = ()
     """Names of the answers of an outcome."""
     optimum: ClassVar[float | None] = None
-    """Score of perfect play; None: not known."""
-    target: ClassVar[str] = ""
-    """A result that is hard, in words; who knows what is hidden reaches it."""
-    hard: ClassVar[float | None] = None
-    """The metric in it, if it is a number."""
+    """Score of perfect play; None: the score ``best`` of a unit, if there is one."""
 
     def cases(self, arena: Arena) -> list[Case]:
         """Cases of the split, or those of one budget.
@@ -217,21 +221,6 @@ def required(outcome: Outcome, role: str = "player") -> TabulatedPolicy:
     return outcome.policies[role]
 
 
-def odds_against(policy: TabulatedPolicy, opponent: TabulatedPolicy) -> Odds:
-    """Exact odds of a policy against an opponent, from the cache or solved."""
-    return pair_odds([(policy, opponent)])[0]
-
-
-def best_against(opponent: TabulatedPolicy) -> Odds:
-    """Exact odds of the best response to an opponent against it."""
-    return best_odds([opponent])[0]
-
-
-def exploitability(policy: TabulatedPolicy) -> float:
-    """Gain of the best response to a policy, from 0 to 1."""
-    return best_against(policy).value
-
-
 def table_of(player: Any, game: Game, name: str) -> TabulatedPolicy:
     """The table of what a method returned: a policy, the name of one, or an object with ``table`` or ``act``.
 
@@ -248,7 +237,7 @@ def table_of(player: Any, game: Game, name: str) -> TabulatedPolicy:
         # A program is asked without the score, which is null in all its decisions.
         player = FunctionPolicy(found.probabilities) if player.startswith("program:") else found
     if isinstance(player, PairPolicy):
-        return from_pair_probabilities(game, player.pair_probabilities())
+        return tabulated_pairs(dataclasses.replace(player, game=game))
     if hasattr(player, "table"):
         return table_of(player.table, game, name)
     if not hasattr(player, "probabilities") and callable(getattr(player, "act", None)):

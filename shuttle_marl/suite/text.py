@@ -19,6 +19,7 @@ from shuttle_marl.env.words import Position, position, prompt, read_answer
 from shuttle_marl.exact import solve, visits
 from shuttle_marl.exact.lists import cells_of, list_policy, mean_losses
 from shuttle_marl.game.tables import Game
+from shuttle_marl.suite.frontier import POINTS
 from shuttle_marl.suite.method import Method, called, made
 from shuttle_marl.suite.options import SuiteError
 from shuttle_marl.suite.task import Arena, Case, Outcome, Setting, Task
@@ -44,9 +45,9 @@ class TextSetting(Setting):
 class Text(Task):
     """Choose a stroke in 500 positions that are described in words.
 
-    Given: positions in which constant lists of strokes fail, with the legal strokes. Score: mean regret of the answers, as the
-    probability of winning the rally that they lose against perfect play; an illegal answer counts as the worst legal stroke. Also
-    the fraction of legal answers, and the mean probability with which bc plays them.
+    Given: positions in which constant lists of strokes lose, with the legal strokes. Score: mean regret of the answers, the
+    rallies that they lose against perfect play, in points; an illegal answer counts as the worst legal stroke. Also the fraction
+    of legal answers, and the mean probability with which bc plays them. One list of strokes loses .4 points: an entrance.
     """
 
     name = "text-v0"
@@ -54,13 +55,13 @@ class Text(Task):
     roles = ()
     answers = ("strokes",)
     metric = "regret"
+    zero = "perfect play"
+    entrance = True
     higher_is_better = False
     optimum = 0.0
     seeds = 1
     variants: ClassVar[Mapping[str, str]] = {"dev": "women"}
     protocol = "method(setting: TextSetting) -> object with answer(position: dict) -> name of a stroke"
-    target = "a regret below .015"
-    hard = 0.015
 
     def all_cases(self, arena: Arena) -> list[Case]:
         """One; that of a quick run has fewer positions, so it is another case."""
@@ -68,7 +69,7 @@ class Text(Task):
 
     def play(self, arena: Arena, case: Case, method: Method, seed: int, folder: Path) -> Outcome:  # noqa: ARG002
         """Ask for one answer in each position."""
-        player = made(method, TextSetting(game=arena.game, seed=seed, folder=folder), self.name, "answer")
+        player = made(method, TextSetting(game=arena.game, model=arena.model, seed=seed, folder=folder), self.name, "answer")
         answers = [called(self.name, player.answer, position) for position in positions(arena)]
         # No name of a stroke is so long.
         return Outcome(answers={"strokes": [answer[:100] if isinstance(answer, str) else None for answer in answers]})
@@ -90,7 +91,7 @@ class Text(Task):
         regret, of_state = regrets(arena.game), arena.game.pairs_of
         answered = zip(chosen_states(arena).tolist(), _answered(arena, outcome).tolist(), strict=True)
         lost = [regret[pair] if pair >= 0 else regret[of_state(state)].max() for state, pair in answered]
-        return {str(number): float(each) for number, each in enumerate(lost)}
+        return {str(number): POINTS * float(each) for number, each in enumerate(lost)}
 
 
 def _answered(arena: Arena, outcome: Outcome) -> I64:

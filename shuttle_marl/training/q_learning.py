@@ -1,9 +1,6 @@
-"""Q-learning with networks: DQN by play, and conservative and implicit Q-learning from a log.
+"""Implicit Q-learning from a log (IQL, Kostrikov et al. 2022, arXiv 2110.06169).
 
-- DQN (Mnih et al. 2015) with the double estimator (van Hasselt et al. 2016, arXiv 1509.06461);
-- CQL (Kumar et al. 2020, arXiv 2006.04779), whose loss has ``alpha (log sum_a exp Q(s, a) - Q(s, a_t))`` over the legal strokes;
-- IQL (Kostrikov et al. 2022, arXiv 2110.06169): V is an expectile of Q, and the policy is regressed with weights
-  ``exp(beta (Q - V))``.
+V is an expectile of Q, and the policy is regressed with weights ``exp(beta (Q - V))``.
 
 A rally is an episode without discount; its reward is 1 for winning it. Illegal strokes are masked everywhere, efforts not seen.
 """
@@ -20,8 +17,6 @@ from torch.nn import functional
 from shuttle_marl.base.arrays import F32, F64, I32, Ints
 from shuttle_marl.base.pytorch import InitialWeights, own_settings
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy
-from shuttle_marl.kernel import RallyBatch
 from shuttle_marl.training.networks import ILLEGAL, head
 
 _LARGEST_WEIGHT: Final = 100.0
@@ -36,8 +31,6 @@ class QConfig:
         batch: transitions of a step of the optimiser.
         steps: of the optimiser, from a log.
         target_interval: steps between copies of the target network.
-        rows: rallies that DQN plays side by side; each step of the optimiser follows one stroke in all of them.
-        epsilon: fraction of random strokes of DQN in the second half; it falls linearly from 1 in the first.
         beta: inverse temperature of the policy of IQL.
     """
 
@@ -47,10 +40,6 @@ class QConfig:
     batch: int = 256
     steps: int = 1000
     target_interval: int = 200
-    rows: int = 64
-    buffer: int = 100_000
-    epsilon: float = 0.05
-    alpha: float = 5.0
     expectile: float = 0.7
     beta: float = 10.0
 
@@ -65,7 +54,7 @@ class Transitions(NamedTuple):
 
 
 class _Batch(NamedTuple):
-    """Some transitions as tensors; ``mask`` and ``following_mask`` are ``[M, n]`` legal strokes."""
+    """Some transitions as tensors; ``mask`` is ``[M, n]`` legal strokes."""
 
     seen: torch.Tensor
     mask: torch.Tensor
@@ -73,7 +62,6 @@ class _Batch(NamedTuple):
     reward: torch.Tensor
     going: torch.Tensor
     following: torch.Tensor
-    following_mask: torch.Tensor
 
 
 def _batch(game: Game, data: Transitions, rows: Ints) -> _Batch:
@@ -85,7 +73,6 @@ def _batch(game: Game, data: Transitions, rows: Ints) -> _Batch:
         reward=torch.from_numpy(data.reward[rows]),
         going=torch.from_numpy((data.following[rows] >= 0).astype(np.float32)),
         following=torch.from_numpy(game.observation(following)),
-        following_mask=torch.from_numpy(game.mask(following)),
     )
 
 
@@ -105,14 +92,6 @@ class _Learner:
     def optimiser(self, *networks: nn.Module) -> torch.optim.Adam:
         return torch.optim.Adam([p for network in networks for p in network.parameters()], lr=self.config.learning_rate)
 
-    def bellman(self, batch: _Batch) -> tuple[torch.Tensor, torch.Tensor]:
-        """Masked Q-values, and the squared error of the double estimator."""
-        q = torch.where(batch.mask, self.q(batch.seen), ILLEGAL)
-        with torch.no_grad():
-            best = torch.where(batch.following_mask, self.q(batch.following), ILLEGAL).argmax(1, keepdim=True)
-            value = self.target(batch.following).gather(1, best)[:, 0]
-        return q, functional.mse_loss(q.gather(1, batch.stroke)[:, 0], batch.reward + batch.going * value)
-
     def step(self, optimiser: torch.optim.Optimizer, loss: torch.Tensor) -> None:
         optimiser.zero_grad()
         loss.backward()  # type: ignore[no-untyped-call]
@@ -127,19 +106,6 @@ class _Learner:
         game = self.game
         values = network(torch.from_numpy(game.observation(np.arange(game.n_base_states)))).numpy()
         return np.asarray(values[game.base_pair_state, game.base_pair_stroke], dtype=np.float64)
-
-
-@own_settings(1)
-def conservative_q(game: Game, data: Transitions, config: QConfig, seed: int) -> F64:
-    """``[base pairs]`` Q-values of CQL."""
-    learner, rng = _Learner(game, config, seed), np.random.default_rng(seed)
-    optimiser = learner.optimiser(learner.q)
-    for _ in range(config.steps):
-        batch = _batch(game, data, rng.integers(len(data.state), size=config.batch))
-        q, loss = learner.bellman(batch)
-        penalty = (torch.logsumexp(q, 1) - q.gather(1, batch.stroke)[:, 0]).mean()
-        learner.step(optimiser, loss + config.alpha * penalty)
-    return learner.table(learner.q)
 
 
 @own_settings(1)
@@ -162,28 +128,3 @@ def implicit_q(game: Game, data: Transitions, config: QConfig, seed: int) -> F64
         error = functional.mse_loss(learner.q(batch.seen).gather(1, batch.stroke)[:, 0], target)
         learner.step(optimiser, error + (above * (goal - v) ** 2).mean() - (weight * chosen).mean())
     return learner.table(policy)
-
-
-@own_settings(1)
-def deep_q(game: Game, opponent: TabulatedPolicy, strokes: int, config: QConfig, seed: int) -> F64:
-    """``[base pairs]`` Q-values of DQN after so many strokes against an opponent."""
-    learner, rng = _Learner(game, config, seed), np.random.default_rng(seed)
-    optimiser = learner.optimiser(learner.q)
-    played = RallyBatch(game, config.rows, opponents=[opponent], seed=seed)
-    size, rows = min(config.buffer, strokes) // config.rows * config.rows, config.rows
-    none = np.zeros(size, np.int32)
-    memory = Transitions(state=none, stroke=none.copy(), reward=np.zeros(size, np.float32), following=none.copy())
-    for turn in range(strokes // rows):
-        state = played.rows.state.copy()
-        epsilon = max(config.epsilon, 1 - 2 * turn * rows / strokes)
-        with torch.no_grad():
-            base = game.base(state)
-            q = torch.where(torch.from_numpy(game.mask(base)), learner.q(torch.from_numpy(game.observation(base))), ILLEGAL)
-        stroke = np.where(rng.random(rows) < epsilon, played.random_strokes(), q.argmax(1).numpy())
-        reward, done = played.step(stroke)
-        place = np.arange(turn * rows, (turn + 1) * rows) % size
-        memory.state[place], memory.stroke[place], memory.reward[place] = state, stroke, reward > 0
-        memory.following[place] = np.where(done, -1, played.rows.state)
-        batch = _batch(game, memory, rng.integers(min(size, (turn + 1) * rows), size=config.batch))
-        learner.step(optimiser, learner.bellman(batch)[1])
-    return learner.table(learner.q)

@@ -355,6 +355,8 @@ class _Run:
         """Progress; its iteration and strokes are those of the last checkpoint."""
         self.evaluation: tuple[TabulatedPolicy, Evaluation] | None = None
         """The latest evaluation, and its policy; a run ends with an evaluation."""
+        self.evaluating = 0.0
+        """Duration of the latest evaluation [s]."""
 
     def go(self) -> TrainingRun:
         config, trainer = self.config, self.trainer
@@ -362,44 +364,27 @@ class _Run:
         runs.write_json(self.folder / runs.MANIFEST, self.about)
         if not resumed and config.warm_start is not None:
             self._warm_start(config.warm_start)
-        begun = time.monotonic() - self.at.seconds
+        self.begun = time.monotonic() - self.at.seconds
         with (
             SummaryWriter(str(self.folder / "tensorboard"), purge_step=trainer.iteration) as board,
             _progress(self.console) as bar,
         ):
             total = config.iterations if config.seconds is None else round(config.seconds)
-            task = bar.add_task(config.algorithm, total=total, completed=round(self._fraction() * total), status="")
-            evaluating = 0.0
-
-            def after(losses: dict[str, float]) -> None:
-                nonlocal evaluating
-                at = self.at
-                at.seconds = time.monotonic() - begun
-                bar.update(task, completed=round(self._fraction() * total))
-                # The last evaluation is part of the budget; it takes as long as the one before.
-                at.stopped = self.limit is not None and at.seconds + evaluating > self.limit
-                if trainer.iteration % config.evaluate_every == 0 or trainer.iteration == config.iterations or at.stopped:
-                    evaluation = self._evaluate(losses, board)
-                    evaluating = time.monotonic() - begun - at.seconds
-                    speed = trainer.strokes / max(at.seconds, 1e-9)
-                    won = f"wins {evaluation.rally_win:.1%} of rallies, {evaluation.match_win:.1%} of matches"
-                    figures = f"{won} · {evaluation.score_text} · {evaluation.exploitability_text}"
-                    bar.update(task, status=f"{speed / 1e3:.0f} k strokes/s · {figures}")
-
+            bar.add_task(config.algorithm, total=total, completed=round(self._fraction() * total), status="")
             log = None
             if (trainer.iteration < config.iterations and not self.at.stopped) or not (self.folder / RALLIES).exists():
                 seeds = [self._segment_seed(segment) for segment in range(config.segments)]
                 log = open_log(self.folder, config, self.game, self.opponents, seeds, rallies=self.at.rallies)
             try:
                 while trainer.iteration < config.iterations and not self.at.stopped:
-                    self._segment(after, log)
+                    self._segment(log, board, bar)
             except BaseException:
                 if log is not None:
                     log.abort()
                 raise
             if log is not None:
                 log.close()
-        if config.seconds is not None and (warning := missed(time.monotonic() - begun, config.seconds)):
+        if config.seconds is not None and (warning := missed(time.monotonic() - self.begun, config.seconds)):
             self.say(warning)
         return self._finish()
 
@@ -411,7 +396,7 @@ class _Run:
         part = self.trainer.iteration / self.config.iterations
         return part if self.limit is None else min(1.0, max(part, self.at.seconds / self.limit))
 
-    def _segment(self, after: Callable[[dict[str, float]], None], log: RunLog | None) -> None:
+    def _segment(self, log: RunLog | None, board: SummaryWriter, bar: Progress) -> None:
         """Iterations up to the next checkpoint. Random numbers depend on the segment alone, so a resumed run repeats them."""
         config, trainer = self.config, self.trainer
         segment = trainer.iteration // config.checkpoint_every
@@ -429,7 +414,7 @@ class _Run:
                 losses = trainer.iterate(1 - self._fraction(), collected)
             if log is not None:
                 log.settle()
-            after(losses)
+            self._after(losses, board, bar)
             if self.at.stopped:
                 break
         with self._diverging():
@@ -439,6 +424,21 @@ class _Run:
         at = dataclasses.replace(self.at, iteration=trainer.iteration, strokes=trainer.strokes, rallies=rallies)
         save_checkpoint(self.folder, trainer.iteration, state, dataclasses.asdict(at))
         self.at = at
+
+    def _after(self, losses: dict[str, float], board: SummaryWriter, bar: Progress) -> None:
+        """Show the progress after an iteration, and evaluate and stop if it is time."""
+        config, trainer, at, (task,) = self.config, self.trainer, self.at, bar.tasks
+        at.seconds = time.monotonic() - self.begun
+        bar.update(task.id, completed=round(self._fraction() * (task.total or 0)))
+        # The last evaluation is part of the budget; it takes as long as the one before.
+        at.stopped = self.limit is not None and at.seconds + self.evaluating > self.limit
+        if trainer.iteration % config.evaluate_every == 0 or trainer.iteration == config.iterations or at.stopped:
+            evaluation = self._evaluate(losses, board)
+            self.evaluating = time.monotonic() - self.begun - at.seconds
+            speed = trainer.strokes / max(at.seconds, 1e-9)
+            won = f"wins {evaluation.rally_win:.1%} of rallies, {evaluation.match_win:.1%} of matches"
+            figures = f"{won} · {evaluation.score_text} · {evaluation.exploitability_text}"
+            bar.update(task.id, status=f"{speed / 1e3:.0f} k strokes/s · {figures}")
 
     @contextlib.contextmanager
     def _diverging(self) -> Iterator[None]:

@@ -17,8 +17,7 @@ from shuttle_marl.base.errors import printable
 from shuttle_marl.data import load_strokes
 from shuttle_marl.data.schema import Outcome
 from shuttle_marl.data.upstream import date_of
-from shuttle_marl.dynamics.features import rows_from_strokes
-from shuttle_marl.dynamics.hurried import hurry_of
+from shuttle_marl.dynamics.hurried import hurry_of, marked_rows
 from shuttle_marl.game.court import HANDS, seen_by, steps_between
 from shuttle_marl.game.draws import stream
 from shuttle_marl.game.pairs import game_of_people, looks_of
@@ -179,7 +178,7 @@ class RealRallies(Recorded):
         table = load_strokes(path) if strokes is None else strokes
         self._game = game
         self._columns = {name: table[name].combine_chunks().to_numpy(zero_copy_only=False) for name in table.column_names}
-        rows = rows_from_strokes(table, hurry_of(game.seats[0]))
+        rows = marked_rows(table, hurry_of(game.seats[0]))
         self._columns["hurried"] = rows.hurried > 0
         self._columns["waited"] = np.where(np.isfinite(rows.waiting).all(axis=1), position_of(*rows.waiting.T), -1)
         hand = self._columns["hand"]

@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-from experiments.marks import marks_of
-from experiments.stroke_value import SAMPLE
 from shuttle_marl.analysis.advice import LEAST_REFITS
 from shuttle_marl.analysis.marks import RARE, Basis, agree, basis_of
 from shuttle_marl.base.arrays import I64
@@ -82,11 +80,3 @@ def test_refits_that_differ_or_are_few_do_not_agree() -> None:
     values = np.array([[1.0, 1.0, -1.0]] * LEAST_REFITS) + np.linspace(-0.1, 0.1, LEAST_REFITS)[:, None] * [1, 12, 1]
     assert agree(values).tolist() == [True, False, True]
     assert not agree(values[1:]).any()
-
-
-def test_marks_of_matches_rest_on_real_strokes(game: Game) -> None:
-    found = marks_of(SAMPLE, game)
-    assert found["few"] == 0
-    assert found["matches"] == 8
-    assert 0.8 < found["accuracy"]["median"] < 1
-    assert sum(found["per_100_strokes"].values()) > 1

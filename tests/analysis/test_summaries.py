@@ -10,7 +10,6 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pytest
 
-from experiments import stroke_value
 from shuttle_marl.analysis import AnalysisError, pictures, rally_table, strokes_of, strokes_of_log, summarise
 from shuttle_marl.analysis.strokes import stroke_table
 from shuttle_marl.analysis.summary import ENDINGS, _sample, players_of
@@ -21,8 +20,8 @@ from shuttle_marl.commands.recording import main as recording
 from shuttle_marl.data.schema import REASONS, STROKES, Outcome, violations
 from shuttle_marl.exact import solve
 from shuttle_marl.game import court
-from shuttle_marl.game.pairs import pair_game
-from shuttle_marl.game.shipped import load_game, refits_of
+from shuttle_marl.game.pairs import pair_game, people_of
+from shuttle_marl.game.shipped import load_game
 from shuttle_marl.game.stroke import SHOTS
 from shuttle_marl.recording import Rallies, RallyLog, RecordingError
 from tests import golden
@@ -175,8 +174,7 @@ def test_pictures(valued: pa.Table, tmp_path: Path) -> None:
 @pytest.mark.parametrize("hands", [("right", "right"), ("left", "right"), ("right", "left")])
 def test_best_replies_are_drawn_where_players_of_the_hands_see_them(monkeypatch: pytest.MonkeyPatch, hands: court.Hands) -> None:
     pair = pair_game("viktor-axelsen", "kento-momota", game=reduced_model())
-    assert pair.people is not None
-    solution = solve(dataclasses.replace(pair, people=dataclasses.replace(pair.people, hands=hands)))
+    solution = solve(dataclasses.replace(pair, people=dataclasses.replace(people_of(pair), hands=hands)))
     catalogue = solution.games[0].catalogue
     incoming = next(k for k in range(1, len(catalogue)) if catalogue.area[k] == 0 and k in solution.games[0].edge_incoming)
     monkeypatch.setattr(pictures, "real_strokes", lambda _: None)  # those of the pair's own hands
@@ -226,20 +224,6 @@ def test_the_command(tournament: Path, tmp_path: Path, capsys: pytest.CaptureFix
     assert analysis([str(tournament)]) == 0
     assert "attacking" in capsys.readouterr().out
     assert analysis([str(tmp_path / "nothing.mcap")]) == 1
-
-
-def test_stroke_value_of_the_sample(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    monkeypatch.delenv("SHUTTLESET", raising=False)
-    monkeypatch.setattr(stroke_value, "refits_of", lambda game: refits_of(game)[:2])  # each takes a second
-    assert stroke_value.main(["--out", str(tmp_path / "out"), "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert found["valued"] == found["strokes"] > 7000
-    players = found["players"]
-    assert [p["value"] for p in players] == sorted((p["value"] for p in players), reverse=True)
-    assert {path.name for path in (tmp_path / "out").iterdir()} == {
-        "landings.png", "players.csv", "rally.png", "ranking.png", "replies.png", "shots.png"
-    }  # fmt: skip
-    assert found["left_out"] == len(set(players_of(strokes_of(SAMPLE)))) - len(players)
 
 
 def test_a_number_of_rallies_that_cannot_be_meant(tournament: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,4 +1,4 @@
-"""Advice and tactics against exact values of changed policies; habits are said only where they are more than chance."""
+"""Advice against exact values of changed policies; habits are said only where they are more than chance."""
 
 import dataclasses
 import hashlib
@@ -10,18 +10,17 @@ import pyarrow.compute as pc
 import pytest
 from scipy import stats
 
-from shuttle_marl.analysis.advice import LEAST_STEADY, Refitted, advise, calibrated, error_of, followed
+from shuttle_marl.analysis.advice import LEAST_STEADY, Refitted, advise, calibrated, error_of
+from shuttle_marl.analysis.brief import options
 from shuttle_marl.analysis.habits import discoveries, endings, habits, interval
-from shuttle_marl.analysis.outlook import outlook
+from shuttle_marl.analysis.outlook import EARNED, earned
 from shuttle_marl.analysis.scouting import scout
-from shuttle_marl.analysis.tactics import STEPS, TACTICS, Effect, _sets, changed, effects
 from shuttle_marl.base.files import seal
 from shuttle_marl.dynamics.habits import NONE, Plays, load_habits, plays_of_strokes, questions, save_habits, tally
 from shuttle_marl.exact import PairPolicy, evaluate
 from shuttle_marl.exact.profile import StatePolicy
 from shuttle_marl.game import court
-from shuttle_marl.game.court import AREAS, Hands
-from shuttle_marl.game.pairs import people_of
+from shuttle_marl.game.court import AREAS
 from shuttle_marl.game.shipped import CARD, HABITS, RELIABLE, Estimate, model_folder
 from shuttle_marl.game.skill import load_skill
 from shuttle_marl.game.stroke import SHOTS, TECHNIQUES
@@ -47,7 +46,7 @@ def test_advantages_are_the_derivative_of_the_result(found: Refitted, seat: int)
 
 
 def test_advice_has_real_strokes_behind_it_and_gains_in_the_refits(found: Refitted) -> None:
-    advised = advise(found, average=found.home)
+    advised = advise(found)
     assert 3 <= len(advised) <= 5
     assert [each.expected.value for each in advised] == sorted((each.expected.value for each in advised), reverse=True)
     assert len({each.situation for each in advised}) == len(advised)
@@ -56,7 +55,6 @@ def test_advice_has_real_strokes_behind_it_and_gains_in_the_refits(found: Refitt
         assert each.situation.shot < 0 or each.situation_behind >= RELIABLE
         assert each.home > 0
         assert (each.refits > 0).mean() == each.steady >= LEAST_STEADY
-        assert each.against_average == pytest.approx(each.home)  # the same meeting was given for both
         assert each.expected.low < each.expected.value < each.expected.high
     assert advise(found, at_least=1e9) == []
     assert advise(dataclasses.replace(found, refits=found.refits[:3])) == []
@@ -64,10 +62,13 @@ def test_advice_has_real_strokes_behind_it_and_gains_in_the_refits(found: Refitt
 
 def test_the_gain_of_one_advice_is_that_of_the_changed_policy(found: Refitted) -> None:
     (best, *_) = advise(found)
-    home, refits = followed(found, [best])
+    first, second = found.home.policies
+    game, chance = first.game, first.block_probabilities(0).copy()
+    pairs = game.pairs(best.states)[1]
+    chance[pairs] = game.base_pair_stroke[pairs] == best.stroke
+    odds = evaluate(PairPolicy(game=game, probability=chance), second, tolerance=1e-9).odds()
     # To first order: with the advice, the situation occurs about as often.
-    assert home.rally - found.home.odds.rally == pytest.approx(best.home, rel=0.35)
-    assert len(refits) == len(found.refits)
+    assert odds.rally - found.home.odds.rally == pytest.approx(best.home, rel=0.35)
 
 
 def test_a_gain_is_reduced_to_what_matches_realise() -> None:
@@ -83,71 +84,38 @@ def test_a_gain_is_reduced_to_what_matches_realise() -> None:
     assert part.high - part.value == pytest.approx(np.hypot(0.75 * spread, 0.01 * 0.1 * 1.6448536), rel=1e-4)
 
 
-def test_a_tactic_moves_its_share_and_nothing_else(found: Refitted) -> None:
+def test_a_forecast_is_no_larger_than_it_has_earned() -> None:
+    p = np.array([0.2, 0.5, 0.6])
+    assert earned(p) == pytest.approx(1 / (1 + (p / (1 - p)) ** -EARNED))
+    assert (np.abs(earned(p) - 0.5) <= np.abs(p - 0.5)).all()
+
+
+def test_advice_keeps_the_technique_that_is_used_there(found: Refitted) -> None:
     policy = found.home.policies[0]
-    game, usual = policy.game, policy.block_probabilities(0)
-    shot = game.catalogue.shot[game.base_pair_stroke]
-    smash, above = shot == SHOTS.index("smash"), game.contact(game.base_pair_state) == 1
-    after = changed(game, usual, smash & above, above, 0.1)
-    state, n = game.base_pair_state, game.n_base_states
-    assert np.bincount(state, after, n)[game.legal_count(np.arange(n)) > 0] == pytest.approx(1.0)
-    before, later = (np.bincount(state[smash], part[smash], n) for part in (usual, after))
-    inside = (before > 0) & (before < 0.9)
-    assert later[inside] - before[inside] == pytest.approx(0.1)
-    assert after[~above] == pytest.approx(usual[~above])
-    assert changed(game, usual, smash & above, above, 0.0) == pytest.approx(usual)
+    game, chance = policy.game, policy.block_probabilities(0)
+    for advice in advise(found):
+        row, pairs = game.pairs(advice.states)
+        technique = game.catalogue.technique[game.base_pair_stroke[pairs]].astype(np.int64)
+        share = np.zeros((len(advice.states), len(TECHNIQUES)))
+        np.add.at(share, (row, technique), chance[pairs])
+        assert (share.argmax(axis=1) == game.catalogue.technique[advice.stroke]).all()
 
 
-def test_effects_of_tactics_are_exact(found: Refitted) -> None:
-    listed = effects(found)
-    assert [effect.tactic for effect in listed] == [*TACTICS]
-    odds, middle = found.home.odds, STEPS.index(0.0)
-    for effect in listed:
-        assert effect.serving[middle] == odds.serving
-    serve = listed[0]
-    # A rally has one serve, so the result is linear in its probability as long as none reaches 0 or 1.
-    rally = (serve.serving + serve.receiving) / 2
-    assert np.diff(rally)[1] == pytest.approx(np.diff(rally)[2], abs=1e-7)
-    assert serve.receiving == pytest.approx(odds.receiving)
-
-
-@pytest.mark.parametrize("opposite", [False, True])
-def test_a_straight_smash_meets_and_lands_wide_on_one_side(found: Refitted, opposite: bool) -> None:
-    game = found.home.policies[0].game
-    straight, smashes = _sets(game, found.home.policies[0].block_probabilities(0), opposite=opposite)["straight_smash"]
-    area, shot, incoming = game.catalogue.area, game.catalogue.shot, game.incoming(game.base_pair_state)
-    for pair, (k, j) in enumerate(zip(game.base_pair_stroke.tolist(), incoming.tolist(), strict=True)):
-        met, lands = (1 if j == game.n_strokes else int(area[j]) % 3), int(area[k]) % 3
-        smash = SHOTS[shot[k]] in ("smash", "half-smash") and 1 not in (met, lands)
-        # The forehand side of one player is opposite the backhand side of another with the same hand.
-        assert (smashes[pair], straight[pair]) == (smash, smash and (met == lands if opposite else met + lands == 2))
-
-
-def test_smashes_that_are_straight_between_equal_hands_are_cross_court_between_different_ones(found: Refitted) -> None:
-    def share(hands: Hands) -> float:
-        people = dataclasses.replace(people_of(found.pair), hands=hands)
-        told = dataclasses.replace(found, pair=dataclasses.replace(found.pair, people=people))
-        return next(effect.share for effect in effects(told) if effect.tactic == "straight_smash")
-
-    assert 0 < share(("left", "right")) == pytest.approx(1 - share(("right", "right")))
-
-
-@pytest.mark.parametrize(("steady", "low", "clear"), [(LEAST_STEADY, 0.001, True), (0.5, 0.001, False), (1.0, -0.001, False)])
-def test_the_direction_of_a_tactic_is_clear(steady: float, low: float, clear: bool) -> None:
-    flat = np.full(len(STEPS), 0.5)
-    more = Estimate(0.01, low, 0.02)
-    effect = Effect(tactic=TACTICS[0], share=0.5, often=1, serving=flat, receiving=flat, more=more, steady=steady)
-    assert effect.clear == clear
-
-
-def test_the_outlook_contains_both_uncertainties(found: Refitted) -> None:
-    seen = outlook(found)
-    odds = found.home.odds
-    assert seen.rally.value == pytest.approx(odds.rally)
-    # The mean over what is not known is less certain than the match of known odds.
-    assert abs(seen.match.value - 0.5) < abs(odds.match() - 0.5)
-    alone = outlook(dataclasses.replace(found, refits=()))
-    assert alone.rally.high - alone.rally.low < seen.rally.high - seen.rally.low
+def test_options_are_counted_beside_others() -> None:
+    serve, lift, clear = (SHOTS.index(name) for name in ("short-serve", "lift", "clear"))
+    some = plays([(serve, lift, 6, 1, clear, 6)] * 3 + [(serve, lift, 6, 1, clear, -1)] + [(serve, lift, 6, 1, lift, 8)] * 4, 10)
+    won = np.array([1.0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0] * 10)
+    mine = np.ones(len(won), bool)
+    found = {option[:2]: option for option in options(some, won, mine)}
+    assert (found[clear, 6].strokes, found[clear, 6].won) == (30, 20)
+    assert (found[clear, 6].others, found[clear, 6].others_won) == (40, 10)  # only what landed in
+    assert (found[clear, -1].strokes, found[clear, -1].won) == (40, 20)  # a fault is one of the strokes
+    assert found[-1, 6][2:6] == found[clear, 6][2:6]
+    assert max(option.won / option.strokes for option in options(some, won, mine)) == pytest.approx(2 / 3)
+    half = np.arange(len(won)) < 40
+    beside = {option[:2]: option for option in options(some, won, half, ~half)}
+    assert beside[clear, -1][2:6] == (20, 10, 20, 10)
+    assert (clear, 6) not in beside  # fifteen strokes are too few
 
 
 def plays(rows: list[tuple[int, int, int, int, int, int]], copies: int = 1, *, opposite: bool = False) -> Plays:

@@ -9,7 +9,6 @@ from string import Formatter
 import pytest
 
 import shuttle_marl
-from shuttle_marl.analysis.tactics import TACTICS
 from shuttle_marl.coach.words import Words, of_100, signed
 from shuttle_marl.data.words import bare, table
 from shuttle_marl.game.court import AREA_WORDS, AREAS
@@ -19,7 +18,7 @@ from shuttle_marl.pages.languages import FOLDER, LANGUAGES, Language, speaking
 PACKAGE = Path(shuttle_marl.__file__).parent
 SOURCES = (PACKAGE / "coach", PACKAGE / "commands" / "scout.py", PACKAGE / "watch" / "page" / "src")
 VOCABULARIES = {"shots": SHOTS, "areas": AREAS, "short_areas": AREAS, "techniques": TECHNIQUES, "heights": HEIGHTS}
-REPORTS = ("areas", "directions", "whose", "scout", "drills", "tactics", "habit", "match", "waits")
+REPORTS = ("brief", "areas", "directions", "whose", "scout", "drills", "habit", "match", "waits")
 OTHERS: list[Language] = [language for language in LANGUAGES if language != "en"]
 
 
@@ -72,8 +71,7 @@ def test_every_text_that_is_used_exists_and_every_text_is_used() -> None:
     assert [key for key in partial if not any(fnmatchcase(name, key) for name in keys)] == []
     for group, vocabulary in VOCABULARIES.items():
         assert [*Words("en").groups[group]] == [*vocabulary]
-    assert [*Words("en").groups["tactics"]] == [*TACTICS]
-    own = {key for key in keys if key.startswith("language.") or key.partition(".")[0] in {*VOCABULARIES, "tactics"}}
+    own = {key for key in keys if key.startswith("language.") or key.partition(".")[0] in {*VOCABULARIES, "players"}}
     # What is computed is a word of the code: its whole name, or the part that varies.
     words = set(re.findall(r"[\w?!]+", code + source(PACKAGE / "analysis", PACKAGE / "game")))
     patterns = [re.compile(re.escape(key).replace(r"\*", "(.+)")) for key in partial]
@@ -102,9 +100,9 @@ def test_areas_of_the_page_are_those_of_other_texts() -> None:
 def test_numbers_and_dates() -> None:
     with speaking("id"):
         assert [of_100(0.1234, 1), signed(-0.012), signed(0.0001)] == ["12,3", "-1,2", "0,0"]
-    assert Words("id")("scout.plan_serve", opponent="x", most="y", strokes=1234).endswith("(1.234 servis).")
-    assert Words("en")("scout.tempo", opponent="x", length=9.25, usual=1000) == (
-        "A rally with x lasts 9.2 strokes on average; rallies of all players last 1000.0."
+    assert "(1.234 pukulan)" in Words("id")("scout.fault_line", shots="x", share=1, usual=2, strokes=1234)
+    assert (
+        Words("en")("match.lengths_lead", mean=9.25, longest=1000) == "Rallies lasted 9.2 strokes on average, the longest 1000."
     )
     day = datetime.date(2021, 7, 3)
     assert [Words(language)("scout.today", date=day) for language in LANGUAGES] == [

@@ -68,7 +68,7 @@ def test_no_probability_leaves_what_its_data_carries() -> None:
 
 
 def test_perfect_play_is_what_people_play() -> None:
-    """No fit is shipped that rewards strokes that nobody plays there, that no body can play, or that no data carry."""
+    """No fit is shipped that rewards strokes that nobody plays there, that nobody can play, or that no data carry."""
     figures = solved()
     assert figures["impossible"] == 0
     for name in ("minimax", "best_response"):

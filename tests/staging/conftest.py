@@ -4,9 +4,9 @@ import dataclasses
 
 import pytest
 
-from benchmarks.staging import self_play_rallies
 from shuttle_marl.game.rally.record import Rally
 from shuttle_marl.staging import Motion, stage
+from tests.staging.played import self_play_rallies
 
 HANDS = (("right", "right"), ("left", "right"), ("right", "left"), ("left", "left"))
 

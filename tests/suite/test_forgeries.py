@@ -13,14 +13,13 @@ import pytest
 from shuttle_marl.base import runs
 from shuttle_marl.base.files import seal
 from shuttle_marl.commands.suite import main
-from shuttle_marl.suite import frozen, store
-from shuttle_marl.suite.board import render, rows_of
+from shuttle_marl.suite import store
+from shuttle_marl.suite.board import called, render, rows_of, shown
 from shuttle_marl.suite.exploit import Equilibrium, Trained
-from shuttle_marl.suite.frozen import Frozen
 from shuttle_marl.suite.options import SuiteError
 from shuttle_marl.suite.registry import TASKS, arena_of
 from shuttle_marl.suite.results import Row
-from tests.reduced import reduced_game, reduced_model
+from tests.reduced import reduced_model
 from tests.suite.small import run, summary, verified
 
 Fields = dict[str, Any]
@@ -38,7 +37,7 @@ METHOD = f"{__name__}:player"
 def honest(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run of two seeds."""
     out = tmp_path_factory.mktemp("honest") / "run"
-    return run("equilibrium-v0", METHOD, out, quick=False, split="test", seeds=2)
+    return run("equilibrium-entrance-v0", METHOD, out, quick=False, split="test", seeds=2)
 
 
 @pytest.fixture
@@ -80,7 +79,7 @@ REFUSED: dict[str, tuple[Callable[[Path], None], str]] = {
     "NaN in a curve": (lambda f: entry(f, curve=[[1000, float("nan")]]), "curve"),
     "a curve beyond the budget": (lambda f: entry(f, curve=[[9_000_000, 0.1]]), "more strokes than the budget"),
     "a huge number in a curve": (lambda f: entry(f, curve=[[1000, 10**400]]), "out of range"),
-    "NaN as a score": (lambda f: entry(f, scores={"exploitability": float("nan"), "rally_win": 0.5}), "scores"),
+    "NaN as a score": (lambda f: entry(f, scores={"exploitability": float("nan"), "won": 0.5}), "scores"),
     "5,000 scores": (lambda f: entry(f, scores=scores(5000)), "length <= 16"),
     "a score that does not exist": (lambda f: entry(f, scores=scores(3)), "score0"),
     "no scores": (lambda f: entry(f, scores={}), "exploitability"),
@@ -134,7 +133,7 @@ def test_no_folder_stops_a_board(honest: Path, tmp_path: Path) -> None:
         forge(folders[-1])
     left: list[str] = []
     (row,) = rows_of([*folders, honest, tmp_path / "missing"], game=reduced_model(), failed=left.append)
-    assert row["verified"] is True
+    assert row["recomputed"] is True
     assert [line.partition(":")[0] for line in left] == [str(path) for path in [*folders, tmp_path / "missing"]]
     # A change that the board did not expect is an error with its type, not the end.
     assert not [line for line in left if "Error:" in line]
@@ -146,9 +145,7 @@ def rows(*folders: Path) -> tuple[list[Row], list[str]]:
 
 
 def remarks(folder: Path) -> str:
-    found = verified(folder)
-    assert not found.summary["official"]
-    return "; ".join(found.summary["remarks"])
+    return "; ".join(verified(folder).summary["remarks"])
 
 
 def test_one_seed_as_two_is_marked(folder: Path) -> None:
@@ -160,16 +157,9 @@ def test_one_seed_as_two_is_marked(folder: Path) -> None:
 
 
 def test_fewer_seeds_than_due_are_marked(folder: Path) -> None:
-    assert "2 of 5 seeds" in remarks(folder)
+    assert "2 of 3 seeds" in remarks(folder)
     config(folder, seeds=1)
-    assert "1 of 5 seeds" in remarks(folder)
-
-
-def test_official_is_what_has_no_remark(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(frozen, "load", lambda: Frozen(game=reduced_game().hash))
-    monkeypatch.setattr(Equilibrium, "seeds", 2)
-    ((row,), left) = rows(folder)
-    assert (row["official"], row["remarks"], left) == (True, [], [])
+    assert "1 of 3 seeds" in remarks(folder)
 
 
 def test_strokes_that_fit_a_smaller_budget_are_marked(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -184,7 +174,7 @@ def test_strokes_that_fit_a_smaller_budget_are_marked(folder: Path, monkeypatch:
 def test_entries_that_were_moved_to_another_budget_are_marked(folder: Path, honest: Path) -> None:
     """A stranger can change the labels of units, but not their policies."""
     config(folder, budget=10**7, method="mine:faster")
-    task = TASKS["equilibrium-v0"]
+    task = TASKS["equilibrium-entrance-v0"]
     arena = arena_of(task, reduced_model(), "test", budget=10**7)
     (case,) = task.cases(arena)
     for seed in (0, 1):
@@ -194,16 +184,29 @@ def test_entries_that_were_moved_to_another_budget_are_marked(folder: Path, hone
         entry(folder, seed, strokes=9_700_000)
     (first, second), left = rows(honest, folder)
     assert left == []
-    assert not first["official"]
-    assert f"the same policies as {METHOD} at 1,000,000 strokes" in second["remarks"]
+    assert {first["budget"], second["budget"]} == {10**6, 10**7}
 
 
-@pytest.mark.parametrize("name", ["ppo", "PPO", " ppo ", "p\u200bpo", "\uff50\uff50\uff4f", "ppo\uff1ax", "ppo_magnet"])
+@pytest.mark.parametrize("name", ["ppo", "\u0440po", "ppo (ours)"])
 def test_a_stranger_has_no_name_of_the_package(name: str, folder: Path) -> None:
+    """A method of others has its author before it, and no letters that look like others."""
+    (folder / store.CARD).write_text(json.dumps({"authors": "mallory"}))
     config(folder, method=name)
     ((row,), _) = rows(folder)
-    assert "names a method of the package, which verification cannot prove" in row["remarks"]
-    assert "names a method of the package" in remarks(folder)
+    assert called(row) == f"mallory/{name}"
+    assert f"`mallory/{shown(name)}`" in render([row], "md")
+    assert shown(name).isascii()
+    (folder / store.CARD).unlink()
+    ((row,), _) = rows(folder)
+    assert called(row) == (name if name == "ppo" else f"anonymous/{name}")
+    assert row["reran_by"] == []
+
+
+def test_copies_are_named_whoever_is_listed_first(folder: Path, honest: Path) -> None:
+    (folder / store.CARD).write_text(json.dumps({"authors": "mallory"}))
+    for order in ((folder, honest), (honest, folder)):
+        found, _ = rows(*order)
+        assert all("the same policies as" in "; ".join(row["remarks"]) for row in found)
 
 
 def test_seeds_of_other_tables_with_the_same_scores_are_copies(folder: Path) -> None:
@@ -214,23 +217,14 @@ def test_seeds_of_other_tables_with_the_same_scores_are_copies(folder: Path) -> 
     assert "2 seeds, of which 1 differ" in summary(folder)["remarks"]
 
 
-def test_a_fingerprint_that_is_not_the_frozen_one_is_refused_before_anything_is_computed(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    frozen_one = Frozen(game=reduced_game().hash, cases={"equilibrium-v0/test/1,000,000/0": "f" * 64})
-    monkeypatch.setattr(frozen, "load", lambda: frozen_one)
-    monkeypatch.setattr(Equilibrium, "fingerprint", None)
-    assert "the frozen one ffffffffffff" in verified(folder).refused[0].reason
-
-
 def test_nothing_of_a_stranger_is_an_address_or_a_mention_on_a_board(folder: Path, honest: Path) -> None:
     config(folder, method="@all www.example.org <b>")
     (folder / store.CARD).write_text(json.dumps({"tuning_strokes": "https://example.org @all | x"}))
     found, _ = rows(folder, honest)
-    assert "the same policies as @all" in found[1]["remarks"][-1]
+    assert "the same policies as anonymous/@all" in found[1]["remarks"][-1]
     for line in render(found, "md").splitlines():
         assert not re.search("@|www|http", re.sub("`[^`]*`", "", line))
-        assert not line.startswith("| tables") or len(re.findall(r"(?<!\\)\|", line)) == 11
+        assert not line.startswith("| `") or len(re.findall(r"(?<!\\)\|", line)) == 11
     assert "<b>" not in render(found, "html")
 
 
@@ -254,7 +248,7 @@ def test_reasons_are_printed_without_escapes(folder: Path, capsys: pytest.Captur
 
 def test_what_cannot_be_read_again_is_not_stored(tmp_path: Path) -> None:
     with pytest.raises(SuiteError, match="cannot be stored"):
-        run("exploit-v0", f"{__name__}:absurd", tmp_path / "run")
+        run("exploit-entrance-v0", f"{__name__}:absurd", tmp_path / "run")
 
 
 def absurd(setting: Any) -> Trained:

@@ -17,8 +17,9 @@ from shuttle_marl.base.pytorch import own_settings
 from shuttle_marl.game.shipped import resolve_game
 from shuttle_marl.game.tabulated import tabulate
 from shuttle_marl.policy.registry import resolve
+from shuttle_marl.recording.logs import play_log
 from shuttle_marl.training import PPOConfig, SACConfig, TrainingConfig, train
-from shuttle_marl.training.q_learning import QConfig, deep_q
+from shuttle_marl.training.q_learning import QConfig, Transitions, implicit_q
 from tests.reduced import reduced_model
 
 SMALL: dict[str, Any] = {"game": reduced_model(), "batch": 512, "width": 8, "evaluate_every": 4, "checkpoint_every": 3}
@@ -98,9 +99,11 @@ def test_defaults_of_the_caller_change_nothing(name: str, tmp_path: Path) -> Non
 def test_q_learning_reads_no_defaults() -> None:
     game = resolve_game(reduced_model(), None)
     bc, before = tabulate(resolve("bc", game), game), global_state()
-    values = deep_q(game, bc, 1280, QConfig(width=8, batch=32, rows=16, buffer=400), 1)
+    own = play_log((bc, bc), 500, 1).transitions
+    rows, config = Transitions(own.state, own.stroke, own.reward, own.following), QConfig(width=8, batch=32, steps=20)
+    values = implicit_q(game, rows, config, 1)
     with other_defaults():
-        other = deep_q(game, bc, 1280, QConfig(width=8, batch=32, rows=16, buffer=400), 1)
+        other = implicit_q(game, rows, config, 1)
     assert np.array_equal(values, other)
     assert global_state() == before
 

@@ -4,30 +4,33 @@ The argument of a name, as in ``restricted-nash:0.75``, is described in the clas
 """
 
 import functools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import ClassVar, Final
 
 import numpy as np
-from scipy.optimize import minimize
 from scipy.special import logsumexp
 
 from shuttle_marl.analysis.tabular import cloned
-from shuttle_marl.base.arrays import F32, F64, I64, Floats
+from shuttle_marl.base.arrays import F32, F64, I8, I32, I64, Floats
 from shuttle_marl.exact.known import pair_odds
 from shuttle_marl.exact.optimal import best_response, restricted_response
 from shuttle_marl.exact.profile import PairPolicy, StatePolicy
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
+from shuttle_marl.game.tabulated import TabulatedPolicy, position_shares, tabulate
 from shuttle_marl.policy.computed import best_response_policy, minimax_policy
 from shuttle_marl.policy.registry import resolve
 from shuttle_marl.suite.adapt import AdaptSetting, PlayedRally
+from shuttle_marl.suite.frontier import WEIGHT
+from shuttle_marl.suite.population import positions_of
 
 TOLERANCE = 1e-4
 """Error bound of responses, far below the error of a model of the opponent."""
 FORGET = 0.01
 """Fraction of the posterior that returns to the prior after every rally (fixed share, Herbster & Warmuth 1998)."""
 _FLOOR = 1e-4
-"""Least probability of a stroke in a likelihood."""
+"""Least probability of a stroke or a position in a likelihood."""
+_SHRINK: Final = 6.0
+"""Pseudo-observations of a position after each shot type."""
 
 
 class Minimax:
@@ -52,7 +55,7 @@ class RestrictedNash(Minimax):
 
 
 class Population:
-    """Posterior over the known types, from the probabilities of the opponent's strokes."""
+    """Posterior over the known types, from the probabilities of the opponent's strokes and positions."""
 
     def __init__(self, setting: AdaptSetting) -> None:
         self.types, self.game = list(setting.known.values()), setting.game
@@ -66,10 +69,21 @@ class Population:
 
     def observe_rally(self, rally: PlayedRally) -> None:
         """Update the posterior."""
-        pair = rally.pair[~rally.own]
-        likelihood = np.array([np.log(np.maximum(each.probability_of(pair), _FLOOR)).sum() for each in self.types])
+        likelihood = self.likelihood(rally)
         posterior = np.exp(likelihood + self.log_posterior - logsumexp(likelihood + self.log_posterior))
         self.log_posterior = np.log((1 - FORGET) * posterior + FORGET / len(posterior))
+
+    def likelihood(self, rally: PlayedRally) -> F64:
+        """``[types]`` log-likelihood of what the opponent chose."""
+        pair = rally.pair[~rally.own]
+        found = np.array([np.log(np.maximum(each.probability_of(pair), _FLOOR)).sum() for each in self.types])
+        if self.game.recovery is None:
+            return found
+        state, place = rally.state[rally.own], rally.position[rally.own]
+        for i, each in enumerate(self.types):
+            chance = position_shares(each.waiting_table[state])[np.arange(len(state)), place]
+            found[i] += np.log(np.maximum(chance, _FLOOR)).sum()
+        return found
 
 
 class Bayes(Population):
@@ -128,27 +142,52 @@ class Bandit(Population):
 
 
 class Counts:
-    """Best response to shrunken counts of the opponent's strokes around bc; the argument is p of the restricted response."""
+    """Response to shrunken counts of the opponent's choices around bc; the argument is p of the restricted response."""
 
     shrink = 8.0
 
-    def __init__(self, setting: AdaptSetting, argument: str = "1") -> None:
+    def __init__(self, setting: AdaptSetting, argument: str = str(WEIGHT)) -> None:
         self.game, self.p = setting.game, float(argument)
-        self.prior = setting.known["bc"].block_probabilities(0)
-        self.pairs: list[I64] = []
+        self.bc = setting.known["bc"]
+        self.seen: list[PlayedRally] = []
 
     def policy_for_next_rally(self) -> TabulatedPolicy:
         """The restricted response to the estimate."""
         return respond(self.estimate(), self.p)
 
     def observe_rally(self, rally: PlayedRally) -> None:
-        """Count the opponent's strokes."""
-        self.pairs.append(rally.pair[~rally.own])
+        """Count the opponent's choices."""
+        self.seen.append(rally)
 
     def estimate(self) -> StatePolicy:
         """The opponent, estimated."""
-        pairs = np.concatenate([np.zeros(0, np.int64), *self.pairs])
-        return PairPolicy(game=self.game, probability=cloned(self.game, pairs, shrink=self.shrink, prior=self.prior))
+        pairs = np.concatenate([np.zeros(0, np.int64), *(rally.pair[~rally.own] for rally in self.seen)])
+        probability = cloned(self.game, pairs, shrink=self.shrink, prior=self.bc.block_probabilities(0))
+        return PairPolicy(game=self.game, probability=probability, positions=waited(positions(self.bc), self.game, self.seen))
+
+
+def positions(policy: TabulatedPolicy) -> F64 | None:
+    """``[S, 9]`` probabilities of positions; None without recovery."""
+    return None if policy.game.recovery is None else positions_of(policy)
+
+
+def waited(prior: F64 | None, game: Game, seen: Sequence[PlayedRally]) -> F64 | None:
+    """``[S, 9]`` positions of an opponent: those of a prior, tilted towards what was seen after each shot type that it played."""
+    if prior is None:
+        return None
+    state = np.concatenate([np.zeros(0, np.int32), *(rally.state[rally.own] for rally in seen)])
+    place = np.concatenate([np.zeros(0, np.int8), *(rally.position[rally.own] for rally in seen)])
+    return tilted_positions(prior, game, state, place)
+
+
+def tilted_positions(prior: F64, game: Game, state: I32, place: I8) -> F64:
+    """:func:`waited` for ``[N]`` positions of the receiver where a striker was in ``[N]`` states."""
+    shot = np.append(game.catalogue.shot, game.catalogue.shot.max() + 1)[game.incoming(np.arange(game.n_states))]
+    number, expected = np.full((int(shot.max()) + 1, 9), _SHRINK), np.full((int(shot.max()) + 1, 9), _SHRINK)
+    np.add.at(number, (shot[state], place), 1)
+    np.add.at(expected, shot[state], prior[state])
+    found = prior * (number / expected)[shot]
+    return np.asarray(found / found.sum(axis=1, keepdims=True))
 
 
 def respond(opponent: StatePolicy, p: float) -> TabulatedPolicy:
@@ -159,11 +198,19 @@ def respond(opponent: StatePolicy, p: float) -> TabulatedPolicy:
 
 
 def mean_policy(game: Game, weights: Mapping[TabulatedPolicy, float], *, least: float = 1e-3) -> PairPolicy:
-    """Mean of policies, stroke by stroke, as they play at effort 0; weights below ``least`` are left out."""
+    """Mean of policies, choice by choice, as they strike at effort 0; weights below ``least`` are left out."""
     kept = {policy: weight for policy, weight in weights.items() if weight >= least}
     total = sum(kept.values())
     parts = [weight / total * policy.block_probabilities(0) for policy, weight in kept.items()]
-    return PairPolicy(game=game, probability=np.sum(parts, axis=0))
+    return PairPolicy(game=game, probability=np.sum(parts, axis=0), positions=mean_positions(game, kept))
+
+
+def mean_positions(game: Game, weights: Mapping[TabulatedPolicy, float]) -> F64 | None:
+    """``[S, 9]`` mean of the positions of policies; None without recovery."""
+    if game.recovery is None:
+        return None
+    total = sum(weights.values())
+    return np.asarray(np.sum([weight / total * positions_of(policy) for policy, weight in weights.items()], axis=0))
 
 
 @functools.lru_cache(maxsize=1)
@@ -184,37 +231,35 @@ _STRENGTH: Final = 10.0
 _SWEEPS: Final = 60
 _LIKELIHOOD: Final = 1e-6
 """Least likelihood of a stroke under a type of the mixture."""
-_DEVIATIONS: Final = (1.0, 0.7, 0.7, 0.5, 0.5, 0.5)
-"""Standard deviation of the shifts of each group of features."""
-_ITERATIONS: Final = 40
 _CHANGES: Final = 32
 """Number of rallies at which a change is considered."""
 _LEAST: Final = 200
 """Strokes from which on a change is considered."""
+_LITTLE: Final = 0.01
+"""Weight of a type from which on its positions count."""
 _GAIN: Final = 12.0
 """Difference of log-likelihoods from which on a change is believed."""
 
 
-class TiltedMixture(Population):
-    """Restricted Nash response to a tilted mixture of types, a model of the opponent from few rallies.
+class Mixture(Population):
+    """Restricted Nash response to a mixture of types, a model of the opponent from few rallies.
 
     The model has four parts, and subclasses leave one out each:
 
     - *levels*: the known types are extended by levels of reasoning (Camerer, Ho & Chong 2004): best responses to bc and to
       styles, best responses to those, and KL-regularised play around bc;
-    - *mixture*: the opponent draws a type for every stroke. The weights are the maximum a posteriori, found by expectation
+    - *weights*: the opponent draws a type for every stroke. The weights are the maximum a posteriori, found by expectation
       maximisation; the mean of their Dirichlet prior is the posterior over types, which replaces them without this part;
-    - *tilt*: the log-probabilities of the mixture are shifted by a sum over features of the stroke and the incoming one, the
-      maximum a posteriori under a normal prior (L-BFGS);
-    - *change*: strokes before a change of the opponent are dropped, found by the ratio of the likelihoods of one mixture and of
-      two.
+    - *places*: positions are those of the mixture, tilted towards what was seen;
+    - *change*: what was seen before a change of the opponent is dropped, found by the ratio of the likelihoods of one mixture and
+      of two.
 
     The argument is p of the restricted Nash response.
     """
 
     without: ClassVar = ""
 
-    def __init__(self, setting: AdaptSetting, argument: str = "0.9") -> None:
+    def __init__(self, setting: AdaptSetting, argument: str = str(WEIGHT)) -> None:
         super().__init__(setting)
         self.p, n = float(argument), len(self.types)
         self.prior = np.full(n, 1 / n)
@@ -224,14 +269,12 @@ class TiltedMixture(Population):
             self.prior = np.append((1 - _SHARE) * self.prior, np.full(more, _SHARE / more))
             self.log_posterior = np.log(self.prior)
         self.chance = chances(tuple(self.types))
-        self.features, self.deviation = features(self.game)
-        self.theta = np.zeros(len(self.deviation))
-        self.rallies: list[I64] = []
+        self.seen: list[PlayedRally] = []
 
     def observe_rally(self, rally: PlayedRally) -> None:
-        """Update the posterior over types, and keep the strokes of the opponent."""
+        """Update the posterior over types, and keep the rally."""
         super().observe_rally(rally)
-        self.rallies.append(rally.pair[~rally.own] % self.game.n_base_pairs)
+        self.seen.append(rally)
 
     def policy_for_next_rally(self) -> TabulatedPolicy:
         """The restricted response to the model."""
@@ -239,39 +282,41 @@ class TiltedMixture(Population):
 
     def estimate(self) -> PairPolicy:
         """The opponent, estimated."""
-        pairs = np.concatenate([np.zeros(0, dtype=np.int64), *self.rallies])
+        struck = [rally.pair[~rally.own] % self.game.n_base_pairs for rally in self.seen]
+        pairs = np.concatenate([np.zeros(0, dtype=np.int64), *struck])
         if self.without != "change" and len(pairs) >= _LEAST:
-            ends = np.cumsum([len(rally) for rally in self.rallies])
+            ends = np.cumsum([len(rally) for rally in struck])
             first = change_point(self.chance[:, pairs], ends, _STRENGTH * self.prior)
-            self.rallies, pairs = self.rallies[first:], pairs[ends[first - 1] if first else 0 :]
-        strokes, weight = self.chance[:, pairs], self.posterior
-        chance = (weight if self.without == "mixture" else mixture_weights(strokes, _STRENGTH * weight)[0]) @ self.chance
-        if self.without != "tilt" and len(pairs):
-            base = np.log(np.maximum(chance, _LIKELIHOOD))
-            self.theta = fitted_shift(self.game, base, self.features, self.deviation, pairs, self.theta)
-            chance = shifted(self.game, base, self.features, self.theta)
-        return PairPolicy(game=self.game, probability=chance)
+            self.seen, pairs = self.seen[first:], pairs[ends[first - 1] if first else 0 :]
+        weight = self.posterior
+        if self.without != "weights":
+            weight = mixture_weights(self.chance[:, pairs], _STRENGTH * weight)[0]
+        kept = {policy: share for policy, share in zip(self.types, weight.tolist(), strict=True) if share > _LITTLE}
+        places = mean_positions(self.game, kept)
+        if self.without != "places":
+            places = waited(places, self.game, self.seen)
+        return PairPolicy(game=self.game, probability=weight @ self.chance, positions=places)
 
 
-class WithoutLevels(TiltedMixture):
+class WithoutLevels(Mixture):
     """Known types alone."""
 
     without = "levels"
 
 
-class WithoutMixture(TiltedMixture):
+class WithoutWeights(Mixture):
     """The posterior over types instead of the weights of a mixture."""
 
-    without = "mixture"
+    without = "weights"
 
 
-class WithoutTilt(TiltedMixture):
-    """The mixture itself."""
+class WithoutPlaces(Mixture):
+    """Positions of the mixture."""
 
-    without = "tilt"
+    without = "places"
 
 
-class WithoutChange(TiltedMixture):
+class WithoutChange(Mixture):
     """All rallies count."""
 
     without = "change"
@@ -321,54 +366,3 @@ def change_point(likelihood: Floats, ends: I64, prior: F64) -> int:
         if gain > best:
             best, found = gain, rally
     return found
-
-
-@functools.lru_cache(maxsize=1)
-def features(game: Game) -> tuple[I64, F64]:
-    """``[groups, base pairs]`` number of the feature of each group that a pair has, and ``[features]`` prior deviations."""
-    stroke, state, catalogue = game.base_pair_stroke, game.base_pair_state, game.catalogue
-    shot, area, technique = (part[stroke].astype(np.int64) for part in (catalogue.shot, catalogue.area, catalogue.technique))
-    came = 2 * np.append(catalogue.shot, 13).astype(np.int64)[game.incoming(state)] + game.contact(state)
-    place = 2 * np.append(catalogue.area, 9).astype(np.int64)[game.incoming(state)] + game.contact(state)
-    parts = (shot, area, 3 * shot + technique, 13 * came + shot, 9 * shot + area, 9 * place + area)
-    groups, start, deviations = [], 0, []
-    for part, deviation in zip(parts, _DEVIATIONS, strict=True):
-        groups.append(part + start)
-        size = int(part.max()) + 1
-        start += size
-        deviations.append(np.full(size, deviation))
-    return np.stack(groups), np.concatenate(deviations)
-
-
-def shifted(game: Game, base: F64, feature: I64, theta: F64) -> F64:
-    """``[base pairs]`` probabilities of the shifted policy."""
-    weight = np.exp(base + theta[feature].sum(axis=0))
-    return np.asarray(weight / np.bincount(game.base_pair_state, weight, game.n_base_states)[game.base_pair_state])
-
-
-def fitted_shift(game: Game, base: F64, feature: I64, deviation: F64, played: I64, start: F64) -> F64:
-    """``[features]`` maximum a posteriori shifts.
-
-    Args:
-        base: ``[base pairs]`` log-probabilities without a shift.
-        feature, deviation: see :func:`features`.
-        played: ``[M]`` base pairs that the opponent played.
-    """
-    states, number = np.unique(game.base_pair_state[played], return_counts=True)
-    row, pair = game.pairs(states)
-    first = np.flatnonzero(np.diff(row, prepend=-1))
-    here, log_base = feature[:, pair], base[pair]
-    observed = np.bincount(feature[:, played].ravel(), minlength=len(deviation))
-
-    def loss(theta: F64) -> tuple[float, F64]:
-        logit = log_base + theta[here].sum(axis=0)
-        top = np.maximum.reduceat(logit, first)
-        weight = np.exp(logit - top[row])
-        total = np.add.reduceat(weight, first)
-        expected = weight / total[row] * number[row]
-        gradient = np.bincount(here.ravel(), np.tile(expected, len(here)), len(deviation)) - observed + theta / deviation**2
-        value = (number * (np.log(total) + top)).sum() - observed @ theta + 0.5 * ((theta / deviation) ** 2).sum()
-        return float(value), gradient
-
-    found = minimize(loss, start, jac=True, method="L-BFGS-B", options={"maxiter": _ITERATIONS})
-    return np.asarray(found.x)

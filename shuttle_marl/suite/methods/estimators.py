@@ -5,7 +5,10 @@ the policy over that under the behaviour, and w the product over the rally:
 
 - importance sampling: mean of w * won; weighted: sum of w * won over the sum of w;
 - per decision (Precup, Sutton & Singh 2000): every reward is weighted by the strokes before it, so here it is the first one;
-- doubly robust (Jiang & Li 2016, arXiv 1511.03722): V_t = v(s_t) + rho_t (r_t + V_{t+1} - q(s_t, a_t)), backwards in a rally;
+- doubly robust (Jiang & Li 2016, arXiv 1511.03722): V_t = v(s_t) + rho_t (r_t + V_{t+1} - q(s_t, a_t)), backwards in a rally,
+  with rho_t of at most 10;
+- weighted doubly robust (Thomas & Brunskill 2016, arXiv 1604.00923): the sum over t of w_t (r_t - q(s_t, a_t)) + w_{t-1} v(s_t),
+  with w_t the product of the ratios up to t over its mean over the rallies, those that are over with their last one;
 - fitted Q evaluation (Le, Voloshin & Yue 2019, arXiv 1903.08738), and the exact value in an estimated model.
 """
 
@@ -17,10 +20,14 @@ from shuttle_marl.analysis.tabular import SHRINK, by_state, cloned, estimated_ga
 from shuttle_marl.base.arrays import F64
 from shuttle_marl.exact import evaluate
 from shuttle_marl.exact.profile import PairPolicy
+from shuttle_marl.game.tables import Game
 from shuttle_marl.game.tabulated import TabulatedPolicy
 from shuttle_marl.recording.logs import Log, Transitions
+from shuttle_marl.suite.methods.learned import boosted_game
 
 _TOLERANCE = 1e-6
+_LARGEST = 10.0
+"""Largest ratio of a stroke."""
 
 
 def ratios(data: Transitions, policy: TabulatedPolicy) -> F64:
@@ -75,15 +82,38 @@ class DoublyRobust:
         return per_rally(data, [doubly_robust(data, ratios(data, policy), *q_and_v(data, policy)).sum() for policy in policies])
 
 
-class ModelBased:
-    """Exact value in a game whose outcomes and opponent are estimated from the log."""
+class WeightedDoublyRobust:
+    """The same with weights that add up to 1 at each stroke."""
 
     def estimate(self, log: Log, policies: Sequence[TabulatedPolicy]) -> list[float]:
         """One number for each policy."""
-        game = estimated_game(log)
+        data, found = log.transitions, []
+        for policy in policies:
+            found.append(weighted_doubly_robust(data, ratios(data, policy), *q_and_v(data, policy)))
+        return per_rally(data, found)
+
+
+class ModelBased:
+    """Exact value in a game whose outcomes and opponent are estimated from the log."""
+
+    def game_of(self, log: Log) -> Game:
+        """The estimated game."""
+        return estimated_game(log)
+
+    def estimate(self, log: Log, policies: Sequence[TabulatedPolicy]) -> list[float]:
+        """One number for each policy."""
+        game = self.game_of(log)
         opponent = PairPolicy(game=game, probability=cloned(log.game, log.pair[~log.own]))
         players = [TabulatedPolicy(game=game, cumulative=policy.cumulative) for policy in policies]
         return [evaluate(player, opponent, tolerance=_TOLERANCE).odds().rally for player in players]
+
+
+class BoostedModel(ModelBased):
+    """The same with outcomes by boosted trees."""
+
+    def game_of(self, log: Log) -> Game:
+        """The estimated game."""
+        return boosted_game(log, 150, 0)
 
 
 def q_and_v(data: Transitions, policy: TabulatedPolicy, *, shrink: float = SHRINK) -> tuple[F64, F64]:
@@ -103,6 +133,7 @@ def doubly_robust(data: Transitions, rho: F64, q: F64, v: F64) -> F64:
         rho: ``[M]`` ratios.
         q, v: ``[M]`` estimated values of the stroke played and of its state.
     """
+    rho = np.minimum(rho, _LARGEST)
     length = np.diff(np.append(np.flatnonzero(data.first), len(data)))
     start, value = np.flatnonzero(data.first), np.zeros(len(length))
     # The t-th strokes of all rallies together, from the last one.
@@ -110,3 +141,18 @@ def doubly_robust(data: Transitions, rho: F64, q: F64, v: F64) -> F64:
         rows = start[length > t] + t
         value[length > t] = v[rows] + rho[rows] * (data.reward[rows] + value[length > t] - q[rows])
     return value
+
+
+def weighted_doubly_robust(data: Transitions, rho: F64, q: F64, v: F64) -> float:
+    """Weighted doubly robust estimate of how many of the rallies with an own stroke are won; arguments as above."""
+    start = np.flatnonzero(data.first)
+    length = np.diff(np.append(start, len(data)))
+    weight, before, total = np.ones(len(start)), np.ones(len(start)), 0.0
+    for t in range(int(length.max())):
+        going = length > t
+        rows = start[going] + t
+        weight[going] *= rho[rows]
+        share = weight / max(weight.mean(), np.finfo(np.float64).tiny)
+        total += float((share[going] * (data.reward[rows] - q[rows]) + before[going] * v[rows]).sum())
+        before = share
+    return total

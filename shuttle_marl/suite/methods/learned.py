@@ -28,8 +28,10 @@ from shuttle_marl.base.arrays import F64, I16, Floats, Ints
 from shuttle_marl.exact import best_response
 from shuttle_marl.exact.profile import PairPolicy
 from shuttle_marl.game.rules import OUTCOMES
+from shuttle_marl.game.shipped import load_game
 from shuttle_marl.game.tables import Game
-from shuttle_marl.game.tabulated import TabulatedPolicy
+from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
+from shuttle_marl.policy.registry import resolve
 from shuttle_marl.recording.logs import Log, Transitions
 from shuttle_marl.suite.offline import LogSetting
 
@@ -135,9 +137,25 @@ class BoostedModel(_Method):
 
     def fit(self, log: Log) -> TabulatedPolicy:
         """The exact best response in the estimated game."""
-        objective = {"objective": "multiclass", "num_class": len(OUTCOMES)}
-        shares = boosted(log.game, log.pair, log.outcome, int(self.argument), self.setting.seed, **objective)
-        return respond(log, game_of(log.game, shares), SHRINK)
+        return respond(log, boosted_game(log, int(self.argument), self.setting.seed), SHRINK)
+
+
+def boosted_game(log: Log, trees: int, seed: int) -> Game:
+    """The game with outcomes estimated by boosted trees from the strokes of both players."""
+    shares = boosted(log.game, log.pair, log.outcome, trees, seed, objective="multiclass", num_class=len(OUTCOMES))
+    return game_of(log.game, shares)
+
+
+@dataclasses.dataclass(frozen=True)
+class Shipped(_Method):
+    """A policy of the shipped game, which reads no log: what is known before; the argument is its name."""
+
+    argument: str = "minimax"
+
+    def fit(self, log: Log) -> TabulatedPolicy:
+        """The same strokes in the rules of the log."""
+        shipped = load_game(self.setting.model)
+        return TabulatedPolicy(game=log.game, cumulative=tabulate(resolve(self.argument, shipped), shipped).cumulative)
 
 
 @dataclasses.dataclass(frozen=True)

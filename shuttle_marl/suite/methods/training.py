@@ -1,17 +1,28 @@
-"""PPO, A2C, SAC and PSRO of :mod:`shuttle_marl.training`, with its default settings, against the opponent or in self-play."""
+"""PPO, A2C, SAC and PSRO of :mod:`shuttle_marl.training`, with its default settings, against the opponent or in self-play.
+
+They train in the game of a model, so not in the drawn game of a round.
+"""
 
 import dataclasses
 import json
 from typing import Any, Final
 
 from shuttle_marl.base import runs
+from shuttle_marl.game.shipped import load_game
+from shuttle_marl.game.tabulated import TabulatedPolicy, tabulate
+from shuttle_marl.policy.computed import best_response_policy
+from shuttle_marl.policy.registry import resolve
 from shuttle_marl.suite.exploit import PlayerSetting, Trained
+from shuttle_marl.suite.frontier import WEIGHT
+from shuttle_marl.suite.methods.references import deterministic
+from shuttle_marl.suite.options import SuiteError
+from shuttle_marl.suite.population import mixture
 from shuttle_marl.training.league.config import LeagueTrainingConfig
 
-_SHARE: Final = 0.97
-"""Fraction of the budget that is planned; the rest is for the ends of rallies."""
-_SHARE_OF_VARIANT: Final = 0.94
-"""The same of a variant of self-play, in which the learner strikes more or less often against its other opponents."""
+_SHARE: Final = 0.94
+"""Fraction of the budget that is planned; the rest is for the ends of rallies, and for choices that are not the learner's."""
+_LESS: Final = 0.97
+"""Factor of the planned strokes until they fit."""
 _SMALL: Final = 100_000
 _SHARE_OF_SMALL: Final = 0.85
 """The same of a smaller budget, as in quick runs, whose few batches vary more."""
@@ -19,6 +30,9 @@ _ROUNDS: Final = 24
 """Rounds of exact PSRO."""
 _BATCHES: Final = 100
 """Batches of PSRO in all rounds."""
+_PHASES: Final = 4
+"""Agents that are trained against a restricted opponent."""
+_MIXED: Final = "mixed.npz"
 _ITERATIONS: Final = 12
 """Iterations of a run with a small budget."""
 
@@ -31,6 +45,39 @@ def ppo(setting: PlayerSetting) -> Trained:
 def ppo_variant(setting: PlayerSetting, argument: str) -> Trained:
     """PPO in a variant of self-play, see :mod:`shuttle_marl.training.self_play`."""
     return _train("ppo", setting, variant=argument)
+
+
+def ppo_blind(setting: PlayerSetting) -> Trained:
+    """PPO in self-play, which does not look at the opponent."""
+    return _train("ppo", dataclasses.replace(setting, opponent=None))
+
+
+def ppo_deterministic(setting: PlayerSetting) -> Trained:
+    """PPO in self-play, whose agent always makes its likeliest choice."""
+    found = _train("ppo", setting)
+    player = deterministic(tabulate(found.player, setting.game))
+    return Trained(player=player, strokes=found.strokes)
+
+
+def ppo_restricted(setting: PlayerSetting) -> Trained:
+    """PPO against the opponent of the objective: the given one, mixed with exact best responses to the agents before.
+
+    Each of the phases trains a new agent against one more enemy; the last one is played (Johanson, Zinkevich & Bowling, NeurIPS
+    2007, by iteration as in fictitious play).
+    """
+    game, used, player = setting.game, 0, None
+    opponent = tabulate(resolve(setting.opponent or "bc", game), game)
+    enemies: list[TabulatedPolicy] = []
+    for phase in range(_PHASES):
+        if player is not None:
+            enemies.append(best_response_policy(player))
+            shares = [(1 - WEIGHT) / len(enemies)] * len(enemies)
+            mixture(game, [opponent, *enemies], [WEIGHT, *shares]).save(setting.folder / _MIXED)
+        name = setting.opponent if player is None else f"table:{setting.folder / _MIXED}"
+        folder = setting.folder / str(phase)
+        found = _train("ppo", dataclasses.replace(setting, opponent=name, budget=setting.budget // _PHASES, folder=folder))
+        used, player = used + (found.strokes or 0), tabulate(found.player, game)
+    return Trained(player=player, strokes=used)
 
 
 def a2c(setting: PlayerSetting) -> Trained:
@@ -67,6 +114,8 @@ def _league(setting: PlayerSetting, config: LeagueTrainingConfig) -> Trained:
 def _train(algorithm: str, setting: PlayerSetting, **options: Any) -> Trained:
     from shuttle_marl.training import A2CConfig, PPOConfig, SACConfig, train  # noqa: PLC0415  torch
 
+    if load_game(setting.model).hash != setting.game.hash:
+        raise SuiteError(f"{algorithm} trains in the game of a model, and this game is drawn")
     default = {"ppo": PPOConfig, "a2c": A2CConfig, "sac": SACConfig}[algorithm]
     opponent = "self" if setting.opponent is None else setting.opponent
     folder = setting.folder / algorithm
@@ -83,9 +132,9 @@ def _train(algorithm: str, setting: PlayerSetting, **options: Any) -> Trained:
         **options,
     )
     # Rallies are played to their end, so iterations are a little longer than their batches.
-    share = _SHARE_OF_SMALL if setting.budget < _SMALL else _SHARE_OF_VARIANT if options else _SHARE
+    share = _SHARE_OF_SMALL if setting.budget < _SMALL else _SHARE
     while sum(map(config.batch_of, range(config.iterations))) > share * setting.budget:
-        config = dataclasses.replace(config, strokes=int(config.strokes * _SHARE))
+        config = dataclasses.replace(config, strokes=int(config.strokes * _LESS))
     done = train(config)
     lines = (done.folder / "metrics.jsonl").read_text(encoding="utf-8").splitlines()
     points = [json.loads(line) for line in lines]

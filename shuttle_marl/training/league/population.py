@@ -67,7 +67,7 @@ class Payoffs:
         missing = [pair for pair in missing if pair[0] != pair[1]]
         for chunk in (missing[i : i + 8] for i in range(0, len(missing), 8)):
             chains = [(self._chain(a), self._chain(b)) for a, b in chunk]
-            for pair, odds in zip(chunk, in_threads(_solve, chains), strict=True):
+            for pair, odds in zip(chunk, in_threads(_serving_odds, chains), strict=True):
                 self._cells[pair] = odds
                 self.solved += 1
         return [self._odds(policy, other) for other in others]
@@ -104,7 +104,7 @@ def _pair(a: str, b: str) -> tuple[str, str]:
     return (a, b) if a < b else (b, a)
 
 
-def _solve(chains: tuple[InducedChain, InducedChain]) -> tuple[float, float]:
+def _serving_odds(chains: tuple[InducedChain, InducedChain]) -> tuple[float, float]:
     value = evaluate_chains(*chains, tolerance=TOLERANCE)
     return value.odds(0).serving, value.odds(1).serving
 

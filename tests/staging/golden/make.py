@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.staging import self_play_rallies
 from shuttle_marl.staging import BONES, Motion, stage
+from tests.staging.played import self_play_rallies
 
 FOLDER = Path(__file__).parent
 

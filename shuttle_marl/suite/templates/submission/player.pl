@@ -1,5 +1,5 @@
 #!/usr/bin/env perl
-# A player for exploit-v0, equilibrium-v0 and robust-v0 in Perl: reads decisions as lines of JSON and answers with strokes.
+# A player for exploit-v0 and equilibrium-v0 in Perl: reads decisions as lines of JSON and answers with strokes.
 # It plays the first legal stroke of its list, or else the first legal one.
 use strict;
 use warnings;

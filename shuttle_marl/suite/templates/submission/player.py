@@ -9,10 +9,10 @@ from shuttle_marl.suite import Trained
 
 
 def train(setting: Any) -> Any:
-    """Learn within the budget of strokes; returns a policy and the strokes that it took."""
+    """Learn within the budget of strokes and, with recovery, positions; returns a policy and the strokes that it took."""
     game, rng = setting.game, np.random.default_rng(setting.seed)
     env = gymnasium.make("shuttle_marl:shuttle_marl/Rally-v0", opponent=setting.opponent or "bc", game=game)
-    won, tried, strokes = np.ones((14, game.n_strokes)), np.full((14, game.n_strokes), 2.0), 0
+    won, tried, strokes = np.ones((14, game.n_actions)), np.full((14, game.n_actions), 2.0), 0
     while strokes < min(setting.budget, 10_000) - 200:
         (seen, _), played, over = env.reset(seed=None if strokes else setting.seed), [], False
         while not over:
@@ -24,7 +24,7 @@ def train(setting: Any) -> Any:
             won[shot, stroke] += float(reward) > 0
             tried[shot, stroke] += 1
         strokes += len(played)
-    return Trained(player=Player(won / tried), strokes=strokes)
+    return Trained(player=Player((won / tried)[:, : game.n_strokes]), strokes=strokes)
 
 
 class Player:

@@ -1,0 +1,195 @@
+"""Methods that run apart from the package, behind a :class:`~shuttle_marl.suite.boundary.Boundary`, and get episodes alone.
+
+A method sees what it plays, logs, rallies and positions as arrays, and neither tables of the game nor names of opponents. Each
+unit starts a new process. This process plays the game, counts the strokes, and makes the tables of the policies.
+"""
+
+import dataclasses
+import json
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from shuttle_marl.base.errors import printable
+from shuttle_marl.base.programs import Program
+from shuttle_marl.env.vector import RallyVectorEnv
+from shuttle_marl.game.draws import stream
+from shuttle_marl.game.observation import observations
+from shuttle_marl.game.tabulated import TabulatedPolicy, cumulative_positions, from_pair_probabilities
+from shuttle_marl.kernel import RallyBatch
+from shuttle_marl.policy.registry import resolve
+from shuttle_marl.suite import apart
+from shuttle_marl.suite.adapt import AdaptSetting
+from shuttle_marl.suite.boundary import CODE, Boundary
+from shuttle_marl.suite.exploit import OPPONENT, PlayerSetting, Trained
+from shuttle_marl.suite.options import SuiteError
+from shuttle_marl.suite.task import Setting
+
+_MOST_RALLIES: Final = 1 << 16
+_SECONDS: Final = 6 * 3600.0
+"""Longest time of an answer [s]."""
+_REQUESTS: Final = ("reset", "step", "policy")
+
+
+@dataclasses.dataclass(frozen=True)
+class RemoteMethod:
+    """A method ``MODULE:ATTRIBUTE`` in a folder with :mod:`.apart` and the code in ``entry``."""
+
+    name: str
+    folder: Path
+    boundary: Boundary
+
+    def __call__(self, setting: Setting) -> Any:
+        """The trained player, or the object that the method made.
+
+        Raises:
+            SuiteError: the method failed.
+        """
+        session = Session(self, setting)
+        if not isinstance(setting, PlayerSetting):
+            return session
+        return Trained(player=session.player(call="player"), strokes=session.used)
+
+
+class Session:
+    """A method in a process of its own; :attr:`used` counts the strokes of the learner."""
+
+    def __init__(self, method: RemoteMethod, setting: Setting) -> None:
+        self._setting, self.game, self.used, self._resets = setting, setting.game, 0, 0
+        self._opponents: list[TabulatedPolicy] = []
+        if isinstance(setting, PlayerSetting) and setting.opponent is not None:
+            self._opponents = [resolve(setting.opponent, self.game)]  # type: ignore[list-item]
+            (setting.folder / OPPONENT).unlink(missing_ok=True)
+        elif isinstance(setting, AdaptSetting):
+            self._opponents = list(setting.known.values())
+        self._budget = getattr(setting, "budget", 0)
+        arguments = [f"{CODE}/apart.py", method.name, f"{CODE}/entry", "/tmp"]
+        self._program = Program(method.boundary.command(method.folder, arguments), _SECONDS)
+        states = np.arange(self.game.n_states)
+        waiting = None if self.game.recovery is None else self.game.waiting.mask(self.game.base(states))
+        self._send(
+            observation=observations(self.game, states),
+            mask=self.game.mask(states),
+            feasible=np.zeros((0, 9), np.bool_) if waiting is None else waiting,
+            seed=setting.seed,
+            budget=self._budget,
+            opponents=len(self._opponents),
+        )
+
+    def _send(self, **arrays: Any) -> None:
+        self._program.write(apart.message(**arrays))
+
+    def _ask(self, **request: Any) -> dict[str, Any]:
+        """Send a request, and serve those of the method until it answers."""
+        self._send(**request)
+        while True:
+            try:
+                answer = apart.receive(self._program)
+            except (ValueError, OSError) as error:
+                raise SuiteError(f"the method sent an invalid message: {error}") from error
+            served = [name for name in _REQUESTS if name in answer]
+            if not served:
+                break
+            try:
+                reply = getattr(self, f"_{served[0]}")(answer)
+            except Exception as error:  # the method sent it
+                reply = {"error": str(error)}
+            self._send(**reply)
+        if "error" in answer:
+            raise SuiteError(f"the method raised {printable(str(answer['error']))}")
+        return answer
+
+    def _reset(self, request: dict[str, Any]) -> dict[str, Any]:
+        number, opponent = int(request["reset"]), int(request["opponent"])
+        if not self._budget or not 1 <= number <= _MOST_RALLIES:
+            raise SuiteError(f"{number} rallies: tasks that train players have 1 to {_MOST_RALLIES} at once")
+        self._resets += 1
+        seed = int(stream(self._setting.seed, self._resets)[0] >> np.uint64(1))
+        if self._opponents:
+            against = self._opponents[opponent]
+            self._batch: RallyBatch | RallyVectorEnv = RallyVectorEnv(
+                number, opponent=against, game=self.game, mask="none", info="none"
+            )
+            self._batch.reset(seed=seed)
+        else:
+            self._batch = RallyBatch(self.game, number, seed=seed)
+        return self._seen()
+
+    def _seen(self) -> dict[str, Any]:
+        rows = self._batch if isinstance(self._batch, RallyBatch) else self._batch.versus
+        return {"state": rows.rows.state, "waits": rows.waits}
+
+    def _step(self, request: dict[str, Any]) -> dict[str, Any]:
+        actions, batch = request["step"], self._batch
+        if self.used + len(actions) > self._budget:
+            raise SuiteError(f"the budget of {self._budget:,} strokes is used up")
+        if isinstance(batch, RallyBatch):
+            reward, over = batch.step(actions, request.get("positions"))
+        else:
+            reward, over = batch.step(actions)[1:3]
+        self.used += len(actions)
+        return {**self._seen(), "reward": reward, "over": over}
+
+    def _policy(self, request: dict[str, Any]) -> dict[str, Any]:
+        row, pair = self.game.pairs(request["state"])
+        chance = np.zeros((len(request["state"]), self.game.n_strokes), dtype=np.float32)
+        chance[row, self.game.pair_stroke[pair]] = self._policies[int(request["policy"])].probability_of(pair)
+        return {"probability": chance}
+
+    def player(self, **request: Any) -> TabulatedPolicy:
+        """The policy that the method answers with.
+
+        Raises:
+            SuiteError, PolicyError: it is none.
+        """
+        answer, game = self._ask(**request), self.game
+        row, pair = game.pairs(np.arange(game.n_states))
+        if (strokes := answer.get("stroke", np.zeros(0))).shape == (game.n_states,):
+            chance = (strokes[row] == game.pair_stroke[pair]).astype(np.float64)
+        elif (given := answer.get("probability", np.zeros(0))).shape == (game.n_states, game.n_strokes):
+            chance = given[row, game.pair_stroke[pair]].astype(np.float64)
+        else:
+            raise SuiteError(
+                "a method of a round returns an object with act(observation, mask) or probabilities(observation, mask), not a "
+                f"{next(iter(answer))}"
+            )
+        if not (chance >= 0).all():
+            raise SuiteError("the method returned probabilities below 0, or none")
+        policy = from_pair_probabilities(game, chance)
+        return policy if "position" not in answer else self._waiting(policy, np.asarray(answer["position"], np.float64))
+
+    def _waiting(self, policy: TabulatedPolicy, chance: Any) -> TabulatedPolicy:
+        game, states = policy.game, np.arange(policy.game.n_states)
+        feasible = game.waiting.mask(game.base(states))
+        if chance.shape != feasible.shape or not (chance >= 0).all() or (chance[~feasible] > 0).any():
+            raise SuiteError("the method returned probabilities of positions that are not feasible, below 0, or of a wrong shape")
+        if not np.allclose(chance.sum(axis=1), 1, rtol=0, atol=1e-6):
+            raise SuiteError("the method returned probabilities of positions that do not add up to 1 in every state")
+        return dataclasses.replace(policy, waits=cumulative_positions(chance))
+
+    def _arrays(self, data: Any) -> dict[str, Any]:
+        """Columns of strokes; the stroke stands for the pair, which only the tables number."""
+        names = [field.name for field in dataclasses.fields(data) if field.name not in ("game", "pair")]
+        return {"stroke": self.game.pair_stroke[data.pair], **{name: np.asarray(getattr(data, name)) for name in names}}
+
+    def fit(self, data: Any) -> TabulatedPolicy:
+        """Learn from strokes."""
+        return self.player(call="fit", **self._arrays(data))
+
+    def estimate(self, log: Any, policies: list[TabulatedPolicy]) -> Any:
+        """Values of policies."""
+        self._policies = policies
+        return self._ask(call="estimate", policies=len(policies), **self._arrays(log)).get("values")
+
+    def answer(self, position: Any) -> Any:
+        """The name of a stroke."""
+        return str(self._ask(call="answer", position=json.dumps(position)).get("text"))
+
+    def policy_for_next_rally(self) -> TabulatedPolicy:
+        """What is played next."""
+        return self.player(call="policy_for_next_rally")
+
+    def observe_rally(self, rally: Any) -> None:
+        """A rally that was played."""
+        self._ask(call="observe_rally", **self._arrays(rally))

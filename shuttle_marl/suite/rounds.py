@@ -1,0 +1,231 @@
+"""Rounds: code is committed to by its hash, then a public beacon draws games, opponents and luck, and anybody reruns the code.
+
+1. Authors publish commitments (:func:`commit`), for instance in a repository, whose history shows their dates.
+2. After a round of the beacon that was announced before, :func:`draw_round` writes the commitments and the randomness to a file.
+3. Authors publish their code, and anybody runs it behind a boundary (:func:`rerun`). Who reruns looks the randomness up at the
+   beacon, so that an invented one is found.
+"""
+
+import dataclasses
+import datetime as dt
+import hashlib
+import re
+import shutil
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Final
+
+import msgspec
+from rich.console import Console
+
+from shuttle_marl.base.files import Sha256, replace_sealed
+from shuttle_marl.suite import apart, store
+from shuttle_marl.suite.boundary import find_boundary
+from shuttle_marl.suite.options import SuiteError, SuiteRun
+from shuttle_marl.suite.population import checked_beacon
+from shuttle_marl.suite.registry import find_task
+from shuttle_marl.suite.remote import RemoteMethod
+from shuttle_marl.suite.run import Committed, run_method
+from shuttle_marl.suite.store import Card
+
+BEACON: Final = "https://api.drand.sh/52db9ba70e0cc0f6eaf7803dd07447a1f5477735fd3f661792ba94600c84e971/public"
+"""Public beacon of randomness: the chain ``quicknet`` of drand (https://drand.love)."""
+_GENESIS: Final = 1_692_803_367
+_PERIOD: Final = 3
+"""Time of its first round, in seconds since 1970, and between rounds."""
+_NAME: Final = "^[A-Za-z0-9][A-Za-z0-9 ._-]{0,39}$"
+"""Names of authors: letters that look like no others."""
+_METHOD: Final = r"^[A-Za-z_][A-Za-z0-9_.]{0,79}:[A-Za-z_][A-Za-z0-9_.]{0,79}$"
+_FILES: Final = 1000
+_BYTES: Final = 1 << 30
+_LOOKS: Final = str.maketrans("01i5", "olls")
+Stated = Annotated[str, msgspec.Meta(pattern=_NAME)]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Commitment:
+    """Code that an author commits to.
+
+    Attributes:
+        date: in UTC, to the second.
+        files: SHA-256 of each file by its path in the folder.
+    """
+
+    task: store.Name
+    author: Stated
+    method: Annotated[str, msgspec.Meta(pattern=_METHOD)]
+    date: dt.datetime
+    files: Annotated[dict[str, Sha256], msgspec.Meta(min_length=1, max_length=_FILES)]
+
+    @property
+    def hash(self) -> str:
+        """SHA-256 of the task, the method and the files; not of the author and the date, so that copies are found."""
+        words = [self.task, self.method, *(f"{digest} {path}" for path, digest in sorted(self.files.items()))]
+        return hashlib.sha256("\n".join(words).encode()).hexdigest()
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Round:
+    """Content of the file of a round, sealed.
+
+    Attributes:
+        beacon: number of the round of the beacon.
+        randomness: what the beacon published, hexadecimal.
+        commitments: oldest first.
+    """
+
+    beacon: Annotated[int, msgspec.Meta(ge=1, le=1 << 40)]
+    randomness: Sha256
+    commitments: Sequence[Commitment]
+
+    def entry(self, task: str, author: str) -> Commitment:
+        """The commitment of an author.
+
+        Raises:
+            SuiteError: there is none.
+        """
+        for each in self.commitments:
+            if (each.task, each.author) == (task, author):
+                return each
+        there = ", ".join(sorted(each.author for each in self.commitments if each.task == task)) or "none"
+        raise SuiteError(f"no entry of {author!r} for {task} in this round; there are: {there}")
+
+
+def time_of(beacon: int) -> dt.datetime:
+    """When a round of the beacon appears."""
+    return dt.datetime.fromtimestamp(_GENESIS + _PERIOD * (beacon - 1), dt.UTC)
+
+
+def commit(folder: Path, *, task: str, method: str, author: str, now: dt.datetime | None = None) -> Commitment:
+    """The commitment to the code in a folder.
+
+    Args:
+        folder: with everything that the method needs beside Python and installed libraries.
+        method: ``MODULE:ATTRIBUTE``, in that folder.
+        now: date; None: that of the clock.
+
+    Raises:
+        SuiteError: there is no such task, a name is not allowed, or there is a link, no file, or too much.
+    """
+    if "round" not in find_task(task).splits:
+        raise SuiteError(f"{task} has no rounds")
+    date = (now or dt.datetime.now(dt.UTC)).replace(microsecond=0)
+    try:
+        return msgspec.convert(
+            {"task": task, "author": author, "method": method, "date": date, "files": _files(folder)}, Commitment
+        )
+    except msgspec.ValidationError as error:
+        raise SuiteError(f"no commitment: {error}") from error
+
+
+def _files(folder: Path) -> dict[str, str]:
+    """SHA-256 of each file of a folder by its path; hidden files and those of the interpreter are left out."""
+    found: dict[str, str] = {}
+    size = 0
+    for path in sorted(folder.rglob("*")):
+        name = path.relative_to(folder)
+        if any(part.startswith(".") or part == "__pycache__" for part in name.parts):
+            continue
+        if path.is_symlink() or not (path.is_dir() or path.is_file()):
+            raise SuiteError(f"{path}: is a link or a device; commit to regular files")
+        if path.is_file():
+            size += path.stat().st_size
+            if len(found) == _FILES or size > _BYTES:
+                raise SuiteError(f"{folder}: more than {_FILES} files or {_BYTES:,} bytes")
+            found[name.as_posix()] = hashlib.sha256(path.read_bytes()).hexdigest()
+    return found
+
+
+def write_commitment(path: Path, found: Commitment) -> None:
+    """Write a commitment as a sealed file."""
+    replace_sealed(path, msgspec.to_builtins(found))
+
+
+def draw_round(commitments: Sequence[Path], *, beacon: int, randomness: str, now: dt.datetime | None = None) -> Round:
+    """A round from files of commitments.
+
+    Args:
+        beacon: number of the round of the beacon, announced before.
+        randomness: what it published, 64 hexadecimal digits.
+        now: time; None: that of the clock.
+
+    Raises:
+        SuiteError: the beacon has not appeared yet, a commitment was made after it, two are of one author, or one is a copy.
+    """
+    drawn = time_of(beacon)
+    if drawn > (now or dt.datetime.now(dt.UTC)):
+        raise SuiteError(f"round {beacon} of the beacon appears at {drawn:%Y-%m-%d %H:%M:%S} UTC")
+    found = sorted((store.read(path, Commitment, sealed=True) for path in commitments), key=lambda each: each.date)
+    seen: dict[tuple[str, str], Commitment] = {}
+    for each in found:
+        find_task(each.task)
+        if each.date >= drawn:
+            raise SuiteError(
+                f"{each.author}: committed at {each.date:%Y-%m-%d %H:%M:%S}, not before the beacon of {drawn:%H:%M:%S}"
+            )
+        for key, what in (((each.task, _plain(each.author)), "the name"), ((each.task, each.hash), "the code")):
+            if key in seen:
+                raise SuiteError(f"{each.author}: has {what} of {seen[key].author}, who committed first; one entry of an author")
+            seen[key] = each
+    return Round(beacon=beacon, randomness=checked_beacon(randomness), commitments=found)
+
+
+def _plain(name: str) -> str:
+    """A name without what cannot be told apart at a glance."""
+    return re.sub("[^a-z]", "", name.casefold().translate(_LOOKS)).replace("rn", "m")
+
+
+def write_round(path: Path, found: Round) -> None:
+    """Write a round as a sealed file."""
+    replace_sealed(path, msgspec.to_builtins(found))
+
+
+def rerun(
+    path: Path,
+    folder: Path,
+    *,
+    task: str,
+    author: str,
+    randomness: str,
+    by: str,
+    options: SuiteRun,
+    image: str | None = None,
+    console: Console | None = None,
+) -> Path:
+    """Run committed code on a round, behind a boundary; returns the run folder.
+
+    Args:
+        path: file of the round.
+        folder: code of the author.
+        randomness: that of the beacon, as who reruns has read it there.
+        by: name of who reruns.
+        options: of the run: budget, seeds, workers and folders; the rest follows from the commitment.
+        image: of a container with Python and NumPy; None: namespaces.
+
+    Raises:
+        SuiteError: the round has other randomness, the code is not that of the commitment, or there is no boundary here.
+    """
+    found = store.read(path, Round, sealed=True)
+    if found.randomness != checked_beacon(randomness):
+        raise SuiteError(f"{path}: its randomness is not that of round {found.beacon} of the beacon, see {BEACON}/{found.beacon}")
+    entry = found.entry(task, author)
+    if changed := sorted({*entry.files.items()} ^ {*_files(folder).items()}):
+        raise SuiteError(f"{folder}: {changed[0][0]} is not the file of the commitment of {entry.date:%Y-%m-%d %H:%M:%S} UTC")
+    with tempfile.TemporaryDirectory() as place:
+        code = Path(place) / "code"
+        for name in entry.files:
+            (code / "entry" / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(folder / name, code / "entry" / name)
+        shutil.copyfile(apart.__file__, code / "apart.py")
+        for each in (Path(place), code, *code.rglob("*")):
+            each.chmod(0o755 if each.is_dir() else 0o644)
+        boundary = find_boundary(code, image)
+        committed = Committed(
+            hash=entry.hash,
+            method=RemoteMethod(entry.method, code, boundary),
+            card=Card(method=entry.method, authors=author, access="samples"),
+            rerun=store.Rerun(by=by, boundary=boundary.name, round=hashlib.sha256(path.read_bytes()).hexdigest()),
+        )
+        options = dataclasses.replace(options, task=task, method=entry.method, split="round", beacon=found.randomness)
+        return run_method(options, console, committed=committed)

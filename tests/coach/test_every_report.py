@@ -1,0 +1,161 @@
+"""What no report of a public match, or of a pair with many strokes, may say; where SHUTTLESET names the folder of the matches."""
+
+import itertools
+import os
+import re
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from playwright.sync_api import Browser, Page
+
+from shuttle_marl.analysis.brief import Brief
+from shuttle_marl.analysis.match import MatchReport, matches_in
+from shuttle_marl.analysis.scouting import players_of, scout
+from shuttle_marl.base.table_files import write_parquet
+from shuttle_marl.coach import match_page, scout_page, sources
+from shuttle_marl.data import load_strokes
+from shuttle_marl.game.scoring import wins_game
+from shuttle_marl.game.shipped import RELIABLE, resolve_game
+from shuttle_marl.pages.languages import LANGUAGES, Language, speaking
+
+ROOT = os.environ.get("SHUTTLESET")
+pytestmark = [pytest.mark.skipif(not ROOT, reason="SHUTTLESET names no folder"), pytest.mark.slow(minutes=30)]
+SIDE = (297 - 2 * 14) * 96 / 25.4
+"""Height of a side of A4 within its margins [px]."""
+PAIRS = 20
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("matches") / "strokes.parquet"
+    write_parquet(path, load_strokes(Path(str(ROOT))))
+    return path
+
+
+@pytest.fixture(scope="module")
+def strokes(file: Path) -> pa.Table:
+    return load_strokes(file)
+
+
+@pytest.fixture
+def paper(browser: Browser) -> Iterator[Page]:
+    page = browser.new_page(viewport={"width": 688, "height": 1000})  # A4 without its margins
+    page.emulate_media(media="print")
+    yield page
+    page.close()
+
+
+def contents(write: Callable[[], bytes]) -> dict[Language, bytes]:
+    found: dict[Language, bytes] = {}
+    for language in LANGUAGES:
+        with speaking(language):
+            found[language] = write()
+    return found
+
+
+def wrong_pages(pages: dict[Language, bytes], paper: Page, private: Path) -> Iterator[tuple[object, ...]]:
+    """Page 1 longer than a side, a sentence that stands twice, a table of nothing but "no", a raw name or a path."""
+    for language, content in pages.items():
+        paper.set_content(content.decode(), wait_until="domcontentloaded")
+        bottom = paper.evaluate("document.querySelector('section.brief').getBoundingClientRect().bottom")
+        if bottom > SIDE:
+            yield language, "page 1", bottom
+        # Parts of cards may be alike, whole sentences of the text are not.
+        said = paper.locator("p:not(.card p)").all_inner_texts()
+        ends = re.compile(r"(?<=\.)\s+(?=[A-Z])|(?<=\u3002)")
+        sentences = Counter(part.strip() for text in said for part in ends.split(text) if part.strip())
+        yield from ((language, "twice", sentence) for sentence, times in sentences.items() if times > 1)
+        last = "(all) => all.map((t) => [...t.querySelectorAll('tbody td:last-child')].map((cell) => cell.innerText.trim()))"
+        for cells in paper.locator("table").evaluate_all(last):
+            if not cells or {*cells} <= {"no", "否", "tidak"}:
+                yield language, "table", cells
+        text = paper.inner_text("body").replace("shuttle_marl", "")
+        yield from ((language, "raw", text[max(0, i - 40) : i + 40]) for i in [text.find("_")] if i >= 0)
+        if str(private.parent) in text:
+            yield language, "path"
+
+
+def check_brief(found: Brief) -> None:
+    """Advice with enough strokes that the observed difference does not contradict, and none beside its opposite."""
+    for better, options in ((True, found.dos), (False, found.donts)):
+        for each in options:
+            assert min(each.strokes, each.others) >= RELIABLE
+            assert (each.gain > 0) == better
+    assert not {each[:2] for each in found.dos} & {each[:2] for each in found.donts}
+
+
+def check_score(report: MatchReport) -> None:
+    course = match_page._course(report)
+    for number, points in enumerate(report.score, 1):
+        final = wins_game(max(points), min(points), report.rules)
+        assert final or number in course["cut"] or (course["winner"] is None and number == len(report.score))
+    played = np.bincount([int(b > a) for a, b in report.score], minlength=2)
+    assert course["winner"] is None or played[course["winner"]] == report.rules.games
+
+
+T = TypeVar("T")
+
+
+def some(names: Sequence[T]) -> Sequence[T]:
+    """All of them, or every n-th one where ``EVERY`` says n."""
+    return names[:: int(os.environ.get("EVERY", "1"))]
+
+
+def test_the_report_of_every_match(file: Path, strokes: pa.Table, paper: Page, unbuilt: None) -> None:
+    game = resolve_game(None)
+    sources.of_strokes(file, game, matches_in(strokes)[0])  # what is computed once in a process
+    seconds: list[float] = []
+    wrong: list[tuple[object, ...]] = []
+    for name in some(matches_in(strokes)):
+        started = time.monotonic()
+        report, footage = sources.of_strokes(file, game, name)
+        pages = contents(lambda report=report, footage=footage: match_page.match_page(report, footage))  # type: ignore[misc]
+        seconds.append(time.monotonic() - started)
+        wrong += [(name, *each) for each in wrong_pages(pages, paper, file)]
+        check_score(report)
+        for each in report.briefs:
+            check_brief(each)
+            if (len(each.dos), len(each.donts)) != (3, 2):
+                wrong.append((name, each.dos, each.donts))
+        # Rallies have the numbers of the live court.
+        shown = re.findall(r"Rally (\d+), game", pages["en"].decode())
+        assert shown
+        assert set(map(int, shown)) <= {number + 1 for number in footage.numbers.values()}
+        technique = report.game.catalogue.technique
+        for choice in report.choices:
+            assert report.rallies[choice.rally].winner == 1 - choice.player
+            assert technique[choice.played] == technique[choice.better]
+            assert min(choice.played_behind, choice.better_behind) >= RELIABLE
+    assert not wrong
+    assert float(np.median(seconds)) <= 20
+
+
+def test_the_pairs_with_most_strokes(strokes: pa.Table, paper: Page, file: Path, unbuilt: None) -> None:
+    listed = players_of()
+    count = {each.name: each.strokes for each in listed}
+    alike = ((a.name, b.name) for a, b in itertools.combinations(listed, 2) if a.discipline == b.discipline)
+    seconds: list[float] = []
+    wrong: list[tuple[object, ...]] = []
+    for player, opponent in some(sorted(alike, key=lambda pair: -count[pair[0]] - count[pair[1]])[:PAIRS]):
+        started = time.monotonic()
+        report = scout(opponent, player, data=strokes)
+        pages = contents(lambda report=report: scout_page.scouting_page(report))  # type: ignore[misc]
+        seconds.append(time.monotonic() - started)
+        wrong += [(player, opponent, *each) for each in wrong_pages(pages, paper, file)]
+        check_brief(report.brief)
+        if (len(report.brief.dos), len(report.brief.donts)) != (3, 2):
+            wrong.append((player, opponent, report.brief.dos, report.brief.donts))
+        for advice, real in zip(report.advice, report.realised, strict=True):
+            assert real is not None
+            assert min(real.strokes, advice.behind) >= RELIABLE
+            assert real.won / real.strokes >= real.others_won / real.others
+            kind = (int(code[advice.stroke]) for code in (report.pair.catalogue.shot, report.pair.catalogue.area))
+            assert not any(each.covers(*kind) for each in report.brief.donts)
+    assert not wrong
+    assert float(np.median(seconds)) <= 60

@@ -1,0 +1,169 @@
+"""Index arithmetic of a game: states, legal pairs and numbers over them, against plain loops."""
+
+import dataclasses
+import tracemalloc
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from shuttle_marl.base.arrays import F64, Bools
+from shuttle_marl.game import default_game
+from shuttle_marl.game.rules import FAULT, OUTCOMES, WINNER, states_of_rallies, strike
+from shuttle_marl.game.tables import HURRY_ONE, Game
+from shuttle_marl.game.thresholds import ONE
+from tests.game.test_rally_layout import games
+
+GAME = default_game()
+STATES = np.arange(GAME.n_states)
+
+
+def test_what_is_asked_of_some_pairs_costs_no_memory_for_all() -> None:
+    game = dataclasses.replace(GAME, fault_odds=np.full(8, ONE, np.int32))
+    expected = game.limits[3][5:9]
+    start = 25 * game.n_base_pairs + 5
+    tracemalloc.start()
+    assert (game.limits_of(slice(start, start + 4)) == expected).all()
+    assert tracemalloc.get_traced_memory()[1] < 1 << 20
+    tracemalloc.stop()
+
+
+def test_a_state_and_its_observation_name_each_other() -> None:
+    seen = GAME.observation(STATES)
+    assert seen.shape == (GAME.n_states, 7)
+    assert seen.dtype == np.int32
+    assert (GAME.state_of(*seen.T) == STATES).all()
+    assert GAME.observation(7).tolist() == [GAME.own(7), GAME.incoming(7), GAME.contact(7), GAME.duel(7), 0, 0, 1]
+
+
+@given(games)
+def test_only_what_can_occur_has_a_state(made: tuple[Game, Bools]) -> None:
+    game, _ = made
+    n = game.n_strokes
+    levels = slice(-1, game.levels + 1)
+    parts = np.mgrid[-1 : n + 2, -1 : n + 2, -1:3, -1:5, levels, levels, -1:3].reshape(7, -1)
+    expected = np.full(parts.shape[1], -1)
+    seen = game.observation(np.arange(game.n_states))
+    # The place of each observation in the grid, whose parts all begin at -1.
+    sizes = (n + 3, n + 3, 4, 6, game.levels + 2, game.levels + 2, 4)
+    expected[np.ravel_multi_index(tuple((seen + 1).T), sizes)] = np.arange(game.n_states)
+    assert (game.state_of(*parts) == expected).all()
+
+
+@given(games)
+def test_pairs_of_states_are_their_ranges_one_after_the_other(made: tuple[Game, Bools]) -> None:
+    game, _ = made
+    states = np.random.default_rng(1).integers(0, game.n_states, 5)
+    row, pair = game.pairs(states)
+    wanted = [(b, p) for b, s in enumerate(states) for p in range(game.pair_start[s], game.pair_start[s + 1])]
+    assert list(zip(row.tolist(), pair.tolist(), strict=True)) == wanted
+    for s in states.tolist():
+        span = game.pairs_of(s)
+        assert (game.pair_state[span] == s).all()
+        assert game.legal_count(s) == span.stop - span.start
+        assert game.legal_strokes(s).tolist() == game.pair_stroke[span].tolist()
+        ranks = np.arange(int(game.legal_count(s)))
+        assert (game.pair_at(s, ranks) == np.arange(span.start, span.stop)).all()
+        assert (game.stroke_at(s, ranks) == game.pair_stroke[span]).all()
+        assert (game.rank(s, game.pair_stroke[span]) == ranks).all()
+        assert (game.pair(s, game.pair_stroke[span]) == np.arange(span.start, span.stop)).all()
+
+
+def test_no_pair_of_no_state() -> None:
+    row, pair = GAME.pairs(np.empty(0, np.int32))
+    assert len(row) == len(pair) == 0
+
+
+@given(games)
+def test_first_and_last_pairs_mark_the_playable_states(made: tuple[Game, Bools]) -> None:
+    game, _ = made
+    playable = [s for s in range(game.n_states) if game.legal_count(s)]
+    assert np.flatnonzero(game.playable).tolist() == playable
+    assert game.first_pairs.tolist() == [game.pairs_of(s).start for s in playable]
+    assert game.last_pairs.tolist() == [game.pairs_of(s).stop - 1 for s in playable]
+    assert (game.base_pair_rank[game.first_pairs % game.n_base_pairs] == 0).all()
+    assert (game.base_pair_rank[game.last_pairs % game.n_base_pairs] + 1 == game.legal_count(np.array(playable))).all()
+
+
+@given(games)
+def test_sums_by_state_and_normalized_weights(made: tuple[Game, Bools]) -> None:
+    game, _ = made
+    weights = np.random.default_rng(2).uniform(0.1, 1, game.n_pairs)
+    sums, p = game.sum_by_state(weights), game.normalized(weights)
+    for s in range(game.n_states):
+        span = game.pairs_of(s)
+        assert sums[s] == pytest.approx(weights[span].sum())
+        assert p[span] == pytest.approx(weights[span] / (weights[span].sum() or 1))
+
+
+def test_values_of_strokes_are_means_over_all_draws() -> None:
+    rng = np.random.default_rng(3)
+    following = rng.uniform(-1, 1, GAME.n_states)
+    low = np.arange(ONE)
+    every = GAME.stroke_values(following)
+    assert every.shape == (GAME.n_pairs,)
+    for pair in [0, GAME.n_pairs - 1, *rng.integers(GAME.n_pairs, size=3)]:
+        state, k = np.full(ONE, GAME.pair_state[pair]), np.full(ONE, GAME.base_pair_rank[pair % GAME.n_base_pairs])
+        total, count = 0.0, np.zeros(len(OUTCOMES), np.int64)
+        for high in range(HURRY_ONE):
+            outcome, after = strike(GAME, state, k, high * ONE + low)
+            total += np.where(outcome == WINNER, 1.0, np.where(outcome == FAULT, -1.0, -following[after])).sum()
+            count += np.bincount(outcome, minlength=len(OUTCOMES))
+        assert every[pair] == pytest.approx(total / ONE / HURRY_ONE, abs=1e-12)
+        assert GAME.outcome_probabilities(np.array(pair)).tolist() == (count / ONE / HURRY_ONE).tolist()
+    some = np.array([5, 900, 3, GAME.n_pairs - 1])
+    assert (GAME.stroke_values(following, some) == every[some]).all()
+    assert (GAME.outcome_probabilities(slice(2, 9)) == GAME.outcome_probabilities(np.arange(2, 9))).all()
+
+
+@given(games, st.integers(0, 1000))
+def test_states_count_what_was_played(made: tuple[Game, Bools], seed: int) -> None:
+    game, _ = made
+    rng = np.random.default_rng(seed)
+    names, strokes, position, hurried, visited = game.catalogue.names, [], [], [], []
+    for _ in range(4):
+        state = 0
+        rally: list[int] = []
+        for _ in range(12):
+            net, attacks = 0, [0, 0]
+            for number, stroke in enumerate(rally):
+                net = net + 1 if "net-shot" in names[stroke] else 0
+                attacks[number % 2] += "smash" in names[stroke]
+            mine, theirs = (min(attacks[(len(rally) + seat) % 2], game.levels - 1) for seat in (0, 1))
+            own, incoming = (rally[-back] if len(rally) >= back else game.n_strokes for back in (2, 1))
+            counted = min(net, 3) if game.counts_duels else 0
+            assert game.observation(state).tolist() == [own, incoming, state & 1, counted, mine, theirs, state >> 1 & 1]
+            k = int(rng.integers(game.legal_count(state)))
+            position.append(len(rally))
+            hurried.append(bool(game.hurried(state)))
+            rally.append(int(game.stroke_at(state, k)))
+            visited.append(state)
+            pair = game.pair_at(state, k)
+            _, following = strike(game, np.array([state]), np.array([k]), rng.integers(1, 257, 1) * ONE - 1)
+            assert following[0] in game.arrivals(pair)
+            state = int(following[0])
+        strokes += rally
+    assert states_of_rallies(game, np.array(strokes), np.array(position), np.array(hurried)).tolist() == visited
+
+
+def ends_of(game: Game, block: int) -> tuple[F64, F64]:
+    """``[4, base pairs]`` faults, winners and returns by contact, and ``[2, base pairs]`` hurried receivers: probabilities."""
+    parts = game.outcome_probabilities(game.block_pairs(block)).T
+    returned = parts[2:4] + parts[4:]
+    return np.concatenate([parts[:2], returned]), game.hurry_of(game.block_pairs(block))
+
+
+@given(games)
+def test_effort_multiplies_the_odds_of_a_fault_and_nothing_else(made: tuple[Game, Bools]) -> None:
+    game, _ = made
+    for block in range(game.n_blocks):
+        (fault, winner, below, above), hurry = ends_of(game, block)
+        before, rested = ends_of(game, 0)
+        before = before.T
+        assert np.abs(hurry - rested).max() < 1e-12
+        odds = before[:, 0] / (1 - before[:, 0]) * game.fault_odds[block // game.levels] / ONE
+        assert np.abs(fault - odds / (1 + odds)).max() <= 1.5 / ONE
+        shares = np.stack([winner, below, above], axis=1) / (1 - fault)[:, None]
+        expected = before[:, 1:] / (1 - before[:, :1])
+        assert (np.abs(shares - expected) <= 3 / ONE / np.minimum(1 - fault, 1 - before[:, 0])[:, None]).all()

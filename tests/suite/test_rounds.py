@@ -1,0 +1,347 @@
+"""Rounds: commitments, draws, reruns behind a boundary, and what a competitor tries."""
+
+import datetime as dt
+import json
+import os
+import shutil
+import sys
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+
+import shuttle_marl
+from shuttle_marl.base import runs
+from shuttle_marl.base.files import replace_sealed
+from shuttle_marl.commands.suite import main
+from shuttle_marl.suite import boundary, store
+from shuttle_marl.suite.board import boards, called, render, rows_of
+from shuttle_marl.suite.boundary import Container, Namespaces, find_boundary
+from shuttle_marl.suite.options import SuiteError, SuiteRun
+from shuttle_marl.suite.registry import new_submission
+from shuttle_marl.suite.results import Row
+from shuttle_marl.suite.rounds import Commitment, commit, draw_round, rerun, time_of, write_commitment, write_round
+from tests.reduced import reduced_model
+from tests.suite import small
+
+METHODS = (Path(__file__).parent / "strange_methods.py").read_text(encoding="utf-8")
+BEACON, RANDOM, OTHER = 20_000_000, "ab" * 32, "cd" * 32
+DRAWN = time_of(BEACON)
+BEFORE = DRAWN - dt.timedelta(days=1)
+TASK = "exploit-v0"
+
+
+ANSWERS = """
+import numpy as np
+from pathlib import Path
+
+
+def train(setting):
+    return Answers(np.load(Path(__file__).with_name("answers.npy")))
+
+
+class Answers:
+    def __init__(self, table):
+        self.table = table
+
+    def probabilities(self, observation, mask):
+        return self.table
+"""
+
+
+def can_rerun() -> bool:
+    try:
+        find_boundary(Path(__file__).parent)
+    except SuiteError:
+        return False
+    return True
+
+
+needs_boundary = pytest.mark.skipif(not (sys.platform == "linux" and can_rerun()), reason="needs namespaces of Linux")
+
+
+def code(place: Path, source: str = METHODS) -> Path:
+    """A folder of a stranger."""
+    folder = place / "code"
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "strange.py").write_text(source.replace("PACKAGE", str(Path(shuttle_marl.__file__).parent)))
+    return folder
+
+
+def entered(place: Path, folder: Path, method: str, *, task: str = TASK, author: str = "alice", randomness: str = RANDOM) -> Path:
+    """The file of a round with one entry."""
+    write_commitment(place / "commitment.json", commit(folder, task=task, method=method, author=author, now=BEFORE))
+    path = place / "round.json"
+    write_round(path, draw_round([place / "commitment.json"], beacon=BEACON, randomness=randomness))
+    return path
+
+
+def reran(place: Path, path: Path, folder: Path, task: str = TASK) -> Path:
+    asked = SuiteRun(task=task, method="", quick=True, game=reduced_model(), out=place / "run")
+    return rerun(path, folder, task=task, author="alice", randomness=RANDOM, by="bob", options=asked)
+
+
+def row_of(*folders: Path, reran: tuple[Path, ...] = ()) -> tuple[list[Row], list[str]]:
+    left: list[str] = []
+    return rows_of(folders, reran=reran, game=reduced_model(), beacon=RANDOM, failed=left.append), left
+
+
+@needs_boundary
+def test_a_round_from_commitment_to_board(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Commit, draw, run, and rerun in another folder and as another user: equal scores."""
+
+    def told(*arguments: str) -> Any:
+        assert main((*arguments, "--json")) == 0, capsys.readouterr().err
+        return json.loads(capsys.readouterr().out)
+
+    folder = code(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("shuttle_marl.suite.rounds.time_of", lambda beacon: dt.datetime.now(dt.UTC))
+    made = told("commit", str(folder), "--task", TASK, "--method", "strange:learner", "--author", "alice")
+    assert made["files"] == "1"
+    monkeypatch.setattr("shuttle_marl.suite.rounds.time_of", lambda beacon: dt.datetime.now(dt.UTC) + dt.timedelta(days=1))
+    assert main(("round", "commitment.json", "--beacon", "9", "--randomness", RANDOM)) == 1
+    assert "appears at" in capsys.readouterr().err
+    later = dt.datetime.fromisoformat(json.loads(Path("commitment.json").read_text())["date"]) + dt.timedelta(seconds=1)
+    monkeypatch.setattr("shuttle_marl.suite.rounds.time_of", lambda beacon: min(later, dt.datetime.now(dt.UTC)))
+    while dt.datetime.now(dt.UTC) < later:
+        pass
+    assert told("round", "commitment.json", "--beacon", "9", "--randomness", RANDOM)["entries"] == "1"
+    elsewhere = tmp_path / "elsewhere"
+    shutil.copytree(folder, elsewhere / "copy")
+    scores = []
+    for by, place in (("alice", folder), ("bob", elsewhere / "copy")):
+        words = ["--task", TASK, "--author", "alice", "--randomness", RANDOM, "--by", by, "--quick", "--game", reduced_model()]
+        found = told("rerun", "round.json", str(place), *words, "--out", str(tmp_path / f"run-{by}"))
+        assert found["access"] == "samples"
+        assert found["strokes"] == 64 * (20_000 // 64)
+        scores.append((found["score"], found["outputs"]))
+    assert scores[0] == scores[1]
+    ((row,), left) = row_of(tmp_path / "run-alice", reran=(tmp_path / "run-bob",))
+    assert (row["reran_by"], left, called(row)) == (["bob"], [], "alice/strange:learner")
+    assert "`rerun by bob` | samples | 1 | `alice/strange:learner`" in render([row], "md")
+    # Without a rerun of one's own, it is what its author says.
+    ((alone,), _) = row_of(tmp_path / "run-alice")
+    assert "`self-reported, recomputed`" in render([alone], "md")
+    ((two,), _) = row_of(reran=(tmp_path / "run-alice", tmp_path / "run-bob"))
+    assert two["reran_by"] == ["alice", "bob"]
+
+
+@needs_boundary
+@pytest.mark.parametrize(
+    ("task", "method"),
+    [
+        ("equilibrium-v0", "apart:train"),
+        ("equilibrium-v0", "learner"),
+        ("equilibrium-entrance-v0", "learner"),
+        ("adapt-v0", "Adapter"),
+        ("offline-v0", "Offline"),
+        ("evaluate-v0", "Estimator"),
+    ],
+)
+def test_methods_get_episodes(task: str, method: str, tmp_path: Path) -> None:
+    folder = code(tmp_path)
+    name = f"strange:{method}" if ":" not in method else f"my_{method}"
+    if ":" in method:
+        assert f"--method {name} --author NAME" in new_submission(task, folder, "apart")
+    made = reran(tmp_path, entered(tmp_path, folder, name, task=task), folder, task)
+    ((row,), left) = row_of(reran=(made,))
+    assert (row["access"], left) == ("samples", [])
+
+
+@needs_boundary
+def test_an_answer_table_fails_its_rerun(tmp_path: Path) -> None:
+    """Answers of the public split beside the code win there, and are worth nothing in games that are drawn later."""
+    folder = tmp_path / "code"
+    folder.mkdir()
+    (folder / "cheat.py").write_text(ANSWERS)
+    claimed = small.run(TASK, "restricted", tmp_path / "public", split="test")
+    best = small.summary(claimed)
+    assert best["score"] == pytest.approx(best["scores"]["best"]["value"], abs=1e-4)
+    entry = store.read_entry(store.entry_path(claimed, 0, 0))
+    game = load(f"{reduced_model()}:recovery")
+    table = store.read_outcome(claimed, entry, game).policies["player"]
+    chance = np.zeros((game.n_states, game.n_strokes), np.float32)
+    row, pair = game.pairs(np.arange(game.n_states))
+    chance[row, game.pair_stroke[pair]] = table.probability_of(pair)
+    np.save(folder / "answers.npy", chance)
+    path = entered(tmp_path, folder, "cheat:train")
+    made = reran(tmp_path, path, folder)
+    found = small.summary(made, RANDOM)
+    assert found["score"] < 0.5 * found["scores"]["best"]["value"]
+    # Answers that are put beside the code after the draw are not what was committed to.
+    np.save(folder / "answers.npy", 1 - chance)
+    with pytest.raises(SuiteError, match=r"answers.npy is not the file of the commitment"):
+        reran(tmp_path / "again", path, folder)
+    # A folder with better policies than the code gives is left out.
+    forged = tmp_path / "forged"
+    shutil.copytree(made, forged)
+    better = small.run(TASK, "minimax", tmp_path / "minimax", split="round", beacon=RANDOM)
+    for part in (store.ENTRIES, store.POLICIES):
+        shutil.rmtree(forged / part)
+        shutil.copytree(better / part, forged / part)
+    ((_,), left) = row_of(forged, reran=(made,))
+    assert "the code gave" in left[0]
+    ((alone,), _) = row_of(forged)
+    assert alone["reran_by"] == []
+
+
+def load(name: str) -> Any:
+    from shuttle_marl.game.shipped import load_game
+
+    return load_game(name)
+
+
+@needs_boundary
+@pytest.mark.parametrize(
+    ("method", "reason"),
+    [
+        ("named", "returns an object with act"),
+        ("wrong", "positions that are not feasible"),
+        ("imports", "No module named 'shuttle_marl'"),
+        ("opens", "No such file"),
+        ("through_a_folder", "No such file"),
+        ("through_a_link", "No such file"),
+        ("searches", "IndexError"),
+        ("reads_the_memory", "PermissionError|IndexError|OSError"),
+        ("reads_the_frame", "no table in any frame"),
+        ("calls_out", "unreachable|PermissionError"),
+        ("reads_the_folder", "IndexError"),
+        ("subclass", "No such file"),
+        ("writes", "Read-only|Permission"),
+        ("prints", "SystemExit: 3"),
+        ("missing", "AttributeError"),
+        ("floods", "invalid message|raised|closed|exited"),
+    ],
+)
+def test_code_behind_the_boundary_reaches_nothing(method: str, reason: str, tmp_path: Path) -> None:
+    folder = code(tmp_path)
+    with pytest.raises(Exception, match=reason):
+        reran(tmp_path, entered(tmp_path, folder, f"strange:{method}"), folder)
+
+
+def test_an_invented_beacon_is_found(tmp_path: Path) -> None:
+    folder = code(tmp_path)
+    path = entered(tmp_path, folder, "strange:learner", randomness=OTHER)
+    with pytest.raises(SuiteError, match=f"not that of round {BEACON} of the beacon"):
+        reran(tmp_path, path, folder)
+    changed = json.loads(path.read_text())
+    path.write_text(json.dumps({**changed, "randomness": RANDOM}))
+    with pytest.raises(SuiteError, match="checksum"):
+        reran(tmp_path, path, folder)
+
+
+def commitments(tmp_path: Path, *made: Commitment) -> list[Path]:
+    paths = [tmp_path / f"{number}.json" for number in range(len(made))]
+    for path, each in zip(paths, made, strict=True):
+        write_commitment(path, each)
+    return paths
+
+
+def test_a_thief_and_a_twin_come_second(tmp_path: Path) -> None:
+    folder = code(tmp_path)
+    honest = commit(folder, task=TASK, method="strange:learner", author="alice", now=BEFORE)
+    thief = commit(folder, task=TASK, method="strange:learner", author="mallory", now=BEFORE + dt.timedelta(hours=1))
+    with pytest.raises(SuiteError, match="mallory: has the code of alice, who committed first"):
+        draw_round(commitments(tmp_path, thief, honest), beacon=BEACON, randomness=RANDOM)
+    (folder / "strange.py").write_text("x = 1\n")
+    for twin in ("ALICE", "a1ice", "a lice", "Alice."):
+        copy = commit(folder, task=TASK, method="strange:learner", author=twin, now=BEFORE + dt.timedelta(hours=1))
+        with pytest.raises(SuiteError, match="has the name of alice, who committed first"):
+            draw_round(commitments(tmp_path, copy, honest), beacon=BEACON, randomness=RANDOM)
+    late = commit(folder, task=TASK, method="strange:learner", author="late", now=DRAWN)
+    with pytest.raises(SuiteError, match="not before the beacon"):
+        draw_round(commitments(tmp_path, late), beacon=BEACON, randomness=RANDOM)
+
+
+@pytest.mark.parametrize("name", ["\u0440po", "\uff50po", "ppo (ours)", "", "@all", "x" * 50])
+def test_authors_have_plain_names(name: str, tmp_path: Path) -> None:
+    with pytest.raises(SuiteError, match="no commitment"):
+        commit(code(tmp_path), task=TASK, method="strange:learner", author=name)
+
+
+def test_commitments_are_checked(tmp_path: Path) -> None:
+    folder = code(tmp_path)
+    for method in ("ppo", "a b:c", "strange:learner; x"):
+        with pytest.raises(SuiteError, match="no commitment"):
+            commit(folder, task=TASK, method=method, author="alice")
+    with pytest.raises(SuiteError, match="has no rounds"):
+        commit(folder, task="text-v0", method="strange:learner", author="alice")
+    (folder / ".hidden").write_text("x")
+    assert set(commit(folder, task=TASK, method="strange:learner", author="alice").files) == {"strange.py"}
+    (folder / "link").symlink_to("/etc/passwd")
+    with pytest.raises(SuiteError, match="is a link"):
+        commit(folder, task=TASK, method="strange:learner", author="alice")
+    path = tmp_path / "forged.json"
+    (folder / "link").unlink()
+    fields = msgspec.to_builtins(commit(folder, task=TASK, method="strange:learner", author="alice", now=BEFORE))
+    replace_sealed(path, {**fields, "files": {"../../x": "0" * 64}})
+    write_round(tmp_path / "round.json", draw_round([path], beacon=BEACON, randomness=RANDOM))
+    with pytest.raises(SuiteError, match="is not the file of the commitment"):
+        reran(tmp_path, tmp_path / "round.json", folder)
+
+
+def player(setting: Any) -> Any:
+    from shuttle_marl.suite import Trained
+
+    return Trained(player=f"bc@{0.3 + 0.1 * setting.seed}", strokes=int(0.97 * setting.budget))
+
+
+def test_what_was_not_rerun_is_self_reported(tmp_path: Path) -> None:
+    """Names, access, budgets and marks of a stranger change nothing about the class."""
+    folder = small.run("equilibrium-entrance-v0", f"{__name__}:player", tmp_path / "run", split="test")
+    (folder / store.CARD).write_text(json.dumps({"authors": "ppo", "access": "samples", "kind": "method"}))
+    (folder / store.RERUN).write_text(json.dumps({"by": "bob", "boundary": "unshare", "round": "0" * 64}))
+    path = folder / runs.CONFIG
+    path.write_text(json.dumps({**json.loads(path.read_text()), "method": "ppo", "commitment": "0" * 64}))
+    left: list[str] = []
+    (row,) = rows_of([folder], game=reduced_model(), failed=left.append)
+    assert row["reran_by"] == []
+    assert (called(row), left) == ("ppo/ppo", [])
+    assert "self-reported" in render([row], "md")
+    assert boards([row])[0]["rows"][0]["rank"] == 1
+    plain = small.run("equilibrium-entrance-v0", "minimax", tmp_path / "plain")
+    assert rows_of([], reran=[plain], game=reduced_model(), failed=left.append) == []
+    assert "is no rerun of a round" in left[-1]
+
+
+def test_a_machine_without_a_boundary_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(shutil, "which", lambda name: None)
+    with pytest.raises(SuiteError, match="cannot be rerun here: no unshare"):
+        find_boundary(tmp_path)
+    with pytest.raises(SuiteError, match="cannot be rerun here: neither podman nor docker"):
+        find_boundary(tmp_path, "image")
+
+
+@needs_boundary
+@pytest.mark.parametrize("leak", ["print('the package')", "raise SystemExit(1)"])
+def test_a_boundary_that_leaks_is_refused(leak: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(boundary, "_PROBE", leak)
+    with pytest.raises(SuiteError, match="cannot be rerun here: unshare"):
+        find_boundary(tmp_path)
+
+
+@needs_boundary
+@pytest.mark.skipif(os.name != "posix" or os.geteuid() != 0, reason="another user needs root")
+def test_the_probe_sees_what_it_must_not(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each part of the boundary that is left out is noticed."""
+    whole = Namespaces().command
+
+    def without(part: str) -> Any:
+        return lambda self, code, arguments: [each.replace(part, "") for each in whole(code, arguments) if each != part]
+
+    for part in ("--bounding-set=-all", "--no-new-privs", "--pid"):
+        monkeypatch.setattr(Namespaces, "command", without(part))
+        with pytest.raises(SuiteError, match="cannot be rerun here"):
+            find_boundary(tmp_path)
+
+
+def test_containers_have_no_network_and_no_privileges(tmp_path: Path) -> None:
+    command = Container("podman", "python:3.12").command(tmp_path, ["-c", "pass"])
+    for part in ("--network=none", "--read-only", "--cap-drop=ALL", "--user=65534:65534", f"--volume={tmp_path}:/code:ro"):
+        assert part in command
+    assert command[-5:] == ["python:3.12", "python", "-I", "-c", "pass"]
